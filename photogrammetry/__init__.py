@@ -1,0 +1,1 @@
+"""Photogrammetry of rover stereo images: pure functions over arrays and frozen records."""

@@ -1,0 +1,1 @@
+"""Camera models of JPL's rover cameras, and the epipolar (linearised) geometry of a stereo pair."""

@@ -1,0 +1,29 @@
+"""What every camera model can do."""
+
+from __future__ import annotations
+
+from typing import Protocol, Self, runtime_checkable
+
+from photogrammetry.arrays import Directions, ImagePoints, ObjectPoints, Vector3
+from photogrammetry.frames import Pose
+
+
+@runtime_checkable
+class CameraModel(Protocol):
+    """Maps between image and object space. `Cahv`, `Cahvor` and `Cahvore` are three.
+
+    A model lives in one frame, usually that of the rover; who holds the model knows which.
+    """
+
+    @property
+    def centre(self) -> Vector3:
+        """The projection centre C, metres."""
+
+    def project(self, points: ObjectPoints) -> ImagePoints:
+        """Image of object points; rows of points behind the camera are NaN."""
+
+    def rays(self, image_points: ImagePoints) -> Directions:
+        """Unit directions from the camera through image points."""
+
+    def moved(self, target_from_model: Pose) -> Self:
+        """The same camera, expressed in the target frame of a pose."""

@@ -1,0 +1,216 @@
+"""Frames, the poses between them, and the tree they form.
+
+A rover's images pass through a chain of right-handed Cartesian frames (Di et al. 2008, section 2):
+
+    pair    origin at the left camera, x along the stereo base, y down, z along the view
+    rover   origin between the middle wheels, x forward, y right, z down
+    site    origin where the site was declared, x north, y east, z down
+    LSL     landing site local: the site frame at the lander (site 0)
+
+A pose is the motion that carries a point of its source frame into its target frame,
+
+    p_target = R p_source + t,      R = R(q),  q = (s, v1, v2, v3)  scalar first,
+
+and is written `target_from_source`, so that chains cancel: `lsl_from_site @ site_from_rover`.
+With q the quaternion of the label, R(q) is JPL's matrix (named frame into its reference frame):
+
+    R = [[1-2(v2²+v3²),  2(v1v2-s v3),  2(v1v3+s v2)],
+         [2(v1v2+s v3),  1-2(v1²+v3²),  2(v2v3-s v1)],
+         [2(v1v3-s v2),  2(v2v3+s v1),  1-2(v1²+v2²)]]
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+import numpy as np
+from scipy.spatial.transform import Rotation as ScipyRotation
+
+from photogrammetry.arrays import Directions, ObjectPoints, Quaternion, Rotation, Vector3
+from photogrammetry.errors import FrameError
+
+
+class FrameKind(StrEnum):
+    """What a frame is fixed to."""
+
+    PAIR = "pair"
+    CAMERA = "camera"
+    MAST = "mast"
+    ROVER = "rover"
+    SITE = "site"
+    LSL = "lsl"
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """A frame and the counters that tell it from others of its kind.
+
+    `index` is (site, drive) for the rover, (site,) for a site, empty for the LSL, and (site, drive,
+    spacecraft clock, ...) or whatever identifies it for a camera or stereo pair.
+    """
+
+    kind: FrameKind
+    index: tuple[int, ...] = ()
+
+    def __str__(self) -> str:
+        return f"{self.kind}[{', '.join(map(str, self.index))}]" if self.index else str(self.kind)
+
+
+LSL = Frame(FrameKind.LSL)
+
+
+def site_frame(site: int) -> Frame:
+    """The frame of a site."""
+    return Frame(FrameKind.SITE, (site,))
+
+
+def rover_frame(site: int, drive: int) -> Frame:
+    """The frame of the rover where it stood at (site, drive)."""
+    return Frame(FrameKind.ROVER, (site, drive))
+
+
+def rotation_of_quaternion(quaternion: Quaternion) -> Rotation:
+    """Rotation matrix of a quaternion, scalar first; labels round, so it is normalised here."""
+    norm = float(np.linalg.norm(quaternion))
+    if not np.isfinite(norm) or norm < 0.5:  # noqa: PLR2004 - far from any rounding of unit length
+        raise FrameError(f"{quaternion} is not a unit quaternion: its length is {norm:.3g}")
+    return ScipyRotation.from_quat(quaternion / norm, scalar_first=True).as_matrix()
+
+
+def quaternion_of_rotation(rotation: Rotation) -> Quaternion:
+    """Unit quaternion of a rotation matrix, scalar first and not negative."""
+    return ScipyRotation.from_matrix(rotation).as_quat(canonical=True, scalar_first=True)
+
+
+def rotation_of_roll_pitch_yaw(roll: float, pitch: float, yaw: float) -> Rotation:
+    """R = Rz(yaw) Ry(pitch) Rx(roll), in radians: the rover's attitude in its site."""
+    return ScipyRotation.from_euler("ZYX", [yaw, pitch, roll]).as_matrix()
+
+
+def roll_pitch_yaw_of_rotation(rotation: Rotation) -> tuple[float, float, float]:
+    """(roll, pitch, yaw) in radians; yaw is the azimuth of the x axis, clockwise from north."""
+    yaw, pitch, roll = ScipyRotation.from_matrix(rotation).as_euler("ZYX")
+    return float(roll), float(pitch), float(yaw)
+
+
+def frozen(values: Iterable[float] | np.ndarray, shape: tuple[int, ...], what: str) -> np.ndarray:
+    """A read-only float64 copy of `values`, checked to be finite and of the given shape."""
+    array = np.array(values, dtype=np.float64)
+    if array.shape != shape or not np.isfinite(array).all():
+        raise FrameError(f"{what} must be {shape} finite numbers, not {array.tolist()}")
+    array.flags.writeable = False
+    return array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pose:
+    """The motion from `source` to `target`: p_target = rotation p_source + translation_m."""
+
+    target: Frame
+    source: Frame
+    rotation: Rotation
+    translation_m: Vector3
+
+    def __post_init__(self) -> None:
+        name = f"{self.target}_from_{self.source}"
+        rotation = frozen(self.rotation, (3, 3), f"the rotation of {name}")
+        if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-9 or np.linalg.det(rotation) < 0:  # noqa: PLR2004
+            raise FrameError(f"the rotation of {name} is not a proper rotation matrix")
+        object.__setattr__(self, "rotation", rotation)
+        translation_m = frozen(self.translation_m, (3,), f"the translation of {name}")
+        object.__setattr__(self, "translation_m", translation_m)
+
+    @classmethod
+    def of_quaternion(
+        cls, target: Frame, source: Frame, quaternion: Quaternion, translation_m: Vector3
+    ) -> Pose:
+        """The pose of a label: quaternion and origin of `source` given in `target`."""
+        return cls(target, source, rotation_of_quaternion(quaternion), translation_m)
+
+    @classmethod
+    def identity(cls, target: Frame, source: Frame) -> Pose:
+        """Two frames that coincide."""
+        return cls(target, source, np.eye(3), np.zeros(3))
+
+    @property
+    def quaternion(self) -> Quaternion:
+        """The rotation as a quaternion, scalar first."""
+        return quaternion_of_rotation(self.rotation)
+
+    @property
+    def inverse(self) -> Pose:
+        """The motion back."""
+        return Pose(
+            self.source, self.target, self.rotation.T, -self.rotation.T @ self.translation_m
+        )
+
+    def apply(self, points: ObjectPoints) -> ObjectPoints:
+        """Carry points of the source frame into the target frame, metres."""
+        return points @ self.rotation.T + self.translation_m
+
+    def turn(self, directions: Directions) -> Directions:
+        """Carry directions of the source frame into the target frame."""
+        return directions @ self.rotation.T
+
+    def __matmul__(self, other: Pose) -> Pose:
+        if self.source != other.target:
+            raise FrameError(
+                f"{self.target}_from_{self.source} cannot follow {other.target}_from_{other.source}"
+                f": {self.source} and {other.target} differ"
+            )
+        return Pose(
+            self.target,
+            other.source,
+            self.rotation @ other.rotation,
+            self.rotation @ other.translation_m + self.translation_m,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class FrameTree:
+    """Every frame's pose in its parent; the way between two frames runs through their ancestors."""
+
+    parent_from: Mapping[Frame, Pose] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for frame, pose in self.parent_from.items():
+            if pose.source != frame:
+                raise FrameError(f"the pose filed under {frame} starts in {pose.source}")
+
+    def adding(self, poses: Iterable[Pose]) -> FrameTree:
+        """A tree that also holds `poses`, each of a frame in its parent; later ones win."""
+        return FrameTree({**self.parent_from, **{pose.source: pose for pose in poses}})
+
+    def pose(self, target: Frame, source: Frame) -> Pose:
+        """`target_from_source`, through the nearest common ancestor.
+
+        Raises:
+            FrameError: no chain of poses connects the two; says where each chain ends.
+        """
+        up_from_source = self._ancestry(source)
+        up_from_target = self._ancestry(target)
+        for frame, ancestor_from_target in up_from_target.items():
+            if frame in up_from_source:
+                return ancestor_from_target.inverse @ up_from_source[frame]
+        raise FrameError(
+            f"{target} and {source} are not connected: the chain from {target} ends at "
+            f"{list(up_from_target)[-1]}, the chain from {source} at {list(up_from_source)[-1]}"
+        )
+
+    def root_of(self, frame: Frame) -> Frame:
+        """The last ancestor that the chain from `frame` reaches."""
+        return list(self._ancestry(frame))[-1]
+
+    def _ancestry(self, frame: Frame) -> dict[Frame, Pose]:
+        """`ancestor_from_frame` for every ancestor of `frame`, itself first."""
+        up = {frame: Pose.identity(frame, frame)}
+        here = frame
+        while here in self.parent_from:
+            step = self.parent_from[here]
+            if step.target in up:
+                raise FrameError(f"the chain of frames from {frame} runs in a circle at {here}")
+            up[step.target] = step @ up[here]
+            here = step.target
+        return up

@@ -1,0 +1,166 @@
+"""Images, stereo pairs and tie points, and what identifies them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from photogrammetry.arrays import Covariances3, ImagePoints, Int32, PerPoint
+from photogrammetry.cameras.model import CameraModel
+from photogrammetry.errors import FrameError, LabelError
+from photogrammetry.frames import Frame, Pose, rover_frame
+
+
+class Eye(StrEnum):
+    """Which camera of a stereo pair."""
+
+    LEFT = "left"
+    RIGHT = "right"
+    MONO = "mono"
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class StopId:
+    """Where the rover stood: every image with the same site and drive counter shares one pose."""
+
+    mission: str
+    site: int
+    drive: int
+
+    def __str__(self) -> str:
+        return f"{self.mission.lower()}-site{self.site:04d}-drive{self.drive:04d}"
+
+    @property
+    def frame(self) -> Frame:
+        """The rover frame of the stop."""
+        return rover_frame(self.site, self.drive)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RoverImage:
+    """One exposure of one camera, as its label describes it; the pixels travel beside it.
+
+    `camera` lives in the rover frame of `stop` and already belongs to the image as stored
+    (sub-framed, averaged). `site_from_rover` is the telemetry solution of the label.
+    """
+
+    id: str
+    """Product identifier, upper case: 2N292280938EFFB100P0703L0M1."""
+    stop: StopId
+    sol: int
+    instrument: str
+    """NAVCAM, PANCAM, FRONT_HAZCAM, REAR_HAZCAM, MASTCAM ..., without the eye."""
+    eye: Eye
+    filter_number: int | None
+    clock: float
+    """Spacecraft clock at the start of the exposure, seconds."""
+    motion_counter: tuple[int, ...]
+    sequence: str
+    product_type: str
+    """EFF, ESF, EDN, ILF, RAD, RSL ...: the three letters of the file name."""
+    is_linearised: bool
+    lines: int
+    samples: int
+    camera: CameraModel
+    site_from_rover: Pose
+    attitude_measured_by: str
+    """QUATERNION_MEASUREMENT_METHOD: FINE, COARSE ..., or UNKNOWN."""
+    local_solar_time: str | None
+    start_time: str | None
+    sun_azimuth: float | None
+    """Radians, clockwise from north in the site frame."""
+    sun_elevation: float | None
+    """Radians above the horizon, sign already put right."""
+
+    def __post_init__(self) -> None:
+        if self.site_from_rover.source != self.stop.frame:
+            raise FrameError(
+                f"{self.id} was taken at {self.stop.frame}, but its label gives the pose of "
+                f"{self.site_from_rover.source}"
+            )
+        if self.lines < 1 or self.samples < 1:
+            raise LabelError(f"{self.id} is {self.samples} x {self.lines} pixels: no image")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StereoPair:
+    """Left and right image of one exposure, their camera models in one rover frame."""
+
+    left: RoverImage
+    right: RoverImage
+
+    def __post_init__(self) -> None:
+        if self.left.stop != self.right.stop:
+            raise FrameError(
+                f"a stereo pair lives in one frame, but {self.left.id} is at {self.left.stop} and "
+                f"{self.right.id} at {self.right.stop}"
+            )
+
+    @property
+    def id(self) -> str:
+        """The left image's identifier stands for the pair."""
+        return self.left.id
+
+    @property
+    def stop(self) -> StopId:
+        """Where both were taken."""
+        return self.left.stop
+
+
+class TieKind(StrEnum):
+    """Which images a tie point joins."""
+
+    INTRA_STEREO = "intra-stereo"
+    INTER_STEREO = "inter-stereo"
+    CROSS_SITE = "cross-site"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StereoMatches:
+    """Intra-stereo matches of one pair, in its epipolar images.
+
+    A match is a left image point and its parallax; rows correspond exactly by construction.
+    """
+
+    pair_id: str
+    left: ImagePoints
+    parallax_px: PerPoint
+    sigma_px: PerPoint
+    """Standard deviation of an image coordinate, from least-squares matching."""
+
+    def __len__(self) -> int:
+        return len(self.left)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TiePoints:
+    """Tie points of a network, one row an observation of a point in a stereo pair.
+
+    Observation k sees tie point `point[k]` in pair `pair_ids[pair[k]]` at the left epipolar image
+    point `left[k]` with parallax `parallax_px[k]`. A point seen in one pair only is an intra-stereo
+    tie; in several pairs of a stop, an inter-stereo tie; from several stops, a cross-site tie.
+    `parallax_px` is NaN where the point was measured in the left image alone.
+    """
+
+    pair_ids: tuple[str, ...]
+    point: Int32[np.ndarray, "n"]
+    pair: Int32[np.ndarray, "n"]
+    left: ImagePoints
+    parallax_px: PerPoint
+    sigma_px: PerPoint
+    sigma_parallax_px: PerPoint
+
+    def __len__(self) -> int:
+        return len(self.point)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlacedPoints:
+    """Object points with their covariance, in a named frame."""
+
+    frame: Frame
+    points: np.ndarray
+    """(n, 3) metres."""
+    covariances: Covariances3

@@ -1,0 +1,1 @@
+"""From parallax to maps: DTM, orthophoto, contours, slope, aspect and hillshade."""

@@ -1,0 +1,178 @@
+"""What a product is: its kind, what it is about, the recipe it was made by, and its layer.
+
+A product is a file made once under the digest of its recipe: kind, scope, inputs, parameters and
+version of the science. Two runs with the same recipe ask for the same file, so a rerun looks up what
+is there. Nothing is edited in place.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+from dataclasses import dataclass
+from enum import Enum, StrEnum
+from functools import cached_property
+from typing import Any, Literal
+
+SCIENCE_VERSION = 1
+"""Raised when the same inputs and parameters give other products; CHANGELOG.md says what changed."""
+
+
+class ProductKind(StrEnum):
+    """Every kind of product; the value is its folder and its name in the catalogue."""
+
+    IMAGE = "image"
+    BROWSE = "browse"
+    VECTORS = "vectors"
+    MATCHES = "matches"
+    PARALLAX = "parallax"
+    TIES = "ties"
+    LINKS = "links"
+    NETWORK = "network"
+    DTM = "dtm"
+    ORTHOPHOTO = "orthophoto"
+    SLOPE = "slope"
+    ASPECT = "aspect"
+    HILLSHADE = "hillshade"
+    CONTOURS = "contours"
+    TRAVERSE = "traverse"
+    STOPS = "stops"
+    FOOTPRINTS = "footprints"
+    POINTING = "pointing"
+    TIE_POINTS = "tie-points"
+    QUICKLOOK = "quicklook"
+
+
+SUFFIX = {
+    ProductKind.IMAGE: ".img",
+    ProductKind.BROWSE: ".png",
+    ProductKind.VECTORS: ".xml",
+    ProductKind.MATCHES: ".npz",
+    ProductKind.PARALLAX: ".npz",
+    ProductKind.TIES: ".npz",
+    ProductKind.LINKS: ".npz",
+    ProductKind.NETWORK: ".json",
+    ProductKind.DTM: ".tif",
+    ProductKind.ORTHOPHOTO: ".tif",
+    ProductKind.SLOPE: ".tif",
+    ProductKind.ASPECT: ".tif",
+    ProductKind.HILLSHADE: ".tif",
+    ProductKind.CONTOURS: ".geojson",
+    ProductKind.TRAVERSE: ".geojson",
+    ProductKind.STOPS: ".geojson",
+    ProductKind.FOOTPRINTS: ".geojson",
+    ProductKind.POINTING: ".geojson",
+    ProductKind.TIE_POINTS: ".geojson",
+    ProductKind.QUICKLOOK: ".png",
+}
+
+
+class ScopeLevel(StrEnum):
+    """What a product is about."""
+
+    IMAGE = "image"
+    PAIR = "pair"
+    STOP = "stop"
+    SOL = "sol"
+    REGION = "region"
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Scope:
+    """What a product is about: one image, pair, stop or sol, or the whole region of a mission.
+
+    `name` is lower case and safe in paths and URLs: `mer2-site0010-drive0064`, `mer2-sol0156`,
+    `mer2` for the region.
+    """
+
+    level: ScopeLevel
+    name: str
+
+    def __str__(self) -> str:
+        return self.name
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class ProductRef:
+    """A few bytes that stand for a product; the store turns them into a path."""
+
+    kind: ProductKind
+    scope: Scope
+    digest: str
+    """Hexadecimal digest of the recipe, 16 digits."""
+
+    @property
+    def file_name(self) -> str:
+        """The file's place below the folder of products."""
+        return f"{self.kind}/{self.scope.name}/{self.digest}{SUFFIX[self.kind]}"
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """All that determines a product."""
+
+    kind: ProductKind
+    scope: Scope
+    inputs: tuple[ProductRef, ...] = ()
+    params: Any = None
+    """A frozen dataclass, or a tuple of them."""
+    science: int = SCIENCE_VERSION
+
+    @cached_property
+    def document(self) -> dict[str, Any]:
+        """The recipe as plain JSON values."""
+        return {
+            "kind": str(self.kind),
+            "scope": {"level": str(self.scope.level), "name": self.scope.name},
+            "inputs": [f"{ref.kind}/{ref.scope.name}/{ref.digest}" for ref in self.inputs],
+            "params": plain(self.params),
+            "science": self.science,
+        }
+
+    @cached_property
+    def ref(self) -> ProductRef:
+        """The reference of the product this recipe makes."""
+        text = json.dumps(self.document, sort_keys=True, separators=(",", ":"))
+        return ProductRef(self.kind, self.scope, hashlib.sha256(text.encode()).hexdigest()[:16])
+
+
+def plain(value: Any) -> Any:  # noqa: ANN401 - any parameter record
+    """Dataclasses, enumerations and tuples as plain JSON values, class names kept."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        fields = {f.name: plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
+        return {"": type(value).__name__, **fields}
+    if isinstance(value, Enum):
+        return value.value
+    if isinstance(value, dict):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple | set | frozenset):
+        items = [plain(item) for item in value]
+        return sorted(items) if isinstance(value, set | frozenset) else items
+    return value
+
+
+@dataclass(frozen=True, slots=True)
+class Layer:
+    """A published product as the map and its users see it.
+
+    Bounds are (west, south, east, north) in metres of the mission's local map; for rasters the
+    range of values is that of the first band, for stretch and legend.
+    """
+
+    ref: ProductRef
+    mission: str
+    title: str
+    type: Literal["raster", "vector"]
+    bounds: tuple[float, float, float, float]
+    cell_m: float | None
+    unit: str | None
+    range: tuple[float, float] | None
+    sols: tuple[int, ...]
+    made_at: str
+    """UTC, ISO 8601."""
+
+    @property
+    def id(self) -> str:
+        """Stable name of the layer, without the digest: scope and kind."""
+        return f"{self.ref.scope.name}/{self.ref.kind}"
