@@ -1,0 +1,1 @@
+"""The order of the tasks, and the command line that runs them."""

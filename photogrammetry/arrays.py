@@ -9,13 +9,13 @@ from typing import TypeAlias
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Float64, Int32, UInt8
 
-Vector3: TypeAlias = Float64[np.ndarray, "3"]
+Vector3: TypeAlias = Float64[np.ndarray, " 3"]
 """One vector, in metres or without unit, in the frame that the name gives."""
 
 Rotation: TypeAlias = Float64[np.ndarray, "3 3"]
 """A proper rotation matrix, acting on column vectors from the left."""
 
-Quaternion: TypeAlias = Float64[np.ndarray, "4"]
+Quaternion: TypeAlias = Float64[np.ndarray, " 4"]
 """A unit quaternion, scalar first."""
 
 ImagePoints: TypeAlias = Float64[np.ndarray, "n 2"]
@@ -30,10 +30,10 @@ Directions: TypeAlias = Float64[np.ndarray, "n 3"]
 Covariances3: TypeAlias = Float64[np.ndarray, "n 3 3"]
 """Covariance matrices of object points, square metres."""
 
-PerPoint: TypeAlias = Float64[np.ndarray, "n"]
+PerPoint: TypeAlias = Float64[np.ndarray, " n"]
 """One number a point, in the unit that the name gives."""
 
-Flags: TypeAlias = Bool[np.ndarray, "n"]
+Flags: TypeAlias = Bool[np.ndarray, " n"]
 """One truth value a point."""
 
 GreyImage: TypeAlias = Float32[np.ndarray, "lines samples"]

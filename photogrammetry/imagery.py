@@ -145,8 +145,8 @@ class TiePoints:
     """
 
     pair_ids: tuple[str, ...]
-    point: Int32[np.ndarray, "n"]
-    pair: Int32[np.ndarray, "n"]
+    point: Int32[np.ndarray, " n"]
+    pair: Int32[np.ndarray, " n"]
     left: ImagePoints
     parallax_px: PerPoint
     sigma_px: PerPoint

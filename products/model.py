@@ -1,8 +1,8 @@
 """What a product is: its kind, what it is about, the recipe it was made by, and its layer.
 
 A product is a file made once under the digest of its recipe: kind, scope, inputs, parameters and
-version of the science. Two runs with the same recipe ask for the same file, so a rerun looks up what
-is there. Nothing is edited in place.
+version of the science. Two runs with the same recipe ask for the same file, so a rerun looks up
+what is there. Nothing is edited in place.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from functools import cached_property
 from typing import Any, Literal
 
 SCIENCE_VERSION = 1
-"""Raised when the same inputs and parameters give other products; CHANGELOG.md says what changed."""
+"""Raised when equal inputs and parameters give other products; CHANGELOG.md says what changed."""
 
 
 class ProductKind(StrEnum):

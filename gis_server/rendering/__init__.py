@@ -1,0 +1,1 @@
+"""Tile address and layer in, bytes out; knows nothing of HTTP."""

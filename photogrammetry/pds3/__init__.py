@@ -1,0 +1,1 @@
+"""PDS3 labels, pixels and vector files: bytes in, records out."""

@@ -1,0 +1,1 @@
+"""Worlds with known truth: terrain, traverse, cameras, images and their PDS3 files."""

@@ -1,8 +1,8 @@
 """Map grids: cells of the local metric map, snapped so that map tiles are read, never resampled.
 
-The map of a landing site is the tangent plane at the lander: east = y, north = x and up = -z of the
-LSL. All grids of a site share one lattice. Cells measure 0.01 m times a power of two, and grids start
-and end on whole blocks of 256 cells, which are the tiles of the site's tile matrix set.
+The map of a landing site is the tangent plane at the lander: east = y, north = x and up = -z of
+the LSL. All grids of a site share one lattice. Cells measure 0.01 m times a power of two, and grids
+start and end on whole blocks of 256 cells, which are the tiles of the site's tile matrix set.
 
 A grid's origin is the outer north-west corner of its first cell; the centre of cell (row, col) lies
 at east = west + (col + 1/2) cell, north = north - (row + 1/2) cell.
@@ -76,7 +76,7 @@ class MapGrid:
             self.north,
         )
 
-    def centres(self) -> tuple[Float64[np.ndarray, "cols"], Float64[np.ndarray, "rows"]]:
+    def centres(self) -> tuple[Float64[np.ndarray, " cols"], Float64[np.ndarray, " rows"]]:
         """East of every column and north of every row, at cell centres."""
         east = self.west + (np.arange(self.cols) + 0.5) * self.cell_m
         north = self.north - (np.arange(self.rows) + 0.5) * self.cell_m
@@ -84,7 +84,7 @@ class MapGrid:
 
     def cells_of(
         self, points_in_lsl: ObjectPoints
-    ) -> tuple[Float64[np.ndarray, "n"], Float64[np.ndarray, "n"]]:
+    ) -> tuple[Float64[np.ndarray, " n"], Float64[np.ndarray, " n"]]:
         """Fractional (row, col) of LSL points; whole numbers are cell centres."""
         row = (self.north - points_in_lsl[:, 0]) / self.cell_m - 0.5
         col = (points_in_lsl[:, 1] - self.west) / self.cell_m - 0.5

@@ -38,7 +38,7 @@ class GroundClass(IntEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Dtm:
-    """A digital terrain model: elevation above the tangent plane at the lander, metres (up = -z)."""
+    """A digital terrain model: elevation above the tangent plane at the lander, metres."""
 
     grid: MapGrid
     elevation: Raster

@@ -1,0 +1,52 @@
+"""Fixtures shared by all tests: random numbers, and the real and rendered data where they are."""
+
+import json
+import os
+import tarfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    """Random numbers that are the same in every run."""
+    return np.random.default_rng(20040104)
+
+
+@pytest.fixture(scope="session")
+def shared() -> Path:
+    """The folder of shared facts and data beside the repository; skips where it is absent."""
+    folder = Path(os.environ.get("SOLMAP_SHARED", ROOT.parent / "shared"))
+    if not folder.is_dir():
+        pytest.skip("the shared folder with facts and data is not beside this checkout")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def shared_data(shared: Path) -> Path:
+    """Real rover images, labels and traverses."""
+    return shared / "data"
+
+
+@pytest.fixture(scope="session")
+def test_vectors(shared: Path) -> dict[str, Any]:
+    """Numbers from JPL's own C code."""
+    return json.loads((shared / "facts" / "test-vectors.json").read_text())
+
+
+@pytest.fixture(scope="session")
+def husband(shared_data: Path) -> Path:
+    """The rendered three-stop traverse with its truth, unpacked once into an ignored folder."""
+    folder = ROOT / ".cache" / "rendered_husband"
+    if not folder.is_dir():
+        archive = shared_data / "rendered_husband.tar.xz"
+        if not archive.is_file():
+            pytest.skip("rendered_husband.tar.xz is not among the shared data")
+        with tarfile.open(archive) as tar:
+            tar.extractall(ROOT / ".cache", filter="data")
+    return folder
