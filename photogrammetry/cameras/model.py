@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol, Self, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 from photogrammetry.arrays import Directions, ImagePoints, ObjectPoints, Vector3
 from photogrammetry.frames import Pose
@@ -25,5 +25,5 @@ class CameraModel(Protocol):
     def rays(self, image_points: ImagePoints) -> Directions:
         """Unit directions from the camera through image points."""
 
-    def moved(self, target_from_model: Pose) -> Self:
+    def moved(self, target_from_model: Pose) -> CameraModel:
         """The same camera, expressed in the target frame of a pose."""

@@ -1,0 +1,40 @@
+"""How far a run has come, for whoever watches: a progress bar, a log, or nobody.
+
+Flows report steps; a listener hung in by the command line shows them. Prefect's run page shows
+the same tasks by itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """`done` of `total` parts of a stage are finished."""
+
+    stage: str
+    done: int
+    total: int
+
+
+Listener = Callable[[Step], None]
+_listeners: list[Listener] = []
+
+
+def report(stage: str, done: int, total: int) -> None:
+    """Tell every listener how far a stage is."""
+    for listener in _listeners:
+        listener(Step(stage, done, total))
+
+
+@contextmanager
+def listening(listener: Listener) -> Iterator[None]:
+    """Have `listener` told of every step inside the block."""
+    _listeners.append(listener)
+    try:
+        yield
+    finally:
+        _listeners.remove(listener)

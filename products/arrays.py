@@ -1,0 +1,147 @@
+"""Matches, parallax and ties as compressed NumPy archives, written and read back.
+
+The archives hold no dates, so the same arrays give the same bytes. Parallax is kept in whole steps
+of 1/128 pixel (coarser only beyond 511 pixels), far below what matching resolves; 0 means "not
+matched".
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from photogrammetry.arrays import ParallaxMap
+from photogrammetry.cameras.epipolar import EpipolarPair
+from photogrammetry.frames import Frame, FrameKind, Pose
+from photogrammetry.imagery import StereoMatches, TiePoints
+from products.errors import ProductError
+
+_STEP_PX = 1.0 / 128.0
+_LARGEST = 65535
+
+
+def write_archive(path: Path, header: dict[str, Any], **arrays: np.ndarray) -> None:
+    """Write arrays and a header of plain JSON values."""
+    text = np.frombuffer(json.dumps(header, sort_keys=True).encode(), dtype=np.uint8)
+    with path.open("wb") as file:
+        np.savez_compressed(file, header=text, **arrays)  # type: ignore[arg-type]
+
+
+def read_archive(path: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    """The header and arrays of an archive.
+
+    Raises:
+        ProductError: the file is no archive of ours.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            arrays = {name: archive[name] for name in archive.files}
+        return json.loads(arrays.pop("header").tobytes()), arrays
+    except (OSError, ValueError, KeyError) as error:
+        raise ProductError(f"{path.name} is no archive of arrays: {error}") from error
+
+
+def frame_document(frame: Frame) -> dict[str, Any]:
+    """A frame as plain JSON values."""
+    return {"kind": str(frame.kind), "index": list(frame.index)}
+
+
+def frame_of_document(document: dict[str, Any]) -> Frame:
+    """The twin of `frame_document`."""
+    return Frame(FrameKind(document["kind"]), tuple(document["index"]))
+
+
+def pose_document(pose: Pose) -> dict[str, Any]:
+    """A pose as plain JSON values; the rotation matrix is kept exactly."""
+    return {
+        "target": frame_document(pose.target),
+        "source": frame_document(pose.source),
+        "rotation": pose.rotation.tolist(),
+        "translation_m": pose.translation_m.tolist(),
+    }
+
+
+def pose_of_document(document: dict[str, Any]) -> Pose:
+    """The twin of `pose_document`."""
+    return Pose(
+        frame_of_document(document["target"]),
+        frame_of_document(document["source"]),
+        np.array(document["rotation"], dtype=np.float64),
+        np.array(document["translation_m"], dtype=np.float64),
+    )
+
+
+def geometry_document(geometry: EpipolarPair) -> dict[str, Any]:
+    """An epipolar geometry as plain JSON values."""
+    return {
+        "rover_from_pair": pose_document(geometry.rover_from_pair),
+        "base_m": geometry.base_m,
+        "focal_px": geometry.focal_px,
+        "centre_px": list(geometry.centre_px),
+        "samples": geometry.samples,
+        "lines": geometry.lines,
+    }
+
+
+def geometry_of_document(document: dict[str, Any]) -> EpipolarPair:
+    """The twin of `geometry_document`."""
+    return EpipolarPair(
+        rover_from_pair=pose_of_document(document["rover_from_pair"]),
+        base_m=document["base_m"],
+        focal_px=document["focal_px"],
+        centre_px=(document["centre_px"][0], document["centre_px"][1]),
+        samples=document["samples"],
+        lines=document["lines"],
+    )
+
+
+def write_matches(path: Path, geometry: EpipolarPair, matches: StereoMatches) -> None:
+    """Write the intra-stereo matches of a pair and the geometry they were measured in."""
+    header = {"pair": matches.pair_id, "geometry": geometry_document(geometry)}
+    write_archive(
+        path, header, left=matches.left, parallax_px=matches.parallax_px, sigma_px=matches.sigma_px
+    )
+
+
+def read_matches(path: Path) -> tuple[EpipolarPair, StereoMatches]:
+    """The twin of `write_matches`."""
+    header, arrays = read_archive(path)
+    return geometry_of_document(header["geometry"]), StereoMatches(header["pair"], **arrays)
+
+
+def write_parallax(path: Path, parallax: ParallaxMap) -> None:
+    """Write a dense parallax map."""
+    largest = float(np.nanmax(parallax, initial=0.0))
+    step = max(_STEP_PX, largest / _LARGEST)
+    steps = np.rint(np.nan_to_num(parallax, nan=0.0) / step)
+    write_archive(path, {"step_px": step}, steps=np.clip(steps, 0, _LARGEST).astype(np.uint16))
+
+
+def read_parallax(path: Path) -> ParallaxMap:
+    """The twin of `write_parallax`."""
+    header, arrays = read_archive(path)
+    steps = arrays["steps"]
+    return np.where(steps > 0, steps * np.float32(header["step_px"]), np.nan).astype(np.float32)
+
+
+def write_tie_points(path: Path, ties: TiePoints, header: dict[str, Any]) -> None:
+    """Write the tie points of a network with a header of figures."""
+    write_archive(
+        path,
+        {**header, "pair_ids": list(ties.pair_ids)},
+        point=ties.point,
+        pair=ties.pair,
+        left=ties.left,
+        parallax_px=ties.parallax_px,
+        sigma_px=ties.sigma_px,
+        sigma_parallax_px=ties.sigma_parallax_px,
+    )
+
+
+def read_tie_points(path: Path) -> tuple[TiePoints, dict[str, Any]]:
+    """The twin of `write_tie_points`."""
+    header, arrays = read_archive(path)
+    return TiePoints(tuple(header.pop("pair_ids")), **arrays), header

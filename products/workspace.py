@@ -1,0 +1,23 @@
+"""A store and its catalogue, opened together."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from products.catalogue import Catalogue
+from products.store import ProductStore
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Workspace:
+    """Where products are kept, and what says which there are."""
+
+    store: ProductStore
+    catalogue: Catalogue
+
+    @classmethod
+    def open(cls, root: Path) -> Workspace:
+        """Open or found the workspace at `root`."""
+        store = ProductStore.open(root)
+        return cls(store, Catalogue.open(store.root))

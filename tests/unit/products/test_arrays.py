@@ -1,0 +1,61 @@
+import numpy as np
+import pytest
+
+from photogrammetry.cameras.epipolar import EpipolarPair
+from photogrammetry.frames import Frame, FrameKind, Pose, rotation_of_roll_pitch_yaw, rover_frame
+from photogrammetry.imagery import StereoMatches
+from products.arrays import (
+    read_matches,
+    read_parallax,
+    write_matches,
+    write_parallax,
+)
+from products.errors import ProductError
+
+
+def a_geometry() -> EpipolarPair:
+    pose = Pose(
+        rover_frame(10, 64),
+        Frame(FrameKind.PAIR, (10, 64, 5)),
+        rotation_of_roll_pitch_yaw(0.1, -0.3, 2.0),
+        np.array([0.4, -0.1, -1.4]),
+    )
+    return EpipolarPair(pose, 0.2, 1220.0, (511.5, 500.25), 1024, 1000)
+
+
+def test_matches_and_their_geometry_come_back_exactly(tmp_path, rng):
+    matches = StereoMatches("A", rng.normal(size=(5, 2)), rng.random(5), rng.random(5))
+    write_matches(tmp_path / "m.npz", a_geometry(), matches)
+    geometry, again = read_matches(tmp_path / "m.npz")
+    np.testing.assert_array_equal(again.left, matches.left)
+    np.testing.assert_array_equal(
+        geometry.rover_from_pair.rotation, a_geometry().rover_from_pair.rotation
+    )
+    assert geometry.rover_from_pair.source == a_geometry().rover_from_pair.source
+    assert (geometry.focal_px, geometry.centre_px) == (1220.0, (511.5, 500.25))
+
+
+def test_parallax_comes_back_within_half_a_step(tmp_path, rng):
+    parallax = rng.uniform(0.01, 300.0, (40, 50)).astype(np.float32)
+    parallax[3:9] = np.nan
+    write_parallax(tmp_path / "p.npz", parallax)
+    np.testing.assert_allclose(read_parallax(tmp_path / "p.npz"), parallax, atol=0.5 / 128 + 1e-4)
+
+
+def test_parallax_beyond_the_fine_range_is_kept_coarser_and_not_cut_off(tmp_path):
+    parallax = np.array([[900.0, 10.0]], dtype=np.float32)
+    write_parallax(tmp_path / "p.npz", parallax)
+    np.testing.assert_allclose(read_parallax(tmp_path / "p.npz"), parallax, atol=0.01)
+
+
+def test_the_same_arrays_give_the_same_bytes(tmp_path, rng):
+    parallax = rng.uniform(0.01, 300.0, (40, 50)).astype(np.float32)
+    for name in ("a.npz", "b.npz"):
+        write_parallax(tmp_path / name, parallax)
+    assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
+
+
+def test_a_file_that_is_no_archive_is_named(tmp_path):
+    (tmp_path / "broken.npz").write_bytes(b"not a zip")
+    with pytest.raises(ProductError, match=r"broken\.npz is no archive"):
+        read_parallax(tmp_path / "broken.npz")
