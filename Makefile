@@ -23,3 +23,49 @@ $(VENV)/.installed: requirements.lock pyproject.toml
 	$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --requirement requirements.lock
 	$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --editable .
 	touch $@
+
+
+# npm is the machine's if it has one, else that of a Python package that carries Node.
+HAVE_NPM := $(shell command -v npm)
+NPM := $(if $(HAVE_NPM),npm,PATH="$(abspath $(BIN)):$$PATH" npm)
+NPM_INSTALLED := $(if $(HAVE_NPM),,$(VENV)/.node-installed)
+
+$(VENV)/.node-installed: requirements-node.lock $(VENV)/.installed
+	$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --requirement requirements-node.lock
+	touch $@
+
+viewer: $(VIEWER)/dist/index.html
+
+$(VIEWER)/dist/index.html: $(NPM_INSTALLED) $(shell find $(VIEWER)/src $(VIEWER)/index.html $(VIEWER)/package-lock.json $(VIEWER)/vite.config.ts 2>/dev/null)
+	cd $(VIEWER) && $(NPM) ci --no-audit --no-fund --silent && $(NPM) run --silent build
+
+demo: setup viewer  ## A synthetic downlink through every stage to the map in the browser.
+	@test -f $(DOWNLINK)/truth/truth.json || $(BIN)/solmap simulate $(DOWNLINK) --stops 2 --seed 1
+	$(BIN)/solmap run $(DOWNLINK) --store $(STORE)
+	$(BIN)/solmap positions --store $(STORE)
+	$(BIN)/solmap serve --store $(STORE) --port $(PORT)
+
+test: setup viewer  ## Everything that continuous integration asks for.
+	$(MAKE) check
+	cd $(VIEWER) && $(NPM) test --silent
+	$(BIN)/pytest -m "not slow"
+
+test-all: setup viewer  ## Also what takes minutes: the rendered traverse, long simulations.
+	$(MAKE) check
+	cd $(VIEWER) && $(NPM) test --silent
+	$(BIN)/pytest
+
+check: setup  ## Style, types and the direction of imports.
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+bench: setup  ## Times and ratios against a peer in the same run.
+	$(BIN)/pytest tests/benchmarks --benchmark-only --benchmark-disable-gc --benchmark-columns=min,median,rounds
+
+docs: setup
+	$(BIN)/mkdocs build --strict
+
+clean:
+	rm -rf $(VENV) .demo $(VIEWER)/dist $(VIEWER)/node_modules

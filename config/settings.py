@@ -1,0 +1,25 @@
+"""Settings from the environment: where things are and how the server listens."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pydantic_settings import BaseSettings, SettingsConfigDict
+
+from config.landing import SHIPPED
+
+
+class Settings(BaseSettings):
+    """Everything that differs from one machine to the next; `SOLMAP_STORE` and so on set it."""
+
+    model_config = SettingsConfigDict(env_prefix="SOLMAP_")
+
+    store: Path = Path("solmap-store")
+    """Folder of products and catalogue."""
+    host: str = "127.0.0.1"
+    """Address the server listens on; the default serves this machine only."""
+    port: int = 8765
+    pipeline: str = "default"
+    """Name of a shipped pipeline, or path of a TOML file."""
+    landing_sites: Path = SHIPPED
+    """TOML file of landing points, for those who prefer another source."""

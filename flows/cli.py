@@ -1,0 +1,155 @@
+"""The command line: `solmap run`, `serve`, `positions`, `products`, `status`, `simulate`.
+
+Modules are imported where they are used, because Prefect reads its settings at import and because
+`solmap --help` should answer at once.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated, Any, NoReturn
+
+import typer
+
+from config.settings import Settings
+from flows.console import errors, out, progress_shown
+from flows.engine import prepare_engine
+
+app = typer.Typer(
+    help="From a Mars rover's stereo images to maps in the browser.",
+    no_args_is_help=True,
+    pretty_exceptions_show_locals=False,
+)
+
+StoreOption = Annotated[
+    Path | None, typer.Option("--store", help="Folder of products. [env: SOLMAP_STORE]")
+]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
+
+
+def _store(given: Path | None) -> Path:
+    return given or Settings().store
+
+
+def _fail(message: str) -> NoReturn:
+    errors.print(f"[red]error[/red] {message}", highlight=False)
+    raise typer.Exit(1)
+
+
+@app.command()
+def run(
+    downlink: Annotated[Path, typer.Argument(help="Folder searched for .img, .svf and .rvf files")],
+    store: StoreOption = None,
+    pipeline: Annotated[
+        str | None, typer.Option(help="Shipped pipeline or a TOML file. [env: SOLMAP_PIPELINE]")
+    ] = None,
+) -> None:
+    """Take a downlink from raw images to published layers; a second run does nothing twice."""
+    if not downlink.is_dir():
+        _fail(f"{downlink} is no folder; name the folder that the downlink's files lie in")
+    root = _store(store)
+    prepare_engine(root)
+    from flows.downlink import process_downlink  # noqa: PLC0415 - after the engine's settings
+    from products.errors import ProductError  # noqa: PLC0415
+
+    try:
+        with progress_shown():
+            report = process_downlink(downlink.resolve(), root, pipeline or Settings().pipeline)
+    except ProductError as error:
+        _fail(str(error))
+    for line in report.warnings:
+        errors.print(f"[yellow]warning[/yellow] {line}", highlight=False)
+    for line in report.failures:
+        errors.print(f"[red]failed[/red] {line}", highlight=False)
+    out.print(str(report), highlight=False)
+    if not report.succeeded:
+        raise typer.Exit(1)
+
+
+@app.command()
+def serve(
+    store: StoreOption = None,
+    port: Annotated[int | None, typer.Option(help="Port. [env: SOLMAP_PORT]")] = None,
+    host: Annotated[str | None, typer.Option(help="Address. [env: SOLMAP_HOST]")] = None,
+) -> None:
+    """Serve the map, its tiles and features; the API is described at /docs."""
+    import uvicorn  # noqa: PLC0415
+    from gis_server.app import create_app  # noqa: PLC0415
+
+    settings = Settings()
+    address, listening_port = host or settings.host, port or settings.port
+    out.print(f"map at http://{address}:{listening_port}/  (Ctrl-C stops)", highlight=False)
+    uvicorn.run(create_app(_store(store)), host=address, port=listening_port, log_level="warning")
+
+
+@app.command()
+def positions(store: StoreOption = None, *, as_json: JsonOption = False) -> None:
+    """Where the rover stood: telemetry and adjusted position of every stop, in the LSL."""
+    from flows.listing import position_rows  # noqa: PLC0415
+    from products.workspace import Workspace  # noqa: PLC0415
+
+    rows = position_rows(Workspace.open(_store(store)))
+    _show(rows, ["stop", "telemetry_ned_m", "adjusted_ned_m", "sigma_ned_m", "held_by"], as_json)
+
+
+@app.command()
+def products(store: StoreOption = None, *, as_json: JsonOption = False) -> None:
+    """Every published product and the file it lies in."""
+    from flows.listing import product_rows  # noqa: PLC0415
+    from products.workspace import Workspace  # noqa: PLC0415
+
+    rows = product_rows(Workspace.open(_store(store)))
+    _show(rows, ["kind", "scope", "cell_m", "path"], as_json)
+
+
+@app.command()
+def status(store: StoreOption = None, *, as_json: JsonOption = False) -> None:
+    """How the last processing of every file and sol ended."""
+    from flows.listing import outcome_rows  # noqa: PLC0415
+    from products.workspace import Workspace  # noqa: PLC0415
+
+    rows = outcome_rows(Workspace.open(_store(store)))
+    _show(rows, ["subject", "ended", "notes"], as_json)
+
+
+@app.command()
+def simulate(
+    out_dir: Annotated[Path, typer.Argument(help="Folder to write the downlink to")],
+    stops: Annotated[int, typer.Option(help="Number of stops", min=1, max=100)] = 2,
+    seed: Annotated[int, typer.Option(help="Repeats a world bit for bit")] = 1,
+    terrain: Annotated[str, typer.Option(help="plains, hills or crater")] = "hills",
+) -> None:
+    """Make a synthetic downlink with known truth: PDS3 images, vector files and the truth."""
+    from flows.simulation import write_downlink  # noqa: PLC0415
+
+    with progress_shown():
+        files = write_downlink(out_dir, stops=stops, seed=seed, terrain=terrain)
+    out.print(f"{files} files in {out_dir}; {out_dir / 'truth'} is for judging only")
+
+
+def _show(rows: list[dict[str, Any]], columns: list[str], as_json: bool) -> None:  # noqa: FBT001
+    if as_json:
+        typer.echo(json.dumps(rows, indent=2))
+        return
+    if not rows:
+        out.print("nothing yet: `solmap run DOWNLINK_DIR --store STORE` makes it")
+        return
+    from rich.table import Table  # noqa: PLC0415
+
+    table = Table(*columns)
+    for row in rows:
+        table.add_row(*(_cell(row.get(column)) for column in columns))
+    out.print(table)
+
+
+def _cell(value: Any) -> str:  # noqa: ANN401 - anything JSON holds
+    if isinstance(value, float):
+        return f"{value:.3f}"
+    if isinstance(value, list):
+        return ", ".join(_cell(item) for item in value)
+    return "" if value is None else str(value)
+
+
+if __name__ == "__main__":
+    app()

@@ -1,0 +1,55 @@
+"""What the command line shows: progress while a run goes on, and how it ended."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+from flows.progress import Step, listening
+
+out = Console(soft_wrap=True)
+errors = Console(stderr=True, soft_wrap=True)
+
+
+@contextmanager
+def progress_shown() -> Iterator[None]:
+    """Show steps as bars on a terminal, as a line a finished stage elsewhere."""
+    if sys.stderr.isatty():
+        with _bars() as bars, listening(_BarListener(bars)):
+            yield
+    else:
+        with listening(_say_finished):
+            yield
+
+
+def _bars() -> Progress:
+    return Progress(
+        TextColumn("{task.description:<44}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        console=errors,
+    )
+
+
+class _BarListener:
+    """One bar a stage."""
+
+    def __init__(self, bars: Progress) -> None:
+        self._bars = bars
+        self._tasks: dict[str, int] = {}
+
+    def __call__(self, step: Step) -> None:
+        if step.stage not in self._tasks:
+            self._tasks[step.stage] = self._bars.add_task(step.stage, total=step.total)
+        task = self._tasks[step.stage]
+        self._bars.update(task, completed=step.done, total=step.total)  # type: ignore[arg-type]
+
+
+def _say_finished(step: Step) -> None:
+    if step.done == step.total:
+        errors.print(f"{step.stage}: {step.total} done", highlight=False)
