@@ -1,0 +1,132 @@
+"""The local map of a landing site, and where it lies on Mars.
+
+The map is the plane tangent to a sphere of radius R at the landing point (longitude l0, latitude
+p0): the orthographic projection
+
+    east  = R cos p sin(l - l0)
+    north = R (cos p0 sin p - sin p0 cos p cos(l - l0))
+
+drops a point of the sphere perpendicularly onto that plane (Snyder 1987, section 20). East is y and
+north is x of the LSL, exactly, for points on the sphere; no other projection has that property,
+and PROJ and proj4js agree on it to a nanometre when R is part of its definition (proj4js ignores
+`+k_0`, so a scale factor is no way to bring in the local radius).
+
+R is decided once, with the landing point, and written into the CRS. A landing point on the IAU
+sphere (3396190 m) uses IAU_2015:49900 itself as its base, so that every tool recognises Mars. At
+Gusev the ground lies near 3393.0 km from the centre: on the IAU sphere, longitude and latitude of a
+place 7 km from the lander would be 6.6 m off. A landing point with a radius of its own therefore
+uses a sphere of that radius, named after the landing point. Planetocentric longitude and latitude
+are directions from the centre of Mars and the same numbers on either sphere.
+
+Height is no part of this CRS: it is metres above the tangent plane at the landing point, which
+leaves the sphere by d²/2R (0.15 m at 1 km, 3.7 m at 5 km). A point 100 m above the plane is seen
+15 cm away at 7 km; rasters and vectors share that shift, so they stay aligned.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from pyproj import CRS, Transformer
+
+from photogrammetry.arrays import PerPoint
+from products.errors import ProductError
+
+IAU_RADIUS_M = 3_396_190.0
+MARS = "IAU_2015:49900"
+"""Mars as a sphere: planetocentric latitude, longitude positive to the east."""
+MARS_URN = "urn:ogc:def:crs:IAU:2015:49900"
+_POLAR_RADIUS_M, _HIGHEST_RADIUS_M = 3_366_000.0, 3_418_000.0  # floor of the north cap, Olympus
+
+
+@dataclass(frozen=True, slots=True)
+class LandingPoint:
+    """The origin of a mission's map: where on Mars it is, and who says so."""
+
+    name: str
+    longitude: float
+    """Degrees, positive to the east."""
+    latitude: float
+    """Degrees, planetocentric."""
+    radius_m: float
+    """Distance of the ground from the centre of Mars, metres."""
+    source: str
+
+    def __post_init__(self) -> None:
+        if not (-180.0 <= self.longitude <= 360.0 and -90.0 <= self.latitude <= 90.0):  # noqa: PLR2004
+            raise ProductError(
+                f"the landing point {self.name} at longitude {self.longitude}, latitude "
+                f"{self.latitude} is not on a globe; degrees east and planetocentric are expected"
+            )
+        if not _POLAR_RADIUS_M < self.radius_m < _HIGHEST_RADIUS_M:
+            raise ProductError(
+                f"the landing point {self.name} lies {self.radius_m} m from the centre of Mars, "
+                f"where no ground is; metres near {IAU_RADIUS_M} are expected"
+            )
+        if not self.name.strip() or '"' in self.name:
+            raise ProductError(f"{self.name!r} cannot name a coordinate system")
+
+
+@lru_cache(maxsize=64)
+def local_crs(landing: LandingPoint) -> CRS:
+    """The map's projected CRS: orthographic, east and north in metres."""
+    return CRS.from_wkt(
+        f'PROJCRS["{landing.name}: landing site local (east, north)",'
+        f"BASEGEOGCRS[{_base(landing)}],"
+        f'CONVERSION["{landing.name}: tangent plane",METHOD["Orthographic",ID["EPSG",9840]],'
+        f'PARAMETER["Latitude of natural origin",{landing.latitude!r},{_DEGREE},ID["EPSG",8801]],'
+        f'PARAMETER["Longitude of natural origin",{landing.longitude!r},{_DEGREE},ID["EPSG",8802]],'
+        f'PARAMETER["False easting",0,{_METRE},ID["EPSG",8806]],'
+        f'PARAMETER["False northing",0,{_METRE},ID["EPSG",8807]]],'
+        f'CS[Cartesian,2],AXIS["(E)",east,ORDER[1],{_METRE}],AXIS["(N)",north,ORDER[2],{_METRE}]]'
+    )
+
+
+_DEGREE = 'ANGLEUNIT["degree",0.0174532925199433]'
+_METRE = 'LENGTHUNIT["metre",1]'
+
+
+def _base(landing: LandingPoint) -> str:
+    meridian = f'PRIMEM["Reference Meridian",0,{_DEGREE}]'
+    if landing.radius_m == IAU_RADIUS_M:
+        sphere = "Mars (2015) - Sphere"
+        name, identity = f"{sphere} / Ocentric", ',ID["IAU",49900,2015]'
+    else:
+        sphere = f"Mars - Sphere at {landing.name}"
+        name, identity = f"{sphere} / Ocentric", ""
+    ellipsoid = f'ELLIPSOID["{sphere}",{landing.radius_m!r},0,{_METRE}]'
+    return f'"{name}",DATUM["{sphere}",{ellipsoid}],{meridian}{identity}'
+
+
+def local_proj4(landing: LandingPoint) -> str:
+    """The same CRS as a PROJ string, for proj4js and WMTS clients."""
+    return (
+        f"+proj=ortho +lat_0={landing.latitude!r} +lon_0={landing.longitude!r} "
+        f"+R={landing.radius_m!r} +units=m +no_defs"
+    )
+
+
+@lru_cache(maxsize=64)
+def _to_degrees(landing: LandingPoint) -> Transformer:
+    crs = local_crs(landing)
+    return Transformer.from_crs(crs, crs.geodetic_crs, always_xy=True)
+
+
+def lon_lat(
+    landing: LandingPoint, east: PerPoint | float, north: PerPoint | float
+) -> tuple[PerPoint, PerPoint]:
+    """Planetocentric longitude (east) and latitude of places on the map, degrees."""
+    longitude, latitude = _to_degrees(landing).transform(np.atleast_1d(east), np.atleast_1d(north))
+    return longitude, latitude
+
+
+def east_north(
+    landing: LandingPoint, longitude: PerPoint | float, latitude: PerPoint | float
+) -> tuple[PerPoint, PerPoint]:
+    """Places on the map, metres, of planetocentric longitude (east) and latitude in degrees."""
+    east, north = _to_degrees(landing).transform(
+        np.atleast_1d(longitude), np.atleast_1d(latitude), direction="INVERSE"
+    )
+    return east, north
