@@ -157,7 +157,7 @@ def perspective_partials(
 
 
 def averaged_scale(scale: Vector3, pixels: int, half_axis: Vector3) -> Vector3:
-    """H or V of an image averaged over `pixels` columns or lines; `half_axis` is A/2, or nothing."""
+    """H or V of an image averaged over `pixels` columns or lines; `half_axis` is A/2 or 0."""
     if pixels < 1:
         raise CameraError(f"pixels are averaged over at least one, not {pixels}")
     return (scale + half_axis) / pixels - half_axis

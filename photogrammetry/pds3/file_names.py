@@ -1,0 +1,151 @@
+"""What the archive's file names say: spacecraft, instrument, clock, product, site and drive.
+
+MER names have 27 characters, 2N292280938EFFB100P0703L0M1: spacecraft, instrument, clock (9),
+product type (3), site (2), drive (2), sequence (5), eye, filter, producer, version. Site and drive
+are coded: 00-99; A0-ZZ = 100 + 36 letter + digit (10 + letter); 0A-9Z = 1036 + 26 digit + letter;
+## and __ are 1296 and more, which only the label tells.
+
+MSL names have 36, NLB_517261274EDR_F0541610CCAM15900M1: camera and eye, clock, product type, frame,
+site (3), drive (4), sequence (9), producer, version.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+from photogrammetry.errors import LabelError
+
+_CODE = r"(?:\d\d|[A-Z][A-Z0-9]|\d[A-Z]|##|__)"
+_MER = re.compile(
+    r"(?P<spacecraft>[1-4])(?P<instrument>[NPFRMEABDT])(?P<clock>\d{9})(?P<product>[A-Z0-9]{3})"
+    rf"(?P<site>{_CODE})(?P<drive>{_CODE})(?P<sequence>[A-Z]\d{{4}})(?P<eye>[LRMN])"
+    r"(?P<filter>\d)(?P<producer>[A-Z])(?P<version>[0-9A-Z])\Z",
+    re.ASCII,
+)
+_MSL = re.compile(
+    r"(?P<instrument>[A-Z])(?P<eye>[LR])(?P<string>[AB_])_(?P<clock>\d{9})(?P<product>[A-Z0-9]{3})"
+    r"_(?P<frame>[A-Z])(?P<site>\d{3})(?P<drive>\d{4})(?P<sequence>[A-Z0-9_]{9})"
+    r"(?P<producer>[A-Z_])(?P<version>[0-9A-Z_])\Z",
+    re.ASCII,
+)
+
+SPACECRAFT = {"1": "MER1", "2": "MER2", "3": "MER1-TEST", "4": "MER2-TEST"}
+MER_INSTRUMENTS = {
+    "N": "NAVCAM",
+    "P": "PANCAM",
+    "F": "FRONT_HAZCAM",
+    "R": "REAR_HAZCAM",
+    "M": "MI",
+    "E": "DESCAM",
+    "A": "APXS",
+    "B": "MOESSBAUER",
+    "D": "RAT",
+    "T": "MINI-TES",
+}
+MSL_INSTRUMENTS = {"N": "NAVCAM", "F": "FRONT_HAZCAM", "R": "REAR_HAZCAM"}
+
+
+@dataclass(frozen=True, slots=True)
+class FileName:
+    """A file name taken apart."""
+
+    product_id: str
+    """The name without folder and extension, upper case."""
+    mission: str
+    instrument: str
+    clock: int
+    product_type: str
+    site: int | None
+    """None where only the label knows: 1296 and more."""
+    drive: int | None
+    sequence: str
+    """Lower case, as labels write it."""
+    eye: str
+    """L, R, M or N."""
+    filter_number: int
+    """0 where the camera has no filter wheel of its own."""
+    producer: str
+    version: str
+
+
+def parse_file_name(name: str) -> FileName:
+    """Take the name of an image file apart; folder, extension and case do not matter.
+
+    Raises:
+        LabelError: the name follows neither the MER nor the MSL pattern.
+    """
+    product_id = _stem(name)
+    if match := _MER.match(product_id):
+        return FileName(
+            product_id=product_id,
+            mission=SPACECRAFT[match["spacecraft"]],
+            instrument=MER_INSTRUMENTS[match["instrument"]],
+            clock=int(match["clock"]),
+            product_type=match["product"],
+            site=decode_counter(match["site"]),
+            drive=decode_counter(match["drive"]),
+            sequence=match["sequence"].lower(),
+            eye=match["eye"],
+            filter_number=int(match["filter"]),
+            producer=match["producer"],
+            version=match["version"],
+        )
+    if (match := _MSL.match(product_id)) and match["instrument"] in MSL_INSTRUMENTS:
+        return FileName(
+            product_id=product_id,
+            mission="MSL",
+            instrument=MSL_INSTRUMENTS[match["instrument"]],
+            clock=int(match["clock"]),
+            product_type=match["product"],
+            site=int(match["site"]),
+            drive=int(match["drive"]),
+            sequence=match["sequence"].lower(),
+            eye=match["eye"],
+            filter_number=0,
+            producer=match["producer"],
+            version=match["version"],
+        )
+    raise LabelError(
+        f"{name[:100]!a} follows no known pattern of image names; "
+        "expected one like 2N292280938EFFB100P0703L0M1.IMG"
+    )
+
+
+def decode_counter(code: str) -> int | None:
+    """Site or drive of its two-character code; None for 1296 and more (## or __)."""
+    code = code.upper()
+    if not re.fullmatch(_CODE, code, re.ASCII):
+        raise LabelError(f"{code!a} is no site or drive code: expected two of 0-9, A-Z, or ##")
+    if code in {"##", "__"}:
+        return None
+    first, second = code[0], code[1]
+    if code.isdigit():
+        return int(code)
+    if first.isdigit():
+        return 1036 + 26 * int(first) + _letter(second)
+    return 100 + 36 * _letter(first) + (int(second) if second.isdigit() else 10 + _letter(second))
+
+
+def encode_counter(counter: int) -> str:
+    """Two-character code of a site or drive; the twin of `decode_counter`."""
+    if counter < 0:
+        raise LabelError(f"a site or drive counter is not negative, but {counter}")
+    if counter < 100:  # noqa: PLR2004 - the limits of the code, see the module
+        return f"{counter:02d}"
+    if counter < 1036:  # noqa: PLR2004
+        letter, rest = divmod(counter - 100, 36)
+        return chr(65 + letter) + (str(rest) if rest < 10 else chr(55 + rest))  # noqa: PLR2004
+    if counter < 1296:  # noqa: PLR2004
+        digit, letter = divmod(counter - 1036, 26)
+        return f"{digit}{chr(65 + letter)}"
+    return "##"
+
+
+def _letter(character: str) -> int:
+    return ord(character) - ord("A")
+
+
+def _stem(name: str) -> str:
+    last = re.split(r"[/\\]", name)[-1].upper()
+    return last.partition(".")[0]

@@ -1,0 +1,309 @@
+"""From a label to a `RoverImage`: who looked from where in which direction with which camera.
+
+The camera model of a label already belongs to the image as stored: sub-frame and pixel averaging
+are in it. Only the half pixel is put right, which MER's software left out when it averaged blocks
+of w x h pixels (integer coordinates are pixel centres),
+
+    H <- H - (1 - 1/w)/2 A,        V <- V - (1 - 1/h)/2 A.
+
+Directions stated in labels are not used. Elevations have the wrong sign in whole product families
+although their labels claim POSITIVE_ELEVATION_DIRECTION = UP, so the Sun's is put right: by the
+mast's x axis, whose elevation follows from the quaternion and must agree with INSTRUMENT_ELEVATION,
+or where there is no mast by the Sun being up by day.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from photogrammetry.cameras.cahv import Cahv
+from photogrammetry.cameras.cahvor import Cahvor
+from photogrammetry.cameras.cahvore import Cahvore
+from photogrammetry.errors import CameraError, FrameError, LabelError
+from photogrammetry.frames import Pose, rotation_of_quaternion, site_frame
+from photogrammetry.imagery import Eye, RoverImage, StopId
+from photogrammetry.pds3.file_names import FileName, parse_file_name
+from photogrammetry.pds3.label import Label
+from photogrammetry.pds3.missions import MISSIONS, Mission, mission_of_host
+
+CAMERA = "GEOMETRIC_CAMERA_MODEL"
+ROVER = "ROVER_COORDINATE_SYSTEM"
+SITE_GEOMETRY = "SITE_DERIVED_GEOMETRY_PARMS"
+ROVER_GEOMETRY = "ROVER_DERIVED_GEOMETRY_PARMS"
+ROVER_FRAMES = frozenset({"ROVER_FRAME", "ROVER_NAV_FRAME"})
+MODELS = {"CAHV": "CAHV", "CAHVOR": "CAHVOR", "CAHVORE": "CAHVORETP"}
+TELLING_ELEVATION = math.radians(1.0)
+"""Mast elevations nearer to the horizon do not tell the sign: six digits and 0.1 degree of lag."""
+DAY_HOURS = (6.5, 17.5)
+"""Local true solar time at which the Sun is up at any rover's latitude, in every season."""
+
+Camera = Cahv | Cahvor | Cahvore
+
+
+def rover_image(
+    label: Label,
+    file_name: str,
+    missions: Sequence[Mission] = MISSIONS,
+    *,
+    correct_half_pixel: bool = True,
+) -> RoverImage:
+    """The record of an image.
+
+    Raises:
+        LabelError: the label describes no mapping image, or lacks what one needs.
+    """
+    mission = _mission(label, missions)
+    name = _name(label, file_name)
+    product_id = name.product_id if name else _stem(file_name)
+    product_type = name.product_type if name else "UNKNOWN"
+    _check_mapping_image(label, mission, product_type)
+    instrument, eye = _instrument(label, mission)
+    counter = _motion_counter(label)
+    stop = StopId(label.require("", "INSTRUMENT_HOST_ID", str), counter[0], counter[1])
+    site_from_rover = _site_from_rover(label, stop)
+    return RoverImage(
+        id=product_id,
+        stop=stop,
+        sol=label.require("", "PLANET_DAY_NUMBER", int),
+        instrument=instrument,
+        eye=eye,
+        filter_number=_filter_number(label, mission, instrument, name),
+        clock=_clock(label),
+        motion_counter=counter,
+        sequence=(label.optional("", "SEQUENCE_ID", str) or "").lower(),
+        product_type=product_type,
+        is_linearised=label.optional("", "GEOMETRY_PROJECTION_TYPE", str) == "LINEARIZED",
+        lines=label.require("IMAGE", "LINES", int),
+        samples=label.require("IMAGE", "LINE_SAMPLES", int),
+        camera=_camera_in_rover(label, site_from_rover, correct_half_pixel=correct_half_pixel),
+        site_from_rover=site_from_rover,
+        attitude_measured_by=label.optional(ROVER, "QUATERNION_MEASUREMENT_METHOD", str)
+        or "UNKNOWN",
+        local_solar_time=label.optional("", "LOCAL_TRUE_SOLAR_TIME", str),
+        start_time=label.optional("", "START_TIME", str),
+        sun_azimuth=_sun_azimuth(label),
+        sun_elevation=_sun_elevation(label, mission),
+    )
+
+
+def camera_model(label: Label) -> Camera:
+    """The camera model of a label as it stands there, but for the length of O, which is made 1.
+
+    Raises:
+        LabelError: there is none, or it is impossible.
+    """
+    if not label.has_group(CAMERA):
+        raise LabelError(f"{label.source}: the label has no camera model ({CAMERA})")
+    model_type = label.require(CAMERA, "MODEL_TYPE", str).upper()
+    letters = MODELS.get(model_type)
+    if letters is None:
+        raise LabelError(
+            f"{label.source}: {CAMERA}/MODEL_TYPE should be CAHV, CAHVOR or CAHVORE, but is "
+            f"{model_type[:40]!a}"
+        )
+    parts = {
+        letter: _component(label, letter, number) for number, letter in enumerate(letters, start=1)
+    }
+    vectors = {letter.lower(): parts[letter] for letter in letters if letter not in "TP"}
+    if "o" in vectors:
+        vectors["o"] = _unit(label, vectors["o"])
+    try:
+        if model_type == "CAHV":
+            return Cahv(**vectors)
+        if model_type == "CAHVOR":
+            return Cahvor(**vectors)
+        kind = float(parts["T"][0])
+        return Cahvore(**vectors, type=int(kind), parameter=float(parts["P"][0]))
+    except CameraError as error:
+        raise LabelError(f"{label.source}: {CAMERA}: {error}") from error
+
+
+def _component(label: Label, letter: str, number: int) -> np.ndarray:
+    """One vector of the model, found by MODEL_COMPONENT_ID where that is given."""
+    order = label.get(CAMERA, "MODEL_COMPONENT_ID")
+    if isinstance(order, tuple) and letter in order:
+        number = order.index(letter) + 1
+    count = 1 if letter in "TP" else 3
+    return label.require_numbers(CAMERA, f"MODEL_COMPONENT_{number}", count)
+
+
+def _unit(label: Label, vector: np.ndarray) -> np.ndarray:
+    length = float(np.linalg.norm(vector))
+    if not 0.5 < length < 2:  # noqa: PLR2004 - nothing that rounding could have made of 1
+        raise LabelError(f"{label.source}: {CAMERA}: O is a unit vector, not one of {length:.3g}")
+    return vector / length
+
+
+def _camera_in_rover(label: Label, site_from_rover: Pose, *, correct_half_pixel: bool) -> Camera:
+    """The camera model in the rover frame, its half pixel put right."""
+    camera = camera_model(label)
+    frame = label.optional(CAMERA, "REFERENCE_COORD_SYSTEM_NAME", str) or "ROVER_FRAME"
+    if frame == "SITE_FRAME":
+        camera = camera.moved(site_from_rover.inverse)
+    elif frame not in ROVER_FRAMES:
+        raise LabelError(
+            f"{label.source}: {CAMERA}/REFERENCE_COORD_SYSTEM_NAME should be ROVER_FRAME or "
+            f"SITE_FRAME, but is {frame[:40]!a}"
+        )
+    width, height = pixel_averaging(label)
+    if not correct_half_pixel or (width, height) == (1, 1):
+        return camera
+    return camera.subframed(0.5 * (1 - 1 / width), 0.5 * (1 - 1 / height))
+
+
+def pixel_averaging(label: Label) -> tuple[int, int]:
+    """How many columns and lines of the detector were averaged into one pixel."""
+    counts = []
+    for keyword in ("PIXEL_AVERAGING_WIDTH", "PIXEL_AVERAGING_HEIGHT"):
+        count = label.optional("INSTRUMENT_STATE_PARMS", keyword, int)
+        if count is None:
+            count = 1
+        if count < 1:
+            raise LabelError(f"{label.source}: {keyword} should be 1 or more, but is {count}")
+        counts.append(count)
+    return counts[0], counts[1]
+
+
+def _site_from_rover(label: Label, stop: StopId) -> Pose:
+    """Where the rover stood in its site, by telemetry."""
+    reference = label.optional(ROVER, "REFERENCE_COORD_SYSTEM_NAME", str) or "SITE_FRAME"
+    if reference != "SITE_FRAME":
+        raise LabelError(
+            f"{label.source}: {ROVER}/REFERENCE_COORD_SYSTEM_NAME should be SITE_FRAME, but is "
+            f"{reference[:40]!a}"
+        )
+    site = label.optional(ROVER, "REFERENCE_COORD_SYSTEM_INDEX", int)
+    quaternion = label.require_numbers(ROVER, "ORIGIN_ROTATION_QUATERNION", 4)
+    offset_m = label.require_numbers(ROVER, "ORIGIN_OFFSET_VECTOR", 3)
+    try:
+        return Pose.of_quaternion(
+            site_frame(stop.site if site is None else site), stop.frame, quaternion, offset_m
+        )
+    except FrameError as error:
+        raise LabelError(f"{label.source}: {ROVER}: {error}") from error
+
+
+def _mission(label: Label, missions: Sequence[Mission]) -> Mission:
+    host = label.require("", "INSTRUMENT_HOST_ID", str)
+    mission = mission_of_host(host, missions)
+    if mission is None:
+        known = ", ".join(host for mission in missions for host in mission.hosts)
+        raise LabelError(
+            f"{label.source}: INSTRUMENT_HOST_ID should be one of {known}, but is {host[:40]!a}"
+        )
+    return mission
+
+
+def _name(label: Label, file_name: str) -> FileName | None:
+    """The parts of the file's name; of PRODUCT_ID where somebody renamed the file."""
+    for name in (file_name, label.optional("", "PRODUCT_ID", str) or ""):
+        try:
+            return parse_file_name(name)
+        except LabelError:
+            continue
+    return None
+
+
+def _stem(file_name: str) -> str:
+    return file_name.replace("\\", "/").rpartition("/")[2].partition(".")[0].upper() or "UNNAMED"
+
+
+def _check_mapping_image(label: Label, mission: Mission, product_type: str) -> None:
+    """Refuse thumbnails, reference pixels, histograms and rasters of anything but grey values."""
+    image_type = label.optional("", "IMAGE_TYPE", str) or "REGULAR"
+    if image_type != "REGULAR":
+        raise LabelError(f"{label.source}: no mapping image: IMAGE_TYPE is {image_type[:40]!a}")
+    derived = label.optional("DERIVED_IMAGE_PARMS", "DERIVED_IMAGE_TYPE", str) or "IMAGE"
+    if derived != "IMAGE":
+        raise LabelError(
+            f"{label.source}: no mapping image: DERIVED_IMAGE_TYPE is {derived[:40]!a}"
+        )
+    known = mission.mapping_products
+    if known is not None and product_type != "UNKNOWN" and product_type not in known:
+        raise LabelError(f"{label.source}: no mapping image: product type {product_type}")
+
+
+def _instrument(label: Label, mission: Mission) -> tuple[str, Eye]:
+    identifier = label.require("", "INSTRUMENT_ID", str).upper()
+    if identifier not in mission.instruments:
+        raise LabelError(
+            f"{label.source}: INSTRUMENT_ID {identifier[:40]!a} is no camera that is known here"
+        )
+    return mission.instruments[identifier]
+
+
+def _motion_counter(label: Label) -> tuple[int, ...]:
+    counter = label.require_numbers("", "ROVER_MOTION_COUNTER")
+    if len(counter) < 2 or (counter % 1).any() or (counter < 0).any():  # noqa: PLR2004 - site, drive
+        raise LabelError(
+            f"{label.source}: ROVER_MOTION_COUNTER should be whole numbers (SITE,DRIVE,...), "
+            f"but is {counter[:10].tolist()}"
+        )
+    return tuple(int(count) for count in counter)
+
+
+def _clock(label: Label) -> float:
+    """Seconds of the spacecraft clock; a partition before a slash is dropped."""
+    text = label.require("", "SPACECRAFT_CLOCK_START_COUNT", str).rpartition("/")[2]
+    try:
+        clock = float(text)
+    except ValueError:
+        clock = math.nan
+    if not math.isfinite(clock):
+        raise LabelError(
+            f"{label.source}: SPACECRAFT_CLOCK_START_COUNT should be seconds, but is {text[:40]!a}"
+        )
+    return clock
+
+
+def _filter_number(
+    label: Label, mission: Mission, instrument: str, name: FileName | None
+) -> int | None:
+    """The filter of an instrument that has any: labels of others echo the Pancam wheel."""
+    if instrument not in mission.stereo_filters:
+        return None
+    if name is not None and name.filter_number > 0:
+        return name.filter_number
+    return label.optional("INSTRUMENT_STATE_PARMS", "FILTER_NUMBER", int)
+
+
+def _sun_azimuth(label: Label) -> float | None:
+    azimuth = label.optional_angle(SITE_GEOMETRY, "SOLAR_AZIMUTH")
+    return None if azimuth is None else azimuth % math.tau
+
+
+def _sun_elevation(label: Label, mission: Mission) -> float | None:
+    """Elevation of the Sun with its sign put right (see the module)."""
+    elevation = label.optional_angle(SITE_GEOMETRY, "SOLAR_ELEVATION")
+    if elevation is None:
+        return None
+    stated = label.optional_angle(ROVER_GEOMETRY, "INSTRUMENT_ELEVATION")
+    true = _mast_elevation(label, mission)
+    if stated is not None and true is not None and abs(true) > TELLING_ELEVATION:
+        return elevation if abs(stated - true) <= abs(stated + true) else -elevation
+    return abs(elevation) if _is_day(label) else elevation
+
+
+def _mast_elevation(label: Label, mission: Mission) -> float | None:
+    """Elevation of the mast's x axis in the rover frame, of its quaternion."""
+    if label.get(mission.mast_group, "ORIGIN_ROTATION_QUATERNION") is None:
+        return None
+    quaternion = label.require_numbers(mission.mast_group, "ORIGIN_ROTATION_QUATERNION", 4)
+    try:
+        forward = rotation_of_quaternion(quaternion)[:, 0]
+    except FrameError as error:
+        raise LabelError(f"{label.source}: {mission.mast_group}: {error}") from error
+    return math.asin(max(-1.0, min(1.0, -float(forward[2]))))
+
+
+def _is_day(label: Label) -> bool:
+    """Whether the local solar time says so; rovers photograph by day if nobody says otherwise."""
+    time = (label.optional("", "LOCAL_TRUE_SOLAR_TIME", str) or "").split(":")
+    try:
+        hours = float(time[0]) + float(time[1]) / 60
+    except (ValueError, IndexError):
+        return True
+    return DAY_HOURS[0] <= hours <= DAY_HOURS[1]

@@ -1,0 +1,103 @@
+"""What differs from mission to mission: names of instruments, frames and groups, stereo filters.
+
+A new mission is one more record here (or one made by the caller): readers take the records as an
+argument and have no mission's name in their code.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from photogrammetry.imagery import Eye
+
+
+@dataclass(frozen=True, slots=True)
+class Mission:
+    """The peculiarities of one mission's labels."""
+
+    hosts: tuple[str, ...]
+    """INSTRUMENT_HOST_ID of its spacecraft."""
+    instruments: Mapping[str, tuple[str, Eye]]
+    """INSTRUMENT_ID -> instrument without the eye, and the eye."""
+    mast_group: str
+    """Group of the mast's frame in the rover: its x axis is the direction in the label."""
+    stereo_filters: Mapping[str, frozenset[tuple[int, int]]]
+    """Instruments with filter wheels -> (left, right) filters that see one band."""
+    mapping_products: frozenset[str] | None
+    """Product types whose pixels are grey values of the scene; None: DERIVED_IMAGE_TYPE tells."""
+
+
+_EYES = {"LEFT": Eye.LEFT, "RIGHT": Eye.RIGHT}
+
+MER = Mission(
+    hosts=("MER1", "MER2"),
+    instruments={
+        **{
+            f"{instrument}_{word}": (instrument, eye)
+            for instrument in ("NAVCAM", "PANCAM", "FRONT_HAZCAM", "REAR_HAZCAM")
+            for word, eye in _EYES.items()
+        },
+        "MI": ("MI", Eye.MONO),
+        "DESCAM": ("DESCAM", Eye.MONO),
+    },
+    mast_group="PMA_COORDINATE_SYSTEM",
+    stereo_filters={"PANCAM": frozenset({(2, 2), (7, 1)})},
+    mapping_products=frozenset(
+        [
+            "EFF",
+            "ESF",
+            "EDN",
+            "ILF",
+            "FFL",
+            "ISF",
+            "SFL",
+            "INN",
+            "DNL",
+            "RAD",
+            "RAL",
+            "MRD",
+            "MRL",
+            "RSD",
+            "RSL",
+            "RFD",
+            "RFL",
+            "IOF",
+            "IOL",
+            "IFF",
+            "IFL",
+            "CCD",
+            "CCL",
+            "CFD",
+            "CFL",
+        ]
+    ),
+)
+"""Spirit (MER2) and Opportunity (MER1); product types from the camera SIS (facts 1.3)."""
+
+MSL = Mission(
+    hosts=("MSL",),
+    instruments={
+        f"{label}_{word}{string}": (instrument, eye)
+        for label, instrument in (
+            ("NAV", "NAVCAM"),
+            ("FHAZ", "FRONT_HAZCAM"),
+            ("RHAZ", "REAR_HAZCAM"),
+            ("MAST", "MASTCAM"),
+        )
+        for word, eye in _EYES.items()
+        for string in ("", "_A", "_B")
+    },
+    mast_group="RSM_COORDINATE_SYSTEM",
+    # The eyes of Mastcam have focal lengths of 34 and 100 mm: no pair for one matching window.
+    stereo_filters={"MASTCAM": frozenset()},
+    mapping_products=None,
+)
+"""Curiosity; A and B are its two sets of engineering cameras, never used together."""
+
+MISSIONS: tuple[Mission, ...] = (MER, MSL)
+
+
+def mission_of_host(host: str, missions: Sequence[Mission] = MISSIONS) -> Mission | None:
+    """The mission that a spacecraft belongs to, or None if nobody described it."""
+    return next((mission for mission in missions if host in mission.hosts), None)

@@ -1,0 +1,171 @@
+"""Stereo partners, found by label.
+
+Left and right shutter fire together, so the frames of a pair have the same mission, instrument,
+motion counter, product type and geometry, and clocks within a second. One exposure often comes as
+several products; it is used once:
+
+  - raw before linearised: the archive's linearisation has rows that correspond only nearly;
+  - then EDR (EFF, ESF, EDN), inverse-LUT (ILF, ISF, INN), radiometric, anything else;
+  - of these the first type that both eyes have, and of that the highest version of each.
+
+Filters of a pair must see one band (Pancam L2 with R2, L7 with R1). Whatever is left over is named
+with its reason.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from photogrammetry.imagery import Eye, RoverImage, StereoPair
+from photogrammetry.pds3.missions import MISSIONS, Mission, mission_of_host
+
+MAX_CLOCK_DIFFERENCE = 1.0
+"""Seconds; the shutters of flight pairs open within the same millisecond."""
+
+PRODUCT_ORDER = ("EFF", "ESF", "EDN", "EDR", "ILF", "ISF", "INN", "ILT", "RAD", "MRD", "RSD")
+"""From the least to the most processed."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StereoPairing:
+    """The pairs of a downlink, and why every other frame is in none."""
+
+    pairs: tuple[StereoPair, ...]
+    unpaired: dict[str, str]
+    """Image id -> reason."""
+
+
+def find_stereo_pairs(
+    images: Sequence[RoverImage], missions: Sequence[Mission] = MISSIONS
+) -> StereoPairing:
+    """Put the frames of an exposure together."""
+    pairs: list[StereoPair] = []
+    unpaired: dict[str, str] = {}
+    for exposure in _exposures(images):
+        pair = _best_pair(exposure, missions)
+        if pair is not None:
+            pairs.append(pair)
+        for image in exposure:
+            if pair is None:
+                unpaired[image.id] = _why_alone(image, images, missions)
+            elif image.id not in {pair.left.id, pair.right.id}:
+                unpaired[image.id] = _why_not_used(image, pair, missions)
+    pairs.sort(key=lambda pair: (pair.left.clock, pair.left.id))
+    paired = {image.id for pair in pairs for image in (pair.left, pair.right)}
+    return StereoPairing(
+        tuple(pairs), {key: why for key, why in unpaired.items() if key not in paired}
+    )
+
+
+def _exposures(images: Sequence[RoverImage]) -> list[list[RoverImage]]:
+    """Frames whose shutters opened together: groups along the clock, for each place and camera."""
+    by_place: dict[tuple[object, ...], list[RoverImage]] = defaultdict(list)
+    for image in images:
+        by_place[image.stop, image.instrument, image.motion_counter].append(image)
+    exposures: list[list[RoverImage]] = []
+    for frames in by_place.values():
+        last: float | None = None
+        for image in sorted(frames, key=lambda image: (image.clock, image.id)):
+            if last is None or image.clock - last > MAX_CLOCK_DIFFERENCE:
+                exposures.append([])
+                last = image.clock
+            exposures[-1].append(image)
+    return exposures
+
+
+def _best_pair(exposure: Sequence[RoverImage], missions: Sequence[Mission]) -> StereoPair | None:
+    """The frames of an exposure that are matched, by the order in the module's docstring."""
+    candidates = [
+        (left, right)
+        for left in exposure
+        if left.eye is Eye.LEFT
+        for right in exposure
+        if right.eye is Eye.RIGHT
+        and right.product_type == left.product_type
+        and right.is_linearised == left.is_linearised
+        and _filters_agree(left, right, missions)
+    ]
+    if not candidates:
+        return None
+    left, right = min(candidates, key=lambda pair: _preference(*pair))
+    return StereoPair(left, right)
+
+
+def _preference(left: RoverImage, right: RoverImage) -> tuple[object, ...]:
+    order = (
+        PRODUCT_ORDER.index(left.product_type)
+        if left.product_type in PRODUCT_ORDER
+        else len(PRODUCT_ORDER)
+    )
+    newest = (-_version(left), -_version(right))
+    apart = abs(left.clock - right.clock)
+    return left.is_linearised, order, left.product_type, apart, newest, left.id, right.id
+
+
+def _version(image: RoverImage) -> int:
+    """Version of a product: the last character of its name, 1-9 then A-Z."""
+    last = image.id[-1:]
+    return int(last, 36) if last.isascii() and last.isalnum() else 0
+
+
+def _filters_agree(left: RoverImage, right: RoverImage, missions: Sequence[Mission]) -> bool:
+    """Whether both eyes see one band; cameras without filter wheel always do."""
+    allowed = _allowed_filters(left, missions).get(left.instrument)
+    if allowed is None or left.filter_number is None or right.filter_number is None:
+        return allowed != frozenset()
+    return (left.filter_number, right.filter_number) in allowed
+
+
+def _allowed_filters(
+    image: RoverImage, missions: Sequence[Mission]
+) -> Mapping[str, frozenset[tuple[int, int]]]:
+    mission = mission_of_host(image.stop.mission, missions)
+    return mission.stereo_filters if mission else {}
+
+
+def _why_not_used(image: RoverImage, pair: StereoPair, missions: Sequence[Mission]) -> str:
+    """Why a frame of an exposure that makes a pair is not in it."""
+    used = pair.left if image.eye is Eye.LEFT else pair.right
+    if image.eye is not Eye.MONO and _same_band(image, used):
+        return f"{used.product_type} {used.id} of the same exposure is used instead"
+    return _why_alone(image, (image, pair.left, pair.right), missions)
+
+
+def _same_band(first: RoverImage, second: RoverImage) -> bool:
+    return first.eye is second.eye and first.filter_number == second.filter_number
+
+
+def _why_alone(image: RoverImage, images: Sequence[RoverImage], missions: Sequence[Mission]) -> str:
+    """What is missing for a pair."""
+    if image.eye is Eye.MONO:
+        return f"{image.instrument} has one eye"
+    other = Eye.RIGHT if image.eye is Eye.LEFT else Eye.LEFT
+    near = [
+        partner
+        for partner in images
+        if partner.eye is other
+        and (partner.stop.mission, partner.instrument) == (image.stop.mission, image.instrument)
+        and abs(partner.clock - image.clock) <= MAX_CLOCK_DIFFERENCE
+    ]
+    clock = int(image.clock)
+    if not near:
+        return f"no {other}-eye partner within {MAX_CLOCK_DIFFERENCE:.0f} s of clock {clock}"
+    partner = near[0]
+    if partner.motion_counter != image.motion_counter:
+        return (
+            f"the {other}-eye frame {partner.id} has the motion counter {partner.motion_counter}, "
+            f"not {image.motion_counter}"
+        )
+    left, right = (image, partner) if image.eye is Eye.LEFT else (partner, image)
+    if not _filters_agree(left, right, missions):
+        return (
+            f"the filters of {left.id} (L{left.filter_number}) and {right.id} "
+            f"(R{right.filter_number}) see different bands"
+        )
+    return f"the {other}-eye frame {partner.id} is {_shape(partner)}, this one {_shape(image)}"
+
+
+def _shape(image: RoverImage) -> str:
+    return f"{'a linearised' if image.is_linearised else 'a raw'} {image.product_type}"

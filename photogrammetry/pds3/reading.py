@@ -1,0 +1,100 @@
+"""The one entrance for image files: bytes and a name in, record and pixels out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from photogrammetry.arrays import GreyImage, Mask
+from photogrammetry.errors import FrameError, LabelError
+from photogrammetry.imagery import RoverImage
+from photogrammetry.pds3.image import rover_image
+from photogrammetry.pds3.label import Label, label_text, parse_label
+from photogrammetry.pds3.missions import MISSIONS, Mission
+from photogrammetry.pds3.pixels import read_pixels
+
+BEGINNINGS = (b"PDS_VERSION_ID", b"ODL_VERSION_ID", b"CCSD")
+"""What an attached label starts with; CCSD is the wrapper some volumes put before it."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ReadImage:
+    """An image as it was read."""
+
+    image: RoverImage
+    pixels: GreyImage
+    mask: Mask
+
+
+def read_image(
+    data: bytes,
+    name: str,
+    missions: Sequence[Mission] = MISSIONS,
+    *,
+    detached_label: str | None = None,
+    correct_half_pixel: bool = True,
+) -> ReadImage:
+    """Record, grey values and mask of an image file.
+
+    Args:
+        data: the whole file.
+        name: its name; says the product type and stands in every complaint.
+        missions: whose labels are understood.
+        detached_label: the text of a label in a file of its own, if there is one.
+        correct_half_pixel: put the camera model of averaged images right (see `image`).
+
+    Raises:
+        LabelError: the file has no label, or one that describes no mapping image.
+        PixelError: the pixels are not what the label says.
+    """
+    label = _label(data, name, detached_label)
+    image = _image(label, name, missions, correct_half_pixel=correct_half_pixel)
+    pixels, mask = read_pixels(data, label, name)
+    return ReadImage(image, pixels, mask)
+
+
+def read_image_record(
+    data: bytes,
+    name: str,
+    missions: Sequence[Mission] = MISSIONS,
+    *,
+    detached_label: str | None = None,
+    correct_half_pixel: bool = True,
+) -> RoverImage:
+    """The record alone; the first megabyte of the file is enough.
+
+    Raises:
+        LabelError: the file has no label, or one that describes no mapping image.
+    """
+    label = _label(data, name, detached_label)
+    return _image(label, name, missions, correct_half_pixel=correct_half_pixel)
+
+
+def read_label(data: bytes, name: str) -> Label:
+    """The label at the start of a file.
+
+    Raises:
+        LabelError: there is none, or it is broken.
+    """
+    if not data:
+        raise LabelError(f"{name}: the file is empty")
+    if not data[:256].lstrip().upper().startswith(BEGINNINGS):
+        start = data[:24].decode("latin-1").strip()
+        raise LabelError(
+            f"{name}: not a PDS3 image: it starts with {start!a}, "
+            "where PDS_VERSION_ID or ODL_VERSION_ID was expected"
+        )
+    return parse_label(label_text(data), name)
+
+
+def _label(data: bytes, name: str, detached_label: str | None) -> Label:
+    return read_label(data, name) if detached_label is None else parse_label(detached_label, name)
+
+
+def _image(
+    label: Label, name: str, missions: Sequence[Mission], *, correct_half_pixel: bool
+) -> RoverImage:
+    try:
+        return rover_image(label, name, missions, correct_half_pixel=correct_half_pixel)
+    except FrameError as error:
+        raise LabelError(f"{name}: {error}") from error

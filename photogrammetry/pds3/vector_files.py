@@ -1,0 +1,304 @@
+"""Site and rover vector files: where sites and rover stops lie, by which solution.
+
+An SVF holds the frames of the sites, an RVF those of the rover at the stops of one site, each as
+offset and orientation (quaternion, scalar first, frame into reference frame) in a reference frame:
+
+    <rmc_file mission="MER2" variant="Master_SVF">
+      <priority><entry solution_id="telemetry"/></priority>
+      <solution solution_id="telemetry" name="SITE_FRAME" index1="11">
+        <reference_frame name="SITE_FRAME" index1="10"/>
+        <offset x="..." y="..." z="..."/>  <orientation s="..." v1="..." v2="..." v3="..."/>
+      </solution> ...
+
+Of several solutions of a frame the first in the order of priority counts, of several at one rover
+stop the one with the highest motion counter, of equal ones the last added. For a counter that no
+solution names, VICAR takes the highest that is not above it; so does `rover_pose`.
+
+The LSL is the frame of site 0, the lander. Where the sites given do not reach it, the LSL starts
+at the lowest site that the chain does reach, and a note says so.
+"""
+
+from __future__ import annotations
+
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from photogrammetry.arrays import Quaternion, Vector3
+from photogrammetry.errors import FrameError, VectorFileError
+from photogrammetry.frames import LSL, Frame, FrameKind, FrameTree, Pose, rover_frame, site_frame
+
+MAX_CHARACTERS = 1 << 24
+"""The longest master file known, of 138 sites, has 55 kB."""
+MAX_COUNTERS = 16
+
+Rank: TypeAlias = tuple[int, tuple[int, ...], str]
+"""Trust in a solution, its motion counter, the date it was added."""
+
+_FORBIDDEN = re.compile(r"<!\s*(DOCTYPE|ENTITY)", re.IGNORECASE)
+_FRAMES = {
+    "SITE_FRAME": FrameKind.SITE,
+    "ROVER_FRAME": FrameKind.ROVER,
+    "ROVER_NAV_FRAME": FrameKind.ROVER,
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Solution:
+    """One statement about a frame."""
+
+    solution_id: str
+    kind: FrameKind
+    counter: tuple[int, ...]
+    """(site,) or the motion counter (site, drive, ...)."""
+    reference_site: int
+    offset_m: Vector3
+    quaternion: Quaternion
+    added: str
+    """When, as the file writes it (ISO, so that it sorts)."""
+
+    @property
+    def frame(self) -> Frame:
+        """The frame that is placed."""
+        if self.kind is FrameKind.SITE:
+            return site_frame(self.counter[0])
+        return rover_frame(self.counter[0], self.counter[1])
+
+    @property
+    def pose(self) -> Pose:
+        """The frame in the site that it refers to."""
+        return Pose.of_quaternion(
+            site_frame(self.reference_site), self.frame, self.quaternion, self.offset_m
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class VectorFile:
+    """A site or rover vector file."""
+
+    source: str
+    mission: str
+    kind: Literal["svf", "rvf"]
+    priority: tuple[str, ...]
+    """Solutions from the most to the least trusted."""
+    solutions: tuple[Solution, ...]
+
+    def rank(self, solution: Solution) -> Rank:
+        """Sorts solutions of one frame: the last counts."""
+        listed = solution.solution_id in self.priority
+        trust = len(self.priority) - self.priority.index(solution.solution_id) if listed else 0
+        return trust, solution.counter, solution.added
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LslTree:
+    """Every site and stop under the LSL, and what there is to say about it."""
+
+    tree: FrameTree
+    origin_site: int | None
+    """The site whose frame the LSL is: 0 where the chain reaches the lander."""
+    note: str | None
+    """Says where the LSL starts if not at the lander, and which sites hang in the air."""
+
+
+def parse_vector_file(text: str, source: str) -> VectorFile:
+    """Read an SVF or RVF; `source` names it in complaints.
+
+    Raises:
+        VectorFileError: the file is no vector file, or one of its elements is broken.
+    """
+    root = _root(text, source)
+    listed = [
+        _attribute(entry, "solution_id", source) for entry in root.iterfind("./priority/entry")
+    ]
+    solutions = tuple(_solution(element, source) for element in root.iterfind("./solution"))
+    if not solutions:
+        raise VectorFileError(f"{source}: expected at least one <solution>, found none")
+    kinds = {solution.kind for solution in solutions}
+    return VectorFile(
+        source=source,
+        mission=_attribute(root, "mission", source),
+        kind="svf" if kinds == {FrameKind.SITE} else "rvf",
+        priority=tuple(dict.fromkeys(listed)),
+        solutions=solutions,
+    )
+
+
+def poses(files: Sequence[VectorFile]) -> tuple[Pose, ...]:
+    """Every site and rover stop in its site, by the solution that counts.
+
+    Files of one mission only: frames carry no mission. Later files win over earlier ones where
+    their solutions have the same rank.
+    """
+    best: dict[Frame, tuple[Rank, Solution]] = {}
+    for file in files:
+        for solution in file.solutions:
+            rank = file.rank(solution)
+            if solution.frame not in best or rank >= best[solution.frame][0]:
+                best[solution.frame] = (rank, solution)
+    return tuple(solution.pose for _, solution in best.values())
+
+
+def rover_pose(files: Sequence[VectorFile], site: int, drive: int) -> Pose:
+    """Where the rover stood at (site, drive): the stop with the highest drive not above it.
+
+    Raises:
+        VectorFileError: no solution of the site lies at or before the drive.
+    """
+    at_or_before = [
+        pose
+        for pose in poses(files)
+        if pose.source.kind is FrameKind.ROVER
+        and pose.source.index[0] == site
+        and pose.source.index[1] <= drive
+    ]
+    if not at_or_before:
+        raise VectorFileError(
+            f"no rover vector file places the rover at site {site}, drive {drive} or before; "
+            f"given: {', '.join(file.source for file in files) or 'none'}"
+        )
+    found = max(at_or_before, key=lambda pose: pose.source.index)
+    return Pose(found.target, rover_frame(site, drive), found.rotation, found.translation_m)
+
+
+def lsl_tree(given: Iterable[Pose], sites: Iterable[int] = ()) -> LslTree:
+    """Hang poses under the LSL, which is site 0 or the lowest site that the chain reaches.
+
+    Args:
+        given: sites in sites and stops in sites, from vector files or labels.
+        sites: sites that are wanted besides those the poses name; with them named, only they
+            decide where the LSL starts.
+    """
+    tree = FrameTree().adding(given)
+    wanted = sorted(set(sites)) or sorted(
+        {pose.target.index[0] for pose in tree.parent_from.values()}
+    )
+    roots = {site: tree.root_of(site_frame(site)) for site in wanted}
+    reached = sorted({root.index[0] for root in roots.values() if root.kind is FrameKind.SITE})
+    if not reached:
+        return LslTree(tree, None, "no site is known, so there is no LSL" if not wanted else None)
+    origin = reached[0]
+    tree = tree.adding([Pose.identity(LSL, site_frame(origin))])
+    loose = [str(site) for site, root in roots.items() if root != site_frame(origin)]
+    notes = []
+    if origin != 0:
+        notes.append(
+            f"the site chain does not reach the lander (site 0): the LSL starts at site {origin}"
+        )
+    if loose:
+        notes.append(f"no chain of sites joins site {', '.join(loose)} to site {origin}")
+    return LslTree(tree, origin, "; ".join(notes) or None)
+
+
+def _root(text: str, source: str) -> ET.Element:
+    if len(text) > MAX_CHARACTERS:
+        raise VectorFileError(f"{source}: {len(text)} characters are too many for a vector file")
+    forbidden = _FORBIDDEN.search(text)
+    if forbidden:
+        line = text.count("\n", 0, forbidden.start()) + 1
+        raise VectorFileError(
+            f"{source}: line {line}: <!{forbidden[1].upper()} is refused; vector files have none"
+        )
+    try:
+        # Entities, the one danger of this parser, were refused above.
+        root = ET.fromstring(text)  # noqa: S314 - see the line before
+    except (ET.ParseError, ValueError) as error:
+        raise VectorFileError(f"{source}: not well-formed XML: {error}") from error
+    if root.tag != "rmc_file":
+        raise VectorFileError(f"{source}: expected <rmc_file>, found <{root.tag[:40]}>")
+    return root
+
+
+def _solution(element: ET.Element, source: str) -> Solution:
+    name = _attribute(element, "name", source)
+    counter = _counter(element, source)
+    kind = _FRAMES.get(name)
+    if kind is None or len(counter) < (1 if kind is FrameKind.SITE else 2):
+        raise VectorFileError(
+            f"{source}: <solution name={name[:40]!a}> with counter {counter}: expected SITE_FRAME "
+            "with index1 or ROVER_FRAME with index1 and index2"
+        )
+    reference = _child(element, "reference_frame", source)
+    if _attribute(reference, "name", source) != "SITE_FRAME":
+        raise VectorFileError(
+            f"{source}: {name} {counter} refers to {reference.get('name')!a:.60}, not a SITE_FRAME"
+        )
+    solution = Solution(
+        solution_id=_attribute(element, "solution_id", source),
+        kind=kind,
+        counter=counter,
+        reference_site=_whole(reference, "index1", source),
+        offset_m=_numbers(_child(element, "offset", source), "xyz", source),
+        quaternion=_numbers(
+            _child(element, "orientation", source), ("s", "v1", "v2", "v3"), source
+        ),
+        added=element.get("add_date", ""),
+    )
+    _check_pose(solution, source)
+    return solution
+
+
+def _check_pose(solution: Solution, source: str) -> None:
+    """Refuse what is no pose, or a frame that refers to itself."""
+    try:
+        _ = solution.pose
+    except FrameError as error:
+        raise VectorFileError(f"{source}: {error}") from error
+    if solution.frame == site_frame(solution.reference_site):
+        raise VectorFileError(f"{source}: {solution.frame} is placed in itself")
+
+
+def _counter(element: ET.Element, source: str) -> tuple[int, ...]:
+    counter: list[int] = []
+    while len(counter) < MAX_COUNTERS and element.get(f"index{len(counter) + 1}") is not None:
+        counter.append(_whole(element, f"index{len(counter) + 1}", source))
+    return tuple(counter)
+
+
+def _child(element: ET.Element, tag: str, source: str) -> ET.Element:
+    child = element.find(tag)
+    if child is None:
+        raise VectorFileError(f"{source}: {_shown(element)} lacks <{tag}>")
+    return child
+
+
+def _attribute(element: ET.Element, name: str, source: str) -> str:
+    value = element.get(name)
+    if value is None:
+        raise VectorFileError(f"{source}: {_shown(element)} lacks the attribute {name}")
+    return value
+
+
+def _whole(element: ET.Element, name: str, source: str) -> int:
+    text = _attribute(element, name, source)
+    if not re.fullmatch(r"\d{1,9}", text, re.ASCII):
+        raise VectorFileError(
+            f"{source}: {name} of {_shown(element)} should be a whole number, but is {text[:40]!a}"
+        )
+    return int(text)
+
+
+def _numbers(element: ET.Element, names: Iterable[str], source: str) -> np.ndarray:
+    values = []
+    for name in names:
+        text = _attribute(element, name, source)
+        try:
+            value = float(text)
+        except ValueError:
+            value = np.nan
+        if not np.isfinite(value):
+            raise VectorFileError(
+                f"{source}: {name} of {_shown(element)} should be a number, but is {text[:40]!a}"
+            )
+        values.append(value)
+    return np.array(values)
+
+
+def _shown(element: ET.Element) -> str:
+    index = "".join(f" {name}={element.get(name)}" for name in ("name", "index1", "index2")
+                    if element.get(name) is not None)  # fmt: skip
+    return f"<{element.tag[:40]}{index[:80]}>"
