@@ -19,7 +19,7 @@ from sqlalchemy.engine.interfaces import DBAPIConnection
 
 from products.crs import LandingPoint
 from products.errors import ProductNotFoundError
-from products.model import Layer, ProductKind, ProductRef, Scope, ScopeLevel
+from products.model import LEVEL, Layer, ProductKind, ProductRef, Scope, ScopeLevel
 
 _tables = sa.MetaData()
 _missions = sa.Table(
@@ -220,6 +220,16 @@ class Catalogue:
         with self.engine.connect() as connection:
             return connection.execute(query).scalar_one_or_none()
 
+    def pointers(self, kind: ProductKind) -> list[ProductRef]:
+        """What the pointers of a kind are at, by scope: inputs and stages that are no layers."""
+        query = sa.select(_latest).where(_latest.c.kind == str(kind)).order_by(_latest.c.scope)
+        level = LEVEL[kind]
+        with self.engine.connect() as connection:
+            return [
+                ProductRef(kind, Scope(level, row.scope), row.digest)
+                for row in connection.execute(query)
+            ]
+
     def outcomes(self) -> list[Outcome]:
         """How the last processing of every file and sol ended, by subject."""
         rows = self._documents(sa.select(_outcomes.c.document).order_by(_outcomes.c.subject))
@@ -245,8 +255,8 @@ class Catalogue:
             for entry in missions:
                 _put(connection, _missions, {"mission": entry.mission}, _document(entry))
             for image in images:
-                keys = {"mission": image.mission, "stop": image.stop, "sol": image.sol}
-                _put(connection, _images, {"id": image.id}, _document(image), **keys)
+                columns = {"mission": image.mission, "stop": image.stop, "sol": image.sol}
+                _put(connection, _images, {"id": image.id}, _document(image), **columns)
             fresh = [layer for layer in layers if _point(connection, layer.ref)]
             for layer in layers:
                 keys = _keys(layer.ref) | {"digest": layer.ref.digest}

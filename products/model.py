@@ -78,6 +78,19 @@ class ScopeLevel(StrEnum):
     REGION = "region"
 
 
+LEVEL = {
+    ProductKind.IMAGE: ScopeLevel.IMAGE,
+    ProductKind.BROWSE: ScopeLevel.IMAGE,
+    ProductKind.VECTORS: ScopeLevel.REGION,
+    ProductKind.MATCHES: ScopeLevel.PAIR,
+    ProductKind.PARALLAX: ScopeLevel.PAIR,
+    ProductKind.TIES: ScopeLevel.STOP,
+    ProductKind.LINKS: ScopeLevel.STOP,
+    ProductKind.NETWORK: ScopeLevel.SOL,
+}
+"""The level of the products that stages hand to each other."""
+
+
 @dataclass(frozen=True, slots=True, order=True)
 class Scope:
     """What a product is about: one image, pair, stop or sol, or the whole region of a mission.

@@ -1,0 +1,105 @@
+"""Where telemetry says the rover stood: labels and vector files, chained into the LSL."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from photogrammetry.errors import FrameError
+from photogrammetry.frames import LSL, FrameTree, Pose
+from photogrammetry.imagery import RoverImage, StopId
+from photogrammetry.pds3.vector_files import VectorFile, lsl_tree, parse_vector_file, poses
+from products.catalogue import Outcome
+from products.model import ProductKind
+from products.workspace import Workspace
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TelemetryStop:
+    """A stop as telemetry knows it."""
+
+    stop: StopId
+    sols: tuple[int, ...]
+    first_clock: float
+    lsl_from_rover: Pose
+    attitude_measured_by: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Telemetry:
+    """All stops of a mission in the order of the traverse, and the frames they hang in."""
+
+    stops: tuple[TelemetryStop, ...]
+    tree: FrameTree
+    note: str | None
+    """Says so when the LSL is not the lander's."""
+    unplaced: tuple[StopId, ...]
+    """Stops at sites that no chain joins to the LSL."""
+
+    def stop(self, stop: StopId) -> TelemetryStop:
+        """The telemetry of one stop.
+
+        Raises:
+            FrameError: the stop is not placed.
+        """
+        for known in self.stops:
+            if known.stop == stop:
+                return known
+        raise FrameError(
+            f"{stop} cannot be placed: no chain of sites joins site {stop.site} to the LSL; "
+            "deliver the site vector file (.svf) that does"
+        )
+
+
+def read_telemetry(images: Sequence[RoverImage], vector_files: Sequence[VectorFile]) -> Telemetry:
+    """Chain the labels' rover poses through the site vector files into the LSL.
+
+    The rover's pose in its site comes from the label of the first image of the stop; chains between
+    sites come from the vector files.
+    """
+    by_stop: dict[StopId, list[RoverImage]] = defaultdict(list)
+    for image in sorted(images, key=lambda image: image.clock):
+        by_stop[image.stop].append(image)
+    rovers = [taken[0].site_from_rover for taken in by_stop.values()]
+    chain = [pose for pose in poses(vector_files) if pose.source.kind != rovers[0].source.kind]
+    lsl = lsl_tree([*chain, *rovers], sites={stop.site for stop in by_stop})
+    placed, unplaced = [], []
+    for stop, taken in by_stop.items():
+        try:
+            lsl_from_rover = lsl.tree.pose(LSL, stop.frame)
+        except FrameError:
+            unplaced.append(stop)
+            continue
+        placed.append(
+            TelemetryStop(
+                stop,
+                tuple(sorted({image.sol for image in taken})),
+                taken[0].clock,
+                lsl_from_rover,
+                taken[0].attitude_measured_by,
+            )
+        )
+    placed.sort(key=lambda known: (known.stop.site, known.stop.drive))
+    return Telemetry(tuple(placed), lsl.tree, lsl.note, tuple(sorted(unplaced)))
+
+
+def vector_files(mission: str, workspace: Workspace) -> list[VectorFile]:
+    """The vector files of a mission that were delivered, the latest of each name."""
+    files = []
+    for ref in workspace.catalogue.pointers(ProductKind.VECTORS):
+        text = workspace.store.path(ref).read_text(errors="replace")
+        parsed = parse_vector_file(text, ref.scope.name)
+        if parsed.mission.upper() == mission:
+            files.append(parsed)
+    return files
+
+
+def unplaced_outcomes(telemetry: Telemetry, at: str) -> Iterable[Outcome]:
+    """One line for every stop that cannot be put on the map."""
+    for stop in telemetry.unplaced:
+        note = (
+            f"{stop} is not on the map: no chain of sites joins site {stop.site} to the LSL; "
+            "deliver the site vector file (.svf) that does"
+        )
+        yield Outcome(str(stop), is_failure=False, notes=(note,), at=at)
