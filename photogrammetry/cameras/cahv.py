@@ -78,7 +78,7 @@ class Cahv:
         c = target_from_model.apply(self.c[None])[0]
         return replace(self, c=c, a=turn @ self.a, h=turn @ self.h, v=turn @ self.v)
 
-    def subframed(self, first_sample: float, first_line: float) -> Cahv:
+    def subframed(self, first_sample: int | float, first_line: int | float) -> Cahv:
         """The model of a sub-frame whose first pixel was (first_sample, first_line), 0-based."""
         return replace(self, h=self.h - first_sample * self.a, v=self.v - first_line * self.a)
 

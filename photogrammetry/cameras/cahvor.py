@@ -141,7 +141,7 @@ class Cahvor:
             self, c=c, a=turn @ self.a, h=turn @ self.h, v=turn @ self.v, o=turn @ self.o
         )
 
-    def subframed(self, first_sample: float, first_line: float) -> Cahvor:
+    def subframed(self, first_sample: int | float, first_line: int | float) -> Cahvor:
         """The model of a sub-frame whose first pixel was (first_sample, first_line), 0-based."""
         return replace(self, h=self.h - first_sample * self.a, v=self.v - first_line * self.a)
 

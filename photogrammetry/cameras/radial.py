@@ -37,7 +37,8 @@ def largest_square(r: Vector3) -> float:
         return np.inf
     # Stable for tiny quadratic terms: the roots are q / quadratic and constant / q.
     q = -0.5 * (linear + np.copysign(np.sqrt(discriminant), linear))
-    roots = [root for root in (q / quadratic, constant / q if q else np.inf) if root > 0]
+    with np.errstate(over="ignore"):
+        roots = [root for root in (q / quadratic, constant / q if q else np.inf) if root > 0]
     return float(min(roots, default=np.inf))
 
 

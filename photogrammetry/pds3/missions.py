@@ -30,6 +30,16 @@ class Mission:
 
 _EYES = {"LEFT": Eye.LEFT, "RIGHT": Eye.RIGHT}
 
+_PRODUCTS = frozenset(
+    # edr and inverse look-up table, full frame, sub-frame, down-sampled
+    {"EFF", "ESF", "EDN", "ILF", "FFL", "ISF", "SFL", "INN", "DNL"}
+    # radiometric, operations
+    | {"RAD", "RAL", "MRD", "MRL", "RSD", "RSL"}
+    # radiometric and I/F, science
+    | {"RFD", "RFL", "IOF", "IOL", "IFF", "IFL", "CCD", "CCL", "CFD", "CFL"}
+)
+"""Product types of MER whose pixels are grey values, of the camera SIS (facts 1.3)."""
+
 MER = Mission(
     hosts=("MER1", "MER2"),
     instruments={
@@ -43,35 +53,7 @@ MER = Mission(
     },
     mast_group="PMA_COORDINATE_SYSTEM",
     stereo_filters={"PANCAM": frozenset({(2, 2), (7, 1)})},
-    mapping_products=frozenset(
-        [
-            "EFF",
-            "ESF",
-            "EDN",
-            "ILF",
-            "FFL",
-            "ISF",
-            "SFL",
-            "INN",
-            "DNL",
-            "RAD",
-            "RAL",
-            "MRD",
-            "MRL",
-            "RSD",
-            "RSL",
-            "RFD",
-            "RFL",
-            "IOF",
-            "IOL",
-            "IFF",
-            "IFL",
-            "CCD",
-            "CCL",
-            "CFD",
-            "CFL",
-        ]
-    ),
+    mapping_products=_PRODUCTS,
 )
 """Spirit (MER2) and Opportunity (MER1); product types from the camera SIS (facts 1.3)."""
 

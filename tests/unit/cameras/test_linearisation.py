@@ -1,0 +1,51 @@
+import numpy as np
+import pytest
+
+from photogrammetry.cameras.cahv import Cahv, interior_orientation
+from photogrammetry.cameras.cahvor import Cahvor
+from photogrammetry.cameras.linearisation import Field, linearise_pair_2002
+from photogrammetry.errors import CameraError
+
+
+def eye(entry):
+    return Cahvor(**{key.lower(): np.array(value) for key, value in entry.items()})
+
+
+def test_jpls_rule_gives_the_models_of_the_facts(test_vectors):
+    for row in test_vectors["linearisation"]:
+        left, right = linearise_pair_2002(eye(row["left"]), eye(row["right"]), 1024, 1024)
+        for key, expected in row["mer_era_model_smallest_field"].items():
+            np.testing.assert_allclose(getattr(left, key.lower()), expected, atol=1e-5)
+            np.testing.assert_array_equal(getattr(left, key.lower()), getattr(right, key.lower()))
+        inner = interior_orientation(left.a, left.h, left.v)
+        np.testing.assert_allclose(
+            [inner.hs, inner.vs, inner.hc, inner.vc], row["internals_hs_vs_hc_vc"], atol=1e-6
+        )
+        assert (right.c - left.c) @ left.a == pytest.approx(row["baseline_along_axis_m"], abs=1e-6)
+
+
+def test_jpls_rule_reproduces_the_archived_labels(test_vectors, cameras):
+    corners = np.array([[0.0, 0.0], [1023, 0], [0, 1023], [1023, 1023], [511.5, 511.5]])
+    for row in test_vectors["linearisation"]:
+        ours, _ = linearise_pair_2002(eye(row["left"]), eye(row["right"]), 1024, 1024)
+        label = cameras[row["label_camera"]]
+        assert isinstance(label, Cahv)
+        far = ours.c + 1e6 * ours.rays(corners)
+        assert np.abs(label.project(far) - corners).max() < 0.03
+
+
+def test_the_largest_field_loses_no_edge(navcam):
+    other = Cahvor(navcam.c + np.array([0.12, 0.16, 0]), *(getattr(navcam, k) for k in "ahvor"))
+    smallest, _ = linearise_pair_2002(navcam, other, 1024, 1024)
+    largest, _ = linearise_pair_2002(navcam, other, 1024, 1024, Field.LARGEST)
+    edges = np.array([[0.0, 511.5], [1023, 511.5], [511.5, 0], [511.5, 1023]])
+    seen = largest.project(navcam.c + 1e6 * navcam.rays(edges))
+    assert seen.min() > -1
+    assert seen.max() < 1024
+    inner = [interior_orientation(m.a, m.h, m.v).hs for m in (smallest, largest)]
+    assert inner[0] > inner[1]
+
+
+def test_two_cameras_in_one_place_are_no_pair(navcam):
+    with pytest.raises(CameraError, match="no base to linearise along"):
+        linearise_pair_2002(navcam, navcam, 1024, 1024)
