@@ -8,6 +8,7 @@ matched".
 from __future__ import annotations
 
 import json
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,8 @@ import numpy as np
 from photogrammetry.arrays import ParallaxMap
 from photogrammetry.cameras.epipolar import EpipolarPair
 from photogrammetry.frames import Frame, FrameKind, Pose
-from photogrammetry.imagery import StereoMatches, TiePoints
+from photogrammetry.imagery import StereoMatches
+from photogrammetry.matching.ties import Ties
 from products.errors import ProductError
 
 _STEP_PX = 1.0 / 128.0
@@ -127,21 +129,13 @@ def read_parallax(path: Path) -> ParallaxMap:
     return np.where(steps > 0, steps * np.float32(header["step_px"]), np.nan).astype(np.float32)
 
 
-def write_tie_points(path: Path, ties: TiePoints, header: dict[str, Any]) -> None:
-    """Write the tie points of a network with a header of figures."""
-    write_archive(
-        path,
-        {**header, "pair_ids": list(ties.pair_ids)},
-        point=ties.point,
-        pair=ties.pair,
-        left=ties.left,
-        parallax_px=ties.parallax_px,
-        sigma_px=ties.sigma_px,
-        sigma_parallax_px=ties.sigma_parallax_px,
-    )
+def write_ties(path: Path, ties: Ties, header: dict[str, Any]) -> None:
+    """Write ties between stereo pairs with a header of figures."""
+    columns = {f.name: getattr(ties, f.name) for f in fields(ties)[1:]}
+    write_archive(path, {**header, "pair_ids": list(ties.pair_ids)}, **columns)
 
 
-def read_tie_points(path: Path) -> tuple[TiePoints, dict[str, Any]]:
-    """The twin of `write_tie_points`."""
+def read_ties(path: Path) -> tuple[Ties, dict[str, Any]]:
+    """The twin of `write_ties`."""
     header, arrays = read_archive(path)
-    return TiePoints(tuple(header.pop("pair_ids")), **arrays), header
+    return Ties(tuple(header.pop("pair_ids")), **arrays), header

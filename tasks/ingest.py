@@ -1,8 +1,8 @@
 """Ingest: take over the files of a downlink, say what each is, and find the stereo partners.
 
-An image product is the file as it came, byte for byte, under the digest of its content; whoever needs
-its label or pixels reads them from there. A file that cannot be read is an outcome with one clear
-line, and stops nothing else.
+An image product is the file as it came, byte for byte, under the digest of its content; whoever
+needs its label or pixels reads them from there. A file that cannot be read is an outcome with one
+clear line, and stops nothing else.
 """
 
 from __future__ import annotations

@@ -1,0 +1,38 @@
+"""Contours of a terrain model."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from prefect import task
+from prefect.cache_policies import NO_CACHE
+
+from photogrammetry.terrain.contours import Contour, ContourParams
+from photogrammetry.terrain.contours import trace_contours as trace
+from products.crs import LandingPoint
+from products.model import ProductKind, ProductRef, Recipe
+from products.raster import read_dtm
+from products.store import ProductStore
+from products.vector import Feature, write_features
+
+
+@task(cache_policy=NO_CACHE, task_run_name="contours-{dtm.scope}")
+def trace_contours(
+    dtm: ProductRef, params: ContourParams, landing: LandingPoint, store: ProductStore
+) -> ProductRef:
+    """Trace the contours of a terrain model."""
+
+    def write(path: Path) -> None:
+        write_features(path, map(_feature, trace(read_dtm(store.path(dtm)), params)), landing)
+
+    return store.make(Recipe(ProductKind.CONTOURS, dtm.scope, (dtm,), (params, landing)), write)
+
+
+def _feature(contour: Contour) -> Feature:
+    up = np.full(len(contour.points), contour.elevation_m)
+    return Feature(
+        "LineString",
+        np.column_stack([contour.points, up]),
+        {"elevation_m": contour.elevation_m, "is_index": contour.is_index},
+    )

@@ -1,0 +1,38 @@
+"""DTM: the terrain that a stop's pairs see."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from prefect import task
+from prefect.cache_policies import NO_CACHE
+
+from photogrammetry.imagery import StopId
+from photogrammetry.terrain.dtm import DtmParams
+from photogrammetry.terrain.dtm import build_dtm as model_terrain
+from products.crs import LandingPoint, local_crs
+from products.model import ProductKind, ProductRef, Recipe
+from products.raster import write_dtm
+from products.store import ProductStore
+from tasks.scopes import stop_scope
+from tasks.views import OrientedPair, inputs_of, read_views
+
+
+@task(cache_policy=NO_CACHE, task_run_name="dtm-{stop}")
+def build_dtm(
+    stop: StopId,
+    pairs: tuple[OrientedPair, ...],
+    params: DtmParams,
+    landing: LandingPoint,
+    store: ProductStore,
+) -> ProductRef:
+    """Build the terrain model of a stop."""
+
+    def write(path: Path) -> None:
+        write_dtm(path, model_terrain(read_views(pairs, store), params), local_crs(landing))
+
+    orientations = tuple(pair.orientation for pair in pairs)
+    recipe = Recipe(
+        ProductKind.DTM, stop_scope(stop), inputs_of(pairs), (params, landing, orientations)
+    )
+    return store.make(recipe, write)

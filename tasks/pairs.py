@@ -1,0 +1,107 @@
+"""Stereo pairs as products: which files they are, and how they are read back with their matches."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from photogrammetry.cameras.epipolar import EpipolarPair
+from photogrammetry.frames import Frame, FrameKind
+from photogrammetry.imagery import Eye, RoverImage, StopId
+from photogrammetry.matching.records import EpipolarImages, MatchedPair, MatchedStop
+from photogrammetry.matching.resampling import epipolar_images
+from photogrammetry.pds3.reading import ReadImage, read_image
+from products.arrays import read_matches, read_parallax
+from products.catalogue import ImageEntry
+from products.model import ProductRef
+from products.store import ProductStore
+from tasks.telemetry import TelemetryStop
+
+CAMERAS = ("NAVCAM", "PANCAM", "MASTCAM", "FRONT_HAZCAM", "REAR_HAZCAM")
+"""Instruments in the order that numbers a pair's frame."""
+
+
+@dataclass(frozen=True, slots=True)
+class PairFiles:
+    """The two images of a stereo pair, as products."""
+
+    id: str
+    """The left image's identifier stands for the pair."""
+    stop: StopId
+    sol: int
+    instrument: str
+    left: ProductRef
+    right: ProductRef
+
+
+@dataclass(frozen=True, slots=True)
+class PairProducts:
+    """A matched stereo pair, as products."""
+
+    files: PairFiles
+    matches: ProductRef
+    parallax: ProductRef
+
+
+def pairs_of(entries: Iterable[ImageEntry]) -> list[PairFiles]:
+    """The stereo pairs among catalogued images, by identifier."""
+    by_id = {entry.id: entry for entry in entries}
+    pairs = []
+    for entry in by_id.values():
+        if entry.eye != Eye.LEFT or entry.partner not in by_id:
+            continue
+        stop = StopId(entry.mission, entry.site, entry.drive)
+        right = by_id[entry.partner]
+        pairs.append(PairFiles(entry.id, stop, entry.sol, entry.instrument, entry.ref, right.ref))
+    return sorted(pairs, key=lambda pair: pair.id)
+
+
+def read_pair(pair: PairFiles, store: ProductStore) -> tuple[ReadImage, ReadImage]:
+    """Both images of a pair, label and pixels."""
+    left, right = (
+        read_image(store.path(ref).read_bytes(), f"{ref.scope.name}.img")
+        for ref in (pair.left, pair.right)
+    )
+    return left, right
+
+
+def pair_frame(image: RoverImage) -> Frame:
+    """The frame of the pair that a left image belongs to."""
+    camera = CAMERAS.index(image.instrument) if image.instrument in CAMERAS else len(CAMERAS)
+    return Frame(
+        FrameKind.PAIR, (image.stop.site, image.stop.drive, camera, round(image.clock * 1000))
+    )
+
+
+def resampled(left: ReadImage, right: ReadImage, geometry: EpipolarPair) -> EpipolarImages:
+    """Both images in the geometry of their pair."""
+    return epipolar_images(
+        geometry,
+        (left.pixels, left.mask, left.image.camera),
+        (right.pixels, right.mask, right.image.camera),
+    )
+
+
+def read_matched_pair(pair: PairProducts, store: ProductStore) -> MatchedPair:
+    """A pair with its epipolar images and all that was matched in it."""
+    geometry, matches = read_matches(store.path(pair.matches))
+    return MatchedPair(
+        pair_id=pair.files.id,
+        instrument=pair.files.instrument,
+        images=resampled(*read_pair(pair.files, store), geometry),
+        matches=matches,
+        parallax=read_parallax(store.path(pair.parallax)),
+    )
+
+
+def read_matched_stop(
+    telemetry: TelemetryStop,
+    covariance: np.ndarray,
+    pairs: Sequence[PairProducts],
+    store: ProductStore,
+) -> MatchedStop:
+    """All matched pairs of a stop, placed by telemetry."""
+    matched = tuple(read_matched_pair(pair, store) for pair in pairs)
+    return MatchedStop(telemetry.stop, matched, telemetry.lsl_from_rover, covariance)

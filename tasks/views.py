@@ -1,0 +1,80 @@
+"""Oriented stereo pairs: what adjustment hands to mapping."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from photogrammetry.adjustment.records import AdjustedPair
+from photogrammetry.frames import LSL, Pose
+from photogrammetry.terrain.records import TerrainView
+from products.model import ProductRef
+from products.store import ProductStore
+from tasks.pairs import PairProducts, read_matched_pair
+
+
+@dataclass(frozen=True, slots=True)
+class Orientation:
+    """Where a pair looks from: plain numbers, so that they are part of a product's recipe.
+
+    A terrain model depends on the orientations of its own pairs and not on the network they come
+    from; so a later stop that leaves them as they were leaves the model as it was.
+    """
+
+    pair_id: str
+    rotation: tuple[float, ...]
+    """`lsl_from_pair`, row by row."""
+    translation_m: tuple[float, ...]
+
+    @classmethod
+    def of(cls, pair: AdjustedPair) -> Orientation:
+        """The adjusted orientation of a pair."""
+        pose = pair.lsl_from_pair
+        return cls(
+            pair.pair_id, tuple(pose.rotation.ravel().tolist()), tuple(pose.translation_m.tolist())
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class OrientedPair:
+    """A matched pair and where it looks from."""
+
+    products: PairProducts
+    orientation: Orientation
+
+    @property
+    def inputs(self) -> tuple[ProductRef, ...]:
+        """The products that mapping reads."""
+        return (self.products.files.left, self.products.parallax)
+
+
+def inputs_of(pairs: Iterable[OrientedPair]) -> tuple[ProductRef, ...]:
+    """All products that mapping with these pairs reads."""
+    return tuple(ref for pair in pairs for ref in pair.inputs)
+
+
+def read_views(pairs: Iterable[OrientedPair], store: ProductStore) -> list[TerrainView]:
+    """The pairs as looks at the ground."""
+    return [_read_view(pair, store) for pair in pairs]
+
+
+def _read_view(pair: OrientedPair, store: ProductStore) -> TerrainView:
+    matched = read_matched_pair(pair.products, store)
+    geometry = matched.images.geometry
+    lsl_from_pair = Pose(
+        LSL,
+        geometry.rover_from_pair.source,
+        np.array(pair.orientation.rotation).reshape(3, 3),
+        np.array(pair.orientation.translation_m),
+    )
+    return TerrainView(
+        pair_id=matched.pair_id,
+        instrument=matched.instrument,
+        lsl_from_pair=lsl_from_pair,
+        geometry=geometry,
+        parallax=matched.parallax,
+        image=matched.images.left,
+        mask=matched.images.left_mask,
+    )
