@@ -1,4 +1,4 @@
-"""The orthophoto: the ground's brightness as seen from straight above, from the best view of each cell.
+"""The orthophoto: the ground from straight above, each cell from its best view.
 
 Every cell is carried onto the terrain model (bilinear) and from there into the images. The worth of
 a view (see `looks`) decides: views are averaged with weights

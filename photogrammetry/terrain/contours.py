@@ -1,0 +1,129 @@
+"""Contours of a terrain model.
+
+A contour of the raw model would run around every pebble and every noisy cell. Elevations are first
+averaged with a Gaussian of the size below which relief is not to be drawn, cells without elevation
+having no weight (normalised convolution),
+
+    h' = G * (m h) / G * m,      m = 1 where there is an elevation, 0 elsewhere
+
+and h' counts where at least half of the Gaussian's weight fell on known cells: lines stop at unseen
+ground and run on across a missing cell or two. Lines are marching squares on h', rounded to the
+millimetre and not simplified, so they cannot cross.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import contourpy
+import cv2
+import numpy as np
+
+from photogrammetry.arrays import Float64, Raster
+from photogrammetry.errors import TerrainError
+from photogrammetry.terrain.grid import MapGrid
+
+STEPS = (1.0, 2.0, 2.5, 5.0)
+"""Intervals are one of these times a power of ten."""
+NODES_PER_SIGMA = 2.0
+"""Lattice nodes along one standard deviation of the Gaussian: finer ones show nothing new."""
+
+
+@dataclass(frozen=True, slots=True)
+class ContourParams:
+    """How to trace contours."""
+
+    interval_m: float | None = None
+    """Difference in elevation between contours; chosen by the relief when absent."""
+    contours_wanted: int = 15
+    """Number of contours at most when the interval is chosen: lines stay apart on a screen."""
+    index_every: int = 5
+    """Every fifth contour is an index contour, as on printed maps."""
+    smoothing_m: float = 0.2
+    """Standard deviation of the Gaussian: rocks below half a metre are not drawn."""
+    min_share: float = 0.5
+    """Least share of the Gaussian's weight that must fall on known cells: at an edge, half does."""
+    min_length_m: float = 1.0
+    """Shortest contour: about a wheel base."""
+
+    def __post_init__(self) -> None:
+        if self.interval_m is not None and not self.interval_m > 0:
+            raise TerrainError(f"a contour interval of {self.interval_m} m: give one above zero")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Contour:
+    """A line of equal elevation."""
+
+    elevation_m: float
+    is_index: bool
+    points: Float64[np.ndarray, "n 2"]
+    """(east, north), metres; the first and last are equal where the line is closed."""
+
+
+def trace_contours(elevation: Raster, grid: MapGrid, params: ContourParams) -> tuple[Contour, ...]:
+    """Contours of a terrain model, lowest first; none where it is flat or empty."""
+    smooth = smoothed(elevation, grid.cell_m, params.smoothing_m, params.min_share)
+    step = max(1, int(params.smoothing_m / NODES_PER_SIGMA / grid.cell_m))
+    nodes = smooth[::step, ::step]
+    known = nodes[np.isfinite(nodes)]
+    if not len(known) or min(nodes.shape) < 2:  # noqa: PLR2004 - a cell has two sides
+        return ()
+    interval_m = params.interval_m or interval_by_relief(known, params.contours_wanted)
+    east, north = grid.centres()
+    tracer = contourpy.contour_generator(
+        x=east[::step],
+        y=north[::step],
+        z=np.ma.masked_invalid(nodes.astype(np.float64)),
+        corner_mask=True,
+    )
+    first, last = math.ceil(known.min() / interval_m), math.floor(known.max() / interval_m)
+    return tuple(
+        Contour(round(number * interval_m, 6), number % params.index_every == 0, points)
+        for number in range(first, last + 1)
+        for points in _lines(tracer, number * interval_m)
+        if _length_m(points) >= params.min_length_m
+    )
+
+
+def _lines(tracer: contourpy.ContourGenerator, level_m: float) -> list[Float64[np.ndarray, "n 2"]]:
+    """Lines of one elevation, to the millimetre."""
+    lines: Any = tracer.lines(level_m)
+    return [np.round(line, 3) for line in lines]
+
+
+def interval_by_relief(known: Float64[np.ndarray, " n"] | np.ndarray, wanted: int) -> float:
+    """The smallest round interval that needs no more than `wanted` contours for most of the relief.
+
+    Relief is taken between the 1st and 99th percentile, so that one boulder does not decide.
+    """
+    low, high = np.percentile(known, (1, 99))
+    least = max(float(high - low) / wanted, 1e-3)
+    decade = 10.0 ** math.floor(math.log10(least))
+    return next(
+        round(step * decade, 9) for step in (*STEPS, 10.0) if step * decade >= least * (1 - 1e-9)
+    )
+
+
+def smoothed(elevation: Raster, cell_m: float, sigma_m: float, min_share: float) -> Raster:
+    """Elevations averaged with a Gaussian; NaN where too little of it fell on known cells."""
+    known = np.isfinite(elevation)
+    if not known.any() or sigma_m < cell_m / 2:
+        return elevation
+    level = np.float32(np.mean(elevation[known], dtype=np.float64))
+    heights = np.where(known, elevation - level, np.float32(0))
+    sigma = sigma_m / cell_m
+    weight = _blurred(known.astype(np.float32), sigma)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean = _blurred(heights, sigma) / weight + level
+    return np.where(weight >= min_share, mean, np.float32(np.nan))
+
+
+def _blurred(raster: Raster, sigma: float) -> Raster:
+    return cv2.GaussianBlur(raster, (0, 0), sigma, borderType=cv2.BORDER_CONSTANT)
+
+
+def _length_m(points: Float64[np.ndarray, "n 2"]) -> float:
+    return float(np.hypot(*np.diff(points, axis=0).T).sum())

@@ -1,0 +1,132 @@
+"""What an image shows of the ground: its outline on the map, and where it points.
+
+Rays through the border of the image meet the ground at
+
+    P = C + t d,    t = (h - C_up) / d_up,    d_up < 0
+
+with h the ground's elevation. A ray that meets it too far away, or looks above the horizon, is cut
+off at the largest range in its own azimuth, so that a frame with sky in it reaches as far as its
+view is said to reach. With a terrain model, h is looked up where the ray meets the ground, and the
+ray cut again, until it settles; where the model knows nothing, the plane stands in.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from photogrammetry.arrays import Directions, Flags, Float64, ImagePoints, PerPoint, Vector3
+from photogrammetry.cameras.model import CameraModel
+from photogrammetry.errors import TerrainError
+from photogrammetry.frames import FrameKind, Pose
+from photogrammetry.terrain.mesh import MAP_FROM_LSL
+from photogrammetry.terrain.records import Dtm
+
+Outline = Float64[np.ndarray, "n 2"]
+"""(east, north) in metres; a closed ring repeats its first point."""
+SIDE_POINTS = 16
+"""Rays along a side of the image: lens distortion and the horizon bend it."""
+ROUNDS = 8
+"""Rounds of looking up the terrain model; each takes the error times the slope over the dip."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Ground:
+    """The ground as far as footprints need it: a plane, and a terrain model where there is one."""
+
+    elevation_m: float
+    dtm: Dtm | None = None
+
+    def elevations(self, plan: Outline) -> PerPoint:
+        """Elevation at (east, north); that of the plane where the model knows none."""
+        plane = np.full(len(plan), self.elevation_m)
+        if self.dtm is None:
+            return plane
+        grid = self.dtm.grid
+        col = ((plan[:, 0] - grid.west) / grid.cell_m - 0.5).astype(np.float32)
+        row = ((grid.north - plan[:, 1]) / grid.cell_m - 0.5).astype(np.float32)
+        known = cv2.remap(
+            self.dtm.elevation, col, row, cv2.INTER_LINEAR, borderValue=float("nan")
+        ).ravel()
+        return np.where(np.isfinite(known), known, plane).astype(np.float64)
+
+
+def footprint(
+    camera: CameraModel,
+    size: tuple[int, int],
+    lsl_from_rover: Pose,
+    ground: Ground,
+    max_range_m: float,
+) -> Outline:
+    """Outline on the map of the ground that an image of (samples, lines) shows.
+
+    Empty where the image shows nothing but sky.
+    """
+    return _outline(_rays(camera, _border(size), lsl_from_rover), ground, max_range_m)
+
+
+def pointing_line(
+    camera: CameraModel,
+    size: tuple[int, int],
+    lsl_from_rover: Pose,
+    ground: Ground,
+    max_range_m: float,
+) -> Outline:
+    """From the camera to the ground in the middle of the image, two points on the map.
+
+    The line has its largest length where the middle shows sky or ground beyond it.
+    """
+    samples, lines = size
+    middle = np.array([[(samples - 1) / 2, (lines - 1) / 2]])
+    centre, rays = _rays(camera, middle, lsl_from_rover)
+    reached, _ = _on_ground(centre, rays, ground, max_range_m)
+    return np.vstack([centre[None, :2], reached])
+
+
+def _outline(rays: tuple[Vector3, Directions], ground: Ground, max_range_m: float) -> Outline:
+    reached, met = _on_ground(*rays, ground, max_range_m)
+    if not met.any():
+        return np.empty((0, 2))
+    return np.vstack([reached, reached[:1]])
+
+
+def _border(size: tuple[int, int]) -> ImagePoints:
+    """Points around the outer edge of an image, clockwise."""
+    samples, lines = size
+    left, top, right, bottom = -0.5, -0.5, samples - 0.5, lines - 0.5
+    corners = np.array([[left, top], [right, top], [right, bottom], [left, bottom]])
+    steps = np.arange(SIDE_POINTS)[:, None] / SIDE_POINTS
+    sides = [a + steps * (b - a) for a, b in zip(corners, np.roll(corners, -1, 0), strict=True)]
+    return np.vstack(sides)
+
+
+def _rays(
+    camera: CameraModel, image_points: ImagePoints, lsl_from_rover: Pose
+) -> tuple[Vector3, Directions]:
+    """Centre and rays of a camera, as (east, north, up)."""
+    if lsl_from_rover.target.kind is not FrameKind.LSL:
+        raise TerrainError(
+            f"a footprint lies on the map of the LSL, not of {lsl_from_rover.target}"
+        )
+    centre = lsl_from_rover.apply(camera.centre[None])[0]
+    rays = lsl_from_rover.turn(camera.rays(image_points))
+    return MAP_FROM_LSL @ centre, rays @ MAP_FROM_LSL.T
+
+
+def _on_ground(
+    centre: Vector3, rays: Directions, ground: Ground, max_range_m: float
+) -> tuple[Outline, Flags]:
+    """Where rays meet the ground, cut off at the largest range; and which met it before."""
+    plan_length = np.maximum(np.hypot(rays[:, 0], rays[:, 1]), 1e-12)
+    azimuth = rays[:, :2] / plan_length[:, None]
+    dip = -rays[:, 2] / plan_length
+    elevation = np.full(len(rays), ground.elevation_m)
+    for _ in range(1 if ground.dtm is None else ROUNDS):
+        with np.errstate(divide="ignore", invalid="ignore"):
+            distance = (centre[2] - elevation) / dip
+        met = (dip > 0) & (distance >= 0) & (distance <= max_range_m)
+        reached = centre[:2] + azimuth * np.where(met, distance, max_range_m)[:, None]
+        elevation = ground.elevations(reached)
+    return reached, met

@@ -1,0 +1,65 @@
+"""Quick-look pictures of terrain products: red, green, blue and opacity, for people to look at."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from photogrammetry.arrays import Picture, Raster
+from photogrammetry.terrain.orthophoto import Orthophoto
+from photogrammetry.terrain.records import Dtm, GroundClass
+from photogrammetry.terrain.surface import HillshadeParams, hillshade
+
+CLASS_COLOURS = {
+    GroundClass.UNSEEN: (0, 0, 0, 0),
+    GroundClass.MEASURED: (68, 119, 170, 255),
+    GroundClass.INTERPOLATED: (238, 204, 102, 255),
+}
+"""Blue and yellow: told apart by everybody."""
+DARKEST = 0.35
+"""Share of its colour that ground in shade keeps."""
+
+
+def relief_picture(dtm: Dtm, shading: HillshadeParams, max_side: int = 1024) -> Picture:
+    """Elevation in colour, lit by a sun; clear where nothing was seen."""
+    small = slice(None, None, step_for(dtm.elevation.shape, max_side))
+    elevation, light = dtm.elevation[small, small], hillshade(dtm, shading)[small, small]
+    known = np.isfinite(elevation)
+    low, high = np.percentile(elevation[known], (2, 98)) if known.any() else (0.0, 1.0)
+    grey = _stretched(elevation, float(low), float(high))
+    colour = cv2.applyColorMap(grey, cv2.COLORMAP_VIRIDIS)[..., ::-1]
+    shade = DARKEST + (1 - DARKEST) * np.where(np.isfinite(light), light, np.sin(np.pi / 4))
+    rgb = np.clip(colour * shade[..., None], 0, 255).astype(np.uint8)
+    return np.dstack([rgb, _opacity(known)])
+
+
+def class_picture(dtm: Dtm, max_side: int = 1024) -> Picture:
+    """How cells came by their elevation, in colours."""
+    small = slice(None, None, step_for(dtm.ground.shape, max_side))
+    table = np.zeros((256, 4), dtype=np.uint8)
+    for ground, colour in CLASS_COLOURS.items():
+        table[ground] = colour
+    return table[dtm.ground[small, small]]
+
+
+def orthophoto_picture(orthophoto: Orthophoto, max_side: int = 1024) -> Picture:
+    """The orthophoto between its black and white; clear where nothing was seen."""
+    small = slice(None, None, step_for(orthophoto.brightness.shape, max_side))
+    brightness = orthophoto.brightness[small, small]
+    grey = _stretched(brightness, *orthophoto.stretch)
+    return np.dstack([grey, grey, grey, _opacity(np.isfinite(brightness))])
+
+
+def step_for(shape: tuple[int, ...], max_side: int) -> int:
+    """Every how many cells a picture takes one, so that no side is longer than `max_side`."""
+    return max(1, -(-max(shape) // max_side))
+
+
+def _stretched(values: Raster, low: float, high: float) -> Picture:
+    """Values between black and white as eight bits; 0 where unknown."""
+    share = (values - low) / max(high - low, 1e-9)
+    return np.clip(np.nan_to_num(share) * 255, 0, 255).astype(np.uint8)
+
+
+def _opacity(known: np.ndarray) -> Picture:
+    return np.where(known, 255, 0).astype(np.uint8)
