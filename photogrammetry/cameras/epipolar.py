@@ -12,6 +12,13 @@ and one focal length f (pixels) serves both axes and both images, so that rows c
 for a point (X, Y, Z) in the pair's frame (origin C_l). This is the "linearised" product of JPL with
 square pixels, an axis perpendicular to the base and therefore no vertical parallax at all; the
 archived products have neither (Di et al. 2008, section 2).
+
+Size and centre follow from the projected borders of both images. A point in front of the cameras
+has p > 0, so of the left image only x_l >= min x_r can have a partner and of the right one only
+x_r <= max x_l: rows run over what both see, samples over the left image and as far to the left as
+the right image reaches. The focal length is the mean scale of both cameras at the middle of their
+images, so that pixels are neither squeezed nor made up. A wide or badly turned field is cut at
+`LARGEST_FIELD` times the longer side of the originals.
 """
 
 from __future__ import annotations
@@ -20,9 +27,28 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.arrays import Covariances3, ImagePoints, ObjectPoints, PerPoint
+from photogrammetry.arrays import (
+    Covariances3,
+    Directions,
+    ImagePoints,
+    ObjectPoints,
+    PerPoint,
+    Rotation,
+    Vector3,
+)
+from photogrammetry.cameras.cahv import Cahv
+from photogrammetry.cameras.model import CameraModel
 from photogrammetry.errors import CameraError
-from photogrammetry.frames import Pose
+from photogrammetry.frames import Frame, Pose
+
+LARGEST_FIELD = 2.0
+"""Longest side of epipolar images, in longer sides of the originals."""
+
+STEEPEST_VIEW = np.sin(np.radians(10.0))
+"""Sine of the smallest angle between base and view: below it, parallax says little of distance."""
+
+WIDEST_RAY = np.radians(80.0)
+"""Angle from the common axis beyond which a ray is not drawn onto the image plane."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,3 +111,125 @@ class EpipolarPair:
         covariances[:, 0, 0] += across
         covariances[:, 1, 1] += across
         return covariances
+
+    def directions(self, image_points: ImagePoints) -> Directions:
+        """Unit directions in the rover frame through points of either image."""
+        rays = np.column_stack(
+            [
+                (image_points - np.asarray(self.centre_px)) / self.focal_px,
+                np.ones(len(image_points)),
+            ]
+        )
+        rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+        return self.rover_from_pair.turn(rays)
+
+    def cameras(self) -> tuple[Cahv, Cahv]:
+        """The left and right camera of the resampled images, in the rover frame."""
+        right, down, forward = self.rover_from_pair.rotation.T
+        h = self.focal_px * right + self.centre_px[0] * forward
+        v = self.focal_px * down + self.centre_px[1] * forward
+        left_centre = self.rover_from_pair.translation_m
+        return (
+            Cahv(left_centre, forward, h, v),
+            Cahv(left_centre + self.base_m * right, forward, h, v),
+        )
+
+
+def epipolar_pair(  # noqa: PLR0913, PLR0917 - two cameras, two sizes, two frames
+    left: CameraModel,
+    right: CameraModel,
+    left_size: tuple[int, int],
+    right_size: tuple[int, int],
+    rover: Frame,
+    pair: Frame,
+) -> EpipolarPair:
+    """The epipolar geometry of two cameras given in the rover frame; sizes are (samples, lines)."""
+    base = right.centre - left.centre
+    base_m = float(np.linalg.norm(base))
+    if not base_m > 0:
+        raise CameraError(f"two cameras at one place, {left.centre}, have no base: no stereo pair")
+    eyes = ((left, left_size), (right, right_size))
+    rotation = _rover_from_pair(base / base_m, eyes)
+    focal_px = float(np.mean([_scale_at_middle(camera, size) for camera, size in eyes]))
+    outlines = [
+        focal_px * _on_plane(camera.rays(_border(size)) @ rotation) for camera, size in eyes
+    ]
+    longest = LARGEST_FIELD * max(*left_size, *right_size)
+    (first_sample, samples), (first_line, lines) = _extent(outlines[0], outlines[1], longest)
+    return EpipolarPair(
+        rover_from_pair=Pose(rover, pair, rotation, left.centre),
+        base_m=base_m,
+        focal_px=focal_px,
+        centre_px=(-first_sample, -first_line),
+        samples=samples,
+        lines=lines,
+    )
+
+
+Eye = tuple[CameraModel, tuple[int, int]]
+
+
+def _middle(size: tuple[int, int]) -> ImagePoints:
+    return np.array([[(size[0] - 1) / 2, (size[1] - 1) / 2]])
+
+
+def _rover_from_pair(e: Vector3, eyes: tuple[Eye, Eye]) -> Rotation:
+    """Columns right, down, forward of the pair in the rover frame."""
+    a = np.sum([camera.rays(_middle(size))[0] for camera, size in eyes], axis=0)
+    a /= np.linalg.norm(a)
+    z = a - (a @ e) * e
+    if not np.linalg.norm(z) > STEEPEST_VIEW:
+        raise CameraError(
+            f"the cameras look along their base (view {a.round(3)}, base {e.round(3)}): "
+            "there is no common image plane; take a pair that looks across its base"
+        )
+    z /= np.linalg.norm(z)
+    return np.column_stack([e, np.cross(z, e), z])
+
+
+def _scale_at_middle(camera: CameraModel, size: tuple[int, int], step_px: float = 4.0) -> float:
+    """Pixels per radian at the middle of an image, mean of both axes."""
+    steps = step_px * np.array([[-1.0, 0.0], [1.0, 0.0], [0.0, -1.0], [0.0, 1.0]])
+    rays = camera.rays(_middle(size) + steps)
+    turns = np.linalg.norm(rays[1::2] - rays[::2], axis=1)
+    return float(np.mean(2.0 * step_px / turns))
+
+
+def _border(size: tuple[int, int], points: int = 33) -> ImagePoints:
+    """Points along the outer edges of an image."""
+    x = np.linspace(-0.5, size[0] - 0.5, points)
+    y = np.linspace(-0.5, size[1] - 0.5, points)
+    along_x = [np.column_stack([x, np.full(points, edge)]) for edge in (y[0], y[-1])]
+    along_y = [np.column_stack([np.full(points, edge), y]) for edge in (x[0], x[-1])]
+    return np.concatenate(along_x + along_y)
+
+
+def _on_plane(rays_in_pair: Directions) -> ImagePoints:
+    """Where rays meet the plane at distance one; rays far off the axis stop at the widest one."""
+    across = np.linalg.norm(rays_in_pair[:, :2], axis=1)
+    angle = np.minimum(np.arctan2(across, rays_in_pair[:, 2]), WIDEST_RAY)
+    return rays_in_pair[:, :2] * (np.tan(angle) / np.maximum(across, 1e-300))[:, None]
+
+
+def _extent(
+    left: ImagePoints, right: ImagePoints, longest: float
+) -> tuple[tuple[float, int], tuple[float, int]]:
+    """First pixel and size along samples and lines, relative to the common axis."""
+    left_low, left_high = np.nanmin(left, axis=0), np.nanmax(left, axis=0)
+    right_low, right_high = np.nanmin(right, axis=0), np.nanmax(right, axis=0)
+    samples = _interval(min(left_low[0], right_low[0]), left_high[0], longest)
+    lines = _interval(max(left_low[1], right_low[1]), min(left_high[1], right_high[1]), longest)
+    if right_low[0] >= left_high[0] or lines[1] < 1:
+        raise CameraError(
+            f"the images share no field of view: left spans {left_low.round()} to "
+            f"{left_high.round()} px about the common axis, right {right_low.round()} to "
+            f"{right_high.round()}; are they of one exposure?"
+        )
+    return samples, lines
+
+
+def _interval(low: float, high: float, longest: float) -> tuple[float, int]:
+    """Centre of the first pixel and number of pixels that cover an interval, at most `longest`."""
+    surplus = max(0.0, (high - low) - longest) / 2
+    low, high = low + surplus, high - surplus
+    return float(low) + 0.5, round(float(high - low))

@@ -1,0 +1,123 @@
+"""Interest points that can be found again: the Förstner operator (Förstner & Gülch 1987).
+
+With the gradient (g_x, g_y) summed over a window, N = sum [[g_x g_x, g_x g_y], [g_x g_y, g_y g_y]]
+is the normal matrix of locating the window by least squares, and
+
+    w = det N / tr N          (large: the error ellipse is small)
+    q = 4 det N / (tr N)^2    (near 1: the ellipse is round, the window is no edge)
+
+A point is a local maximum of w with w above a share of its median and q above a limit. Its
+sub-pixel place is where all gradient lines of the window meet, N x = sum (g g') x_i.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from photogrammetry.arrays import Float64, GreyImage, ImagePoints, Int32, Mask, PerPoint
+
+
+@dataclass(frozen=True, slots=True)
+class FoerstnerParams:
+    """How interest points are chosen; defaults by Förstner & Gülch 1987 and Di et al. 2008."""
+
+    window_px: int = 7
+    """Window over which gradients are summed; odd. 5 to 7 in the original."""
+    smallest_roundness: float = 0.5
+    """Limit of q: 0.5 to 0.75 in the original."""
+    smallest_weight: float = 0.5
+    """Limit of w as a share of its mean over the image: 0.5 to 1.5 in the original."""
+    separation_px: int = 3
+    """Radius within which only the strongest point stays: about half the window."""
+    count: int = 5000
+    """Points an image (Di et al. 2008, section 5)."""
+    cell_px: int = 64
+    """Cell in which the strongest are kept in turn, so that strong texture does not take all."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class InterestPoints:
+    """Interest points, strongest first within the count."""
+
+    pixels: Int32[np.ndarray, "n 2"]
+    """(sample, line) of the maximum."""
+    points: ImagePoints
+    """Sub-pixel place."""
+    weight: PerPoint
+    roundness: PerPoint
+
+    def __len__(self) -> int:
+        return len(self.pixels)
+
+
+def interest_points(
+    image: GreyImage, mask: Mask, params: FoerstnerParams, margin_px: int = 0
+) -> InterestPoints:
+    """Interest points whose surroundings of `margin_px` are usable."""
+    gx, gy = (cv2.Scharr(image, cv2.CV_32F, *order, scale=1 / 32) for order in ((1, 0), (0, 1)))
+    xx, xy, yy = (_summed(a * b, params.window_px) for a, b in ((gx, gx), (gx, gy), (gy, gy)))
+    trace, determinant = xx + yy, xx * yy - xy * xy
+    safe = np.maximum(trace, np.float32(1e-12))
+    w, q = determinant / safe, 4 * determinant / (safe * safe)
+    usable = _clear_of_gaps(mask, max(margin_px, params.window_px // 2 + 1))
+    if not usable.any():
+        return InterestPoints(
+            np.empty((0, 2), np.int32), np.empty((0, 2)), np.empty(0), np.empty(0)
+        )
+    around = np.ones((2 * params.separation_px + 1,) * 2, np.uint8)
+    peak = usable & (w >= cv2.dilate(np.where(usable, w, 0), around)) & (w > 0)
+    peak &= (w > params.smallest_weight * float(w[usable].mean())) & (q > params.smallest_roundness)
+    line, sample = np.nonzero(peak)
+    kept = strongest_by_cell(
+        np.column_stack([sample, line]).astype(float), w[line, sample], params.cell_px, params.count
+    )
+    pixels = np.column_stack([sample, line]).astype(np.int32)[kept]
+    at = (pixels[:, 1], pixels[:, 0])
+    return InterestPoints(
+        pixels=pixels,
+        points=pixels + _towards_the_corner(pixels, gx, gy, params.window_px),
+        weight=w[at].astype(np.float64),
+        roundness=q[at].astype(np.float64),
+    )
+
+
+def strongest_by_cell(
+    points: ImagePoints, strength: np.ndarray, cell_px: float, count: int
+) -> np.ndarray:
+    """Indices of at most `count` points: the strongest of each cell, then the second, and so on."""
+    cell = np.floor(points / cell_px).astype(np.int64)
+    key = cell[:, 1] * (cell[:, 0].max(initial=0) + 1) + cell[:, 0]
+    order = np.lexsort((-strength, key))
+    starts = np.r_[True, key[order][1:] != key[order][:-1]] if len(order) else np.empty(0, bool)
+    rank = np.arange(len(order)) - np.maximum.accumulate(np.where(starts, np.arange(len(order)), 0))
+    by_rank = np.lexsort((-strength[order], rank))
+    return order[by_rank[:count]]
+
+
+def _summed(product: GreyImage, window_px: int) -> GreyImage:
+    return cv2.boxFilter(product, -1, (window_px, window_px), normalize=False)
+
+
+def _clear_of_gaps(mask: Mask, margin_px: int) -> Mask:
+    """Where a square of `margin_px` around a pixel is usable and inside the image."""
+    kernel = np.ones((2 * margin_px + 1,) * 2, np.uint8)
+    eroded = cv2.erode(mask.astype(np.uint8), kernel, borderType=cv2.BORDER_CONSTANT, borderValue=0)
+    return eroded > 0
+
+
+def _towards_the_corner(
+    pixels: np.ndarray, gx: GreyImage, gy: GreyImage, window_px: int
+) -> Float64[np.ndarray, "n 2"]:
+    """Where the gradient lines of each window meet, from its middle; zero if outside the pixel."""
+    half = window_px // 2
+    dy, dx = (w.ravel() for w in np.mgrid[-half : half + 1, -half : half + 1])
+    at = (pixels[:, 1, None] + dy, pixels[:, 0, None] + dx)
+    x, y = gx[at].astype(np.float64), gy[at].astype(np.float64)
+    normal = np.einsum("nik,njk->nij", np.stack([x, y], 1), np.stack([x, y], 1))
+    across = x * dx + y * dy
+    right = np.stack([(x * across).sum(axis=1), (y * across).sum(axis=1)], axis=1)
+    shift = np.linalg.solve(normal, right[:, :, None])[:, :, 0] if len(pixels) else right
+    return np.where(np.abs(shift).max(axis=1, keepdims=True) <= 1.0, shift, 0.0)

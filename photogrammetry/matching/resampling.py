@@ -1,0 +1,159 @@
+"""Resampling of an original image to the epipolar geometry of its pair.
+
+Each pixel (x, y) of the epipolar image looks along a known direction; its original pixel is the
+image of a point on that ray, (u, v) = project(C + d r(x, y)). For CAHV and CAHVOR the distance d
+does not matter; with CAHVORE, whose entrance pupil moves, d is that of the ground.
+
+The map (u, v) is smooth, so it is computed on a coarse grid and interpolated by cubic splines. The
+exact map half-way between grid lines, where splines are worst, proves that the error is below
+`MAP_TOLERANCE_PX`; if it is not, the grid is halved until it is. Grey values come from the cubic
+B-spline through all pixels (Unser 1999), which unlike cubic convolution or Lanczos kernels leaves
+sub-pixel positions unbiased, as matching needs.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from scipy import ndimage
+from scipy.interpolate import make_interp_spline
+
+from photogrammetry.arrays import Float64, GreyImage, ImagePoints, Mask
+from photogrammetry.cameras.epipolar import EpipolarPair
+from photogrammetry.cameras.model import CameraModel
+from photogrammetry.errors import MatchingError
+from photogrammetry.imagery import Eye
+from photogrammetry.matching.records import EpipolarImages
+
+MAP_TOLERANCE_PX = 0.01
+"""Largest error of the interpolated map: a tenth of what least-squares matching resolves."""
+
+GROUND_M = 5.0
+"""Distance at which CAHVORE models are evaluated: the ground in front of a rover."""
+
+COARSEST_STEP_PX = 32
+"""Width of the grid on which the map is first computed."""
+
+REACH_PX = 3
+"""Pixels around a bad one that its spline still touches by more than 2 percent of its error."""
+
+ImageMap = Float64[np.ndarray, "lines samples 2"]
+
+
+def resample(
+    image: GreyImage, mask: Mask, camera: CameraModel, geometry: EpipolarPair, eye: Eye
+) -> tuple[GreyImage, Mask]:
+    """One image of a pair in its epipolar geometry, and where it is usable.
+
+    `camera` is the model of the original image, in the rover frame of `geometry`.
+    """
+    _check_eye(camera, geometry, eye)
+    source = original_points(camera, geometry)
+    lines, samples = image.shape
+    inside = np.isfinite(source).all(axis=2)
+    source = np.where(inside[:, :, None], source, -1.0)
+    u, v = source[:, :, 0], source[:, :, 1]
+    inside &= (u >= 0) & (u <= samples - 1) & (v >= 0) & (v <= lines - 1)
+    usable = _warped_mask(mask, u, v) & inside
+    grey = ndimage.map_coordinates(
+        _without_bad_pixels(image, mask), [v, u], order=3, mode="mirror", output=np.float32
+    )
+    return np.where(usable, grey, np.float32(0)), usable
+
+
+def epipolar_images(
+    geometry: EpipolarPair,
+    left: tuple[GreyImage, Mask, CameraModel],
+    right: tuple[GreyImage, Mask, CameraModel],
+) -> EpipolarImages:
+    """Both images of a pair in its epipolar geometry; each comes with its mask and camera."""
+    return EpipolarImages(
+        geometry, *resample(*left, geometry, Eye.LEFT), *resample(*right, geometry, Eye.RIGHT)
+    )
+
+
+def original_points(camera: CameraModel, geometry: EpipolarPair) -> ImageMap:
+    """Where each epipolar pixel lies in the original image; NaN behind the camera."""
+    step = COARSEST_STEP_PX
+    while step > 1:
+        x, y = _nodes(geometry.samples, step), _nodes(geometry.lines, step)
+        coarse = _project(camera, geometry, x, y)
+        if not np.isfinite(coarse).all():
+            break
+        if _error_px(coarse, x, y, camera, geometry) < MAP_TOLERANCE_PX:
+            return _interpolated(
+                coarse, x, y, np.arange(float(geometry.samples)), np.arange(float(geometry.lines))
+            )
+        step //= 2
+    return _project(
+        camera, geometry, np.arange(float(geometry.samples)), np.arange(float(geometry.lines))
+    )
+
+
+def _nodes(size: int, step: int) -> Float64[np.ndarray, " n"]:
+    return np.linspace(0.0, size - 1.0, max(4, int(np.ceil(size / step)) + 1))
+
+
+def _project(
+    camera: CameraModel, geometry: EpipolarPair, x: np.ndarray, y: np.ndarray
+) -> np.ndarray:
+    grid: ImagePoints = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    points = camera.centre + GROUND_M * geometry.directions(grid)
+    return camera.project(points).reshape(len(y), len(x), 2)
+
+
+def _interpolated(
+    coarse: np.ndarray, x: np.ndarray, y: np.ndarray, to_x: np.ndarray, to_y: np.ndarray
+) -> np.ndarray:
+    """Values of the bicubic spline through `coarse`; splines are linear in their data."""
+    by_x = make_interp_spline(x, np.eye(len(x)), k=3)(to_x)
+    by_y = make_interp_spline(y, np.eye(len(y)), k=3)(to_y)
+    return np.stack([by_y @ coarse[:, :, k] @ by_x.T for k in (0, 1)], axis=-1)
+
+
+def _error_px(
+    coarse: np.ndarray, x: np.ndarray, y: np.ndarray, camera: CameraModel, geometry: EpipolarPair
+) -> float:
+    """Largest error of the spline half-way between the nodes; infinite where not all is seen."""
+    half_x, half_y = (x[1:] + x[:-1]) / 2, (y[1:] + y[:-1]) / 2
+    exact = _project(camera, geometry, half_x, half_y)
+    error = np.abs(_interpolated(coarse, x, y, half_x, half_y) - exact).max()
+    return float(error) if np.isfinite(error) else np.inf
+
+
+def _warped_mask(mask: Mask, u: np.ndarray, v: np.ndarray) -> Mask:
+    if mask.all():
+        return np.ones(u.shape, dtype=bool)
+    kernel = np.ones((2 * REACH_PX + 1, 2 * REACH_PX + 1), np.uint8)
+    near_bad = cv2.dilate((~mask).astype(np.uint8), kernel)
+    nearest = [
+        np.rint(w).astype(np.int32).clip(0, n - 1) for w, n in zip((v, u), mask.shape, strict=True)
+    ]
+    return near_bad[nearest[0], nearest[1]] == 0
+
+
+def _without_bad_pixels(image: GreyImage, mask: Mask) -> GreyImage:
+    """Bad pixels replaced by the mean of their good neighbours, so that their splines stay calm."""
+    if mask.all():
+        return image
+    if not mask.any():
+        raise MatchingError("no pixel of the image is usable: its mask is False everywhere")
+    size = (4 * REACH_PX + 1, 4 * REACH_PX + 1)
+    good = np.where(mask, image, np.float32(0))
+    weight = cv2.blur(mask.astype(np.float32), size)
+    mean = cv2.blur(good, size) / np.maximum(weight, np.float32(1e-6))
+    fallback = np.float32(np.median(image[mask]))
+    return np.where(mask, image, np.where(weight > 1e-3, mean, fallback)).astype(np.float32)  # noqa: PLR2004 - less than one pixel of the window
+
+
+def _check_eye(camera: CameraModel, geometry: EpipolarPair, eye: Eye) -> None:
+    """The camera of the stated eye stands where the geometry has that eye."""
+    if eye is Eye.MONO:
+        raise MatchingError("an epipolar image belongs to the left or the right eye, not to mono")
+    expected = geometry.cameras()[0 if eye is Eye.LEFT else 1].centre
+    apart_m = float(np.linalg.norm(camera.centre - expected))
+    if apart_m > 1e-3 * geometry.base_m + 1e-6:
+        raise MatchingError(
+            f"the {eye} camera stands {apart_m:.4f} m from where the epipolar pair has it: "
+            "are the eyes exchanged, or the models in different frames?"
+        )
