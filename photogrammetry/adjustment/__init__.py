@@ -1,1 +1,1 @@
-"""Least-squares adjustment of the image network."""
+"""Bundle adjustment of the image network of a traverse."""

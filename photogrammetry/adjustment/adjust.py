@@ -1,0 +1,269 @@
+"""The adjustment of an image network: overall, or stepwise along the traverse.
+
+Stop by stop the network is first brought together (`initialise`), then adjusted as a whole in the
+two steps of `STEPS`, each repeated until data snooping finds no further blunder. What telemetry
+knows is weighted in (`priors`), so nothing is ever undetermined but the datum: at least one stop
+is held.
+
+The stepwise mode is that of the mission (Di et al. 2008, section 3.2): the previous stop is held
+and the current one estimated; where ties reach back further, to m-2 or m-3, the earliest stop
+reached is held and those after it are estimated again. The overall mode holds the first stop and
+estimates all others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from collections.abc import Set as AbstractSet
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from photogrammetry.adjustment.collinearity import Observations, State, misclosures
+from photogrammetry.adjustment.consistency import consistency
+from photogrammetry.adjustment.initialise import carried, initialise, sightings, with_points
+from photogrammetry.adjustment.params import AdjustmentParams
+from photogrammetry.adjustment.priors import Telemetry
+from photogrammetry.adjustment.records import (
+    AdjustedNetwork,
+    AdjustedStop,
+    AdjustmentReport,
+    Network,
+)
+from photogrammetry.adjustment.result import Outcome, assembled
+from photogrammetry.adjustment.snooping import Residuals, residuals, suspects
+from photogrammetry.adjustment.solver import Problem, Solution, linearise, solve
+from photogrammetry.errors import AdjustmentError
+from photogrammetry.imagery import StopId
+
+REACH = 3
+"""Stops back to which the stepwise adjustment widens when ties reach there (m-2, m-3)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One step of the adjustment."""
+
+    name: str
+    robust: bool
+    """Whether large residuals count linearly (Huber) rather than squared."""
+
+
+STEPS = (
+    Step("bring the stops together while blunders hide", robust=True),
+    Step("weigh every remaining tie fully", robust=False),
+)
+
+
+def adjust(
+    network: Network,
+    held: AbstractSet[StopId],
+    params: AdjustmentParams,
+    start: AdjustedNetwork | None = None,
+    name: str = "adjust",
+) -> tuple[AdjustedNetwork, AdjustmentReport]:
+    """Adjust a network with some stops held where `start`, or else telemetry, has them.
+
+    Stops and pairs that `start` knows begin there; the others are aligned to them first. Not
+    converging is returned and reported; look at `AdjustmentReport.is_usable`.
+
+    Raises:
+        AdjustmentError: no stop is held, or a held one is not in the network.
+    """
+    is_held = _held(network, held)
+    observations, telemetry = Observations.of(network), Telemetry.of(network, params)
+    known, is_known = _known(network, telemetry, observations, start)
+    before = carried(known, telemetry, is_held, is_known)
+    state, fits = initialise(observations, telemetry, is_held, params, known, is_known)
+    used = fits & np.isfinite(misclosures(state, observations, np.arange(len(fits)))).all(axis=1)
+    outcome = _run(STEPS, observations, telemetry, is_held, state, used, params)
+    agreement = (
+        consistency(observations, before, outcome.used),
+        consistency(observations, outcome.solution.state, outcome.used),
+    )
+    return assembled(network, is_held, outcome, agreement, name)
+
+
+def adjust_overall(
+    network: Network, params: AdjustmentParams, start: AdjustedNetwork | None = None
+) -> tuple[AdjustedNetwork, AdjustmentReport]:
+    """Adjust all stops at once, the first one held."""
+    if not network.stops:
+        raise AdjustmentError("there is no stop to adjust: the network is empty")
+    return adjust(network, {network.stop_ids[0]}, params, start, "overall adjustment")
+
+
+def adjust_stepwise(
+    previous: AdjustedNetwork | None,
+    network: Network,
+    new_stops: Iterable[StopId],
+    params: AdjustmentParams,
+) -> tuple[AdjustedNetwork, AdjustmentReport]:
+    """Add new stops to an adjusted traverse, holding what came before.
+
+    `network` holds old and new stops; `previous` is what former steps returned for the old ones, or
+    None at the first stop, which is held where telemetry has it. The result covers both. Pairs of
+    held stops keep weighing their pointing afresh, for new ties tell of it too. The covariance of
+    the new stops includes that of the held stop, carried over rigidly.
+    """
+    new = [stop for stop in network.stop_ids if stop in set(new_stops)]
+    if previous is None:
+        wanted = network.within(set(new))
+        return adjust_overall(wanted, params)
+    old = {stop.stop for stop in previous.stops}
+    if not new or not old:
+        raise AdjustmentError("a step along the traverse needs stops before it and new ones")
+    held, window = _window(network, old, new)
+    part = network.within(window)
+    adjusted, report = adjust(part, held, params, previous, f"step to {new[-1]}")
+    return _merged(previous, adjusted, network, held), report
+
+
+def _held(network: Network, held: AbstractSet[StopId]) -> np.ndarray:
+    """Which stops are held; refuses a network without datum."""
+    strangers = sorted(set(held) - set(network.stop_ids))
+    if strangers:
+        raise AdjustmentError(f"{strangers[0]} cannot be held: it is not in the network")
+    if not held:
+        raise AdjustmentError(
+            f"the datum of the network of {len(network.stops)} stops is undefined: images and "
+            "telemetry increments only tell where stops are relative to each other; hold one stop "
+            "fixed, normally the first of the traverse"
+        )
+    return np.array([stop in held for stop in network.stop_ids], dtype=bool)
+
+
+def _known(
+    network: Network,
+    telemetry: Telemetry,
+    observations: Observations,
+    start: AdjustedNetwork | None,
+) -> tuple[State, np.ndarray]:
+    """Telemetry as a state, overwritten by what a former adjustment knows."""
+    rotations, centres = telemetry.rotations.copy(), telemetry.centres.copy()
+    pointings = np.zeros((len(network.pairs), 3))
+    is_known = np.zeros(len(centres), dtype=bool)
+    stops = {s.stop: s for s in start.stops} if start else {}
+    pairs = {p.pair_id: p for p in start.pairs} if start else {}
+    for k, stop in enumerate(network.stop_ids):
+        if stop in stops:
+            is_known[k] = True
+            rotations[k] = stops[stop].lsl_from_rover.rotation
+            centres[k] = stops[stop].lsl_from_rover.translation_m
+    for k, pair in enumerate(network.pairs):
+        if pair.pair_id in pairs:
+            pointings[k] = pairs[pair.pair_id].pointing
+    points = np.full((observations.points, 3), np.nan)
+    return State(rotations, centres, pointings, points), is_known
+
+
+def _run(
+    steps: tuple[Step, ...],
+    observations: Observations,
+    telemetry: Telemetry,
+    held: np.ndarray,
+    state: State,
+    used: np.ndarray,
+    params: AdjustmentParams,
+) -> Outcome:
+    """Run the steps, each until no blunder is found any more."""
+    iterations = 0
+    for step in steps:
+        for _ in range(params.max_rounds):
+            problem = Problem.of(observations, telemetry, held, used)
+            solution = solve(problem, state, params, robust=step.robust)
+            iterations += solution.iterations
+            state = solution.state
+            threshold = params.huber if step.robust else None
+            now = linearise(problem, state, threshold)
+            inverse = now.factor.inverse()
+            found = residuals(problem, now.ties, inverse)
+            wrong = suspects(problem, found, params)
+            if not len(wrong):
+                break
+            used = used.copy()
+            used[wrong] = False
+    placed = _placed(observations, state, used, problem, params)
+    final = replace(solution, state=placed, iterations=iterations)
+    return Outcome(observations, problem, final, used, found, inverse)
+
+
+def _placed(
+    observations: Observations,
+    state: State,
+    used: np.ndarray,
+    problem: Problem,
+    params: AdjustmentParams,
+) -> State:
+    """The state with the points that were not in the adjustment placed by their best sighting."""
+    alone = with_points(state, observations, sightings(observations, state.pointings, params), used)
+    adjusted = problem.anchor >= 0
+    return replace(state, points=np.where(adjusted[:, None], state.points, alone.points))
+
+
+def _window(
+    network: Network, old: set[StopId], new: list[StopId]
+) -> tuple[set[StopId], set[StopId]]:
+    """Stops to hold, and all stops to look at, when `new` ones are added."""
+    order = network.stop_ids
+    first_new = order.index(new[0])
+    recent = [k for k in range(max(0, first_new - REACH), first_new) if order[k] in old]
+    if not recent:
+        raise AdjustmentError(
+            f"no adjusted stop comes within {REACH} stops before {new[0]}; adjust the traverse in "
+            "order, or overall"
+        )
+    tied = _tied_stops(network, new)
+    reached = min((k for k in recent if order[k] in tied), default=recent[-1])
+    free = {order[k] for k in recent if k > reached} | set(new)
+    near = _tied_stops(network, list(free)) & {order[k] for k in recent}
+    held = (near | {order[reached]}) - free
+    return held, held | free
+
+
+def _tied_stops(network: Network, stops: list[StopId]) -> set[StopId]:
+    """Stops that see tie points which some of `stops` see too."""
+    ties = network.ties
+    if not len(ties):
+        return set()
+    of_pair = {pair.pair_id: pair.stop for pair in network.pairs}
+    names = [of_pair[name] for name in ties.pair_ids]
+    wanted = set(stops)
+    inside = np.array([name in wanted for name in names], dtype=bool)[ties.pair]
+    shared = np.isin(ties.point, np.unique(ties.point[inside]))
+    return {names[k] for k in np.unique(ties.pair[shared]).tolist()}
+
+
+def _merged(
+    previous: AdjustedNetwork, adjusted: AdjustedNetwork, network: Network, held: set[StopId]
+) -> AdjustedNetwork:
+    """The whole traverse: held stops as they were, the others as adjusted, uncertainty carried."""
+    before = {stop.stop: stop for stop in previous.stops}
+    last_held = max(held, key=network.stop_ids.index)
+    datum = before[last_held]
+    stops = dict(before)
+    for stop in adjusted.stops:
+        if stop.stop not in held:
+            stops[stop.stop] = _carrying(stop, datum)
+    pairs = {pair.pair_id: pair for pair in previous.pairs}
+    pairs.update({pair.pair_id: pair for pair in adjusted.pairs})
+    order = network.stop_ids
+    return AdjustedNetwork(
+        tuple(sorted(stops.values(), key=lambda s: order.index(s.stop))),
+        tuple(pairs.values()),
+        adjusted.ties,
+    )
+
+
+def _carrying(stop: AdjustedStop, datum: AdjustedStop) -> AdjustedStop:
+    """A stop whose covariance includes that of the stop it hangs on.
+
+    An error of that one moves it rigidly: d(rotation) = d_, d(position) = dc_ + d_ x (c - c_).
+    """
+    arm = stop.lsl_from_rover.translation_m - datum.lsl_from_rover.translation_m
+    T = np.eye(6)
+    T[3:, :3] = -np.array([[0.0, -arm[2], arm[1]], [arm[2], 0.0, -arm[0]], [-arm[1], arm[0], 0.0]])
+    return replace(stop, covariance=stop.covariance + T @ datum.covariance @ T.T)
+
+
+__all__ = ["STEPS", "Residuals", "Solution", "adjust", "adjust_overall", "adjust_stepwise"]

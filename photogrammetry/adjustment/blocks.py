@@ -1,0 +1,219 @@
+"""Sparse symmetric systems made of blocks, one block a stop: factor, solve, and invert where needed.
+
+The reduced normal matrix N of a traverse couples a stop only to those it shares ties (or a
+telemetry increment) with, so N is a sparse matrix of dense blocks N_st of some 40 x 40.
+Eliminating the stops in an order of least fill (minimum degree on the graph of stops) gives N = L
+L' block by block,
+
+    L_ss L_ss' = N_ss,    L_Ts = N_Ts L_ss'^-1,    N_TU <- N_TU - L_Ts L_Us'     T, U: later neighbours
+
+and the entries of the inverse Z = N^-1 on the pattern of L follow backwards without the others
+(Takahashi, Fagan and Chen 1973):
+
+    Y = L_Ts L_ss^-1,    Z_Ts = -Z_TT Y,    Z_ss = L_ss'^-1 L_ss^-1 + Y' Z_TT Y
+
+The stops of one tie point are neighbours of one another, so every covariance that a tie point or
+its residuals need lies on that pattern. A chain costs the same per stop however long it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import get_lapack_funcs
+from scipy.linalg.blas import dtrsm
+
+from photogrammetry.arrays import Float64
+from photogrammetry.errors import AdjustmentError
+
+_potrf, _trtri = get_lapack_funcs(("potrf", "trtri"), dtype=np.float64)
+
+Blocks = dict[tuple[int, int], np.ndarray]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BlockPattern:
+    """Which blocks a matrix and its factor have, and where each lies in one flat array.
+
+    Both (s, t) and (t, s) are kept, so that gathering needs no case distinction; the last entry of
+    a flat array is a bin for what belongs to no unknown.
+    """
+
+    sizes: np.ndarray
+    """Unknowns of each block; may be zero."""
+    order: tuple[int, ...]
+    """Elimination order of the blocks that have unknowns."""
+    later: dict[int, tuple[int, ...]]
+    """For each block its neighbours that are eliminated after it, with fill."""
+    keys: np.ndarray
+    """Sorted codes s * n + t of the blocks."""
+    starts: np.ndarray
+    """Where each of `keys` begins in the flat array."""
+    length: int
+
+    @classmethod
+    def of(cls, sizes: np.ndarray, cliques: Iterable[tuple[int, ...]]) -> BlockPattern:
+        """The pattern of a matrix whose cliques of blocks are coupled, with the fill of its factor."""
+        n = len(sizes)
+        active = [k for k in range(n) if sizes[k]]
+        near: dict[int, set[int]] = {k: set() for k in active}
+        for clique in cliques:
+            members = [k for k in clique if sizes[k]]
+            for k in members:
+                near[k].update(members)
+        for k in active:
+            near[k].discard(k)
+        order, later = _minimum_degree(near)
+        codes = [k * n + k for k in active]
+        codes += [
+            a * n + b for s, others in later.items() for t in others for a, b in ((s, t), (t, s))
+        ]
+        keys = np.unique(np.array(codes, dtype=np.int64))
+        areas = sizes[keys // n] * sizes[keys % n] if len(keys) else np.zeros(0, dtype=np.int64)
+        starts = np.concatenate([[0], np.cumsum(areas)])[:-1]
+        return cls(sizes, order, later, keys, starts.astype(np.int64), int(areas.sum()))
+
+    def start(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+        """Where blocks begin; -1 where there is none."""
+        if not len(self.keys):
+            return np.full(np.broadcast(rows, columns).shape, -1, dtype=np.int64)
+        codes = rows.astype(np.int64) * len(self.sizes) + columns
+        at = np.minimum(np.searchsorted(self.keys, codes), len(self.keys) - 1)
+        return np.where(self.keys[at] == codes, self.starts[at], -1)
+
+    def indices(self, blocks: np.ndarray, local: np.ndarray) -> np.ndarray:
+        """Flat places of the entries of dense matrices over (block, local unknown) columns.
+
+        `blocks` and `local` are (n, k); local -1 is no unknown and goes to the bin. (n, k, k).
+        """
+        start = self.start(blocks[:, :, None], blocks[:, None, :])
+        at = start + local[:, :, None] * self.sizes[blocks][:, None, :] + local[:, None, :]
+        lost = (local[:, :, None] < 0) | (local[:, None, :] < 0) | (start < 0)
+        return np.where(lost, self.length, at)
+
+    def views(self, flat: np.ndarray) -> Blocks:
+        """The blocks of a flat array, as matrices that share its memory."""
+        n, sizes = len(self.sizes), self.sizes
+        blocks = {}
+        for key, start in zip(self.keys.tolist(), self.starts.tolist(), strict=True):
+            s, t = divmod(key, n)
+            blocks[s, t] = flat[start : start + sizes[s] * sizes[t]].reshape(sizes[s], sizes[t])
+        return blocks
+
+
+def _minimum_degree(
+    near: dict[int, set[int]],
+) -> tuple[tuple[int, ...], dict[int, tuple[int, ...]]]:
+    """Elimination order of least degree, and each one's neighbours after it (with fill)."""
+    graph = {k: set(others) for k, others in near.items()}
+    buckets: dict[int, set[int]] = {}
+    for k, others in graph.items():
+        buckets.setdefault(len(others), set()).add(k)
+    order: list[int] = []
+    later: dict[int, tuple[int, ...]] = {}
+    while graph:
+        degree = min(d for d, members in buckets.items() if members)
+        s = min(buckets[degree])
+        buckets[degree].discard(s)
+        others = graph.pop(s)
+        order.append(s)
+        later[s] = tuple(sorted(others))
+        for t in others:
+            buckets[len(graph[t])].discard(t)
+            graph[t] |= others
+            graph[t] -= {s, t}
+            buckets.setdefault(len(graph[t]), set()).add(t)
+    rank = {s: k for k, s in enumerate(order)}
+    return tuple(order), {s: tuple(sorted(o, key=rank.__getitem__)) for s, o in later.items()}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Factor:
+    """L of N = L L', by stop: the inverse of the diagonal block, and the panel below it."""
+
+    pattern: BlockPattern
+    inverse_diagonal: dict[int, np.ndarray]
+    panel: dict[int, np.ndarray]
+    log_condition: float
+    """Largest over smallest pivot, as a power of ten."""
+
+    def solve(self, right: Float64[np.ndarray, " n"], offsets: np.ndarray) -> np.ndarray:
+        """Solve N x = right; `offsets` say where each block begins."""
+        x = right.copy()
+        sizes = self.pattern.sizes
+        part = {s: slice(offsets[s], offsets[s] + sizes[s]) for s in self.pattern.order}
+        for s in self.pattern.order:
+            x[part[s]] = self.inverse_diagonal[s] @ x[part[s]]
+            at = 0
+            down = self.panel[s] @ x[part[s]]
+            for t in self.pattern.later[s]:
+                x[part[t]] -= down[at : at + sizes[t]]
+                at += sizes[t]
+        for s in reversed(self.pattern.order):
+            if self.pattern.later[s]:
+                above = np.concatenate([x[part[t]] for t in self.pattern.later[s]])
+                x[part[s]] -= self.panel[s].T @ above
+            x[part[s]] = self.inverse_diagonal[s].T @ x[part[s]]
+        return x
+
+    def inverse(self) -> np.ndarray:
+        """The entries of N^-1 on the pattern, as a flat array with the bin (zero) at its end."""
+        flat = np.zeros(self.pattern.length + 1)
+        Z = self.pattern.views(flat)
+        for s in reversed(self.pattern.order):
+            later, inverse = self.pattern.later[s], self.inverse_diagonal[s]
+            Z[s, s][:] = inverse.T @ inverse
+            if not later:
+                continue
+            Y = self.panel[s] @ inverse
+            Z_TT = np.block([[Z[t, u] for u in later] for t in later])
+            Z_Ts = -Z_TT @ Y
+            Z[s, s][:] -= Y.T @ Z_Ts
+            at = 0
+            for t in later:
+                rows = Z_Ts[at : at + self.pattern.sizes[t]]
+                Z[t, s][:] = rows
+                Z[s, t][:] = rows.T
+                at += self.pattern.sizes[t]
+        return flat
+
+
+def factorise(pattern: BlockPattern, flat: np.ndarray) -> Factor:
+    """Cholesky factor of the matrix in a flat array, block by block.
+
+    Raises:
+        AdjustmentError: a block is singular; says which, and what to do.
+    """
+    N = pattern.views(flat.copy())
+    inverse_diagonal: dict[int, np.ndarray] = {}
+    panels: dict[int, np.ndarray] = {}
+    pivots: list[tuple[float, float]] = []
+    for s in pattern.order:
+        L, info = _potrf(N[s, s], lower=1, clean=1)
+        if info:
+            raise AdjustmentError(
+                f"the reduced normal equations are singular at block {s}, unknown {info}: the datum "
+                "is undefined; hold one stop fixed or weight the priors"
+            )
+        inverse_diagonal[s], _ = _trtri(L, lower=1)
+        pivots.append((L.diagonal().min(), L.diagonal().max()))
+        later = pattern.later[s]
+        if not later:
+            panels[s] = np.zeros((0, len(L)))
+            continue
+        below = np.concatenate([N[t, s] for t in later])
+        panel = dtrsm(1.0, L, below, side=1, lower=1, trans_a=1)
+        panels[s] = panel
+        update = panel @ panel.T
+        i = 0
+        for t in later:
+            j = 0
+            for u in later:
+                if j <= i:  # u is eliminated before t: the block that will be read is (t, u)
+                    N[t, u][:] -= update[i : i + pattern.sizes[t], j : j + pattern.sizes[u]]
+                j += pattern.sizes[u]
+            i += pattern.sizes[t]
+    low, high = (min(p[0] for p in pivots), max(p[1] for p in pivots)) if pivots else (1.0, 1.0)
+    return Factor(pattern, inverse_diagonal, panels, 2.0 * float(np.log10(high / low)))

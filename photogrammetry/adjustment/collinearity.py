@@ -1,0 +1,214 @@
+"""Collinearity of stereo observations, and its partial derivatives.
+
+A stop has rotation R and centre c in the LSL (of the rover frame). Pair j of that stop is a rigid
+body: the label gives rover_from_pair = (R_j, t_j), the mast turns it by a small unknown rotation
+m_j about its own origin t_j (the true pivot, the mast head, is less than 0.2 m away: 0.1 degrees
+move the origin by 0.3 mm, which no observation feels). A point X of the LSL is, in the pair's
+frame,
+
+    g = R' (X - c)          in the rover frame
+    h = g - t_j             from the pair's origin
+    y = R_j' Exp(m_j)' h    in the pair's frame
+
+and is seen at (x, y) in the left image with parallax p,
+
+    x = c_x + f y_1/y_3       y = c_y + f y_2/y_3       p = f B / y_3
+
+so that both cameras hang on one fixed bar by construction. Corrections are d (rotation of the stop,
+R <- Exp(d) R, a vector in the LSL), dc, dm and dX. With B_j = R_j' Exp(m_j)', F_j = B_j R',
+
+    dy = F_j [X - c] d - F_j dc + B_j [h] J(m_j) dm + F_j dX
+
+Rotation and *centre* are corrected, not rotation and translation of the inverse motion: a turn of a
+stop then leaves its place alone, and Gauss-Newton needs few steps on long open traverses.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+
+from photogrammetry.adjustment.records import Network
+from photogrammetry.adjustment.rotations import cross_matrix, left_jacobian, rotation_of_vector
+from photogrammetry.arrays import Flags, Float64, Int32
+
+STOP_UNKNOWNS = 6
+PAIR_UNKNOWNS = 3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Observations:
+    """The observations and the fixed geometry of a network, as arrays."""
+
+    point: Int32[np.ndarray, " n"]
+    pair: Int32[np.ndarray, " n"]
+    """Index into the pairs of the network."""
+    measured: Float64[np.ndarray, "n 3"]
+    """(x, y, p) in pixels; p is zero where only the left image was measured."""
+    weight: Float64[np.ndarray, "n 3"]
+    """1/sigma; zero where not measured."""
+    pair_stop: Int32[np.ndarray, " pairs"]
+    rover_from_pair: Float64[np.ndarray, "pairs 3 3"]
+    origin_in_rover: Float64[np.ndarray, "pairs 3"]
+    focal_px: Float64[np.ndarray, " pairs"]
+    base_m: Float64[np.ndarray, " pairs"]
+    centre_px: Float64[np.ndarray, "pairs 2"]
+    points: int
+    """How many point numbers there are."""
+
+    @classmethod
+    def of(cls, network: Network) -> Observations:
+        """The arrays of a network."""
+        stop_number = {stop: k for k, stop in enumerate(network.stop_ids)}
+        pair_number = {pair.pair_id: k for k, pair in enumerate(network.pairs)}
+        ties, shapes = network.ties, [pair.geometry for pair in network.pairs]
+        numbers = np.array([pair_number[name] for name in ties.pair_ids], dtype=np.int32)
+        stereo = np.isfinite(ties.parallax_px)
+        per_pair = len(shapes)
+        return cls(
+            point=ties.point,
+            pair=numbers[ties.pair] if len(ties) else np.zeros(0, dtype=np.int32),
+            measured=np.column_stack([ties.left, np.where(stereo, ties.parallax_px, 0.0)]),
+            weight=np.column_stack(
+                [
+                    1.0 / ties.sigma_px,
+                    1.0 / ties.sigma_px,
+                    np.where(stereo, 1.0 / np.where(stereo, ties.sigma_parallax_px, 1.0), 0.0),
+                ]
+            ),
+            pair_stop=np.array([stop_number[p.stop] for p in network.pairs], dtype=np.int32),
+            rover_from_pair=np.array([g.rover_from_pair.rotation for g in shapes]).reshape(
+                -1, 3, 3
+            ),
+            origin_in_rover=np.array([g.rover_from_pair.translation_m for g in shapes]).reshape(
+                -1, 3
+            ),
+            focal_px=np.array([g.focal_px for g in shapes], dtype=np.float64),
+            base_m=np.array([g.base_m for g in shapes], dtype=np.float64),
+            centre_px=np.array([g.centre_px for g in shapes], dtype=np.float64).reshape(
+                per_pair, 2
+            ),
+            points=int(ties.point.max()) + 1 if len(ties) else 0,
+        )
+
+    def __len__(self) -> int:
+        return len(self.point)
+
+    @property
+    def stop(self) -> Int32[np.ndarray, " n"]:
+        """Stop of each observation."""
+        return self.pair_stop[self.pair]
+
+    @property
+    def is_stereo(self) -> Flags:
+        """Whether the parallax was measured, and shows a point in front of the cameras."""
+        return (self.weight[:, 2] > 0) & (self.measured[:, 2] > 0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class State:
+    """All unknowns, as they stand."""
+
+    rotations: Float64[np.ndarray, "stops 3 3"]
+    centres: Float64[np.ndarray, "stops 3"]
+    pointings: Float64[np.ndarray, "pairs 3"]
+    points: Float64[np.ndarray, "points 3"]
+
+    def moved(
+        self,
+        turn: Float64[np.ndarray, "stops 3"],
+        shift: Float64[np.ndarray, "stops 3"],
+        pointing: Float64[np.ndarray, "pairs 3"],
+    ) -> Self:
+        """The state after corrections of the orientations; points stay."""
+        return replace(
+            self,
+            rotations=rotation_of_vector(turn) @ self.rotations,
+            centres=self.centres + shift,
+            pointings=self.pointings + pointing,
+        )
+
+    def of_stops(self, stops: np.ndarray) -> State:
+        """The poses of some stops alone."""
+        return State(
+            self.rotations[stops], self.centres[stops], self.pointings[:0], self.points[:0]
+        )
+
+
+def pair_orientations(
+    state: State, observations: Observations
+) -> tuple[Float64[np.ndarray, "pairs 3 3"], Float64[np.ndarray, "pairs 3"]]:
+    """Rotation lsl_from_pair and origin in the LSL of every pair."""
+    of_stop = state.rotations[observations.pair_stop]
+    rotations = of_stop @ rotation_of_vector(state.pointings) @ observations.rover_from_pair
+    origins = (
+        state.centres[observations.pair_stop]
+        + (of_stop @ observations.origin_in_rover[:, :, None])[:, :, 0]
+    )
+    return rotations, origins
+
+
+def triangulated_in_pair(observations: Observations) -> Float64[np.ndarray, "n 3"]:
+    """Each observation's own point in its pair's frame; NaN without parallax."""
+    j = observations.pair
+    with np.errstate(divide="ignore", invalid="ignore"):
+        z = np.where(
+            observations.is_stereo,
+            observations.focal_px[j] * observations.base_m[j] / observations.measured[:, 2],
+            np.nan,
+        )
+    xy = (observations.measured[:, :2] - observations.centre_px[j]) / observations.focal_px[j, None]
+    return np.column_stack([xy * z[:, None], z])
+
+
+def triangulated(state: State, observations: Observations) -> Float64[np.ndarray, "n 3"]:
+    """Each observation's own point in the LSL; NaN without parallax."""
+    rotations, origins = pair_orientations(state, observations)
+    in_pair = triangulated_in_pair(observations)
+    j = observations.pair
+    return origins[j] + (rotations[j] @ in_pair[:, :, None])[:, :, 0]
+
+
+def misclosures(
+    state: State, observations: Observations, rows: np.ndarray
+) -> Float64[np.ndarray, "m 3"]:
+    """Observed minus computed (x, y, p) of some observations, pixels; NaN behind the camera."""
+    rotations, origins = pair_orientations(state, observations)
+    j = observations.pair[rows]
+    e = state.points[observations.point[rows]] - origins[j]
+    y = (e[:, None, :] @ rotations[j])[:, 0, :]
+    z = np.where(y[:, 2] > 0, y[:, 2], np.nan)
+    f = observations.focal_px[j]
+    computed = np.column_stack(
+        [
+            observations.centre_px[j] + (f / z)[:, None] * y[:, :2],
+            f * observations.base_m[j] / z,
+        ]
+    )
+    return observations.measured[rows] - computed
+
+
+def partials(
+    state: State, observations: Observations, rows: np.ndarray
+) -> tuple[Float64[np.ndarray, "m 3 9"], Float64[np.ndarray, "m 3 3"]]:
+    """Derivatives of (x, y, p) by (d, dc, dm) of the observation's stop and pair, and by dX."""
+    j = observations.pair[rows]
+    s = observations.pair_stop[j]
+    rotations, _ = pair_orientations(state, observations)
+    F = rotations.swapaxes(1, 2)[j]
+    turned = rotation_of_vector(state.pointings) @ observations.rover_from_pair
+    B = turned.swapaxes(1, 2)[j]
+    X_c = state.points[observations.point[rows]] - state.centres[s]
+    g = (X_c[:, None, :] @ state.rotations[s])[:, 0, :]
+    h = g - observations.origin_in_rover[j]
+    y = (B @ h[:, :, None])[:, :, 0]
+    f, z = observations.focal_px[j], y[:, 2]
+    d_y = np.zeros((len(rows), 3, 3))
+    d_y[:, 0, 0] = d_y[:, 1, 1] = f / z
+    d_y[:, 0, 2], d_y[:, 1, 2] = -f * y[:, 0] / z**2, -f * y[:, 1] / z**2
+    d_y[:, 2, 2] = -f * observations.base_m[j] / z**2
+    by_point = d_y @ F
+    by_pointing = d_y @ B @ cross_matrix(h) @ left_jacobian(state.pointings)[j]
+    return np.concatenate([by_point @ cross_matrix(X_c), -by_point, by_pointing], axis=2), by_point

@@ -1,0 +1,227 @@
+"""The adjusted network as a plain document, and back.
+
+Numbers are written in full, so that poses and covariances come back bit for bit; NaN (not
+measured, not placed) is written as null, for JSON has none.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from photogrammetry.adjustment.records import (
+    AdjustedNetwork,
+    AdjustedPair,
+    AdjustedStop,
+    AdjustedTies,
+    AdjustmentReport,
+)
+from photogrammetry.errors import AdjustmentError
+from photogrammetry.frames import LSL, Frame, FrameKind, Pose
+from photogrammetry.imagery import StopId, TieKind, TiePoints
+
+Document = dict[str, Any]
+FORMAT = "solmap adjusted network 1"
+
+
+def network_document(
+    network: AdjustedNetwork, reports: Iterable[AdjustmentReport] = ()
+) -> Document:
+    """The network and the reports of the adjustments that led to it, for JSON."""
+    return {
+        "format": FORMAT,
+        "stops": [_stop_document(stop) for stop in network.stops],
+        "pairs": [_pair_document(pair) for pair in network.pairs],
+        "ties": _ties_document(network.ties),
+        "reports": [report_document(report) for report in reports],
+    }
+
+
+def network_of_document(document: Document) -> AdjustedNetwork:
+    """The network that `network_document` wrote.
+
+    Raises:
+        AdjustmentError: the document is of another kind or lacks a part.
+    """
+    if document.get("format") != FORMAT:
+        raise AdjustmentError(
+            f"expected a document of format {FORMAT!r}, found {document.get('format')!r}; adjust "
+            "the network again with this version"
+        )
+    try:
+        return AdjustedNetwork(
+            tuple(_stop_of(stop) for stop in document["stops"]),
+            tuple(_pair_of(pair) for pair in document["pairs"]),
+            _ties_of(document["ties"]),
+        )
+    except KeyError as error:
+        raise AdjustmentError(f"the document of an adjusted network lacks {error}") from error
+
+
+def report_document(report: AdjustmentReport) -> Document:
+    """A report for JSON, with its one line in words."""
+
+    def agreement(kinds: dict[TieKind, Any]) -> Document:
+        return {
+            str(kind): {
+                "comparisons": c.comparisons,
+                "mean_2d_px": _number(c.mean_2d_px),
+                "mean_3d_m": _number(c.mean_3d_m),
+            }
+            for kind, c in kinds.items()
+        }
+
+    return {
+        "name": report.name,
+        "summary": str(report),
+        "is_usable": report.is_usable,
+        "converged": report.converged,
+        "iterations": report.iterations,
+        "sigma0": _number(report.sigma0),
+        "redundancy": report.redundancy,
+        "stops": report.stops,
+        "pairs": report.pairs,
+        "ties": {str(kind): count for kind, count in report.ties.items()},
+        "blunders": report.blunders,
+        "before": agreement(report.before),
+        "after": agreement(report.after),
+        "untied": [_stop_id_document(stop) for stop in report.untied],
+        "message": report.message,
+    }
+
+
+def _number(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def _numbers(array: np.ndarray) -> list[Any]:
+    """Nested lists, with None for NaN."""
+    if np.isfinite(array).all():
+        return array.tolist()
+    values = array.astype(object)
+    values[~np.isfinite(array)] = None
+    return values.tolist()
+
+
+def _array(values: list[Any], *shape: int) -> np.ndarray:
+    return np.array(values, dtype=np.float64).reshape(shape)  # None becomes NaN
+
+
+def _stop_id_document(stop: StopId) -> Document:
+    return {"mission": stop.mission, "site": stop.site, "drive": stop.drive}
+
+
+def _frame_document(frame: Frame) -> list[Any]:
+    return [str(frame.kind), *frame.index]
+
+
+def _frame_of(values: list[Any]) -> Frame:
+    return Frame(FrameKind(values[0]), tuple(values[1:]))
+
+
+def _pose_document(pose: Pose) -> Document:
+    return {
+        "rotation": pose.rotation.tolist(),
+        "translation_m": pose.translation_m.tolist(),
+        "quaternion": pose.quaternion.tolist(),
+    }
+
+
+def _pose_of(document: Document, target: Frame, source: Frame) -> Pose:
+    rotation, shift = _array(document["rotation"], 3, 3), _array(document["translation_m"], 3)
+    return Pose(target, source, rotation, shift)
+
+
+def _stop_document(stop: AdjustedStop) -> Document:
+    return {
+        **_stop_id_document(stop.stop),
+        "lsl_from_rover": _pose_document(stop.lsl_from_rover),
+        "covariance": stop.covariance.tolist(),
+        "held": stop.held,
+        "is_tied": stop.is_tied,
+        "held_by": stop.held_by,
+    }
+
+
+def _stop_of(document: Document) -> AdjustedStop:
+    stop = StopId(document["mission"], document["site"], document["drive"])
+    return AdjustedStop(
+        stop,
+        _pose_of(document["lsl_from_rover"], LSL, stop.frame),
+        _array(document["covariance"], 6, 6),
+        document["held"],
+        document["is_tied"],
+        document["held_by"],
+    )
+
+
+def _pair_document(pair: AdjustedPair) -> Document:
+    return {
+        "pair_id": pair.pair_id,
+        "stop": _stop_id_document(pair.stop),
+        "frame": _frame_document(pair.lsl_from_pair.source),
+        "lsl_from_pair": _pose_document(pair.lsl_from_pair),
+        "rover_from_pair": _pose_document(pair.rover_from_pair),
+        "pointing": pair.pointing.tolist(),
+        "covariance": pair.covariance.tolist(),
+        "pointing_covariance": pair.pointing_covariance.tolist(),
+        "ties": pair.ties,
+    }
+
+
+def _pair_of(document: Document) -> AdjustedPair:
+    stop = StopId(**document["stop"])
+    frame = _frame_of(document["frame"])
+    return AdjustedPair(
+        document["pair_id"],
+        stop,
+        _pose_of(document["lsl_from_pair"], LSL, frame),
+        _pose_of(document["rover_from_pair"], stop.frame, frame),
+        _array(document["pointing"], 3),
+        _array(document["covariance"], 6, 6),
+        _array(document["pointing_covariance"], 3, 3),
+        document["ties"],
+    )
+
+
+def _ties_document(ties: AdjustedTies) -> Document:
+    seen = ties.observations
+    return {
+        "pair_ids": list(seen.pair_ids),
+        "point": seen.point.tolist(),
+        "pair": seen.pair.tolist(),
+        "left": _numbers(seen.left),
+        "parallax_px": _numbers(seen.parallax_px),
+        "sigma_px": _numbers(seen.sigma_px),
+        "sigma_parallax_px": _numbers(seen.sigma_parallax_px),
+        "points": _numbers(ties.points),
+        "covariances": _numbers(ties.covariances),
+        "kinds": [str(kind) for kind in ties.kinds],
+        "status": ties.status.tolist(),
+        "residuals_px": _numbers(ties.residuals_px),
+        "standardised": _numbers(ties.standardised),
+        "redundancy": _numbers(ties.redundancy),
+    }
+
+
+def _ties_of(document: Document) -> AdjustedTies:
+    return AdjustedTies(
+        TiePoints(
+            tuple(document["pair_ids"]),
+            np.array(document["point"], dtype=np.int32),
+            np.array(document["pair"], dtype=np.int32),
+            _array(document["left"], -1, 2),
+            _array(document["parallax_px"], -1),
+            _array(document["sigma_px"], -1),
+            _array(document["sigma_parallax_px"], -1),
+        ),
+        _array(document["points"], -1, 3),
+        _array(document["covariances"], -1, 3, 3),
+        tuple(TieKind(kind) for kind in document["kinds"]),
+        np.array(document["status"], dtype=np.int32),
+        _array(document["residuals_px"], -1, 3),
+        _array(document["standardised"], -1, 3),
+        _array(document["redundancy"], -1, 3),
+    )

@@ -1,0 +1,215 @@
+"""Initial values: stop by stop, a rigid alignment on what earlier stops have seen.
+
+Telemetry may be metres and degrees off; image rays from there do not meet. But the points that
+two stops triangulated from the same features differ by one rigid motion (paper, section 3.2), so
+each stop in turn is laid onto the earlier ones: minimise over its pose (R, c)
+
+    sum_i w_i e_i' S_i^-1 e_i + telemetry (tilt, azimuth, increment)     e_i = X_i - (R Y_i + c)
+
+with X_i the place that an earlier stop gives the point (LSL), Y_i the place in the rover frame of
+the new stop, and S_i the sum of their covariances: image coordinates, range (which dominates),
+and the mast pointing of both. Wrong ties are weighed down by graduated non-convexity (Yang et al.
+2020) with the truncated least-squares loss: w_i = 1 below, 0 above, and in between
+
+    w_i = g sqrt(mu (mu + 1)) / r_i - mu,      r_i^2 = e_i' S_i^-1 e_i,  g the gate
+
+with mu raised from nearly convex to the step function. No random sampling: the same network gives
+the same start. A stop without cross-site ties is carried along by its telemetry increment.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from photogrammetry.adjustment.collinearity import Observations, State, triangulated_in_pair
+from photogrammetry.adjustment.params import AdjustmentParams
+from photogrammetry.adjustment.priors import (
+    Telemetry,
+    telemetry_misclosures,
+    telemetry_partials,
+)
+from photogrammetry.adjustment.rotations import cross_matrix, rotation_of_vector
+
+GROWTH = 2.0
+"""Factor by which the loss is sharpened a round; 1.4 in the publication, for far worse outliers."""
+ROUNDS = 60
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sightings:
+    """Every observation's own point in its rover frame, its covariance, and whether it may align."""
+
+    points: np.ndarray
+    covariances: np.ndarray
+    usable: np.ndarray
+
+
+def sightings(
+    observations: Observations, pointings: np.ndarray, params: AdjustmentParams
+) -> Sightings:
+    """Triangulate every observation by itself in the frame of its rover."""
+    j = observations.pair
+    in_pair = triangulated_in_pair(observations)
+    turned = (rotation_of_vector(pointings) @ observations.rover_from_pair)[j]
+    arm = (turned @ in_pair[:, :, None])[:, :, 0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        sigma = 1.0 / observations.weight
+        along = in_pair / observations.measured[:, 2:] * sigma[:, 2:]
+        across = (in_pair[:, 2] * sigma[:, 0] / observations.focal_px[j]) ** 2
+    S = along[:, :, None] * along[:, None, :]
+    S[:, 0, 0] += across
+    S[:, 1, 1] += across
+    lever = cross_matrix(arm) * np.radians(params.pointing_deg)
+    S = turned @ S @ turned.swapaxes(1, 2) + lever @ lever.swapaxes(1, 2)
+    usable = observations.is_stereo & (observations.measured[:, 2] >= params.far_parallax_px)
+    return Sightings(observations.origin_in_rover[j] + arm, S, usable)
+
+
+def initialise(
+    observations: Observations,
+    telemetry: Telemetry,
+    held: np.ndarray,
+    params: AdjustmentParams,
+    known: State,
+    is_known: np.ndarray,
+) -> tuple[State, np.ndarray]:
+    """Poses of all stops, points, and which observations fit (False: grossly off).
+
+    Stops that `is_known` or `held` keep the pose they have in `known`; the others are aligned.
+    """
+    seen = sightings(observations, known.pointings, params)
+    state, fits = known, np.ones(len(observations), dtype=bool)
+    placed = np.zeros(len(telemetry.centres), dtype=bool)
+    stop = observations.stop
+    for k in range(len(placed)):
+        if not (held[k] or is_known[k]):
+            state = _carried(state, telemetry, k)
+            ours, theirs = _shared(observations, seen, stop, placed, k)
+            state, weights = _aligned(state, telemetry, seen, stop, k, ours, theirs, params)
+            wrong = ours[weights < 0.5]  # noqa: PLR2004 - weights end at 0 or 1
+            fits[np.isin(observations.point, observations.point[wrong]) & (stop == k)] = False
+        placed[k] = True
+    return with_points(state, observations, seen, fits), fits
+
+
+def carried(state: State, telemetry: Telemetry, held: np.ndarray, is_known: np.ndarray) -> State:
+    """The state with every other stop where telemetry leads from the stop before."""
+    for k in np.flatnonzero(~(held | is_known)).tolist():
+        state = _carried(state, telemetry, k)
+    return state
+
+
+def _carried(state: State, telemetry: Telemetry, k: int) -> State:
+    """Put stop k where its telemetry increment leads from the stop before."""
+    rotations, centres = state.rotations.copy(), state.centres.copy()
+    rotations[k] = telemetry.rotations[k]
+    centres[k] = telemetry.centres[k]
+    if k:
+        change = rotations[k - 1] @ telemetry.rotations[k - 1].T
+        azimuth = np.arctan2(change[1, 0] - change[0, 1], change[0, 0] + change[1, 1])
+        if not telemetry.is_fine[k]:
+            rotations[k] = rotation_of_vector(np.array([0.0, 0.0, azimuth])) @ rotations[k]
+        step = telemetry.centres[k] - telemetry.centres[k - 1]
+        centres[k] = centres[k - 1] + change @ step
+    return State(rotations, centres, state.pointings, state.points)
+
+
+def _shared(
+    observations: Observations, seen: Sightings, stop: np.ndarray, placed: np.ndarray, k: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Observations of stop k and of an earlier stop that see the same points, the best of each."""
+    size = np.trace(seen.covariances, axis1=1, axis2=2)
+
+    def best(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        rows = rows[np.argsort(size[rows], kind="stable")]
+        points, first = np.unique(observations.point[rows], return_index=True)
+        return points, rows[first]
+
+    here, ours = best(np.flatnonzero(seen.usable & (stop == k)))
+    there, theirs = best(np.flatnonzero(seen.usable & placed[stop] & (stop != k)))
+    _, i, j = np.intersect1d(here, there, assume_unique=True, return_indices=True)
+    return ours[i], theirs[j]
+
+
+def _aligned(
+    state: State,
+    telemetry: Telemetry,
+    seen: Sightings,
+    stop: np.ndarray,
+    k: int,
+    ours: np.ndarray,
+    theirs: np.ndarray,
+    params: AdjustmentParams,
+) -> tuple[State, np.ndarray]:
+    """The state with stop k laid onto the others, and the weight (0..1) of each of its ties."""
+    weights = np.ones(len(ours))
+    if not len(ours):
+        return state, weights
+    R = state.rotations[stop[theirs]]
+    X = state.centres[stop[theirs]] + (R @ seen.points[theirs][:, :, None])[:, :, 0]
+    S_X = R @ seen.covariances[theirs] @ R.swapaxes(1, 2)
+    Y, S_Y = seen.points[ours], seen.covariances[ours]
+    gate, mu = params.gross, 0.0
+    for _ in range(ROUNDS):
+        state, r = _align_step(state, telemetry, k, (X, S_X, Y, S_Y), weights)
+        if not mu:
+            mu = gate**2 / max(2 * float(r.max()) ** 2 - gate**2, 1e-9)
+        mu_next, old = mu * GROWTH, weights
+        weights = _truncated(r, gate, mu)
+        if mu >= 1e3 or (r.max() <= gate and np.abs(weights - old).max() < 1e-3):  # noqa: PLR2004
+            break
+        mu = mu_next
+    return _align_step(state, telemetry, k, (X, S_X, Y, S_Y), weights)[0], weights
+
+
+def _truncated(r: np.ndarray, gate: float, mu: float) -> np.ndarray:
+    """Weights of the truncated least-squares loss as far as it is sharpened by now."""
+    with np.errstate(divide="ignore"):
+        between = gate * np.sqrt(mu * (mu + 1)) / r - mu
+    return np.clip(between, 0.0, 1.0)
+
+
+def _align_step(
+    state: State,
+    telemetry: Telemetry,
+    k: int,
+    ties: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray],
+    weights: np.ndarray,
+) -> tuple[State, np.ndarray]:
+    """One Gauss-Newton step of the alignment, and the standardised misfit of each tie after it."""
+    X, S_X, Y, S_Y = ties
+    R = state.rotations[k]
+    turned = Y @ R.T
+    e = X - turned - state.centres[k]
+    P = np.linalg.inv(S_X + R @ S_Y @ R.T)
+    A = np.concatenate([-cross_matrix(turned), np.broadcast_to(np.eye(3), (len(Y), 3, 3))], axis=2)
+    PA = P @ A * weights[:, None, None]
+    both = np.array([max(k - 1, 0), k])
+    link, ends = telemetry.of_stops(both), state.of_stops(both)
+    l = telemetry_misclosures(ends, link)[1] * link.weight[1]
+    T = telemetry_partials(ends, link)[1, :, 6:] * link.weight[1][:, None]
+    N = np.einsum("nij,nik->jk", A, PA) + T.T @ T
+    n = np.einsum("nij,ni->j", PA, e) + T.T @ l
+    x = np.linalg.solve(N + 1e-12 * np.eye(6) * np.trace(N), n)
+    rotations, centres = state.rotations.copy(), state.centres.copy()
+    rotations[k] = rotation_of_vector(x[:3]) @ R
+    centres[k] = centres[k] + x[3:]
+    new = X - Y @ rotations[k].T - centres[k]
+    r = np.sqrt((new * (P @ new[:, :, None])[:, :, 0]).sum(axis=1))
+    return State(rotations, centres, state.pointings, state.points), r
+
+
+def with_points(
+    state: State, observations: Observations, seen: Sightings, fits: np.ndarray
+) -> State:
+    """The state with every point where its best observation sees it; NaN if none can."""
+    points = np.full((observations.points, 3), np.nan)
+    size = np.trace(seen.covariances, axis1=1, axis2=2)
+    rows = np.flatnonzero(observations.is_stereo)
+    rows = rows[np.lexsort((-size[rows], fits[rows]))]  # the best comes last and stays
+    stop = observations.stop[rows]
+    place = state.centres[stop] + (state.rotations[stop] @ seen.points[rows][:, :, None])[:, :, 0]
+    points[observations.point[rows]] = place
+    return State(state.rotations, state.centres, state.pointings, points)

@@ -1,0 +1,63 @@
+"""What may be tuned in the adjustment, with units and reasons."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from photogrammetry.errors import AdjustmentError
+
+
+@dataclass(frozen=True, slots=True)
+class AdjustmentParams:
+    """Weights of the telemetry and how the adjustment iterates.
+
+    Standard deviations of the telemetry describe what a rover's attitude sensor and wheel odometry
+    can do; image coordinates carry their own, from matching.
+    """
+
+    pointing_deg: float = 0.1
+    """Mast pointing, per axis and pair: 0.077 deg assumed for the rovers' masts by the operations
+    software, 0.1-0.2 deg found on archived panoramas."""
+    tilt_deg: float = 0.3
+    """Roll and pitch from accelerometers, absolute because gravity is."""
+    azimuth_fine_deg: float = 1.0
+    """Azimuth said to be measured (FINE): a sun sighting is good to 0.6 deg when it is fresh, and
+    the label does not say how much the gyroscopes drifted since."""
+    azimuth_step_deg: float = 2.0
+    """Azimuth that is only propagated: drift of the gyroscopes over a drive of some tens of
+    minutes at up to 3 deg an hour, relative to the stop before."""
+    slip: float = 0.1
+    """Standard deviation of wheel odometry, as a fraction of the distance driven: 10 % is the
+    largest correction usually found on firm slopes."""
+    position_floor_m: float = 0.1
+    """What odometry may be wrong by however short the drive: about half a wheel."""
+    far_parallax_px: float = 3.0
+    """Below this parallax a point's error is no ellipsoid: no use for aligning stops rigidly."""
+    huber: float = 2.8
+    """Where the robust loss turns linear, in standard deviations of an observation of three
+    coordinates: the 95 % point of the chi distribution with three degrees of freedom."""
+    gross: float = 4.0
+    """A tie further than this from the rigid alignment of its stops, in standard deviations (99.9 %
+    of the chi distribution with three degrees of freedom), does not enter the first adjustment."""
+    critical_value: float = 4.0
+    """Standardised residual that makes an observation a blunder: one good coordinate in 16,000 is
+    lost, so a mission keeps its ties. Baarda's 3.29 loses one in 1,000."""
+    max_iterations: int = 50
+    """Gauss-Newton steps per solution; a network from the alignment needs about six."""
+    max_halvings: int = 8
+    """Shortest step tried, as a power of 1/2."""
+    tolerance: float = 1e-10
+    """Converged when the squared length of a step, in its own standard deviations, is below."""
+    robust_tolerance: float = 1e-3
+    """The same while blunders are still looked for: 3 % of a standard deviation is enough."""
+    max_rounds: int = 12
+    """Rounds of data snooping per step."""
+
+    def __post_init__(self) -> None:
+        for name in ("pointing_deg", "tilt_deg", "azimuth_fine_deg", "azimuth_step_deg",
+                     "position_floor_m", "huber", "gross", "critical_value", "tolerance"):  # fmt: skip
+            if not getattr(self, name) > 0:
+                raise AdjustmentError(
+                    f"{name} must be above zero, not {getattr(self, name)}: a standard deviation "
+                    "of zero is what `held` is for"
+                )

@@ -1,0 +1,254 @@
+"""From the solution's arrays to the records that leave the adjustment."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2
+
+from photogrammetry.adjustment.collinearity import (
+    Observations,
+    State,
+    misclosures,
+    pair_orientations,
+    partials,
+)
+from photogrammetry.adjustment.records import (
+    BLUNDER,
+    UNUSED,
+    USED,
+    AdjustedNetwork,
+    AdjustedPair,
+    AdjustedStop,
+    AdjustedTies,
+    AdjustmentReport,
+    Consistency,
+    Network,
+)
+from photogrammetry.adjustment.rotations import cross_matrix, left_jacobian, rotation_of_vector
+from photogrammetry.adjustment.snooping import Residuals
+from photogrammetry.adjustment.solver import Problem, Solution
+from photogrammetry.frames import LSL, Pose
+from photogrammetry.imagery import StopId, TieKind
+
+SIGNIFICANT = 0.999
+"""Level of the global test: only a sigma0 above 1 that chance does not explain widens the sigmas."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Outcome:
+    """All that the iteration found."""
+
+    observations: Observations
+    problem: Problem
+    solution: Solution
+    used: np.ndarray
+    residuals: Residuals
+    inverse: np.ndarray
+
+
+def assembled(
+    network: Network,
+    held: np.ndarray,
+    outcome: Outcome,
+    agreement: tuple[dict[TieKind, Consistency], dict[TieKind, Consistency]],
+    name: str,
+) -> tuple[AdjustedNetwork, AdjustmentReport]:
+    """The adjusted network and its report."""
+    redundancy, cost = outcome.problem.redundancy, outcome.solution.cost
+    sigma0 = float(np.sqrt(cost / redundancy)) if redundancy > 0 else float("nan")
+    doubtful = redundancy > 0 and cost > chi2.ppf(SIGNIFICANT, redundancy)
+    factor = sigma0**2 if doubtful else 1.0
+    pairs, covariances = _pairs(network, outcome, factor)
+    stops = _stops(network, held, outcome, covariances)
+    ties = _ties(network, outcome, factor, covariances)
+    placed = np.isfinite(ties.points).all(axis=1)
+    kinds = np.array([str(kind) for kind in ties.kinds])
+    seen = np.bincount(outcome.observations.point[outcome.used], minlength=len(kinds)) > 0
+    report = AdjustmentReport(
+        name=name,
+        converged=outcome.solution.converged,
+        iterations=outcome.solution.iterations,
+        sigma0=sigma0,
+        redundancy=redundancy,
+        stops=len(stops),
+        pairs=len(pairs),
+        ties={k: int((kinds[placed & seen] == str(k)).sum()) for k in TieKind},
+        blunders=int((ties.status == BLUNDER).sum()),
+        before=agreement[0],
+        after=agreement[1],
+        untied=tuple(stop.stop for stop in stops if not stop.is_tied),
+        message=outcome.solution.message,
+    )
+    return AdjustedNetwork(stops, pairs, ties), report
+
+
+def joint_covariances(outcome: Outcome) -> np.ndarray:
+    """(pairs, 9, 9) of turn and shift of the stop and pointing of the pair; zero where held."""
+    unknowns, pattern = outcome.problem.unknowns, outcome.problem.pattern
+    pairs = np.arange(len(unknowns.pair_stop))
+    local = unknowns.columns(pairs)
+    stops = np.repeat(unknowns.pair_stop[:, None], local.shape[1], axis=1).astype(np.int64)
+    return outcome.inverse[pattern.indices(stops, local)]
+
+
+def _pairs(
+    network: Network, outcome: Outcome, factor: float
+) -> tuple[tuple[AdjustedPair, ...], np.ndarray]:
+    """The adjusted pairs, and the covariance (9, 9) behind each."""
+    state, observations = outcome.solution.state, outcome.observations
+    joint = joint_covariances(outcome) * factor
+    rotations, origins = pair_orientations(state, observations)
+    of_stop = state.rotations[observations.pair_stop]
+    J = np.zeros((len(joint), 6, 9))
+    J[:, :3, :3] = np.eye(3)
+    J[:, :3, 6:] = of_stop @ left_jacobian(state.pointings)
+    J[:, 3:, :3] = -cross_matrix(origins - state.centres[observations.pair_stop])
+    J[:, 3:, 3:6] = np.eye(3)
+    C = J @ joint @ J.swapaxes(1, 2)
+    joined = np.bincount(observations.pair[outcome.problem.rows], minlength=len(network.pairs))
+    turned = rotation_of_vector(state.pointings)
+    adjusted = []
+    for k, pair in enumerate(network.pairs):
+        label = pair.geometry.rover_from_pair
+        in_rover = Pose(label.target, label.source, turned[k] @ label.rotation, label.translation_m)
+        adjusted.append(
+            AdjustedPair(
+                pair.pair_id,
+                pair.stop,
+                Pose(LSL, label.source, rotations[k], origins[k]),
+                in_rover,
+                state.pointings[k],
+                C[k],
+                joint[k, 6:, 6:],
+                int(joined[k]),
+            )
+        )
+    return tuple(adjusted), joint
+
+
+def _stops(
+    network: Network, held: np.ndarray, outcome: Outcome, joint: np.ndarray
+) -> tuple[AdjustedStop, ...]:
+    """The adjusted stops, with what holds each."""
+    state, unknowns = outcome.solution.state, outcome.problem.unknowns
+    shared, reached = _links(outcome, held)
+    numbers = np.arange(len(held))
+    blocks = np.repeat(numbers[:, None], 6, axis=1)
+    covariances = outcome.inverse[outcome.problem.pattern.indices(blocks, unknowns.stop_columns)]
+    with_pairs = np.unique(unknowns.pair_stop)
+    first_pair = {int(s): int(np.argmax(unknowns.pair_stop == s)) for s in with_pairs}
+    stops = []
+    for k, prior in enumerate(network.stops):
+        C = joint[first_pair[k], :6, :6] if k in first_pair else covariances[k]
+        stops.append(
+            AdjustedStop(
+                prior.stop,
+                Pose(LSL, prior.stop.frame, state.rotations[k], state.centres[k]),
+                (C + C.T) / 2,
+                bool(held[k]),
+                bool(reached[k]),
+                _held_by(network.stop_ids, k, held, shared, reached),
+            )
+        )
+    return tuple(stops)
+
+
+def _links(outcome: Outcome, held: np.ndarray) -> tuple[dict[tuple[int, int], int], np.ndarray]:
+    """Used ties between each two stops, and which stops they join to a held one."""
+    observations, used = outcome.observations, outcome.used
+    seen = np.unique(np.column_stack([observations.point[used], observations.stop[used]]), axis=0)
+    shared: dict[tuple[int, int], int] = {}
+    for lag in range(1, max(len(seen), 1)):
+        same = seen[lag:, 0] == seen[:-lag, 0]
+        if not same.any():
+            break
+        couples, counts = np.unique(
+            np.column_stack([seen[:-lag, 1], seen[lag:, 1]])[same], axis=0, return_counts=True
+        )
+        for (a, b), count in zip(couples.tolist(), counts.tolist(), strict=True):
+            shared[a, b] = shared.get((a, b), 0) + count
+    reached = held.copy()
+    near: dict[int, list[int]] = {}
+    for a, b in shared:
+        near.setdefault(a, []).append(b)
+        near.setdefault(b, []).append(a)
+    front = np.flatnonzero(held).tolist()
+    while front:
+        for other in near.get(front.pop(), []):
+            if not reached[other]:
+                reached[other] = True
+                front.append(other)
+    return shared, reached
+
+
+def _held_by(
+    names: tuple[StopId, ...],
+    k: int,
+    held: np.ndarray,
+    shared: dict[tuple[int, int], int],
+    reached: np.ndarray,
+) -> str:
+    if held[k]:
+        return "held as the datum"
+    ties = {b if a == k else a: n for (a, b), n in shared.items() if k in (a, b)}
+    listed = ", ".join(f"{n} with {names[other]}" for other, n in sorted(ties.items()))
+    if reached[k]:
+        return f"cross-site ties: {listed}"
+    carried = f"telemetry increment from {names[k - 1]}" if k else "telemetry"
+    return f"{carried}; ties do not reach the datum ({listed})" if listed else carried
+
+
+def _ties(network: Network, outcome: Outcome, factor: float, joint: np.ndarray) -> AdjustedTies:
+    """The tie points as adjusted, with residuals and status."""
+    observations, state, used = outcome.observations, outcome.solution.state, outcome.used
+    everything = np.arange(len(observations))
+    l = misclosures(state, observations, everything) if len(everything) else np.zeros((0, 3))
+    l[observations.weight == 0] = np.nan
+    has_stereo = np.bincount(
+        observations.point[observations.is_stereo], minlength=observations.points
+    )
+    status = np.where(used, USED, np.where(has_stereo[observations.point] > 0, BLUNDER, UNUSED))
+    covariances = outcome.residuals.point_covariances * factor
+    alone = used & observations.is_stereo
+    alone[outcome.problem.rows] = False
+    rows = np.flatnonzero(alone)
+    covariances[observations.point[rows]] = single_sightings(observations, state, rows, joint)
+    return AdjustedTies(
+        network.ties,
+        state.points,
+        covariances,
+        _kinds(observations, used),
+        status.astype(np.int32),
+        l,
+        outcome.residuals.standardised,
+        outcome.residuals.redundancy,
+    )
+
+
+def _kinds(observations: Observations, used: np.ndarray) -> tuple[TieKind, ...]:
+    """What each point joins, by its used observations."""
+
+    def distinct(of: np.ndarray) -> np.ndarray:
+        seen = np.unique(np.column_stack([observations.point[used], of[used]]), axis=0)
+        return np.bincount(seen[:, 0], minlength=observations.points)
+
+    stops, pairs = distinct(observations.stop), distinct(observations.pair)
+    return tuple(
+        TieKind.CROSS_SITE if s > 1 else TieKind.INTER_STEREO if p > 1 else TieKind.INTRA_STEREO
+        for s, p in zip(stops.tolist(), pairs.tolist(), strict=True)
+    )
+
+
+def single_sightings(
+    observations: Observations, state: State, rows: np.ndarray, joint: np.ndarray
+) -> np.ndarray:
+    """Covariance of points placed by one stereo observation each."""
+    A_o, A_t = partials(state, observations, rows)
+    back = np.linalg.inv(A_t)
+    C = np.zeros((len(rows), 3, 3))
+    diagonal = 1.0 / observations.weight[rows] ** 2
+    C[:, range(3), range(3)] = diagonal
+    total = C + A_o @ joint[observations.pair[rows]] @ A_o.swapaxes(1, 2)
+    return back @ total @ back.swapaxes(1, 2)

@@ -1,0 +1,41 @@
+"""Small rotations, many at a time.
+
+For a rotation vector m of length t, with [m] the matrix of the cross product,
+
+    Exp(m)  = I + sin t / t [m] + (1 - cos t) / t^2 [m]^2                        (Rodrigues)
+    Exp(m + dm) = Exp(J dm) Exp(m),   J = I + (1 - cos t)/t^2 [m] + (t - sin t)/t^3 [m]^2
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from photogrammetry.arrays import Float64
+
+
+def cross_matrix(vectors: Float64[np.ndarray, "*n 3"]) -> Float64[np.ndarray, "*n 3 3"]:
+    """[v] with [v] w = v x w."""
+    matrices = np.zeros((*vectors.shape, 3))
+    x, y, z = vectors[..., 0], vectors[..., 1], vectors[..., 2]
+    matrices[..., 0, 1], matrices[..., 0, 2] = -z, y
+    matrices[..., 1, 0], matrices[..., 1, 2] = z, -x
+    matrices[..., 2, 0], matrices[..., 2, 1] = -y, x
+    return matrices
+
+
+def rotation_of_vector(vectors: Float64[np.ndarray, "*n 3"]) -> Float64[np.ndarray, "*n 3 3"]:
+    """Exp(m)."""
+    t = np.linalg.norm(vectors, axis=-1)[..., None, None]
+    half = np.sinc(t / (2 * np.pi))
+    m = cross_matrix(vectors)
+    return np.eye(3) + np.sinc(t / np.pi) * m + 0.5 * half**2 * (m @ m)
+
+
+def left_jacobian(vectors: Float64[np.ndarray, "*n 3"]) -> Float64[np.ndarray, "*n 3 3"]:
+    """J, which carries a change of the rotation vector to a rotation applied from the left."""
+    t = np.linalg.norm(vectors, axis=-1)[..., None, None]
+    m = cross_matrix(vectors)
+    small = t < 1e-3  # noqa: PLR2004 - the series is exact to rounding there
+    safe = np.where(small, 1.0, t)
+    third = np.where(small, 1 / 6 - t**2 / 120, (safe - np.sin(safe)) / safe**3)
+    return np.eye(3) + 0.5 * np.sinc(t / (2 * np.pi)) ** 2 * m + third * (m @ m)

@@ -1,0 +1,276 @@
+"""Gauss-Newton with step halving over the whole network.
+
+Minimised is the sum of the squared weighted residuals of image coordinates and telemetry,
+
+    cost = sum_obs rho(|w l|) + sum |w l|^2 (tilt, azimuth, increments) + sum |m_j / sigma|^2
+
+where rho(t) = t^2, or in the robust phase Huber's: t^2 up to k, 2 k t - k^2 beyond, solved by
+iterative reweighting. Steps are not damped: Marquardt's damping holds back the long bending modes
+of an open traverse, which are soft but well determined; a step that raises the cost is halved
+instead. The step is converged when x' N x, its squared length in its own standard deviations, is
+negligible.
+
+Points move by their inverse depth as seen from the pair that is nearest to them: with the linear
+step (da, db, dc) in the frame of that pair and y = (a, b, c),
+
+    1/c <- 1/c - dc/c^2,    a/c <- a/c + (da - a/c dc)/c,   likewise b
+
+which is the same to first order, and far points (parallax of a few pixels) stay in front of the
+cameras and nearly linear.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from photogrammetry.adjustment.blocks import BlockPattern, Factor, factorise
+from photogrammetry.adjustment.collinearity import (
+    Observations,
+    State,
+    misclosures,
+    pair_orientations,
+    partials,
+)
+from photogrammetry.adjustment.elimination import (
+    COLUMNS,
+    EliminatedTies,
+    TieGroup,
+    Unknowns,
+    add_normals,
+    eliminate,
+    place_points,
+    prior_places,
+    tie_groups,
+)
+from photogrammetry.adjustment.params import AdjustmentParams
+from photogrammetry.adjustment.priors import (
+    Telemetry,
+    telemetry_misclosures,
+    telemetry_partials,
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Problem:
+    """A network ready to be solved: what is observed, what is free, and how it is laid out."""
+
+    observations: Observations
+    telemetry: Telemetry
+    unknowns: Unknowns
+    pattern: BlockPattern
+    groups: tuple[TieGroup, ...]
+    places: tuple[np.ndarray, ...]
+    link_places: np.ndarray
+    link_right: np.ndarray
+    link_weight: np.ndarray
+    """Telemetry weights, zero where all that a row depends on is held."""
+    rows: np.ndarray
+    """Observations that belong to a group, in ascending order."""
+    anchor: np.ndarray
+    """Per point, the pair that is nearest to it (-1: not in the adjustment)."""
+
+    @classmethod
+    def of(
+        cls, observations: Observations, telemetry: Telemetry, held: np.ndarray, used: np.ndarray
+    ) -> Problem:
+        """Lay out a network: `held` by stop, `used` by observation."""
+        unknowns = Unknowns.of(held, observations.pair_stop)
+        groups = tie_groups(observations, used, unknowns)
+        before = telemetry.before
+        cliques: set[tuple[int, ...]] = {
+            (int(b), k) for k, b in enumerate(before) if not (held[k] or held[b])
+        }
+        for group in groups:
+            seen = np.unique(np.sort(group.stops[:, ::COLUMNS], axis=1), axis=0)
+            cliques.update(map(tuple, seen.tolist()))
+        pattern = BlockPattern.of(unknowns.sizes, cliques)
+        places = tuple(pattern.indices(g.stops, g.local) for g in groups)
+        link_places, link_right = prior_places(unknowns, pattern, before)
+        weight = telemetry.weight.copy()
+        weight[held, :2] = 0.0
+        weight[held & (telemetry.is_fine | held[before]), 2] = 0.0
+        weight[held & held[before], 3:] = 0.0
+        rows = np.sort(
+            np.concatenate([np.zeros(0, dtype=np.int64), *(g.rows.ravel() for g in groups)])
+        )
+        anchor = np.full(observations.points, -1)
+        nearest = rows[np.argsort(observations.measured[rows, 2], kind="stable")]
+        anchor[observations.point[nearest]] = observations.pair[nearest]
+        return cls(
+            observations, telemetry, unknowns, pattern, groups, places,
+            link_places, link_right, weight, rows, anchor,
+        )  # fmt: skip
+
+    @property
+    def redundancy(self) -> int:
+        """Observations minus unknowns."""
+        coordinates = int((self.observations.weight[self.rows] > 0).sum())
+        telemetry = int((self.link_weight > 0).sum()) + 3 * len(self.observations.pair_stop)
+        points = 3 * sum(len(group.rows) for group in self.groups)
+        return coordinates + telemetry - points - self.unknowns.count
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Linearised:
+    """The problem at a state: cost, factor of the normal equations, and the ties after QR."""
+
+    cost: float
+    factor: Factor
+    right: np.ndarray
+    ties: tuple[EliminatedTies, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Solution:
+    """Where the iteration ended."""
+
+    state: State
+    cost: float
+    converged: bool
+    iterations: int
+    message: str = ""
+
+
+def whitened(problem: Problem, state: State) -> np.ndarray:
+    """Misclosures of the rows in the adjustment times their weights, (m, 3)."""
+    rows = problem.rows
+    return misclosures(state, problem.observations, rows) * problem.observations.weight[rows]
+
+
+def huber_weights(lengths: np.ndarray, threshold: float | None) -> np.ndarray:
+    """Weights of squared residuals that make least squares minimise Huber's loss."""
+    if threshold is None:
+        return np.ones_like(lengths)
+    return threshold / np.maximum(lengths, threshold)
+
+
+def cost_of(problem: Problem, state: State, threshold: float | None) -> float:
+    """The sum that is minimised; infinite where a point lies behind a camera."""
+    t = np.linalg.norm(np.nan_to_num(whitened(problem, state), nan=np.inf), axis=1)
+    if not np.isfinite(t).all():
+        return np.inf
+    loss = t**2
+    if threshold is not None:
+        loss = np.where(t <= threshold, loss, 2 * threshold * t - threshold**2)
+    links = telemetry_misclosures(state, problem.telemetry) * problem.link_weight
+    pointing = state.pointings * problem.telemetry.pointing_weight
+    return float(loss.sum() + (links**2).sum() + (pointing**2).sum())
+
+
+def normal_equations(
+    problem: Problem, state: State, threshold: float | None
+) -> tuple[np.ndarray, np.ndarray, tuple[EliminatedTies, ...]]:
+    """Reduced normal matrix (flat), right-hand side (with a bin at the end), eliminated ties."""
+    observations, rows = problem.observations, problem.rows
+    flat, right = np.zeros(problem.pattern.length + 1), np.zeros(problem.unknowns.count + 1)
+    full = np.zeros((len(observations), 3))
+    by_orientation = np.zeros((len(observations), 3, COLUMNS))
+    by_point = np.zeros((len(observations), 3, 3))
+    l = whitened(problem, state)
+    root = np.sqrt(huber_weights(np.linalg.norm(l, axis=1), threshold))[:, None]
+    weight = (observations.weight[rows] * root)[:, :, None]
+    A_o, A_t = partials(state, observations, rows)
+    full[rows], by_orientation[rows], by_point[rows] = l * root, A_o * weight, A_t * weight
+    ties = []
+    for group, places in zip(problem.groups, problem.places, strict=True):
+        ties.append(eliminate(group, places, full, by_orientation, by_point))
+        add_normals(ties[-1], problem.unknowns, flat, right)
+    _add_telemetry(problem, state, flat, right)
+    flat[-1] = right[-1] = 0.0
+    return flat, right, tuple(ties)
+
+
+def _add_telemetry(problem: Problem, state: State, flat: np.ndarray, right: np.ndarray) -> None:
+    """Add tilt, azimuth, increments and mast pointing."""
+    weight = problem.link_weight
+    l = telemetry_misclosures(state, problem.telemetry) * weight
+    A = telemetry_partials(state, problem.telemetry) * weight[:, :, None]
+    flat += np.bincount(
+        problem.link_places.ravel(), (A.swapaxes(1, 2) @ A).ravel(), minlength=len(flat)
+    )
+    n = (l[:, None, :] @ A)[:, 0]
+    right += np.bincount(problem.link_right.ravel(), n.ravel(), minlength=len(right))
+    unknowns, w2 = problem.unknowns, problem.telemetry.pointing_weight**2
+    stop = unknowns.pair_stop
+    own = problem.pattern.start(stop, stop)[:, None]
+    flat[own + unknowns.pair_columns * (unknowns.sizes[stop][:, None] + 1)] += w2
+    right[unknowns.offsets[stop][:, None] + unknowns.pair_columns] -= w2 * state.pointings
+
+
+def linearise(problem: Problem, state: State, threshold: float | None) -> Linearised:
+    """The problem at a state, factored."""
+    flat, right, ties = normal_equations(problem, state, threshold)
+    factor = factorise(problem.pattern, flat)
+    return Linearised(cost_of(problem, state, threshold), factor, right, ties)
+
+
+def solve(problem: Problem, start: State, params: AdjustmentParams, *, robust: bool) -> Solution:
+    """Iterate to the minimum."""
+    threshold = params.huber if robust else None
+    tolerance = params.robust_tolerance if robust else params.tolerance
+    state, cost = start, cost_of(problem, start, threshold)
+    if not np.isfinite(cost):
+        return Solution(state, cost, converged=False, iterations=0,
+                        message="a tie point starts behind a camera")  # fmt: skip
+    for iteration in range(1, params.max_iterations + 1):
+        now = linearise(problem, state, threshold)
+        x = now.factor.solve(now.right[:-1], problem.unknowns.offsets)
+        length2 = float(x @ now.right[:-1])
+        state, cost, shortened = _step(problem, state, cost, now, x, params, threshold)
+        if length2 < tolerance:
+            return Solution(state, cost, converged=True, iterations=iteration)
+        if shortened > params.max_halvings:
+            flat = length2 < max(tolerance, 1e-9 * cost)  # rounding of the cost hides the rest
+            return Solution(state, cost, converged=flat, iterations=iteration,
+                            message="" if flat else "no step lowers the cost")  # fmt: skip
+    return Solution(state, cost, converged=False, iterations=params.max_iterations,
+                    message="iterations used up")  # fmt: skip
+
+
+def _step(
+    problem: Problem,
+    state: State,
+    cost: float,
+    now: Linearised,
+    x: np.ndarray,
+    params: AdjustmentParams,
+    threshold: float | None,
+) -> tuple[State, float, int]:
+    """The state after the longest of the halved steps that does not raise the cost."""
+    turn_shift, pointing = problem.unknowns.unpack(x)
+    d_points = np.zeros_like(state.points)
+    for ties in now.ties:
+        numbers = problem.observations.point[ties.group.rows[:, 0]]
+        d_points[numbers] = place_points(ties, turn_shift, pointing, problem.observations)
+    slack = 1e-12 * (1.0 + abs(cost))
+    for halvings in range(params.max_halvings + 1):
+        part = 0.5**halvings
+        trial = state.moved(part * turn_shift[:, :3], part * turn_shift[:, 3:], part * pointing)
+        trial = replace(trial, points=moved_points(problem, state, part * d_points))
+        trial_cost = cost_of(problem, trial, threshold)
+        if trial_cost <= cost + slack:
+            return trial, trial_cost, halvings
+    return state, cost, params.max_halvings + 1
+
+
+def moved_points(problem: Problem, state: State, d_points: np.ndarray) -> np.ndarray:
+    """Points after a linear correction, taken in inverse depth from their nearest pair."""
+    rotations, origins = pair_orientations(state, problem.observations)
+    placed = np.flatnonzero(problem.anchor >= 0)
+    if not len(placed):
+        return state.points
+    pair = problem.anchor[placed]
+    y = ((state.points[placed] - origins[pair])[:, None, :] @ rotations[pair])[:, 0]
+    dy = (d_points[placed][:, None, :] @ rotations[pair])[:, 0]
+    c = y[:, 2:]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        depth = c / (1.0 - dy[:, 2:] / c)
+        ahead = np.isfinite(depth) & (depth > 0)
+        direction = (y + dy - y / c * dy[:, 2:]) / c
+    # A step past infinity has no inverse depth: such a point goes to a thousand times its distance.
+    new = np.where(ahead, direction * depth, direction * c * 1e3)
+    points = state.points.copy()
+    points[placed] = origins[pair] + (rotations[pair] @ new[:, :, None])[:, :, 0]
+    return points

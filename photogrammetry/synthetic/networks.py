@@ -1,0 +1,327 @@
+"""Image networks whose truth is known: no images, only what would have been measured in them.
+
+A rover with Navcam-like stereo pairs (45 degrees, 1024 pixels, bar of 0.2 m, 1.5 m above the
+ground) drives over gently rolling ground and takes a panorama at each stop. Telemetry reports
+every drive with an error of wheel odometry, an azimuth that drifts and a noisy tilt; the mast
+points wrongly by a small rotation per pair. All errors are normal with the standard deviations
+that `AdjustmentParams` assumes, unless `TelemetryErrors` says otherwise, so that the statistics
+of an adjustment can be put to the test.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from photogrammetry.adjustment.params import AdjustmentParams
+from photogrammetry.adjustment.records import Network, PairGeometry, StopPrior
+from photogrammetry.adjustment.rotations import rotation_of_vector
+from photogrammetry.arrays import Float64, ImagePoints, ObjectPoints, PerPoint
+from photogrammetry.cameras.epipolar import EpipolarPair
+from photogrammetry.frames import LSL, Frame, FrameKind, Pose, rotation_of_roll_pitch_yaw
+from photogrammetry.imagery import StopId, TiePoints
+
+LINES = 1024
+FOCAL_PX = 1236.0
+BASE_M = 0.2
+MAST_M = 1.5
+RANGE_M = 60.0
+"""Farthest tie point: a parallax of about four pixels."""
+
+
+@dataclass(frozen=True, slots=True)
+class TelemetryErrors:
+    """Standard deviations of what telemetry gets wrong, and a slip that is systematic."""
+
+    slip: float = 0.1
+    position_floor_m: float = 0.1
+    tilt_deg: float = 0.3
+    azimuth_step_deg: float = 2.0
+    pointing_deg: float = 0.1
+    mean_slip: float = 0.0
+    """Fraction of each drive by which the wheels turned too far."""
+
+    @classmethod
+    def assumed_by(cls, params: AdjustmentParams) -> TelemetryErrors:
+        """The errors that an adjustment with these parameters believes in."""
+        return cls(
+            params.slip,
+            params.position_floor_m,
+            params.tilt_deg,
+            params.azimuth_step_deg,
+            params.pointing_deg,
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NetworkTruth:
+    """What is true of a simulated network."""
+
+    lsl_from_rover: tuple[Pose, ...]
+    pointings: Float64[np.ndarray, "pairs 3"]
+    points: ObjectPoints
+    blunders: Float64[np.ndarray, " n"]
+    """Size of the blunder put into each observation, pixels; zero for good ones."""
+
+
+def simulate_network(
+    rng: np.random.Generator,
+    *,
+    stops: int = 3,
+    pairs_per_stop: int = 10,
+    cross_ties: int = 20,
+    far_cross_ties: int = 6,
+    inter_ties: int = 40,
+    intra_ties: int = 20,
+    spacing_m: float = 20.0,
+    sigma_px: float = 0.3,
+    errors: TelemetryErrors | None = None,
+    blunders: float = 0.0,
+    noise: float = 1.0,
+    loop: bool = False,
+) -> tuple[Network, NetworkTruth]:
+    """A traverse and what telemetry and matching would say of it.
+
+    Args:
+        rng: source of all randomness.
+        stops: how many.
+        pairs_per_stop: pairs of a panorama, evenly turned.
+        cross_ties: ties between each stop and the next.
+        far_cross_ties: ties between each stop and the one after the next.
+        inter_ties: ties between neighbouring pairs of a stop.
+        intra_ties: ties inside single pairs, per stop.
+        spacing_m: length of a drive.
+        sigma_px: of every image coordinate and parallax.
+        errors: of the telemetry; those that `AdjustmentParams` assumes by default.
+        blunders: fraction of cross-site observations that are of something else.
+        noise: multiplies all errors; 0 gives a network without contradiction.
+        loop: bend the traverse into a circle, so that the last stops meet the first ones again.
+    """
+    errors = errors or TelemetryErrors()
+    truth = _traverse(rng, stops, spacing_m, loop=loop)
+    telemetry = _telemetry(rng, truth, errors, noise)
+    pairs = tuple(p for k in range(stops) for p in _panorama(truth[k].source, k, pairs_per_stop))
+    pointings = rng.normal(0, np.radians(errors.pointing_deg) * noise, (len(pairs), 3))
+    views = [_true_view(truth, pairs, pointings, k, pairs_per_stop) for k in range(len(pairs))]
+    wanted = _wanted(rng, truth, (cross_ties, far_cross_ties, inter_ties, intra_ties), loop=loop)
+    points, seen = _observed(views, wanted, pairs_per_stop)
+    left, parallax = _measured(pairs, views, points, seen)
+    size = rng.normal(0, sigma_px * noise, (len(seen), 3))
+    wrong = _blunders(rng, seen, pairs_per_stop, blunders)
+    size[:, :2] += wrong[:, None] * np.array([1.0, 0.5])
+    size[:, 2] += 0.2 * wrong * np.minimum(1.0, parallax / 10.0)
+    ties = TiePoints(
+        tuple(pair.pair_id for pair in pairs),
+        seen[:, 0].astype(np.int32),
+        seen[:, 1].astype(np.int32),
+        left + size[:, :2],
+        np.maximum(parallax + size[:, 2], 0.5),
+        np.full(len(seen), sigma_px),
+        np.full(len(seen), sigma_px),
+    )
+    priors = tuple(
+        StopPrior(_stop_id(k), pose, "COARSE", (k + 1,)) for k, pose in enumerate(telemetry)
+    )
+    return Network(priors, pairs, ties), NetworkTruth(truth, pointings, points, wrong)
+
+
+def _stop_id(k: int) -> StopId:
+    return StopId("TEST", 1 + k // 50, 10 * (k % 50))
+
+
+def _height(xy: Float64[np.ndarray, "n 2"]) -> PerPoint:
+    """Down coordinate of the ground: swells of some tens of metres, up to 3 m high."""
+    x, y = xy.T
+    return 1.0 * np.sin(x / 17.0) * np.cos(y / 23.0) + 0.3 * np.sin(x / 4.1 + y / 5.3) - 0.02 * x
+
+
+def _traverse(
+    rng: np.random.Generator, stops: int, spacing_m: float, *, loop: bool
+) -> tuple[Pose, ...]:
+    """True poses; the first at the origin, level up to the ground's tilt."""
+    turn = np.full(stops, 2 * np.pi / stops) if loop else rng.normal(0, 0.2, stops)
+    heading = rng.uniform(-np.pi, np.pi) + np.cumsum(turn)
+    steps = spacing_m * rng.uniform(0.8, 1.2, stops)[:, None]
+    along = np.column_stack([np.cos(heading), np.sin(heading)]) * (spacing_m if loop else steps)
+    xy = np.vstack([[0.0, 0.0], np.cumsum(along, axis=0)])[:stops]
+    down = _height(xy) - _height(xy[:1])
+    tilts = rng.normal(0, np.radians(4.0), (stops, 2))
+    return tuple(
+        Pose(
+            LSL,
+            _stop_id(k).frame,
+            rotation_of_roll_pitch_yaw(float(tilts[k, 0]), float(tilts[k, 1]), float(heading[k])),
+            np.array([*xy[k], down[k]]),
+        )
+        for k in range(stops)
+    )
+
+
+def _telemetry(
+    rng: np.random.Generator, truth: tuple[Pose, ...], errors: TelemetryErrors, noise: float
+) -> list[Pose]:
+    """What the rover reports: each drive from where it believes it was, the first stop exact."""
+    poses, azimuth = [truth[0]], 0.0
+    for before, here in zip(truth, truth[1:], strict=False):
+        step = before.rotation.T @ (here.translation_m - before.translation_m)
+        length = float(np.linalg.norm(step))
+        # the standard deviation that an adjustment derives from the *reported* length
+        sigma = noise * (errors.slip * length + errors.position_floor_m)
+        reported = step * (1 + errors.mean_slip * noise) + rng.normal(0, sigma, 3)
+        azimuth += rng.normal(0, np.radians(errors.azimuth_step_deg) * noise)
+        tilt = np.append(rng.normal(0, np.radians(errors.tilt_deg) * noise, 2), 0.0)
+        turn = rotation_of_vector(np.array([0.0, 0.0, azimuth])) @ rotation_of_vector(tilt)
+        place = poses[-1].translation_m + poses[-1].rotation @ reported
+        poses.append(Pose(LSL, here.source, turn @ here.rotation, place))
+    return poses
+
+
+def _panorama(rover: Frame, stop: int, count: int) -> list[PairGeometry]:
+    """Nominal pairs of a panorama: evenly turned, 18 degrees down."""
+    pairs = []
+    for k in range(count):
+        azimuth, elevation = 2 * np.pi * k / count, np.radians(-18.0)
+        forward = np.array(
+            [
+                np.cos(elevation) * np.cos(azimuth),
+                np.cos(elevation) * np.sin(azimuth),
+                -np.sin(elevation),
+            ]
+        )
+        right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
+        rotation = np.column_stack([right, np.cross(forward, right), forward])
+        origin = np.array([0.3, 0.0, -MAST_M]) - right * BASE_M / 2 + 0.05 * forward
+        frame = Frame(FrameKind.PAIR, (*rover.index, k))
+        shape = EpipolarPair(
+            Pose(rover, frame, rotation, origin), BASE_M, FOCAL_PX, (511.5, 511.5), LINES, LINES
+        )
+        pairs.append(PairGeometry(f"S{stop:04d}P{k:02d}", _stop_id(stop), shape))
+    return pairs
+
+
+def _true_view(
+    truth: tuple[Pose, ...], pairs: tuple[PairGeometry, ...], pointings: np.ndarray, k: int, n: int
+) -> Pose:
+    label = pairs[k].geometry.rover_from_pair
+    turned = Pose(
+        label.target,
+        label.source,
+        rotation_of_vector(pointings[k]) @ label.rotation,
+        label.translation_m,
+    )
+    return (truth[k // n] @ turned).inverse
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Wanted:
+    """Candidate points, and which stops shall see so many of them in so many pairs."""
+
+    candidates: ObjectPoints
+    stops: tuple[int, ...]
+    count: int
+    pairs: int
+
+
+def _wanted(
+    rng: np.random.Generator,
+    truth: tuple[Pose, ...],
+    counts: tuple[int, int, int, int],
+    *,
+    loop: bool,
+) -> list[_Wanted]:
+    cross, far, inter, intra = counts
+    centres = np.array([pose.translation_m for pose in truth])
+    wanted = []
+    n = len(truth)
+    for k in range(n):
+        for lag, count in ((1, cross), (2, far)):
+            other = (k + lag) % n if loop else k + lag
+            if count and other < n and other != k:
+                middle = (centres[k] + centres[other]) / 2
+                spread = 0.35 * float(np.linalg.norm(centres[k] - centres[other])) + 2.0
+                candidates = _ground(rng, middle[:2], spread, 12 * count)
+                wanted.append(_Wanted(candidates, (k, other), count, 1))
+        radius = rng.uniform(3.0, 15.0, 60 * (inter + intra) + 1)
+        angle = rng.uniform(0, 2 * np.pi, len(radius))
+        near = centres[k, :2] + radius[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+        ground = np.column_stack([near, _lift(rng, near)])
+        half = 50 * inter
+        wanted.append(_Wanted(ground[:half], (k,), inter, 2))
+        wanted.append(_Wanted(ground[half:], (k,), intra, 1))
+    return wanted
+
+
+def _ground(
+    rng: np.random.Generator, middle: np.ndarray, spread: float, count: int
+) -> ObjectPoints:
+    xy = middle + rng.normal(0, spread, (count, 2))
+    return np.column_stack([xy, _lift(rng, xy)])
+
+
+def _lift(rng: np.random.Generator, xy: np.ndarray) -> PerPoint:
+    """Ground and rocks up to some decimetres on it, seen from a rover standing on the same ground."""
+    return _height(xy) - _height(np.zeros((1, 2))) - rng.exponential(0.1, len(xy))
+
+
+def _observed(
+    views: list[Pose], wanted: list[_Wanted], per_stop: int
+) -> tuple[ObjectPoints, np.ndarray]:
+    """The chosen points, and rows (point, pair) of who sees them."""
+    chosen: list[ObjectPoints] = []
+    seen: list[tuple[int, int]] = []
+    number = 0
+    for want in wanted:
+        numbers = [s * per_stop + i for s in want.stops for i in range(per_stop)]
+        visible = np.array([_visible(views[k], want.candidates) for k in numbers])
+        each = visible.reshape(len(want.stops), per_stop, -1).sum(axis=1)
+        good = np.flatnonzero((each >= want.pairs).all(axis=0))[: want.count]
+        for c in good.tolist():
+            for row, k in enumerate(numbers):
+                if visible[row, c] and (want.pairs > 1 or len(want.stops) > 1 or
+                                        row == int(visible[:, c].argmax())):  # fmt: skip
+                    seen.append((number, k))
+            number += 1
+        chosen.append(want.candidates[good])
+    points = np.vstack(chosen) if chosen else np.zeros((0, 3))
+    return points, np.array(seen, dtype=np.int64).reshape(-1, 2)
+
+
+def _visible(pair_from_lsl: Pose, points: ObjectPoints) -> np.ndarray:
+    x, y, z = pair_from_lsl.apply(points).T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        u, v, p = 511.5 + FOCAL_PX * x / z, 511.5 + FOCAL_PX * y / z, FOCAL_PX * BASE_M / z
+    inside = (u - p > 0) & (u < LINES - 1) & (v > 0) & (v < LINES - 1)
+    return inside & (z > 1.0) & (z < RANGE_M)
+
+
+def _measured(
+    pairs: tuple[PairGeometry, ...], views: list[Pose], points: ObjectPoints, seen: np.ndarray
+) -> tuple[ImagePoints, PerPoint]:
+    """Exact image coordinates and parallaxes of every observation."""
+    left, parallax = np.zeros((len(seen), 2)), np.zeros(len(seen))
+    for k in np.unique(seen[:, 1]).tolist():
+        rows = np.flatnonzero(seen[:, 1] == k)
+        left[rows], parallax[rows] = pairs[k].geometry.project(
+            views[k].apply(points[seen[rows, 0]])
+        )
+    return left, parallax
+
+
+def _blunders(
+    rng: np.random.Generator, seen: np.ndarray, per_stop: int, fraction: float
+) -> Float64[np.ndarray, " n"]:
+    """Errors of 5 to 100 pixels in some observations of cross-site ties."""
+    size = np.zeros(len(seen))
+    if not fraction:
+        return size
+    stop = seen[:, 1] // per_stop
+    low, high = np.full(seen[:, 0].max() + 1, 1 << 30), np.full(seen[:, 0].max() + 1, -1)
+    np.minimum.at(low, seen[:, 0], stop)
+    np.maximum.at(high, seen[:, 0], stop)
+    cross = np.flatnonzero(high > low)
+    points = rng.choice(cross, int(round(fraction * len(cross))), replace=False)
+    for point in points.tolist():
+        row = rng.choice(np.flatnonzero(seen[:, 0] == point))
+        size[row] = rng.choice([-1, 1]) * np.exp(rng.uniform(np.log(5.0), np.log(100.0)))
+    return size
