@@ -126,7 +126,7 @@ class Label:
             if isinstance(bare, str | int | float):
                 return kind(bare)
         else:
-            number = _number(bare) if isinstance(bare, str) else bare
+            number = number_of(bare) if isinstance(bare, str) else bare
             whole = isinstance(number, int) or (isinstance(number, float) and number.is_integer())
             if (
                 isinstance(number, int | float)
@@ -249,8 +249,7 @@ class _Parser:
     def _value(self, depth: int) -> Value:
         token = self._take("a value")
         if token.kind == "text":
-            text = " ".join(token.text.split())
-            return None if text in _UNKNOWN else text
+            return known(" ".join(token.text.split()))
         if token.kind == "symbol":
             return token.text
         if token.kind == "word":
@@ -260,9 +259,9 @@ class _Parser:
         raise self._error(f"expected a value, found {_shown(token)}", token)
 
     def _number_or_word(self, token: _Token) -> Value:
-        number = _number(token.text)
+        number = number_of(token.text)
         if number is None:
-            return None if token.text in _UNKNOWN else token.text
+            return known(token.text)
         if self._next is not None and self._next.kind == "unit":
             return Quantity(number, self._take("a unit").text)
         return number
@@ -309,7 +308,12 @@ class _Parser:
         return LabelError(f"{self._source}: line {line} of the label: {what}")
 
 
-def _number(word: str) -> int | float | None:
+def known(text: str) -> str | None:
+    """The text, or None where it says that nothing is known."""
+    return None if text in _UNKNOWN else text
+
+
+def number_of(word: str) -> int | float | None:
     """The number that a word spells, or None."""
     word = word.strip()
     if len(word) > MAX_NUMBER_LENGTH:

@@ -43,13 +43,16 @@ def find_stereo_pairs(
     """Put the frames of an exposure together."""
     pairs: list[StereoPair] = []
     unpaired: dict[str, str] = {}
+    by_clock: dict[int, list[RoverImage]] = defaultdict(list)
+    for image in images:
+        by_clock[int(image.clock // MAX_CLOCK_DIFFERENCE)].append(image)
     for exposure in _exposures(images):
         pair = _best_pair(exposure, missions)
         if pair is not None:
             pairs.append(pair)
         for image in exposure:
             if pair is None:
-                unpaired[image.id] = _why_alone(image, images, missions)
+                unpaired[image.id] = _why_alone(image, _around(image, by_clock), missions)
             elif image.id not in {pair.left.id, pair.right.id}:
                 unpaired[image.id] = _why_not_used(image, pair, missions)
     pairs.sort(key=lambda pair: (pair.left.clock, pair.left.id))
@@ -57,6 +60,12 @@ def find_stereo_pairs(
     return StereoPairing(
         tuple(pairs), {key: why for key, why in unpaired.items() if key not in paired}
     )
+
+
+def _around(image: RoverImage, by_clock: Mapping[int, list[RoverImage]]) -> list[RoverImage]:
+    """The images taken at about the same time."""
+    second = int(image.clock // MAX_CLOCK_DIFFERENCE)
+    return [near for bin_ in (second - 1, second, second + 1) for near in by_clock.get(bin_, ())]
 
 
 def _exposures(images: Sequence[RoverImage]) -> list[list[RoverImage]]:

@@ -20,6 +20,7 @@ import numpy as np
 from photogrammetry.arrays import GreyImage, Mask
 from photogrammetry.errors import LabelError, PixelError
 from photogrammetry.pds3.label import Label, Quantity, Value
+from photogrammetry.pds3.vicar import vicar_label_end
 
 RUN = 8
 """Zeros in a row that no dark scene makes, but the shortest line of a lost segment does."""
@@ -93,10 +94,7 @@ def read_pixels(data: bytes, label: Label, source: str) -> tuple[GreyImage, Mask
     """
     layout = pixel_layout(label)
     if layout.end > len(data):
-        raise PixelError(
-            f"{source}: truncated: needs {layout.end} bytes for {layout.lines} lines of "
-            f"{layout.samples} samples from byte {layout.offset} (^IMAGE), has {len(data)}"
-        )
+        raise PixelError(_too_short(data, layout, source))
     values = _stored_values(data, layout)
     constants = _constants(label)
     measured = _measured(values[0], constants)
@@ -152,6 +150,18 @@ def radiance_scale(label: Label) -> RadianceScale | None:
         return None
     offset = label.optional("DERIVED_IMAGE_PARMS", "RADIANCE_OFFSET", float)
     return RadianceScale(factor, offset or 0.0)
+
+
+def _too_short(data: bytes, layout: PixelLayout, source: str) -> str:
+    """What is wrong with a file that ends before its pixels do."""
+    text = (
+        f"{source}: truncated: needs {layout.end} bytes for {layout.lines} lines of "
+        f"{layout.samples} samples from byte {layout.offset} (^IMAGE), has {len(data)}"
+    )
+    start = vicar_label_end(data)
+    if start is not None and start + layout.end - layout.offset <= len(data):
+        text += f"; its VICAR label ends at byte {start}, so ^IMAGE was probably altered"
+    return text
 
 
 def _stored_values(data: bytes, layout: PixelLayout) -> np.ndarray:

@@ -12,6 +12,7 @@ from photogrammetry.pds3.image import rover_image
 from photogrammetry.pds3.label import Label, label_text, parse_label
 from photogrammetry.pds3.missions import MISSIONS, Mission
 from photogrammetry.pds3.pixels import read_pixels
+from photogrammetry.pds3.vicar import START, parse_vicar_label
 
 BEGINNINGS = (b"PDS_VERSION_ID", b"ODL_VERSION_ID", b"CCSD")
 """What an attached label starts with; CCSD is the wrapper some volumes put before it."""
@@ -71,13 +72,15 @@ def read_image_record(
 
 
 def read_label(data: bytes, name: str) -> Label:
-    """The label at the start of a file.
+    """The label at the start of a file, PDS3 or VICAR.
 
     Raises:
         LabelError: there is none, or it is broken.
     """
     if not data:
         raise LabelError(f"{name}: the file is empty")
+    if data.startswith(START):
+        return parse_vicar_label(data, name)
     if not data[:256].lstrip().upper().startswith(BEGINNINGS):
         start = data[:24].decode("latin-1").strip()
         raise LabelError(
