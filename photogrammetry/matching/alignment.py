@@ -1,0 +1,273 @@
+"""Robust alignment of stereo pairs by their ties, and the geometric verdict on every tie.
+
+A tie gives a point twice: X_s from the left point and parallax of its first pair, and the left
+point and parallax (x, y, p) measured in its second pair. With the pointing corrections theta of both
+pairs (rotation vectors about the left cameras: the mast points to 0.1-0.2 degrees only) and the pose
+of the second rover in the first, E = R L + t, the first measurement predicts the second,
+
+    X_t = exp(-theta_t) R_t' ( R' (R_s exp(theta_s) X_s + c_s - t) - c_t ),   v = (x, y, p) - h(X_t)
+
+with h the normal case (`EpipolarPair.project`). The residuals are weighted with the covariance of
+both measurements, the first one's carried through the map,
+
+    C_v = diag(s_x^2, s_x^2, s_p^2) + J diag(s_x^2, s_x^2, s_p^2)_first J',
+
+so that an uncertain range counts little along the ray and an accurate direction much across it.
+There is no scale (Di et al. 2008, section 3.2: rotation and translation only). Unknowns with a prior
+are held to it by its covariance. The robust estimate is graduated non-convexity with the
+Geman-McClure kernel (Yang et al. 2020), w = (k c^2 / (v' C_v^-1 v + k c^2))^2, k falling to 1.
+
+The verdict is the squared Mahalanobis length v' C_v^-1 v against the chi-square of 3 degrees of
+freedom: one test for ray distance, reprojection and range, each in units of what is known of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation as ScipyRotation
+
+from photogrammetry.arrays import Flags, Float64, ObjectPoints, PerPoint
+from photogrammetry.cameras.epipolar import EpipolarPair
+from photogrammetry.errors import MatchingError
+from photogrammetry.frames import Pose
+from photogrammetry.matching.ties import Ties
+
+
+@dataclass(frozen=True, slots=True)
+class AlignmentParams:
+    """How ties are held against each other."""
+
+    pointing_sigma: float = 0.0026
+    """Radians (0.15 degrees) an axis: the mast's pointing from image to image."""
+    chi_square: float = 11.34
+    """99 % point of chi-square with 3 degrees of freedom."""
+    rounds: int = 14
+    first_scale: float = 64.0
+    """k at the start: a tie 8 times further off than the limit still pulls with a quarter."""
+
+    def __post_init__(self) -> None:
+        if not (self.pointing_sigma > 0 and self.chi_square > 0 and self.rounds > 1):
+            raise MatchingError(
+                "an alignment needs a pointing sigma, a limit and rounds above zero"
+            )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Alignment:
+    """Where the second rover stands in the first, by ties."""
+
+    first_from_second: Pose
+    covariance: Float64[np.ndarray, "6 6"]
+    """Of rotation vector (radians), then translation (metres), in the axes of the first rover."""
+    pointing: dict[str, Float64[np.ndarray, " 3"]]
+    """Correction of every pair's pointing, a rotation vector in the pair's frame, radians."""
+    mahalanobis2: PerPoint
+    """Squared Mahalanobis length of every tie's residual; infinite where it has none."""
+    agrees: Flags
+    sigma0: float
+    """Standard deviation of unit weight over the ties that agree."""
+    rms_px: float
+    """Root mean square of the left image residuals of the ties that agree."""
+
+
+@dataclass(slots=True, eq=False)
+class _System:
+    """What stays the same from round to round: tie k's geometry, gathered from its pairs."""
+
+    ties: Ties
+    rows: tuple[np.ndarray, np.ndarray]
+    points: ObjectPoints
+    covariances: Float64[np.ndarray, "n 3 3"]
+    rover_from_pair: tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+    focal: PerPoint
+    base: PerPoint
+    centre: Float64[np.ndarray, "n 2"]
+
+
+def align(
+    ties: Ties,
+    geometries: Mapping[str, EpipolarPair],
+    start: Pose,
+    pose_prior: Float64[np.ndarray, "6 6"] | None,
+    params: AlignmentParams,
+) -> Alignment:
+    """Align by ties; `start` is first_from_second, its prior covariance None where it is known.
+
+    Pairs of one stop share the rover frame: `start` is then the identity and stays. The pointing of
+    every pair is free within its prior.
+    """
+    if not len(ties):
+        raise MatchingError("an alignment needs ties, and there are none")
+    used = np.unique(np.concatenate([ties.first, ties.second]))
+    system = _system(ties, geometries, used)
+    free_pose = 6 if pose_prior is not None else 0
+    size = free_pose + 3 * len(used)
+    prior = np.zeros((size, size))
+    if pose_prior is not None:
+        prior[:6, :6] = np.linalg.inv(pose_prior)
+    prior[free_pose:, free_pose:] = np.eye(3 * len(used)) / params.pointing_sigma**2
+    x = np.zeros(size)
+    scales = np.maximum(np.geomspace(params.first_scale, 0.5, params.rounds - 3), 1.0)
+    for k in (*scales, 1.0, 1.0, 1.0):
+        v, design, weight = _linearised(system, x, start, free_pose)
+        length2 = np.einsum("ni,nij,nj->n", v, weight, v)
+        usable = np.isfinite(length2)
+        kernel = (k * params.chi_square / (length2 + k * params.chi_square)) ** 2
+        kernel[~usable] = 0.0
+        weighted = np.swapaxes(design[usable], 1, 2) @ (weight * kernel[:, None, None])[usable]
+        normal = prior + (weighted @ design[usable]).sum(axis=0)
+        right = (weighted @ v[usable][:, :, None])[:, :, 0].sum(axis=0) - prior @ x
+        x = x + np.linalg.solve(normal, right)
+    return _result(system, x, start, free_pose, np.linalg.inv(normal), used, params)
+
+
+def _system(ties: Ties, geometries: Mapping[str, EpipolarPair], used: np.ndarray) -> _System:
+    """Gather the geometry of every tie's two pairs."""
+    pairs = [geometries[ties.pair_ids[k]] for k in used]
+    rows = (np.searchsorted(used, ties.first), np.searchsorted(used, ties.second))
+    rotation = np.stack([p.rover_from_pair.rotation for p in pairs])
+    origin = np.stack([p.rover_from_pair.translation_m for p in pairs])
+    focal = np.array([p.focal_px for p in pairs])
+    base = np.array([p.base_m for p in pairs])
+    centre = np.array([p.centre_px for p in pairs])
+    f, b, c = focal[rows[0]], base[rows[0]], centre[rows[0]]
+    z = f * b / ties.first_parallax_px
+    points = np.column_stack([(ties.first_left - c) * (z / f)[:, None], z])
+    along = points / ties.first_parallax_px[:, None] * ties.first_sigma_parallax_px[:, None]
+    covariances = along[:, :, None] * along[:, None, :]
+    across = (z * ties.first_sigma_px / f) ** 2
+    covariances[:, 0, 0] += across
+    covariances[:, 1, 1] += across
+    return _System(
+        ties,
+        rows,
+        points,
+        covariances,
+        ((rotation[rows[0]], origin[rows[0]]), (rotation[rows[1]], origin[rows[1]])),
+        focal[rows[1]],
+        base[rows[1]],
+        centre[rows[1]],
+    )
+
+
+def _cross(points: ObjectPoints) -> Float64[np.ndarray, "n 3 3"]:
+    """[X]x with [X]x w = X x w."""
+    x, y, z = points.T
+    zero = np.zeros_like(x)
+    return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(-1, 3, 3)
+
+
+def _apply(rotations: np.ndarray, points: ObjectPoints) -> ObjectPoints:
+    """Every point through its own matrix."""
+    return (rotations @ points[:, :, None])[:, :, 0]
+
+
+def _linearised(
+    system: _System, x: np.ndarray, start: Pose, free_pose: int
+) -> tuple[ObjectPoints, Float64[np.ndarray, "n 3 m"], Float64[np.ndarray, "n 3 3"]]:
+    """(residuals, design matrices, weights) at the present values of the unknowns."""
+    theta = x[free_pose:].reshape(-1, 3)
+    turn = ScipyRotation.from_rotvec(theta).as_matrix()
+    (rs, cs), (rt, ct) = system.rover_from_pair
+    first, second = system.rows
+    pose = _moved(start, x[:6]) if free_pose else start
+    r, t = pose.rotation, pose.translation_m
+    turned = _apply(turn[first], system.points)
+    in_first = _apply(rs, turned) + cs
+    in_second = (in_first - t) @ r
+    untilted = _apply(np.swapaxes(rt, 1, 2), in_second - ct)
+    back = np.swapaxes(turn[second], 1, 2)
+    seen = _apply(back, untilted)
+    project = _projection_derivative(seen, system)
+    to_target = project @ back @ np.swapaxes(rt, 1, 2) @ r.T
+    count = len(system.points)
+    design = np.zeros((count, 3, len(x)))
+    if free_pose:
+        design[:, :, :3] = to_target @ _cross(in_first - t)
+        design[:, :, 3:6] = -to_target
+    rows = np.arange(count)
+    by_first, by_second = -to_target @ rs @ _cross(turned), project @ _cross(seen)
+    for axis in range(3):
+        design[rows, :, free_pose + 3 * first + axis] += by_first[:, :, axis]
+        design[rows, :, free_pose + 3 * second + axis] += by_second[:, :, axis]
+    carry = to_target @ rs @ turn[first]
+    spread = carry @ system.covariances @ np.swapaxes(carry, 1, 2)
+    own = np.column_stack(
+        [system.ties.second_sigma_px] * 2 + [system.ties.second_sigma_parallax_px]
+    )
+    spread[:, [0, 1, 2], [0, 1, 2]] += own**2
+    behind = ~np.isfinite(spread).all(axis=(1, 2))
+    spread[behind] = np.eye(3)
+    weight = np.linalg.inv(spread)
+    weight[behind] = np.nan
+    return _measured(system) - _projected(seen, system), design, weight
+
+
+def _measured(system: _System) -> ObjectPoints:
+    """(sample, line, parallax) measured in the second pair."""
+    return np.column_stack([system.ties.second_left, system.ties.second_parallax_px])
+
+
+def _projected(points: ObjectPoints, system: _System) -> ObjectPoints:
+    """(sample, line, parallax) of points in the second pair's frame; NaN behind the camera."""
+    z = np.where(points[:, 2] > 0, points[:, 2], np.nan)
+    left = system.centre + (system.focal / z)[:, None] * points[:, :2]
+    return np.column_stack([left, system.focal * system.base / z])
+
+
+def _projection_derivative(points: ObjectPoints, system: _System) -> Float64[np.ndarray, "n 3 3"]:
+    """Derivative of (sample, line, parallax) by the point."""
+    x, y, z = points.T
+    z = np.where(z > 0, z, np.nan)
+    f, zero = system.focal, np.zeros_like(z)
+    return np.stack(
+        [
+            f / z,
+            zero,
+            -f * x / z**2,
+            zero,
+            f / z,
+            -f * y / z**2,
+            zero,
+            zero,
+            -f * system.base / z**2,
+        ],
+        axis=-1,
+    ).reshape(-1, 3, 3)
+
+
+def _moved(pose: Pose, change: Float64[np.ndarray, " 6"]) -> Pose:
+    """A pose turned by a rotation vector about the source's origin and then shifted."""
+    turn = ScipyRotation.from_rotvec(change[:3]).as_matrix()
+    rotation = ScipyRotation.from_matrix(turn @ pose.rotation).as_matrix()
+    return Pose(pose.target, pose.source, rotation, pose.translation_m + change[3:])
+
+
+def _result(  # noqa: PLR0913, PLR0917 - gathers one result
+    system: _System,
+    x: np.ndarray,
+    start: Pose,
+    free_pose: int,
+    cofactor: np.ndarray,
+    used: np.ndarray,
+    params: AlignmentParams,
+) -> Alignment:
+    """The alignment at the solution, with the verdict on every tie."""
+    v, _, weight = _linearised(system, x, start, free_pose)
+    length2 = np.einsum("ni,nij,nj->n", v, weight, v)
+    length2 = np.where(np.isfinite(length2), length2, np.inf)
+    agrees = length2 <= params.chi_square
+    redundancy = 3 * int(agrees.sum()) - free_pose
+    sigma0 = float(np.sqrt(length2[agrees].sum() / redundancy)) if redundancy > 0 else float("nan")
+    rms = float(np.sqrt((v[agrees, :2] ** 2).mean())) if agrees.any() else float("nan")
+    inflation = max(sigma0, 1.0) ** 2 if np.isfinite(sigma0) else 1.0
+    covariance = cofactor[:6, :6] * inflation if free_pose else np.zeros((6, 6))
+    pointing = {
+        system.ties.pair_ids[k]: x[free_pose + 3 * i : free_pose + 3 * i + 3].copy()
+        for i, k in enumerate(used)
+    }
+    pose = _moved(start, x[:6]) if free_pose else start
+    return Alignment(pose, covariance, pointing, length2, agrees, sigma0, rms)

@@ -1,0 +1,200 @@
+"""Inter-stereo ties: points that several stereo pairs of one stop see (Di et al. 2008, section 3.1).
+
+Every sparse match of a pair has its place in the rover frame; the mast's kinematics says where the
+other pairs see it. What is left is the pointing error: with 0.15 degrees an axis and pair, the
+conjugate lies within 3 sqrt(2) x 0.15 degrees, 14 Navcam pixels, of its prediction. Navcam and
+Pancam meet in the geometry of the Navcam (`conjugates`: always the coarser image). All ties of the
+stop are then aligned at once with the pointing of every pair free (`alignment`), so that a tie must
+agree with all the other ties of its pair, and pointing agrees around the panorama.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from itertools import combinations
+
+import numpy as np
+
+from photogrammetry.arrays import Flags, Float64, ImagePoints, Int32
+from photogrammetry.errors import MatchingError
+from photogrammetry.frames import Pose
+from photogrammetry.imagery import StopId
+from photogrammetry.matching.alignment import AlignmentParams, align
+from photogrammetry.matching.conjugates import ConjugateParams
+from photogrammetry.matching.records import MatchedStop
+from photogrammetry.matching.tie_views import (
+    TieView,
+    in_view,
+    predicted_points,
+    tie_pair,
+)
+from photogrammetry.matching.ties import Ties, joined
+
+REACH_SIGMAS = 3.0
+
+
+@dataclass(frozen=True, slots=True)
+class InterStereoParams:
+    """How the pairs of a stop are tied."""
+
+    conjugates: ConjugateParams = field(default_factory=ConjugateParams)
+    alignment: AlignmentParams = field(default_factory=AlignmentParams)
+    candidates: int = 150
+    """Most matches of a pair that are looked for in another one."""
+    cell_px: int = 40
+    """One candidate, the most certain, in every cell of this size."""
+    least_overlap: int = 12
+    """Matches that must fall into another pair before the two count as overlapping."""
+    farthest_m: float = 100.0
+    """Beyond it the range of a Navcam match is nearly unknown."""
+
+    def __post_init__(self) -> None:
+        if self.candidates < self.least_overlap or self.cell_px < 1:
+            raise MatchingError("inter-stereo ties need more candidates than the least overlap")
+
+
+@dataclass(frozen=True, slots=True)
+class PairLink:
+    """What came of two overlapping pairs of a stop."""
+
+    first_id: str
+    second_id: str
+    candidates: int
+    measured: int
+    """Conjugates found with their parallax."""
+    ties: int
+    """Those that agree with the geometry of the stop."""
+
+    def __str__(self) -> str:
+        return (
+            f"{self.first_id} - {self.second_id}: {self.ties} ties of {self.measured} measured, "
+            f"{self.candidates} looked for"
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PairTies:
+    """All inter-stereo ties of a stop."""
+
+    stop: StopId
+    ties: Ties
+    links: tuple[PairLink, ...]
+    """One for every two pairs that overlap."""
+    pointing: dict[str, Float64[np.ndarray, " 3"]]
+    """How the pointing of a pair was found to be off: a rotation vector in its frame, radians."""
+    rms_px: float
+    """Of the left image residuals after pointing, over the ties kept; NaN without ties."""
+
+    @property
+    def untied(self) -> tuple[PairLink, ...]:
+        """Overlaps in which no tie was found."""
+        return tuple(link for link in self.links if not link.ties)
+
+
+def tie_inter_stereo(stop: MatchedStop, params: InterStereoParams) -> PairTies:
+    """Tie every two pairs of a stop whose fields of view overlap."""
+    views = [TieView.of(pair, params.conjugates.half_px) for pair in stop.pairs]
+    pair_ids = tuple(pair.pair_id for pair in stop.pairs)
+    measured, looked = [], {}
+    for one, other in combinations(range(len(views)), 2):
+        source, target, rows = _overlap(views[one], views[other], params)
+        if len(rows) < params.least_overlap:
+            continue
+        looked[source.pair.pair_id, target.pair.pair_id] = len(rows)
+        measured.append(
+            tie_pair(
+                source,
+                target,
+                _between(source, target),
+                rows,
+                _reach_px(source, target, params),
+                params.conjugates,
+                pair_ids,
+            )
+        )
+    ties = joined(measured, pair_ids)
+    return _verified(stop, ties, looked, params)
+
+
+def _between(source: TieView, target: TieView) -> Pose:
+    """target_from_source by the mast's kinematics."""
+    return target.geometry.rover_from_pair.inverse @ source.geometry.rover_from_pair
+
+
+def _reach_px(source: TieView, target: TieView, params: InterStereoParams) -> int:
+    """How far pointing errors move a conjugate, in pixels of the coarser image."""
+    focal = min(source.geometry.focal_px, target.geometry.focal_px)
+    spread = np.sqrt(2.0) * params.alignment.pointing_sigma
+    return int(np.ceil(REACH_SIGMAS * spread * focal))
+
+
+def _overlap(
+    one: TieView, other: TieView, params: InterStereoParams
+) -> tuple[TieView, TieView, Int32[np.ndarray, " n"]]:
+    """(source, target, candidate matches): the source is the pair with the finer scale or more."""
+    there, back = _visible(one, other, params), _visible(other, one, params)
+    if one.geometry.focal_px != other.geometry.focal_px:
+        forth = one.geometry.focal_px > other.geometry.focal_px
+    else:
+        forth = int(there.sum()) >= int(back.sum())
+    source, target, seen = (one, other, there) if forth else (other, one, back)
+    return source, target, _spread_out(source, np.flatnonzero(seen), params)
+
+
+def _visible(source: TieView, target: TieView, params: InterStereoParams) -> Flags:
+    """Which sparse matches of the source lie in the target's image."""
+    matches = source.pair.matches
+    scale = source.geometry.focal_px * source.geometry.base_m
+    rows = (matches.parallax_px > scale / params.farthest_m) & source.planes.found
+    seen = np.zeros(len(matches), dtype=bool)
+    if not rows.any():
+        return seen
+    left, _, _ = predicted_points(source, target, _between(source, target), rows)
+    seen[np.flatnonzero(rows)] = in_view(target, left, params.conjugates.half_px)
+    return seen
+
+
+def _spread_out(
+    source: TieView, rows: Int32[np.ndarray, " n"] | np.ndarray, params: InterStereoParams
+) -> Int32[np.ndarray, " n"]:
+    """The most certain match of every cell; with too many cells, those evenly through the image."""
+    matches = source.pair.matches
+    order = rows[np.argsort(matches.sigma_px[rows], kind="stable")]
+    cells = _cells(matches.left[order], params.cell_px)
+    _, first = np.unique(cells, return_index=True)
+    chosen = order[first]
+    if len(chosen) > params.candidates:
+        chosen = chosen[np.linspace(0, len(chosen) - 1, params.candidates).astype(np.int64)]
+    return chosen.astype(np.int32)
+
+
+def _cells(points: ImagePoints, cell_px: int) -> np.ndarray:
+    """A number for the cell that every point falls into."""
+    col, row = np.floor_divide(points, cell_px).astype(np.int64).T
+    return row * 100_000 + col
+
+
+def _verified(
+    stop: MatchedStop,
+    ties: Ties,
+    looked: dict[tuple[str, str], int],
+    params: InterStereoParams,
+) -> PairTies:
+    """Keep the ties that agree with the geometry of the whole stop."""
+    counted = ties.counts()
+    if len(ties):
+        geometries = {pair.pair_id: pair.images.geometry for pair in stop.pairs}
+        rest = Pose.identity(stop.stop.frame, stop.stop.frame)
+        alignment = align(ties, geometries, rest, None, params.alignment)
+        kept = ties.taking(alignment.agrees)
+        pointing, rms_px = alignment.pointing, alignment.rms_px
+    else:
+        kept, pointing, rms_px = ties, {}, float("nan")
+    agreeing = kept.counts()
+    links = tuple(
+        PairLink(
+            first, second, n, counted.get((first, second), 0), agreeing.get((first, second), 0)
+        )
+        for (first, second), n in looked.items()
+    )
+    return PairTies(stop.stop, kept, links, pointing, rms_px)

@@ -1,0 +1,156 @@
+"""The surface around a match, and how one image maps onto another over it.
+
+In the normal case of stereo the parallax of a plane is a linear function of the image coordinates,
+
+    p = p_0 + g_x (x - x_0) + g_y (y - y_0),                 p = f B / Z,
+
+so a plane fitted to the dense parallax around a match is the local surface, in the pair's frame
+
+    n . X = 1,        n = (g_x f, g_y f, p_0 - g_x (x_0 - c_x) - g_y (y_0 - c_y)) / (f B).
+
+A second camera at X' = R X + t sees that plane through the homography
+
+    H = K' (R + t n') K^-1,                                  K = [f 0 c_x; 0 f c_y; 0 0 1].
+
+For a pure turn (t = 0, another pair of the same panorama) the plane drops out, as it should.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from photogrammetry.arrays import Flags, Float64, ImagePoints, ParallaxMap, PerPoint
+from photogrammetry.cameras.epipolar import EpipolarPair
+from photogrammetry.frames import Pose
+
+LEAST_SHARE = 0.5
+"""A plane needs parallax at half of the pixels around the point."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ParallaxPlanes:
+    """A plane of parallax around each of n image points; NaN rows where there is none."""
+
+    parallax_px: PerPoint
+    gradient: Float64[np.ndarray, "n 2"]
+    """Change of parallax along sample and line."""
+    residual_px: PerPoint
+    """Standard deviation of the parallax about the plane: relief and noise."""
+
+    @property
+    def found(self) -> Flags:
+        """Where a plane was fitted."""
+        return np.isfinite(self.parallax_px)
+
+
+def parallax_planes(parallax: ParallaxMap, points: ImagePoints, half_px: int) -> ParallaxPlanes:
+    """Fit planes to the dense parallax in a square window around image points.
+
+    Two rounds: pixels further from the first plane than 2.5 standard deviations stay out of the
+    second, so that a rock's edge does not tilt the ground behind it.
+    """
+    steps = np.arange(-half_px, half_px + 1, max(1, half_px // 5))
+    dy, dx = (o.ravel() for o in np.meshgrid(steps, steps, indexing="ij"))
+    x = np.round(points[:, 0]).astype(np.int64)[:, None] + dx
+    y = np.round(points[:, 1]).astype(np.int64)[:, None] + dy
+    lines, samples = parallax.shape
+    inside = (x >= 0) & (x < samples) & (y >= 0) & (y < lines)
+    value = parallax[np.clip(y, 0, lines - 1), np.clip(x, 0, samples - 1)].astype(np.float64)
+    weight = (inside & np.isfinite(value)).astype(np.float64)
+    value = np.nan_to_num(value)
+    design = np.stack([np.ones_like(value), x - points[:, :1], y - points[:, 1:]], axis=-1)
+    enough = weight.mean(axis=1) >= LEAST_SHARE
+    median = (
+        np.nanmedian(np.where(weight > 0, value, np.nan)[enough], axis=1) if enough.any() else 0
+    )
+    near = np.zeros_like(weight)
+    near[enough] = np.abs(value[enough] - np.reshape(median, (-1, 1))) < 0.3 * np.reshape(
+        np.abs(median) + 1.0, (-1, 1)
+    )
+    weight *= near  # a third of the range away is another surface
+    for _ in range(2):
+        coefficients, residual = _fit(design, value, weight)
+        sigma = np.sqrt((weight * residual**2).sum(axis=1) / np.maximum(weight.sum(axis=1) - 3, 1))
+        keep = np.abs(residual) <= 2.5 * np.maximum(sigma, 0.1)[:, None]
+        enough &= weight.mean(axis=1) >= LEAST_SHARE / 2
+        weight = weight * keep
+    coefficients[~enough] = np.nan
+    sigma[~enough] = np.nan
+    return ParallaxPlanes(coefficients[:, 0], coefficients[:, 1:], sigma)
+
+
+def _fit(
+    design: Float64[np.ndarray, "n m 3"],
+    value: Float64[np.ndarray, "n m"],
+    weight: Float64[np.ndarray, "n m"],
+) -> tuple[Float64[np.ndarray, "n 3"], Float64[np.ndarray, "n m"]]:
+    """Weighted plane through every window and the residuals from it."""
+    weighted = design * weight[:, :, None]
+    normal = np.swapaxes(weighted, 1, 2) @ design + 1e-9 * np.eye(3)
+    right = np.swapaxes(weighted, 1, 2) @ value[:, :, None]
+    coefficients = np.linalg.solve(normal, right)[:, :, 0]
+    return coefficients, value - (design @ coefficients[:, :, None])[:, :, 0]
+
+
+def _calibration(geometry: EpipolarPair) -> Float64[np.ndarray, "3 3"]:
+    """K of an epipolar pair."""
+    f, (cx, cy) = geometry.focal_px, geometry.centre_px
+    return np.array([[f, 0.0, cx], [0.0, f, cy], [0.0, 0.0, 1.0]])
+
+
+def plane_homographies(
+    source: EpipolarPair,
+    target: EpipolarPair,
+    target_from_source: Pose,
+    points: ImagePoints,
+    planes: ParallaxPlanes,
+) -> Float64[np.ndarray, "n 3 3"]:
+    """Maps of the left image of `source` onto that of `target` over each point's local surface."""
+    f, (cx, cy) = source.focal_px, source.centre_px
+    gx, gy = planes.gradient.T
+    at_centre = planes.parallax_px - gx * (points[:, 0] - cx) - gy * (points[:, 1] - cy)
+    normal = np.column_stack([gx * f, gy * f, at_centre]) / (f * source.base_m)
+    between = target_from_source.rotation + (
+        target_from_source.translation_m[None, :, None] * normal[:, None, :]
+    )
+    return _calibration(target) @ between @ np.linalg.inv(_calibration(source))
+
+
+def right_from_left(points: ImagePoints, planes: ParallaxPlanes) -> Float64[np.ndarray, "n 3 3"]:
+    """Maps of the left image of a pair onto its right one over each point's local surface."""
+    gx, gy = planes.gradient.T
+    maps = np.tile(np.eye(3), (len(points), 1, 1))
+    maps[:, 0, 0] -= gx
+    maps[:, 0, 1] -= gy
+    maps[:, 0, 2] -= planes.parallax_px - gx * points[:, 0] - gy * points[:, 1]
+    return maps
+
+
+def mapped(
+    homographies: Float64[np.ndarray, "n 3 3"], points: ImagePoints
+) -> tuple[ImagePoints, Float64[np.ndarray, "n 2 2"]]:
+    """Each point through its own homography, and the derivative of the map there."""
+    h = (homographies @ np.column_stack([points, np.ones(len(points))])[:, :, None])[:, :, 0]
+    w = np.where(h[:, 2] > 0, h[:, 2], np.nan)
+    image = h[:, :2] / w[:, None]
+    derivative = (homographies[:, :2, :2] - image[:, :, None] * homographies[:, 2:, :2]) / w[
+        :, None, None
+    ]
+    return image, derivative
+
+
+def image_pyramid(image: np.ndarray, levels: int = 5) -> list[np.ndarray]:
+    """An image and its halves, each the mean of 2 x 2 pixels of the one before."""
+    pyramid = [np.ascontiguousarray(image, dtype=np.float32)]
+    for _ in range(levels - 1):
+        last = pyramid[-1]
+        size = (last.shape[1] // 2, last.shape[0] // 2)
+        pyramid.append(
+            cv2.resize(
+                last[: 2 * size[1], : 2 * size[0]], size, interpolation=cv2.INTER_AREA
+            ).astype(np.float32)
+        )
+    return pyramid

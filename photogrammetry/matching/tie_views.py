@@ -1,0 +1,195 @@
+"""Matched pairs made ready for tying: pyramids, candidates, and parallax wherever it is asked for.
+
+A conjugate found in the left image of a pair is a tie once its parallax is known. The dense parallax
+gives the local surface; the parallax itself is measured anew at the very point, by least-squares
+matching of the left patch in the right image over that surface, so that a tie does not inherit the
+smoothing and the pixel-locking of the dense matcher.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from photogrammetry.arrays import Flags, Float64, ImagePoints, Int32, PerPoint
+from photogrammetry.cameras.epipolar import EpipolarPair
+from photogrammetry.frames import Pose
+from photogrammetry.matching.conjugates import (
+    ConjugateParams,
+    Conjugates,
+    View,
+    common_grids,
+    find_conjugates,
+)
+from photogrammetry.matching.local_surface import (
+    ParallaxPlanes,
+    mapped,
+    parallax_planes,
+    plane_homographies,
+    right_from_left,
+)
+from photogrammetry.matching.records import MatchedPair
+from photogrammetry.matching.ties import Ties
+
+LARGEST_Y_PX = 1.0
+"""Vertical parallax at which a match in the right image is not the same point."""
+DENSE_AGREES_PX = 1.5
+"""The measured parallax may differ this much, and three times the surface's roughness, from it."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TieView:
+    """A matched pair with what tying needs of it, worked out once."""
+
+    pair: MatchedPair
+    left: View
+    right: View
+    planes: ParallaxPlanes
+    """Around every sparse match of the pair."""
+
+    @classmethod
+    def of(cls, pair: MatchedPair, half_px: int) -> TieView:
+        """Make a pair ready; `half_px` is half the width of the local surfaces."""
+        images = pair.images
+        return cls(
+            pair,
+            View.of(images.left, images.left_mask),
+            View.of(images.right, images.right_mask),
+            parallax_planes(pair.parallax, pair.matches.left, half_px),
+        )
+
+    @property
+    def geometry(self) -> EpipolarPair:
+        """The pair's ideal stereo camera."""
+        return self.pair.images.geometry
+
+    @property
+    def ground_sigma_m(self) -> PerPoint:
+        """Standard deviation in range of every sparse match, metres: Z^2 sigma_p / (B f)."""
+        matches, g = self.pair.matches, self.geometry
+        scale = g.focal_px * g.base_m
+        return scale * matches.sigma_px / np.maximum(matches.parallax_px, 1e-3) ** 2
+
+
+def measured_parallax(
+    view: TieView, points: ImagePoints, params: ConjugateParams
+) -> tuple[PerPoint, PerPoint]:
+    """(parallax, its standard deviation) at left image points; NaN where it cannot be measured."""
+    parallax, sigma = np.full(len(points), np.nan), np.full(len(points), np.nan)
+    if not len(points):
+        return parallax, sigma
+    planes = parallax_planes(view.pair.parallax, points, params.half_px)
+    ok = planes.found & (planes.parallax_px > 0)
+    some = _rows(planes, ok)
+    found = find_conjugates(
+        view.left,
+        view.right,
+        points[ok],
+        right_from_left(points[ok], some),
+        2,
+        replace(params, ambiguity=1.0),
+    )
+    value = points[ok, 0] - found.points[:, 0]
+    near = np.abs(value - some.parallax_px) < DENSE_AGREES_PX + 3 * some.residual_px
+    level = np.abs(found.points[:, 1] - points[ok, 1]) < LARGEST_Y_PX
+    good = found.found & near & level & (value > 0)
+    parallax[np.flatnonzero(ok)[good]] = value[good]
+    sigma[np.flatnonzero(ok)[good]] = found.sigma_px[good]
+    return parallax, sigma
+
+
+def _rows(planes: ParallaxPlanes, rows: Flags) -> ParallaxPlanes:
+    """The planes of some points."""
+    return ParallaxPlanes(planes.parallax_px[rows], planes.gradient[rows], planes.residual_px[rows])
+
+
+def predicted_points(
+    source: TieView, target: TieView, target_from_source: Pose, rows: Flags
+) -> tuple[ImagePoints, PerPoint, Float64[np.ndarray, "n 3"]]:
+    """Image and parallax in the target of some sparse matches of the source, and their points there."""
+    matches = source.pair.matches
+    points = source.geometry.triangulate(matches.left[rows], matches.parallax_px[rows])
+    in_target = target_from_source.apply(points)
+    left, parallax = target.geometry.project(in_target)
+    return left, parallax, in_target
+
+
+def in_view(view: TieView, left: ImagePoints, margin_px: float) -> Flags:
+    """Whether image points lie on usable pixels, away from the frame."""
+    g = view.geometry
+    with np.errstate(invalid="ignore"):
+        inside = (
+            (left[:, 0] >= margin_px)
+            & (left[:, 0] <= g.samples - 1 - margin_px)
+            & (left[:, 1] >= margin_px)
+            & (left[:, 1] <= g.lines - 1 - margin_px)
+        )
+    usable = np.zeros(len(left), dtype=bool)
+    col, row = np.round(left[inside]).astype(np.int64).T
+    usable[inside] = view.left.mask[row, col]
+    return usable
+
+
+def tie_pair(  # noqa: PLR0913, PLR0917 - two views, what joins them, which matches, and how
+    source: TieView,
+    target: TieView,
+    target_from_source: Pose,
+    rows: Int32[np.ndarray, " n"],
+    reach: int,
+    params: ConjugateParams,
+    pair_ids: tuple[str, ...],
+) -> Ties:
+    """Ties between sparse matches `rows` of the source pair and wherever they are in the target."""
+    matches = source.pair.matches
+    planes = ParallaxPlanes(
+        matches.parallax_px[rows], source.planes.gradient[rows], source.planes.residual_px[rows]
+    )
+    good = np.isfinite(planes.gradient).all(axis=1)
+    rows, planes = rows[good], _rows(planes, good)
+    points = matches.left[rows]
+    maps = plane_homographies(source.geometry, target.geometry, target_from_source, points, planes)
+    found = find_conjugates(source.left, target.left, points, maps, reach, params)
+    parallax, sigma_parallax = measured_parallax(target, found.points[found.found], params)
+    return _assembled(source, target, rows, found, parallax, sigma_parallax, pair_ids)
+
+
+def _assembled(  # noqa: PLR0913, PLR0917 - gathers the columns of the ties
+    source: TieView,
+    target: TieView,
+    rows: Int32[np.ndarray, " n"],
+    found: Conjugates,
+    parallax: PerPoint,
+    sigma_parallax: PerPoint,
+    pair_ids: tuple[str, ...],
+) -> Ties:
+    """Found conjugates with measured parallax, as ties."""
+    matches, some = source.pair.matches, rows[found.found]
+    indices = [
+        np.full(len(some), pair_ids.index(v.pair.pair_id), np.int32) for v in (source, target)
+    ]
+    ties = Ties(
+        pair_ids,
+        indices[0],
+        indices[1],
+        matches.left[some],
+        found.points[found.found],
+        matches.parallax_px[some],
+        parallax,
+        matches.sigma_px[some],
+        found.sigma_px[found.found],
+        matches.sigma_px[some],
+        sigma_parallax,
+    )
+    return ties.taking(np.isfinite(parallax))
+
+
+def target_from_grid(
+    source: TieView, target: TieView, target_from_source: Pose, rows: Flags
+) -> Float64[np.ndarray, "n 2 2"]:
+    """Pixels of the target per cell of the common grid, at the images of some sparse matches."""
+    points = source.pair.matches.left[rows]
+    maps = plane_homographies(
+        source.geometry, target.geometry, target_from_source, points, _rows(source.planes, rows)
+    )
+    return mapped(maps @ common_grids(points, maps), np.zeros_like(points))[1]

@@ -1,0 +1,73 @@
+"""Ties: one feature measured in two stereo pairs, each time with its parallax."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from photogrammetry.arrays import Flags, ImagePoints, Int32, PerPoint
+from photogrammetry.errors import MatchingError
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Ties:
+    """n features, each measured in the pairs `pair_ids[first[k]]` and `pair_ids[second[k]]`.
+
+    Sigmas are standard deviations, in pixels, of an image coordinate and of the parallax.
+    """
+
+    pair_ids: tuple[str, ...]
+    first: Int32[np.ndarray, " n"]
+    second: Int32[np.ndarray, " n"]
+    first_left: ImagePoints
+    second_left: ImagePoints
+    first_parallax_px: PerPoint
+    second_parallax_px: PerPoint
+    first_sigma_px: PerPoint
+    second_sigma_px: PerPoint
+    first_sigma_parallax_px: PerPoint
+    second_sigma_parallax_px: PerPoint
+
+    def __post_init__(self) -> None:
+        lengths = {f.name: len(getattr(self, f.name)) for f in fields(self)[1:]}
+        if len(set(lengths.values())) > 1:
+            raise MatchingError(f"the columns of ties differ in length: {lengths}")
+
+    def __len__(self) -> int:
+        return len(self.first)
+
+    @classmethod
+    def none(cls, pair_ids: tuple[str, ...]) -> Ties:
+        """No ties at all."""
+        whole, flat = np.zeros(0, np.int32), np.zeros(0)
+        return cls(
+            pair_ids,
+            whole,
+            whole,
+            np.zeros((0, 2)),
+            np.zeros((0, 2)),
+            *[flat.copy() for _ in "123456"],
+        )
+
+    def taking(self, rows: Flags) -> Ties:
+        """The ties of some rows."""
+        return Ties(self.pair_ids, *(getattr(self, f.name)[rows] for f in fields(self)[1:]))
+
+    def counts(self) -> dict[tuple[str, str], int]:
+        """Number of ties by (first, second) pair."""
+        found = Counter(zip(self.first.tolist(), self.second.tolist(), strict=True))
+        return {(self.pair_ids[i], self.pair_ids[j]): n for (i, j), n in sorted(found.items())}
+
+
+def joined(ties: Sequence[Ties], pair_ids: tuple[str, ...]) -> Ties:
+    """All ties of several sets that share the list of pairs."""
+    for some in ties:
+        if some.pair_ids != pair_ids:
+            raise MatchingError("only ties that share one list of pairs can be joined")
+    if not ties:
+        return Ties.none(pair_ids)
+    columns = (np.concatenate([getattr(t, f.name) for t in ties]) for f in fields(Ties)[1:])
+    return Ties(pair_ids, *columns)
