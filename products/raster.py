@@ -279,17 +279,24 @@ def read_orthophoto(path: Path) -> tuple[MapGrid, Raster]:
 
 
 def values_at(path: Path, east: float, north: float) -> dict[str, float] | None:
+    """True values of every band at a place; see `values_in`."""
+    with open_raster(path) as dataset:
+        return values_in(dataset, east, north)
+
+
+def values_in(
+    dataset: rasterio.DatasetReader, east: float, north: float
+) -> dict[str, float] | None:
     """True values of every band in the cell that holds a place; None beyond the raster's edge.
 
     NaN where nothing was measured.
     """
-    with open_raster(path) as dataset:
-        grid = grid_of(dataset)
-        row = math.floor((grid.north - north) / grid.cell_m)
-        col = math.floor((east - grid.west) / grid.cell_m)
-        if not (0 <= row < grid.rows and 0 <= col < grid.cols):
-            return None
-        cell = dataset.read(window=Window(col, row, 1, 1), masked=True)[:, 0, 0]
-        stored = np.ma.filled(cell.astype(np.float64), np.nan)
-        true = stored * np.array(dataset.scales) + np.array(dataset.offsets)
-        return dict(zip(_names(dataset), (float(value) for value in true), strict=True))
+    grid = grid_of(dataset)
+    row = math.floor((grid.north - north) / grid.cell_m)
+    col = math.floor((east - grid.west) / grid.cell_m)
+    if not (0 <= row < grid.rows and 0 <= col < grid.cols):
+        return None
+    cell = dataset.read(window=Window(col, row, 1, 1), masked=True)[:, 0, 0]
+    stored = np.ma.filled(cell.astype(np.float64), np.nan)
+    true = stored * np.array(dataset.scales) + np.array(dataset.offsets)
+    return dict(zip(_names(dataset), (float(value) for value in true), strict=True))

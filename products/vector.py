@@ -153,7 +153,7 @@ def local_geojson(collection: FeatureCollection) -> dict[str, Any]:
         "type": "FeatureCollection",
         "solmap:crs": local_proj4(collection.landing),
         "features": [
-            as_geojson(feature, np.round(feature.points, _DECIMALS_M))
+            as_geojson(feature, np.round(feature.points, _DECIMALS_M) + 0.0)  # no -0.0
             for feature in collection.features
         ],
     }

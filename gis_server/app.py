@@ -1,0 +1,97 @@
+"""The server: the catalogue on the web. It reads the store and changes no product."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from importlib.metadata import version
+from pathlib import Path
+
+from fastapi import FastAPI
+from starlette.datastructures import MutableHeaders
+from starlette.middleware.gzip import DEFAULT_EXCLUDED_CONTENT_TYPES, GZipMiddleware
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from gis_server.errors import install_error_table
+from gis_server.routes import images, layers, missions, pages, tiles
+from gis_server.services import open_services
+
+_HEADERS = {
+    "Content-Security-Policy": (
+        "default-src 'self'; img-src 'self' data: blob:; style-src 'self' 'unsafe-inline'; "
+        "worker-src 'self' blob:; frame-ancestors 'none'; base-uri 'none'; form-action 'self'"
+    ),
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "same-origin",
+    "Cross-Origin-Opener-Policy": "same-origin",
+}
+"""Nothing from elsewhere is loaded, nobody embeds the map, no other origin is let in (no CORS)."""
+
+
+class SecurityHeaders:
+    """Adds the headers to every answer."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self.app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass the request on and put the headers on the answer."""
+
+        async def with_headers(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                headers = MutableHeaders(scope=message)
+                for name, value in _HEADERS.items():
+                    headers.setdefault(name, value)
+            await send(message)
+
+        await self.app(scope, receive, with_headers)
+
+
+class CompressText:
+    """Compresses what is text; files asked for by range and pictures go out as they are."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        excluded = (*DEFAULT_EXCLUDED_CONTENT_TYPES, "image/tiff", "application/octet-stream")
+        self.plain = app
+        self.compressing = GZipMiddleware(
+            app, minimum_size=1000, compresslevel=5, exclude_content_types=excluded
+        )
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Choose by the address: tiles, downloads and images are never compressed."""
+        path = scope.get("path", "")
+        raw = path.startswith(("/tiles/", "/download/", "/images/"))
+        await (self.plain if raw else self.compressing)(scope, receive, send)
+
+
+def create_app(store_root: Path, viewer_dist: Path | None = None) -> FastAPI:
+    """The server of the store at `store_root`.
+
+    Args:
+        store_root: Folder of products and catalogue; it may be filled while being served.
+        viewer_dist: Folder of the built viewer; the one shipped by default.
+    """
+    services = open_services(store_root)
+
+    @asynccontextmanager
+    async def lifespan(_app: FastAPI) -> AsyncIterator[None]:
+        yield
+        services.pool.close()
+        services.catalogue.engine.dispose()
+
+    app = FastAPI(
+        title="solmap",
+        version=version("solmap"),
+        summary="Maps made from a Mars rover's stereo images",
+        docs_url=None,
+        redoc_url=None,
+        lifespan=lifespan,
+    )
+    app.state.services = services
+    install_error_table(app)
+    for module in (missions, layers, tiles, images, pages):
+        app.include_router(module.router)
+    pages.install_pages(app, viewer_dist or pages.SHIPPED_VIEWER)
+    app.add_middleware(CompressText)
+    app.add_middleware(SecurityHeaders)
+    return app

@@ -1,0 +1,47 @@
+"""Which error becomes which status, and the body that goes with it."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable
+from http import HTTPStatus
+
+from fastapi import FastAPI, Request
+from fastapi.responses import JSONResponse
+from starlette.exceptions import HTTPException
+
+from products.errors import (
+    OutsideCoverageError,
+    ProductError,
+    ProductNotFoundError,
+    StoreFullError,
+)
+
+STATUS: dict[type[Exception], HTTPStatus] = {
+    ProductNotFoundError: HTTPStatus.NOT_FOUND,
+    OutsideCoverageError: HTTPStatus.NOT_FOUND,
+    StoreFullError: HTTPStatus.INSUFFICIENT_STORAGE,
+    ProductError: HTTPStatus.INTERNAL_SERVER_ERROR,
+}
+HINT = {
+    HTTPStatus.NOT_FOUND: "GET /api/missions lists what is published, /docs what can be asked",
+    HTTPStatus.INSUFFICIENT_STORAGE: "free some space on the disk of the store",
+    HTTPStatus.INTERNAL_SERVER_ERROR: "make the product again; its provenance names the recipe",
+}
+
+
+def install_error_table(app: FastAPI) -> None:
+    """Have every error of the table answered as `detail`: what, where and what to try."""
+    for kind, status in STATUS.items():
+        app.add_exception_handler(kind, _answer(status))
+    app.add_exception_handler(HTTPStatus.NOT_FOUND, _answer(HTTPStatus.NOT_FOUND))
+
+
+def _answer(status: HTTPStatus) -> Callable[[Request, Exception], Awaitable[JSONResponse]]:
+    async def answer(request: Request, error: Exception) -> JSONResponse:
+        what = error.detail if isinstance(error, HTTPException) else str(error)
+        detail = {"what": what, "where": request.url.path, "what to try": HINT[status]}
+        return JSONResponse(
+            {"detail": detail}, status_code=status, headers={"Cache-Control": "no-store"}
+        )
+
+    return answer

@@ -1,0 +1,68 @@
+"""Features of a layer as the map asks for them: in local metres, in a box, or at a place."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+
+from products.vector import Feature, FeatureCollection, local_geojson, read_features
+
+_SHAPES = {"Point": shapely.Point, "LineString": shapely.LineString, "Polygon": shapely.Polygon}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FeatureIndex:
+    """The features of a product and a tree of their boxes."""
+
+    collection: FeatureCollection
+    shapes: list[shapely.Geometry]
+    tree: shapely.STRtree
+
+    def within(self, bounds: tuple[float, float, float, float]) -> FeatureCollection:
+        """The features whose box meets (west, south, east, north), in the file's order."""
+        found = np.sort(self.tree.query(shapely.box(*bounds)))
+        return self._some(int(i) for i in found)
+
+    def holding(self, east: float, north: float) -> list[Feature]:
+        """The polygons that hold a place, smallest first."""
+        found = self.tree.query(shapely.Point(east, north), predicate="intersects")
+        polygons = [int(i) for i in found if self.collection.features[i].geometry == "Polygon"]
+        polygons.sort(key=lambda i: self.shapes[i].area)
+        return [self.collection.features[i] for i in polygons]
+
+    def nearest(self, east: float, north: float, within_m: float) -> list[tuple[Feature, float]]:
+        """The features nearer than `within_m` and their distances, nearest first."""
+        place = shapely.Point(east, north)
+        found = self.tree.query(place, predicate="dwithin", distance=within_m)
+        with_distance = [(int(i), float(self.shapes[i].distance(place))) for i in found]
+        with_distance.sort(key=lambda pair: pair[1])
+        return [(self.collection.features[i], metres) for i, metres in with_distance]
+
+    def _some(self, indices: Iterable[int]) -> FeatureCollection:
+        features = tuple(self.collection.features[i] for i in indices)
+        return FeatureCollection(self.collection.landing, features, self.collection.tags)
+
+
+@lru_cache(maxsize=64)
+def index_of(path: Path) -> FeatureIndex:
+    """The features of a file. Products never change, so they are read once."""
+    collection = read_features(path)
+    shapes = [_shape(feature) for feature in collection.features]
+    return FeatureIndex(collection, shapes, shapely.STRtree(shapes))
+
+
+def _shape(feature: Feature) -> shapely.Geometry:
+    plane = feature.points[:, :2]
+    return _SHAPES[feature.geometry](plane[0] if feature.geometry == "Point" else plane)
+
+
+def features_in(path: Path, bounds: tuple[float, float, float, float] | None) -> dict[str, Any]:
+    """GeoJSON in local metres of the features that meet `bounds`, or of all."""
+    index = index_of(path)
+    return local_geojson(index.collection if bounds is None else index.within(bounds))

@@ -1,0 +1,105 @@
+"""What all layers of a mission say about one place."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from gis_server.rendering.features import index_of
+from gis_server.rendering.readers import RasterPool
+from products.model import Layer, ProductKind, ScopeLevel
+from products.raster import values_in
+from products.store import ProductStore
+
+_WIDEST_FIRST = {ScopeLevel.REGION: 0, ScopeLevel.SOL: 1, ScopeLevel.STOP: 2}
+_NEAR_M = 2.0
+"""How far from the place a stop or tie point may be: about the length of a rover."""
+_MOST = 50
+_NEARBY = (ProductKind.STOPS, ProductKind.TIE_POINTS, ProductKind.POINTING)
+
+
+@dataclass(frozen=True, slots=True)
+class LayerValue:
+    """The value of a raster's first band, true and in its unit."""
+
+    layer: Layer
+    value: float
+    sigma: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class FeatureFound:
+    """A feature at or near a place."""
+
+    layer: Layer
+    id: str | None
+    distance_m: float
+    properties: dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Identified:
+    """All that is known of a place."""
+
+    values: tuple[LayerValue, ...] = ()
+    features: tuple[FeatureFound, ...] = field(default=())
+
+    @property
+    def elevation(self) -> LayerValue | None:
+        """The elevation from the most comprehensive terrain model that has one here."""
+        return next((v for v in self.values if v.layer.ref.kind == ProductKind.DTM), None)
+
+
+def identify(
+    layers: Sequence[Layer], east: float, north: float, store: ProductStore, pool: RasterPool
+) -> Identified:
+    """Values and features of `layers` at a place, metres of the local map."""
+    ordered = sorted(layers, key=lambda layer: _WIDEST_FIRST.get(layer.ref.scope.level, 3))
+    values, features = [], []
+    for layer in ordered:
+        if not _near(layer.bounds, east, north):
+            continue
+        if layer.type == "raster":
+            values += _value(layer, east, north, store, pool)
+        else:
+            features += _features(layer, east, north, store)
+    features.sort(key=lambda found: found.distance_m)
+    return Identified(tuple(values), tuple(features[:_MOST]))
+
+
+def _near(bounds: tuple[float, float, float, float], east: float, north: float) -> bool:
+    west, south, to_east, to_north = bounds
+    return (
+        west - _NEAR_M <= east <= to_east + _NEAR_M
+        and south - _NEAR_M <= north <= to_north + _NEAR_M
+    )
+
+
+def _value(
+    layer: Layer, east: float, north: float, store: ProductStore, pool: RasterPool
+) -> list[LayerValue]:
+    with pool.reading(store.path(layer.ref)) as dataset:
+        bands = values_in(dataset, east, north)
+    if not bands:
+        return []
+    first = next(iter(bands.values()))
+    sigma = bands.get("standard_deviation", math.nan)
+    if not math.isfinite(first):
+        return []
+    return [LayerValue(layer, first, sigma if math.isfinite(sigma) else None)]
+
+
+def _features(layer: Layer, east: float, north: float, store: ProductStore) -> list[FeatureFound]:
+    index = index_of(store.path(layer.ref))
+    if layer.ref.kind == ProductKind.FOOTPRINTS:
+        found = [(feature, 0.0) for feature in index.holding(east, north)]
+    elif layer.ref.kind in _NEARBY:
+        found = index.nearest(east, north, _NEAR_M)
+    else:
+        found = []
+    return [
+        FeatureFound(layer, feature.id, round(metres, 3), dict(feature.properties))
+        for feature, metres in found
+    ]

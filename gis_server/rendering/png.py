@@ -1,0 +1,55 @@
+"""Indexed PNG: 256 colours, of which the first is transparent.
+
+A map tile shows one quantity, so one byte a pixel and a palette say all that three colours and
+alpha would, in a fifth of the time and less than half the bytes. Rows carry the difference to the
+row above (PNG filter 2), which suits a palette whose order is that of the quantity.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+
+import numpy as np
+
+_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+_UP = 2
+_FASTEST, _WINDOW_BITS, _MEMORY = 1, 15, 9
+
+
+def indexed_png(indices: np.ndarray, palette: np.ndarray) -> bytes:
+    """Encode a picture of palette indices; index 0 is transparent.
+
+    Args:
+        indices: uint8, rows by columns.
+        palette: uint8, 256 rows of red, green and blue.
+    """
+    rows, columns = indices.shape
+    lines = np.empty((rows, columns + 1), np.uint8)
+    lines[:, 0] = _UP
+    lines[0, 1:] = indices[0]
+    np.subtract(indices[1:], indices[:-1], out=lines[1:, 1:])  # modulo 256, as the format asks
+    deflate = zlib.compressobj(_FASTEST, zlib.DEFLATED, _WINDOW_BITS, _MEMORY)
+    data = deflate.compress(lines.tobytes()) + deflate.flush()
+    header = struct.pack(">IIBBBBB", columns, rows, 8, 3, 0, 0, 0)
+    return b"".join(
+        (
+            _SIGNATURE,
+            _chunk(b"IHDR", header),
+            _chunk(b"PLTE", palette.tobytes()),
+            _chunk(b"tRNS", b"\x00"),
+            _chunk(b"IDAT", data),
+            _chunk(b"IEND", b""),
+        )
+    )
+
+
+def _chunk(name: bytes, data: bytes) -> bytes:
+    return b"".join(
+        (
+            struct.pack(">I", len(data)),
+            name,
+            data,
+            struct.pack(">I", zlib.crc32(data, zlib.crc32(name))),
+        )
+    )

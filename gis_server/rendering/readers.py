@@ -1,0 +1,66 @@
+"""A bounded pool of open rasters.
+
+Opening a raster costs more than reading a tile of it, and its decoded blocks are forgotten when it
+is closed. Datasets are not safe to share between threads, so a thread borrows one for itself.
+Products never change, so an open one never goes stale.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from collections import OrderedDict
+from collections.abc import Iterator
+from pathlib import Path
+
+import rasterio
+
+from products.raster import open_raster
+
+
+class RasterPool:
+    """Idle datasets, the least recently used closed first."""
+
+    def __init__(self, idle: int = 16) -> None:
+        """Keep at most `idle` datasets open while nobody reads them."""
+        self._limit = idle
+        self._idle: OrderedDict[int, tuple[Path, rasterio.DatasetReader]] = OrderedDict()
+        self._lock = threading.Lock()
+
+    @contextlib.contextmanager
+    def reading(self, path: Path) -> Iterator[rasterio.DatasetReader]:
+        """Borrow an open dataset of `path`.
+
+        Raises:
+            ProductNotFoundError: the file is not there.
+            ProductError: it cannot be read.
+        """
+        dataset = self._take(path) or open_raster(path)
+        try:
+            yield dataset
+        except BaseException:
+            dataset.close()
+            raise
+        self._give(path, dataset)
+
+    def close(self) -> None:
+        """Close what is idle."""
+        with self._lock:
+            for _, dataset in self._idle.values():
+                dataset.close()
+            self._idle.clear()
+
+    def _take(self, path: Path) -> rasterio.DatasetReader | None:
+        with self._lock:
+            for key in reversed(self._idle):
+                if self._idle[key][0] == path:
+                    return self._idle.pop(key)[1]
+        return None
+
+    def _give(self, path: Path, dataset: rasterio.DatasetReader) -> None:
+        with self._lock:
+            self._idle[id(dataset)] = (path, dataset)
+            surplus = len(self._idle) - self._limit
+            evicted = [self._idle.popitem(last=False)[1][1] for _ in range(surplus)]
+        for old in evicted:
+            old.close()

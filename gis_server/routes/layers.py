@@ -1,0 +1,52 @@
+"""One layer: its features, its provenance, its file."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from fastapi import APIRouter, Response
+from fastapi.responses import FileResponse, JSONResponse
+
+from gis_server.rendering.features import features_in
+from gis_server.routes.parameters import FOREVER, Bounds, LayerPath
+from gis_server.services import ServicesOf
+from products.errors import ProductNotFoundError
+from products.model import SUFFIX
+
+router = APIRouter(tags=["layers"])
+_MEDIA_TYPES = {
+    ".tif": "image/tiff; application=geotiff; profile=cloud-optimized",
+    ".geojson": "application/geo+json",
+}
+
+
+@router.get("/api/layers/{scope}/{kind}/{digest}/features.geojson", response_class=JSONResponse)
+def features(layer: LayerPath, services: ServicesOf, bounds: Bounds) -> Response:
+    """The features of a layer as GeoJSON in metres of the local map: east, north and up if known.
+
+    The download has them in degrees of Mars.
+    """
+    if layer.type != "vector":
+        raise ProductNotFoundError(f"{layer.id} is a raster: it has tiles and no features")
+    body = features_in(services.store.path(layer.ref), bounds)
+    return JSONResponse(body, headers=FOREVER, media_type="application/geo+json")
+
+
+@router.get("/api/layers/{scope}/{kind}/{digest}/provenance")
+def provenance(layer: LayerPath, services: ServicesOf, response: Response) -> dict[str, Any]:
+    """How the layer was made: recipe, inputs, parameters, time and checksum."""
+    response.headers.update(FOREVER)
+    return services.store.provenance(layer.ref)
+
+
+@router.head("/download/{scope}/{kind}/{digest}", include_in_schema=False)
+@router.get("/download/{scope}/{kind}/{digest}", response_class=FileResponse)
+def download(layer: LayerPath, services: ServicesOf) -> FileResponse:
+    """The layer's file, whole or by ranges: GeoTIFF in the local CRS, GeoJSON in Mars degrees."""
+    suffix = SUFFIX[layer.ref.kind]
+    return FileResponse(
+        services.store.path(layer.ref),
+        media_type=_MEDIA_TYPES.get(suffix, "application/octet-stream"),
+        filename=f"{layer.ref.scope.name}_{layer.ref.kind}_{layer.ref.digest}{suffix}",
+        headers=FOREVER,
+    )

@@ -1,0 +1,67 @@
+"""Missions, their layers and images, and what lies at a place."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from fastapi import APIRouter, Query, Response
+
+from gis_server.rendering.identify import identify
+from gis_server.routes.bodies import (
+    Image,
+    MapLayer,
+    Mission,
+    Place,
+    image_body,
+    layer_body,
+    mission_body,
+    place_body,
+)
+from gis_server.routes.parameters import AGAIN, Metres, MissionName
+from gis_server.services import ServicesOf
+
+router = APIRouter(prefix="/api/missions", tags=["missions"])
+
+
+@router.get("")
+def missions(services: ServicesOf, response: Response) -> list[Mission]:
+    """All missions, where their maps lie on Mars and how these are cut into tiles."""
+    response.headers.update(AGAIN)
+    return [
+        mission_body(entry, services.catalogue.layers(entry.mission))
+        for entry in services.catalogue.missions()
+    ]
+
+
+@router.get("/{mission}/layers")
+def layers(mission: MissionName, services: ServicesOf, response: Response) -> list[MapLayer]:
+    """The latest layer of every scope and kind."""
+    response.headers.update(AGAIN)
+    services.catalogue.mission(mission)
+    return [layer_body(layer) for layer in services.catalogue.layers(mission)]
+
+
+@router.get("/{mission}/images")
+def images(
+    mission: MissionName,
+    services: ServicesOf,
+    response: Response,
+    sol: Annotated[int | None, Query(ge=0)] = None,
+    stop: Annotated[str | None, Query(max_length=128)] = None,
+) -> list[Image]:
+    """The images of a mission, sol or stop, with partner or why there is none."""
+    response.headers.update(AGAIN)
+    services.catalogue.mission(mission)
+    return [image_body(entry) for entry in services.catalogue.images(mission, stop, sol)]
+
+
+@router.get("/{mission}/identify")
+def identify_place(
+    mission: MissionName, east: Metres, north: Metres, services: ServicesOf, response: Response
+) -> Place:
+    """What all layers say about a place: coordinates, elevation, values, stops and images."""
+    response.headers.update(AGAIN)
+    landing = services.catalogue.mission(mission).landing
+    layers = services.catalogue.layers(mission)
+    found = identify(layers, east, north, services.store, services.pool)
+    return place_body(landing, east, north, found)

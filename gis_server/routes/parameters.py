@@ -1,0 +1,68 @@
+"""Parameters of paths and queries, checked before anything is looked up."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from fastapi import Depends, HTTPException, Path, Query
+
+from gis_server.services import ServicesOf
+from products.model import Layer, ProductKind
+from products.tiling import HALF_SIDE_M, MAX_ZOOM, TileAddress
+
+MissionName = Annotated[str, Path(pattern=r"^[A-Za-z0-9_-]{1,64}$", examples=["MER2"])]
+ScopeName = Annotated[
+    str, Path(pattern=r"^[a-z0-9][a-z0-9_.-]{0,127}$", examples=["mer2-site0010-drive0064"])
+]
+Digest = Annotated[str, Path(pattern=r"^[0-9a-f]{16}$", description="of the product's recipe")]
+ImageName = Annotated[str, Path(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,127}$")]
+Metres = Annotated[
+    float,
+    Query(ge=-HALF_SIDE_M, le=HALF_SIDE_M, allow_inf_nan=False, description="metres, local map"),
+]
+
+FOREVER = {"Cache-Control": "public, max-age=31536000, immutable"}
+"""The digest in the address changes with the content."""
+AGAIN = {"Cache-Control": "no-cache"}
+"""Ask again each time."""
+
+
+def _layer(scope: ScopeName, kind: ProductKind, digest: Digest, services: ServicesOf) -> Layer:
+    return services.layer(scope, kind, digest)
+
+
+LayerPath = Annotated[Layer, Depends(_layer)]
+"""The published layer that scope, kind and digest name."""
+
+
+def _address(
+    z: Annotated[int, Path(ge=0, le=MAX_ZOOM)],
+    x: Annotated[int, Path(ge=0)],
+    y: Annotated[int, Path(ge=0)],
+) -> TileAddress:
+    return TileAddress(z, x, y)
+
+
+Address = Annotated[TileAddress, Depends(_address)]
+"""Zoom, column and row of the landing site's tile matrix set."""
+
+
+def _bounds(
+    bbox: Annotated[
+        str | None,
+        Query(pattern=r"^[^,]+(,[^,]+){3}$", description="west,south,east,north in local metres"),
+    ] = None,
+) -> tuple[float, float, float, float] | None:
+    if bbox is None:
+        return None
+    try:
+        west, south, east, north = (float(text) for text in bbox.split(","))
+    except ValueError:
+        raise HTTPException(422, f"bbox={bbox}: west,south,east,north are numbers") from None
+    if not (west <= east and south <= north):  # also refuses NaN
+        raise HTTPException(422, f"bbox={bbox}: west <= east and south <= north are expected")
+    return west, south, east, north
+
+
+Bounds = Annotated[tuple[float, float, float, float] | None, Depends(_bounds)]
+"""(west, south, east, north) in metres of the local map, or None."""

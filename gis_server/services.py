@@ -1,0 +1,46 @@
+"""What the endpoints work with: the store's catalogue and products, and open rasters."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Annotated
+
+from fastapi import Depends, Request
+
+from gis_server.rendering.readers import RasterPool
+from products.catalogue import Catalogue
+from products.model import Layer, ProductKind
+from products.store import ProductStore
+
+_LAYERS = 1024
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Services:
+    """One set for a server. The catalogue is asked anew each time, so publishing shows at once."""
+
+    store: ProductStore
+    catalogue: Catalogue
+    pool: RasterPool
+    layer: Callable[[str, ProductKind, str], Layer]
+    """A layer by scope, kind and digest, remembered: it never changes, and a view of the map asks
+    for dozens of its tiles."""
+
+
+def open_services(root: Path) -> Services:
+    """Open the store at `root` for reading."""
+    store, catalogue = ProductStore.open(root), Catalogue.open(root)
+    remembered = lru_cache(maxsize=_LAYERS)(catalogue.layer)
+    return Services(store, catalogue, RasterPool(), remembered)
+
+
+def _services(request: Request) -> Services:
+    services: Services = request.app.state.services
+    return services
+
+
+ServicesOf = Annotated[Services, Depends(_services)]
+"""The services of the app that a request came to."""

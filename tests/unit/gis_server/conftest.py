@@ -1,0 +1,189 @@
+"""A small store whose every value is known in closed form, and a client of its server."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from fastapi.testclient import TestClient
+
+from gis_server.app import create_app
+from photogrammetry.terrain.grid import MapGrid
+from photogrammetry.terrain.records import Dtm
+from products.catalogue import Catalogue, ImageEntry, MissionEntry
+from products.crs import LandingPoint, local_crs
+from products.model import Layer, ProductKind, ProductRef, Recipe, Scope, ScopeLevel
+from products.raster import summarise, write_dtm, write_orthophoto, write_raster
+from products.store import ProductStore
+from products.vector import Feature, write_features
+
+LANDING = LandingPoint("Columbia Memorial Station", 175.4729, -14.5692, 3_393_000.0, "a test")
+CRS = local_crs(LANDING)
+CELL_M = 0.08
+GRID = MapGrid.covering((-40.0, -40.0, 40.0, 40.0), CELL_M)
+STOP = Scope(ScopeLevel.STOP, "mer2-site0010-drive0064")
+REGION = Scope(ScopeLevel.REGION, "mer2")
+UNSEEN_WEST_OF_M = -30.0
+
+
+def elevation_at(east, north):
+    """A tilted plane: 1 in 10 to the east, 1 in 20 to the north."""
+    return 5.0 + 0.1 * east + 0.05 * north
+
+
+def plane() -> np.ndarray:
+    east, north = GRID.centres()
+    surface = elevation_at(east[None, :], north[:, None])
+    surface[:, east < UNSEEN_WEST_OF_M] = np.nan
+    return surface.astype(np.float32)
+
+
+@dataclass(frozen=True)
+class SmallWorld:
+    root: Path
+    store: ProductStore
+    catalogue: Catalogue
+
+    def publish_raster(self, kind: ProductKind, scope: Scope, write, version: int = 0) -> Layer:
+        ref = self.store.make(Recipe(kind, scope, params=(version,)), write)
+        grid, bands = summarise(self.store.path(ref))
+        layer = Layer(
+            ref=ref,
+            mission="MER2",
+            title=f"{kind} of {scope}",
+            type="raster",
+            bounds=grid.bounds,
+            cell_m=grid.cell_m,
+            unit=bands[0].unit or None,
+            range=bands[0].range,
+            sols=(156,),
+            made_at=self.store.made_at(ref),
+        )
+        self.catalogue.publish(layers=[layer])
+        return layer
+
+    def publish_features(self, kind: ProductKind, features: list[Feature]) -> Layer:
+        ref = self.store.make(
+            Recipe(kind, REGION), lambda path: write_features(path, features, LANDING)
+        )
+        boxes = np.array([feature.bounds for feature in features])
+        bounds = (*boxes[:, :2].min(axis=0).tolist(), *boxes[:, 2:].max(axis=0).tolist())
+        layer = Layer(
+            ref, "MER2", str(kind), "vector", bounds, None, None, None, (156,), "2026-01-01"
+        )
+        self.catalogue.publish(layers=[layer])
+        return layer
+
+
+def dtm() -> Dtm:
+    surface = plane()
+    seen = np.isfinite(surface)
+    return Dtm(
+        GRID,
+        surface,
+        np.where(seen, np.float32(0.02), np.float32(np.nan)),
+        np.where(seen, np.float32(3.0), np.float32(0.0)),
+        seen.astype(np.uint8),
+    )
+
+
+def brightness() -> np.ndarray:
+    """Grey runs from 0 in the west to 254 in the east."""
+    columns = np.linspace(0.0, 254.0, GRID.cols, dtype=np.float32)
+    return np.where(np.isfinite(plane()), columns[None, :], np.nan).astype(np.float32)
+
+
+def constant(value: float):
+    field = np.where(np.isfinite(plane()), np.float32(value), np.float32(np.nan))
+
+    def write(path: Path) -> None:
+        write_raster(path, GRID, {"value": field}, CRS, unit="degree")
+
+    return write
+
+
+@pytest.fixture(scope="session")
+def world(tmp_path_factory: pytest.TempPathFactory) -> SmallWorld:
+    root = tmp_path_factory.mktemp("store")
+    store, catalogue = ProductStore.open(root), Catalogue.open(root)
+    small = SmallWorld(root, store, catalogue)
+    catalogue.publish(
+        missions=[MissionEntry("MER2", "Spirit, Gusev crater", LANDING, None)],
+        images=[image_of(store)],
+    )
+    small.publish_raster(ProductKind.DTM, STOP, lambda path: write_dtm(path, dtm(), CRS))
+    small.publish_raster(
+        ProductKind.ORTHOPHOTO,
+        STOP,
+        lambda path: write_orthophoto(path, GRID, brightness(), CRS, stretch=(0.0, 254.0)),
+    )
+    for kind, value in (
+        (ProductKind.SLOPE, 20.0),
+        (ProductKind.ASPECT, 90.0),
+        (ProductKind.HILLSHADE, 0.5),
+    ):
+        small.publish_raster(kind, STOP, constant(value))
+    small.publish_features(
+        ProductKind.FOOTPRINTS,
+        [
+            Feature("Polygon", np.array([[0, 0], [20, 0], [20, 20], [0, 20]]), {"sol": 156}, "A"),
+            Feature("Polygon", np.array([[5, 5], [9, 5], [9, 9], [5, 9]]), {"sol": 157}, "B"),
+        ],
+    )
+    small.publish_features(
+        ProductKind.STOPS, [Feature("Point", np.array([[7.0, 6.0, 6.1]]), {"site": 10}, "stop")]
+    )
+    return small
+
+
+IMAGE_BYTES = b"PDS_VERSION_ID = PDS3\r\nEND\r\n" + bytes(range(256))
+
+
+def image_of(store: ProductStore) -> ImageEntry:
+    scope = Scope(ScopeLevel.IMAGE, "2n140000000effa000p1600l0m1")
+    original = store.make(
+        Recipe(ProductKind.IMAGE, scope), lambda path: _write_bytes(path, IMAGE_BYTES)
+    )
+    picture = cv2.imencode(".png", np.full((8, 8), 77, np.uint8))[1].tobytes()
+    browse = store.make(Recipe(ProductKind.BROWSE, scope), lambda path: _write_bytes(path, picture))
+    return ImageEntry(
+        id=scope.name.upper(),
+        mission="MER2",
+        stop=STOP.name,
+        site=10,
+        drive=64,
+        sol=156,
+        instrument="NAVCAM",
+        eye="left",
+        product_type="EDR",
+        start_time="2004-06-11T10:00:00Z",
+        local_solar_time="12:00:00",
+        partner=None,
+        unpaired_because="the right image was never sent",
+        ref=original,
+        browse=browse,
+    )
+
+
+def _write_bytes(path: Path, data: bytes) -> None:
+    path.write_bytes(data)
+
+
+@pytest.fixture(scope="session")
+def client(world: SmallWorld) -> Iterator[TestClient]:
+    with TestClient(create_app(world.root)) as opened:
+        yield opened
+
+
+def ref_of(world: SmallWorld, kind: ProductKind, scope: Scope = STOP) -> ProductRef:
+    return world.catalogue.layer(scope.name, kind).ref
+
+
+def picture(body: bytes) -> np.ndarray:
+    """Red, green, blue and alpha of a PNG."""
+    decoded = cv2.imdecode(np.frombuffer(body, np.uint8), cv2.IMREAD_UNCHANGED)
+    return decoded[:, :, [2, 1, 0, 3]]
