@@ -1,0 +1,265 @@
+"""Pictures of a heightfield: a swept cylindrical panorama, resampled into the camera.
+
+Around a camera at height z_c every azimuth is a profile. A point of the profile at distance r is
+seen in the direction with the tangent of elevation and the running maximum
+
+    m(r) = (z(r) - z_c) / r          M(r) = max over r' <= r of m(r'),
+
+and hidden exactly where m < M. So M, which only grows, is the horizon's way up the picture, and
+with the radiance L the light collected below the tangent m' is the integral of L over M,
+
+    P(M(r_i)) = sum over j <= i of L_j (M_j - M_{j-1}),
+
+piecewise linear in M. What a picture element between two tangents receives is the difference of P
+divided by that of the tangents: an area integral, with occlusion, in which nothing aliases however
+far away. Steps of r cover less than a panorama element near by and one cell of the ground at most.
+
+The panorama (half a pixel an element) is smoothed to the width of a pixel and looked up along the
+camera's rays. Both eyes and all stops look at one surface, the bilinear one of the lattice.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from photogrammetry.arrays import Float32, Float64, GreyImage, ObjectPoints, Vector3
+from photogrammetry.errors import CameraError
+from photogrammetry.synthetic.lattice import Window, bilinear
+from photogrammetry.synthetic.lighting import GRAIN_M, GRAINS, LitGround
+
+CHUNK = 64
+"""Azimuths swept together, so that their profiles stay in the processor's cache."""
+STEEPEST = np.deg2rad(75.0)
+GRAIN_REACH_M = (6.0, 12.0, 24.0)
+"""Up to where the grains are looked up at 4, 8, 16 mm."""
+
+Rays = Float32[np.ndarray, "3 lines samples"]
+"""(north, east, down) of the unit direction of every pixel."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class View:
+    """Where the pixels of one picture look, as azimuth from its middle and tangent of elevation."""
+
+    centre: Vector3
+    """(north, east, down) of the camera in the LSL."""
+    heading: float
+    azimuth: GreyImage
+    elevation: GreyImage
+    step: float
+    """Angle of a panorama element, radians."""
+
+    @classmethod
+    def of_rays(cls, centre: Vector3, rays: Rays, pixel_rad: float) -> View:
+        """The view of a camera whose pixels look along `rays`.
+
+        Raises:
+            CameraError: a ray points steeper down than a panorama can hold.
+        """
+        north, east, down = rays
+        middle = rays[:, rays.shape[1] // 2, rays.shape[2] // 2].astype(np.float64)
+        heading = float(np.arctan2(middle[1], middle[0]))
+        c, s = np.float32(np.cos(heading)), np.float32(np.sin(heading))
+        forward, right = c * north + s * east, c * east - s * north
+        azimuth = np.arctan2(right, forward)
+        elevation = np.arctan2(-down, np.sqrt(forward * forward + right * right))
+        if elevation.min() < -STEEPEST:
+            raise CameraError(
+                f"a ray points {np.rad2deg(-elevation.min()):.0f} degrees down; the panorama holds "
+                f"{np.rad2deg(STEEPEST):.0f} at most: raise the mast's elevation"
+            )
+        return cls(centre, heading, azimuth, elevation, 0.5 * pixel_rad)
+
+    @property
+    def azimuths(self) -> Float64[np.ndarray, " columns"]:
+        """Azimuth of every panorama column, from the heading."""
+        first = np.floor(float(self.azimuth.min()) / self.step) - 2
+        last = np.ceil(float(self.azimuth.max()) / self.step) + 2
+        return np.arange(first, last + 1) * self.step
+
+    @property
+    def edges(self) -> Float64[np.ndarray, " edges"]:
+        """Elevations between which the panorama elements lie."""
+        first = np.floor(float(self.elevation.min()) / self.step) - 2
+        last = np.ceil(float(self.elevation.max()) / self.step) + 2
+        return (np.arange(first, last + 2) - 0.5) * self.step
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Profiles:
+    """Some azimuths' way over the ground: distances, horizon and radiance."""
+
+    distance_m: Float64[np.ndarray, " steps"]
+    horizon: Float32[np.ndarray, "columns steps"]
+    radiance: Float32[np.ndarray, "columns steps"]
+
+
+def picture(ground: LitGround, view: View) -> GreyImage:
+    """Radiance of every pixel; the ground of albedo 1 under a vertical sun has about 1.2."""
+    azimuths, edges = view.azimuths, view.edges
+    tangents = np.tan(edges)
+    panorama = np.empty((len(azimuths), len(edges) - 1), np.float32)
+    steps = _steps(ground, view)
+    for start in range(0, len(azimuths), CHUNK):
+        profiles = _sweep(ground, view, azimuths[start : start + CHUNK], steps)
+        panorama[start : start + CHUNK] = _collected(ground, profiles, tangents)
+    smooth = cv2.sepFilter2D(panorama, -1, *(np.array([0.25, 0.5, 0.25]),) * 2)
+    scale = np.float32(1 / view.step)
+    column = (view.azimuth - np.float32(azimuths[0])) * scale
+    row = (view.elevation - np.float32(edges[0] + 0.5 * view.step)) * scale
+    return cv2.remap(smooth, row, column, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+
+
+def _steps(ground: LitGround, view: View) -> list[Float64[np.ndarray, " steps"]]:
+    """Distances at which the profiles are sampled, layer by layer."""
+    z_c, steepest = -view.centre[2], -np.tan(view.edges[0])
+    patch = ground.layers[0].patch
+    height_m = z_c - float(patch.elevation_at(view.centre[0:1], view.centre[1:2])[0])
+    r = max(0.3, 0.3 * height_m / max(steepest, 0.02))
+    steps = []
+    for layer in ground.layers:
+        cell_m, here = layer.patch.window.cell_m, []
+        while r < layer.reach_m:
+            here.append(r)
+            r += min(r * r * view.step / height_m, cell_m)
+        steps.append(np.array(here))
+    return steps
+
+
+def _sweep(
+    ground: LitGround, view: View, azimuths: np.ndarray, steps: list[np.ndarray]
+) -> Profiles:
+    c, s = np.cos(view.heading + azimuths), np.sin(view.heading + azimuths)
+    horizons, radiances = [], []
+    for layer, r in zip(ground.layers, steps, strict=True):
+        row, col = _nodes(layer.patch.window, view.centre, c, s, r)
+        z: np.ndarray = cv2.remap(layer.patch.elevation, col, row, cv2.INTER_LINEAR)
+        z += np.float32(view.centre[2])
+        z *= (1 / r).astype(np.float32)
+        horizons.append(z)
+        radiances.append(cv2.remap(layer.radiance, col, row, cv2.INTER_LINEAR))
+    _lay_grains(ground, view, (c, s), steps[0], radiances[0])
+    horizon = np.concatenate(horizons, axis=1)
+    np.maximum.accumulate(horizon, axis=1, out=horizon)
+    return Profiles(np.concatenate(steps), horizon, np.concatenate(radiances, axis=1))
+
+
+def _nodes(
+    window: Window, centre: Vector3, c: np.ndarray, s: np.ndarray, r: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    row, col = window.nodes_of(centre[0], centre[1])
+    along = (r / window.cell_m).astype(np.float32)
+    rows = c.astype(np.float32)[:, None] * along + np.float32(row)
+    return rows, s.astype(np.float32)[:, None] * along + np.float32(col)
+
+
+def _lay_grains(
+    ground: LitGround,
+    view: View,
+    direction: tuple[np.ndarray, np.ndarray],
+    r: np.ndarray,
+    radiance: np.ndarray,
+) -> None:
+    """Multiply the radiance of near ground by that of its grains."""
+    first = 0
+    for octave, (grains, reach_m) in enumerate(zip(ground.grains, GRAIN_REACH_M, strict=True)):
+        last = int(np.searchsorted(r, reach_m))
+        if last > first:
+            grain_m, period = GRAIN_M * 2**octave, GRAINS >> octave
+            along = (r[first:last] / grain_m).astype(np.float32)
+            # Middle of a coarse grain lies half a coarse grain from its edge, as of a fine one.
+            shift = 0.5 * (1 - 2.0**-octave)
+            at = [
+                part.astype(np.float32)[:, None] * along + np.float32(offset / grain_m % period)
+                for part, offset in zip(direction, view.centre[:2], strict=True)
+            ]
+            row, col = (_wrapped(node - np.float32(shift), period) for node in at)
+            radiance[:, first:last] *= cv2.remap(grains, col, row, cv2.INTER_LINEAR)
+        first = max(first, last)
+
+
+def _wrapped(node: np.ndarray, period: int) -> np.ndarray:
+    """Where a node lies in a picture that repeats itself."""
+    node -= np.floor(node * np.float32(1 / period)) * np.float32(period)
+    return node
+
+
+def _collected(ground: LitGround, profiles: Profiles, tangents: np.ndarray) -> np.ndarray:
+    """Mean radiance between neighbouring tangents."""
+    horizon = profiles.horizon.astype(np.float64)
+    light = np.diff(horizon, axis=1)
+    light *= 0.5 * (profiles.radiance[:, 1:] + profiles.radiance[:, :-1])
+    light = np.cumsum(light, axis=1)
+    sky = ground.sky(tangents)
+    sky_below = np.concatenate([[0], np.cumsum(0.5 * (sky[1:] + sky[:-1]) * np.diff(tangents))])
+    widths = np.diff(tangents)
+    elements = np.empty((len(horizon), len(widths)), np.float32)
+    for k, (m, p) in enumerate(zip(horizon, light, strict=True)):
+        below = np.interp(tangents, m[1:], p)
+        skyline = np.interp(m[-1], tangents, sky_below)
+        below += np.maximum(sky_below - skyline, 0)
+        elements[k] = np.diff(below) / widths
+    return elements
+
+
+def first_hits(ground: LitGround, view: View) -> ObjectPoints:
+    """Where every pixel's ray meets the ground, (north, east, down) in the LSL, pixel by pixel.
+
+    Rows are NaN for the sky, and where no point of the ground was found on the ray to 0.5 mm,
+    which happens at outlines only.
+    """
+    azimuths, steps = view.azimuths, _steps(ground, view)
+    column = np.rint((view.azimuth - azimuths[0]) / view.step).astype(int).ravel()
+    tangent = np.tan(view.elevation.astype(np.float64)).ravel()
+    near = np.full(tangent.shape, np.nan)
+    order = np.argsort(column, kind="stable")
+    bounds = np.searchsorted(column[order], np.arange(len(azimuths) + 1))
+    for start in range(0, len(azimuths), CHUNK):
+        profiles = _sweep(ground, view, azimuths[start : start + CHUNK], steps)
+        for k, horizon in enumerate(profiles.horizon, start):
+            here = order[bounds[k] : bounds[k + 1]]
+            index = np.searchsorted(horizon, tangent[here])
+            seen = index < len(horizon)
+            near[here[seen]] = profiles.distance_m[index[seen]]
+    return _refined(ground, view, tangent, near)
+
+
+def _refined(ground: LitGround, view: View, tangent: np.ndarray, near: np.ndarray) -> np.ndarray:
+    """Newton's method on z(r) - z_c - m r = 0 along every ray, from the sample where it was met."""
+    azimuth = view.heading + view.azimuth.astype(np.float64).ravel()
+    c, s = np.cos(azimuth), np.sin(azimuth)
+
+    def gap(r: np.ndarray) -> np.ndarray:
+        z = _elevation(ground, view.centre[0] + r * c, view.centre[1] + r * s, near)
+        return z + view.centre[2] - tangent * r
+
+    behind, ahead = near - 0.06, near + 0.02
+    f_behind, f_ahead = gap(behind), gap(ahead)
+    for _ in range(24):  # regula falsi with bisection: the ground is only piecewise smooth
+        middle = 0.5 * (behind + ahead)
+        f = gap(middle)
+        above = f < 0
+        behind, f_behind = np.where(above, middle, behind), np.where(above, f, f_behind)
+        ahead, f_ahead = np.where(above, ahead, middle), np.where(above, f_ahead, f)
+    r = 0.5 * (behind + ahead)
+    r = np.where(np.abs(gap(r)) < 5e-4, r, np.nan)  # noqa: PLR2004 - half a millimetre
+    return np.column_stack(
+        [view.centre[0] + r * c, view.centre[1] + r * s, view.centre[2] - tangent * r]
+    )
+
+
+def _elevation(
+    ground: LitGround, north: np.ndarray, east: np.ndarray, distance_m: np.ndarray
+) -> np.ndarray:
+    """Elevation in the layer that the distance belongs to."""
+    z = np.full(north.shape, np.nan)
+    inner = 0.0
+    for layer in ground.layers:
+        here = (distance_m >= inner) & (distance_m < layer.reach_m)
+        at = layer.patch.window.nodes_of(north[here], east[here])
+        z[here] = bilinear(layer.patch.elevation, *at)
+        inner = layer.reach_m
+    return z

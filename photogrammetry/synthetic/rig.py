@@ -1,0 +1,145 @@
+"""The mast and the cameras on it: where every camera stands and looks for a pointing of the mast.
+
+The mast head turns by azimuth and elevation (positive turn about +y lifts x) at a fixed place,
+
+    rover_from_mast = (Rz(az) Ry(el), T_pma),      az = az_motor + d_az,   el = el_motor + d_el,
+
+which gives the camera centres of 15 flight labels to 4 micrometres. The Navcam rig is Spirit's own,
+from the labels of both eyes of sol 767. Of the Pancams only Opportunity's left one (L2) was found:
+it stands here on Spirit's mast, and the right one is SYNTHETIC, its mirror image about the plane
+y = 0.0125 m: with S = diag(1, -1, 1), A, O, V go to S A, S O, S V, C to S C + (0, 0.025, 0), and
+H to 1023 S A - S H, so that samples still run to the right.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from photogrammetry.arrays import Rotation, Vector3
+from photogrammetry.cameras.cahvor import Cahvor
+from photogrammetry.frames import Frame, FrameKind, Pose, rotation_of_roll_pitch_yaw
+from photogrammetry.imagery import Eye, StopId
+
+FULL_FRAME = 1024
+"""Samples and lines of the detector."""
+T_PMA_M = (0.45781, 0.02779, -1.09668)
+"""Where the mast head turns, in Spirit's rover frame."""
+D_AZ, D_EL = np.deg2rad(0.2133), np.deg2rad(3.080)
+"""Mast axis minus motor angle, Spirit."""
+GROUND_M = 0.294
+"""Level ground below the rover origin."""
+
+
+class Instrument(StrEnum):
+    """Stereo cameras on the mast."""
+
+    NAVCAM = "NAVCAM"
+    PANCAM = "PANCAM"
+
+
+@dataclass(frozen=True, slots=True)
+class CameraUnit:
+    """One camera, as the labels name it, and its model in the mast frame."""
+
+    serial_number: int
+    calibration: str
+    in_mast: Cahvor
+    filter_name: str
+    filter_number: int
+    detector_rotation: float
+    pixel_rad: float
+    """Nominal angle of a pixel, for AZIMUTH_FOV."""
+
+
+def _model(*rows: tuple[float, float, float]) -> Cahvor:
+    c, a, h, v, o, r = (np.array(row) for row in rows)
+    return Cahvor(c=c, a=a / np.linalg.norm(a), h=h, v=v, o=o / np.linalg.norm(o), r=r)
+
+
+def _mirrored(left: Cahvor) -> Cahvor:
+    mirror = np.array([1.0, -1.0, 1.0])
+    return Cahvor(
+        c=mirror * left.c + np.array([0.0, 0.025, 0.0]),
+        a=mirror * left.a,
+        h=(FULL_FRAME - 1) * mirror * left.a - mirror * left.h,
+        v=mirror * left.v,
+        o=mirror * left.o,
+        r=left.r,
+    )
+
+
+_NAVCAM_LEFT = _model(
+    (0.00564067, -0.08762517, -0.15419121),
+    (0.99976234, -0.02182367, 0.0008631),
+    (495.74617644, 1177.7075846, 5.80372678),
+    (515.65185336, -15.93388638, 1188.77956764),
+    (0.98854227, -0.14833401, -0.02794826),
+    (0.019876, -0.014281, 0.020876),
+)
+_NAVCAM_RIGHT = _model(
+    (0.00499414, 0.1127188, -0.15462585),
+    (0.99984955, 0.01635669, 0.00586385),
+    (499.28786562, 1217.46753802, 9.8239257),
+    (517.73089348, 2.17528891, 1212.75538585),
+    (0.99997543, 0.00661894, 0.00235476),
+    (0.0003, -0.004874, 0.018766),
+)
+_PANCAM_LEFT = _model(
+    (0.028060, -0.135900, -0.155257),
+    (0.999761, 0.021850, -0.001134),
+    (440.565, 3634.997, -11.061),
+    (509.771, 22.037, 3624.964),
+    (0.999497, 0.031403, 0.004335),
+    (0.000998, 0.003762, -0.057232),
+)
+_NAVCAM_FILTER = "PANCAM_L8_440NM_SOL_ND5"
+CAMERAS = {
+    (Instrument.NAVCAM, Eye.LEFT): CameraUnit(
+        112, "174", _NAVCAM_LEFT, _NAVCAM_FILTER, 8, 180.0, 0.77e-3
+    ),
+    (Instrument.NAVCAM, Eye.RIGHT): CameraUnit(
+        113, "175", _NAVCAM_RIGHT, _NAVCAM_FILTER, 8, 180.0, 0.77e-3
+    ),
+    (Instrument.PANCAM, Eye.LEFT): CameraUnit(
+        115, "199", _PANCAM_LEFT, "PANCAM_L2_753NM", 2, 0.0, 0.27e-3
+    ),
+    (Instrument.PANCAM, Eye.RIGHT): CameraUnit(
+        114, "SYNTHETIC", _mirrored(_PANCAM_LEFT), "PANCAM_R2_754NM", 2, 180.0, 0.27e-3
+    ),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Pointing:
+    """The mast's own axis, radians: azimuth clockwise from the rover's x, elevation upwards."""
+
+    azimuth: float
+    elevation: float
+
+    @property
+    def motors(self) -> tuple[float, float]:
+        """What the motors of the mast report."""
+        return (self.azimuth - D_AZ) % (2 * np.pi), self.elevation - D_EL
+
+    @property
+    def rotation(self) -> Rotation:
+        """Turns directions of the mast frame into the rover frame."""
+        return rotation_of_roll_pitch_yaw(0.0, self.elevation, self.azimuth)
+
+    def rover_from_mast(self, stop: StopId, *, turned_by: Vector3 | None = None) -> Pose:
+        """The mast in the rover frame.
+
+        `turned_by` are small roll, pitch and yaw of the mast head that no motor reports.
+        """
+        rotation = self.rotation
+        if turned_by is not None:
+            rotation = rotation @ rotation_of_roll_pitch_yaw(*map(float, turned_by))
+        return Pose(stop.frame, mast_frame(stop), rotation, np.array(T_PMA_M))
+
+
+def mast_frame(stop: StopId) -> Frame:
+    """The frame of the mast head at a stop."""
+    return Frame(FrameKind.MAST, (stop.site, stop.drive))
