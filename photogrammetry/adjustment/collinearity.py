@@ -25,8 +25,7 @@ stop then leaves its place alone, and Gauss-Newton needs few steps on long open 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Self
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -115,20 +114,6 @@ class State:
     centres: Float64[np.ndarray, "stops 3"]
     pointings: Float64[np.ndarray, "pairs 3"]
     points: Float64[np.ndarray, "points 3"]
-
-    def moved(
-        self,
-        turn: Float64[np.ndarray, "stops 3"],
-        shift: Float64[np.ndarray, "stops 3"],
-        pointing: Float64[np.ndarray, "pairs 3"],
-    ) -> Self:
-        """The state after corrections of the orientations; points stay."""
-        return replace(
-            self,
-            rotations=rotation_of_vector(turn) @ self.rotations,
-            centres=self.centres + shift,
-            pointings=self.pointings + pointing,
-        )
 
     def of_stops(self, stops: np.ndarray) -> State:
         """The poses of some stops alone."""

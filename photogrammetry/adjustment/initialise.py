@@ -202,14 +202,22 @@ def _align_step(
 
 
 def with_points(
-    state: State, observations: Observations, seen: Sightings, fits: np.ndarray
+    state: State, observations: Observations, seen: Sightings, used: np.ndarray
 ) -> State:
-    """The state with every point where its best observation sees it; NaN if none can."""
+    """The state with every point at the weighted mean of its used sightings; NaN if none can.
+
+    The weights are the inverse covariances of the sightings, so rays of several stops intersect
+    here although each sighting alone is poor in range.
+    """
+    rows = np.flatnonzero(used & observations.is_stereo)
+    stop, number = observations.stop[rows], observations.point[rows]
+    R = state.rotations[stop]
+    place = state.centres[stop] + (R @ seen.points[rows][:, :, None])[:, :, 0]
+    P = np.linalg.inv(R @ seen.covariances[rows] @ R.swapaxes(1, 2))
+    N, n = np.zeros((observations.points, 3, 3)), np.zeros((observations.points, 3))
+    np.add.at(N, number, P)
+    np.add.at(n, number, (P @ place[:, :, None])[:, :, 0])
     points = np.full((observations.points, 3), np.nan)
-    size = np.trace(seen.covariances, axis1=1, axis2=2)
-    rows = np.flatnonzero(observations.is_stereo)
-    rows = rows[np.lexsort((-size[rows], fits[rows]))]  # the best comes last and stays
-    stop = observations.stop[rows]
-    place = state.centres[stop] + (state.rotations[stop] @ seen.points[rows][:, :, None])[:, :, 0]
-    points[observations.point[rows]] = place
+    placed = np.unique(number)
+    points[placed] = np.linalg.solve(N[placed], n[placed][:, :, None])[:, :, 0]
     return State(state.rotations, state.centres, state.pointings, points)

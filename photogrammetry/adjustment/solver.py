@@ -10,6 +10,13 @@ of an open traverse, which are soft but well determined; a step that raises the 
 instead. The step is converged when x' N x, its squared length in its own standard deviations, is
 negligible.
 
+A correction turns whole stretches of an open traverse by degrees, and a point 20 m from a stop that
+turns by t travels an arc that leaves its tangent by 20 t^2 / 2: many pixels. Corrections are therefore
+applied along arcs, equal to first order: with D = c_k - c_(k-1), its linear change dD and the mean
+turn m of both stops,
+
+    D <- Exp(m) (D + dD - m x D)           X - c <- Exp(d) (X - c + dX - dc - d x (X - c))
+
 Points move by their inverse depth as seen from the pair that is nearest to them: with the linear
 step (da, db, dc) in the frame of that pair and y = (a, b, c),
 
@@ -21,7 +28,7 @@ cameras and nearly linear.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -50,6 +57,10 @@ from photogrammetry.adjustment.priors import (
     telemetry_misclosures,
     telemetry_partials,
 )
+from photogrammetry.adjustment.rotations import rotation_of_vector
+
+CHI3_MEDIAN = 1.538
+"""Median length of a standard normal vector of three coordinates."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,6 +69,7 @@ class Problem:
 
     observations: Observations
     telemetry: Telemetry
+    held: np.ndarray
     unknowns: Unknowns
     pattern: BlockPattern
     groups: tuple[TieGroup, ...]
@@ -99,7 +111,7 @@ class Problem:
         nearest = rows[np.argsort(observations.measured[rows, 2], kind="stable")]
         anchor[observations.point[nearest]] = observations.pair[nearest]
         return cls(
-            observations, telemetry, unknowns, pattern, groups, places,
+            observations, telemetry, held, unknowns, pattern, groups, places,
             link_places, link_right, weight, rows, anchor,
         )  # fmt: skip
 
@@ -144,6 +156,17 @@ def huber_weights(lengths: np.ndarray, threshold: float | None) -> np.ndarray:
     if threshold is None:
         return np.ones_like(lengths)
     return threshold / np.maximum(lengths, threshold)
+
+
+def huber_threshold(problem: Problem, state: State, params: AdjustmentParams) -> float:
+    """Where the loss turns linear at a state: in units of the spread that residuals have there.
+
+    Far from the minimum every residual is large; were all taken for blunders, telemetry would win
+    over the images and the step lead astray.
+    """
+    t = np.linalg.norm(whitened(problem, state), axis=1)
+    spread = float(np.median(t)) / CHI3_MEDIAN if len(t) else 1.0
+    return params.huber * max(1.0, spread)
 
 
 def cost_of(problem: Problem, state: State, threshold: float | None) -> float:
@@ -208,8 +231,8 @@ def linearise(problem: Problem, state: State, threshold: float | None) -> Linear
 
 def solve(problem: Problem, start: State, params: AdjustmentParams, *, robust: bool) -> Solution:
     """Iterate to the minimum."""
-    threshold = params.huber if robust else None
     tolerance = params.robust_tolerance if robust else params.tolerance
+    threshold = huber_threshold(problem, start, params) if robust else None
     state, cost = start, cost_of(problem, start, threshold)
     if not np.isfinite(cost):
         return Solution(state, cost, converged=False, iterations=0,
@@ -219,6 +242,9 @@ def solve(problem: Problem, start: State, params: AdjustmentParams, *, robust: b
         x = now.factor.solve(now.right[:-1], problem.unknowns.offsets)
         length2 = float(x @ now.right[:-1])
         state, cost, shortened = _step(problem, state, cost, now, x, params, threshold)
+        if threshold is not None:
+            threshold = min(threshold, huber_threshold(problem, state, params))
+            cost = cost_of(problem, state, threshold)
         if length2 < tolerance:
             return Solution(state, cost, converged=True, iterations=iteration)
         if shortened > params.max_halvings:
@@ -247,23 +273,72 @@ def _step(
     slack = 1e-12 * (1.0 + abs(cost))
     for halvings in range(params.max_halvings + 1):
         part = 0.5**halvings
-        trial = state.moved(part * turn_shift[:, :3], part * turn_shift[:, 3:], part * pointing)
-        trial = replace(trial, points=moved_points(problem, state, part * d_points))
+        trial = moved(
+            problem, state, Correction(part * turn_shift, part * pointing, part * d_points)
+        )
         trial_cost = cost_of(problem, trial, threshold)
         if trial_cost <= cost + slack:
             return trial, trial_cost, halvings
     return state, cost, params.max_halvings + 1
 
 
-def moved_points(problem: Problem, state: State, d_points: np.ndarray) -> np.ndarray:
-    """Points after a linear correction, taken in inverse depth from their nearest pair."""
-    rotations, origins = pair_orientations(state, problem.observations)
+@dataclass(frozen=True, slots=True, eq=False)
+class Correction:
+    """Linear corrections of all unknowns."""
+
+    turn_shift: np.ndarray
+    """(stops, 6) rotation and shift in the LSL."""
+    pointing: np.ndarray
+    points: np.ndarray
+
+    @property
+    def turn(self) -> np.ndarray:
+        """(stops, 3) rotation vectors."""
+        return self.turn_shift[:, :3]
+
+    @property
+    def shift(self) -> np.ndarray:
+        """(stops, 3) metres."""
+        return self.turn_shift[:, 3:]
+
+
+def moved(problem: Problem, state: State, correction: Correction) -> State:
+    """The state after a correction, along arcs."""
+    turned = rotation_of_vector(correction.turn)
+    centres = _moved_centres(problem, state, correction)
+    points = state.points.copy()
     placed = np.flatnonzero(problem.anchor >= 0)
-    if not len(placed):
-        return state.points
+    stop = problem.observations.pair_stop[problem.anchor[placed]]
+    arm = state.points[placed] - state.centres[stop]
+    rest = correction.points[placed] - correction.shift[stop]
+    rest -= np.cross(correction.turn[stop], arm)
+    arm = _moved_points(problem, state, placed, rest) - state.centres[stop]
+    points[placed] = centres[stop] + (turned[stop] @ arm[:, :, None])[:, :, 0]
+    return State(turned @ state.rotations, centres, state.pointings + correction.pointing, points)
+
+
+def _moved_centres(problem: Problem, state: State, correction: Correction) -> np.ndarray:
+    """Centres after a correction: each drive turns with the stops at its ends, held stops stay."""
+    drive = np.diff(state.centres, axis=0)
+    change = np.diff(correction.shift, axis=0)
+    turn = (correction.turn[1:] + correction.turn[:-1]) / 2
+    rest = drive + change - np.cross(turn, drive)
+    arc = (rotation_of_vector(turn) @ rest[:, :, None])[:, :, 0] - drive - change
+    off = np.concatenate([np.zeros((1, 3)), np.cumsum(arc, axis=0)])
+    held = np.flatnonzero(problem.held)
+    behind = np.maximum(np.searchsorted(held, np.arange(len(off)), side="right") - 1, 0)
+    datum = held[behind] if len(held) else np.zeros(len(off), dtype=np.int64)
+    return state.centres + correction.shift + off - off[datum]
+
+
+def _moved_points(
+    problem: Problem, state: State, placed: np.ndarray, d_points: np.ndarray
+) -> np.ndarray:
+    """Points after linear corrections, taken in inverse depth from their nearest pair."""
+    rotations, origins = pair_orientations(state, problem.observations)
     pair = problem.anchor[placed]
     y = ((state.points[placed] - origins[pair])[:, None, :] @ rotations[pair])[:, 0]
-    dy = (d_points[placed][:, None, :] @ rotations[pair])[:, 0]
+    dy = (d_points[:, None, :] @ rotations[pair])[:, 0]
     c = y[:, 2:]
     with np.errstate(divide="ignore", invalid="ignore"):
         depth = c / (1.0 - dy[:, 2:] / c)
@@ -271,6 +346,4 @@ def moved_points(problem: Problem, state: State, d_points: np.ndarray) -> np.nda
         direction = (y + dy - y / c * dy[:, 2:]) / c
     # A step past infinity has no inverse depth: such a point goes to a thousand times its distance.
     new = np.where(ahead, direction * depth, direction * c * 1e3)
-    points = state.points.copy()
-    points[placed] = origins[pair] + (rotations[pair] @ new[:, :, None])[:, :, 0]
-    return points
+    return origins[pair] + (rotations[pair] @ new[:, :, None])[:, :, 0]
