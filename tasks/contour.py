@@ -24,7 +24,9 @@ def trace_contours(
     """Trace the contours of a terrain model."""
 
     def write(path: Path) -> None:
-        write_features(path, map(_feature, trace(read_dtm(store.path(dtm)), params)), landing)
+        terrain = read_dtm(store.path(dtm))
+        contours = trace(terrain.elevation, terrain.grid, params)
+        write_features(path, map(_feature, contours), landing)
 
     return store.make(Recipe(ProductKind.CONTOURS, dtm.scope, (dtm,), (params, landing)), write)
 

@@ -7,7 +7,7 @@ from functools import cache
 from pathlib import Path
 
 from photogrammetry.matching.dense import DenseParams, match_densely
-from photogrammetry.matching.stereo import SparseParams, match_sparsely
+from photogrammetry.matching.sparse import SparseParams, match_sparsely
 from prefect import task
 from prefect.cache_policies import NO_CACHE
 

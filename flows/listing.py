@@ -1,0 +1,97 @@
+"""What the store holds, as rows that scripts read: the contract of `solmap ... --json`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from products.catalogue import ImageEntry
+from products.crs import MARS, local_proj4
+from products.model import Layer, ProductKind, ProductRef
+from products.workspace import Workspace
+
+
+def position_rows(workspace: Workspace) -> list[dict[str, Any]]:
+    """One row a stop, of every mission, in the order of the traverse.
+
+    Positions are (north, east, down) metres in the LSL; the quaternion turns the rover into the
+    LSL, scalar first.
+    """
+    from tasks.adjust import read_network  # noqa: PLC0415 - brings the engine with it
+
+    rows = []
+    for ref in latest_networks(workspace):
+        network = read_network(ref, workspace.store)
+        for stop in network.adjusted.stops:
+            name = stop.stop
+            rows.append(
+                {
+                    "mission": name.mission,
+                    "site": name.site,
+                    "drive": name.drive,
+                    "stop": str(name),
+                    "sols": list(network.sols[name]),
+                    "telemetry_ned_m": network.telemetry[name].translation_m.tolist(),
+                    "adjusted_ned_m": stop.lsl_from_rover.translation_m.tolist(),
+                    "adjusted_quaternion": stop.lsl_from_rover.quaternion.tolist(),
+                    "sigma_ned_m": stop.sigma_ned_m.tolist(),
+                    "held": stop.held,
+                    "held_by": stop.held_by,
+                }
+            )
+    return rows
+
+
+def latest_networks(workspace: Workspace) -> list[ProductRef]:
+    """The network of the last sol of every mission."""
+    latest: dict[str, ProductRef] = {}
+    for ref in workspace.catalogue.pointers(ProductKind.NETWORK):
+        mission, _, _ = ref.scope.name.rpartition("-sol")
+        if mission not in latest or latest[mission].scope.name < ref.scope.name:
+            latest[mission] = ref
+    return [latest[mission] for mission in sorted(latest)]
+
+
+def product_rows(workspace: Workspace) -> list[dict[str, Any]]:
+    """One row a published product: layers, then the browse images."""
+    proj4 = {
+        entry.mission: local_proj4(entry.landing) for entry in workspace.catalogue.missions()
+    }
+    layers = [_layer_row(layer, proj4, workspace) for layer in workspace.catalogue.layers()]
+    return layers + [_browse_row(entry, workspace) for entry in workspace.catalogue.images()]
+
+
+def _layer_row(layer: Layer, proj4: dict[str, str], workspace: Workspace) -> dict[str, Any]:
+    return {
+        "kind": str(layer.ref.kind),
+        "scope": layer.ref.scope.name,
+        "level": str(layer.ref.scope.level),
+        "path": str(workspace.store.path(layer.ref)),
+        "crs": proj4[layer.mission] if layer.type == "raster" else MARS,
+        "cell_m": layer.cell_m,
+        "made_at": layer.made_at,
+    }
+
+
+def _browse_row(entry: ImageEntry, workspace: Workspace) -> dict[str, Any]:
+    return {
+        "kind": str(entry.browse.kind),
+        "scope": entry.browse.scope.name,
+        "level": str(entry.browse.scope.level),
+        "path": str(workspace.store.path(entry.browse)),
+        "crs": None,
+        "cell_m": None,
+        "made_at": workspace.store.made_at(entry.browse),
+    }
+
+
+def outcome_rows(workspace: Workspace) -> list[dict[str, Any]]:
+    """One row a file or sol: how its last processing ended."""
+    return [
+        {
+            "subject": outcome.subject,
+            "ended": "failed" if outcome.is_failure else "done",
+            "notes": list(outcome.notes),
+            "at": outcome.at,
+        }
+        for outcome in workspace.catalogue.outcomes()
+    ]

@@ -1,0 +1,176 @@
+"""Adjust: one step of the network along the traverse, sol by sol.
+
+Each sol's network starts from the one before, holds the stops that are done and adds the new ones;
+where ties reach further back, more stops are estimated again (`adjust_stepwise`).
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from prefect import task
+from prefect.cache_policies import NO_CACHE
+
+from photogrammetry.adjustment.adjust import adjust, adjust_stepwise
+from photogrammetry.adjustment.documents import network_document, network_of_document
+from photogrammetry.adjustment.params import AdjustmentParams
+from photogrammetry.adjustment.records import (
+    AdjustedNetwork,
+    AdjustmentReport,
+    Network,
+    PairGeometry,
+    StopPrior,
+)
+from photogrammetry.frames import Pose
+from photogrammetry.imagery import StopId
+from photogrammetry.matching.tracks import TrackParams, build_tie_points
+from products.arrays import pose_document, pose_of_document, read_matches, read_ties
+from products.model import ProductKind, ProductRef, Recipe
+from products.store import ProductStore
+from tasks.pairs import PairProducts
+from tasks.scopes import sol_scope
+from tasks.telemetry import TelemetryStop
+from tasks.tie import TelemetryPose
+
+
+@dataclass(frozen=True, slots=True)
+class NetworkParams:
+    """How tie points are put together and adjusted."""
+
+    tracks: TrackParams = field(default_factory=TrackParams)
+    adjustment: AdjustmentParams = field(default_factory=AdjustmentParams)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NetworkStep:
+    """What one step of the adjustment works on."""
+
+    mission: str
+    sol: int
+    previous: ProductRef | None
+    """The network of the sol before."""
+    stops: tuple[TelemetryStop, ...]
+    """All stops up to this sol, in the order of the traverse."""
+    new_stops: tuple[StopId, ...]
+    pairs: tuple[PairProducts, ...]
+    """Pairs of the stops that the step may touch."""
+    ties: tuple[ProductRef, ...]
+    links: tuple[ProductRef, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NetworkProduct:
+    """The network of a mission after a sol, as the store keeps it."""
+
+    mission: str
+    sol: int
+    telemetry: dict[StopId, Pose]
+    sols: dict[StopId, tuple[int, ...]]
+    adjusted: AdjustedNetwork
+    reports: tuple[str, ...]
+    """One line for every sol's adjustment."""
+    links: tuple[dict[str, Any], ...]
+    """What came of every pair of stops that was tried, this sol."""
+
+
+@task(cache_policy=NO_CACHE, task_run_name="adjust-sol{step.sol}")
+def adjust_network(step: NetworkStep, params: NetworkParams, store: ProductStore) -> ProductRef:
+    """Adjust the network of a mission up to a sol."""
+
+    def write(path: Path) -> None:
+        before = read_network(step.previous, store) if step.previous else None
+        links = [read_ties(store.path(ref))[1] for ref in step.links]
+        network = _network(step, params, store)
+        adjusted, report = _adjusted(step, network, before, params.adjustment)
+        reports = (*(before.reports if before else ()), f"sol {step.sol}: {report}")
+        path.write_text(json.dumps(_document(step, adjusted, report, reports, links)))
+
+    inputs = (
+        *((step.previous,) if step.previous else ()),
+        *(pair.matches for pair in step.pairs),
+        *step.ties,
+        *step.links,
+    )
+    telemetry = tuple((str(stop.stop), stop.sols, TelemetryPose.of(stop)) for stop in step.stops)
+    recipe = Recipe(
+        ProductKind.NETWORK, sol_scope(step.mission, step.sol), inputs, (params, telemetry)
+    )
+    return store.make(recipe, write)
+
+
+def read_network(ref: ProductRef, store: ProductStore) -> NetworkProduct:
+    """The network of a sol."""
+    document = json.loads(store.path(ref).read_text())
+    stops = {_stop_of(row): row for row in document["stops"]}
+    return NetworkProduct(
+        mission=document["mission"],
+        sol=document["sol"],
+        telemetry={stop: pose_of_document(row["telemetry"]) for stop, row in stops.items()},
+        sols={stop: tuple(row["sols"]) for stop, row in stops.items()},
+        adjusted=network_of_document(document["network"]),
+        reports=tuple(document["reports"]),
+        links=tuple(document["links"]),
+    )
+
+
+def _network(step: NetworkStep, params: NetworkParams, store: ProductStore) -> Network:
+    read = [(pair, *read_matches(store.path(pair.matches))) for pair in step.pairs]
+    ties = [read_ties(store.path(ref))[0] for ref in (*step.ties, *step.links)]
+    return Network(
+        stops=tuple(
+            StopPrior(stop.stop, stop.lsl_from_rover, stop.attitude_measured_by, stop.sols)
+            for stop in step.stops
+        ),
+        pairs=tuple(
+            PairGeometry(pair.files.id, pair.files.stop, geometry) for pair, geometry, _ in read
+        ),
+        ties=build_tie_points([matches for _, _, matches in read], ties, params.tracks),
+    )
+
+
+def _adjusted(
+    step: NetworkStep,
+    network: Network,
+    before: NetworkProduct | None,
+    params: AdjustmentParams,
+) -> tuple[AdjustedNetwork, AdjustmentReport]:
+    if before is None or step.new_stops:
+        return adjust_stepwise(
+            before.adjusted if before else None, network, step.new_stops, params
+        )
+    held = set(network.stop_ids)  # new images of old stops: only their pointing is weighed
+    return adjust(network, held, params, before.adjusted, f"sol {step.sol}, stops held")
+
+
+def _document(
+    step: NetworkStep,
+    adjusted: AdjustedNetwork,
+    report: AdjustmentReport,
+    reports: Sequence[str],
+    links: Sequence[dict[str, Any]],
+) -> dict[str, Any]:
+    return {
+        "mission": step.mission,
+        "sol": step.sol,
+        "stops": [
+            {
+                "mission": stop.stop.mission,
+                "site": stop.stop.site,
+                "drive": stop.stop.drive,
+                "sols": list(stop.sols),
+                "telemetry": pose_document(stop.lsl_from_rover),
+            }
+            for stop in step.stops
+        ],
+        "network": network_document(adjusted, [report]),
+        "reports": list(reports),
+        "links": list(links),
+    }
+
+
+def _stop_of(row: dict[str, Any]) -> StopId:
+    return StopId(row["mission"], row["site"], row["drive"])

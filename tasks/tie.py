@@ -1,0 +1,158 @@
+"""Tie: join the pairs of a stop, and stops with each other."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from prefect import task
+from prefect.cache_policies import NO_CACHE
+
+from photogrammetry.imagery import StopId
+from photogrammetry.matching.cross_site import CrossSiteParams, SiteLink, tie_cross_site
+from photogrammetry.matching.inter_stereo import InterStereoParams, PairTies, tie_inter_stereo
+from photogrammetry.matching.records import MatchedStop
+from products.arrays import pose_document, write_ties
+from products.model import ProductKind, ProductRef, Recipe, Scope, ScopeLevel
+from products.store import ProductStore
+from tasks.pairs import PairProducts, read_matched_stop
+from tasks.scopes import stop_scope
+from tasks.telemetry import TelemetryStop
+
+
+@dataclass(frozen=True, slots=True)
+class LinkParams:
+    """Which stops are tried for links."""
+
+    max_distance_m: float = 50.0
+    """Farther apart, Navcam stereo sees no common ground well enough."""
+    max_earlier: int = 4
+    """Nearest earlier stops tried for each new one: m-1, m-2 and revisits decide the drift."""
+
+
+@dataclass(frozen=True, slots=True)
+class TieParams:
+    """How pairs and stops are tied."""
+
+    inter_stereo: InterStereoParams = field(default_factory=InterStereoParams)
+    cross_site: CrossSiteParams = field(default_factory=CrossSiteParams)
+    links: LinkParams = field(default_factory=LinkParams)
+
+
+@dataclass(frozen=True, slots=True)
+class StopProducts:
+    """A stop with its matched pairs: what tying works on."""
+
+    stop: StopId
+    pairs: tuple[PairProducts, ...]
+
+    @property
+    def inputs(self) -> tuple[ProductRef, ...]:
+        """The products that tying reads."""
+        return tuple(ref for pair in self.pairs for ref in (pair.matches, pair.parallax))
+
+
+@dataclass(frozen=True, slots=True)
+class TelemetryPose:
+    """A telemetry pose as plain numbers, so that it is part of a recipe."""
+
+    rotation: tuple[float, ...]
+    translation_m: tuple[float, ...]
+
+    @classmethod
+    def of(cls, telemetry: TelemetryStop) -> TelemetryPose:
+        """The pose of a stop in the LSL."""
+        pose = telemetry.lsl_from_rover
+        return cls(tuple(pose.rotation.ravel().tolist()), tuple(pose.translation_m.tolist()))
+
+
+@task(cache_policy=NO_CACHE, task_run_name="tie-{stop.stop}")
+def tie_stop(
+    stop: StopProducts, telemetry: TelemetryStop, params: InterStereoParams, store: ProductStore
+) -> ProductRef:
+    """Tie every two overlapping pairs of a stop."""
+
+    def write(path: Path) -> None:
+        found = tie_inter_stereo(_matched(stop, telemetry, store), params)
+        write_ties(path, found.ties, _figures_of_stop(found))
+
+    recipe = Recipe(ProductKind.TIES, stop_scope(stop.stop), stop.inputs, params)
+    return store.make(recipe, write)
+
+
+@task(cache_policy=NO_CACHE, task_run_name="link-{earlier.stop}-{later.stop}")
+def link_stops(  # noqa: PLR0913, PLR0917 - two stops, each with its telemetry
+    earlier: StopProducts,
+    later: StopProducts,
+    earlier_telemetry: TelemetryStop,
+    later_telemetry: TelemetryStop,
+    params: CrossSiteParams,
+    store: ProductStore,
+) -> ProductRef:
+    """Tie two stops by the ground that both see, or say why that cannot be done."""
+
+    def write(path: Path) -> None:
+        link = tie_cross_site(
+            _matched(earlier, earlier_telemetry, store),
+            _matched(later, later_telemetry, store),
+            params,
+        )
+        write_ties(path, link.ties, _figures_of_link(link))
+
+    poses = (TelemetryPose.of(earlier_telemetry), TelemetryPose.of(later_telemetry))
+    scope = link_scope(earlier.stop, later.stop)
+    inputs = (*earlier.inputs, *later.inputs)
+    return store.make(Recipe(ProductKind.LINKS, scope, inputs, (params, *poses)), write)
+
+
+def link_scope(earlier: StopId, later: StopId) -> Scope:
+    """A stop and the earlier one it is linked to."""
+    return Scope(ScopeLevel.STOP, f"{later}-to-site{earlier.site:04d}-drive{earlier.drive:04d}")
+
+
+def link_candidates(
+    new: TelemetryStop, earlier: list[TelemetryStop], params: LinkParams
+) -> list[TelemetryStop]:
+    """The earlier stops that a new one may share ground with, nearest first."""
+    distances = [
+        (float(np.linalg.norm(_ground(old) - _ground(new))), old.stop, old) for old in earlier
+    ]
+    near = sorted(entry for entry in distances if entry[0] <= params.max_distance_m)
+    return [old for _, _, old in near[: params.max_earlier]]
+
+
+def _ground(stop: TelemetryStop) -> np.ndarray:
+    return stop.lsl_from_rover.translation_m[:2]
+
+
+def _matched(stop: StopProducts, telemetry: TelemetryStop, store: ProductStore) -> MatchedStop:
+    return read_matched_stop(telemetry, np.zeros((6, 6)), stop.pairs, store)
+
+
+def _figures_of_stop(found: PairTies) -> dict[str, Any]:
+    return {
+        "stop": str(found.stop),
+        "links": [dataclasses.asdict(link) for link in found.links],
+        "rms_px": found.rms_px if np.isfinite(found.rms_px) else None,
+    }
+
+
+def _figures_of_link(link: SiteLink) -> dict[str, Any]:
+    figures = dataclasses.asdict(link.figures)
+    return {
+        "earlier": str(link.earlier),
+        "later": str(link.later),
+        "linked": link.linked,
+        "reason": link.reason,
+        "earlier_from_later": pose_document(link.earlier_from_later),
+        "figures": {name: _finite(value) for name, value in figures.items()},
+    }
+
+
+def _finite(value: Any) -> Any:  # noqa: ANN401 - numbers and tuples of numbers
+    if isinstance(value, tuple):
+        return [_finite(item) for item in value]
+    return value if np.isfinite(value) else None
