@@ -39,6 +39,8 @@ from products.errors import ProductError, ProductNotFoundError
 _LOSSLESS = {"BLOCKSIZE": BLOCK, "COMPRESS": "DEFLATE", "SPARSE_OK": "TRUE", "BIGTIFF": "IF_SAFER"}
 _PREDICTOR = {"float32": "FLOATING_POINT", "uint8": "STANDARD"}
 _NODATA = {"float32": math.nan, "uint8": 0}
+_DIRECTIONS = {"aspect"}
+"""Bands whose values run in a circle."""
 _DTM_UNITS = {"elevation": "m", "standard_deviation": "m", "observations": "", "class": ""}
 _STRETCH_PERCENTILES = (0.5, 99.5)
 """Brightness that becomes black and white: what lies beyond is glint, deep shadow or noise."""
@@ -64,7 +66,7 @@ def write_raster(  # noqa: PLR0913 - the properties of one file
     *,
     unit: str | Mapping[str, str] = "",
     tags: Mapping[str, str] | None = None,
-    overviews: Literal["AVERAGE", "NEAREST"] = "AVERAGE",
+    overviews: Literal["AVERAGE", "NEAREST"] | None = None,
     scale: tuple[float, float] = (1.0, 0.0),
 ) -> None:
     """Write the bands of one grid, float32 with NaN or uint8 with 0 where nothing was measured.
@@ -76,7 +78,7 @@ def write_raster(  # noqa: PLR0913 - the properties of one file
         crs: The local CRS of the landing site.
         unit: Unit of all bands, or of each by name: `m`, `degree`.
         tags: What else to keep with the file, as text.
-        overviews: How four cells become one.
+        overviews: How four cells become one; by default the mean, but of directions the nearest.
         scale: (scale, offset) from stored to true values.
 
     Raises:
@@ -86,7 +88,8 @@ def write_raster(  # noqa: PLR0913 - the properties of one file
     units = {name: unit if isinstance(unit, str) else unit.get(name, "") for name in bands}
     kind = stack[0].dtype.name
     rows = path.with_name(f"{path.name}.rows")
-    options = {**_LOSSLESS, "PREDICTOR": _PREDICTOR[kind], "OVERVIEW_RESAMPLING": overviews}
+    halving = overviews or ("NEAREST" if _DIRECTIONS & set(bands) else "AVERAGE")
+    options = {**_LOSSLESS, "PREDICTOR": _PREDICTOR[kind], "OVERVIEW_RESAMPLING": halving}
     try:
         with rasterio.open(rows, "w", **_profile(grid, stack, crs)) as dataset:
             for index, (name, band) in enumerate(zip(bands, stack, strict=True), start=1):

@@ -1,0 +1,193 @@
+import hashlib
+
+import numpy as np
+import pytest
+import rasterio
+from rio_cogeo import cog_validate
+
+from photogrammetry.terrain.grid import MapGrid
+from photogrammetry.terrain.records import Dtm, GroundClass
+from products.crs import IAU_RADIUS_M, LandingPoint, local_crs
+from products.errors import ProductError, ProductNotFoundError
+from products.raster import (
+    crs_of,
+    read_dtm,
+    read_orthophoto,
+    read_raster,
+    summarise,
+    values_at,
+    write_dtm,
+    write_orthophoto,
+    write_raster,
+)
+
+GUSEV = LandingPoint("floor of Gusev", 175.4729, -14.5692, 3_393_000.0, "a test")
+ON_IAU = LandingPoint("Columbia Memorial Station", 175.4729, -14.5692, IAU_RADIUS_M, "a test")
+CRS = local_crs(GUSEV)
+GRID = MapGrid.covering((-5.0, -5.0, 5.0, 15.0), 0.02)
+
+
+@pytest.fixture
+def surface(rng):
+    values = rng.normal(0.0, 2.0, GRID.shape).astype(np.float32)
+    values[:300, :200] = np.nan
+    return values
+
+
+def test_what_is_written_is_read_back(tmp_path, surface):
+    bands = {"slope": surface, "aspect": surface * 2}
+    write_raster(tmp_path / "a.tif", GRID, bands, CRS, unit="degree", tags={"BASELINE_M": "1.1"})
+    grid, read = read_raster(tmp_path / "a.tif")
+    assert grid == GRID
+    assert list(read) == ["slope", "aspect"]
+    for name, band in bands.items():
+        np.testing.assert_array_equal(read[name], band)
+    with rasterio.open(tmp_path / "a.tif") as dataset:
+        assert dataset.units == ("degree", "degree")
+        assert dataset.tags()["BASELINE_M"] == "1.1"
+        assert np.isnan(dataset.nodata)
+
+
+@pytest.mark.parametrize("landing", [GUSEV, ON_IAU])
+def test_a_geotiff_carries_the_map_of_mars(tmp_path, surface, landing):
+    write_raster(tmp_path / "a.tif", GRID, {"x": surface}, local_crs(landing))
+    crs = crs_of(tmp_path / "a.tif")
+    assert crs.equals(local_crs(landing))
+    assert crs.name == local_crs(landing).name
+    assert crs.ellipsoid.semi_major_metre == landing.radius_m
+    assert crs.to_epsg() is None
+
+
+@pytest.mark.parametrize("is_picture", [False, True])
+def test_the_file_is_a_valid_cloud_optimised_geotiff_of_blocks_of_256(
+    tmp_path, surface, is_picture
+):
+    path = tmp_path / "a.tif"
+    if is_picture:
+        write_orthophoto(path, GRID, surface, CRS)
+    else:
+        write_raster(path, GRID, {"x": surface}, CRS)
+    is_valid, errors, warnings = cog_validate(path, strict=True)
+    assert (is_valid, errors, warnings) == (True, [], [])
+    with rasterio.open(path) as dataset:
+        assert dataset.block_shapes == [(256, 256)]
+        assert dataset.overviews(1) == [2, 4]
+        assert dataset.crs.is_projected
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_an_overview_is_the_mean_of_what_was_measured(tmp_path, surface):
+    write_raster(tmp_path / "a.tif", GRID, {"x": surface}, CRS)
+    surface[301, 201] = np.nan
+    write_raster(tmp_path / "b.tif", GRID, {"x": surface}, CRS)
+    blocks = surface.reshape(GRID.rows // 2, 2, GRID.cols // 2, 2)
+    some = np.isfinite(blocks).any(axis=(1, 3))
+    with rasterio.open(tmp_path / "b.tif", overview_level=0) as dataset:
+        half = dataset.read(1)
+    np.testing.assert_array_equal(np.isfinite(half), some)
+    expected = np.nanmean(np.where(some[:, None, :, None], blocks, 0.0), axis=(1, 3))
+    np.testing.assert_allclose(half[some], expected[some], atol=1e-5)  # single precision
+
+
+def test_an_overview_of_directions_takes_one_of_them_rather_than_the_mean(tmp_path):
+    around_north = np.where(np.indices(GRID.shape).sum(axis=0) % 2, 359.0, 1.0).astype(np.float32)
+    write_raster(tmp_path / "a.tif", GRID, {"aspect": around_north}, CRS)
+    with rasterio.open(tmp_path / "a.tif", overview_level=0) as dataset:
+        assert set(np.unique(dataset.read(1))) <= {1.0, 359.0}
+
+
+def test_the_same_raster_is_written_as_the_same_bytes(tmp_path, surface):
+    digests = set()
+    for name in ("a.tif", "b.tif"):
+        write_raster(tmp_path / name, GRID, {"x": surface}, CRS, tags={"A": "b"})
+        digests.add(hashlib.sha256((tmp_path / name).read_bytes()).hexdigest())
+    assert len(digests) == 1
+
+
+def test_blocks_with_nothing_measured_take_no_room(tmp_path, surface):
+    write_raster(tmp_path / "full.tif", GRID, {"x": surface}, CRS)
+    surface[256:] = np.nan
+    write_raster(tmp_path / "sparse.tif", GRID, {"x": surface}, CRS)
+    assert (tmp_path / "sparse.tif").stat().st_size < 0.4 * (tmp_path / "full.tif").stat().st_size
+    np.testing.assert_array_equal(read_raster(tmp_path / "sparse.tif")[1]["x"], surface)
+
+
+def test_a_terrain_model_is_read_back_as_it_was(tmp_path, surface, rng):
+    seen = np.isfinite(surface)
+    ground = np.where(seen, GroundClass.MEASURED, GroundClass.UNSEEN).astype(np.uint8)
+    sigma = np.where(seen, np.float32(0.01), np.float32(np.nan))
+    counts = rng.integers(0, 9, GRID.shape).astype(np.float32)
+    write_dtm(tmp_path / "dtm.tif", Dtm(GRID, surface, sigma, counts, ground), CRS)
+    dtm = read_dtm(tmp_path / "dtm.tif")
+    assert dtm.grid == GRID
+    np.testing.assert_array_equal(dtm.elevation, surface)
+    np.testing.assert_array_equal(dtm.sigma_m, sigma)
+    np.testing.assert_array_equal(dtm.observations, counts)
+    np.testing.assert_array_equal(dtm.ground, ground)
+
+
+def test_a_raster_that_is_no_terrain_model_is_named(tmp_path, surface):
+    write_raster(tmp_path / "slope.tif", GRID, {"slope": surface}, CRS)
+    with pytest.raises(ProductError, match=r"slope\.tif is no terrain model.*elevation"):
+        read_dtm(tmp_path / "slope.tif")
+
+
+def test_an_orthophoto_keeps_brightness_to_half_a_grey_step_inside_its_stretch(tmp_path, surface):
+    write_orthophoto(tmp_path / "o.tif", GRID, surface, CRS, stretch=(-3.0, 3.0))
+    grid, brightness = read_orthophoto(tmp_path / "o.tif")
+    assert grid == GRID
+    np.testing.assert_array_equal(np.isnan(brightness), np.isnan(surface))
+    seen = np.isfinite(surface)
+    off = np.abs(brightness[seen] - np.clip(surface[seen], -3.0, 3.0))
+    assert off.max() <= 0.5 * 6.0 / 254 + 1e-5
+    with rasterio.open(tmp_path / "o.tif") as dataset:
+        assert dataset.dtypes == ("uint8",)
+        np.testing.assert_array_equal(dataset.read_masks(1) > 0, seen)
+
+
+def test_an_orthophoto_of_nothing_is_empty_rather_than_an_error(tmp_path):
+    write_orthophoto(tmp_path / "o.tif", GRID, np.full(GRID.shape, np.nan, np.float32), CRS)
+    assert np.isnan(read_orthophoto(tmp_path / "o.tif")[1]).all()
+    assert summarise(tmp_path / "o.tif")[1][0].range is None
+
+
+def test_a_place_has_the_value_of_the_cell_it_lies_in(tmp_path, surface):
+    write_raster(tmp_path / "a.tif", GRID, {"x": surface}, CRS)
+    east, north = GRID.centres()
+    value = values_at(tmp_path / "a.tif", east[250] + 0.009, north[400] - 0.009)
+    assert value == {"x": float(surface[400, 250])}
+    assert np.isnan(values_at(tmp_path / "a.tif", east[10], north[10])["x"])
+    assert values_at(tmp_path / "a.tif", 5000.0, 0.0) is None
+
+
+def test_the_summary_gives_true_values_and_units(tmp_path):
+    column = np.linspace(0.0, 100.0, GRID.cols, dtype=np.float32)
+    field = np.broadcast_to(column, GRID.shape).copy()
+    write_raster(tmp_path / "a.tif", GRID, {"slope": field}, CRS, unit="degree")
+    write_orthophoto(tmp_path / "o.tif", GRID, field, CRS, stretch=(0.0, 100.0))
+    for name, unit in (("a.tif", "degree"), ("o.tif", "")):
+        grid, (band,) = summarise(tmp_path / name)
+        assert grid == GRID
+        assert band.unit == unit
+        assert band.range == pytest.approx((1.0, 99.0), abs=0.5)
+
+
+def test_bands_that_do_not_fit_are_refused_before_anything_is_written(tmp_path, surface):
+    with pytest.raises(ProductError, match="band x has"):
+        write_raster(tmp_path / "a.tif", GRID, {"x": surface[1:]}, CRS)
+    with pytest.raises(ProductError, match="float32 or all uint8"):
+        write_raster(tmp_path / "a.tif", GRID, {"x": surface.astype(np.float64)}, CRS)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_missing_and_a_broken_file_are_told_apart(tmp_path, surface):
+    with pytest.raises(ProductNotFoundError, match="is not there"):
+        read_raster(tmp_path / "a.tif")
+    write_raster(tmp_path / "a.tif", GRID, {"x": surface}, CRS)
+    whole = (tmp_path / "a.tif").read_bytes()
+    (tmp_path / "b.tif").write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(ProductError, match="broken"):
+        read_raster(tmp_path / "b.tif")
+    (tmp_path / "c.tif").write_text("no raster")
+    with pytest.raises(ProductError, match="cannot be read"):
+        read_raster(tmp_path / "c.tif")

@@ -1,0 +1,127 @@
+import json
+
+import geopandas
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pyproj import CRS
+
+from products.crs import IAU_RADIUS_M, MARS, LandingPoint, local_crs, lon_lat
+from products.errors import ProductError, ProductNotFoundError
+from products.vector import Feature, FeatureCollection, local_geojson, read_features, write_features
+
+GUSEV = LandingPoint("floor of Gusev", 175.4729, -14.5692, 3_393_000.0, "a test")
+ON_IAU = LandingPoint("Columbia Memorial Station", 175.4729, -14.5692, IAU_RADIUS_M, "a test")
+FEATURES = [
+    Feature("Point", np.array([[3104.65, -2034.05, 80.97]]), {"site": 138, "held": False}, "p"),
+    Feature("LineString", np.array([[0.0, 0.0], [10.0, 5.0], [20.0, 5.0]]), {"elevation_m": 1.5}),
+    Feature("Polygon", np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 10.0], [0.0, 0.0]])),
+]
+
+
+def test_what_is_written_is_read_back_in_metres(tmp_path):
+    write_features(tmp_path / "f.geojson", FEATURES, GUSEV, tags={"interval_m": 0.5})
+    read = read_features(tmp_path / "f.geojson")
+    assert read.landing == GUSEV
+    assert read.tags == {"interval_m": 0.5}
+    for there, here in zip(read.features, FEATURES, strict=True):
+        assert (there.geometry, there.id, there.properties) == (
+            here.geometry,
+            here.id,
+            here.properties,
+        )
+        np.testing.assert_allclose(there.points, here.points, atol=1.1e-4)  # 4 decimals kept
+
+
+@pytest.mark.parametrize("landing", [GUSEV, ON_IAU])
+def test_gdal_takes_the_file_for_mars_and_puts_it_on_the_local_map(tmp_path, landing):
+    write_features(tmp_path / "f.geojson", FEATURES, landing)
+    frame = geopandas.read_file(tmp_path / "f.geojson")
+    assert CRS(frame.crs).equals(CRS(MARS), ignore_axis_order=True)
+    point = frame.to_crs(local_crs(landing)).geometry.iloc[0]
+    assert (point.x, point.y, point.z) == pytest.approx((3104.65, -2034.05, 80.97), abs=1e-4)
+
+
+def test_the_file_holds_degrees_of_mars_and_says_so(tmp_path):
+    write_features(tmp_path / "f.geojson", FEATURES, GUSEV)
+    document = json.loads((tmp_path / "f.geojson").read_text())
+    assert document["crs"]["properties"]["name"] == "urn:ogc:def:crs:IAU:2015:49900"
+    longitude, latitude, height = document["features"][0]["geometry"]["coordinates"]
+    expected = np.concatenate(lon_lat(GUSEV, 3104.65, -2034.05))
+    assert (longitude, latitude) == pytest.approx(tuple(expected), abs=1e-9)
+    assert height == 80.97
+    assert "metres above the tangent plane" in document["solmap"]["elevation"]
+
+
+def test_the_same_features_are_written_as_the_same_bytes(tmp_path):
+    for name in ("a", "b"):
+        write_features(tmp_path / name, FEATURES, GUSEV)
+    assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
+
+
+def test_a_ring_is_closed_in_the_file_and_open_in_the_record(tmp_path):
+    write_features(tmp_path / "f.geojson", FEATURES[2:], GUSEV)
+    document = json.loads((tmp_path / "f.geojson").read_text())
+    (ring,) = document["features"][0]["geometry"]["coordinates"]
+    assert len(ring) == 4
+    assert ring[0] == ring[-1]
+    assert read_features(tmp_path / "f.geojson").features[0].points.shape == (3, 2)
+
+
+@given(
+    st.lists(
+        st.tuples(st.floats(-9e3, 9e3), st.floats(-9e3, 9e3), st.floats(-500, 500)),
+        min_size=2,
+        max_size=9,
+    )
+)
+def test_local_geojson_holds_the_points_to_a_tenth_of_a_millimetre(points):
+    line = Feature("LineString", np.array(points))
+    document = local_geojson(FeatureCollection(GUSEV, (line,)))
+    coordinates = np.array(document["features"][0]["geometry"]["coordinates"])
+    np.testing.assert_allclose(coordinates, points, atol=0.51e-4)
+
+
+def test_no_feature_is_a_collection_too(tmp_path):
+    write_features(tmp_path / "f.geojson", [], GUSEV)
+    read = read_features(tmp_path / "f.geojson")
+    assert read.features == ()
+    assert read.bounds is None
+
+
+def test_the_bounds_hold_all_points(tmp_path):
+    write_features(tmp_path / "f.geojson", FEATURES, GUSEV)
+    expected = (0.0, -2034.05, 3104.65, 10.0)
+    assert read_features(tmp_path / "f.geojson").bounds == pytest.approx(expected, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("geometry", "points", "said"),
+    [
+        ("Point", [[0.0, 0.0], [1.0, 1.0]], "a Point has one row"),
+        ("LineString", [[0.0, 0.0]], "at least 2 rows"),
+        ("Polygon", [[0.0, 0.0], [1.0, 1.0], [0.0, 0.0]], "at least 3 rows"),
+        ("Point", [[0.0, np.nan]], "not all finite"),
+        ("Circle", [[0.0, 0.0]], "'Circle' is none of"),
+        ("Point", [[0.0, 0.0, 0.0, 0.0]], r"not \(1, 4\)"),
+    ],
+)
+def test_a_feature_that_cannot_be_drawn_is_refused_at_birth(geometry, points, said):
+    with pytest.raises(ProductError, match=said):
+        Feature(geometry, np.array(points))
+
+
+def test_a_property_that_is_not_json_is_refused(tmp_path):
+    feature = Feature("Point", np.zeros((1, 2)), {"sigma_m": float("nan")})
+    with pytest.raises(ProductError, match=r"f\.geojson: a property is no plain JSON"):
+        write_features(tmp_path / "f.geojson", [feature], GUSEV)
+    assert not (tmp_path / "f.geojson").exists()
+
+
+def test_a_missing_and_a_foreign_file_are_told_apart(tmp_path):
+    with pytest.raises(ProductNotFoundError, match="is not there"):
+        read_features(tmp_path / "f.geojson")
+    (tmp_path / "g.geojson").write_text('{"type": "FeatureCollection", "features": []}')
+    with pytest.raises(ProductError, match="no feature collection of a landing site"):
+        read_features(tmp_path / "g.geojson")
