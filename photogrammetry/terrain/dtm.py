@@ -51,10 +51,11 @@ class DtmParams(MeshParams):
     """Side of a cell: four orthophoto cells, and the spacing of Navcam samples at 50 m."""
     sigma_image_px: float = 0.25
     """Standard deviation of an image coordinate: half a pixel's rounding by the matching window."""
-    correlation_px: float = 7.0
-    """Side of the matcher's window: pixels closer than this share their error."""
-    roughness: float = 0.1
-    """How far ground strays between pixels, over the length: natural ground at decimetres."""
+    correlation_px: float = 9.0
+    """Side of the window that refines dense parallax: pixels this close share their error."""
+    roughness: float = 0.2
+    """How far ground strays between pixels, over the length: the slope of rocky plains over some
+    decimetres is about ten degrees (RMS)."""
     slope_baseline_m: float = 0.5
     """Baseline of the slope that enters the standard deviation: some cells, less than a rover."""
 

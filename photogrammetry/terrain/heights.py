@@ -16,6 +16,7 @@ from photogrammetry.terrain.mesh import (
     MeshParams,
     camera_on_map,
     ground_of,
+    largest_step_px,
     mesh_samples,
     trusted_parallax,
 )
@@ -64,7 +65,9 @@ def view_heights(view: TerrainView, params: MeshParams, cell_m: float) -> ViewHe
     count, mean, scatter = _upper_levels(window.cells(points), points[2], noise, window)
     filled = np.zeros(window.size)
     filled_mean, sag = np.zeros(window.size), np.zeros(window.size)
-    for samples in mesh_samples(planes, parallax, cell_m / SAMPLES_A_CELL, params):
+    step_px = largest_step_px(view.geometry.base_m, params)
+    spacing_m = cell_m / SAMPLES_A_CELL
+    for samples in mesh_samples(planes, parallax, spacing_m, step_px, params.max_gap_m):
         cells = window.cells(samples.points)
         open_ = count[cells] == 0
         cells = cells[open_]

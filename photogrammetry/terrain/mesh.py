@@ -48,10 +48,13 @@ class MeshParams:
     by Navcam and 129 m by Pancam: the extents of the paper's maps (section 5)."""
     radius_m: float = 60.0
     """Farthest ground from the camera: half of the 120 m that the paper maps from Pancam."""
-    max_parallax_step_px: float = 0.75
-    """Largest step between neighbouring pixels of one surface. Flat ground below a mast of 1.5 m
-    steps by 0.13 px (Navcam) or 0.2 px (Pancam) a line; this allows a surface whose plane passes
-    0.3 m below the camera, and three sigma of the difference of two overlapping windows."""
+    max_spike_px: float = 0.75
+    """Largest distance from the median of the neighbourhood: three standard deviations."""
+    min_height_m: float = 0.4
+    """Least height of the camera above the plane of continuous ground, which may then step by
+    B / height a pixel: 0.5 px with Navcam, 0.75 px with Pancam. Flat ground lies 1.5 m below a mast
+    and 0.5 m below a hazard camera; a plane any nearer is seen edge-on, as are only the sides and
+    backs of rocks."""
     min_region_px: int = 100
     """Smallest connected patch of parallax: two matching windows of 7 x 7 side by side."""
     max_gap_m: float = 0.5
@@ -80,13 +83,17 @@ def trusted_parallax(view: TerrainView, params: MeshParams) -> ParallaxMap:
     parallax = parallax.astype(np.float32)
     farthest = params.sigma_parallax_px / params.max_relative_sigma
     parallax[parallax < farthest] = 0.0
-    spike = np.abs(parallax - cv2.medianBlur(parallax, 5)) > params.max_parallax_step_px
+    spike = np.abs(parallax - cv2.medianBlur(parallax, 5)) > params.max_spike_px
     parallax[spike] = 0.0
     steps = np.clip(parallax * SUBPIXEL, 0, np.iinfo(np.int16).max).astype(np.int16)
-    cv2.filterSpeckles(
-        steps, 0, params.min_region_px, round(params.max_parallax_step_px * SUBPIXEL)
-    )
+    step = round(largest_step_px(view.geometry.base_m, params) * SUBPIXEL)
+    cv2.filterSpeckles(steps, 0, params.min_region_px, step)
     return np.where(steps > 0, parallax, np.float32(np.nan))
+
+
+def largest_step_px(base_m: float, params: MeshParams) -> float:
+    """Largest step of parallax between neighbouring pixels of continuous ground."""
+    return base_m / params.min_height_m
 
 
 def ground_of(view: TerrainView, parallax: ParallaxMap, params: MeshParams) -> Planes3:
@@ -104,6 +111,9 @@ def ground_of(view: TerrainView, parallax: ParallaxMap, params: MeshParams) -> P
     return planes
 
 
+_Quads = tuple[np.ndarray, np.ndarray, np.ndarray]
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class MeshSamples:
     """Samples between the pixels of a mesh."""
@@ -115,15 +125,16 @@ class MeshSamples:
 
 
 def mesh_samples(
-    planes: Planes3, parallax: ParallaxMap, spacing_m: float, params: MeshParams
+    planes: Planes3, parallax: ParallaxMap, spacing_m: float, step_px: float, gap_m: float
 ) -> Iterator[MeshSamples]:
     """Samples that cover the quads of the mesh which are wider than `spacing_m`, piece by piece.
 
-    A quad is one surface when all four of its sides are short in parallax and on the ground. It is
-    divided bilinearly into as many parts as its sides need.
+    A quad is one surface when none of its four sides steps by more than `step_px` in parallax or
+    `gap_m` on the ground. It is divided bilinearly into as many parts as its sides need.
     """
+    quads = _continuous_quads(planes, parallax, step_px, gap_m)
     held: list[MeshSamples] = []
-    for piece in _divided_quads(planes, parallax, spacing_m, params):
+    for piece in _divided_quads(planes, quads, spacing_m):
         held.append(piece)
         if sum(len(one.sag_m) for one in held) > SAMPLES_AT_ONCE:
             yield _joined(held)
@@ -139,11 +150,9 @@ def _joined(pieces: list[MeshSamples]) -> MeshSamples:
     )
 
 
-def _divided_quads(
-    planes: Planes3, parallax: ParallaxMap, spacing_m: float, params: MeshParams
-) -> Iterator[MeshSamples]:
+def _divided_quads(planes: Planes3, quads: _Quads, spacing_m: float) -> Iterator[MeshSamples]:
     """Samples of the quads, those of equal division together."""
-    corners, lines, samples = _continuous_quads(planes, parallax, params)
+    corners, lines, samples = quads
     down = np.ceil(np.maximum(1, lines / spacing_m)).astype(np.int64)
     across = np.ceil(np.maximum(1, samples / spacing_m)).astype(np.int64)
     wide = np.flatnonzero(down * across > 1)  # elsewhere the pixels themselves are close enough
@@ -160,16 +169,16 @@ def _divided_quads(
 
 
 def _continuous_quads(
-    planes: Planes3, parallax: ParallaxMap, params: MeshParams
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    planes: Planes3, parallax: ParallaxMap, step_px: float, gap_m: float
+) -> _Quads:
     """First corners of the quads of one surface, and their sides on the ground down and across."""
     with np.errstate(invalid="ignore"):
-        down_step = np.abs(np.diff(parallax, axis=0)) <= params.max_parallax_step_px
-        across_step = np.abs(np.diff(parallax, axis=1)) <= params.max_parallax_step_px
+        down_step = np.abs(np.diff(parallax, axis=0)) <= step_px
+        across_step = np.abs(np.diff(parallax, axis=1)) <= step_px
         down_m = np.hypot(*np.diff(planes[:2], axis=1))
         across_m = np.hypot(*np.diff(planes[:2], axis=2))
-        down_step &= down_m <= params.max_gap_m
-        across_step &= across_m <= params.max_gap_m
+        down_step &= down_m <= gap_m
+        across_step &= across_m <= gap_m
     whole = down_step[:, :-1] & down_step[:, 1:] & across_step[:-1] & across_step[1:]
     row, col = np.nonzero(whole)
     corners = row * parallax.shape[1] + col
