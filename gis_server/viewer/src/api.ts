@@ -1,0 +1,88 @@
+/** The one module that knows the server's URLs. */
+
+import type { Identified, ImageEntry, Layer, MapPoint, Mission, VectorLayer } from "./records";
+
+/** The server answered, but not with what was asked for. */
+export class ApiError extends Error {
+  override readonly name = "ApiError";
+}
+
+/** The server did not answer. */
+export class UnreachableError extends Error {
+  override readonly name = "UnreachableError";
+}
+
+export interface ImageFilter {
+  readonly sol?: number | null;
+  readonly stop?: string | null;
+}
+
+export interface FeatureCollection {
+  readonly type: "FeatureCollection";
+  readonly features: readonly unknown[];
+}
+
+const of = (mission: string) => `/api/missions/${encodeURIComponent(mission)}`;
+
+function withQuery(path: string, query: Record<string, string | number | null | undefined>) {
+  const known = Object.entries(query).filter(([, value]) => value !== null && value !== undefined);
+  const text = new URLSearchParams(known.map(([key, value]) => [key, String(value)])).toString();
+  return text ? `${path}?${text}` : path;
+}
+
+export const urls = {
+  health: () => "/healthz",
+  missions: () => "/api/missions",
+  layers: (mission: string) => `${of(mission)}/layers`,
+  identify: (mission: string, [east, north]: MapPoint) =>
+    withQuery(`${of(mission)}/identify`, { east: east.toFixed(4), north: north.toFixed(4) }),
+  images: (mission: string, filter: ImageFilter = {}) =>
+    withQuery(`${of(mission)}/images`, { sol: filter.sol, stop: filter.stop }),
+  docs: () => "/docs",
+};
+
+async function get<T>(url: string, signal?: AbortSignal): Promise<T> {
+  let response: Response;
+  try {
+    response = await fetch(url, signal ? { signal } : {});
+  } catch (reason) {
+    if (signal?.aborted) throw reason;
+    throw new UnreachableError(`the server does not answer ${url}; is "solmap serve" running?`);
+  }
+  if (!response.ok) {
+    const text = (await response.text()).slice(0, 300);
+    throw new ApiError(
+      `${url} was answered with ${response.status} ${response.statusText}: ${text}`,
+    );
+  }
+  return (await response.json()) as T;
+}
+
+/** A list, or the list that an object carries under `key`. */
+function list<T>(
+  answer: readonly T[] | Readonly<Record<string, unknown>>,
+  key: string,
+): readonly T[] {
+  if (Array.isArray(answer)) return answer as readonly T[];
+  const inner = (answer as Record<string, unknown>)[key];
+  if (Array.isArray(inner)) return inner as readonly T[];
+  throw new ApiError(`expected a list of ${key}, got ${JSON.stringify(answer).slice(0, 120)}`);
+}
+
+export const api = {
+  missions: async () => list<Mission>(await get(urls.missions()), "missions"),
+  layers: async (mission: string) => list<Layer>(await get(urls.layers(mission)), "layers"),
+  images: async (mission: string, filter: ImageFilter, signal?: AbortSignal) =>
+    list<ImageEntry>(await get(urls.images(mission, filter), signal), "images"),
+  identify: (mission: string, at: MapPoint, signal?: AbortSignal) =>
+    get<Identified>(urls.identify(mission, at), signal),
+  features: (layer: VectorLayer) => get<FeatureCollection>(layer.features),
+  provenance: (layer: Layer) => get<unknown>(layer.provenance),
+  isAlive: async () => {
+    try {
+      return (await fetch(urls.health())).ok;
+    } catch {
+      return false;
+    }
+  },
+};

@@ -1,0 +1,86 @@
+/** From an empty page to the map of a mission; keeps asking while the server is away. */
+
+import { ApiError, api, UnreachableError } from "./api";
+import { h } from "./dom";
+import { type Permalink, parsePermalink } from "./permalink";
+import type { Mission } from "./records";
+import { Session } from "./session";
+import { type Shell, shell } from "./shell";
+
+const ASK_AGAIN_MS = 4000;
+
+class App {
+  private session: Session | null = null;
+
+  constructor(private readonly page: Shell) {}
+
+  async open(): Promise<void> {
+    document.documentElement.dataset["ready"] = "false";
+    try {
+      await this.load(parsePermalink(location.hash));
+      this.page.banner(null);
+    } catch (reason) {
+      if (!(reason instanceof UnreachableError || reason instanceof ApiError)) throw reason;
+      this.page.banner(reason.message, () => void this.open());
+      if (reason instanceof UnreachableError) setTimeout(() => void this.retry(), ASK_AGAIN_MS);
+    }
+  }
+
+  private async retry(): Promise<void> {
+    if (this.session) return;
+    if (await api.isAlive()) await this.open();
+    else setTimeout(() => void this.retry(), ASK_AGAIN_MS);
+  }
+
+  private async load(link: Permalink): Promise<void> {
+    const missions = await api.missions();
+    const mission = missions.find((item) => item.mission === link.mission) ?? missions[0];
+    if (!mission) {
+      throw new ApiError(
+        "the store holds no mission yet: run `solmap run DOWNLINK_DIR --store STORE`",
+      );
+    }
+    await this.show(mission, missions, link);
+  }
+
+  private async show(
+    mission: Mission,
+    missions: readonly Mission[],
+    link: Permalink,
+  ): Promise<void> {
+    const layers = await api.layers(mission.mission);
+    this.session?.dispose();
+    this.page.missionBox.replaceChildren(...this.heading(mission, missions));
+    document.title = `${mission.title} – solmap`;
+    this.session = new Session(this.page, mission, layers, link);
+  }
+
+  private heading(mission: Mission, missions: readonly Mission[]): Node[] {
+    const { name, longitude, latitude } = mission.landing;
+    const where = h(
+      "small",
+      { title: mission.landing.source },
+      `${name}  ${latitude.toFixed(4)}°, ${longitude.toFixed(4)}° E`,
+    );
+    if (missions.length < 2) return [h("b", {}, mission.title), where];
+    const select = h(
+      "select",
+      {
+        "aria-label": "mission",
+        onchange: () => {
+          location.hash = `#m=${encodeURIComponent(select.value)}`;
+        },
+      },
+      ...missions.map((item) =>
+        h("option", { value: item.mission, selected: item === mission }, item.title),
+      ),
+    );
+    return [select, where];
+  }
+}
+
+export async function start(root: HTMLElement): Promise<void> {
+  const app = new App(shell(root));
+  window.addEventListener("hashchange", () => void app.open());
+  await app.open();
+}

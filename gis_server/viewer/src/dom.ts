@@ -1,0 +1,66 @@
+/** Elements in one expression. */
+
+export type Child = Node | string | null | undefined | false;
+export type Attributes = Readonly<
+  Record<string, string | number | boolean | null | undefined | ((event: Event) => void)>
+>;
+
+/** An element; `on...` attributes are listeners, false and null leave an attribute out. */
+export function h<K extends keyof HTMLElementTagNameMap>(
+  tag: K,
+  attributes: Attributes = {},
+  ...children: readonly Child[]
+): HTMLElementTagNameMap[K] {
+  const element = document.createElement(tag);
+  for (const [name, value] of Object.entries(attributes)) {
+    if (typeof value === "function") element.addEventListener(name.slice(2), value);
+    else if (value === true) element.setAttribute(name, "");
+    else if (value !== false && value !== null && value !== undefined)
+      element.setAttribute(name, String(value));
+  }
+  for (const child of children) if (child) element.append(child);
+  return element;
+}
+
+/** A definition list of the facts that are known. */
+export function facts(rows: readonly (readonly [string, Child])[]): HTMLElement {
+  const list = h("dl", { class: "facts" });
+  for (const [name, value] of rows) if (value) list.append(h("dt", {}, name), h("dd", {}, value));
+  return list;
+}
+
+const ICONS = {
+  plus: "M8 3v10M3 8h10",
+  minus: "M3 8h10",
+  fit: "M2 6V2h4M10 2h4v4M14 10v4h-4M6 14H2v-4",
+  ruler: "M2 11 11 2l3 3-9 9zM5 8l1.5 1.5M7 6l1.5 1.5M9 4l1.5 1.5",
+  sun: "M8 5a3 3 0 1 0 0 6 3 3 0 0 0 0-6zM8 1v2M8 13v2M1 8h2M13 8h2M3 3l1.4 1.4M11.6 11.6 13 13M13 3l-1.4 1.4M4.4 11.6 3 13",
+  link: "M6.5 9.5l3-3M7 4.5 8.5 3a3 3 0 0 1 4.5 4.5L11.5 9M9 11.5 7.5 13A3 3 0 0 1 3 8.5L4.5 7",
+  close: "M4 4l8 8M12 4l-8 8",
+  down: "M8 2v9M4 7.5 8 11.5 12 7.5M3 14h10",
+  tree: "M3 3h4v3H3zM9 10h4v3H9zM5 6v5.5h4",
+} as const;
+
+export function icon(name: keyof typeof ICONS): SVGSVGElement {
+  const svg = document.createElementNS("http://www.w3.org/2000/svg", "svg");
+  svg.setAttribute("viewBox", "0 0 16 16");
+  svg.setAttribute("aria-hidden", "true");
+  svg.setAttribute("class", "icon");
+  const path = document.createElementNS("http://www.w3.org/2000/svg", "path");
+  path.setAttribute("d", ICONS[name]);
+  svg.append(path);
+  return svg;
+}
+
+export function button(
+  label: string,
+  picture: keyof typeof ICONS,
+  onClick: () => void,
+  extra: Attributes = {},
+): HTMLButtonElement {
+  return h(
+    "button",
+    { type: "button", title: label, "aria-label": label, onclick: onClick, ...extra },
+    icon(picture),
+  );
+}

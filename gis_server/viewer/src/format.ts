@@ -1,0 +1,82 @@
+/** Numbers as a reader of maps expects them. */
+
+const MINUS = "\u2212";
+
+const signed = (text: string) => text.replace("-", MINUS);
+
+/** A number with fixed decimals and a true minus sign; a dash for what was not measured. */
+export function fixed(value: number | null | undefined, decimals: number): string {
+  if (value === null || value === undefined || !Number.isFinite(value)) return "\u2013";
+  const text = value.toFixed(decimals);
+  return signed(Number(text) === 0 ? text.replace("-", "") : text);
+}
+
+/** A number with about `digits` significant digits, without exponent for everyday sizes. */
+export function compact(value: number | null | undefined, digits = 4): string {
+  if (value === null || value === undefined || !Number.isFinite(value)) return "\u2013";
+  if (value === 0) return "0";
+  const size = Math.abs(value);
+  if (size >= 1e6 || size < 1e-4) return signed(value.toExponential(digits - 1));
+  const decimals = Math.max(0, digits - 1 - Math.floor(Math.log10(size)));
+  return signed(String(Number(value.toFixed(Math.min(decimals, 6)))));
+}
+
+/** A length with the unit that keeps it short: 2 cm, 40 m, 1.2 km. */
+export function metres(value: number, digits = 3): string {
+  const size = Math.abs(value);
+  if (size >= 1000) return `${compact(value / 1000, digits)} km`;
+  if (size >= 1 || size === 0) return `${compact(value, digits)} m`;
+  return size >= 0.01
+    ? `${compact(value * 100, digits)} cm`
+    : `${compact(value * 1000, digits)} mm`;
+}
+
+/** Unit as printed: degrees and metres by their signs. */
+export function unitSign(unit: string | null | undefined): string {
+  switch (unit) {
+    case null:
+    case undefined:
+    case "":
+    case "1":
+      return "";
+    case "degree":
+    case "degrees":
+    case "deg":
+      return "\u00b0";
+    case "metre":
+    case "meter":
+    case "m":
+      return " m";
+    default:
+      return ` ${unit}`;
+  }
+}
+
+/** Azimuth of a step, degrees clockwise from north, 0 to 360. */
+export function azimuthDeg(east: number, north: number): number {
+  return ((Math.atan2(east, north) * 180) / Math.PI + 360) % 360;
+}
+
+export function sols(values: readonly number[]): string {
+  const sorted = [...new Set(values)].sort((a, b) => a - b);
+  const first = sorted[0];
+  const last = sorted.at(-1);
+  if (first === undefined || last === undefined) return "\u2013";
+  if (first === last) return `sol ${first}`;
+  const gapless = last - first === sorted.length - 1;
+  if (gapless || sorted.length > 4) return `sols ${first}\u2013${last}`;
+  return `sols ${sorted.join(", ")}`;
+}
+
+/** `2026-11-21T01:02:03.4+00:00` as `2026-11-21 01:02`, UTC. */
+export function time(iso: string | null | undefined): string {
+  return iso ? iso.slice(0, 16).replace("T", " ") : "\u2013";
+}
+
+/** `mer2-site0010-drive0064` as `Site 10 · drive 64`. */
+export function scopeTitle(scope: string): string {
+  const stop = /site0*(\d+)-drive0*(\d+)/i.exec(scope);
+  if (stop) return `Site ${stop[1]} \u00b7 drive ${stop[2]}`;
+  const sol = /sol0*(\d+)/i.exec(scope);
+  return sol ? `Sol ${sol[1]}` : scope;
+}

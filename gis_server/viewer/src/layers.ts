@@ -1,0 +1,126 @@
+/** Order, grouping and first state of layers. */
+
+import { scopeTitle } from "./format";
+import type { Layer, Level } from "./records";
+
+export interface LayerGroup {
+  readonly key: string;
+  readonly title: string;
+  readonly level: Level;
+  readonly layers: readonly Layer[];
+}
+
+export interface LayerState {
+  readonly visible: boolean;
+  readonly opacity: number;
+}
+
+/** From the bottom of the map to its top. */
+const STACK = [
+  "hillshade",
+  "orthophoto",
+  "dtm",
+  "uncertainty",
+  "slope",
+  "aspect",
+  "footprints",
+  "contours",
+  "pointing",
+  "tie-points",
+  "traverse",
+  "stops",
+];
+
+const LISTED = [
+  "stops",
+  "traverse",
+  "contours",
+  "pointing",
+  "footprints",
+  "tie-points",
+  "orthophoto",
+  "hillshade",
+  "dtm",
+  "slope",
+  "aspect",
+];
+
+const LEVELS: readonly Level[] = ["region", "sol", "stop"];
+const ON = new Set(["hillshade", "orthophoto", "contours", "traverse", "stops"]);
+const OPACITY: Readonly<Record<string, number>> = {
+  orthophoto: 0.8,
+  dtm: 0.6,
+  slope: 0.6,
+  aspect: 0.6,
+};
+
+const KIND_TITLES: Readonly<Record<string, string>> = {
+  dtm: "Elevation (DTM)",
+  orthophoto: "Orthophoto",
+  slope: "Slope",
+  aspect: "Aspect",
+  hillshade: "Hillshade",
+  contours: "Contours",
+  traverse: "Traverse",
+  stops: "Stops",
+  footprints: "Image footprints",
+  pointing: "Pointing lines",
+  "tie-points": "Tie points",
+};
+
+export function kindTitle(kind: string): string {
+  return KIND_TITLES[kind] ?? kind.charAt(0).toUpperCase() + kind.slice(1).replaceAll("-", " ");
+}
+
+const rank = (order: readonly string[], kind: string) => {
+  const place = order.indexOf(kind);
+  return place < 0 ? order.length : place;
+};
+
+/** Place in the stack of the map; wide products lie under the close ones of their kind. */
+export function zIndex(layer: Pick<Layer, "kind" | "level">): number {
+  return 10 * rank(STACK, layer.kind) + LEVELS.indexOf(layer.level);
+}
+
+function compareGroups(a: LayerGroup, b: LayerGroup): number {
+  const level = LEVELS.indexOf(a.level) - LEVELS.indexOf(b.level);
+  return level || a.key.localeCompare(b.key, "en", { numeric: true });
+}
+
+/** One group a scope: the region first, then sols, then stops in the order they were driven to. */
+export function groupLayers(layers: readonly Layer[]): readonly LayerGroup[] {
+  const scopes = new Map<string, Layer[]>();
+  for (const layer of layers) {
+    const members = scopes.get(layer.scope);
+    if (members) members.push(layer);
+    else scopes.set(layer.scope, [layer]);
+  }
+  return [...scopes.entries()]
+    .map(([key, members]): LayerGroup => {
+      const level = members[0]?.level ?? "region";
+      return {
+        key,
+        level,
+        title: level === "region" ? "Whole region" : scopeTitle(key),
+        layers: members.sort((a, b) => rank(LISTED, a.kind) - rank(LISTED, b.kind)),
+      };
+    })
+    .sort(compareGroups);
+}
+
+/**
+ * What is shown at first: relief, image, contours, stops and traverse, each from the widest products there
+ * are; footprints and pointing lines where there is no ground to look at.
+ */
+export function firstState(layer: Layer, all: readonly Layer[]): LayerState {
+  const wider = all.some(
+    (other) =>
+      other.kind === layer.kind && LEVELS.indexOf(other.level) < LEVELS.indexOf(layer.level),
+  );
+  const hasGround = all.some((other) => other.type === "raster");
+  const viewing = layer.kind === "footprints" || layer.kind === "pointing";
+  return {
+    visible: !wider && (ON.has(layer.kind) || (viewing && !hasGround)),
+    opacity: OPACITY[layer.kind] ?? 1,
+  };
+}

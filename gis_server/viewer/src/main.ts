@@ -1,0 +1,7 @@
+import "ol/ol.css";
+import "./style.css";
+import { start } from "./app";
+
+const root = document.getElementById("app");
+if (!root) throw new Error("index.html has no element with the id app");
+void start(root);

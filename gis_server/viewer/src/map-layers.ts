@@ -1,0 +1,105 @@
+/** Layers of the server as layers of the map. */
+
+import type Feature from "ol/Feature";
+import GeoJSON from "ol/format/GeoJSON";
+import type Geometry from "ol/geom/Geometry";
+import type BaseLayer from "ol/layer/Base";
+import TileLayer from "ol/layer/Tile";
+import OlVectorLayer from "ol/layer/Vector";
+import VectorSource from "ol/source/Vector";
+import XYZ from "ol/source/XYZ";
+import TileGrid from "ol/tilegrid/TileGrid";
+import { api, type FeatureCollection } from "./api";
+import { zIndex } from "./layers";
+import type { LocalMap } from "./projection";
+import type { Layer, RasterLayer, TileMatrixSet, VectorLayer } from "./records";
+import { type DrawingState, drawingOf } from "./styles";
+
+/** A raster is asked for no tiles when its coarsest one would shrink below 1/8. */
+const COARSEST_SHRINK = 8;
+
+export type FeatureSource = VectorSource<Feature<Geometry>>;
+
+/** A layer of the map and what it shows. */
+export interface Shown {
+  readonly layer: Layer;
+  readonly map: BaseLayer;
+  /** Fetches what is fetched whole; once. */
+  readonly load: () => Promise<FeatureSource | null>;
+}
+
+/** Features whose coordinates are map metres already, whatever the file says of its reference system. */
+export function readFeatures(collection: FeatureCollection): Feature<Geometry>[] {
+  const { type, features } = collection;
+  return new GeoJSON().readFeatures({ type, features }) as Feature<Geometry>[];
+}
+
+export function tileGrid(set: TileMatrixSet, layer: Pick<RasterLayer, "minzoom" | "maxzoom">) {
+  const [west, south, east, north] = set.extent;
+  const deepest = layer.maxzoom ?? set.cell_sizes.length - 1;
+  return new TileGrid({
+    extent: [west, south, east, north],
+    origin: [west, north],
+    resolutions: set.cell_sizes.slice(0, deepest + 1),
+    minZoom: Math.min(layer.minzoom ?? 0, deepest),
+    tileSize: set.tile_size,
+  });
+}
+
+function raster(layer: RasterLayer, set: TileMatrixSet, map: LocalMap): Shown {
+  const grid = tileGrid(set, layer);
+  const tiles = new TileLayer({
+    extent: [...layer.bounds],
+    maxResolution: grid.getResolution(grid.getMinZoom()) * COARSEST_SHRINK,
+    source: new XYZ({
+      url: layer.tiles,
+      projection: map.projection,
+      tileGrid: grid,
+      interpolate: true,
+      transition: 120,
+    }),
+  });
+  return { layer, map: tiles, load: async () => null };
+}
+
+function vector(layer: VectorLayer, state: DrawingState): Shown {
+  const source: FeatureSource = new VectorSource<Feature<Geometry>>();
+  let loading: Promise<FeatureSource> | null = null;
+  const load = async () => {
+    source.addFeatures(readFeatures(await api.features(layer)));
+    return source;
+  };
+  return {
+    layer,
+    map: new OlVectorLayer({
+      source,
+      style: drawingOf(layer.kind, state),
+      declutter: layer.kind === "contours",
+      updateWhileInteracting: true,
+    }),
+    load: () => {
+      loading ??= load().catch((reason: unknown) => {
+        loading = null;
+        throw reason;
+      });
+      return loading;
+    },
+  };
+}
+
+export function show(layer: Layer, set: TileMatrixSet, map: LocalMap, state: DrawingState): Shown {
+  const shown = build(layer, set, map, state);
+  shown.map.setZIndex(zIndex(layer));
+  return shown;
+}
+
+function build(layer: Layer, set: TileMatrixSet, map: LocalMap, state: DrawingState): Shown {
+  switch (layer.type) {
+    case "raster":
+      return raster(layer, set, map);
+    case "vector":
+      return vector(layer, state);
+    default:
+      throw new Error(`unknown layer ${JSON.stringify(layer satisfies never)}`);
+  }
+}

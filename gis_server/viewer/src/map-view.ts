@@ -1,0 +1,200 @@
+/** The map itself: layers in the local frame, pointer, highlight, mark and measuring line. */
+
+import { defaults as defaultControls } from "ol/control/defaults";
+import type Feature from "ol/Feature";
+import type Geometry from "ol/geom/Geometry";
+import type LineString from "ol/geom/LineString";
+import Draw from "ol/interaction/Draw";
+import OlVectorLayer from "ol/layer/Vector";
+import OlMap from "ol/Map";
+import type MapBrowserEvent from "ol/MapBrowserEvent";
+import VectorSource from "ol/source/Vector";
+import View from "ol/View";
+import { type Shown, show } from "./map-layers";
+import type { Place } from "./permalink";
+import type { LocalMap } from "./projection";
+import type { Bounds, Layer, MapPoint, Mission } from "./records";
+import {
+  type Draw as Drawing,
+  type DrawingState,
+  drawHighlight,
+  drawMark,
+  drawMeasure,
+  pointFeature,
+} from "./styles";
+
+const TOUCH_PX = 5;
+const PADDING_PX = [56, 40, 72, 40];
+
+function overlay(style: Drawing, zIndex: number) {
+  const source = new VectorSource<Feature<Geometry>>();
+  return { source, layer: new OlVectorLayer({ source, style, zIndex }) };
+}
+
+export interface Touched {
+  readonly feature: Feature<Geometry>;
+  readonly layer: Layer;
+}
+
+export class MapView {
+  readonly map: OlMap;
+  readonly shown: ReadonlyMap<string, Shown>;
+  private readonly highlight = overlay(drawHighlight, 1000);
+  private readonly mark = overlay(drawMark, 1001);
+  private readonly ruler = overlay(drawMeasure, 1002);
+  private measuring: Draw | null = null;
+
+  constructor(
+    target: HTMLElement,
+    readonly mission: Mission,
+    layers: readonly Layer[],
+    readonly local: LocalMap,
+    readonly drawing: DrawingState,
+  ) {
+    const set = mission.tile_matrix_set;
+    this.shown = new Map(
+      layers.map((layer) => [layer.id, show(layer, set, local, drawing)] as const),
+    );
+    const finest = set.cell_sizes.at(-1) ?? 0.01;
+    this.map = new OlMap({
+      target,
+      controls: defaultControls({ zoom: false, rotate: false, attribution: false }),
+      layers: [
+        ...[...this.shown.values()].map((item) => item.map),
+        this.highlight.layer,
+        this.mark.layer,
+        this.ruler.layer,
+      ],
+      view: new View({
+        projection: local.projection,
+        constrainOnlyCenter: true,
+        extent: [...set.extent],
+        minResolution: finest / 8,
+        maxResolution: (set.cell_sizes[0] ?? 100) * 4,
+      }),
+    });
+  }
+
+  get view(): View {
+    return this.map.getView();
+  }
+
+  get resolution(): number {
+    return this.view.getResolution() ?? 1;
+  }
+
+  get place(): Place {
+    const [east = 0, north = 0] = this.view.getCenter() ?? [];
+    const rotationDeg = (this.view.getRotation() * 180) / Math.PI;
+    return { east, north, resolution: this.resolution, rotationDeg };
+  }
+
+  goTo({ east, north, resolution, rotationDeg }: Place): void {
+    this.view.setCenter([east, north]);
+    this.view.setResolution(resolution);
+    this.view.setRotation((rotationDeg * Math.PI) / 180);
+  }
+
+  fit(bounds: Bounds, duration = 250): void {
+    const [west, south, east, north] = bounds;
+    const least = 0.5;
+    const [dx, dy] = [
+      Math.max(0, least - (east - west)) / 2,
+      Math.max(0, least - (north - south)) / 2,
+    ];
+    this.view.fit([west - dx, south - dy, east + dx, north + dy], {
+      padding: PADDING_PX,
+      duration,
+    });
+  }
+
+  zoomBy(factor: number): void {
+    this.view.animate({ resolution: this.resolution * factor, duration: 150 });
+  }
+
+  northUp(): void {
+    this.view.animate({ rotation: 0, duration: 200 });
+  }
+
+  redraw(): void {
+    for (const item of this.shown.values()) if (item.layer.type === "vector") item.map.changed();
+  }
+
+  /** The uppermost stop, footprint or pointing line near a pixel. */
+  touched(pixel: number[]): Touched | null {
+    const kinds = new Set(["stops", "footprints", "pointing"]);
+    const owner = new Map([...this.shown.values()].map((item) => [item.map, item.layer] as const));
+    let hit: Touched | null = null;
+    this.map.forEachFeatureAtPixel(
+      pixel,
+      (feature, from) => {
+        const layer = owner.get(from);
+        if (!layer || !("clone" in feature)) return false;
+        hit = { feature: feature as Feature<Geometry>, layer };
+        return true;
+      },
+      {
+        hitTolerance: TOUCH_PX,
+        layerFilter: (candidate) => kinds.has(owner.get(candidate)?.kind ?? ""),
+      },
+    );
+    return hit;
+  }
+
+  setHighlight(features: readonly Feature<Geometry>[]): void {
+    this.highlight.source.clear();
+    this.highlight.source.addFeatures(features.map((feature) => feature.clone()));
+  }
+
+  setMark(point: MapPoint | null): void {
+    this.mark.source.clear();
+    if (point) this.mark.source.addFeature(pointFeature(point));
+  }
+
+  get isMeasuring(): boolean {
+    return this.measuring !== null;
+  }
+
+  /** Starts measuring; `onChange` gets the line while it grows. */
+  startMeasuring(onChange: (line: readonly MapPoint[]) => void): void {
+    this.stopMeasuring();
+    const draw = new Draw({ source: this.ruler.source, type: "LineString", style: drawMeasure });
+    const tell = (feature: Feature<Geometry>) => {
+      const vertices = (feature.getGeometry() as LineString).getCoordinates();
+      onChange(vertices.map(([east = 0, north = 0]): MapPoint => [east, north]));
+    };
+    draw.on("drawstart", ({ feature }) => {
+      this.ruler.source.clear();
+      feature.getGeometry()?.on("change", () => tell(feature));
+    });
+    draw.on("drawend", ({ feature }) => tell(feature));
+    this.map.addInteraction(draw);
+    this.measuring = draw;
+  }
+
+  stopMeasuring(): void {
+    if (this.measuring) this.map.removeInteraction(this.measuring);
+    this.measuring = null;
+    this.ruler.source.clear();
+  }
+
+  onPointer(listener: (event: MapBrowserEvent, point: MapPoint) => void): void {
+    this.map.on("pointermove", (event) => listener(event, pointOf(event)));
+  }
+
+  onClick(listener: (event: MapBrowserEvent, point: MapPoint) => void): void {
+    this.map.on("singleclick", (event) => {
+      if (!this.measuring) listener(event, pointOf(event));
+    });
+  }
+
+  dispose(): void {
+    this.map.setTarget(undefined);
+    this.map.dispose();
+  }
+}
+
+function pointOf(event: MapBrowserEvent): MapPoint {
+  const [east = 0, north = 0] = event.coordinate;
+  return [east, north];
+}

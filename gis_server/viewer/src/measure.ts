@@ -1,0 +1,35 @@
+/** Distances on the map. A map metre is a metre: lengths are planar, in the plane of the landing site. */
+
+import { azimuthDeg, fixed, metres } from "./format";
+import type { MapPoint } from "./records";
+
+export interface Measured {
+  readonly length_m: number;
+  /** Of the last leg; null before there is one. */
+  readonly leg_m: number | null;
+  readonly azimuth_deg: number | null;
+}
+
+export function measure(line: readonly MapPoint[]): Measured {
+  let length_m = 0;
+  let leg_m: number | null = null;
+  let azimuth_deg: number | null = null;
+  for (let k = 1; k < line.length; k += 1) {
+    const [from, to] = [line[k - 1], line[k]];
+    if (!from || !to) continue;
+    const [east, north] = [to[0] - from[0], to[1] - from[1]];
+    const leg = Math.hypot(east, north);
+    if (leg === 0) continue; // the pointer rests on the last vertex
+    length_m += leg;
+    leg_m = leg;
+    azimuth_deg = azimuthDeg(east, north);
+  }
+  return { length_m, leg_m, azimuth_deg };
+}
+
+export function measuredText({ length_m, leg_m, azimuth_deg }: Measured): string {
+  if (leg_m === null || azimuth_deg === null)
+    return "click the first point; double-click ends, Esc stops";
+  const leg = leg_m < length_m ? `, last leg ${metres(leg_m, 4)}` : "";
+  return `${metres(length_m, 4)}${leg}, azimuth ${fixed(azimuth_deg, 1)}°`;
+}

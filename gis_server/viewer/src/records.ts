@@ -1,0 +1,117 @@
+/** What the server tells: missions, layers, images, and what lies at a point. Field names are its own. */
+
+/** Metres in the mission's local map. */
+export type Bounds = readonly [west: number, south: number, east: number, north: number];
+/** Metres in the mission's local map: along LSL y, along LSL x. */
+export type MapPoint = readonly [east: number, north: number];
+/** Degrees, planetocentric, longitude positive east. */
+export type LonLat = readonly [lon: number, lat: number];
+
+export interface TileMatrixSet {
+  readonly extent: Bounds;
+  /** Metres a cell at every zoom, coarsest first. */
+  readonly cell_sizes: readonly number[];
+  readonly tile_size: number;
+}
+
+export interface Mission {
+  readonly mission: string;
+  readonly title: string;
+  readonly landing: {
+    readonly name: string;
+    readonly longitude: number;
+    readonly latitude: number;
+    readonly radius_m: number;
+    readonly source: string;
+  };
+  readonly crs: { readonly wkt: string; readonly proj4: string };
+  readonly lsl_note: string | null;
+  readonly tile_matrix_set: TileMatrixSet;
+  readonly bounds: Bounds;
+}
+
+export type Level = "stop" | "sol" | "region";
+
+export interface Legend {
+  readonly stops: readonly (readonly [value: number, colour: string])[];
+  readonly unit: string | null;
+}
+
+interface LayerFacts {
+  /** Scope and kind: stable while the product behind it is remade. */
+  readonly id: string;
+  readonly scope: string;
+  readonly level: Level;
+  readonly kind: string;
+  readonly digest: string;
+  readonly title: string;
+  readonly bounds: Bounds;
+  readonly cell_m: number | null;
+  readonly minzoom: number | null;
+  readonly maxzoom: number | null;
+  readonly unit: string | null;
+  readonly range: readonly [least: number, most: number] | null;
+  readonly sols: readonly number[];
+  readonly made_at: string;
+  readonly legend: Legend | null;
+  readonly download: string;
+  readonly provenance: string;
+}
+
+export interface RasterLayer extends LayerFacts {
+  readonly type: "raster";
+  readonly tiles: string;
+}
+
+export interface VectorLayer extends LayerFacts {
+  readonly type: "vector";
+  readonly features: string;
+}
+
+/** Told apart by `type`. */
+export type Layer = RasterLayer | VectorLayer;
+
+export interface ImageEntry {
+  readonly id: string;
+  readonly stop: string;
+  readonly site: number;
+  readonly drive: number;
+  readonly sol: number;
+  readonly instrument: string;
+  readonly eye: string;
+  readonly product_type: string;
+  readonly local_solar_time: string | null;
+  readonly start_time: string | null;
+  readonly partner: string | null;
+  readonly unpaired_because: string | null;
+  readonly browse: string | null;
+  readonly original: string | null;
+}
+
+export interface IdentifiedLayer {
+  readonly id: string;
+  readonly kind: string;
+  readonly scope: string;
+  readonly value: number | null;
+  readonly unit: string | null;
+  readonly title: string;
+}
+
+export interface Identified {
+  readonly east: number;
+  readonly north: number;
+  readonly lon: number;
+  readonly lat: number;
+  readonly elevation_m: number | null;
+  readonly elevation_sigma_m: number | null;
+  readonly layers: readonly IdentifiedLayer[];
+  readonly features: readonly Readonly<Record<string, unknown>>[];
+}
+
+/** Properties of a feature wherever the server put them: in GeoJSON's place, or flat. */
+export function propertiesOf(feature: Readonly<Record<string, unknown>>): Record<string, unknown> {
+  const { properties, ...flat } = feature;
+  return typeof properties === "object" && properties !== null
+    ? { ...flat, ...(properties as Record<string, unknown>) }
+    : flat;
+}

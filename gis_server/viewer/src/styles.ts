@@ -1,0 +1,233 @@
+/**
+ * How features are drawn.
+ *
+ * The traverse has the paper's colours: telemetry blue, adjusted red. An error ellipse is a true figure on the map
+ * (semi-axes in metres, azimuth of the major axis clockwise from north), drawn larger by a stated factor.
+ */
+
+import Feature, { type FeatureLike } from "ol/Feature";
+import type Geometry from "ol/geom/Geometry";
+import LineString from "ol/geom/LineString";
+import Point from "ol/geom/Point";
+import Polygon from "ol/geom/Polygon";
+import CircleStyle from "ol/style/Circle";
+import Fill from "ol/style/Fill";
+import RegularShape from "ol/style/RegularShape";
+import Stroke from "ol/style/Stroke";
+import Style from "ol/style/Style";
+import Text from "ol/style/Text";
+import { compact } from "./format";
+import type { MapPoint } from "./records";
+
+export const TELEMETRY = "#1769e0";
+export const ADJUSTED = "#e02d25";
+export const CONTOUR = "#8a4b14";
+export const VIEWING = "#0b8f86";
+export const UNPAIRED = "#b0359c";
+export const HIGHLIGHT = "#ffd400";
+const CASING = "rgba(255,255,255,0.75)";
+const FONT = "11px system-ui, sans-serif";
+
+/** What drawing depends on besides the feature. */
+export interface DrawingState {
+  /** Only this sol's images; null for all. */
+  sol: number | null;
+  /** Error ellipses are drawn this many times larger. */
+  ellipseFactor: number;
+}
+
+export type Draw = (feature: FeatureLike, resolution: number) => Style | Style[] | undefined;
+
+const line = (color: string, width: number, lineDash?: number[]) =>
+  new Stroke(lineDash ? { color, width, lineDash } : { color, width });
+
+function label(text: string, color: string, extra: object = {}): Text {
+  return new Text({
+    text,
+    font: FONT,
+    fill: new Fill({ color }),
+    stroke: line("rgba(255,255,255,0.9)", 3),
+    ...extra,
+  });
+}
+
+export const isAdjusted = (solution: unknown) => solution !== "telemetry";
+
+/** Ring of an error ellipse in map metres. */
+export function ellipseRing(
+  [east, north]: MapPoint,
+  major_m: number,
+  minor_m: number,
+  azimuth_deg: number,
+  points = 48,
+): MapPoint[] {
+  const azimuth = (azimuth_deg * Math.PI) / 180;
+  const [sin, cos] = [Math.sin(azimuth), Math.cos(azimuth)];
+  return Array.from({ length: points + 1 }, (_, k): MapPoint => {
+    const turn = (2 * Math.PI * (k % points)) / points;
+    const along = major_m * Math.cos(turn);
+    const across = minor_m * Math.sin(turn);
+    return [east + along * sin + across * cos, north + along * cos - across * sin];
+  });
+}
+
+/** The power of ten that makes the largest ellipse visible beside a map of `extent_m`, never below 1. */
+export function ellipseFactor(largest_m: number, extent_m: number): number {
+  if (!(largest_m > 0) || !(extent_m > 0)) return 1;
+  return Math.min(1000, 10 ** Math.max(0, Math.floor(Math.log10((0.03 * extent_m) / largest_m))));
+}
+
+const number = (value: unknown): number | null =>
+  typeof value === "number" && Number.isFinite(value) ? value : null;
+
+function drawTraverse(feature: FeatureLike): Style[] {
+  return isAdjusted(feature.get("solution"))
+    ? [
+        new Style({ stroke: line(CASING, 5), zIndex: 1 }),
+        new Style({ stroke: line(ADJUSTED, 2.5), zIndex: 2 }),
+      ]
+    : [
+        new Style({ stroke: line(CASING, 4.5), zIndex: 1 }),
+        new Style({ stroke: line(TELEMETRY, 2, [7, 5]), zIndex: 2 }),
+      ];
+}
+
+export function stopLabel(feature: FeatureLike): string {
+  const [site, drive] = [feature.get("site"), feature.get("drive")];
+  return site === undefined ? String(feature.get("stop") ?? "") : `${site}/${drive}`;
+}
+
+function drawStop(feature: FeatureLike, state: DrawingState): Style[] {
+  const at = (feature.getGeometry() as Point).getCoordinates();
+  const centre: MapPoint = [at[0] ?? 0, at[1] ?? 0];
+  if (!isAdjusted(feature.get("solution"))) {
+    const square = new RegularShape({
+      points: 4,
+      radius: 5.5,
+      angle: Math.PI / 4,
+      fill: new Fill({ color: "#fff" }),
+      stroke: line(TELEMETRY, 2),
+    });
+    return [new Style({ image: square, zIndex: 3 })];
+  }
+  const held = Boolean(feature.get("held"));
+  const dot = new CircleStyle({
+    radius: 5,
+    fill: new Fill({ color: held ? "#fff" : ADJUSTED }),
+    stroke: line(held ? ADJUSTED : "#fff", held ? 2.5 : 1.5),
+  });
+  const name = label(stopLabel(feature), "#7d0f0a", {
+    offsetX: 9,
+    offsetY: -9,
+    textAlign: "left",
+    font: `600 ${FONT}`,
+  });
+  const styles = [new Style({ image: dot, text: name, zIndex: 4 })];
+  const major = number(feature.get("ellipse_semi_major_m"));
+  const minor = number(feature.get("ellipse_semi_minor_m"));
+  if (major && minor) {
+    const ring = ellipseRing(
+      centre,
+      major * state.ellipseFactor,
+      minor * state.ellipseFactor,
+      number(feature.get("ellipse_azimuth_deg")) ?? 0,
+    );
+    styles.push(
+      new Style({
+        geometry: new Polygon([ring.map((point) => [...point])]),
+        stroke: line(ADJUSTED, 1.2),
+        fill: new Fill({ color: "rgba(224,45,37,0.10)" }),
+        zIndex: 2,
+      }),
+    );
+  }
+  return styles;
+}
+
+function drawContour(feature: FeatureLike, resolution: number): Style[] {
+  const index = Boolean(feature.get("is_index"));
+  const style = new Style({ stroke: line(CONTOUR, index ? 1.5 : 0.7), zIndex: index ? 2 : 1 });
+  const geometry = feature.getGeometry();
+  const length = geometry instanceof LineString ? geometry.getLength() : Number.POSITIVE_INFINITY;
+  if (index && length / resolution > 90) {
+    const elevation = `${compact(number(feature.get("elevation_m")))} m`;
+    style.setText(label(elevation, "#5d300a", { placement: "line", maxAngle: 0.6, repeat: 420 }));
+  }
+  return [style];
+}
+
+export const isUnpaired = (feature: FeatureLike) =>
+  Boolean(feature.get("unpaired_because")) || feature.get("unpaired") === true;
+
+function drawViewing(feature: FeatureLike, state: DrawingState): Style | undefined {
+  if (state.sol !== null && number(feature.get("sol")) !== state.sol) return undefined;
+  return isUnpaired(feature)
+    ? new Style({ stroke: line(UNPAIRED, 1.2, [3, 3]) })
+    : new Style({ stroke: line(VIEWING, 1) });
+}
+
+const TIE = new Style({
+  image: new CircleStyle({ radius: 2, fill: new Fill({ color: "#7a4dd8" }) }),
+  stroke: line("#7a4dd8", 1),
+});
+const PLAIN = new Style({
+  stroke: line("#555", 1.2),
+  image: new CircleStyle({ radius: 3, fill: new Fill({ color: "#555" }) }),
+});
+
+/** Drawing of a kind of features. */
+export function drawingOf(kind: string, state: DrawingState): Draw {
+  switch (kind) {
+    case "traverse":
+      return (feature) => drawTraverse(feature);
+    case "stops":
+      return (feature) => drawStop(feature, state);
+    case "contours":
+      return drawContour;
+    case "footprints":
+    case "pointing":
+      return (feature) => drawViewing(feature, state);
+    case "tie-points":
+      return () => TIE;
+    default:
+      return () => PLAIN;
+  }
+}
+
+/** The feature under the pointer, or the image that is open. */
+export const drawHighlight: Draw = (feature) => {
+  const geometry = feature.getGeometry();
+  if (geometry instanceof Point) {
+    const ring = new CircleStyle({ radius: 9, stroke: line(HIGHLIGHT, 3) });
+    return [new Style({ image: ring })];
+  }
+  return [
+    new Style({ stroke: line("rgba(0,0,0,0.55)", 5) }),
+    new Style({ stroke: line(HIGHLIGHT, 3), fill: new Fill({ color: "rgba(255,212,0,0.10)" }) }),
+  ];
+};
+
+const cross = (size: number, color: string, width: number) =>
+  new RegularShape({ points: 4, radius: size, radius2: 0, stroke: line(color, width) });
+const MARK = [
+  new Style({ image: cross(11, "#000", 4) }),
+  new Style({ image: cross(10, "#fff", 1.6) }),
+];
+export const drawMark: Draw = () => MARK;
+
+const MEASURE = [
+  new Style({ stroke: line("rgba(0,0,0,0.6)", 5) }),
+  new Style({
+    stroke: line("#fff", 2, [8, 5]),
+    image: new CircleStyle({
+      radius: 4,
+      fill: new Fill({ color: "#fff" }),
+      stroke: line("#000", 1),
+    }),
+  }),
+];
+export const drawMeasure: Draw = () => MEASURE;
+
+export function pointFeature([east, north]: MapPoint): Feature<Geometry> {
+  return new Feature<Geometry>(new Point([east, north]));
+}
