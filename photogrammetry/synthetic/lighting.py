@@ -74,7 +74,8 @@ class LitGround:
 
     def sky(self, tangent: np.ndarray) -> np.ndarray:
         """Radiance of the sky over the tangent of the elevation: brightest at the horizon."""
-        return 0.62 * np.exp(-np.maximum(tangent, 0) / 1.5) + 0.06
+        level_ground = np.sin(self.sun.elevation) + SKY_LIGHT
+        return level_ground * (0.25 + 0.65 * np.exp(-np.maximum(tangent, 0) / 0.8))
 
 
 LAYERS = ((0, 24.0, 27.0), (3, 120.0, 130.0), (6, 1000.0, 1024.0))
@@ -183,7 +184,7 @@ class _GrainWindow(Window):
 
 def _ring_noise(rng: np.random.Generator, cells: int, octaves: int, sigma: float) -> Nodes:
     """Random numbers on a square that repeats itself, subdivided some octaves."""
-    noise = rng.standard_normal((cells, cells), dtype=np.float32) * np.float32(sigma)
+    noise: np.ndarray = rng.standard_normal((cells, cells), dtype=np.float32) * np.float32(sigma)
     for _ in range(octaves):
         ringed = cv2.copyMakeBorder(noise, 2, 2, 2, 2, cv2.BORDER_WRAP)
         noise = cv2.pyrUp(ringed)[4:-4, 4:-4]

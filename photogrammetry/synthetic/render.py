@@ -214,7 +214,7 @@ def first_hits(ground: LitGround, view: View) -> ObjectPoints:
     azimuths, steps = view.azimuths, _steps(ground, view)
     column = np.rint((view.azimuth - azimuths[0]) / view.step).astype(int).ravel()
     tangent = np.tan(view.elevation.astype(np.float64)).ravel()
-    near = np.full(tangent.shape, np.nan)
+    bracket = np.full((3, *tangent.shape), np.nan)
     order = np.argsort(column, kind="stable")
     bounds = np.searchsorted(column[order], np.arange(len(azimuths) + 1))
     for start in range(0, len(azimuths), CHUNK):
@@ -222,33 +222,35 @@ def first_hits(ground: LitGround, view: View) -> ObjectPoints:
         for k, horizon in enumerate(profiles.horizon, start):
             here = order[bounds[k] : bounds[k + 1]]
             index = np.searchsorted(horizon, tangent[here])
-            seen = index < len(horizon)
-            near[here[seen]] = profiles.distance_m[index[seen]]
-    return _refined(ground, view, tangent, near)
+            seen = (index > 1) & (index < len(horizon) - 1)
+            for row, offset in enumerate((-2, 0, 1)):
+                bracket[row, here[seen]] = profiles.distance_m[index[seen] + offset]
+    return _refined(ground, view, tangent, bracket)
 
 
-def _refined(ground: LitGround, view: View, tangent: np.ndarray, near: np.ndarray) -> np.ndarray:
-    """Newton's method on z(r) - z_c - m r = 0 along every ray, from the sample where it was met."""
+def _refined(
+    ground: LitGround, view: View, tangent: np.ndarray, bracket: np.ndarray
+) -> ObjectPoints:
+    """The zero of z(r) - z_c - m r along every ray, in the bracket of samples where it was met."""
     azimuth = view.heading + view.azimuth.astype(np.float64).ravel()
     c, s = np.cos(azimuth), np.sin(azimuth)
+    behind, near, ahead = bracket
 
     def gap(r: np.ndarray) -> np.ndarray:
         z = _elevation(ground, view.centre[0] + r * c, view.centre[1] + r * s, near)
         return z + view.centre[2] - tangent * r
 
-    behind, ahead = near - 0.06, near + 0.02
     f_behind, f_ahead = gap(behind), gap(ahead)
-    for _ in range(24):  # regula falsi with bisection: the ground is only piecewise smooth
+    for _ in range(7):  # bisection: the ground is smooth piece by piece only
         middle = 0.5 * (behind + ahead)
         f = gap(middle)
         above = f < 0
         behind, f_behind = np.where(above, middle, behind), np.where(above, f, f_behind)
         ahead, f_ahead = np.where(above, ahead, middle), np.where(above, f_ahead, f)
-    r = 0.5 * (behind + ahead)
+    r = behind - f_behind * (ahead - behind) / np.where(f_ahead > f_behind, f_ahead - f_behind, 1.0)
     r = np.where(np.abs(gap(r)) < 5e-4, r, np.nan)  # noqa: PLR2004 - half a millimetre
-    return np.column_stack(
-        [view.centre[0] + r * c, view.centre[1] + r * s, view.centre[2] - tangent * r]
-    )
+    north, east = view.centre[0] + r * c, view.centre[1] + r * s
+    return np.column_stack([north, east, view.centre[2] - tangent * r])
 
 
 def _elevation(

@@ -8,8 +8,11 @@ as counted at the landing sites between a few centimetres and a metre (Golombek 
 exponential that it approximates; q is 2 to 2.5). Rocks are drawn a class of sizes and a block of
 ground at a time, every one with a stream of its own, so that windows agree.
 
-A rock is a bump over an ellipse with lobes: with r the distance from its middle over the distance
-of its outline in that direction, its height is H min(c (1 - r^4), top plane), steep at the outline.
+A rock is a block with six sides and a tilted top, over an ellipse with the axes a and b: in the
+frame of the ellipse, scaled to radius 1, side i stands at the distance d_i in the direction u_i and
+leans back with the steepness k_i,
+
+    height = H min over i of (k_i (1 - u_i.p / d_i)),  cut off by the top plane,  never below 0.
 """
 
 from __future__ import annotations
@@ -25,9 +28,10 @@ SMALLEST_M = 0.05
 BLOCK_M = 10.24
 """Side of the block of ground whose rocks are drawn together."""
 STREAM = 7
+SIDES = 6
 
 Rocks = Float64[np.ndarray, "n 10"]
-"""north, east, semi-axes a and b, height (m), azimuth, phases of lobes and top (3), albedo."""
+"""north, east, semi-axes a and b, height (m), azimuth, three phases of its sides, albedo."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +75,7 @@ class RockField:
         width = np.minimum(SMALLEST_M * exceeding ** (-1 / self.exponent), self.largest_m)
         longer = rng.uniform(1.0, 1.5, number)
         axes = np.column_stack([width / 2 * longer, width / 2 / longer**0.5])
-        height = axes[:, 1] * rng.uniform(0.4, 1.3, number)
+        height = axes[:, 1] * rng.uniform(0.5, 1.4, number)
         phases = rng.uniform(0, 2 * np.pi, (number, 4))
         albedo = rng.normal(0.82, 0.1, number)
         return np.column_stack([place, axes, height, phases, albedo])
@@ -112,11 +116,15 @@ def raise_rocks(rocks: Rocks, window: Window) -> tuple[Nodes, Nodes]:
 
 
 def _bump(rock: np.ndarray, north: np.ndarray, east: np.ndarray) -> np.ndarray:
-    a, b, height, azimuth, three, five, tilt = rock[2:9]
+    a, b, height, azimuth, turn, size, lean = rock[2:9]
     along = north * np.cos(azimuth) + east * np.sin(azimuth)
     across = east * np.cos(azimuth) - north * np.sin(azimuth)
-    angle = np.arctan2(across, along)
-    lobes = 1 + 0.12 * np.cos(3 * angle + three) + 0.06 * np.cos(5 * angle + five)
-    r2 = ((along / a) ** 2 + (across / b) ** 2) / lobes**2
-    top = 0.85 + 0.25 * (along * np.cos(tilt) + across * np.sin(tilt)) / a
-    return np.maximum(height * np.minimum(1.3 * (1 - r2 * r2), top), 0).astype(np.float32)
+    p, q = along / a, across / b
+    lowest = 0.85 + 0.35 * (p * np.cos(lean) + q * np.sin(lean))
+    for side in range(SIDES):
+        angle = side * 2 * np.pi / SIDES + 0.4 * np.sin((side + 2) * turn)
+        distance = 0.92 + 0.14 * np.sin((side + 3) * size)
+        steepness = 1.7 + 0.9 * np.sin((side + 1) * lean + turn)
+        beyond = (p * np.cos(angle) + q * np.sin(angle)) / distance
+        lowest = np.minimum(lowest, steepness * (1 - beyond))
+    return np.maximum(height * lowest, 0).astype(np.float32)

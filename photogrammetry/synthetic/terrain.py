@@ -30,6 +30,7 @@ from photogrammetry.synthetic.rocks import SMALLEST_M, RockField, raise_rocks
 
 CRATER_LEVEL = 3
 """Level (16 cm) at which craters are added."""
+HILL_M, HILL_HURST = 164.0, 1.2
 BLOCK_M = 25.6
 """Side of the blocks in which elevations are looked up."""
 
@@ -60,14 +61,16 @@ class TerrainType:
     largest_rock_m: float
     craters_per_ha: float
     """Craters wider than 2 m; their number falls with the square of the width."""
+    hills_m: float
+    """Standard deviation of the relief at nodes 164 m apart; it falls with the power 1.2."""
     large_crater_m: float = 0.0
     """Diameter of a crater beside the traverse, if any."""
 
 
 TERRAINS = {
-    "plains": TerrainType(0.010, 0.78, 0.01, 1.8, 0.9, 6.0),
-    "hills": TerrainType(0.017, 0.88, 0.08, 1.2, 1.4, 3.0),
-    "crater": TerrainType(0.012, 0.80, 0.02, 2.4, 1.6, 8.0, large_crater_m=34.0),
+    "plains": TerrainType(0.013, 0.72, 0.01, 1.8, 0.9, 6.0, 1.0),
+    "hills": TerrainType(0.016, 0.76, 0.07, 1.4, 1.3, 3.0, 9.0),
+    "crater": TerrainType(0.014, 0.74, 0.02, 2.4, 1.5, 8.0, 1.5, large_crater_m=34.0),
 }
 
 
@@ -120,8 +123,9 @@ class Terrain:
         """Elevation and albedo of a window, rocks included that its nodes can show."""
         rocks = self.rocks.within(window, max(SMALLEST_M, 3 * window.cell_m))
         relief, albedo = raise_rocks(rocks, window)
-        relief += self.soil(window)
         mottle = Fractal(self.seed, 2, 0.05, 0.12).values(window)
+        relief *= np.clip(1 + 1.2 * mottle, 0.6, 1.4)  # weathered faces
+        relief += self.soil(window)
         albedo *= np.exp(mottle, out=mottle)
         return Patch(window, relief, albedo)
 
@@ -135,7 +139,8 @@ class Terrain:
     def _refined(self, window: Window, fractal: Fractal) -> Nodes:
         """Relief and craters; below the craters' level both are refined together."""
         if window.level >= CRATER_LEVEL:
-            return fractal.values(window) + self._bowls(window)
+            hills = Fractal(self.seed, 3, self.type.hills_m / HILL_M**HILL_HURST, HILL_HURST)
+            return fractal.values(window) + hills.values(window) + self._bowls(window)
         fine = subdivided(self._refined(parent(window), fractal), window)
         return fine + fractal.displacement(window)
 
