@@ -30,8 +30,8 @@ from photogrammetry.adjustment.records import (
     AdjustmentReport,
     Network,
 )
-from photogrammetry.adjustment.result import Outcome, assembled
-from photogrammetry.adjustment.snooping import Residuals, residuals, suspects
+from photogrammetry.adjustment.result import Outcome, assembled, merged_ties
+from photogrammetry.adjustment.snooping import Residuals, reinstated, residuals, suspects
 from photogrammetry.adjustment.solver import Problem, Solution, linearise, solve
 from photogrammetry.errors import AdjustmentError
 from photogrammetry.imagery import StopId
@@ -77,9 +77,15 @@ def adjust(
     state, fits = initialise(observations, telemetry, is_held, params, known, is_known)
     used = fits & np.isfinite(misclosures(state, observations, np.arange(len(fits)))).all(axis=1)
     outcome = _run(STEPS, observations, telemetry, is_held, state, used, params)
+    seen = sightings(observations, known.pointings, params)
     agreement = (
-        consistency(observations, before, outcome.used),
-        consistency(observations, outcome.solution.state, outcome.used),
+        consistency(observations, before, seen, outcome.used),
+        consistency(
+            observations,
+            outcome.solution.state,
+            sightings(observations, outcome.solution.state.pointings, params),
+            outcome.used,
+        ),
     )
     return assembled(network, is_held, outcome, agreement, name)
 
@@ -183,6 +189,10 @@ def _run(
                 break
             used = used.copy()
             used[wrong] = False
+        if step.robust:
+            state = _placed(observations, state, used, problem, params)
+            used = used.copy()
+            used[reinstated(problem, state, found, used, inverse, params)] = True
     placed = _placed(observations, state, used, problem, params)
     final = replace(solution, state=placed, iterations=iterations)
     return Outcome(observations, problem, final, used, found, inverse)
@@ -250,8 +260,8 @@ def _merged(
     order = network.stop_ids
     return AdjustedNetwork(
         tuple(sorted(stops.values(), key=lambda s: order.index(s.stop))),
-        tuple(pairs.values()),
-        adjusted.ties,
+        tuple(pairs[pair.pair_id] for pair in network.pairs if pair.pair_id in pairs),
+        merged_ties(network.within(set(stops)).ties, (previous.ties, adjusted.ties)),
     )
 
 

@@ -1,16 +1,14 @@
 """How well the same feature agrees when seen from different places (Di et al. 2008, section 3.3).
 
-Without ground control the quality of an adjustment shows in two numbers. For every two
-observations of a tie point in different pairs, in the ground: the distance between the places
-that the two pairs give the point, each by its own parallax; and in the image: the distance
-between where the second pair measured the point and where the place given by the first projects
-to. Both are means of absolute values; cross-site over pairs of different stops, inter-stereo over
-pairs of one stop.
+Without ground control the quality of an adjustment shows in two numbers. In the ground: the distance
+between the places that two pairs give the same point, each by its own parallax. In the image: the
+distance between where a pair measured a point and where its place, the weighted mean of what all
+pairs say, projects to. Both are means of absolute values: 3-D over every two observations of a point
+in different pairs, 2-D over all observations of such points; cross-site where the point is seen from
+more than one stop (3-D: from these two), inter-stereo otherwise.
 """
 
 from __future__ import annotations
-
-from dataclasses import replace
 
 import numpy as np
 
@@ -20,12 +18,13 @@ from photogrammetry.adjustment.collinearity import (
     misclosures,
     triangulated,
 )
+from photogrammetry.adjustment.initialise import Sightings, with_points
 from photogrammetry.adjustment.records import Consistency
 from photogrammetry.imagery import TieKind
 
 
 def comparisons(observations: Observations, used: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """All ordered couples of used stereo observations of one point in different pairs."""
+    """Every two used stereo observations of one point in different pairs."""
     rows = np.flatnonzero(used & observations.is_stereo)
     rows = rows[np.argsort(observations.point[rows], kind="stable")]
     points = observations.point[rows]
@@ -40,35 +39,33 @@ def comparisons(observations: Observations, used: np.ndarray) -> tuple[np.ndarra
         return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
     a, b = np.concatenate(first), np.concatenate(second)
     differ = observations.pair[a] != observations.pair[b]
-    a, b = a[differ], b[differ]
-    return np.concatenate([a, b]), np.concatenate([b, a])
+    return a[differ], b[differ]
 
 
 def consistency(
-    observations: Observations, state: State, used: np.ndarray
+    observations: Observations, state: State, seen: Sightings, used: np.ndarray
 ) -> dict[TieKind, Consistency]:
     """Agreement of the used observations at a state, by kind of tie."""
     a, b = comparisons(observations, used)
     places = triangulated(state, observations)
     apart_m = np.linalg.norm(places[a] - places[b], axis=1)
-    seen = replace(state, points=places)
-    off_px = np.full(len(a), np.nan)
-    if len(a):
-        doubled = replace(
-            observations,
-            point=a.astype(np.int32),
-            pair=observations.pair[b],
-            measured=observations.measured[b],
-            weight=observations.weight[b],
-        )
-        off_px = np.linalg.norm(misclosures(seen, doubled, np.arange(len(a)))[:, :2], axis=1)
     across = observations.stop[a] != observations.stop[b]
-    result = {}
-    for kind, rows in ((TieKind.INTER_STEREO, ~across), (TieKind.CROSS_SITE, across)):
-        in_front = rows & np.isfinite(off_px)
-        result[kind] = Consistency(
-            int(rows.sum()) // 2,
-            float(off_px[in_front].mean()) if in_front.any() else float("nan"),
-            float(apart_m[rows].mean()) if rows.any() else float("nan"),
+    is_cross = np.zeros(observations.points, dtype=bool)
+    is_cross[observations.point[a[across]]] = True
+    rows = np.unique(np.concatenate([a, b]))
+    fused = with_points(state, observations, seen, used)
+    off_px = np.linalg.norm(misclosures(fused, observations, rows)[:, :2], axis=1)
+    cross_rows = is_cross[observations.point[rows]]
+    return {
+        kind: Consistency(int(apart.sum()), _mean(off_px[off]), _mean(apart_m[apart]))
+        for kind, apart, off in (
+            (TieKind.INTER_STEREO, ~across, ~cross_rows),
+            (TieKind.CROSS_SITE, across, cross_rows),
         )
-    return result
+    }
+
+
+def _mean(values: np.ndarray) -> float:
+    """Mean of what is there; a point behind a camera has no image to compare."""
+    there = values[np.isfinite(values)]
+    return float(there.mean()) if len(there) else float("nan")

@@ -38,7 +38,7 @@ class AdjustmentParams:
     coordinates: the 95 % point of the chi distribution with three degrees of freedom."""
     gross: float = 4.0
     """A tie further than this from the rigid alignment of its stops, in standard deviations (99.9 %
-    of the chi distribution with three degrees of freedom), does not enter the first adjustment."""
+    of the chi distribution, three degrees of freedom), does not enter the first adjustment."""
     critical_value: float = 4.0
     """Standardised residual that makes an observation a blunder: one good coordinate in 16,000 is
     lost, so a mission keeps its ties. Baarda's 3.29 loses one in 1,000."""
@@ -48,8 +48,9 @@ class AdjustmentParams:
     """Shortest step tried, as a power of 1/2."""
     tolerance: float = 1e-10
     """Converged when the squared length of a step, in its own standard deviations, is below."""
-    robust_tolerance: float = 1e-3
-    """The same while blunders are still looked for: 3 % of a standard deviation is enough."""
+    robust_tolerance: float = 1.0
+    """The same while blunders are still looked for: all unknowns together move by less than one
+    standard deviation."""
     max_rounds: int = 12
     """Rounds of data snooping per step."""
 

@@ -9,10 +9,8 @@ from scipy.stats import chi2
 
 from photogrammetry.adjustment.collinearity import (
     Observations,
-    State,
     misclosures,
     pair_orientations,
-    partials,
 )
 from photogrammetry.adjustment.records import (
     BLUNDER,
@@ -27,10 +25,10 @@ from photogrammetry.adjustment.records import (
     Network,
 )
 from photogrammetry.adjustment.rotations import cross_matrix, left_jacobian, rotation_of_vector
-from photogrammetry.adjustment.snooping import Residuals
+from photogrammetry.adjustment.snooping import Residuals, joint_covariances, single_sightings
 from photogrammetry.adjustment.solver import Problem, Solution
 from photogrammetry.frames import LSL, Pose
-from photogrammetry.imagery import StopId, TieKind
+from photogrammetry.imagery import StopId, TieKind, TiePoints
 
 SIGNIFICANT = 0.999
 """Level of the global test: only a sigma0 above 1 that chance does not explain widens the sigmas."""
@@ -84,21 +82,12 @@ def assembled(
     return AdjustedNetwork(stops, pairs, ties), report
 
 
-def joint_covariances(outcome: Outcome) -> np.ndarray:
-    """(pairs, 9, 9) of turn and shift of the stop and pointing of the pair; zero where held."""
-    unknowns, pattern = outcome.problem.unknowns, outcome.problem.pattern
-    pairs = np.arange(len(unknowns.pair_stop))
-    local = unknowns.columns(pairs)
-    stops = np.repeat(unknowns.pair_stop[:, None], local.shape[1], axis=1).astype(np.int64)
-    return outcome.inverse[pattern.indices(stops, local)]
-
-
 def _pairs(
     network: Network, outcome: Outcome, factor: float
 ) -> tuple[tuple[AdjustedPair, ...], np.ndarray]:
     """The adjusted pairs, and the covariance (9, 9) behind each."""
     state, observations = outcome.solution.state, outcome.observations
-    joint = joint_covariances(outcome) * factor
+    joint = joint_covariances(outcome.problem, outcome.inverse) * factor
     rotations, origins = pair_orientations(state, observations)
     of_stop = state.rotations[observations.pair_stop]
     J = np.zeros((len(joint), 6, 9))
@@ -241,14 +230,35 @@ def _kinds(observations: Observations, used: np.ndarray) -> tuple[TieKind, ...]:
     )
 
 
-def single_sightings(
-    observations: Observations, state: State, rows: np.ndarray, joint: np.ndarray
-) -> np.ndarray:
-    """Covariance of points placed by one stereo observation each."""
-    A_o, A_t = partials(state, observations, rows)
-    back = np.linalg.inv(A_t)
-    C = np.zeros((len(rows), 3, 3))
-    diagonal = 1.0 / observations.weight[rows] ** 2
-    C[:, range(3), range(3)] = diagonal
-    total = C + A_o @ joint[observations.pair[rows]] @ A_o.swapaxes(1, 2)
-    return back @ total @ back.swapaxes(1, 2)
+def merged_ties(observations: TiePoints, parts: tuple[AdjustedTies, ...]) -> AdjustedTies:
+    """The ties of a whole network, each as the last of the parts that has it left it.
+
+    Observations that no part has are marked as unused.
+    """
+    n, points = len(observations), int(observations.point.max(initial=-1)) + 1
+    place = {name: k for k, name in enumerate(observations.pair_ids)}
+    size = max(len(place), 1)
+    codes = observations.point.astype(np.int64) * size + observations.pair
+    order = np.argsort(codes)
+    status = np.full(n, UNUSED, dtype=np.int32)
+    residuals, standardised = np.full((n, 3), np.nan), np.full((n, 3), np.nan)
+    redundancy = np.zeros((n, 3))
+    where, covariances = np.full((points, 3), np.nan), np.full((points, 3, 3), np.nan)
+    kinds = [TieKind.INTRA_STEREO] * points
+    for part in parts:
+        seen = part.observations
+        numbers = np.array([place.get(name, -1) for name in seen.pair_ids], dtype=np.int64)
+        rows = np.flatnonzero(numbers[seen.pair] >= 0) if len(seen) else np.zeros(0, dtype=np.int64)
+        code = seen.point[rows].astype(np.int64) * size + numbers[seen.pair[rows]]
+        at = np.minimum(np.searchsorted(codes, code, sorter=order), max(n - 1, 0))
+        same = codes[order[at]] == code
+        rows, at = rows[same], order[at[same]]
+        status[at], residuals[at] = part.status[rows], part.residuals_px[rows]
+        standardised[at], redundancy[at] = part.standardised[rows], part.redundancy[rows]
+        placed = np.flatnonzero(np.isfinite(part.points[:points]).all(axis=1))
+        where[placed], covariances[placed] = part.points[placed], part.covariances[placed]
+        for k in placed.tolist():
+            kinds[k] = max(kinds[k], part.kinds[k], key=list(TieKind).index)
+    return AdjustedTies(
+        observations, where, covariances, tuple(kinds), status, residuals, standardised, redundancy
+    )

@@ -18,7 +18,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.adjustment.collinearity import Observations
+from photogrammetry.adjustment.collinearity import (
+    Observations,
+    State,
+    misclosures,
+    partials,
+)
 from photogrammetry.adjustment.elimination import EliminatedTies, cofactors
 from photogrammetry.adjustment.params import AdjustmentParams
 from photogrammetry.adjustment.solver import Problem
@@ -83,3 +88,63 @@ def suspects(problem: Problem, found: Residuals, params: AdjustmentParams) -> np
     rows = rows[np.argsort(-worst[rows], kind="stable")]
     _, first = np.unique(observations.point[rows], return_index=True)
     return rows[first]
+
+
+def joint_covariances(problem: Problem, inverse: np.ndarray) -> np.ndarray:
+    """(pairs, 9, 9) of turn and shift of the stop and pointing of the pair; zero where held."""
+    unknowns = problem.unknowns
+    local = unknowns.columns(np.arange(len(unknowns.pair_stop)))
+    stops = np.repeat(unknowns.pair_stop[:, None], local.shape[1], axis=1).astype(np.int64)
+    return inverse[problem.pattern.indices(stops, local)]
+
+
+def single_sightings(
+    observations: Observations, state: State, rows: np.ndarray, joint: np.ndarray
+) -> np.ndarray:
+    """Covariance of points placed by one stereo observation each."""
+    A_o, A_t = partials(state, observations, rows)
+    back = np.linalg.inv(A_t)
+    C = np.zeros((len(rows), 3, 3))
+    diagonal = 1.0 / observations.weight[rows] ** 2
+    C[:, range(3), range(3)] = diagonal
+    total = C + A_o @ joint[observations.pair[rows]] @ A_o.swapaxes(1, 2)
+    return back @ total @ back.swapaxes(1, 2)
+
+
+def reinstated(
+    problem: Problem,
+    state: State,
+    found: Residuals,
+    used: np.ndarray,
+    inverse: np.ndarray,
+    params: AdjustmentParams,
+) -> np.ndarray:
+    """Numbers of observations set aside that fit after all.
+
+    An observation that was left out is predicted from the point that the others give; it comes back
+    when its misclosure is within the critical value of what both uncertainties explain.
+    """
+    observations = problem.observations
+    joint = joint_covariances(problem, inverse)
+    C = found.point_covariances.copy()
+    alone = used & observations.is_stereo
+    alone[problem.rows] = False
+    single = np.flatnonzero(alone)
+    C[observations.point[single]] = single_sightings(observations, state, single, joint)
+    rows = np.flatnonzero(~used & observations.is_stereo)
+    point = observations.point[rows]
+    rows = rows[
+        np.isfinite(C[point]).all(axis=(1, 2)) & np.isfinite(state.points[point]).all(axis=1)
+    ]
+    if not len(rows):
+        return rows
+    l = misclosures(state, observations, rows)
+    A_o, A_t = partials(state, observations, rows)
+    S = A_o @ joint[observations.pair[rows]] @ A_o.swapaxes(1, 2)
+    S += A_t @ C[observations.point[rows]] @ A_t.swapaxes(1, 2)
+    S[:, range(3), range(3)] += 1.0 / observations.weight[rows] ** 2
+    l_finite = np.nan_to_num(l, nan=np.inf)
+    with np.errstate(invalid="ignore"):
+        misfit = (l_finite * np.linalg.solve(S, l_finite[:, :, None])[:, :, 0]).sum(axis=1)
+    fits = np.isfinite(l).all(axis=1) & (misfit < (params.critical_value * found.scale) ** 2)
+    return rows[fits]

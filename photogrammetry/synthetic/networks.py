@@ -11,6 +11,7 @@ of an adjustment can be put to the test.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -65,7 +66,7 @@ class NetworkTruth:
     """Size of the blunder put into each observation, pixels; zero for good ones."""
 
 
-def simulate_network(
+def simulate_network(  # noqa: PLR0913 - one keyword for each thing that a test may vary
     rng: np.random.Generator,
     *,
     stops: int = 3,
@@ -163,7 +164,7 @@ def _telemetry(
 ) -> list[Pose]:
     """What the rover reports: each drive from where it believes it was, the first stop exact."""
     poses, azimuth = [truth[0]], 0.0
-    for before, here in zip(truth, truth[1:], strict=False):
+    for before, here in pairwise(truth):
         step = before.rotation.T @ (here.translation_m - before.translation_m)
         length = float(np.linalg.norm(step))
         # the standard deviation that an adjustment derives from the *reported* length
@@ -260,7 +261,7 @@ def _ground(
 
 
 def _lift(rng: np.random.Generator, xy: np.ndarray) -> PerPoint:
-    """Ground and rocks up to some decimetres on it, seen from a rover standing on the same ground."""
+    """Ground and rocks up to some decimetres on it, where the first stop stands at zero."""
     return _height(xy) - _height(np.zeros((1, 2))) - rng.exponential(0.1, len(xy))
 
 
@@ -320,7 +321,7 @@ def _blunders(
     np.minimum.at(low, seen[:, 0], stop)
     np.maximum.at(high, seen[:, 0], stop)
     cross = np.flatnonzero(high > low)
-    points = rng.choice(cross, int(round(fraction * len(cross))), replace=False)
+    points = rng.choice(cross, round(fraction * len(cross)), replace=False)
     for point in points.tolist():
         row = rng.choice(np.flatnonzero(seen[:, 0] == point))
         size[row] = rng.choice([-1, 1]) * np.exp(rng.uniform(np.log(5.0), np.log(100.0)))
