@@ -30,8 +30,8 @@ import numpy as np
 from photogrammetry.arrays import Float64, Raster
 from photogrammetry.errors import TerrainError
 from photogrammetry.terrain.grid import BLOCK, MapGrid
+from photogrammetry.terrain.ground import SightParams, camera_on_map, map_from_pair_rotation
 from photogrammetry.terrain.heights import ViewHeights, view_heights
-from photogrammetry.terrain.mesh import MeshParams, camera_on_map, map_from_pair_rotation
 from photogrammetry.terrain.records import Dtm, GroundClass, TerrainView
 from photogrammetry.terrain.surface import gradients
 
@@ -44,7 +44,7 @@ STEEPEST = 1.0
 
 
 @dataclass(frozen=True, slots=True)
-class DtmParams(MeshParams):
+class DtmParams(SightParams):
     """How to build a terrain model."""
 
     cell_m: float = 0.04

@@ -21,7 +21,7 @@ from photogrammetry.arrays import Directions, Flags, Float64, ImagePoints, PerPo
 from photogrammetry.cameras.model import CameraModel
 from photogrammetry.errors import TerrainError
 from photogrammetry.frames import FrameKind, Pose
-from photogrammetry.terrain.mesh import MAP_FROM_LSL
+from photogrammetry.terrain.ground import MAP_FROM_LSL
 from photogrammetry.terrain.records import Dtm
 
 Outline = Float64[np.ndarray, "n 2"]
@@ -30,6 +30,14 @@ SIDE_POINTS = 16
 """Rays along a side of the image: lens distortion and the horizon bend it."""
 ROUNDS = 8
 """Rounds of looking up the terrain model; each takes the error times the slope over the dip."""
+
+
+@dataclass(frozen=True, slots=True)
+class FootprintParams:
+    """How far footprints and pointing lines reach."""
+
+    max_range_m: float = 40.0
+    """Navcam stereo is worse than a metre in range beyond; lines to the horizon are cut here."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

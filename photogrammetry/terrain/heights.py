@@ -12,14 +12,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from photogrammetry.arrays import Float32, Float64
-from photogrammetry.terrain.mesh import (
-    MeshParams,
+from photogrammetry.terrain.ground import (
+    SightParams,
     camera_on_map,
     ground_of,
     largest_step_px,
-    mesh_samples,
     trusted_parallax,
 )
+from photogrammetry.terrain.mesh import continuous_quads, in_a_quad, mesh_samples
 from photogrammetry.terrain.records import TerrainView
 
 STEEP = 1.7
@@ -53,10 +53,17 @@ class ViewHeights:
         return len(self.row)
 
 
-def view_heights(view: TerrainView, params: MeshParams, cell_m: float) -> ViewHeights:
-    """The heights that `view` gives to the cells of the map."""
+def view_heights(view: TerrainView, params: SightParams, cell_m: float) -> ViewHeights:
+    """The heights that `view` gives to the cells of the map.
+
+    A pixel that hangs together with no other is left out: it is a blunder, or belongs to ground so
+    far away that the gap to the next is wider than may be bridged.
+    """
     parallax = trusted_parallax(view, params)
     planes = ground_of(view, parallax, params)
+    step_px = largest_step_px(view.geometry.base_m, params)
+    quads = continuous_quads(planes, parallax, step_px, params.max_gap_m)
+    planes[:, ~in_a_quad(quads, parallax.shape)] = np.nan
     camera = camera_on_map(view.lsl_from_pair)
     window = _Window.around(planes, camera, cell_m)
     trusted = np.isfinite(planes[0])
@@ -65,9 +72,7 @@ def view_heights(view: TerrainView, params: MeshParams, cell_m: float) -> ViewHe
     count, mean, scatter = _upper_levels(window.cells(points), points[2], noise, window)
     filled = np.zeros(window.size)
     filled_mean, sag = np.zeros(window.size), np.zeros(window.size)
-    step_px = largest_step_px(view.geometry.base_m, params)
-    spacing_m = cell_m / SAMPLES_A_CELL
-    for samples in mesh_samples(planes, parallax, spacing_m, step_px, params.max_gap_m):
+    for samples in mesh_samples(planes, quads, cell_m / SAMPLES_A_CELL):
         cells = window.cells(samples.points)
         open_ = count[cells] == 0
         cells = cells[open_]

@@ -20,7 +20,7 @@ import cv2
 import numpy as np
 
 from photogrammetry.arrays import Float32, GreyImage, Raster, Vector3
-from photogrammetry.terrain.mesh import camera_on_map, map_from_pair_rotation
+from photogrammetry.terrain.ground import camera_on_map, map_from_pair_rotation
 from photogrammetry.terrain.records import TerrainView
 
 NEAREST_M = 0.05
