@@ -75,6 +75,7 @@ def serve(
 ) -> None:
     """Serve the map, its tiles and features; the API is described at /docs."""
     import uvicorn  # noqa: PLC0415
+
     from gis_server.app import create_app  # noqa: PLC0415
 
     settings = Settings()

@@ -53,9 +53,7 @@ def latest_networks(workspace: Workspace) -> list[ProductRef]:
 
 def product_rows(workspace: Workspace) -> list[dict[str, Any]]:
     """One row a published product: layers, then the browse images."""
-    proj4 = {
-        entry.mission: local_proj4(entry.landing) for entry in workspace.catalogue.missions()
-    }
+    proj4 = {entry.mission: local_proj4(entry.landing) for entry in workspace.catalogue.missions()}
     layers = [_layer_row(layer, proj4, workspace) for layer in workspace.catalogue.layers()]
     return layers + [_browse_row(entry, workspace) for entry in workspace.catalogue.images()]
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from photogrammetry.matching.tracks import TrackParams, build_tie_points
 from prefect import task
 from prefect.cache_policies import NO_CACHE
 
@@ -27,7 +28,6 @@ from photogrammetry.adjustment.records import (
 )
 from photogrammetry.frames import Pose
 from photogrammetry.imagery import StopId
-from photogrammetry.matching.tracks import TrackParams, build_tie_points
 from products.arrays import pose_document, pose_of_document, read_matches, read_ties
 from products.model import ProductKind, ProductRef, Recipe
 from products.store import ProductStore
@@ -139,9 +139,7 @@ def _adjusted(
     params: AdjustmentParams,
 ) -> tuple[AdjustedNetwork, AdjustmentReport]:
     if before is None or step.new_stops:
-        return adjust_stepwise(
-            before.adjusted if before else None, network, step.new_stops, params
-        )
+        return adjust_stepwise(before.adjusted if before else None, network, step.new_stops, params)
     held = set(network.stop_ids)  # new images of old stops: only their pointing is weighed
     return adjust(network, held, params, before.adjusted, f"sol {step.sol}, stops held")
 

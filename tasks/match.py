@@ -6,14 +6,14 @@ from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 
-from photogrammetry.matching.dense import DenseParams, match_densely
-from photogrammetry.matching.sparse import SparseParams, match_sparsely
 from prefect import task
 from prefect.cache_policies import NO_CACHE
 
 from photogrammetry.cameras.epipolar import EpipolarPair, epipolar_pair
 from photogrammetry.imagery import RoverImage
+from photogrammetry.matching.dense import DenseParams, match_densely
 from photogrammetry.matching.records import EpipolarImages
+from photogrammetry.matching.sparse import SparseParams, match_sparsely
 from products.arrays import write_matches, write_parallax
 from products.model import ProductKind, Recipe
 from products.store import ProductStore

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -21,25 +21,6 @@ from products.store import ProductStore
 from tasks.pairs import PairProducts, read_matched_stop
 from tasks.scopes import stop_scope
 from tasks.telemetry import TelemetryStop
-
-
-@dataclass(frozen=True, slots=True)
-class LinkParams:
-    """Which stops are tried for links."""
-
-    max_distance_m: float = 50.0
-    """Farther apart, Navcam stereo sees no common ground well enough."""
-    max_earlier: int = 4
-    """Nearest earlier stops tried for each new one: m-1, m-2 and revisits decide the drift."""
-
-
-@dataclass(frozen=True, slots=True)
-class TieParams:
-    """How pairs and stops are tied."""
-
-    inter_stereo: InterStereoParams = field(default_factory=InterStereoParams)
-    cross_site: CrossSiteParams = field(default_factory=CrossSiteParams)
-    links: LinkParams = field(default_factory=LinkParams)
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +65,7 @@ def tie_stop(
 
 
 @task(cache_policy=NO_CACHE, task_run_name="link-{earlier.stop}-{later.stop}")
-def link_stops(  # noqa: PLR0913, PLR0917 - two stops, each with its telemetry
+def link_stops(
     earlier: StopProducts,
     later: StopProducts,
     earlier_telemetry: TelemetryStop,
@@ -111,21 +92,6 @@ def link_stops(  # noqa: PLR0913, PLR0917 - two stops, each with its telemetry
 def link_scope(earlier: StopId, later: StopId) -> Scope:
     """A stop and the earlier one it is linked to."""
     return Scope(ScopeLevel.STOP, f"{later}-to-site{earlier.site:04d}-drive{earlier.drive:04d}")
-
-
-def link_candidates(
-    new: TelemetryStop, earlier: list[TelemetryStop], params: LinkParams
-) -> list[TelemetryStop]:
-    """The earlier stops that a new one may share ground with, nearest first."""
-    distances = [
-        (float(np.linalg.norm(_ground(old) - _ground(new))), old.stop, old) for old in earlier
-    ]
-    near = sorted(entry for entry in distances if entry[0] <= params.max_distance_m)
-    return [old for _, _, old in near[: params.max_earlier]]
-
-
-def _ground(stop: TelemetryStop) -> np.ndarray:
-    return stop.lsl_from_rover.translation_m[:2]
 
 
 def _matched(stop: StopProducts, telemetry: TelemetryStop, store: ProductStore) -> MatchedStop:

@@ -1,0 +1,68 @@
+"""The pipeline's parameters: one TOML table a stage, mirrored by the stages' own records.
+
+A pipeline file names only what differs from the defaults, which stand beside the algorithms that
+read them; an unknown key is an error that names itself. `solmap run --pipeline` takes the name of a
+shipped file (`config/pipelines/`) or a path.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from photogrammetry.matching.tracks import TrackParams
+
+from config.errors import ConfigError
+from config.records import record_of
+from photogrammetry.adjustment.params import AdjustmentParams
+from photogrammetry.matching.cross_site import CrossSiteParams
+from photogrammetry.matching.dense import DenseParams
+from photogrammetry.matching.inter_stereo import InterStereoParams
+from photogrammetry.matching.neighbours import LinkParams
+from photogrammetry.matching.sparse import SparseParams
+from photogrammetry.terrain.contours import ContourParams
+from photogrammetry.terrain.dtm import DtmParams
+from photogrammetry.terrain.footprints import FootprintParams
+from photogrammetry.terrain.orthophoto import OrthophotoParams
+from photogrammetry.terrain.surface import HillshadeParams, SlopeParams
+
+SHIPPED = Path(__file__).parent / "pipelines"
+
+
+@dataclass(frozen=True, slots=True)
+class PipelineConfig:
+    """Everything that may be tuned, stage by stage."""
+
+    sparse: SparseParams = field(default_factory=SparseParams)
+    dense: DenseParams = field(default_factory=DenseParams)
+    inter_stereo: InterStereoParams = field(default_factory=InterStereoParams)
+    cross_site: CrossSiteParams = field(default_factory=CrossSiteParams)
+    links: LinkParams = field(default_factory=LinkParams)
+    tracks: TrackParams = field(default_factory=TrackParams)
+    adjustment: AdjustmentParams = field(default_factory=AdjustmentParams)
+    dtm: DtmParams = field(default_factory=DtmParams)
+    orthophoto: OrthophotoParams = field(default_factory=OrthophotoParams)
+    contour: ContourParams = field(default_factory=ContourParams)
+    slope: SlopeParams = field(default_factory=SlopeParams)
+    hillshade: HillshadeParams = field(default_factory=HillshadeParams)
+    footprints: FootprintParams = field(default_factory=FootprintParams)
+
+
+def load_pipeline(name: str) -> PipelineConfig:
+    """The pipeline of a shipped name or of a TOML file.
+
+    Raises:
+        ConfigError: there is no such pipeline, or a setting in it is wrong.
+    """
+    path = SHIPPED / f"{name}.toml"
+    if not path.is_file():
+        path = Path(name)
+    if not path.is_file():
+        shipped = ", ".join(sorted(file.stem for file in SHIPPED.glob("*.toml")))
+        raise ConfigError(f"there is no pipeline {name!r}: name one of {shipped}, or a TOML file")
+    try:
+        tables = tomllib.loads(path.read_text())
+    except (OSError, tomllib.TOMLDecodeError) as error:
+        raise ConfigError(f"{path}: {error}") from error
+    return record_of(PipelineConfig, tables, path.name)

@@ -1,0 +1,118 @@
+"""Process a downlink: ingest what came, every sol in its order, then the mission's traverse."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from prefect import flow
+
+from config.errors import ConfigError
+from config.landing import landing_site
+from config.pipeline import load_pipeline
+from config.settings import Settings
+from flows.progress import report as report_progress
+from flows.sol import SolReport, process_sol
+from photogrammetry.errors import PhotogrammetryError
+from products.catalogue import MissionEntry
+from products.errors import ProductError, StoreFullError
+from products.model import ProductRef
+from products.workspace import Workspace
+from tasks.ingest import Delivery, image_records, ingest_downlink
+from tasks.publish import publish
+from tasks.telemetry import read_telemetry, vector_files
+from tasks.vectors import draw_vectors
+
+
+@dataclass(slots=True)
+class DownlinkReport:
+    """How a downlink went."""
+
+    images: int = 0
+    sols: list[SolReport] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+    failures: list[str] = field(default_factory=list)
+
+    @property
+    def succeeded(self) -> bool:
+        """Whether every sol that could be processed was."""
+        return not self.failures
+
+    def __str__(self) -> str:
+        layers = sum(sol.layers for sol in self.sols)
+        lines = [f"{self.images} images, {len(self.sols)} sols, {layers} layers of stops published"]
+        for sol in self.sols:
+            lines += [f"{sol.mission} sol {sol.sol}", *(f"  {note}" for note in sol.notes)]
+        return "\n".join(lines)
+
+
+@flow(name="downlink", flow_run_name="{downlink}")
+def process_downlink(downlink: Path, store: Path, pipeline: str = "default") -> DownlinkReport:
+    """Take a folder of rover images to published layers; what was made before is looked up."""
+    report = DownlinkReport()
+    load_pipeline(pipeline)  # refuse wrong settings before the work starts
+    workspace = Workspace.open(store)
+    delivery = ingest_downlink(
+        downlink, workspace, lambda done, total: report_progress("ingest files", done, total)
+    )
+    _take_down(delivery, downlink, report)
+    for mission in delivery.first_sols:
+        _process_mission(mission, workspace, pipeline, report)
+    return report
+
+
+def _take_down(delivery: Delivery, downlink: Path, report: DownlinkReport) -> None:
+    report.images = len(delivery.images)
+    report.warnings += [note for outcome in delivery.outcomes for note in outcome.notes]
+    if not delivery.images:
+        found = (
+            f"none of its {delivery.files} files is a mapping image"
+            if delivery.files
+            else ("it holds no .img, .svf or .rvf file")
+        )
+        report.failures.append(f"nothing to process in {downlink}: {found}")
+
+
+def _process_mission(
+    mission: str, workspace: Workspace, pipeline: str, report: DownlinkReport
+) -> None:
+    """All sols of a mission, oldest first: each adjustment starts from the one before."""
+    try:
+        landing_site(mission, Settings().landing_sites)
+    except ConfigError as error:
+        report.failures.append(str(error))
+        return
+    network: ProductRef | None = None
+    for sol in sorted({entry.sol for entry in workspace.catalogue.images(mission)}):
+        try:
+            done = process_sol(mission, sol, workspace.store.root, pipeline, network)
+        except StoreFullError:
+            raise
+        except (PhotogrammetryError, ProductError) as error:
+            report.failures.append(f"{mission} sol {sol}: {error}")
+            continue
+        report.sols.append(done)
+        report.failures += [f"{mission} sol {sol}: {line}" for line in done.failures]
+        network = done.network or network
+    if network is not None:
+        _draw_mission(mission, network, workspace, pipeline, report)
+
+
+def _draw_mission(
+    mission: str,
+    network: ProductRef,
+    workspace: Workspace,
+    pipeline: str,
+    report: DownlinkReport,
+) -> None:
+    """The layers of the whole mission: traverse, stops, footprints, pointing lines, ties."""
+    site = landing_site(mission, Settings().landing_sites)
+    entries = workspace.catalogue.images(mission)
+    telemetry = read_telemetry(image_records(entries, workspace), vector_files(mission, workspace))
+    if telemetry.note:
+        report.warnings.append(f"{mission}: {telemetry.note}")
+    params = load_pipeline(pipeline).footprints
+    layers = draw_vectors(mission, network, entries, params, site.landing, workspace)
+    sols = tuple(sorted({entry.sol for entry in entries}))
+    entry = MissionEntry(mission, site.title, site.landing, telemetry.note)
+    publish(entry, [(ref, sols) for ref in layers], (), (), workspace)

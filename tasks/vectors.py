@@ -1,0 +1,228 @@
+"""The vector layers of a mission: traverse, stops, footprints, pointing lines and tie points."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from prefect import task
+from prefect.cache_policies import NO_CACHE
+
+from photogrammetry.adjustment.records import AdjustedStop
+from photogrammetry.frames import Pose
+from photogrammetry.imagery import RoverImage
+from photogrammetry.terrain.footprints import FootprintParams, Ground, footprint, pointing_line
+from products.catalogue import ImageEntry
+from products.crs import LandingPoint
+from products.model import ProductKind, ProductRef, Recipe
+from products.vector import Feature, write_features
+from products.workspace import Workspace
+from tasks.adjust import NetworkProduct, read_network
+from tasks.ingest import image_record
+from tasks.scopes import region_scope
+
+WHEELS_M = 0.294
+"""The ground below the rover origin when it stands level (VICAR's default ground plane)."""
+
+
+@task(cache_policy=NO_CACHE, task_run_name="vectors-{mission}")
+def draw_vectors(
+    mission: str,
+    network: ProductRef,
+    entries: Sequence[ImageEntry],
+    params: FootprintParams,
+    landing: LandingPoint,
+    workspace: Workspace,
+) -> list[ProductRef]:
+    """Draw the vector layers of a mission from its network and images."""
+    read = _Reading(network, entries, workspace)
+    images = tuple(entry.ref for entry in entries)
+    pairing = tuple((entry.partner, entry.unpaired_because) for entry in entries)
+    made = []
+    for kind, inputs, extra, features in (
+        (ProductKind.TRAVERSE, (), None, lambda: traverse_features(read.network)),
+        (ProductKind.STOPS, (), None, lambda: stop_features(read.network)),
+        (ProductKind.TIE_POINTS, (), None, lambda: tie_point_features(read.network)),
+        (ProductKind.FOOTPRINTS, images, pairing, lambda: read.outlines(footprint_feature, params)),
+        (ProductKind.POINTING, images, pairing, lambda: read.outlines(pointing_feature, params)),
+    ):
+        recipe = Recipe(kind, region_scope(mission), (network, *inputs), (params, landing, extra))
+
+        def write(path: Path, features: Any = features) -> None:  # noqa: ANN401 - a thunk
+            write_features(path, features(), landing, tags={"mission": mission})
+
+        made.append(workspace.store.make(recipe, write))
+    return made
+
+
+class _Reading:
+    """The network and labels, read once and only if a layer has to be drawn."""
+
+    def __init__(
+        self, network: ProductRef, entries: Sequence[ImageEntry], workspace: Workspace
+    ) -> None:
+        self._ref, self._entries, self._workspace = network, entries, workspace
+        self._network: NetworkProduct | None = None
+
+    @property
+    def network(self) -> NetworkProduct:
+        if self._network is None:
+            self._network = read_network(self._ref, self._workspace.store)
+        return self._network
+
+    def outlines(self, draw: Any, params: FootprintParams) -> Iterator[Feature]:  # noqa: ANN401
+        poses = {stop.stop: stop.lsl_from_rover for stop in self.network.adjusted.stops}
+        for entry in self._entries:
+            image = image_record(entry, self._workspace)
+            if image.stop in poses:
+                drawn = draw(image, entry, poses[image.stop], params)
+                if drawn is not None:
+                    yield drawn
+
+
+def traverse_features(network: NetworkProduct) -> list[Feature]:
+    """The traverse by telemetry and as adjusted; a single stop makes no line."""
+    stops = [stop.stop for stop in network.adjusted.stops]
+    if len(stops) < 2:  # noqa: PLR2004 - a line has two ends
+        return []
+    solutions = {
+        "telemetry": [network.telemetry[stop].translation_m for stop in stops],
+        "adjusted": [stop.lsl_from_rover.translation_m for stop in network.adjusted.stops],
+    }
+    return [
+        Feature(
+            "LineString",
+            _on_map(np.array(places)),
+            {
+                "solution": solution,
+                "length_m": round(_length_m(places), 3),
+                "stops": len(places),
+            },
+            id=solution,
+        )
+        for solution, places in solutions.items()
+    ]
+
+
+def stop_features(network: NetworkProduct) -> Iterator[Feature]:
+    """Every stop where telemetry has it and where the adjustment puts it, with its ellipse."""
+    for stop in network.adjusted.stops:
+        telemetry = network.telemetry[stop.stop].translation_m
+        adjusted = stop.lsl_from_rover.translation_m
+        known = {
+            "stop": str(stop.stop),
+            "site": stop.stop.site,
+            "drive": stop.stop.drive,
+            "sols": list(network.sols[stop.stop]),
+            "moved_m": round(float(np.linalg.norm(adjusted - telemetry)), 4),
+        }
+        yield Feature(
+            "Point",
+            _on_map(telemetry[None]),
+            {**known, "solution": "telemetry"},
+            id=f"{stop.stop}-telemetry",
+        )
+        yield Feature(
+            "Point",
+            _on_map(adjusted[None]),
+            {**known, "solution": "adjusted", **_certainty(stop)},
+            id=f"{stop.stop}-adjusted",
+        )
+
+
+def _certainty(stop: AdjustedStop) -> dict[str, Any]:
+    """Standard deviations and the 1-sigma error ellipse on the map."""
+    plan = stop.covariance[3:5, 3:5]
+    variances, axes = np.linalg.eigh(plan)
+    north, east = axes[:, 1]
+    sigma_ned = stop.sigma_ned_m
+    return {
+        "held": stop.held,
+        "held_by": stop.held_by,
+        "sigma_north_m": round(float(sigma_ned[0]), 4),
+        "sigma_east_m": round(float(sigma_ned[1]), 4),
+        "sigma_down_m": round(float(sigma_ned[2]), 4),
+        "ellipse_semi_major_m": round(math.sqrt(max(variances[1], 0.0)), 4),
+        "ellipse_semi_minor_m": round(math.sqrt(max(variances[0], 0.0)), 4),
+        "ellipse_azimuth_deg": round(math.degrees(math.atan2(east, north)) % 180.0, 1),
+    }
+
+
+def tie_point_features(network: NetworkProduct) -> Iterator[Feature]:
+    """The tie points of the last adjustment that join pairs, with their residuals."""
+    ties = network.adjusted.ties
+    residual_px = np.sqrt(np.nanmean(ties.residuals_px**2, axis=1))
+    seen = ties.observations.point
+    for number, (point, kind) in enumerate(zip(ties.points, ties.kinds, strict=True)):
+        rows = np.flatnonzero((seen == number) & (ties.status == 0))
+        if len(rows) < 2 or not np.isfinite(point).all():  # noqa: PLR2004 - joins nothing
+            continue
+        sigma_m = math.sqrt(max(float(np.trace(ties.covariances[number])), 0.0))
+        properties = {
+            "kind": str(kind),
+            "pairs": [ties.observations.pair_ids[ties.observations.pair[row]] for row in rows],
+            "residual_px": round(float(np.mean(residual_px[rows])), 3),
+            "sigma_m": round(sigma_m, 4),
+        }
+        yield Feature("Point", _on_map(point[None]), properties, id=str(number))
+
+
+def footprint_feature(
+    image: RoverImage, entry: ImageEntry, lsl_from_rover: Pose, params: FootprintParams
+) -> Feature | None:
+    """The ground that an image shows; None where it shows none."""
+    outline = footprint(
+        image.camera,
+        (image.samples, image.lines),
+        lsl_from_rover,
+        _ground(lsl_from_rover),
+        params.max_range_m,
+    )
+    distinct = np.unique(np.round(outline, 3), axis=0)
+    if len(distinct) < 3:  # noqa: PLR2004 - no area
+        return None
+    return Feature("Polygon", outline, _image_properties(entry), id=entry.id)
+
+
+def pointing_feature(
+    image: RoverImage, entry: ImageEntry, lsl_from_rover: Pose, params: FootprintParams
+) -> Feature:
+    """From the camera to the ground in the middle of the image."""
+    line = pointing_line(
+        image.camera,
+        (image.samples, image.lines),
+        lsl_from_rover,
+        _ground(lsl_from_rover),
+        params.max_range_m,
+    )
+    return Feature("LineString", line, _image_properties(entry), id=entry.id)
+
+
+def _ground(lsl_from_rover: Pose) -> Ground:
+    below = lsl_from_rover.apply(np.array([[0.0, 0.0, WHEELS_M]]))[0]
+    return Ground(elevation_m=-float(below[2]))
+
+
+def _image_properties(entry: ImageEntry) -> dict[str, Any]:
+    return {
+        "image": entry.id,
+        "instrument": entry.instrument,
+        "eye": entry.eye,
+        "sol": entry.sol,
+        "stop": entry.stop,
+        "partner": entry.partner,
+        "unpaired_because": entry.unpaired_because,
+    }
+
+
+def _on_map(points_in_lsl: np.ndarray) -> np.ndarray:
+    """(east, north, up) of points in the LSL."""
+    return points_in_lsl[:, [1, 0, 2]] * np.array([1.0, 1.0, -1.0])
+
+
+def _length_m(places: Iterable[np.ndarray]) -> float:
+    steps = np.diff(np.array(list(places)), axis=0)
+    return float(np.linalg.norm(steps, axis=1).sum())
