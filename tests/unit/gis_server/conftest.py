@@ -108,7 +108,18 @@ def constant(value: float):
 
 @pytest.fixture(scope="session")
 def world(tmp_path_factory: pytest.TempPathFactory) -> SmallWorld:
-    root = tmp_path_factory.mktemp("store")
+    """A world to look at."""
+    return build(tmp_path_factory.mktemp("store"))
+
+
+@pytest.fixture
+def own_world(tmp_path: Path) -> SmallWorld:
+    """A world to change."""
+    return build(tmp_path / "store")
+
+
+def build(root: Path) -> SmallWorld:
+    root.mkdir(exist_ok=True)
     store, catalogue = ProductStore.open(root), Catalogue.open(root)
     small = SmallWorld(root, store, catalogue)
     catalogue.publish(

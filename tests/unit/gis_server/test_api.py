@@ -1,0 +1,323 @@
+import hashlib
+import json
+
+import numpy as np
+import pytest
+import rasterio
+from fastapi.testclient import TestClient
+from pyproj import CRS as ProjCrs
+
+from gis_server.app import create_app
+from products.model import ProductKind
+from products.raster import write_raster
+from tests.unit.gis_server.conftest import (
+    CRS,
+    GRID,
+    IMAGE_BYTES,
+    LANDING,
+    REGION,
+    STOP,
+    constant,
+    elevation_at,
+    picture,
+    plane,
+    ref_of,
+)
+
+EARTH_LIKE = ("4326", "WGS 84", "WGS84")
+
+
+def layers_of(client):
+    return {layer["id"]: layer for layer in client.get("/api/missions/MER2/layers").json()}
+
+
+def test_a_mission_says_where_on_mars_its_map_is(client):
+    (mission,) = client.get("/api/missions").json()
+    assert mission["mission"] == "MER2"
+    assert mission["landing"]["longitude"] == LANDING.longitude
+    assert ProjCrs.from_wkt(mission["crs"]["wkt"]).equals(CRS)
+    assert f"+R={LANDING.radius_m}" in mission["crs"]["proj4"]
+    west, south, east, north = mission["bounds"]
+    assert (west, south) <= (GRID.bounds[0], GRID.bounds[1])
+    assert (east, north) >= (GRID.bounds[2], GRID.bounds[3])
+    tiles = mission["tile_matrix_set"]
+    side = tiles["extent"][2] - tiles["extent"][0]
+    for zoom, cell_m in enumerate(tiles["cell_sizes"]):
+        assert tiles["tile_size"] * cell_m * 2**zoom == pytest.approx(side)
+
+
+def test_every_address_of_every_layer_answers(client):
+    layers = layers_of(client)
+    assert len(layers) == 7
+    for layer in layers.values():
+        assert client.get(layer["provenance"]).json()["recipe"]["kind"] == layer["kind"]
+        assert client.get(layer["download"]).status_code == 200
+        if layer["type"] == "raster":
+            address = layer["tiles"].format(z=layer["minzoom"], x=0, y=0)
+            assert client.get(address).headers["content-type"] == "image/png"
+            assert layer["features"] is None
+        else:
+            assert client.get(layer["features"]).json()["type"] == "FeatureCollection"
+            assert layer["tiles"] is None
+
+
+def test_nothing_the_server_says_claims_to_be_on_earth(client):
+    answers = [client.get("/api/missions").text, client.get("/api/missions/MER2/layers").text]
+    answers += [client.get(layer["download"]).content[:4000].decode("latin-1")
+                for layer in layers_of(client).values()]  # fmt: skip
+    for answer in answers:
+        assert not any(name in answer for name in EARTH_LIKE)
+
+
+def test_a_raster_layer_ends_at_the_zoom_of_its_cells(client):
+    layer = layers_of(client)[f"{STOP.name}/dtm"]
+    mission = client.get("/api/missions").json()[0]
+    assert mission["tile_matrix_set"]["cell_sizes"][layer["maxzoom"]] == layer["cell_m"] == 0.08
+    assert layer["minzoom"] < layer["maxzoom"]
+    assert layer["unit"] == layer["legend"]["unit"] == "m"
+    low, high = layer["range"]
+    assert (layer["legend"]["stops"][0][0], layer["legend"]["stops"][-1][0]) == pytest.approx(
+        (low, high), abs=1e-3
+    )
+
+
+def test_identify_reads_the_plane_at_the_place(client):
+    place = client.get("/api/missions/MER2/identify", params={"east": 7.0, "north": 6.5}).json()
+    # The value is that of the cell the place lies in: at most half a cell of the slopes away.
+    assert place["elevation_m"] == pytest.approx(elevation_at(7.0, 6.5), abs=0.04 * 0.15 + 1e-5)
+    assert place["elevation_sigma_m"] == pytest.approx(0.02)
+    assert (place["lon"], place["lat"]) == pytest.approx((175.473022132, -14.569090238), abs=1e-9)
+    values = {value["kind"]: value for value in place["layers"]}
+    assert values["slope"]["value"] == 20.0
+    assert values["slope"]["unit"] == "degree"
+    assert values["aspect"]["value"] == 90.0
+    grey = (7.0 - GRID.west) / 0.08 / GRID.cols * 254.0
+    assert values["orthophoto"]["value"] == pytest.approx(grey, abs=1.0)
+
+
+def test_identify_names_the_footprints_around_the_place_and_the_stop_near_it(client):
+    place = client.get("/api/missions/MER2/identify", params={"east": 7.0, "north": 6.5}).json()
+    found = [(f["kind"], f["id"], f["distance_m"]) for f in place["features"]]
+    assert found == [("footprints", "B", 0.0), ("footprints", "A", 0.0), ("stops", "stop", 0.5)]
+    away = client.get("/api/missions/MER2/identify", params={"east": 15.0, "north": 15.0}).json()
+    assert [f["id"] for f in away["features"]] == ["A"]
+
+
+@pytest.mark.parametrize("east", [-35.0, 5000.0])
+def test_identify_has_no_elevation_where_nothing_was_seen(client, east):
+    place = client.get("/api/missions/MER2/identify", params={"east": east, "north": 0.0}).json()
+    assert place["elevation_m"] is None
+    assert place["layers"] == []
+
+
+@pytest.mark.parametrize(
+    "query", ["east=nan&north=0", "east=inf&north=0", "east=1", "east=a&north=0"]
+)
+def test_identify_refuses_what_is_no_place(client, query):
+    assert client.get(f"/api/missions/MER2/identify?{query}").status_code == 422
+
+
+def test_features_come_in_metres_of_the_local_map(client):
+    layer = layers_of(client)["mer2/stops"]
+    answer = client.get(layer["features"])
+    assert answer.headers["content-type"].startswith("application/geo+json")
+    assert answer.json()["features"][0]["geometry"]["coordinates"] == [7.0, 6.0, 6.1]
+
+
+@pytest.mark.parametrize(
+    ("bbox", "ids"), [("1,1,2,2", ["A"]), ("6,6,7,7", ["A", "B"]), ("30,30,40,40", [])]
+)
+def test_features_are_clipped_to_a_box(client, bbox, ids):
+    address = layers_of(client)["mer2/footprints"]["features"]
+    features = client.get(address, params={"bbox": bbox}).json()["features"]
+    assert [feature["id"] for feature in features] == ids
+
+
+@pytest.mark.parametrize("bbox", ["1,2,3", "a,b,c,d", "2,2,1,1", "nan,0,1,1"])
+def test_a_box_that_is_none_is_refused(client, bbox):
+    address = layers_of(client)["mer2/footprints"]["features"]
+    assert client.get(address, params={"bbox": bbox}).status_code == 422
+
+
+def test_a_download_is_the_product_and_has_a_telling_name(client, world):
+    layer = layers_of(client)[f"{STOP.name}/dtm"]
+    answer = client.get(layer["download"])
+    path = world.store.path(ref_of(world, ProductKind.DTM))
+    assert hashlib.sha256(answer.content).digest() == hashlib.sha256(path.read_bytes()).digest()
+    name = f"mer2-site0010-drive0064_dtm_{layer['digest']}.tif"
+    assert name in answer.headers["content-disposition"]
+    with rasterio.MemoryFile(answer.content) as file, file.open() as dataset:
+        assert ProjCrs.from_wkt(dataset.crs.to_wkt(version="WKT2_2019")).equals(CRS)
+
+
+def test_a_download_comes_in_ranges(client):
+    address = layers_of(client)[f"{STOP.name}/dtm"]["download"]
+    whole = client.get(address).content
+    part = client.get(address, headers={"Range": "bytes=1000-1999"})
+    assert part.status_code == 206
+    assert part.content == whole[1000:2000]
+    assert part.headers["content-range"] == f"bytes 1000-1999/{len(whole)}"
+    assert client.head(address).headers["content-length"] == str(len(whole))
+    beyond = client.get(address, headers={"Range": f"bytes={len(whole)}-"})
+    assert beyond.status_code == 416
+
+
+def test_a_downloaded_feature_file_is_in_degrees_of_mars(client):
+    document = client.get(layers_of(client)["mer2/stops"]["download"]).json()
+    assert document["crs"]["properties"]["name"] == "urn:ogc:def:crs:IAU:2015:49900"
+    longitude, latitude, _ = document["features"][0]["geometry"]["coordinates"]
+    assert (longitude, latitude) == pytest.approx((175.473022, -14.569099), abs=1e-5)
+
+
+def test_images_name_their_partner_or_why_there_is_none(client):
+    (image,) = client.get("/api/missions/MER2/images").json()
+    assert image["unpaired_because"] == "the right image was never sent"
+    assert client.get(image["original"]).content == IMAGE_BYTES
+    shown = client.get(image["browse"])
+    assert shown.headers["content-type"] == "image/png"
+
+
+@pytest.mark.parametrize(
+    ("query", "count"), [("sol=156", 1), ("sol=1", 0), (f"stop={STOP.name}", 1), ("stop=x", 0)]
+)
+def test_images_are_chosen_by_sol_and_stop(client, query, count):
+    assert len(client.get(f"/api/missions/MER2/images?{query}").json()) == count
+
+
+@pytest.mark.parametrize(
+    "address",
+    [
+        "/api/missions/MSL/layers",
+        "/api/missions/MSL/images",
+        "/api/missions/MSL/identify?east=0&north=0",
+        "/api/layers/mer2/dtm/0123456789abcdef/provenance",
+        "/tiles/mer2/dtm/0123456789abcdef/0/0/0.png",
+        "/download/mer2/dtm/0123456789abcdef",
+        "/images/NONE/original",
+        "/api/nothing",
+    ],
+)
+def test_what_is_not_there_is_answered_with_what_where_and_what_to_try(client, address):
+    answer = client.get(address)
+    assert answer.status_code == 404
+    detail = answer.json()["detail"]
+    assert set(detail) == {"what", "where", "what to try"}
+    assert detail["where"] == address.split("?")[0]
+    assert answer.headers["cache-control"] == "no-store"
+
+
+def test_a_raster_has_no_features_and_features_have_no_tiles(client, world):
+    dtm, stops = ref_of(world, ProductKind.DTM), ref_of(world, ProductKind.STOPS, REGION)
+    answer = client.get(f"/api/layers/{STOP.name}/dtm/{dtm.digest}/features.geojson")
+    assert answer.status_code == 404
+    assert "is a raster" in answer.json()["detail"]["what"]
+    answer = client.get(f"/tiles/mer2/stops/{stops.digest}/0/0/0.png")
+    assert answer.status_code == 404
+    assert "stops has no tiles" in answer.json()["detail"]["what"]
+
+
+UP = ["../../../../etc/passwd", "..%2f..%2f..%2fetc%2fpasswd", "%2e%2e/%2e%2e/etc/passwd",
+      "....//etc/passwd", "%00", "..\\..\\etc", "/etc/passwd", "%c0%ae%c0%ae/etc"]  # fmt: skip
+
+
+@pytest.mark.parametrize("up", UP)
+def test_no_address_leads_out_of_the_store(client, up):
+    digest = "0123456789abcdef"
+    for address in (
+        f"/download/{up}/dtm/{digest}",
+        f"/download/mer2/{up}/{digest}",
+        f"/download/mer2/dtm/{up}",
+        f"/api/layers/{up}/dtm/{digest}/provenance",
+        f"/tiles/{up}/dtm/{digest}/0/0/0.png",
+        f"/images/{up}/original",
+        f"/images/{up}/browse.png",
+        f"/api/missions/{up}/layers",
+        f"/{up}",
+    ):
+        answer = client.get(address)
+        assert answer.status_code in (404, 422), address
+        assert "root:" not in answer.text
+
+
+def test_no_address_leads_out_of_the_viewer(world, tmp_path):
+    (tmp_path / "secret").write_text("root:")
+    dist = tmp_path / "dist"
+    dist.mkdir()
+    (dist / "index.html").write_text("<h1>the map</h1>")
+    with TestClient(create_app(world.root, dist)) as client:
+        assert client.get("/").text == "<h1>the map</h1>"
+        for up in ("../secret", "..%2fsecret", "%2e%2e/secret", "x/../../secret"):
+            assert client.get(f"/{up}").status_code == 404
+        assert client.get("/api/nothing").status_code == 404
+        assert client.get("/healthz").json() == {"status": "ok"}
+
+
+def test_without_the_built_viewer_the_first_page_says_how_to_build_it(world, tmp_path):
+    with TestClient(create_app(world.root, tmp_path)) as client:
+        assert "has not been built" in client.get("/").text
+        assert "GET /api/missions" in client.get("/docs").text
+
+
+def test_the_api_is_described_without_any_other_host(world, tmp_path):
+    swagger = tmp_path / "swagger"
+    swagger.mkdir()
+    (tmp_path / "index.html").write_text("")
+    for name in ("swagger-ui-bundle.js", "swagger-ui.css"):
+        (swagger / name).write_text("/* */")
+    with TestClient(create_app(world.root, tmp_path)) as client:
+        page = client.get("/docs").text
+        assert "http" not in page
+        for address in ("/swagger/swagger-ui-bundle.js", "/swagger/swagger-ui.css"):
+            assert address in page
+            assert client.get(address).status_code == 200
+        assert "/openapi.json" in client.get("/docs/start.js").text
+        paths = client.get("/openapi.json").json()["paths"]
+        assert all(operation["description"] for path in paths.values()
+                   for operation in path.values())  # fmt: skip
+
+
+def test_no_other_origin_is_let_in_and_nothing_is_loaded_from_elsewhere(client):
+    for address in ("/", "/api/missions", "/api/nothing"):
+        headers = client.get(address, headers={"Origin": "https://elsewhere.example"}).headers
+        assert "access-control-allow-origin" not in headers
+        assert headers["x-content-type-options"] == "nosniff"
+        assert "default-src 'self'" in headers["content-security-policy"]
+        assert "frame-ancestors 'none'" in headers["content-security-policy"]
+
+
+def test_long_answers_are_compressed_and_downloads_are_not(client):
+    assert client.get("/api/missions").headers["content-encoding"] == "gzip"
+    layer = layers_of(client)["mer2/stops"]
+    assert "content-encoding" not in client.get(layer["download"]).headers
+
+
+def test_a_layer_published_while_serving_is_on_the_map_at_once(own_world):
+    client, world = TestClient(create_app(own_world.root)), own_world
+    before = ref_of(world, ProductKind.SLOPE)
+    world.publish_raster(ProductKind.SLOPE, STOP, constant(35.0), version=1)
+    layer = layers_of(client)[f"{STOP.name}/slope"]
+    assert layer["digest"] != before.digest
+    place = client.get("/api/missions/MER2/identify", params={"east": 1, "north": 1}).json()
+    assert {v["kind"]: v["value"] for v in place["layers"]}["slope"] == 35.0
+    old = layer["tiles"].replace(layer["digest"], before.digest).format(z=17, x=65536, y=65535)
+    new = layer["tiles"].format(z=17, x=65536, y=65535)
+    colours = [picture(client.get(address).content)[128, 128] for address in (old, new)]
+    assert not np.array_equal(*colours)
+
+
+def test_the_most_comprehensive_terrain_model_gives_the_elevation(own_world):
+    client = TestClient(create_app(own_world.root))
+
+    def write(path):
+        write_raster(path, GRID, {"elevation": plane() + np.float32(100.0)}, CRS, unit="m")
+
+    layer = own_world.publish_raster(ProductKind.DTM, REGION, write)
+    place = client.get("/api/missions/MER2/identify", params={"east": 7.0, "north": 6.5}).json()
+    assert place["elevation_m"] == pytest.approx(100.0 + elevation_at(7.0, 6.5), abs=0.01)
+    assert [v["scope"] for v in place["layers"] if v["kind"] == "dtm"] == ["mer2", STOP.name]
+    assert layer.id == "mer2/dtm"
+
+
+def test_the_answers_are_plain_json(client):
+    for address in ("/api/missions", "/api/missions/MER2/layers", "/api/missions/MER2/images"):
+        json.loads(client.get(address).content, parse_constant=pytest.fail)
