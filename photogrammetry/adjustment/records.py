@@ -173,13 +173,13 @@ class AdjustedTies:
     covariances: Covariances3
     kinds: tuple[TieKind, ...]
     """By point number, counting only observations that were used."""
-    status: Int32[np.ndarray, " n"]
+    status: Int32[np.ndarray, " rows"]
     """Per observation: USED, BLUNDER or UNUSED."""
-    residuals_px: Float64[np.ndarray, "n 3"]
+    residuals_px: Float64[np.ndarray, "rows 3"]
     """Observed minus computed sample, line, parallax."""
-    standardised: Float64[np.ndarray, "n 3"]
+    standardised: Float64[np.ndarray, "rows 3"]
     """Residual over its own standard deviation; NaN where nothing checks it."""
-    redundancy: Float64[np.ndarray, "n 3"]
+    redundancy: Float64[np.ndarray, "rows 3"]
     """Share of an error that shows in the residual, 0 to 1."""
 
 

@@ -62,7 +62,7 @@ class NetworkTruth:
     lsl_from_rover: tuple[Pose, ...]
     pointings: Float64[np.ndarray, "pairs 3"]
     points: ObjectPoints
-    blunders: Float64[np.ndarray, " n"]
+    blunders: Float64[np.ndarray, " rows"]
     """Size of the blunder put into each observation, pixels; zero for good ones."""
 
 
@@ -297,7 +297,7 @@ def _visible(pair_from_lsl: Pose, points: ObjectPoints) -> np.ndarray:
 
 
 def _measured(
-    pairs: tuple[PairGeometry, ...], views: list[Pose], points: ObjectPoints, seen: np.ndarray
+    pairs: tuple[PairGeometry, ...], views: list[Pose], points: np.ndarray, seen: np.ndarray
 ) -> tuple[ImagePoints, PerPoint]:
     """Exact image coordinates and parallaxes of every observation."""
     left, parallax = np.zeros((len(seen), 2)), np.zeros(len(seen))
