@@ -258,11 +258,16 @@ class RenderJob:
     shot: Shot
     eye: Eye
 
+    def path(self, world: World) -> str:
+        """Where the picture belongs in the downlink."""
+        exposure = world.exposure(self.shot, self.eye)
+        return f"sol{exposure.sol:04d}/edr/{exposure.file_name}"
+
     def run(self, world: World) -> DownlinkFile:
         """Take the picture."""
         exposure = world.exposure(self.shot, self.eye)
         data = edr_bytes(exposure, photograph(world, self.shot, self.eye))
-        return DownlinkFile(f"sol{exposure.sol:04d}/edr/{exposure.file_name}", data)
+        return DownlinkFile(self.path(world), data)
 
 
 def render_jobs(world: World) -> list[RenderJob]:
