@@ -29,6 +29,8 @@ Value: TypeAlias = "int | float | str | Quantity | tuple[Value, ...] | None"
 
 MAX_LABEL_BYTES = 1 << 20
 """The longest label of the archive is some 50 kB; what has no END within a megabyte is none."""
+MAX_TOKENS = 50_000
+"""Words, marks and gaps; the longest label of the archive has some 6,000."""
 MAX_DEPTH = 16
 MAX_NUMBER_LENGTH = 64
 SHOWN = 40
@@ -44,6 +46,7 @@ _TOKEN = re.compile(
     """,
     re.VERBOSE | re.DOTALL,
 )
+_EQUALS = re.compile(r"\s*=")
 _INTEGER = re.compile(r"[+-]?\d+\Z")
 _REAL = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?\Z")
 _BASED = re.compile(r"(\d+)#([+-]?[0-9A-Fa-f]+)#\Z")
@@ -183,37 +186,40 @@ class _Parser:
     def __init__(self, text: str, source: str) -> None:
         self._text, self._source = text, source
         self._tokens = self._tokenised()
-        self._next: _Token | None = next(self._tokens, None)
+        self._ahead: _Token | None = None
+        self._has_ahead = False
         self._groups: dict[str, dict[str, Value]] = {"": {}}
 
     def label(self) -> Label:
         """All statements up to END."""
         stack = [_Open("label", "", 0, self._groups[""])]
-        while not self._statement(stack):
-            pass
+        end = self._statement(stack)
+        while end is None:
+            end = self._statement(stack)
         if len(stack) > 1:
             opened = stack[-1]
             raise self._error(
                 f"END came before the END_{opened.word} of {opened.name}, "
                 f"opened in line {self._line(opened.start)}",
-                self._next,
+                end,
             )
         return Label(self._source, self._groups)
 
-    def _statement(self, stack: list[_Open]) -> bool:
-        """Read one statement; whether it was END."""
+    def _statement(self, stack: list[_Open]) -> _Token | None:
+        """Read one statement; the token of END if it was that."""
         token = self._take("KEYWORD = value, or END")
         if token.kind != "word":
             raise self._error(f"expected KEYWORD = value, found {_shown(token)}", token)
         keyword = token.text.upper()
+        if keyword == "END" and not _EQUALS.match(self._text, token.start + len(token.text)):
+            return token  # and look at nothing behind it: pixels may follow
         closing = keyword in {"END_GROUP", "END_OBJECT"}
-        has_value = self._next is not None and self._next.text == "=" and self._next.kind == "mark"
-        if not has_value:
-            if closing:
-                self._close(stack, keyword, None, token)
-            elif keyword != "END":
+        following = self._peek()
+        if following is None or following.text != "=" or following.kind != "mark":
+            if not closing:
                 raise self._error(f"expected = after {_shown(token)}", token)
-            return keyword == "END"
+            self._close(stack, keyword, None, token)
+            return None
         self._take("=")
         value = self._value(0)
         if keyword in {"GROUP", "OBJECT", "BEGIN_GROUP", "BEGIN_OBJECT"}:
@@ -222,7 +228,7 @@ class _Parser:
             self._close(stack, keyword, value, token)
         else:
             stack[-1].items.setdefault(keyword.rpartition(":")[2], value)
-        return False
+        return None
 
     def _open(self, stack: list[_Open], word: str, value: Value, token: _Token) -> None:
         if not isinstance(value, str):
@@ -262,7 +268,8 @@ class _Parser:
         number = number_of(token.text)
         if number is None:
             return known(token.text)
-        if self._next is not None and self._next.kind == "unit":
+        following = self._peek()
+        if following is not None and following.kind == "unit":
             return Quantity(number, self._take("a unit").text)
         return number
 
@@ -271,7 +278,7 @@ class _Parser:
             raise self._error(f"lists are nested deeper than {MAX_DEPTH}", opening)
         values: list[Value] = []
         while True:
-            token = self._next
+            token = self._peek()
             if token is not None and token.kind == "mark" and token.text in {end, ","}:
                 self._take(end)
                 if token.text == end:
@@ -280,18 +287,29 @@ class _Parser:
             values.append(self._value(depth + 1))
 
     def _take(self, expected: str) -> _Token:
-        token = self._next
+        token = self._peek()
+        self._has_ahead = False
         if token is None:
             raise LabelError(
                 f"{self._source}: the label ends in line {self._line(len(self._text))} without END "
                 f"where {expected} was expected"
             )
-        self._next = next(self._tokens, None)
         return token
 
+    def _peek(self) -> _Token | None:
+        """The next token, which stays where it is."""
+        if not self._has_ahead:
+            self._ahead, self._has_ahead = next(self._tokens, None), True
+        return self._ahead
+
     def _tokenised(self) -> Iterator[_Token]:
-        position = 0
+        position, count = 0, 0
         while position < len(self._text):
+            count += 1
+            if count > MAX_TOKENS:
+                raise self._error(
+                    f"more than {MAX_TOKENS} words, but no END", _Token("", "", position)
+                )
             match = _TOKEN.match(self._text, position)
             if match is None:
                 raise self._error("a quotation or unit is not closed", _Token("", "", position))

@@ -5,7 +5,7 @@ as 16-bit big-endian integers. Packets that were lost on the way down are filled
 is the outside of a linearised image; MISSING_CONSTANT and INVALID_CONSTANT say so or may be absent.
 But zero can also be what a dark pixel of a radiance image was cut off at. What was lost is lost in
 runs, so for integer images a zero counts as missing where its patch of zeros holds a block of
-3 x 3 or a run of 8 along a line or column, and as dark otherwise. Any other constant is taken at
+3 x 3 or a run of 9 along a line or column, and as dark otherwise. Any other constant is taken at
 its word, and in floating-point rasters zero is, too.
 """
 
@@ -22,7 +22,7 @@ from photogrammetry.errors import LabelError, PixelError
 from photogrammetry.pds3.label import Label, Quantity, Value
 from photogrammetry.pds3.vicar import vicar_label_end
 
-RUN = 8
+RUN = 9
 """Zeros in a row that no dark scene makes, but the shortest line of a lost segment does."""
 MAX_BANDS = 3
 MAX_PIXELS = 1 << 28

@@ -1,0 +1,62 @@
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from photogrammetry.errors import LabelError
+from photogrammetry.pds3.file_names import decode_counter, encode_counter, parse_file_name
+
+
+def test_file_names_say_what_the_facts_say(test_vectors):
+    for row in test_vectors["file_names"]:
+        found = parse_file_name(f"data/sol1869/edr/{row['name'].lower()}.img")
+        assert found.product_id == row["name"]
+        assert found.mission == row["spacecraft"]
+        assert found.instrument == row["instrument"]
+        assert found.clock == row["sclk"]
+        assert found.product_type == row["product_type"]
+        assert (found.site, found.drive) == (row["site"], row["drive"])
+        assert found.sequence == row["sequence"]
+        assert (found.eye, found.filter_number) == (row["eye"], row["filter"])
+        assert (found.producer, found.version) == (row["producer"], str(row["version"]))
+
+
+def test_codes_of_site_and_drive_are_those_of_the_facts(test_vectors):
+    for row in test_vectors["site_drive_codes"]:
+        assert decode_counter(row["code"]) == row["value"]
+        assert encode_counter(row["value"]) == row["code"]
+
+
+@given(st.integers(0, 1295))
+def test_every_code_comes_back(counter):
+    assert decode_counter(encode_counter(counter)) == counter
+
+
+def test_a_counter_beyond_the_code_is_left_to_the_label():
+    found = parse_file_name("1f211278125idl75__p1151l0m1.im")
+    assert (found.site, found.drive) == (75, None)
+    assert encode_counter(1296) == "##"
+    assert decode_counter("##") is None
+
+
+def test_names_of_curiosity_are_read():
+    found = parse_file_name("NLB_517261274EDR_F0541610CCAM15900M1.IMG")
+    assert (found.mission, found.instrument, found.eye) == ("MSL", "NAVCAM", "L")
+    assert (found.clock, found.product_type) == (517261274, "EDR")
+    assert (found.site, found.drive, found.sequence) == (54, 1610, "ccam15900")
+
+
+@pytest.mark.parametrize("name", ["", "notes.img", "5N292280938EFFB100P0703L0M1.IMG", "a" * 500])
+def test_another_name_is_refused(name):
+    with pytest.raises(LabelError, match="follows no known pattern"):
+        parse_file_name(name)
+
+
+@pytest.mark.parametrize("code", ["", "A", "#1", "AAA", "é0"])
+def test_another_code_is_refused(code):
+    with pytest.raises(LabelError, match="is no site or drive code"):
+        decode_counter(code)
+
+
+def test_a_negative_counter_has_no_code():
+    with pytest.raises(LabelError, match="not negative"):
+        encode_counter(-1)

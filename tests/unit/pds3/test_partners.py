@@ -1,0 +1,162 @@
+import itertools
+import time
+
+import numpy as np
+
+from photogrammetry.cameras.cahv import Cahv
+from photogrammetry.frames import Pose, site_frame
+from photogrammetry.imagery import Eye, RoverImage, StopId
+from photogrammetry.pds3.partners import find_stereo_pairs
+
+CAMERA = Cahv(np.zeros(3), np.eye(3)[0], np.array([500.0, 1000, 0]), np.array([500.0, 0, 1000]))
+
+
+def frame(name: str, clock: float = 100.0, **changes) -> RoverImage:
+    """A frame of the file name's kind: n (Navcam) or p (Pancam), product, eye, filter, version."""
+    stop = changes.pop("stop", StopId("MER2", 137, 0))
+    fields = {
+        "id": name,
+        "stop": stop,
+        "sol": 1869,
+        "instrument": {"N": "NAVCAM", "P": "PANCAM", "A": "MASTCAM", "M": "MI"}[name[1]],
+        "eye": {"L": Eye.LEFT, "R": Eye.RIGHT, "M": Eye.MONO}[name[-4]],
+        "filter_number": int(name[-3]) if name[1] in "PA" else None,
+        "clock": clock,
+        "motion_counter": (stop.site, stop.drive, 0, 13, 7),
+        "sequence": "p0703",
+        "product_type": name[11:14],
+        "is_linearised": name[13] == "L",
+        "lines": 1024,
+        "samples": 1024,
+        "camera": CAMERA,
+        "site_from_rover": Pose.identity(site_frame(stop.site), stop.frame),
+        "attitude_measured_by": "FINE",
+        "local_solar_time": None,
+        "start_time": None,
+        "sun_azimuth": None,
+        "sun_elevation": None,
+    }
+    return RoverImage(**{**fields, **changes})
+
+
+def nav(eye: str, product: str = "EFF", version: str = "1", **changes) -> RoverImage:
+    return frame(f"2N292280938{product}B100P0703{eye}0M{version}", **changes)
+
+
+def pan(eye: str, filter_number: int, **changes) -> RoverImage:
+    return frame(f"2P292280938EFFB100P2380{eye}{filter_number}M1", **changes)
+
+
+def ids(pairing):
+    return [(pair.left.id, pair.right.id) for pair in pairing.pairs]
+
+
+def test_both_eyes_of_an_exposure_are_a_pair():
+    left, right = nav("L"), nav("R", clock=100.4)
+    pairing = find_stereo_pairs([right, left])
+    assert ids(pairing) == [(left.id, right.id)]
+    assert pairing.unpaired == {}
+
+
+def test_a_frame_without_partner_says_what_is_missing():
+    assert find_stereo_pairs([nav("L", clock=491020376.621)]).unpaired == {
+        nav("L").id: "no right-eye partner within 1 s of clock 491020376"
+    }
+    assert find_stereo_pairs([nav("L", clock=100.0), nav("R", clock=101.5)]).unpaired == {
+        nav("L").id: "no right-eye partner within 1 s of clock 100",
+        nav("R").id: "no left-eye partner within 1 s of clock 101",
+    }
+
+
+def test_the_mast_must_not_have_moved_in_between():
+    pairing = find_stereo_pairs([nav("L"), nav("R", motion_counter=(137, 0, 0, 14, 7))])
+    assert pairing.pairs == ()
+    assert "has the motion counter (137, 0, 0, 14, 7), not" in pairing.unpaired[nav("L").id]
+
+
+def test_two_rovers_or_two_instruments_make_no_pair():
+    other = nav("R", stop=StopId("MER1", 137, 0))
+    assert find_stereo_pairs([nav("L"), other]).pairs == ()
+    assert find_stereo_pairs([nav("L"), pan("R", 2)]).pairs == ()
+
+
+def test_pancam_filters_must_see_one_band():
+    assert len(find_stereo_pairs([pan("L", 2), pan("R", 2)]).pairs) == 1
+    assert len(find_stereo_pairs([pan("L", 7), pan("R", 1)]).pairs) == 1
+    pairing = find_stereo_pairs([pan("L", 2), pan("R", 1)])
+    assert pairing.pairs == ()
+    for reason in pairing.unpaired.values():
+        assert reason.endswith("see different bands")
+        assert "(L2)" in reason
+        assert "(R1)" in reason
+
+
+def test_eyes_of_different_focal_lengths_make_no_pair():
+    names = [f"MA292280938EDRB100P2380{eye}0M1" for eye in "LR"]
+    assert find_stereo_pairs([frame(n, stop=StopId("MSL", 3, 0)) for n in names]).pairs == ()
+
+
+def test_of_several_products_the_least_processed_that_both_eyes_have_is_used():
+    eff, ilf, rad = ([nav(eye, kind) for eye in "LR"] for kind in ("EFF", "ILF", "RAD"))
+    pairing = find_stereo_pairs([*rad, *ilf, *eff])
+    assert ids(pairing) == [(eff[0].id, eff[1].id)]
+    assert pairing.unpaired[ilf[0].id] == f"EFF {eff[0].id} of the same exposure is used instead"
+    assert len(pairing.unpaired) == 4
+    pairing = find_stereo_pairs([*rad, *ilf, eff[0]])
+    assert ids(pairing) == [(ilf[0].id, ilf[1].id)]
+
+
+def test_raw_frames_come_before_linearised_ones_and_these_before_nothing():
+    ffl, rad = ([nav(eye, kind) for eye in "LR"] for kind in ("FFL", "RAD"))
+    assert ids(find_stereo_pairs([*ffl, *rad])) == [(rad[0].id, rad[1].id)]
+    assert ids(find_stereo_pairs(ffl)) == [(ffl[0].id, ffl[1].id)]
+    mixed = find_stereo_pairs([ffl[0], rad[1]])
+    assert mixed.pairs == ()
+    assert mixed.unpaired[ffl[0].id].endswith("is a raw RAD, this one a linearised FFL")
+
+
+def test_the_highest_version_of_each_eye_is_used():
+    versions = [nav("L", version=v) for v in "19A"] + [nav("R", version=v) for v in "12"]
+    pairing = find_stereo_pairs(versions)
+    assert ids(pairing) == [(nav("L", version="A").id, nav("R", version="2").id)]
+    assert len(pairing.unpaired) == 3
+
+
+def test_a_camera_with_one_eye_says_so():
+    (reason,) = find_stereo_pairs([frame("2M292280938EFFB100P0703M0M1")]).unpaired.values()
+    assert reason == "MI has one eye"
+
+
+def test_every_frame_is_in_a_pair_or_has_a_reason(rng):
+    images = [
+        nav(eye, kind, version, clock=100.0 + 60 * number)
+        for number, (eye, kind, version) in enumerate(itertools.product("LR", ("EFF", "ILF"), "12"))
+    ]
+    for _ in range(20):
+        chosen = [images[k] for k in rng.permutation(len(images))[: rng.integers(1, 8)]]
+        pairing = find_stereo_pairs(chosen)
+        paired = {image for pair in ids(pairing) for image in pair}
+        assert paired | set(pairing.unpaired) == {image.id for image in chosen}
+        assert not paired & set(pairing.unpaired)
+
+
+def test_pairs_come_in_the_order_of_the_clock():
+    images = [
+        frame(f"2N{clock:09d}EFFB100P0703{eye}0M1", clock=float(clock))
+        for clock in (300, 100, 200)
+        for eye in "RL"
+    ]
+    assert [pair.left.clock for pair in find_stereo_pairs(images).pairs] == [100, 200, 300]
+
+
+def test_ten_thousand_frames_are_sorted_out_quickly():
+    images = [
+        frame(f"2N{clock:09d}EFFB100P0703{eye}0M1", clock=float(clock))
+        for clock in range(0, 50_000, 10)
+        for eye in "LR"[: 1 + clock % 20 // 10]
+    ]
+    begin = time.perf_counter()
+    pairing = find_stereo_pairs(images)
+    assert time.perf_counter() - begin < 10  # 0.1 s without type checks; a square law takes minutes
+    assert len(pairing.pairs) == 2500
+    assert len(pairing.unpaired) == 2500

@@ -1,0 +1,90 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from photogrammetry.errors import LabelError, PixelError
+from photogrammetry.pds3.label import Quantity
+from photogrammetry.pds3.pixels import read_pixels
+from photogrammetry.pds3.reading import read_image
+from photogrammetry.pds3.vicar import parse_vicar_label, vicar_label_end
+
+TEXT = (
+    "LBLSIZE=1024  FORMAT='HALF'  TYPE='IMAGE'  RECSIZE=40  ORG='BSQ'  NL=10  NS=20  NB=1  NBB=0 "
+    "NLB=2  INTFMT='HIGH'  REALFMT='RIEEE'  PROPERTY='IDENTIFICATION'  FRAME_ID='LEFT'  "
+    "OBSERVATION_ID='UNK'  NOTE='it''s (fine)'  ROVER_MOTION_COUNTER=(76,664,103)  "
+    "PROPERTY='GEOMETRIC_CAMERA_MODEL'  MODEL_DESC__PTR='GEOMETRIC_CM.TXT' "
+    "MODEL_COMPONENT_ID=('C','A') MODEL_COMPONENT_1=(0.357562,0.173905,-1.20369) "
+    "PROPERTY='SITE_DERIVED_GEOMETRY_PARMS' SOLAR_ELEVATION=78.801 SOLAR_ELEVATION__UNIT='deg' "
+    "ANGLES=(1.0,2.0) ANGLES__UNIT=('rad','rad') TASK='X' USER='me' DAT_TIM='Fri Sep 11' "
+)
+
+
+def file_of(text: str, pixels: bytes = b"") -> bytes:
+    return text.encode().ljust(1024, b"\0") + bytes(80) + pixels
+
+
+def test_properties_become_groups():
+    label = parse_vicar_label(b"some head " + file_of(TEXT), "x.vic")
+    assert label.get("", "FRAME_ID") == "LEFT"
+    assert label.get("", "OBSERVATION_ID") is None
+    assert label.get("", "NOTE") == "it's (fine)"
+    assert label.get("", "ROVER_MOTION_COUNTER") == (76, 664, 103)
+    assert label.get("GEOMETRIC_CAMERA_MODEL", "^MODEL_DESC") == "GEOMETRIC_CM.TXT"
+    assert label.get("GEOMETRIC_CAMERA_MODEL", "MODEL_COMPONENT_ID") == ("C", "A")
+    assert label.get("SITE_DERIVED_GEOMETRY_PARMS", "SOLAR_ELEVATION") == Quantity(78.801, "deg")
+    assert label.get("SITE_DERIVED_GEOMETRY_PARMS", "ANGLES") == (
+        Quantity(1.0, "rad"),
+        Quantity(2.0, "rad"),
+    )
+    assert label.get("HISTORY", "USER") == "me"
+
+
+@pytest.mark.parametrize(
+    ("form", "stored"),
+    [
+        ("FORMAT='HALF'", ">i2"),
+        ("FORMAT='HALF' INTFMT='LOW'", "<i2"),
+        ("FORMAT='BYTE'", "u1"),
+        ("FORMAT='REAL'", "<f4"),
+        ("FORMAT='REAL' REALFMT='IEEE'", ">f4"),
+    ],
+)
+def test_pixels_are_found_by_the_system_items(rng, form, stored):
+    values = rng.integers(1, 200, (10, 20))
+    text = TEXT.replace("FORMAT='HALF'", form)
+    if "INTFMT='LOW'" in form:
+        text = text.replace("INTFMT='HIGH'", "")
+    if "'IEEE'" in form:
+        text = text.replace("REALFMT='RIEEE'", "")
+    data = file_of(text, values.astype(stored).tobytes())
+    pixels, mask = read_pixels(data, parse_vicar_label(data, "x"), "x")
+    np.testing.assert_array_equal(pixels, values)
+    assert mask.all()
+
+
+def test_its_end_is_found_in_the_head_of_a_file():
+    assert vicar_label_end(b"0123456789" + file_of(TEXT)) == 1034
+    assert vicar_label_end(b"nothing") is None
+
+
+@pytest.mark.parametrize(
+    ("data", "complaint"),
+    [
+        (b"nothing", "no VICAR label"),
+        (b"LBLSIZE=99999 FORMAT='BYTE'", "LBLSIZE is 99999, but 27 bytes follow"),
+        (b"LBLSIZE=20 ((((((((((", "expected KEY=value"),
+        (b"LBLSIZE=50 FORMAT='X' ", "FORMAT of the VICAR label 'X' is not read"),
+    ],
+)
+def test_a_broken_label_is_refused(data, complaint):
+    with pytest.raises(LabelError, match=complaint):
+        parse_vicar_label(data + bytes(0 if b"999" in data else 50), "x.vic")
+
+
+def test_a_truncated_file_with_an_intact_vicar_label_says_that_the_pointer_was_altered(small):
+    vicar = file_of("LBLSIZE=1024 FORMAT='HALF' ").ljust(1024)[:1024]
+    image = replace(small).but("^IMAGE                           = 9", "^IMAGE = 30")
+    data = image.data[: 8 * 512] + vicar + image.data[8 * 512 :]
+    with pytest.raises(PixelError, match=r"ends at byte 5120, so .IMAGE was probably altered"):
+        read_image(data, "2n292280938effb100p0703l0m1.img")
