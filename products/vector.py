@@ -18,8 +18,9 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -114,7 +115,7 @@ def write_features(
             "elevation": _VERTICAL,
             "tags": dict(tags or {}),
         },
-        "features": [_in_degrees(feature, landing) for feature in features],
+        "features": _in_degrees(tuple(features), landing),
     }
     try:
         text = json.dumps(document, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
@@ -123,11 +124,26 @@ def write_features(
     path.write_text(text, encoding="utf-8")
 
 
-def _in_degrees(feature: Feature, landing: LandingPoint) -> dict[str, Any]:
-    degrees = np.column_stack(lon_lat(landing, feature.points[:, 0], feature.points[:, 1]))
-    rows = np.round(degrees, _DECIMALS_DEGREES)
-    heights = np.round(feature.points[:, 2:], _DECIMALS_M)
-    return as_geojson(feature, np.column_stack([rows, heights]))
+def _in_degrees(features: Sequence[Feature], landing: LandingPoint) -> list[dict[str, Any]]:
+    plane = [feature.points[:, :2] for feature in features]
+    degrees = np.round(_carried(plane, partial(lon_lat, landing)), _DECIMALS_DEGREES)
+    return [
+        as_geojson(feature, np.hstack([rows, np.round(feature.points[:, 2:], _DECIMALS_M)]))
+        for feature, rows in zip(features, _split_like(plane, degrees), strict=True)
+    ]
+
+
+def _carried(
+    parts: Sequence[np.ndarray], carry: Callable[[np.ndarray, np.ndarray], Sequence[np.ndarray]]
+) -> np.ndarray:
+    """All rows of all parts through `carry` in one call; one for each part takes far longer."""
+    rows = np.concatenate(parts) if parts else np.empty((0, 2))
+    return np.column_stack(carry(rows[:, 0], rows[:, 1]))
+
+
+def _split_like(parts: Sequence[np.ndarray], rows: np.ndarray) -> list[np.ndarray]:
+    ends = np.cumsum([len(part) for part in parts], dtype=int)
+    return [rows[end - len(part) : end] for part, end in zip(parts, ends, strict=True)]
 
 
 def as_geojson(feature: Feature, rows: np.ndarray) -> dict[str, Any]:
@@ -169,7 +185,7 @@ def read_features(path: Path) -> FeatureCollection:
     try:
         document = json.loads(path.read_text(encoding="utf-8"))
         landing = LandingPoint(**document["solmap"]["landing"])
-        features = tuple(_in_metres(item, landing) for item in document["features"])
+        features = _in_metres(document["features"], landing)
     except FileNotFoundError as error:
         raise ProductNotFoundError(f"{path.name} is not there") from error
     except (ValueError, KeyError, TypeError, IndexError) as error:
@@ -179,11 +195,25 @@ def read_features(path: Path) -> FeatureCollection:
     return FeatureCollection(landing, features, document["solmap"].get("tags", {}))
 
 
-def _in_metres(item: Mapping[str, Any], landing: LandingPoint) -> Feature:
-    geometry = item["geometry"]
+def _in_metres(items: Sequence[Mapping[str, Any]], landing: LandingPoint) -> tuple[Feature, ...]:
+    rows = [_rows_of(item["geometry"]) for item in items]
+    plane = _carried([part[:, :2] for part in rows], partial(east_north, landing))
+    metres = np.round(plane, _DECIMALS_M) + 0.0  # no -0.0
+    return tuple(
+        Feature(
+            item["geometry"]["type"],
+            np.hstack([here, part[:, 2:]]),
+            item.get("properties") or {},
+            item.get("id"),
+        )
+        for item, part, here in zip(items, rows, _split_like(rows, metres), strict=True)
+    )
+
+
+def _rows_of(geometry: Mapping[str, Any]) -> np.ndarray:
     nested = geometry["coordinates"]
-    rows = [nested] if geometry["type"] == "Point" else nested
-    points = np.array(rows[0] if geometry["type"] == "Polygon" else rows, dtype=np.float64)
-    plane = np.column_stack(east_north(landing, points[:, 0], points[:, 1]))
-    local = np.column_stack([np.round(plane, _DECIMALS_M), points[:, 2:]])
-    return Feature(geometry["type"], local, item.get("properties") or {}, item.get("id"))
+    if geometry["type"] == "Point":
+        nested = [nested]
+    elif geometry["type"] == "Polygon":
+        nested = nested[0]
+    return np.array(nested, dtype=np.float64)
