@@ -3,6 +3,7 @@
 import json
 import os
 import tarfile
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -50,3 +51,15 @@ def husband(shared_data: Path) -> Path:
         with tarfile.open(archive) as tar:
             tar.extractall(ROOT / ".cache", filter="data")
     return folder
+
+
+@pytest.fixture(scope="session")
+def engine(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Prefect's embedded server with a database in a temporary folder."""
+    from flows.engine import prepare_engine  # noqa: PLC0415 - before Prefect is imported
+
+    prepare_engine(tmp_path_factory.mktemp("engine"))
+    from prefect.testing.utilities import prefect_test_harness  # noqa: PLC0415
+
+    with prefect_test_harness(server_startup_timeout=120):
+        yield

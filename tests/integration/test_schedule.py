@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-SCRIPT = '''
+SCRIPT = """
 from pathlib import Path
 from prefect import flow, serve
 
@@ -26,7 +26,7 @@ def leave_a_mark(marker: str) -> None:
 
 if __name__ == "__main__":
     serve(leave_a_mark.to_deployment("marks", interval=5, parameters={"marker": "MARKER"}))
-'''
+"""
 
 
 @pytest.fixture

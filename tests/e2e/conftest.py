@@ -1,0 +1,50 @@
+"""One synthetic downlink goes the whole way once, and the tests look at what came out."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from products.workspace import Workspace
+
+
+@dataclass(frozen=True)
+class Mapped:
+    """A downlink, the store it was processed into, its report and its truth."""
+
+    downlink: Path
+    store: Path
+    report: Any
+
+    @property
+    def workspace(self) -> Workspace:
+        return Workspace.open(self.store)
+
+    @property
+    def truth(self) -> dict[str, Any]:
+        return json.loads((self.downlink / "truth" / "truth.json").read_text())
+
+
+@pytest.fixture(scope="session")
+def world(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A synthetic downlink of two stops with full panoramas."""
+    from flows.simulation import write_downlink  # noqa: PLC0415 - slow to import
+
+    folder = tmp_path_factory.mktemp("world")
+    write_downlink(folder, stops=2, seed=11, terrain="hills")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def mapped(
+    engine: None,  # noqa: ARG001 - the flow runs on it
+    world: Path,
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Mapped:
+    """The downlink, taken all the way."""
+    from flows.downlink import process_downlink  # noqa: PLC0415 - needs the engine's settings
+
+    store = tmp_path_factory.mktemp("store")
+    return Mapped(world, store, process_downlink(world, store))

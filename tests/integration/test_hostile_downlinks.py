@@ -1,0 +1,99 @@
+"""Bad files each give one clear line, stop nothing else and lose nothing."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from flows.simulation import write_downlink
+from products.workspace import Workspace
+
+
+@pytest.fixture(scope="module")
+def small_world(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("small")
+    write_downlink(folder, stops=1, seed=5, terrain="plains", pairs=1)
+    return folder
+
+
+@pytest.fixture
+def downlink(small_world: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(small_world, tmp_path / "downlink"))
+
+
+def process(downlink: Path, store: Path):
+    from flows.downlink import process_downlink  # noqa: PLC0415 - needs the engine's settings
+
+    return process_downlink(downlink, store)
+
+
+def spoil(downlink: Path) -> None:
+    good = min(downlink.rglob("*l0m1.img"))
+    data = good.read_bytes()
+    (downlink / "2n140199999eff1000p1500l0m1.img").write_bytes(data[:500_000])
+    (downlink / "notes.img").write_text("not an image at all\n")
+    (downlink / "empty.IMG").write_bytes(b"")
+    without_model = data.replace(b"GEOMETRIC_CAMERA_MODEL", b"GEOMETRIC_CAMERA_MADEL")
+    (downlink / "2n140188888eff1000p1500l0m1.img").write_bytes(without_model)
+    (downlink / "broken.svf").write_text("<rmc_file><solution></rmc_file>")
+
+
+@pytest.mark.usefixtures("engine")
+def test_bad_files_are_named_one_line_each_and_the_rest_is_mapped(downlink, tmp_path):
+    spoil(downlink)
+    report = process(downlink, tmp_path / "store")
+    assert report.succeeded, report.failures
+    lines = {name: line for line in report.warnings for name in bad_names() if name in line}
+    assert set(lines) == bad_names()
+    assert all("\n" not in line for line in lines.values())
+    assert "truncated" in lines["2n140199999eff1000p1500l0m1.img"].lower()
+    assert "GEOMETRIC_CAMERA_MODEL" in lines["2n140188888eff1000p1500l0m1.img"]
+    kinds = {str(layer.ref.kind) for layer in Workspace.open(tmp_path / "store").catalogue.layers()}
+    assert {"dtm", "orthophoto", "stops"} <= kinds
+
+
+def bad_names() -> set[str]:
+    return {
+        "2n140199999eff1000p1500l0m1.img",
+        "2n140188888eff1000p1500l0m1.img",
+        "notes.img",
+        "empty.IMG",
+        "broken.svf",
+    }
+
+
+@pytest.mark.usefixtures("engine")
+def test_what_was_made_survives_a_bad_delivery(downlink, tmp_path):
+    store = tmp_path / "store"
+    process(downlink, store)
+    before = [layer.ref for layer in Workspace.open(store).catalogue.layers()]
+    bad = tmp_path / "bad"
+    bad.mkdir()
+    (bad / "notes.img").write_text("not an image\n")
+    report = process(bad, store)
+    assert not report.succeeded
+    assert [layer.ref for layer in Workspace.open(store).catalogue.layers()] == before
+
+
+@pytest.mark.usefixtures("engine")
+def test_an_empty_folder_says_so(tmp_path):
+    (tmp_path / "nothing").mkdir()
+    report = process(tmp_path / "nothing", tmp_path / "store")
+    assert not report.succeeded
+    assert report.failures == [
+        f"nothing to process in {tmp_path / 'nothing'}: it holds no .img, .svf or .rvf file"
+    ]
+
+
+@pytest.mark.usefixtures("engine")
+def test_frames_without_partner_are_mapped_and_named(small_world, tmp_path):
+    only_left = tmp_path / "left"
+    only_left.mkdir()
+    left = min(small_world.rglob("*l0m1.img"))
+    shutil.copy(left, only_left)
+    report = process(only_left, tmp_path / "store")
+    assert report.succeeded, report.failures
+    notes = [note for sol in report.sols for note in sol.notes]
+    assert any("is unpaired: no right-eye partner" in note for note in notes)
+    layers = Workspace.open(tmp_path / "store").catalogue.layers()
+    assert {"footprints", "pointing", "stops"} <= {str(layer.ref.kind) for layer in layers}
