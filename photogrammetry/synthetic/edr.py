@@ -19,6 +19,7 @@ from photogrammetry.cameras.cahvor import Cahvor
 from photogrammetry.errors import PixelError
 from photogrammetry.frames import Pose
 from photogrammetry.imagery import Eye, StopId
+from photogrammetry.pds3.file_names import encode_counter
 from photogrammetry.synthetic.lighting import Sun
 from photogrammetry.synthetic.rig import (
     CAMERAS,
@@ -36,7 +37,6 @@ INSTRUMENT_NAMES = {
     Instrument.NAVCAM: "NAVIGATION CAMERA",
     Instrument.PANCAM: "PANORAMIC CAMERA",
 }
-LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZ"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,7 +69,7 @@ class Exposure:
         """The 26 characters after the spacecraft's: 2N292280938EFFB100P0703L0M1."""
         kind = "EFF" if self.averaging == 1 else "EDN"
         filter_digit = 0 if self.instrument is Instrument.NAVCAM else self.unit.filter_number
-        place = f"{counter_code(self.stop.site)}{counter_code(self.stop.drive)}"
+        place = f"{encode_counter(self.stop.site)}{encode_counter(self.stop.drive)}"
         eye = "L" if self.eye is Eye.LEFT else "R"
         letter = self.instrument[0]
         return f"2{letter}{self.clock:09d}{kind}{place}{self.sequence}{eye}{filter_digit}M1"
@@ -77,20 +77,7 @@ class Exposure:
     @property
     def file_name(self) -> str:
         """As in the archive: lower case."""
-        return f"{self.product_id.lower()}.img"
-
-
-def counter_code(counter: int) -> str:
-    """Site or drive in two characters; `__` where it does not fit (facts 1.2)."""
-    if counter < 100:  # noqa: PLR2004 - two digits
-        return f"{counter:02d}"
-    if counter < 1036:  # noqa: PLR2004 - letter, then digit or letter
-        letter, rest = divmod(counter - 100, 36)
-        return LETTERS[letter] + ("0123456789" + LETTERS)[rest]
-    if counter < 1296:  # noqa: PLR2004 - digit, then letter
-        digit, letter = divmod(counter - 1036, 26)
-        return f"{digit}{LETTERS[letter]}"
-    return "__"
+        return f"{self.product_id.lower().replace('#', '_')}.img"
 
 
 def edr_bytes(exposure: Exposure, pixels: Int32[np.ndarray, "lines samples"]) -> bytes:

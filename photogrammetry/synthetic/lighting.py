@@ -23,7 +23,7 @@ import numpy as np
 from photogrammetry.arrays import Vector3
 from photogrammetry.synthetic.lattice import Nodes, Window, stream_of
 from photogrammetry.synthetic.rocks import raise_rocks
-from photogrammetry.synthetic.terrain import Patch, Terrain
+from photogrammetry.synthetic.terrain import Terrain
 
 SKY_LIGHT = 0.22
 """Light of the dusty sky, as a share of the sun's at right angles."""
@@ -58,7 +58,8 @@ class Sun:
 class Layer:
     """Ground of one node distance, used up to a distance from the camera."""
 
-    patch: Patch
+    window: Window
+    elevation: Nodes
     radiance: Nodes
     reach_m: float
 
@@ -97,7 +98,7 @@ def _light(terrain: Terrain, north: float, east: float, sun: Sun) -> LitGround:
         patch = terrain.patch(Window.around(level, north, east, half_m))
         radiance = lit(patch.elevation, patch.window.cell_m, sun)
         radiance *= patch.albedo
-        layers.append(Layer(patch, radiance, reach_m))
+        layers.append(Layer(patch.window, patch.elevation, radiance, reach_m))
     return LitGround(sun, tuple(layers), _grains(terrain.seed, sun))
 
 
@@ -154,7 +155,7 @@ def _grain_relief(seed: int) -> tuple[Nodes, Nodes]:
     rng = stream_of(seed, 11)
     relief = np.zeros((GRAINS, GRAINS), np.float32)
     mottle = np.zeros((GRAINS, GRAINS), np.float32)
-    for octave in range(4):
+    for octave in range(5):
         cells = GRAINS >> octave
         relief += _ring_noise(rng, cells, octave, 0.0005 * 1.6**octave)
         mottle += _ring_noise(rng, cells, octave, 0.05)

@@ -116,12 +116,15 @@ def picture(ground: LitGround, view: View) -> GreyImage:
 def _steps(ground: LitGround, view: View) -> list[Float64[np.ndarray, " steps"]]:
     """Distances at which the profiles are sampled, layer by layer."""
     z_c, steepest = -view.centre[2], -np.tan(view.edges[0])
-    patch = ground.layers[0].patch
-    height_m = z_c - float(patch.elevation_at(view.centre[0:1], view.centre[1:2])[0])
+    below = bilinear(
+        ground.layers[0].elevation,
+        *ground.layers[0].window.nodes_of(view.centre[0:1], view.centre[1:2]),
+    )
+    height_m = z_c - float(below[0])
     r = max(0.3, 0.3 * height_m / max(steepest, 0.02))
     steps = []
     for layer in ground.layers:
-        cell_m, here = layer.patch.window.cell_m, []
+        cell_m, here = layer.window.cell_m, []
         while r < layer.reach_m:
             here.append(r)
             r += min(r * r * view.step / height_m, cell_m)
@@ -135,8 +138,8 @@ def _sweep(
     c, s = np.cos(view.heading + azimuths), np.sin(view.heading + azimuths)
     horizons, radiances = [], []
     for layer, r in zip(ground.layers, steps, strict=True):
-        row, col = _nodes(layer.patch.window, view.centre, c, s, r)
-        z: np.ndarray = cv2.remap(layer.patch.elevation, col, row, cv2.INTER_LINEAR)
+        row, col = _nodes(layer.window, view.centre, c, s, r)
+        z: np.ndarray = cv2.remap(layer.elevation, col, row, cv2.INTER_LINEAR)
         z += np.float32(view.centre[2])
         z *= (1 / r).astype(np.float32)
         horizons.append(z)
@@ -261,7 +264,7 @@ def _elevation(
     inner = 0.0
     for layer in ground.layers:
         here = (distance_m >= inner) & (distance_m < layer.reach_m)
-        at = layer.patch.window.nodes_of(north[here], east[here])
-        z[here] = bilinear(layer.patch.elevation, *at)
+        at = layer.window.nodes_of(north[here], east[here])
+        z[here] = bilinear(layer.elevation, *at)
         inner = layer.reach_m
     return z

@@ -30,6 +30,9 @@ from photogrammetry.synthetic.rocks import SMALLEST_M, RockField, raise_rocks
 
 CRATER_LEVEL = 3
 """Level (16 cm) at which craters are added."""
+MOTTLE = (0.045, -0.12)
+"""Standard deviation of the albedo's logarithm added at nodes 1 m apart, and its Hurst exponent:
+nearly the same at all scales, a little more at small ones."""
 HILL_M, HILL_HURST = 164.0, 1.2
 BLOCK_M = 25.6
 """Side of the blocks in which elevations are looked up."""
@@ -123,7 +126,7 @@ class Terrain:
         """Elevation and albedo of a window, rocks included that its nodes can show."""
         rocks = self.rocks.within(window, max(SMALLEST_M, 3 * window.cell_m))
         relief, albedo = raise_rocks(rocks, window)
-        mottle = Fractal(self.seed, 2, 0.05, 0.12).values(window)
+        mottle = Fractal(self.seed, 2, *MOTTLE).values(window)
         relief *= np.clip(1 + 1.2 * mottle, 0.6, 1.4)  # weathered faces
         relief += self.soil(window)
         albedo *= np.exp(mottle, out=mottle)
