@@ -135,7 +135,7 @@ class EpipolarPair:
         )
 
 
-def epipolar_pair(  # noqa: PLR0913, PLR0917 - two cameras, two sizes, two frames
+def epipolar_pair(
     left: CameraModel,
     right: CameraModel,
     left_size: tuple[int, int],

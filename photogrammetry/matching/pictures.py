@@ -1,0 +1,107 @@
+"""Quick looks of what was matched, in OpenCV's order of bands: blue, green, red."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from photogrammetry.arrays import GreyImage, ImagePoints, Mask, ParallaxMap, Picture
+from photogrammetry.imagery import StereoMatches
+from photogrammetry.matching.records import EpipolarImages
+from photogrammetry.matching.sparse import Candidates
+from photogrammetry.matching.verification import VerificationParams, parallax_curve
+
+WHITE = (255, 255, 255)
+BLACK = (0, 0, 0)
+GREEN = (80, 200, 80)
+ORANGE = (0, 140, 255)
+
+
+def stretched(image: GreyImage, mask: Mask) -> Picture:
+    """The image between its 1st and 99th percentile, three bands, black where not usable."""
+    if not mask.any():
+        return np.zeros((*image.shape, 3), np.uint8)
+    low, high = np.percentile(image[mask], [1.0, 99.0])
+    grey = np.clip((image - low) / max(high - low, 1e-6) * 255.0, 0, 255)
+    return cv2.cvtColor(np.where(mask, grey, 0).astype(np.uint8), cv2.COLOR_GRAY2BGR)
+
+
+def draw_candidates(images: EpipolarImages, candidates: Candidates) -> Picture:
+    """Both images side by side: accepted candidates white, those off the parallax curve black."""
+    pictures = []
+    for image, mask, points in (
+        (images.left, images.left_mask, candidates.left),
+        (images.right, images.right_mask, candidates.right),
+    ):
+        picture = stretched(image, mask)
+        _dots(picture, points[candidates.accepted].astype(np.float64), WHITE, BLACK)
+        _dots(picture, points[~candidates.accepted].astype(np.float64), BLACK, WHITE)
+        pictures.append(picture)
+    return np.hstack(pictures)
+
+
+def draw_matches(images: EpipolarImages, matches: StereoMatches) -> Picture:
+    """Both images side by side with the matches, from green (near) to violet (far)."""
+    left = stretched(images.left, images.left_mask)
+    right = stretched(images.right, images.right_mask)
+    colours = _colours(matches.parallax_px.astype(np.float32)[None])[0]
+    for point, parallax, colour in zip(
+        matches.left, matches.parallax_px, colours.tolist(), strict=True
+    ):
+        _dots(left, point[None], tuple(colour), BLACK)
+        _dots(right, (point - [parallax, 0.0])[None], tuple(colour), BLACK)
+    return np.hstack([left, right])
+
+
+def draw_parallax(parallax: ParallaxMap) -> Picture:
+    """Parallax in colours over its own range, logarithmic as ranges are; black where unmatched."""
+    return _colours(parallax)
+
+
+def draw_parallax_curve(
+    candidates: Candidates, params: VerificationParams, width: int = 1200, height: int = 500
+) -> Picture:
+    """Parallaxes in row-first order with the parallax curve (orange), blunders in black."""
+    picture = np.full((height, width, 3), 255, np.uint8)
+    if not len(candidates):
+        return picture
+    points = candidates.left.astype(np.float64)
+    parallax = points[:, 0] - candidates.right[:, 0]
+    curve = parallax_curve(points, parallax, params)
+    order = np.lexsort((points[:, 0], points[:, 1]))
+    x = np.linspace(10, width - 10, len(order))
+    highest = max(float(parallax.max()), 1.0) * 1.05
+
+    def place(values: np.ndarray) -> ImagePoints:
+        return np.column_stack([x, height - 10 - values[order] / highest * (height - 20)])
+
+    accepted = candidates.accepted[order]
+    _dots(picture, place(parallax)[accepted], GREEN, None)
+    _dots(picture, place(curve), ORANGE, None)
+    _dots(picture, place(parallax)[~accepted], BLACK, None)
+    return picture
+
+
+def _colours(values: ParallaxMap) -> Picture:
+    known = np.isfinite(values) & (values > 0)
+    if not known.any():
+        return np.zeros((*values.shape, 3), np.uint8)
+    logarithm = np.log(np.where(known, values, 1.0))
+    low, high = np.percentile(logarithm[known], [0.5, 99.5])
+    scaled = np.clip((logarithm - low) / max(high - low, 1e-6), 0, 1) * 255
+    picture = cv2.applyColorMap(scaled.astype(np.uint8), cv2.COLORMAP_TURBO)
+    picture[~known] = 0
+    return picture
+
+
+def _dots(
+    picture: Picture,
+    points: ImagePoints,
+    colour: tuple[int, int, int],
+    rim: tuple[int, int, int] | None,
+) -> None:
+    """Small discs, drawn into the picture."""
+    for x, y in np.rint(points).astype(int).tolist():
+        if rim is not None:
+            cv2.circle(picture, (x, y), 3, rim, -1)
+        cv2.circle(picture, (x, y), 2, colour, -1)
