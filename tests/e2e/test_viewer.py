@@ -1,7 +1,7 @@
 """The viewer in a real browser, on the real server, over a store whose every value is known.
 
-The ground is a bowl: elevation z = d^2 / 100 at distance d metres from the landing point, so contours are
-circles and the elevation of every place is known in closed form.
+The ground is a bowl: elevation z = d^2 / 100 at distance d metres from the landing point, so that
+contours are circles and the elevation of every place is known in closed form.
 """
 
 from __future__ import annotations
@@ -140,7 +140,7 @@ class Shop:
         body = cv2.imencode(".png", grey)[1].tobytes()
         original = store.make(Recipe(ProductKind.IMAGE, scope), lambda path: _keep(path, b"label"))
         browse = store.make(Recipe(ProductKind.BROWSE, scope), lambda path: _keep(path, body))
-        paired = look != 2  # noqa: PLR2004 - the last look of every stop has one eye only
+        paired = look != 2
         other = f"2n{1400 + stop}0000{look}effa000p1600{'r' if eye == 'left' else 'l'}0m1"
         return ImageEntry(
             id=name.upper(),
@@ -218,7 +218,7 @@ def fill(workspace: Workspace) -> None:
     entries, outlines, lines = [], [], []
     for stop, (_, _, _, adjusted, _) in enumerate(STOPS):
         for look in range(3):
-            for eye in ("left", "right")[: 1 if look == 2 else 2]:  # noqa: PLR2004 - see image
+            for eye in ("left", "right")[: 1 if look == 2 else 2]:
                 entry = shop.image(stop, eye, look)
                 outline, line = viewing(entry, look, adjusted)
                 entries.append(entry)
@@ -407,7 +407,7 @@ def test_a_contour_falls_on_the_elevation_it_names(page, url):
     for turn in turns:
         x, y = pixel_of(page, radius * math.sin(turn), radius * math.cos(turn), resolution)
         patch = picture[round(y) - 1 : round(y) + 2, round(x) - 1 : round(x) + 2]
-        brown = (patch[..., 0] - patch[..., 2]) > 40  # noqa: PLR2004 - red well above blue
+        brown = (patch[..., 0] - patch[..., 2]) > 40
         on_line += bool(brown.any())
     assert on_line >= 0.8 * len(turns)  # its label interrupts it
 
@@ -421,7 +421,7 @@ def test_the_scale_bar_is_as_long_as_the_ground_it_stands_for(page, url):
         metres = float(bar.get_attribute("data-metres"))
         width = bar.bounding_box()["width"]
         assert width * resolution == pytest.approx(metres, rel=0.01)  # a pixel of a hundred
-        assert 60 < width <= 161  # noqa: PLR2004 - readable: 40 to 100 percent of its room
+        assert 60 < width <= 161
 
 
 def test_the_pointer_reads_metres_degrees_and_the_measured_elevation(page, url):
@@ -571,9 +571,9 @@ def test_the_dark_page_is_dark(page, url):
     page.emulate_media(color_scheme="dark")
     look(page, url)
     picture = screenshot(page, "dark")
-    assert picture[20, 600].mean() < 60  # noqa: PLR2004 - of 255: the bar at the top
+    assert picture[20, 600].mean() < 60
     page.get_by_role("button", name="light or dark").click()
-    assert screenshot(page, "light")[20, 600].mean() > 200  # noqa: PLR2004 - likewise
+    assert screenshot(page, "light")[20, 600].mean() > 200
 
 
 def test_a_server_that_went_away_is_said_so(browser, tmp_path):
@@ -597,5 +597,5 @@ def test_adjusted_and_telemetry_have_the_colours_of_the_paper(page, url, resolut
     (_, _, _, from_east_north, _), (_, _, _, to_east_north, _) = STOPS[0], STOPS[1]
     middle = tuple((a + b) / 2 for a, b in zip(from_east_north, to_east_north, strict=True))
     red, green, blue = colour_at(picture, pixel_of(page, *middle, resolution))
-    assert red > 200  # noqa: PLR2004 - of 255
-    assert max(green, blue) < 90  # noqa: PLR2004 - of 255
+    assert red > 200
+    assert max(green, blue) < 90

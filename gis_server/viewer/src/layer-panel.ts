@@ -4,7 +4,7 @@ import { button, facts, h, icon } from "./dom";
 import { compact, metres, sols, time, unitSign } from "./format";
 import { groupLayers, kindTitle, type LayerGroup, type LayerState } from "./layers";
 import type { Layer, Legend, VectorLayer } from "./records";
-import { ADJUSTED, CONTOUR, TELEMETRY, UNPAIRED, VIEWING } from "./styles";
+import { ADJUSTED, CONTOUR, ELLIPSE_FACTORS, TELEMETRY, UNPAIRED, VIEWING } from "./styles";
 
 export interface LayerActions {
   readonly setVisible: (layer: Layer, visible: boolean) => void;
@@ -20,8 +20,6 @@ export interface LayerPanel {
   readonly set: (id: string, state: LayerState) => void;
   readonly setEllipseFactor: (factor: number) => void;
 }
-
-const ELLIPSE_FACTORS = [1, 10, 100, 1000];
 
 function rampLegend({ stops, unit }: Legend): HTMLElement | null {
   const first = stops[0];
@@ -127,7 +125,7 @@ function details(layer: Layer, slider: HTMLElement, actions: LayerActions): HTML
     legendOf(layer, actions),
     facts([
       ["cell", layer.cell_m ? metres(layer.cell_m) : null],
-      ["values", range],
+      ["colours", range],
       ["seen on", layer.sols.length > 0 ? sols(layer.sols) : null],
       ["made", `${time(layer.made_at)} UTC`],
       ["digest", h("code", {}, layer.digest)],

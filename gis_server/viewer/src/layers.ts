@@ -101,7 +101,7 @@ export function groupLayers(layers: readonly Layer[]): readonly LayerGroup[] {
       return {
         key,
         level,
-        title: level === "region" ? "Whole region" : scopeTitle(key),
+        title: scopeTitle(key),
         layers: members.sort((a, b) => rank(LISTED, a.kind) - rank(LISTED, b.kind)),
       };
     })

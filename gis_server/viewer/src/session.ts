@@ -34,6 +34,7 @@ export class Session {
   private stop: string | null = null;
   private chosen: string | null = null;
   private pending = 0;
+  private isAway = false;
   private hoverTimer: ReturnType<typeof setTimeout> | undefined;
   private asking: AbortController | null = null;
   private readonly onKey = (event: KeyboardEvent) => this.key(event);
@@ -139,6 +140,7 @@ export class Session {
 
   private fail(reason: unknown): void {
     if (reason instanceof DOMException && reason.name === "AbortError") return;
+    this.isAway = reason instanceof UnreachableError;
     if (reason instanceof UnreachableError)
       this.page.banner(reason.message, () => location.reload());
     else if (reason instanceof ApiError)
@@ -210,7 +212,11 @@ export class Session {
       this.asking = new AbortController();
       api
         .identify(this.mission.mission, point, this.asking.signal)
-        .then((found) => this.tell(point, found))
+        .then((found) => {
+          if (this.isAway) this.page.banner(null);
+          this.isAway = false;
+          this.tell(point, found);
+        })
         .catch((reason: unknown) => this.fail(reason));
     }, HOVER_MS);
   }
@@ -231,12 +237,20 @@ export class Session {
       return;
     }
     this.view.setHighlight([touched.feature]);
-    const [x = 0, y = 0] = pixel;
-    this.page.tip.style.transform = `translate(${x + 14}px, ${y + 14}px)`;
     this.page.tip.replaceChildren(...tipOf(touched.feature, touched.layer));
+    this.placeTip(pixel);
+  }
+
+  /** Beside the pointer, on the side where there is room. */
+  private placeTip([x = 0, y = 0]: number[]): void {
+    const { tip, map } = this.page;
+    const left = x + 14 + tip.offsetWidth > map.clientWidth ? x - 10 - tip.offsetWidth : x + 14;
+    const top = y + 14 + tip.offsetHeight > map.clientHeight ? y - 10 - tip.offsetHeight : y + 14;
+    tip.style.transform = `translate(${Math.max(4, left)}px, ${Math.max(4, top)}px)`;
   }
 
   private click(pixel: number[], point: MapPoint): void {
+    this.page.tip.hidden = true;
     const image = this.view.touched(pixel)?.feature.get("image");
     if (typeof image === "string") this.openImage(image);
     else this.identify(point);

@@ -71,10 +71,16 @@ export function ellipseRing(
   });
 }
 
-/** The power of ten that makes the largest ellipse visible beside a map of `extent_m`, never below 1. */
+/** How much larger than on the ground ellipses can be drawn. */
+export const ELLIPSE_FACTORS = [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000];
+/** The largest ellipse's semi-major axis as a share of the traverse that it is drawn beside. */
+const ELLIPSE_SHARE = 0.06;
+
+/** The largest factor that keeps the largest ellipse small beside a traverse of `extent_m`. */
 export function ellipseFactor(largest_m: number, extent_m: number): number {
-  if (!(largest_m > 0) || !(extent_m > 0)) return 1;
-  return Math.min(1000, 10 ** Math.max(0, Math.floor(Math.log10((0.03 * extent_m) / largest_m))));
+  if (!(largest_m > 0)) return 1;
+  const room = (ELLIPSE_SHARE * extent_m) / largest_m;
+  return ELLIPSE_FACTORS.findLast((factor) => factor <= room) ?? 1;
 }
 
 const number = (value: unknown): number | null =>

@@ -1,0 +1,40 @@
+import { afterEach, expect, test, vi } from "vitest";
+import { ApiError, api, UnreachableError, urls } from "./api";
+
+afterEach(() => vi.unstubAllGlobals());
+
+const answer = (status: number, body: unknown) =>
+  vi.stubGlobal("fetch", async () => new Response(JSON.stringify(body), { status }));
+
+test("names of missions are escaped in addresses", () => {
+  expect(urls.layers("a b/c")).toBe("/api/missions/a%20b%2Fc/layers");
+});
+
+test("a place is asked for to a tenth of a millimetre", () => {
+  expect(urls.identify("MER2", [12.345678, -0.00004])).toBe(
+    "/api/missions/MER2/identify?east=12.3457&north=-0.0000",
+  );
+});
+
+test("images are filtered by what is known only", () => {
+  expect(urls.images("MER2")).toBe("/api/missions/MER2/images");
+  expect(urls.images("MER2", { sol: 0, stop: null })).toBe("/api/missions/MER2/images?sol=0");
+  expect(urls.images("MER2", { sol: 156, stop: "mer2-site0010" })).toBe(
+    "/api/missions/MER2/images?sol=156&stop=mer2-site0010",
+  );
+});
+
+test("a server that does not answer is told from one that refuses", async () => {
+  vi.stubGlobal("fetch", async () => {
+    throw new TypeError("Failed to fetch");
+  });
+  await expect(api.missions()).rejects.toThrow(UnreachableError);
+  answer(404, { detail: "no mission MERX" });
+  await expect(api.layers("MERX")).rejects.toThrow(/404.*no mission MERX/);
+  await expect(api.layers("MERX")).rejects.toThrow(ApiError);
+});
+
+test("something else than a list is an error that shows it", async () => {
+  answer(200, { detail: "hello" });
+  await expect(api.missions()).rejects.toThrow(/expected a list of missions.*hello/);
+});

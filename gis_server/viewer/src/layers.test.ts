@@ -1,0 +1,71 @@
+import { expect, test } from "vitest";
+import { rasterLayer, vectorLayer } from "./fixtures";
+import { firstState, groupLayers, kindTitle, zIndex } from "./layers";
+
+const STOP_2 = "mer2-site0002-drive0000";
+const STOP_10 = "mer2-site0010-drive0064";
+const LAYERS = [
+  rasterLayer(STOP_10, "orthophoto"),
+  rasterLayer(STOP_2, "dtm"),
+  vectorLayer(STOP_2, "contours"),
+  vectorLayer("mer2", "stops"),
+  rasterLayer("mer2", "orthophoto"),
+  rasterLayer("mer2", "slope"),
+  rasterLayer("mer2-sol0155", "hillshade"),
+];
+
+test("groups are the region, then sols, then stops as they were driven to", () => {
+  expect(groupLayers(LAYERS).map(({ title }) => title)).toEqual([
+    "Region",
+    "Sol 155",
+    "Site 2 · drive 0",
+    "Site 10 · drive 64",
+  ]);
+});
+
+test("in a group, lines come before pictures", () => {
+  const [region, , second] = groupLayers(LAYERS);
+  expect(region?.layers.map(({ kind }) => kind)).toEqual(["stops", "orthophoto", "slope"]);
+  expect(second?.layers.map(({ kind }) => kind)).toEqual(["contours", "dtm"]);
+});
+
+test("every layer is in one group", () => {
+  const grouped = groupLayers(LAYERS).flatMap(({ layers }) => layers);
+  expect(new Set(grouped)).toEqual(new Set(LAYERS));
+  expect(grouped).toHaveLength(LAYERS.length);
+});
+
+test("the map is stacked relief, image, measures, lines, stops", () => {
+  const stack = ["hillshade", "orthophoto", "slope", "contours", "traverse", "stops"];
+  const heights = stack.map((kind) => zIndex({ kind, level: "region" }));
+  expect(heights).toEqual([...heights].sort((a, b) => a - b));
+  expect(zIndex({ kind: "dtm", level: "stop" })).toBeGreaterThan(
+    zIndex({ kind: "dtm", level: "region" }),
+  );
+});
+
+test("the widest product of a kind is shown at first, and slope is not", () => {
+  const on = LAYERS.filter((layer) => firstState(layer, LAYERS).visible).map(({ id }) => id);
+  expect(on.sort()).toEqual([
+    "mer2-site0002-drive0000/contours",
+    "mer2-sol0155/hillshade",
+    "mer2/orthophoto",
+    "mer2/stops",
+  ]);
+});
+
+test("relief shows through the orthophoto", () => {
+  expect(firstState(rasterLayer("mer2", "orthophoto"), LAYERS).opacity).toBeLessThan(1);
+  expect(firstState(rasterLayer("mer2", "hillshade"), LAYERS).opacity).toBe(1);
+});
+
+test("footprints and pointing lines are shown where there is no ground to look at", () => {
+  const footprints = vectorLayer("mer1", "footprints");
+  expect(firstState(footprints, [footprints]).visible).toBe(true);
+  expect(firstState(footprints, [footprints, rasterLayer("mer1", "dtm")]).visible).toBe(false);
+});
+
+test("a kind that is new to the viewer is listed under its own name", () => {
+  expect(kindTitle("rock-census")).toBe("Rock census");
+  expect(groupLayers([vectorLayer("mer2", "rock-census")])).toHaveLength(1);
+});

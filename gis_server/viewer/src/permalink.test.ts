@@ -1,0 +1,39 @@
+import { expect, test } from "vitest";
+import { formatPermalink, parsePermalink } from "./permalink";
+
+test("a link says what was on the screen", () => {
+  const link = {
+    mission: "MER2",
+    place: { east: 12.5, north: -3.25, resolution: 0.02, rotationDeg: 45 },
+    on: new Map([
+      ["mer2/stops", 1],
+      ["mer2-site0010-drive0064/slope", 0.35],
+    ]),
+    sol: 156,
+  };
+  const text = formatPermalink(link);
+  expect(text).toBe(
+    "#m=MER2&at=12.5,-3.25,0.02,45&on=mer2/stops,mer2-site0010-drive0064/slope*0.35&sol=156",
+  );
+  expect(parsePermalink(text)).toEqual(link);
+});
+
+test("an empty link leaves all to the viewer", () => {
+  expect(parsePermalink("")).toEqual({ mission: null, place: null, on: null, sol: null });
+});
+
+test("all layers off is not the same as nothing said", () => {
+  expect(parsePermalink("#on=").on?.size).toBe(0);
+});
+
+test.each(["#at=1,2", "#at=1,2,0", "#at=1,2,-3", "#at=a,b,c"])("%s is no place", (text) => {
+  expect(parsePermalink(text).place).toBeNull();
+});
+
+test("opacity stays between 0 and 1", () => {
+  expect([...(parsePermalink("#on=a*7,b*-1,c*x").on ?? [])]).toEqual([
+    ["a", 1],
+    ["b", 0],
+    ["c", 1],
+  ]);
+});
