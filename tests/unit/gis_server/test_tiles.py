@@ -1,10 +1,12 @@
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import pytest
 
 from gis_server.rendering.png import indexed_png
 from gis_server.rendering.readers import RasterPool
 from gis_server.rendering.styles import PALETTES, indices_of
-from gis_server.rendering.tiles import empty_tile, read_tile
+from gis_server.rendering.tiles import empty_tile, read_tile, render_tile
 from products.model import ProductKind
 from products.tiling import CELL_SIZES, MAX_ZOOM, TileAddress, zoom_of
 from tests.unit.gis_server.conftest import (
@@ -170,3 +172,21 @@ def test_the_pool_opens_a_raster_once_and_keeps_a_bounded_number(world):
 def test_cells_halve_from_zoom_to_zoom():
     assert CELL_SIZES[MAX_ZOOM] == 0.01
     np.testing.assert_allclose(np.divide(CELL_SIZES[:-1], CELL_SIZES[1:]), 2.0)
+
+
+def test_many_threads_at_once_get_the_tiles_that_one_gets(world):
+    layer = world.catalogue.layer(STOP.name, ProductKind.DTM)
+    addresses = [
+        TileAddress.holding(east, north, zoom)
+        for zoom in range(OWN_ZOOM - 2, OWN_ZOOM + 2)
+        for east in (-20.0, 0.1, 20.0)
+        for north in (-20.0, 0.1, 20.0)
+    ]
+    pool = RasterPool(idle=2)
+    alone = [render_tile(layer, address, world.store, RasterPool()) for address in addresses]
+    with ThreadPoolExecutor(8) as threads:
+        together = threads.map(
+            lambda address: render_tile(layer, address, world.store, pool), addresses * 4
+        )
+        assert list(together) == alone * 4
+    assert len(set(alone)) > len(alone) / 2
