@@ -19,12 +19,10 @@ from photogrammetry.matching.conjugates import (
     ConjugateParams,
     Conjugates,
     View,
-    common_grids,
     find_conjugates,
 )
 from photogrammetry.matching.local_surface import (
     ParallaxPlanes,
-    mapped,
     parallax_planes,
     plane_homographies,
     right_from_left,
@@ -95,7 +93,7 @@ def measured_parallax(
     level = np.abs(found.points[:, 1] - points[ok, 1]) < LARGEST_Y_PX
     good = found.found & near & level & (value > 0)
     parallax[np.flatnonzero(ok)[good]] = value[good]
-    sigma[np.flatnonzero(ok)[good]] = found.sigma_px[good]
+    sigma[np.flatnonzero(ok)[good]] = np.maximum(found.sigma_px[good], params.parallax_floor_px)
     return parallax, sigma
 
 
@@ -151,7 +149,8 @@ def tie_pair(  # noqa: PLR0913, PLR0917 - two views, what joins them, which matc
     maps = plane_homographies(source.geometry, target.geometry, target_from_source, points, planes)
     found = find_conjugates(source.left, target.left, points, maps, reach, params)
     parallax, sigma_parallax = measured_parallax(target, found.points[found.found], params)
-    return _assembled(source, target, rows, found, parallax, sigma_parallax, pair_ids)
+    floor_px = params.parallax_floor_px
+    return _assembled(source, target, rows, found, parallax, sigma_parallax, pair_ids, floor_px)
 
 
 def _assembled(  # noqa: PLR0913, PLR0917 - gathers the columns of the ties
@@ -162,6 +161,7 @@ def _assembled(  # noqa: PLR0913, PLR0917 - gathers the columns of the ties
     parallax: PerPoint,
     sigma_parallax: PerPoint,
     pair_ids: tuple[str, ...],
+    floor_px: float,
 ) -> Ties:
     """Found conjugates with measured parallax, as ties."""
     matches, some = source.pair.matches, rows[found.found]
@@ -178,18 +178,7 @@ def _assembled(  # noqa: PLR0913, PLR0917 - gathers the columns of the ties
         parallax,
         matches.sigma_px[some],
         found.sigma_px[found.found],
-        matches.sigma_px[some],
+        np.maximum(matches.sigma_px[some], floor_px),
         sigma_parallax,
     )
     return ties.taking(np.isfinite(parallax))
-
-
-def target_from_grid(
-    source: TieView, target: TieView, target_from_source: Pose, rows: Flags
-) -> Float64[np.ndarray, "n 2 2"]:
-    """Pixels of the target per cell of the common grid, at the images of some sparse matches."""
-    points = source.pair.matches.left[rows]
-    maps = plane_homographies(
-        source.geometry, target.geometry, target_from_source, points, _rows(source.planes, rows)
-    )
-    return mapped(maps @ common_grids(points, maps), np.zeros_like(points))[1]

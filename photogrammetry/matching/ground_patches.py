@@ -1,0 +1,196 @@
+"""Patches of ground seen from above, drawn from one image over the surface that its stop measured.
+
+At a grazing angle of 8 degrees a bump of 5 cm shifts what lies on it by 35 cm along the view, and
+the other way when seen from the other side. Patches of two stops are therefore compared as
+orthophotos: every cell of a patch has its elevation from the dense parallax of its own stop, and is
+projected into the image,
+
+    grey(n, e) = image( h( pair_from_level (n, e, -elevation(n, e)) ) ).
+
+With D the derivative of the image point by (n, e) over that surface, a pixel covers the ellipse
+D^-1 D^-T of the ground: Z/f across the view and Z^2/(f h) along it on level ground, h being the
+height of the mast; more on ground that falls away. Its long half-axis is the finest cell that makes
+sense; across the view the image is finer, and is averaged over the pixels that a cell covers.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+
+from photogrammetry.arrays import Flags, Float32, Float64, GreyImage, ImagePoints, PerPoint, Raster
+from photogrammetry.matching.birds_eye import BirdsEyeView
+from photogrammetry.matching.tie_views import TieView
+
+FILL_CELLS = (1.0, 3.0, 8.0)
+"""Gaps are filled from neighbours within these standard deviations, nearest first."""
+SLOPE_STEP_M = 0.25
+LEAST_SEEN = 0.7
+"""Share of a patch whose surface must be known."""
+WIDEST_AVERAGE = 5
+"""Powers of two of pixels that are averaged into one at most."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GroundSurface:
+    """Elevation around a stop in its level frame, without gaps near what was measured."""
+
+    cell_m: float
+    elevation: Raster
+
+    @classmethod
+    def of(cls, view: BirdsEyeView) -> GroundSurface:
+        """Fill the gaps between the measured cells of a bird's-eye view."""
+        seen = np.isfinite(view.elevation)
+        value = np.nan_to_num(view.elevation)
+        filled = view.elevation.copy()
+        for sigma in FILL_CELLS:
+            density = cv2.GaussianBlur(seen.astype(np.float32), (0, 0), sigma)
+            mean = cv2.GaussianBlur(value, (0, 0), sigma) / np.maximum(density, 1e-6)
+            near = np.isnan(filled) & (density > 0.02)  # noqa: PLR2004 - something within 2 sigma
+            filled[near] = mean[near]
+        known = np.isfinite(filled)
+        inner = cv2.erode(known.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+        smooth = cv2.medianBlur(np.where(known, filled, 0).astype(np.float32), 5)
+        return cls(view.cell_m, np.where(inner, smooth, filled).astype(np.float32))
+
+    def at(self, north: np.ndarray, east: np.ndarray) -> Float32[np.ndarray, "rows cols"]:
+        """Elevation at places of the level frame, NaN where unknown."""
+        if not north.size:
+            return np.zeros(north.shape, np.float32)
+        half = self.elevation.shape[0] / 2 - 0.5
+        col = (east / self.cell_m + half).astype(np.float32)
+        row = (half - north / self.cell_m).astype(np.float32)
+        return cv2.remap(
+            self.elevation,
+            col,
+            row,
+            cv2.INTER_LINEAR,
+            borderMode=cv2.BORDER_CONSTANT,
+            borderValue=float("nan"),
+        ).astype(np.float32)
+
+
+@dataclass(slots=True, eq=False)
+class GroundView:
+    """One pair of a stop as a camera over the level frame."""
+
+    view: TieView
+    surface: GroundSurface
+    rotation: Float64[np.ndarray, "3 3"]
+    """level_from_pair."""
+    origin_m: Float64[np.ndarray, " 3"]
+    averaged: dict[tuple[int, int], GreyImage] = field(default_factory=dict)
+
+    @classmethod
+    def of(
+        cls, view: TieView, surface: GroundSurface, level_from_rover: Float64[np.ndarray, "3 3"]
+    ) -> GroundView:
+        """A pair in the level frame of its stop."""
+        pose = view.geometry.rover_from_pair
+        return cls(
+            view, surface, level_from_rover @ pose.rotation, level_from_rover @ pose.translation_m
+        )
+
+    def image_of(self, north: np.ndarray, east: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(left image points, ranges) of the ground at level places; NaN where unknown."""
+        down = -self.surface.at(np.atleast_2d(north), np.atleast_2d(east)).astype(np.float64)
+        level = np.stack([north.ravel(), east.ravel(), down.ravel()], axis=1)
+        points = (level - self.origin_m) @ self.rotation
+        left, _ = self.view.geometry.project(points)
+        return left, points[:, 2]
+
+    def derivative(self, places: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n 2 2"]:
+        """Pixels per metre along north and east at level places, over half a metre of ground."""
+        columns = []
+        for step in np.eye(2) * SLOPE_STEP_M:
+            ahead, _ = self.image_of(*(places + step).T)
+            behind, _ = self.image_of(*(places - step).T)
+            columns.append((ahead - behind) / (2 * SLOPE_STEP_M))
+        return np.stack(columns, axis=-1)
+
+    def footprint_m(self, places: Float64[np.ndarray, "n 2"]) -> PerPoint:
+        """Long half-axis of a pixel on the ground at level places; infinite where unknown.
+
+        A slope that faces the camera is not trusted to make it shorter than on level ground.
+        """
+        derivative = self.derivative(places)
+        good = np.isfinite(derivative).all(axis=(1, 2))
+        footprint = np.full(len(places), np.inf)
+        singular = np.linalg.svd(derivative[good], compute_uv=False)
+        footprint[good] = 1 / np.maximum(singular[:, 1], 1e-3)
+        distance = np.hypot(*(places - self.origin_m[:2]).T)
+        level = distance**2 / (self.view.geometry.focal_px * max(-self.origin_m[2], 0.5))
+        return np.maximum(footprint, level)
+
+    def patches(
+        self,
+        centres: Float64[np.ndarray, "n 2"],
+        turn: Float64[np.ndarray, "2 2"],
+        cell_m: PerPoint,
+        half: int,
+    ) -> tuple[Float32[np.ndarray, "n a a"], Flags]:
+        """Orthophoto patches around (north, east) centres, and which of them are whole.
+
+        Row i and column j of a patch lie at centre + turn (-(i - half), j - half) cell.
+        """
+        steps = np.arange(-half, half + 1, dtype=np.float64)
+        plan = np.stack(np.meshgrid(-steps, steps, indexing="ij"), axis=-1) @ turn.T
+        places = centres[:, None, None, :] + cell_m[:, None, None, None] * plan
+        n, size = len(centres), len(steps)
+        flat = places.reshape(n * size, size, 2)
+        left = self.image_of(flat[..., 0], flat[..., 1])[0]
+        left = left.reshape(n, size, size, 2)
+        patches = np.zeros((n, size, size), np.float32)
+        levels = self._levels(centres, cell_m)
+        for level in {tuple(row) for row in levels.tolist()}:
+            rows = np.flatnonzero((levels == level).all(axis=1))
+            patches[rows] = self._drawn(left[rows], (int(level[0]), int(level[1])))
+        whole = np.isfinite(patches).reshape(n, -1).mean(axis=1) > LEAST_SEEN
+        middle = left[
+            :, half - half // 2 : half + half // 2 + 1, half - half // 2 : half + half // 2 + 1
+        ]
+        whole &= self._inside(middle).reshape(n, -1).all(axis=1)
+        means = np.nanmean(np.where(whole[:, None, None], patches, 0.0), axis=(1, 2))
+        return np.where(np.isfinite(patches), patches, means[:, None, None]).astype(
+            np.float32
+        ), whole
+
+    def _levels(self, centres: Float64[np.ndarray, "n 2"], cell_m: PerPoint) -> np.ndarray:
+        """Powers of two of pixels to average along samples and lines, for every patch."""
+        pixels = np.linalg.norm(self.derivative(centres), axis=2) * cell_m[:, None]
+        pixels = np.maximum(np.nan_to_num(pixels, nan=1.0), 1.0)
+        return np.clip(np.round(np.log2(pixels)), 0, WIDEST_AVERAGE).astype(np.int64)
+
+    def _drawn(self, left: np.ndarray, level: tuple[int, int]) -> np.ndarray:
+        """Grey values at image points of some patches, from the image averaged as they need."""
+        if level not in self.averaged:
+            width = (2 ** level[0], 2 ** level[1])
+            self.averaged[level] = (
+                self.view.left.image if level == (0, 0) else cv2.blur(self.view.left.image, width)
+            ).astype(np.float32)
+        shift = [0.5 if k else 0.0 for k in level]  # an even box is centred half a pixel early
+        n, size = left.shape[:2]
+        at = left.reshape(n * size, size, 2)
+        out = cv2.remap(
+            self.averaged[level],
+            (at[..., 0] + shift[0]).astype(np.float32),
+            (at[..., 1] + shift[1]).astype(np.float32),
+            cv2.INTER_LINEAR,
+            borderMode=cv2.BORDER_CONSTANT,
+            borderValue=float("nan"),
+        )
+        return out.reshape(n, size, size)
+
+    def _inside(self, left: np.ndarray) -> np.ndarray:
+        """Whether image points lie on usable pixels."""
+        mask = self.view.left.mask
+        with np.errstate(invalid="ignore"):
+            col, row = (
+                np.nan_to_num(np.round(left[..., k]), nan=-1).astype(np.int64) for k in (0, 1)
+            )
+        lines, samples = mask.shape
+        inside = (col >= 0) & (row >= 0) & (col < samples) & (row < lines)
+        return inside & mask[np.clip(row, 0, lines - 1), np.clip(col, 0, samples - 1)]

@@ -1,0 +1,195 @@
+"""From ties between two pairs to the tie points of a network.
+
+Ties that share a measurement show the same feature: measurements of one pair closer than half a
+pixel are one, ties and measurements are joined by union-find, and every connected set is a tie
+point. A set that holds two different measurements of one pair is a contradiction somewhere along
+it; it cannot be said where, so the whole set is dropped.
+
+Ties between pairs carry the geometry of the network and are all kept. Points seen in one pair only
+say nothing about its pose, the stereo base being fixed; they are thinned to the most certain one
+in every cell of a grid (Di et al. 2008, section 3.1: selection by gridding; about 300 a stop).
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from photogrammetry.arrays import Flags, ImagePoints, Int32, PerPoint
+from photogrammetry.errors import MatchingError
+from photogrammetry.imagery import StereoMatches, StopId, TieKind, TiePoints
+from photogrammetry.matching.ties import Ties
+
+
+@dataclass(frozen=True, slots=True)
+class TrackParams:
+    """How tie points are put together."""
+
+    same_px: float = 0.5
+    """Measurements of one pair that are closer are of one feature."""
+    intra_cell_px: int = 160
+    """One intra-stereo point is kept in every cell: some 40 a pair, 300 and more a panorama."""
+
+    def __post_init__(self) -> None:
+        if not (self.same_px > 0 and self.intra_cell_px > 0):
+            raise MatchingError("tie points need a merging distance and a cell above zero")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Measurements:
+    """All measurements that ties are made of, two to a tie."""
+
+    pair: Int32[np.ndarray, " n"]
+    left: ImagePoints
+    parallax_px: PerPoint
+    sigma_px: PerPoint
+    sigma_parallax_px: PerPoint
+
+
+def build_tie_points(
+    matches: Sequence[StereoMatches], ties: Sequence[Ties], params: TrackParams
+) -> TiePoints:
+    """Tie points of a network of pairs, from their own matches and the ties between them.
+
+    `matches` lists the pairs of the network; ties with a pair that is not among them are left out.
+    """
+    pair_ids = tuple(m.pair_id for m in matches)
+    if len(set(pair_ids)) < len(pair_ids):
+        twice = next(name for name, n in Counter(pair_ids).items() if n > 1)
+        raise MatchingError(f"{twice} is listed twice among the pairs of a network")
+    measured = _measurements(ties, pair_ids)
+    point, keep = _points(measured, params.same_px)
+    pair, left, parallax = measured.pair[keep], measured.left[keep], measured.parallax_px[keep]
+    sigma, sigma_parallax = measured.sigma_px[keep], measured.sigma_parallax_px[keep]
+    first = int(point.max()) + 1 if len(point) else 0
+    single = [_thinned(m, left[pair == k], params) for k, m in enumerate(matches)]
+    counts = [len(rows) for rows in single]
+    return TiePoints(
+        pair_ids,
+        np.concatenate([point, first + np.arange(sum(counts))]).astype(np.int32),
+        np.concatenate([pair, np.repeat(np.arange(len(matches)), counts)]).astype(np.int32),
+        np.concatenate([left, *(m.left[rows] for m, rows in zip(matches, single, strict=True))]),
+        np.concatenate(
+            [parallax, *(m.parallax_px[rows] for m, rows in zip(matches, single, strict=True))]
+        ),
+        np.concatenate([sigma, *(m.sigma_px[r] for m, r in zip(matches, single, strict=True))]),
+        np.concatenate(
+            [sigma_parallax, *(m.sigma_px[r] for m, r in zip(matches, single, strict=True))]
+        ),
+    )
+
+
+def _measurements(ties: Sequence[Ties], pair_ids: tuple[str, ...]) -> _Measurements:
+    """Rows 2k and 2k + 1 are the two measurements of tie k."""
+    place = {name: k for k, name in enumerate(pair_ids)}
+    pairs, lefts, parallaxes, sigmas, sigma_parallaxes = [], [], [], [], []
+    for some in ties:
+        index = np.array([place.get(name, -1) for name in some.pair_ids] or [-1])
+        pair = np.column_stack([index[some.first], index[some.second]])
+        known = (pair >= 0).all(axis=1)
+        pairs.append(pair[known].ravel())
+        lefts.append(np.stack([some.first_left, some.second_left], axis=1)[known].reshape(-1, 2))
+        for columns, name in (
+            (parallaxes, "parallax_px"),
+            (sigmas, "sigma_px"),
+            (sigma_parallaxes, "sigma_parallax_px"),
+        ):
+            both = [getattr(some, f"first_{name}"), getattr(some, f"second_{name}")]
+            columns.append(np.column_stack(both)[known].ravel())
+    return _Measurements(
+        np.concatenate(pairs or [np.zeros(0)]).astype(np.int32),
+        np.concatenate(lefts or [np.zeros((0, 2))]),
+        np.concatenate(parallaxes or [np.zeros(0)]),
+        np.concatenate(sigmas or [np.zeros(0)]),
+        np.concatenate(sigma_parallaxes or [np.zeros(0)]),
+    )
+
+
+def _points(
+    measured: _Measurements, same_px: float
+) -> tuple[Int32[np.ndarray, " k"], Int32[np.ndarray, " k"]]:
+    """(tie point, row) of every measurement kept: one for each feature and pair."""
+    n = len(measured.pair)
+    if not n:
+        return np.zeros(0, np.int32), np.zeros(0, np.int32)
+    apart = 4.0 * np.abs(measured.left).max() + 4.0  # pairs side by side, far from each other
+    places = measured.left + np.column_stack([apart * measured.pair, np.zeros(n)])
+    same = cKDTree(places).query_pairs(same_px, output_type="ndarray")
+    feature = _connected(n, same)
+    two = np.column_stack([feature[0::2], feature[1::2]])
+    point = _connected(int(feature.max()) + 1, two)[feature]
+    best = np.lexsort((measured.sigma_px, feature))
+    rows = best[np.unique(feature[best], return_index=True)[1]]
+    twice = Counter(zip(point[rows].tolist(), measured.pair[rows].tolist(), strict=True))
+    spoilt = {p for (p, _), count in twice.items() if count > 1}
+    good = ~np.isin(point[rows], list(spoilt))
+    rows = rows[good]
+    _, renumbered = np.unique(point[rows], return_inverse=True)
+    order = np.lexsort((measured.pair[rows], renumbered))
+    return renumbered[order].astype(np.int32), rows[order].astype(np.int32)
+
+
+def _connected(n: int, links: np.ndarray) -> np.ndarray:
+    """A number for the connected set of each of n things."""
+    ones = np.ones(len(links), dtype=np.int8)
+    return connected_components(coo_matrix((ones, (links[:, 0], links[:, 1])), shape=(n, n)))[1]
+
+
+def _thinned(matches: StereoMatches, taken: ImagePoints, params: TrackParams) -> np.ndarray:
+    """Rows of the most certain match of every cell, away from points that are there already."""
+    free = np.ones(len(matches), dtype=bool)
+    if len(taken) and len(matches):
+        free = cKDTree(taken).query(matches.left)[0] > params.same_px
+    rows = np.flatnonzero(free)
+    order = rows[np.argsort(matches.sigma_px[rows], kind="stable")]
+    cells = np.floor_divide(matches.left[order], params.intra_cell_px).astype(np.int64)
+    if not len(cells):
+        return order
+    return np.sort(order[np.unique(cells, axis=0, return_index=True)[1]])
+
+
+def kinds(ties: TiePoints, stop_of_pair: Mapping[str, StopId]) -> list[TieKind]:
+    """The kind of every tie point, by number."""
+    pairs: dict[int, set[str]] = {}
+    for point, pair in zip(ties.point.tolist(), ties.pair.tolist(), strict=True):
+        pairs.setdefault(point, set()).add(ties.pair_ids[pair])
+    return [_kind(pairs[k], stop_of_pair) for k in sorted(pairs)]
+
+
+def _kind(pairs: set[str], stop_of_pair: Mapping[str, StopId]) -> TieKind:
+    if len({stop_of_pair[name] for name in pairs}) > 1:
+        return TieKind.CROSS_SITE
+    return TieKind.INTER_STEREO if len(pairs) > 1 else TieKind.INTRA_STEREO
+
+
+def counts_by_kind(ties: TiePoints, stop_of_pair: Mapping[str, StopId]) -> dict[TieKind, int]:
+    """Number of tie points of every kind."""
+    found = Counter(kinds(ties, stop_of_pair))
+    return {kind: found.get(kind, 0) for kind in TieKind}
+
+
+def counts_by_stops(
+    ties: TiePoints, stop_of_pair: Mapping[str, StopId]
+) -> dict[tuple[StopId, StopId], int]:
+    """Number of tie points that two stops share, earlier in the order of `StopId` first."""
+    stops: dict[int, set[StopId]] = {}
+    for point, pair in zip(ties.point.tolist(), ties.pair.tolist(), strict=True):
+        stops.setdefault(point, set()).add(stop_of_pair[ties.pair_ids[pair]])
+    found: Counter[tuple[StopId, StopId]] = Counter()
+    for seen in stops.values():
+        ordered = sorted(seen)
+        found.update((a, b) for i, a in enumerate(ordered) for b in ordered[i + 1 :])
+    return dict(found)
+
+
+def ties_of_kind(ties: TiePoints, kind: TieKind, stop_of_pair: Mapping[str, StopId]) -> Flags:
+    """The observations of all tie points of a kind."""
+    of_point = kinds(ties, stop_of_pair)
+    number = {point: k for k, point in enumerate(sorted(set(ties.point.tolist())))}
+    return np.array([of_point[number[p]] == kind for p in ties.point.tolist()], dtype=bool)
