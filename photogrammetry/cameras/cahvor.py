@@ -119,11 +119,18 @@ class Cahvor:
 
     def rays(self, image_points: ImagePoints) -> Directions:
         """Unit directions from C through image points; NaN where the distortion has no inverse."""
+        rays = np.empty((len(image_points), 3))
+        for start in range(0, len(image_points), CHUNK):
+            here = slice(start, start + CHUNK)
+            rays[here] = self._rays_chunk(image_points[here])
+        return rays
+
+    def _rays_chunk(self, image_points: ImagePoints) -> Directions:
         seen = perspective_rays(self.a, self.h, self.v, image_points)
         w = seen @ self.o
         l = seen - w[:, None] * self.o
         tangent = np.sqrt(np.einsum("ij,ij->i", l, l)) / np.where(w > 0, w, np.nan)
-        on_axis = tangent < 1e-15  # noqa: PLR2004 - no direction across left to scale
+        on_axis = tangent == 0.0  # no direction across left to scale
         ratio = undistorted(tangent, self.r) / np.where(on_axis, 1.0, tangent)
         ratio = np.where(on_axis, 1.0 / (1.0 + self.r[0]), ratio)
         rays = w[:, None] * self.o + ratio[:, None] * l

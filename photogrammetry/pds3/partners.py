@@ -1,12 +1,13 @@
 """Stereo partners, found by label.
 
 Left and right shutter fire together, so the frames of a pair have the same mission, instrument,
-motion counter, product type and geometry, and clocks within a second. One exposure often comes as
-several products; it is used once:
+motion counter, kind of product and geometry, and clocks within a second. Either eye may be a
+sub-frame: its camera model knows. One exposure often comes as several products; it is used once:
 
   - raw before linearised: the archive's linearisation has rows that correspond only nearly;
   - then EDR (EFF, ESF, EDN), inverse-LUT (ILF, ISF, INN), radiometric, anything else;
-  - of these the first type that both eyes have, and of that the highest version of each.
+  - of these the first kind that both eyes have, the larger frames before sub-frames and averaged
+    ones, and of these the highest version of each.
 
 Filters of a pair must see one band (Pancam L2 with R2, L7 with R1). Whatever is left over is named
 with its reason.
@@ -24,8 +25,11 @@ from photogrammetry.pds3.missions import MISSIONS, Mission, mission_of_host
 MAX_CLOCK_DIFFERENCE = 1.0
 """Seconds; the shutters of flight pairs open within the same millisecond."""
 
-PRODUCT_ORDER = ("EFF", "ESF", "EDN", "EDR", "ILF", "ISF", "INN", "ILT", "RAD", "MRD", "RSD")
+PRODUCT_ORDER = ("EFF", "EDR", "ILF", "ILT", "RAD", "MRD", "RSD")
 """From the least to the most processed."""
+
+FULL_FRAME = {"ESF": "EFF", "EDN": "EFF", "ISF": "ILF", "INN": "ILF", "SFL": "FFL", "DNL": "FFL"}
+"""Sub-framed and down-sampled products, and the full-frame product of the same kind."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,7 +96,7 @@ def _best_pair(exposure: Sequence[RoverImage], missions: Sequence[Mission]) -> S
         if left.eye is Eye.LEFT
         for right in exposure
         if right.eye is Eye.RIGHT
-        and right.product_type == left.product_type
+        and _kind(right) == _kind(left)
         and right.is_linearised == left.is_linearised
         and _filters_agree(left, right, missions)
     ]
@@ -103,14 +107,17 @@ def _best_pair(exposure: Sequence[RoverImage], missions: Sequence[Mission]) -> S
 
 
 def _preference(left: RoverImage, right: RoverImage) -> tuple[object, ...]:
-    order = (
-        PRODUCT_ORDER.index(left.product_type)
-        if left.product_type in PRODUCT_ORDER
-        else len(PRODUCT_ORDER)
-    )
+    kind = _kind(left)
+    order = PRODUCT_ORDER.index(kind) if kind in PRODUCT_ORDER else len(PRODUCT_ORDER)
+    size = left.lines * left.samples + right.lines * right.samples
     newest = (-_version(left), -_version(right))
     apart = abs(left.clock - right.clock)
-    return left.is_linearised, order, left.product_type, apart, newest, left.id, right.id
+    return left.is_linearised, order, kind, -size, apart, newest, left.id, right.id
+
+
+def _kind(image: RoverImage) -> str:
+    """The product type, as if of a full frame."""
+    return FULL_FRAME.get(image.product_type, image.product_type)
 
 
 def _version(image: RoverImage) -> int:

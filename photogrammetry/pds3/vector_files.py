@@ -87,12 +87,6 @@ class VectorFile:
     """Solutions from the most to the least trusted."""
     solutions: tuple[Solution, ...]
 
-    def rank(self, solution: Solution) -> Rank:
-        """Sorts solutions of one frame: the last counts."""
-        listed = solution.solution_id in self.priority
-        trust = len(self.priority) - self.priority.index(solution.solution_id) if listed else 0
-        return trust, solution.counter, solution.added
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LslTree:
@@ -131,16 +125,30 @@ def parse_vector_file(text: str, source: str) -> VectorFile:
 def poses(files: Sequence[VectorFile]) -> tuple[Pose, ...]:
     """Every site and rover stop in its site, by the solution that counts.
 
-    Files of one mission only: frames carry no mission. Later files win over earlier ones where
-    their solutions have the same rank.
+    Files of one mission only: frames carry no mission. The orders of priority of several files are
+    joined; at the same rank the later file wins.
     """
+    order = joined_priority(files)
+    trust = {name: len(order) - place for place, name in enumerate(order)}
     best: dict[Frame, tuple[Rank, Solution]] = {}
-    for file in files:
-        for solution in file.solutions:
-            rank = file.rank(solution)
-            if solution.frame not in best or rank >= best[solution.frame][0]:
-                best[solution.frame] = (rank, solution)
+    for solution in (solution for file in files for solution in file.solutions):
+        rank = trust.get(solution.solution_id, 0), solution.counter, solution.added
+        if solution.frame not in best or rank >= best[solution.frame][0]:
+            best[solution.frame] = (rank, solution)
     return tuple(solution.pose for _, solution in best.values())
+
+
+def joined_priority(files: Sequence[VectorFile]) -> list[str]:
+    """One order of solutions that keeps that of every file; where they contradict, the first's."""
+    order: list[str] = []
+    for file in files:
+        place = len(order)
+        for name in reversed(file.priority):
+            if name in order:
+                place = order.index(name)
+            else:
+                order.insert(place, name)
+    return order
 
 
 def rover_pose(files: Sequence[VectorFile], site: int, drive: int) -> Pose:

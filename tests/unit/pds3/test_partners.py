@@ -122,6 +122,13 @@ def test_the_highest_version_of_each_eye_is_used():
     assert len(pairing.unpaired) == 3
 
 
+def test_a_sub_frame_of_one_eye_goes_with_the_full_frame_of_the_other():
+    left, right = nav("L"), nav("R", "ESF", lines=384, samples=640)
+    assert ids(find_stereo_pairs([left, right])) == [(left.id, right.id)]
+    full = nav("R")
+    assert ids(find_stereo_pairs([left, right, full])) == [(left.id, full.id)]
+
+
 def test_a_camera_with_one_eye_says_so():
     (reason,) = find_stereo_pairs([frame("2M292280938EFFB100P0703M0M1")]).unpaired.values()
     assert reason == "MI has one eye"

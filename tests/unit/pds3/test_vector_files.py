@@ -5,7 +5,13 @@ import pytest
 
 from photogrammetry.errors import VectorFileError
 from photogrammetry.frames import LSL, FrameKind, rover_frame, site_frame
-from photogrammetry.pds3.vector_files import lsl_tree, parse_vector_file, poses, rover_pose
+from photogrammetry.pds3.vector_files import (
+    joined_priority,
+    lsl_tree,
+    parse_vector_file,
+    poses,
+    rover_pose,
+)
 
 
 def solution(  # noqa: PLR0913, PLR0917 - one argument for each part of the element
@@ -63,6 +69,28 @@ def test_the_order_of_priority_decides_between_solutions():
         assert pose.translation_m[0] == 2
         (pose,) = poses([vector_file(*order, priority=("telemetry", "adjusted"))])
         assert pose.translation_m[0] == 1
+
+
+def test_the_priorities_of_several_files_are_joined():
+    adjusted = vector_file(
+        solution(offset=(2, 0, 0), solution_id="adjusted", added="2004"), priority=("adjusted",)
+    )
+    telemetry = vector_file(solution(offset=(1, 0, 0), added="2009"))
+    (pose,) = poses([adjusted, telemetry])
+    assert pose.translation_m[0] == 2
+    (pose,) = poses([telemetry, adjusted])
+    assert pose.translation_m[0] == 1
+
+
+def test_a_more_trusted_solution_of_a_later_file_goes_before():
+    telemetry = vector_file(solution(offset=(1, 0, 0), added="2009"))
+    localised = vector_file(
+        solution(offset=(2, 0, 0), solution_id="localised"), priority=("localised", "telemetry")
+    )
+    for files in ([telemetry, localised], [localised, telemetry]):
+        assert joined_priority(files) == ["localised", "telemetry"]
+        (pose,) = poses(files)
+        assert pose.translation_m[0] == 2
 
 
 def test_at_one_stop_the_highest_motion_counter_counts_then_the_last_added():
