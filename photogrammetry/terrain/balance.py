@@ -22,8 +22,10 @@ LEAST_SHARED = 50
 """Cells that two views must share to be compared."""
 SIGMA_MEAN = 0.01
 """Agreement expected of means, relative to the level of brightness."""
-SIGMA_SPREAD = 0.03
-"""Agreement expected of spreads, which are noisier."""
+SIGMA_SPREAD = 0.05
+"""Agreement expected of spreads, relative to the spread."""
+LEAST_SPREAD = 0.02
+"""Spread, relative to the level, below which it is noise rather than contrast."""
 SIGMA_GAIN = 0.2
 """How far gains stray: exposures and vignetting differ by tens of percent at most."""
 SIGMA_OFFSET = 0.1
@@ -48,7 +50,8 @@ def balance(brightness: Float32[np.ndarray, "views n"]) -> Balance:
         mean, spread = np.zeros(2 * count), np.zeros(2 * count)
         mean[[2 * a, 2 * a + 1, 2 * b, 2 * b + 1]] = (m_a, 1, -m_b, -1)
         spread[[2 * a, 2 * b]] = (s_a, -s_b)
-        rows += [mean / SIGMA_MEAN, spread / SIGMA_SPREAD]
+        contrast = max((s_a + s_b) / 2, LEAST_SPREAD)
+        rows += [mean / SIGMA_MEAN, spread / (SIGMA_SPREAD * contrast)]
         values += [0.0, 0.0]
     prior = np.diag(np.tile([1 / SIGMA_GAIN, 1 / SIGMA_OFFSET], count))
     design = np.vstack([*rows, prior])

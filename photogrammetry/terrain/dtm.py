@@ -27,7 +27,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.arrays import Float64, Raster
+from photogrammetry.arrays import Float64
 from photogrammetry.errors import TerrainError
 from photogrammetry.terrain.grid import BLOCK, MapGrid
 from photogrammetry.terrain.ground import SightParams, camera_on_map, map_from_pair_rotation
@@ -82,7 +82,7 @@ def build_dtm(views: Sequence[TerrainView], params: DtmParams, grid: MapGrid | N
     flat = np.zeros((2, *grid.shape))
     level, _ = _fuse(entries, _variances(entries, views, grid, flat, params))
     gradient = gradients(
-        entries.raster(level).astype(np.float32), params.cell_m, params.slope_baseline_m, 0.25
+        level.reshape(grid.shape).astype(np.float32), params.cell_m, params.slope_baseline_m, 0.25
     )
     gradient = np.nan_to_num(np.where(np.abs(gradient) < STEEPEST, gradient, 0.0))
     level, sigma = _fuse(entries, _variances(entries, views, grid, gradient, params))
@@ -127,13 +127,9 @@ class _Entries:
             parts.append((cell, view, *(field[inside] for field in fields)))
         return cls(grid.shape, *(np.concatenate(column) for column in zip(*parts, strict=True)))
 
-    def sums(self, weights: np.ndarray | None = None) -> Float64[np.ndarray, " cells"]:
+    def sums(self, weights: Float64[np.ndarray, " entries"]) -> Float64[np.ndarray, " cells"]:
         """Sum of the weights of every cell's entries."""
         return np.bincount(self.cell, weights, minlength=self.shape[0] * self.shape[1])
-
-    def raster(self, values: np.ndarray) -> Float64[np.ndarray, "rows cols"]:
-        """One value a cell as a raster."""
-        return values.reshape(self.shape)
 
 
 def _variances(
@@ -178,7 +174,7 @@ def _fuse(
             level = entries.sums(weight * entries.height) / total
             off = np.abs(entries.height - level[entries.cell]) / np.sqrt(variance)
             reweighting = HUBER / np.maximum(HUBER, off)
-        redundancy = entries.sums() - 1
+        redundancy = entries.sums(np.ones_like(variance)) - 1
         disagreement = entries.sums(off**2 * reweighting) / np.maximum(1, redundancy)
         return level, np.sqrt(np.maximum(1.0, disagreement) / total)
 
@@ -186,18 +182,11 @@ def _fuse(
 def _dtm(entries: _Entries, grid: MapGrid, level: np.ndarray, sigma: np.ndarray) -> Dtm:
     """The record of the fused cells."""
     seen = np.isfinite(level)
-    points = entries.sums(entries.points)
+    points = entries.sums(entries.points.astype(np.float64))
     ground = np.where(points > 0, GroundClass.MEASURED, GroundClass.INTERPOLATED)
     ground = np.where(seen, ground, GroundClass.UNSEEN).astype(np.uint8)
     sigma = np.where(seen, sigma, np.nan)
-    return Dtm(
-        grid=grid,
-        elevation=_single(entries.raster(level)),
-        sigma_m=_single(entries.raster(sigma)),
-        observations=_single(entries.raster(points)),
-        ground=entries.raster(ground),
+    elevation, sigma_m, observations = (
+        layer.reshape(grid.shape).astype(np.float32) for layer in (level, sigma, points)
     )
-
-
-def _single(values: np.ndarray) -> Raster:
-    return values.astype(np.float32)
+    return Dtm(grid, elevation, sigma_m, observations, ground.reshape(grid.shape))

@@ -6,8 +6,8 @@ Rays through the border of the image meet the ground at
 
 with h the ground's elevation. A ray that meets it too far away, or looks above the horizon, is cut
 off at the largest range in its own azimuth, so that a frame with sky in it reaches as far as its
-view is said to reach. With a terrain model, h is looked up where the ray meets the ground, and the
-ray cut again, until it settles; where the model knows nothing, the plane stands in.
+view is said to reach. Over a terrain model the ray is walked until it first passes below the
+terrain; where the model knows nothing, the plane stands in.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from photogrammetry.frames import FrameKind, Pose
 from photogrammetry.terrain.ground import MAP_FROM_LSL
 from photogrammetry.terrain.records import Dtm
 
-Outline = Float64[np.ndarray, "n 2"]
+Outline = Float64[np.ndarray, "corners 2"]
 """(east, north) in metres; a closed ring repeats its first point."""
 SIDE_POINTS = 16
 """Rays along a side of the image: lens distortion and the horizon bend it."""
-ROUNDS = 8
-"""Rounds of looking up the terrain model; each takes the error times the slope over the dip."""
+STEPS = 1000
+"""Steps along a ray over terrain: some centimetres each, and straight in between."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,18 +47,18 @@ class Ground:
     elevation_m: float
     dtm: Dtm | None = None
 
-    def elevations(self, plan: Outline) -> PerPoint:
+    def elevations(
+        self, plan: Float64[np.ndarray, "rays steps 2"]
+    ) -> Float64[np.ndarray, "rays steps"]:
         """Elevation at (east, north); that of the plane where the model knows none."""
-        plane = np.full(len(plan), self.elevation_m)
+        plane = np.full(plan.shape[:2], self.elevation_m)
         if self.dtm is None:
             return plane
         grid = self.dtm.grid
-        col = ((plan[:, 0] - grid.west) / grid.cell_m - 0.5).astype(np.float32)
-        row = ((grid.north - plan[:, 1]) / grid.cell_m - 0.5).astype(np.float32)
-        known = cv2.remap(
-            self.dtm.elevation, col, row, cv2.INTER_LINEAR, borderValue=float("nan")
-        ).ravel()
-        return np.where(np.isfinite(known), known, plane).astype(np.float64)
+        col = ((plan[..., 0] - grid.west) / grid.cell_m - 0.5).astype(np.float32)
+        row = ((grid.north - plan[..., 1]) / grid.cell_m - 0.5).astype(np.float32)
+        known = cv2.remap(self.dtm.elevation, col, row, cv2.INTER_LINEAR, borderValue=float("nan"))
+        return np.where(np.isfinite(known), known, plane)
 
 
 def footprint(
@@ -130,11 +130,29 @@ def _on_ground(
     plan_length = np.maximum(np.hypot(rays[:, 0], rays[:, 1]), 1e-12)
     azimuth = rays[:, :2] / plan_length[:, None]
     dip = -rays[:, 2] / plan_length
-    elevation = np.full(len(rays), ground.elevation_m)
-    for _ in range(1 if ground.dtm is None else ROUNDS):
+    if ground.dtm is None:
         with np.errstate(divide="ignore", invalid="ignore"):
-            distance = (centre[2] - elevation) / dip
+            distance = (centre[2] - ground.elevation_m) / dip
         met = (dip > 0) & (distance >= 0) & (distance <= max_range_m)
-        reached = centre[:2] + azimuth * np.where(met, distance, max_range_m)[:, None]
-        elevation = ground.elevations(reached)
-    return reached, met
+    else:
+        distance, met = _walked(centre, azimuth, dip, ground, max_range_m)
+    return centre[:2] + azimuth * np.where(met, distance, max_range_m)[:, None], met
+
+
+def _walked(
+    centre: Vector3,
+    azimuth: Float64[np.ndarray, "n 2"],
+    dip: PerPoint,
+    ground: Ground,
+    max_range_m: float,
+) -> tuple[PerPoint, Flags]:
+    """Distance at which rays first pass below the ground, and which do."""
+    steps = np.linspace(0.0, max_range_m, STEPS)
+    plan = centre[:2] + azimuth[:, None, :] * steps[:, None]
+    height = centre[2] - dip[:, None] * steps - ground.elevations(plan)
+    below = height <= 0
+    after = np.maximum(1, np.argmax(below, axis=1))
+    ray = np.arange(len(dip))
+    over, under = height[ray, after - 1], height[ray, after]
+    share = np.clip(over / np.where(over > under, over - under, 1.0), 0, 1)
+    return steps[after - 1] + share * steps[1], below.any(axis=1)

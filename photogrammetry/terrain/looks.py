@@ -52,7 +52,8 @@ class Look:
     focal_px: float
     base_m: float
     centre_px: tuple[float, float]
-    pyramid: tuple[GreyImage, ...]
+    pyramid: tuple[np.ndarray, ...]
+    """The image, and the image at half the size, again and again."""
     fade: GreyImage
     nearest: GreyImage
     """Matched parallax, 0 where there is none."""

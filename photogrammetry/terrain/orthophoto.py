@@ -223,7 +223,9 @@ class _Scene:
         return seen != GroundClass.UNSEEN, ground, normal.astype(np.float32)
 
 
-def _window(raster: Raster, row: int, col: int, shape: tuple[int, int]) -> Raster:
+def _window(
+    raster: Raster, row: int, col: int, shape: tuple[int, int]
+) -> Float32[np.ndarray, "window_rows window_cols"]:
     """A window that starts `MARGIN` before (row, col); NaN outside the raster."""
     window = np.full(shape, np.nan, dtype=np.float32)
     top, left = max(0, row - MARGIN), max(0, col - MARGIN)
@@ -247,7 +249,7 @@ def _widened(elevation: Raster) -> Raster:
     return elevation
 
 
-def _finer(raster: Raster, ratio: int) -> Raster:
+def _finer(raster: Raster, ratio: int) -> Float32[np.ndarray, "fine_rows fine_cols"]:
     """A raster with margin, interpolated to cells `ratio` times finer, without the margin."""
     size = (raster.shape[1] * ratio, raster.shape[0] * ratio)
     fine = cv2.resize(raster, size, interpolation=cv2.INTER_LINEAR)

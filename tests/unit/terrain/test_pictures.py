@@ -1,0 +1,56 @@
+"""Quick-look pictures."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from photogrammetry.terrain.orthophoto import Orthophoto
+from photogrammetry.terrain.pictures import class_picture, orthophoto_picture, relief_picture
+from photogrammetry.terrain.records import GroundClass
+from photogrammetry.terrain.surface import HillshadeParams
+
+
+def test_unseen_ground_is_clear_in_every_picture(scenes):
+    dtm = scenes.dtm_of(scenes.tilted)
+    dtm.elevation[:20], dtm.ground[:20] = np.nan, GroundClass.UNSEEN
+    for picture in (relief_picture(dtm, HillshadeParams()), class_picture(dtm)):
+        assert picture.shape == (128, 128, 4)
+        assert (picture[:20, :, 3] == 0).all()
+        assert (picture[20:, :, 3] == 255).all()
+
+
+def test_high_ground_has_another_colour_than_low_ground(scenes):
+    picture = relief_picture(scenes.dtm_of(lambda e, n: e + 0.0 * n), HillshadeParams())
+    assert np.abs(picture[64, 5].astype(int) - picture[64, 120]).max() > 80
+
+
+def test_classes_are_told_apart(scenes):
+    dtm = scenes.dtm_of(scenes.level)
+    dtm.ground[:, 64:] = GroundClass.INTERPOLATED
+    picture = class_picture(dtm)
+    assert (picture[10, 10] != picture[10, 100]).any()
+
+
+def test_a_large_picture_is_made_small_enough(scenes):
+    assert max(class_picture(scenes.dtm_of(scenes.level), max_side=50).shape) <= 50
+
+
+def test_an_orthophoto_is_shown_between_its_black_and_white(scenes):
+    grid = scenes.dtm_of(scenes.level).grid
+    brightness = np.tile(np.linspace(0, 400, 128, dtype=np.float32), (128, 1))
+    brightness[0] = np.nan
+    source = np.zeros(grid.shape, dtype=np.uint16)
+    orthophoto = Orthophoto(
+        grid, brightness, source, ("A",), (100.0, 300.0), np.array([[1.0, 0.0]])
+    )
+    picture = orthophoto_picture(orthophoto)
+    assert picture[5, 10, 0] == 0
+    assert picture[5, 120, 0] == 255
+    assert abs(int(picture[5, 64, 0]) - 128) <= 2
+    assert (picture[0, :, 3] == 0).all()
+
+
+def test_an_empty_model_makes_a_clear_picture(scenes):
+    dtm = scenes.dtm_of(scenes.level)
+    empty = replace(dtm, elevation=np.full(dtm.grid.shape, np.nan, dtype=np.float32))
+    assert (relief_picture(empty, HillshadeParams())[..., 3] == 0).all()

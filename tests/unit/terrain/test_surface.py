@@ -1,0 +1,135 @@
+"""Slope, aspect, northerly tilt and hillshade of surfaces whose values are known."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from photogrammetry.errors import TerrainError
+from photogrammetry.terrain.surface import (
+    HillshadeParams,
+    SlopeParams,
+    aspect,
+    aspect_of,
+    gradients,
+    hillshade,
+    normals,
+    normals_of,
+    northerly_tilt,
+    northerly_tilt_of,
+    slope,
+    slope_of,
+)
+
+PARAMS = SlopeParams()
+
+
+def plane(slope_deg, azimuth_deg):
+    """A plane that falls towards the azimuth."""
+    g, a = np.tan(np.radians(slope_deg)), np.radians(azimuth_deg)
+    return lambda east, north: -g * (np.sin(a) * east + np.cos(a) * north)
+
+
+def test_the_numbers_of_vicar_are_met():
+    normal = np.array([0.2, 0.1, -0.95])
+    normal = (normal / np.linalg.norm(normal)).astype(np.float32).reshape(3, 1, 1)
+    assert slope_of(normal)[0, 0] == pytest.approx(13.244942, abs=2e-5)
+    assert aspect_of(normal)[0, 0] == pytest.approx(26.565051, abs=2e-5)
+    assert np.hypot(*normal[:2])[0, 0] == pytest.approx(0.229114466, abs=1e-7)
+    assert northerly_tilt_of(normal)[0, 0] == pytest.approx(11.825179, abs=2e-5)
+
+
+@given(slope_deg=st.floats(0.1, 60), azimuth_deg=st.floats(0, 359.9), seed=st.integers(0, 99))
+def test_a_plane_has_one_slope_whatever_cells_are_missing(scenes, slope_deg, azimuth_deg, seed):
+    dtm = scenes.dtm_of(plane(slope_deg, azimuth_deg), side=48)
+    missing = np.random.default_rng(seed).random(dtm.grid.shape) < 0.3
+    dtm.elevation[missing] = np.nan
+    mapped = ~np.isnan(slope(dtm, PARAMS))
+    assert mapped[16:-16, 16:-16].mean() > 0.5
+    assert not mapped[missing].any()
+    np.testing.assert_allclose(slope(dtm, PARAMS)[mapped], slope_deg, atol=2e-3)
+    turn = (aspect(dtm, PARAMS)[mapped] - azimuth_deg + 180) % 360 - 180
+    np.testing.assert_allclose(turn * np.sin(np.radians(slope_deg)), 0, atol=2e-3)
+    tilt = np.degrees(np.arcsin(np.sin(np.radians(slope_deg)) * np.cos(np.radians(azimuth_deg))))
+    np.testing.assert_allclose(northerly_tilt(dtm, PARAMS)[mapped], tilt, atol=2e-3)
+
+
+def test_the_side_of_a_cone_is_as_steep_as_the_cone(scenes):
+    dtm = scenes.dtm_of(lambda e, n: -np.tan(np.radians(20)) * np.hypot(e, n), side=200)
+    east, north = np.meshgrid(*dtm.grid.centres())
+    far = (np.hypot(east, north) > 2.5) & (np.abs(east) < 3.4) & (np.abs(north) < 3.4)
+    # a plane over 1.1 m of a cone, 2.5 m from its tip, is flatter by about (1.1/2.5)^2 / 24
+    np.testing.assert_allclose(slope(dtm, PARAMS)[far], 20.0, atol=0.25)
+    downhill = np.degrees(np.arctan2(east, north)) % 360
+    turn = (aspect(dtm, PARAMS) - downhill + 180) % 360 - 180
+    np.testing.assert_allclose(turn[far], 0, atol=0.2)  # the window is square, the cone round
+
+
+def test_pebbles_do_not_count_as_slope(scenes, rng):
+    dtm = scenes.dtm_of(plane(5.0, 90.0), side=128)
+    pebbles = rng.random(dtm.grid.shape) < 0.02
+    dtm.elevation[pebbles] += 0.03
+    assert np.nanpercentile(np.abs(slope(dtm, PARAMS) - 5.0), 99) < 0.7
+    rough = slope(dtm, SlopeParams(baseline_m=0.12))
+    assert np.nanpercentile(np.abs(rough - 5.0), 99) > 5
+
+
+def test_unseen_ground_has_no_slope(scenes):
+    dtm = scenes.dtm_of(scenes.tilted)
+    dtm.elevation[:, 40:] = np.nan
+    assert np.isnan(slope(dtm, PARAMS)[:, 40:]).all()
+    assert np.isfinite(slope(dtm, PARAMS)[30:-30, 39]).all()  # half of its window is known
+
+
+def test_a_strip_too_narrow_for_a_plane_has_no_slope(scenes):
+    dtm = scenes.dtm_of(scenes.tilted)
+    dtm.elevation[:, 41:] = np.nan
+    dtm.elevation[:, :40] = np.nan
+    assert np.isnan(slope(dtm, SlopeParams(min_share=0.0))).all()
+
+
+def test_normals_are_unit_vectors_that_point_up(scenes):
+    normal = normals(scenes.dtm_of(plane(30.0, 200.0)), PARAMS)
+    inside = np.isfinite(normal[0])
+    np.testing.assert_allclose(np.linalg.norm(normal, axis=0)[inside], 1, atol=1e-6)
+    assert (normal[2][inside] < 0).all()
+
+
+def test_level_ground_has_no_aspect(scenes):
+    level = scenes.dtm_of(scenes.level)
+    assert np.isnan(aspect(level, PARAMS)).all()
+    assert np.nanmax(slope(level, PARAMS)) < 1e-4
+
+
+def test_hillshade_is_brightest_on_the_slope_that_faces_the_sun(scenes):
+    shading = HillshadeParams(sun_azimuth_deg=135.0, sun_elevation_deg=30.0)
+    facing = hillshade(scenes.dtm_of(plane(60.0, 135.0)), shading)
+    away = hillshade(scenes.dtm_of(plane(60.0, 315.0)), shading)
+    flat = hillshade(scenes.dtm_of(scenes.level), shading)
+    assert np.nanmin(facing) == pytest.approx(1.0, abs=1e-4)
+    assert np.nanmax(away) == 0.0
+    assert np.nanmean(flat) == pytest.approx(np.sin(np.radians(30)), abs=1e-5)
+
+
+def test_hillshade_is_absent_where_nothing_was_seen(scenes):
+    dtm = scenes.dtm_of(scenes.tilted)
+    dtm.elevation[20:30, 20:30] = np.nan
+    assert np.isnan(hillshade(dtm, HillshadeParams())[20:30, 20:30]).all()
+
+
+def test_gradients_keep_the_precision_of_high_ground(scenes):
+    dtm = scenes.dtm_of(lambda e, n: 0.1 * e + 0.0 * n)
+    raised = gradients(dtm.elevation + np.float32(4096), dtm.grid.cell_m, 1.1)
+    # single precision of 4096 m is half a millimetre
+    np.testing.assert_allclose(raised[0][30:-30, 30:-30], 0.1, atol=2e-4)
+
+
+def test_normals_follow_from_gradients():
+    gradient = np.array([0.1, -0.2]).reshape(2, 1, 1)
+    normal = normals_of(gradient)[:, 0, 0]
+    np.testing.assert_allclose(normal / normal[2], [-0.2, 0.1, 1.0], atol=1e-6)
+
+
+def test_a_baseline_longer_than_the_model_is_an_error(scenes):
+    with pytest.raises(TerrainError, match="take a shorter baseline"):
+        gradients(scenes.dtm_of(scenes.level, side=16).elevation, 0.04, 3.0)
