@@ -162,9 +162,10 @@ def mission_body(entry: MissionEntry, layers: Iterable[Layer]) -> Mission:
 
 
 def _union(boxes: list[Box]) -> Box:
-    if not boxes:
+    filled = [box for box in boxes if any(box)]  # a layer without features is published as 0 0 0 0
+    if not filled:
         return _NO_LAYERS
-    west, south, east, north = zip(*boxes, strict=True)
+    west, south, east, north = zip(*filled, strict=True)
     return min(west), min(south), max(east), max(north)
 
 

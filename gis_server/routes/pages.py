@@ -15,7 +15,8 @@ SHIPPED_VIEWER = Path(__file__).parents[1] / "viewer" / "dist"
 _SWAGGER = ("swagger/swagger-ui-bundle.js", "swagger/swagger-ui.css")
 
 _FRAME = """<!doctype html>
-<html lang="en"><head><meta charset="utf-8"><title>solmap</title>{head}</head>
+<html lang="en"><head><meta charset="utf-8"><title>solmap</title>
+<link rel="icon" href="data:,">{head}</head>
 <body>{body}</body></html>
 """
 _UNBUILT = _FRAME.format(

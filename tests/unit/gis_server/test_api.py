@@ -8,7 +8,9 @@ from fastapi.testclient import TestClient
 from pyproj import CRS as ProjCrs
 
 from gis_server.app import create_app
-from products.model import ProductKind
+from gis_server.routes.bodies import mission_body
+from products.catalogue import MissionEntry
+from products.model import Layer, ProductKind, Recipe
 from products.raster import write_raster
 from tests.unit.gis_server.conftest import (
     CRS,
@@ -44,6 +46,20 @@ def test_a_mission_says_where_on_mars_its_map_is(client):
     side = tiles["extent"][2] - tiles["extent"][0]
     for zoom, cell_m in enumerate(tiles["cell_sizes"]):
         assert tiles["tile_size"] * cell_m * 2**zoom == pytest.approx(side)
+
+
+def test_a_layer_without_features_does_not_pull_the_map_to_the_lander():
+    far = (1000.0, 2000.0, 1040.0, 2050.0)
+    layers = [
+        Layer(ref, "MER2", "a title", "vector", bounds, None, None, None, (), "2026-01-01")
+        for ref, bounds in (
+            (Recipe(ProductKind.STOPS, REGION).ref, far),
+            (Recipe(ProductKind.CONTOURS, REGION).ref, (0.0, 0.0, 0.0, 0.0)),
+        )
+    ]
+    entry = MissionEntry("MER2", "a title", LANDING, None)
+    assert mission_body(entry, layers).bounds == far
+    assert mission_body(entry, layers[1:]).bounds == (-50.0, -50.0, 50.0, 50.0)
 
 
 def test_every_address_of_every_layer_answers(client):
