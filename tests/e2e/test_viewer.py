@@ -45,6 +45,7 @@ ARGUMENTS = (
     "--no-first-run",
 )
 LANDING = LandingPoint("Columbia Memorial Station", 175.4729, -14.5692, 3_393_000.0, "a test")
+GALE = LandingPoint("Bradbury Landing", 137.4417, -4.5895, 3_391_000.0, "a test")
 CRS = local_crs(LANDING)
 GRID = MapGrid.covering((-40.0, -40.0, 40.0, 40.0), 0.08)
 REGION = Scope(ScopeLevel.REGION, "mer2")
@@ -225,7 +226,8 @@ def fill(workspace: Workspace) -> None:
                 outlines.append(outline)
                 lines.append(line)
     mission = MissionEntry("MER2", "Spirit, Gusev crater", LANDING, "LSL starts at the lander.")
-    workspace.catalogue.publish(missions=[mission], images=entries)
+    other = MissionEntry("MSL", "Curiosity, Gale crater", GALE, None)
+    workspace.catalogue.publish(missions=[mission, other], images=entries)
     shop.raster(ProductKind.DTM, lambda path: write_dtm(path, dtm(), CRS))
     shop.raster(
         ProductKind.ORTHOPHOTO,
@@ -558,6 +560,19 @@ def test_the_table_of_stops_says_how_far_telemetry_was_off(page, url):
     moved = [float(row.locator("td").last.inner_text()) for row in rows]
     expected = [math.dist(adjusted, telemetry) for *_, adjusted, telemetry in STOPS]
     assert moved == pytest.approx(expected, abs=5e-4)
+
+
+def test_another_mission_is_one_choice_away(page, url):
+    look(page, url)
+    page.get_by_label("mission", exact=True).select_option("MSL")
+    until(page, lambda: "Bradbury Landing" in page.locator(".mission").inner_text())
+    ready(page)
+    assert page.url.split("#")[1].startswith("m=MSL&at=")
+    assert "No layer is published yet" in page.locator("aside.left").inner_text()
+    x, y = pixel_of(page, 0.0, 0.0, 1.0)
+    page.mouse.move(x, y)
+    until(page, lambda: field(page, "elevation") == "not measured")
+    assert float(field(page, "lon").split("°")[0]) == pytest.approx(GALE.longitude, abs=1e-5)
 
 
 def test_north_stays_north_when_the_map_is_turned(page, url):

@@ -138,13 +138,15 @@ function drawStop(feature: FeatureLike, state: DrawingState): Style[] {
       minor * state.ellipseFactor,
       number(feature.get("ellipse_azimuth_deg")) ?? 0,
     );
+    const figure = new Polygon([ring.map((point) => [...point])]);
     styles.push(
       new Style({
-        geometry: new Polygon([ring.map((point) => [...point])]),
-        stroke: line(ADJUSTED, 1.2),
-        fill: new Fill({ color: "rgba(224,45,37,0.10)" }),
-        zIndex: 2,
+        geometry: figure,
+        stroke: line(CASING, 3.5),
+        fill: new Fill({ color: "rgba(224,45,37,0.12)" }),
+        zIndex: 1,
       }),
+      new Style({ geometry: figure, stroke: line(ADJUSTED, 1.5), zIndex: 2 }),
     );
   }
   return styles;
