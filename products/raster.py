@@ -238,7 +238,7 @@ def read_dtm(path: Path) -> Dtm:
     )
 
 
-def write_orthophoto(  # noqa: PLR0913 - the properties of one file
+def write_orthophoto(
     path: Path,
     grid: MapGrid,
     brightness: Raster,
