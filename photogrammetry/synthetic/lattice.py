@@ -26,7 +26,7 @@ FINEST_NODE_M = 0.02
 """Node distance of level 0: some ten Navcam pixels at 2 m, one at 20 m."""
 COARSEST = 13
 """Level at which a fractal starts: 164 m."""
-NOISE_BLOCK = 256
+NOISE_BLOCK = 64
 """Nodes along the side of a block that shares one stream of random numbers."""
 
 Nodes = Float32[np.ndarray, "rows cols"]
@@ -152,7 +152,7 @@ def parent(window: Window) -> Window:
     )
 
 
-def subdivided(coarse: Nodes, window: Window) -> Nodes:
+def subdivided(coarse: Nodes, window: Window) -> Float32[np.ndarray, "fine_rows fine_cols"]:
     """Cubic B-spline subdivision of the nodes of `parent(window)` to those of `window`."""
     fine = cv2.pyrUp(coarse)
     row = window.first_row - 2 * (window.first_row // 2 - 1)

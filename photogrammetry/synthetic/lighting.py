@@ -70,7 +70,7 @@ class LitGround:
 
     sun: Sun
     layers: tuple[Layer, ...]
-    grains: tuple[Nodes, ...]
+    grains: tuple[np.ndarray, ...]
     """Radiance ratio of the grains at 4, 8 and 16 mm, one more row and column than the period."""
 
     def sky(self, tangent: np.ndarray) -> np.ndarray:
@@ -192,7 +192,7 @@ def _ring_noise(rng: np.random.Generator, cells: int, octaves: int, sigma: float
     return noise
 
 
-def _grains(seed: int, sun: Sun) -> tuple[Nodes, ...]:
+def _grains(seed: int, sun: Sun) -> tuple[np.ndarray, ...]:
     relief, albedo = _grain_relief(seed)
     margin = 64
     ringed = cv2.copyMakeBorder(relief, *(margin,) * 4, cv2.BORDER_WRAP)

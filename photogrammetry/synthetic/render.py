@@ -113,7 +113,7 @@ def picture(ground: LitGround, view: View) -> GreyImage:
     return cv2.remap(smooth, row, column, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
 
 
-def _steps(ground: LitGround, view: View) -> list[Float64[np.ndarray, " steps"]]:
+def _steps(ground: LitGround, view: View) -> list[np.ndarray]:
     """Distances at which the profiles are sampled, layer by layer."""
     z_c, steepest = -view.centre[2], -np.tan(view.edges[0])
     below = bilinear(
@@ -153,10 +153,10 @@ def _sweep(
 def _nodes(
     window: Window, centre: Vector3, c: np.ndarray, s: np.ndarray, r: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    row, col = window.nodes_of(centre[0], centre[1])
+    row, col = window.nodes_of(centre[0:1], centre[1:2])
     along = (r / window.cell_m).astype(np.float32)
-    rows = c.astype(np.float32)[:, None] * along + np.float32(row)
-    return rows, s.astype(np.float32)[:, None] * along + np.float32(col)
+    rows = c.astype(np.float32)[:, None] * along + row.astype(np.float32)
+    return rows, s.astype(np.float32)[:, None] * along + col.astype(np.float32)
 
 
 def _lay_grains(

@@ -49,7 +49,7 @@ class RockField:
     passable_m: float = 0.12
 
     def within(self, window: Window, narrowest_m: float) -> Rocks:
-        """Rocks wider than `narrowest_m` that touch a window."""
+        """Rocks wider than `narrowest_m` in and around a window, a clearing's left out."""
         reach = self.largest_m
         rows = _blocks(window.north[0] - reach, window.north[-1] + reach)
         cols = _blocks(window.east[0] - reach, window.east[-1] + reach)

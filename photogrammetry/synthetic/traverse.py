@@ -106,9 +106,10 @@ def standing(terrain: Terrain, north: float, east: float, heading: float, rover:
     c, s = np.cos(heading), np.sin(heading)
     wheels = np.array([(north + c * x - s * y, east + s * x + c * y) for x, y in WHEELS_M])
     spots = np.array([-1.0, 0.0, 1.0]) * FOOTPRINT_M
-    soil = [terrain.elevation(n + spots[:, None], e + spots[None, :]).mean() for n, e in wheels]
+    under = wheels[:, :, None, None] + np.stack(np.meshgrid(spots, spots))
+    soil = terrain.elevation(under[:, 0], under[:, 1]).mean(axis=(1, 2))
     design = np.column_stack([np.ones(6), wheels - (north, east)])
-    height, to_north, to_east = np.linalg.lstsq(design, np.array(soil), rcond=None)[0]
+    height, to_north, to_east = np.linalg.lstsq(design, soil, rcond=None)[0]
     down = np.array([to_north, to_east, 1.0]) / np.linalg.norm([to_north, to_east, 1.0])
     forward = np.array([c, s, 0.0]) - down * (c * down[0] + s * down[1])
     forward /= np.linalg.norm(forward)

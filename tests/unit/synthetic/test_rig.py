@@ -1,0 +1,58 @@
+"""The mast carries the cameras as the flight labels say."""
+
+import numpy as np
+import pytest
+
+from photogrammetry.imagery import Eye, StopId
+from photogrammetry.synthetic.rig import CAMERAS, D_AZ, D_EL, Instrument, Pointing
+
+STOP = StopId("MER2", 137, 0)
+
+
+def test_the_mast_reproduces_the_flight_label_of_sol_1869():
+    pointing = Pointing(np.deg2rad(141.99451), np.deg2rad(-25.742348))
+    camera = CAMERAS[Instrument.NAVCAM, Eye.LEFT].in_mast.moved(pointing.rover_from_mast(STOP))
+    # Label digits: C to 1e-6 m, unit vectors to 1e-6, H and V to 0.01 px.
+    np.testing.assert_allclose(camera.c, [0.454993, 0.141198, -1.23312], atol=5e-6)
+    np.testing.assert_allclose(camera.a, [-0.69585, 0.571462, 0.435], atol=3e-6)
+    np.testing.assert_allclose(camera.h, [-1075.03, -654.572, 220.543], atol=0.02)
+    np.testing.assert_allclose(camera.v, [50.6594, -19.3653, 1294.76], atol=0.02)
+    np.testing.assert_allclose(camera.o, [-0.61985, 0.672629, 0.404174], atol=3e-6)
+
+
+def test_the_motors_of_that_label_are_the_axis_less_its_offsets():
+    azimuth, elevation = Pointing(np.deg2rad(141.99451), np.deg2rad(-25.742348)).motors
+    assert azimuth == pytest.approx(2.47455, abs=2e-5)
+    assert elevation == pytest.approx(-0.503045, abs=3e-4)
+    assert pytest.approx((0.0037228, 0.053756), abs=1e-5) == (D_AZ, D_EL)
+
+
+def test_the_mast_quaternion_is_that_of_the_label():
+    pointing = Pointing(np.deg2rad(141.99451), np.deg2rad(-25.742348))
+    quaternion = pointing.rover_from_mast(STOP).quaternion
+    np.testing.assert_allclose(quaternion, [0.317432, 0.21062, -0.0725336, 0.921746], atol=1e-6)
+
+
+def test_the_navcam_base_is_the_published_one():
+    left, right = (CAMERAS[Instrument.NAVCAM, eye].in_mast for eye in (Eye.LEFT, Eye.RIGHT))
+    assert np.linalg.norm(right.c - left.c) == pytest.approx(0.200345, abs=1e-6)
+
+
+def test_the_right_pancam_mirrors_the_left_one():
+    left, right = (CAMERAS[Instrument.PANCAM, eye].in_mast for eye in (Eye.LEFT, Eye.RIGHT))
+    assert right.c[1] - left.c[1] == pytest.approx(0.2968, abs=1e-4)
+    points = np.array([[10.0, 0.4, 1.0], [25.0, -1.0, -2.0], [8.0, 0.1, 0.3]])
+    mirrored = points * [1, -1, 1] + [0.0, 0.025, 0.0]
+    (x_left, y_left), (x_right, y_right) = left.project(points).T, right.project(mirrored).T
+    np.testing.assert_allclose(x_right, 1023 - x_left, atol=1e-6)
+    np.testing.assert_allclose(y_right, y_left, atol=1e-6)
+
+
+def test_a_miss_of_the_mast_turns_both_eyes_about_the_mast_head():
+    pointing = Pointing(0.3, -0.3)
+    miss = np.deg2rad([0.1, 0.2, -0.15])
+    moved = pointing.rover_from_mast(STOP, turned_by=miss)
+    assert np.array_equal(moved.translation_m, pointing.rover_from_mast(STOP).translation_m)
+    turn = pointing.rotation.T @ moved.rotation
+    angle = np.arccos((np.trace(turn) - 1) / 2)
+    assert angle == pytest.approx(np.linalg.norm(miss), rel=1e-3)
