@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -9,9 +10,12 @@ from typing import Any
 
 from gis_server.rendering.features import index_of
 from gis_server.rendering.readers import RasterPool
+from products.errors import ProductError
 from products.model import Layer, ProductKind, ScopeLevel
 from products.raster import values_in
 from products.store import ProductStore
+
+log = logging.getLogger(__name__)
 
 _WIDEST_FIRST = {ScopeLevel.REGION: 0, ScopeLevel.SOL: 1, ScopeLevel.STOP: 2}
 _NEAR_M = 2.0
@@ -55,16 +59,22 @@ class Identified:
 def identify(
     layers: Sequence[Layer], east: float, north: float, store: ProductStore, pool: RasterPool
 ) -> Identified:
-    """Values and features of `layers` at a place, metres of the local map."""
+    """Values and features of `layers` at a place, metres of the local map.
+
+    A layer whose file is damaged or gone is logged and left out: the others still know the place.
+    """
     ordered = sorted(layers, key=lambda layer: _WIDEST_FIRST.get(layer.ref.scope.level, 3))
     values, features = [], []
     for layer in ordered:
         if not _near(layer.bounds, east, north):
             continue
-        if layer.type == "raster":
-            values += _value(layer, east, north, store, pool)
-        else:
-            features += _features(layer, east, north, store)
+        try:
+            if layer.type == "raster":
+                values += _value(layer, east, north, store, pool)
+            else:
+                features += _features(layer, east, north, store)
+        except ProductError as error:
+            log.warning("%s", error)
     features.sort(key=lambda found: found.distance_m)
     return Identified(tuple(values), tuple(features[:_MOST]))
 

@@ -14,7 +14,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import rasterio
+from rasterio.errors import RasterioError
 
+from products.errors import ProductError
 from products.raster import open_raster
 
 
@@ -38,6 +40,9 @@ class RasterPool:
         dataset = self._take(path) or open_raster(path)
         try:
             yield dataset
+        except RasterioError as error:
+            dataset.close()
+            raise ProductError(f"{path.name} is broken: {error}; make it again") from error
         except BaseException:
             dataset.close()
             raise

@@ -334,6 +334,28 @@ def test_the_most_comprehensive_terrain_model_gives_the_elevation(own_world):
     assert layer.id == "mer2/dtm"
 
 
+def test_a_product_that_was_damaged_or_removed_is_named_and_the_rest_is_served(own_world):
+    client = TestClient(create_app(own_world.root))
+    layers = layers_of(client)
+    dtm, slope = layers[f"{STOP.name}/dtm"], layers[f"{STOP.name}/slope"]
+    damaged = own_world.store.path(ref_of(own_world, ProductKind.DTM))
+    whole = damaged.read_bytes()
+    damaged.write_bytes(whole[: len(whole) // 3])
+    own_world.store.path(ref_of(own_world, ProductKind.SLOPE)).unlink()
+    address = {"z": 17, "x": 65536, "y": 65536}
+    broken = client.get(dtm["tiles"].format(**address))
+    assert broken.status_code == 500
+    assert f"{dtm['digest']}.tif is broken" in broken.json()["detail"]["what"]
+    gone = client.get(slope["tiles"].format(**address))
+    assert gone.status_code == 404
+    assert "run the flow that makes it" in gone.json()["detail"]["what"]
+    hillshade = layers[f"{STOP.name}/hillshade"]["tiles"].format(**address)
+    assert client.get(hillshade).status_code == 200
+    place = client.get("/api/missions/MER2/identify", params={"east": 3.0, "north": 3.0}).json()
+    assert {"hillshade", "aspect"} <= {value["kind"] for value in place["layers"]}
+    assert not {"dtm", "slope"} & {value["kind"] for value in place["layers"]}
+
+
 def test_the_answers_are_plain_json(client):
     for address in ("/api/missions", "/api/missions/MER2/layers", "/api/missions/MER2/images"):
         json.loads(client.get(address).content, parse_constant=pytest.fail)
