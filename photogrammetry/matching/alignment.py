@@ -1,9 +1,9 @@
 """Robust alignment of stereo pairs by their ties, and the geometric verdict on every tie.
 
 A tie gives a point twice: X_s from the left point and parallax of its first pair, and the left
-point and parallax (x, y, p) measured in its second pair. With the pointing corrections theta of both
-pairs (rotation vectors about the left cameras: the mast points to 0.1-0.2 degrees only) and the pose
-of the second rover in the first, E = R L + t, the first measurement predicts the second,
+point and parallax (x, y, p) measured in its second pair. With the pointing corrections theta of
+both pairs (rotation vectors about the left cameras: the mast points to 0.1-0.2 degrees only) and
+the pose of the second rover in the first, E = R L + t, the first measurement predicts the second,
 
     X_t = exp(-theta_t) R_t' ( R' (R_s exp(theta_s) X_s + c_s - t) - c_t ),   v = (x, y, p) - h(X_t)
 
@@ -13,8 +13,8 @@ both measurements, the first one's carried through the map,
     C_v = diag(s_x^2, s_x^2, s_p^2) + J diag(s_x^2, s_x^2, s_p^2)_first J',
 
 so that an uncertain range counts little along the ray and an accurate direction much across it.
-There is no scale (Di et al. 2008, section 3.2: rotation and translation only). Unknowns with a prior
-are held to it by its covariance. The robust estimate is graduated non-convexity with the
+There is no scale (Di et al. 2008, section 3.2: rotation and translation only). Unknowns with a
+prior are held to it by its covariance. The robust estimate is graduated non-convexity with the
 Geman-McClure kernel (Yang et al. 2020), w = (k c^2 / (v' C_v^-1 v + k c^2))^2, k falling to 1.
 
 The verdict is the squared Mahalanobis length v' C_v^-1 v against the chi-square of 3 degrees of

@@ -47,7 +47,7 @@ class BirdsEyeParams:
     """Beyond it a Navcam's range is off by a metre and more."""
     grey_wave_m: float = 1.0
     relief_waves_m: tuple[float, float] = (0.2, 1.0)
-    """Relief between these wavelengths: rocks and ripples, not the slope, which tilt errors move."""
+    """Relief between these wavelengths: rocks and ripples; slopes move with errors of the tilt."""
     azimuth_step: float = 0.0087
     """Radians (0.5 degrees): moves the ground by a cell at 18 m."""
     min_overlap_m2: float = 40.0
@@ -109,8 +109,8 @@ def birds_eye_view(stop: MatchedStop, params: BirdsEyeParams) -> BirdsEyeView:
         col = np.floor((params.radius_m + ground[:, 1]) / params.cell_m).astype(np.int64)
         inside = (row >= 0) & (row < cells) & (col >= 0) & (col < cells)
         index = row[inside] * cells + col[inside]
-        for total, weight in zip(sums, (None, grey[inside], -ground[inside, 2]), strict=True):
-            total += np.bincount(index, weight, minlength=cells * cells)
+        weights = (None, grey[inside], -ground[inside, 2])
+        sums += [np.bincount(index, weight, minlength=cells * cells) for weight in weights]
     count, grey_sum, up_sum = sums.reshape(3, cells, cells)
     with np.errstate(invalid="ignore"):
         return BirdsEyeView(
@@ -288,7 +288,7 @@ def placed_on(
     """A raster of the later view on the grid of the earlier one; NaN where unseen."""
     size = raster.shape[0]
     place = cv2.getRotationMatrix2D(((size - 1) / 2,) * 2, -float(np.degrees(azimuth)), 1.0)
-    place[:, 2] += (east_m / cell_m, -north_m / cell_m)
+    place[:, 2] += np.array([east_m, -north_m]) / cell_m
     return cv2.warpAffine(
         raster, place, (size, size), flags=cv2.INTER_NEAREST, borderValue=float("nan")
     ).astype(np.float32)

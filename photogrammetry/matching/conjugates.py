@@ -94,7 +94,7 @@ class Conjugates:
     correlation: PerPoint
 
 
-def find_conjugates(  # noqa: PLR0913, PLR0917 - two views, what joins them, and how
+def find_conjugates(
     source: View,
     target: View,
     points: ImagePoints,
@@ -143,7 +143,7 @@ def match_patches(
 def common_grids(
     points: ImagePoints, target_from_source: Float64[np.ndarray, "n 3 3"]
 ) -> Float64[np.ndarray, "n 3 3"]:
-    """source_from_grid of every point, (0, 0) of the grid at the point; NaN where it has no image."""
+    """source_from_grid of every point, origin at the point; NaN where it has no image."""
     _, derivative = mapped(target_from_source, points)
     grids = np.tile(np.eye(3), (len(points), 1, 1))
     grids[:, :2, 2] = points

@@ -42,7 +42,6 @@ from photogrammetry.matching.records import MatchedStop
 from photogrammetry.matching.tie_views import TieView
 from photogrammetry.matching.ties import Ties
 
-
 LEAST_TO_ALIGN = 6
 """Ties for the six unknowns of a pose with some redundancy."""
 
@@ -119,7 +118,7 @@ class SiteLink:
     earlier_from_later: Pose
     """Rover to rover: as found if linked, else as telemetry has it."""
     covariance: Float64[np.ndarray, "6 6"]
-    """Of the rotation vector (radians), then the translation (metres), in the earlier rover's axes."""
+    """Of rotation vector (radians), then translation (metres), in the earlier rover's axes."""
     figures: SiteLinkFigures
     fit: PlaneFit | None
     """The best peak of the bird's-eye search, kept for pictures."""
@@ -290,7 +289,7 @@ def _candidates(
     return tie_candidates(one.views, other.views, level, gap, params.candidates, params.conjugates)
 
 
-def _aligned(  # noqa: PLR0913, PLR0917 - two stops, what joins them, and how
+def _aligned(
     one: StopViews,
     other: StopViews,
     ties: Ties,
@@ -363,7 +362,7 @@ def _verdict(figures: SiteLinkFigures, params: CrossSiteParams) -> tuple[bool, s
     )
 
 
-def _figures(  # noqa: PLR0913, PLR0917 - gathers the figures of one link
+def _figures(
     one: StopViews,
     other: StopViews,
     trial: _Trial,

@@ -1,14 +1,15 @@
 """Cross-site conjugates: which ground to look for in which pairs of another stop, and where.
 
 The ground common to both stops is divided into cells; in every cell that sparse match is the
-candidate, and that pair of the other stop its target, which resolve the ground best together. A candidate must be predicted to be visible:
-the dense parallax of the target at the predicted place agrees with the predicted one, or something
-stands before it.
+candidate, and that pair of the other stop its target, which resolve the ground best together. A
+candidate must be predicted to be visible: the dense parallax of the target at the predicted place
+agrees with the predicted one, or something stands before it.
 
 Around the candidate both pairs are drawn as orthophotos over the surfaces of their own stops
-(`ground_patches`), and matched on the ground. The window covers what is uncertain of the prediction:
-the pose between the stops (`Gap`), and the ranges of both stops. The centre of the patch and its
-conjugate are then image points of both pairs, where the parallax is measured anew (`tie_views`).
+(`ground_patches`), and matched on the ground. The window covers what is uncertain of the
+prediction: the pose between the stops (`Gap`), and the ranges of both stops. The centre of the
+patch and its conjugate are then image points of both pairs, where the parallax is measured anew
+(`tie_views`).
 """
 
 from __future__ import annotations
@@ -47,7 +48,7 @@ class Candidates:
     half_cells: int = 8
     """Half a patch: 17 x 17 cells are 1.4 m of ground at 10 m, and enough to be unique."""
     footprints: float = 1.5
-    """Pixels of the coarser image in a cell along the view: what its optics and sampling resolve."""
+    """Pixels of the coarser image in a cell along the view: what optics and sampling resolve."""
     finest_cell_m: float = 0.02
     coarsest_cell_m: float = 0.5
     """Two Navcam pixels at 20 m on level ground."""
@@ -63,15 +64,15 @@ class Candidates:
     ground: ConjugateParams = field(
         default_factory=lambda: ConjugateParams(threshold=0.6, ambiguity=0.85)
     )
-    """Two looks at the ground from far apart correlate less than the eyes of one pair; that a place
-    is the only one within the window, and fits the others in space, has to make up for it."""
+    """Looks at the ground from far apart correlate less than the eyes of one pair; that a place is
+    the only one within the window, and fits the others in space, has to make up for it."""
     blur_cells: float = 0.7
     """Takes from both what only one of them resolves."""
     visible_px: float = 2.0
     """Predicted and dense parallax may differ this much, besides what the gap makes of it."""
 
 
-def tie_candidates(  # noqa: PLR0913, PLR0917 - two stops, what joins them, and how
+def tie_candidates(
     earlier: Sequence[GroundView],
     later: Sequence[GroundView],
     earlier_from_later: Pose,
@@ -79,7 +80,7 @@ def tie_candidates(  # noqa: PLR0913, PLR0917 - two stops, what joins them, and 
     candidates: Candidates,
     conjugates: ConjugateParams,
 ) -> Ties:
-    """Conjugates with parallax between two stops; first the earlier stop's pair, second the later's.
+    """Conjugates with parallax between two stops; first the earlier's pair, second the later's.
 
     `earlier_from_later` joins the level frames of both stops.
     """
@@ -175,7 +176,10 @@ def _visible(
 def _best_of_cells(
     forth: list[_Plan], back: list[_Plan], earlier_from_later: Pose, params: Candidates
 ) -> tuple[list[_Plan], list[_Plan]]:
-    """Keep the candidate of finest common ground resolution in every cell of the ground; with too many, some of them evenly."""
+    """Keep the candidate that resolves the ground best in every cell.
+
+    Of more than `most_at_last` the finest, of more than `most` some of those, evenly.
+    """
     plans = [*forth, *back]
     if not plans:
         return forth, back
@@ -185,7 +189,7 @@ def _best_of_cells(
     cells = np.floor(np.concatenate(places)[:, :2] / params.cell_m).astype(np.int64)
     order = np.argsort(size, kind="stable")
     _, first = np.unique(cells[order], axis=0, return_index=True)
-    best = order[np.sort(first)]
+    best = order[np.sort(first)][: params.most_at_last]
     best = best[np.linspace(0, len(best) - 1, min(params.most, len(best))).astype(np.int64)]
     kept = np.zeros(len(owner), dtype=bool)
     kept[best] = True
@@ -235,12 +239,14 @@ def _looked_for(
         * plan.cell_m[found]
         * np.sqrt((plan.target.derivative(ahead[found]) ** 2).sum(axis=(1, 2)) / 2)
     )
+    source, target = (
+        np.full(int(found.sum()), pair_ids.index(v.view.pair.pair_id), np.int32)
+        for v in (plan.source, plan.target)
+    )
     ties = Ties(
         pair_ids,
-        *(
-            np.full(int(found.sum()), pair_ids.index(v.view.pair.pair_id), np.int32)
-            for v in (plan.source, plan.target)
-        ),
+        source,
+        target,
         first[found],
         second[found],
         measured[0][0],

@@ -20,7 +20,7 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 
-from photogrammetry.arrays import Flags, Float32, Float64, GreyImage, ImagePoints, PerPoint, Raster
+from photogrammetry.arrays import Flags, Float32, Float64, GreyImage, PerPoint, Raster
 from photogrammetry.matching.birds_eye import BirdsEyeView
 from photogrammetry.matching.tie_views import TieView
 

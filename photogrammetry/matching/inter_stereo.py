@@ -1,4 +1,4 @@
-"""Inter-stereo ties: points that several stereo pairs of one stop see (Di et al. 2008, section 3.1).
+"""Inter-stereo ties: points that several pairs of one stop see (Di et al. 2008, section 3.1).
 
 Every sparse match of a pair has its place in the rover frame; the mast's kinematics says where the
 other pairs see it. What is left is the pointing error: with 0.15 degrees an axis and pair, the

@@ -1,9 +1,9 @@
 """Matched pairs made ready for tying: pyramids, candidates, and parallax wherever it is asked for.
 
-A conjugate found in the left image of a pair is a tie once its parallax is known. The dense parallax
-gives the local surface; the parallax itself is measured anew at the very point, by least-squares
-matching of the left patch in the right image over that surface, so that a tie does not inherit the
-smoothing and the pixel-locking of the dense matcher.
+A conjugate found in the left image of a pair is a tie once its parallax is known. The dense
+parallax gives the local surface; the parallax itself is measured anew at the very point, by
+least-squares matching of the left patch in the right image over that surface, so that a tie does
+not inherit the smoothing and the pixel-locking of the dense matcher.
 """
 
 from __future__ import annotations
@@ -105,7 +105,7 @@ def _rows(planes: ParallaxPlanes, rows: Flags) -> ParallaxPlanes:
 def predicted_points(
     source: TieView, target: TieView, target_from_source: Pose, rows: Flags
 ) -> tuple[ImagePoints, PerPoint, Float64[np.ndarray, "n 3"]]:
-    """Image and parallax in the target of some sparse matches of the source, and their points there."""
+    """(image, parallax, point) in the target of some sparse matches of the source."""
     matches = source.pair.matches
     points = source.geometry.triangulate(matches.left[rows], matches.parallax_px[rows])
     in_target = target_from_source.apply(points)

@@ -26,6 +26,9 @@ from photogrammetry.errors import MatchingError
 from photogrammetry.imagery import StereoMatches, StopId, TieKind, TiePoints
 from photogrammetry.matching.ties import Ties
 
+MEASURED = ("parallax_px", "sigma_px", "sigma_parallax_px")
+"""Columns that a tie has for both of its pairs, and tie points for every observation."""
+
 
 @dataclass(frozen=True, slots=True)
 class TrackParams:
@@ -68,46 +71,46 @@ def build_tie_points(
     pair, left, parallax = measured.pair[keep], measured.left[keep], measured.parallax_px[keep]
     sigma, sigma_parallax = measured.sigma_px[keep], measured.sigma_parallax_px[keep]
     first = int(point.max()) + 1 if len(point) else 0
-    single = [_thinned(m, left[pair == k], params) for k, m in enumerate(matches)]
-    counts = [len(rows) for rows in single]
+    rows = [_thinned(m, left[pair == k], params) for k, m in enumerate(matches)]
+    alone = [_taken(m, some) for m, some in zip(matches, rows, strict=True)]
+    counts = [len(some) for some in rows]
     return TiePoints(
         pair_ids,
         np.concatenate([point, first + np.arange(sum(counts))]).astype(np.int32),
         np.concatenate([pair, np.repeat(np.arange(len(matches)), counts)]).astype(np.int32),
-        np.concatenate([left, *(m.left[rows] for m, rows in zip(matches, single, strict=True))]),
-        np.concatenate(
-            [parallax, *(m.parallax_px[rows] for m, rows in zip(matches, single, strict=True))]
-        ),
-        np.concatenate([sigma, *(m.sigma_px[r] for m, r in zip(matches, single, strict=True))]),
-        np.concatenate(
-            [sigma_parallax, *(m.sigma_px[r] for m, r in zip(matches, single, strict=True))]
-        ),
+        np.concatenate([left, *(m.left for m in alone)]),
+        np.concatenate([parallax, *(m.parallax_px for m in alone)]),
+        np.concatenate([sigma, *(m.sigma_px for m in alone)]),
+        np.concatenate([sigma_parallax, *(m.sigma_px for m in alone)]),
+    )
+
+
+def _taken(matches: StereoMatches, rows: np.ndarray) -> StereoMatches:
+    """Some rows of a pair's matches."""
+    return StereoMatches(
+        matches.pair_id, matches.left[rows], matches.parallax_px[rows], matches.sigma_px[rows]
     )
 
 
 def _measurements(ties: Sequence[Ties], pair_ids: tuple[str, ...]) -> _Measurements:
     """Rows 2k and 2k + 1 are the two measurements of tie k."""
     place = {name: k for k, name in enumerate(pair_ids)}
-    pairs, lefts, parallaxes, sigmas, sigma_parallaxes = [], [], [], [], []
+    pairs: list[np.ndarray] = []
+    lefts: list[np.ndarray] = []
+    columns: dict[str, list[np.ndarray]] = {name: [] for name in MEASURED}
     for some in ties:
         index = np.array([place.get(name, -1) for name in some.pair_ids] or [-1])
         pair = np.column_stack([index[some.first], index[some.second]])
         known = (pair >= 0).all(axis=1)
         pairs.append(pair[known].ravel())
         lefts.append(np.stack([some.first_left, some.second_left], axis=1)[known].reshape(-1, 2))
-        for columns, name in (
-            (parallaxes, "parallax_px"),
-            (sigmas, "sigma_px"),
-            (sigma_parallaxes, "sigma_parallax_px"),
-        ):
+        for name, column in columns.items():
             both = [getattr(some, f"first_{name}"), getattr(some, f"second_{name}")]
-            columns.append(np.column_stack(both)[known].ravel())
+            column.append(np.column_stack(both)[known].ravel())
     return _Measurements(
         np.concatenate(pairs or [np.zeros(0)]).astype(np.int32),
         np.concatenate(lefts or [np.zeros((0, 2))]),
-        np.concatenate(parallaxes or [np.zeros(0)]),
-        np.concatenate(sigmas or [np.zeros(0)]),
-        np.concatenate(sigma_parallaxes or [np.zeros(0)]),
+        *(np.concatenate(columns[name] or [np.zeros(0)]) for name in MEASURED),
     )
 
 
