@@ -26,7 +26,7 @@ FINEST_NODE_M = 0.02
 """Node distance of level 0: some ten Navcam pixels at 2 m, one at 20 m."""
 COARSEST = 13
 """Level at which a fractal starts: 164 m."""
-NOISE_BLOCK = 64
+NOISE_BLOCK = 128
 """Nodes along the side of a block that shares one stream of random numbers."""
 
 Nodes = Float32[np.ndarray, "rows cols"]

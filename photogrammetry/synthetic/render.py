@@ -27,6 +27,7 @@ import numpy as np
 
 from photogrammetry.arrays import Float32, Float64, GreyImage, ObjectPoints, Vector3
 from photogrammetry.errors import CameraError
+from photogrammetry.frames import Pose
 from photogrammetry.synthetic.lattice import Window, bilinear
 from photogrammetry.synthetic.lighting import GRAIN_M, GRAINS, LitGround
 
@@ -95,6 +96,12 @@ class Profiles:
     distance_m: Float64[np.ndarray, " steps"]
     horizon: Float32[np.ndarray, "columns steps"]
     radiance: Float32[np.ndarray, "columns steps"]
+
+
+def turned(pose: Pose, rays: Rays) -> Rays:
+    """Rays carried into the target frame of a pose, sum by sum, so that no library orders them."""
+    r = pose.rotation.astype(np.float32)
+    return np.stack([r[i, 0] * rays[0] + r[i, 1] * rays[1] + r[i, 2] * rays[2] for i in range(3)])
 
 
 def picture(ground: LitGround, view: View) -> GreyImage:

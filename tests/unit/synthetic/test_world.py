@@ -14,12 +14,12 @@ from photogrammetry.imagery import Eye
 from photogrammetry.pds3.file_names import parse_file_name
 from photogrammetry.pds3.reading import read_image
 from photogrammetry.pds3.vector_files import lsl_tree, parse_vector_file, poses
+from photogrammetry.synthetic.photograph import view_of
 from photogrammetry.synthetic.render import first_hits
 from photogrammetry.synthetic.rig import GROUND_M
 from photogrammetry.synthetic.traverse import TraverseParams, sun_at
 from photogrammetry.synthetic.world import (
     WorldParams,
-    _view,
     make_world,
     photograph,
     render_jobs,
@@ -91,7 +91,7 @@ def test_the_label_camera_differs_from_the_true_one_by_the_miss_of_the_mast(smal
 
 def test_every_ray_meets_the_ground_that_the_truth_gives(small_world):
     shot = small_world.shots[0]
-    view, _ = _view(small_world, shot, Eye.LEFT)
+    view, _ = view_of(small_world, shot, Eye.LEFT)
     points = first_hits(small_world.ground(0), view)
     near = np.hypot(*(points[:, :2] - view.centre[:2]).T) < 20
     north, east, down = points[near].T
@@ -108,7 +108,7 @@ def test_every_ray_meets_the_ground_that_the_truth_gives(small_world):
 def test_nothing_stands_before_a_point_that_is_seen(small_world):
     """The ray to a first hit runs above the ground all the way."""
     shot = small_world.shots[0]
-    view, _ = _view(small_world, shot, Eye.LEFT)
+    view, _ = view_of(small_world, shot, Eye.LEFT)
     points = first_hits(small_world.ground(0), view)
     reach = np.hypot(*(points[:, :2] - view.centre[:2]).T)
     chosen = np.flatnonzero((reach > 2) & (reach < 20))[::151]

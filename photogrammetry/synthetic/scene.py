@@ -1,0 +1,224 @@
+"""A landscape, a traverse and the exposures of its panoramas, drawn from one seed.
+
+The mast points by its motors and misses by small turns of its head, which both eyes share and no
+label knows. Every kind of chance has a stream of its own, so that one more stop or pair changes
+nothing of the others.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from photogrammetry.arrays import Raster
+from photogrammetry.cameras.cahvor import Cahvor
+from photogrammetry.errors import PhotogrammetryError
+from photogrammetry.frames import Pose
+from photogrammetry.imagery import Eye
+from photogrammetry.synthetic.edr import Exposure
+from photogrammetry.synthetic.lattice import stream_of
+from photogrammetry.synthetic.lighting import LitGround, light
+from photogrammetry.synthetic.rig import CAMERAS, Instrument, Pointing
+from photogrammetry.synthetic.terrain import TERRAINS, Terrain
+from photogrammetry.synthetic.traverse import (
+    Stop,
+    TraverseParams,
+    driven,
+    planned,
+    solar_longitude,
+    standing,
+    stop_ids,
+)
+from photogrammetry.terrain.grid import MapGrid
+
+SOL_S = 88_775.42064
+CLOCK_OF_SOL_0 = 126_322_960
+"""Spirit's clock at the start of sol 0, seconds (facts 6.2)."""
+PAIR_S = 53
+"""Time from one pair to the next, seconds."""
+
+
+@dataclass(frozen=True, slots=True)
+class WorldParams:
+    """What to simulate."""
+
+    terrain: str = "plains"
+    traverse: TraverseParams = field(default_factory=TraverseParams)
+    pairs: int = 10
+    """Navcam pairs of a panorama."""
+    pair_step: float = float(np.deg2rad(36.0))
+    mast_elevation: float = float(np.deg2rad(-18.0))
+    pancam: bool = False
+    """Pancam pairs towards the neighbouring stops as well (right Pancam: synthetic model)."""
+    pointing_error: float = float(np.deg2rad(0.12))
+    """Standard deviation of the mast head's azimuth and elevation, radians; roll has half."""
+    averaging: int = 1
+    """Pixels averaged to one, in both directions: 1, 2 or 4."""
+
+    def __post_init__(self) -> None:
+        if self.terrain not in TERRAINS:
+            raise PhotogrammetryError(
+                f"there is no terrain {self.terrain!r}: choose from {', '.join(TERRAINS)}"
+            )
+        if self.averaging not in (1, 2, 4) or self.pairs < 1:
+            raise PhotogrammetryError(
+                f"a panorama has at least one pair, averaged over 1, 2 or 4 pixels, not "
+                f"{self.pairs} pairs averaged over {self.averaging}"
+            )
+
+
+@dataclass(frozen=True, slots=True)
+class Shot:
+    """One stereo exposure: both eyes share everything here."""
+
+    stop: int
+    """Which stop of the world."""
+    pair: int
+    """Which pair of the stop."""
+    instrument: Instrument
+    pointing: Pointing
+    """As the motors report it."""
+    miss: tuple[float, float, float]
+    """Roll, pitch, yaw of the mast head beyond that, radians: the truth."""
+    clock: int
+    sequence: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class World:
+    """Landscape, traverse and exposures, with all that is true of them."""
+
+    params: WorldParams
+    seed: int
+    terrain: Terrain
+    stops: tuple[Stop, ...]
+    shots: tuple[Shot, ...]
+
+    def shot(self, stop: int, pair: int) -> Shot:
+        """A pair of a stop."""
+        return next(shot for shot in self.shots if (shot.stop, shot.pair) == (stop, pair))
+
+    def ground(self, stop: int) -> LitGround:
+        """The ground around a stop under the sun of its sol."""
+        here = self.stops[stop]
+        north, east, _ = here.lsl_from_rover.translation_m
+        return light(self.terrain, float(north), float(east), here.sun)
+
+    def exposure(self, shot: Shot, eye: Eye) -> Exposure:
+        """What the label of an image says."""
+        stop, averaging = self.stops[shot.stop], self.params.averaging
+        in_mast = CAMERAS[shot.instrument, eye].in_mast
+        in_mast = in_mast.averaged(averaging, averaging, correct_half_pixel=False)  # as MER labels
+        return Exposure(
+            stop=stop.id,
+            sol=stop.sol,
+            local_solar_hour=stop.local_solar_hour + shot.pair * PAIR_S / 3600,
+            solar_longitude=solar_longitude(stop.sol),
+            sun=stop.sun,
+            site_from_rover=stop.site_from_rover,
+            instrument=shot.instrument,
+            eye=eye,
+            pointing=shot.pointing,
+            camera=in_mast.moved(shot.pointing.rover_from_mast(stop.id)),
+            clock=shot.clock,
+            pma=shot.pair + 1,
+            sequence=shot.sequence,
+            averaging=averaging,
+        )
+
+    def true_lsl_from_mast(self, shot: Shot) -> Pose:
+        """Where the mast head truly is, and how it is turned."""
+        stop = self.stops[shot.stop]
+        miss = np.array(shot.miss)
+        return stop.lsl_from_rover @ shot.pointing.rover_from_mast(stop.id, turned_by=miss)
+
+    def true_lsl_from_label_rover(self, shot: Shot) -> Pose:
+        """Carries what the label's cameras see in the rover frame to where it truly is."""
+        stop = self.stops[shot.stop]
+        return self.true_lsl_from_mast(shot) @ shot.pointing.rover_from_mast(stop.id).inverse
+
+    def true_camera(self, shot: Shot, eye: Eye) -> Cahvor:
+        """The camera that took the picture, in the LSL."""
+        averaging = self.params.averaging
+        in_mast = CAMERAS[shot.instrument, eye].in_mast.averaged(averaging, averaging)
+        return in_mast.moved(self.true_lsl_from_mast(shot))
+
+    def true_elevation(self, grid: MapGrid) -> Raster:
+        """Elevation of the ground, rocks included, at the cell centres of a map grid."""
+        east, north = grid.centres()
+        return self.terrain.elevation(north[:, None], east[None, :]).astype(np.float32)
+
+    @property
+    def bounds(self) -> tuple[float, float, float, float]:
+        """(west, south, east, north) of 25 m around all stops, metres."""
+        places = np.array([stop.lsl_from_rover.translation_m[:2] for stop in self.stops])
+        south, west = places.min(axis=0) - 25
+        north, east = places.max(axis=0) + 25
+        return float(west), float(south), float(east), float(north)
+
+
+def make_world(params: WorldParams, rng_seed: int) -> World:
+    """The world of a seed."""
+    drive = params.traverse
+    places = planned(drive, stream_of(rng_seed, 101))
+    ids = stop_ids(drive, stream_of(rng_seed, 102))
+    turns = stream_of(rng_seed, 103).normal(0.0, np.deg2rad(25), drive.stops)
+    headings = _headings(places) + turns
+    terrain = Terrain(rng_seed, params.terrain, places)
+    first = standing(terrain, *places[0], float(headings[0]), ids[0].frame)
+    terrain = terrain.lowered(-float(first.translation_m[2]))
+    truths = tuple(
+        standing(terrain, *place, float(heading), stop_id.frame)
+        for place, heading, stop_id in zip(places, headings, ids, strict=True)
+    )
+    truths = (replace(truths[0], translation_m=np.zeros(3)), *truths[1:])  # rounding of the datum
+    stops = driven(truths, ids, drive, stream_of(rng_seed, 104))
+    shots = tuple(shot for k in range(len(stops)) for shot in _shots(params, stops, k, rng_seed))
+    return World(params, rng_seed, terrain, stops, shots)
+
+
+def _headings(places: tuple[tuple[float, float], ...]) -> np.ndarray:
+    """Azimuths of the drives on to the next stop; the last stop keeps that of its arrival."""
+    ways = np.diff(np.array(places), axis=0) if len(places) > 1 else np.array([[1.0, 1.0]])
+    headings = np.arctan2(ways[:, 1], ways[:, 0])
+    return np.append(headings, headings[-1])[: len(places)]
+
+
+def _shots(params: WorldParams, stops: tuple[Stop, ...], k: int, seed: int) -> list[Shot]:
+    """The exposures of a stop: the panorama, then the Pancam pairs."""
+    rng = stream_of(seed, 105, k)
+    first = rng.uniform(0, params.pair_step)
+    plan = [
+        (
+            Instrument.NAVCAM,
+            Pointing((first + pair * params.pair_step) % (2 * np.pi), params.mast_elevation),
+        )
+        for pair in range(params.pairs)
+    ]
+    if params.pancam:
+        plan += [(Instrument.PANCAM, pointing) for pointing in _towards_neighbours(stops, k)]
+    day = stops[k].sol + stops[k].local_solar_hour / 24
+    clock = CLOCK_OF_SOL_0 + round(day * SOL_S)
+    shots = []
+    for pair, (instrument, pointing) in enumerate(plan):
+        miss = rng.normal(0.0, params.pointing_error, 3) * (0.5, 1.0, 1.0)
+        roll, pitch, yaw = map(float, miss)
+        sequence = f"P{1500 + k % 8000}"
+        shots.append(
+            Shot(k, pair, instrument, pointing, (roll, pitch, yaw), clock + pair * PAIR_S, sequence)
+        )
+    return shots
+
+
+def _towards_neighbours(stops: tuple[Stop, ...], k: int) -> list[Pointing]:
+    """Two Pancam pointings side by side towards the stop before and the stop after."""
+    rover_from_lsl = stops[k].lsl_from_rover.inverse
+    pointings = []
+    for other in (k - 1, k + 1):
+        if 0 <= other < len(stops):
+            x, y, _ = rover_from_lsl.apply(stops[other].lsl_from_rover.translation_m[None])[0]
+            for side in (-6.5, 6.5):
+                azimuth = float(np.arctan2(y, x) + np.deg2rad(side))
+                pointings.append(Pointing(azimuth % (2 * np.pi), float(np.deg2rad(-6.0))))
+    return pointings

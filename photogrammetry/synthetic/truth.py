@@ -1,0 +1,111 @@
+"""What is true of a world: poses and cameras as a file, parallaxes as a map.
+
+The file has the keys of `rendered_husband`, a traverse rendered by others, and the whole camera
+models beside them, as R_cam_to_lsl with one focal length says less than a CAHVOR.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from photogrammetry.arrays import Float32, ParallaxMap
+from photogrammetry.cameras.epipolar import EpipolarPair
+from photogrammetry.frames import LSL, Pose
+from photogrammetry.imagery import Eye
+from photogrammetry.synthetic.lighting import LitGround
+from photogrammetry.synthetic.render import View, first_hits, turned
+from photogrammetry.synthetic.scene import Shot, World
+from photogrammetry.synthetic.traverse import LATITUDE, LONGITUDE_DEG, Stop
+
+MARS_RADIUS_M = 3_396_190
+
+
+def true_parallax(world: World, stop: int, pair: int, geometry: EpipolarPair) -> ParallaxMap:
+    """Parallax of every pixel of the left epipolar image, from the landscape itself.
+
+    NaN for the sky, at outlines, and where the right camera does not see the point.
+    """
+    shot = world.shot(stop, pair)
+    lsl_from_pair = world.true_lsl_from_label_rover(shot) @ geometry.rover_from_pair
+    ground = world.ground(stop)
+    rays = turned(lsl_from_pair, _pair_rays(geometry))
+    view = View.of_rays(lsl_from_pair.translation_m, rays, 1 / geometry.focal_px)
+    points = lsl_from_pair.inverse.apply(first_hits(ground, view))
+    parallax_px = geometry.focal_px * geometry.base_m / points[:, 2]
+    visible = _seen_from_the_right(geometry, lsl_from_pair, ground, points)
+    parallax_px[~visible] = np.nan
+    return parallax_px.reshape(geometry.lines, geometry.samples).astype(np.float32)
+
+
+def _pair_rays(geometry: EpipolarPair) -> Float32[np.ndarray, "3 lines samples"]:
+    line, sample = np.mgrid[: geometry.lines, : geometry.samples].astype(np.float32)
+    x = (sample - np.float32(geometry.centre_px[0])) / np.float32(geometry.focal_px)
+    y = (line - np.float32(geometry.centre_px[1])) / np.float32(geometry.focal_px)
+    return np.stack([x, y, np.ones_like(x)]) / np.sqrt(x * x + y * y + 1)
+
+
+def _seen_from_the_right(
+    geometry: EpipolarPair, lsl_from_pair: Pose, ground: LitGround, points: np.ndarray
+) -> np.ndarray:
+    """Whether the right camera's first hit along the way to every point is the point itself."""
+    towards = points - [geometry.base_m, 0.0, 0.0]
+    distance_m = np.linalg.norm(towards, axis=1)
+    known = np.isfinite(distance_m)
+    rays = np.where(known[:, None], towards / distance_m[:, None], [0.0, 0.0, 1.0]).T
+    rays = rays.reshape(3, geometry.lines, geometry.samples).astype(np.float32)
+    centre = lsl_from_pair.apply(np.array([[geometry.base_m, 0.0, 0.0]]))[0]
+    view = View.of_rays(centre, turned(lsl_from_pair, rays), 1 / geometry.focal_px)
+    hit_m = np.linalg.norm(first_hits(ground, view) - centre, axis=1)
+    return known & (np.abs(hit_m - distance_m) < 0.01 + 0.01 * distance_m)
+
+
+def truth(world: World) -> dict[str, object]:
+    """What is true, in the keys of `rendered_husband`, with the whole camera models beside."""
+    latitude = float(np.rad2deg(LATITUDE))
+    return {
+        "frame": f"{LSL}: origin at the rover origin of the first stop, X north, Y east, Z down, "
+        "metres",
+        "crs": f"+proj=eqc +lat_0={latitude:.4f} +lat_ts={latitude:.4f} +lon_0={LONGITUDE_DEG} "
+        f"+R={MARS_RADIUS_M} +units=m +no_defs",
+        "seed": world.seed,
+        "terrain": world.params.terrain,
+        "stops": [_stop_truth(stop) for stop in world.stops],
+        "images": [
+            _image_truth(world, shot, eye) for shot in world.shots for eye in (Eye.LEFT, Eye.RIGHT)
+        ],
+    }
+
+
+def _stop_truth(stop: Stop) -> dict[str, object]:
+    true, told = stop.lsl_from_rover, stop.telemetry_lsl_from_rover
+    return {
+        "sol": stop.sol,
+        "site": stop.id.site,
+        "drive": stop.id.drive,
+        "position": true.translation_m.tolist(),
+        "rover_to_lsl_quaternion_wxyz": true.quaternion.tolist(),
+        "telemetry_position": told.translation_m.tolist(),
+        "telemetry_quaternion_wxyz": told.quaternion.tolist(),
+        "slip": stop.slip,
+        "sun_azimuth_deg": float(np.rad2deg(stop.sun.azimuth)),
+        "sun_elevation_deg": float(np.rad2deg(stop.sun.elevation)),
+    }
+
+
+def _image_truth(world: World, shot: Shot, eye: Eye) -> dict[str, object]:
+    camera = world.true_camera(shot, eye)
+    h_c, v_c = float(camera.a @ camera.h), float(camera.a @ camera.v)
+    right = camera.h - h_c * camera.a
+    focal_px = float(np.linalg.norm(right))
+    right = right / focal_px
+    return {
+        "product_id": world.exposure(shot, eye).product_id,
+        "stop": shot.stop,
+        "C_lsl": camera.c.tolist(),
+        "R_cam_to_lsl": np.column_stack([camera.a, right, np.cross(camera.a, right)]).tolist(),
+        "columns": "view, right, down",
+        "f_px": focal_px,
+        "c_px": [h_c, v_c],
+        "cahvor_lsl": {name: getattr(camera, name.lower()).tolist() for name in "CAHVOR"},
+        "mast_miss_rpy_deg": np.rad2deg(shot.miss).tolist(),
+    }
