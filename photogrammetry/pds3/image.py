@@ -15,7 +15,7 @@ or where there is no mast by the Sun being up by day.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -115,8 +115,7 @@ def camera_model(label: Label) -> Camera:
             return Cahv(**vectors)
         if model_type == "CAHVOR":
             return Cahvor(**vectors)
-        kind = float(parts["T"][0])
-        return Cahvore(**vectors, type=int(kind), parameter=float(parts["P"][0]))
+        return Cahvore(**vectors, type=_model_kind(label, parts), parameter=float(parts["P"][0]))
     except CameraError as error:
         raise LabelError(f"{label.source}: {CAMERA}: {error}") from error
 
@@ -128,6 +127,14 @@ def _component(label: Label, letter: str, number: int) -> np.ndarray:
         number = order.index(letter) + 1
     count = 1 if letter in "TP" else 3
     return label.require_numbers(CAMERA, f"MODEL_COMPONENT_{number}", count)
+
+
+def _model_kind(label: Label, parts: Mapping[str, np.ndarray]) -> int:
+    """T of a CAHVORE model, which labels write as a real number."""
+    kind = float(parts["T"][0])
+    if not kind.is_integer():
+        raise LabelError(f"{label.source}: {CAMERA}: T should be 1, 2 or 3, but is {kind:g}")
+    return int(kind)
 
 
 def _unit(label: Label, vector: np.ndarray) -> np.ndarray:

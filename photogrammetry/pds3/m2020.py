@@ -59,6 +59,8 @@ def camera_of_metadata(text: str, source: str) -> Cahv | Cahvor | Cahvore:
         kind, parameter = (
             _numbers(part, 1, name, source)[0] for name, part in zip("tp", parts[-2:], strict=True)
         )
+        if not float(kind).is_integer():
+            raise LabelError(f"{source}: T of camera_model_component_list is {kind}, not 1, 2 or 3")
         return Cahvore(**vectors, type=int(kind), parameter=float(parameter))
     except CameraError as error:
         raise LabelError(f"{source}: camera_model_component_list: {error}") from error

@@ -187,6 +187,8 @@ def _dtype(label: Label) -> np.dtype:
             f"{label.source}: IMAGE/SAMPLE_TYPE {sample_type[:40]!a} of {bits} bits is not read; "
             "expected integers of 8, 16 or 32 bits or IEEE reals of 32 or 64"
         )
+    if bits == 8:  # noqa: PLR2004 - one byte
+        kind = "u"  # labels say MSB_INTEGER of bytes, too, but no camera counts below zero
     return np.dtype(f"{order}{kind}{bits // 8}")
 
 

@@ -119,6 +119,8 @@ def test_a_fisheye_brings_its_type_and_parameter(small):
     )
     camera = record(text).camera
     assert (camera.type, camera.parameter) == (3, 0.37)
+    with pytest.raises(LabelError, match=r"T should be 1, 2 or 3, but is 2\.5"):
+        record(text.but("MODEL_COMPONENT_8 = 3.0", "MODEL_COMPONENT_8 = 2.5"))
 
 
 def test_a_linearised_product_holds_a_perspective_camera(small):

@@ -54,6 +54,7 @@ def test_every_model_type_is_read():
         (metadata("CAHVOR", VECTORS.replace("3538", "many")), "V of .* should be 3 numbers"),
         (metadata("CAHVOR", VECTORS.replace("3538", "1e999")), "V of a camera model must be"),
         (metadata("CAHVORE", VECTORS + ";(0,0,0);7;0"), "of type 1, 2 or 3, not 7"),
+        (metadata("CAHVORE", VECTORS + ";(0,0,0);2.5;0"), "T of .* is 2.5, not 1, 2 or 3"),
         (metadata("CAHVORE", VECTORS + ";(0,0,0);(2,3);0"), "T of .* should be 1 number"),
     ],
 )
