@@ -29,10 +29,11 @@ from photogrammetry.adjustment.records import (
     AdjustedStop,
     AdjustmentReport,
     Network,
+    select,
 )
 from photogrammetry.adjustment.result import Outcome, assembled, merged_ties
-from photogrammetry.adjustment.snooping import Residuals, reinstated, residuals, suspects
-from photogrammetry.adjustment.solver import Problem, Solution, linearise, solve
+from photogrammetry.adjustment.snooping import reinstated, residuals, suspects
+from photogrammetry.adjustment.solver import Problem, linearise, solve
 from photogrammetry.errors import AdjustmentError
 from photogrammetry.imagery import StopId
 
@@ -97,6 +98,15 @@ def adjust_overall(
     if not network.stops:
         raise AdjustmentError("there is no stop to adjust: the network is empty")
     return adjust(network, {network.stop_ids[0]}, params, start, "overall adjustment")
+
+
+def telemetry_network(network: Network, params: AdjustmentParams) -> AdjustedNetwork:
+    """The network where telemetry alone has it, with the covariance that telemetry deserves.
+
+    The answer to fall back on when an adjustment is not usable; its ties are left out.
+    """
+    bare = replace(network, ties=select(network.ties, np.zeros(len(network.ties), dtype=bool)))
+    return adjust_overall(bare, params)[0]
 
 
 def adjust_stepwise(
@@ -276,4 +286,4 @@ def _carrying(stop: AdjustedStop, datum: AdjustedStop) -> AdjustedStop:
     return replace(stop, covariance=stop.covariance + T @ datum.covariance @ T.T)
 
 
-__all__ = ["STEPS", "Residuals", "Solution", "adjust", "adjust_overall", "adjust_stepwise"]
+__all__ = ["STEPS", "adjust", "adjust_overall", "adjust_stepwise", "telemetry_network"]

@@ -1,11 +1,11 @@
-"""Sparse symmetric systems made of blocks, one block a stop: factor, solve, and invert where needed.
+"""Sparse symmetric systems of blocks, one block a stop: factor, solve, invert where needed.
 
 The reduced normal matrix N of a traverse couples a stop only to those it shares ties (or a
 telemetry increment) with, so N is a sparse matrix of dense blocks N_st of some 40 x 40.
 Eliminating the stops in an order of least fill (minimum degree on the graph of stops) gives N = L
 L' block by block,
 
-    L_ss L_ss' = N_ss,    L_Ts = N_Ts L_ss'^-1,    N_TU <- N_TU - L_Ts L_Us'     T, U: later neighbours
+    L_ss L_ss' = N_ss,    L_Ts = N_Ts L_ss'^-1,    N_TU <- N_TU - L_Ts L_Us'     T, U: later ones
 
 and the entries of the inverse Z = N^-1 on the pattern of L follow backwards without the others
 (Takahashi, Fagan and Chen 1973):
@@ -55,7 +55,7 @@ class BlockPattern:
 
     @classmethod
     def of(cls, sizes: np.ndarray, cliques: Iterable[tuple[int, ...]]) -> BlockPattern:
-        """The pattern of a matrix whose cliques of blocks are coupled, with the fill of its factor."""
+        """The pattern of a matrix whose cliques of blocks are coupled, with its fill."""
         n = len(sizes)
         active = [k for k in range(n) if sizes[k]]
         near: dict[int, set[int]] = {k: set() for k in active}
@@ -194,8 +194,8 @@ def factorise(pattern: BlockPattern, flat: np.ndarray) -> Factor:
         L, info = _potrf(N[s, s], lower=1, clean=1)
         if info:
             raise AdjustmentError(
-                f"the reduced normal equations are singular at block {s}, unknown {info}: the datum "
-                "is undefined; hold one stop fixed or weight the priors"
+                f"the reduced normal equations are singular at block {s}, unknown {info}: the "
+                "datum is undefined; hold one stop fixed or weight the priors"
             )
         inverse_diagonal[s], _ = _trtri(L, lower=1)
         pivots.append((L.diagonal().min(), L.diagonal().max()))

@@ -20,6 +20,7 @@ the same start. A stop without cross-site ties is carried along by its telemetry
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -35,15 +36,19 @@ from photogrammetry.adjustment.rotations import cross_matrix, rotation_of_vector
 GROWTH = 2.0
 """Factor by which the loss is sharpened a round; 1.4 in the publication, for far worse outliers."""
 ROUNDS = 60
+SHARP = 1e3
+"""Where mu ends: weights between 0 and 1 are then left only within 0.1 % of the gate."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sightings:
-    """Every observation's own point in its rover frame, its covariance, and whether it may align."""
+    """Every observation's own point in its rover frame, with covariance; which may align."""
 
     points: np.ndarray
     covariances: np.ndarray
     usable: np.ndarray
+    size: np.ndarray
+    """Sum of the three variances, square metres."""
 
 
 def sightings(
@@ -64,7 +69,8 @@ def sightings(
     lever = cross_matrix(arm) * np.radians(params.pointing_deg)
     S = turned @ S @ turned.swapaxes(1, 2) + lever @ lever.swapaxes(1, 2)
     usable = observations.is_stereo & (observations.measured[:, 2] >= params.far_parallax_px)
-    return Sightings(observations.origin_in_rover[j] + arm, S, usable)
+    size = np.trace(S, axis1=1, axis2=2)
+    return Sightings(observations.origin_in_rover[j] + arm, S, usable, size)
 
 
 def initialise(
@@ -81,17 +87,38 @@ def initialise(
     """
     seen = sightings(observations, known.pointings, params)
     state, fits = known, np.ones(len(observations), dtype=bool)
-    placed = np.zeros(len(telemetry.centres), dtype=bool)
-    stop = observations.stop
-    for k in range(len(placed)):
+    best = _best_sightings(observations, seen, len(held))
+    rows_of_stop = np.split(
+        np.argsort(observations.stop, kind="stable"),
+        np.cumsum(np.bincount(observations.stop, minlength=len(held)))[:-1],
+    )
+    earlier = np.full(observations.points, -1)
+    for k, ours in enumerate(best):
+        points = observations.point[ours]
         if not (held[k] or is_known[k]):
             state = _carried(state, telemetry, k)
-            ours, theirs = _shared(observations, seen, stop, placed, k)
-            state, weights = _aligned(state, telemetry, seen, stop, k, ours, theirs, params)
-            wrong = ours[weights < 0.5]  # noqa: PLR2004 - weights end at 0 or 1
-            fits[np.isin(observations.point, observations.point[wrong]) & (stop == k)] = False
-        placed[k] = True
+            shared = earlier[points] >= 0
+            ties = RigidTies.of(state, observations, seen, ours[shared], earlier[points[shared]])
+            state, weights = _aligned(state, telemetry, k, ties, params)
+            wrong = points[shared][weights < 0.5]
+            rows = rows_of_stop[k]
+            fits[rows[np.isin(observations.point[rows], wrong)]] = False
+        fresh = (earlier[points] < 0) | (seen.size[ours] < seen.size[earlier[points]])
+        fresh &= fits[ours]
+        earlier[points[fresh]] = ours[fresh]
     return with_points(state, observations, seen, fits), fits
+
+
+def _best_sightings(observations: Observations, seen: Sightings, stops: int) -> list[np.ndarray]:
+    """For each stop its observations that may align, the best one of each point."""
+    rows = np.flatnonzero(seen.usable)
+    stop, point = observations.stop[rows], observations.point[rows]
+    order = np.lexsort((seen.size[rows], point, stop))
+    rows, stop, point = rows[order], stop[order], point[order]
+    first = np.ones(len(rows), dtype=bool)
+    first[1:] = (point[1:] != point[:-1]) | (stop[1:] != stop[:-1])
+    ends = np.searchsorted(stop[first], np.arange(stops + 1))
+    return [rows[first][a:b] for a, b in pairwise(ends.tolist())]
 
 
 def carried(state: State, telemetry: Telemetry, held: np.ndarray, is_known: np.ndarray) -> State:
@@ -116,52 +143,52 @@ def _carried(state: State, telemetry: Telemetry, k: int) -> State:
     return State(rotations, centres, state.pointings, state.points)
 
 
-def _shared(
-    observations: Observations, seen: Sightings, stop: np.ndarray, placed: np.ndarray, k: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Observations of stop k and of an earlier stop that see the same points, the best of each."""
-    size = np.trace(seen.covariances, axis1=1, axis2=2)
+@dataclass(frozen=True, slots=True, eq=False)
+class RigidTies:
+    """Points that earlier stops place in the LSL and a new stop in its own rover frame."""
 
-    def best(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        rows = rows[np.argsort(size[rows], kind="stable")]
-        points, first = np.unique(observations.point[rows], return_index=True)
-        return points, rows[first]
+    X: np.ndarray
+    S_X: np.ndarray
+    Y: np.ndarray
+    S_Y: np.ndarray
 
-    here, ours = best(np.flatnonzero(seen.usable & (stop == k)))
-    there, theirs = best(np.flatnonzero(seen.usable & placed[stop] & (stop != k)))
-    _, i, j = np.intersect1d(here, there, assume_unique=True, return_indices=True)
-    return ours[i], theirs[j]
+    @classmethod
+    def of(
+        cls,
+        state: State,
+        observations: Observations,
+        seen: Sightings,
+        ours: np.ndarray,
+        theirs: np.ndarray,
+    ) -> RigidTies:
+        """The ties of observations `ours` of the new stop with `theirs` of earlier ones."""
+        stop = observations.stop[theirs]
+        R = state.rotations[stop]
+        return cls(
+            state.centres[stop] + (R @ seen.points[theirs][:, :, None])[:, :, 0],
+            R @ seen.covariances[theirs] @ R.swapaxes(1, 2),
+            seen.points[ours],
+            seen.covariances[ours],
+        )
 
 
 def _aligned(
-    state: State,
-    telemetry: Telemetry,
-    seen: Sightings,
-    stop: np.ndarray,
-    k: int,
-    ours: np.ndarray,
-    theirs: np.ndarray,
-    params: AdjustmentParams,
+    state: State, telemetry: Telemetry, k: int, ties: RigidTies, params: AdjustmentParams
 ) -> tuple[State, np.ndarray]:
     """The state with stop k laid onto the others, and the weight (0..1) of each of its ties."""
-    weights = np.ones(len(ours))
-    if not len(ours):
+    weights = np.ones(len(ties.X))
+    if not len(weights):
         return state, weights
-    R = state.rotations[stop[theirs]]
-    X = state.centres[stop[theirs]] + (R @ seen.points[theirs][:, :, None])[:, :, 0]
-    S_X = R @ seen.covariances[theirs] @ R.swapaxes(1, 2)
-    Y, S_Y = seen.points[ours], seen.covariances[ours]
     gate, mu = params.gross, 0.0
     for _ in range(ROUNDS):
-        state, r = _align_step(state, telemetry, k, (X, S_X, Y, S_Y), weights)
+        state, r = _align_step(state, telemetry, k, ties, weights)
         if not mu:
             mu = gate**2 / max(2 * float(r.max()) ** 2 - gate**2, 1e-9)
-        mu_next, old = mu * GROWTH, weights
-        weights = _truncated(r, gate, mu)
-        if mu >= 1e3 or (r.max() <= gate and np.abs(weights - old).max() < 1e-3):  # noqa: PLR2004
+        old, weights = weights, _truncated(r, gate, mu)
+        if mu >= SHARP or (r.max() <= gate and np.abs(weights - old).max() < 1.0 / SHARP):
             break
-        mu = mu_next
-    return _align_step(state, telemetry, k, (X, S_X, Y, S_Y), weights)[0], weights
+        mu *= GROWTH
+    return _align_step(state, telemetry, k, ties, weights)[0], weights
 
 
 def _truncated(r: np.ndarray, gate: float, mu: float) -> np.ndarray:
@@ -175,11 +202,11 @@ def _align_step(
     state: State,
     telemetry: Telemetry,
     k: int,
-    ties: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray],
+    ties: RigidTies,
     weights: np.ndarray,
 ) -> tuple[State, np.ndarray]:
     """One Gauss-Newton step of the alignment, and the standardised misfit of each tie after it."""
-    X, S_X, Y, S_Y = ties
+    X, S_X, Y, S_Y = ties.X, ties.S_X, ties.Y, ties.S_Y
     R = state.rotations[k]
     turned = Y @ R.T
     e = X - turned - state.centres[k]

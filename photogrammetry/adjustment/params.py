@@ -55,8 +55,17 @@ class AdjustmentParams:
     """Rounds of data snooping per step."""
 
     def __post_init__(self) -> None:
-        for name in ("pointing_deg", "tilt_deg", "azimuth_fine_deg", "azimuth_step_deg",
-                     "position_floor_m", "huber", "gross", "critical_value", "tolerance"):  # fmt: skip
+        for name in (
+            "pointing_deg",
+            "tilt_deg",
+            "azimuth_fine_deg",
+            "azimuth_step_deg",
+            "position_floor_m",
+            "huber",
+            "gross",
+            "critical_value",
+            "tolerance",
+        ):
             if not getattr(self, name) > 0:
                 raise AdjustmentError(
                     f"{name} must be above zero, not {getattr(self, name)}: a standard deviation "

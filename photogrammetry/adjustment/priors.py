@@ -4,9 +4,9 @@ With the telemetry pose (R°, c°) of a stop and the unknown pose (R, c), and th
 by a minus sign, the observations of a stop are
 
     tilt       (R g)_x,y = 0                    g = R°' e_z, down as measured in the rover frame
-    azimuth    a = 0  if measured (FINE), else  a - a_ = 0,   a = twist of M = R R°' about the vertical,
+    azimuth    a = 0  if measured (FINE), else  a - a_ = 0;   a, twist of M = R R°' about z:
                                                 tan a = (M_10 - M_01) / (M_00 + M_11)
-    position   R_' (c - c_) = R°_' (c° - c°_)   the increment, in the rover frame of the stop before
+    position   R_' (c - c_) = R°_' (c° - c°_)   the increment, in the frame of the rover before
 
 The position is observed as an increment because that is what wheels measure: once the stop before
 is corrected, the step turns and moves along with it and the correction carries over to all that

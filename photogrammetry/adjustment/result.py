@@ -31,7 +31,7 @@ from photogrammetry.frames import LSL, Pose
 from photogrammetry.imagery import StopId, TieKind, TiePoints
 
 SIGNIFICANT = 0.999
-"""Level of the global test: only a sigma0 above 1 that chance does not explain widens the sigmas."""
+"""Level of the global test: only a sigma0 that chance does not explain widens the sigmas."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

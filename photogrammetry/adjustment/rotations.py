@@ -35,7 +35,7 @@ def left_jacobian(vectors: Float64[np.ndarray, "*n 3"]) -> Float64[np.ndarray, "
     """J, which carries a change of the rotation vector to a rotation applied from the left."""
     t = np.linalg.norm(vectors, axis=-1)[..., None, None]
     m = cross_matrix(vectors)
-    small = t < 1e-3  # noqa: PLR2004 - the series is exact to rounding there
+    small = t < 1e-3
     safe = np.where(small, 1.0, t)
     third = np.where(small, 1 / 6 - t**2 / 120, (safe - np.sin(safe)) / safe**3)
     return np.eye(3) + 0.5 * np.sinc(t / (2 * np.pi)) ** 2 * m + third * (m @ m)

@@ -11,8 +11,8 @@ instead. The step is converged when x' N x, its squared length in its own standa
 negligible.
 
 A correction turns whole stretches of an open traverse by degrees, and a point 20 m from a stop that
-turns by t travels an arc that leaves its tangent by 20 t^2 / 2: many pixels. Corrections are therefore
-applied along arcs, equal to first order: with D = c_k - c_(k-1), its linear change dD and the mean
+turns by t travels an arc that leaves its tangent by 20 t^2 / 2: many pixels. Corrections are therefore applied
+along arcs, equal to first order: with D = c_k - c_(k-1), its linear change dD and the mean
 turn m of both stops,
 
     D <- Exp(m) (D + dD - m x D)           X - c <- Exp(d) (X - c + dX - dc - d x (X - c))
