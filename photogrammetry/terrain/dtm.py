@@ -33,7 +33,7 @@ from photogrammetry.terrain.grid import BLOCK, MapGrid
 from photogrammetry.terrain.ground import SightParams, camera_on_map, map_from_pair_rotation
 from photogrammetry.terrain.heights import ViewHeights, view_heights
 from photogrammetry.terrain.records import Dtm, GroundClass, TerrainView
-from photogrammetry.terrain.surface import gradients
+from photogrammetry.terrain.surface import Gradients, gradients
 
 HUBER = 2.0
 """Standard deviations beyond which a view counts for less."""
@@ -79,7 +79,7 @@ def build_dtm(views: Sequence[TerrainView], params: DtmParams, grid: MapGrid | N
     entries = _Entries.of(heights, grid)
     if not len(entries.cell):
         raise TerrainError(f"no measured ground falls into the grid {grid.bounds}")
-    flat = np.zeros((2, *grid.shape))
+    flat = np.zeros((2, *grid.shape), dtype=np.float32)
     level, _ = _fuse(entries, _variances(entries, views, grid, flat, params))
     gradient = gradients(
         level.reshape(grid.shape).astype(np.float32), params.cell_m, params.slope_baseline_m, 0.25
@@ -136,7 +136,7 @@ def _variances(
     entries: _Entries,
     views: Sequence[TerrainView],
     grid: MapGrid,
-    gradient: Float64[np.ndarray, "2 rows cols"],
+    gradient: Gradients,
     params: DtmParams,
 ) -> Float64[np.ndarray, " entries"]:
     """Variance of the elevation of every entry, on ground with this gradient."""

@@ -79,11 +79,13 @@ def mesh_samples(planes: Planes3, quads: Quads, spacing_m: float) -> Iterator[Me
     A quad is divided into as many parts as its sides need.
     """
     held: list[MeshSamples] = []
+    count = 0
     for piece in _divided_quads(planes, quads, spacing_m):
         held.append(piece)
-        if sum(len(one.sag_m) for one in held) > SAMPLES_AT_ONCE:
+        count += len(piece.sag_m)
+        if count > SAMPLES_AT_ONCE:
             yield _joined(held)
-            held = []
+            held, count = [], 0
     if held:
         yield _joined(held)
 

@@ -26,13 +26,13 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from photogrammetry.arrays import Float32, Float64, Raster
+from photogrammetry.arrays import Float32, Raster
 from photogrammetry.errors import TerrainError
 from photogrammetry.terrain.records import Dtm
 
 Normals = Float32[np.ndarray, "3 rows cols"]
 """Unit normals (north, east, down) in the LSL, pointing up; NaN where none could be fitted."""
-Gradients = Float64[np.ndarray, "2 rows cols"]
+Gradients = Float32[np.ndarray, "2 rows cols"]
 """Rise per metre towards east and towards north; NaN where no plane could be fitted."""
 
 LEAST_SPREAD = 0.02
@@ -75,9 +75,9 @@ def gradients(
             f"model has only {elevation.shape}: take a shorter baseline"
         )
     known = np.isfinite(elevation)
-    level = float(np.mean(elevation[known])) if known.any() else 0.0
-    m = known.astype(np.float64)
-    h = np.where(known, elevation - level, 0.0).astype(np.float64)
+    level = float(np.mean(elevation[known], dtype=np.float64)) if known.any() else 0.0
+    m = known.astype(np.float32)
+    h = np.where(known, elevation - np.float32(level), np.float32(0))
     S_1, S_e, S_n = (_moment(m, half, powers) for powers in ((0, 0), (1, 0), (0, 1)))
     S_ee, S_en, S_nn = (_moment(m, half, powers) for powers in ((2, 0), (1, 1), (0, 2)))
     S_h, S_eh, S_nh = (_moment(h, half, powers) for powers in ((0, 0), (1, 0), (0, 1)))
@@ -92,17 +92,15 @@ def gradients(
     enough = S_1 / window**2 >= min_share
     fits = known & enough & (thinnest > LEAST_SPREAD * full)
     g[:, ~fits] = np.nan
-    return g / cell_m
+    return g / np.float32(cell_m)
 
 
-def _moment(
-    values: Float64[np.ndarray, "rows cols"], half: int, powers: tuple[int, int]
-) -> Float64[np.ndarray, "rows cols"]:
+def _moment(values: Raster, half: int, powers: tuple[int, int]) -> Raster:
     """Sum of values times e^a n^b over the window around every cell, in cells; north is up."""
-    steps = np.arange(-half, half + 1, dtype=np.float64)
+    steps = np.arange(-half, half + 1, dtype=np.float32)
     return cv2.sepFilter2D(
         values,
-        cv2.CV_64F,
+        cv2.CV_32F,
         steps ** powers[0],
         (-steps) ** powers[1],
         borderType=cv2.BORDER_CONSTANT,

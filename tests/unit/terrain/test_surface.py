@@ -125,7 +125,7 @@ def test_gradients_keep_the_precision_of_high_ground(scenes):
 
 
 def test_normals_follow_from_gradients():
-    gradient = np.array([0.1, -0.2]).reshape(2, 1, 1)
+    gradient = np.array([0.1, -0.2], dtype=np.float32).reshape(2, 1, 1)
     normal = normals_of(gradient)[:, 0, 0]
     np.testing.assert_allclose(normal / normal[2], [-0.2, 0.1, 1.0], atol=1e-6)
 
