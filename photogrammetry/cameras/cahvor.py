@@ -99,9 +99,15 @@ class Cahvor:
         out[:, 1] = (stretch * along_v - pull * ov) * inverse
 
     def partials(self, points: ObjectPoints) -> tuple[ImagePoints, Partials]:
-        """Image of object points, and its derivatives by them."""
+        """Image of object points, and its derivatives by them; NaN where there is no image."""
         image_points = self.project(points)
-        d = points - self.c
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            moved, moved_by_p = self._moved_outwards(points - self.c)
+            by_moved = perspective_partials(self.perspective, moved, image_points)
+            return image_points, by_moved @ moved_by_p
+
+    def _moved_outwards(self, d: ObjectPoints) -> tuple[ObjectPoints, np.ndarray]:
+        """Points d' of points given from C, and d(d')/dP, one 3 x 3 matrix a point."""
         w = d @ self.o
         l = d - w[:, None] * self.o
         tau = np.einsum("ij,ij->i", l, l) / w**2
@@ -111,11 +117,8 @@ class Cahvor:
         mu_by_p = slope[:, None] * (
             (2.0 / w**2)[:, None] * (l @ across) - (2.0 * tau / w)[:, None] * self.o
         )
-        moved_by_p = np.eye(3) + mu[:, None, None] * across + l[:, :, None] * mu_by_p[:, None, :]
-        moved = d + mu[:, None] * l
-        return image_points, perspective_partials(
-            self.perspective, moved, image_points
-        ) @ moved_by_p
+        by_p = np.eye(3) + mu[:, None, None] * across + l[:, :, None] * mu_by_p[:, None, :]
+        return d + mu[:, None] * l, by_p
 
     def rays(self, image_points: ImagePoints) -> Directions:
         """Unit directions from C through image points; NaN where the distortion has no inverse."""

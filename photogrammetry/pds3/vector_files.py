@@ -183,15 +183,19 @@ def lsl_tree(given: Iterable[Pose], sites: Iterable[int] = ()) -> LslTree:
     """
     tree = FrameTree().adding(given)
     wanted = sorted(set(sites)) or sorted(
-        {pose.target.index[0] for pose in tree.parent_from.values()}
+        {
+            pose.target.index[0]
+            for pose in tree.parent_from.values()
+            if pose.target.kind is FrameKind.SITE
+        }
     )
-    roots = {site: tree.root_of(site_frame(site)) for site in wanted}
-    reached = sorted({root.index[0] for root in roots.values() if root.kind is FrameKind.SITE})
+    roots = {site: _root_site(tree, site) for site in wanted}
+    reached = sorted(root for root in roots.values() if root is not None)
     if not reached:
-        return LslTree(tree, None, "no site is known, so there is no LSL" if not wanted else None)
+        return LslTree(tree, None, "no site is known, so there is no LSL")
     origin = reached[0]
     tree = tree.adding([Pose.identity(LSL, site_frame(origin))])
-    loose = [str(site) for site, root in roots.items() if root != site_frame(origin)]
+    loose = [str(site) for site, root in roots.items() if root != origin]
     notes = []
     if origin != 0:
         notes.append(
@@ -200,6 +204,15 @@ def lsl_tree(given: Iterable[Pose], sites: Iterable[int] = ()) -> LslTree:
     if loose:
         notes.append(f"no chain of sites joins site {', '.join(loose)} to site {origin}")
     return LslTree(tree, origin, "; ".join(notes) or None)
+
+
+def _root_site(tree: FrameTree, site: int) -> int | None:
+    """The last site that the chain from a site reaches; None where it runs in a circle."""
+    try:
+        root = tree.root_of(site_frame(site))
+    except FrameError:
+        return None
+    return root.index[0] if root.kind is FrameKind.SITE else None
 
 
 def _root(text: str, source: str) -> ET.Element:

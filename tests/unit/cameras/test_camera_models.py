@@ -58,6 +58,15 @@ def test_points_behind_the_camera_have_no_image(model):
     assert np.isfinite(image_points[1]).all()
 
 
+def test_points_without_image_have_no_derivatives_either(model):
+    sideways = np.cross(getattr(model, "o", model.a), [0.0, 0.0, 1.0])  # d.O = 0, or d.A = 0
+    points = model.centre + np.stack([np.zeros(3), -5.0 * model.a, 3.0 * sideways])
+    image_points, partials = model.partials(points)
+    lost = np.isnan(image_points).all(axis=1)
+    assert lost[:2].all()
+    assert np.isnan(partials[lost]).all()
+
+
 def test_a_point_far_outside_the_field_does_not_reappear_in_the_image(navcam):
     folding = Cahvor(navcam.c, navcam.a, navcam.h, navcam.v, navcam.o, np.array([0.0, -0.2, 0.0]))
     across = np.cross(navcam.o, [0.0, 0.0, 1.0])

@@ -141,6 +141,15 @@ def test_sites_that_hang_in_the_air_are_named():
     assert "no chain of sites joins site 30, 77 to site 10" in tree.note
 
 
+def test_a_chain_that_runs_in_a_circle_leaves_the_others_standing():
+    circle = [solution(counter=(31,), reference=30), solution(counter=(30,), reference=31)]
+    tree = lsl_tree(poses([vector_file(solution(), *circle)]), sites=[11, 30])
+    assert tree.origin_site == 10
+    assert tree.note is not None
+    assert "no chain of sites joins site 30 to site 10" in tree.note
+    assert lsl_tree(poses([vector_file(*circle)])).origin_site is None
+
+
 def test_nothing_given_is_no_lsl():
     assert lsl_tree([]).note == "no site is known, so there is no LSL"
     assert lsl_tree([], sites=[5]).origin_site == 5
