@@ -62,7 +62,8 @@ class App {
       { title: mission.landing.source },
       `${name}  ${latitude.toFixed(4)}°, ${longitude.toFixed(4)}° E`,
     );
-    if (missions.length < 2) return [h("b", {}, mission.title), where];
+    const note = h("small", { class: "note", title: mission.lsl_note }, mission.lsl_note);
+    if (missions.length < 2) return [h("b", {}, mission.title), where, note];
     const select = h(
       "select",
       {
@@ -75,7 +76,7 @@ class App {
         h("option", { value: item.mission, selected: item === mission }, item.title),
       ),
     );
-    return [select, where];
+    return [select, where, note];
   }
 }
 

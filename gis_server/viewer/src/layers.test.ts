@@ -1,6 +1,6 @@
 import { expect, test } from "vitest";
 import { rasterLayer, vectorLayer } from "./fixtures";
-import { firstState, groupLayers, kindTitle, zIndex } from "./layers";
+import { firstBounds, firstState, groupLayers, kindTitle, zIndex } from "./layers";
 
 const STOP_2 = "mer2-site0002-drive0000";
 const STOP_10 = "mer2-site0010-drive0064";
@@ -68,4 +68,12 @@ test("footprints and pointing lines are shown where there is no ground to look a
 test("a kind that is new to the viewer is listed under its own name", () => {
   expect(kindTitle("rock-census")).toBe("Rock census");
   expect(groupLayers([vectorLayer("mer2", "rock-census")])).toHaveLength(1);
+});
+
+test("the first view holds what is shown, and no layer without features", () => {
+  const stops = { ...vectorLayer("mer1", "stops"), bounds: [60, 70, 60, 70] } as const;
+  const empty = { ...vectorLayer("mer1", "traverse"), bounds: [0, 0, 0, 0] } as const;
+  const footprints = { ...vectorLayer("mer1", "footprints"), bounds: [26, 33, 106, 102] } as const;
+  expect(firstBounds([stops, empty, footprints])).toEqual([26, 33, 106, 102]);
+  expect(firstBounds([empty])).toBeNull();
 });

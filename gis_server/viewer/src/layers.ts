@@ -1,7 +1,7 @@
 /** Order, grouping and first state of layers. */
 
 import { scopeTitle } from "./format";
-import type { Layer, Level } from "./records";
+import type { Bounds, Layer, Level } from "./records";
 
 export interface LayerGroup {
   readonly key: string;
@@ -123,4 +123,21 @@ export function firstState(layer: Layer, all: readonly Layer[]): LayerState {
     visible: !wider && (ON.has(layer.kind) || (viewing && !hasGround)),
     opacity: OPACITY[layer.kind] ?? 1,
   };
+}
+
+/** A layer without features has its bounds at the origin, where nothing need be. */
+const isEmpty = ({ bounds }: Layer) => bounds.every((metres) => metres === 0);
+
+/** Bounds of what is shown at first; null where nothing is. */
+export function firstBounds(layers: readonly Layer[]): Bounds | null {
+  const shown = layers
+    .filter((layer) => firstState(layer, layers).visible && !isEmpty(layer))
+    .map(({ bounds }) => bounds);
+  if (shown.length === 0) return null;
+  return [
+    Math.min(...shown.map(([west]) => west)),
+    Math.min(...shown.map(([, south]) => south)),
+    Math.max(...shown.map(([, , east]) => east)),
+    Math.max(...shown.map(([, , , north]) => north)),
+  ];
 }

@@ -7,7 +7,7 @@ import { button, h } from "./dom";
 import { scopeTitle } from "./format";
 import { imageDetail, imageList, stopsOf } from "./image-panel";
 import { type LayerPanel, layerPanel } from "./layer-panel";
-import { firstState, type LayerState } from "./layers";
+import { firstBounds, firstState, type LayerState } from "./layers";
 import { MapView } from "./map-view";
 import { measure, measuredText } from "./measure";
 import { formatPermalink, type Permalink } from "./permalink";
@@ -84,18 +84,9 @@ export class Session {
     this.view.dispose();
   }
 
-  /** Ground if there is any, else all there is. */
+  /** What is shown at first, else all there is. */
   private firstBounds(): Bounds {
-    const bounds = this.layers
-      .filter((layer) => layer.kind === "orthophoto" || layer.kind === "stops")
-      .map((layer) => layer.bounds);
-    if (bounds.length === 0) return this.mission.bounds;
-    return [
-      Math.min(...bounds.map(([west]) => west)),
-      Math.min(...bounds.map(([, south]) => south)),
-      Math.max(...bounds.map(([, , east]) => east)),
-      Math.max(...bounds.map(([, , , north]) => north)),
-    ];
+    return firstBounds(this.layers) ?? this.mission.bounds;
   }
 
   // Layers
