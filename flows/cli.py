@@ -7,6 +7,7 @@ Modules are imported where they are used, because Prefect reads its settings at 
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 from typing import Annotated, Any, NoReturn
 
@@ -76,12 +77,17 @@ def serve(
     """Serve the map, its tiles and features; the API is described at /docs."""
     import uvicorn  # noqa: PLC0415
 
-    from gis_server.app import create_app  # noqa: PLC0415
-
     settings = Settings()
     address, listening_port = host or settings.host, port or settings.port
+    os.environ["SOLMAP_STORE"] = str(_store(store).resolve())
     out.print(f"map at http://{address}:{listening_port}/  (Ctrl-C stops)", highlight=False)
-    uvicorn.run(create_app(_store(store)), host=address, port=listening_port, log_level="warning")
+    uvicorn.run(
+        "gis_server.app:create_app_from_settings",
+        factory=True,
+        host=address,
+        port=listening_port,
+        log_level="warning",
+    )
 
 
 @app.command()

@@ -20,7 +20,7 @@ def prepare_engine(store: Path) -> None:
         "DO_NOT_TRACK": "1",
         # The terminal shows progress and outcomes; Prefect's own lines are on its run page.
         "PREFECT_LOGGING_HANDLERS_CONSOLE_LEVEL": "CRITICAL",
-        "PREFECT_SERVER_EPHEMERAL_STARTUP_TIMEOUT_SECONDS": "120",
+        "PREFECT_SERVER_EPHEMERAL_STARTUP_TIMEOUT_SECONDS": "300",
         # Small-block linear algebra is far slower with two BLAS threads than with one.
         "OPENBLAS_NUM_THREADS": "1",
     }

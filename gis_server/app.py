@@ -12,6 +12,7 @@ from starlette.datastructures import MutableHeaders
 from starlette.middleware.gzip import DEFAULT_EXCLUDED_CONTENT_TYPES, GZipMiddleware
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from config.settings import Settings
 from gis_server.errors import install_error_table
 from gis_server.routes import images, layers, missions, pages, tiles
 from gis_server.services import open_services
@@ -95,3 +96,8 @@ def create_app(store_root: Path, viewer_dist: Path | None = None) -> FastAPI:
     app.add_middleware(CompressText)
     app.add_middleware(SecurityHeaders)
     return app
+
+
+def create_app_from_settings() -> FastAPI:
+    """The server of the store that the environment names (`SOLMAP_STORE`)."""
+    return create_app(Settings().store)
