@@ -586,9 +586,9 @@ def test_the_dark_page_is_dark(page, url):
     page.emulate_media(color_scheme="dark")
     look(page, url)
     picture = screenshot(page, "dark")
-    assert picture[20, 600].mean() < 60
+    assert picture[788, 1200].mean() < 60
     page.get_by_role("button", name="light or dark").click()
-    assert screenshot(page, "light")[20, 600].mean() > 200
+    assert screenshot(page, "light")[788, 1200].mean() > 200
 
 
 def test_a_server_that_went_away_is_said_so(browser, tmp_path):

@@ -74,7 +74,7 @@ function vector(layer: VectorLayer, state: DrawingState): Shown {
     map: new OlVectorLayer({
       source,
       style: drawingOf(layer.kind, state),
-      declutter: layer.kind === "contours",
+      declutter: layer.kind === "contours" || layer.kind === "stops",
       updateWhileInteracting: true,
     }),
     load: () => {

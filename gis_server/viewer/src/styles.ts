@@ -113,6 +113,7 @@ function drawStop(feature: FeatureLike, state: DrawingState): Style[] {
       angle: Math.PI / 4,
       fill: new Fill({ color: "#fff" }),
       stroke: line(TELEMETRY, 2),
+      declutterMode: "none",
     });
     return [new Style({ image: square, zIndex: 3 })];
   }
@@ -121,6 +122,7 @@ function drawStop(feature: FeatureLike, state: DrawingState): Style[] {
     radius: 5,
     fill: new Fill({ color: held ? "#fff" : ADJUSTED }),
     stroke: line(held ? ADJUSTED : "#fff", held ? 2.5 : 1.5),
+    declutterMode: "none", // labels give way to each other, places do not
   });
   const name = label(stopLabel(feature), "#7d0f0a", {
     offsetX: 9,
