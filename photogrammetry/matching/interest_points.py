@@ -1,12 +1,12 @@
 """Interest points that can be found again: the Förstner operator (Förstner & Gülch 1987).
 
-With the gradient (g_x, g_y) summed over a window, N = sum [[g_x g_x, g_x g_y], [g_x g_y, g_y g_y]]
-is the normal matrix of locating the window by least squares, and
+With the gradient (g_x, g_y) summed over a window with Gaussian weights, the normal matrix of
+locating the window by least squares is N = sum [[g_x g_x, g_x g_y], [g_x g_y, g_y g_y]], and
 
     w = det N / tr N          (large: the error ellipse is small)
     q = 4 det N / (tr N)^2    (near 1: the ellipse is round, the window is no edge)
 
-A point is a local maximum of w with w above a share of its median and q above a limit. Its
+A point is a local maximum of w with w above a share of its mean and q above a limit. Its
 sub-pixel place is where all gradient lines of the window meet, N x = sum (g g') x_i.
 """
 
@@ -18,6 +18,9 @@ import cv2
 import numpy as np
 
 from photogrammetry.arrays import Float64, GreyImage, ImagePoints, Int32, Mask, PerPoint
+
+WINDOW_SIGMAS = 4.0
+"""Width of the window in standard deviations of its weights: at its edge they are down to 0.14."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +88,7 @@ def interest_points(
 
 
 def strongest_by_cell(
-    points: ImagePoints, strength: np.ndarray, cell_px: float, count: int
+    points: ImagePoints, strength: np.ndarray, cell_px: int, count: int
 ) -> np.ndarray:
     """Indices of at most `count` points: the strongest of each cell, then the second, and so on."""
     cell = np.floor(points / cell_px).astype(np.int64)
@@ -98,7 +101,7 @@ def strongest_by_cell(
 
 
 def _summed(product: GreyImage, window_px: int) -> GreyImage:
-    return cv2.boxFilter(product, -1, (window_px, window_px), normalize=False)
+    return cv2.GaussianBlur(product, (window_px, window_px), window_px / WINDOW_SIGMAS)
 
 
 def _clear_of_gaps(mask: Mask, margin_px: int) -> Mask:
@@ -111,13 +114,14 @@ def _clear_of_gaps(mask: Mask, margin_px: int) -> Mask:
 def _towards_the_corner(
     pixels: np.ndarray, gx: GreyImage, gy: GreyImage, window_px: int
 ) -> Float64[np.ndarray, "n 2"]:
-    """Where the gradient lines of each window meet, from its middle; zero if outside the pixel."""
+    """Where the gradient lines of each window meet, from its middle; zero if outside the window."""
     half = window_px // 2
     dy, dx = (w.ravel() for w in np.mgrid[-half : half + 1, -half : half + 1])
     at = (pixels[:, 1, None] + dy, pixels[:, 0, None] + dx)
     x, y = gx[at].astype(np.float64), gy[at].astype(np.float64)
-    normal = np.einsum("nik,njk->nij", np.stack([x, y], 1), np.stack([x, y], 1))
-    across = x * dx + y * dy
+    weight = np.exp(-0.5 * (dx**2 + dy**2) / (window_px / WINDOW_SIGMAS) ** 2)
+    normal = np.einsum("nik,k,njk->nij", np.stack([x, y], 1), weight, np.stack([x, y], 1))
+    across = weight * (x * dx + y * dy)
     right = np.stack([(x * across).sum(axis=1), (y * across).sum(axis=1)], axis=1)
     shift = np.linalg.solve(normal, right[:, :, None])[:, :, 0] if len(pixels) else right
-    return np.where(np.abs(shift).max(axis=1, keepdims=True) <= 1.0, shift, 0.0)
+    return np.where(np.abs(shift).max(axis=1, keepdims=True) <= half, shift, 0.0)

@@ -77,9 +77,12 @@ class LeastSquaresMatcher:
 
     def refine(self, pixels: Int32[np.ndarray, "n 2"], parallax_px: PerPoint) -> RefinedParallax:
         """Parallax of left pixels, whose windows lie inside the image, from approximate values."""
+        if not len(pixels):
+            nothing = np.empty(0)
+            return RefinedParallax(nothing, nothing, nothing, np.empty((0, 2)), nothing > 0)
         parts = [
             self._refine_chunk(pixels[i : i + CHUNK], parallax_px[i : i + CHUNK])
-            for i in range(0, max(1, len(pixels)), CHUNK)
+            for i in range(0, len(pixels), CHUNK)
         ]
         return RefinedParallax(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 

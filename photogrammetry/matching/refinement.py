@@ -55,7 +55,7 @@ class RefinementParams:
     """Window of that energy, odd: small, so that the horizon lends no texture to the sky."""
     largest_sigma_px: float = 0.5
     """Parallaxes less precise than this are left out."""
-    least_correlation: float = 0.5
+    least_correlation: float = 0.6
     """Of the windows after the last step; chance agreement of noise stays below."""
 
 

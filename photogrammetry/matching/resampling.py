@@ -18,7 +18,7 @@ import numpy as np
 from scipy import ndimage
 from scipy.interpolate import make_interp_spline
 
-from photogrammetry.arrays import Float64, GreyImage, ImagePoints, Mask
+from photogrammetry.arrays import Bool, Float32, Float64, GreyImage, ImagePoints, Mask
 from photogrammetry.cameras.epipolar import EpipolarPair
 from photogrammetry.cameras.model import CameraModel
 from photogrammetry.errors import MatchingError
@@ -37,12 +37,19 @@ COARSEST_STEP_PX = 32
 REACH_PX = 3
 """Pixels around a bad one that its spline still touches by more than 2 percent of its error."""
 
-ImageMap = Float64[np.ndarray, "lines samples 2"]
+ImageMap = Float64[np.ndarray, "rows cols 2"]
+"""(sample, line) in the original image of every epipolar pixel."""
+
+Source = tuple[Float32[np.ndarray, "_ _"], Bool[np.ndarray, "_ _"], CameraModel]
+"""An original image, its mask and its camera in the rover frame; eyes may differ in size."""
+
+EpipolarImage = Float32[np.ndarray, "rows cols"]
+EpipolarMask = Bool[np.ndarray, "rows cols"]
 
 
 def resample(
     image: GreyImage, mask: Mask, camera: CameraModel, geometry: EpipolarPair, eye: Eye
-) -> tuple[GreyImage, Mask]:
+) -> tuple[EpipolarImage, EpipolarMask]:
     """One image of a pair in its epipolar geometry, and where it is usable.
 
     `camera` is the model of the original image, in the rover frame of `geometry`.
@@ -63,8 +70,8 @@ def resample(
 
 def epipolar_images(
     geometry: EpipolarPair,
-    left: tuple[GreyImage, Mask, CameraModel],
-    right: tuple[GreyImage, Mask, CameraModel],
+    left: Source,
+    right: Source,
 ) -> EpipolarImages:
     """Both images of a pair in its epipolar geometry; each comes with its mask and camera."""
     return EpipolarImages(
@@ -121,7 +128,7 @@ def _error_px(
     return float(error) if np.isfinite(error) else np.inf
 
 
-def _warped_mask(mask: Mask, u: np.ndarray, v: np.ndarray) -> Mask:
+def _warped_mask(mask: Mask, u: np.ndarray, v: np.ndarray) -> EpipolarMask:
     if mask.all():
         return np.ones(u.shape, dtype=bool)
     kernel = np.ones((2 * REACH_PX + 1, 2 * REACH_PX + 1), np.uint8)

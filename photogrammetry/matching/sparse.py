@@ -130,7 +130,7 @@ def refine_candidates(
     return StereoMatches(pair_id, points[kept], parallax[kept], sigma[kept])
 
 
-def _rank_within_cell(points: ImagePoints, strength: np.ndarray, cell_px: float) -> np.ndarray:
+def _rank_within_cell(points: ImagePoints, strength: np.ndarray, cell_px: int) -> np.ndarray:
     cell = np.floor(points / cell_px).astype(np.int64)
     order = np.lexsort((-strength, cell[:, 0], cell[:, 1]))
     ordered = cell[order]

@@ -4,8 +4,8 @@ Ordered row first, from the top of the image to its foot, parallaxes follow a cu
 shape of the terrain. A median filter extracts it, and matches further from it than the roughness of
 the terrain allows are blunders (Di et al. 2008, section 5). Two things are added. The image is cut
 into upright strips with a curve each, because ground that falls off sideways has no single parallax
-a row. And each match is held against the median of its nearest neighbours, whose spread says how
-rough the terrain is just there.
+a row. And each match is held against the plane of least absolute deviations through its nearest
+neighbours, whose spread about it says how rough the terrain is just there.
 
 Roughness is relative: over level ground seen from height H, an object of height t on it changes the
 parallax p of a ray by p t / (H - t), whatever the distance.
@@ -19,7 +19,13 @@ import numpy as np
 from scipy import ndimage
 from scipy.spatial import KDTree
 
-from photogrammetry.arrays import Flags, ImagePoints, PerPoint
+from photogrammetry.arrays import Flags, Float64, ImagePoints, PerPoint
+
+PLANE_STEPS = 6
+"""Repeated weightings of the neighbours' plane."""
+
+LEAST_DEVIATION_PX = 0.1
+"""Deviations below this weigh alike."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +44,7 @@ class VerificationParams:
     neighbours: int = 12
     """Nearest matches that vote on one."""
     spread: float = 4.0
-    """Distance from the neighbours' median, in robust standard deviations of theirs."""
+    """Distance from the neighbours' plane, in robust standard deviations of theirs."""
     least_spread_px: float = 0.75
     """Smallest standard deviation assumed of neighbours: pixel-sized relief on smooth ground."""
 
@@ -74,7 +80,7 @@ def parallax_curve(
 def _agrees_with_neighbours(
     points: ImagePoints, parallax_px: PerPoint, params: VerificationParams
 ) -> Flags:
-    """Whether a match lies within the spread of its nearest neighbours about their plane's median.
+    """Whether a match lies on the plane through its nearest neighbours, within their spread.
 
     With too few matches to vote there is nothing to hold them against, and all are kept.
     """
@@ -82,8 +88,30 @@ def _agrees_with_neighbours(
         return np.ones(len(points), dtype=bool)
     _, nearest = KDTree(points).query(points, k=params.neighbours + 1)
     around = parallax_px[nearest[:, 1:]]
-    middle = np.median(around, axis=1)
-    spread = 1.4826 * np.median(np.abs(around - middle[:, None]), axis=1)
-    return np.abs(parallax_px - middle) <= params.spread * np.maximum(
-        spread, params.least_spread_px
-    )
+    at, residual = _plane_at_the_middle(points[nearest[:, 1:]] - points[:, None], around)
+    spread = 1.4826 * np.median(np.abs(residual), axis=1)
+    limit = params.spread * np.maximum(spread, params.least_spread_px)
+    return np.abs(parallax_px - at) <= limit
+
+
+def _plane_at_the_middle(
+    offset: Float64[np.ndarray, "n k 2"], parallax_px: Float64[np.ndarray, "n k"]
+) -> tuple[PerPoint, Float64[np.ndarray, "n k"]]:
+    """Value at offset zero of planes of least absolute deviations, and what they leave.
+
+    A touch of stiffness lets the plane of neighbours on one line stay level across it.
+    """
+    scale = np.abs(offset).mean(axis=(1, 2), keepdims=True) + 1e-9
+    design = np.concatenate([np.ones((*offset.shape[:2], 1)), offset / scale], axis=2)
+    stiffness = np.diag([0.0, 0.05, 0.05])
+    residual = parallax_px - np.median(parallax_px, axis=1, keepdims=True)
+    at = np.zeros(len(offset))
+    for _ in range(PLANE_STEPS):
+        weight = 1.0 / np.maximum(np.abs(residual), LEAST_DEVIATION_PX)
+        weight /= weight.sum(axis=1, keepdims=True)
+        normal = np.einsum("nki,nk,nkj->nij", design, weight, design) + stiffness
+        right = np.einsum("nki,nk->ni", design, weight * parallax_px)
+        plane = np.linalg.solve(normal, right[:, :, None])[:, :, 0]
+        residual = parallax_px - np.einsum("nki,ni->nk", design, plane)
+        at = plane[:, 0]
+    return at, residual

@@ -1,0 +1,64 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import ndimage
+from scipy.spatial.transform import Rotation
+
+from photogrammetry.errors import MatchingError
+from photogrammetry.frames import Pose
+from photogrammetry.matching.records import EpipolarImages
+from photogrammetry.matching.vertical_parallax import (
+    VerticalParallax,
+    rotation_of_the_bar,
+    straightened,
+    vertical_parallax,
+)
+
+
+def shifted_down(images: EpipolarImages, pixels: float) -> EpipolarImages:
+    right = ndimage.shift(images.right, (pixels, 0), order=3, mode="mirror").astype(np.float32)
+    return replace(images, right=right)
+
+
+@pytest.mark.parametrize("pixels", [0.0, -2.67, 3.4])
+def test_rows_that_do_not_correspond_are_measured(scene, ground, pixels):
+    world = scene([ground])
+    measured = vertical_parallax(shifted_down(world.images, pixels))
+    assert len(measured.vertical_px) > 100
+    assert measured.median_px == pytest.approx(pixels, abs=0.03)
+    assert measured.mad_px < 0.1
+    assert measured.fits_the_bar == (abs(pixels) < 0.5)
+
+
+def test_a_wrong_bar_is_said(scene, ground):
+    world = scene([ground])
+    assert "rows correspond" in str(vertical_parallax(world.images))
+    text = str(vertical_parallax(shifted_down(world.images, -2.67)))
+    assert text.startswith("vertical parallax -2.6")
+    assert "another exposure, or a bent stereo bar" in text
+
+
+def test_the_rotation_of_a_bent_bar_is_found_and_put_right(scene, ground, rng):
+    geometry = scene([ground]).images.geometry
+    left, right = geometry.cameras()
+    rotation = np.array([0.002, -0.004, 0.001])
+    turn = Rotation.from_rotvec(rotation).as_matrix()
+    rover = geometry.rover_from_pair.target
+    bent = right.moved(Pose(rover, rover, turn, right.centre - turn @ right.centre))
+    points = rng.uniform([-3, -2, 4], [3, 2, 20], (500, 3))
+    seen, partner = left.project(points), bent.project(points)
+    measured = VerticalParallax(
+        seen, partner[:, 1] - seen[:, 1], seen[:, 0] - right.project(points)[:, 0], geometry
+    )
+    found = rotation_of_the_bar(measured)
+    np.testing.assert_allclose(found, rotation, atol=2e-5)  # second order in the rotation
+    mended = straightened(right, geometry, found).project(points)
+    np.testing.assert_allclose(mended[:, 1], partner[:, 1], atol=0.05)
+
+
+def test_too_few_points_tell_no_rotation(scene, ground):
+    geometry = scene([ground]).images.geometry
+    few = VerticalParallax(np.zeros((3, 2)), np.zeros(3), np.ones(3), geometry)
+    with pytest.raises(MatchingError, match="3 points with vertical parallax are too few"):
+        rotation_of_the_bar(few)
