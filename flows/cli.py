@@ -135,6 +135,28 @@ def simulate(
     out.print(f"{files} files in {out_dir}; {out_dir / 'truth'} is for judging only")
 
 
+@app.command()
+def judge(
+    truth: Annotated[Path, typer.Argument(help="Folder `truth` of a simulated downlink")],
+    store: StoreOption = None,
+    *,
+    as_json: JsonOption = False,
+) -> None:
+    """State the errors of positions and terrain against a simulated world's truth."""
+    from flows.judgement import judge_positions, judge_terrain, true_stops  # noqa: PLC0415
+    from flows.listing import position_rows  # noqa: PLC0415
+    from products.workspace import Workspace  # noqa: PLC0415
+
+    workspace = Workspace.open(_store(store))
+    positions_judged = judge_positions(position_rows(workspace), true_stops(truth))
+    terrain_judged = judge_terrain(workspace, truth)
+    if as_json:
+        _show([{"positions": positions_judged, "terrain": terrain_judged}], [], as_json)
+        return
+    _show(positions_judged, list(positions_judged[0]) if positions_judged else [], as_json)
+    _show(terrain_judged, list(terrain_judged[0]) if terrain_judged else [], as_json)
+
+
 def _show(rows: list[dict[str, Any]], columns: list[str], as_json: bool) -> None:  # noqa: FBT001
     if as_json:
         typer.echo(json.dumps(rows, indent=2))
