@@ -10,11 +10,20 @@ gradient g (rise per metre) the elevation at a fixed place changes by the part o
 the ground, so with f the focal length and Z the depth
 
     sigma_h^2 = (sigma_p/p)^2 (P_up - g.P_plan)^2 / k + (Z sigma_i/f)^2 (1 + g.g) / k
-                + s^2 / n + (r sag)^2
+                + s^2 / n + (r sag)^2 + (c Z/f)^2 / 12 G^2
 
 where n points share k = max(1, n / c^2) independent matches (windows of c x c pixels overlap), s is
 the scatter within the cell and r the roughness of ground between pixels. Flat ground is known to
 (sigma_p/p) times the camera's height: centimetres at 20 m, though the range is not.
+
+The last term is for ground that stereo takes for seen although it is not. Relief lower than the
+window's height on the ground, c Z/f, is not resolved, and hides ground of which the matcher makes
+a ramp along the line of sight, up to as much too high. Such ramps are seen edge-on: their plane
+passes closer below the camera than they lie below it, so with h = -(P_up - g.P_plan) the share
+
+    G = 1 - h / |P_up|      between 0 and 1
+
+of that uncertainty (uniform over the window) is added. It is 0 on level and on rising ground.
 
 Views are averaged with weights 1/sigma_h^2, those that disagree by more than two sigma counting for
 less (Huber), and what disagreement remains enlarges the standard deviation.
@@ -155,10 +164,13 @@ def _variances(
     across = (params.sigma_image_px * Z / focal) ** 2 * (1 + g_east**2 + g_north**2)
     matches = np.maximum(1.0, entries.points / params.correlation_px**2)
     points = np.maximum(1.0, entries.points)
+    grazing = np.clip(1 + leaving / np.maximum(np.abs(P[:, 2]), grid.cell_m), 0, 1)
+    unresolved = params.correlation_px * Z / focal * grazing
     return (
         (along + across) / matches
         + entries.scatter**2 / points
         + (params.roughness * entries.sag) ** 2
+        + unresolved**2 / 12
     )
 
 

@@ -107,6 +107,22 @@ def test_sigma_follows_the_stereo_formula(scenes):
     assert np.median(measured) == pytest.approx(0.25 * depth / (300 * 0.2) * 1.5, rel=0.05)
 
 
+def test_ground_seen_edge_on_is_less_certain_than_the_stereo_formula_says(scenes):
+    def falling(east, north):
+        return -0.15 * np.maximum(0, north - 3.0) + 0.0 * east
+
+    dtm = build_dtm([scenes.view_of(falling)], PARAMS)
+    east, north = on_map(dtm)
+    place = (np.abs(east) < 0.3) & (np.abs(north - 4.5) < 0.1) & (dtm.ground == MEASURED)
+    # the falling plane passes 1.05 m below the camera and here lies 1.725 m below it
+    depth = 4.5 * np.cos(np.radians(20)) + 1.725 * np.sin(np.radians(20))
+    formula = 0.25 * depth / (300 * 0.2) * 1.05
+    unresolved = 9 * depth / 300 * (1 - 1.05 / 1.725)
+    expected = np.hypot(formula, unresolved / np.sqrt(12))
+    assert np.median(dtm.sigma_m[place]) == pytest.approx(expected, rel=0.1)
+    assert expected > 1.2 * formula
+
+
 def test_two_views_make_a_cell_more_certain_and_their_disagreement_less(scenes):
     views = [scenes.view_of(scenes.level, pair=k, azimuth_deg=a) for k, a in enumerate((-10, 10))]
     raised = scenes.view_of(lambda e, n: scenes.level(e, n) + 0.3, pair=2, azimuth_deg=10)
