@@ -79,7 +79,7 @@ class LitGround:
         return level_ground * (0.25 + 0.65 * np.exp(-np.maximum(tangent, 0) / 0.8))
 
 
-LAYERS = ((0, 24.0, 27.0), (3, 120.0, 130.0), (6, 1000.0, 1024.0))
+LAYERS = ((0, 24.0, 27.0), (1, 42.0, 45.0), (3, 120.0, 130.0), (6, 1000.0, 1024.0))
 """Level, reach and half width in metres, from the camera outwards."""
 
 _baking = threading.Lock()

@@ -124,7 +124,7 @@ def _bump(rock: np.ndarray, north: np.ndarray, east: np.ndarray) -> np.ndarray:
     for side in range(SIDES):
         angle = side * 2 * np.pi / SIDES + 0.4 * np.sin((side + 2) * turn)
         distance = 0.92 + 0.14 * np.sin((side + 3) * size)
-        steepness = 1.7 + 0.9 * np.sin((side + 1) * lean + turn)
+        steepness = 2.2 + 0.9 * np.sin((side + 1) * lean + turn)
         beyond = (p * np.cos(angle) + q * np.sin(angle)) / distance
         lowest = np.minimum(lowest, steepness * (1 - beyond))
     return np.maximum(height * lowest, 0).astype(np.float32)

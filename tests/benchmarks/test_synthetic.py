@@ -23,7 +23,7 @@ def test_lighting_the_ground_of_a_stop(benchmark, world):
         lighting._light.cache_clear()
         return world.ground(0)
 
-    assert len(benchmark.pedantic(lit, rounds=3).layers) == 3
+    assert len(benchmark.pedantic(lit, rounds=3).layers) == 4
 
 
 def test_taking_a_picture_of_a_million_pixels(benchmark, world):
