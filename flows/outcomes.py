@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
+from prefect.client.schemas.objects import State
 from prefect.futures import PrefectFuture
-from prefect.states import State
 
 from flows.progress import report
 
 K = TypeVar("K")
+T = TypeVar("T")
+
+
+def promised(future: PrefectFuture[T]) -> T:
+    """A future as the argument of another task: Prefect waits for it and hands on its result."""
+    return cast("T", future)
 
 
 def settled(

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 from prefect import flow
 from prefect.task_runners import ThreadPoolTaskRunner
@@ -13,7 +14,7 @@ from prefect.task_runners import ThreadPoolTaskRunner
 from config.landing import landing_site
 from config.pipeline import PipelineConfig, load_pipeline
 from config.settings import Settings
-from flows.outcomes import settled
+from flows.outcomes import promised, settled
 from photogrammetry.imagery import StopId
 from photogrammetry.matching.neighbours import link_candidates
 from products.catalogue import MissionEntry, Outcome
@@ -51,7 +52,7 @@ class SolReport:
     notes: list[str] = field(default_factory=list)
     failures: list[str] = field(default_factory=list)
 
-    def blame(self, what: str, failed: dict[object, str]) -> None:
+    def blame(self, what: str, failed: Mapping[Any, str]) -> None:
         """Take down failures that carry a cause."""
         self.failures += [f"{what} {key}: {cause}" for key, cause in failed.items() if cause]
 
@@ -80,7 +81,7 @@ class SolInputs:
 @flow(
     name="sol",
     flow_run_name="{mission}-sol{sol}",
-    task_runner=ThreadPoolTaskRunner(max_workers=WORKERS),
+    task_runner=ThreadPoolTaskRunner(max_workers=WORKERS),  # type: ignore[arg-type]
 )
 def process_sol(
     mission: str, sol: int, store: Path, pipeline: str, previous: ProductRef | None = None
@@ -169,7 +170,7 @@ def adjust_stops(
         },
     )
     report.blame("tie", failed)
-    links, failed = settled(
+    links, links_failed = settled(
         f"sol {sol}: tie stops across sites",
         {
             f"{old} - {new}": link_stops.submit(
@@ -179,7 +180,7 @@ def adjust_stops(
             if old in stops and new in stops
         },
     )
-    report.blame("link", failed)
+    report.blame("link", links_failed)
     step = NetworkStep(
         mission=inputs.mission.mission,
         sol=sol,
@@ -191,10 +192,10 @@ def adjust_stops(
         links=tuple(links.values()),
     )
     params = NetworkParams(config.tracks, config.adjustment)
-    done, failed = settled(
+    done, undone = settled(
         f"sol {sol}: adjust the network", {sol: adjust_network.submit(step, params, store)}
     )
-    report.blame("adjust sol", failed)
+    report.blame("adjust sol", undone)
     return done.get(sol)
 
 
@@ -230,13 +231,14 @@ def map_stops(
             continue
         dtm = build_dtm.submit(stop, oriented, config.dtm, landing, store)
         futures[stop, "dtm"] = dtm
+        terrain = promised(dtm)
         futures[stop, "orthophoto"] = render_orthophoto.submit(
-            dtm, oriented, config.orthophoto, landing, store
+            terrain, oriented, config.orthophoto, landing, store
         )
-        futures[stop, "contours"] = trace_contours.submit(dtm, config.contour, landing, store)
-        futures[stop, "slope"] = map_slope.submit(dtm, config.slope, landing, store)
-        futures[stop, "aspect"] = map_aspect.submit(dtm, config.slope, landing, store)
-        futures[stop, "hillshade"] = shade_relief.submit(dtm, config.hillshade, landing, store)
+        futures[stop, "contours"] = trace_contours.submit(terrain, config.contour, landing, store)
+        futures[stop, "slope"] = map_slope.submit(terrain, config.slope, landing, store)
+        futures[stop, "aspect"] = map_aspect.submit(terrain, config.slope, landing, store)
+        futures[stop, "hillshade"] = shade_relief.submit(terrain, config.hillshade, landing, store)
     done, failed = settled(f"sol {report.sol}: map the stops", futures)
     report.blame("map", {f"{kind} of {stop}": cause for (stop, kind), cause in failed.items()})
     made: dict[StopId, list[ProductRef]] = {}
