@@ -77,3 +77,10 @@ test("the first view holds what is shown, and no layer without features", () => 
   expect(firstBounds([stops, empty, footprints])).toEqual([26, 33, 106, 102]);
   expect(firstBounds([empty])).toBeNull();
 });
+
+test("contours say better than the blocks of rasters how far the ground was seen", () => {
+  const contours = { ...vectorLayer("mer2", "contours"), bounds: [-26, -30, 30, 32] } as const;
+  const orthophoto = { ...rasterLayer("mer2", "orthophoto"), bounds: [-40, -40, 40, 40] } as const;
+  expect(firstBounds([contours, orthophoto])).toEqual([-26, -30, 30, 32]);
+  expect(firstBounds([orthophoto])).toEqual([-40, -40, 40, 40]);
+});

@@ -128,10 +128,15 @@ export function firstState(layer: Layer, all: readonly Layer[]): LayerState {
 /** A layer without features has its bounds at the origin, where nothing need be. */
 const isEmpty = ({ bounds }: Layer) => bounds.every((metres) => metres === 0);
 
-/** Bounds of what is shown at first; null where nothing is. */
+/**
+ * Bounds of what is shown at first; null where nothing is. Rasters end on whole blocks, so where there are contours the
+ * lines say better how far the ground was seen.
+ */
 export function firstBounds(layers: readonly Layer[]): Bounds | null {
-  const shown = layers
-    .filter((layer) => firstState(layer, layers).visible && !isEmpty(layer))
+  const visible = layers.filter((layer) => firstState(layer, layers).visible && !isEmpty(layer));
+  const hasContours = visible.some(({ kind }) => kind === "contours");
+  const shown = visible
+    .filter(({ type }) => !hasContours || type === "vector")
     .map(({ bounds }) => bounds);
   if (shown.length === 0) return null;
   return [

@@ -16,18 +16,29 @@ export function decimalsFor(resolution: number): number {
   return Math.min(3, Math.max(0, Math.ceil(-Math.log10(resolution))));
 }
 
-/** `found` is what the server said about the very point, if it has answered. */
+/** The value that lies uppermost on the screen; elevation is told anyway. */
+function uppermost(found: Identified | null, heightOf: (layer: string) => number | null) {
+  const shown = (found?.layers ?? [])
+    .map((layer) => ({ layer, height: heightOf(layer.id) }))
+    .filter(({ layer, height }) => layer.kind !== "dtm" && height !== null);
+  return shown.sort((a, b) => (b.height ?? 0) - (a.height ?? 0))[0]?.layer;
+}
+
+/**
+ * `found` is what the server said about the very point, if it has answered; `heightOf` is a layer's place in the stack of
+ * the map, null if it is off.
+ */
 export function readout(
   point: MapPoint,
   resolution: number,
   local: LocalMap,
   found: Identified | null,
-  isShown: (layer: string) => boolean,
+  heightOf: (layer: string) => number | null,
 ): Node[] {
   const [east, north] = point;
   const [lon, lat] = local.toLonLat(point);
   const decimals = decimalsFor(resolution);
-  const value = found?.layers.find((layer) => layer.kind !== "dtm" && isShown(layer.id));
+  const value = uppermost(found, heightOf);
   return [
     field("N", `${fixed(north, decimals)} m`, "north"),
     field("E", `${fixed(east, decimals)} m`, "east"),

@@ -7,7 +7,7 @@ import { button, h } from "./dom";
 import { scopeTitle } from "./format";
 import { imageDetail, imageList, stopsOf } from "./image-panel";
 import { type LayerPanel, layerPanel } from "./layer-panel";
-import { firstBounds, firstState, type LayerState } from "./layers";
+import { firstBounds, firstState, type LayerState, zIndex } from "./layers";
 import { MapView } from "./map-view";
 import { measure, measuredText } from "./measure";
 import { formatPermalink, type Permalink } from "./permalink";
@@ -213,9 +213,12 @@ export class Session {
   }
 
   private tell(point: MapPoint, found: Identified | null): void {
-    const isShown = (id: string) => this.states.get(id)?.visible === true;
+    const heightOf = (id: string) => {
+      const layer = this.view.shown.get(id)?.layer;
+      return layer && this.state(layer).visible ? zIndex(layer) : null;
+    };
     this.page.readout.replaceChildren(
-      ...readout(point, this.view.resolution, this.view.local, found, isShown),
+      ...readout(point, this.view.resolution, this.view.local, found, heightOf),
     );
   }
 
