@@ -68,14 +68,17 @@ class VerticalParallax:
     @property
     def fits_the_bar(self) -> bool:
         """Whether the rows correspond as the camera models say."""
-        return bool(abs(self.median_px) <= WRONG_BAR_PX)
+        enough = len(self.vertical_px) >= FEWEST_POINTS
+        return bool(enough and max(abs(self.median_px), self.mad_px) <= WRONG_BAR_PX)
 
     def __str__(self) -> str:
-        verdict = (
-            "rows correspond"
-            if self.fits_the_bar
-            else "the camera models do not fit the images: another exposure, or a bent stereo bar"
-        )
+        verdict = "rows correspond"
+        if len(self.vertical_px) < FEWEST_POINTS:
+            verdict = "too few to tell whether the camera models fit the images"
+        elif not self.fits_the_bar:
+            verdict = (
+                "the camera models do not fit the images: another exposure, or a bent stereo bar"
+            )
         return (
             f"vertical parallax {self.median_px:+.2f} px (MAD {self.mad_px:.2f}) at "
             f"{len(self.vertical_px)} points: {verdict}"

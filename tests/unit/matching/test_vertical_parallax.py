@@ -57,8 +57,17 @@ def test_the_rotation_of_a_bent_bar_is_found_and_put_right(scene, ground, rng):
     np.testing.assert_allclose(mended[:, 1], partner[:, 1], atol=0.05)
 
 
+def test_rows_that_differ_from_point_to_point_do_not_correspond(scene, ground, rng):
+    geometry = scene([ground]).images.geometry
+    points = rng.uniform(0, 256, (50, 2))
+    loose = VerticalParallax(points, rng.normal(size=50) * 3, np.full(50, 9.0), geometry)
+    assert not loose.fits_the_bar
+
+
 def test_too_few_points_tell_no_rotation(scene, ground):
     geometry = scene([ground]).images.geometry
     few = VerticalParallax(np.zeros((3, 2)), np.zeros(3), np.ones(3), geometry)
+    assert "too few to tell" in str(few)
+    assert not few.fits_the_bar
     with pytest.raises(MatchingError, match="3 points with vertical parallax are too few"):
         rotation_of_the_bar(few)
