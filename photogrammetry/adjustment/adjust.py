@@ -33,7 +33,7 @@ from photogrammetry.adjustment.records import (
 )
 from photogrammetry.adjustment.result import Outcome, assembled, merged_ties
 from photogrammetry.adjustment.snooping import reinstated, residuals, suspects
-from photogrammetry.adjustment.solver import Problem, linearise, solve
+from photogrammetry.adjustment.solver import Problem, linearise, local_inverse, solve
 from photogrammetry.errors import AdjustmentError
 from photogrammetry.imagery import StopId
 
@@ -173,7 +173,7 @@ def _known(
     return State(rotations, centres, pointings, points), is_known
 
 
-def _run(
+def _run(  # noqa: PLR0913, PLR0917 - the problem, and where it starts
     steps: tuple[Step, ...],
     observations: Observations,
     telemetry: Telemetry,
@@ -193,7 +193,7 @@ def _run(
             threshold = params.huber if step.robust else None
             now = linearise(problem, state, threshold)
             inverse = now.factor.inverse()
-            found = residuals(problem, now.ties, inverse)
+            found = residuals(problem, now.ties, inverse, local_inverse(problem, now.flat))
             wrong = suspects(problem, found, params)
             if not len(wrong):
                 break

@@ -115,7 +115,7 @@ def _minimum_degree(
     later: dict[int, tuple[int, ...]] = {}
     while graph:
         degree = min(d for d, members in buckets.items() if members)
-        s = min(buckets[degree])
+        s = max(buckets[degree])
         buckets[degree].discard(s)
         others = graph.pop(s)
         order.append(s)

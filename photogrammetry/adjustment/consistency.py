@@ -1,11 +1,11 @@
 """How well the same feature agrees when seen from different places (Di et al. 2008, section 3.3).
 
 Without ground control the quality of an adjustment shows in two numbers. In the ground: the
-distance between the places that two pairs give the same point, each by its own parallax. In the image: the
-distance between where a pair measured a point and where its place, the weighted mean of what all
-pairs say, projects to. Both are means of absolute values: 3-D over every two observations of a
-point in different pairs, 2-D over all observations of such points; cross-site where the point is seen
-from more than one stop (3-D: from these two), inter-stereo otherwise.
+distance between the places that two pairs give the same point, each by its own parallax. In the
+image: the distance between where a pair measured a point and where its place, the weighted mean
+of what all pairs say, projects to. Both are means of absolute values: 3-D over every two
+observations of a point in different pairs, 2-D over all observations of such points; cross-site
+where the point is seen from more than one stop (3-D: from these two), inter-stereo otherwise.
 """
 
 from __future__ import annotations

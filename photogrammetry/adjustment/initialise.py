@@ -36,6 +36,8 @@ from photogrammetry.adjustment.rotations import cross_matrix, rotation_of_vector
 GROWTH = 2.0
 """Factor by which the loss is sharpened a round; 1.4 in the publication, for far worse outliers."""
 ROUNDS = 60
+HALF = 0.5
+"""Weights end at 0 or 1; this tells them apart."""
 SHARP = 1e3
 """Where mu ends: weights between 0 and 1 are then left only within 0.1 % of the gate."""
 
@@ -100,7 +102,7 @@ def initialise(
             shared = earlier[points] >= 0
             ties = RigidTies.of(state, observations, seen, ours[shared], earlier[points[shared]])
             state, weights = _aligned(state, telemetry, k, ties, params)
-            wrong = points[shared][weights < 0.5]
+            wrong = points[shared][weights < HALF]
             rows = rows_of_stop[k]
             fits[rows[np.isin(observations.point[rows], wrong)]] = False
         fresh = (earlier[points] < 0) | (seen.size[ours] < seen.size[earlier[points]])

@@ -12,6 +12,9 @@ import numpy as np
 
 from photogrammetry.arrays import Float64
 
+SERIES = 1e-3
+"""Below this angle the series of the trigonometric terms is exact to rounding."""
+
 
 def cross_matrix(vectors: Float64[np.ndarray, "*n 3"]) -> Float64[np.ndarray, "*n 3 3"]:
     """[v] with [v] w = v x w."""
@@ -35,7 +38,7 @@ def left_jacobian(vectors: Float64[np.ndarray, "*n 3"]) -> Float64[np.ndarray, "
     """J, which carries a change of the rotation vector to a rotation applied from the left."""
     t = np.linalg.norm(vectors, axis=-1)[..., None, None]
     m = cross_matrix(vectors)
-    small = t < 1e-3
+    small = t < SERIES
     safe = np.where(small, 1.0, t)
     third = np.where(small, 1 / 6 - t**2 / 120, (safe - np.sin(safe)) / safe**3)
     return np.eye(3) + 0.5 * np.sinc(t / (2 * np.pi)) ** 2 * m + third * (m @ m)
