@@ -288,7 +288,7 @@ def placed_on(
     """A raster of the later view on the grid of the earlier one; NaN where unseen."""
     size = raster.shape[0]
     place = cv2.getRotationMatrix2D(((size - 1) / 2,) * 2, -float(np.degrees(azimuth)), 1.0)
-    place[:, 2] += np.array([east_m, -north_m]) / cell_m
+    place[:, 2] = place[:, 2] + np.array([east_m, -north_m]) / cell_m
     return cv2.warpAffine(
         raster, place, (size, size), flags=cv2.INTER_NEAREST, borderValue=float("nan")
     ).astype(np.float32)

@@ -68,9 +68,11 @@ class CrossSiteParams:
     """The paper's example had 7, made by hand; 20 and more hold the drift (issue 4)."""
     least_z: float = 5.0
     """A peak of the bird's-eye search lower than this is within what noise gives."""
-    chance_factor: float = 3.0
-    """A link needs so many times the ties that a wrong hypothesis found."""
-    least_share: float = 0.35
+    chance_factor: float = 2.0
+    """A link needs so many times the ties that a wrong hypothesis found,"""
+    chance_sigmas: float = 4.0
+    """and as many more as four standard deviations of a count that happens by chance."""
+    least_share: float = 0.5
     """Of the conjugates measured in the narrow window, so many must agree in space."""
     least_spread_m: float = 1.0
     """Standard deviation of the ties' places across their longest direction."""
@@ -350,7 +352,8 @@ def _verdict(figures: SiteLinkFigures, params: CrossSiteParams) -> tuple[bool, s
     share = figures.ties / max(figures.measured, 1)
     if figures.ties < params.least_ties:
         return False, f"{figures.ties} ties, {params.least_ties} are needed"
-    if figures.ties < params.chance_factor * figures.by_chance:
+    chance = figures.by_chance + params.chance_sigmas * figures.by_chance**0.5
+    if figures.ties < max(chance, params.chance_factor * figures.by_chance):
         return False, f"{figures.ties} ties, where a wrong place gets {figures.by_chance} by chance"
     if share < params.least_share:
         return False, f"only {share:.0%} of {figures.measured} conjugates agree in space"

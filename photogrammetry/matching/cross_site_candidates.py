@@ -143,7 +143,7 @@ def _plan(
     left, parallax = t.project(seen)
     with np.errstate(invalid="ignore"):
         shown = parallax > t.focal_px * t.base_m / params.farthest_m
-    shown &= in_view(target.view, left, 8.0)
+    shown &= in_view(target.view, left, 8)
     points, places, seen = points[shown], places[shown], seen[shown]
     left, parallax = left[shown], parallax[shown]
     sigmas = [
@@ -229,7 +229,7 @@ def _looked_for(
     moved = np.column_stack([-offset[:, 1], offset[:, 0]]) @ turn.T * plan.cell_m[:, None]
     first, _ = plan.source.image_of(centres[:, 0], centres[:, 1])
     second, _ = plan.target.image_of(ahead[:, 0] + moved[:, 0], ahead[:, 1] + moved[:, 1])
-    found &= in_view(plan.source.view, first, 8.0) & in_view(plan.target.view, second, 8.0)
+    found &= in_view(plan.source.view, first, 8) & in_view(plan.target.view, second, 8)
     measured = [
         measured_parallax(v.view, p[found], params)
         for v, p in ((plan.source, first), (plan.target, second))

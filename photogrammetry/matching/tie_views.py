@@ -113,7 +113,7 @@ def predicted_points(
     return left, parallax, in_target
 
 
-def in_view(view: TieView, left: ImagePoints, margin_px: float) -> Flags:
+def in_view(view: TieView, left: ImagePoints, margin_px: int) -> Flags:
     """Whether image points lie on usable pixels, away from the frame."""
     g = view.geometry
     with np.errstate(invalid="ignore"):
@@ -158,8 +158,8 @@ def _assembled(  # noqa: PLR0913, PLR0917 - gathers the columns of the ties
     target: TieView,
     rows: Int32[np.ndarray, " n"],
     found: Conjugates,
-    parallax: PerPoint,
-    sigma_parallax: PerPoint,
+    parallax: Float64[np.ndarray, " found"],
+    sigma_parallax: Float64[np.ndarray, " found"],
     pair_ids: tuple[str, ...],
     floor_px: float,
 ) -> Ties:

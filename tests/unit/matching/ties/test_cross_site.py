@@ -1,0 +1,99 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from photogrammetry.errors import MatchingError
+from photogrammetry.frames import Pose
+from photogrammetry.matching.birds_eye import BirdsEyeParams
+from photogrammetry.matching.cross_site import CrossSiteParams, StopViews, tie_cross_site
+from photogrammetry.matching.cross_site_candidates import Candidates
+
+PARAMS = CrossSiteParams(
+    birds_eye=BirdsEyeParams(radius_m=16.0), candidates=Candidates(cell_m=0.5, most=250), decoys=1
+)
+
+
+@pytest.fixture(scope="module")
+def first(first_stop):
+    return StopViews.of(first_stop, PARAMS)
+
+
+@pytest.fixture(scope="module")
+def link(first, second_stop):
+    return tie_cross_site(first, second_stop, PARAMS)
+
+
+@pytest.fixture(scope="module")
+def foreign(first, foreign_stop):
+    return tie_cross_site(first, foreign_stop, PARAMS)
+
+
+def claimed_elsewhere(stop, north, east):
+    pose = stop.lsl_from_rover
+    moved = Pose(
+        pose.target, pose.source, pose.rotation, pose.translation_m + np.array([north, east, 0.0])
+    )
+    return replace(stop, lsl_from_rover=moved)
+
+
+def test_two_stops_that_face_each_other_are_linked_under_another_sun(link):
+    assert link.linked, link.reason
+    assert link.verdict == "linked"
+    assert len(link.ties) == link.figures.ties >= PARAMS.least_ties
+
+
+def test_the_link_finds_where_the_rover_stood(link, first_stand, second_stand):
+    true = first_stand.true.inverse @ second_stand.true
+    told = first_stand.told.inverse @ second_stand.told
+    error_m = np.linalg.norm(link.earlier_from_later.translation_m - true.translation_m)
+    assert np.linalg.norm(told.translation_m - true.translation_m) > 0.7
+    # labels point 1 mrad wrong: 1 cm at 9 m; ranges of 5 cm average out over the ties
+    assert error_m < 0.08
+    turn = Rotation.from_matrix(link.earlier_from_later.rotation @ true.rotation.T).magnitude()
+    assert np.degrees(turn) < 0.6
+
+
+def test_the_covariance_of_a_link_covers_its_error(link, first_stand, second_stand):
+    true = first_stand.true.inverse @ second_stand.true
+    turn = Rotation.from_matrix(true.rotation @ link.earlier_from_later.rotation.T).as_rotvec()
+    shift = true.translation_m - link.earlier_from_later.translation_m
+    error = np.concatenate([turn, shift])
+    assert (
+        error @ np.linalg.solve(link.covariance, error) < 22.5
+    )  # 99.9 % of chi-square, 6 freedoms
+
+
+def test_ties_of_a_link_run_from_the_earlier_stop_to_the_later(link):
+    ids = np.array(link.ties.pair_ids)
+    assert all(name.startswith("P00") for name in ids[link.ties.first])
+    assert all(name.startswith("P01") for name in ids[link.ties.second])
+
+
+def test_other_ground_at_the_claimed_place_is_not_linked(foreign):
+    assert not foreign.linked
+    assert foreign.verdict == "not linked"
+    assert "no peak stands out" in foreign.reason
+    assert len(foreign.ties) == 0
+
+
+def test_a_stop_claimed_outside_the_reach_of_telemetry_errors_is_not_linked(first, second_stop):
+    verdict = tie_cross_site(first, claimed_elsewhere(second_stop, -9.0, 6.0), PARAMS)
+    assert not verdict.linked
+
+
+def test_stops_too_far_apart_to_share_ground_are_not_searched(first, second_stop):
+    verdict = tie_cross_site(first, claimed_elsewhere(second_stop, 200.0, 0.0), PARAMS)
+    assert not verdict.linked
+    assert "no common ground in reach" in verdict.reason
+
+
+def test_a_stop_that_is_not_linked_keeps_the_pose_of_telemetry(foreign, first, foreign_stop):
+    told = first.stop.lsl_from_rover.inverse @ foreign_stop.lsl_from_rover
+    np.testing.assert_allclose(foreign.earlier_from_later.translation_m, told.translation_m)
+
+
+def test_fewer_ties_than_unknowns_are_no_link():
+    with pytest.raises(MatchingError, match="is no link"):
+        CrossSiteParams(least_ties=3)

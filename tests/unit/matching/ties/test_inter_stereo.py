@@ -1,0 +1,71 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from photogrammetry.errors import MatchingError
+from photogrammetry.frames import Pose
+from photogrammetry.matching.alignment import AlignmentParams, align
+from photogrammetry.matching.inter_stereo import InterStereoParams, tie_inter_stereo
+
+
+@pytest.fixture(scope="module")
+def tied(first_stop):
+    return tie_inter_stereo(first_stop, InterStereoParams())
+
+
+def test_every_two_neighbouring_pairs_of_a_panorama_are_tied(tied):
+    assert [(link.first_id[-1], link.second_id[-1]) for link in tied.links] != []
+    neighbours = {frozenset({link.first_id, link.second_id}) for link in tied.links}
+    assert neighbours == {frozenset({f"P00{k}", f"P00{k + 1}"}) for k in range(3)}
+    assert tied.untied == ()
+    assert min(link.ties for link in tied.links) >= 6
+
+
+def test_ties_show_the_same_ground_in_both_pairs(tied, first_stop):
+    # the labels are off by 1 mrad: the true pointing is that of the images
+    geometries = {pair.pair_id: pair.images.geometry for pair in first_stop.pairs}
+    for k in range(len(tied.ties)):
+        one, other = (
+            geometries[tied.ties.pair_ids[index[k]]]
+            for index in (tied.ties.first, tied.ties.second)
+        )
+        places = [
+            g.rover_from_pair.apply(g.triangulate(left[k : k + 1], parallax[k : k + 1]))[0]
+            for g, left, parallax in (
+                (one, tied.ties.first_left, tied.ties.first_parallax_px),
+                (other, tied.ties.second_left, tied.ties.second_parallax_px),
+            )
+        ]
+        distance = np.linalg.norm(places[0])
+        # 1 mrad of pointing each, and a parallax of 0.2 px, three times over
+        range_sigma = 0.2 * distance**2 / (320 * 0.4)
+        assert np.linalg.norm(places[0] - places[1]) < 3 * (0.002 * distance + 2 * range_sigma)
+
+
+def test_pointing_after_tying_leaves_less_than_half_a_pixel(tied):
+    assert tied.rms_px < 0.5
+
+
+def test_ties_moved_by_some_pixels_are_found_out(tied, first_stop):
+    moved = np.zeros(len(tied.ties), dtype=bool)
+    moved[::7] = True
+    spoilt = replace(tied.ties, second_left=tied.ties.second_left + 4.0 * moved[:, None])
+    geometries = {pair.pair_id: pair.images.geometry for pair in first_stop.pairs}
+    rover = first_stop.stop.frame
+    found = align(spoilt, geometries, Pose.identity(rover, rover), None, AlignmentParams())
+    assert not found.agrees[moved].any()
+    assert found.agrees[~moved].mean() > 0.95
+
+
+def test_pairs_that_do_not_overlap_are_not_looked_at(first_stop):
+    apart = replace(first_stop, pairs=(first_stop.pairs[0], first_stop.pairs[3]))
+    found = tie_inter_stereo(apart, InterStereoParams())
+    assert found.links == ()
+    assert len(found.ties) == 0
+    assert np.isnan(found.rms_px)
+
+
+def test_parameters_that_leave_no_candidates_are_refused():
+    with pytest.raises(MatchingError, match="more candidates than the least overlap"):
+        InterStereoParams(candidates=3)
