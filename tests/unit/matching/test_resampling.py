@@ -99,6 +99,20 @@ def test_pixels_outside_the_original_are_not_usable(rig):
     assert not usable[outside].any()
 
 
+def test_eyes_of_different_size_meet_in_one_geometry(rig):
+    left, right, _ = rig
+    part = right.subframed(20, 40)
+    geometry = epipolar_pair(left, part, (SIZE, SIZE), (150, 120), ROVER, PAIR)
+    images = epipolar_images(
+        geometry,
+        (wall(left), np.ones((SIZE, SIZE), dtype=bool), left),
+        (wall(right)[40:160, 20:170], np.ones((120, 150), dtype=bool), part),
+    )
+    assert images.left.shape == images.right.shape == (geometry.lines, geometry.samples)
+    assert geometry.lines < 140
+    assert images.right_mask.sum() > 0.85 * 120 * 150
+
+
 def test_exchanged_eyes_are_noticed(rig):
     left, right, geometry = rig
     image, mask = wall(right), np.ones((SIZE, SIZE), dtype=bool)

@@ -114,7 +114,12 @@ def test_blunders_leave_the_parallax_curve(rng):
 
 def test_few_matches_are_kept_for_want_of_neighbours():
     points = np.array([[10.0, 10.0], [50.0, 60.0], [90.0, 110.0]])
-    assert follows_the_terrain(points, np.array([5.0, 6.0, 7.0]), VerificationParams()).all()
+    for number in range(4):
+        accepted = follows_the_terrain(
+            points[:number], np.array([5.0, 6.0, 7.0])[:number], VerificationParams()
+        )
+        assert accepted.shape == (number,)
+        assert accepted.all()
 
 
 def test_matches_are_spread_over_the_grid(scene, ground):
