@@ -28,6 +28,8 @@ Outline = Float64[np.ndarray, "corners 2"]
 """(east, north) in metres; a closed ring repeats its first point."""
 SIDE_POINTS = 16
 """Rays along a side of the image: lens distortion and the horizon bend it."""
+LEAST_SIDE_M = 1e-3
+"""Points of an outline closer than this are one."""
 STEPS = 1000
 """Steps along a ray over terrain: some centimetres each, and straight in between."""
 
@@ -97,7 +99,27 @@ def _outline(rays: tuple[Vector3, Directions], ground: Ground, max_range_m: floa
     reached, met = _on_ground(*rays, ground, max_range_m)
     if not met.any():
         return np.empty((0, 2))
-    return np.vstack([reached, reached[:1]])
+    first = int(np.argmax(met))
+    ring = _swept(np.roll(reached, -first, axis=0), np.roll(met, -first), rays[0][:2])
+    apart = np.hypot(*(ring - np.roll(ring, 1, axis=0)).T) > LEAST_SIDE_M
+    return np.vstack([ring[apart], ring[apart][:1]])
+
+
+def _swept(ring: Outline, met: Flags, centre: Float64[np.ndarray, " 2"]) -> Outline:
+    """The outline with each stretch along the largest range swept in one direction.
+
+    The sides of an image go on above the horizon with other azimuths than where they cross it, so
+    cut-off points may run to and fro; the first point of the ring is not cut off.
+    """
+    ring = ring.copy()
+    edges = np.flatnonzero(np.diff(np.concatenate([[True], met, [True]]).astype(np.int8)))
+    for start, end in edges.reshape(-1, 2):
+        east, north = (ring[start:end] - centre).T
+        middle = np.arctan2(east.sum(), north.sum())
+        azimuth = (np.arctan2(east, north) - middle + np.pi) % (2 * np.pi)
+        order = np.argsort(azimuth)
+        ring[start:end] = ring[start:end][order if azimuth[-1] >= azimuth[0] else order[::-1]]
+    return ring
 
 
 def _border(size: tuple[int, int]) -> ImagePoints:
@@ -131,7 +153,7 @@ def _on_ground(
     azimuth = rays[:, :2] / plan_length[:, None]
     dip = -rays[:, 2] / plan_length
     if ground.dtm is None:
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             distance = (centre[2] - ground.elevation_m) / dip
         met = (dip > 0) & (distance >= 0) & (distance <= max_range_m)
     else:

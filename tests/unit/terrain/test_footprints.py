@@ -2,6 +2,9 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from shapely.geometry import Polygon
 
 from photogrammetry.cameras.cahv import Cahv
 from photogrammetry.errors import TerrainError
@@ -60,6 +63,24 @@ def test_a_frame_with_sky_reaches_as_far_as_is_said():
     )
     azimuth = np.degrees(np.arctan2(*outline.T))
     assert np.abs(azimuth).max() == pytest.approx(np.degrees(np.arctan(512 / 1222)), abs=4)
+
+
+@given(
+    dip_deg=st.floats(-15, 60),
+    roll_deg=st.floats(-15, 15),
+    pitch_deg=st.floats(-15, 15),
+    yaw_deg=st.floats(-180, 180),
+    focal_px=st.sampled_from([450.0, 1222.0, 3580.0]),
+)
+def test_outlines_do_not_cross_themselves_however_the_rover_stands(
+    dip_deg, roll_deg, pitch_deg, yaw_deg, focal_px
+):
+    rotation = rotation_of_roll_pitch_yaw(*np.radians([roll_deg, pitch_deg, yaw_deg]))
+    pose = Pose(LSL, rover_frame(1, 0), rotation, np.array([10.0, -20.0, 0.5]))
+    outline = footprint(mast_camera(dip_deg, focal_px), SIZE, pose, Ground(-0.5), 30.0)
+    if len(outline) > 3:
+        assert np.hypot(*(outline - [-20.0, 10.0]).T).max() < 32.0
+        assert Polygon(outline).is_valid
 
 
 def test_a_frame_of_sky_shows_no_ground():
