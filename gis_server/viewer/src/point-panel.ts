@@ -14,9 +14,11 @@ export function elevationText({ elevation_m, elevation_sigma_m }: Identified): s
 export const valueText = ({ value, unit }: IdentifiedLayer) =>
   value === null ? "\u2013" : `${compact(value)}${unitSign(unit)}`;
 
-/** Ids of the images that see the point, nearest first, each once. */
+/** Ids of the images whose footprint holds the point, each once; pointing lines only pass by. */
 export function imagesAt({ features }: Identified): string[] {
-  const ids = features.map((feature) => propertiesOf(feature)["image"]);
+  const ids = features
+    .filter(({ kind }) => kind === "footprints")
+    .map((feature) => propertiesOf(feature)["image"]);
   return [...new Set(ids.filter((id): id is string => typeof id === "string"))];
 }
 

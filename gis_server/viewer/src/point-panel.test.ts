@@ -1,0 +1,45 @@
+import { expect, test } from "vitest";
+import { elevationText, imagesAt, valueText } from "./point-panel";
+import { type Identified, propertiesOf } from "./records";
+
+const NOTHING: Identified = {
+  east: 0,
+  north: 0,
+  lon: 175.4729,
+  lat: -14.5692,
+  elevation_m: null,
+  elevation_sigma_m: null,
+  layers: [],
+  features: [],
+};
+
+test("an image sees the point if its footprint holds it, not if its pointing line passes by", () => {
+  const feature = (kind: string, image: string) => ({ kind, properties: { image, sol: 1 } });
+  const features = [
+    feature("footprints", "A"),
+    feature("pointing", "B"),
+    feature("footprints", "A"),
+  ];
+  expect(imagesAt({ ...NOTHING, features })).toEqual(["A"]);
+});
+
+test("elevation is told with its standard deviation, or that there is none", () => {
+  expect(elevationText(NOTHING)).toBe("not measured");
+  expect(elevationText({ ...NOTHING, elevation_m: -1.5 })).toBe("−1.500 m");
+  expect(elevationText({ ...NOTHING, elevation_m: 2, elevation_sigma_m: 0.01 })).toBe(
+    "2.000 ± 0.010 m",
+  );
+});
+
+test("a value carries its unit", () => {
+  const layer = { id: "a", kind: "slope", scope: "mer2", title: "" };
+  expect(valueText({ ...layer, value: 12.3456, unit: "degree" })).toBe("12.35°");
+  expect(valueText({ ...layer, value: null, unit: "degree" })).toBe("–");
+});
+
+test("properties are found where GeoJSON has them, and beside", () => {
+  expect(propertiesOf({ kind: "stops", properties: { stop: "a" } })).toEqual({
+    kind: "stops",
+    stop: "a",
+  });
+});
