@@ -1,0 +1,127 @@
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from photogrammetry.cameras.epipolar import EpipolarPair
+from photogrammetry.errors import MatchingError
+from photogrammetry.frames import Frame, FrameKind, Pose, rover_frame
+from photogrammetry.matching import alignment
+from photogrammetry.matching.alignment import AlignmentParams, align
+from photogrammetry.matching.ties import Ties
+
+FIRST, SECOND = rover_frame(1, 0), rover_frame(1, 8)
+PRIOR = np.diag([0.01, 0.01, 0.03, 2.0, 2.0, 1.0]) ** 2
+
+
+def pair(rover, number, turn, origin=(0.0, 0.0, -1.4)):
+    axes = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])  # right, down, forward in the rover
+    rotation = Rotation.from_euler("ZY", [turn, -0.2]).as_matrix() @ axes
+    frame = Frame(FrameKind.PAIR, (*rover.index, number))
+    pose = Pose(rover, frame, rotation, np.array(origin))
+    return EpipolarPair(pose, 0.2, 1200.0, (511.5, 511.5), 1024, 1024)
+
+
+def network(rng, true, noise=1.0, count=120):
+    """Ties of two pairs at each of two stops, measured with noise of the stated sigmas."""
+    geometries = {"a": pair(FIRST, 0, 0.0), "b": pair(FIRST, 1, 0.5)}
+    geometries |= {"c": pair(SECOND, 0, 0.1), "d": pair(SECOND, 1, 0.7)}
+    first = rng.integers(0, 2, count).astype(np.int32)
+    second = rng.integers(2, 4, count).astype(np.int32)
+    ids = tuple(geometries)
+    columns = {name: [] for name in ("l1", "p1", "l2", "p2")}
+    for i, j in zip(first, second, strict=True):
+        one, other = geometries[ids[i]], geometries[ids[j]]
+        left, parallax = rng.uniform(200, 800, (1, 2)), rng.uniform(15, 60, 1)
+        rover = one.rover_from_pair.apply(one.triangulate(left, parallax))
+        seen, p2 = other.project(other.rover_from_pair.inverse.apply(true.inverse.apply(rover)))
+        values = zip(columns.values(), (left[0], parallax[0], seen[0], p2[0]), strict=True)
+        for column, value in values:
+            column.append(value + noise * 0.2 * rng.normal(size=np.shape(value)))
+    sigma = np.full(count, 0.2)
+    lefts, parallaxes = [
+        [np.array(columns[k]) for k in some] for some in (("l1", "l2"), ("p1", "p2"))
+    ]
+    ties = Ties(ids, first, second, *lefts, *parallaxes, *[sigma.copy() for _ in range(4)])
+    return ties, geometries
+
+
+@pytest.fixture
+def true():
+    turn = Rotation.from_euler("ZYX", [0.05, 0.01, -0.02]).as_matrix()
+    return Pose(FIRST, SECOND, turn, np.array([-2.0, 0.7, 0.2]))
+
+
+@pytest.fixture
+def start():
+    return Pose(FIRST, SECOND, np.eye(3), np.array([-1.0, 0.2, 0.0]))
+
+
+def test_the_design_matrix_is_the_derivative_of_the_residuals(rng, true, start):
+    ties, geometries = network(rng, true, count=12)
+    system = alignment._system(ties, geometries, np.arange(4))
+    x = rng.normal(0, 1e-3, 18)
+    # rotation vectors are turned one after the other: their sum is exact to first order about zero
+    x[:3] = 0.0
+    x[6:] = 0.0
+    _, design, _ = alignment._linearised(system, x, start, 6)
+    step = 1e-6
+    for k in range(18):
+        ahead, behind = x.copy(), x.copy()
+        ahead[k] += step
+        behind[k] -= step
+        v_ahead = alignment._linearised(system, ahead, start, 6)[0]
+        v_behind = alignment._linearised(system, behind, start, 6)[0]
+        slope = -(v_ahead - v_behind) / (2 * step)
+        np.testing.assert_allclose(design[:, :, k], slope, rtol=1e-4, atol=1e-4)
+
+
+def test_exact_ties_give_back_the_exact_pose(rng, true, start):
+    ties, geometries = network(rng, true, noise=0.0)
+    found = align(ties, geometries, start, np.diag([0.1] * 3 + [10.0] * 3), AlignmentParams())
+    np.testing.assert_allclose(
+        found.first_from_second.translation_m, true.translation_m, atol=2e-3
+    )  # the priors, of some metres and of pointing, pull by a millimetre
+    assert found.agrees.all()
+
+
+def test_noise_of_the_stated_size_gives_a_sigma0_of_one(rng, true, start):
+    ties, geometries = network(rng, true, count=400)
+    found = align(ties, geometries, start, PRIOR, AlignmentParams())
+    assert found.sigma0 == pytest.approx(1.0, abs=0.1)
+    assert found.agrees.mean() > 0.95
+
+
+def test_a_third_of_wrong_ties_is_set_aside(rng, true, start):
+    ties, geometries = network(rng, true, count=150)
+    wrong = np.arange(150) % 3 == 0
+    ties.second_left[wrong] += rng.uniform(20, 60, (50, 2)) * rng.choice([-1, 1], (50, 2))
+    found = align(ties, geometries, start, PRIOR, AlignmentParams())
+    assert found.agrees[wrong].mean() < 0.05
+    assert found.agrees[~wrong].mean() > 0.95
+    error_m = np.linalg.norm(found.first_from_second.translation_m - true.translation_m)
+    assert error_m < 0.05
+
+
+def test_the_covariance_of_the_pose_is_that_of_its_errors(true, start):
+    misfits = []
+    for seed in range(30):
+        rng = np.random.default_rng(seed)
+        ties, geometries = network(rng, true, count=60)
+        found = align(ties, geometries, start, PRIOR, AlignmentParams())
+        shift = true.translation_m - found.first_from_second.translation_m
+        misfits.append(shift @ np.linalg.solve(found.covariance[3:, 3:], shift) / 3)
+    # the labels here point exactly, while the covariance allows for 0.15 degrees: below one
+    assert 0.01 < np.mean(misfits) < 1.2
+
+
+def test_points_behind_a_camera_do_not_agree(rng, true):
+    ties, geometries = network(rng, true, count=20)
+    beyond = Pose(FIRST, SECOND, np.eye(3), np.array([100.0, 0.0, 0.0]))
+    found = align(ties, geometries, beyond, 1e-6 * np.eye(6), AlignmentParams())
+    assert not found.agrees.any()
+    assert np.isinf(found.mahalanobis2).all()
+
+
+def test_no_ties_are_no_alignment(start):
+    with pytest.raises(MatchingError, match="needs ties, and there are none"):
+        align(Ties.none(("a",)), {}, start, PRIOR, AlignmentParams())
