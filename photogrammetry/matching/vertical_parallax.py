@@ -145,6 +145,8 @@ def _offsets(
     images: EpipolarImages, pixels: np.ndarray, start: np.ndarray, window_px: int, steps: int = 6
 ) -> np.ndarray:
     """Shift of each left window in the right image, along samples and lines; NaN if not found."""
+    if not len(pixels):
+        return start
     half = window_px // 2
     dy, dx = (w.ravel() for w in np.mgrid[-half : half + 1, -half : half + 1])
     x, y = pixels[:, 0, None] + dx, pixels[:, 1, None] + dy
@@ -155,7 +157,7 @@ def _offsets(
     coefficients = ndimage.spline_filter(images.right, 3, output=np.float32, mode="mirror")
     offset = start.copy()
     step = np.full_like(start, np.inf)
-    for _ in range(steps if len(pixels) else 0):
+    for _ in range(steps):
         place = [y + offset[:, 1, None], x + offset[:, 0, None]]
         right = _centred(ndimage.map_coordinates(coefficients, place, order=3, prefilter=False))
         gain = (left * right).sum(axis=1) / np.maximum((right * right).sum(axis=1), 1e-12)

@@ -9,7 +9,11 @@ from photogrammetry.matching.dense import (
     match_densely_with_sigma,
     parallax_sigma,
 )
+from photogrammetry.matching.ground_plane import fit_plane
+from photogrammetry.matching.records import EpipolarImages
 from photogrammetry.matching.refinement import RefinementParams
+from photogrammetry.matching.sparse import match_sparsely
+from photogrammetry.matching.vertical_parallax import vertical_parallax
 
 
 def test_parallax_of_sloping_ground_is_found_to_a_tenth_of_a_pixel(scene, ground):
@@ -96,10 +100,43 @@ def test_images_without_any_usable_pixel_end_empty(scene, ground):
     assert not np.isfinite(match_densely(images)).any()
 
 
+@pytest.mark.parametrize("shape", [(1, 200), (3, 30), (12, 12)])
+def test_images_smaller_than_a_window_end_empty(scene, ground, shape):
+    whole = scene([ground]).images
+    lines, samples = shape
+    images = EpipolarImages(
+        replace(whole.geometry, lines=lines, samples=samples),
+        *(
+            np.ascontiguousarray(array[:lines, :samples])
+            for array in (whole.left, whole.left_mask, whole.right, whole.right_mask)
+        ),
+    )
+    assert not np.isfinite(match_densely(images)).any()
+    assert len(match_sparsely("pair", images)) == 0
+    assert "0 points: too few" in str(vertical_parallax(images))
+
+
+def test_an_image_without_texture_ends_empty(scene, ground):
+    images = scene([replace(ground, contrast=0.0)], noise=0.0).images
+    assert not np.isfinite(match_densely(images)).any()
+
+
 def test_a_stricter_limit_of_sigma_leaves_out_more(scene, ground):
     world = scene([ground], noise=60.0)
     strict = DenseParams(refinement=RefinementParams(largest_sigma_px=0.1))
     assert (
         np.isfinite(match_densely(world.images, strict)).sum()
         < np.isfinite(match_densely(world.images)).sum()
+    )
+
+
+def test_the_parallax_plane_is_that_of_the_ground_whatever_stands_on_it(rng):
+    points = rng.uniform(0, 1000, (2000, 2))
+    parallax = 3.0 + 0.01 * points[:, 0] + 0.13 * points[:, 1] + rng.normal(size=2000) * 0.3
+    parallax[:600] += rng.uniform(5, 60, 600)  # rocks, nearer than the ground
+    plane = fit_plane(points, parallax)
+    assert plane.per_sample == pytest.approx(0.01, abs=2e-3)
+    assert plane.per_line == pytest.approx(0.13, abs=2e-3)
+    assert plane.parallax_px(np.array([500.0]), np.array([500.0]))[0] == pytest.approx(
+        73.0, abs=0.5
     )
