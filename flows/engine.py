@@ -26,3 +26,5 @@ def prepare_engine(store: Path) -> None:
     }
     for name, value in defaults.items():
         os.environ.setdefault(name, value)
+    # Prefect makes the folder itself but not its parents, and then waits for its server in vain.
+    Path(os.environ["PREFECT_HOME"]).expanduser().mkdir(parents=True, exist_ok=True)

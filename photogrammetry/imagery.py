@@ -73,6 +73,8 @@ class RoverImage:
     """Radians, clockwise from north in the site frame."""
     sun_elevation: float | None
     """Radians above the horizon, sign already put right."""
+    mast_in_rover: tuple[float, float, float] | None = None
+    """The mast head, about which its pointing errors turn the cameras; None on the body."""
 
     def __post_init__(self) -> None:
         if self.site_from_rover.source != self.stop.frame:

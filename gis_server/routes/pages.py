@@ -31,7 +31,10 @@ _DOCS = _FRAME.format(
     body='<div id="swagger-ui"></div><script src="/swagger/swagger-ui-bundle.js"></script>'
     '<script src="/docs/start.js"></script>',
 )
-_DOCS_START = 'SwaggerUIBundle({url: "/openapi.json", dom_id: "#swagger-ui", deepLinking: true});\n'
+_DOCS_START = (
+    'SwaggerUIBundle({url: "/openapi.json", dom_id: "#swagger-ui", deepLinking: true, '
+    "validatorUrl: null});\n"  # by default it asks a validator elsewhere
+)
 
 
 @router.get("/healthz", tags=["server"])

@@ -86,6 +86,7 @@ def rover_image(
         start_time=label.optional("", "START_TIME", str),
         sun_azimuth=_sun_azimuth(label),
         sun_elevation=_sun_elevation(label, mission),
+        mast_in_rover=_mast_in_rover(label, mission, instrument),
     )
 
 
@@ -292,6 +293,18 @@ def _sun_elevation(label: Label, mission: Mission) -> float | None:
     if stated is not None and true is not None and abs(true) > TELLING_ELEVATION:
         return elevation if abs(stated - true) <= abs(stated + true) else -elevation
     return abs(elevation) if _is_day(label) else elevation
+
+
+def _mast_in_rover(
+    label: Label, mission: Mission, instrument: str
+) -> tuple[float, float, float] | None:
+    """Origin of the mast frame in the rover frame, metres, for cameras that it carries."""
+    if instrument.endswith("HAZCAM"):
+        return None
+    if label.get(mission.mast_group, "ORIGIN_OFFSET_VECTOR") is None:
+        return None
+    x, y, z = label.require_numbers(mission.mast_group, "ORIGIN_OFFSET_VECTOR", 3).tolist()
+    return x, y, z
 
 
 def _mast_elevation(label: Label, mission: Mission) -> float | None:
