@@ -36,6 +36,8 @@ from photogrammetry.adjustment.rotations import cross_matrix, rotation_of_vector
 GROWTH = 2.0
 """Factor by which the loss is sharpened a round; 1.4 in the publication, for far worse outliers."""
 ROUNDS = 60
+UNCHECKED_TIES = 3
+"""So many ties place a stop without checking one another; telemetry must not contradict them."""
 HALF = 0.5
 """Weights end at 0 or 1; this tells them apart."""
 SHARP = 1e3
@@ -181,7 +183,7 @@ def _aligned(
     weights = np.ones(len(ties.X))
     if not len(weights):
         return state, weights
-    gate, mu = params.gross, 0.0
+    gate, mu, state_before = params.gross, 0.0, state
     for _ in range(ROUNDS):
         state, r = _align_step(state, telemetry, k, ties, weights)
         if not mu:
@@ -190,7 +192,18 @@ def _aligned(
         if mu >= SHARP or (r.max() <= gate and np.abs(weights - old).max() < 1.0 / SHARP):
             break
         mu *= GROWTH
-    return _align_step(state, telemetry, k, ties, weights)[0], weights
+    aligned = _align_step(state, telemetry, k, ties, weights)[0]
+    if (weights > HALF).sum() <= UNCHECKED_TIES and _telemetry_misfit(aligned, telemetry, k) > gate:
+        return state_before, np.zeros(len(ties.X))
+    return aligned, weights
+
+
+def _telemetry_misfit(state: State, telemetry: Telemetry, k: int) -> float:
+    """How far stop k is from its telemetry, in standard deviations."""
+    both = np.array([max(k - 1, 0), k])
+    link = telemetry.of_stops(both)
+    off = telemetry_misclosures(state.of_stops(both), link)[1] * link.weight[1]
+    return float(np.linalg.norm(off))
 
 
 def _truncated(r: np.ndarray, gate: float, mu: float) -> np.ndarray:

@@ -31,6 +31,10 @@ from photogrammetry.adjustment.solver import Problem
 UNCHECKED = 1e-6
 """A redundancy number below this is rounding: nothing checks the coordinate."""
 
+LINEAR = 0.1
+"""A prediction tells something only while its depth is known to a tenth: within, errors propagate
+linearly."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Residuals:
@@ -152,5 +156,7 @@ def reinstated(
     l_finite = np.nan_to_num(l, nan=np.inf)
     with np.errstate(invalid="ignore"):
         misfit = (l_finite * np.linalg.solve(S, l_finite[:, :, None])[:, :, 0]).sum(axis=1)
-    fits = np.isfinite(l).all(axis=1) & (misfit < (params.critical_value * found.scale) ** 2)
-    return rows[fits]
+    parallax = observations.measured[rows, 2] - l[:, 2]
+    sharp = np.sqrt(S[:, 2, 2]) < LINEAR * parallax
+    small = misfit < (params.critical_value * found.scale) ** 2
+    return rows[np.isfinite(l).all(axis=1) & sharp & small]

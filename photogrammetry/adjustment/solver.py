@@ -61,6 +61,8 @@ from photogrammetry.adjustment.rotations import rotation_of_vector
 
 LOOSENESS = 0.3
 """How loosely stops are held while residuals are tested, in uncertainties of a drive."""
+LONG = 100
+"""Stops from which on they are held the tighter the more there are: rounding grows with them."""
 CHI3_MEDIAN = 1.538
 """Median length of a standard normal vector of three coordinates."""
 
@@ -248,7 +250,8 @@ def local_inverse(problem: Problem, flat: np.ndarray) -> np.ndarray:
     turn, shift = weight[:, 2].max(initial=0.0), weight[free, 3]
     loose = np.column_stack([np.full((len(free), 3), turn), np.repeat(shift[:, None], 3, axis=1)])
     softened = flat.copy()
-    softened[places] += (loose / LOOSENESS) ** 2
+    looseness = LOOSENESS * min(1.0, LONG / len(problem.held))
+    softened[places] += (loose / looseness) ** 2
     return factorise(problem.pattern, softened).inverse()
 
 

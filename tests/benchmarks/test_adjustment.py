@@ -1,0 +1,140 @@
+"""How long an adjustment takes, and next to SciPy's general solver on the same network.
+
+Start: telemetry (cold), so the alignment, the search for blunders and all covariances are inside.
+"""
+
+import time
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+from scipy.sparse import lil_matrix
+
+from photogrammetry.adjustment.adjust import _known, adjust_overall, adjust_stepwise
+from photogrammetry.adjustment.collinearity import Observations, State, misclosures
+from photogrammetry.adjustment.initialise import initialise
+from photogrammetry.adjustment.params import AdjustmentParams
+from photogrammetry.adjustment.priors import Telemetry, telemetry_misclosures
+from photogrammetry.adjustment.rotations import rotation_of_vector
+from photogrammetry.adjustment.solver import Problem, solve
+from photogrammetry.synthetic.networks import simulate_network
+
+PARAMS = AdjustmentParams()
+
+
+def network_of(stops):
+    """About 300 ties a stop, as the paper counts them."""
+    return simulate_network(
+        np.random.default_rng(stops), stops=stops, inter_ties=100, intra_ties=180
+    )[0]
+
+
+@pytest.mark.parametrize("stops", [2, 10, 50])
+def test_adjusting_a_traverse_from_telemetry(benchmark, stops):
+    network = network_of(stops)
+    _, report = benchmark.pedantic(adjust_overall, (network, PARAMS), rounds=3)
+    assert report.is_usable
+    benchmark.extra_info["report"] = str(report)
+
+
+def test_adding_a_stop_to_a_traverse_of_ten(benchmark):
+    network = network_of(11)
+    old = network.within(set(network.stop_ids[:10]))
+    previous, _ = adjust_overall(old, PARAMS)
+    _, report = benchmark.pedantic(
+        adjust_stepwise, (previous, network, network.stop_ids[10:], PARAMS), rounds=3
+    )
+    assert report.is_usable
+
+
+def general_solver(problem, start):
+    """SciPy's trust region on the same residuals, with the sparsity given and 2-point slopes."""
+    observations, telemetry = problem.observations, problem.telemetry
+    stops, pairs = len(start.centres), len(start.pointings)
+    numbers = np.flatnonzero(problem.anchor >= 0)
+    free = np.flatnonzero(~problem.held)
+
+    def state_of(x):
+        pose, rest = x[: 6 * len(free)].reshape(-1, 6), x[6 * len(free) :]
+        turns, centres = np.zeros((stops, 3)), start.centres.copy()
+        turns[free], centres[free] = pose[:, :3], start.centres[free] + pose[:, 3:]
+        points = start.points.copy()
+        points[numbers] = start.points[numbers] + rest[3 * pairs :].reshape(-1, 3)
+        return State(
+            rotation_of_vector(turns) @ start.rotations, centres,
+            start.pointings + rest[: 3 * pairs].reshape(-1, 3), points,
+        )  # fmt: skip
+
+    def residuals(x):
+        state = state_of(x)
+        image = misclosures(state, observations, problem.rows) * observations.weight[problem.rows]
+        told = telemetry_misclosures(state, telemetry) * problem.link_weight
+        pointing = state.pointings * telemetry.pointing_weight
+        return np.concatenate([np.nan_to_num(v, nan=1e6).ravel() for v in (image, told, pointing)])
+
+    size = 6 * len(free) + 3 * pairs + 3 * len(numbers)
+    found = least_squares(
+        residuals, np.zeros(size), jac_sparsity=pattern_of(problem, free, numbers), x_scale="jac",
+        max_nfev=100,
+    )  # fmt: skip
+    return 2 * found.cost, found.nfev
+
+
+def pattern_of(problem, free, numbers):
+    """Which residual feels which unknown."""
+
+    observations = problem.observations
+    stops, pairs = len(problem.held), len(observations.pair_stop)
+    place = {int(s): 6 * k for k, s in enumerate(free)}
+    point = {int(p): 6 * len(free) + 3 * pairs + 3 * k for k, p in enumerate(numbers)}
+    n = len(problem.rows)
+    sparsity = lil_matrix(
+        (3 * n + 6 * stops + 3 * pairs, 6 * len(free) + 3 * pairs + 3 * len(numbers)), dtype=int
+    )
+    for i, row in enumerate(problem.rows.tolist()):
+        columns = [point[int(observations.point[row])]]
+        pair = 6 * len(free) + 3 * int(observations.pair[row])
+        sparsity[3 * i : 3 * i + 3, pair : pair + 3] = 1
+        sparsity[3 * i : 3 * i + 3, columns[0] : columns[0] + 3] = 1
+        stop = int(observations.stop[row])
+        if stop in place:
+            sparsity[3 * i : 3 * i + 3, place[stop] : place[stop] + 6] = 1
+    for k in range(stops):
+        for stop in (k - 1, k):
+            if stop in place:
+                rows = slice(3 * n + 6 * k, 3 * n + 6 * k + 6)
+                sparsity[rows, place[stop] : place[stop] + 6] = 1
+    for k in range(3 * pairs):
+        sparsity[3 * n + 6 * stops + k, 6 * len(free) + k] = 1
+    return sparsity
+
+
+@pytest.mark.parametrize("stops", [2, 5])
+def test_against_the_general_solver_from_the_same_start(benchmark, stops):
+    """Same residuals, same start (the alignment), same minimum; the ratio is of wall time."""
+    network = simulate_network(
+        np.random.default_rng(stops), stops=stops, inter_ties=20, intra_ties=0
+    )[0]
+    problem, start = started(network)
+    ours = benchmark.pedantic(
+        solve, (problem, start, PARAMS), {"robust": False}, rounds=3, warmup_rounds=1
+    )
+    begin = time.perf_counter()
+    cost, evaluations = general_solver(problem, start)
+    seconds = time.perf_counter() - begin
+    benchmark.extra_info["ratio"] = seconds / benchmark.stats.stats.min
+    benchmark.extra_info["evaluations"] = evaluations
+    print(f"{stops} stops: {benchmark.stats.stats.min:.4f} s against {seconds:.2f} s")  # noqa: T201
+    assert ours.converged
+    assert ours.cost <= cost * (1 + 1e-6)
+
+
+def started(network):
+    """The problem without a search for blunders, at the alignment."""
+
+    observations, telemetry = Observations.of(network), Telemetry.of(network, PARAMS)
+    held = np.arange(len(network.stops)) == 0
+    known, is_known = _known(network, telemetry, observations, None)
+    state, _ = initialise(observations, telemetry, held, PARAMS, known, is_known)
+    used = np.isfinite(misclosures(state, observations, np.arange(len(observations)))).all(axis=1)
+    return Problem.of(observations, telemetry, held, used), state
