@@ -77,6 +77,9 @@ class CrossSiteParams:
     least_spread_m: float = 1.0
     """Standard deviation of the ties' places across their longest direction."""
     decoys: int = 2
+    shared: float = 2.0
+    """Ties that count as one in the covariance: a patch of 17 cells, 1.4 m at 10 m, shares half of
+    its ground with the next one, 0.75 m away."""
 
     def __post_init__(self) -> None:
         if self.least_ties < LEAST_TO_ALIGN or self.chance_factor < 1:
@@ -341,7 +344,7 @@ def _judged(
         reason,
         trial.ties.taking(trial.alignment.agrees),
         trial.alignment.first_from_second,
-        trial.alignment.covariance,
+        params.shared * trial.alignment.covariance,
         figures,
         trial.fit,
     )

@@ -220,8 +220,8 @@ def _looked_for(
     half, turn = candidates.half_cells, _turn(plan.target_from_source)
     centres = plan.places[:, :2]
     ahead = plan.target_from_source.apply(plan.places)[:, :2]
-    templates, whole = plan.source.patches(centres, np.eye(2), plan.cell_m, half)
-    searches, there = plan.target.patches(ahead, turn, plan.cell_m, half + reach + 3)
+    templates, whole = plan.source.patches(centres, np.eye(2), plan.cell_m, half, half)
+    searches, there = plan.target.patches(ahead, turn, plan.cell_m, half + reach + 3, half)
     templates, searches = (
         _blurred(stack, candidates.blur_cells) for stack in (templates, searches)
     )

@@ -131,8 +131,9 @@ class GroundView:
         turn: Float64[np.ndarray, "2 2"],
         cell_m: PerPoint,
         half: int,
+        core_half: int,
     ) -> tuple[Float32[np.ndarray, "n a a"], Flags]:
-        """Orthophoto patches around (north, east) centres, and which of them are whole.
+        """Orthophoto patches around (north, east) centres, and whose core is seen.
 
         Row i and column j of a patch lie at centre + turn (-(i - half), j - half) cell.
         """
@@ -148,11 +149,10 @@ class GroundView:
         for level in {tuple(row) for row in levels.tolist()}:
             rows = np.flatnonzero((levels == level).all(axis=1))
             patches[rows] = self._drawn(left[rows], (int(level[0]), int(level[1])))
-        whole = np.isfinite(patches).reshape(n, -1).mean(axis=1) > LEAST_SEEN
-        middle = left[
-            :, half - half // 2 : half + half // 2 + 1, half - half // 2 : half + half // 2 + 1
-        ]
-        whole &= self._inside(middle).reshape(n, -1).all(axis=1)
+        core = slice(half - core_half, half + core_half + 1)
+        whole = np.isfinite(patches[:, core, core]).reshape(n, -1).mean(axis=1) > LEAST_SEEN
+        middle = slice(half - core_half // 2, half + core_half // 2 + 1)
+        whole &= self._inside(left[:, middle, middle]).reshape(n, -1).all(axis=1)
         means = np.nanmean(np.where(whole[:, None, None], patches, 0.0), axis=(1, 2))
         return np.where(np.isfinite(patches), patches, means[:, None, None]).astype(
             np.float32
