@@ -157,6 +157,6 @@ def reinstated(
     with np.errstate(invalid="ignore"):
         misfit = (l_finite * np.linalg.solve(S, l_finite[:, :, None])[:, :, 0]).sum(axis=1)
     parallax = observations.measured[rows, 2] - l[:, 2]
-    sharp = np.sqrt(S[:, 2, 2]) < LINEAR * parallax
+    sharp = np.sqrt(np.maximum(S[:, 2, 2], 0.0)) < LINEAR * parallax
     small = misfit < (params.critical_value * found.scale) ** 2
     return rows[np.isfinite(l).all(axis=1) & sharp & small]
