@@ -115,7 +115,9 @@ def _minimum_degree(
     later: dict[int, tuple[int, ...]] = {}
     while graph:
         degree = min(d for d, members in buckets.items() if members)
-        s = max(buckets[degree])
+        # From the datum outwards: the recursion of the inverse then starts at the far end, where
+        # covariances are largest. The other way round rounding grows exponentially along a chain.
+        s = min(buckets[degree])
         buckets[degree].discard(s)
         others = graph.pop(s)
         order.append(s)
