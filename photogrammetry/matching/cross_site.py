@@ -66,8 +66,8 @@ class CrossSiteParams:
     gate_sigmas: float = 3.0
     least_ties: int = 20
     """The paper's example had 7, made by hand; 20 and more hold the drift (issue 4)."""
-    least_z: float = 5.0
-    """A peak of the bird's-eye search lower than this is within what noise gives."""
+    least_z: float = 6.0
+    """A gate holds some 10^5 independent places: chance comes to 4.8, and to 6 once in 5000."""
     chance_factor: float = 2.0
     """A link needs so many times the ties that a wrong hypothesis found,"""
     chance_sigmas: float = 4.0
