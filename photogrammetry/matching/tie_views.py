@@ -104,7 +104,9 @@ def _rows(planes: ParallaxPlanes, rows: Flags) -> ParallaxPlanes:
 
 def predicted_points(
     source: TieView, target: TieView, target_from_source: Pose, rows: Flags
-) -> tuple[ImagePoints, PerPoint, Float64[np.ndarray, "n 3"]]:
+) -> tuple[
+    Float64[np.ndarray, "some 2"], Float64[np.ndarray, " some"], Float64[np.ndarray, "some 3"]
+]:
     """(image, parallax, point) in the target of some sparse matches of the source."""
     matches = source.pair.matches
     points = source.geometry.triangulate(matches.left[rows], matches.parallax_px[rows])
