@@ -100,18 +100,33 @@ def geometry_of_document(document: dict[str, Any]) -> EpipolarPair:
     )
 
 
-def write_matches(path: Path, geometry: EpipolarPair, matches: StereoMatches) -> None:
+def write_matches(
+    path: Path,
+    geometry: EpipolarPair,
+    matches: StereoMatches,
+    mast_in_rover: tuple[float, float, float] | None = None,
+) -> None:
     """Write the intra-stereo matches of a pair and the geometry they were measured in."""
-    header = {"pair": matches.pair_id, "geometry": geometry_document(geometry)}
+    header = {
+        "pair": matches.pair_id,
+        "geometry": geometry_document(geometry),
+        "mast_in_rover": mast_in_rover,
+    }
     write_archive(
         path, header, left=matches.left, parallax_px=matches.parallax_px, sigma_px=matches.sigma_px
     )
 
 
 def read_matches(path: Path) -> tuple[EpipolarPair, StereoMatches]:
-    """The twin of `write_matches`."""
+    """The geometry and matches that `write_matches` wrote."""
     header, arrays = read_archive(path)
     return geometry_of_document(header["geometry"]), StereoMatches(header["pair"], **arrays)
+
+
+def read_mast(path: Path) -> tuple[float, float, float] | None:
+    """The mast head that `write_matches` wrote."""
+    mast = read_archive(path)[0]["mast_in_rover"]
+    return (mast[0], mast[1], mast[2]) if mast else None
 
 
 def write_parallax(path: Path, parallax: ParallaxMap) -> None:

@@ -12,7 +12,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from photogrammetry.matching.tracks import TrackParams, build_tie_points
 from prefect import task
 from prefect.cache_policies import NO_CACHE
 
@@ -28,7 +27,8 @@ from photogrammetry.adjustment.records import (
 )
 from photogrammetry.frames import Pose
 from photogrammetry.imagery import StopId
-from products.arrays import pose_document, pose_of_document, read_matches, read_ties
+from photogrammetry.matching.tracks import TrackParams, build_tie_points
+from products.arrays import pose_document, pose_of_document, read_mast, read_matches, read_ties
 from products.model import ProductKind, ProductRef, Recipe
 from products.store import ProductStore
 from tasks.pairs import PairProducts
@@ -118,7 +118,8 @@ def read_network(ref: ProductRef, store: ProductStore) -> NetworkProduct:
 
 
 def _network(step: NetworkStep, params: NetworkParams, store: ProductStore) -> Network:
-    read = [(pair, *read_matches(store.path(pair.matches))) for pair in step.pairs]
+    paths = [store.path(pair.matches) for pair in step.pairs]
+    read = [(pair, *read_matches(path)) for pair, path in zip(step.pairs, paths, strict=True)]
     ties = [read_ties(store.path(ref))[0] for ref in (*step.ties, *step.links)]
     return Network(
         stops=tuple(
@@ -126,7 +127,8 @@ def _network(step: NetworkStep, params: NetworkParams, store: ProductStore) -> N
             for stop in step.stops
         ),
         pairs=tuple(
-            PairGeometry(pair.files.id, pair.files.stop, geometry) for pair, geometry, _ in read
+            PairGeometry(pair.files.id, pair.files.stop, geometry, read_mast(path))
+            for (pair, geometry, _), path in zip(read, paths, strict=True)
         ),
         ties=build_tie_points([matches for _, _, matches in read], ties, params.tracks),
     )

@@ -34,15 +34,17 @@ def match_stereo_pair(pair: PairFiles, params: MatchParams, store: ProductStore)
     """Match one stereo pair: interest points for the network, dense parallax for the terrain."""
 
     @cache
-    def images() -> EpipolarImages:
+    def images() -> tuple[RoverImage, EpipolarImages]:
         left, right = read_pair(pair, store)
-        return resampled(left, right, geometry_of(left.image, right.image))
+        return left.image, resampled(left, right, geometry_of(left.image, right.image))
 
     def write_sparse(path: Path) -> None:
-        write_matches(path, images().geometry, match_sparsely(pair.id, images(), params.sparse))
+        left, epipolar = images()
+        matches = match_sparsely(pair.id, epipolar, params.sparse)
+        write_matches(path, epipolar.geometry, matches, left.mast_in_rover)
 
     def write_dense(path: Path) -> None:
-        write_parallax(path, match_densely(images(), params.dense))
+        write_parallax(path, match_densely(images()[1], params.dense))
 
     inputs, scope = (pair.left, pair.right), pair_scope(pair.id)
     matches = Recipe(ProductKind.MATCHES, scope, inputs, params.sparse)

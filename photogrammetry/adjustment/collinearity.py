@@ -2,13 +2,13 @@
 
 A stop has rotation R and centre c in the LSL (of the rover frame). Pair j of that stop is a rigid
 body: the label gives rover_from_pair = (R_j, t_j), the mast turns it by a small unknown rotation
-m_j about its own origin t_j (the true pivot, the mast head, is less than 0.2 m away: 0.1 degrees
-move the origin by 0.3 mm, which no observation feels). A point X of the LSL is, in the pair's
-frame,
+m_j about the mast head v_j. (The lever is short, 0.1 degrees move a camera by 0.3 mm; but hundreds
+of near ties feel that, and with another pivot they would tilt a whole panorama by 0.06 degrees.)
+A point X of the LSL is
 
-    g = R' (X - c)          in the rover frame
-    h = g - t_j             from the pair's origin
-    y = R_j' Exp(m_j)' h    in the pair's frame
+    g = R' (X - c)                            in the rover frame
+    h = g - v_j                               from the mast head
+    y = R_j' (Exp(m_j)' h - (t_j - v_j))      in the pair's frame
 
 and is seen at (x, y) in the left image with parallax p,
 
@@ -51,6 +51,8 @@ class Observations:
     pair_stop: Int32[np.ndarray, " pairs"]
     rover_from_pair: Float64[np.ndarray, "pairs 3 3"]
     origin_in_rover: Float64[np.ndarray, "pairs 3"]
+    """As the label has it, before the pointing is corrected."""
+    pivot_in_rover: Float64[np.ndarray, "pairs 3"]
     focal_px: Float64[np.ndarray, " pairs"]
     base_m: Float64[np.ndarray, " pairs"]
     centre_px: Float64[np.ndarray, "pairs 2"]
@@ -84,6 +86,7 @@ class Observations:
             origin_in_rover=np.array([g.rover_from_pair.translation_m for g in shapes]).reshape(
                 -1, 3
             ),
+            pivot_in_rover=np.array([pair.pivot_in_rover for pair in network.pairs]).reshape(-1, 3),
             focal_px=np.array([g.focal_px for g in shapes], dtype=np.float64),
             base_m=np.array([g.base_m for g in shapes], dtype=np.float64),
             centre_px=np.array([g.centre_px for g in shapes], dtype=np.float64).reshape(
@@ -99,6 +102,13 @@ class Observations:
     def stop(self) -> Int32[np.ndarray, " n"]:
         """Stop of each observation."""
         return self.pair_stop[self.pair]
+
+    def origins_in_rover(
+        self, pointings: Float64[np.ndarray, "pairs 3"]
+    ) -> Float64[np.ndarray, "pairs 3"]:
+        """Origin of every pair after the mast has turned it about its head."""
+        lever = self.origin_in_rover - self.pivot_in_rover
+        return self.pivot_in_rover + (rotation_of_vector(pointings) @ lever[:, :, None])[:, :, 0]
 
     @property
     def is_stereo(self) -> Flags:
@@ -130,7 +140,7 @@ def pair_orientations(
     rotations = of_stop @ rotation_of_vector(state.pointings) @ observations.rover_from_pair
     origins = (
         state.centres[observations.pair_stop]
-        + (of_stop @ observations.origin_in_rover[:, :, None])[:, :, 0]
+        + (of_stop @ observations.origins_in_rover(state.pointings)[:, :, None])[:, :, 0]
     )
     return rotations, origins
 
@@ -187,8 +197,9 @@ def partials(
     B = turned.swapaxes(1, 2)[j]
     X_c = state.points[observations.point[rows]] - state.centres[s]
     g = (X_c[:, None, :] @ state.rotations[s])[:, 0, :]
-    h = g - observations.origin_in_rover[j]
-    y = (B @ h[:, :, None])[:, :, 0]
+    h = g - observations.pivot_in_rover[j]
+    from_origin = g - observations.origins_in_rover(state.pointings)[j]
+    y = (B @ from_origin[:, :, None])[:, :, 0]
     f, z = observations.focal_px[j], y[:, 2]
     d_y = np.zeros((len(rows), 3, 3))
     d_y[:, 0, 0] = d_y[:, 1, 1] = f / z

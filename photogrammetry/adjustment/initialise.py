@@ -74,7 +74,7 @@ def sightings(
     S = turned @ S @ turned.swapaxes(1, 2) + lever @ lever.swapaxes(1, 2)
     usable = observations.is_stereo & (observations.measured[:, 2] >= params.far_parallax_px)
     size = np.trace(S, axis1=1, axis2=2)
-    return Sightings(observations.origin_in_rover[j] + arm, S, usable, size)
+    return Sightings(observations.origins_in_rover(pointings)[j] + arm, S, usable, size)
 
 
 def initialise(

@@ -50,6 +50,8 @@ class PairGeometry:
     pair_id: str
     stop: StopId
     geometry: EpipolarPair
+    mast_in_rover: tuple[float, float, float] | None = None
+    """The mast head, about which pointing errors turn the pair; None: about its own origin."""
 
     def __post_init__(self) -> None:
         if self.geometry.rover_from_pair.target != self.stop.frame:
@@ -57,6 +59,13 @@ class PairGeometry:
                 f"pair {self.pair_id} was taken at {self.stop.frame}, but its geometry is given in "
                 f"{self.geometry.rover_from_pair.target}"
             )
+
+    @property
+    def pivot_in_rover(self) -> Vector3:
+        """What pointing errors turn the pair about, in the rover frame, metres."""
+        if self.mast_in_rover is None:
+            return self.geometry.rover_from_pair.translation_m
+        return np.array(self.mast_in_rover)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

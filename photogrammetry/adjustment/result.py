@@ -95,19 +95,22 @@ def _pairs(
     J[:, :3, 6:] = of_stop @ left_jacobian(state.pointings)
     J[:, 3:, :3] = -cross_matrix(origins - state.centres[observations.pair_stop])
     J[:, 3:, 3:6] = np.eye(3)
+    in_rover = observations.origins_in_rover(state.pointings)
+    lever = in_rover - observations.pivot_in_rover
+    J[:, 3:, 6:] = -of_stop @ cross_matrix(lever) @ left_jacobian(state.pointings)
     C = J @ joint @ J.swapaxes(1, 2)
     joined = np.bincount(observations.pair[outcome.problem.rows], minlength=len(network.pairs))
     turned = rotation_of_vector(state.pointings)
     adjusted = []
     for k, pair in enumerate(network.pairs):
         label = pair.geometry.rover_from_pair
-        in_rover = Pose(label.target, label.source, turned[k] @ label.rotation, label.translation_m)
+        true = Pose(label.target, label.source, turned[k] @ label.rotation, in_rover[k])
         adjusted.append(
             AdjustedPair(
                 pair.pair_id,
                 pair.stop,
                 Pose(LSL, label.source, rotations[k], origins[k]),
-                in_rover,
+                true,
                 state.pointings[k],
                 C[k],
                 joint[k, 6:, 6:],

@@ -197,19 +197,21 @@ def _panorama(rover: Frame, stop: int, count: int) -> list[PairGeometry]:
         shape = EpipolarPair(
             Pose(rover, frame, rotation, origin), BASE_M, FOCAL_PX, (511.5, 511.5), LINES, LINES
         )
-        pairs.append(PairGeometry(f"S{stop:04d}P{k:02d}", _stop_id(stop), shape))
+        mast = (0.3, 0.0, -MAST_M + 0.15)
+        pairs.append(PairGeometry(f"S{stop:04d}P{k:02d}", _stop_id(stop), shape, mast))
     return pairs
 
 
 def _true_view(
     truth: tuple[Pose, ...], pairs: tuple[PairGeometry, ...], pointings: np.ndarray, k: int, n: int
 ) -> Pose:
-    label = pairs[k].geometry.rover_from_pair
+    label, pivot = pairs[k].geometry.rover_from_pair, pairs[k].pivot_in_rover
+    turn = rotation_of_vector(pointings[k])
     turned = Pose(
         label.target,
         label.source,
-        rotation_of_vector(pointings[k]) @ label.rotation,
-        label.translation_m,
+        turn @ label.rotation,
+        pivot + turn @ (label.translation_m - pivot),
     )
     return (truth[k // n] @ turned).inverse
 

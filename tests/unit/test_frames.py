@@ -20,7 +20,7 @@ angles = st.floats(-3.0, 3.0)
 tilts = st.floats(-1.4, 1.4)
 
 
-def test_the_quaternion_of_a_label_turns_the_rover_into_its_site(test_vectors):
+def test_the_quaternion_of_a_label_turns_the_rover_into_its_site():
     case = np.array([0.994261, -0.095668, -0.0233068, 0.0418276])
     pose = Pose.of_quaternion(site_frame(137), rover_frame(137, 0), case, np.zeros(3))
     in_site = pose.apply(np.array([[10.0, 2.0, -1.0]]))

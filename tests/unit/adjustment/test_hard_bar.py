@@ -17,7 +17,7 @@ def two_camera_residuals(x, network, params):
     """Weighted residuals when left and right camera are free and the bar is a virtual observation.
 
     Per pair: rotation of the left camera, then rotation and shift of the right one from where the
-    bar puts it, all about the label's pose; then the tie points.
+    bar puts it, the left about the mast head; then the tie points.
     """
     n = len(network.pairs)
     cameras, points = x[: 9 * n].reshape(n, 9), x[9 * n :].reshape(-1, 3)
@@ -29,10 +29,12 @@ def two_camera_residuals(x, network, params):
         shape = network.pairs[j].geometry
         label = shape.rover_from_pair
         in_rover = lsl_from_rover.rotation.T @ (X - lsl_from_rover.translation_m)
-        left_rotation = rotation_of_vector(left_turn[j]) @ label.rotation
+        turn, pivot = rotation_of_vector(left_turn[j]), network.pairs[j].pivot_in_rover
+        left_rotation = turn @ label.rotation
+        left_origin = pivot + turn @ (label.translation_m - pivot)
         right_rotation = rotation_of_vector(right_turn[j]) @ label.rotation
-        right_origin = label.translation_m + left_rotation[:, 0] * shape.base_m + right_shift[j]
-        a = left_rotation.T @ (in_rover - label.translation_m)
+        right_origin = left_origin + left_rotation[:, 0] * shape.base_m + right_shift[j]
+        a = left_rotation.T @ (in_rover - left_origin)
         b = right_rotation.T @ (in_rover - right_origin)
         left = np.array(shape.centre_px) + shape.focal_px * a[:2] / a[2]
         right_sample = shape.centre_px[0] + shape.focal_px * b[0] / b[2]
