@@ -88,14 +88,27 @@ def _process_mission(
             done = process_sol(mission, sol, workspace.store.root, pipeline, network)
         except StoreFullError:
             raise
-        except (PhotogrammetryError, ProductError) as error:
-            report.failures.append(f"{mission} sol {sol}: {error}")
+        except Exception as error:  # noqa: BLE001 - one bad sol never stops a downlink
+            report.failures.append(f"{mission} sol {sol}: {_cause(error)}")
             continue
         report.sols.append(done)
         report.failures += [f"{mission} sol {sol}: {line}" for line in done.failures]
         network = done.network or network
-    if network is not None:
+    if network is None:
+        return
+    try:
         _draw_mission(mission, network, workspace, pipeline, report)
+    except StoreFullError:
+        raise
+    except Exception as error:  # noqa: BLE001 - the other missions are still to be drawn
+        report.failures.append(f"{mission}: its layers could not be drawn: {_cause(error)}")
+
+
+def _cause(error: Exception) -> str:
+    """Our own errors speak for themselves; others are named. The traceback is on the run page."""
+    if isinstance(error, PhotogrammetryError | ProductError | ConfigError):
+        return str(error)
+    return f"{type(error).__name__}: {error}"
 
 
 def _draw_mission(

@@ -11,7 +11,7 @@ import numpy as np
 from prefect import task
 from prefect.cache_policies import NO_CACHE
 
-from photogrammetry.adjustment.records import AdjustedStop
+from photogrammetry.adjustment.records import USED, AdjustedStop
 from photogrammetry.frames import Pose
 from photogrammetry.imagery import RoverImage
 from photogrammetry.terrain.footprints import FootprintParams, Ground, footprint, pointing_line
@@ -154,17 +154,19 @@ def _certainty(stop: AdjustedStop) -> dict[str, Any]:
 def tie_point_features(network: NetworkProduct) -> Iterator[Feature]:
     """The tie points of the last adjustment that join pairs, with their residuals."""
     ties = network.adjusted.ties
-    residual_px = np.sqrt(np.nanmean(ties.residuals_px**2, axis=1))
-    seen = ties.observations.point
-    for number, (point, kind) in enumerate(zip(ties.points, ties.kinds, strict=True)):
-        rows = np.flatnonzero((seen == number) & (ties.status == 0))
+    used = np.flatnonzero(ties.status == USED)
+    order = used[np.argsort(ties.observations.point[used], kind="stable")]
+    numbers, starts = np.unique(ties.observations.point[order], return_index=True)
+    ends = np.append(starts[1:], len(order)) if len(starts) else starts
+    for number, start, end in zip(numbers.tolist(), starts, ends, strict=True):
+        rows, point, kind = order[start:end], ties.points[number], ties.kinds[number]
         if len(rows) < 2 or not np.isfinite(point).all():  # noqa: PLR2004 - joins nothing
             continue
         sigma_m = math.sqrt(max(float(np.trace(ties.covariances[number])), 0.0))
         properties = {
             "kind": str(kind),
             "pairs": [ties.observations.pair_ids[ties.observations.pair[row]] for row in rows],
-            "residual_px": round(float(np.mean(residual_px[rows])), 3),
+            "residual_px": round(float(np.sqrt(np.nanmean(ties.residuals_px[rows] ** 2))), 3),
             "sigma_m": round(sigma_m, 4),
         }
         yield Feature("Point", _on_map(point[None]), properties, id=str(number))
