@@ -11,7 +11,10 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from flows.progress import Step, listening
 
-out = Console(soft_wrap=True)
+WIDE = 200
+"""Columns of a table that goes to a file or a pipe: nothing is cut off."""
+
+out = Console(soft_wrap=True, width=None if sys.stdout.isatty() else WIDE)
 errors = Console(stderr=True, soft_wrap=True)
 
 

@@ -257,7 +257,9 @@ def publish_sol(
 ) -> None:
     """Move the catalogue to what this sol made, in one transaction."""
     product = read_network(network, inputs.workspace.store)
-    report.notes += [product.reports[-1], *(_said(link) for link in product.links)]
+    touched = {str(stop) for stop in inputs.touched}
+    links = [_said(link) for link in product.links if link["later"] in touched]
+    report.notes += [product.reports[-1], *links]
     sols = {stop.stop: stop.sols for stop in inputs.telemetry.stops}
     outcome = Outcome(
         sol_scope(report.mission, sol).name,

@@ -258,6 +258,8 @@ class AdjustmentReport:
         return self.converged and self.redundancy > 0 and bool(np.isfinite(self.sigma0))
 
     def __str__(self) -> str:
+        if not self.redundancy:
+            return f"{self.name}: nothing to adjust by, {self.stops} stops stand by telemetry"
         ties = ", ".join(f"{self.ties.get(kind, 0)} {kind.value}" for kind in TieKind)
         state = "converged" if self.converged else "NOT CONVERGED"
         cross, was = self.after.get(TieKind.CROSS_SITE), self.before.get(TieKind.CROSS_SITE)
