@@ -86,7 +86,7 @@ def adjust_network(step: NetworkStep, params: NetworkParams, store: ProductStore
         links = [read_ties(store.path(ref))[1] for ref in step.links]
         network = _network(step, params, store)
         adjusted, report = _adjusted(step, network, before, params.adjustment)
-        reports = (*(before.reports if before else ()), f"sol {step.sol}: {report}")
+        reports = (*(before.reports if before else ()), str(report))
         path.write_text(json.dumps(_document(step, adjusted, report, reports, links)))
 
     inputs = (
@@ -143,7 +143,7 @@ def _adjusted(
     if before is None or step.new_stops:
         return adjust_stepwise(before.adjusted if before else None, network, step.new_stops, params)
     held = set(network.stop_ids)  # new images of old stops: only their pointing is weighed
-    return adjust(network, held, params, before.adjusted, f"sol {step.sol}, stops held")
+    return adjust(network, held, params, before.adjusted, "pointing at known stops")
 
 
 def _document(
