@@ -6,6 +6,7 @@ A rover's images pass through a chain of right-handed Cartesian frames (Di et al
     rover   origin between the middle wheels, x forward, y right, z down
     site    origin where the site was declared, x north, y east, z down
     LSL     landing site local: the site frame at the lander (site 0)
+    body    fixed to Mars: origin at its centre, z north pole, x prime meridian (see `body_fixed`)
 
 A pose is the motion that carries a point of its source frame into its target frame,
 
@@ -41,6 +42,7 @@ class FrameKind(StrEnum):
     ROVER = "rover"
     SITE = "site"
     LSL = "lsl"
+    BODY = "body"
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +61,7 @@ class Frame:
 
 
 LSL = Frame(FrameKind.LSL)
+BODY_FIXED = Frame(FrameKind.BODY)
 
 
 def site_frame(site: int) -> Frame:

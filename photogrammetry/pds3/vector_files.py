@@ -105,7 +105,7 @@ def parse_vector_file(text: str, source: str) -> VectorFile:
     Raises:
         VectorFileError: the file is no vector file, or one of its elements is broken.
     """
-    root = _root(text, source)
+    root = xml_root(text, source, "rmc_file", "vector")
     listed = [
         _attribute(entry, "solution_id", source) for entry in root.iterfind("./priority/entry")
     ]
@@ -215,22 +215,27 @@ def _root_site(tree: FrameTree, site: int) -> int | None:
     return root.index[0] if root.kind is FrameKind.SITE else None
 
 
-def _root(text: str, source: str) -> ET.Element:
+def xml_root(text: str, source: str, tag: str, what: str) -> ET.Element:
+    """The root element of an XML text that may come from anywhere.
+
+    Raises:
+        VectorFileError: it is too long, declares entities, or is not well-formed XML under `tag`.
+    """
     if len(text) > MAX_CHARACTERS:
-        raise VectorFileError(f"{source}: {len(text)} characters are too many for a vector file")
+        raise VectorFileError(f"{source}: {len(text)} characters are too many for a {what} file")
     forbidden = _FORBIDDEN.search(text)
     if forbidden:
         line = text.count("\n", 0, forbidden.start()) + 1
         raise VectorFileError(
-            f"{source}: line {line}: <!{forbidden[1].upper()} is refused; vector files have none"
+            f"{source}: line {line}: <!{forbidden[1].upper()} is refused; {what} files have none"
         )
     try:
         # Entities, the one danger of this parser, were refused above.
         root = ET.fromstring(text)  # noqa: S314 - see the line before
     except (ET.ParseError, ValueError) as error:
         raise VectorFileError(f"{source}: not well-formed XML: {error}") from error
-    if root.tag != "rmc_file":
-        raise VectorFileError(f"{source}: expected <rmc_file>, found <{root.tag[:40]}>")
+    if root.tag != tag:
+        raise VectorFileError(f"{source}: expected <{tag}>, found <{root.tag[:40]}>")
     return root
 
 

@@ -1,0 +1,238 @@
+"""Localised stops of later missions: PLACES tables and the location files of MSL, as solutions.
+
+PLACES gives every site and rover stop in the landing site local frame, one row a frame:
+
+    frame,site,drive,pose,landing_x,landing_y,landing_z,...,roll,pitch,yaw,quat_s,quat_v1,...,sol
+
+x north, y east, z down from site 0, quaternion scalar first, SITE rows with drive -1. Which view a
+table is (telemetry, best_tactical, best_interp, localized_pos, localized_interp) stands only in
+its name, so the caller says under which solution it goes.
+
+`locations.xml` of MSL lists <location> elements with site, drive, x, y, z, lon, lat and
+rot = (v1, v2, v3, s), the quaternion with the scalar last. x is north and y east on an
+equirectangular map with metres of the equator, so that a metre of ground to the east is y cos(lat)
+(0.3 percent at Gale crater); z is down, within the site. In the one file known every quaternion is
+the identity, which stands for "not given" and is no attitude: such stops bring a position only and
+are left out unless asked for, while sites, whose axes are north, east and down by definition, are
+taken.
+
+Both become the `VectorFile` that SVF and RVF files are read into, so `poses` chooses between all of
+them by one order of priority. Positions refer to site 0, not to the site the stop belongs to.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from photogrammetry.errors import FrameError, VectorFileError
+from photogrammetry.frames import FrameKind
+from photogrammetry.pds3.vector_files import MAX_CHARACTERS, Solution, VectorFile, xml_root
+
+LOCALISED = "localised"
+PRIORITY = (LOCALISED, "adjusted", "telemetry")
+"""From the most to the least trusted."""
+MAX_ROWS = 1_000_000
+IDENTITY = np.array([1.0, 0.0, 0.0, 0.0])
+PLACES_COLUMNS = ("frame", "site", "drive", "landing_x", "landing_y", "landing_z")
+QUATERNION = ("quat_s", "quat_v1", "quat_v2", "quat_v3")
+_WHOLE = re.compile(r"[+-]?\d{1,9}")
+
+
+def parse_localisations(
+    text: str, source: str, *, mission: str = "MSL", solution_id: str = LOCALISED
+) -> VectorFile:
+    """A PLACES table or an MSL location file, told apart by their first character.
+
+    Raises:
+        VectorFileError: the text is neither, or one of its rows is broken.
+    """
+    if text.lstrip("\ufeff \t\r\n").startswith("<"):
+        return parse_locations(text, source, mission=mission, solution_id=solution_id)
+    return parse_places(text, source, mission=mission, solution_id=solution_id)
+
+
+def parse_places(
+    text: str, source: str, *, mission: str, solution_id: str = LOCALISED
+) -> VectorFile:
+    """A PLACES table; rows without a place on the ground (empty landing_x) are left out.
+
+    Raises:
+        VectorFileError: a column is missing or a value is no number; names the line.
+    """
+    if len(text) > MAX_CHARACTERS:
+        raise VectorFileError(f"{source}: {len(text)} characters are too many for a PLACES table")
+    reader = csv.DictReader(io.StringIO(text.lstrip("\ufeff")), skipinitialspace=True)
+    solutions: list[Solution] = []
+    try:
+        fields = [field.strip().lower() for field in reader.fieldnames or ()]
+        lacking = [column for column in PLACES_COLUMNS if column not in fields]
+        if lacking:
+            raise VectorFileError(
+                f"{source}: no PLACES table: its first line lacks {', '.join(lacking)}"
+            )
+        reader.fieldnames = fields
+        for row in reader:
+            solution = _of_row(row, f"{source}: line {reader.line_num}", solution_id)
+            if solution is not None:
+                solutions.append(solution)
+    except csv.Error as error:
+        raise VectorFileError(f"{source}: line {reader.line_num}: {error}") from error
+    return _file(source, mission, solution_id, solutions)
+
+
+def _of_row(row: Mapping[str, Any], where: str, solution_id: str) -> Solution | None:
+    """The solution of one row of a PLACES table."""
+    if not (row["landing_x"] or "").strip():
+        return None
+    frame = (row["frame"] or "").strip().upper()
+    site, drive = _whole(row["site"], "site", where), _whole(row["drive"], "drive", where)
+    if frame.startswith("SITE"):
+        kind, counter = FrameKind.SITE, (site,)
+    elif frame.startswith("ROVER"):
+        kind, counter = FrameKind.ROVER, (site, drive, *_pose_counter(row, where))
+    else:
+        raise VectorFileError(f"{where}: frame should be SITE or ROVER, but is {frame[:40]!a}")
+    offset_m = _numbers([row[key] for key in PLACES_COLUMNS[3:]], "landing_x, y, z", where)
+    given = [row.get(key) for key in QUATERNION]
+    if kind is FrameKind.ROVER and not all((value or "").strip() for value in given):
+        return None  # a position without attitude is no pose
+    quaternion = (
+        _numbers(given, "quat_s, v1, v2, v3", where) if kind is FrameKind.ROVER else IDENTITY
+    )
+    return _solution(solution_id, kind, counter, offset_m, quaternion, where)
+
+
+def _pose_counter(row: Mapping[str, Any], where: str) -> tuple[int, ...]:
+    pose = (row.get("pose") or "").strip()
+    return (max(0, _whole(pose, "pose", where)),) if pose else ()
+
+
+def parse_locations(
+    text: str,
+    source: str,
+    *,
+    mission: str,
+    solution_id: str = LOCALISED,
+    keep_unturned: bool = False,
+) -> VectorFile:
+    """The locations.xml of MSL.
+
+    Args:
+        text: the file.
+        source: its name.
+        mission: whose it is; the file does not say.
+        solution_id: under which solution its places go.
+        keep_unturned: also take stops whose quaternion is the identity, as if it were measured.
+
+    Raises:
+        VectorFileError: the file is none, has no place of site 0, or an element is broken.
+    """
+    root = xml_root(text, source, "msl", "locations")
+    places = [_place(element, source) for element in root.iterfind("./location")]
+    origins = [place[1] for place in places if place[0][:2] == (0, 0)]
+    if not origins:
+        raise VectorFileError(f"{source}: no <location> of site 0, drive 0: where is the lander?")
+    ground_scale = np.cos(np.radians(_numbers([_lander_latitude(root)], "lat", source)[0]))
+    solutions = []
+    for (site, drive), map_m, quaternion in places:
+        offset_m = (map_m - origins[0]) * [1.0, ground_scale, 1.0]
+        where = f"{source}: site {site}, drive {drive}"
+        if drive == 0:
+            solutions.append(
+                _solution(solution_id, FrameKind.SITE, (site,), offset_m, IDENTITY, where)
+            )
+        if keep_unturned or not np.array_equal(np.abs(quaternion), IDENTITY):
+            counter = (site, drive)
+            solutions.append(
+                _solution(solution_id, FrameKind.ROVER, counter, offset_m, quaternion, where)
+            )
+    return _file(source, mission, solution_id, [s for s in solutions if s is not None])
+
+
+def _lander_latitude(root: Element) -> str:
+    """What <lat> says at site 0, degrees."""
+    for element in root.iterfind("./location"):
+        if int(element.findtext("site") or 0) == 0:
+            return element.findtext("lat") or ""
+    return ""
+
+
+def _place(element: Element, source: str) -> tuple[tuple[int, int], np.ndarray, np.ndarray]:
+    """(site, drive), (north, east, down) on the map, and the quaternion scalar first."""
+
+    def text(tag: str) -> str:
+        return (element.findtext(tag) or "").strip()
+
+    site, drive = _whole(text("site"), "site", source), _whole(text("drive"), "drive", source)
+    where = f"{source}: site {site}, drive {drive}"
+    map_m = _numbers([text(tag) for tag in "xyz"], "x, y, z", where)
+    v1, v2, v3, s = _numbers(text("rot").split(",", 8)[:4] or [""], "rot", where, count=4)
+    return (site, drive), map_m, np.array([s, v1, v2, v3])
+
+
+def _solution(
+    solution_id: str,
+    kind: FrameKind,
+    counter: tuple[int, ...],
+    offset_m: np.ndarray,
+    quaternion: np.ndarray,
+    where: str,
+) -> Solution | None:
+    """A solution in the frame of site 0, checked; None for site 0 itself, which needs none."""
+    if kind is FrameKind.SITE and counter == (0,):
+        return None
+    if min(counter) < 0:
+        raise VectorFileError(f"{where}: the counter {counter} should not be negative")
+    solution = Solution(
+        solution_id=solution_id,
+        kind=kind,
+        counter=counter,
+        reference_site=0,
+        offset_m=offset_m,
+        quaternion=quaternion,
+        added="",
+    )
+    try:
+        _ = solution.pose
+    except FrameError as error:
+        raise VectorFileError(f"{where}: {error}") from error
+    return solution
+
+
+def _file(source: str, mission: str, solution_id: str, solutions: Sequence[Solution]) -> VectorFile:
+    if not solutions:
+        raise VectorFileError(f"{source}: expected at least one place with a pose, found none")
+    if len(solutions) > MAX_ROWS:
+        raise VectorFileError(f"{source}: {len(solutions)} places are too many")
+    kinds = {solution.kind for solution in solutions}
+    priority = PRIORITY if solution_id in PRIORITY else (solution_id, *PRIORITY)
+    kind = "svf" if kinds == {FrameKind.SITE} else "rvf"
+    return VectorFile(source, mission, kind, priority, tuple(solutions))
+
+
+def _whole(text: str | None, name: str, where: str) -> int:
+    text = (text or "").strip()
+    if not _WHOLE.fullmatch(text):
+        raise VectorFileError(f"{where}: {name} should be a whole number, but is {text[:40]!a}")
+    return int(text)
+
+
+def _numbers(
+    texts: Iterable[str | None], names: str, where: str, count: int | None = None
+) -> np.ndarray:
+    given = [(text or "").strip() for text in texts]
+    try:
+        values = np.array([float(text) for text in given])
+    except ValueError:
+        values = np.array([np.nan])
+    if not np.isfinite(values).all() or (count is not None and len(values) != count):
+        shown = ", ".join(given)
+        raise VectorFileError(f"{where}: {names} should be numbers, but are {shown[:60]!a}")
+    return values
