@@ -6,7 +6,7 @@ from pathlib import Path
 
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
-from config.landing import SHIPPED
+from config import archive, landing
 
 
 class Settings(BaseSettings):
@@ -21,5 +21,7 @@ class Settings(BaseSettings):
     port: int = 8765
     pipeline: str = "default"
     """Name of a shipped pipeline, or path of a TOML file."""
-    landing_sites: Path = SHIPPED
+    landing_sites: Path = landing.SHIPPED
     """TOML file of landing points, for those who prefer another source."""
+    archive: Path = archive.SHIPPED
+    """TOML file of the archive's addresses, for those with a mirror of their own."""

@@ -1,4 +1,4 @@
-"""The command line: `solmap run`, `serve`, `positions`, `products`, `status`, `simulate`.
+"""The command line: `solmap run`, `serve`, `fetch`, `inspect`, `positions`, `products` and more.
 
 Modules are imported where they are used, because Prefect reads its settings at import and because
 `solmap --help` should answer at once.
@@ -9,13 +9,17 @@ from __future__ import annotations
 import json
 import os
 from pathlib import Path
-from typing import Annotated, Any, NoReturn
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
+from rich.markup import escape
 
 from config.settings import Settings
 from flows.console import errors, out, progress_shown
 from flows.engine import prepare_engine
+
+if TYPE_CHECKING:
+    from flows.fetch import FetchReport
 
 app = typer.Typer(
     help="From a Mars rover's stereo images to maps in the browser.",
@@ -155,6 +159,82 @@ def judge(
         return
     _show(positions_judged, list(positions_judged[0]) if positions_judged else [], as_json)
     _show(terrain_judged, list(terrain_judged[0]) if terrain_judged else [], as_json)
+
+
+@app.command()
+def fetch(
+    mission: Annotated[str, typer.Option(help="MER2 (Spirit) or MER1 (Opportunity)")],
+    sols: Annotated[str, typer.Option(help="155, 155-157, or several with commas between")],
+    out_dir: Annotated[Path, typer.Option("--out", help="Folder to bring the images to")],
+    instrument: Annotated[
+        list[str] | None, typer.Option(help="navcam, pancam, hazcam; may be given again")
+    ] = None,
+    archive: Annotated[
+        Path | None, typer.Option(help="TOML file of addresses. [env: SOLMAP_ARCHIVE]")
+    ] = None,
+    *,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only say what there is.")] = False,
+) -> None:
+    """Bring the stereo pairs of some sols here from the archive; a second call goes on."""
+    prepare_engine(out_dir / ".fetch")
+    from config.errors import ConfigError  # noqa: PLC0415
+    from flows.fetch import fetch_archive  # noqa: PLC0415 - after the engine's settings
+    from tasks.fetch.transfer import FetchError  # noqa: PLC0415
+
+    try:
+        with progress_shown():
+            report = fetch_archive(
+                mission,
+                sols,
+                instrument or ["navcam"],
+                out_dir,
+                dry_run=dry_run,
+                archive_file=archive,
+            )
+    except (ConfigError, FetchError) as error:
+        _fail(str(error))
+    _end(report)
+
+
+@app.command()
+def inspect(
+    files: Annotated[list[Path], typer.Argument(help="Images (.img) or labels (.lbl)")],
+    png: Annotated[Path | None, typer.Option(help="Write a stretched picture of the image")] = None,
+    *,
+    as_json: JsonOption = False,
+) -> None:
+    """What an image is: when and where it was taken, where it looks, its camera and partner."""
+    from flows.inspection import InspectionError, inspect_files, write_png  # noqa: PLC0415
+    from flows.inspection_text import report_of  # noqa: PLC0415
+
+    if png is not None and len(files) != 1:
+        _fail(f"--png writes the picture of one image, but {len(files)} are named")
+    findings, faults = inspect_files(files)
+    if as_json:
+        typer.echo(json.dumps(findings, indent=2))
+    else:
+        for number, finding in enumerate(findings):
+            typer.echo(("\n" if number else "") + report_of(finding))
+    try:
+        if png is not None and not faults:
+            write_png(files[0], png)
+    except InspectionError as error:
+        faults.append(str(error))
+    for fault in faults:
+        errors.print("[red]error[/red] " + escape(fault), highlight=False)
+    if faults:
+        raise typer.Exit(1)
+
+
+def _end(report: FetchReport) -> None:
+    """Print how a fetch ended, and exit with 1 where something failed."""
+    for line in report.warnings:
+        errors.print("[yellow]warning[/yellow] " + escape(line), highlight=False)
+    for line in report.failures:
+        errors.print("[red]failed[/red] " + escape(line), highlight=False)
+    out.print(escape(str(report)), highlight=False)
+    if not report.succeeded:
+        raise typer.Exit(1)
 
 
 def _show(rows: list[dict[str, Any]], columns: list[str], as_json: bool) -> None:  # noqa: FBT001

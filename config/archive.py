@@ -1,0 +1,98 @@
+"""Where the archive lies: base addresses and volumes of each mission, and who may redirect."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+
+from config.errors import ConfigError
+from config.records import record_of
+
+SHIPPED = Path(__file__).parent / "archive.toml"
+
+
+@dataclass(frozen=True, slots=True)
+class MissionArchive:
+    """The archive of one mission."""
+
+    title: str
+    base_urls: tuple[str, ...]
+    """Tried in turn; the volumes' folders lie below each."""
+    volumes: Mapping[str, str]
+    """Instrument, lower case -> volume."""
+
+    def __post_init__(self) -> None:
+        if not self.base_urls:
+            raise ValueError("base_urls should name at least one address")
+        for url in self.base_urls:
+            parts = urlsplit(url)
+            if parts.scheme not in {"http", "https"} or not parts.hostname:
+                raise ValueError(f"base_urls should be http or https addresses, not {url!r}")
+
+    def volume(self, instrument: str) -> str:
+        """The volume that holds an instrument's images.
+
+        Raises:
+            ConfigError: the archive has no volume of that instrument.
+        """
+        volume = self.volumes.get(instrument.lower())
+        if volume is None:
+            raise ConfigError(
+                f"{self.title} has no instrument {instrument!r} in the archive; "
+                f"name one of {', '.join(self.volumes)}"
+            )
+        return volume
+
+
+@dataclass(frozen=True, slots=True)
+class Archive:
+    """The archives of all missions."""
+
+    missions: Mapping[str, MissionArchive]
+    redirect_hosts: tuple[str, ...] = ()
+    transfer: Mapping[str, Any] = field(default_factory=dict)
+    """The table of transfer parameters, whose record stands beside the transfer."""
+
+    @property
+    def hosts(self) -> frozenset[str]:
+        """The hosts that a redirect may lead to."""
+        bases = (url for mission in self.missions.values() for url in mission.base_urls)
+        return frozenset({*self.redirect_hosts, *(urlsplit(url).hostname or "" for url in bases)})
+
+    def mission(self, name: str) -> MissionArchive:
+        """The archive of one mission.
+
+        Raises:
+            ConfigError: there is none.
+        """
+        found = self.missions.get(name.upper())
+        if found is None:
+            raise ConfigError(
+                f"the archive has no mission {name!r}; name one of {', '.join(self.missions)}, or "
+                "add a table to the archive's file"
+            )
+        return found
+
+
+def load_archive(path: Path = SHIPPED) -> Archive:
+    """The archive as a TOML file describes it.
+
+    Raises:
+        ConfigError: the file cannot be read, or a setting in it is wrong.
+    """
+    try:
+        tables = tomllib.loads(path.read_text())
+    except (OSError, tomllib.TOMLDecodeError) as error:
+        raise ConfigError(f"{path}: {error}") from error
+    missions = tables.pop("missions", None)
+    if not isinstance(missions, dict) or not missions:
+        raise ConfigError(f"{path} should have a table [missions.NAME] for each mission")
+    records = {
+        name: record_of(MissionArchive, table, f"{path.name}: missions.{name}")
+        for name, table in missions.items()
+    }
+    return record_of(Archive, {**tables, "missions": records}, path.name)

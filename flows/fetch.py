@@ -1,0 +1,202 @@
+"""Fetch stereo pairs from the archive: the index first, then what it names and is not here yet.
+
+Images go to `OUT/sol####/`; the indices and whatever a later call needs to `OUT/.fetch/`. A second
+call fetches nothing twice, one after a crash goes on where the first broke off.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from prefect import flow
+
+from config.archive import Archive, load_archive
+from config.errors import ConfigError
+from config.records import record_of
+from config.settings import Settings
+from flows.progress import report as report_progress
+from photogrammetry.pds3.index_pairs import IndexEntry, IndexFindings, IndexSelection
+from tasks.fetch.images import fetch_images, is_whole, target_of
+from tasks.fetch.index import Index, fetch_index
+from tasks.fetch.transfer import FetchError, Transfer, TransferParams, open_client
+from tasks.fetch.volume import Volume
+
+STATE = ".fetch"
+"""Folder of the indices inside of the folder of images."""
+_SOLS = re.compile(r"\s*(\d{1,5})\s*(?:-\s*(\d{1,5})\s*)?\Z", re.ASCII)
+
+
+@dataclass(slots=True)
+class FetchReport:
+    """How a fetch went."""
+
+    is_dry: bool = False
+    pairs: int = 0
+    unpaired: int = 0
+    fetched: int = 0
+    already_here: int = 0
+    received_bytes: int = 0
+    files: list[str] = field(default_factory=list)
+    """Of a dry run: what is there, one line a file."""
+    warnings: list[str] = field(default_factory=list)
+    failures: list[str] = field(default_factory=list)
+
+    @property
+    def succeeded(self) -> bool:
+        """Whether everything that was asked for is here."""
+        return not self.failures
+
+    def __str__(self) -> str:
+        found = f"{self.pairs} stereo pairs ({self.unpaired} images have no partner)"
+        here = f"{self.already_here} images were here already"
+        if self.is_dry:
+            return "\n".join([*self.files, f"{found}; {here}"])
+        size = self.received_bytes / 1e6
+        failed = f", {len(self.failures)} failed" if self.failures else ""
+        return f"{found}; {self.fetched} images fetched ({size:.1f} MB), {here}{failed}"
+
+
+@flow(name="fetch-archive", flow_run_name="{mission}-sols-{sols}")
+def fetch_archive(
+    mission: str,
+    sols: str,
+    instruments: list[str],
+    out_dir: Path,
+    *,
+    dry_run: bool = False,
+    archive_file: Path | None = None,
+) -> FetchReport:
+    """Bring the stereo pairs of some sols here; a file that fails stops nothing else.
+
+    Args:
+        mission: MER1 or MER2.
+        sols: 155, 155-157, or several of these with commas between.
+        instruments: navcam, pancam, hazcam, front_hazcam, rear_hazcam.
+        out_dir: where to.
+        dry_run: only say what there is.
+        archive_file: TOML file of addresses; the settings name it otherwise.
+
+    Raises:
+        ConfigError: no such mission, instrument or sols.
+        FetchError: an index cannot be had, or nothing can be written.
+    """
+    archive = load_archive(archive_file or Settings().archive)
+    params = record_of(TransferParams, dict(archive.transfer), "transfer")
+    wanted = [
+        (_volume(archive, mission, name), IndexSelection(mission.upper(), name, sols_of(sols)))
+        for name in dict.fromkeys(instruments)
+    ]
+    report = FetchReport(is_dry=dry_run)
+    with _alone_in(out_dir), open_client(params) as client:
+        transfer = Transfer(client, archive.hosts, params)
+        for volume, selection in wanted:
+            _fetch_volume(volume, selection, out_dir, transfer, report)
+    return report
+
+
+def sols_of(text: str) -> frozenset[int]:
+    """The sols that a text like 155-157,160 names.
+
+    Raises:
+        ConfigError: it names none.
+    """
+    sols: set[int] = set()
+    for part in text.split(","):
+        match = _SOLS.match(part)
+        first = int(match[1]) if match else 1
+        last = int(match[2] or match[1]) if match else 0
+        if first > last:
+            raise ConfigError(f"sols should be like 155, 155-157 or 155,160-162, but are {text!r}")
+        sols.update(range(first, last + 1))
+    return frozenset(sols)
+
+
+def _volume(archive: Archive, mission: str, instrument: str) -> Volume:
+    found = archive.mission(mission)
+    return Volume(found.volume(instrument), found.base_urls)
+
+
+def _fetch_volume(
+    volume: Volume,
+    selection: IndexSelection,
+    out_dir: Path,
+    transfer: Transfer,
+    report: FetchReport,
+) -> None:
+    """One instrument: search its index, then bring what it names."""
+    index = fetch_index(
+        volume,
+        out_dir / STATE / volume.name,
+        transfer,
+        lambda done, total: report_progress(f"index of {volume.name}, MiB", done, total),
+    )
+    findings = index.find(selection)
+    _take_down(findings, index, selection, report)
+    if report.is_dry:
+        _list(findings.entries, out_dir, report)
+        return
+    arrivals = fetch_images(
+        findings.entries,
+        index.volume,
+        out_dir,
+        transfer,
+        lambda done, total: report_progress(f"{selection.instrument} images", done, total),
+    )
+    report.failures += [arrival.failure for arrival in arrivals if arrival.failure]
+    report.already_here += sum(arrival.was_here for arrival in arrivals)
+    report.fetched += sum(not (arrival.was_here or arrival.failure) for arrival in arrivals)
+    report.received_bytes += sum(arrival.received_bytes for arrival in arrivals)
+
+
+def _take_down(
+    findings: IndexFindings, index: Index, selection: IndexSelection, report: FetchReport
+) -> None:
+    """What the index says, and whether it can be trusted."""
+    report.pairs += len(findings.pairs)
+    report.unpaired += len(findings.unpaired)
+    if index.warning:
+        report.warnings.append(index.warning)
+    if findings.broken:
+        report.warnings.append(
+            f"{findings.broken} of {findings.rows} rows of the index cannot be read; the first: "
+            f"{findings.first_fault}"
+        )
+    if index.layout.rows not in {None, findings.rows}:
+        report.warnings.append(
+            f"the index has {findings.rows} rows, but its label says {index.layout.rows}"
+        )
+    if not findings.pairs:
+        report.failures.append(
+            f"the index of {index.volume.name} has no stereo pair of {selection.instrument} on "
+            f"sols {min(selection.sols)} to {max(selection.sols)}"
+        )
+
+
+def _list(entries: Sequence[IndexEntry], out_dir: Path, report: FetchReport) -> None:
+    for entry in entries:
+        path = target_of(entry, out_dir)
+        here = is_whole(path)
+        report.already_here += here
+        report.files.append(f"{path.relative_to(out_dir)}{'  (here)' if here else ''}")
+
+
+@contextmanager
+def _alone_in(out_dir: Path) -> Iterator[None]:
+    """Keep a second fetch out of the folder: both would write the same files."""
+    lock = out_dir / STATE / "lock"
+    try:
+        lock.parent.mkdir(parents=True, exist_ok=True)
+        file = lock.open("w")
+    except OSError as error:
+        raise FetchError(f"{out_dir} cannot be written: {error.strerror}") from error
+    with file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            raise FetchError(f"another fetch is writing to {out_dir}; let it end first") from error
+        yield

@@ -1,0 +1,260 @@
+"""What a person wants to know of an image: when, where, whither, with which camera; its partner.
+
+Directions are computed from quaternions and camera models, never taken from INSTRUMENT_AZIMUTH and
+INSTRUMENT_ELEVATION, whose sign is wrong in whole product families. There are two, and they differ
+by degrees: the mast's x axis, along the camera bar (what labels call the pointing), and the ray
+through the middle of the image. With d a direction in the rover frame (x forward, y right, z down)
+or, turned by the rover's attitude, in the site frame (north, east, down),
+
+    azimuth = atan2(d_y, d_x), clockwise from forward or north      elevation = asin(-d_z)
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from photogrammetry.arrays import Vector3
+from photogrammetry.cameras.cahv import Cahv, interior_orientation
+from photogrammetry.cameras.cahvor import Cahvor
+from photogrammetry.cameras.cahvore import Cahvore
+from photogrammetry.errors import LabelError, PhotogrammetryError
+from photogrammetry.frames import roll_pitch_yaw_of_rotation, rotation_of_quaternion
+from photogrammetry.imagery import RoverImage
+from photogrammetry.pds3.file_names import FileName, parse_file_name
+from photogrammetry.pds3.label import MAX_LABEL_BYTES, Label
+from photogrammetry.pds3.missions import mission_of_host
+from photogrammetry.pds3.partners import MAX_CLOCK_DIFFERENCE, find_stereo_pairs
+from photogrammetry.pds3.reading import read_image, read_image_record, read_label
+
+MAX_FILE_BYTES = 256 << 20
+"""Far above any frame of these cameras; a larger file is not read into memory."""
+IMAGE_SUFFIX, LABEL_SUFFIX = ".img", ".lbl"
+
+
+class InspectionError(Exception):
+    """A file cannot be inspected or its picture not written; names the file and the fault."""
+
+
+def inspect_files(files: Iterable[Path]) -> tuple[list[dict[str, Any]], list[str]]:
+    """What each file is, as plain values, and one line for each that cannot be read."""
+    findings: list[dict[str, Any]] = []
+    faults: list[str] = []
+    for file in files:
+        try:
+            findings.append(inspect_file(file))
+        except InspectionError as error:
+            faults.append(str(error))
+    return findings, faults
+
+
+def inspect_file(file: Path) -> dict[str, Any]:
+    """What a file is; angles in degrees, lengths in metres, None for what is not known.
+
+    Raises:
+        InspectionError: it cannot be read.
+    """
+    data = _bytes(file)
+    try:
+        label = read_label(data, file.name)
+        if file.suffix.lower() == LABEL_SUFFIX:
+            image, mask = read_image_record(data, file.name), None
+        else:
+            read = read_image(data, file.name)
+            image, mask = read.image, read.mask
+        return {
+            "file": str(file),
+            **_identity(image),
+            "size": {
+                "samples": image.samples,
+                "lines": image.lines,
+                "masked_share": None if mask is None else 1.0 - float(mask.mean()),
+            },
+            "pointing": _pointing(image, label),
+            "camera": _camera(image),
+            "rover": _rover(image),
+            "sun": _sun(image),
+            "partner": _partner(file, image),
+        }
+    except PhotogrammetryError as error:
+        raise InspectionError(_named(file, error)) from error
+
+
+def write_png(file: Path, png: Path) -> None:
+    """Write an eight-bit picture of an image, stretched as the browse pictures are.
+
+    Raises:
+        InspectionError: the image cannot be read or the picture not written.
+    """
+    import cv2  # noqa: PLC0415 - only pictures need it, and the tasks the engine
+
+    from tasks.ingest import BrowseParams, stretched  # noqa: PLC0415
+
+    try:
+        read = read_image(_bytes(file), file.name)
+    except PhotogrammetryError as error:
+        raise InspectionError(_named(file, error)) from error
+    draft = png.with_name(png.name + ".part")
+    try:
+        encoded, picture = cv2.imencode(".png", stretched(read.pixels, read.mask, BrowseParams()))
+        if not encoded:
+            raise InspectionError(f"{file.name} could not be encoded as PNG")
+        draft.write_bytes(picture.tobytes())
+        draft.replace(png)
+    except OSError as error:
+        raise InspectionError(f"{png} cannot be written: {error.strerror}") from error
+
+
+def _bytes(file: Path) -> bytes:
+    try:
+        size = file.stat().st_size
+        if size > MAX_FILE_BYTES:
+            raise InspectionError(f"{file} is {size >> 20} MiB: no image of these cameras")
+        return file.read_bytes()
+    except OSError as error:
+        raise InspectionError(f"{file} cannot be read: {error.strerror or error}") from error
+
+
+def _named(file: Path, error: Exception) -> str:
+    """The fault in one line that names the file."""
+    line = " ".join(str(error).split())
+    return line if file.name in line else f"{file.name}: {line}"
+
+
+def _identity(image: RoverImage) -> dict[str, Any]:
+    return {
+        "product": image.id,
+        "product_type": image.product_type,
+        "is_linearised": image.is_linearised,
+        "mission": image.stop.mission,
+        "sol": image.sol,
+        "local_solar_time": image.local_solar_time,
+        "start_time": image.start_time,
+        "clock": image.clock,
+        "site": image.stop.site,
+        "drive": image.stop.drive,
+        "motion_counter": list(image.motion_counter),
+        "sequence": image.sequence,
+        "instrument": image.instrument,
+        "eye": str(image.eye),
+        "filter": image.filter_number,
+    }
+
+
+def _pointing(image: RoverImage, label: Label) -> dict[str, Any]:
+    """Where mast and camera look, in both frames."""
+    middle = np.array([[(image.samples - 1) / 2, (image.lines - 1) / 2]])
+    directions = {"image_centre": image.camera.rays(middle)[0]}
+    mast = _mast_direction(image, label)
+    if mast is not None:
+        directions["mast"] = mast
+    return {
+        name: {
+            "in_rover_deg": _azimuth_elevation(direction),
+            "in_site_deg": _azimuth_elevation(image.site_from_rover.turn(direction[None])[0]),
+        }
+        for name, direction in directions.items()
+    }
+
+
+def _mast_direction(image: RoverImage, label: Label) -> Vector3 | None:
+    """The mast's x axis in the rover frame; None for cameras that it does not carry."""
+    mission = mission_of_host(image.stop.mission)
+    if mission is None or image.mast_in_rover is None:
+        return None
+    if label.get(mission.mast_group, "ORIGIN_ROTATION_QUATERNION") is None:
+        return None
+    quaternion = label.require_numbers(mission.mast_group, "ORIGIN_ROTATION_QUATERNION", 4)
+    return rotation_of_quaternion(quaternion)[:, 0]
+
+
+def _azimuth_elevation(direction: Vector3) -> list[float]:
+    x, y, z = (direction / np.linalg.norm(direction)).tolist()
+    azimuth = math.degrees(math.atan2(y, x)) % 360.0
+    return [azimuth, math.degrees(math.asin(max(-1.0, min(1.0, -z))))]
+
+
+def _camera(image: RoverImage) -> dict[str, Any]:
+    camera = image.camera
+    if not isinstance(camera, Cahv | Cahvor | Cahvore):
+        raise LabelError(
+            f"{image.id}: its camera is a {type(camera).__name__}, not of the CAHV kind"
+        )
+    inner = interior_orientation(camera.a, camera.h, camera.v)
+    return {
+        "model": type(camera).__name__.upper(),
+        "focal_px": [inner.hs, inner.vs],
+        "principal_point_px": [inner.hc, inner.vc],
+        "field_of_view_deg": _field_of_view(image),
+        "centre_in_rover_m": camera.centre.tolist(),
+    }
+
+
+def _field_of_view(image: RoverImage) -> list[float]:
+    """Angles between the middles of opposite outer edges: across and down."""
+    x, y = (image.samples - 1) / 2, (image.lines - 1) / 2
+    edges = [[-0.5, y], [image.samples - 0.5, y], [x, -0.5], [x, image.lines - 0.5]]
+    left, right, upper, lower = image.camera.rays(np.array(edges))
+    return [_angle_deg(left, right), _angle_deg(upper, lower)]
+
+
+def _angle_deg(first: Vector3, second: Vector3) -> float:
+    return math.degrees(math.atan2(float(np.linalg.norm(np.cross(first, second))), first @ second))
+
+
+def _rover(image: RoverImage) -> dict[str, Any]:
+    pose = image.site_from_rover
+    angles = roll_pitch_yaw_of_rotation(pose.rotation)
+    return {
+        "in_site_m": pose.translation_m.tolist(),
+        "roll_pitch_yaw_deg": [math.degrees(angle) for angle in angles],
+        "attitude_measured_by": image.attitude_measured_by,
+        "mast_in_rover_m": None if image.mast_in_rover is None else list(image.mast_in_rover),
+    }
+
+
+def _sun(image: RoverImage) -> dict[str, Any] | None:
+    if image.sun_azimuth is None or image.sun_elevation is None:
+        return None
+    return {"in_site_deg": [math.degrees(image.sun_azimuth), math.degrees(image.sun_elevation)]}
+
+
+def _partner(file: Path, image: RoverImage) -> dict[str, Any]:
+    """The stereo partner that lies beside a file, or why there is none."""
+    beside = _beside(file, image)
+    pairing = find_stereo_pairs([image, *(record for _, record in beside)])
+    for pair in pairing.pairs:
+        if image.id in {pair.left.id, pair.right.id}:
+            other = pair.right.id if image.id == pair.left.id else pair.left.id
+            path = next(path for path, record in beside if record.id == other)
+            return {"product": other, "file": str(path), "why_none": None}
+    return {"product": None, "file": None, "why_none": pairing.unpaired.get(image.id)}
+
+
+def _beside(file: Path, image: RoverImage) -> list[tuple[Path, RoverImage]]:
+    """Images in the same folder that were taken at the same time, by their names."""
+    found: list[tuple[Path, RoverImage]] = []
+    for path in sorted(file.parent.iterdir()):
+        name = _file_name(path)
+        if name is None or name.product_id == image.id or name.instrument != image.instrument:
+            continue
+        if abs(name.clock - math.floor(image.clock)) <= math.ceil(MAX_CLOCK_DIFFERENCE):
+            try:
+                with path.open("rb") as opened:
+                    found.append((path, read_image_record(opened.read(MAX_LABEL_BYTES), path.name)))
+            except (OSError, PhotogrammetryError):
+                continue  # a broken neighbour is no partner; it says so when it is inspected
+    return found
+
+
+def _file_name(path: Path) -> FileName | None:
+    if path.suffix.lower() not in {IMAGE_SUFFIX, LABEL_SUFFIX}:
+        return None
+    try:
+        return parse_file_name(path.name)
+    except LabelError:
+        return None

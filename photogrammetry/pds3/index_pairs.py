@@ -1,0 +1,176 @@
+"""Stereo pairs, found in the index of an archive volume without looking at an image.
+
+The frames of one exposure share spacecraft, instrument without the eye, clock at the start of the
+exposure, sequence and motion counter. An exposure is a stereo pair if both eyes have a REGULAR
+image (no thumbnail, histogram or row sum) through filters that see one band (Pancam L2 with R2, L7
+with R1). The product type stands in the file name only; of several versions the highest counts, and
+of the kinds of EDR the full frame before sub-frames and averaged ones: what `partners` prefers.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from photogrammetry.errors import LabelError
+from photogrammetry.imagery import Eye
+from photogrammetry.pds3.file_names import FileName, parse_file_name
+from photogrammetry.pds3.index_table import IndexRow
+from photogrammetry.pds3.missions import MISSIONS, Mission, mission_of_host
+
+EDR_PREFERENCE = ("EFF", "ESF", "EDN")
+"""Experiment data records that are mapped: full frame, sub-frame, down-sampled."""
+
+
+@dataclass(frozen=True, slots=True)
+class IndexSelection:
+    """Which rows of an index are wanted."""
+
+    mission: str
+    """INSTRUMENT_HOST_ID: MER1, MER2."""
+    instrument: str
+    """NAVCAM, PANCAM, FRONT_HAZCAM ...; HAZCAM is the front and the rear one."""
+    sols: frozenset[int]
+
+    def __post_init__(self) -> None:
+        if not self.sols:
+            raise LabelError("a selection names at least one sol")
+
+    def admits(self, instrument: str) -> bool:
+        """Whether an instrument (without its eye) is wanted."""
+        wanted = self.instrument.upper()
+        return instrument == wanted or instrument.endswith("_" + wanted)
+
+
+@dataclass(frozen=True, slots=True)
+class IndexEntry:
+    """What one row of an index says of an image."""
+
+    name: FileName
+    file_name: str
+    """As the index writes it, with its extension."""
+    path_name: str
+    """Folder of the file as the index writes it; empty where it does not say."""
+    sol: int
+    instrument: str
+    eye: Eye
+    exposure: tuple[str, ...]
+    """Equal for the frames of one exposure."""
+
+
+@dataclass(frozen=True, slots=True)
+class IndexPair:
+    """The two images of a stereo pair."""
+
+    left: IndexEntry
+    right: IndexEntry
+
+
+@dataclass(frozen=True, slots=True)
+class IndexFindings:
+    """What an index holds of a selection."""
+
+    pairs: tuple[IndexPair, ...]
+    unpaired: tuple[IndexEntry, ...]
+    """Mapping images that are in no pair."""
+    rows: int
+    broken: int
+    """Rows that could not be read."""
+    first_fault: str = ""
+
+    @property
+    def entries(self) -> tuple[IndexEntry, ...]:
+        """The images of all pairs, left before right."""
+        return tuple(entry for pair in self.pairs for entry in (pair.left, pair.right))
+
+
+def find_in_index(
+    rows: Iterable[IndexRow], selection: IndexSelection, missions: Sequence[Mission] = MISSIONS
+) -> IndexFindings:
+    """The stereo pairs of a selection, in one pass; only what is selected is kept."""
+    exposures: dict[tuple[str, ...], list[IndexEntry]] = defaultdict(list)
+    count, broken, first_fault = 0, 0, ""
+    for row in rows:
+        count += 1
+        try:
+            entry = index_entry(row, selection, missions)
+        except LabelError as error:
+            broken += 1
+            first_fault = first_fault or str(error)
+            continue
+        if entry is not None:
+            exposures[entry.exposure].append(entry)
+    pairs: list[IndexPair] = []
+    unpaired: list[IndexEntry] = []
+    for entries in exposures.values():
+        pair = _best_pair(entries, missions)
+        if pair is None:
+            unpaired += entries
+        else:
+            pairs.append(pair)
+    pairs.sort(key=lambda pair: (pair.left.sol, pair.left.name.clock, pair.left.file_name))
+    unpaired.sort(key=lambda entry: (entry.sol, entry.name.clock, entry.file_name))
+    return IndexFindings(tuple(pairs), tuple(unpaired), count, broken, first_fault)
+
+
+def index_entry(
+    row: IndexRow, selection: IndexSelection, missions: Sequence[Mission] = MISSIONS
+) -> IndexEntry | None:
+    """What a row says, or None where it is not of the selection or no mapping image.
+
+    Raises:
+        LabelError: the row is broken.
+    """
+    sol = row.integer("PLANET_DAY_NUMBER")
+    if sol not in selection.sols or row.text("IMAGE_TYPE") != "REGULAR":
+        return None
+    host = row.text("INSTRUMENT_HOST_ID")
+    mission = mission_of_host(host, missions)
+    known = mission.instruments.get(row.text("INSTRUMENT_ID")) if mission else None
+    if host != selection.mission or known is None or not selection.admits(known[0]):
+        return None
+    columns = row.layout.columns
+    file_name = row.text("FILE_NAME" if "FILE_NAME" in columns else "PRODUCT_ID")
+    name = parse_file_name(file_name)
+    if name.product_type not in EDR_PREFERENCE:
+        return None
+    return IndexEntry(
+        name=name,
+        file_name=file_name if "." in file_name else f"{file_name}.img",
+        path_name=row.text("PATH_NAME") if "PATH_NAME" in columns else "",
+        sol=sol,
+        instrument=known[0],
+        eye=known[1],
+        exposure=(
+            host,
+            known[0],
+            row.text("SPACECRAFT_CLOCK_START_COUNT"),
+            row.text("SEQUENCE_ID").lower(),
+            *row.items("ROVER_MOTION_COUNTER"),
+        ),
+    )
+
+
+def _best_pair(entries: Sequence[IndexEntry], missions: Sequence[Mission]) -> IndexPair | None:
+    """The frames of an exposure that are matched, by the order in the module's docstring."""
+    candidates = [
+        IndexPair(left, right)
+        for left in entries
+        if left.eye is Eye.LEFT
+        for right in entries
+        if right.eye is Eye.RIGHT and _filters_agree(left, right, missions)
+    ]
+    return min(candidates, key=_preference, default=None)
+
+
+def _preference(pair: IndexPair) -> tuple[object, ...]:
+    kinds = tuple(EDR_PREFERENCE.index(e.name.product_type) for e in (pair.left, pair.right))
+    newest = tuple(-int(entry.name.version, 36) for entry in (pair.left, pair.right))
+    return sum(kinds), kinds, newest, pair.left.file_name, pair.right.file_name
+
+
+def _filters_agree(left: IndexEntry, right: IndexEntry, missions: Sequence[Mission]) -> bool:
+    mission = mission_of_host(left.name.mission, missions)
+    allowed = mission.stereo_filters.get(left.instrument) if mission else None
+    return allowed is None or (left.name.filter_number, right.name.filter_number) in allowed

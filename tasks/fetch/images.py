@@ -1,0 +1,111 @@
+"""The images of a selection, several at a time; what is here and whole is not fetched again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import dataclass
+from pathlib import Path
+
+from prefect import task
+from prefect.cache_policies import NO_CACHE
+
+from photogrammetry.errors import LabelError
+from photogrammetry.pds3.index_pairs import IndexEntry
+from photogrammetry.pds3.label import MAX_LABEL_BYTES
+from photogrammetry.pds3.reading import read_label
+from tasks.fetch.transfer import (
+    DiskError,
+    FetchError,
+    Transfer,
+    WrongContentError,
+    forget_source,
+)
+from tasks.fetch.volume import Volume, local_name
+
+
+@dataclass(frozen=True, slots=True)
+class Arrival:
+    """How the fetching of one image ended."""
+
+    path: Path
+    received_bytes: int = 0
+    was_here: bool = False
+    failure: str = ""
+
+
+@task(cache_policy=NO_CACHE, task_run_name="images-{volume.name}")
+def fetch_images(
+    entries: Sequence[IndexEntry],
+    volume: Volume,
+    out_dir: Path,
+    transfer: Transfer,
+    progress: Callable[[int, int], None] = lambda _done, _total: None,
+) -> list[Arrival]:
+    """Bring images here, each into the folder of its sol; a failure stops nothing else.
+
+    Raises:
+        DiskError: the disk is full, so that nothing else can be written either.
+    """
+    pool = ThreadPoolExecutor(transfer.params.connections)
+    try:
+        futures = [pool.submit(_fetch, entry, volume, out_dir, transfer) for entry in entries]
+        for done, future in enumerate(as_completed(futures), 1):
+            future.result()  # a full disk stops the rest
+            progress(done, len(futures))
+        return [future.result() for future in futures]
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def target_of(entry: IndexEntry, out_dir: Path) -> Path:
+    """Where an image lies here."""
+    return out_dir / f"sol{entry.sol:04d}" / local_name(entry)
+
+
+def is_whole(path: Path) -> bool:
+    """Whether an image is here, as long as its label says."""
+    try:
+        check_image(path)
+    except (WrongContentError, FileNotFoundError):
+        return False
+    return True
+
+
+def check_image(path: Path) -> None:
+    """Hold the size of a file against RECORD_BYTES x FILE_RECORDS of its attached label.
+
+    Raises:
+        WrongContentError: it is no image, or of another size.
+    """
+    name = path.name.removesuffix(".part")
+    with path.open("rb") as file:
+        beginning = file.read(MAX_LABEL_BYTES)
+    try:
+        label = read_label(beginning, name)
+        record_bytes = label.require("", "RECORD_BYTES", int)
+        records = label.require("", "FILE_RECORDS", int)
+    except LabelError as error:
+        raise WrongContentError(str(error)) from error
+    size = path.stat().st_size
+    if size != record_bytes * records:
+        raise WrongContentError(
+            f"{name} has {size} bytes, but its label says {records} records of {record_bytes} "
+            f"bytes, {record_bytes * records}"
+        )
+
+
+def _fetch(entry: IndexEntry, volume: Volume, out_dir: Path, transfer: Transfer) -> Arrival:
+    path = target_of(entry, out_dir)
+    if is_whole(path):
+        return Arrival(path, was_here=True)
+    if path.exists():
+        forget_source(path)  # a broken file is fetched anew, whatever the server says of its age
+    try:
+        fetched = transfer.fetch(volume.image_urls(entry), path, check_image)
+    except DiskError:
+        raise
+    except FetchError as error:
+        return Arrival(path, failure=str(error))
+    forget_source(path)
+    return Arrival(path, fetched.received_bytes)
