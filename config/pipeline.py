@@ -11,8 +11,6 @@ import tomllib
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from photogrammetry.matching.tracks import TrackParams
-
 from config.errors import ConfigError
 from config.records import record_of
 from photogrammetry.adjustment.params import AdjustmentParams
@@ -21,6 +19,7 @@ from photogrammetry.matching.dense import DenseParams
 from photogrammetry.matching.inter_stereo import InterStereoParams
 from photogrammetry.matching.neighbours import LinkParams
 from photogrammetry.matching.sparse import SparseParams
+from photogrammetry.matching.tracks import TrackParams
 from photogrammetry.terrain.contours import ContourParams
 from photogrammetry.terrain.dtm import DtmParams
 from photogrammetry.terrain.footprints import FootprintParams
