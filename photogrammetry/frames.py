@@ -40,6 +40,7 @@ class FrameKind(StrEnum):
     CAMERA = "camera"
     MAST = "mast"
     ROVER = "rover"
+    LOCAL_LEVEL = "local level"
     SITE = "site"
     LSL = "lsl"
     BODY = "body"

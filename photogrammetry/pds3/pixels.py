@@ -94,12 +94,12 @@ def read_pixels(data: bytes, label: Label, source: str) -> tuple[GreyImage, Mask
     """
     layout = pixel_layout(label)
     if layout.end > len(data):
-        raise PixelError(_too_short(data, layout, source))
-    values = _stored_values(data, layout)
-    constants = _constants(label)
-    measured = _measured(values[0], constants)
+        raise PixelError(too_short(data, layout, source))
+    values = stored_values(data, layout)
+    missing = constants(label)
+    measured = _measured(values[0], missing)
     for band in values[1:]:
-        measured &= _measured(band, constants)
+        measured &= _measured(band, missing)
     grey = values[0] if len(values) == 1 else values.mean(axis=0, dtype=np.float64)
     with np.errstate(over="ignore", invalid="ignore"):
         pixels = np.where(measured, grey, 0).astype(np.float32)
@@ -107,8 +107,8 @@ def read_pixels(data: bytes, label: Label, source: str) -> tuple[GreyImage, Mask
     return np.where(finite, pixels, np.float32(0)), measured & finite
 
 
-def pixel_layout(label: Label) -> PixelLayout:
-    """Where the label says the pixels are.
+def pixel_layout(label: Label, *, most_bands: int | None = None) -> PixelLayout:
+    """Where the label says the pixels are; of an image, unless `most_bands` is given.
 
     Raises:
         LabelError: a keyword is missing or impossible.
@@ -126,10 +126,11 @@ def pixel_layout(label: Label) -> PixelLayout:
             f"{label.source}: IMAGE/LINES x IMAGE/LINE_SAMPLES is {sizes['LINES']} x "
             f"{sizes['LINE_SAMPLES']}: no rover image is that large"
         )
-    if bands not in {1, MAX_BANDS} or prefix < 0 or suffix < 0:
+    fitting = {1, MAX_BANDS} if most_bands is None else set(range(1, most_bands + 1))
+    if bands not in fitting or prefix < 0 or suffix < 0:
         raise PixelError(
             f"{label.source}: IMAGE has {bands} bands, {prefix} prefix and {suffix} suffix bytes; "
-            "expected 1 or 3 bands"
+            f"expected {' or '.join(map(str, sorted(fitting)))} bands"
         )
     return PixelLayout(
         offset=_offset(label),
@@ -152,7 +153,7 @@ def radiance_scale(label: Label) -> RadianceScale | None:
     return RadianceScale(factor, offset or 0.0)
 
 
-def _too_short(data: bytes, layout: PixelLayout, source: str) -> str:
+def too_short(data: bytes, layout: PixelLayout, source: str) -> str:
     """What is wrong with a file that ends before its pixels do."""
     text = (
         f"{source}: truncated: needs {layout.end} bytes for {layout.lines} lines of "
@@ -164,7 +165,7 @@ def _too_short(data: bytes, layout: PixelLayout, source: str) -> str:
     return text
 
 
-def _stored_values(data: bytes, layout: PixelLayout) -> np.ndarray:
+def stored_values(data: bytes, layout: PixelLayout) -> np.ndarray:
     """Values as (bands, lines, samples), as they are stored."""
     lines = np.ndarray(
         (layout.stored_lines, layout.line_bytes), np.uint8, data, offset=layout.offset
@@ -226,7 +227,7 @@ def _whole(value: Value) -> int | None:
     return bare if isinstance(bare, int) else None
 
 
-def _constants(label: Label) -> tuple[float, ...]:
+def constants(label: Label) -> tuple[float, ...]:
     """Values that stand for nothing measured; zero is always one of them."""
     found = {0.0}
     for keyword in ("MISSING_CONSTANT", "INVALID_CONSTANT"):
@@ -238,10 +239,10 @@ def _constants(label: Label) -> tuple[float, ...]:
     return tuple(sorted(found))
 
 
-def _measured(values: np.ndarray, constants: tuple[float, ...]) -> np.ndarray:
+def _measured(values: np.ndarray, missing: tuple[float, ...]) -> np.ndarray:
     """True where a pixel holds a measurement."""
     measured = np.isfinite(values) if values.dtype.kind == "f" else np.ones(values.shape, bool)
-    for constant in constants:
+    for constant in missing:
         lost = values == constant
         if constant == 0 and values.dtype.kind != "f":
             lost = _in_runs(lost)

@@ -93,11 +93,11 @@ def _of_row(row: Mapping[str, Any], where: str, solution_id: str) -> Solution | 
         return None
     frame = (row["frame"] or "").strip().upper()
     site, drive = _whole(row["site"], "site", where), _whole(row["drive"], "drive", where)
-    if frame.startswith("SITE"):
-        kind, counter = FrameKind.SITE, (site,)
-    elif frame.startswith("ROVER"):
+    counter: tuple[int, ...] = (site,)
+    kind = FrameKind.SITE
+    if frame.startswith("ROVER"):
         kind, counter = FrameKind.ROVER, (site, drive, *_pose_counter(row, where))
-    else:
+    elif not frame.startswith("SITE"):
         raise VectorFileError(f"{where}: frame should be SITE or ROVER, but is {frame[:40]!a}")
     offset_m = _numbers([row[key] for key in PLACES_COLUMNS[3:]], "landing_x, y, z", where)
     given = [row.get(key) for key in QUATERNION]
@@ -213,8 +213,13 @@ def _file(source: str, mission: str, solution_id: str, solutions: Sequence[Solut
         raise VectorFileError(f"{source}: {len(solutions)} places are too many")
     kinds = {solution.kind for solution in solutions}
     priority = PRIORITY if solution_id in PRIORITY else (solution_id, *PRIORITY)
-    kind = "svf" if kinds == {FrameKind.SITE} else "rvf"
-    return VectorFile(source, mission, kind, priority, tuple(solutions))
+    return VectorFile(
+        source=source,
+        mission=mission,
+        kind="svf" if kinds == {FrameKind.SITE} else "rvf",
+        priority=priority,
+        solutions=tuple(solutions),
+    )
 
 
 def _whole(text: str | None, name: str, where: str) -> int:

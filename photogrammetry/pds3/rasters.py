@@ -1,0 +1,162 @@
+"""Derived rasters of JPL's stereo pipeline: disparity, XYZ and range, with their masks.
+
+    DIS, DIL   2 bands, line and sample: where the partner image shows the same point, as absolute
+               1-based coordinates (not as a difference); (0, 0) where it was not found
+    DSS, DLS   the sample or the line band alone
+    XYZ, XYL   3 bands: x north, y east, z down in metres, in the frame that the label names;
+               XXX, YYY, ZZZ one of them; (0, 0, 0) where nothing was found
+    RNG, RNL   metres from the centre C of the camera; 0 where nothing was found
+
+as IEEE floats in the byte order that SAMPLE_TYPE names. Disparities are returned 0-based, as
+(sample, line) like every image point here. In a raster of one band of XYZ a true 0 cannot be told
+from nothing found and counts as nothing; in one of three bands only all three together do.
+
+Source: VICAR's help of marscor3 and marsxyz, and the data set descriptions; no file of this kind
+was at hand, so the reader was tried on bytes written in this layout, not on an archived product.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from photogrammetry.arrays import Float32, Mask
+from photogrammetry.errors import LabelError, PixelError
+from photogrammetry.frames import Frame, FrameKind, rover_frame, site_frame
+from photogrammetry.pds3.file_names import parse_file_name
+from photogrammetry.pds3.label import Label, parse_label
+from photogrammetry.pds3.pixels import constants, pixel_layout, stored_values, too_short
+from photogrammetry.pds3.reading import read_label
+
+DERIVED = "DERIVED_IMAGE_PARMS"
+
+
+class RasterKind(StrEnum):
+    """What the bands hold."""
+
+    DISPARITY = "disparity"
+    DISPARITY_SAMPLE = "disparity, sample"
+    DISPARITY_LINE = "disparity, line"
+    XYZ = "xyz"
+    X = "x"
+    Y = "y"
+    Z = "z"
+    RANGE = "range"
+
+
+_ALIKE: Mapping[RasterKind, tuple[str, ...]] = {
+    RasterKind.DISPARITY: ("DIS", "DIL", "DISPARITY_MAP"),
+    RasterKind.DISPARITY_SAMPLE: ("DSS", "DSL", "DISPARITY_SAMPLE_MAP"),
+    RasterKind.DISPARITY_LINE: ("DLS", "DLL", "DISPARITY_LINE_MAP"),
+    RasterKind.XYZ: ("XYZ", "XYL", "XYZ_MAP"),
+    RasterKind.X: ("XXX", "XXL", "X_MAP"),
+    RasterKind.Y: ("YYY", "YYL", "Y_MAP"),
+    RasterKind.Z: ("ZZZ", "ZZL", "Z_MAP"),
+    RasterKind.RANGE: ("RNG", "RNL", "RANGE_MAP"),
+}
+KINDS = {name: kind for kind, names in _ALIKE.items() for name in names}
+"""Product type of the file name, or DERIVED_IMAGE_TYPE of the label -> kind."""
+
+BANDS = {RasterKind.DISPARITY: 2, RasterKind.XYZ: 3}
+IN_PLACE = frozenset({RasterKind.XYZ, RasterKind.X, RasterKind.Y, RasterKind.Z})
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DerivedRaster:
+    """A derived raster as it was read."""
+
+    kind: RasterKind
+    bands: Float32[np.ndarray, "bands lines samples"]
+    """XYZ: x, y, z; disparity: sample, line of the partner image, 0-based. 0 outside the mask."""
+    mask: Mask
+    """True where there is a value."""
+    frame: Frame | None
+    """The frame of XYZ; None for disparity and range."""
+    partner: str | None
+    """The image that a disparity points into, where the label names its sources."""
+
+
+def read_raster(data: bytes, name: str, *, detached_label: str | None = None) -> DerivedRaster:
+    """A disparity, XYZ or range raster.
+
+    Raises:
+        LabelError: the file holds none, or its label lacks what is needed.
+        PixelError: the values are not what the label says.
+    """
+    label = read_label(data, name) if detached_label is None else parse_label(detached_label, name)
+    kind = raster_kind(label, name)
+    layout = pixel_layout(label, most_bands=3)
+    expected = BANDS.get(kind, 1)
+    if layout.bands != expected or layout.dtype.kind != "f":
+        raise PixelError(
+            f"{name}: {kind} should be {expected} bands of IEEE reals, but is {layout.bands} of "
+            f"{layout.dtype}"
+        )
+    if layout.end > len(data):
+        raise PixelError(too_short(data, layout, name))
+    with np.errstate(over="ignore", invalid="ignore"):
+        bands = stored_values(data, layout).astype(np.float32)
+    mask = _found(bands, constants(label))
+    frame = _frame(label) if kind in IN_PLACE else None
+    if kind is RasterKind.DISPARITY:
+        bands = bands[::-1]  # line, sample -> sample, line
+    if "disparity" in kind:
+        bands = bands - np.float32(1)
+    return DerivedRaster(kind, np.where(mask, bands, 0), mask, frame, _partner(label, kind))
+
+
+def raster_kind(label: Label, name: str) -> RasterKind:
+    """What a raster holds, of its DERIVED_IMAGE_TYPE or, failing that, its file name.
+
+    Raises:
+        LabelError: it is none of these rasters.
+    """
+    stated = label.optional(DERIVED, "DERIVED_IMAGE_TYPE", str) or ""
+    kind = KINDS.get(stated.upper())
+    try:
+        product = parse_file_name(name).product_type
+    except LabelError:
+        product = ""
+    kind = kind or KINDS.get(product)
+    if kind is None:
+        raise LabelError(
+            f"{name}: no disparity, XYZ or range raster: DERIVED_IMAGE_TYPE is {stated[:40]!a}, "
+            f"product type {product or 'unknown'}"
+        )
+    return kind
+
+
+def _found(bands: np.ndarray, missing: tuple[float, ...]) -> Mask:
+    """True where a value was found: finite, and not a constant in every band."""
+    found = np.isfinite(bands).all(axis=0)
+    for constant in missing:
+        found &= ~(bands == np.float32(constant)).all(axis=0)
+    return found
+
+
+def _frame(label: Label) -> Frame:
+    """The frame of XYZ values, with its counters."""
+    name = label.require(DERIVED, "REFERENCE_COORD_SYSTEM_NAME", str).upper()
+    index = label.require_numbers(DERIVED, "REFERENCE_COORD_SYSTEM_INDEX")
+    counter = tuple(int(value) for value in index if float(value).is_integer() and value >= 0)
+    if name == "SITE_FRAME" and len(counter) == len(index) >= 1:
+        return site_frame(counter[0])
+    if name in {"ROVER_FRAME", "ROVER_NAV_FRAME"} and len(counter) == len(index) >= 2:  # noqa: PLR2004 - site, drive
+        return rover_frame(counter[0], counter[1])
+    if name == "LOCAL_LEVEL_FRAME":
+        return Frame(FrameKind.LOCAL_LEVEL, counter)
+    raise LabelError(
+        f"{label.source}: {DERIVED}/REFERENCE_COORD_SYSTEM_NAME and _INDEX should name a site or "
+        f"rover frame and its counters, but are {name[:40]!a} and {index[:10].tolist()}"
+    )
+
+
+def _partner(label: Label, kind: RasterKind) -> str | None:
+    """The second of two source products."""
+    sources = label.get("", "SOURCE_PRODUCT_ID")
+    if "disparity" not in kind or not isinstance(sources, tuple) or len(sources) != 2:  # noqa: PLR2004 - a pair
+        return None
+    return str(sources[1])
