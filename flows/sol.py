@@ -29,6 +29,7 @@ from tasks.match import MatchParams, match_stereo_pair
 from tasks.orthophoto import render_orthophoto
 from tasks.pairs import PairProducts, pairs_of
 from tasks.publish import publish
+from tasks.quicklook import picture_pair, picture_terrain
 from tasks.scopes import sol_scope
 from tasks.slope import map_aspect, map_slope, shade_relief
 from tasks.telemetry import Telemetry, TelemetryStop, read_telemetry, vector_files
@@ -143,6 +144,10 @@ def match_pairs(inputs: SolInputs, sol: int, report: SolReport) -> dict[StopId, 
     futures = {pair.id: match_stereo_pair.submit(pair, params, workspace.store) for pair in pairs}
     done, failed = settled(f"sol {sol}: match stereo pairs", futures)
     report.blame("match", failed)
+    pictures = {
+        pair: picture_pair.submit(matched, workspace.store) for pair, matched in done.items()
+    }
+    report.blame("picture", settled(f"sol {sol}: picture the matches", pictures)[1])
     alone = [e for e in entries if e.sol == sol and e.partner is None]
     report.notes += [f"{e.id} is unpaired: {e.unpaired_because}" for e in alone]
     matched: dict[StopId, list[PairProducts]] = {stop: [] for stop in sorted(window)}
@@ -238,12 +243,14 @@ def map_stops(
         futures[stop, "contours"] = trace_contours.submit(terrain, config.contour, landing, store)
         futures[stop, "slope"] = map_slope.submit(terrain, config.slope, landing, store)
         futures[stop, "aspect"] = map_aspect.submit(terrain, config.slope, landing, store)
+        futures[stop, "picture"] = picture_terrain.submit(terrain, store)
         futures[stop, "hillshade"] = shade_relief.submit(terrain, config.hillshade, landing, store)
     done, failed = settled(f"sol {report.sol}: map the stops", futures)
     report.blame("map", {f"{kind} of {stop}": cause for (stop, kind), cause in failed.items()})
     made: dict[StopId, list[ProductRef]] = {}
-    for (stop, _), ref in done.items():
-        made.setdefault(stop, []).append(ref)
+    for (stop, kind), ref in done.items():
+        if kind != "picture":
+            made.setdefault(stop, []).append(ref)
     return made
 
 

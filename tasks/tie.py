@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -12,13 +13,19 @@ from prefect import task
 from prefect.cache_policies import NO_CACHE
 
 from photogrammetry.imagery import StopId
-from photogrammetry.matching.cross_site import CrossSiteParams, SiteLink, tie_cross_site
+from photogrammetry.matching.cross_site import (
+    CrossSiteParams,
+    SiteLink,
+    StopViews,
+    tie_cross_site,
+)
 from photogrammetry.matching.inter_stereo import InterStereoParams, PairTies, tie_inter_stereo
 from photogrammetry.matching.records import MatchedStop
 from products.arrays import pose_document, write_ties
 from products.model import ProductKind, ProductRef, Recipe, Scope, ScopeLevel
 from products.store import ProductStore
 from tasks.pairs import PairProducts, read_matched_stop
+from tasks.quicklook import write_link_picture
 from tasks.scopes import stop_scope
 from tasks.telemetry import TelemetryStop
 
@@ -75,18 +82,25 @@ def link_stops(
 ) -> ProductRef:
     """Tie two stops by the ground that both see, or say why that cannot be done."""
 
+    @cache
+    def linked() -> tuple[StopViews, StopViews, SiteLink]:
+        one = StopViews.of(_matched(earlier, earlier_telemetry, store), params)
+        other = StopViews.of(_matched(later, later_telemetry, store), params)
+        return one, other, tie_cross_site(one, other, params)
+
     def write(path: Path) -> None:
-        link = tie_cross_site(
-            _matched(earlier, earlier_telemetry, store),
-            _matched(later, later_telemetry, store),
-            params,
-        )
+        link = linked()[2]
         write_ties(path, link.ties, _figures_of_link(link))
 
     poses = (TelemetryPose.of(earlier_telemetry), TelemetryPose.of(later_telemetry))
     scope = link_scope(earlier.stop, later.stop)
     inputs = (*earlier.inputs, *later.inputs)
-    return store.make(Recipe(ProductKind.LINKS, scope, inputs, (params, *poses)), write)
+    links = store.make(Recipe(ProductKind.LINKS, scope, inputs, (params, *poses)), write)
+    store.make(
+        Recipe(ProductKind.QUICKLOOK, scope, (links,)),
+        lambda path: write_link_picture(path, *linked()),
+    )
+    return links
 
 
 def link_scope(earlier: StopId, later: StopId) -> Scope:

@@ -1,0 +1,73 @@
+"""Quick looks: pictures of what a stage made, for people who would rather look.
+
+They are products like any other, below `quicklook/` in the store, and no layer of the map.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+from prefect import task
+from prefect.cache_policies import NO_CACHE
+
+from photogrammetry.arrays import Picture
+from photogrammetry.matching.birds_eye import overlay_picture
+from photogrammetry.matching.cross_site import SiteLink, StopViews
+from photogrammetry.matching.pictures import draw_matches, draw_parallax
+from photogrammetry.terrain.pictures import class_picture, relief_picture
+from photogrammetry.terrain.surface import HillshadeParams
+from products.errors import ProductError
+from products.model import ProductKind, ProductRef, Recipe
+from products.raster import read_dtm
+from products.store import ProductStore
+from tasks.pairs import PairProducts, read_matched_pair
+from tasks.scopes import pair_scope
+
+MAX_SIDE = 1536
+"""Of a picture, pixels: a screen's width."""
+
+
+@task(cache_policy=NO_CACHE, task_run_name="picture-{pair.files.id}")
+def picture_pair(pair: PairProducts, store: ProductStore) -> ProductRef:
+    """Both images of a pair with their matches, and the dense parallax in colours."""
+
+    def write(path: Path) -> None:
+        matched = read_matched_pair(pair, store)
+        both = draw_matches(matched.images, matched.matches)
+        write_picture(path, np.hstack([both, draw_parallax(matched.parallax)]))
+
+    inputs = (pair.matches, pair.parallax)
+    return store.make(Recipe(ProductKind.QUICKLOOK, pair_scope(pair.files.id), inputs), write)
+
+
+@task(cache_policy=NO_CACHE, task_run_name="picture-{dtm.scope}")
+def picture_terrain(dtm: ProductRef, store: ProductStore) -> ProductRef:
+    """The relief of a terrain model, and how its cells came by their elevation."""
+
+    def write(path: Path) -> None:
+        terrain = read_dtm(store.path(dtm))
+        pictures = (relief_picture(terrain, HillshadeParams()), class_picture(terrain))
+        write_picture(path, cv2.cvtColor(np.hstack(pictures), cv2.COLOR_RGBA2BGRA))
+
+    return store.make(Recipe(ProductKind.QUICKLOOK, dtm.scope, (dtm,)), write)
+
+
+def write_link_picture(path: Path, earlier: StopViews, later: StopViews, link: SiteLink) -> None:
+    """Both stops from above, laid over each other as the link found them."""
+    if link.fit is None:
+        picture = np.zeros((16, 16, 3), np.uint8)  # no place was found to lay them over
+    else:
+        picture = overlay_picture(earlier.birds_eye, later.birds_eye, link.fit)
+    write_picture(path, cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
+
+
+def write_picture(path: Path, picture: Picture) -> None:
+    """Write a picture (BGR or BGRA) as PNG, no side longer than `MAX_SIDE`."""
+    shrink = min(1.0, MAX_SIDE / max(picture.shape[:2]))
+    small = cv2.resize(picture, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA)
+    encoded, png = cv2.imencode(".png", small)
+    if not encoded:
+        raise ProductError(f"{path.name} could not be encoded as PNG")
+    path.write_bytes(png.tobytes())
