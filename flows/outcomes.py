@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, TypeVar, cast
 
-from prefect.client.schemas.objects import State
+from prefect.exceptions import UnfinishedRun
 from prefect.futures import PrefectFuture
 
 from flows.progress import report
+from products.errors import StoreFullError
 
 K = TypeVar("K")
 T = TypeVar("T")
@@ -26,15 +27,22 @@ def settled(
 
     A task that waited for a failed one is among the failures too, without a line of its own: the
     cause has been said.
+
+    Raises:
+        StoreFullError: a task found the disk full; whatever else is tried would find it full too.
     """
     results, failures = {}, {}
     for done, (key, future) in enumerate(futures.items(), 1):
-        result = future.result(raise_on_failure=False)
-        if isinstance(result, BaseException):
-            failures[key] = f"{type(result).__name__}: {result}"
-        elif isinstance(result, State):  # never ran: what it waited for failed
+        try:
+            result = future.result(raise_on_failure=False)
+        except UnfinishedRun:  # never ran: what it waited for failed
             failures[key] = ""
         else:
-            results[key] = result
+            if isinstance(result, StoreFullError):
+                raise result
+            if isinstance(result, BaseException):
+                failures[key] = f"{type(result).__name__}: {result}"
+            else:
+                results[key] = result
         report(stage, done, len(futures))
     return results, failures

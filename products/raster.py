@@ -17,7 +17,10 @@ Everything about the format is decided here, once:
 
 from __future__ import annotations
 
+import errno
 import math
+import os
+import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -42,6 +45,8 @@ _NODATA = {"float32": math.nan, "uint8": 0}
 _DIRECTIONS = {"aspect"}
 """Bands whose values run in a circle."""
 _DTM_UNITS = {"elevation": "m", "standard_deviation": "m", "observations": "", "class": ""}
+_NEXT_TO_NOTHING = 1 << 20
+"""Bytes free on a disk that a failed write is blamed on."""
 _STRETCH_PERCENTILES = (0.5, 99.5)
 """Brightness that becomes black and white: what lies beyond is glint, deep shadow or noise."""
 _LOOK = 1 << 20
@@ -99,6 +104,10 @@ def write_raster(  # noqa: PLR0913 - the properties of one file
             dataset.scales, dataset.offsets = ((value,) * len(stack) for value in scale)
             dataset.update_tags(AREA_OR_POINT="Area", **(tags or {}))
         copy_raster(rows, path, driver="COG", **options)
+    except RasterioError as error:  # GDAL only says that writing failed
+        if shutil.disk_usage(path.parent).free < _NEXT_TO_NOTHING:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path)) from error
+        raise
     finally:
         rows.unlink(missing_ok=True)
 

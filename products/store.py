@@ -28,6 +28,8 @@ from products.errors import ProductError, ProductNotFoundError, StoreFullError
 from products.model import ProductRef, Recipe
 
 _CHUNK = 1 << 20
+_NEXT_TO_NOTHING = 1 << 20
+"""Bytes free on a disk that a failed write is blamed on."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +92,7 @@ class ProductStore:
             return ref
         target = self._products / ref.file_name
         started = time.monotonic()
-        with _explaining_full_disk(ref), self._draft() as folder:
+        with self._draft() as folder, self._explaining_full_disk(ref):
             draft = folder / target.name
             write(draft)
             notes = folder / _provenance_name(target)
@@ -118,6 +120,21 @@ class ProductStore:
             yield folder
         finally:
             shutil.rmtree(folder, ignore_errors=True)
+
+    @contextlib.contextmanager
+    def _explaining_full_disk(self, ref: ProductRef) -> Iterator[None]:
+        """Say plainly that the disk is full, also where a library only says that writing failed."""
+        try:
+            yield
+        except Exception as error:
+            number = error.errno if isinstance(error, OSError) else None
+            free = shutil.disk_usage(self.root).free
+            if number in (errno.ENOSPC, errno.EDQUOT) or free < _NEXT_TO_NOTHING:
+                raise StoreFullError(
+                    f"the disk is full while making {ref.kind} of {ref.scope}; free some space "
+                    "and run again: what was made before is kept"
+                ) from error
+            raise
 
     def _clear_dead_drafts(self) -> None:
         mine = f"{socket.gethostname()}-"
@@ -150,16 +167,3 @@ def _settle(file: Path) -> None:
     """Have the file's bytes on the disk before its name is."""
     with file.open("rb") as opened:
         os.fsync(opened.fileno())
-
-
-@contextlib.contextmanager
-def _explaining_full_disk(ref: ProductRef) -> Iterator[None]:
-    try:
-        yield
-    except OSError as error:
-        if error.errno in (errno.ENOSPC, errno.EDQUOT):
-            raise StoreFullError(
-                f"the disk is full while making {ref.kind} of {ref.scope}; free some space and run "
-                "again: what was made before is kept"
-            ) from error
-        raise
