@@ -75,6 +75,8 @@ class RoverImage:
     """Radians above the horizon, sign already put right."""
     mast_in_rover: tuple[float, float, float] | None = None
     """The mast head, about which its pointing errors turn the cameras; None on the body."""
+    parent_from_site: Pose | None = None
+    """Where the site lies in the one it was declared in, where the label says so (after MER)."""
 
     def __post_init__(self) -> None:
         if self.site_from_rover.source != self.stop.frame:

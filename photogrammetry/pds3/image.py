@@ -1,8 +1,8 @@
 """From a label to a `RoverImage`: who looked from where in which direction with which camera.
 
 The camera model of a label already belongs to the image as stored: sub-frame and pixel averaging
-are in it. Only the half pixel is put right, which MER's software left out when it averaged blocks
-of w x h pixels (integer coordinates are pixel centres),
+are in it. Only the half pixel is put right, which MER's software, though not that of later
+missions, left out when it averaged blocks of w x h pixels (integer coordinates are pixel centres),
 
     H <- H - (1 - 1/w)/2 A,        V <- V - (1 - 1/h)/2 A.
 
@@ -31,6 +31,7 @@ from photogrammetry.pds3.missions import MISSIONS, Mission, mission_of_host
 
 CAMERA = "GEOMETRIC_CAMERA_MODEL"
 ROVER = "ROVER_COORDINATE_SYSTEM"
+SITE = "SITE_COORDINATE_SYSTEM"
 SITE_GEOMETRY = "SITE_DERIVED_GEOMETRY_PARMS"
 ROVER_GEOMETRY = "ROVER_DERIVED_GEOMETRY_PARMS"
 ROVER_FRAMES = frozenset({"ROVER_FRAME", "ROVER_NAV_FRAME"})
@@ -78,7 +79,11 @@ def rover_image(
         is_linearised=label.optional("", "GEOMETRY_PROJECTION_TYPE", str) == "LINEARIZED",
         lines=label.require("IMAGE", "LINES", int),
         samples=label.require("IMAGE", "LINE_SAMPLES", int),
-        camera=_camera_in_rover(label, site_from_rover, correct_half_pixel=correct_half_pixel),
+        camera=_camera_in_rover(
+            label,
+            site_from_rover,
+            correct_half_pixel=correct_half_pixel and mission.leaves_out_half_pixel,
+        ),
         site_from_rover=site_from_rover,
         attitude_measured_by=label.optional(ROVER, "QUATERNION_MEASUREMENT_METHOD", str)
         or "UNKNOWN",
@@ -87,6 +92,7 @@ def rover_image(
         sun_azimuth=_sun_azimuth(label),
         sun_elevation=_sun_elevation(label, mission),
         mast_in_rover=_mast_in_rover(label, mission, instrument),
+        parent_from_site=parent_from_site(label, stop.site),
     )
 
 
@@ -192,6 +198,29 @@ def _site_from_rover(label: Label, stop: StopId) -> Pose:
         )
     except FrameError as error:
         raise LabelError(f"{label.source}: {ROVER}: {error}") from error
+
+
+def parent_from_site(label: Label, site: int) -> Pose | None:
+    """Where the image's site lies in the one that it was declared in; MER labels do not say.
+
+    Raises:
+        LabelError: the group SITE_COORDINATE_SYSTEM is there, but is no pose.
+    """
+    if label.get(SITE, "ORIGIN_OFFSET_VECTOR") is None:
+        return None
+    if label.get(SITE, "ORIGIN_ROTATION_QUATERNION") is None:
+        return None
+    name = label.optional(SITE, "REFERENCE_COORD_SYSTEM_NAME", str)
+    parent = label.optional(SITE, "REFERENCE_COORD_SYSTEM_INDEX", int)
+    own = label.optional(SITE, "COORDINATE_SYSTEM_INDEX", int)
+    if name != "SITE_FRAME" or parent is None or own not in {None, site} or parent == site:
+        return None
+    quaternion = label.require_numbers(SITE, "ORIGIN_ROTATION_QUATERNION", 4)
+    offset_m = label.require_numbers(SITE, "ORIGIN_OFFSET_VECTOR", 3)
+    try:
+        return Pose.of_quaternion(site_frame(parent), site_frame(site), quaternion, offset_m)
+    except FrameError as error:
+        raise LabelError(f"{label.source}: {SITE}: {error}") from error
 
 
 def _mission(label: Label, missions: Sequence[Mission]) -> Mission:

@@ -38,6 +38,7 @@ SHOWN = 40
 _TOKEN = re.compile(
     r"""
     (?P<space>\s+ | /\*.*?\*/)
+  | (?P<unclosed>/\*)
   | "(?P<text>[^"]*)"
   | '(?P<symbol>[^'\n]*)'
   | <(?P<unit>[^<>\n]*)>
@@ -311,8 +312,10 @@ class _Parser:
                     f"more than {MAX_TOKENS} words, but no END", _Token("", "", position)
                 )
             match = _TOKEN.match(self._text, position)
-            if match is None:
-                raise self._error("a quotation or unit is not closed", _Token("", "", position))
+            if match is None or match.lastgroup == "unclosed":
+                raise self._error(
+                    "a quotation, unit or comment is not closed", _Token("", "", position)
+                )
             if match.lastgroup != "space":
                 kind = match.lastgroup or ""
                 yield _Token(kind, match[kind], position)

@@ -26,6 +26,8 @@ class Mission:
     """Instruments with filter wheels -> (left, right) filters that see one band."""
     mapping_products: frozenset[str] | None
     """Product types whose pixels are grey values of the scene; None: DERIVED_IMAGE_TYPE tells."""
+    leaves_out_half_pixel: bool = False
+    """Whether labels of averaged images scale H and V about a pixel's corner (see `image`)."""
 
 
 _EYES = {"LEFT": Eye.LEFT, "RIGHT": Eye.RIGHT}
@@ -54,6 +56,7 @@ MER = Mission(
     mast_group="PMA_COORDINATE_SYSTEM",
     stereo_filters={"PANCAM": frozenset({(2, 2), (7, 1)})},
     mapping_products=_PRODUCTS,
+    leaves_out_half_pixel=True,
 )
 """Spirit (MER2) and Opportunity (MER1); product types from the camera SIS (facts 1.3)."""
 
@@ -77,7 +80,26 @@ MSL = Mission(
 )
 """Curiosity; A and B are its two sets of engineering cameras, never used together."""
 
-MISSIONS: tuple[Mission, ...] = (MER, MSL)
+M2020 = Mission(
+    hosts=("M20", "M2020"),
+    instruments={
+        f"{label}_{word}{string}": (instrument, eye)
+        for label, instrument, strings in (
+            ("NAVCAM", "NAVCAM", ("",)),
+            ("FRONT_HAZCAM", "FRONT_HAZCAM", ("", "_A", "_B")),
+            ("REAR_HAZCAM", "REAR_HAZCAM", ("",)),
+            ("MCZ", "MASTCAM", ("",)),
+        )
+        for word, eye in _EYES.items()
+        for string in strings
+    },
+    mast_group="RSM_COORDINATE_SYSTEM",
+    stereo_filters={"MASTCAM": frozenset((filter_, filter_) for filter_ in range(8))},
+    mapping_products=None,
+)
+"""Perseverance; Mastcam-Z zooms both eyes together, and equal filter numbers see like bands."""
+
+MISSIONS: tuple[Mission, ...] = (MER, MSL, M2020)
 
 
 def mission_of_host(host: str, missions: Sequence[Mission] = MISSIONS) -> Mission | None:

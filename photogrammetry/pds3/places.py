@@ -33,7 +33,8 @@ import numpy as np
 
 from photogrammetry.errors import FrameError, VectorFileError
 from photogrammetry.frames import FrameKind
-from photogrammetry.pds3.vector_files import MAX_CHARACTERS, Solution, VectorFile, xml_root
+from photogrammetry.pds3.vector_files import Solution, VectorFile
+from photogrammetry.pds3.xml_text import MAX_CHARACTERS, xml_root
 
 LOCALISED = "localised"
 PRIORITY = (LOCALISED, "adjusted", "telemetry")
@@ -134,7 +135,7 @@ def parse_locations(
     Raises:
         VectorFileError: the file is none, has no place of site 0, or an element is broken.
     """
-    root = xml_root(text, source, "msl", "locations")
+    root = xml_root(text, source, "msl", "locations", VectorFileError)
     places = [_place(element, source) for element in root.iterfind("./location")]
     origins = [place[1] for place in places if place[0][:2] == (0, 0)]
     if not origins:

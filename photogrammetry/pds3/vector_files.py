@@ -31,15 +31,13 @@ import numpy as np
 from photogrammetry.arrays import Quaternion, Vector3
 from photogrammetry.errors import FrameError, VectorFileError
 from photogrammetry.frames import LSL, Frame, FrameKind, FrameTree, Pose, rover_frame, site_frame
+from photogrammetry.pds3.xml_text import xml_root
 
-MAX_CHARACTERS = 1 << 24
-"""The longest master file known, of 138 sites, has 55 kB."""
 MAX_COUNTERS = 16
 
 Rank: TypeAlias = tuple[int, tuple[int, ...], str]
 """Trust in a solution, its motion counter, the date it was added."""
 
-_FORBIDDEN = re.compile(r"<!\s*(DOCTYPE|ENTITY)", re.IGNORECASE)
 _FRAMES = {
     "SITE_FRAME": FrameKind.SITE,
     "ROVER_FRAME": FrameKind.ROVER,
@@ -105,7 +103,7 @@ def parse_vector_file(text: str, source: str) -> VectorFile:
     Raises:
         VectorFileError: the file is no vector file, or one of its elements is broken.
     """
-    root = xml_root(text, source, "rmc_file", "vector")
+    root = xml_root(text, source, "rmc_file", "vector", VectorFileError)
     listed = [
         _attribute(entry, "solution_id", source) for entry in root.iterfind("./priority/entry")
     ]
@@ -213,30 +211,6 @@ def _root_site(tree: FrameTree, site: int) -> int | None:
     except FrameError:
         return None
     return root.index[0] if root.kind is FrameKind.SITE else None
-
-
-def xml_root(text: str, source: str, tag: str, what: str) -> ET.Element:
-    """The root element of an XML text that may come from anywhere.
-
-    Raises:
-        VectorFileError: it is too long, declares entities, or is not well-formed XML under `tag`.
-    """
-    if len(text) > MAX_CHARACTERS:
-        raise VectorFileError(f"{source}: {len(text)} characters are too many for a {what} file")
-    forbidden = _FORBIDDEN.search(text)
-    if forbidden:
-        line = text.count("\n", 0, forbidden.start()) + 1
-        raise VectorFileError(
-            f"{source}: line {line}: <!{forbidden[1].upper()} is refused; {what} files have none"
-        )
-    try:
-        # Entities, the one danger of this parser, were refused above.
-        root = ET.fromstring(text)  # noqa: S314 - see the line before
-    except (ET.ParseError, ValueError) as error:
-        raise VectorFileError(f"{source}: not well-formed XML: {error}") from error
-    if root.tag != tag:
-        raise VectorFileError(f"{source}: expected <{tag}>, found <{root.tag[:40]}>")
-    return root
 
 
 def _solution(element: ET.Element, source: str) -> Solution:

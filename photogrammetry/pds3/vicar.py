@@ -4,8 +4,10 @@
 
 The system items come first and say how the pixels are stored; each PROPERTY opens a group with the
 keywords of the PDS3 label, each TASK a part of the history. Units stand beside in KEY__UNIT,
-pointers in KEY__PTR. Read into the same `Label` as PDS3: properties become groups, the one named
-IDENTIFICATION the keywords outside of groups, the system items the object IMAGE.
+pointers in KEY__PTR. What did not fit in front stands behind the pixels in a second part, which
+starts with LBLSIZE, too, where EOL=1 says so; it goes on where the first part stopped. Read into
+the same `Label` as PDS3: properties become groups, the one named IDENTIFICATION the keywords
+outside of groups, the system items the object IMAGE.
 """
 
 from __future__ import annotations
@@ -17,11 +19,14 @@ from photogrammetry.errors import LabelError
 from photogrammetry.pds3.label import MAX_LABEL_BYTES, Label, Quantity, Value, known, number_of
 
 START = b"LBLSIZE="
+MAX_COUNT = 1 << 31
 _ITEM = re.compile(
     r"\s*(?P<key>[A-Za-z_][A-Za-z0-9_:]*)\s*=\s*"
-    r"(?:(?P<list>\((?:[^()']|'(?:[^']|'')*')*\))|(?P<scalar>'(?:[^']|'')*'|[^\s'()]+))"
+    r"(?:(?P<list>\((?:[^()']++|'[^']*+')*+\))|(?P<scalar>(?:'[^']*+')++|[^\s'()]++))"
 )
-_ENTRY = re.compile(r"'(?:[^']|'')*'|[^,'\s()]+")
+_ENTRY = re.compile(r"(?:'[^']*+')++|[^,'\s()]++")
+# A quote within a text is doubled, so a text is a row of texts. Nothing here gives back what it has
+# taken: with two ways to read doubled quotes, a row of n would be tried in 2^n ways.
 _SIZE = re.compile(rb"LBLSIZE=\s*(\d{1,8})\b")
 _SAMPLE_BITS = {"BYTE": 8, "HALF": 16, "WORD": 16, "FULL": 32, "LONG": 32, "REAL": 32, "DOUB": 64}
 _STORAGE = {"BSQ": "BAND_SEQUENTIAL", "BIL": "LINE_INTERLEAVED", "BIP": "SAMPLE_INTERLEAVED"}
@@ -50,7 +55,7 @@ def parse_vicar_label(data: bytes, source: str) -> Label:
     text = data[match.start() : match.start() + size].decode("latin-1").partition("\0")[0]
     groups: dict[str, dict[str, Value]] = {"": {}, "SYSTEM": {}}
     here = groups["SYSTEM"]
-    for key, value in _items(text, source):
+    for key, value in (*_items(text, source), *_items_behind(data, match.start(), size, source)):
         if key in {"PROPERTY", "TASK"}:
             name = str(value) if key == "PROPERTY" else "HISTORY"
             here = groups.setdefault("" if name == "IDENTIFICATION" else name.upper(), {})
@@ -65,6 +70,31 @@ def parse_vicar_label(data: bytes, source: str) -> Label:
     )
     groups[""]["^IMAGE"] = Quantity(start + 1, "BYTES")
     return Label(source, groups)
+
+
+def _items_behind(data: bytes, start: int, size: int, source: str) -> Iterator[tuple[str, Value]]:
+    """The items behind the pixels; none where the file was cut off before them."""
+    text = data[start : start + size].decode("latin-1").partition("\0")[0]
+    system: dict[str, Value] = {}
+    for key, value in _items(text, source):
+        if key in {"PROPERTY", "TASK"}:
+            break
+        system.setdefault(key, value)
+    if system.get("EOL") != 1:
+        return
+    sizes = [system.get(key) for key in ("RECSIZE", "N2", "N3", "NLB")]
+    if not all(isinstance(count, int) and 0 <= count <= MAX_COUNT for count in sizes):
+        raise LabelError(f"{source}: EOL=1, but RECSIZE, N2, N3, NLB do not say where it stands")
+    record, lines, bands, before = (count for count in sizes if isinstance(count, int))
+    here = start + size + record * (lines * bands + before)
+    if here >= len(data):
+        return
+    match = _SIZE.match(data, here)
+    if match is None:
+        raise LabelError(f"{source}: EOL=1, but byte {here} starts no second label (LBLSIZE=)")
+    end = here + min(int(match[1]), MAX_LABEL_BYTES)
+    rest = data[match.end() : end].decode("latin-1").partition("\0")[0]
+    yield from _items(rest, source)
 
 
 def _items(text: str, source: str) -> Iterator[tuple[str, Value]]:

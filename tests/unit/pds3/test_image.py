@@ -138,7 +138,11 @@ def test_a_linearised_product_holds_a_perspective_camera(small):
         ("(-0.69585,0.571462,0.435)", "(0.0,0.0,0.0)", "A of a camera model is a unit vector"),
         ("(-0.61985,0.672629,0.404174)", "(0,0,0)", "O is a unit vector, not one of 0"),
         ("(-0.69585,0.571462,0.435)", "(1.0,0.0)", "MODEL_COMPONENT_2 should be 3 numbers"),
-        ('"MER2"', '"LRO"', "INSTRUMENT_HOST_ID should be one of MER1, MER2, MSL, but is 'LRO'"),
+        (
+            '"MER2"',
+            '"LRO"',
+            "INSTRUMENT_HOST_ID should be one of MER1, MER2, MSL, M20, M2020, but is 'LRO'",
+        ),
         ('"NAVCAM_LEFT"', '"APXS"', "INSTRUMENT_ID 'APXS' is no camera"),
         ("= REGULAR", "= THUMBNAIL", "no mapping image: IMAGE_TYPE is 'THUMBNAIL'"),
         ("(137,0,0,13,7)", "(137)", "ROVER_MOTION_COUNTER should be whole numbers"),

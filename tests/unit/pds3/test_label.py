@@ -101,7 +101,10 @@ def test_numbers_may_be_quoted_and_whole_numbers_written_as_reals():
         ("", "x.img: the label ends in line 1 without END"),
         ("A = 1\n\nB 2\nEND", r"x.img: line 3 of the label: expected = after 'B'"),
         ("A = \n = 3\nEND", r"line 2 of the label: expected a value, found '='"),
-        ('A = "never closed\nEND\n', "line 1 of the label: a quotation or unit is not closed"),
+        (
+            'A = "never closed\nEND\n',
+            "line 1 of the label: a quotation, unit or comment is not closed",
+        ),
         ("A = 1\nB = (1, 2\nEND", "line 3|ends in line 3"),
         ("GROUP = G\nA = 1\nEND", "END came before the END_GROUP of G, opened in line 1"),
         ("GROUP = G\nEND_GROUP = H\nEND", "expected END_GROUP of G, opened in line 1, found"),

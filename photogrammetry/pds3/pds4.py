@@ -1,0 +1,322 @@
+"""PDS4 labels: XML in, the same `Label` out that PDS3 and VICAR are read into.
+
+A PDS4 product is an array in one file and an XML label beside it. What a camera's label says stands
+in classes of the discipline dictionaries, which are put under the keywords of PDS3:
+
+    geom:Camera_Model_Parameters        GEOMETRIC_CAMERA_MODEL      C A H V O R E T P
+    geom:Coordinate_Space_Definition    ROVER_, SITE_, RSM_COORDINATE_SYSTEM by its frame's name
+    geom:Derived_Geometry               SITE_ and ROVER_DERIVED_GEOMETRY_PARMS
+    img_surface:, msn:, msn_surface:    INSTRUMENT_ID, IMAGE_TYPE, clock, sol, times, sequence
+    Array_2D_Image, Array_3D_Image      IMAGE and ^IMAGE, with axes, data type and constants
+
+Namespaces are left off: their prefixes are the label's own affair. Where a label describes the
+geometry several times (geometry_state Telemetry, Initial), telemetry counts. The quaternion is that
+of JPL's labels, named frame into reference frame, where rotation_direction is Forward, and its
+conjugate where it is Reverse. The mission follows from the logical identifier.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from xml.etree.ElementTree import Element
+
+from photogrammetry.errors import LabelError
+from photogrammetry.pds3.label import Label, Quantity, Value, known, number_of
+from photogrammetry.pds3.xml_text import local_name, xml_root
+
+HOSTS = (
+    (re.compile(r"mars2020|m2020", re.IGNORECASE), "M20"),
+    (re.compile(r"msl", re.IGNORECASE), "MSL"),
+    (re.compile(r"mer1|opportunity", re.IGNORECASE), "MER1"),
+    (re.compile(r"mer2|spirit", re.IGNORECASE), "MER2"),
+)
+"""Words of a logical identifier, and the spacecraft they mean."""
+
+FRAMES = {
+    "ROVER_NAV_FRAME": "ROVER_COORDINATE_SYSTEM",
+    "ROVER_FRAME": "ROVER_COORDINATE_SYSTEM",
+    "SITE_FRAME": "SITE_COORDINATE_SYSTEM",
+    "RSM_HEAD_FRAME": "RSM_COORDINATE_SYSTEM",
+    "MAST_FRAME": "PMA_COORDINATE_SYSTEM",
+}
+DATA_TYPES = {
+    "UnsignedByte": ("UNSIGNED_INTEGER", 8),
+    "SignedByte": ("UNSIGNED_INTEGER", 8),
+    "UnsignedMSB2": ("MSB_UNSIGNED_INTEGER", 16),
+    "SignedMSB2": ("MSB_INTEGER", 16),
+    "UnsignedLSB2": ("LSB_UNSIGNED_INTEGER", 16),
+    "SignedLSB2": ("LSB_INTEGER", 16),
+    "UnsignedMSB4": ("MSB_UNSIGNED_INTEGER", 32),
+    "SignedMSB4": ("MSB_INTEGER", 32),
+    "UnsignedLSB4": ("LSB_UNSIGNED_INTEGER", 32),
+    "SignedLSB4": ("LSB_INTEGER", 32),
+    "IEEE754MSBSingle": ("IEEE_REAL", 32),
+    "IEEE754LSBSingle": ("PC_REAL", 32),
+    "IEEE754MSBDouble": ("IEEE_REAL", 64),
+    "IEEE754LSBDouble": ("PC_REAL", 64),
+}
+STORAGE = {
+    ("LINE", "SAMPLE"): "BAND_SEQUENTIAL",
+    ("BAND", "LINE", "SAMPLE"): "BAND_SEQUENTIAL",
+    ("LINE", "BAND", "SAMPLE"): "LINE_INTERLEAVED",
+    ("LINE", "SAMPLE", "BAND"): "SAMPLE_INTERLEAVED",
+}
+VECTORS = {
+    "C": ("Vector_Center", ("x_position", "y_position", "z_position")),
+    "A": ("Vector_Axis", ("x_unit", "y_unit", "z_unit")),
+    "H": ("Vector_Horizontal", ("x_pixel", "y_pixel", "z_pixel")),
+    "V": ("Vector_Vertical", ("x_pixel", "y_pixel", "z_pixel")),
+    "O": ("Vector_Optical", ("x_unit", "y_unit", "z_unit")),
+    "R": ("Radial_Terms", ("c0", "c1", "c2")),
+    "E": ("Entrance_Terms", ("c0", "c1", "c2")),
+}
+SIMPLE = {
+    "PRODUCT_ID": ("Identification_Area", "title"),
+    "START_TIME": ("Time_Coordinates", "start_date_time"),
+    "SPACECRAFT_CLOCK_START_COUNT": (None, "spacecraft_clock_start"),
+    "LOCAL_TRUE_SOLAR_TIME": (None, "start_local_true_solar_time"),
+    "SEQUENCE_ID": (None, "sequence_id"),
+    "INSTRUMENT_ID": ("Instrument_Information", "ops_instrument_key"),
+    "IMAGE_TYPE": ("Instrument_Information", "image_type"),
+    "GEOMETRY_PROJECTION_TYPE": ("Geometry_Projection", "geometry_projection_type"),
+}
+"""Keyword of PDS3 -> class (any, if None) and attribute of PDS4; the first in the label counts."""
+
+Groups = dict[str, dict[str, Value]]
+
+
+def parse_pds4_label(text: str, source: str) -> Label:
+    """The label in an XML file.
+
+    Raises:
+        LabelError: it is no PDS4 label of an observation, or one of its classes is broken.
+    """
+    root = xml_root(text, source, "Product_Observational", "PDS4 label", LabelError)
+    groups: Groups = {"": _identification(root, source)}
+    lander = _telemetry(root)
+    if lander is not None:
+        _add_camera(lander, groups)
+        _add_frames(lander, groups, source)
+        _add_directions(lander, groups)
+    _add_averaging(root, groups)
+    _add_array(root, groups, source)
+    return Label(source, groups)
+
+
+def _identification(root: Element, source: str) -> dict[str, Value]:
+    lid = _text(root, "logical_identifier") or ""
+    host = next((host for pattern, host in HOSTS if pattern.search(lid)), None)
+    if host is None:
+        raise LabelError(
+            f"{source}: <logical_identifier> {lid[:80]!a} names no mission known here; expected "
+            "mars2020, msl, mer1 or mer2 in it"
+        )
+    items: dict[str, Value] = {"INSTRUMENT_HOST_ID": host}
+    for keyword, (parent, name) in SIMPLE.items():
+        inside = root if parent is None else _first(root, parent)
+        text = None if inside is None else _text(inside, name)
+        if text is not None:
+            items[keyword] = known(text)
+    for name in ("start_sol_number", "sol_number"):
+        items.setdefault("PLANET_DAY_NUMBER", number_of(_text(root, name) or ""))
+        if items["PLANET_DAY_NUMBER"] is None:
+            del items["PLANET_DAY_NUMBER"]
+    for keyword in ("GEOMETRY_PROJECTION_TYPE", "IMAGE_TYPE"):
+        word = items.get(keyword)
+        if isinstance(word, str):
+            items[keyword] = word.upper()
+    return items
+
+
+def _telemetry(root: Element) -> Element | None:
+    """The description of the geometry that counts."""
+    found = list(_all(root, "Geometry_Lander"))
+    told = [each for each in found if (_text(each, "geometry_state") or "") == "Telemetry"]
+    return next(iter(told or found), None)
+
+
+def _add_camera(lander: Element, groups: Groups) -> None:
+    parameters = _first(lander, "Camera_Model_Parameters")
+    if parameters is None:
+        return
+    kind = (_text(parameters, "model_type") or "").upper()
+    model = _first(parameters, f"{kind}_Model")
+    items: dict[str, Value] = {"MODEL_TYPE": kind}
+    groups["GEOMETRIC_CAMERA_MODEL"] = items
+    frame = _first(parameters, "Coordinate_Space_Reference")
+    name = None if frame is None else _frame_name(frame)
+    if name:
+        items["REFERENCE_COORD_SYSTEM_NAME"] = name
+    if model is None:
+        return
+    letters = [letter for letter in kind if letter in VECTORS]
+    values: list[Value] = []
+    for letter in letters:
+        tag, names = VECTORS[letter]
+        vector = _first(model, tag)
+        values.append(None if vector is None else _numbers(vector, names))
+    if kind == "CAHVORE":
+        letters += ["T", "P"]
+        scalars = ("cahvore_model_type", "cahvore_model_parameter")
+        values += [number_of(_text(model, name) or "") for name in scalars]
+    items["MODEL_COMPONENT_ID"] = tuple(letters)
+    items |= {f"MODEL_COMPONENT_{place}": value for place, value in enumerate(values, start=1)}
+
+
+def _add_frames(lander: Element, groups: Groups, source: str) -> None:
+    for space in _all(lander, "Coordinate_Space_Definition"):
+        present, reference = (
+            _first(space, name)
+            for name in ("Coordinate_Space_Present", "Coordinate_Space_Reference")
+        )
+        group = FRAMES.get((_frame_name(present) if present is not None else None) or "")
+        if group is None or present is None or group in groups:
+            continue
+        items: dict[str, Value] = {"COORDINATE_SYSTEM_INDEX": _index(present)}
+        groups[group] = items
+        if group == "ROVER_COORDINATE_SYSTEM":
+            groups[""]["ROVER_MOTION_COUNTER"] = items["COORDINATE_SYSTEM_INDEX"]
+        offset = _first(space, "Vector_Origin_Offset")
+        if offset is not None:
+            items["ORIGIN_OFFSET_VECTOR"] = _numbers(offset, VECTORS["C"][1])
+        turn = _first(space, "Quaternion_Plus_Direction")
+        if turn is not None:
+            items["ORIGIN_ROTATION_QUATERNION"] = _quaternion(turn, source)
+        method = _text(space, "quaternion_measurement_method")
+        if method:
+            items["QUATERNION_MEASUREMENT_METHOD"] = method.upper()
+        if reference is not None:
+            _refer(reference, items)
+
+
+def _refer(reference: Element, items: dict[str, Value]) -> None:
+    """Name and counters of a reference frame, which is spelt out or pointed at by its name."""
+    name, index = _frame_name(reference), _index(reference)
+    if name is None:
+        pointer = _text(reference, "local_identifier_reference") or ""
+        match = re.match(r"([A-Z_]+?FRAME)((?:_\d{1,9})*)", pointer, re.ASCII)
+        if match is None:
+            return
+        name = match[1]
+        index = tuple(int(count) for count in match[2].split("_") if count)
+    items["REFERENCE_COORD_SYSTEM_NAME"] = name
+    if index:
+        items["REFERENCE_COORD_SYSTEM_INDEX"] = index[0] if len(index) == 1 else index
+
+
+def _quaternion(turn: Element, source: str) -> Value:
+    numbers = _numbers(turn, ("qcos", "qsin1", "qsin2", "qsin3"))
+    direction = _text(turn, "rotation_direction") or "Forward"
+    if direction == "Reverse":
+        return tuple(
+            -value if place and isinstance(value, int | float) else value
+            for place, value in enumerate(numbers)
+        )
+    if direction not in {"Forward", "Present to Reference"}:
+        raise LabelError(
+            f"{source}: <rotation_direction> should be Forward or Reverse, "
+            f"but is {direction[:40]!a}"
+        )
+    return numbers
+
+
+def _add_directions(lander: Element, groups: Groups) -> None:
+    for derived in _all(lander, "Derived_Geometry"):
+        sun = _text(derived, "solar_azimuth") is not None
+        group = "SITE_DERIVED_GEOMETRY_PARMS" if sun else "ROVER_DERIVED_GEOMETRY_PARMS"
+        items: dict[str, Value] = {}
+        for element in derived:
+            name = local_name(element).upper()
+            number = number_of((element.text or "").strip())
+            if name.endswith(("AZIMUTH", "ELEVATION")) and number is not None:
+                items[name] = Quantity(number, element.get("unit", "deg"))
+        groups.setdefault(group, items)
+
+
+def _add_averaging(root: Element, groups: Groups) -> None:
+    """How many pixels were averaged in fact: not what was commanded."""
+    for imaging in _all(root, "Imaging"):
+        for element in imaging:
+            if local_name(element) == "Downsampling":
+                items: dict[str, Value] = {}
+                for name in ("width", "height"):
+                    count = number_of(_text(element, f"{name}_pixels") or "")
+                    if count is not None:
+                        items[f"PIXEL_AVERAGING_{name.upper()}"] = count
+                groups.setdefault("INSTRUMENT_STATE_PARMS", items)
+
+
+def _add_array(root: Element, groups: Groups, source: str) -> None:
+    """Where the pixels are; of several arrays the first."""
+    for name in ("Array_2D_Image", "Array_3D_Image"):
+        array = _first(root, name)
+        if array is not None:
+            groups["IMAGE"] = _array(array, source)
+            offset = number_of(_text(array, "offset") or "0")
+            if not isinstance(offset, int) or offset < 0:
+                raise LabelError(f"{source}: <offset> of {name} should be a number of bytes")
+            groups[""]["^IMAGE"] = Quantity(offset + 1, "BYTES")
+            return
+
+
+def _array(array: Element, source: str) -> dict[str, Value]:
+    axes: dict[int, tuple[str, str]] = {}
+    for axis in _all(array, "Axis_Array"):
+        place = number_of(_text(axis, "sequence_number") or "")
+        if not isinstance(place, int):
+            raise LabelError(f"{source}: <sequence_number> of Axis_Array should be a whole number")
+        axes[place] = ((_text(axis, "axis_name") or "").upper(), _text(axis, "elements") or "")
+    named = [axes[place] for place in sorted(axes)]
+    order = tuple(name for name, _ in named)
+    stated = _text(array, "data_type") or ""
+    sample_type, bits = DATA_TYPES.get(stated, ("", 0))
+    if order not in STORAGE or not sample_type:
+        raise LabelError(
+            f"{source}: an array of {stated[:40]!a} with axes {', '.join(order)[:60]!a} is not "
+            "read; expected Line, Sample and perhaps Band, of integers or IEEE reals"
+        )
+    sizes = {name: number_of(count) for name, count in named}
+    items: dict[str, Value] = {
+        "LINES": sizes["LINE"],
+        "LINE_SAMPLES": sizes["SAMPLE"],
+        "BANDS": sizes.get("BAND", 1),
+        "BAND_STORAGE_TYPE": STORAGE[order],
+        "SAMPLE_TYPE": sample_type,
+        "SAMPLE_BITS": bits,
+    }
+    for keyword in ("missing_constant", "invalid_constant"):
+        constant = number_of(_text(array, keyword) or "")
+        if constant is not None:
+            items[keyword.upper()] = constant
+    return items
+
+
+def _frame_name(space: Element) -> str | None:
+    return _text(space, "coordinate_space_frame_type")
+
+
+def _index(space: Element) -> tuple[Value, ...]:
+    """The counters of a frame, in their order."""
+    return tuple(
+        number_of(_text(index, "index_value_number") or "")
+        for index in _all(space, "Coordinate_Space_Index")
+    )
+
+
+def _numbers(parent: Element, names: Sequence[str]) -> tuple[Value, ...]:
+    return tuple(number_of(_text(parent, name) or "") for name in names)
+
+
+def _all(parent: Element, name: str) -> Iterator[Element]:
+    return (element for element in parent.iter() if local_name(element) == name)
+
+
+def _first(parent: Element, name: str) -> Element | None:
+    return next(_all(parent, name), None)
+
+
+def _text(parent: Element, name: str) -> str | None:
+    """The text of the first descendant of a name."""
+    element = _first(parent, name)
+    return None if element is None else " ".join((element.text or "").split())
