@@ -17,7 +17,7 @@ from config.settings import Settings
 from flows.outcomes import promised, settled
 from photogrammetry.imagery import StopId
 from photogrammetry.matching.neighbours import link_candidates
-from products.catalogue import MissionEntry, Outcome
+from products.catalogue import ImageEntry, MissionEntry, Outcome
 from products.crs import LandingPoint
 from products.model import ProductRef
 from products.workspace import Workspace
@@ -32,7 +32,13 @@ from tasks.publish import publish
 from tasks.quicklook import picture_pair, picture_terrain
 from tasks.scopes import sol_scope
 from tasks.slope import map_aspect, map_slope, shade_relief
-from tasks.telemetry import Telemetry, TelemetryStop, read_telemetry, vector_files
+from tasks.telemetry import (
+    Telemetry,
+    TelemetryStop,
+    read_telemetry,
+    vector_files,
+    why_unplaced,
+)
 from tasks.tie import StopProducts, link_stops, tie_stop
 from tasks.views import Orientation, OrientedPair
 
@@ -70,6 +76,10 @@ class SolInputs:
     """Stops first seen this sol."""
     touched: tuple[StopId, ...]
     """Stops that images of this sol were taken at."""
+    unplaced: tuple[StopId, ...]
+    """Stops of this sol that no chain of sites joins to the LSL."""
+    unpaired: tuple[ImageEntry, ...]
+    """Images of this sol that have no stereo partner."""
     window: tuple[TelemetryStop, ...]
     """Stops whose orientation this sol may change, and those linked to them."""
 
@@ -90,6 +100,10 @@ def process_sol(
     """Take one sol from raw images to published layers."""
     report = SolReport(mission, sol)
     inputs = gather(mission, sol, store, pipeline)
+    report.notes += [why_unplaced(stop) for stop in inputs.unplaced]
+    report.notes += [f"{e.id} is unpaired: {e.unpaired_because}" for e in inputs.unpaired]
+    if not inputs.touched:
+        return report  # none of the sol's stops can be placed
     matched = match_pairs(inputs, sol, report)
     network = adjust_stops(inputs, sol, previous, matched, report)
     if network is not None:
@@ -108,6 +122,7 @@ def gather(mission: str, sol: int, store: Path, pipeline: str) -> SolInputs:
     telemetry = read_telemetry(image_records(entries, workspace), vector_files(mission, workspace))
     stops = telemetry.stops
     touched = [stop for stop in stops if sol in stop.sols]
+    seen = {entry.stop for entry in entries if entry.sol == sol}
     new = [stop for stop in touched if stop.sols[0] == sol]
     first = min((stops.index(stop) for stop in touched), default=len(stops))
     recent = stops[max(0, first - WINDOW) :]
@@ -121,6 +136,8 @@ def gather(mission: str, sol: int, store: Path, pipeline: str) -> SolInputs:
         telemetry,
         tuple(stop.stop for stop in new),
         tuple(stop.stop for stop in touched),
+        tuple(stop for stop in telemetry.unplaced if str(stop) in seen),
+        tuple(entry for entry in entries if entry.sol == sol and entry.partner is None),
         tuple(stop for stop in stops if stop.stop in window),
     )
 
@@ -148,8 +165,6 @@ def match_pairs(inputs: SolInputs, sol: int, report: SolReport) -> dict[StopId, 
         pair: picture_pair.submit(matched, workspace.store) for pair, matched in done.items()
     }
     report.blame("picture", settled(f"sol {sol}: picture the matches", pictures)[1])
-    alone = [e for e in entries if e.sol == sol and e.partner is None]
-    report.notes += [f"{e.id} is unpaired: {e.unpaired_because}" for e in alone]
     matched: dict[StopId, list[PairProducts]] = {stop: [] for stop in sorted(window)}
     for products in done.values():
         matched[products.files.stop].append(products)

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from prefect import task
 from prefect.cache_policies import NO_CACHE
 
@@ -24,6 +25,7 @@ from photogrammetry.adjustment.records import (
     Network,
     PairGeometry,
     StopPrior,
+    select,
 )
 from photogrammetry.frames import Pose
 from photogrammetry.imagery import StopId
@@ -141,7 +143,13 @@ def _adjusted(
     params: AdjustmentParams,
 ) -> tuple[AdjustedNetwork, AdjustmentReport]:
     if before is None or step.new_stops:
-        return adjust_stepwise(before.adjusted if before else None, network, step.new_stops, params)
+        start = before.adjusted if before else None
+        adjusted, report = adjust_stepwise(start, network, step.new_stops, params)
+        if report.converged:
+            return adjusted, report
+        untied = Network(network.stops, network.pairs, select(network.ties, np.zeros(0, np.int64)))
+        stands, _ = adjust_stepwise(start, untied, step.new_stops, params)
+        return stands, replace(report, message="telemetry stands instead")
     held = set(network.stop_ids)  # new images of old stops: only their pointing is weighed
     return adjust(network, held, params, before.adjusted, "pointing at known stops")
 

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from photogrammetry.errors import FrameError
 from photogrammetry.frames import LSL, FrameTree, Pose
 from photogrammetry.imagery import RoverImage, StopId
 from photogrammetry.pds3.vector_files import VectorFile, lsl_tree, parse_vector_file, poses
-from products.catalogue import Outcome
 from products.model import ProductKind
 from products.workspace import Workspace
 
@@ -46,10 +45,15 @@ class Telemetry:
         for known in self.stops:
             if known.stop == stop:
                 return known
-        raise FrameError(
-            f"{stop} cannot be placed: no chain of sites joins site {stop.site} to the LSL; "
-            "deliver the site vector file (.svf) that does"
-        )
+        raise FrameError(why_unplaced(stop))
+
+
+def why_unplaced(stop: StopId) -> str:
+    """One line for a stop that cannot be put on the map."""
+    return (
+        f"{stop} is not on the map: no chain of sites joins site {stop.site} to the LSL; "
+        "deliver the site vector file (.svf) that does"
+    )
 
 
 def read_telemetry(images: Sequence[RoverImage], vector_files: Sequence[VectorFile]) -> Telemetry:
@@ -93,13 +97,3 @@ def vector_files(mission: str, workspace: Workspace) -> list[VectorFile]:
         if parsed.mission.upper() == mission:
             files.append(parsed)
     return files
-
-
-def unplaced_outcomes(telemetry: Telemetry, at: str) -> Iterable[Outcome]:
-    """One line for every stop that cannot be put on the map."""
-    for stop in telemetry.unplaced:
-        note = (
-            f"{stop} is not on the map: no chain of sites joins site {stop.site} to the LSL; "
-            "deliver the site vector file (.svf) that does"
-        )
-        yield Outcome(str(stop), is_failure=False, notes=(note,), at=at)

@@ -69,6 +69,8 @@ def is_whole(path: Path) -> bool:
         check_image(path)
     except (WrongContentError, FileNotFoundError):
         return False
+    except OSError as error:
+        raise DiskError(f"{path} cannot be read: {error.strerror or error}") from error
     return True
 
 

@@ -31,6 +31,7 @@ import httpx
 log = logging.getLogger(__name__)
 
 CHUNK_BYTES = 1 << 16
+"""Read at a time; an attempt that brought less is counted as fruitless."""
 MAX_REDIRECTS = 5
 MAX_FILE_BYTES = 1 << 30
 """Three times the largest index; a server that sends more is stopped."""
@@ -77,7 +78,7 @@ class TransferParams:
     connections: int = 3
     """Files at a time: the archive is shared by many."""
     attempts: int = 5
-    """Per file and mirror."""
+    """In a row that bring nothing new, per file and mirror."""
     first_wait_s: float = 1.0
     """Before the second attempt; doubled for each further one."""
     longest_wait_s: float = 60.0
@@ -171,16 +172,20 @@ class Transfer:
     def _from_mirror(
         self, url: str, target: Path, check: Callable[[Path], None], progress: Progress
     ) -> Fetched:
-        """As many attempts as it takes, and as are allowed."""
-        wait_s = self.params.first_wait_s
-        for number in range(1, self.params.attempts):
+        """Attempt after attempt, until as many as are allowed in a row brought nothing new."""
+        fruitless, best, part = 0, 0, _beside(target, ".part")
+        while True:
             try:
                 return self._attempt(url, target, check, progress)
             except _TryAgainError as error:
-                log.info("%s, attempt %d: %s", url, number, error)
+                log.info("%s: %s", url, error)
+                here = part.stat().st_size if part.is_file() else 0
+                fruitless = 1 if here >= best + CHUNK_BYTES else fruitless + 1
+                best = max(best, here)
+                if fruitless >= self.params.attempts:
+                    raise
+                wait_s = self.params.first_wait_s * 2 ** (fruitless - 1)
                 self._wait(min(max(wait_s, error.wait_s), self.params.longest_wait_s))
-                wait_s *= 2
-        return self._attempt(url, target, check, progress)
 
     def _attempt(
         self, url: str, target: Path, check: Callable[[Path], None], progress: Progress
@@ -304,7 +309,7 @@ def _write(file: BinaryIO, chunk: bytes, length: int | None) -> None:
 
 def _chunks(response: httpx.Response) -> Iterable[bytes]:
     try:
-        yield from response.iter_raw(CHUNK_BYTES)
+        yield from response.iter_raw()
     except httpx.TransportError as error:
         raise _TryAgainError(
             f"{response.url.host} broke off the transfer ({_said(error)})"
