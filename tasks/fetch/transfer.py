@@ -212,7 +212,11 @@ class Transfer:
             received = 0
             if response.status_code != HTTPStatus.REQUESTED_RANGE_NOT_SATISFIABLE:
                 received = _receive(response, part, start, source.length, progress)
-        _finish(part, target, source, check)
+        try:
+            _finish(part, target, source, check)
+        except WrongContentError:
+            notes.unlink(missing_ok=True)
+            raise
         return Fetched(target, url, received)
 
     @contextmanager
