@@ -1,15 +1,22 @@
-"""Camera models of Mars 2020, whose public raw images come with JSON metadata instead of labels.
+"""Raw images of Mars 2020, which come with JSON metadata instead of labels.
 
 `camera_model_component_list` holds the vectors of the model in the order of its letters, separated
 by semicolons, C;A;H;V;O;R;E, then for CAHVORE the two numbers T (type) and P (parameter), all in
-the rover frame. The metadata name site and drive, but no attitude of the rover: the camera can be
-used, the frame cannot be placed on the map without a vector file.
+the rover frame. The model belongs to the image as stored: frames come down in tiles of the sensor
+of 5120 x 3840 pixels, and the model of a tile has the image of the axis moved by its first pixel.
+
+`xyz` is where the rover stood in its site. Its attitude is only in some of the metadata, under
+`attitude`, a quaternion with the scalar first. Without one nothing can be placed on a map and a
+record with an invented attitude would lie, so then there is an error that says what is lacking, and
+who knows the pose from elsewhere (a vector file, a PLACES table) hands it over.
 """
 
 from __future__ import annotations
 
 import json
+import math
 import re
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -17,7 +24,10 @@ import numpy as np
 from photogrammetry.cameras.cahv import Cahv
 from photogrammetry.cameras.cahvor import Cahvor
 from photogrammetry.cameras.cahvore import Cahvore
-from photogrammetry.errors import CameraError, LabelError
+from photogrammetry.errors import CameraError, FrameError, LabelError
+from photogrammetry.frames import Pose, site_frame
+from photogrammetry.imagery import RoverImage, StopId
+from photogrammetry.pds3.missions import M2020, Mission
 
 MAX_CHARACTERS = 1 << 20
 LETTERS = {"CAHV": "cahv", "CAHVOR": "cahvor", "CAHVORE": "cahvore"}
@@ -30,7 +40,7 @@ def camera_of_metadata(text: str, source: str) -> Cahv | Cahvor | Cahvore:
     Raises:
         LabelError: the text is no such metadata, or its model is impossible.
     """
-    metadata = _metadata(text, source)
+    metadata = _flat(_metadata(text, source))
     model_type = metadata.get("camera_model_type")
     letters = LETTERS.get(model_type) if isinstance(model_type, str) else None
     if letters is None:
@@ -64,6 +74,111 @@ def camera_of_metadata(text: str, source: str) -> Cahv | Cahvor | Cahvore:
         return Cahvore(**vectors, type=int(kind), parameter=float(parameter))
     except CameraError as error:
         raise LabelError(f"{source}: camera_model_component_list: {error}") from error
+
+
+def rover_image_of_metadata(
+    text: str, source: str, mission: Mission = M2020, *, site_from_rover: Pose | None = None
+) -> RoverImage:
+    """The record of a raw image.
+
+    Args:
+        text: its metadata.
+        source: the name of their file.
+        mission: whose instruments they are.
+        site_from_rover: where the rover stood, if the metadata do not say.
+
+    Raises:
+        LabelError: something is missing or broken; above all, the attitude of the rover.
+    """
+    metadata = _flat(_metadata(text, source))
+    camera = camera_of_metadata(json.dumps(metadata), source)
+    instrument = str(metadata.get("instrument")).upper()
+    if instrument not in mission.instruments:
+        raise LabelError(
+            f"{source}: instrument {instrument[:40]!a} is no camera that is known here"
+        )
+    name, eye = mission.instruments[instrument]
+    site, drive = (_counter(metadata, key, source) for key in ("site", "drive"))
+    stop = StopId(mission.hosts[0], site, drive)
+    samples, lines = (int(size) for size in _list(metadata, "dimension", 2, source))
+    if min(samples, lines) < 1:
+        raise LabelError(f"{source}: dimension {samples} x {lines} is no image")
+    image_id = str(metadata.get("imageid") or source).rpartition("/")[2].partition(".")[0].upper()
+    try:
+        return RoverImage(
+            id=image_id,
+            stop=stop,
+            sol=_counter(metadata, "sol", source),
+            instrument=name,
+            eye=eye,
+            filter_number=None,
+            clock=_clock(metadata, source),
+            motion_counter=(site, drive),
+            sequence=image_id[35:44].lower(),
+            product_type=image_id[23:26] or "RAW",
+            is_linearised=False,
+            lines=lines,
+            samples=samples,
+            camera=camera,
+            site_from_rover=site_from_rover or _site_from_rover(metadata, stop, source),
+            attitude_measured_by="UNKNOWN",
+            local_solar_time=None,
+            start_time=str(metadata["date_taken_utc"]) if "date_taken_utc" in metadata else None,
+            sun_azimuth=None,
+            sun_elevation=None,
+        )
+    except FrameError as error:
+        raise LabelError(f"{source}: {error}") from error
+
+
+def _site_from_rover(metadata: dict[str, Any], stop: StopId, source: str) -> Pose:
+    """The pose in the metadata, where they hold a whole one."""
+    if not metadata.get("attitude"):
+        raise LabelError(
+            f"{source}: the metadata name site {stop.site} and drive {stop.drive}, but no attitude "
+            "of the rover; give its pose, of a vector file or PLACES table, to place the image"
+        )
+    quaternion, offset_m = (
+        np.array(_list(metadata, key, count, source))
+        for key, count in (("attitude", 4), ("xyz", 3))
+    )
+    return Pose.of_quaternion(site_frame(stop.site), stop.frame, quaternion, offset_m)
+
+
+def _flat(metadata: dict[str, Any]) -> dict[str, Any]:
+    """Metadata with the parts `camera` and `extended` of the image list's form laid open."""
+    parts = [metadata.get(key) for key in ("extended", "camera")]
+    flat = {key: value for part in parts if isinstance(part, dict) for key, value in part.items()}
+    return {**flat, **metadata}
+
+
+def _counter(metadata: dict[str, Any], key: str, source: str) -> int:
+    text = str(metadata.get(key))
+    if not re.fullmatch(r"\d{1,9}", text, re.ASCII):
+        raise LabelError(f"{source}: {key} should be a whole number, but is {text[:40]!a}")
+    return int(text)
+
+
+def _clock(metadata: dict[str, Any], source: str) -> float:
+    try:
+        clock = float(metadata.get("sclk"))  # type: ignore[arg-type] # refused below
+    except (TypeError, ValueError):
+        clock = math.nan
+    if not math.isfinite(clock):
+        raise LabelError(f"{source}: sclk should be seconds, but is {metadata.get('sclk')!a:.40}")
+    return clock
+
+
+def _list(metadata: dict[str, Any], key: str, count: int, source: str) -> Sequence[float]:
+    """Numbers written as "(1,2)" or as a list."""
+    value = metadata.get(key)
+    words = (
+        [str(v) for v in value] if isinstance(value, list) else str(value).strip("() ").split(",")
+    )
+    numbers = [float(word) for word in words if _NUMBER.fullmatch(word.strip())]
+    if len(words) != count or len(numbers) != count or not all(map(math.isfinite, numbers)):
+        raise LabelError(f"{source}: {key} should be {count} numbers, but is {value!a:.60}")
+    return numbers
 
 
 def _metadata(text: str, source: str) -> dict[str, Any]:

@@ -245,12 +245,12 @@ def _measured(values: np.ndarray, missing: tuple[float, ...]) -> np.ndarray:
     for constant in missing:
         lost = values == constant
         if constant == 0 and values.dtype.kind != "f":
-            lost = _in_runs(lost)
+            lost = in_runs(lost)
         measured &= ~lost
     return measured
 
 
-def _in_runs(zero: np.ndarray) -> np.ndarray:
+def in_runs(zero: np.ndarray) -> np.ndarray:
     """The patches of `zero` that hold a block of 3 x 3 or a run of `RUN`."""
     if not zero.any():
         return zero
