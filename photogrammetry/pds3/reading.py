@@ -17,7 +17,7 @@ from photogrammetry.pds3.missions import MISSIONS, Mission
 from photogrammetry.pds3.pixels import read_pixels
 from photogrammetry.pds3.usability import received, saturated
 from photogrammetry.pds3.vicar import START, parse_vicar_label
-from photogrammetry.pds3.vignetting import RadialVignetting, evened_out, needs_flat_field
+from photogrammetry.pds3.vignetting import FlatField, RadialVignetting, evened_out, needs_flat_field
 
 BEGINNINGS = (b"PDS_VERSION_ID", b"ODL_VERSION_ID", b"CCSD")
 """What an attached label starts with; CCSD is the wrapper some volumes put before it."""
@@ -41,7 +41,7 @@ class Radiometry:
     """What is done to pixels that the label says are coded or darkened; nothing unless given."""
 
     companding: Companding = field(default_factory=Companding)
-    flat_fields: Mapping[str, GreyImage | RadialVignetting] = field(default_factory=dict)
+    flat_fields: Mapping[str, FlatField | RadialVignetting] = field(default_factory=dict)
     """By INSTRUMENT_ID, for the full frame."""
 
 

@@ -17,13 +17,17 @@ FIRST_LINE_SAMPLE, those of averaged images averaged alike.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 
-from photogrammetry.arrays import GreyImage
+from photogrammetry.arrays import Float32, GreyImage
 from photogrammetry.errors import PixelError
 from photogrammetry.pds3.image import pixel_averaging
 from photogrammetry.pds3.label import Label
+
+FlatField: TypeAlias = Float32[np.ndarray, "detector_lines detector_samples"]
+"""Share of the light that reaches each pixel of a full frame, 1 in the middle."""
 
 LEAST = 0.05
 """A lens that lets less than this through at the edge is no lens, but a fault of the model."""
@@ -40,7 +44,7 @@ class RadialVignetting:
     """(sample, line) of the brightest place; None: the middle of the frame."""
     source: str = "given"
 
-    def flat_field(self, lines: int, samples: int) -> GreyImage:
+    def flat_field(self, lines: int, samples: int) -> FlatField:
         """F on a full frame.
 
         Raises:
@@ -70,7 +74,7 @@ def needs_flat_field(label: Label) -> bool:
 
 
 def evened_out(
-    pixels: GreyImage, label: Label, flat: GreyImage | RadialVignetting, detector: int = 1024
+    pixels: GreyImage, label: Label, flat: FlatField | RadialVignetting, detector: int = 1024
 ) -> GreyImage:
     """Pixels divided by the part of a full frame's flat field that they saw.
 
@@ -90,7 +94,7 @@ def evened_out(
     return pixels / part
 
 
-def _part(full: GreyImage, label: Label, lines: int, samples: int) -> GreyImage:
+def _part(full: FlatField, label: Label, lines: int, samples: int) -> GreyImage:
     """The flat field of the detector's part that an image shows, averaged as it was."""
     width, height = pixel_averaging(label)
     first_line = (label.optional("IMAGE", "FIRST_LINE", int) or 1) - 1
