@@ -18,7 +18,7 @@ def report_of(finding: Mapping[str, Any]) -> str:
         *_camera(finding["camera"]),
         *_rover(finding["rover"]),
         ("sun", _sun(finding["sun"])),
-        ("partner", finding["partner"]["product"] or f"none: {finding['partner']['why_none']}"),
+        ("partner", _partner(finding["partner"])),
     ]
     return "\n".join([finding["product"], *(f"  {name:<9}{text}" for name, text in rows if text)])
 
@@ -28,7 +28,7 @@ def _taken(finding: Mapping[str, Any]) -> str:
     if finding["local_solar_time"]:
         parts.append(f"{finding['local_solar_time']} local solar time")
     if finding["start_time"]:
-        parts.append(f"{finding['start_time']} UTC")
+        parts.append(f"{finding['start_time'].removesuffix('Z')} UTC")
     return ", ".join(parts)
 
 
@@ -92,6 +92,10 @@ def _sun(sun: Mapping[str, Any] | None) -> str:
         return ""
     azimuth, elevation = sun["in_site_deg"]
     return f"at azimuth {azimuth:.2f}, elevation {elevation:.2f} deg in the site frame"
+
+
+def _partner(partner: Mapping[str, Any]) -> str:
+    return partner["product"] or f"none lies beside it: {partner['why_none']}"
 
 
 def _numbers(values: Iterable[float], digits: int, between: str = ", ") -> str:

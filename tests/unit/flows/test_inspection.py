@@ -1,0 +1,213 @@
+"""What `solmap inspect` says of an image is what its label, model and pixels say."""
+
+import json
+import math
+import shutil
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from flows.cli import app
+from flows.inspection import InspectionError, inspect_file, inspect_files, write_png
+from flows.inspection_text import report_of
+from photogrammetry.pds3.reading import read_image
+from photogrammetry.synthetic.traverse import TraverseParams
+from photogrammetry.synthetic.world import WorldParams, make_world, render_jobs
+
+SPIRIT = "mer_spirit_sol1869_troy/2n292280938effb100p0703l0m1.img"
+
+
+@pytest.fixture(scope="module")
+def world():
+    """A stereo pair of a synthetic world, and what is true of it."""
+    return make_world(WorldParams("plains", TraverseParams(stops=1), pairs=1, averaging=4), 5)
+
+
+@pytest.fixture(scope="module")
+def rendered(world, tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("pair")
+    for job in render_jobs(world):
+        file = job.run(world)
+        (folder / Path(file.path).name).write_bytes(file.data)
+    return folder
+
+
+@pytest.fixture
+def pair(rendered, tmp_path) -> tuple[Path, Path]:
+    """Left and right image in a folder of their own."""
+    left, right = sorted(Path(shutil.copytree(rendered, tmp_path / "pair")).iterdir())
+    return left, right
+
+
+def test_directions_of_a_real_image_agree_with_the_published_ones(shared_data):
+    """Facts 2.3 and 2.4: of the mast's x axis, computed from the quaternions of the label."""
+    found = inspect_file(shared_data / SPIRIT)
+    mast = found["pointing"]["mast"]
+    assert mast["in_rover_deg"] == pytest.approx([141.994, -25.7423], abs=2e-3)  # six digits
+    assert mast["in_site_deg"] == pytest.approx([144.0022, -16.9834], abs=2e-3)
+    assert found["rover"]["roll_pitch_yaw_deg"] == pytest.approx(
+        [-11.08874, -2.19743, 5.03125], abs=1e-4
+    )
+    assert found["sun"]["in_site_deg"] == pytest.approx([131.496, 78.801])
+
+
+def test_a_real_image_is_described(shared_data):
+    found = inspect_file(shared_data / SPIRIT)
+    assert (found["mission"], found["sol"], found["site"], found["drive"]) == ("MER2", 1869, 137, 0)
+    assert (found["instrument"], found["eye"], found["filter"]) == ("NAVCAM", "left", None)
+    assert found["local_solar_time"] == "11:23:54"
+    assert found["camera"]["model"] == "CAHVOR"
+    assert found["camera"]["field_of_view_deg"] == pytest.approx([45, 45], abs=1.5)  # Maki 2003
+    assert found["size"]["masked_share"] == pytest.approx(0.0, abs=0.01)
+    assert found["partner"]["product"] is None
+    assert "no right-eye partner" in found["partner"]["why_none"]
+
+
+def test_the_middle_of_the_image_is_where_the_camera_was_turned_to(world, pair):
+    """The rig's cameras look along the mast's x axis, but for the angles of their mounting."""
+    found = inspect_file(pair[0])
+    middle, mast = found["pointing"]["image_centre"], found["pointing"]["mast"]
+    for frame in ("in_rover_deg", "in_site_deg"):
+        azimuth, elevation = np.subtract(middle[frame], mast[frame])
+        assert abs(azimuth) < 1.0
+        assert abs(elevation) < 1.0
+    exposure = world.exposure(world.shots[0], render_jobs(world)[0].eye)
+    assert found["rover"]["in_site_m"] == pytest.approx(
+        exposure.site_from_rover.translation_m.tolist(), abs=1e-4
+    )
+    assert found["sun"]["in_site_deg"][1] == pytest.approx(
+        math.degrees(exposure.sun.elevation), abs=1e-3
+    )
+
+
+def test_turning_into_the_site_turns_by_the_rovers_attitude(pair):
+    """A level rover would look in the site where it looks in the rover, turned by its yaw."""
+    found = inspect_file(pair[0])
+    roll, pitch, yaw = found["rover"]["roll_pitch_yaw_deg"]
+    (a, e), (a_site, e_site) = (
+        found["pointing"]["mast"][frame] for frame in ("in_rover_deg", "in_site_deg")
+    )
+    tilt = math.hypot(roll, pitch)
+    across = tilt / math.cos(math.radians(max(abs(e), abs(e_site))))
+    assert abs((a_site - a - yaw + 180) % 360 - 180) <= across + 1e-6
+    assert abs(e_site - e) <= tilt + 1e-6
+
+
+def test_the_partner_that_lies_beside_is_found_from_either_side(pair):
+    left, right = pair
+    assert inspect_file(left)["partner"] == {
+        "product": right.stem.upper(),
+        "file": str(right),
+        "why_none": None,
+    }
+    assert inspect_file(right)["partner"]["product"] == left.stem.upper()
+    right.unlink()
+    assert "no right-eye partner" in inspect_file(left)["partner"]["why_none"]
+
+
+def test_a_broken_neighbour_is_no_partner_and_no_fault(pair):
+    left, right = pair
+    right.write_bytes(b"no image")
+    assert inspect_file(left)["partner"]["product"] is None
+
+
+def test_the_share_of_masked_pixels_is_counted(pair):
+    data = bytearray(pair[0].read_bytes())
+    read = read_image(bytes(data), pair[0].name)
+    lines, samples = read.pixels.shape
+    data[-(lines // 4) * samples * 2 :] = bytes((lines // 4) * samples * 2)  # a lost quarter
+    pair[0].write_bytes(bytes(data))
+    assert inspect_file(pair[0])["size"]["masked_share"] == pytest.approx(0.25, abs=0.01)
+
+
+def test_a_label_alone_is_described_without_its_pixels(shared_data):
+    found = inspect_file(shared_data / "labels" / "1F490747543EFFCNY9P1214L0M1.lbl")
+    assert found["camera"]["model"] == "CAHVORE"
+    assert found["size"]["masked_share"] is None
+    assert "mast" not in found["pointing"]  # Hazcams sit on the body
+    assert found["camera"]["field_of_view_deg"] == pytest.approx([124, 124], abs=4)  # Maki 2003
+    assert "masked" not in report_of(found)
+
+
+def test_every_real_image_can_be_inspected(shared_data):
+    files = sorted(shared_data.rglob("*.[iI][mM][gG]"))
+    findings, faults = inspect_files(files)
+    (fault,) = faults  # the one whose label was altered
+    assert fault.startswith("1p216067135edn76pop2102l2m1.img: truncated")
+    assert len(findings) == len(files) - 1
+    for found in findings:
+        assert json.loads(json.dumps(found)) == found
+        assert found["product"] in report_of(found)
+
+
+def test_the_picture_is_the_stretched_image(pair, tmp_path):
+    write_png(pair[0], tmp_path / "picture.png")
+    picture = cv2.imread(str(tmp_path / "picture.png"), cv2.IMREAD_UNCHANGED)
+    read = read_image(pair[0].read_bytes(), pair[0].name)
+    assert picture.dtype == np.uint8
+    assert picture.shape == read.pixels.shape
+    assert (picture == 0).mean() == pytest.approx(0.01, abs=0.01)  # the lowest percent is black
+    assert (picture == 255).mean() == pytest.approx(0.01, abs=0.01)
+    order = np.argsort(read.pixels.ravel(), kind="stable")
+    assert (np.diff(picture.ravel()[order].astype(int)) >= 0).all()
+
+
+def test_a_picture_that_cannot_be_written_says_so(pair, tmp_path):
+    with pytest.raises(InspectionError, match=r"x.png cannot be written: No such file"):
+        write_png(pair[0], tmp_path / "nowhere" / "x.png")
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        (b"", "n.img: the file is empty"),
+        (b"just text", "n.img: not a PDS3 image"),
+        (b"PDS_VERSION_ID = PDS3\nEND\n", "INSTRUMENT_HOST_ID is missing"),
+    ],
+)
+def test_a_broken_file_gives_one_line_that_names_it(tmp_path, data, message):
+    file = tmp_path / "n.img"
+    file.write_bytes(data)
+    _, (line,) = inspect_files([file])
+    assert message in line
+    assert "n.img" in line
+    assert "\n" not in line
+
+
+def test_a_truncated_file_and_one_that_is_not_there_are_named(pair, tmp_path):
+    pair[0].write_bytes(pair[0].read_bytes()[:-1000])
+    _, faults = inspect_files([pair[0], tmp_path / "gone.img", tmp_path])
+    assert "truncated" in faults[0]
+    assert faults[1].endswith("gone.img cannot be read: No such file or directory")
+    assert faults[2].endswith("cannot be read: Is a directory")
+
+
+# On the command line
+
+
+def test_the_command_prints_what_is_good_and_exits_with_one_if_anything_is_broken(pair, tmp_path):
+    broken = tmp_path / "broken.img"
+    broken.write_text("nothing")
+    result = CliRunner().invoke(app, ["inspect", str(pair[0]), str(broken), str(pair[1])])
+    assert result.exit_code == 1
+    assert "error broken.img: not a PDS3 image" in result.output
+    assert pair[0].stem.upper() in result.output
+    assert pair[1].stem.upper() in result.output
+
+
+def test_the_command_writes_json_and_a_picture(pair, tmp_path):
+    picture = tmp_path / "x.png"
+    result = CliRunner().invoke(app, ["inspect", str(pair[0]), "--json", "--png", str(picture)])
+    assert result.exit_code == 0
+    (found,) = json.loads(result.output)
+    assert found["product"] == pair[0].stem.upper()
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_picture_of_several_images_is_refused(pair, tmp_path):
+    result = CliRunner().invoke(app, ["inspect", *map(str, pair), "--png", str(tmp_path / "x.png")])
+    assert result.exit_code == 1
+    assert "picture of one image, but 2 are named" in result.output.replace("\n", " ")
