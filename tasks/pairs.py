@@ -60,11 +60,12 @@ def pairs_of(entries: Iterable[ImageEntry]) -> list[PairFiles]:
 
 def read_pair(pair: PairFiles, store: ProductStore) -> tuple[ReadImage, ReadImage]:
     """Both images of a pair, label and pixels."""
-    left, right = (
-        read_image(store.path(ref).read_bytes(), f"{ref.scope.name}.img")
-        for ref in (pair.left, pair.right)
-    )
-    return left, right
+    return read_product_image(pair.left, store), read_product_image(pair.right, store)
+
+
+def read_product_image(ref: ProductRef, store: ProductStore) -> ReadImage:
+    """An ingested image, label and pixels."""
+    return read_image(store.path(ref).read_bytes(), f"{ref.scope.name}.img")
 
 
 def pair_frame(image: RoverImage) -> Frame:

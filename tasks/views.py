@@ -9,10 +9,13 @@ import numpy as np
 
 from photogrammetry.adjustment.records import AdjustedPair
 from photogrammetry.frames import LSL, Pose
+from photogrammetry.imagery import Eye
+from photogrammetry.matching.resampling import resample
 from photogrammetry.terrain.records import TerrainView
+from products.arrays import read_matches, read_parallax
 from products.model import ProductRef
 from products.store import ProductStore
-from tasks.pairs import PairProducts, read_matched_pair
+from tasks.pairs import PairProducts, read_product_image
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +50,7 @@ class OrientedPair:
     @property
     def inputs(self) -> tuple[ProductRef, ...]:
         """The products that mapping reads."""
-        return (self.products.files.left, self.products.parallax)
+        return (self.products.files.left, self.products.matches, self.products.parallax)
 
 
 def inputs_of(pairs: Iterable[OrientedPair]) -> tuple[ProductRef, ...]:
@@ -61,8 +64,11 @@ def read_views(pairs: Iterable[OrientedPair], store: ProductStore) -> list[Terra
 
 
 def _read_view(pair: OrientedPair, store: ProductStore) -> TerrainView:
-    matched = read_matched_pair(pair.products, store)
-    geometry = matched.images.geometry
+    """Only the left image is resampled: the right one has given its parallax."""
+    files = pair.products.files
+    geometry, _ = read_matches(store.path(pair.products.matches))
+    left = read_product_image(files.left, store)
+    image, mask = resample(left.pixels, left.mask, left.image.camera, geometry, Eye.LEFT)
     lsl_from_pair = Pose(
         LSL,
         geometry.rover_from_pair.source,
@@ -70,11 +76,11 @@ def _read_view(pair: OrientedPair, store: ProductStore) -> TerrainView:
         np.array(pair.orientation.translation_m),
     )
     return TerrainView(
-        pair_id=matched.pair_id,
-        instrument=matched.instrument,
+        pair_id=files.id,
+        instrument=files.instrument,
         lsl_from_pair=lsl_from_pair,
         geometry=geometry,
-        parallax=matched.parallax,
-        image=matched.images.left,
-        mask=matched.images.left_mask,
+        parallax=read_parallax(store.path(pair.products.parallax)),
+        image=image,
+        mask=mask,
     )
