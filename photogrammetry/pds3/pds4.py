@@ -173,10 +173,11 @@ def _add_frames(lander: Element, groups: Groups, source: str) -> None:
         group = FRAMES.get((_frame_name(present) if present is not None else None) or "")
         if group is None or present is None or group in groups:
             continue
-        items: dict[str, Value] = {"COORDINATE_SYSTEM_INDEX": _index(present)}
+        index = _index(present)
+        items: dict[str, Value] = {"COORDINATE_SYSTEM_INDEX": _single(index)}
         groups[group] = items
         if group == "ROVER_COORDINATE_SYSTEM":
-            groups[""]["ROVER_MOTION_COUNTER"] = items["COORDINATE_SYSTEM_INDEX"]
+            groups[""]["ROVER_MOTION_COUNTER"] = index
         offset = _first(space, "Vector_Origin_Offset")
         if offset is not None:
             items["ORIGIN_OFFSET_VECTOR"] = _numbers(offset, VECTORS["C"][1])
@@ -202,7 +203,12 @@ def _refer(reference: Element, items: dict[str, Value]) -> None:
         index = tuple(int(count) for count in match[2].split("_") if count)
     items["REFERENCE_COORD_SYSTEM_NAME"] = name
     if index:
-        items["REFERENCE_COORD_SYSTEM_INDEX"] = index[0] if len(index) == 1 else index
+        items["REFERENCE_COORD_SYSTEM_INDEX"] = _single(index)
+
+
+def _single(index: tuple[Value, ...]) -> Value:
+    """One counter as it stands, several as a list: so PDS3 writes them."""
+    return index[0] if len(index) == 1 else index
 
 
 def _quaternion(turn: Element, source: str) -> Value:

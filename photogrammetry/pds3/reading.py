@@ -14,6 +14,7 @@ from photogrammetry.pds3.companding import Companding, coded_by, expanded
 from photogrammetry.pds3.image import rover_image
 from photogrammetry.pds3.label import Label, label_text, parse_label
 from photogrammetry.pds3.missions import MISSIONS, Mission
+from photogrammetry.pds3.pds4 import parse_pds4_label
 from photogrammetry.pds3.pixels import read_pixels
 from photogrammetry.pds3.usability import received, saturated
 from photogrammetry.pds3.vicar import START, parse_vicar_label
@@ -60,7 +61,7 @@ def read_image(
         data: the whole file.
         name: its name; says the product type and stands in every complaint.
         missions: whose labels are understood.
-        detached_label: the text of a label in a file of its own, if there is one.
+        detached_label: the text of a label in a file of its own, PDS3 or PDS4, if there is one.
         correct_half_pixel: put the camera model of averaged images right (see `image`).
         radiometry: tables of coded pixels and flat fields, where there are any.
 
@@ -140,7 +141,11 @@ def read_label(data: bytes, name: str) -> Label:
 
 
 def _label(data: bytes, name: str, detached_label: str | None) -> Label:
-    return read_label(data, name) if detached_label is None else parse_label(detached_label, name)
+    if detached_label is None:
+        return read_label(data, name)
+    if detached_label.lstrip("\ufeff \t\r\n").startswith("<"):
+        return parse_pds4_label(detached_label, name)
+    return parse_label(detached_label, name)
 
 
 def _image(

@@ -80,7 +80,7 @@ TARGETS: dict[str, tuple[Callable[[bytes], object], tuple[str, ...]]] = {
     "image": (image, ("labels/*.lbl", "labels/*.vicar_header.txt")),
     "detached": (detached, ("labels/*.LBL",)),
     "raster": (lambda data: read_raster(data, "x.img"), ("labels/*.lbl",)),
-    "pds4": (text_of(parse_pds4_label), ("../../main/tests/unit/pds3/*.xml",)),
+    "pds4": (text_of(parse_pds4_label), ("*.xml",)),
     "metadata": (text_of(rover_image_of_metadata), ("m2020*/*.json",)),
     "camera": (text_of(camera_of_metadata), ("m2020*/*.json",)),
     "vectors": (lambda data: chain(data.decode("utf-8", "replace")), ("traverse/*/*.?vf",)),
@@ -93,7 +93,9 @@ TARGETS: dict[str, tuple[Callable[[bytes], object], tuple[str, ...]]] = {
 
 def seeds(patterns: tuple[str, ...]) -> list[bytes]:
     """Beginnings of real files, and nothing at all."""
-    found = [path.read_bytes()[:MAX_SEED] for pattern in patterns for path in SHARED.glob(pattern)]
+    folders = (SHARED, ROOT / "tests" / "unit" / "pds3")
+    paths = [path for pattern in patterns for folder in folders for path in folder.glob(pattern)]
+    found = [path.read_bytes()[:MAX_SEED] for path in paths]
     return [b"", NAME.encode(), *found]
 
 

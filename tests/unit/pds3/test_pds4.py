@@ -1,0 +1,121 @@
+import contextlib
+import math
+import random
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from photogrammetry.cameras.cahv import interior_orientation
+from photogrammetry.cameras.cahvore import Cahvore
+from photogrammetry.errors import LabelError
+from photogrammetry.frames import rotation_of_quaternion, rover_frame, site_frame
+from photogrammetry.imagery import Eye
+from photogrammetry.pds3.image import rover_image
+from photogrammetry.pds3.pds4 import parse_pds4_label
+from photogrammetry.pds3.reading import read_image, read_image_record
+
+NAME = "NLF_0629_0722782785_631ECM_N0301344NCAM00427_06_095J01.IMG"
+XML = (Path(__file__).parent / "navcam_of_perseverance.xml").read_text()
+QUATERNION = np.array([0.174493, 0.034765, 0.0422949, -0.983135])
+
+
+@pytest.fixture
+def pixels(rng):
+    return rng.integers(1, 255, (3, 2, 3), dtype=np.uint8)
+
+
+def test_a_pds4_product_is_an_image_like_any_other(pixels):
+    read = read_image(bytes(16) + pixels.tobytes(), NAME, detached_label=XML)
+    np.testing.assert_allclose(read.pixels, pixels.mean(axis=0), rtol=1e-6)
+    assert read.mask.all()
+    image = read.image
+    assert (image.stop.mission, image.stop.site, image.stop.drive) == ("M20", 30, 1344)
+    assert (image.instrument, image.eye, image.filter_number) == ("NAVCAM", Eye.LEFT, None)
+    assert (image.sol, image.clock, image.sequence) == (629, 722782785.631, "ncam00427")
+    assert image.motion_counter == (30, 1344, 4)
+    assert image.attitude_measured_by == "SUN_FIND"
+    assert not image.is_linearised
+    assert image.start_time == "2022-11-27T01:08:36.002Z"
+    assert math.degrees(image.sun_elevation) == pytest.approx(58.718)
+    assert math.degrees(image.sun_azimuth) == pytest.approx(6.01225)
+
+
+def test_the_geometry_of_telemetry_counts():
+    image = read_image_record(b"", NAME, detached_label=XML)
+    assert isinstance(image.camera, Cahvore)
+    assert (image.camera.type, image.camera.parameter) == (2, 0.0)
+    np.testing.assert_array_equal(image.camera.c, [0.955584, 0.764515, -1.95254])
+    np.testing.assert_array_equal(image.camera.e, [-8.0e-09, 1.0e-08, -2.9e-08])
+    pose = image.site_from_rover
+    assert (pose.target, pose.source) == (site_frame(30), rover_frame(30, 1344))
+    np.testing.assert_array_equal(pose.translation_m, [94.6281, -118.938, -7.51133])
+    np.testing.assert_allclose(pose.rotation, rotation_of_quaternion(QUATERNION), atol=1e-15)
+
+
+def test_the_model_of_a_tile_is_that_of_the_tile():
+    """Tile 6 of 16 starts some 1272 pixels into a sensor whose axis is at about (2595, 1945)."""
+    camera = read_image_record(b"", NAME, detached_label=XML).camera
+    inner = interior_orientation(camera.a, camera.h, camera.v)
+    assert 0 < inner.hc - 2 * (1296 / 2) + 1272 < 2600
+    assert inner.hc == pytest.approx(2595 - 1272, abs=30)
+
+
+def test_the_label_places_the_site_in_the_one_before():
+    pose = read_image_record(b"", NAME, detached_label=XML).parent_from_site
+    assert pose is not None
+    assert (pose.target, pose.source) == (site_frame(29), site_frame(30))
+    np.testing.assert_array_equal(pose.translation_m, [36.576, -10.604, -1.15378])
+
+
+def test_a_reverse_quaternion_is_turned_round():
+    reverse = XML.replace("Forward", "Reverse", 1)
+    pose = read_image_record(b"", NAME, detached_label=reverse).site_from_rover
+    np.testing.assert_allclose(pose.rotation, rotation_of_quaternion(QUATERNION).T, atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "complaint"),
+    [
+        ("mars2020_navcam", "cassini_iss", "names no mission known here"),
+        ("Product_Observational", "Product_Browse", "expected <Product_Observational>, found <Pr"),
+        (
+            "UnsignedByte",
+            "ComplexMSB16",
+            "an array of 'ComplexMSB16' with axes 'BAND, LINE, SAMPLE'",
+        ),
+        (">Band<", ">Time<", "with axes 'TIME, LINE, SAMPLE' is not"),
+        ("<sequence_number>1<", "<sequence_number>x<", "<sequence_number> of Axis_Array should"),
+        ('<offset unit="byte">16', '<offset unit="byte">-16', "<offset> of Array_3D_Image"),
+        ("Forward", "Sideways", "<rotation_direction> should be Forward or Reverse"),
+        ("NAVCAM_LEFT", "EDL_CAM", "INSTRUMENT_ID 'EDL_CAM' is no camera"),
+        ("<geom:qcos>0.174493", "<geom:qcos>many", "ORIGIN_ROTATION_QUATERNION should be a num"),
+        ("<geom:c1>0.0501396", "<geom:c1>", "MODEL_COMPONENT_6 should be a number"),
+        ("SITE_FRAME_30", "", "site"),
+        ("<?xml version", "<!DOCTYPE a []><?xml version", "line 1: <!DOCTYPE is refused"),
+    ],
+)
+def test_a_broken_label_is_refused_in_one_line(old, new, complaint):
+    changed = XML.replace(old, new)
+    assert changed != XML
+    if complaint == "site":  # the site is then that of the rover's own counters
+        record = read_image_record(b"", NAME, detached_label=changed)
+        assert record.site_from_rover.target == site_frame(30)
+        return
+    with pytest.raises(LabelError, match=complaint) as caught:
+        rover_image(parse_pds4_label(changed, NAME), NAME)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_label_with_characters_changed_is_read_or_refused():
+    chance = random.Random(2021)  # noqa: S311 - no secrets
+    refused = 0
+    for _ in range(300):
+        text = list(XML)
+        for _ in range(chance.randint(1, 6)):
+            text[chance.randrange(len(text))] = chance.choice("<>/&\"'=;09-eE.\0 x")
+        with contextlib.suppress(LabelError):
+            read_image_record(b"", NAME, detached_label="".join(text))
+            continue
+        refused += 1
+    assert 0 < refused < 300
