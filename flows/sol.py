@@ -8,6 +8,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from prefect import flow
 from prefect.task_runners import ThreadPoolTaskRunner
 
@@ -17,6 +18,7 @@ from config.settings import Settings
 from flows.outcomes import promised, settled
 from photogrammetry.imagery import StopId
 from photogrammetry.matching.neighbours import link_candidates
+from products.arrays import read_right_turn
 from products.catalogue import ImageEntry, MissionEntry, Outcome
 from products.crs import LandingPoint
 from products.model import ProductRef
@@ -168,6 +170,12 @@ def match_pairs(inputs: SolInputs, sol: int, report: SolReport) -> dict[StopId, 
     matched: dict[StopId, list[PairProducts]] = {stop: [] for stop in sorted(window)}
     for products in done.values():
         matched[products.files.stop].append(products)
+        turn = read_right_turn(workspace.store.path(products.matches))
+        if turn is not None and products.files.sol == sol:
+            report.notes.append(
+                f"{products.files.id}: rows did not correspond; the right camera was turned by "
+                f"{np.rad2deg(np.linalg.norm(turn)):.3f} degrees from its label's model"
+            )
     return matched
 
 

@@ -105,12 +105,23 @@ def write_matches(
     geometry: EpipolarPair,
     matches: StereoMatches,
     mast_in_rover: tuple[float, float, float] | None = None,
+    right_turn: tuple[float, float, float] | None = None,
 ) -> None:
-    """Write the intra-stereo matches of a pair and the geometry they were measured in."""
+    """Write the intra-stereo matches of a pair and the geometry they were measured in.
+
+    Args:
+        path: The file to write.
+        geometry: The epipolar geometry.
+        matches: What was matched.
+        mast_in_rover: The mast head, metres.
+        right_turn: Rotation vector in the rover frame by which the right camera was turned from
+            its label's model, so that the rows correspond; None where they did.
+    """
     header = {
         "pair": matches.pair_id,
         "geometry": geometry_document(geometry),
         "mast_in_rover": mast_in_rover,
+        "right_turn": right_turn,
     }
     write_archive(
         path, header, left=matches.left, parallax_px=matches.parallax_px, sigma_px=matches.sigma_px
@@ -125,8 +136,17 @@ def read_matches(path: Path) -> tuple[EpipolarPair, StereoMatches]:
 
 def read_mast(path: Path) -> tuple[float, float, float] | None:
     """The mast head that `write_matches` wrote."""
-    mast = read_archive(path)[0]["mast_in_rover"]
-    return (mast[0], mast[1], mast[2]) if mast else None
+    return _triple(path, "mast_in_rover")
+
+
+def read_right_turn(path: Path) -> tuple[float, float, float] | None:
+    """The turn of the right camera that `write_matches` wrote."""
+    return _triple(path, "right_turn")
+
+
+def _triple(path: Path, name: str) -> tuple[float, float, float] | None:
+    values = read_archive(path)[0][name]
+    return (values[0], values[1], values[2]) if values else None
 
 
 def write_parallax(path: Path, parallax: ParallaxMap) -> None:

@@ -1,7 +1,8 @@
 """Ingest: take over the files of a downlink, say what each is, and find the stereo partners.
 
 An image product is the file as it came, byte for byte, under the digest of its content; whoever
-needs its label or pixels reads them from there. A file that cannot be read is an outcome with one
+needs its label or pixels reads them from there. Where the label is a file of its own (.lbl beside
+the image), it stands in the product before the image, both unchanged. A file that cannot be read is an outcome with one
 clear line, and stops nothing else.
 """
 
@@ -22,8 +23,10 @@ from prefect.cache_policies import NO_CACHE
 from photogrammetry.arrays import GreyImage, Mask, Picture
 from photogrammetry.errors import PhotogrammetryError
 from photogrammetry.imagery import RoverImage
+from photogrammetry.pds3.detached import with_attached_label
+from photogrammetry.pds3.label import MAX_LABEL_BYTES
 from photogrammetry.pds3.partners import find_stereo_pairs
-from photogrammetry.pds3.reading import read_image, read_image_record
+from photogrammetry.pds3.reading import has_attached_label, read_image, read_image_record
 from photogrammetry.pds3.vector_files import parse_vector_file
 from products.catalogue import ImageEntry, Outcome
 from products.model import ProductKind, ProductRef, Recipe, Scope, ScopeLevel
@@ -32,6 +35,7 @@ from tasks.scopes import image_scope
 
 IMAGE_SUFFIXES = {".img"}
 VECTOR_SUFFIXES = {".svf", ".rvf"}
+LABEL_SUFFIXES = (".lbl", ".LBL")
 MAX_FILE_BYTES = 256 << 20
 """Far above any frame of these cameras; a larger file is not read into memory."""
 
@@ -113,9 +117,20 @@ def _take(path: Path, workspace: Workspace) -> Outcome | ProductRef | tuple[Rove
         data = path.read_bytes()
         if path.suffix.lower() in VECTOR_SUFFIXES:
             return _take_vectors(path, data, workspace)
-        return _take_image(path.name, data, workspace)
+        return _take_image(path.name, _labelled(path, data), workspace)
     except (PhotogrammetryError, OSError) as error:
         return _fault(path, str(error))
+
+
+def _labelled(path: Path, data: bytes) -> bytes:
+    """An image with its label: its own or, if it has none, that of the .lbl file beside it."""
+    if has_attached_label(data):
+        return data
+    for suffix in LABEL_SUFFIXES:
+        label = path.with_suffix(suffix)
+        if label.is_file() and label.stat().st_size <= MAX_LABEL_BYTES:
+            return with_attached_label(data, label.read_text("latin-1"), label.name)
+    return data
 
 
 def _fault(path: Path, reason: str) -> Outcome:

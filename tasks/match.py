@@ -14,11 +14,27 @@ from photogrammetry.imagery import RoverImage
 from photogrammetry.matching.dense import DenseParams, match_densely
 from photogrammetry.matching.records import EpipolarImages
 from photogrammetry.matching.sparse import SparseParams, match_sparsely
+from photogrammetry.matching.vertical_parallax import (
+    FEWEST_POINTS,
+    rotation_of_the_bar,
+    vertical_parallax,
+)
+from photogrammetry.pds3.reading import ReadImage
 from products.arrays import write_matches, write_parallax
 from products.model import ProductKind, Recipe
 from products.store import ProductStore
-from tasks.pairs import PairFiles, PairProducts, pair_frame, read_pair, resampled
+from tasks.pairs import (
+    PairFiles,
+    PairProducts,
+    pair_frame,
+    read_pair,
+    resampled,
+    with_right_turned,
+)
 from tasks.scopes import pair_scope
+
+Turn = tuple[float, float, float]
+"""A rotation vector in the rover frame, radians."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,22 +50,39 @@ def match_stereo_pair(pair: PairFiles, params: MatchParams, store: ProductStore)
     """Match one stereo pair: interest points for the network, dense parallax for the terrain."""
 
     @cache
-    def images() -> tuple[RoverImage, EpipolarImages]:
+    def fitted() -> tuple[RoverImage, EpipolarImages, Turn | None]:
         left, right = read_pair(pair, store)
-        return left.image, resampled(left, right, geometry_of(left.image, right.image))
+        return left.image, *with_rows_in_line(left, right)
 
     def write_sparse(path: Path) -> None:
-        left, epipolar = images()
-        matches = match_sparsely(pair.id, epipolar, params.sparse)
-        write_matches(path, epipolar.geometry, matches, left.mast_in_rover)
+        left, images, turn = fitted()
+        matches = match_sparsely(pair.id, images, params.sparse)
+        write_matches(path, images.geometry, matches, left.mast_in_rover, turn)
 
     def write_dense(path: Path) -> None:
-        write_parallax(path, match_densely(images()[1], params.dense))
+        write_parallax(path, match_densely(fitted()[1], params.dense))
 
     inputs, scope = (pair.left, pair.right), pair_scope(pair.id)
     matches = Recipe(ProductKind.MATCHES, scope, inputs, params.sparse)
     parallax = Recipe(ProductKind.PARALLAX, scope, inputs, params.dense)
     return PairProducts(pair, store.make(matches, write_sparse), store.make(parallax, write_dense))
+
+
+def with_rows_in_line(left: ReadImage, right: ReadImage) -> tuple[EpipolarImages, Turn | None]:
+    """The epipolar images of a pair, and the turn of the right camera that this took.
+
+    Where vertical parallax shows that the stereo bar is not as the labels have it, the right camera
+    is turned to where it really points; where that does not help either, the labels stand.
+    """
+    images = resampled(left, right, geometry_of(left.image, right.image))
+    measured = vertical_parallax(images)
+    if measured.fits_the_bar or len(measured.left) < FEWEST_POINTS:
+        return images, None
+    rover_from_pair = images.geometry.rover_from_pair
+    x, y, z = (rover_from_pair.rotation @ rotation_of_the_bar(measured)).tolist()
+    turned = with_right_turned(right, (x, y, z))
+    straight = resampled(left, turned, geometry_of(left.image, turned.image))
+    return (straight, (x, y, z)) if vertical_parallax(straight).fits_the_bar else (images, None)
 
 
 def geometry_of(left: RoverImage, right: RoverImage) -> EpipolarPair:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,8 +12,9 @@ from photogrammetry.frames import Frame, FrameKind
 from photogrammetry.imagery import Eye, RoverImage, StopId
 from photogrammetry.matching.records import EpipolarImages, MatchedPair, MatchedStop
 from photogrammetry.matching.resampling import epipolar_images
+from photogrammetry.matching.vertical_parallax import turned_in_place
 from photogrammetry.pds3.reading import ReadImage, read_image
-from products.arrays import read_matches, read_parallax
+from products.arrays import read_matches, read_parallax, read_right_turn
 from products.catalogue import ImageEntry
 from products.model import ProductRef
 from products.store import ProductStore
@@ -76,6 +77,15 @@ def pair_frame(image: RoverImage) -> Frame:
     )
 
 
+def with_right_turned(right: ReadImage, turn: tuple[float, float, float] | None) -> ReadImage:
+    """The right image with its camera as matching found it to stand; as labelled without a turn."""
+    if turn is None:
+        return right
+    image = right.image
+    camera = turned_in_place(image.camera, image.stop.frame, np.array(turn))
+    return replace(right, image=replace(image, camera=camera))
+
+
 def resampled(left: ReadImage, right: ReadImage, geometry: EpipolarPair) -> EpipolarImages:
     """Both images in the geometry of their pair."""
     return epipolar_images(
@@ -87,11 +97,13 @@ def resampled(left: ReadImage, right: ReadImage, geometry: EpipolarPair) -> Epip
 
 def read_matched_pair(pair: PairProducts, store: ProductStore) -> MatchedPair:
     """A pair with its epipolar images and all that was matched in it."""
-    geometry, matches = read_matches(store.path(pair.matches))
+    path = store.path(pair.matches)
+    geometry, matches = read_matches(path)
+    left, right = read_pair(pair.files, store)
     return MatchedPair(
         pair_id=pair.files.id,
         instrument=pair.files.instrument,
-        images=resampled(*read_pair(pair.files, store), geometry),
+        images=resampled(left, with_right_turned(right, read_right_turn(path)), geometry),
         matches=matches,
         parallax=read_parallax(store.path(pair.parallax)),
     )

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from photogrammetry.errors import FrameError
-from photogrammetry.frames import LSL, FrameTree, Pose
+from photogrammetry.frames import LSL, FrameTree, Pose, site_frame
 from photogrammetry.imagery import RoverImage, StopId
 from photogrammetry.pds3.vector_files import VectorFile, lsl_tree, parse_vector_file, poses
 from products.model import ProductKind
@@ -60,14 +60,17 @@ def read_telemetry(images: Sequence[RoverImage], vector_files: Sequence[VectorFi
     """Chain the labels' rover poses through the site vector files into the LSL.
 
     The rover's pose in its site comes from the label of the first image of the stop; chains between
-    sites come from the vector files.
+    sites come from the vector files and, for sites they leave out, from labels that say where their
+    site lies in another one of the traverse (those of MER do not).
     """
     by_stop: dict[StopId, list[RoverImage]] = defaultdict(list)
     for image in sorted(images, key=lambda image: image.clock):
         by_stop[image.stop].append(image)
     rovers = [taken[0].site_from_rover for taken in by_stop.values()]
     chain = [pose for pose in poses(vector_files) if pose.source.kind != rovers[0].source.kind]
-    lsl = lsl_tree([*chain, *rovers], sites={stop.site for stop in by_stop})
+    sites = {stop.site for stop in by_stop}
+    declared = _declared_sites(images, chain, sites)
+    lsl = lsl_tree([*declared, *chain, *rovers], sites=sites)
     placed, unplaced = [], []
     for stop, taken in by_stop.items():
         try:
@@ -86,6 +89,20 @@ def read_telemetry(images: Sequence[RoverImage], vector_files: Sequence[VectorFi
         )
     placed.sort(key=lambda known: (known.stop.site, known.stop.drive))
     return Telemetry(tuple(placed), lsl.tree, lsl.note, tuple(sorted(unplaced)))
+
+
+def _declared_sites(
+    images: Sequence[RoverImage], chain: Sequence[Pose], sites: set[int]
+) -> list[Pose]:
+    """Sites placed by labels in another site that is known, where no vector file places them."""
+    placed = {pose.source for pose in chain}
+    known = {site_frame(site) for site in sites} | placed | {pose.target for pose in chain}
+    by_site = {
+        image.parent_from_site.source: image.parent_from_site
+        for image in sorted(images, key=lambda image: image.clock, reverse=True)
+        if image.parent_from_site is not None
+    }
+    return [pose for site, pose in by_site.items() if site not in placed and pose.target in known]
 
 
 def vector_files(mission: str, workspace: Workspace) -> list[VectorFile]:

@@ -23,7 +23,7 @@ from photogrammetry.arrays import ImagePoints, PerPoint, Vector3
 from photogrammetry.cameras.epipolar import EpipolarPair
 from photogrammetry.cameras.model import CameraModel
 from photogrammetry.errors import MatchingError
-from photogrammetry.frames import Pose
+from photogrammetry.frames import Frame, Pose
 from photogrammetry.matching.interest_points import strongest_by_cell
 from photogrammetry.matching.records import EpipolarImages
 from photogrammetry.matching.sparse import SparseParams, match_interest_points
@@ -126,10 +126,13 @@ def rotation_of_the_bar(measured: VerticalParallax, steps: int = 10) -> Vector3:
 def straightened(right: CameraModel, geometry: EpipolarPair, rotation: Vector3) -> CameraModel:
     """The right camera model, given in the rover frame, turned to where it really points."""
     rover_from_pair = geometry.rover_from_pair
-    turn_in_pair = ScipyRotation.from_rotvec(rotation).as_matrix()
-    turn = rover_from_pair.rotation @ turn_in_pair @ rover_from_pair.rotation.T
-    rover = rover_from_pair.target
-    return right.moved(Pose(rover, rover, turn, right.centre - turn @ right.centre))
+    return turned_in_place(right, rover_from_pair.target, rover_from_pair.rotation @ rotation)
+
+
+def turned_in_place(camera: CameraModel, frame: Frame, rotation: Vector3) -> CameraModel:
+    """A camera turned about its own centre by a rotation vector, both in the same frame."""
+    turn = ScipyRotation.from_rotvec(rotation).as_matrix()
+    return camera.moved(Pose(frame, frame, turn, camera.centre - turn @ camera.centre))
 
 
 def _design(measured: VerticalParallax) -> np.ndarray:

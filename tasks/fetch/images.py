@@ -14,13 +14,9 @@ from photogrammetry.errors import LabelError
 from photogrammetry.pds3.index_pairs import IndexEntry
 from photogrammetry.pds3.label import MAX_LABEL_BYTES
 from photogrammetry.pds3.reading import read_label
-from tasks.fetch.transfer import (
-    DiskError,
-    FetchError,
-    Transfer,
-    WrongContentError,
-    forget_source,
-)
+from tasks.fetch.errors import DiskError, FetchError, WrongContentError
+from tasks.fetch.partial import PartialFile
+from tasks.fetch.transfer import Transfer
 from tasks.fetch.volume import Volume, local_name
 
 
@@ -101,13 +97,15 @@ def _fetch(entry: IndexEntry, volume: Volume, out_dir: Path, transfer: Transfer)
     path = target_of(entry, out_dir)
     if is_whole(path):
         return Arrival(path, was_here=True)
-    if path.exists():
-        forget_source(path)  # a broken file is fetched anew, whatever the server says of its age
     try:
+        if path.exists():
+            path.unlink()  # spoilt here: no server can say that it has not changed
         fetched = transfer.fetch(volume.image_urls(entry), path, check_image)
+        PartialFile(path).forget()
     except DiskError:
         raise
     except FetchError as error:
         return Arrival(path, failure=str(error))
-    forget_source(path)
+    except OSError as error:
+        raise DiskError(f"{path} cannot be written: {error.strerror or error}") from error
     return Arrival(path, fetched.received_bytes)

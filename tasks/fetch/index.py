@@ -19,10 +19,12 @@ from photogrammetry.pds3.index_table import (
     read_index_rows,
 )
 from photogrammetry.pds3.label import MAX_LABEL_BYTES
-from tasks.fetch.transfer import CHUNK_BYTES, DiskError, FetchError, Transfer, WrongContentError
+from tasks.fetch.errors import DiskError, FetchError, WrongContentError
+from tasks.fetch.transfer import Transfer
 from tasks.fetch.volume import Volume
 
 INDEX = "edrindex"
+CHUNK_BYTES = 1 << 16
 MIB = 1 << 20
 
 

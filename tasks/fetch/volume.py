@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from urllib.parse import quote
 
 from photogrammetry.pds3.index_pairs import IndexEntry
-from tasks.fetch.transfer import FetchError
+from tasks.fetch.errors import FetchError
 
 _PLAIN = re.compile(r"[A-Za-z0-9_#-][A-Za-z0-9_.#-]*\Z")
 

@@ -1,0 +1,41 @@
+"""A stereo bar that is not as its labels have it is found from the images, and set right."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from photogrammetry.matching.vertical_parallax import turned_in_place, vertical_parallax
+from photogrammetry.pds3.reading import read_image
+from photogrammetry.synthetic.traverse import TraverseParams
+from photogrammetry.synthetic.world import WorldParams, make_world, render_jobs
+from tasks.match import with_rows_in_line
+
+
+@pytest.fixture(scope="module")
+def pair():
+    world = make_world(WorldParams("plains", TraverseParams(stops=1), pairs=1), 8)
+    files = [job.run(world) for job in render_jobs(world)]
+    return [read_image(file.data, file.path.rpartition("/")[2]) for file in files]
+
+
+def test_a_straight_bar_is_left_alone(pair):
+    _, turn = with_rows_in_line(*pair)
+    assert turn is None
+
+
+def test_a_bent_bar_is_found_to_a_hundredth_of_its_bend(pair):
+    left, right = pair
+    bend = np.array([0.0006, -0.0007, 0.0005])  # radians: half a row and more
+    camera = turned_in_place(right.image.camera, right.image.stop.frame, bend)
+    bent = replace(right, image=replace(right.image, camera=camera))
+    images, turn = with_rows_in_line(left, bent)
+    np.testing.assert_allclose(turn, -bend, atol=2e-5)  # 0.025 px
+    assert abs(vertical_parallax(images).median_px) < 0.05
+
+
+def test_images_that_do_not_belong_together_keep_their_labels(pair, rng):
+    left, right = pair
+    noise = rng.normal(1000.0, 50.0, right.pixels.shape).astype(np.float32)
+    _, turn = with_rows_in_line(left, replace(right, pixels=noise))
+    assert turn is None
