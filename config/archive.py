@@ -30,7 +30,7 @@ class MissionArchive:
             raise ValueError("base_urls should name at least one address")
         for url in self.base_urls:
             parts = urlsplit(url)
-            if parts.scheme not in {"http", "https"} or not parts.hostname:
+            if parts.scheme not in {"http", "https"} or not parts.hostname or parts.port == 0:
                 raise ValueError(f"base_urls should be http or https addresses, not {url!r}")
 
     def volume(self, instrument: str) -> str:

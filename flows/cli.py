@@ -179,7 +179,7 @@ def fetch(
     prepare_engine(out_dir / ".fetch")
     from config.errors import ConfigError  # noqa: PLC0415
     from flows.fetch import fetch_archive  # noqa: PLC0415 - after the engine's settings
-    from tasks.fetch.transfer import FetchError  # noqa: PLC0415
+    from tasks.fetch.errors import FetchError  # noqa: PLC0415
 
     try:
         with progress_shown():

@@ -21,9 +21,11 @@ from config.records import record_of
 from config.settings import Settings
 from flows.progress import report as report_progress
 from photogrammetry.pds3.index_pairs import IndexEntry, IndexFindings, IndexSelection
+from tasks.fetch.answers import open_client
+from tasks.fetch.errors import FetchError
 from tasks.fetch.images import fetch_images, is_whole, target_of
 from tasks.fetch.index import Index, fetch_index
-from tasks.fetch.transfer import FetchError, Transfer, TransferParams, open_client
+from tasks.fetch.transfer import Transfer, TransferParams
 from tasks.fetch.volume import Volume
 
 STATE = ".fetch"
@@ -92,7 +94,8 @@ def fetch_archive(
         for name in dict.fromkeys(instruments)
     ]
     report = FetchReport(is_dry=dry_run)
-    with _alone_in(out_dir), open_client(params) as client:
+    client = open_client(params.timeout_s, params.connections)
+    with _alone_in(out_dir), client:
         transfer = Transfer(client, archive.hosts, params)
         for volume, selection in wanted:
             _fetch_volume(volume, selection, out_dir, transfer, report)

@@ -79,8 +79,7 @@ class PartialFile:
         if known is None:
             return {}
         if self.target.is_file() and not self.part.exists():
-            tag = known.validator or ""
-            return {"If-None-Match" if tag.startswith('"') else "If-Modified-Since": tag}
+            return _if_changed(known.validator)
         if not self.size or known.length is None:
             return {}
         condition = {} if known.validator is None else {"If-Range": known.validator}
@@ -142,3 +141,9 @@ class PartialFile:
         """Remove the part and the notes: the next attempt begins anew."""
         self.part.unlink(missing_ok=True)
         self.notes.unlink(missing_ok=True)
+
+
+def _if_changed(validator: str | None) -> dict[str, str]:
+    if validator is None:
+        return {}
+    return {"If-None-Match" if validator.startswith('"') else "If-Modified-Since": validator}
