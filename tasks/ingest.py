@@ -2,8 +2,8 @@
 
 An image product is the file as it came, byte for byte, under the digest of its content; whoever
 needs its label or pixels reads them from there. Where the label is a file of its own (.lbl beside
-the image), it stands in the product before the image, both unchanged. A file that cannot be read is an outcome with one
-clear line, and stops nothing else.
+the image), it stands in the product before the image, both unchanged. A file that cannot be read is
+an outcome with one clear line, and stops nothing else.
 """
 
 from __future__ import annotations

@@ -131,13 +131,18 @@ def read_label(data: bytes, name: str) -> Label:
         raise LabelError(f"{name}: the file is empty")
     if data.startswith(START):
         return parse_vicar_label(data, name)
-    if not data[:256].lstrip().upper().startswith(BEGINNINGS):
+    if not has_attached_label(data):
         start = data[:24].decode("latin-1").strip()
         raise LabelError(
             f"{name}: not a PDS3 image: it starts with {start!a}, "
             "where PDS_VERSION_ID or ODL_VERSION_ID was expected"
         )
     return parse_label(label_text(data), name)
+
+
+def has_attached_label(data: bytes) -> bool:
+    """Whether a file starts like one that carries its label, PDS3 or VICAR."""
+    return data.startswith(START) or data[:256].lstrip().upper().startswith(BEGINNINGS)
 
 
 def _label(data: bytes, name: str, detached_label: str | None) -> Label:

@@ -9,7 +9,7 @@ from photogrammetry.frames import rotation_of_quaternion, rover_frame, site_fram
 from photogrammetry.imagery import Eye, StopId
 from photogrammetry.pds3.image import camera_model, rover_image
 from photogrammetry.pds3.label import parse_label
-from photogrammetry.pds3.missions import MER, Mission
+from photogrammetry.pds3.missions import MER, MISSIONS, Mission
 from photogrammetry.pds3.reading import read_image, read_image_record
 
 NAME = "2n292280938effb100p0703l0m1.img"
@@ -220,3 +220,47 @@ def test_a_new_mission_is_a_new_record(small):
     viper = small.but('"MER2"', '"VIPER"')
     label = parse_label(viper.label, "x.img")
     assert rover_image(label, "x.img", (other,)).stop.mission == "VIPER"
+
+
+def averaged(small):
+    """The image averaged over 2 x 4 pixels."""
+    return small.but("AVERAGING_HEIGHT         = 1", "AVERAGING_HEIGHT         = 4").but(
+        "AVERAGING_WIDTH          = 1", "AVERAGING_WIDTH          = 2"
+    )
+
+
+def test_the_half_pixel_is_put_right_for_the_mission_that_leaves_it_out(small):
+    """MER scaled about a pixel's corner; software after 2011 does not (facts 1.6)."""
+    label = parse_label(averaged(small).label, "x.img")
+    later = replace(MER, leaves_out_half_pixel=False)
+    stated = camera_model(label)
+    of_mer, of_later = (rover_image(label, "x.img", (each,)).camera for each in (MER, later))
+    np.testing.assert_array_equal(of_later.h, stated.h)
+    np.testing.assert_allclose(of_mer.h, stated.h - 0.25 * stated.a, atol=1e-12)
+    np.testing.assert_allclose(of_mer.v, stated.v - 0.375 * stated.a, atol=1e-12)
+    assert not any(mission.leaves_out_half_pixel for mission in MISSIONS if mission is not MER)
+
+
+SITE = """GROUP = SITE_COORD_SYSTEM_PARMS
+  COORDINATE_SYSTEM_INDEX = 137
+  ORIGIN_OFFSET_VECTOR = (-33.9025,-56.6548,7.36923)
+  ORIGIN_ROTATION_QUATERNION = (1.0,0.0,0.0,0.0)
+  REFERENCE_COORD_SYSTEM_NAME = "SITE_FRAME"
+  REFERENCE_COORD_SYSTEM_INDEX = {parent}
+END_GROUP = SITE_COORD_SYSTEM_PARMS
+"""
+ROVER_GROUP = "GROUP                            = ROVER_COORDINATE_SYSTEM\n"
+
+
+def test_a_label_may_place_its_site_in_another(small):
+    placed = small.but(ROVER_GROUP, SITE.format(parent=136) + ROVER_GROUP)
+    pose = rover_image(parse_label(placed.label, "x.img"), "x.img").parent_from_site
+    assert (pose.target, pose.source) == (site_frame(136), site_frame(137))
+    np.testing.assert_array_equal(pose.translation_m, [-33.9025, -56.6548, 7.36923])
+    assert rover_image(parse_label(small.label, "x.img"), "x.img").parent_from_site is None
+
+
+@pytest.mark.parametrize("parent", ["137", '"N/A"'])
+def test_a_site_placed_in_itself_or_nowhere_is_not_placed(small, parent):
+    placed = small.but(ROVER_GROUP, SITE.format(parent=parent) + ROVER_GROUP)
+    assert rover_image(parse_label(placed.label, "x.img"), "x.img").parent_from_site is None

@@ -88,3 +88,40 @@ def test_a_truncated_file_with_an_intact_vicar_label_says_that_the_pointer_was_a
     data = image.data[: 8 * 512] + vicar + image.data[8 * 512 :]
     with pytest.raises(PixelError, match=r"ends at byte 5120, so .IMAGE was probably altered"):
         read_image(data, "2n292280938effb100p0703l0m1.img")
+
+
+FIRST = TEXT.replace("TYPE='IMAGE'", "TYPE='IMAGE' EOL=1 N1=20 N2=10 N3=1")
+SECOND = b"LBLSIZE=120  USER='you'  PROPERTY='GEOMETRIC_CAMERA_MODEL' MODEL_TYPE='CAHV' "
+
+
+def test_the_part_behind_the_pixels_goes_on_where_the_first_stopped(rng):
+    values = rng.integers(1, 200, (10, 20))
+    data = file_of(FIRST, values.astype(">i2").tobytes()) + SECOND.ljust(120, b"\0")
+    label = parse_vicar_label(data, "x.vic")
+    assert label.get("GEOMETRIC_CAMERA_MODEL", "MODEL_TYPE") == "CAHV"
+    assert label.get("GEOMETRIC_CAMERA_MODEL", "MODEL_COMPONENT_ID") == ("C", "A")
+    assert label.get("HISTORY", "USER") == "me"  # of two, the first
+    np.testing.assert_array_equal(read_pixels(data, label, "x.vic")[0], values)
+    behind = parse_vicar_label(b"a label before it " + data, "x.vic")
+    assert behind.get("GEOMETRIC_CAMERA_MODEL", "MODEL_TYPE") == "CAHV"
+
+
+def test_the_head_of_a_file_is_read_without_the_part_behind():
+    label = parse_vicar_label(file_of(FIRST, bytes(100)), "x.vic")
+    assert label.get("", "FRAME_ID") == "LEFT"
+    assert label.get("GEOMETRIC_CAMERA_MODEL", "MODEL_TYPE") is None
+
+
+@pytest.mark.parametrize(
+    ("text", "behind", "complaint"),
+    [
+        (FIRST, b"pixels and no label", "EOL=1, but byte 1504 starts no second label"),
+        (FIRST.replace("N2=10", "N2=-10"), SECOND, "RECSIZE, N2, N3, NLB do not say"),
+        (FIRST.replace("RECSIZE=40", "RECSIZE='x'"), SECOND, "RECSIZE, N2, N3, NLB do not say"),
+        (FIRST, SECOND.replace(b"PROPERTY=", b"PROPERTY "), "expected KEY=value"),
+    ],
+)
+def test_a_broken_part_behind_is_refused(text, behind, complaint):
+    data = file_of(text, bytes(400)) + behind
+    with pytest.raises(LabelError, match=complaint):
+        parse_vicar_label(data, "x.vic")
