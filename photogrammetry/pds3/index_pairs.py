@@ -154,20 +154,26 @@ def index_entry(
 
 def _best_pair(entries: Sequence[IndexEntry], missions: Sequence[Mission]) -> IndexPair | None:
     """The frames of an exposure that are matched, by the order in the module's docstring."""
+    best: dict[tuple[Eye, int], IndexEntry] = {}
+    for entry in sorted(entries, key=_preference, reverse=True):
+        best[entry.eye, entry.name.filter_number] = entry
     candidates = [
         IndexPair(left, right)
-        for left in entries
+        for left in best.values()
         if left.eye is Eye.LEFT
-        for right in entries
+        for right in best.values()
         if right.eye is Eye.RIGHT and _filters_agree(left, right, missions)
     ]
-    return min(candidates, key=_preference, default=None)
+    return min(
+        candidates,
+        key=lambda pair: (_preference(pair.left), _preference(pair.right)),
+        default=None,
+    )
 
 
-def _preference(pair: IndexPair) -> tuple[object, ...]:
-    kinds = tuple(EDR_PREFERENCE.index(e.name.product_type) for e in (pair.left, pair.right))
-    newest = tuple(-int(entry.name.version, 36) for entry in (pair.left, pair.right))
-    return sum(kinds), kinds, newest, pair.left.file_name, pair.right.file_name
+def _preference(entry: IndexEntry) -> tuple[int, int, str]:
+    kind = EDR_PREFERENCE.index(entry.name.product_type)
+    return kind, -int(entry.name.version, 36), entry.file_name
 
 
 def _filters_agree(left: IndexEntry, right: IndexEntry, missions: Sequence[Mission]) -> bool:

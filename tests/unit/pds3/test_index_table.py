@@ -218,6 +218,12 @@ def test_the_highest_version_and_the_full_frame_are_preferred():
     assert pair.left.name.product_type == pair.right.name.product_type == "EFF"
 
 
+def test_an_index_that_gives_one_clock_to_everything_is_searched_as_fast():
+    rows = [image_row(151600000, "lr"[k % 2], version="123456789"[k % 9]) for k in range(4_000)]
+    (pair,) = found(rows).pairs
+    assert pair.left.name.version == pair.right.name.version == "9"
+
+
 def test_pancam_pairs_see_one_band():
     def rows(left, right):
         return [
