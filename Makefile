@@ -14,7 +14,7 @@ export OMP_NUM_THREADS ?= 1
 export PREFECT_SERVER_ANALYTICS_ENABLED = false
 export DO_NOT_TRACK = 1
 
-.PHONY: setup viewer demo test test-all check bench docs clean
+.PHONY: setup viewer demo test test-all check bench fuzz docs clean
 
 setup: $(VENV)/.installed
 
@@ -63,6 +63,15 @@ check: setup  ## Style, types and the direction of imports.
 
 bench: setup  ## Times and ratios against a peer in the same run.
 	$(BIN)/pytest tests/benchmarks --benchmark-only --benchmark-disable-gc --benchmark-columns=min,median,rounds
+
+FUZZ_SECONDS ?= 30
+FUZZ_TARGETS := label vicar image detached raster pds4 metadata camera picture vectors localisations names
+
+fuzz: setup  ## Every reader under mutated files; guided by coverage where atheris is installed.
+	for target in $(FUZZ_TARGETS); do \
+	  $(BIN)/python tests/fuzz/fuzz_readers.py $$target -max_total_time=$(FUZZ_SECONDS) \
+	    -timeout=10 -rss_limit_mb=1500 -max_len=70000 || exit 1; \
+	done
 
 docs: setup
 	$(BIN)/mkdocs build --strict

@@ -12,6 +12,7 @@ run and is written to a file.
 from __future__ import annotations
 
 import contextlib
+import importlib.util
 import os
 import random
 import sys
@@ -49,6 +50,57 @@ SHARED = Path(os.environ.get("SOLMAP_SHARED", ROOT.parent / "shared")) / "data"
 MAX_SEED = 60_000
 
 
+def small_image() -> bytes:
+    """The complete image of a few pixels that the unit tests change."""
+    path = ROOT / "tests" / "unit" / "pds3" / "conftest.py"
+    spec = importlib.util.spec_from_file_location("small_image", path)
+    if spec is None or spec.loader is None:
+        raise SystemExit(f"{path} is not there")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["small_image"] = module
+    spec.loader.exec_module(module)
+    pixels = module.np.arange(1, 2401).reshape(40, 60)
+    return module.SmallImage(pixels).data
+
+
+def small_raster() -> bytes:
+    """The same as a range raster."""
+    data = small_image()
+    group = b"GROUP = DERIVED_IMAGE_PARMS\n DERIVED_IMAGE_TYPE = RANGE_MAP\nEND_GROUP\n"
+    label, pixels = data[:4096].rstrip(), data[4096:]
+    label = label.replace(b"OBJECT  ", group + b"OBJECT  ", 1)
+    label = label.replace(b"MSB_INTEGER", b"IEEE_REAL").replace(b"= 16", b"= 32")
+    label = label.replace(b"= 9\n", b"= 11\n")
+    return label.ljust(5120) + pixels + pixels
+
+
+def vicar(data: bytes) -> None:
+    """A VICAR label as it stands, and behind system items that are whole."""
+    head = b"LBLSIZE=%d FORMAT='HALF' NL=4 NS=5 NB=1 RECSIZE=10 N2=4 N3=1 " % (len(data) + 70)
+    with contextlib.suppress(PhotogrammetryError):
+        parse_vicar_label(data, "x")
+    parse_vicar_label(head.ljust(70) + data, "x")
+
+
+PLACES = (
+    b"frame,site,drive,pose,landing_x,landing_y,landing_z,quat_s,quat_v1,quat_v2,quat_v3\n"
+    b"SITE,3,-1,-1,10.5,-4.25,0.5,1,0,0,0\nROVER,3,308,2,12.5,-1.25,0.75,0.8,0,0,0.6\n"
+)
+LOCATIONS = (
+    b"<msl><location><site>0</site><drive>0</drive><x>1</x><y>2</y><z>0</z><lat>-4.6</lat>"
+    b"<rot>0,0,0,1</rot></location><location><site>1</site><drive>8</drive><x>3</x><y>2</y>"
+    b"<z>0</z><lat>-4.6</lat><rot>0,0,0.6,0.8</rot></location></msl>"
+)
+SMALL: dict[str, Callable[[], list[bytes]]] = {
+    "vicar": lambda: [b"PROPERTY='A' B=(1,'it''s') B__UNIT=('m','') EOL=1 LBLSIZE=9 C='x' "],
+    "image": lambda: [small_image()],
+    "detached": lambda: [small_image()[:4096].rstrip() + b"\0" + small_image()],
+    "raster": lambda: [small_raster()],
+    "localisations": lambda: [PLACES, LOCATIONS],
+}
+"""Seeds that are whole: real files are cut off, which XML does not forgive."""
+
+
 def chain(text: str) -> None:
     """A vector file down to its frame tree."""
     lsl_tree(poses([parse_vector_file(text, "x.svf")]))
@@ -76,7 +128,7 @@ def text_of(parse: Callable[[str, str], object]) -> Callable[[bytes], None]:
 
 TARGETS: dict[str, tuple[Callable[[bytes], object], tuple[str, ...]]] = {
     "label": (lambda data: parse_label(data.decode("latin-1"), "x"), ("labels/*.lbl",)),
-    "vicar": (lambda data: parse_vicar_label(data, "x"), ("labels/*.vicar_header.txt",)),
+    "vicar": (vicar, ("labels/*.vicar_header.txt",)),
     "image": (image, ("labels/*.lbl", "labels/*.vicar_header.txt")),
     "detached": (detached, ("labels/*.LBL",)),
     "raster": (lambda data: read_raster(data, "x.img"), ("labels/*.lbl",)),
@@ -91,12 +143,12 @@ TARGETS: dict[str, tuple[Callable[[bytes], object], tuple[str, ...]]] = {
 """Name -> reader of bytes, and where seeds are among the shared data."""
 
 
-def seeds(patterns: tuple[str, ...]) -> list[bytes]:
-    """Beginnings of real files, and nothing at all."""
+def seeds(patterns: tuple[str, ...], whole: list[bytes]) -> list[bytes]:
+    """Beginnings of real files, whole small ones, and nothing at all."""
     folders = (SHARED, ROOT / "tests" / "unit" / "pds3")
     paths = [path for pattern in patterns for folder in folders for path in folder.glob(pattern)]
     found = [path.read_bytes()[:MAX_SEED] for path in paths]
-    return [b"", NAME.encode(), *found]
+    return [b"", NAME.encode(), *found, *whole]
 
 
 def guarded(read: Callable[[bytes], object]) -> Callable[[bytes], None]:
@@ -157,12 +209,13 @@ def main(arguments: list[str]) -> None:
         raise SystemExit(f"usage: fuzz_readers.py {'|'.join(TARGETS)} [-max_total_time=S] ...")
     read, patterns = TARGETS[arguments[0]]
     once, options = guarded(read), arguments[1:]
+    start = seeds(patterns, SMALL.get(arguments[0], list)())
     if atheris is None:
         limits = [a for a in options if a.startswith("-max_total_time=")]
-        unguided(once, seeds(patterns), float(limits[-1].partition("=")[2]) if limits else 30)
+        unguided(once, start, float(limits[-1].partition("=")[2]) if limits else 30)
         return
     corpus = Path(tempfile.mkdtemp(prefix=f"fuzz-{arguments[0]}-"))
-    for number, seed in enumerate(seeds(patterns)):
+    for number, seed in enumerate(start):
         (corpus / f"seed-{number}").write_bytes(seed)
     atheris.Setup([sys.argv[0], *options, str(corpus)], once)
     atheris.Fuzz()
