@@ -17,6 +17,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 
+import httpx
 import pytest
 from typer.testing import CliRunner
 
@@ -146,7 +147,8 @@ class ArchiveServer:
         handler.wfile.write(b"sorry")
 
     def send(self, handler, request: Request, served: Served, fault: object) -> None:
-        if served.tag and handler.headers["If-None-Match"] == served.tag:
+        unless = handler.headers["If-None-Match"] or handler.headers["If-Modified-Since"]
+        if served.tag and unless == served.tag:
             handler.send_response(304)
             handler.end_headers()
             return
@@ -168,7 +170,10 @@ class ArchiveServer:
         if not isinstance(fault, dict) or fault.get("with_length", True):
             handler.send_header("Content-Length", str(served.size - start))
         if served.tag:
-            handler.send_header("ETag", served.tag)
+            name = "ETag" if served.tag.endswith('"') else "Last-Modified"
+            handler.send_header(name, served.tag)
+        if isinstance(fault, dict) and "coding" in fault:
+            handler.send_header("Content-Encoding", fault["coding"])
         handler.end_headers()
         left = fault.get("cut", served.size) if isinstance(fault, dict) else served.size
         for data in served.bytes_from(start):
@@ -391,6 +396,83 @@ def test_notes_that_cannot_be_read_mean_a_new_beginning(archive, images, fetch):
     assert fetch(archive).succeeded
     assert archive.asked(path)[-1].range is None
     assert here(fetch.folder / "out") == wanted(images)
+
+
+def test_a_date_serves_as_validator_where_there_is_no_tag(archive, images, fetch):
+    path, date = next(iter(images)), "Sat, 05 Jun 2004 06:54:46 GMT"
+    archive.put(path, images[path], date)
+    archive.put(TABLE, b"".join(archive.files[TABLE].bytes_from(0)), date)
+    archive.faults[path] = [{"cut": 70_000}]
+    assert fetch(archive).succeeded
+    assert archive.asked(path)[-1].if_range == date
+    archive.requests.clear()
+    assert fetch(archive).already_here == 6
+    assert sum(request.sent for request in archive.requests) == 0
+
+
+def test_a_weak_tag_is_no_reason_to_join_two_parts(archive, images, fetch):
+    path = next(iter(images))
+    archive.put(path, images[path], 'W/"1"')
+    archive.faults[path] = [{"cut": 70_000}]
+    assert fetch(archive).succeeded
+    assert archive.asked(path)[-1].if_range is None  # the lengths agree, and that must do
+    assert here(fetch.folder / "out") == wanted(images)
+
+
+def test_parts_of_files_of_two_lengths_are_not_joined(archive, images, fetch):
+    path = next(iter(images))
+    archive.put(path, b"x" * 140_000, tag=None)
+    archive.faults[path] = [{"cut": 70_000}, 500, 500]
+    assert not fetch(archive).succeeded
+    archive.put(path, images[path], tag=None)
+    assert fetch(archive).succeeded
+    assert [request.range for request in archive.asked(path)][-2:] == ["bytes=70000-", None]
+    assert here(fetch.folder / "out") == wanted(images)
+
+
+def test_a_file_that_is_compressed_on_the_way_is_refused(archive, images, fetch):
+    path = next(iter(images))
+    archive.faults[path] = [{"coding": "gzip"}]
+    (line,) = fetch(archive).failures
+    assert line.endswith("127.0.0.1 sends the file gzip-coded, though asked not to")
+
+
+def test_as_many_files_come_at_a_time_as_there_are_connections(archive, images, fetch):
+    """The first two wait for each other, so one at a time would never end."""
+    both, busy, most = threading.Barrier(2, timeout=20), set(), []
+
+    def together(path):
+        def chunks(start):
+            busy.add(path)
+            if path in first:
+                both.wait()
+            most.append(len(busy))
+            time.sleep(0.02)
+            busy.discard(path)
+            yield images[path][start:]
+
+        return chunks
+
+    first = list(images)[:2]
+    for path, data in images.items():
+        archive.files[path] = Served(len(data), together(path), None)
+    assert fetch(archive).fetched == 6
+    assert max(most) == 2
+
+
+def test_nothing_leads_from_https_to_http():
+    from tasks.fetch.answers import _redirected  # noqa: PLC0415 - slow to import
+    from tasks.fetch.errors import NextMirrorError  # noqa: PLC0415
+
+    def redirected(location):
+        request = httpx.Request("GET", "https://a.example/x.img")
+        response = httpx.Response(302, headers={"Location": location}, request=request)
+        return _redirected(response, frozenset({"a.example", "b.example"}))
+
+    assert redirected("https://b.example/y.img") == "https://b.example/y.img"
+    assert redirected("/z.img") == "https://a.example/z.img"
+    with pytest.raises(NextMirrorError, match="from https to http"):
+        redirected("http://b.example/y.img")
 
 
 def test_a_cut_that_nobody_could_notice_is_noticed_by_the_label(archive, images, fetch):

@@ -330,3 +330,29 @@ def test_sixty_thousand_rows_need_little_memory():
     count, pairs, broken, peak = map(int, done.stdout.split())
     assert (count, pairs, broken) == (60_000, 600, 0)
     assert peak < 4e6  # 1,200 entries of about 1 kB, and one chunk
+
+
+@given(
+    place=st.floats(0, 1),
+    removed=st.integers(0, 60),
+    inserted=st.sampled_from(
+        ["", '"', "(", "=", "\n", "END_OBJECT", "OBJECT = COLUMN\n", "-9", "\x00"]
+    ),
+)
+def test_a_spoilt_label_is_an_error_of_ours_or_a_layout(place, removed, inserted):
+    text = label_text(DESCAM, 773, 1)
+    at = int(place * len(text))
+    try:
+        layout = parse_index_label(text[:at] + inserted + text[at + removed :], "edrindex.lbl")
+    except LabelError as error:
+        assert str(error).startswith("edrindex.lbl: ")  # noqa: PT017 - a layout is as good
+    else:
+        assert layout.columns
+
+
+@given(row=st.binary(max_size=500), at=st.integers(0, 356), removed=st.integers(0, 9))
+def test_a_spoilt_row_is_counted_or_read(row, at, removed):
+    good = image_row(151600000, "l")
+    spoilt = good[:at] + row + good[at + removed :]
+    findings = found([spoilt, good, image_row(151600000, "r")])
+    assert findings.pairs or findings.broken
