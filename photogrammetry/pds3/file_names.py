@@ -7,6 +7,10 @@ are coded: 00-99; A0-ZZ = 100 + 36 letter + digit (10 + letter); 0A-9Z = 1036 + 
 
 MSL names have 36, NLB_517261274EDR_F0541610CCAM15900M1: camera and eye, clock, product type, frame,
 site (3), drive (4), sequence (9), producer, version.
+
+Those of Mars 2020 have 54, NLF_0629_0722782785_631ECM_N0301344NCAM00427_06_095J01: camera and eye,
+colour, sol, clock with its thousandths, product type, geometry (L linearised), frame, site, drive,
+sequence, four characters that each camera uses its own way, compression, producer, version.
 """
 
 from __future__ import annotations
@@ -30,6 +34,14 @@ _MSL = re.compile(
     re.ASCII,
 )
 
+_M2020 = re.compile(
+    r"(?P<instrument>[NFRZ])(?P<eye>[LR])(?P<colour>[A-Z0-9_])_\d{4}_(?P<clock>\d{10})_\d{3}"
+    r"(?P<product>[A-Z0-9]{3})(?P<geometry>[A-Z_])(?P<frame>[A-Z])(?P<site>[A-Z0-9]{3})"
+    r"(?P<drive>[A-Z0-9]{4})(?P<sequence>[A-Z0-9_]{9})_[A-Z0-9_]{4}[A-Z0-9_]{2}"
+    r"(?P<producer>[A-Z_])(?P<version>[A-Z0-9_]{2})\Z",
+    re.ASCII,
+)
+
 SPACECRAFT = {"1": "MER1", "2": "MER2", "3": "MER1-TEST", "4": "MER2-TEST"}
 MER_INSTRUMENTS = {
     "N": "NAVCAM",
@@ -42,6 +54,12 @@ MER_INSTRUMENTS = {
     "B": "MOESSBAUER",
     "D": "RAT",
     "T": "MINI-TES",
+}
+M2020_INSTRUMENTS = {
+    "N": "NAVCAM",
+    "F": "FRONT_HAZCAM",
+    "R": "REAR_HAZCAM",
+    "Z": "MASTCAM",
 }
 MSL_INSTRUMENTS = {"N": "NAVCAM", "F": "FRONT_HAZCAM", "R": "REAR_HAZCAM"}
 
@@ -73,7 +91,7 @@ def parse_file_name(name: str) -> FileName:
     """Take the name of an image file apart; folder, extension and case do not matter.
 
     Raises:
-        LabelError: the name follows neither the MER nor the MSL pattern.
+        LabelError: the name follows the pattern of no mission.
     """
     product_id = _stem(name)
     if match := _MER.match(product_id):
@@ -103,6 +121,21 @@ def parse_file_name(name: str) -> FileName:
             sequence=match["sequence"].lower(),
             eye=match["eye"],
             filter_number=0,
+            producer=match["producer"],
+            version=match["version"],
+        )
+    if match := _M2020.match(product_id):
+        return FileName(
+            product_id=product_id,
+            mission="M20",
+            instrument=M2020_INSTRUMENTS[match["instrument"]],
+            clock=int(match["clock"]),
+            product_type=match["product"],
+            site=_plain_counter(match["site"]),
+            drive=_plain_counter(match["drive"]),
+            sequence=match["sequence"].lower(),
+            eye=match["eye"],
+            filter_number=int(match["colour"]) if match["colour"].isdigit() else 0,
             producer=match["producer"],
             version=match["version"],
         )
@@ -140,6 +173,11 @@ def encode_counter(counter: int) -> str:
         digit, letter = divmod(counter - 1036, 26)
         return f"{digit}{chr(65 + letter)}"
     return "##"
+
+
+def _plain_counter(code: str) -> int | None:
+    """A counter in digits; None for the codes of larger ones, which only the label tells."""
+    return int(code) if code.isdigit() else None
 
 
 def _letter(character: str) -> int:

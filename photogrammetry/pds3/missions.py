@@ -94,10 +94,10 @@ M2020 = Mission(
         for string in strings
     },
     mast_group="RSM_COORDINATE_SYSTEM",
-    stereo_filters={"MASTCAM": frozenset((filter_, filter_) for filter_ in range(8))},
+    stereo_filters={"MASTCAM": frozenset({(0, 0), (1, 1)})},
     mapping_products=None,
 )
-"""Perseverance; Mastcam-Z zooms both eyes together, and equal filter numbers see like bands."""
+"""Perseverance; Mastcam-Z zooms both eyes together, and its narrow bands differ beyond filter 1."""
 
 MISSIONS: tuple[Mission, ...] = (MER, MSL, M2020)
 

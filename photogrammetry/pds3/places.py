@@ -39,7 +39,8 @@ from photogrammetry.pds3.xml_text import MAX_CHARACTERS, xml_root
 LOCALISED = "localised"
 PRIORITY = (LOCALISED, "adjusted", "telemetry")
 """From the most to the least trusted."""
-MAX_ROWS = 1_000_000
+MAX_ROWS = 200_000
+"""Of a rover that has moved every minute for years."""
 IDENTITY = np.array([1.0, 0.0, 0.0, 0.0])
 PLACES_COLUMNS = ("frame", "site", "drive", "landing_x", "landing_y", "landing_z")
 QUATERNION = ("quat_s", "quat_v1", "quat_v2", "quat_v3")
@@ -83,6 +84,8 @@ def parse_places(
             solution = _of_row(row, f"{source}: line {reader.line_num}", solution_id)
             if solution is not None:
                 solutions.append(solution)
+            if len(solutions) > MAX_ROWS:
+                raise VectorFileError(f"{source}: more than {MAX_ROWS} places are too many")
     except csv.Error as error:
         raise VectorFileError(f"{source}: line {reader.line_num}: {error}") from error
     return _file(source, mission, solution_id, solutions)
@@ -210,8 +213,6 @@ def _solution(
 def _file(source: str, mission: str, solution_id: str, solutions: Sequence[Solution]) -> VectorFile:
     if not solutions:
         raise VectorFileError(f"{source}: expected at least one place with a pose, found none")
-    if len(solutions) > MAX_ROWS:
-        raise VectorFileError(f"{source}: {len(solutions)} places are too many")
     kinds = {solution.kind for solution in solutions}
     priority = PRIORITY if solution_id in PRIORITY else (solution_id, *PRIORITY)
     return VectorFile(

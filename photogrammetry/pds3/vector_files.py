@@ -187,7 +187,7 @@ def lsl_tree(given: Iterable[Pose], sites: Iterable[int] = ()) -> LslTree:
             if pose.target.kind is FrameKind.SITE
         }
     )
-    roots = {site: _root_site(tree, site) for site in wanted}
+    roots = _root_sites(tree, wanted)
     reached = sorted(root for root in roots.values() if root is not None)
     if not reached:
         return LslTree(tree, None, "no site is known, so there is no LSL")
@@ -204,13 +204,22 @@ def lsl_tree(given: Iterable[Pose], sites: Iterable[int] = ()) -> LslTree:
     return LslTree(tree, origin, "; ".join(notes) or None)
 
 
-def _root_site(tree: FrameTree, site: int) -> int | None:
-    """The last site that the chain from a site reaches; None where it runs in a circle."""
-    try:
-        root = tree.root_of(site_frame(site))
-    except FrameError:
-        return None
-    return root.index[0] if root.kind is FrameKind.SITE else None
+def _root_sites(tree: FrameTree, sites: Iterable[int]) -> dict[int, int | None]:
+    """The last site that the chain from each site reaches; None where it runs in a circle.
+
+    Every frame is passed once: a chain of 60,000 sites fits into a file.
+    """
+    known: dict[Frame, Frame | None] = {}
+    roots: dict[int, int | None] = {}
+    for site in sites:
+        here, path = site_frame(site), dict[Frame, None]()
+        while here in tree.parent_from and here not in known and here not in path:
+            path[here] = None
+            here = tree.parent_from[here].target
+        root = None if here in path else known.get(here, here)
+        known |= dict.fromkeys(path, root)
+        roots[site] = root.index[0] if root is not None and root.kind is FrameKind.SITE else None
+    return roots
 
 
 def _solution(element: ET.Element, source: str) -> Solution:

@@ -60,3 +60,14 @@ def test_another_code_is_refused(code):
 def test_a_negative_counter_has_no_code():
     with pytest.raises(LabelError, match="not negative"):
         encode_counter(-1)
+
+
+def test_names_of_mars_2020_are_taken_apart():
+    name = parse_file_name("ids/edr/NLF_0629_0722782785_631ECM_N0301344NCAM00427_06_095J01.IMG")
+    assert (name.mission, name.instrument, name.eye) == ("M20", "NAVCAM", "L")
+    assert (name.clock, name.product_type, name.site, name.drive) == (722782785, "ECM", 30, 1344)
+    assert (name.sequence, name.producer, name.version) == ("ncam00427", "J", "01")
+    zoom = parse_file_name("zr3_0709_0729888971_069rad_n0332864zcam07114_0340lma01.img")
+    assert (zoom.instrument, zoom.eye, zoom.filter_number) == ("MASTCAM", "R", 3)
+    far = parse_file_name("FLF_1629_0722782785_631ECM_NA001344HAZ_00427_0A00LLJ02.IMG")
+    assert (far.site, far.drive) == (None, 1344)

@@ -33,6 +33,7 @@ def test_a_pds4_product_is_an_image_like_any_other(pixels):
     assert (image.stop.mission, image.stop.site, image.stop.drive) == ("M20", 30, 1344)
     assert (image.instrument, image.eye, image.filter_number) == ("NAVCAM", Eye.LEFT, None)
     assert (image.sol, image.clock, image.sequence) == (629, 722782785.631, "ncam00427")
+    assert image.product_type == "ECM"
     assert image.motion_counter == (30, 1344, 4)
     assert image.attitude_measured_by == "SUN_FIND"
     assert not image.is_linearised

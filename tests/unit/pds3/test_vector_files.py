@@ -1,10 +1,11 @@
 import csv
+import time
 
 import numpy as np
 import pytest
 
 from photogrammetry.errors import VectorFileError
-from photogrammetry.frames import LSL, FrameKind, rover_frame, site_frame
+from photogrammetry.frames import LSL, FrameKind, Pose, rover_frame, site_frame
 from photogrammetry.pds3.vector_files import (
     joined_priority,
     lsl_tree,
@@ -148,6 +149,15 @@ def test_a_chain_that_runs_in_a_circle_leaves_the_others_standing():
     assert tree.note is not None
     assert "no chain of sites joins site 30 to site 10" in tree.note
     assert lsl_tree(poses([vector_file(*circle)])).origin_site is None
+
+
+def test_a_chain_of_twenty_thousand_sites_is_hung_up_in_seconds():
+    """Link by link for every site it would be two hundred million links."""
+    links = [Pose.identity(site_frame(site), site_frame(site + 1)) for site in range(20_000)]
+    began = time.perf_counter()
+    lsl = lsl_tree(links)
+    assert time.perf_counter() - began < 10  # 0.1 s on an idle machine
+    assert (lsl.origin_site, lsl.note) == (0, None)
 
 
 def test_nothing_given_is_no_lsl():
