@@ -110,7 +110,6 @@ class PartialFile:
         """Write what comes behind the first `start` bytes; how many bytes came."""
         limit = MAX_FILE_BYTES if length is None else length
         with self.part.open("r+b") as file:
-            file.truncate(start)
             file.seek(start)
             for chunk in chunks:
                 if file.tell() + len(chunk) > limit:

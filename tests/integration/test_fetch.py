@@ -536,6 +536,7 @@ def test_without_any_mirror_the_index_from_an_earlier_time_serves(archive, image
     lost = fetch.folder / "out" / "sol0155" / Path(next(iter(images))).name
     lost.unlink()
     report = fetch(ArchiveServer(url="http://127.0.0.1:9"))
+    assert len(fetch.waits) == 2  # a mirror that is not there is not asked again for the image
     (warning,) = report.warnings
     assert warning.startswith("the index from an earlier time is used: edrindex.lbl: 127.0.0.1 ")
     (failure,) = report.failures
@@ -607,8 +608,10 @@ def test_a_page_in_place_of_the_index_is_refused(archive, fetch):
 
 def test_an_image_that_was_spoilt_here_is_fetched_again(archive, images, fetch):
     fetch(archive)
-    path = fetch.folder / "out" / next(iter(wanted(images)))
+    address, path = next(iter(images)), fetch.folder / "out" / next(iter(wanted(images)))
     path.write_bytes(path.read_bytes()[:1000])
+    source = {"url": archive.url + address, "validator": archive.files[address].tag}
+    path.with_name(path.name + ".source").write_text(json.dumps(source))  # unchanged over there
     archive.requests.clear()
     assert fetch(archive).fetched == 1
     assert here(fetch.folder / "out") == wanted(images)

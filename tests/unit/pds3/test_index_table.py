@@ -196,6 +196,8 @@ def test_frames_of_other_times_kinds_sols_and_instruments_are_no_pair():
             image_row(151600001, "r"),
             image_row(151600002, "l", "eth", image_type="THUMBNAIL"),
             image_row(151600002, "r", "eth", image_type="THUMBNAIL"),
+            image_row(151600005, "l", image_type="REF_PIXELS"),
+            image_row(151600005, "r", image_type="REF_PIXELS"),
             image_row(151600003, "l", sol=158),
             image_row(151600003, "r", sol=158),
             image_row(151600004, "l", instrument="PANCAM"),
