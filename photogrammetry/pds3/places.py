@@ -34,11 +34,13 @@ import numpy as np
 from photogrammetry.errors import FrameError, VectorFileError
 from photogrammetry.frames import FrameKind
 from photogrammetry.pds3.vector_files import Solution, VectorFile
-from photogrammetry.pds3.xml_text import MAX_CHARACTERS, xml_root
+from photogrammetry.pds3.xml_text import xml_root
 
 LOCALISED = "localised"
 PRIORITY = (LOCALISED, "adjusted", "telemetry")
 """From the most to the least trusted."""
+MAX_TABLE = 1 << 26
+"""Characters; rows are read one by one, and no more of them than `MAX_ROWS` are kept."""
 MAX_ROWS = 200_000
 """Of a rover that has moved every minute for years."""
 IDENTITY = np.array([1.0, 0.0, 0.0, 0.0])
@@ -68,7 +70,7 @@ def parse_places(
     Raises:
         VectorFileError: a column is missing or a value is no number; names the line.
     """
-    if len(text) > MAX_CHARACTERS:
+    if len(text) > MAX_TABLE:
         raise VectorFileError(f"{source}: {len(text)} characters are too many for a PLACES table")
     reader = csv.DictReader(io.StringIO(text.lstrip("\ufeff")), skipinitialspace=True)
     solutions: list[Solution] = []
