@@ -31,7 +31,8 @@ def largest_square(r: Vector3) -> float:
     """Square of the largest chi that the polynomial maps uniquely; infinity if it never turns."""
     linear, quadratic, constant = 3.0 * r[1], 5.0 * r[2], 1.0 + r[0]
     if quadratic == 0.0:
-        return float(-constant / linear) if linear < 0 else np.inf
+        with np.errstate(over="ignore"):
+            return float(-constant / linear) if linear < 0 else np.inf
     discriminant = linear * linear - 4.0 * quadratic * constant
     if discriminant < 0:
         return np.inf

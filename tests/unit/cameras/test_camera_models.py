@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from photogrammetry.cameras.cahv import Cahv
@@ -127,6 +127,7 @@ def test_the_three_types_of_cahvore_agree_near_the_axis(hazcam):
     np.testing.assert_allclose(images[0], images[2], atol=2e-3)
 
 
+@example(r0=0.0, r1=-2.225073858507e-311, r2=0.0, share=0.0)
 @given(
     r0=st.floats(-0.2, 0.2),
     r1=st.floats(-0.3, 0.3),
