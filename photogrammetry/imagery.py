@@ -7,10 +7,10 @@ from enum import StrEnum
 
 import numpy as np
 
-from photogrammetry.arrays import Covariances3, ImagePoints, Int32, PerPoint
+from photogrammetry.arrays import ImagePoints, Int32, PerPoint
 from photogrammetry.cameras.model import CameraModel
 from photogrammetry.errors import FrameError, LabelError
-from photogrammetry.frames import Frame, Pose, rover_frame
+from photogrammetry.frames import Pose, rover_frame
 
 
 class Eye(StrEnum):
@@ -158,13 +158,3 @@ class TiePoints:
 
     def __len__(self) -> int:
         return len(self.point)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class PlacedPoints:
-    """Object points with their covariance, in a named frame."""
-
-    frame: Frame
-    points: np.ndarray
-    """(n, 3) metres."""
-    covariances: Covariances3
