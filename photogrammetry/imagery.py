@@ -10,7 +10,7 @@ import numpy as np
 from photogrammetry.arrays import ImagePoints, Int32, PerPoint
 from photogrammetry.cameras.model import CameraModel
 from photogrammetry.errors import FrameError, LabelError
-from photogrammetry.frames import Pose, rover_frame
+from photogrammetry.frames import Frame, Pose, rover_frame
 
 
 class Eye(StrEnum):
