@@ -20,7 +20,6 @@ from __future__ import annotations
 import errno
 import math
 import os
-import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -37,6 +36,7 @@ from rasterio.windows import Window
 from photogrammetry.arrays import Raster
 from photogrammetry.terrain.grid import BLOCK, MapGrid
 from photogrammetry.terrain.records import Dtm
+from products.disk import is_full
 from products.errors import ProductError, ProductNotFoundError
 
 _LOSSLESS = {"BLOCKSIZE": BLOCK, "COMPRESS": "DEFLATE", "SPARSE_OK": "TRUE", "BIGTIFF": "IF_SAFER"}
@@ -45,8 +45,6 @@ _NODATA = {"float32": math.nan, "uint8": 0}
 _DIRECTIONS = {"aspect"}
 """Bands whose values run in a circle."""
 _DTM_UNITS = {"elevation": "m", "standard_deviation": "m", "observations": "", "class": ""}
-_NEXT_TO_NOTHING = 1 << 20
-"""Bytes free on a disk that a failed write is blamed on."""
 _STRETCH_PERCENTILES = (0.5, 99.5)
 """Brightness that becomes black and white: what lies beyond is glint, deep shadow or noise."""
 _LOOK = 1 << 20
@@ -105,7 +103,7 @@ def write_raster(  # noqa: PLR0913 - the properties of one file
             dataset.update_tags(AREA_OR_POINT="Area", **(tags or {}))
         copy_raster(rows, path, driver="COG", **options)
     except RasterioError as error:  # GDAL only says that writing failed
-        if shutil.disk_usage(path.parent).free < _NEXT_TO_NOTHING:
+        if is_full(path.parent, error):
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path)) from error
         raise
     finally:

@@ -9,7 +9,6 @@ same recipe gives the same bytes.
 from __future__ import annotations
 
 import contextlib
-import errno
 import hashlib
 import json
 import os
@@ -24,12 +23,11 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from products.disk import is_full
 from products.errors import ProductError, ProductNotFoundError, StoreFullError
 from products.model import ProductRef, Recipe
 
 _CHUNK = 1 << 20
-_NEXT_TO_NOTHING = 1 << 20
-"""Bytes free on a disk that a failed write is blamed on."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,9 +125,7 @@ class ProductStore:
         try:
             yield
         except Exception as error:
-            number = error.errno if isinstance(error, OSError) else None
-            free = shutil.disk_usage(self.root).free
-            if number in (errno.ENOSPC, errno.EDQUOT) or free < _NEXT_TO_NOTHING:
+            if is_full(self.root, error):
                 raise StoreFullError(
                     f"the disk is full while making {ref.kind} of {ref.scope}; free some space "
                     "and run again: what was made before is kept"
