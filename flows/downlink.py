@@ -12,7 +12,8 @@ from config.landing import landing_site
 from config.pipeline import load_pipeline
 from config.settings import Settings
 from flows.progress import report as report_progress
-from flows.sol import SolReport, process_sol
+from flows.sol import process_sol
+from flows.sol_inputs import SolReport
 from photogrammetry.errors import PhotogrammetryError
 from products.catalogue import MissionEntry
 from products.errors import ProductError, StoreFullError

@@ -1,0 +1,102 @@
+"""What is known when a sol is processed, and the report that is filled on the way."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from config.landing import landing_site
+from config.pipeline import PipelineConfig, load_pipeline
+from config.settings import Settings
+from photogrammetry.imagery import StopId
+from photogrammetry.matching.neighbours import link_candidates
+from products.catalogue import ImageEntry, MissionEntry
+from products.crs import LandingPoint
+from products.model import ProductRef
+from products.workspace import Workspace
+from tasks.ingest import image_records
+from tasks.telemetry import Telemetry, TelemetryStop, read_telemetry, vector_files
+
+WINDOW = 3
+"""Earlier stops that a sol may change: as far back as `adjust_stepwise` reaches."""
+
+
+@dataclass(slots=True)
+class SolReport:
+    """How a sol went: what was made, and one line for everything that was not."""
+
+    mission: str
+    sol: int
+    network: ProductRef | None = None
+    layers: int = 0
+    notes: list[str] = field(default_factory=list)
+    failures: list[str] = field(default_factory=list)
+
+    def blame(self, what: str, failed: Mapping[Any, str]) -> None:
+        """Take down failures that carry a cause."""
+        self.failures += [f"{what} {key}: {cause}" for key, cause in failed.items() if cause]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SolInputs:
+    """What is known when a sol is processed."""
+
+    workspace: Workspace
+    config: PipelineConfig
+    mission: MissionEntry
+    telemetry: Telemetry
+    new_stops: tuple[StopId, ...]
+    """Stops first seen this sol."""
+    touched: tuple[StopId, ...]
+    """Stops that images of this sol were taken at."""
+    unplaced: tuple[StopId, ...]
+    """Stops of this sol that no chain of sites joins to the LSL."""
+    unpaired: tuple[ImageEntry, ...]
+    """Images of this sol that have no stereo partner."""
+    window: tuple[TelemetryStop, ...]
+    """Stops whose orientation this sol may change, and those linked to them."""
+
+    @property
+    def landing(self) -> LandingPoint:
+        """Where the map is tied to Mars."""
+        return self.mission.landing
+
+
+def gather(mission: str, sol: int, store: Path, pipeline: str) -> SolInputs:
+    """Read settings, labels and vector files."""
+    workspace = Workspace.open(store)
+    config = load_pipeline(pipeline)
+    site = landing_site(mission, Settings().landing_sites)
+    entries = [e for e in workspace.catalogue.images(mission) if e.sol <= sol]
+    telemetry = read_telemetry(image_records(entries, workspace), vector_files(mission, workspace))
+    stops = telemetry.stops
+    touched = [stop for stop in stops if sol in stop.sols]
+    seen = {entry.stop for entry in entries if entry.sol == sol}
+    new = [stop for stop in touched if stop.sols[0] == sol]
+    first = min((stops.index(stop) for stop in touched), default=len(stops))
+    recent = stops[max(0, first - WINDOW) :]
+    window = {stop.stop: stop for stop in recent}
+    for stop in recent:
+        window |= {old.stop: old for old in candidates(stop, stops, config)}
+    return SolInputs(
+        workspace,
+        config,
+        MissionEntry(mission, site.title, site.landing, telemetry.note),
+        telemetry,
+        tuple(stop.stop for stop in new),
+        tuple(stop.stop for stop in touched),
+        tuple(stop for stop in telemetry.unplaced if str(stop) in seen),
+        tuple(entry for entry in entries if entry.sol == sol and entry.partner is None),
+        tuple(stop for stop in stops if stop.stop in window),
+    )
+
+
+def candidates(
+    stop: TelemetryStop, stops: Sequence[TelemetryStop], config: PipelineConfig
+) -> list[TelemetryStop]:
+    """The earlier stops that one is tried to be linked with."""
+    earlier = {old.stop: old for old in stops[: stops.index(stop)]}
+    poses = {name: old.lsl_from_rover for name, old in earlier.items()}
+    return [earlier[name] for name in link_candidates(stop.lsl_from_rover, poses, config.links)]

@@ -1,0 +1,102 @@
+"""From a sol's stereo pairs to its adjusted network: match, tie, adjust."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from flows.outcomes import settled
+from flows.sol_inputs import SolInputs, SolReport, candidates
+from photogrammetry.imagery import StopId
+from products.arrays import read_right_turn
+from products.model import ProductRef
+from tasks.adjust import NetworkParams, NetworkStep, adjust_network
+from tasks.match import MatchParams, match_stereo_pair
+from tasks.pairs import PairProducts, pairs_of
+from tasks.quicklook import picture_pair
+from tasks.tie import StopProducts, link_stops, tie_stop
+
+
+def match_pairs(inputs: SolInputs, sol: int, report: SolReport) -> dict[StopId, list[PairProducts]]:
+    """Match the pairs of all stops in the window; those of earlier sols are looked up."""
+    config, workspace = inputs.config, inputs.workspace
+    params = MatchParams(config.sparse, config.dense)
+    window = {stop.stop for stop in inputs.window}
+    entries = workspace.catalogue.images(inputs.mission.mission)
+    pairs = [pair for pair in pairs_of(entries) if pair.stop in window and pair.sol <= sol]
+    futures = {pair.id: match_stereo_pair.submit(pair, params, workspace.store) for pair in pairs}
+    done, failed = settled(f"sol {sol}: match stereo pairs", futures)
+    report.blame("match", failed)
+    pictures = {
+        pair: picture_pair.submit(matched, workspace.store) for pair, matched in done.items()
+    }
+    report.blame("picture", settled(f"sol {sol}: picture the matches", pictures)[1])
+    matched: dict[StopId, list[PairProducts]] = {stop: [] for stop in sorted(window)}
+    for products in done.values():
+        matched[products.files.stop].append(products)
+        turn = read_right_turn(workspace.store.path(products.matches))
+        if turn is not None and products.files.sol == sol:
+            report.notes.append(
+                f"{products.files.id}: rows did not correspond; the right camera was turned by "
+                f"{np.rad2deg(np.linalg.norm(turn)):.3f} degrees from its label's model"
+            )
+    return matched
+
+
+def adjust_stops(
+    inputs: SolInputs,
+    sol: int,
+    previous: ProductRef | None,
+    matched: dict[StopId, list[PairProducts]],
+    report: SolReport,
+) -> ProductRef | None:
+    """Tie the stops of the window and adjust them; None if that failed."""
+    config, store = inputs.config, inputs.workspace.store
+    telemetry = {stop.stop: stop for stop in inputs.window}
+    stops = {name: StopProducts(name, tuple(pairs)) for name, pairs in matched.items() if pairs}
+    ties, failed = settled(
+        f"sol {sol}: tie pairs within stops",
+        {
+            name: tie_stop.submit(stop, telemetry[name], config.inter_stereo, store)
+            for name, stop in stops.items()
+        },
+    )
+    report.blame("tie", failed)
+    links, links_failed = settled(
+        f"sol {sol}: tie stops across sites",
+        {
+            f"{old} - {new}": link_stops.submit(
+                stops[old], stops[new], telemetry[old], telemetry[new], config.cross_site, store
+            )
+            for old, new in _links(inputs)
+            if old in stops and new in stops
+        },
+    )
+    report.blame("link", links_failed)
+    step = NetworkStep(
+        mission=inputs.mission.mission,
+        sol=sol,
+        previous=previous,
+        stops=inputs.telemetry.stops,
+        new_stops=inputs.new_stops,
+        pairs=tuple(pair for stop in stops.values() for pair in stop.pairs),
+        ties=tuple(ties.values()),
+        links=tuple(links.values()),
+    )
+    params = NetworkParams(config.tracks, config.adjustment)
+    done, undone = settled(
+        f"sol {sol}: adjust the network", {sol: adjust_network.submit(step, params, store)}
+    )
+    report.blame("adjust sol", undone)
+    return done.get(sol)
+
+
+def _links(inputs: SolInputs) -> list[tuple[StopId, StopId]]:
+    """Pairs of stops of the window that are tried for a link, the earlier one first."""
+    stops = inputs.telemetry.stops
+    names = {stop.stop for stop in inputs.window}
+    return [
+        (old.stop, stop.stop)
+        for stop in inputs.window
+        for old in candidates(stop, stops, inputs.config)
+        if old.stop in names
+    ]
