@@ -25,11 +25,15 @@ class ProductKind(StrEnum):
     IMAGE = "image"
     BROWSE = "browse"
     VECTORS = "vectors"
+    RADIOMETRY = "radiometry"
     MATCHES = "matches"
     PARALLAX = "parallax"
     TIES = "ties"
     LINKS = "links"
     NETWORK = "network"
+    ORIENTATIONS = "orientations"
+    QUALITY = "quality"
+    REPORT = "report"
     DTM = "dtm"
     ORTHOPHOTO = "orthophoto"
     SLOPE = "slope"
@@ -48,11 +52,15 @@ SUFFIX = {
     ProductKind.IMAGE: ".img",
     ProductKind.BROWSE: ".png",
     ProductKind.VECTORS: ".xml",
+    ProductKind.RADIOMETRY: ".npz",
     ProductKind.MATCHES: ".npz",
     ProductKind.PARALLAX: ".npz",
     ProductKind.TIES: ".npz",
     ProductKind.LINKS: ".npz",
     ProductKind.NETWORK: ".json",
+    ProductKind.ORIENTATIONS: ".json",
+    ProductKind.QUALITY: ".json",
+    ProductKind.REPORT: ".html",
     ProductKind.DTM: ".tif",
     ProductKind.ORTHOPHOTO: ".tif",
     ProductKind.SLOPE: ".tif",
@@ -82,11 +90,15 @@ LEVEL = {
     ProductKind.IMAGE: ScopeLevel.IMAGE,
     ProductKind.BROWSE: ScopeLevel.IMAGE,
     ProductKind.VECTORS: ScopeLevel.REGION,
+    ProductKind.RADIOMETRY: ScopeLevel.REGION,
     ProductKind.MATCHES: ScopeLevel.PAIR,
     ProductKind.PARALLAX: ScopeLevel.PAIR,
     ProductKind.TIES: ScopeLevel.STOP,
     ProductKind.LINKS: ScopeLevel.STOP,
     ProductKind.NETWORK: ScopeLevel.SOL,
+    ProductKind.ORIENTATIONS: ScopeLevel.SOL,
+    ProductKind.QUALITY: ScopeLevel.SOL,
+    ProductKind.REPORT: ScopeLevel.SOL,
 }
 """The level of the products that stages hand to each other."""
 
