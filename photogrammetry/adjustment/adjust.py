@@ -22,6 +22,7 @@ import numpy as np
 from photogrammetry.adjustment.collinearity import Observations, State, misclosures
 from photogrammetry.adjustment.consistency import consistency
 from photogrammetry.adjustment.initialise import carried, initialise, sightings, with_points
+from photogrammetry.adjustment.intersection import with_rays_intersected
 from photogrammetry.adjustment.params import AdjustmentParams
 from photogrammetry.adjustment.priors import Telemetry
 from photogrammetry.adjustment.records import (
@@ -76,6 +77,7 @@ def adjust(
     known, is_known = _known(network, telemetry, observations, start)
     before = carried(known, telemetry, is_held, is_known)
     state, fits = initialise(observations, telemetry, is_held, params, known, is_known)
+    state = with_rays_intersected(state, observations, fits)
     used = fits & np.isfinite(misclosures(state, observations, np.arange(len(fits)))).all(axis=1)
     outcome = _run(STEPS, observations, telemetry, is_held, state, used, params)
     seen = sightings(observations, known.pointings, params)

@@ -95,7 +95,7 @@ def _fit(
     return coefficients, value - (design @ coefficients[:, :, None])[:, :, 0]
 
 
-def _calibration(geometry: EpipolarPair) -> Float64[np.ndarray, "3 3"]:
+def calibration(geometry: EpipolarPair) -> Float64[np.ndarray, "3 3"]:
     """K of an epipolar pair."""
     f, (cx, cy) = geometry.focal_px, geometry.centre_px
     return np.array([[f, 0.0, cx], [0.0, f, cy], [0.0, 0.0, 1.0]])
@@ -116,7 +116,7 @@ def plane_homographies(
     between = target_from_source.rotation + (
         target_from_source.translation_m[None, :, None] * normal[:, None, :]
     )
-    return _calibration(target) @ between @ np.linalg.inv(_calibration(source))
+    return calibration(target) @ between @ np.linalg.inv(calibration(source))
 
 
 def right_from_left(points: ImagePoints, planes: ParallaxPlanes) -> Float64[np.ndarray, "n 3 3"]:

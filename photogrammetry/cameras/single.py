@@ -1,0 +1,68 @@
+"""The ideal camera of a single image: square pixels, no distortion, rows level with the camera's.
+
+An image without a stereo partner takes part in ties and adjustment as the left half of a pair whose
+right half is never measured: axis A of the camera (right, down, forward = H', A x H', A), focal
+length and size those of the original. `NO_BASE_M` stands where a pair has its base; it is the unit
+of a parallax that nothing observes.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from photogrammetry.arrays import Directions, ImagePoints
+from photogrammetry.cameras.epipolar import EpipolarPair
+from photogrammetry.cameras.model import CameraModel
+from photogrammetry.errors import CameraError
+from photogrammetry.frames import Frame, Pose
+
+NO_BASE_M = 1.0
+"""Any length would do."""
+STEP_PX = 4.0
+"""Over which directions are differenced in the middle of the image."""
+BORDER_POINTS = 33
+
+
+def single_image(
+    camera: CameraModel, size: tuple[int, int], rover: Frame, frame: Frame
+) -> EpipolarPair:
+    """The geometry that an image without partner is resampled to; `size` is (samples, lines).
+
+    `camera` lives in the rover frame; the result covers all that the image shows.
+    """
+    middle = (np.array([size], dtype=np.float64) - 1.0) / 2.0
+    steps = np.array([[0.0, 0.0], [-STEP_PX, 0.0], [STEP_PX, 0.0], [0.0, -STEP_PX], [0.0, STEP_PX]])
+    ahead, left, right, above, below = camera.rays(middle + steps)
+    across = right - left - ((right - left) @ ahead) * ahead
+    x = across / np.linalg.norm(across)
+    rotation = np.column_stack([x, np.cross(ahead, x), ahead])
+    turns = (np.linalg.norm(right - left), np.linalg.norm(below - above))
+    focal_px = float(np.mean([2.0 * STEP_PX / turn for turn in turns]))
+    edge = _on_plane(camera.rays(_border(size)) @ rotation, camera) * focal_px
+    low, high = edge.min(axis=0), edge.max(axis=0)
+    samples, lines = np.round(high - low).astype(int).tolist()
+    return EpipolarPair(
+        rover_from_pair=Pose(rover, frame, rotation, camera.centre),
+        base_m=NO_BASE_M,
+        focal_px=focal_px,
+        centre_px=(float(-low[0]) - 0.5, float(-low[1]) - 0.5),
+        samples=samples,
+        lines=lines,
+    )
+
+
+def _border(size: tuple[int, int]) -> ImagePoints:
+    """Points along the outer edges of an image."""
+    x, y = (np.linspace(-0.5, n - 0.5, BORDER_POINTS) for n in size)
+    sides = [np.column_stack([np.full(BORDER_POINTS, edge), y]) for edge in (x[0], x[-1])]
+    ends = [np.column_stack([x, np.full(BORDER_POINTS, edge)]) for edge in (y[0], y[-1])]
+    return np.concatenate(sides + ends)
+
+
+def _on_plane(rays: Directions, camera: CameraModel) -> ImagePoints:
+    """Where rays meet the plane at distance one."""
+    if (rays[:, 2] <= 0).any():
+        raise CameraError(
+            f"the camera at {camera.centre} sees more than 180 degrees: no plane holds its image"
+        )
+    return rays[:, :2] / rays[:, 2:]
