@@ -10,6 +10,7 @@ from photogrammetry.imagery import StereoMatches
 from photogrammetry.matching.records import EpipolarImages
 from photogrammetry.matching.sparse import Candidates
 from photogrammetry.matching.verification import VerificationParams, parallax_curve
+from photogrammetry.stretching import stretched
 
 WHITE = (255, 255, 255)
 BLACK = (0, 0, 0)
@@ -17,13 +18,10 @@ GREEN = (80, 200, 80)
 ORANGE = (0, 140, 255)
 
 
-def stretched(image: GreyImage, mask: Mask) -> Picture:
-    """The image between its 1st and 99th percentile, three bands, black where not usable."""
-    if not mask.any():
-        return np.zeros((*image.shape, 3), np.uint8)
-    low, high = np.percentile(image[mask], [1.0, 99.0])
-    grey = np.clip((image - low) / max(high - low, 1e-6) * 255.0, 0, 255)
-    return cv2.cvtColor(np.where(mask, grey, 0).astype(np.uint8), cv2.COLOR_GRAY2BGR)
+def in_three_bands(image: GreyImage, mask: Mask) -> Picture:
+    """The stretched image, to be drawn upon in colours; black where not usable."""
+    grey = np.where(mask, stretched(image, mask), 0).astype(np.uint8)
+    return cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR)
 
 
 def draw_candidates(images: EpipolarImages, candidates: Candidates) -> Picture:
@@ -33,7 +31,7 @@ def draw_candidates(images: EpipolarImages, candidates: Candidates) -> Picture:
         (images.left, images.left_mask, candidates.left),
         (images.right, images.right_mask, candidates.right),
     ):
-        picture = stretched(image, mask)
+        picture = in_three_bands(image, mask)
         _dots(picture, points[candidates.accepted].astype(np.float64), WHITE, BLACK)
         _dots(picture, points[~candidates.accepted].astype(np.float64), BLACK, WHITE)
         pictures.append(picture)
@@ -42,8 +40,8 @@ def draw_candidates(images: EpipolarImages, candidates: Candidates) -> Picture:
 
 def draw_matches(images: EpipolarImages, matches: StereoMatches) -> Picture:
     """Both images side by side with the matches, from green (near) to violet (far)."""
-    left = stretched(images.left, images.left_mask)
-    right = stretched(images.right, images.right_mask)
+    left = in_three_bands(images.left, images.left_mask)
+    right = in_three_bands(images.right, images.right_mask)
     colours = _colours(matches.parallax_px.astype(np.float32)[None])[0]
     for point, parallax, colour in zip(
         matches.left, matches.parallax_px, colours.tolist(), strict=True

@@ -7,7 +7,7 @@ import numpy as np
 
 from photogrammetry.arrays import Picture
 from photogrammetry.errors import MatchingError
-from photogrammetry.matching.pictures import stretched
+from photogrammetry.matching.pictures import in_three_bands
 from photogrammetry.matching.records import MatchedPair
 from photogrammetry.matching.ties import Ties
 
@@ -21,7 +21,7 @@ def draw_ties(first: MatchedPair, second: MatchedPair, ties: Ties) -> Picture:
     for pair in (first, second):
         if pair.pair_id not in ties.pair_ids:
             raise MatchingError(f"{pair.pair_id} is not among the pairs of these ties")
-    grey = [stretched(p.images.left, p.images.left_mask) for p in (first, second)]
+    grey = [in_three_bands(p.images.left, p.images.left_mask) for p in (first, second)]
     height = max(g.shape[0] for g in grey)
     offset = grey[0].shape[1] + GAP_PX
     picture = np.zeros((height, offset + grey[1].shape[1], 3), np.uint8)

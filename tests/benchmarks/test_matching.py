@@ -15,11 +15,11 @@ from photogrammetry.cameras.cahvor import Cahvor
 from photogrammetry.cameras.epipolar import EpipolarPair, epipolar_pair
 from photogrammetry.frames import Frame, FrameKind, Pose, rover_frame
 from photogrammetry.matching.dense import match_densely
-from photogrammetry.matching.pictures import stretched
 from photogrammetry.matching.records import EpipolarImages
 from photogrammetry.matching.resampling import epipolar_images
 from photogrammetry.matching.sparse import match_sparsely
 from photogrammetry.matching.vertical_parallax import vertical_parallax
+from photogrammetry.stretching import stretched
 
 pytestmark = pytest.mark.benchmark(timer=time.process_time)
 
@@ -76,15 +76,15 @@ def test_measuring_the_vertical_parallax_of_a_pair(benchmark, images):
 
 
 def test_opencv_semi_global_matching_for_comparison(benchmark, images):
-    left = stretched(images.left, images.left_mask)[:, :, 0]
-    right = stretched(images.right, images.right_mask)[:, :, 0]
+    left = stretched(images.left, images.left_mask)
+    right = stretched(images.right, images.right_mask)
     matcher = cv2.StereoSGBM.create(0, 208, 5, P1=200, P2=800, disp12MaxDiff=1)
     benchmark(matcher.compute, left, right)
 
 
 def test_sift_with_ratio_test_for_comparison(benchmark, images):
     pictures = [
-        stretched(image, mask)[:, :, 0]
+        stretched(image, mask)
         for image, mask in ((images.left, images.left_mask), (images.right, images.right_mask))
     ]
 

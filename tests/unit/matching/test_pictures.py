@@ -6,7 +6,7 @@ from photogrammetry.matching.pictures import (
     draw_matches,
     draw_parallax,
     draw_parallax_curve,
-    stretched,
+    in_three_bands,
 )
 from photogrammetry.matching.sparse import SparseParams, match_interest_points, match_sparsely
 
@@ -53,5 +53,5 @@ def test_masked_pixels_are_black(scene, ground):
     images = scene([ground]).images
     mask = images.left_mask.copy()
     mask[10:20] = False
-    assert not stretched(images.left, mask)[10:20].any()
-    assert not stretched(images.left, np.zeros_like(mask)).any()
+    assert not in_three_bands(images.left, mask)[10:20].any()
+    assert not in_three_bands(images.left, np.zeros_like(mask)).any()

@@ -1,0 +1,20 @@
+"""Grey values of any range as a picture of eight bits."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from photogrammetry.arrays import GreyImage, Mask, Picture
+
+
+def stretched(
+    image: GreyImage, mask: Mask, low_percent: float = 1.0, high_percent: float = 99.0
+) -> Picture:
+    """The image between two percentiles of its usable pixels; of all where none is usable.
+
+    Outliers (specular pixels, dust) beyond the percentiles do not darken the rest.
+    """
+    usable = image[mask] if mask.any() else image.ravel()
+    low, high = np.percentile(usable, [low_percent, high_percent])
+    scaled = (image - low) * (255.0 / max(high - low, 1e-6))
+    return np.clip(scaled, 0, 255).astype(np.uint8)
