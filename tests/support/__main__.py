@@ -1,0 +1,78 @@
+"""Link all site pairs and print the table: `python -m tests.support`."""
+
+import argparse
+import dataclasses
+import json
+import time
+from functools import lru_cache
+from pathlib import Path
+
+from photogrammetry.matching.cross_site import CrossSiteParams, tie_cross_site
+from tests.support.husband_stops import HUSBAND, husband_stop
+from tests.support.simulated_stops import ROOT, SimulatedStop
+from tests.support.site_pairs import (
+    HEADING,
+    WORLDS,
+    Outcome,
+    SitePair,
+    Views,
+    judged,
+    matched_stops,
+    negative_pairs,
+    positive_pairs,
+    stops_of,
+    totals,
+)
+
+
+def linked(pair: SitePair, stops: tuple[SimulatedStop, SimulatedStop], views: Views) -> Outcome:
+    """Link one pair and judge it."""
+    one, other = matched_stops(pair, *stops)
+    first, second = views.of(one), views.of(other)
+    started = time.process_time()
+    link = tie_cross_site(first, second, views.params)
+    return judged(pair, *stops, link, time.process_time() - started)
+
+
+def main() -> None:
+    """Read the arguments, link, print."""
+    parser = argparse.ArgumentParser(prog="python -m tests.support", description=__doc__)
+    parser.add_argument("--only", default="", help="part of the pair's name")
+    parser.add_argument("--kind", choices=["all", "shared", "foreign", "husband"], default="all")
+    parser.add_argument("--json", type=Path, help="file to add the outcomes to, a line each")
+    arguments = parser.parse_args()
+    views = Views(CrossSiteParams())
+    pairs: list[SitePair] = []
+    if arguments.kind in {"all", "shared"}:
+        pairs += positive_pairs(WORLDS)
+    if arguments.kind in {"all", "foreign"}:
+        pairs += negative_pairs(WORLDS)
+    if arguments.kind in {"all", "husband"}:
+        pairs += [SitePair((HUSBAND, a), (HUSBAND, b)) for a, b in ((0, 1), (1, 2), (0, 2))]
+    outcomes = []
+    print(HEADING)  # noqa: T201 - a table is what this makes
+    for pair in pairs:
+        if arguments.only not in pair.name:
+            continue
+        outcome = linked(pair, _stops(pair), views)
+        outcomes.append(outcome)
+        print(outcome, flush=True)  # noqa: T201
+        if arguments.json:
+            with arguments.json.open("a") as file:
+                file.write(json.dumps(dataclasses.asdict(outcome)) + "\n")
+    print("\n".join(totals(outcomes)))  # noqa: T201
+
+
+@lru_cache(maxsize=3)
+def _husband(number: int) -> SimulatedStop:
+    return husband_stop(ROOT / ".cache" / "rendered_husband", number)
+
+
+def _stops(pair: SitePair) -> tuple[SimulatedStop, SimulatedStop]:
+    if pair.earlier[0] != HUSBAND:
+        return stops_of(pair)
+    return _husband(pair.earlier[1]), _husband(pair.later[1])
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,54 @@
+"""The three rendered stops of `rendered_husband` with their pairs matched, kept on disk."""
+
+import json
+import pickle
+from pathlib import Path
+
+import numpy as np
+
+from photogrammetry.frames import LSL, Pose, rotation_of_quaternion
+from photogrammetry.imagery import StopId
+from photogrammetry.matching.dense import match_densely
+from photogrammetry.matching.records import MatchedPair, MatchedStop
+from photogrammetry.matching.sparse import SparseParams, match_sparsely
+from photogrammetry.pds3.partners import find_stereo_pairs
+from photogrammetry.pds3.reading import read_image
+from tasks.match import geometry_of
+from tasks.pairs import resampled
+from tests.support.simulated_stops import CACHE, SimulatedStop, WorldOfStops, code_digest
+
+HUSBAND = WorldOfStops("husband", (0.0, 0.0), seed=0, stops=3)
+"""Stands for the rendered world in tables; it cannot be simulated."""
+
+
+def husband_stop(folder: Path, number: int) -> SimulatedStop:
+    """A stop with its Navcam and Pancam pairs, placed by its telemetry."""
+    path = CACHE / f"husband-{number}-{code_digest()}.pickle"
+    if path.exists():
+        return pickle.loads(path.read_bytes())  # noqa: S301 - written by this module
+    row = json.loads((folder / "truth" / "truth.json").read_text())["stops"][number]
+    stop = StopId("MER2", row["site"], row["drive"])
+    told, true = (
+        Pose(LSL, stop.frame, rotation_of_quaternion(np.array(row[turn])), np.array(row[place]))
+        for turn, place in (
+            ("telemetry_quaternion_wxyz", "telemetry_position"),
+            ("rover_to_lsl_quaternion_wxyz", "position"),
+        )
+    )
+    pairs = _matched_pairs(sorted((folder / f"sol{row['sol']:04d}" / "edr").glob("*.img")))
+    made = SimulatedStop(HUSBAND, number, MatchedStop(stop, pairs, told, np.zeros((6, 6))), true)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(pickle.dumps(made, protocol=5))
+    return made
+
+
+def _matched_pairs(files: list[Path]) -> tuple[MatchedPair, ...]:
+    reads = {r.image.id: r for r in (read_image(f.read_bytes(), f.name) for f in files)}
+    pairs = []
+    for pair in find_stereo_pairs([r.image for r in reads.values()]).pairs:
+        left, right = reads[pair.left.id], reads[pair.right.id]
+        images = resampled(left, right, geometry_of(left.image, right.image))
+        matches = match_sparsely(pair.id, images, SparseParams())
+        name = left.image.instrument
+        pairs.append(MatchedPair(pair.id, name, images, matches, match_densely(images)))
+    return tuple(pairs)

@@ -1,0 +1,168 @@
+"""Simulated stops with their pairs matched, kept on disk: a stop takes half a minute to make.
+
+A file is named after what made it: parameters, seed, and the code that renders and matches. With
+`SOLMAP_KEEP_STOPS=1` the code is left out of the name, for work on what comes after matching.
+"""
+
+import hashlib
+import os
+import pickle
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from photogrammetry.frames import Pose
+from photogrammetry.imagery import Eye, StopId
+from photogrammetry.matching.dense import match_densely
+from photogrammetry.matching.records import MatchedPair, MatchedStop
+from photogrammetry.matching.sparse import SparseParams, match_sparsely
+from photogrammetry.pds3.reading import ReadImage, read_image
+from photogrammetry.synthetic.scene import Shot, World
+from photogrammetry.synthetic.world import (
+    RenderJob,
+    TraverseParams,
+    WorldParams,
+    make_world,
+    true_parallax,
+)
+from tasks.match import geometry_of
+from tasks.pairs import resampled
+
+ROOT = Path(__file__).resolve().parents[2]
+CACHE = ROOT / ".cache" / "cross_site"
+MADE_BY = (
+    "synthetic/*.py",
+    "synthetic/edr.lbl",
+    "cameras/*.py",
+    "pds3/*.py",
+    "matching/[dginrsv]*.py",
+)
+"""Code that renders, reads and matches pairs, below `photogrammetry`; tying comes after."""
+TYING = ("ground_patches.py", "inter_stereo.py", "neighbours.py", "rocks.py")
+
+
+@dataclass(frozen=True, slots=True)
+class WorldOfStops:
+    """A small world: four stops on one kind of terrain, so far apart, under suns of their own."""
+
+    terrain: str
+    spacing_m: tuple[float, float]
+    seed: int
+    stops: int = 4
+    pairs: int = 10
+
+    @property
+    def params(self) -> WorldParams:
+        """The world's parameters; sites and sols differ from seed to seed, as their names do."""
+        traverse = TraverseParams(
+            stops=self.stops,
+            stops_per_site=1,
+            first_site=10 * self.seed,
+            first_sol=40 * self.seed,
+            spacing_m=self.spacing_m,
+        )
+        step = 2 * np.pi / self.pairs
+        return WorldParams(self.terrain, traverse, pairs=self.pairs, pair_step=step)
+
+    def world(self) -> World:
+        """The world itself."""
+        return _world(self)
+
+
+@cache
+def _world(which: WorldOfStops) -> World:
+    return make_world(which.params, which.seed)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SimulatedStop:
+    """A stop as matching hands it on, and where it truly stood in its world."""
+
+    world: WorldOfStops
+    number: int
+    matched: MatchedStop
+    """Placed by telemetry."""
+    true: Pose
+
+    @property
+    def stop(self) -> StopId:
+        """Site and drive."""
+        return self.matched.stop
+
+    def told_at(self, pose: Pose) -> MatchedStop:
+        """The stop as if telemetry had put it elsewhere."""
+        return replace(self.matched, lsl_from_rover=pose)
+
+
+def simulated_stop(which: WorldOfStops, number: int) -> SimulatedStop:
+    """A stop of a world, from the disk if it was made before."""
+    path = CACHE / f"{_digest(which, number)}.pickle"
+    if path.exists():
+        return pickle.loads(path.read_bytes())  # noqa: S301 - written by this module
+    made = _made(which, number)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    draft = path.with_suffix(f".{os.getpid()}.part")
+    draft.write_bytes(pickle.dumps(made, protocol=5))
+    draft.replace(path)
+    return made
+
+
+def _made(which: WorldOfStops, number: int) -> SimulatedStop:
+    world = which.world()
+    stop = world.stops[number]
+    pairs = tuple(_matched(world, shot) for shot in world.shots if shot.stop == number)
+    told = stop.telemetry_lsl_from_rover
+    return SimulatedStop(
+        which, number, MatchedStop(stop.id, pairs, told, np.zeros((6, 6))), stop.lsl_from_rover
+    )
+
+
+def _matched(world: World, shot: Shot) -> MatchedPair:
+    left, right = (_read(world, shot, eye) for eye in (Eye.LEFT, Eye.RIGHT))
+    images = resampled(left, right, geometry_of(left.image, right.image))
+    name = left.image.id
+    matches = match_sparsely(name, images, SparseParams())
+    return MatchedPair(name, left.image.instrument, images, matches, match_densely(images))
+
+
+def _read(world: World, shot: Shot, eye: Eye) -> ReadImage:
+    file = RenderJob(shot, eye).run(world)
+    return read_image(file.data, file.path.rsplit("/", 1)[-1])
+
+
+def true_pairs(stop: SimulatedStop) -> list[tuple[Pose, np.ndarray]]:
+    """(lsl_from_pair, parallax) of every pair, as they truly are."""
+    path = CACHE / f"{_digest(stop.world, stop.number)}-truth.npz"
+    world = stop.world.world()
+    geometries = [pair.images.geometry for pair in stop.matched.pairs]
+    if not path.exists():
+        every = [true_parallax(world, stop.number, k, g) for k, g in enumerate(geometries)]
+        np.savez(path, *every)
+    with np.load(path) as kept:
+        parallaxes = [kept[f"arr_{k}"] for k in range(len(geometries))]
+    shots = [shot for shot in world.shots if shot.stop == stop.number]
+    poses = [
+        world.true_lsl_from_label_rover(shot) @ g.rover_from_pair
+        for shot, g in zip(shots, geometries, strict=True)
+    ]
+    return list(zip(poses, parallaxes, strict=True))
+
+
+def _digest(which: WorldOfStops, number: int) -> str:
+    return f"{_short(repr((which, which.params, number)).encode())}-{code_digest()}"
+
+
+@cache
+def code_digest() -> str:
+    """Stands for the code that renders, reads and matches; `kept` if that is not to matter."""
+    if os.environ.get("SOLMAP_KEEP_STOPS"):
+        return "kept"
+    folder = ROOT / "photogrammetry"
+    files = sorted(path for pattern in MADE_BY for path in folder.glob(pattern))
+    return _short(b"".join(path.read_bytes() for path in files if path.name not in TYING))
+
+
+def _short(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()[:16]
