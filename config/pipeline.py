@@ -13,6 +13,7 @@ from pathlib import Path
 
 from config.errors import ConfigError
 from config.records import record_of
+from photogrammetry.adjustment.movement import ReissueParams
 from photogrammetry.adjustment.params import AdjustmentParams
 from photogrammetry.matching.cross_site import CrossSiteParams
 from photogrammetry.matching.dense import DenseParams
@@ -40,6 +41,7 @@ class PipelineConfig:
     links: LinkParams = field(default_factory=LinkParams)
     tracks: TrackParams = field(default_factory=TrackParams)
     adjustment: AdjustmentParams = field(default_factory=AdjustmentParams)
+    reissue: ReissueParams = field(default_factory=ReissueParams)
     dtm: DtmParams = field(default_factory=DtmParams)
     orthophoto: OrthophotoParams = field(default_factory=OrthophotoParams)
     contour: ContourParams = field(default_factory=ContourParams)

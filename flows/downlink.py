@@ -10,16 +10,18 @@ from prefect import flow
 from config.errors import ConfigError
 from config.landing import landing_site
 from config.pipeline import load_pipeline
+from config.radiometry import load_radiometry
 from config.settings import Settings
 from flows.progress import report as report_progress
 from flows.sol import process_sol
-from flows.sol_inputs import SolReport
+from flows.sol_inputs import SolReport, Standing
 from photogrammetry.errors import PhotogrammetryError
 from products.catalogue import MissionEntry
 from products.errors import ProductError, StoreFullError
 from products.model import ProductRef
 from products.workspace import Workspace
-from tasks.ingest import Delivery, image_records, ingest_downlink
+from tasks.images import image_records
+from tasks.ingest import Delivery, ingest_downlink
 from tasks.publish import publish
 from tasks.telemetry import read_telemetry, vector_files
 from tasks.vectors import draw_vectors
@@ -52,9 +54,13 @@ def process_downlink(downlink: Path, store: Path, pipeline: str = "default") -> 
     """Take a folder of rover images to published layers; what was made before is looked up."""
     report = DownlinkReport()
     load_pipeline(pipeline)  # refuse wrong settings before the work starts
+    radiometry = load_radiometry(Settings().instruments)
     workspace = Workspace.open(store)
     delivery = ingest_downlink(
-        downlink, workspace, lambda done, total: report_progress("ingest files", done, total)
+        downlink,
+        workspace,
+        radiometry,
+        lambda done, total: report_progress("ingest files", done, total),
     )
     _take_down(delivery, downlink, report)
     for mission in delivery.first_sols:
@@ -64,12 +70,12 @@ def process_downlink(downlink: Path, store: Path, pipeline: str = "default") -> 
 
 def _take_down(delivery: Delivery, downlink: Path, report: DownlinkReport) -> None:
     report.images = len(delivery.images)
-    report.warnings += [note for outcome in delivery.outcomes for note in outcome.notes]
+    report.warnings += [note for fault in delivery.faults for note in fault.notes]
     if not delivery.images:
         found = (
             f"none of its {delivery.files} files is a mapping image"
             if delivery.files
-            else ("it holds no .img, .svf or .rvf file")
+            else ("it holds no image (.img, .png, .jpg) and no vector file (.svf, .rvf)")
         )
         report.failures.append(f"nothing to process in {downlink}: {found}")
 
@@ -83,10 +89,10 @@ def _process_mission(
     except ConfigError as error:
         report.failures.append(str(error))
         return
-    network: ProductRef | None = None
+    standing: Standing | None = None
     for sol in sorted({entry.sol for entry in workspace.catalogue.images(mission)}):
         try:
-            done = process_sol(mission, sol, workspace.store.root, pipeline, network)
+            done = process_sol(mission, sol, workspace.store.root, pipeline, standing)
         except StoreFullError:
             raise
         except Exception as error:  # noqa: BLE001 - one bad sol never stops a downlink
@@ -94,11 +100,11 @@ def _process_mission(
             continue
         report.sols.append(done)
         report.failures += [f"{mission} sol {sol}: {line}" for line in done.failures]
-        network = done.network or network
-    if network is None:
+        standing = done.standing or standing
+    if standing is None:
         return
     try:
-        _draw_mission(mission, network, workspace, pipeline, report)
+        _draw_mission(mission, standing.network, workspace, pipeline, report)
     except StoreFullError:
         raise
     except Exception as error:  # noqa: BLE001 - the other missions are still to be drawn

@@ -9,16 +9,18 @@ from pathlib import Path
 from prefect import flow
 from prefect.task_runners import ThreadPoolTaskRunner
 
-from flows.sol_inputs import SolInputs, SolReport, gather
+from flows.sol_inputs import SolInputs, SolReport, Standing, gather
 from flows.sol_maps import map_stops
 from flows.sol_network import adjust_stops, match_pairs
+from photogrammetry.adjustment.movement import ReissueParams
 from photogrammetry.imagery import StopId
 from products.catalogue import Outcome
 from products.model import ProductRef
 from tasks.adjust import read_network
+from tasks.orientations import MappedStop, choose_orientations, read_orientations
 from tasks.pairs import PairProducts
 from tasks.publish import publish
-from tasks.scopes import sol_scope
+from tasks.scopes import network_scope
 from tasks.telemetry import why_unplaced
 
 WORKERS = 2
@@ -31,40 +33,49 @@ WORKERS = 2
     task_runner=ThreadPoolTaskRunner(max_workers=WORKERS),  # type: ignore[arg-type]
 )
 def process_sol(
-    mission: str, sol: int, store: Path, pipeline: str, previous: ProductRef | None = None
+    mission: str, sol: int, store: Path, pipeline: str, previous: Standing | None = None
 ) -> SolReport:
     """Take one sol from raw images to published layers."""
     report = SolReport(mission, sol)
     inputs = gather(mission, sol, store, pipeline)
     report.notes += [why_unplaced(stop) for stop in inputs.unplaced]
     report.notes += [f"{e.id} is unpaired: {e.unpaired_because}" for e in inputs.unpaired]
-    if not inputs.touched:
-        return report  # none of the sol's stops can be placed
-    matched = match_pairs(inputs, sol, report)
-    network = adjust_stops(inputs, sol, previous, matched, report)
-    if network is not None:
-        report.network = network
-        layers = map_stops(inputs, network, matched, report)
-        publish_sol(inputs, sol, network, layers, matched, report)
+    of_sol = inputs.workspace.catalogue.images(mission, sol=sol)
+    report.notes += [f"{image.id}: {note}" for image in of_sol for note in image.notes]
+    if inputs.touched:  # else none of the sol's stops can be placed
+        map_what_moved(inputs, previous, report)
     return report
+
+
+def map_what_moved(inputs: SolInputs, previous: Standing | None, report: SolReport) -> None:
+    """Match, adjust, map what is new or moved, and publish; the report is filled on the way."""
+    matched = match_pairs(inputs, report)
+    network = adjust_stops(inputs, previous, matched, report)
+    if network is None:
+        return
+    orientations = choose_orientations(
+        network,
+        previous.orientations if previous else None,
+        inputs.config.reissue,
+        inputs.workspace.store,
+    )
+    report.standing = Standing(network, orientations)
+    layers = map_stops(inputs, orientations, matched, report)
+    publish_sol(inputs, report.standing, layers, matched, report)
 
 
 def publish_sol(
     inputs: SolInputs,
-    sol: int,
-    network: ProductRef,
+    standing: Standing,
     layers: dict[StopId, list[ProductRef]],
     matched: dict[StopId, list[PairProducts]],
     report: SolReport,
 ) -> None:
-    """Move the catalogue to what this sol made, in one transaction."""
-    product = read_network(network, inputs.workspace.store)
-    touched = {str(stop) for stop in inputs.touched}
-    links = [_said(link) for link in product.links if link["later"] in touched]
-    report.notes += [product.reports[-1], *links]
+    """Move the catalogue to what was made, in one transaction."""
+    report.notes += _findings(inputs, standing)
     sols = {stop.stop: stop.sols for stop in inputs.telemetry.stops}
     outcome = Outcome(
-        sol_scope(report.mission, sol).name,
+        network_scope(report.mission, inputs.sol, inputs.mode).name,
         is_failure=bool(report.failures),
         notes=(*report.failures, *report.notes),
         at=datetime.now(UTC).isoformat(timespec="seconds"),
@@ -72,11 +83,28 @@ def publish_sol(
     published = publish.fn(
         inputs.mission,
         [(ref, sols[stop]) for stop, refs in layers.items() for ref in refs],
-        (network, *_stages(matched.values())),
+        (standing.network, standing.orientations, *_stages(matched.values())),
         [outcome],
         inputs.workspace,
     )
     report.layers = len(published)
+
+
+def _findings(inputs: SolInputs, standing: Standing) -> list[str]:
+    """How the adjustment went, what was linked, and which stops are mapped again."""
+    store = inputs.workspace.store
+    product, touched = read_network(standing.network, store), {str(s) for s in inputs.touched}
+    links = [_said(link) for link in product.links if link["later"] in touched]
+    mapped = read_orientations(standing.orientations, store).values()
+    again = [stop for stop in mapped if stop.is_new and stop.moved_m is not None]
+    return [product.reports[-1], *links, *(_moved(stop, inputs.config.reissue) for stop in again)]
+
+
+def _moved(stop: MappedStop, params: ReissueParams) -> str:
+    return (
+        f"{stop.stop} is mapped again: ground within {params.range_m:g} m of it moved by up to "
+        f"{stop.moved_m:.3f} m"
+    )
 
 
 def _said(link: dict[str, object]) -> str:

@@ -1,4 +1,4 @@
-"""What is known when a sol is processed, and the report that is filled on the way."""
+"""What is known when a sol or a whole mission is processed, and the report filled on the way."""
 
 from __future__ import annotations
 
@@ -10,17 +10,26 @@ from typing import Any
 from config.landing import landing_site
 from config.pipeline import PipelineConfig, load_pipeline
 from config.settings import Settings
+from photogrammetry.adjustment.modes import AdjustmentMode
 from photogrammetry.imagery import StopId
 from photogrammetry.matching.neighbours import link_candidates
 from products.catalogue import ImageEntry, MissionEntry
 from products.crs import LandingPoint
 from products.model import ProductRef
 from products.workspace import Workspace
-from tasks.ingest import image_records
+from tasks.images import image_records
 from tasks.telemetry import Telemetry, TelemetryStop, read_telemetry, vector_files
 
 WINDOW = 3
 """Earlier stops that a sol may change: as far back as `adjust_stepwise` reaches."""
+
+
+@dataclass(frozen=True, slots=True)
+class Standing:
+    """What an adjustment leaves to the next: its network, and what the stops are mapped with."""
+
+    network: ProductRef
+    orientations: ProductRef
 
 
 @dataclass(slots=True)
@@ -29,7 +38,7 @@ class SolReport:
 
     mission: str
     sol: int
-    network: ProductRef | None = None
+    standing: Standing | None = None
     layers: int = 0
     notes: list[str] = field(default_factory=list)
     failures: list[str] = field(default_factory=list)
@@ -41,11 +50,13 @@ class SolReport:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SolInputs:
-    """What is known when a sol is processed."""
+    """What is known when a sol is processed, or all sols up to one together."""
 
     workspace: Workspace
     config: PipelineConfig
     mission: MissionEntry
+    sol: int
+    mode: AdjustmentMode
     telemetry: Telemetry
     new_stops: tuple[StopId, ...]
     """Stops first seen this sol."""
@@ -65,32 +76,76 @@ class SolInputs:
 
 
 def gather(mission: str, sol: int, store: Path, pipeline: str) -> SolInputs:
-    """Read settings, labels and vector files."""
-    workspace = Workspace.open(store)
-    config = load_pipeline(pipeline)
-    site = landing_site(mission, Settings().landing_sites)
-    entries = [e for e in workspace.catalogue.images(mission) if e.sol <= sol]
-    telemetry = read_telemetry(image_records(entries, workspace), vector_files(mission, workspace))
-    stops = telemetry.stops
+    """Read settings, labels and vector files, for the adjustment of a sol."""
+    known = _Known.of(mission, sol, store, pipeline)
+    stops, entries = known.telemetry.stops, known.entries
     touched = [stop for stop in stops if sol in stop.sols]
     seen = {entry.stop for entry in entries if entry.sol == sol}
-    new = [stop for stop in touched if stop.sols[0] == sol]
+    return SolInputs(
+        known.workspace,
+        known.config,
+        known.mission,
+        sol,
+        AdjustmentMode.STEPWISE,
+        known.telemetry,
+        tuple(stop.stop for stop in touched if stop.sols[0] == sol),
+        tuple(stop.stop for stop in touched),
+        tuple(stop for stop in known.telemetry.unplaced if str(stop) in seen),
+        tuple(entry for entry in entries if entry.sol == sol and entry.partner is None),
+        _window(touched, stops, known.config),
+    )
+
+
+def gather_all(mission: str, sol: int, store: Path, pipeline: str) -> SolInputs:
+    """The same for the overall adjustment of all stops up to a sol."""
+    known = _Known.of(mission, sol, store, pipeline)
+    stops = known.telemetry.stops
+    return SolInputs(
+        known.workspace,
+        known.config,
+        known.mission,
+        sol,
+        AdjustmentMode.OVERALL,
+        known.telemetry,
+        new_stops=(),
+        touched=tuple(stop.stop for stop in stops),
+        unplaced=known.telemetry.unplaced,
+        unpaired=(),
+        window=stops,
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Known:
+    """What the store and the settings say of a mission up to a sol."""
+
+    workspace: Workspace
+    config: PipelineConfig
+    mission: MissionEntry
+    entries: tuple[ImageEntry, ...]
+    telemetry: Telemetry
+
+    @classmethod
+    def of(cls, mission: str, sol: int, store: Path, pipeline: str) -> _Known:
+        workspace = Workspace.open(store)
+        site = landing_site(mission, Settings().landing_sites)
+        entries = tuple(e for e in workspace.catalogue.images(mission) if e.sol <= sol)
+        records = image_records(entries, workspace)
+        telemetry = read_telemetry(records, vector_files(mission, workspace))
+        entry = MissionEntry(mission, site.title, site.landing, telemetry.note)
+        return cls(workspace, load_pipeline(pipeline), entry, entries, telemetry)
+
+
+def _window(
+    touched: Sequence[TelemetryStop], stops: Sequence[TelemetryStop], config: PipelineConfig
+) -> tuple[TelemetryStop, ...]:
+    """The stops whose orientation new images at `touched` ones may change, and those linked."""
     first = min((stops.index(stop) for stop in touched), default=len(stops))
     recent = stops[max(0, first - WINDOW) :]
-    window = {stop.stop: stop for stop in recent}
+    window = {stop.stop for stop in recent}
     for stop in recent:
-        window |= {old.stop: old for old in candidates(stop, stops, config)}
-    return SolInputs(
-        workspace,
-        config,
-        MissionEntry(mission, site.title, site.landing, telemetry.note),
-        telemetry,
-        tuple(stop.stop for stop in new),
-        tuple(stop.stop for stop in touched),
-        tuple(stop for stop in telemetry.unplaced if str(stop) in seen),
-        tuple(entry for entry in entries if entry.sol == sol and entry.partner is None),
-        tuple(stop for stop in stops if stop.stop in window),
-    )
+        window |= {old.stop for old in candidates(stop, stops, config)}
+    return tuple(stop for stop in stops if stop.stop in window)
 
 
 def candidates(

@@ -6,32 +6,28 @@ from flows.outcomes import promised, settled
 from flows.sol_inputs import SolInputs, SolReport
 from photogrammetry.imagery import StopId
 from products.model import ProductRef
-from tasks.adjust import read_network
 from tasks.contour import trace_contours
 from tasks.dtm import build_dtm
+from tasks.orientations import MappedStop, read_orientations
 from tasks.orthophoto import render_orthophoto
 from tasks.pairs import PairProducts
 from tasks.quicklook import picture_terrain
 from tasks.slope import map_aspect, map_slope, shade_relief
-from tasks.views import Orientation, OrientedPair
+from tasks.views import OrientedPair
 
 
 def map_stops(
     inputs: SolInputs,
-    network: ProductRef,
+    orientations: ProductRef,
     matched: dict[StopId, list[PairProducts]],
     report: SolReport,
 ) -> dict[StopId, list[ProductRef]]:
-    """Map every stop of the window from its adjusted pairs; unchanged ones are looked up."""
+    """Map every stop of the window from its adjusted pairs; what did not move is looked up."""
     config, store, landing = inputs.config, inputs.workspace.store, inputs.landing
-    adjusted = {p.pair_id: p for p in read_network(network, store).adjusted.pairs}
+    mapped = read_orientations(orientations, store)
     futures = {}
     for stop, pairs in matched.items():
-        oriented = tuple(
-            OrientedPair(pair, Orientation.of(adjusted[pair.files.id]))
-            for pair in pairs
-            if pair.files.id in adjusted
-        )
+        oriented = _oriented(pairs, mapped.get(str(stop)))
         if not oriented:
             continue
         dtm = build_dtm.submit(stop, oriented, config.dtm, landing, store)
@@ -52,3 +48,9 @@ def map_stops(
         if kind != "picture":
             made.setdefault(stop, []).append(ref)
     return made
+
+
+def _oriented(pairs: list[PairProducts], mapped: MappedStop | None) -> tuple[OrientedPair, ...]:
+    """The pairs of a stop that the network has, looking from where the stop is mapped with them."""
+    known = {o.pair_id: o for o in mapped.orientations} if mapped else {}
+    return tuple(OrientedPair(p, known[p.files.id]) for p in pairs if p.files.id in known)

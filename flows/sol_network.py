@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from flows.outcomes import settled
-from flows.sol_inputs import SolInputs, SolReport, candidates
+from flows.sol_inputs import SolInputs, SolReport, Standing, candidates
 from photogrammetry.imagery import StopId
 from products.arrays import read_right_turn
 from products.model import ProductRef
@@ -16,9 +16,9 @@ from tasks.quicklook import picture_pair
 from tasks.tie import StopProducts, link_stops, tie_stop
 
 
-def match_pairs(inputs: SolInputs, sol: int, report: SolReport) -> dict[StopId, list[PairProducts]]:
+def match_pairs(inputs: SolInputs, report: SolReport) -> dict[StopId, list[PairProducts]]:
     """Match the pairs of all stops in the window; those of earlier sols are looked up."""
-    config, workspace = inputs.config, inputs.workspace
+    config, workspace, sol = inputs.config, inputs.workspace, inputs.sol
     params = MatchParams(config.sparse, config.dense)
     window = {stop.stop for stop in inputs.window}
     entries = workspace.catalogue.images(inputs.mission.mission)
@@ -44,13 +44,12 @@ def match_pairs(inputs: SolInputs, sol: int, report: SolReport) -> dict[StopId, 
 
 def adjust_stops(
     inputs: SolInputs,
-    sol: int,
-    previous: ProductRef | None,
+    previous: Standing | None,
     matched: dict[StopId, list[PairProducts]],
     report: SolReport,
 ) -> ProductRef | None:
     """Tie the stops of the window and adjust them; None if that failed."""
-    config, store = inputs.config, inputs.workspace.store
+    config, store, sol = inputs.config, inputs.workspace.store, inputs.sol
     telemetry = {stop.stop: stop for stop in inputs.window}
     stops = {name: StopProducts(name, tuple(pairs)) for name, pairs in matched.items() if pairs}
     ties, failed = settled(
@@ -75,7 +74,8 @@ def adjust_stops(
     step = NetworkStep(
         mission=inputs.mission.mission,
         sol=sol,
-        previous=previous,
+        mode=inputs.mode,
+        previous=previous.network if previous else None,
         stops=inputs.telemetry.stops,
         new_stops=inputs.new_stops,
         pairs=tuple(pair for stop in stops.values() for pair in stop.pairs),

@@ -16,8 +16,9 @@ import numpy as np
 from prefect import task
 from prefect.cache_policies import NO_CACHE
 
-from photogrammetry.adjustment.adjust import adjust, adjust_stepwise
+from photogrammetry.adjustment.adjust import adjust, adjust_overall, adjust_stepwise
 from photogrammetry.adjustment.documents import network_document, network_of_document
+from photogrammetry.adjustment.modes import AdjustmentMode
 from photogrammetry.adjustment.params import AdjustmentParams
 from photogrammetry.adjustment.records import (
     AdjustedNetwork,
@@ -27,6 +28,7 @@ from photogrammetry.adjustment.records import (
     StopPrior,
     select,
 )
+from photogrammetry.errors import AdjustmentError
 from photogrammetry.frames import Pose
 from photogrammetry.imagery import StopId
 from photogrammetry.matching.tracks import TrackParams, build_tie_points
@@ -34,7 +36,7 @@ from products.arrays import pose_document, pose_of_document, read_mast, read_mat
 from products.model import ProductKind, ProductRef, Recipe
 from products.store import ProductStore
 from tasks.pairs import PairProducts
-from tasks.scopes import sol_scope
+from tasks.scopes import network_scope
 from tasks.telemetry import TelemetryStop
 from tasks.tie import TelemetryPose
 
@@ -53,8 +55,9 @@ class NetworkStep:
 
     mission: str
     sol: int
+    mode: AdjustmentMode
     previous: ProductRef | None
-    """The network of the sol before."""
+    """The network before: that of an earlier sol, or the sol's own for an overall adjustment."""
     stops: tuple[TelemetryStop, ...]
     """All stops up to this sol, in the order of the traverse."""
     new_stops: tuple[StopId, ...]
@@ -98,9 +101,8 @@ def adjust_network(step: NetworkStep, params: NetworkParams, store: ProductStore
         *step.links,
     )
     telemetry = tuple((str(stop.stop), stop.sols, TelemetryPose.of(stop)) for stop in step.stops)
-    recipe = Recipe(
-        ProductKind.NETWORK, sol_scope(step.mission, step.sol), inputs, (params, telemetry)
-    )
+    scope = network_scope(step.mission, step.sol, step.mode)
+    recipe = Recipe(ProductKind.NETWORK, scope, inputs, (params, telemetry, step.mode))
     return store.make(recipe, write)
 
 
@@ -142,8 +144,10 @@ def _adjusted(
     before: NetworkProduct | None,
     params: AdjustmentParams,
 ) -> tuple[AdjustedNetwork, AdjustmentReport]:
-    if before is None or step.new_stops:
-        start = before.adjusted if before else None
+    start = before.adjusted if before else None
+    if step.mode is AdjustmentMode.OVERALL:
+        return _usable(*adjust_overall(network, params, start))
+    if start is None or step.new_stops:
         adjusted, report = adjust_stepwise(start, network, step.new_stops, params)
         if report.converged:
             return adjusted, report
@@ -151,7 +155,16 @@ def _adjusted(
         stands, _ = adjust_stepwise(start, untied, step.new_stops, params)
         return stands, replace(report, message="telemetry stands instead")
     held = set(network.stop_ids)  # new images of old stops: only their pointing is weighed
-    return adjust(network, held, params, before.adjusted, "pointing at known stops")
+    return adjust(network, held, params, start, "pointing at known stops")
+
+
+def _usable(
+    adjusted: AdjustedNetwork, report: AdjustmentReport
+) -> tuple[AdjustedNetwork, AdjustmentReport]:
+    """The overall adjustment, unless what was there before is better."""
+    if not report.converged:
+        raise AdjustmentError(f"{report}; the network before stands")
+    return adjusted, report
 
 
 def _document(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from photogrammetry.adjustment.modes import AdjustmentMode
 from photogrammetry.imagery import StopId
 from products.model import Scope, ScopeLevel
 
@@ -24,6 +25,17 @@ def stop_scope(stop: StopId) -> Scope:
 def sol_scope(mission: str, sol: int) -> Scope:
     """One sol: `mer2-sol0156`."""
     return Scope(ScopeLevel.SOL, f"{mission.lower()}-sol{sol:04d}")
+
+
+def network_scope(mission: str, sol: int, mode: AdjustmentMode) -> Scope:
+    """The network of a sol; after the sol's own comes that of an overall adjustment up to it.
+
+    In this order their names sort: `mer2-sol0156`, `mer2-sol0156-overall`, `mer2-sol0157`.
+    """
+    of_sol = sol_scope(mission, sol)
+    if mode is AdjustmentMode.OVERALL:
+        return Scope(of_sol.level, f"{of_sol.name}-{mode}")
+    return of_sol
 
 
 def region_scope(mission: str) -> Scope:

@@ -8,14 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from photogrammetry.adjustment.records import AdjustedPair
-from photogrammetry.frames import LSL, Pose
+from photogrammetry.frames import LSL, Frame, Pose
 from photogrammetry.imagery import Eye
 from photogrammetry.matching.resampling import resample
 from photogrammetry.terrain.records import TerrainView
 from products.arrays import read_matches, read_parallax
 from products.model import ProductRef
 from products.store import ProductStore
-from tasks.pairs import PairProducts, read_product_image
+from tasks.images import read_product_image
+from tasks.pairs import PairProducts
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +40,11 @@ class Orientation:
             pair.pair_id, tuple(pose.rotation.ravel().tolist()), tuple(pose.translation_m.tolist())
         )
 
+    def lsl_from(self, pair: Frame) -> Pose:
+        """The orientation as the pose of a pair's frame."""
+        rotation = np.array(self.rotation).reshape(3, 3)
+        return Pose(LSL, pair, rotation, np.array(self.translation_m))
+
 
 @dataclass(frozen=True, slots=True)
 class OrientedPair:
@@ -50,7 +56,8 @@ class OrientedPair:
     @property
     def inputs(self) -> tuple[ProductRef, ...]:
         """The products that mapping reads."""
-        return (self.products.files.left, self.products.matches, self.products.parallax)
+        products = self.products
+        return (*products.files.left.inputs, products.matches, products.parallax)
 
 
 def inputs_of(pairs: Iterable[OrientedPair]) -> tuple[ProductRef, ...]:
@@ -69,16 +76,10 @@ def _read_view(pair: OrientedPair, store: ProductStore) -> TerrainView:
     geometry, _ = read_matches(store.path(pair.products.matches))
     left = read_product_image(files.left, store)
     image, mask = resample(left.pixels, left.mask, left.image.camera, geometry, Eye.LEFT)
-    lsl_from_pair = Pose(
-        LSL,
-        geometry.rover_from_pair.source,
-        np.array(pair.orientation.rotation).reshape(3, 3),
-        np.array(pair.orientation.translation_m),
-    )
     return TerrainView(
         pair_id=files.id,
         instrument=files.instrument,
-        lsl_from_pair=lsl_from_pair,
+        lsl_from_pair=pair.orientation.lsl_from(geometry.rover_from_pair.source),
         geometry=geometry,
         parallax=read_parallax(store.path(pair.products.parallax)),
         image=image,
