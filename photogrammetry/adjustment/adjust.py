@@ -23,6 +23,7 @@ from photogrammetry.adjustment.collinearity import Observations, State, misclosu
 from photogrammetry.adjustment.consistency import consistency
 from photogrammetry.adjustment.initialise import carried, initialise, sightings, with_points
 from photogrammetry.adjustment.intersection import with_rays_intersected
+from photogrammetry.adjustment.marginal import Marginal
 from photogrammetry.adjustment.params import AdjustmentParams
 from photogrammetry.adjustment.priors import Telemetry
 from photogrammetry.adjustment.records import (
@@ -63,23 +64,25 @@ def adjust(
     params: AdjustmentParams,
     start: AdjustedNetwork | None = None,
     name: str = "adjust",
+    inherited: Marginal | None = None,
 ) -> tuple[AdjustedNetwork, AdjustmentReport]:
     """Adjust a network with some stops held where `start`, or else telemetry, has them.
 
-    Stops and pairs that `start` knows begin there; the others are aligned to them first. Not
+    Stops and pairs that `start` knows begin there; the others are aligned to them first. What
+    observations that are no longer in the network said of its stops may be `inherited`. Not
     converging is returned and reported; look at `AdjustmentReport.is_usable`.
 
     Raises:
-        AdjustmentError: no stop is held, or a held one is not in the network.
+        AdjustmentError: no stop is held and nothing inherited, or a held one is not in the network.
     """
-    is_held = _held(network, held)
+    is_held = _held(network, held, has_datum=inherited is not None)
     observations, telemetry = Observations.of(network), Telemetry.of(network, params)
     known, is_known = _known(network, telemetry, observations, start)
     before = carried(known, telemetry, is_held, is_known)
     state, fits = initialise(observations, telemetry, is_held, params, known, is_known)
     state = with_rays_intersected(state, observations, fits)
     used = fits & np.isfinite(misclosures(state, observations, np.arange(len(fits)))).all(axis=1)
-    outcome = _run(STEPS, observations, telemetry, is_held, state, used, params)
+    outcome = _run(STEPS, observations, telemetry, is_held, state, used, params, inherited)
     seen = sightings(observations, known.pointings, params)
     agreement = (
         consistency(observations, before, seen, outcome.used),
@@ -137,12 +140,12 @@ def adjust_stepwise(
     return _merged(previous, adjusted, network, held), report
 
 
-def _held(network: Network, held: AbstractSet[StopId]) -> np.ndarray:
+def _held(network: Network, held: AbstractSet[StopId], *, has_datum: bool) -> np.ndarray:
     """Which stops are held; refuses a network without datum."""
     strangers = sorted(set(held) - set(network.stop_ids))
     if strangers:
         raise AdjustmentError(f"{strangers[0]} cannot be held: it is not in the network")
-    if not held:
+    if not (held or has_datum):
         raise AdjustmentError(
             f"the datum of the network of {len(network.stops)} stops is undefined: images and "
             "telemetry increments only tell where stops are relative to each other; hold one stop "
@@ -183,12 +186,13 @@ def _run(  # noqa: PLR0913, PLR0917 - the problem, and where it starts
     state: State,
     used: np.ndarray,
     params: AdjustmentParams,
+    inherited: Marginal | None = None,
 ) -> Outcome:
     """Run the steps, each until no blunder is found any more."""
     iterations = 0
     for step in steps:
         for _ in range(params.max_rounds):
-            problem = Problem.of(observations, telemetry, held, used)
+            problem = Problem.of(observations, telemetry, held, used, inherited)
             solution = solve(problem, state, params, robust=step.robust)
             iterations += solution.iterations
             state = solution.state

@@ -126,6 +126,8 @@ def _stops(
     """The adjusted stops, with what holds each."""
     state, unknowns = outcome.solution.state, outcome.problem.unknowns
     shared, reached = _links(outcome, held)
+    inherited = outcome.problem.inherited
+    past = set(inherited.stops.tolist()) if inherited else set()
     numbers = np.arange(len(held))
     blocks = np.repeat(numbers[:, None], 6, axis=1)
     covariances = outcome.inverse[outcome.problem.pattern.indices(blocks, unknowns.stop_columns)]
@@ -141,7 +143,8 @@ def _stops(
                 (C + C.T) / 2,
                 bool(held[k]),
                 bool(reached[k]),
-                _held_by(network.stop_ids, k, held, shared, reached),
+                _held_by(network.stop_ids, k, held, shared, reached)
+                + ("; what earlier stops said of it" if k in past else ""),
             )
         )
     return tuple(stops)
@@ -162,11 +165,13 @@ def _links(outcome: Outcome, held: np.ndarray) -> tuple[dict[tuple[int, int], in
         for (a, b), count in zip(couples.tolist(), counts.tolist(), strict=True):
             shared[a, b] = shared.get((a, b), 0) + count
     reached = held.copy()
+    if inherited := outcome.problem.inherited:
+        reached[inherited.stops[inherited.grounded]] = True
     near: dict[int, list[int]] = {}
     for a, b in shared:
         near.setdefault(a, []).append(b)
         near.setdefault(b, []).append(a)
-    front = np.flatnonzero(held).tolist()
+    front = np.flatnonzero(reached).tolist()
     while front:
         for other in near.get(front.pop(), []):
             if not reached[other]:

@@ -51,6 +51,7 @@ from photogrammetry.adjustment.elimination import (
     prior_places,
     tie_groups,
 )
+from photogrammetry.adjustment.marginal import Marginal
 from photogrammetry.adjustment.params import AdjustmentParams
 from photogrammetry.adjustment.priors import (
     Telemetry,
@@ -86,10 +87,17 @@ class Problem:
     """Observations that belong to a group, in ascending order."""
     anchor: np.ndarray
     """Per point, the pair that is nearest to it (-1: not in the adjustment)."""
+    inherited: Marginal | None = None
+    """What observations that have left said of these stops."""
 
     @classmethod
     def of(
-        cls, observations: Observations, telemetry: Telemetry, held: np.ndarray, used: np.ndarray
+        cls,
+        observations: Observations,
+        telemetry: Telemetry,
+        held: np.ndarray,
+        used: np.ndarray,
+        inherited: Marginal | None = None,
     ) -> Problem:
         """Lay out a network: `held` by stop, `used` by observation."""
         unknowns = Unknowns.of(held, observations.pair_stop)
@@ -101,6 +109,8 @@ class Problem:
         for group in groups:
             seen = np.unique(np.sort(group.stops[:, ::COLUMNS], axis=1), axis=0)
             cliques.update(map(tuple, seen.tolist()))
+        if inherited:
+            cliques.add(tuple(inherited.stops.tolist()))
         pattern = BlockPattern.of(unknowns.sizes, cliques)
         places = tuple(pattern.indices(g.stops, g.local) for g in groups)
         link_places, link_right = prior_places(unknowns, pattern, before)
@@ -116,7 +126,7 @@ class Problem:
         anchor[observations.point[nearest]] = observations.pair[nearest]
         return cls(
             observations, telemetry, held, unknowns, pattern, groups, places,
-            link_places, link_right, weight, rows, anchor,
+            link_places, link_right, weight, rows, anchor, inherited,
         )  # fmt: skip
 
     @property
@@ -125,7 +135,8 @@ class Problem:
         coordinates = int((self.observations.weight[self.rows] > 0).sum())
         telemetry = int((self.link_weight > 0).sum()) + 3 * len(self.observations.pair_stop)
         points = 3 * sum(len(group.rows) for group in self.groups)
-        return coordinates + telemetry - points - self.unknowns.count
+        known = self.inherited.surplus if self.inherited else 0
+        return coordinates + telemetry + known - points - self.unknowns.count
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -185,7 +196,8 @@ def cost_of(problem: Problem, state: State, threshold: float | None) -> float:
         loss = np.where(t <= threshold, loss, 2 * threshold * t - threshold**2)
     links = telemetry_misclosures(state, problem.telemetry) * problem.link_weight
     pointing = state.pointings * problem.telemetry.pointing_weight
-    return float(loss.sum() + (links**2).sum() + (pointing**2).sum())
+    known = problem.inherited.cost(state) if problem.inherited else 0.0
+    return float(loss.sum() + (links**2).sum() + (pointing**2).sum()) + known
 
 
 def normal_equations(
@@ -207,6 +219,7 @@ def normal_equations(
         ties.append(eliminate(group, places, full, by_orientation, by_point))
         add_normals(ties[-1], problem.unknowns, flat, right)
     _add_telemetry(problem, state, flat, right)
+    _add_inherited(problem, state, flat, right)
     flat[-1] = right[-1] = 0.0
     return flat, right, tuple(ties)
 
@@ -226,6 +239,18 @@ def _add_telemetry(problem: Problem, state: State, flat: np.ndarray, right: np.n
     own = problem.pattern.start(stop, stop)[:, None]
     flat[own + unknowns.pair_columns * (unknowns.sizes[stop][:, None] + 1)] += w2
     right[unknowns.offsets[stop][:, None] + unknowns.pair_columns] -= w2 * state.pointings
+
+
+def _add_inherited(problem: Problem, state: State, flat: np.ndarray, right: np.ndarray) -> None:
+    """Add what observations that have left said."""
+    if problem.inherited is None:
+        return
+    unknowns, stops, pairs = problem.unknowns, problem.inherited.stops, problem.inherited.pairs
+    N, n = problem.inherited.normals(state)
+    blocks = np.concatenate([np.repeat(stops, 6), np.repeat(unknowns.pair_stop[pairs], 3)])
+    local = np.concatenate([unknowns.stop_columns[stops], unknowns.pair_columns[pairs]], axis=None)
+    np.add.at(flat, problem.pattern.indices(blocks[None], local[None])[0], N)
+    np.add.at(right, np.where(local >= 0, unknowns.offsets[blocks] + local, len(right) - 1), n)
 
 
 def linearise(problem: Problem, state: State, threshold: float | None) -> Linearised:

@@ -1,0 +1,156 @@
+"""What observations that have left an adjustment still say of the stops that remain.
+
+A stop that no new image will see leaves the adjustment, and its observations with it. What they
+said of the stops that stay is kept exactly, as a square root of information (see `elimination` for
+the same with points): with the corrections of what leaves (s) and of what stays (T), all whitened
+observations that touch s are triangulated orthogonally,
+
+    | A_s  A_T | x = l    ->    | R_ss  R_sT |  x = | d_s |          conditional of s, given T
+                                |  0    R_TT |      | d_T |          marginal of T
+
+so that |R_TT x_T - d_T|^2 replaces them (Di et al. 2008, equations 3 and 4, with X = s, Y = T; the
+Kalman form there, orthogonal transformations here as in Blais 1983 and Holm 1989).
+
+The marginal was linear where it was made, but what stays moves on. It is therefore written in
+coordinates that bend with the traverse: with the anchor a, the last of the stops, and their values
+at that time marked by °,
+
+    z_a = (Log(R_a R_a°'), c_a - c_a°)                                        the anchor in the LSL
+    z_i = (Log(R_a'R_i (R_a°'R_i°)'), R_a'(c_i - c_a) - R_a°'(c_i° - c_a°))   others, seen from it
+    z_j = m_j - m_j°                                                          pointings
+
+A common motion of all stops, which later observations may well bring, leaves z_i alone. First
+order, with J the left Jacobian of the rotation vector:
+
+    dz_i = (J^-1 R_a' (d_i - d_a),   R_a' (dc_i - dc_a + [c_i - c_a] d_a))
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from photogrammetry.adjustment.collinearity import PAIR_UNKNOWNS, STOP_UNKNOWNS, State
+from photogrammetry.adjustment.rotations import cross_matrix, left_jacobian, rotation_of_vector
+from photogrammetry.arrays import Flags, Float64, Int32
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Chart:
+    """Coordinates z of some stops and pairs about the values they had at one time.
+
+    The last stop is the anchor. Columns: 6 for each stop, then 3 for each pair.
+    """
+
+    stops: Int32[np.ndarray, " stops"]
+    """Their numbers in the network."""
+    pairs: Int32[np.ndarray, " pairs"]
+    rotations: Float64[np.ndarray, "stops 3 3"]
+    centres: Float64[np.ndarray, "stops 3"]
+    pointings: Float64[np.ndarray, "pairs 3"]
+
+    @classmethod
+    def at(cls, state: State, stops: np.ndarray, pairs: np.ndarray) -> Chart:
+        """About a state."""
+        return cls(
+            stops.astype(np.int32),
+            pairs.astype(np.int32),
+            state.rotations[stops],
+            state.centres[stops],
+            state.pointings[pairs],
+        )
+
+    @property
+    def size(self) -> int:
+        """How many coordinates."""
+        return STOP_UNKNOWNS * len(self.stops) + PAIR_UNKNOWNS * len(self.pairs)
+
+    def coordinates(self, state: State) -> Float64[np.ndarray, " n"]:
+        """Z of a state."""
+        turn, place = _from_anchor(state.rotations[self.stops], state.centres[self.stops])
+        turn_then, place_then = _from_anchor(self.rotations, self.centres)
+        turned = Rotation.from_matrix(turn @ turn_then.swapaxes(1, 2)).as_rotvec()
+        z = np.column_stack([turned, place - place_then])
+        return np.concatenate([z.ravel(), (state.pointings[self.pairs] - self.pointings).ravel()])
+
+    def partials(self, state: State) -> Float64[np.ndarray, "n n"]:
+        """Derivatives of z by (d, dc) of the stops, in the LSL, and by dm of the pairs."""
+        n, z = len(self.stops), self.coordinates(state)
+        bend = np.linalg.inv(left_jacobian(z[: 6 * n].reshape(n, 6)[:, :3]))
+        centres, to_anchor = state.centres[self.stops], state.rotations[self.stops[-1]].T
+        arm = to_anchor @ cross_matrix(centres - centres[-1])
+        J, a = np.eye(self.size), 6 * (n - 1)
+        for i in range(n - 1):
+            k = 6 * i
+            J[k : k + 3, k : k + 3] = bend[i] @ to_anchor
+            J[k : k + 3, a : a + 3] = -bend[i] @ to_anchor
+            J[k + 3 : k + 6, k + 3 : k + 6] = to_anchor
+            J[k + 3 : k + 6, a + 3 : a + 6] = -to_anchor
+            J[k + 3 : k + 6, a : a + 3] = arm[i]
+        J[a : a + 3, a : a + 3] = bend[-1]
+        return J
+
+    def placed(self, z: Float64[np.ndarray, " n"], state: State) -> State:
+        """The state in which the coordinates are z; the anchor's are met first."""
+        n = len(self.stops)
+        turned, moved = np.split(z[: 6 * n].reshape(n, 6), 2, axis=1)
+        turn_then, place_then = _from_anchor(self.rotations, self.centres)
+        turn, place = rotation_of_vector(turned) @ turn_then, place_then + moved
+        rotations, centres = state.rotations.copy(), state.centres.copy()
+        pointings = state.pointings.copy()
+        rotations[self.stops] = turn[-1] @ turn
+        rotations[self.stops[-1]] = turn[-1]
+        centres[self.stops] = place[-1] + place @ turn[-1].T
+        centres[self.stops[-1]] = place[-1]
+        pointings[self.pairs] = self.pointings + z[6 * n :].reshape(-1, 3)
+        return State(rotations, centres, pointings, state.points)
+
+
+def _from_anchor(rotations: np.ndarray, centres: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rotations and places as the last stop sees them, and the last one's own in the LSL."""
+    to_anchor = rotations[-1].T
+    turn, place = to_anchor @ rotations, (centres - centres[-1]) @ rotations[-1]
+    turn[-1], place[-1] = rotations[-1], centres[-1]
+    return turn, place
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Marginal:
+    """|root z - right|^2: all that is left of the observations that are gone."""
+
+    chart: Chart
+    root: Float64[np.ndarray, "r n"]
+    right: Float64[np.ndarray, " r"]
+    grounded: Flags
+    """Which of the stops images join to the datum."""
+    spent: float
+    """Sum of squares that the observations which are gone keep whatever becomes of the rest."""
+    surplus: int
+    """How many they were, beyond the unknowns that went with them."""
+
+    @property
+    def stops(self) -> Int32[np.ndarray, " stops"]:
+        """Numbers of the stops that it couples."""
+        return self.chart.stops
+
+    @property
+    def pairs(self) -> Int32[np.ndarray, " pairs"]:
+        """Numbers of the pairs that it couples."""
+        return self.chart.pairs
+
+    def cost(self, state: State) -> float:
+        """The sum of squares at a state, of all observations that are gone."""
+        off = self.root @ self.chart.coordinates(state) - self.right
+        return self.spent + float(off @ off)
+
+    def rows(self, state: State) -> tuple[np.ndarray, np.ndarray]:
+        """Its observation equations A x = l for corrections in the LSL, at a state."""
+        A = self.root @ self.chart.partials(state)
+        return A, self.right - self.root @ self.chart.coordinates(state)
+
+    def normals(self, state: State) -> tuple[np.ndarray, np.ndarray]:
+        """Its normal matrix and right-hand side for corrections in the LSL, at a state."""
+        A, l = self.rows(state)
+        return A.T @ A, A.T @ l
