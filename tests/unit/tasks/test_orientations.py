@@ -1,0 +1,81 @@
+"""Which orientations a stop is mapped with, whatever way its network came."""
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from photogrammetry.adjustment.movement import ReissueParams
+from photogrammetry.adjustment.records import AdjustedPair
+from photogrammetry.frames import LSL, Frame, FrameKind, Pose
+from photogrammetry.imagery import StopId
+from tasks.orientations import MappedStop, choose
+from tasks.views import Orientation
+
+STOP = StopId("MER2", 10, 64)
+NAME = str(STOP)
+PARAMS = ReissueParams(range_m=10.0, shift_m=0.02)
+
+
+def pair(number: int, azimuth: float, north_m: float = 0.0) -> AdjustedPair:
+    frame = Frame(FrameKind.PAIR, (10, 64, 0, number))
+    rotation = Rotation.from_rotvec([0.0, 0.0, azimuth]).as_matrix()
+    return AdjustedPair(
+        f"PAIR{number}",
+        STOP,
+        Pose(LSL, frame, rotation, np.array([north_m, 0.0, 0.0])),
+        Pose(STOP.frame, frame, np.eye(3), np.zeros(3)),
+        np.zeros(3),
+        np.zeros((6, 6)),
+        np.zeros((3, 3)),
+        9,
+    )
+
+
+def mapped(*pairs: AdjustedPair) -> MappedStop:
+    return choose(NAME, list(pairs), None, PARAMS)
+
+
+def test_a_new_stop_is_mapped_as_adjusted():
+    assert mapped(pair(1, 0.1)) == MappedStop(
+        NAME, (Orientation.of(pair(1, 0.1)),), None, is_new=True
+    )
+
+
+def test_a_stop_that_moved_by_less_than_the_threshold_stays_as_it_was_mapped():
+    before = mapped(pair(1, 0.1), pair(2, 0.7))
+    now = choose(NAME, [pair(1, 0.1, 0.004), pair(2, 0.7 + 0.0015)], before, PARAMS)
+    assert now.orientations == before.orientations
+    assert not now.is_new
+    np.testing.assert_allclose(now.moved_m, 0.015, rtol=1e-6)  # 10 m * 1.5 mrad, chord for arc
+
+
+def test_one_pair_that_moved_brings_the_whole_stop_anew():
+    before = mapped(pair(1, 0.1), pair(2, 0.7))
+    moved = [pair(1, 0.1, 0.004), pair(2, 0.7 + 0.0025)]
+    now = choose(NAME, moved, before, PARAMS)
+    assert now.orientations == tuple(Orientation.of(p) for p in moved)
+    assert now.is_new
+
+
+def test_small_movements_add_up_to_a_new_map():
+    stands, remade = mapped(pair(1, 0.0)), []
+    for step in range(1, 11):
+        stands = choose(NAME, [pair(1, 0.0, 0.009 * step)], stands, PARAMS)
+        remade.append(stands.is_new)
+    assert remade == [False, False, True] * 3 + [False]
+
+
+def test_a_pair_more_brings_the_whole_stop_anew():
+    before = mapped(pair(1, 0.1))
+    now = choose(NAME, [pair(2, 0.7), pair(1, 0.1)], before, PARAMS)
+    assert [o.pair_id for o in now.orientations] == ["PAIR1", "PAIR2"]
+    assert now.is_new
+    assert now.moved_m is None
+
+
+def test_without_a_threshold_any_movement_counts():
+    before = mapped(pair(1, 0.1))
+    none = replace(PARAMS, shift_m=0.0)
+    assert choose(NAME, [pair(1, 0.1, 1e-9)], before, none).is_new
+    assert not choose(NAME, [pair(1, 0.1)], before, none).is_new
