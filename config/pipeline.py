@@ -13,6 +13,7 @@ from pathlib import Path
 
 from config.errors import ConfigError
 from config.records import record_of
+from photogrammetry.adjustment.modes import AdjustmentMode
 from photogrammetry.adjustment.movement import ReissueParams
 from photogrammetry.adjustment.params import AdjustmentParams
 from photogrammetry.matching.cross_site import CrossSiteParams
@@ -34,6 +35,8 @@ SHIPPED = Path(__file__).parent / "pipelines"
 class PipelineConfig:
     """Everything that may be tuned, stage by stage."""
 
+    adjustment_mode: AdjustmentMode = AdjustmentMode.STEPWISE
+    """How the sols of a mission follow each other: set before the first table of the file."""
     sparse: SparseParams = field(default_factory=SparseParams)
     dense: DenseParams = field(default_factory=DenseParams)
     inter_stereo: InterStereoParams = field(default_factory=InterStereoParams)

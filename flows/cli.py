@@ -73,6 +73,39 @@ def run(
 
 
 @app.command()
+def adjust(
+    mission: Annotated[str, typer.Option(help="MER2 (Spirit), MER1 (Opportunity), ...")],
+    store: StoreOption = None,
+    pipeline: Annotated[
+        str | None, typer.Option(help="Shipped pipeline or a TOML file. [env: SOLMAP_PIPELINE]")
+    ] = None,
+    *,
+    overall: Annotated[
+        bool, typer.Option("--overall", help="All stops and all ties in one adjustment.")
+    ] = False,
+) -> None:
+    """Adjust a mission again, and map again the stops that move; later sols go on from there."""
+    if not overall:
+        _fail("say --overall: sol by sol a mission is adjusted by `solmap run`")
+    root = _store(store)
+    prepare_engine(root)
+    from config.errors import ConfigError  # noqa: PLC0415
+    from flows.overall import readjust  # noqa: PLC0415 - after the engine's settings
+    from products.errors import ProductError  # noqa: PLC0415
+
+    try:
+        with progress_shown():
+            report = readjust(mission.upper(), root, pipeline or Settings().pipeline)
+    except (ConfigError, ProductError) as error:
+        _fail(str(error))
+    for line in report.failures:
+        errors.print("[red]failed[/red] " + escape(line), highlight=False)
+    out.print(escape("\n".join(report.notes)), highlight=False)
+    if report.failures:
+        raise typer.Exit(1)
+
+
+@app.command()
 def serve(
     store: StoreOption = None,
     port: Annotated[int | None, typer.Option(help="Port. [env: SOLMAP_PORT]")] = None,

@@ -12,19 +12,16 @@ from config.landing import landing_site
 from config.pipeline import load_pipeline
 from config.radiometry import load_radiometry
 from config.settings import Settings
+from flows.mission_layers import draw_mission
+from flows.overall import overall_sols, process_overall
 from flows.progress import report as report_progress
 from flows.sol import process_sol
 from flows.sol_inputs import SolReport, Standing
+from photogrammetry.adjustment.modes import AdjustmentMode
 from photogrammetry.errors import PhotogrammetryError
-from products.catalogue import MissionEntry
 from products.errors import ProductError, StoreFullError
-from products.model import ProductRef
 from products.workspace import Workspace
-from tasks.images import image_records
 from tasks.ingest import Delivery, ingest_downlink
-from tasks.publish import publish
-from tasks.telemetry import read_telemetry, vector_files
-from tasks.vectors import draw_vectors
 
 
 @dataclass(slots=True)
@@ -83,32 +80,47 @@ def _take_down(delivery: Delivery, downlink: Path, report: DownlinkReport) -> No
 def _process_mission(
     mission: str, workspace: Workspace, pipeline: str, report: DownlinkReport
 ) -> None:
-    """All sols of a mission, oldest first: each adjustment starts from the one before."""
+    """All sols of a mission, oldest first: each adjustment starts from the one before.
+
+    Where the mission was adjusted overall, it is again: later sols have stepped on from there.
+    """
     try:
         landing_site(mission, Settings().landing_sites)
     except ConfigError as error:
         report.failures.append(str(error))
         return
+    sols = sorted({entry.sol for entry in workspace.catalogue.images(mission)})
+    overall = overall_sols(mission, workspace)
+    if load_pipeline(pipeline).adjustment_mode is AdjustmentMode.OVERALL:
+        overall |= set(sols[-1:])
     standing: Standing | None = None
-    for sol in sorted({entry.sol for entry in workspace.catalogue.images(mission)}):
-        try:
-            done = process_sol(mission, sol, workspace.store.root, pipeline, standing)
-        except StoreFullError:
-            raise
-        except Exception as error:  # noqa: BLE001 - one bad sol never stops a downlink
-            report.failures.append(f"{mission} sol {sol}: {_cause(error)}")
-            continue
-        report.sols.append(done)
-        report.failures += [f"{mission} sol {sol}: {line}" for line in done.failures]
-        standing = done.standing or standing
-    if standing is None:
-        return
+    for sol in sols:
+        for flow_of_sol in (process_sol, process_overall)[: 2 if sol in overall else 1]:
+            try:
+                done = flow_of_sol(mission, sol, workspace.store.root, pipeline, standing)
+            except StoreFullError:
+                raise
+            except Exception as error:  # noqa: BLE001 - one bad sol never stops a downlink
+                report.failures.append(f"{mission} sol {sol}: {_cause(error)}")
+                continue
+            report.sols.append(done)
+            report.failures += [f"{mission} sol {sol}: {line}" for line in done.failures]
+            standing = done.standing or standing
+    if standing is not None:
+        _draw(mission, standing, workspace, pipeline, report)
+
+
+def _draw(
+    mission: str, standing: Standing, workspace: Workspace, pipeline: str, report: DownlinkReport
+) -> None:
     try:
-        _draw_mission(mission, standing.network, workspace, pipeline, report)
+        note = draw_mission(mission, standing.network, workspace, pipeline)
     except StoreFullError:
         raise
     except Exception as error:  # noqa: BLE001 - the other missions are still to be drawn
         report.failures.append(f"{mission}: its layers could not be drawn: {_cause(error)}")
+    else:
+        report.warnings += [f"{mission}: {note}"] if note else []
 
 
 def _cause(error: Exception) -> str:
@@ -116,23 +128,3 @@ def _cause(error: Exception) -> str:
     if isinstance(error, PhotogrammetryError | ProductError | ConfigError):
         return str(error)
     return f"{type(error).__name__}: {error}"
-
-
-def _draw_mission(
-    mission: str,
-    network: ProductRef,
-    workspace: Workspace,
-    pipeline: str,
-    report: DownlinkReport,
-) -> None:
-    """The layers of the whole mission: traverse, stops, footprints, pointing lines, ties."""
-    site = landing_site(mission, Settings().landing_sites)
-    entries = workspace.catalogue.images(mission)
-    telemetry = read_telemetry(image_records(entries, workspace), vector_files(mission, workspace))
-    if telemetry.note:
-        report.warnings.append(f"{mission}: {telemetry.note}")
-    params = load_pipeline(pipeline).footprints
-    layers = draw_vectors(mission, network, entries, params, site.landing, workspace)
-    sols = tuple(sorted({entry.sol for entry in entries}))
-    entry = MissionEntry(mission, site.title, site.landing, telemetry.note)
-    publish(entry, [(ref, sols) for ref in layers], (), (), workspace)

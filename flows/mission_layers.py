@@ -1,0 +1,29 @@
+"""The layers of a whole mission: traverse, stops, footprints, pointing lines, ties."""
+
+from __future__ import annotations
+
+from config.landing import landing_site
+from config.pipeline import load_pipeline
+from config.settings import Settings
+from products.catalogue import MissionEntry
+from products.model import ProductRef
+from products.workspace import Workspace
+from tasks.images import image_records
+from tasks.publish import publish
+from tasks.telemetry import read_telemetry, vector_files
+from tasks.vectors import draw_vectors
+
+
+def draw_mission(
+    mission: str, network: ProductRef, workspace: Workspace, pipeline: str
+) -> str | None:
+    """Draw and publish them; what is to be said of the mission's frame, if anything."""
+    site = landing_site(mission, Settings().landing_sites)
+    entries = workspace.catalogue.images(mission)
+    telemetry = read_telemetry(image_records(entries, workspace), vector_files(mission, workspace))
+    params = load_pipeline(pipeline).footprints
+    layers = draw_vectors(mission, network, entries, params, site.landing, workspace)
+    sols = tuple(sorted({entry.sol for entry in entries}))
+    entry = MissionEntry(mission, site.title, site.landing, telemetry.note)
+    publish(entry, [(ref, sols) for ref in layers], (), (), workspace)
+    return telemetry.note

@@ -1,0 +1,79 @@
+"""Adjust all stops of a mission together, and map again those that moved."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from prefect import flow
+from prefect.task_runners import ThreadPoolTaskRunner
+
+from flows.mission_layers import draw_mission
+from flows.sol import WORKERS, map_what_moved
+from flows.sol_inputs import SolReport, Standing, gather_all
+from photogrammetry.adjustment.modes import AdjustmentMode
+from products.errors import ProductNotFoundError
+from products.model import ProductKind, ProductRef
+from products.workspace import Workspace
+
+OVERALL = f"-{AdjustmentMode.OVERALL}"
+
+
+@flow(
+    name="overall",
+    flow_run_name="{mission}-overall-sol{sol}",
+    task_runner=ThreadPoolTaskRunner(max_workers=WORKERS),  # type: ignore[arg-type]
+)
+def process_overall(
+    mission: str, sol: int, store: Path, pipeline: str, previous: Standing | None = None
+) -> SolReport:
+    """Adjust all stops up to a sol in one adjustment, from where `previous` left them."""
+    report = SolReport(mission, sol)
+    inputs = gather_all(mission, sol, store, pipeline)
+    if inputs.touched:
+        map_what_moved(inputs, previous, report)
+    return report
+
+
+@flow(name="adjust", flow_run_name="{mission}")
+def readjust(mission: str, store: Path, pipeline: str = "default") -> SolReport:
+    """The overall adjustment of everything that is published of a mission.
+
+    Raises:
+        ProductNotFoundError: no sol of the mission has been processed.
+    """
+    workspace = Workspace.open(store)
+    networks = [ref for ref in _networks(mission, workspace) if not _is_overall(ref)]
+    if not networks:
+        raise ProductNotFoundError(
+            f"no network of {mission} is in the store; `solmap run` its downlink first"
+        )
+    last = max(networks, key=lambda ref: ref.scope.name)
+    report = process_overall(mission, _sol(last), store, pipeline, standing_of(last, workspace))
+    if report.standing is not None:
+        draw_mission(mission, report.standing.network, workspace, pipeline)
+    return report
+
+
+def overall_sols(mission: str, workspace: Workspace) -> set[int]:
+    """Sols up to which the mission was adjusted overall; later ones have stepped on from there."""
+    return {_sol(ref) for ref in _networks(mission, workspace) if _is_overall(ref)}
+
+
+def standing_of(network: ProductRef, workspace: Workspace) -> Standing | None:
+    """A published network with the orientations that were chosen from it."""
+    kind = ProductKind.ORIENTATIONS
+    digest = workspace.catalogue.latest(network.scope.name, kind)
+    return Standing(network, ProductRef(kind, network.scope, digest)) if digest else None
+
+
+def _networks(mission: str, workspace: Workspace) -> list[ProductRef]:
+    published = workspace.catalogue.pointers(ProductKind.NETWORK)
+    return [ref for ref in published if ref.scope.name.startswith(f"{mission.lower()}-sol")]
+
+
+def _is_overall(network: ProductRef) -> bool:
+    return network.scope.name.endswith(OVERALL)
+
+
+def _sol(network: ProductRef) -> int:
+    return int(network.scope.name.removesuffix(OVERALL).rpartition("-sol")[2])
