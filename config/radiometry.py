@@ -1,4 +1,13 @@
-"""Inverse tables and vignetting of each mission's cameras, from `config/instruments/*.toml`."""
+"""Inverse tables, vignetting and flat fields of each mission's cameras.
+
+They stand in TOML files, one a mission, in the folder that `SOLMAP_INSTRUMENTS` names:
+
+    hosts = ["MER2"]                                    INSTRUMENT_HOST_ID of its labels
+    companding.approximate = false                      may the square root stand in for a table?
+    companding.tables.LUT3 = {counts = [...], source = "..."}
+    vignetting.NAVCAM_LEFT = {k1 = -0.1, source = "..."}      by INSTRUMENT_ID
+    flat_fields.NAVCAM_RIGHT = "calib/right.img"        an image of an even source, below the folder
+"""
 
 from __future__ import annotations
 
@@ -10,57 +19,104 @@ import numpy as np
 
 from config.errors import ConfigError
 from config.records import record_of
-from photogrammetry.errors import PixelError
+from photogrammetry.errors import PhotogrammetryError, PixelError
 from photogrammetry.pds3.companding import Companding, InverseTable
-from photogrammetry.pds3.reading import Radiometry
-from photogrammetry.pds3.vignetting import RadialVignetting
+from photogrammetry.pds3.pixels import read_pixels
+from photogrammetry.pds3.radiometry import Radiometry
+from photogrammetry.pds3.reading import read_label
+from photogrammetry.pds3.vignetting import FlatField, RadialVignetting
 
-SHIPPED = Path(__file__).parent / "instruments"
-TABLES = frozenset({"hosts", "companding", "vignetting"})
+TABLES = frozenset({"hosts", "companding", "vignetting", "flat_fields"})
 
 
-def radiometry_of(mission: str, folder: Path = SHIPPED) -> Radiometry:
-    """What is known of the cameras of a spacecraft; nothing where no file names it.
+def load_radiometry(folder: Path) -> dict[str, Radiometry]:
+    """What is known of the cameras of each spacecraft, by INSTRUMENT_HOST_ID.
 
     Raises:
-        ConfigError: a file cannot be read, or holds what is no table or model.
+        ConfigError: the folder is not there, or a file cannot be read or holds what is no table,
+            model or flat field.
     """
+    if not folder.is_dir():
+        raise ConfigError(f"{folder} is no folder; it should hold a TOML file for each mission")
+    found: dict[str, Radiometry] = {}
     for path in sorted(folder.glob("*.toml")):
         try:
             content = tomllib.loads(path.read_text())
-        except (OSError, tomllib.TOMLDecodeError) as error:
+        except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
             raise ConfigError(f"{path}: {error}") from error
         unknown = sorted(set(content) - TABLES)
         if unknown:
             raise ConfigError(f"{path} has no setting {unknown[0]!r}; it has {sorted(TABLES)}")
-        if mission in content.get("hosts", []):
-            return _radiometry(content, str(path))
-    return Radiometry()
+        for host in _hosts(content, path):
+            if host in found:
+                raise ConfigError(f"{path}: {host} is in the hosts of another file, too")
+            found[host] = _radiometry(content, path)
+    return found
 
 
-def _radiometry(content: dict[str, Any], where: str) -> Radiometry:
-    companding = dict(content.get("companding", {}))
+def _hosts(content: dict[str, Any], path: Path) -> list[str]:
+    hosts = content.get("hosts")
+    if not isinstance(hosts, list) or not all(isinstance(host, str) for host in hosts):
+        raise ConfigError(f"{path}: hosts should be a list of spacecraft, like ['MER1', 'MER2']")
+    return hosts
+
+
+def _radiometry(content: dict[str, Any], path: Path) -> Radiometry:
+    companding = dict(_table_of(content, "companding", path))
     tables = companding.pop("tables", {})
     approximate = companding.pop("approximate", False)
-    if companding or not isinstance(approximate, bool):
-        raise ConfigError(f"{where}: companding has approximate (true or false) and tables")
+    if companding or not isinstance(approximate, bool) or not isinstance(tables, dict):
+        raise ConfigError(f"{path}: companding has approximate (true or false) and tables")
+    models = {
+        camera: record_of(RadialVignetting, table, f"{path}: {camera}")
+        for camera, table in _table_of(content, "vignetting", path).items()
+    }
+    measured = {
+        camera: _flat_field(path.parent / str(file), f"{path}: {camera}")
+        for camera, file in _table_of(content, "flat_fields", path).items()
+    }
+    both = sorted(set(models) & set(measured))
+    if both:
+        raise ConfigError(f"{path}: {both[0]} has a flat field and a model of it; keep one")
     return Radiometry(
-        companding=Companding(
-            {name: _table(name, table, f"{where}: {name}") for name, table in tables.items()},
+        Companding(
+            {
+                name: _inverse_table(name, table, f"{path}: {name}")
+                for name, table in tables.items()
+            },
             approximate,
         ),
-        flat_fields={
-            instrument: record_of(RadialVignetting, table, f"{where}: {instrument}")
-            for instrument, table in content.get("vignetting", {}).items()
-        },
+        {**models, **measured},
     )
 
 
-def _table(name: str, table: dict[str, Any], where: str) -> InverseTable:
-    if set(table) != {"counts", "source"}:
-        raise ConfigError(f"{where}: an inverse table has counts and source, not {sorted(table)}")
+def _table_of(content: dict[str, Any], name: str, path: Path) -> dict[str, Any]:
+    table = content.get(name, {})
+    if not isinstance(table, dict):
+        raise ConfigError(f"{path}: {name} should be a table, not {table!r:.40}")
+    return table
+
+
+def _inverse_table(name: str, table: Any, where: str) -> InverseTable:  # noqa: ANN401 - any setting
+    if not isinstance(table, dict) or set(table) != {"counts", "source"}:
+        raise ConfigError(f"{where}: an inverse table has counts and source, not {table!r:.60}")
     try:
         counts = np.array(table["counts"], dtype=np.float32)
         return InverseTable(name, counts, str(table["source"]))
     except (PixelError, TypeError, ValueError) as error:
         raise ConfigError(f"{where}: {error}") from error
+
+
+def _flat_field(file: Path, where: str) -> FlatField:
+    """An image of an even source, scaled to 1 at its median in the middle."""
+    try:
+        data = file.read_bytes()
+        pixels, mask = read_pixels(data, read_label(data, file.name), file.name)
+    except (OSError, PhotogrammetryError) as error:
+        raise ConfigError(f"{where}: {error}") from error
+    lines, samples = pixels.shape
+    middle = pixels[lines // 4 : -(-3 * lines // 4), samples // 4 : -(-3 * samples // 4)]
+    level = float(np.median(middle))
+    if not (mask & (pixels > 0)).all() or level <= 0:
+        raise ConfigError(f"{where}: {file.name} has pixels without light: no flat field")
+    return pixels / np.float32(level)

@@ -25,3 +25,5 @@ class Settings(BaseSettings):
     """TOML file of landing points, for those who prefer another source."""
     archive: Path = archive.SHIPPED
     """TOML file of the archive's addresses, for those with a mirror of their own."""
+    instruments: Path = Path(__file__).parent / "instruments"
+    """Folder of TOML files with inverse tables and flat fields, one a mission."""

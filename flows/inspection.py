@@ -18,6 +18,9 @@ from typing import Any
 
 import numpy as np
 
+from config.errors import ConfigError
+from config.radiometry import load_radiometry
+from config.settings import Settings
 from photogrammetry.arrays import Vector3
 from photogrammetry.cameras.cahv import Cahv, interior_orientation
 from photogrammetry.cameras.cahvor import Cahvor
@@ -25,15 +28,25 @@ from photogrammetry.cameras.cahvore import Cahvore
 from photogrammetry.errors import LabelError, PhotogrammetryError
 from photogrammetry.frames import roll_pitch_yaw_of_rotation, rotation_of_quaternion
 from photogrammetry.imagery import RoverImage
+from photogrammetry.pds3.detached import text_of_label
 from photogrammetry.pds3.file_names import FileName, parse_file_name
-from photogrammetry.pds3.label import MAX_LABEL_BYTES, Label
+from photogrammetry.pds3.label import Label
 from photogrammetry.pds3.missions import mission_of_host
 from photogrammetry.pds3.partners import MAX_CLOCK_DIFFERENCE, find_stereo_pairs
-from photogrammetry.pds3.reading import read_image, read_image_record, read_label
+from photogrammetry.pds3.radiometry import Radiometry
+from photogrammetry.pds3.reading import (
+    DescribedImage,
+    ReadImage,
+    describe_image,
+    has_attached_label,
+    read_image,
+)
+from photogrammetry.stretching import stretched
+from tasks.downlink_files import IMAGE_SUFFIXES, PICTURE_SUFFIXES, file_bytes, image_bytes
 
-MAX_FILE_BYTES = 256 << 20
-"""Far above any frame of these cameras; a larger file is not read into memory."""
-IMAGE_SUFFIX, LABEL_SUFFIX = ".img", ".lbl"
+LABEL_SUFFIXES = frozenset({".lbl", ".xml", ".json"})
+NEIGHBOURS = IMAGE_SUFFIXES | PICTURE_SUFFIXES | {".lbl"}
+"""Files that may hold the partner of an image."""
 
 
 class InspectionError(Exception):
@@ -60,12 +73,10 @@ def inspect_file(file: Path) -> dict[str, Any]:
     """
     data = _bytes(file)
     try:
-        label = read_label(data, file.name)
-        if file.suffix.lower() == LABEL_SUFFIX:
-            image, mask = read_image_record(data, file.name), None
-        else:
-            read = read_image(data, file.name)
-            image, mask = read.image, read.mask
+        described = _described(file, data)
+        image, label = described.image, described.label
+        read = None if _is_label(file) else _read(file, data, image.stop.mission)
+        mask = None if read is None else read.mask
         return {
             "file": str(file),
             **_identity(image),
@@ -74,6 +85,7 @@ def inspect_file(file: Path) -> dict[str, Any]:
                 "lines": image.lines,
                 "masked_share": None if mask is None else 1.0 - float(mask.mean()),
             },
+            "notes": [] if read is None else list(read.notes),
             "pointing": _pointing(image, label),
             "camera": _camera(image),
             "rover": _rover(image),
@@ -90,17 +102,16 @@ def write_png(file: Path, png: Path) -> None:
     Raises:
         InspectionError: the image cannot be read or the picture not written.
     """
-    import cv2  # noqa: PLC0415 - only pictures need it, and the tasks the engine
+    import cv2  # noqa: PLC0415 - only pictures need it
 
-    from tasks.ingest import BrowseParams, stretched  # noqa: PLC0415
-
+    data = _bytes(file)
     try:
-        read = read_image(_bytes(file), file.name)
+        read = _read(file, data, _described(file, data).image.stop.mission)
     except PhotogrammetryError as error:
         raise InspectionError(_named(file, error)) from error
     draft = png.with_name(png.name + ".part")
     try:
-        encoded, picture = cv2.imencode(".png", stretched(read.pixels, read.mask, BrowseParams()))
+        encoded, picture = cv2.imencode(".png", stretched(read.pixels, read.mask))
         if not encoded:
             raise InspectionError(f"{file.name} could not be encoded as PNG")
         draft.write_bytes(picture.tobytes())
@@ -110,13 +121,33 @@ def write_png(file: Path, png: Path) -> None:
 
 
 def _bytes(file: Path) -> bytes:
+    """A label as it is, an image with the label that lies beside it."""
     try:
-        size = file.stat().st_size
-        if size > MAX_FILE_BYTES:
-            raise InspectionError(f"{file} is {size >> 20} MiB: no image of these cameras")
-        return file.read_bytes()
+        return file_bytes(file) if _is_label(file) else image_bytes(file)
+    except LabelError as error:
+        raise InspectionError(_named(file, error)) from error
     except OSError as error:
         raise InspectionError(f"{file} cannot be read: {error.strerror or error}") from error
+
+
+def _is_label(file: Path) -> bool:
+    return file.suffix.lower() in LABEL_SUFFIXES
+
+
+def _described(file: Path, data: bytes) -> DescribedImage:
+    """Record and label of a file; a label alone may be PDS4 or JSON metadata, too."""
+    if _is_label(file) and not has_attached_label(data):
+        return describe_image(b"", file.name, detached_label=text_of_label(data))
+    return describe_image(data, file.name)
+
+
+def _read(file: Path, data: bytes, mission: str) -> ReadImage:
+    """Pixels, read with the tables that the settings name."""
+    try:
+        known = load_radiometry(Settings().instruments)
+    except ConfigError as error:
+        raise InspectionError(str(error)) from error
+    return read_image(data, file.name, radiometry=known.get(mission, Radiometry()))
 
 
 def _named(file: Path, error: Exception) -> str:
@@ -145,7 +176,7 @@ def _identity(image: RoverImage) -> dict[str, Any]:
     }
 
 
-def _pointing(image: RoverImage, label: Label) -> dict[str, Any]:
+def _pointing(image: RoverImage, label: Label | None) -> dict[str, Any]:
     """Where mast and camera look, in both frames."""
     middle = np.array([[(image.samples - 1) / 2, (image.lines - 1) / 2]])
     directions = {"image_centre": image.camera.rays(middle)[0]}
@@ -161,10 +192,10 @@ def _pointing(image: RoverImage, label: Label) -> dict[str, Any]:
     }
 
 
-def _mast_direction(image: RoverImage, label: Label) -> Vector3 | None:
+def _mast_direction(image: RoverImage, label: Label | None) -> Vector3 | None:
     """The mast's x axis in the rover frame; None for cameras that it does not carry."""
     mission = mission_of_host(image.stop.mission)
-    if mission is None or image.mast_in_rover is None:
+    if mission is None or label is None or image.mast_in_rover is None:
         return None
     if label.get(mission.mast_group, "ORIGIN_ROTATION_QUATERNION") is None:
         return None
@@ -244,15 +275,14 @@ def _beside(file: Path, image: RoverImage) -> list[tuple[Path, RoverImage]]:
             continue
         if abs(name.clock - math.floor(image.clock)) <= math.ceil(MAX_CLOCK_DIFFERENCE):
             try:
-                with path.open("rb") as opened:
-                    found.append((path, read_image_record(opened.read(MAX_LABEL_BYTES), path.name)))
-            except (OSError, PhotogrammetryError):
+                found.append((path, _described(path, _bytes(path)).image))
+            except (InspectionError, PhotogrammetryError):
                 continue  # a broken neighbour is no partner; it says so when it is inspected
     return found
 
 
 def _file_name(path: Path) -> FileName | None:
-    if path.suffix.lower() not in {IMAGE_SUFFIX, LABEL_SUFFIX}:
+    if path.suffix.lower() not in NEIGHBOURS:
         return None
     try:
         return parse_file_name(path.name)

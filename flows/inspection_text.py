@@ -13,6 +13,7 @@ def report_of(finding: Mapping[str, Any]) -> str:
         ("at", _at(finding)),
         ("with", _with(finding)),
         ("size", _size(finding["size"])),
+        *(("note", note) for note in finding["notes"]),
         ("looks", _looks(finding["pointing"], "image_centre", "the middle of the image")),
         ("", _looks(finding["pointing"], "mast", "the mast")),
         *_camera(finding["camera"]),

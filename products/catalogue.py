@@ -99,6 +99,14 @@ class ImageEntry:
     unpaired_because: str | None
     ref: ProductRef
     browse: ProductRef
+    code: str | None = None
+    """The table that its pixels are coded by, where its label says so."""
+    darkened_by: str | None = None
+    """The camera whose fall of light is still in its pixels, where its label says so."""
+    radiometry: ProductRef | None = None
+    """The tables and flat fields that its pixels are read with; None: they are taken as stored."""
+    notes: tuple[str, ...] = ()
+    """What is peculiar about its pixels, a line each."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -321,7 +329,8 @@ def _ref(document: dict[str, Any]) -> ProductRef:
 
 
 def _image_entry(row: dict[str, Any]) -> ImageEntry:
-    return ImageEntry(**{**row, "ref": _ref(row["ref"]), "browse": _ref(row["browse"])})
+    refs = {name: _ref(row[name]) for name in ("ref", "browse", "radiometry") if row.get(name)}
+    return ImageEntry(**{**row, **refs, "notes": tuple(row.get("notes", ()))})
 
 
 def _layer(row: dict[str, Any]) -> Layer:

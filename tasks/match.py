@@ -62,7 +62,7 @@ def match_stereo_pair(pair: PairFiles, params: MatchParams, store: ProductStore)
     def write_dense(path: Path) -> None:
         write_parallax(path, match_densely(fitted()[1], params.dense))
 
-    inputs, scope = (pair.left, pair.right), pair_scope(pair.id)
+    inputs, scope = pair.inputs, pair_scope(pair.id)
     matches = Recipe(ProductKind.MATCHES, scope, inputs, params.sparse)
     parallax = Recipe(ProductKind.PARALLAX, scope, inputs, params.dense)
     return PairProducts(pair, store.make(matches, write_sparse), store.make(parallax, write_dense))

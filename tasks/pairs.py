@@ -13,11 +13,12 @@ from photogrammetry.imagery import Eye, RoverImage, StopId
 from photogrammetry.matching.records import EpipolarImages, MatchedPair, MatchedStop
 from photogrammetry.matching.resampling import epipolar_images
 from photogrammetry.matching.vertical_parallax import turned_in_place
-from photogrammetry.pds3.reading import ReadImage, read_image
+from photogrammetry.pds3.reading import ReadImage
 from products.arrays import read_matches, read_parallax, read_right_turn
 from products.catalogue import ImageEntry
 from products.model import ProductRef
 from products.store import ProductStore
+from tasks.images import ImageFile, image_file, read_product_image
 from tasks.telemetry import TelemetryStop
 
 CAMERAS = ("NAVCAM", "PANCAM", "MASTCAM", "FRONT_HAZCAM", "REAR_HAZCAM")
@@ -33,8 +34,13 @@ class PairFiles:
     stop: StopId
     sol: int
     instrument: str
-    left: ProductRef
-    right: ProductRef
+    left: ImageFile
+    right: ImageFile
+
+    @property
+    def inputs(self) -> tuple[ProductRef, ...]:
+        """The products that the pixels of both depend on."""
+        return (*self.left.inputs, *self.right.inputs)
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,19 +60,14 @@ def pairs_of(entries: Iterable[ImageEntry]) -> list[PairFiles]:
         if entry.eye != Eye.LEFT or entry.partner not in by_id:
             continue
         stop = StopId(entry.mission, entry.site, entry.drive)
-        right = by_id[entry.partner]
-        pairs.append(PairFiles(entry.id, stop, entry.sol, entry.instrument, entry.ref, right.ref))
+        left, right = image_file(entry), image_file(by_id[entry.partner])
+        pairs.append(PairFiles(entry.id, stop, entry.sol, entry.instrument, left, right))
     return sorted(pairs, key=lambda pair: pair.id)
 
 
 def read_pair(pair: PairFiles, store: ProductStore) -> tuple[ReadImage, ReadImage]:
     """Both images of a pair, label and pixels."""
     return read_product_image(pair.left, store), read_product_image(pair.right, store)
-
-
-def read_product_image(ref: ProductRef, store: ProductStore) -> ReadImage:
-    """An ingested image, label and pixels."""
-    return read_image(store.path(ref).read_bytes(), f"{ref.scope.name}.img")
 
 
 def pair_frame(image: RoverImage) -> Frame:

@@ -21,7 +21,7 @@ from products.model import ProductKind, ProductRef, Recipe
 from products.vector import Feature, write_features
 from products.workspace import Workspace
 from tasks.adjust import NetworkProduct, read_network
-from tasks.ingest import image_record
+from tasks.images import image_record
 from tasks.scopes import region_scope
 
 WHEELS_M = 0.294

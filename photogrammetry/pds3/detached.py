@@ -1,42 +1,81 @@
-"""A label in a file of its own, put before the data that it describes.
+"""A label in a file of its own and the data that it describes, kept as one file.
 
-What is kept of an image is one file, so label and data are joined without changing either: in front
-comes a line that says where the pixels are now, then the label, then the data file, whole,
+What is kept of an image is one file, byte for byte what came. Where label and data came as two, a
+line in front says how long the label is, and both follow as they are:
 
-    PDS_VERSION_ID = PDS3  ^IMAGE = 123457 <BYTES>   ...the label...   ...the file...
+    SOLMAP_DETACHED_LABEL = 0000026976   ...the label file...   ...the data file...
 
-because the first of two equal keywords counts.
+The label may be PDS3 (.lbl), PDS4 (.xml) or the metadata of a raw image of Mars 2020 (.json); what
+it is shows in its first character.
 """
 
 from __future__ import annotations
 
+import re
+from enum import StrEnum
+
 from photogrammetry.errors import LabelError
 from photogrammetry.pds3.label import MAX_LABEL_BYTES, parse_label
-from photogrammetry.pds3.pixels import pixel_layout
 
-BLOCK = 512
-FRONT = "PDS_VERSION_ID = PDS3\r\n^IMAGE = {start:010d} <BYTES>\r\n"
+FRONT = "SOLMAP_DETACHED_LABEL = {size:010d}\r\n"
+MAX_DETACHED_BYTES = MAX_LABEL_BYTES - len(FRONT.format(size=0))
+"""So that the first megabyte of the one file holds the whole label."""
+_FRONT = re.compile(rb"SOLMAP_DETACHED_LABEL = (\d{10})\r\n")
 
 
-def with_attached_label(data: bytes, label_text: str, name: str) -> bytes:
-    """One file that reads like an image with an attached label.
+class LabelKind(StrEnum):
+    """What a label in a file of its own is written in."""
+
+    PDS3 = "PDS3"
+    PDS4 = "PDS4"
+    METADATA = "JSON metadata"
+
+
+def joined(label: bytes, data: bytes, name: str) -> bytes:
+    """Label and data as one file.
 
     Raises:
-        LabelError: the label is broken, too long, or does not say where its pixels are.
+        LabelError: the label is too long to be one.
     """
-    label = parse_label(label_text, name)
-    offset = pixel_layout(label).offset
-    text = label_text.encode("latin-1", "replace")
-    size = len(FRONT.format(start=0)) + len(text) + 1
-    size += -size % BLOCK
-    if size > MAX_LABEL_BYTES:
-        raise LabelError(f"{name}: the label of {len(text)} bytes is too long to be one")
-    front = FRONT.format(start=size + offset + 1).encode("ascii")
-    return (front + text + b"\n").ljust(size) + data
+    if len(label) > MAX_DETACHED_BYTES:
+        raise LabelError(f"{name}: a label of {len(label)} bytes is too long to be one")
+    return FRONT.format(size=len(label)).encode("ascii") + label + data
+
+
+def apart(file: bytes, name: str) -> tuple[bytes | None, bytes]:
+    """Label and data of `joined`; None and the file as it is where it is no such file.
+
+    Raises:
+        LabelError: the file ends before its label does.
+    """
+    front = _FRONT.match(file)
+    if front is None:
+        return None, file
+    start, size = front.end(), int(front[1])
+    if size > MAX_DETACHED_BYTES or start + size > len(file):
+        raise LabelError(
+            f"{name}: its detached label should be {size} bytes, but the file ends after "
+            f"{len(file) - start}"
+        )
+    return file[start : start + size], file[start + size :]
+
+
+def kind_of_label(text: str) -> LabelKind:
+    """What a label is written in."""
+    start = text.lstrip("\ufeff \t\r\n")[:1]
+    return {"<": LabelKind.PDS4, "{": LabelKind.METADATA}.get(start, LabelKind.PDS3)
+
+
+def text_of_label(label: bytes) -> str:
+    """The characters of a label file: UTF-8 where it is that, otherwise one a byte."""
+    try:
+        return label.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return label.decode("latin-1")
 
 
 def file_of_label(label_text: str, name: str) -> str | None:
-    """The data file that a detached label points to, or None where it names none.
+    """The data file that a detached PDS3 label points to, or None where it names none.
 
     Raises:
         LabelError: the label is broken.

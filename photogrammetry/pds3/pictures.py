@@ -21,6 +21,11 @@ SIZES = frozenset({*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC})
 """JPEG markers of the segments that hold lines and samples."""
 
 
+def is_picture(data: bytes) -> bool:
+    """Whether a file starts like a PNG or JPEG."""
+    return data.startswith((PNG, JPEG))
+
+
 def read_picture(data: bytes, name: str) -> tuple[GreyImage, Mask]:
     """Grey values and mask of a JPEG or PNG file.
 

@@ -1,24 +1,31 @@
-"""The one entrance for image files: bytes and a name in, record and pixels out."""
+"""The one entrance for image files: bytes and a name in, record and pixels out.
+
+A file carries its label (PDS3, VICAR), or it is joined to one that came beside it (`detached`):
+PDS3, PDS4, or the JSON metadata of a raw image of Mars 2020. Its pixels are stored as the label
+says, or as a PNG or JPEG picture.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from photogrammetry.arrays import GreyImage, Mask
-from photogrammetry.errors import FrameError, LabelError
+from photogrammetry.errors import FrameError, LabelError, PixelError
 from photogrammetry.imagery import RoverImage
-from photogrammetry.pds3.companding import Companding, coded_by, expanded
+from photogrammetry.pds3.detached import LabelKind, apart, kind_of_label, text_of_label
 from photogrammetry.pds3.image import rover_image
 from photogrammetry.pds3.label import Label, label_text, parse_label
+from photogrammetry.pds3.m2020 import rover_image_of_metadata
 from photogrammetry.pds3.missions import MISSIONS, Mission
 from photogrammetry.pds3.pds4 import parse_pds4_label
+from photogrammetry.pds3.pictures import is_picture, read_picture
 from photogrammetry.pds3.pixels import read_pixels
+from photogrammetry.pds3.radiometry import PixelState, Radiometry, radiometric
 from photogrammetry.pds3.usability import received, saturated
 from photogrammetry.pds3.vicar import START, parse_vicar_label
-from photogrammetry.pds3.vignetting import FlatField, RadialVignetting, evened_out, needs_flat_field
 
 BEGINNINGS = (b"PDS_VERSION_ID", b"ODL_VERSION_ID", b"CCSD")
 """What an attached label starts with; CCSD is the wrapper some volumes put before it."""
@@ -38,12 +45,19 @@ class ReadImage:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Radiometry:
-    """What is done to pixels that the label says are coded or darkened; nothing unless given."""
+class DescribedImage:
+    """An image file, its label read and its pixels not yet."""
 
-    companding: Companding = field(default_factory=Companding)
-    flat_fields: Mapping[str, FlatField | RadialVignetting] = field(default_factory=dict)
-    """By INSTRUMENT_ID, for the full frame."""
+    image: RoverImage
+    label: Label | None
+    """None where JSON metadata stand in for it."""
+    data: bytes
+    """The file that the pixels are in."""
+
+    @property
+    def state(self) -> PixelState:
+        """What was not done to the pixels; JSON metadata say nothing of it."""
+        return PixelState() if self.label is None else PixelState.of(self.label)
 
 
 def read_image(
@@ -61,7 +75,7 @@ def read_image(
         data: the whole file.
         name: its name; says the product type and stands in every complaint.
         missions: whose labels are understood.
-        detached_label: the text of a label in a file of its own, PDS3 or PDS4, if there is one.
+        detached_label: the text of a label in a file of its own, if there is one beside `data`.
         correct_half_pixel: put the camera model of averaged images right (see `image`).
         radiometry: tables of coded pixels and flat fields, where there are any.
 
@@ -69,39 +83,24 @@ def read_image(
         LabelError: the file has no label, or one that describes no mapping image.
         PixelError: the pixels are not what the label says.
     """
-    label = _label(data, name, detached_label)
-    image = _image(label, name, missions, correct_half_pixel=correct_half_pixel)
-    pixels, mask = read_pixels(data, label, name)
+    described = describe_image(
+        data,
+        name,
+        missions,
+        detached_label=detached_label,
+        correct_half_pixel=correct_half_pixel,
+    )
+    image, label = described.image, described.label
+    pixels, mask = _stored_pixels(described, name)
+    if label is None:
+        return ReadImage(image, pixels, mask)
     is_saturated = saturated(pixels, label)
     came_down = received(label, *pixels.shape)
-    pixels, notes = _radiometric(pixels, label, radiometry or Radiometry())
+    pixels, notes = radiometric(pixels, label, radiometry or Radiometry())
     lost = int(np.count_nonzero(mask & ~came_down))
     if lost:
         notes = (f"{lost} pixels are masked: the label calls their segments lost", *notes)
     return ReadImage(image, pixels, mask & came_down, is_saturated & mask, notes)
-
-
-def _radiometric(
-    pixels: GreyImage, label: Label, radiometry: Radiometry
-) -> tuple[GreyImage, tuple[str, ...]]:
-    """Pixels with codes turned into counts and vignetting taken out, and what was done or not."""
-    notes = []
-    code = coded_by(label)
-    if code is not None:
-        table = radiometry.companding.table(code)
-        if table is None:
-            notes.append(f"pixels are 8-bit codes of {code}, no counts: no inverse table was given")
-        else:
-            pixels = expanded(pixels, table)
-            if table.is_approximation:
-                notes.append(f"pixels are counts by the {table.source} approximation of {code}")
-    flat = radiometry.flat_fields.get(label.optional("", "INSTRUMENT_ID", str) or "")
-    if flat is not None and needs_flat_field(label):
-        if code is not None and notes and "no inverse" in notes[-1]:
-            notes.append("the flat field was not taken out: codes are not proportional to light")
-        else:
-            pixels = evened_out(pixels, label, flat)
-    return pixels, tuple(notes)
 
 
 def read_image_record(
@@ -117,16 +116,73 @@ def read_image_record(
     Raises:
         LabelError: the file has no label, or one that describes no mapping image.
     """
+    return describe_image(
+        data,
+        name,
+        missions,
+        detached_label=detached_label,
+        correct_half_pixel=correct_half_pixel,
+    ).image
+
+
+def describe_image(
+    data: bytes,
+    name: str,
+    missions: Sequence[Mission] = MISSIONS,
+    *,
+    detached_label: str | None = None,
+    correct_half_pixel: bool = True,
+) -> DescribedImage:
+    """The record and what it was read from.
+
+    Raises:
+        LabelError: the file has no label, or one that describes no mapping image.
+    """
+    if detached_label is None:
+        detached_label, data = _detached(data, name)
+    if detached_label is not None and kind_of_label(detached_label) is LabelKind.METADATA:
+        return DescribedImage(rover_image_of_metadata(detached_label, name), None, data)
     label = _label(data, name, detached_label)
-    return _image(label, name, missions, correct_half_pixel=correct_half_pixel)
+    try:
+        image = rover_image(label, name, missions, correct_half_pixel=correct_half_pixel)
+    except FrameError as error:
+        raise LabelError(f"{name}: {error}") from error
+    return DescribedImage(image, label, data)
 
 
 def read_label(data: bytes, name: str) -> Label:
-    """The label at the start of a file, PDS3 or VICAR.
+    """The label of a file: PDS3 or VICAR at its start, or the detached one it is joined to.
 
     Raises:
         LabelError: there is none, or it is broken.
     """
+    text, data = _detached(data, name)
+    return _label(data, name, text)
+
+
+def has_attached_label(data: bytes) -> bool:
+    """Whether a file starts like one that carries its label, PDS3 or VICAR."""
+    return data.startswith(START) or data[:256].lstrip().upper().startswith(BEGINNINGS)
+
+
+def _detached(data: bytes, name: str) -> tuple[str | None, bytes]:
+    label, data = apart(data, name)
+    return None if label is None else text_of_label(label), data
+
+
+def _label(data: bytes, name: str, detached_label: str | None) -> Label:
+    if detached_label is None:
+        return _attached_label(data, name)
+    match kind_of_label(detached_label):
+        case LabelKind.PDS4:
+            return parse_pds4_label(detached_label, name)
+        case LabelKind.PDS3:
+            return parse_label(detached_label, name)
+        case LabelKind.METADATA:
+            raise LabelError(f"{name}: JSON metadata stand in for the label")
+
+
+def _attached_label(data: bytes, name: str) -> Label:
     if not data:
         raise LabelError(f"{name}: the file is empty")
     if data.startswith(START):
@@ -140,23 +196,15 @@ def read_label(data: bytes, name: str) -> Label:
     return parse_label(label_text(data), name)
 
 
-def has_attached_label(data: bytes) -> bool:
-    """Whether a file starts like one that carries its label, PDS3 or VICAR."""
-    return data.startswith(START) or data[:256].lstrip().upper().startswith(BEGINNINGS)
-
-
-def _label(data: bytes, name: str, detached_label: str | None) -> Label:
-    if detached_label is None:
-        return read_label(data, name)
-    if detached_label.lstrip("\ufeff \t\r\n").startswith("<"):
-        return parse_pds4_label(detached_label, name)
-    return parse_label(detached_label, name)
-
-
-def _image(
-    label: Label, name: str, missions: Sequence[Mission], *, correct_half_pixel: bool
-) -> RoverImage:
-    try:
-        return rover_image(label, name, missions, correct_half_pixel=correct_half_pixel)
-    except FrameError as error:
-        raise LabelError(f"{name}: {error}") from error
+def _stored_pixels(described: DescribedImage, name: str) -> tuple[GreyImage, Mask]:
+    """Grey values and mask as they are in the file."""
+    image, data = described.image, described.data
+    if described.label is not None and not is_picture(data):
+        return read_pixels(data, described.label, name)
+    pixels, mask = read_picture(data, name)
+    if pixels.shape != (image.lines, image.samples):
+        raise PixelError(
+            f"{name}: the picture is {pixels.shape[1]} x {pixels.shape[0]} pixels, its label says "
+            f"{image.samples} x {image.lines}"
+        )
+    return pixels, mask

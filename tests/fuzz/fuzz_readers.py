@@ -33,7 +33,7 @@ with (
     atheris.instrument_imports(include=["photogrammetry"]) if atheris else contextlib.nullcontext()
 ):
     from photogrammetry.errors import PhotogrammetryError
-    from photogrammetry.pds3.detached import with_attached_label
+    from photogrammetry.pds3.detached import joined
     from photogrammetry.pds3.file_names import parse_file_name
     from photogrammetry.pds3.label import parse_label
     from photogrammetry.pds3.m2020 import camera_of_metadata, rover_image_of_metadata
@@ -114,7 +114,8 @@ def image(data: bytes) -> None:
 def detached(data: bytes) -> None:
     """A label and pixels in two files, cut at a NUL byte."""
     label, _, pixels = data.partition(b"\0")
-    read_image(with_attached_label(pixels, label.decode("latin-1"), NAME), NAME)
+    read_image(joined(label, pixels, NAME), NAME)
+    read_image(data, NAME)
 
 
 def text_of(parse: Callable[[str, str], object]) -> Callable[[bytes], None]:

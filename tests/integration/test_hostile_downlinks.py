@@ -81,7 +81,8 @@ def test_an_empty_folder_says_so(tmp_path):
     report = process(tmp_path / "nothing", tmp_path / "store")
     assert not report.succeeded
     assert report.failures == [
-        f"nothing to process in {tmp_path / 'nothing'}: it holds no .img, .svf or .rvf file"
+        f"nothing to process in {tmp_path / 'nothing'}: it holds no image (.img, .png, .jpg) and "
+        "no vector file (.svf, .rvf)"
     ]
 
 

@@ -8,7 +8,8 @@ from photogrammetry.frames import LSL, Pose, site_frame
 from photogrammetry.imagery import StopId
 from photogrammetry.pds3.reading import read_image, read_image_record
 from products.workspace import Workspace
-from tasks.ingest import image_record, ingest_downlink
+from tasks.images import image_record
+from tasks.ingest import ingest_downlink
 from tasks.telemetry import read_telemetry
 
 MSL = "NLB_517261274EDR_F0541610CCAM15900M1"
@@ -30,7 +31,7 @@ def test_an_image_whose_label_lies_beside_it_is_ingested(shared_data, tmp_path):
     (downlink / f"{MSL}.LBL").write_text(label[:record] + ",1)" + label[record + 4 :])
     workspace = Workspace.open(tmp_path / "store")
     delivery = ingest_downlink.fn(downlink, workspace)
-    assert not delivery.outcomes
+    assert not delivery.faults
     (entry,) = workspace.catalogue.images()
     assert entry.id == MSL
     kept = workspace.store.path(entry.ref).read_bytes()
@@ -47,7 +48,7 @@ def test_an_image_with_a_label_of_its_own_is_kept_as_it_came(shared_data, tmp_pa
     (downlink / path.name).write_bytes(path.read_bytes())
     (downlink / f"{MSL}.LBL").write_text("no label at all")
     workspace = Workspace.open(tmp_path / "store")
-    assert not ingest_downlink.fn(downlink, workspace).outcomes
+    assert not ingest_downlink.fn(downlink, workspace).faults
     (entry,) = workspace.catalogue.images()
     assert workspace.store.path(entry.ref).read_bytes() == path.read_bytes()
 

@@ -2,10 +2,12 @@ import numpy as np
 import pytest
 
 from config.errors import ConfigError
-from config.radiometry import radiometry_of
+from config.radiometry import load_radiometry
+from config.settings import Settings
 from photogrammetry.pds3.vignetting import RadialVignetting
 
 COUNTS = list(range(0, 4096, 16))
+TABLE = f"counts = {COUNTS}"
 
 
 def written(folder, text):
@@ -13,27 +15,73 @@ def written(folder, text):
     return folder
 
 
+LABEL = """PDS_VERSION_ID = PDS3\nRECORD_BYTES = 512\n^IMAGE = 2\nOBJECT = IMAGE\nLINES = 40
+LINE_SAMPLES = 60\nSAMPLE_TYPE = MSB_INTEGER\nSAMPLE_BITS = 16\nEND_OBJECT = IMAGE\nEND\n"""
+
+
+def flat_image(middle, edge):
+    """An image of an even source whose first column is darker."""
+    pixels = np.full((40, 60), middle, dtype=">i2")
+    pixels[:, 0] = edge
+    return LABEL.encode().ljust(512) + pixels.tobytes()
+
+
 def test_what_is_shipped_changes_no_pixel():
-    for mission in ("MER1", "MER2", "MSL", "ROVER"):
-        radiometry = radiometry_of(mission)
-        assert radiometry.companding.table("LUT3") is None
-        assert radiometry.flat_fields == {}
+    shipped = load_radiometry(Settings().instruments)
+    assert set(shipped) == {"MER1", "MER2"}
+    assert all(radiometry.changes_nothing for radiometry in shipped.values())
+
+
+def test_another_folder_can_be_named(tmp_path, monkeypatch):
+    monkeypatch.setenv("SOLMAP_INSTRUMENTS", str(written(tmp_path, "")))
+    assert set(load_radiometry(Settings().instruments)) == {"ROVER"}
 
 
 def test_tables_and_models_are_read(tmp_path):
     folder = written(
         tmp_path,
-        f"[companding]\napproximate = true\n[companding.tables.LUT3]\ncounts = {COUNTS}\n"
+        f"[companding]\napproximate = true\n[companding.tables.LUT3]\n{TABLE}\n"
         'source = "a test"\n[vignetting.NAVCAM_LEFT]\nk1 = -0.2\ncentre = [500, 510.5]\n',
     )
-    radiometry = radiometry_of("ROVER", folder)
+    radiometry = load_radiometry(folder)["ROVER"]
     table = radiometry.companding.table("LUT3")
     np.testing.assert_array_equal(table.counts, COUNTS)
     assert not table.is_approximation
     assert radiometry.companding.table("LUT1").is_approximation
     model = radiometry.flat_fields["NAVCAM_LEFT"]
     assert model == RadialVignetting(k1=-0.2, centre=(500.0, 510.5))
-    assert radiometry_of("OTHER", folder).flat_fields == {}
+
+
+def test_an_image_of_an_even_source_is_a_flat_field(tmp_path):
+    (tmp_path / "calib").mkdir()
+    (tmp_path / "calib" / "flat.img").write_bytes(flat_image(middle=2000, edge=1500))
+    written(tmp_path, '[flat_fields]\nNAVCAM_LEFT = "calib/flat.img"')
+    flat = load_radiometry(tmp_path)["ROVER"].flat_fields["NAVCAM_LEFT"]
+    assert flat.shape == (40, 60)
+    np.testing.assert_array_equal(flat[:, 0], 0.75)
+    assert (flat[:, 1:] == 1).all()
+
+
+@pytest.mark.parametrize(
+    ("image", "complaint"),
+    [(None, "flat.img"), (b"text", "NAVCAM_LEFT: flat.img: not a PDS3"), (0, "without light")],
+)
+def test_a_flat_field_that_is_none_is_refused(tmp_path, image, complaint):
+    if image is not None:
+        data = image if isinstance(image, bytes) else flat_image(2000, edge=image)
+        (tmp_path / "flat.img").write_bytes(data)
+    written(tmp_path, '[flat_fields]\nNAVCAM_LEFT = "flat.img"')
+    with pytest.raises(ConfigError, match=complaint):
+        load_radiometry(tmp_path)
+
+
+def test_a_folder_that_is_not_there_and_a_spacecraft_in_two_files_are_refused(tmp_path):
+    with pytest.raises(ConfigError, match="should hold a TOML file for each mission"):
+        load_radiometry(tmp_path / "nowhere")
+    written(tmp_path, "")
+    (tmp_path / "twice.toml").write_text('hosts = ["ROVER"]')
+    with pytest.raises(ConfigError, match="ROVER is in the hosts of another file"):
+        load_radiometry(tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -41,6 +89,8 @@ def test_tables_and_models_are_read(tmp_path):
     [
         ("a = [", "rover.toml"),
         ("lut = 1", "no setting 'lut'"),
+        ("companding = 3", "companding should be a table"),
+        ("[vignetting.NAVCAM_LEFT]\nk1 = 0.0\n[flat_fields]\nNAVCAM_LEFT = 'x'", "rover.toml"),
         ("[companding]\nguess = true", "companding has approximate"),
         ("[companding.tables.LUT3]\ncounts = [1]", "has counts and source, not"),
         ("[companding.tables.LUT3]\ncounts = [1]\nsource = 'x'", "LUT3: .* expected 256 counts"),
@@ -50,4 +100,4 @@ def test_tables_and_models_are_read(tmp_path):
 )
 def test_a_broken_file_is_refused_with_its_key(tmp_path, text, complaint):
     with pytest.raises(ConfigError, match=complaint):
-        radiometry_of("ROVER", written(tmp_path, text))
+        load_radiometry(written(tmp_path, text))

@@ -1,11 +1,33 @@
+import json
+from pathlib import Path
+
+import cv2
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from photogrammetry.errors import LabelError, PixelError
-from photogrammetry.pds3.detached import file_of_label, with_attached_label
-from photogrammetry.pds3.reading import has_attached_label, read_image, read_image_record
+from photogrammetry.pds3.detached import (
+    MAX_DETACHED_BYTES,
+    LabelKind,
+    apart,
+    file_of_label,
+    joined,
+    kind_of_label,
+    text_of_label,
+)
+from photogrammetry.pds3.label import MAX_LABEL_BYTES
+from photogrammetry.pds3.reading import (
+    describe_image,
+    has_attached_label,
+    read_image,
+    read_image_record,
+    read_label,
+)
 
 NAME = "2n292280938effb100p0703l0m1.img"
+XML = (Path(__file__).parent / "navcam_of_perseverance.xml").read_bytes()
 
 
 @pytest.fixture
@@ -14,51 +36,103 @@ def pixel_file(small):
     return bytes(1024) + small.pixels.astype(">i2").tobytes()
 
 
+@given(label=st.binary(max_size=200), data=st.binary(max_size=200))
+def test_label_and_data_come_out_as_they_went_in(label, data):
+    assert apart(joined(label, data, NAME), NAME) == (label, data)
+
+
+def test_a_file_of_its_own_is_left_as_it_is(small):
+    assert apart(small.data, NAME) == (None, small.data)
+
+
 @pytest.mark.parametrize(
     "pointer", ['("IMAGE.IMG", 3)', '("IMAGE.IMG", 1025 <BYTES>)', "3", "1025 <BYTES>"]
 )
-def test_a_detached_label_is_put_before_its_data(small, pixel_file, pointer):
+def test_an_image_joined_to_its_label_reads_like_one_that_carries_it(small, pixel_file, pointer):
     label = small.but("= 9\n", f"= {pointer}\n").label
-    data = with_attached_label(pixel_file, label, NAME)
-    assert has_attached_label(data)
-    assert not has_attached_label(pixel_file)
+    data = joined(label.encode(), pixel_file, NAME)
+    assert not has_attached_label(data)
     read = read_image(data, NAME)
     np.testing.assert_array_equal(read.pixels, small.pixels)
-    assert data.endswith(pixel_file)
-    assert label.encode() in data
-    assert read_image_record(data, NAME).clock == read.image.clock
-    apart = read_image(pixel_file, NAME, detached_label=label)
-    np.testing.assert_array_equal(apart.pixels, read.pixels)
+    assert read_image_record(data[:MAX_LABEL_BYTES], NAME).clock == read.image.clock
+    assert read_label(data, NAME).groups == read_label(label.encode(), NAME).groups
+    beside = read_image(pixel_file, NAME, detached_label=label)
+    np.testing.assert_array_equal(beside.pixels, read.pixels)
 
 
 def test_a_pointer_to_a_whole_file_means_its_first_byte(small):
     label = small.but("= 9\n", '= "IMAGE.IMG"\n').label
-    data = with_attached_label(small.pixels.astype(">i2").tobytes(), label, NAME)
+    data = joined(label.encode(), small.pixels.astype(">i2").tobytes(), NAME)
     np.testing.assert_array_equal(read_image(data, NAME).pixels, small.pixels)
     assert file_of_label(label, NAME) == "IMAGE.IMG"
     assert file_of_label(small.label, NAME) is None
 
 
+def test_a_pds4_label_may_be_joined_too(rng):
+    pixels = rng.integers(1, 255, (3, 2, 3), dtype=np.uint8)
+    name = "NLF_0629_0722782785_631ECM_N0301344NCAM00427_06_095J01.IMG"
+    read = read_image(joined(XML, bytes(16) + pixels.tobytes(), name), name)
+    np.testing.assert_allclose(read.pixels, pixels.mean(axis=0), rtol=1e-6)
+    assert read.image.sol == 629
+
+
+def test_a_picture_may_be_what_a_label_describes(small):
+    """Public raw images are eight-bit pictures; their sizes have to agree with the label."""
+    grey = (small.pixels % 251 + 1).astype(np.uint8)
+    label = small.but("= 9\n", '= "IMAGE.PNG"\n').label.encode()
+    picture = cv2.imencode(".png", grey)[1].tobytes()
+    np.testing.assert_array_equal(read_image(joined(label, picture, NAME), NAME).pixels, grey)
+    other = cv2.imencode(".jpg", grey[:20])[1].tobytes()
+    with pytest.raises(PixelError, match="picture is 60 x 20 pixels, its label says 60 x 40"):
+        read_image(joined(label, other, NAME), NAME)
+
+
+def test_metadata_of_a_raw_image_stand_in_for_its_label(shared_data):
+    path = next(shared_data.rglob("NLF_0670_*-metadata.json"))
+    metadata = json.loads(path.read_text()) | {"attitude": "(0.8,0.0,0.0,0.6)"}
+    picture = path.with_name(path.name.replace("-metadata.json", ".png"))
+    data = joined(json.dumps(metadata).encode(), picture.read_bytes(), picture.name)
+    read = read_image(data, picture.name)
+    assert read.pixels.shape == (read.image.lines, read.image.samples) == (968, 1288)
+    assert read.notes == ()
+    described = describe_image(data, picture.name)
+    assert described.label is None
+    assert (described.state.code, described.state.darkened_by) == (None, None)
+    with pytest.raises(LabelError, match="JSON metadata stand in for the label"):
+        read_label(data, picture.name)
+
+
 def test_data_that_are_too_short_or_a_label_that_is_broken_are_refused(small, pixel_file):
-    label = small.but("= 9\n", '= ("IMAGE.IMG", 3)\n').label
+    label = small.but("= 9\n", '= ("IMAGE.IMG", 3)\n').label.encode()
     with pytest.raises(PixelError, match="truncated"):
-        read_image(with_attached_label(pixel_file[:-1], label, NAME), NAME)
+        read_image(joined(label, pixel_file[:-1], NAME), NAME)
+    without = small.but("^IMAGE ", "^OTHER ").label.encode()
     with pytest.raises(LabelError, match=r"\^IMAGE is missing"):
-        with_attached_label(pixel_file, small.but("^IMAGE ", "^OTHER ").label, NAME)
+        read_image(joined(without, pixel_file, NAME), NAME)
     with pytest.raises(LabelError, match="too long to be one"):
-        with_attached_label(pixel_file, label + " " * (1 << 20), NAME)
+        joined(label.ljust(MAX_DETACHED_BYTES + 1), pixel_file, NAME)
+    with pytest.raises(LabelError, match=r"should be \d+ bytes, but the file ends after 1000"):
+        apart(joined(label, pixel_file, NAME)[: len(joined(b"", b"", NAME)) + 1000], NAME)
+
+
+def test_what_a_label_is_written_in_shows_in_its_first_character():
+    assert kind_of_label("\ufeff <?xml") is LabelKind.PDS4
+    assert kind_of_label("\n{") is LabelKind.METADATA
+    assert kind_of_label("PDS_VERSION_ID = PDS3") is LabelKind.PDS3
+    assert text_of_label("\ufeffä".encode()) == "ä"
+    assert text_of_label(b"\xe4") == "ä"
 
 
 def test_the_detached_labels_of_curiosity_say_what_the_attached_ones_do(shared_data):
     for stem in ("NLB_517261274EDR_F0541610CCAM15900M1", "NRB_680874728RAD_F0900232NCAM00354M1"):
         path = next(shared_data.rglob(f"{stem}.IMG"))
-        data, label = path.read_bytes(), path.with_suffix(".LBL").read_text("latin-1")
-        assert file_of_label(label, path.name) == path.name
+        data, label = path.read_bytes(), path.with_suffix(".LBL").read_bytes()
+        assert file_of_label(label.decode("latin-1"), path.name) == path.name
         own = read_image(data, path.name)
-        joined = read_image(with_attached_label(data, label, path.name), path.name)
-        np.testing.assert_array_equal(joined.pixels, own.pixels)
-        np.testing.assert_array_equal(joined.image.camera.centre, own.image.camera.centre)
-        assert joined.image.stop == own.image.stop
-        parent = joined.image.parent_from_site
+        both = read_image(joined(label, data, path.name), path.name)
+        np.testing.assert_array_equal(both.pixels, own.pixels)
+        np.testing.assert_array_equal(both.image.camera.centre, own.image.camera.centre)
+        assert both.image.stop == own.image.stop
+        parent = both.image.parent_from_site
         assert parent is not None
         assert parent.target.index[0] == own.image.stop.site - 1

@@ -10,7 +10,8 @@ from photogrammetry.pds3.companding import (
     square_root_table,
 )
 from photogrammetry.pds3.pixels import read_pixels
-from photogrammetry.pds3.reading import Radiometry, read_image, read_label
+from photogrammetry.pds3.radiometry import Radiometry
+from photogrammetry.pds3.reading import read_image, read_label
 from photogrammetry.pds3.usability import full_scale, received, saturated
 from photogrammetry.pds3.vignetting import RadialVignetting, evened_out, needs_flat_field
 

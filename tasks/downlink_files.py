@@ -1,0 +1,78 @@
+"""The files of a downlink: which are taken, and which label belongs to which data."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from photogrammetry.errors import LabelError
+from photogrammetry.pds3.detached import MAX_DETACHED_BYTES, joined
+from photogrammetry.pds3.pictures import is_picture
+from photogrammetry.pds3.reading import has_attached_label
+
+IMAGE_SUFFIXES = frozenset({".img"})
+PICTURE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg"})
+VECTOR_SUFFIXES = frozenset({".svf", ".rvf"})
+LABEL_ENDINGS = (".lbl", ".LBL", ".xml", ".XML", "-metadata.json", ".json")
+"""What follows the stem of an image in the name of its label, where that is a file of its own."""
+MAX_FILE_BYTES = 256 << 20
+"""Far above any frame of these cameras; a larger file is not read into memory."""
+
+
+def files_of(downlink: Path) -> list[Path]:
+    """Every image, picture and vector file below a folder, by name; suffixes in any case.
+
+    A picture that is called after an image beside it (X.png or X.img.jpg beside X.img) shows the
+    same in eight bits, and is left out.
+    """
+    known = IMAGE_SUFFIXES | PICTURE_SUFFIXES | VECTOR_SUFFIXES
+    files = [path for path in downlink.rglob("*") if path.suffix.lower() in known]
+    files = sorted(path for path in files if path.is_file())
+    images = [path for path in files if path.suffix.lower() in IMAGE_SUFFIXES]
+    shown = {(path.parent, name.lower()) for path in images for name in (path.stem, path.name)}
+    return [
+        path
+        for path in files
+        if path.suffix.lower() not in PICTURE_SUFFIXES
+        or (path.parent, path.stem.lower()) not in shown
+    ]
+
+
+def file_bytes(path: Path) -> bytes:
+    """The bytes of a file.
+
+    Raises:
+        LabelError: it is too large for an image.
+        OSError: it cannot be read.
+    """
+    size = path.stat().st_size
+    if size > MAX_FILE_BYTES:
+        raise LabelError(f"{path.name} is {size >> 20} MiB: no image of these cameras")
+    return path.read_bytes()
+
+
+def image_bytes(path: Path) -> bytes:
+    """An image with its label: as it came, or joined to the label that lies beside it.
+
+    Raises:
+        LabelError: it is too large, or a picture without a label.
+        OSError: it cannot be read.
+    """
+    data = file_bytes(path)
+    if has_attached_label(data):
+        return data
+    for label in _labels_beside(path):
+        return joined(label.read_bytes(), data, label.name)
+    if is_picture(data):
+        raise LabelError(
+            f"{path.name}: a picture without a label; it takes {path.stem}-metadata.json, .xml or "
+            ".lbl beside it to say where it was taken from"
+        )
+    return data
+
+
+def _labels_beside(path: Path) -> Iterator[Path]:
+    for ending in LABEL_ENDINGS:
+        label = path.with_name(path.stem + ending)
+        if label.is_file() and label.stat().st_size <= MAX_DETACHED_BYTES:
+            yield label
