@@ -137,7 +137,7 @@ def adjust_stepwise(
     held, window = _window(network, old, new)
     part = network.within(window)
     adjusted, report = adjust(part, held, params, previous, f"step to {new[-1]}")
-    return _merged(previous, adjusted, network, held), report
+    return merged_network(previous, adjusted, network, held), report
 
 
 def _held(network: Network, held: AbstractSet[StopId], *, has_datum: bool) -> np.ndarray:
@@ -260,17 +260,19 @@ def _tied_stops(network: Network, stops: list[StopId]) -> set[StopId]:
     return {names[k] for k in np.unique(ties.pair[shared]).tolist()}
 
 
-def _merged(
-    previous: AdjustedNetwork, adjusted: AdjustedNetwork, network: Network, held: set[StopId]
+def merged_network(
+    previous: AdjustedNetwork,
+    adjusted: AdjustedNetwork,
+    network: Network,
+    held: AbstractSet[StopId],
 ) -> AdjustedNetwork:
     """The whole traverse: held stops as they were, the others as adjusted, uncertainty carried."""
     before = {stop.stop: stop for stop in previous.stops}
-    last_held = max(held, key=network.stop_ids.index)
-    datum = before[last_held]
+    datum = before[max(held, key=network.stop_ids.index)] if held else None
     stops = dict(before)
     for stop in adjusted.stops:
         if stop.stop not in held:
-            stops[stop.stop] = _carrying(stop, datum)
+            stops[stop.stop] = _carrying(stop, datum) if datum else stop
     pairs = {pair.pair_id: pair for pair in previous.pairs}
     pairs.update({pair.pair_id: pair for pair in adjusted.pairs})
     order = network.stop_ids
@@ -278,6 +280,7 @@ def _merged(
         tuple(sorted(stops.values(), key=lambda s: order.index(s.stop))),
         tuple(pairs[pair.pair_id] for pair in network.pairs if pair.pair_id in pairs),
         merged_ties(network.within(set(stops)).ties, (previous.ties, adjusted.ties)),
+        adjusted.memory,
     )
 
 

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from photogrammetry.adjustment.memory_documents import memory_document, memory_of_document
 from photogrammetry.adjustment.records import (
     AdjustedNetwork,
     AdjustedPair,
@@ -35,6 +36,7 @@ def network_document(
         "stops": [_stop_document(stop) for stop in network.stops],
         "pairs": [_pair_document(pair) for pair in network.pairs],
         "ties": _ties_document(network.ties),
+        "memory": memory_document(network.memory) if network.memory else None,
         "reports": [report_document(report) for report in reports],
     }
 
@@ -55,6 +57,7 @@ def network_of_document(document: Document) -> AdjustedNetwork:
             tuple(_stop_of(stop) for stop in document["stops"]),
             tuple(_pair_of(pair) for pair in document["pairs"]),
             _ties_of(document["ties"]),
+            memory_of_document(document["memory"]) if document.get("memory") else None,
         )
     except KeyError as error:
         raise AdjustmentError(f"the document of an adjusted network lacks {error}") from error

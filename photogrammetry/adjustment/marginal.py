@@ -33,8 +33,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from photogrammetry.adjustment.collinearity import PAIR_UNKNOWNS, STOP_UNKNOWNS, State
+from photogrammetry.adjustment.records import Memory, Network
 from photogrammetry.adjustment.rotations import cross_matrix, left_jacobian, rotation_of_vector
 from photogrammetry.arrays import Flags, Float64, Int32
+from photogrammetry.errors import AdjustmentError
+from photogrammetry.imagery import StopId
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -154,3 +157,42 @@ class Marginal:
         """Its normal matrix and right-hand side for corrections in the LSL, at a state."""
         A, l = self.rows(state)
         return A.T @ A, A.T @ l
+
+    @classmethod
+    def of(cls, memory: Memory, network: Network) -> Marginal:
+        """What a memory says of the stops and pairs of a network."""
+        stop_number = {stop: k for k, stop in enumerate(network.stop_ids)}
+        pair_number = {pair.pair_id: k for k, pair in enumerate(network.pairs)}
+        lost = [str(stop) for stop in memory.stops if stop not in stop_number]
+        lost += [name for name in memory.pair_ids if name not in pair_number]
+        if lost:
+            raise AdjustmentError(
+                f"the sequential adjustment remembers {lost[0]}, which is not in the network of "
+                f"{len(network.stops)} stops; hand over all stops of its window, and their pairs"
+            )
+        chart = Chart(
+            np.array([stop_number[stop] for stop in memory.stops], dtype=np.int32),
+            np.array([pair_number[name] for name in memory.pair_ids], dtype=np.int32),
+            memory.rotations,
+            memory.centres,
+            memory.pointings,
+        )
+        grounded = np.array(memory.grounded, dtype=bool)
+        return cls(chart, memory.root, memory.right, grounded, memory.spent, memory.surplus)
+
+    def memory(self, network: Network, window: tuple[StopId, ...]) -> Memory:
+        """The same by name, to keep."""
+        chart = self.chart
+        return Memory(
+            window,
+            tuple(network.stop_ids[k] for k in chart.stops.tolist()),
+            tuple(network.pairs[k].pair_id for k in chart.pairs.tolist()),
+            chart.rotations,
+            chart.centres,
+            chart.pointings,
+            self.root,
+            self.right,
+            self.spent,
+            self.surplus,
+            tuple(self.grounded.tolist()),
+        )

@@ -193,12 +193,37 @@ class AdjustedTies:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Memory:
+    """What a sequential adjustment keeps of the observations that it no longer looks at.
+
+    |root z - right|^2 in the coordinates z of `marginal`, about poses and pointings as they were
+    when the last stop left.
+    """
+
+    window: tuple[StopId, ...]
+    """The stops that have not left yet."""
+    stops: tuple[StopId, ...]
+    """Those of them that are spoken of."""
+    pair_ids: tuple[str, ...]
+    rotations: Float64[np.ndarray, "stops 3 3"]
+    centres: Float64[np.ndarray, "stops 3"]
+    pointings: Float64[np.ndarray, "pairs 3"]
+    root: Float64[np.ndarray, "r n"]
+    right: Float64[np.ndarray, " r"]
+    spent: float
+    surplus: int
+    grounded: tuple[bool, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class AdjustedNetwork:
     """The network after adjustment."""
 
     stops: tuple[AdjustedStop, ...]
     pairs: tuple[AdjustedPair, ...]
     ties: AdjustedTies
+    memory: Memory | None = None
+    """Of a sequential adjustment, once stops have left its window."""
 
     def stop(self, stop: StopId) -> AdjustedStop:
         """The adjusted stop of that name."""

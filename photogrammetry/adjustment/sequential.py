@@ -1,0 +1,202 @@
+"""The sequential adjustment: a window along the traverse, and all that came before it exactly.
+
+At every step the stops of the window and the new ones are estimated anew, from their own
+observations and from the marginal that the observations of earlier stops have left (`marginal`);
+then the oldest stops leave (`retire`). As long as ties reach back no further than the window, this
+is the simultaneous solution of everything so far, and costs the same at every step. It differs from
+it only by what is frozen when a stop leaves: its linearisation, and which of its observations are
+blunders. `smoothing` carries what was learnt since back to the stops that have left.
+
+New ties to stops that have left (loop closures, revisits) re-open the whole traverse: it is
+adjusted overall, from where it stands, and leaves again as far as its loops allow.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from photogrammetry.adjustment.adjust import adjust, adjust_overall, merged_network
+from photogrammetry.adjustment.collinearity import Observations, State
+from photogrammetry.adjustment.marginal import Marginal
+from photogrammetry.adjustment.params import AdjustmentParams
+from photogrammetry.adjustment.priors import Telemetry
+from photogrammetry.adjustment.records import (
+    USED,
+    AdjustedNetwork,
+    AdjustmentReport,
+    Network,
+    select,
+)
+from photogrammetry.adjustment.retire import Conditional, Linear, neighbours, retire
+from photogrammetry.errors import AdjustmentError
+from photogrammetry.imagery import StopId
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Departure:
+    """A stop that has left, and what it hangs on."""
+
+    stop: StopId
+    stops: tuple[StopId, ...]
+    """Of the chart of its conditional."""
+    pair_ids: tuple[str, ...]
+    conditional: Conditional
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Traverse:
+    """A sequential adjustment under way."""
+
+    window: AdjustedNetwork
+    """As the last step left it: stops that have not left, and those that left after it."""
+    departures: tuple[Departure, ...] = ()
+    """In the order in which they left, since the traverse was last re-opened."""
+
+    @property
+    def staying(self) -> tuple[StopId, ...]:
+        """The stops that have not left."""
+        memory = self.window.memory
+        return memory.window if memory else tuple(stop.stop for stop in self.window.stops)
+
+
+def adjust_sequential(
+    previous: AdjustedNetwork | None,
+    network: Network,
+    new_stops: Iterable[StopId],
+    params: AdjustmentParams,
+) -> tuple[AdjustedNetwork, AdjustmentReport]:
+    """Add new stops to an adjusted traverse, as exactly as all of it together would.
+
+    Called like `adjust_stepwise`: `network` holds old and new stops, with the pairs and ties of the
+    window, of the stops before it that share ties with it, and of the new stops; with the pairs of
+    all stops, loops can be closed. `previous` is what former steps returned, or None at the start.
+    Stops that have left the window stay as they were when they left; stops of the window move.
+    """
+    new = tuple(stop for stop in network.stop_ids if stop in set(new_stops))
+    if previous is None:
+        traverse, report = begin(network.within(set(new)), params)
+        return traverse.window, report
+    if not new:
+        raise AdjustmentError("a step along the traverse needs new stops")
+    before = Traverse(previous)
+    late = late_ties(before, network, new)
+    complete = {pair.pair_id for pair in previous.pairs} <= {p.pair_id for p in network.pairs}
+    if late and complete:
+        traverse, report = reopened(previous, network, params)
+        return traverse.window, report
+    traverse, report = extend(before, network, new, params)
+    if late:
+        told = f"{late} ties reach back beyond the window and were left out: adjust overall"
+        report = replace(report, message="; ".join(filter(None, (report.message, told))))
+    return merged_network(previous, traverse.window, network, frozenset()), report
+
+
+def begin(network: Network, params: AdjustmentParams) -> tuple[Traverse, AdjustmentReport]:
+    """The first stops of a traverse, the very first one held."""
+    adjusted, report = adjust_overall(network, params)
+    return _shortened(Traverse(adjusted), network, params), report
+
+
+def reopened(
+    previous: AdjustedNetwork, network: Network, params: AdjustmentParams
+) -> tuple[Traverse, AdjustmentReport]:
+    """Everything adjusted together from where it stands."""
+    first = network.stop_ids[0]
+    start = replace(previous, memory=None)
+    adjusted, report = adjust(
+        network, {first}, params, start, f"re-opened by {network.stop_ids[-1]}"
+    )
+    return _shortened(Traverse(adjusted), network, params), report
+
+
+def extend(
+    traverse: Traverse, network: Network, new_stops: Iterable[StopId], params: AdjustmentParams
+) -> tuple[Traverse, AdjustmentReport]:
+    """One step: `network` holds at least the window, its tied predecessors and the new stops."""
+    new = tuple(new_stops)
+    part = _part(network, traverse.staying, new)
+    memory = traverse.window.memory
+    inherited = Marginal.of(memory, part) if memory else None
+    held = frozenset() if memory else frozenset({part.stop_ids[0]})
+    adjusted, report = adjust(
+        part, held, params, traverse.window, f"sequential step to {new[-1]}", inherited
+    )
+    grown = Traverse(replace(adjusted, memory=memory), traverse.departures)
+    return _shortened(grown, part, params), report
+
+
+def late_ties(traverse: Traverse, network: Network, new_stops: Iterable[StopId]) -> int:
+    """How many tie points new stops share with stops that have left."""
+    ties, new = network.ties, set(new_stops)
+    if not traverse.window.memory or not len(ties):
+        return 0
+    of_pair = {pair.pair_id: pair.stop for pair in network.pairs}
+    inside = {*traverse.staying, *new}
+    fresh = np.array([of_pair[name] in new for name in ties.pair_ids], dtype=bool)[ties.pair]
+    gone = np.array([of_pair[name] not in inside for name in ties.pair_ids], dtype=bool)[ties.pair]
+    return len(np.intersect1d(ties.point[gone], ties.point[fresh]))
+
+
+def _part(network: Network, staying: tuple[StopId, ...], new: tuple[StopId, ...]) -> Network:
+    """The window and the new stops, without tie points that stops which have left saw too."""
+    inside = {*staying, *new}
+    part = network.within(inside)
+    of_pair = {pair.pair_id: pair.stop for pair in network.pairs}
+    gone = np.array([of_pair[name] not in inside for name in network.ties.pair_ids], dtype=bool)
+    if not gone.any():
+        return part
+    spent = np.unique(network.ties.point[gone[network.ties.pair]])
+    return replace(part, ties=select(part.ties, ~np.isin(part.ties.point, spent)))
+
+
+def _shortened(traverse: Traverse, network: Network, params: AdjustmentParams) -> Traverse:
+    """The traverse after its oldest stops have left, as many as the window and loops allow."""
+    adjusted, linear = traverse.window, linear_at(traverse.window, network, params)
+    departures, marginal = list(traverse.departures), linear.inherited
+    number = 0
+    while len(network.stops) - number > params.window_stops:
+        if len(neighbours(linear, number)[1]) > params.window_stops:
+            break  # so many stops hang on this one that leaving would save nothing
+        conditional, marginal = retire(linear, number)
+        departures.append(_departure(network, number, conditional))
+        linear = linear.without(number, marginal)
+        number += 1
+    if marginal is None:
+        return traverse
+    memory = marginal.memory(network, network.stop_ids[number:])
+    return Traverse(replace(adjusted, memory=memory), tuple(departures))
+
+
+def _departure(network: Network, number: int, conditional: Conditional) -> Departure:
+    chart = conditional.chart
+    return Departure(
+        network.stop_ids[number],
+        tuple(network.stop_ids[k] for k in chart.stops.tolist()),
+        tuple(network.pairs[k].pair_id for k in chart.pairs.tolist()),
+        conditional,
+    )
+
+
+def linear_at(adjusted: AdjustedNetwork, network: Network, params: AdjustmentParams) -> Linear:
+    """A network at the state to which it was adjusted, with what it has inherited."""
+    stops = {stop.stop: stop for stop in adjusted.stops}
+    pairs = {pair.pair_id: pair for pair in adjusted.pairs}
+    poses = [stops[stop] for stop in network.stop_ids]
+    state = State(
+        np.array([stop.lsl_from_rover.rotation for stop in poses]),
+        np.array([stop.lsl_from_rover.translation_m for stop in poses]),
+        np.array([pairs[pair.pair_id].pointing for pair in network.pairs]).reshape(-1, 3),
+        adjusted.ties.points,
+    )
+    return Linear(
+        Observations.of(network),
+        Telemetry.of(network, params),
+        np.array([stop.held for stop in poses], dtype=bool),
+        state,
+        adjusted.ties.status == USED,
+        Marginal.of(adjusted.memory, network) if adjusted.memory else None,
+        np.array([stop.is_tied for stop in poses], dtype=bool),
+    )
