@@ -23,7 +23,7 @@ from photogrammetry.arrays import Flags, Float64
 FURTHEST_BASES = 1000.0
 """The parallax there is a pixel of a Navcam."""
 LEAST_BASE_M = 1e-3
-STIFFNESS = 1e-9
+STIFFNESS = 1e-13
 """Keeps parallel rays solvable; they end at the furthest distance."""
 
 

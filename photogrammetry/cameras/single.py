@@ -36,8 +36,11 @@ def single_image(
     across = right - left - ((right - left) @ ahead) * ahead
     x = across / np.linalg.norm(across)
     rotation = np.column_stack([x, np.cross(ahead, x), ahead])
-    turns = (np.linalg.norm(right - left), np.linalg.norm(below - above))
-    focal_px = float(np.mean([2.0 * STEP_PX / turn for turn in turns]))
+    slopes = [
+        np.linalg.norm(b / (b @ ahead) - a / (a @ ahead))
+        for a, b in ((left, right), (above, below))
+    ]
+    focal_px = float(np.mean([2.0 * STEP_PX / slope for slope in slopes]))
     edge = _on_plane(camera.rays(_border(size)) @ rotation, camera) * focal_px
     low, high = edge.min(axis=0), edge.max(axis=0)
     samples, lines = np.round(high - low).astype(int).tolist()

@@ -1,0 +1,153 @@
+"""Single images of a panorama whose pointing errors are known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from photogrammetry.errors import MatchingError
+from photogrammetry.frames import Pose
+from photogrammetry.matching.conjugates import View
+from photogrammetry.matching.mast_swing import Swing, turn_between, verify
+from photogrammetry.matching.mono import tie_single_images
+from photogrammetry.matching.swing_search import MonoParams, SingleView
+from photogrammetry.matching.verification import VerificationParams
+
+
+@pytest.fixture(scope="module")
+def views(first_stop):
+    """The left images of the panorama's pairs, without what their right ones say."""
+    return [
+        SingleView(p.pair_id, p.images.geometry, View.of(p.images.left, p.images.left_mask))
+        for p in first_stop.pairs
+    ]
+
+
+@pytest.fixture(scope="module")
+def tied(views, first_stop):
+    return tie_single_images(first_stop.stop, views, MonoParams())
+
+
+@pytest.fixture
+def swing(first_stop):
+    return Swing(*(pair.images.geometry for pair in first_stop.pairs[:2]))
+
+
+@pytest.fixture
+def ground(swing, rng):
+    """(points in the first image, the same in the second) of points 2 to 20 m away."""
+    points = rng.uniform([128, 20], [250, 250], (400, 2))
+    inverse = 1 / rng.uniform(2, 20, 400)
+    return points, swing.seen_at(points, inverse), inverse
+
+
+def test_neighbouring_images_are_tied_and_others_are_not(tied):
+    assert [(link.first_id, link.second_id) for link in tied.links] == [
+        ("P000", "P001"),
+        ("P001", "P002"),
+        ("P002", "P003"),
+    ]
+    assert min(link.ties for link in tied.links) > 30
+    assert np.isnan(tied.ties.first_parallax_px).all()
+
+
+def test_ties_show_the_same_ground(tied, first_stop):
+    """The parallax of the pair, which single images do not know, says where they ought to be."""
+    offsets = []
+    geometries = [pair.images.geometry for pair in first_stop.pairs]
+    for k in range(len(tied.ties)):
+        one, other = tied.ties.first[k], tied.ties.second[k]
+        left = tied.ties.first_left[k]
+        col, row = np.round(left).astype(int)
+        parallax = first_stop.pairs[one].parallax[row, col]
+        if not np.isfinite(parallax):
+            continue
+        swing = Swing(geometries[one], geometries[other])
+        depth = geometries[one].focal_px * geometries[one].base_m / parallax
+        seen = swing.seen_at(left[None], np.array([1.0 / float(depth)]))[0]
+        offsets.append(tied.ties.second_left[k] - seen)
+    offsets = np.array(offsets)
+    assert len(offsets) > 100
+    # 1 mrad of pointing is 0.3 px an axis and image; five standard deviations of two images
+    assert np.linalg.norm(offsets, axis=1).max() < 5 * 0.32 * np.sqrt(2)
+
+
+def test_a_turn_of_the_second_camera_is_found_among_blunders(swing, ground, rng):
+    points, seen, inverse = ground
+    turn = np.array([0.002, -0.001, 0.003])
+    seen = swing.seen_at(points, inverse, turn) + rng.normal(0, 0.1, seen.shape)
+    wrong = rng.random(len(seen)) < 0.3
+    seen[wrong] += rng.uniform(-10, 10, (wrong.sum(), 2))
+    found = turn_between(swing, points, seen, pointing_sigma=0.0026)
+    left = swing.across(points[~wrong], seen[~wrong], found)
+    assert np.median(np.abs(left)) < 0.1  # as measured
+    nothing = swing.across(points[~wrong], seen[~wrong], np.zeros(3))
+    assert np.median(np.abs(nothing)) > 0.4
+
+
+def test_points_off_the_line_or_off_the_ground_are_found_out(swing, ground, rng):
+    points = ground[0]
+    inverse = 0.05 + points[:, 1] / 256 * 0.3  # a plane
+    seen = swing.seen_at(points, inverse) + rng.normal(0, 0.1, points.shape)
+    deep, aside = np.zeros((2, len(points)), dtype=bool)
+    deep[::9], aside[4::9] = True, True
+    on_the_line = swing.seen_at(points, inverse + 0.5)
+    moved = np.linalg.norm(on_the_line - seen, axis=1)
+    deep &= moved > 5.0  # nearer to the epipole than this, depth shows too little
+    seen[deep] = on_the_line[deep]
+    seen[aside] += 5.0 * normals(swing, points[aside])
+    verdict = verify(swing, points, seen, 0.5, 0.0026, VerificationParams())
+    assert deep.sum() > 20
+    assert not verdict.agrees[deep | aside].any()
+    assert verdict.agrees[~(deep | aside)].mean() > 0.95
+
+
+def normals(swing, points):
+    """Across the epipolar lines in the second image."""
+    far = swing.seen_at(points, np.zeros(len(points)))
+    near = swing.seen_at(points, np.full(len(points), 0.01))
+    across = (near - far)[:, ::-1] * [-1.0, 1.0]
+    return across / np.linalg.norm(across, axis=1, keepdims=True)
+
+
+def test_across_and_along_are_measured_from_the_epipolar_line(swing, ground):
+    points, seen, _ = ground
+    np.testing.assert_allclose(swing.across(points, seen, np.zeros(3)), 0.0, atol=1e-9)
+    far = swing.seen_at(points, np.zeros(len(points)))
+    aside = swing.across(points, far + 2.0 * normals(swing, points), np.zeros(3))
+    np.testing.assert_allclose(np.abs(aside), 2.0, atol=1e-6)
+    assert (swing.along(points, seen, np.zeros(3)) > 0).all()
+
+
+def test_images_of_other_ground_are_not_tied(first_stop, foreign_stop, views):
+    """Two images that should overlap by their labels, and show different soil."""
+    other = foreign_stop.pairs[0]
+    label = views[1].geometry.rover_from_pair
+    geometry = replace(
+        views[1].geometry,
+        rover_from_pair=Pose(label.target, label.source, label.rotation, label.translation_m),
+    )
+    stranger = SingleView("X", geometry, View.of(other.images.left, other.images.left_mask))
+    found = tie_single_images(first_stop.stop, [views[0], stranger], MonoParams())
+    assert len(found.ties) == 0
+    assert [link.ties for link in found.links] == [0]
+
+
+def test_a_large_roll_between_images_is_no_obstacle(first_stop, views):
+    """Elevation changes turn the image about the view; patches are turned with it."""
+    one = first_stop.pairs[1].images
+    roll = Rotation.from_euler("z", np.pi / 2).as_matrix()
+    label = views[1].geometry.rover_from_pair
+    turned = Pose(label.target, label.source, label.rotation @ roll, label.translation_m)
+    grey, mask = np.rot90(one.left).copy(), np.rot90(one.left_mask).copy()
+    # x of the turned image runs along y of the original
+    view = SingleView("R", replace(views[1].geometry, rover_from_pair=turned), View.of(grey, mask))
+    found = tie_single_images(first_stop.stop, [views[0], view], MonoParams())
+    assert len(found.ties) > 30
+
+
+@pytest.mark.parametrize("wrong", [{"least_ties": 2}, {"scouts": 5}, {"nearest_m": 0.0}])
+def test_parameters_that_make_no_sense_are_refused(wrong):
+    with pytest.raises(MatchingError, match=r"must be above zero|single images need"):
+        MonoParams(**wrong)
