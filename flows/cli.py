@@ -44,7 +44,7 @@ def _fail(message: str) -> NoReturn:
 
 @app.command()
 def run(
-    downlink: Annotated[Path, typer.Argument(help="Folder searched for .img, .svf and .rvf files")],
+    downlink: Annotated[Path, typer.Argument(help="Folder searched for images and vector files")],
     store: StoreOption = None,
     pipeline: Annotated[
         str | None, typer.Option(help="Shipped pipeline or a TOML file. [env: SOLMAP_PIPELINE]")
@@ -55,13 +55,14 @@ def run(
         _fail(f"{downlink} is no folder; name the folder that the downlink's files lie in")
     root = _store(store)
     prepare_engine(root)
+    from config.errors import ConfigError  # noqa: PLC0415
     from flows.downlink import process_downlink  # noqa: PLC0415 - after the engine's settings
     from products.errors import ProductError  # noqa: PLC0415
 
     try:
         with progress_shown():
             report = process_downlink(downlink.resolve(), root, pipeline or Settings().pipeline)
-    except ProductError as error:
+    except (ConfigError, ProductError) as error:
         _fail(str(error))
     for line in report.warnings:
         errors.print(f"[yellow]warning[/yellow] {line}", highlight=False)
@@ -231,7 +232,7 @@ def fetch(
 
 @app.command()
 def inspect(
-    files: Annotated[list[Path], typer.Argument(help="Images (.img) or labels (.lbl)")],
+    files: Annotated[list[Path], typer.Argument(help="Images (.img, .png, .jpg) or labels (.lbl, .xml)")],
     png: Annotated[Path | None, typer.Option(help="Write a stretched picture of the image")] = None,
     *,
     as_json: JsonOption = False,
