@@ -26,6 +26,7 @@ from photogrammetry.adjustment.priors import Telemetry
 from photogrammetry.adjustment.records import (
     USED,
     AdjustedNetwork,
+    AdjustedStop,
     AdjustmentReport,
     Network,
     select,
@@ -39,7 +40,9 @@ from photogrammetry.imagery import StopId
 class Departure:
     """A stop that has left, and what it hangs on."""
 
-    stop: StopId
+    adjusted: AdjustedStop
+    """As it was when it left."""
+    own_pairs: tuple[str, ...]
     stops: tuple[StopId, ...]
     """Of the chart of its conditional."""
     pair_ids: tuple[str, ...]
@@ -161,7 +164,7 @@ def _shortened(traverse: Traverse, network: Network, params: AdjustmentParams) -
         if len(neighbours(linear, number)[1]) > params.window_stops:
             break  # so many stops hang on this one that leaving would save nothing
         conditional, marginal = retire(linear, number)
-        departures.append(_departure(network, number, conditional))
+        departures.append(_departure(adjusted, network, number, conditional))
         linear = linear.without(number, marginal)
         number += 1
     if marginal is None:
@@ -170,18 +173,30 @@ def _shortened(traverse: Traverse, network: Network, params: AdjustmentParams) -
     return Traverse(replace(adjusted, memory=memory), tuple(departures))
 
 
-def _departure(network: Network, number: int, conditional: Conditional) -> Departure:
+def _departure(
+    adjusted: AdjustedNetwork, network: Network, number: int, conditional: Conditional
+) -> Departure:
     chart = conditional.chart
     return Departure(
-        network.stop_ids[number],
+        adjusted.stop(network.stop_ids[number]),
+        tuple(pair.pair_id for pair in network.pairs if pair.stop == network.stop_ids[number]),
         tuple(network.stop_ids[k] for k in chart.stops.tolist()),
         tuple(network.pairs[k].pair_id for k in chart.pairs.tolist()),
         conditional,
     )
 
 
-def linear_at(adjusted: AdjustedNetwork, network: Network, params: AdjustmentParams) -> Linear:
-    """A network at the state to which it was adjusted, with what it has inherited."""
+def linear_at(
+    adjusted: AdjustedNetwork,
+    network: Network,
+    params: AdjustmentParams,
+    rows: np.ndarray | None = None,
+) -> Linear:
+    """A network at the state to which it was adjusted, with what it has inherited.
+
+    `rows` are those of the adjusted ties that the network has, if not all.
+    """
+    status = adjusted.ties.status if rows is None else adjusted.ties.status[rows]
     stops = {stop.stop: stop for stop in adjusted.stops}
     pairs = {pair.pair_id: pair for pair in adjusted.pairs}
     poses = [stops[stop] for stop in network.stop_ids]
@@ -196,7 +211,7 @@ def linear_at(adjusted: AdjustedNetwork, network: Network, params: AdjustmentPar
         Telemetry.of(network, params),
         np.array([stop.held for stop in poses], dtype=bool),
         state,
-        adjusted.ties.status == USED,
+        status == USED,
         Marginal.of(adjusted.memory, network) if adjusted.memory else None,
         np.array([stop.is_tied for stop in poses], dtype=bool),
     )

@@ -60,10 +60,6 @@ from photogrammetry.adjustment.priors import (
 )
 from photogrammetry.adjustment.rotations import rotation_of_vector
 
-LOOSENESS = 0.3
-"""How loosely stops are held while residuals are tested, in uncertainties of a drive."""
-LONG = 100
-"""Stops from which on they are held the tighter the more there are: rounding grows with them."""
 CHI3_MEDIAN = 1.538
 """Median length of a standard normal vector of three coordinates."""
 
@@ -128,6 +124,16 @@ class Problem:
             observations, telemetry, held, unknowns, pattern, groups, places,
             link_places, link_right, weight, rows, anchor, inherited,
         )  # fmt: skip
+
+    @property
+    def inherited_columns(self) -> tuple[np.ndarray, np.ndarray]:
+        """Block, and place in it, of the columns of what is inherited."""
+        stops = self.inherited.stops if self.inherited else np.zeros(0, dtype=np.int64)
+        pairs = self.inherited.pairs if self.inherited else np.zeros(0, dtype=np.int64)
+        unknowns = self.unknowns
+        blocks = np.concatenate([np.repeat(stops, 6), np.repeat(unknowns.pair_stop[pairs], 3)])
+        local = [unknowns.stop_columns[stops].ravel(), unknowns.pair_columns[pairs].ravel()]
+        return blocks, np.concatenate(local)
 
     @property
     def redundancy(self) -> int:
@@ -245,12 +251,11 @@ def _add_inherited(problem: Problem, state: State, flat: np.ndarray, right: np.n
     """Add what observations that have left said."""
     if problem.inherited is None:
         return
-    unknowns, stops, pairs = problem.unknowns, problem.inherited.stops, problem.inherited.pairs
     N, n = problem.inherited.normals(state)
-    blocks = np.concatenate([np.repeat(stops, 6), np.repeat(unknowns.pair_stop[pairs], 3)])
-    local = np.concatenate([unknowns.stop_columns[stops], unknowns.pair_columns[pairs]], axis=None)
+    blocks, local = problem.inherited_columns
+    at = np.where(local >= 0, problem.unknowns.offsets[blocks] + local, len(right) - 1)
     np.add.at(flat, problem.pattern.indices(blocks[None], local[None])[0], N)
-    np.add.at(right, np.where(local >= 0, unknowns.offsets[blocks] + local, len(right) - 1), n)
+    np.add.at(right, at, n)
 
 
 def linearise(problem: Problem, state: State, threshold: float | None) -> Linearised:
@@ -258,26 +263,6 @@ def linearise(problem: Problem, state: State, threshold: float | None) -> Linear
     flat, right, ties = normal_equations(problem, state, threshold)
     factor = factorise(problem.pattern, flat)
     return Linearised(cost_of(problem, state, threshold), factor, flat, right, ties)
-
-
-def local_inverse(problem: Problem, flat: np.ndarray) -> np.ndarray:
-    """The inverse on the pattern, with every free stop loosely held where it is.
-
-    Far along a traverse the covariances are metres large, and all of it common to neighbours: in
-    residuals, to which a common motion means nothing, it cancels and takes the digits with it (at
-    200 stops redundancy numbers were wrong by 0.05). Stops held to a third of the uncertainty of a
-    drive, decimetres, keep what ties know of neighbours, centimetres, and lose the rest.
-    """
-    unknowns, weight = problem.unknowns, problem.telemetry.weight
-    free = np.flatnonzero(~problem.held)
-    own = problem.pattern.start(free, free)[:, None]
-    places = own + unknowns.stop_columns[free] * (unknowns.sizes[free][:, None] + 1)
-    turn, shift = weight[:, 2].max(initial=0.0), weight[free, 3]
-    loose = np.column_stack([np.full((len(free), 3), turn), np.repeat(shift[:, None], 3, axis=1)])
-    softened = flat.copy()
-    looseness = LOOSENESS * min(1.0, LONG / len(problem.held))
-    softened[places] += (loose / looseness) ** 2
-    return factorise(problem.pattern, softened).inverse()
 
 
 def solve(problem: Problem, start: State, params: AdjustmentParams, *, robust: bool) -> Solution:
