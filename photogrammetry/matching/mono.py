@@ -3,28 +3,35 @@
 Every two that overlap are searched for conjugates (`swing_search`); what agrees with the geometry
 of the two cameras (`mast_swing`) becomes a tie. It holds two left image points and no parallax
 (NaN): the depth of its tie point comes from the centimetres between the images, in the adjustment.
+A stereo pair beside a single image gives the depth itself: its matches are looked for where it puts
+them, and the tie holds the pair's parallax.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
 
-from photogrammetry.arrays import ImagePoints
+from photogrammetry.arrays import ImagePoints, PerPoint
 from photogrammetry.imagery import StopId
-from photogrammetry.matching.conjugates import Conjugates
-from photogrammetry.matching.mast_swing import Swing, SwingVerdict
+from photogrammetry.matching.conjugates import Conjugates, View
+from photogrammetry.matching.mast_swing import Swing
+from photogrammetry.matching.records import MatchedPair
+from photogrammetry.matching.single_views import MonoParams, SingleView
 from photogrammetry.matching.swing_search import (
-    MonoParams,
-    SingleView,
     candidates,
     guided,
+    matches_in_view,
+    predicted,
     scouted,
     verified,
 )
 from photogrammetry.matching.ties import Ties, joined
+
+NAN = float("nan")
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,17 +62,17 @@ class MonoTies:
 
 
 def tie_single_images(
-    stop: StopId, views: tuple[SingleView, ...] | list[SingleView], params: MonoParams
+    stop: StopId,
+    views: Sequence[SingleView],
+    params: MonoParams,
+    pairs: Sequence[MatchedPair] = (),
 ) -> MonoTies:
-    """Tie every two single images of a stop whose fields of view overlap."""
-    ids = tuple(view.image_id for view in views)
-    ties, links = [], []
-    for one, other in combinations(views, 2):
-        found = tie_two(one, other, ids, params)
-        if found is not None:
-            ties.append(found[0])
-            links.append(found[1])
-    return MonoTies(stop, joined(ties, ids), tuple(links))
+    """Tie every two single images of a stop that overlap, and each with the pairs it overlaps."""
+    ids = (*(pair.pair_id for pair in pairs), *(view.image_id for view in views))
+    found = [tie_two(one, other, ids, params) for one, other in combinations(views, 2)]
+    found += [tie_to_pair(pair, view, ids, params) for pair in pairs for view in views]
+    made = [both for both in found if both is not None]
+    return MonoTies(stop, joined([ties for ties, _ in made], ids), tuple(link for _, link in made))
 
 
 def tie_two(
@@ -73,19 +80,77 @@ def tie_two(
 ) -> tuple[Ties, MonoLink] | None:
     """Ties of two single images, and what came of it; None where they do not overlap."""
     swing = Swing(one.geometry, other.geometry)
+    if swing.base_m < params.least_base_m:
+        return None
     points = candidates(one, other, swing, params)
     if len(points) < params.least_ties:
         return None
-    found = _nothing(points)
-    verdict = None
     scouts = scouted(one, other, swing, points[: params.scouts], params)
-    if scouts is not None:
-        near, turn = scouts
-        found = guided(one, other, swing, points, near, turn, params)
-        kept = found.found
-        if kept.sum() >= params.least_ties:
-            verdict = verified(swing, points[kept], found.points[kept], params)
-    return _assembled((one, other), ids, points, found, verdict, params)
+    found = (
+        _nothing(points) if scouts is None else guided(one, other, swing, points, *scouts, params)
+    )
+    nothing = np.full(len(points), np.nan)
+    measured = MeasuredPoints(
+        one.image_id, points, nothing, np.full(len(points), params.conjugates.sigma_floor_px)
+    )
+    return _judged(swing, measured, other, found, ids, params)
+
+
+def tie_to_pair(
+    pair: MatchedPair, view: SingleView, ids: tuple[str, ...], params: MonoParams
+) -> tuple[Ties, MonoLink] | None:
+    """Ties of a stereo pair with a single image beside it; None where they do not overlap."""
+    swing = Swing(pair.images.geometry, view.geometry)
+    if swing.base_m < params.least_base_m:
+        return None
+    rows = matches_in_view(pair, view, swing, params)
+    if len(rows) < params.least_ties:
+        return None
+    left, parallax = pair.matches.left[rows], pair.matches.parallax_px[rows]
+    source = SingleView(pair.pair_id, swing.one, View.of(pair.images.left, pair.images.left_mask))
+    found = predicted(source, view, swing, left, parallax, params)
+    sigma = np.maximum(pair.matches.sigma_px[rows], params.conjugates.sigma_floor_px)
+    measured = MeasuredPoints(pair.pair_id, left, parallax, sigma)
+    return _judged(swing, measured, view, found, ids, params)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MeasuredPoints:
+    """Points of the first image of a link, with their parallax where a pair measured it."""
+
+    name: str
+    left: ImagePoints
+    parallax_px: PerPoint
+    sigma_px: PerPoint
+
+
+def _judged(
+    swing: Swing,
+    first: MeasuredPoints,
+    other: SingleView,
+    found: Conjugates,
+    ids: tuple[str, ...],
+    params: MonoParams,
+) -> tuple[Ties, MonoLink]:
+    """The conjugates that agree with the geometry, as ties, and what came of the search."""
+    names, kept = (first.name, other.image_id), found.found
+    looked, measured = len(first.left), int(kept.sum())
+    none = Ties.none(ids), MonoLink(*names, looked, measured, 0, NAN, NAN, NAN)
+    if measured < params.least_ties:
+        return none
+    verdict = verified(swing, first.left[kept], found.points[kept], params)
+    good = verdict.agrees & (verdict.along_px >= params.least_parallax_px)
+    if good.sum() < params.least_ties:
+        return none
+    figures = (
+        float(np.median(verdict.across_px[good])),
+        float(np.median(np.abs(verdict.left_px[good]))),
+        float(np.rad2deg(np.linalg.norm(verdict.turn))),
+    )
+    rows = np.flatnonzero(kept)[good]
+    link = MonoLink(*names, looked, measured, len(rows), *figures)
+    floor_px = params.conjugates.parallax_floor_px
+    return _assembled(first, names, found, rows, ids, floor_px), link
 
 
 def _nothing(points: ImagePoints) -> Conjugates:
@@ -95,35 +160,26 @@ def _nothing(points: ImagePoints) -> Conjugates:
 
 
 def _assembled(
-    both: tuple[SingleView, SingleView],
-    ids: tuple[str, ...],
-    points: ImagePoints,
+    first: MeasuredPoints,
+    names: tuple[str, str],
     found: Conjugates,
-    verdict: SwingVerdict | None,
-    params: MonoParams,
-) -> tuple[Ties, MonoLink]:
-    """The ties that agree, as columns, and what came of the search."""
-    names = both[0].image_id, both[1].image_id
-    measured = int(found.found.sum())
-    good = np.zeros(0, dtype=bool)
-    if verdict is not None:
-        good = verdict.agrees & (verdict.along_px >= params.least_parallax_px)
-    if verdict is None or good.sum() < params.least_ties:
-        nan = float("nan")
-        return Ties.none(ids), MonoLink(*names, len(points), measured, 0, nan, nan, nan)
-    label, left = verdict.across_px[good], np.abs(verdict.left_px[good])
-    good = np.flatnonzero(found.found)[good]
-    n = len(good)
-    index = [np.full(n, ids.index(name), np.int32) for name in names]
-    nothing = np.full(n, np.nan)
-    floor = np.full(n, params.conjugates.sigma_floor_px)
-    ties = Ties(
-        ids, *index, points[good], found.points[good], nothing, nothing.copy(),
-        floor, found.sigma_px[good], nothing.copy(), nothing.copy(),
-    )  # fmt: skip
-    figures = (
-        float(np.median(label)),
-        float(np.median(left)),
-        float(np.rad2deg(np.linalg.norm(verdict.turn))),
+    rows: np.ndarray,
+    ids: tuple[str, ...],
+    floor_px: float,
+) -> Ties:
+    """Some of the conjugates as columns of ties."""
+    index = [np.full(len(rows), ids.index(name), np.int32) for name in names]
+    parallax, unknown = first.parallax_px[rows], np.full(len(rows), np.nan)
+    stereo = np.isfinite(parallax)
+    return Ties(
+        ids,
+        *index,
+        first.left[rows],
+        found.points[rows],
+        parallax,
+        unknown,
+        first.sigma_px[rows],
+        found.sigma_px[rows],
+        np.where(stereo, np.maximum(first.sigma_px[rows], floor_px), np.nan),
+        unknown.copy(),
     )
-    return ties, MonoLink(*names, len(points), measured, n, *figures)

@@ -9,23 +9,16 @@ window as wide as the relief.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-
 import numpy as np
 from scipy.spatial import KDTree
 
 from photogrammetry.arrays import Float64, ImagePoints, PerPoint, Vector3
-from photogrammetry.cameras.epipolar import EpipolarPair
-from photogrammetry.errors import MatchingError
-from photogrammetry.matching.conjugates import ConjugateParams, Conjugates, View, find_conjugates
-from photogrammetry.matching.interest_points import (
-    FoerstnerParams,
-    interest_points,
-    strongest_by_cell,
-)
+from photogrammetry.matching.conjugates import ConjugateParams, Conjugates, find_conjugates
+from photogrammetry.matching.interest_points import interest_points, strongest_by_cell
 from photogrammetry.matching.local_surface import calibration
 from photogrammetry.matching.mast_swing import Swing, SwingVerdict, turned, verify
-from photogrammetry.matching.verification import VerificationParams
+from photogrammetry.matching.records import MatchedPair
+from photogrammetry.matching.single_views import MonoParams, SingleView
 
 Scouts = tuple[Float64[np.ndarray, "scouts 2"], Float64[np.ndarray, " scouts"]]
 """Image points found at the first search, and their inverse depth, per metre."""
@@ -35,50 +28,6 @@ TOGETHER = 128
 """Points of like reach that are looked for together."""
 NEIGHBOURS = 8
 """Matches around a point that say how deep it lies."""
-
-
-@dataclass(frozen=True, slots=True)
-class MonoParams:
-    """How single images of a stop are tied."""
-
-    interest: FoerstnerParams = field(default_factory=FoerstnerParams)
-    conjugates: ConjugateParams = field(default_factory=lambda: ConjugateParams(half_px=8))
-    verification: VerificationParams = field(default_factory=VerificationParams)
-    pointing_sigma: float = 0.0026
-    """Radians (0.15 degrees) an axis and image, as in `alignment`."""
-    nearest_m: float = 1.5
-    """Nearest ground, as deep as the mast is high."""
-    scouts: int = 400
-    """Interest points that are looked for first, over all depths."""
-    candidates: int = 2500
-    """Interest points of the overlap that are looked for with depth and turn known."""
-    cell_px: int = 32
-    """Cell in which the strongest are taken in turn."""
-    relief_px: int = 4
-    """Half the window of the second search: relief between neighbouring matches."""
-    least_parallax_px: float = 1.0
-    """Along the epipolar line. Below, the rays of the adjusted images may diverge, and a point
-    behind infinity has no place."""
-    least_ties: int = 12
-    """Four times the three unknowns of the turn: with fewer there is no link."""
-
-    def __post_init__(self) -> None:
-        if not (self.candidates >= self.scouts >= self.least_ties > 2):  # noqa: PLR2004
-            raise MatchingError(
-                "single images need candidates >= scouts >= least_ties > 2, not "
-                f"{self.candidates}, {self.scouts}, {self.least_ties}"
-            )
-        if not (self.pointing_sigma > 0 and self.nearest_m > 0 and self.relief_px > 0):
-            raise MatchingError("pointing_sigma, nearest_m and relief_px must be above zero")
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class SingleView:
-    """An image without stereo partner, resampled to the geometry of `cameras.single`."""
-
-    image_id: str
-    geometry: EpipolarPair
-    view: View
 
 
 def candidates(one: SingleView, other: SingleView, swing: Swing, params: MonoParams) -> ImagePoints:
@@ -134,6 +83,40 @@ def guided(  # noqa: PLR0913, PLR0917 - two images, what is looked for, and what
     maps = _maps(swing, points, depth, turn)
     reach = np.full(len(points), float(params.relief_px))
     return _found(one, other, points, maps, reach, params.conjugates)
+
+
+def matches_in_view(
+    pair: MatchedPair, view: SingleView, swing: Swing, params: MonoParams
+) -> np.ndarray:
+    """Rows of a pair's matches that a single image shows by the labels; the most certain first."""
+    matches = pair.matches
+    seen = swing.seen_at(matches.left, _inverse_depth_of(swing, matches.parallax_px))
+    size = np.array([view.geometry.samples, view.geometry.lines])
+    with np.errstate(invalid="ignore"):
+        rows = np.flatnonzero(((seen >= 0) & (seen <= size - 1)).all(axis=1))
+    order = strongest_by_cell(
+        matches.left[rows], -matches.sigma_px[rows], params.cell_px, params.candidates
+    )
+    return rows[order]
+
+
+def predicted(
+    one: SingleView,
+    other: SingleView,
+    swing: Swing,
+    points: ImagePoints,
+    parallax_px: PerPoint,
+    params: MonoParams,
+) -> Conjugates:
+    """Conjugates of a pair's points, as far from the prediction as pointing may put them."""
+    maps = _maps(swing, points, _inverse_depth_of(swing, parallax_px), np.zeros(3))
+    reach = np.full(len(points), np.ceil(_reach_px(swing, params)))
+    return _found(one, other, points, maps, reach, params.conjugates)
+
+
+def _inverse_depth_of(swing: Swing, parallax_px: PerPoint) -> PerPoint:
+    """From the parallax of the first image's pair."""
+    return parallax_px / (swing.one.focal_px * swing.one.base_m)
 
 
 def verified(

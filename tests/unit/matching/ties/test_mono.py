@@ -11,7 +11,7 @@ from photogrammetry.frames import Pose
 from photogrammetry.matching.conjugates import View
 from photogrammetry.matching.mast_swing import Swing, turn_between, verify
 from photogrammetry.matching.mono import tie_single_images
-from photogrammetry.matching.swing_search import MonoParams, SingleView
+from photogrammetry.matching.single_views import MonoParams, SingleView
 from photogrammetry.matching.verification import VerificationParams
 
 
@@ -71,6 +71,29 @@ def test_ties_show_the_same_ground(tied, first_stop):
     assert len(offsets) > 100
     # 1 mrad of pointing is 0.3 px an axis and image; five standard deviations of two images
     assert np.linalg.norm(offsets, axis=1).max() < 5 * 0.32 * np.sqrt(2)
+
+
+def test_matches_of_a_pair_are_found_in_a_single_image_beside_it(first_stop, views):
+    pair = first_stop.pairs[0]
+    found = tie_single_images(first_stop.stop, views[1:2], MonoParams(), [pair])
+    (link,) = found.links
+    assert (link.first_id, link.second_id) == ("P000", "P001")
+    assert link.ties > 30
+    ties = found.ties
+    assert np.isfinite(ties.first_parallax_px).all()  # the pair's own
+    assert np.isnan(ties.second_parallax_px).all()
+    swing = Swing(pair.images.geometry, views[1].geometry)
+    depth = 320.0 * 0.4 / ties.first_parallax_px
+    off = ties.second_left - swing.seen_at(ties.first_left, 1.0 / depth)
+    assert np.linalg.norm(off, axis=1).max() < 5 * 0.32 * np.sqrt(2)  # 1 mrad of pointing each
+    spread = np.median(np.abs(off - np.median(off, axis=0)))
+    assert spread < 0.2  # one turn explains them
+
+
+def test_images_taken_from_one_place_are_left_alone(first_stop, views):
+    """The same exposure through two filters: no base, no depth, no tie."""
+    twin = replace(views[0], image_id="twin")
+    assert tie_single_images(first_stop.stop, [views[0], twin], MonoParams()).links == ()
 
 
 def test_a_turn_of_the_second_camera_is_found_among_blunders(swing, ground, rng):

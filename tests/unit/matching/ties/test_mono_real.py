@@ -15,7 +15,7 @@ from photogrammetry.matching.conjugates import View
 from photogrammetry.matching.mast_swing import Swing
 from photogrammetry.matching.mono import tie_single_images
 from photogrammetry.matching.resampling import resample
-from photogrammetry.matching.swing_search import MonoParams, SingleView
+from photogrammetry.matching.single_views import MonoParams, SingleView
 from photogrammetry.matching.tracks import TrackParams, build_tie_points
 from photogrammetry.pds3.reading import read_image
 
