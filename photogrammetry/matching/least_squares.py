@@ -13,11 +13,13 @@ the next (Baker & Matthews 2004), and its inverse times the residual variance is
     sigma_p^2 = s0^2 (N^-1)_pp,      s0^2 = v'v / (n - 5).
 
 Neighbouring residuals are correlated, because resampling spreads the noise of a pixel over its
-neighbours; `CORRELATION` widens sigma by that.
+neighbours; `CORRELATION` widens sigma by that. It is the sigma of the plane in the window: that of
+the ground at its middle is wider by relief (`relief`).
 """
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -70,6 +72,15 @@ class LeastSquaresMatcher:
         self.left = left
         self.right_coefficients = row_coefficients(right)
         self.left_slope = row_slope(row_coefficients(left))
+        self._set(params)
+
+    def with_params(self, params: LeastSquaresParams) -> LeastSquaresMatcher:
+        """A matcher of the same images with another window."""
+        other = copy(self)
+        other._set(params)
+        return other
+
+    def _set(self, params: LeastSquaresParams) -> None:
         self.params = params
         half = params.window_px // 2
         dy, dx = np.mgrid[-half : half + 1, -half : half + 1]

@@ -10,6 +10,11 @@ summed over a window with weights that fall off to its edge (a box applied twice
 variance s0^2 coming from the same window. Each pixel being shifted by its own parallax, the window
 follows the slope of the ground, and a neighbour beyond a depth edge brings no parallax across.
 
+That is the sigma of the window's parallax; the ground in its middle differs by what the window does
+not resolve. It shows in the step that windows of half the width still ask for, whose mean square
+over the surroundings is added to sigma^2. It holds the noise of the half window too, and so errs on
+the safe side where relief is small.
+
 A pixel can be matched where slopes exceed what noise alone makes of them. White noise of variance
 n^2 gives the slope of a cubic spline 1.39 n^2, the mean of (3 sin w / (2 + cos w))^2 over all
 frequencies w, and a residual 2 n^2. So the noise is known twice: from the image as a whole, which
@@ -30,6 +35,19 @@ from photogrammetry.matching.sampling import along_rows, row_coefficients, row_s
 
 SLOPE_NOISE = 1.39
 """Variance of the spline's slope over that of white noise."""
+
+WINDOW_NOISE = 0.67
+"""Variance of a step over s0^2/E: 0.46 since a box applied twice has weights whose squares sum to
+less than themselves, times 1.44 for residuals that resampling has correlated (`least_squares`)."""
+
+UNRESOLVED_PX = 21
+"""Window over which unresolved relief is averaged, odd: twice as wide as that of the parallax."""
+
+TINY = np.float32(1e-6)
+"""Energy or contrast that stands for none."""
+
+LARGEST_STEP_PX = 0.5
+"""Step of a half window beyond which it has lost its texture and tells nothing of relief."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +88,17 @@ class Fit:
     textured: Mask
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class WindowSums:
+    """Least squares of the windows about all pixels."""
+
+    step_px: ParallaxMap
+    energy: GreyImage
+    """E: what is left of the squared slope when its mean is taken out."""
+    variance: GreyImage
+    """Variance of the residual."""
+
+
 class PixelwiseMatcher:
     """Fits of two locally normalised images under a parallax map."""
 
@@ -88,7 +117,7 @@ class PixelwiseMatcher:
         """Refined parallax where it can be trusted, and its standard deviation."""
         parallax = self.smoothed(rough)
         for _ in range(self.params.steps - 1):
-            parallax = self.smoothed(parallax + self.fit(parallax).step_px)
+            parallax = self.smoothed(parallax + self.step(parallax))
         fit = self.fit(parallax)
         parallax = parallax + fit.step_px
         good = (fit.sigma_px <= self.params.largest_sigma_px) & fit.textured & (parallax > 0)
@@ -106,31 +135,64 @@ class PixelwiseMatcher:
 
     def fit(self, parallax: ParallaxMap) -> Fit:
         """How well the images agree under a parallax, and what would improve it."""
+        slope, residual = self._compared(parallax)
+        whole = self._sums(slope, residual, np.isfinite(parallax), self.params.box_px)
+        half = self._sums(slope, residual, np.isfinite(parallax), self.params.box_px // 2 | 1)
+        unresolved = np.clip(half.step_px - whole.step_px, -LARGEST_STEP_PX, LARGEST_STEP_PX)
+        noise = np.float32(WINDOW_NOISE) * whole.variance / whole.energy
+        return Fit(
+            step_px=whole.step_px,
+            sigma_px=np.sqrt(noise + self._mean_square(unresolved, parallax)),
+            correlation=1 - whole.variance / np.maximum(2 * self._contrast(parallax), TINY),
+            textured=self._has_texture(slope * slope, residual * residual),
+        )
+
+    def step(self, parallax: ParallaxMap) -> ParallaxMap:
+        """The correction that least squares asks for."""
+        slope, residual = self._compared(parallax)
+        return self._sums(slope, residual, np.isfinite(parallax), self.params.box_px).step_px
+
+    def _compared(self, parallax: ParallaxMap) -> tuple[GreyImage, GreyImage]:
+        """Slope of the left image and residual of the right one; 0 where there is no parallax."""
         known = np.isfinite(parallax)
         sample = self.samples - np.where(known, parallax, np.float32(0))
         right = along_rows(self.right_coefficients, sample, self.lines)
-        r = np.where(known, right - self.left, np.float32(0))
-        g = np.where(known, self.slope, np.float32(0))
-        n = np.maximum(self._summed(known.astype(np.float32)), np.float32(1e-3))
-        sum_g, sum_r, gg, rr = self._summed(g), self._summed(r), g * g, r * r
-        energy = np.maximum(self._summed(gg) - sum_g * sum_g / n, np.float32(1e-6))
-        variance = np.maximum(self._summed(rr) - sum_r * sum_r / n, 0) / n
-        l = np.where(known, self.left, np.float32(0))
-        sum_l = self._summed(l)
-        contrast = np.maximum(self._summed(l * l) - sum_l * sum_l / n, 0) / n
-        return Fit(
-            step_px=np.clip((self._summed(g * r) - sum_g * sum_r / n) / energy, -1, 1),
-            sigma_px=np.sqrt(variance / energy),
-            correlation=1 - variance / np.maximum(2 * contrast, np.float32(1e-6)),
-            textured=self._has_texture(gg, rr),
-        )
+        nothing = np.float32(0)
+        return np.where(known, self.slope, nothing), np.where(known, right - self.left, nothing)
+
+    def _sums(self, g: GreyImage, r: GreyImage, known: Mask, box_px: int) -> WindowSums:
+        """The least squares of all windows; g and r are slope and residual."""
+        n = np.maximum(_summed(known.astype(np.float32), box_px), np.float32(1e-3))
+        sum_g, sum_r = _summed(g, box_px), _summed(r, box_px)
+        energy = np.maximum(_summed(g * g, box_px) - sum_g * sum_g / n, TINY)
+        step = (_summed(g * r, box_px) - sum_g * sum_r / n) / energy
+        variance = np.maximum(_summed(r * r, box_px) - sum_r * sum_r / n, 0) / n
+        return WindowSums(np.clip(step, -1, 1), energy, variance)
+
+    def _contrast(self, parallax: ParallaxMap) -> GreyImage:
+        """Variance of the left image in the window, where there is parallax."""
+        known = np.isfinite(parallax)
+        n = np.maximum(_summed(known.astype(np.float32), self.params.box_px), np.float32(1e-3))
+        grey = np.where(known, self.left, np.float32(0))
+        total = _summed(grey, self.params.box_px)
+        squares = _summed(grey * grey, self.params.box_px)
+        return np.maximum(squares - total * total / n, 0) / n
+
+    def _mean_square(self, values: GreyImage, parallax: ParallaxMap) -> GreyImage:
+        """Mean square over the surroundings, of the pixels that have a parallax."""
+        known, window = np.isfinite(parallax), (UNRESOLVED_PX, UNRESOLVED_PX)
+        share = np.maximum(cv2.blur(known.astype(np.float32), window), np.float32(1e-3))
+        total = cv2.blur(np.where(known, values * values, np.float32(0)), window)
+        return np.maximum(total, 0) / share  # running sums round below zero
 
     def _has_texture(self, gg: GreyImage, rr: GreyImage) -> Mask:
         window = (self.params.texture_px, self.params.texture_px)
         noise = np.minimum(cv2.blur(rr, window) / 2, self.noise * self.noise)
         return cv2.blur(gg, window) > np.float32(self.params.texture * SLOPE_NOISE) * noise
 
-    def _summed(self, values: GreyImage) -> GreyImage:
-        box = (self.params.box_px, self.params.box_px)
-        once = cv2.blur(values, box, borderType=cv2.BORDER_CONSTANT)
-        return cv2.blur(once, box, borderType=cv2.BORDER_CONSTANT) * np.float32(box[0] * box[1])
+
+def _summed(values: GreyImage, box_px: int) -> GreyImage:
+    """Sum over a box applied twice, the weight of the middle being 1."""
+    box = (box_px, box_px)
+    once = cv2.blur(values, box, borderType=cv2.BORDER_CONSTANT)
+    return cv2.blur(once, box, borderType=cv2.BORDER_CONSTANT) * np.float32(box_px * box_px)

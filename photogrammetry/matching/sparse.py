@@ -30,6 +30,7 @@ from photogrammetry.matching.interest_points import (
 )
 from photogrammetry.matching.least_squares import LeastSquaresMatcher, LeastSquaresParams
 from photogrammetry.matching.records import EpipolarImages
+from photogrammetry.matching.relief import ReliefParams, sigma_with_relief
 from photogrammetry.matching.verification import VerificationParams, follows_the_terrain
 
 PAIRS_AT_A_TIME = 16_384
@@ -53,6 +54,7 @@ class SparseParams:
     """Parallax of infinity less what an error of the stereo bar of 0.1 degrees may take off."""
     verification: VerificationParams = field(default_factory=VerificationParams)
     refinement: LeastSquaresParams = field(default_factory=LeastSquaresParams)
+    relief: ReliefParams = field(default_factory=ReliefParams)
     largest_sigma_px: float = 0.3
     """Matches less precise than this are left out: at 10 m it is 0.12 m of Navcam range."""
     cell_px: int = 32
@@ -112,15 +114,15 @@ def refine_candidates(
     """Accepted candidates with sub-pixel parallax, those that are precise, spread over a grid."""
     pixels = candidates.left[candidates.accepted]
     start = (pixels[:, 0] - candidates.right[candidates.accepted, 0]).astype(np.float64)
-    refined = LeastSquaresMatcher(images.left, images.right, params.refinement).refine(
-        pixels, start
-    )
-    good = refined.settled & (refined.sigma_px <= params.largest_sigma_px)
+    matcher = LeastSquaresMatcher(images.left, images.right, params.refinement)
+    refined = matcher.refine(pixels, start)
+    sigma_px = sigma_with_relief(matcher, pixels.astype(np.float64), refined, params.relief)
+    good = refined.settled & (sigma_px <= params.largest_sigma_px)
     good &= (refined.correlation >= params.least_correlation) & (
         refined.parallax_px > max(params.least_parallax_px, 0.0)
     )
     points, parallax, sigma = (
-        values[good] for values in (pixels.astype(float), refined.parallax_px, refined.sigma_px)
+        values[good] for values in (pixels.astype(float), refined.parallax_px, sigma_px)
     )
     good = follows_the_terrain(points, parallax, params.verification)
     points, parallax, sigma = points[good], parallax[good], sigma[good]
