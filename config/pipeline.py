@@ -20,6 +20,7 @@ from photogrammetry.matching.cross_site import CrossSiteParams
 from photogrammetry.matching.dense import DenseParams
 from photogrammetry.matching.inter_stereo import InterStereoParams
 from photogrammetry.matching.neighbours import LinkParams
+from photogrammetry.matching.single_views import MonoParams
 from photogrammetry.matching.sparse import SparseParams
 from photogrammetry.matching.tracks import TrackParams
 from photogrammetry.terrain.contours import ContourParams
@@ -40,6 +41,7 @@ class PipelineConfig:
     sparse: SparseParams = field(default_factory=SparseParams)
     dense: DenseParams = field(default_factory=DenseParams)
     inter_stereo: InterStereoParams = field(default_factory=InterStereoParams)
+    mono: MonoParams = field(default_factory=MonoParams)
     cross_site: CrossSiteParams = field(default_factory=CrossSiteParams)
     links: LinkParams = field(default_factory=LinkParams)
     tracks: TrackParams = field(default_factory=TrackParams)

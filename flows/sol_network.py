@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from flows.outcomes import settled
@@ -13,6 +15,7 @@ from tasks.adjust import NetworkParams, NetworkStep, adjust_network
 from tasks.match import MatchParams, match_stereo_pair
 from tasks.pairs import PairProducts, pairs_of
 from tasks.quicklook import picture_pair
+from tasks.singles import read_singles, singles_notes, singles_of, tie_singles
 from tasks.tie import StopProducts, link_stops, tie_stop
 
 
@@ -71,6 +74,7 @@ def adjust_stops(
         },
     )
     report.blame("link", links_failed)
+    singles = _tie_singles(inputs, stops, report)
     step = NetworkStep(
         mission=inputs.mission.mission,
         sol=sol,
@@ -81,6 +85,7 @@ def adjust_stops(
         pairs=tuple(pair for stop in stops.values() for pair in stop.pairs),
         ties=tuple(ties.values()),
         links=tuple(links.values()),
+        singles=singles,
     )
     params = NetworkParams(config.tracks, config.adjustment)
     done, undone = settled(
@@ -88,6 +93,29 @@ def adjust_stops(
     )
     report.blame("adjust sol", undone)
     return done.get(sol)
+
+
+def _tie_singles(
+    inputs: SolInputs, stops: Mapping[StopId, StopProducts], report: SolReport
+) -> tuple[ProductRef, ...]:
+    """Tie images without stereo partner at the stops of the window; those of old sols are found."""
+    store, window = inputs.workspace.store, {stop.stop for stop in inputs.window}
+    entries = inputs.workspace.catalogue.images(inputs.mission.mission)
+    singles = singles_of(entry for entry in entries if entry.sol <= inputs.sol)
+    futures = {
+        stop: tie_singles.submit(
+            stop, files, stops[stop].pairs if stop in stops else (), inputs.config.mono, store
+        )
+        for stop, files in singles.items()
+        if stop in window and (len(files) > 1 or stop in stops)
+    }
+    done, failed = settled(f"sol {inputs.sol}: tie images without partner", futures)
+    report.blame("tie the unpaired images of", failed)
+    touched = set(inputs.touched)
+    for stop, ref in done.items():
+        if stop in touched:
+            report.notes += singles_notes(stop, read_singles(ref, store))
+    return tuple(done.values())
 
 
 def _links(inputs: SolInputs) -> list[tuple[StopId, StopId]]:

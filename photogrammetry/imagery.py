@@ -137,6 +137,11 @@ class StereoMatches:
     def __len__(self) -> int:
         return len(self.left)
 
+    @classmethod
+    def none(cls, pair_id: str) -> StereoMatches:
+        """No match at all, as of an image without partner."""
+        return cls(pair_id, np.zeros((0, 2)), np.zeros(0), np.zeros(0))
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TiePoints:

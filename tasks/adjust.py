@@ -30,13 +30,14 @@ from photogrammetry.adjustment.records import (
 )
 from photogrammetry.errors import AdjustmentError
 from photogrammetry.frames import Pose
-from photogrammetry.imagery import StopId
+from photogrammetry.imagery import StereoMatches, StopId
 from photogrammetry.matching.tracks import TrackParams, build_tie_points
 from products.arrays import pose_document, pose_of_document, read_mast, read_matches, read_ties
 from products.model import ProductKind, ProductRef, Recipe
 from products.store import ProductStore
 from tasks.pairs import PairProducts
 from tasks.scopes import network_scope
+from tasks.singles import read_singles
 from tasks.telemetry import TelemetryStop
 from tasks.tie import TelemetryPose
 
@@ -65,6 +66,8 @@ class NetworkStep:
     """Pairs of the stops that the step may touch."""
     ties: tuple[ProductRef, ...]
     links: tuple[ProductRef, ...]
+    singles: tuple[ProductRef, ...] = ()
+    """Ties of images without a stereo partner, by stop."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -99,6 +102,7 @@ def adjust_network(step: NetworkStep, params: NetworkParams, store: ProductStore
         *(pair.matches for pair in step.pairs),
         *step.ties,
         *step.links,
+        *step.singles,
     )
     telemetry = tuple((str(stop.stop), stop.sols, TelemetryPose.of(stop)) for stop in step.stops)
     scope = network_scope(step.mission, step.sol, step.mode)
@@ -125,6 +129,10 @@ def _network(step: NetworkStep, params: NetworkParams, store: ProductStore) -> N
     paths = [store.path(pair.matches) for pair in step.pairs]
     read = [(pair, *read_matches(path)) for pair, path in zip(step.pairs, paths, strict=True)]
     ties = [read_ties(store.path(ref))[0] for ref in (*step.ties, *step.links)]
+    singles = [read_singles(ref, store) for ref in step.singles]
+    alone = [body for some in singles for body in some.bodies]
+    matches = [matches for _, _, matches in read]
+    matches += [StereoMatches.none(body.pair_id) for body in alone]
     return Network(
         stops=tuple(
             StopPrior(stop.stop, stop.lsl_from_rover, stop.attitude_measured_by, stop.sols)
@@ -133,8 +141,9 @@ def _network(step: NetworkStep, params: NetworkParams, store: ProductStore) -> N
         pairs=tuple(
             PairGeometry(pair.files.id, pair.files.stop, geometry, read_mast(path))
             for (pair, geometry, _), path in zip(read, paths, strict=True)
-        ),
-        ties=build_tie_points([matches for _, _, matches in read], ties, params.tracks),
+        )
+        + tuple(alone),
+        ties=build_tie_points(matches, [*ties, *(s.ties for s in singles)], params.tracks),
     )
 
 

@@ -1,0 +1,149 @@
+"""Tie images that have no stereo partner: with one another, and with the pairs of their stop.
+
+The product holds the ties and, in its header, the geometry that every single image was resampled
+to, so that the adjustment takes each as a body of its own: its pointing is adjusted like a pair's.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from prefect import task
+from prefect.cache_policies import NO_CACHE
+
+from photogrammetry.adjustment.records import PairGeometry
+from photogrammetry.cameras.single import single_image
+from photogrammetry.imagery import Eye, RoverImage, StopId
+from photogrammetry.matching.conjugates import View
+from photogrammetry.matching.mono import MonoTies, tie_single_images
+from photogrammetry.matching.resampling import resample
+from photogrammetry.matching.single_views import MonoParams, SingleView
+from photogrammetry.matching.ties import Ties
+from products.arrays import geometry_document, geometry_of_document, read_ties, write_ties
+from products.catalogue import ImageEntry
+from products.model import ProductKind, ProductRef, Recipe, Scope, ScopeLevel
+from products.store import ProductStore
+from tasks.images import ImageFile, image_file, read_product_image
+from tasks.pairs import PairProducts, pair_frame, read_matched_pair
+
+ON_THE_MAST = frozenset({"NAVCAM", "PANCAM", "MASTCAM"})
+"""Cameras whose pointing the mast's motors tell, and ties correct."""
+
+
+@dataclass(frozen=True, slots=True)
+class SingleFile:
+    """An image without a stereo partner, as a product."""
+
+    id: str
+    stop: StopId
+    file: ImageFile
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SingleTies:
+    """What `tie_singles` kept: the single images that are tied, their ties, and the figures."""
+
+    bodies: tuple[PairGeometry, ...]
+    ties: Ties
+    links: tuple[dict[str, Any], ...]
+
+
+def singles_of(entries: Iterable[ImageEntry]) -> dict[StopId, tuple[SingleFile, ...]]:
+    """The unpaired images of cameras on the mast, by stop."""
+    found: dict[StopId, list[SingleFile]] = {}
+    for entry in sorted(entries, key=lambda entry: entry.id):
+        if entry.partner is None and entry.instrument in ON_THE_MAST:
+            stop = StopId(entry.mission, entry.site, entry.drive)
+            found.setdefault(stop, []).append(SingleFile(entry.id, stop, image_file(entry)))
+    return {stop: tuple(files) for stop, files in found.items()}
+
+
+@task(cache_policy=NO_CACHE, task_run_name="tie-singles-{stop}")
+def tie_singles(
+    stop: StopId,
+    singles: Sequence[SingleFile],
+    pairs: Sequence[PairProducts],
+    params: MonoParams,
+    store: ProductStore,
+) -> ProductRef:
+    """Tie the single images of a stop with one another and with its pairs."""
+
+    def write(path: Path) -> None:
+        read = [_single(file, store) for file in singles]
+        matched = [read_matched_pair(pair, store) for pair in pairs]
+        found = tie_single_images(stop, [view for _, view in read], params, matched)
+        write_ties(path, found.ties, _header(found, read))
+
+    images = (ref for file in singles for ref in file.file.inputs)
+    seen = (ref for pair in pairs for ref in (pair.matches, pair.parallax))
+    scope = Scope(ScopeLevel.STOP, f"{stop}-singles")
+    return store.make(Recipe(ProductKind.TIES, scope, (*images, *seen), params), write)
+
+
+def read_singles(ref: ProductRef, store: ProductStore) -> SingleTies:
+    """What `tie_singles` made."""
+    ties, header = read_ties(store.path(ref))
+    stop = StopId(*header["stop"])
+    bodies = tuple(
+        PairGeometry(body["id"], stop, geometry_of_document(body["geometry"]), _mast(body))
+        for body in header["singles"]
+    )
+    return SingleTies(bodies, ties, tuple(header["links"]))
+
+
+def singles_notes(stop: StopId, singles: SingleTies) -> list[str]:
+    """What is worth saying about the single images of a stop."""
+    linked = [link for link in singles.links if link["ties"]]
+    if not linked:
+        return []
+    apart = sorted(abs(link["label_px"]) for link in linked)
+    return [
+        f"{len(singles.bodies)} images of {stop} are tied without a stereo pair of their own: "
+        f"{len(singles.ties)} ties in {len(linked)} overlaps, by their labels up to "
+        f"{apart[-1]:.1f} px off the epipolar line"
+    ]
+
+
+def _mast(body: dict[str, Any]) -> tuple[float, float, float] | None:
+    if body["mast_in_rover"] is None:
+        return None
+    x, y, z = body["mast_in_rover"]
+    return x, y, z
+
+
+def _single(file: SingleFile, store: ProductStore) -> tuple[RoverImage, SingleView]:
+    """An image with its label, resampled to square pixels without distortion."""
+    read = read_product_image(file.file, store)
+    image = read.image
+    size = (image.samples, image.lines)
+    geometry = single_image(image.camera, size, image.stop.frame, pair_frame(image))
+    grey, mask = resample(read.pixels, read.mask, image.camera, geometry, Eye.LEFT)
+    return image, SingleView(image.id, geometry, View.of(grey, mask))
+
+
+def _header(found: MonoTies, read: Sequence[tuple[RoverImage, SingleView]]) -> dict[str, Any]:
+    """Figures of the links, and the geometry of the images that ties were found in."""
+    tied = {name for link in found.links if link.ties for name in (link.first_id, link.second_id)}
+    links = [dataclasses.asdict(link) for link in found.links]
+    return {
+        "stop": [found.stop.mission, found.stop.site, found.stop.drive],
+        "singles": [
+            {
+                "id": view.image_id,
+                "geometry": geometry_document(view.geometry),
+                "mast_in_rover": image.mast_in_rover,
+            }
+            for image, view in read
+            if view.image_id in tied
+        ],
+        "links": [{name: _finite(value) for name, value in link.items()} for link in links],
+    }
+
+
+def _finite(value: Any) -> Any:  # noqa: ANN401 - names and numbers
+    return None if isinstance(value, float) and not np.isfinite(value) else value
