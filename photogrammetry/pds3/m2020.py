@@ -91,6 +91,9 @@ def rover_image_of_metadata(
         LabelError: something is missing or broken; above all, the attitude of the rover.
     """
     metadata = _flat(_metadata(text, source))
+    kind = metadata.get("sample_type")
+    if isinstance(kind, str) and kind.upper() == "THUMBNAIL":
+        raise LabelError(f"{source}: no mapping image: sample_type is {kind!a}")
     camera = camera_of_metadata(json.dumps(metadata), source)
     instrument = str(metadata.get("instrument")).upper()
     if instrument not in mission.instruments:

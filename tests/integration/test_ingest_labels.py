@@ -1,56 +1,227 @@
 """Labels on their way through ingestion: in files of their own, and as links between sites."""
 
+import json
 from dataclasses import replace
+from pathlib import Path
 
+import cv2
 import numpy as np
+import pytest
 
 from photogrammetry.frames import LSL, Pose, site_frame
 from photogrammetry.imagery import StopId
-from photogrammetry.pds3.reading import read_image, read_image_record
+from photogrammetry.pds3.detached import apart
+from photogrammetry.pds3.reading import ReadImage, read_image, read_image_record
+from photogrammetry.synthetic.traverse import TraverseParams
+from photogrammetry.synthetic.world import WorldParams, make_world, render_jobs
 from products.workspace import Workspace
-from tasks.images import image_record
-from tasks.ingest import ingest_downlink
+from tasks.images import image_file, image_record, read_product_image
+from tasks.ingest import Delivery, ingest_downlink
 from tasks.telemetry import read_telemetry
 
 MSL = "NLB_517261274EDR_F0541610CCAM15900M1"
+M2020 = "NLF_0670_0726421423_362ECM_N0320604NCAM08111_01_095J01"
+TILE = "NLF_0629_0722782785_631ECM_N0301344NCAM00427_06_095J01"
+PDS4 = Path(__file__).parents[1] / "unit" / "pds3" / "navcam_of_perseverance.xml"
 
 
-def without_label(data: bytes) -> bytes:
-    """The pixels of Curiosity's image alone."""
-    return data[-1024 * 1024 * 2 :]
+def ingested(downlink: Path, workspace: Workspace) -> Delivery:
+    return ingest_downlink.fn(downlink, workspace)
 
 
-def test_an_image_whose_label_lies_beside_it_is_ingested(shared_data, tmp_path):
+@pytest.fixture
+def downlink(tmp_path) -> Path:
+    folder = tmp_path / "downlink"
+    folder.mkdir()
+    return folder
+
+
+@pytest.fixture
+def workspace(tmp_path) -> Workspace:
+    return Workspace.open(tmp_path / "store")
+
+
+def test_an_image_whose_label_lies_beside_it_is_ingested(shared_data, downlink, workspace):
     path = next(shared_data.rglob(f"{MSL}.IMG"))
-    data = path.read_bytes()
     label = path.with_suffix(".LBL").read_text("latin-1")
     record = label.index(",23)")
-    downlink = tmp_path / "downlink"
-    downlink.mkdir()
-    (downlink / f"{MSL}.IMG").write_bytes(without_label(data))
-    (downlink / f"{MSL}.LBL").write_text(label[:record] + ",1)" + label[record + 4 :])
-    workspace = Workspace.open(tmp_path / "store")
-    delivery = ingest_downlink.fn(downlink, workspace)
+    label = label[:record] + ",1)" + label[record + 4 :]
+    pixels = path.read_bytes()[-1024 * 1024 * 2 :]
+    (downlink / f"{MSL}.IMG").write_bytes(pixels)
+    (downlink / f"{MSL}.LBL").write_text(label)
+    delivery = ingested(downlink, workspace)
     assert not delivery.faults
     (entry,) = workspace.catalogue.images()
     assert entry.id == MSL
     kept = workspace.store.path(entry.ref).read_bytes()
+    assert apart(kept, entry.id) == (label.encode(), pixels)
     np.testing.assert_array_equal(
-        read_image(kept, f"{entry.id}.IMG").pixels, read_image(data, path.name).pixels
+        read_product_image(image_file(entry), workspace.store).pixels,
+        read_image(path.read_bytes(), path.name).pixels,
     )
     assert image_record(entry, workspace).stop == delivery.images[0].stop
 
 
-def test_an_image_with_a_label_of_its_own_is_kept_as_it_came(shared_data, tmp_path):
+def test_an_image_with_a_label_of_its_own_is_kept_as_it_came(shared_data, downlink, workspace):
     path = next(shared_data.rglob(f"{MSL}.IMG"))
-    downlink = tmp_path / "downlink"
-    downlink.mkdir()
     (downlink / path.name).write_bytes(path.read_bytes())
     (downlink / f"{MSL}.LBL").write_text("no label at all")
-    workspace = Workspace.open(tmp_path / "store")
-    assert not ingest_downlink.fn(downlink, workspace).faults
+    (downlink / f"{MSL}.xml").write_text("no label at all")
+    assert not ingested(downlink, workspace).faults
     (entry,) = workspace.catalogue.images()
     assert workspace.store.path(entry.ref).read_bytes() == path.read_bytes()
+
+
+def test_curiosity_s_files_are_ingested_as_the_archive_has_them(shared_data, downlink, workspace):
+    """EDR and RDR, each an .IMG with a label of its own and a .LBL that says the same."""
+    folder = shared_data / "msl_navcam_sol1431_pair"
+    for path in [*folder.glob("*.IMG"), *folder.glob("*.LBL")]:
+        (downlink / path.name).write_bytes(path.read_bytes())
+    assert not ingested(downlink, workspace).faults
+    left, right = workspace.catalogue.images("MSL")
+    assert (left.site, left.drive, left.eye, left.sol) == (54, 1610, "left", 1349)
+    assert (right.site, right.drive, right.eye, right.sol) == (90, 232, "right", 3192)
+
+
+def test_a_pds4_label_is_kept_with_its_data_and_read_from_there(downlink, workspace, rng):
+    data = bytes(16) + rng.integers(1, 255, (3, 2, 3), dtype=np.uint8).tobytes()
+    (downlink / f"{TILE}.IMG").write_bytes(data)
+    (downlink / f"{TILE}.xml").write_bytes(PDS4.read_bytes())
+    assert not ingested(downlink, workspace).faults
+    (entry,) = workspace.catalogue.images("M20")
+    assert (entry.id, entry.site, entry.drive, entry.product_type) == (TILE, 30, 1344, "ECM")
+    kept = workspace.store.path(entry.ref).read_bytes()
+    assert apart(kept, entry.id) == (PDS4.read_bytes(), data)
+    record = image_record(entry, workspace)
+    assert record.parent_from_site is not None
+    assert (record.lines, record.samples) == (2, 3)
+
+
+def metadata(shared_data: Path, **changes: object) -> bytes:
+    text = next(shared_data.rglob(f"{M2020}-metadata.json")).read_text()
+    return json.dumps({**json.loads(text), **changes}).encode()
+
+
+def test_a_raw_image_of_mars_2020_is_kept_with_its_metadata(shared_data, downlink, workspace):
+    picture = next(shared_data.rglob(f"{M2020}.png")).read_bytes()
+    said = metadata(shared_data, attitude="(0.8,0.0,0.0,0.6)")
+    (downlink / f"{M2020}.png").write_bytes(picture)
+    (downlink / f"{M2020}-metadata.json").write_bytes(said)
+    assert not ingested(downlink, workspace).faults
+    (entry,) = workspace.catalogue.images("M20")
+    assert (entry.sol, entry.site, entry.drive, entry.instrument) == (670, 32, 604, "NAVCAM")
+    assert apart(workspace.store.path(entry.ref).read_bytes(), entry.id) == (said, picture)
+    read = read_product_image(image_file(entry), workspace.store)
+    colour = cv2.imdecode(np.frombuffer(picture, np.uint8), cv2.IMREAD_COLOR)
+    np.testing.assert_allclose(read.pixels[read.mask], colour.mean(axis=2)[read.mask], atol=1e-4)
+    assert read.mask.mean() > 0.99
+
+
+def test_a_jpeg_may_have_a_label_beside_it(shared_data, downlink, workspace):
+    path = next(shared_data.rglob(f"{MSL}.IMG"))
+    grey = (read_image(path.read_bytes(), path.name).pixels / 16).clip(1, 255).astype(np.uint8)
+    (downlink / f"{MSL}.JPG").write_bytes(cv2.imencode(".jpg", grey)[1].tobytes())
+    (downlink / f"{MSL}.LBL").write_bytes(path.with_suffix(".LBL").read_bytes())
+    assert not ingested(downlink, workspace).faults
+    (entry,) = workspace.catalogue.images("MSL")
+    read = read_product_image(image_file(entry), workspace.store)
+    assert np.abs(read.pixels - grey).mean() < 2  # of JPEG at OpenCV's quality of 95
+
+
+def test_what_cannot_be_placed_is_one_line_and_stops_nothing(shared_data, downlink, workspace):
+    picture = next(shared_data.rglob(f"{M2020}.png")).read_bytes()
+    cases = {
+        "without_attitude": metadata(shared_data),
+        "without_model": metadata(shared_data, camera_model_type="UNK"),
+        "of_another_size": metadata(shared_data, attitude="(1,0,0,0)", dimension="(1280,960)"),
+        "thumbnail": metadata(shared_data, attitude="(1,0,0,0)", sample_type="Thumbnail"),
+        "without_metadata": None,
+    }
+    for name, said in cases.items():
+        (downlink / f"{name}.png").write_bytes(picture)
+        if said is not None:
+            (downlink / f"{name}-metadata.json").write_bytes(said)
+    good = next(shared_data.rglob(f"{MSL}.IMG"))
+    (downlink / good.name).write_bytes(good.read_bytes())
+    (downlink / f"{MSL}.PNG").write_bytes(picture)  # its browse pictures, by name
+    (downlink / f"{MSL}.IMG.JPG").write_bytes(picture)
+    delivery = ingested(downlink, workspace)
+    assert [image.id for image in delivery.images] == [MSL]
+    lines = {fault.subject: fault.notes for fault in delivery.faults}
+    assert set(lines) == {f"{name}.png" for name in cases}
+    for name, complaint in {
+        "without_attitude": "no attitude of the rover; give its pose",
+        "without_model": "camera_model_type should be CAHV, CAHVOR or CAHVORE",
+        "of_another_size": "picture is 1288 x 968 pixels, its label says 1280 x 960",
+        "thumbnail": "no mapping image: sample_type is 'Thumbnail'",
+        "without_metadata": "a picture without a label; it takes without_metadata-metadata.json",
+    }.items():
+        (line,) = lines[f"{name}.png"]
+        assert line.startswith(f"{name}.png: ")
+        assert complaint in line
+        assert "\n" not in line
+
+
+def test_a_file_that_is_delivered_again_and_whole_is_no_fault_any_more(downlink, workspace, rng):
+    data = bytes(16) + rng.integers(1, 255, (3, 2, 3), dtype=np.uint8).tobytes()
+    (downlink / f"{TILE}.xml").write_bytes(PDS4.read_bytes())
+    (downlink / f"{TILE}.IMG").write_bytes(data[:20])
+    assert len(ingested(downlink, workspace).faults) == 1
+    (downlink / f"{TILE}.IMG").write_bytes(data)
+    assert not ingested(downlink, workspace).faults
+    (outcome,) = workspace.catalogue.outcomes()
+    assert (outcome.subject, outcome.is_failure, outcome.notes) == (f"{TILE}.IMG", False, ())
+
+
+def raw_of_mars_2020(read: ReadImage, folder: Path) -> None:
+    """An image as the public site has those of Perseverance: eight bits, and JSON beside it."""
+    image, camera = read.image, read.image.camera
+    letters = (camera.c, camera.a, camera.h, camera.v, camera.o, camera.r)
+    pose = image.site_from_rover
+
+    def text(values) -> str:
+        return "(" + ",".join(f"{value:.9g}" for value in values) + ")"
+
+    name = f"N{image.eye[0].upper()}F_0005_{int(image.clock):010d}_000ECM_N0010000NCAM00001_01_095J"
+    said = {
+        "imageid": name,
+        "sol": image.sol,
+        "instrument": f"NAVCAM_{image.eye.upper()}",
+        "sclk": image.clock,
+        "dimension": f"({image.samples},{image.lines})",
+        "site": image.stop.site,
+        "drive": str(image.stop.drive),
+        "xyz": text(pose.translation_m),
+        "attitude": text(pose.quaternion),
+        "camera_model_type": "CAHVOR",
+        "camera_model_component_list": ";".join(text(vector) for vector in letters),
+    }
+    (folder / f"{name}01-metadata.json").write_text(json.dumps(said))
+    eight_bits = (read.pixels / 16).clip(1, 255).round().astype(np.uint8)
+    cv2.imwrite(str(folder / f"{name}01.png"), eight_bits)
+
+
+@pytest.mark.usefixtures("engine")
+def test_raw_images_with_metadata_are_mapped(shared_data, downlink, tmp_path):
+    """Through the whole pipeline, among pictures that cannot be placed."""
+    from flows.downlink import process_downlink  # noqa: PLC0415 - needs the engine's settings
+
+    world = make_world(WorldParams("plains", TraverseParams(stops=1), pairs=1, averaging=4), 21)
+    for job in render_jobs(world):
+        file = job.run(world)
+        raw_of_mars_2020(read_image(file.data, Path(file.path).name), downlink)
+    real = next(shared_data.rglob(f"{M2020}.png"))
+    (downlink / real.name).write_bytes(real.read_bytes())
+    (downlink / f"{M2020}-metadata.json").write_bytes(metadata(shared_data))
+    (downlink / "selfie.jpg").write_bytes(cv2.imencode(".jpg", np.ones((9, 9), np.uint8))[1])
+    report = process_downlink(downlink, tmp_path / "store")
+    assert report.succeeded, report.failures
+    assert [line.partition(":")[0] for line in report.warnings] == [real.name, "selfie.jpg"]
+    workspace = Workspace.open(tmp_path / "store")
+    left, right = workspace.catalogue.images("M20")
+    assert (left.partner, right.partner) == (right.id, left.id)
+    kinds = {str(layer.ref.kind) for layer in workspace.catalogue.layers("M20")}
+    assert {"dtm", "orthophoto", "footprints", "stops"} <= kinds
 
 
 def test_labels_that_place_their_site_join_the_stops_of_two_sites(shared_data):

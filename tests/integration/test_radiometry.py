@@ -222,7 +222,8 @@ def test_a_run_maps_counts_and_says_what_is_peculiar(frames, tmp_path, monkeypat
     workspace = Workspace.open(store)
     outcomes = {outcome.subject: outcome for outcome in workspace.catalogue.outcomes()}
     assert outcomes[min(frames.files)].notes == (note,)
-    assert any(note in line for line in outcomes["mer2-sol0001"].notes)
+    of_sol = outcomes[f"mer2-sol{report.sols[0].sol:04d}"]
+    assert any(note in line for line in of_sol.notes)
     coded_layers = layers_of(workspace)
 
     tables(settings)
