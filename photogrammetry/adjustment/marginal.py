@@ -35,7 +35,7 @@ from scipy.spatial.transform import Rotation
 from photogrammetry.adjustment.collinearity import PAIR_UNKNOWNS, STOP_UNKNOWNS, State
 from photogrammetry.adjustment.records import Memory, Network
 from photogrammetry.adjustment.rotations import cross_matrix, left_jacobian, rotation_of_vector
-from photogrammetry.arrays import Flags, Float64, Int32
+from photogrammetry.arrays import Bool, Float64, Int32
 from photogrammetry.errors import AdjustmentError
 from photogrammetry.imagery import StopId
 
@@ -126,7 +126,7 @@ class Marginal:
     chart: Chart
     root: Float64[np.ndarray, "r n"]
     right: Float64[np.ndarray, " r"]
-    grounded: Flags
+    grounded: Bool[np.ndarray, " stops"]
     """Which of the stops images join to the datum."""
     spent: float
     """Sum of squares that the observations which are gone keep whatever becomes of the rest."""

@@ -21,7 +21,7 @@ from photogrammetry.adjustment.collinearity import (
 )
 from photogrammetry.adjustment.marginal import Chart, Marginal
 from photogrammetry.adjustment.priors import Telemetry, telemetry_misclosures, telemetry_partials
-from photogrammetry.arrays import Flags, Float64
+from photogrammetry.arrays import Bool, Float64
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,11 +47,11 @@ class Linear:
 
     observations: Observations
     telemetry: Telemetry
-    held: Flags
+    held: Bool[np.ndarray, " stops"]
     state: State
-    used: Flags
+    used: Bool[np.ndarray, " rows"]
     inherited: Marginal | None
-    grounded: Flags
+    grounded: Bool[np.ndarray, " stops"]
     """Stops that images join to the datum."""
 
     def without(self, k: int, inherited: Marginal) -> Linear:

@@ -100,7 +100,7 @@ def adjust_sequential(
 def begin(network: Network, params: AdjustmentParams) -> tuple[Traverse, AdjustmentReport]:
     """The first stops of a traverse, the very first one held."""
     adjusted, report = adjust_overall(network, params)
-    return _shortened(Traverse(adjusted), network, params), report
+    return _shortened(Traverse(adjusted), network, report, params), report
 
 
 def reopened(
@@ -112,7 +112,7 @@ def reopened(
     adjusted, report = adjust(
         network, {first}, params, start, f"re-opened by {network.stop_ids[-1]}"
     )
-    return _shortened(Traverse(adjusted), network, params), report
+    return _shortened(Traverse(adjusted), network, report, params), report
 
 
 def extend(
@@ -128,7 +128,7 @@ def extend(
         part, held, params, traverse.window, f"sequential step to {new[-1]}", inherited
     )
     grown = Traverse(replace(adjusted, memory=memory), traverse.departures)
-    return _shortened(grown, part, params), report
+    return _shortened(grown, part, report, params), report
 
 
 def late_ties(traverse: Traverse, network: Network, new_stops: Iterable[StopId]) -> int:
@@ -155,8 +155,12 @@ def _part(network: Network, staying: tuple[StopId, ...], new: tuple[StopId, ...]
     return replace(part, ties=select(part.ties, ~np.isin(part.ties.point, spent)))
 
 
-def _shortened(traverse: Traverse, network: Network, params: AdjustmentParams) -> Traverse:
+def _shortened(
+    traverse: Traverse, network: Network, report: AdjustmentReport, params: AdjustmentParams
+) -> Traverse:
     """The traverse after its oldest stops have left, as many as the window and loops allow."""
+    if not report.converged:
+        return traverse  # what leaves is never looked at again
     adjusted, linear = traverse.window, linear_at(traverse.window, network, params)
     departures, marginal = list(traverse.departures), linear.inherited
     number = 0

@@ -1,0 +1,210 @@
+"""Stop after stop, and yet the simultaneous solution."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from photogrammetry.adjustment.adjust import adjust_overall
+from photogrammetry.adjustment.collinearity import State
+from photogrammetry.adjustment.documents import network_document, network_of_document
+from photogrammetry.adjustment.marginal import Chart
+from photogrammetry.adjustment.rotations import rotation_of_vector
+from photogrammetry.adjustment.sequential import Traverse, adjust_sequential, begin, extend
+from photogrammetry.adjustment.smoothing import smoothed
+from photogrammetry.errors import AdjustmentError
+from photogrammetry.synthetic.networks import simulate_network
+
+SMALL = {"pairs_per_stop": 6, "inter_ties": 8, "intra_ties": 2}
+
+
+def along(network, params, count=None):
+    """A traverse after its stops were added one by one, and the last report."""
+    traverse = None
+    for k, stop in enumerate(network.stop_ids[:count]):
+        part = network.within(set(network.stop_ids[max(0, k - 12) : k + 1]))
+        if traverse is None:
+            traverse, report = begin(part, params)
+        else:
+            traverse, report = extend(traverse, part, [stop], params)
+    return traverse, report
+
+
+def in_sigmas(found, wanted):
+    """Greatest difference of poses in standard deviations, and relative one of those."""
+    off, wider = [], []
+    for a, b in zip(found, wanted, strict=True):
+        if not b.covariance.any():
+            continue
+        turn = a.lsl_from_rover.rotation @ b.lsl_from_rover.rotation.T - np.eye(3)
+        moved = a.lsl_from_rover.translation_m - b.lsl_from_rover.translation_m
+        e = np.array([turn[2, 1], turn[0, 2], turn[1, 0], *moved])
+        sigma = np.sqrt(np.diagonal(b.covariance))
+        off.append(np.abs(e / sigma).max())
+        scale = np.outer(sigma, sigma)
+        wider.append(np.abs((a.covariance - b.covariance) / scale).max())
+    return max(off), max(wider)
+
+
+@pytest.fixture(scope="module")
+def network():
+    return simulate_network(np.random.default_rng(1), stops=11, **SMALL)[0]
+
+
+@pytest.fixture(scope="module")
+def state():
+    rng = np.random.default_rng(4)
+    return State(
+        rotation_of_vector(rng.normal(0, 1, (4, 3))), rng.normal(0, 20, (4, 3)),
+        rng.normal(0, 0.01, (5, 3)), np.zeros((0, 3)),
+    )  # fmt: skip
+
+
+def shifted(state, x, stops, pairs):
+    """The state after corrections in the LSL of some stops and pairs."""
+    rotations, centres = state.rotations.copy(), state.centres.copy()
+    pointings = state.pointings.copy()
+    pose = x[: 6 * len(stops)].reshape(-1, 6)
+    rotations[stops] = rotation_of_vector(pose[:, :3]) @ rotations[stops]
+    centres[stops] += pose[:, 3:]
+    pointings[pairs] += x[6 * len(stops) :].reshape(-1, 3)
+    return State(rotations, centres, pointings, state.points)
+
+
+def test_derivatives_of_the_coordinates_agree_with_differences(state):
+    stops, pairs = np.array([0, 1, 3]), np.array([1, 4])
+    chart = Chart.at(state, stops, pairs)
+    rng = np.random.default_rng(5)
+    here = shifted(state, rng.normal(0, 0.2, chart.size), stops, pairs)  # not where it was made
+    J, h = chart.partials(here), 1e-6
+    for k in range(chart.size):
+        x = np.zeros(chart.size)
+        x[k] = h
+        there, back = shifted(here, x, stops, pairs), shifted(here, -x, stops, pairs)
+        slope = (chart.coordinates(there) - chart.coordinates(back)) / (2 * h)
+        np.testing.assert_allclose(J[:, k], slope, atol=1e-7)  # h^2 times third derivatives of 20 m
+
+
+def test_placing_undoes_the_coordinates(state):
+    stops, pairs = np.array([1, 2]), np.array([0])
+    chart = Chart.at(state, stops, pairs)
+    z = np.random.default_rng(6).normal(0, 0.3, chart.size)
+    np.testing.assert_allclose(chart.coordinates(chart.placed(z, state)), z, atol=1e-12)
+
+
+def test_a_common_motion_leaves_all_but_the_anchor_alone(state):
+    stops = np.arange(4)
+    chart = Chart.at(state, stops, np.arange(0))
+    turn, shift = rotation_of_vector(np.array([0.1, -0.4, 1.0])), np.array([3.0, -8.0, 1.0])
+    moved = State(
+        turn @ state.rotations, state.centres @ turn.T + shift, state.pointings, state.points
+    )
+    np.testing.assert_allclose(chart.coordinates(moved)[:18], 0.0, atol=1e-12)
+
+
+def test_linearised_at_one_place_it_is_the_simultaneous_solution(network, params):
+    """All stops leave where the overall adjustment ended; what comes back is that adjustment."""
+    overall, report = adjust_overall(network, params)
+    traverse, _ = begin(network, params)
+    assert len(traverse.departures) == len(network.stops) - params.window_stops
+    back = smoothed(traverse, network, params)
+    off, wider = in_sigmas(back.stops, overall.stops)
+    assert off < 1e-4  # what is left of the last step: 1e-10 in squared standard deviations
+    assert wider < 1e-7
+    for pair in overall.pairs:
+        sigma = np.sqrt(np.diagonal(pair.pointing_covariance))
+        assert (np.abs(back.pointings[pair.pair_id] - pair.pointing) < 1e-4 * sigma).all()
+        np.testing.assert_allclose(
+            back.pointing_covariances[pair.pair_id], pair.pointing_covariance, rtol=1e-5,
+            atol=1e-7 * sigma.max() ** 2,
+        )  # fmt: skip
+    memory = traverse.window.memory
+    assert memory.window == network.stop_ids[-params.window_stops :]
+    assert report.is_usable
+
+
+def test_stop_by_stop_the_last_stop_is_that_of_the_simultaneous_solution(network, params):
+    traverse, report = along(network, params)
+    overall, together = adjust_overall(network, params)
+    assert report.redundancy == together.redundancy
+    assert report.sigma0 == pytest.approx(together.sigma0, rel=1e-4)
+    off, wider = in_sigmas(traverse.window.stops, overall.stops[-len(traverse.window.stops) :])
+    assert off < 0.01  # linearised where stops left: second order in the corrections since
+    assert wider < 0.01
+
+
+def test_all_earlier_stops_follow_by_back_substitution(network, params):
+    traverse, _ = along(network, params)
+    overall, _ = adjust_overall(network, params)
+    back = smoothed(traverse, network, params)
+    assert [stop.stop for stop in back.stops] == list(network.stop_ids)
+    off, wider = in_sigmas(back.stops, overall.stops)
+    assert off < 0.01
+    assert wider < 0.01
+
+
+def test_it_is_called_like_the_stepwise_adjustment_and_survives_as_a_document(network, params):
+    previous = None
+    for k, stop in enumerate(network.stop_ids):
+        part = network.within(set(network.stop_ids[: k + 1]))
+        previous, report = adjust_sequential(previous, part, [stop], params)
+        previous = network_of_document(json.loads(json.dumps(network_document(previous))))
+    traverse, other = along(network, params)
+    assert report.sigma0 == pytest.approx(other.sigma0, rel=1e-12)
+    for stop in traverse.window.stops:
+        np.testing.assert_array_equal(
+            previous.stop(stop.stop).lsl_from_rover.translation_m,
+            stop.lsl_from_rover.translation_m,
+        )
+    assert [stop.stop for stop in previous.stops] == list(network.stop_ids)
+    assert np.isfinite(previous.ties.points).all()
+    assert all(stop.is_tied for stop in previous.stops)
+    assert any("what earlier stops said of it" in stop.held_by for stop in previous.stops[-7:])
+
+
+def test_a_loop_re_opens_the_traverse(params):
+    network, _ = simulate_network(np.random.default_rng(2), stops=12, loop=True, **SMALL)
+    previous = None
+    for k, stop in enumerate(network.stop_ids):
+        part = network.within(set(network.stop_ids[: k + 1]))
+        previous, report = adjust_sequential(previous, part, [stop], params)
+    assert report.name.startswith("re-opened")
+    overall, together = adjust_overall(network, params)
+    assert abs(report.redundancy - together.redundancy) <= 6  # a tie at the critical value or two
+    assert in_sigmas(previous.stops, overall.stops)[0] < 1.0
+
+
+def test_a_loop_is_left_open_and_said_to_be_where_earlier_pairs_are_not_handed_over(params):
+    network, _ = simulate_network(np.random.default_rng(2), stops=12, loop=True, **SMALL)
+    previous = None
+    for k, stop in enumerate(network.stop_ids):
+        recent = set(network.stop_ids[max(0, k - 9) : k + 1]) | (
+            {network.stop_ids[0]} if k > 10 else set()
+        )
+        part = replace(network.within(recent), stops=network.stops[: k + 1])
+        previous, report = adjust_sequential(previous, part, [stop], params)
+    assert "reach back beyond the window" in report.message
+    assert len(previous.stops) == 12
+
+
+def test_a_stop_of_the_window_that_is_not_handed_over_is_named(network, params):
+    traverse, _ = along(network, params, 10)
+    lost = network.within(set(network.stop_ids[-3:]))
+    with pytest.raises(AdjustmentError, match=r"remembers test-site.*hand over all stops"):
+        extend(traverse, lost, network.stop_ids[-1:], params)
+
+
+def test_nothing_leaves_an_adjustment_that_has_not_converged(network, params):
+    traverse, _ = along(network, params, 10)
+    hasty = replace(params, max_iterations=1, tolerance=1e-30, max_rounds=1)
+    after, report = extend(traverse, network, network.stop_ids[10:], hasty)
+    assert not report.converged
+    assert len(after.departures) == len(traverse.departures)
+
+
+def test_a_traverse_keeps_its_window_only(network, params):
+    traverse, _ = along(network, params)
+    assert isinstance(traverse, Traverse)
+    assert len(traverse.staying) == params.window_stops
+    assert len(traverse.window.stops) == params.window_stops + 1  # one left after the last step
