@@ -84,8 +84,8 @@ def link_stops(
 
     @cache
     def linked() -> tuple[StopViews, StopViews, SiteLink]:
-        one = StopViews.of(_matched(earlier, earlier_telemetry, store), params)
-        other = StopViews.of(_matched(later, later_telemetry, store), params)
+        one = StopViews.of(_matched(earlier, earlier_telemetry, store), params.birds_eye)
+        other = StopViews.of(_matched(later, later_telemetry, store), params.birds_eye)
         return one, other, tie_cross_site(one, other, params)
 
     def write(path: Path) -> None:

@@ -21,18 +21,24 @@ says how far a peak stands out, whatever the overlap. The channels' z are averag
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import cv2
 import numpy as np
 from scipy import fft
 
-from photogrammetry.arrays import Float, Float32, Picture, Raster
+from photogrammetry.arrays import Float, Float32, Float64, Picture, Raster
 from photogrammetry.errors import MatchingError
 from photogrammetry.matching.records import MatchedPair, MatchedStop
 
 MAD_TO_SIGMA = 1.4826
 """Standard deviation of a normal distribution over its median absolute deviation."""
+Spectrum: TypeAlias = np.ndarray
+"""Half of a real picture's discrete Fourier transform, complex."""
+LEAST_REACH_M = 4.0
+"""What correlates by chance is judged by shifts of this much at least, wherever the gate ends."""
 CLIP = 3.0
 """Channels are clipped here, in local standard deviations: rocks and shadows must not rule."""
 
@@ -43,6 +49,8 @@ class BirdsEyeParams:
 
     cell_m: float = 0.16
     """The footprint of a Navcam pixel along the ground is 0.15 m at 15 m range."""
+    surface_cell_m: float = 0.08
+    """Of the elevations that patches of ground are drawn over."""
     radius_m: float = 30.0
     """Beyond it a Navcam's range is off by a metre and more."""
     grey_wave_m: float = 1.0
@@ -101,23 +109,42 @@ class SearchGate:
 
 def birds_eye_view(stop: MatchedStop, params: BirdsEyeParams) -> BirdsEyeView:
     """Draw the ground around a stop from its dense parallax."""
-    cells = 2 * round(params.radius_m / params.cell_m)
-    sums = np.zeros((3, cells * cells))
+    return birds_eye_views(stop, params, (params.cell_m,))[0]
+
+
+def birds_eye_views(
+    stop: MatchedStop, params: BirdsEyeParams, cells_m: Sequence[float]
+) -> tuple[BirdsEyeView, ...]:
+    """Draw the ground around a stop from its dense parallax, once with every size of cells."""
+    sizes = [2 * round(params.radius_m / cell_m) for cell_m in cells_m]
+    sums = [np.zeros((3, size * size)) for size in sizes]
     for pair in stop.pairs:
         ground, grey = _level_points(stop, pair, 1.2 * params.radius_m)
-        row = np.floor((params.radius_m - ground[:, 0]) / params.cell_m).astype(np.int64)
-        col = np.floor((params.radius_m + ground[:, 1]) / params.cell_m).astype(np.int64)
-        inside = (row >= 0) & (row < cells) & (col >= 0) & (col < cells)
-        index = row[inside] * cells + col[inside]
-        weights = (None, grey[inside], -ground[inside, 2])
-        sums += [np.bincount(index, weight, minlength=cells * cells) for weight in weights]
-    count, grey_sum, up_sum = sums.reshape(3, cells, cells)
-    with np.errstate(invalid="ignore"):
-        return BirdsEyeView(
-            params.cell_m,
-            (grey_sum / count).astype(np.float32),
-            (up_sum / count).astype(np.float32),
-        )
+        for total, size, cell_m in zip(sums, sizes, cells_m, strict=True):
+            _add_points(total, ground, grey, params.radius_m, cell_m, size)
+    views = []
+    for total, size, cell_m in zip(sums, sizes, cells_m, strict=True):
+        count, grey_sum, up_sum = total.astype(np.float32).reshape(3, size, size)
+        with np.errstate(invalid="ignore"):
+            views.append(BirdsEyeView(cell_m, grey_sum / count, up_sum / count))
+    return tuple(views)
+
+
+def _add_points(
+    sums: Float64[np.ndarray, "3 cells"],
+    ground: Float32[np.ndarray, "n 3"],
+    grey: Float32[np.ndarray, " n"],
+    radius_m: float,
+    cell_m: float,
+    size: int,
+) -> None:
+    """Add number, grey value and elevation of points to the cells they fall into."""
+    row = np.floor((radius_m - ground[:, 0]) / cell_m).astype(np.int32)
+    col = np.floor((radius_m + ground[:, 1]) / cell_m).astype(np.int32)
+    inside = (row >= 0) & (row < size) & (col >= 0) & (col < size)
+    index = row[inside] * size + col[inside]
+    for k, weight in enumerate((None, grey[inside], -ground[inside, 2])):
+        sums[k] += np.bincount(index, weight, minlength=size * size)
 
 
 def _level_points(
@@ -152,12 +179,12 @@ class Channel:
 
 
 def channels(view: BirdsEyeView, params: BirdsEyeParams) -> tuple[Channel, Channel]:
-    """(grey, relief) of a view."""
+    """(grey, relief) of a view, over the same cells."""
     fine, coarse = (wave / view.cell_m for wave in params.relief_waves_m)
-    return (
-        _band(view.grey, 0.8, params.grey_wave_m / view.cell_m),
-        _band(view.elevation, fine, coarse),
-    )
+    grey = _band(view.grey, 0.8, params.grey_wave_m / view.cell_m)
+    relief = _band(view.elevation, fine, coarse)
+    weight = grey.weight * relief.weight
+    return Channel(grey.value * weight, weight), Channel(relief.value * weight, weight)
 
 
 def _band(raster: Raster, fine: float, coarse: float) -> Channel:
@@ -181,6 +208,23 @@ def _band(raster: Raster, fine: float, coarse: float) -> Channel:
     return Channel(value.astype(np.float32), weight)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Spectra:
+    """Fourier transforms of a channel's value, its square and its weight."""
+
+    value: Spectrum
+    square: Spectrum
+    weight: Spectrum
+
+    @classmethod
+    def of(
+        cls, channel: Channel, shape: tuple[int, int], weight: Spectrum | None = None
+    ) -> Spectra:
+        """Transforms over `shape`; channels over the same cells share that of the weight."""
+        value, square = (fft.rfft2(k, shape) for k in (channel.value, channel.value**2))
+        return cls(value, square, fft.rfft2(channel.weight, shape) if weight is None else weight)
+
+
 def masked_correlation(
     fixed: Channel, moved: Channel, reach: int
 ) -> tuple[Float[np.ndarray, "rows cols"], Float[np.ndarray, "rows cols"]]:
@@ -189,45 +233,107 @@ def masked_correlation(
     Entry (reach + i, reach + j) belongs to a shift of i rows down and j columns right.
     """
     rows, cols = (fft.next_fast_len(n + reach, real=True) for n in fixed.value.shape)
-
-    def forward(what: Raster) -> np.ndarray:
-        return fft.rfft2(what, (rows, cols))
-
-    def lagged(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        every = fft.irfft2(a * np.conj(b), (rows, cols))
-        lags = np.arange(-reach, reach + 1)
-        return every[np.ix_(lags, lags)]
-
-    a, m, aa = (forward(f) for f in (fixed.value, fixed.weight, fixed.value**2))
-    b, w, bb = (forward(f) for f in (moved.value, moved.weight, moved.value**2))
-    n = np.maximum(lagged(m, w), 1.0)
-    sum_a, sum_b = lagged(a, w), lagged(m, b)
-    variance_a = np.maximum(lagged(aa, w) - sum_a**2 / n, 1e-3)
-    variance_b = np.maximum(lagged(m, bb) - sum_b**2 / n, 1e-3)
-    return (lagged(a, b) - sum_a * sum_b / n) / np.sqrt(variance_a * variance_b), n
+    one, other = (Spectra.of(c, (rows, cols)) for c in (fixed, moved))
+    common = np.maximum(_lagged(one.weight, other.weight, reach, cols), 1.0)
+    return _coefficient(one, other, common, reach, cols), common
 
 
-def turned(channel: Channel, azimuth: float) -> Channel:
-    """A channel turned clockwise about the rover."""
-    size = channel.value.shape[0]
-    turn = cv2.getRotationMatrix2D(((size - 1) / 2,) * 2, -float(np.degrees(azimuth)), 1.0)
-    value = cv2.warpAffine(channel.value, turn, (size, size))
-    weight = (cv2.warpAffine(channel.weight, turn, (size, size)) > 0.99).astype(np.float32)  # noqa: PLR2004
-    return Channel((value * weight).astype(np.float32), weight)
+def _lagged(a: Spectrum, b: Spectrum, reach: int, cols: int) -> Float[np.ndarray, "lags lags"]:
+    """sum(a(x) b(x - lag)) for lags of up to `reach` cells each way."""
+    every = fft.irfft2(a * np.conj(b), (a.shape[0], cols))
+    lags = np.arange(-reach, reach + 1)
+    return every[np.ix_(lags, lags)]
+
+
+def _coefficient(
+    one: Spectra, other: Spectra, common: Float[np.ndarray, "lags lags"], reach: int, cols: int
+) -> Float[np.ndarray, "lags lags"]:
+    """Correlation coefficient over the common cells at every lag."""
+    pairs = (
+        (one.value, other.value),
+        (one.value, other.weight),
+        (one.weight, other.value),
+        (one.square, other.weight),
+        (one.weight, other.square),
+    )
+    ab, a, b, aa, bb = (_lagged(*pair, reach, cols) for pair in pairs)
+    variance_a = np.maximum(aa - a**2 / common, 1e-3)
+    variance_b = np.maximum(bb - b**2 / common, 1e-3)
+    return (ab - a * b / common) / np.sqrt(variance_a * variance_b)
+
+
+@dataclass(frozen=True, slots=True)
+class _Frame:
+    """The part of the earlier view's grid that both views can share, and shifts around a start.
+
+    With a margin of `reach` cells on every side that `fixed` leaves empty, shifts never wrap.
+    """
+
+    start: tuple[int, int]
+    """Shift in rows and columns at the centre of the gate."""
+    reach: int
+    first: tuple[int, int]
+    """Row and column of the frame's first cell in the earlier view, the margin included."""
+    shape: tuple[int, int]
+
+    @classmethod
+    def of(cls, size: int, cell_m: float, gate: SearchGate) -> _Frame:
+        """The frame of a gate between views of size x size cells."""
+        start = (-round(gate.north_m / cell_m), round(gate.east_m / cell_m))
+        reach = int(np.ceil(max(gate.reach_m, LEAST_REACH_M) / cell_m)) + 1
+        first = [max(0, s - reach) - reach for s in start]
+        end = [min(size, size + s + reach) + reach for s in start]
+        rows, cols = (
+            fft.next_fast_len(max(e - f, 2 * reach + 1), real=True)
+            for f, e in zip(first, end, strict=True)
+        )
+        return cls(start, reach, (first[0], first[1]), (rows, cols))
+
+    def fixed(self, channel: Channel) -> Channel:
+        """The earlier view's channel in the frame, nothing in the margin."""
+        size, margin = channel.value.shape[0], self.reach
+        lows = [max(0, f + margin) for f in self.first]
+        highs = [min(size, f + n - margin) for f, n in zip(self.first, self.shape, strict=True)]
+        there = tuple(slice(low, max(low, high)) for low, high in zip(lows, highs, strict=True))
+        here = tuple(
+            slice(part.start - f, part.stop - f) for part, f in zip(there, self.first, strict=True)
+        )
+        parts = []
+        for part in (channel.value, channel.weight):
+            drawn = np.zeros(self.shape, np.float32)
+            drawn[here] = part[there]
+            parts.append(drawn)
+        return Channel(*parts)
+
+    def moved(self, channel: Channel, azimuth: float) -> Channel:
+        """The later view's channel turned clockwise about its rover and put at the start."""
+        size = channel.value.shape[0]
+        turn = cv2.getRotationMatrix2D(((size - 1) / 2,) * 2, -float(np.degrees(azimuth)), 1.0)
+        turn[:, 2] += self.start[1] - self.first[1], self.start[0] - self.first[0]
+        shape = self.shape[::-1]
+        value, weight = (cv2.warpAffine(p, turn, shape) for p in (channel.value, channel.weight))
+        weight = (weight > 0.99).astype(np.float32)  # noqa: PLR2004 - whole cells only
+        return Channel((value * weight).astype(np.float32), weight)
 
 
 def search(
     earlier: BirdsEyeView, later: BirdsEyeView, gate: SearchGate, params: BirdsEyeParams
 ) -> list[PlaneFit]:
     """The best places of the later view on the earlier one inside the gate, best first."""
-    fixed, moving = channels(earlier, params), channels(later, params)
+    cell_m = params.cell_m
+    frame = _Frame.of(earlier.grey.shape[0], cell_m, gate)
+    fixed = _spectra([frame.fixed(c) for c in channels(earlier, params)], frame)
+    moving = channels(later, params)
     steps = int(np.ceil(gate.azimuth_reach / params.azimuth_step))
     azimuths = np.arange(-steps, steps + 1) * params.azimuth_step
-    reach = int(np.ceil((np.hypot(gate.north_m, gate.east_m) + gate.reach_m) / params.cell_m)) + 1
-    surfaces = [_surface(fixed, moving, float(a), reach, params) for a in azimuths]
-    z = np.stack([s[0] for s in surfaces])
-    shift = np.arange(-reach, reach + 1) * params.cell_m
-    distance = np.hypot(-shift[:, None] - gate.north_m, shift[None, :] - gate.east_m)
+    surfaces = [
+        _surfaces(fixed, _spectra([frame.moved(c, float(a)) for c in moving], frame), frame, params)
+        for a in azimuths
+    ]
+    z = _over_chance(np.stack([s[0] for s in surfaces], axis=1))
+    lags = np.arange(-frame.reach, frame.reach + 1)
+    norths, easts = -(frame.start[0] + lags) * cell_m, (frame.start[1] + lags) * cell_m
+    distance = np.hypot(norths[:, None] - gate.north_m, easts[None, :] - gate.east_m)
     z[:, distance > gate.reach_m] = -np.inf
     fits = []
     for _ in range(params.hypotheses):
@@ -235,35 +341,47 @@ def search(
         if not z[k, i, j] > 0:
             break
         di, dj = _vertex(z[k], int(i), int(j))
-        north, east = -(shift[i] + di * params.cell_m), shift[j] + dj * params.cell_m
+        north, east = float(norths[i] - di * cell_m), float(easts[j] + dj * cell_m)
         azimuth = float(azimuths[k] + params.azimuth_step * _vertex_1d(z[:, i, j], int(k)))
         down = _drop(earlier, later, azimuth, north, east)
-        overlap = float(surfaces[k][1][i, j]) * params.cell_m**2
-        fits.append(PlaneFit(azimuth, float(north), float(east), down, float(z[k, i, j]), overlap))
-        z[
-            :, np.hypot(-shift[:, None] - north, shift[None, :] - east) < params.separation_m
-        ] = -np.inf
+        overlap = float(surfaces[k][1][i, j]) * cell_m**2
+        fits.append(PlaneFit(azimuth, north, east, down, float(z[k, i, j]), overlap))
+        near = np.hypot(norths[:, None] - north, easts[None, :] - east) < params.separation_m
+        z[:, near] = -np.inf
     return fits
 
 
-def _surface(
-    fixed: tuple[Channel, Channel],
-    moving: tuple[Channel, Channel],
-    azimuth: float,
-    reach: int,
-    params: BirdsEyeParams,
-) -> tuple[Raster, Raster]:
-    """(z, common cells) of both channels together at every shift, at one azimuth."""
-    total = np.zeros((2 * reach + 1,) * 2)
-    common = np.zeros_like(total)
-    for one, other in zip(fixed, moving, strict=True):
-        coefficient, common = masked_correlation(one, turned(other, azimuth), reach)
-        enough = common * params.cell_m**2 > params.min_overlap_m2
-        z = np.where(enough, coefficient * np.sqrt(common), 0.0)
-        if enough.any():
-            z /= max(MAD_TO_SIGMA * float(np.median(np.abs(z[enough]))), 1e-9)
-        total += z / np.sqrt(len(fixed))
-    return total.astype(np.float32), common.astype(np.float32)
+def _spectra(both: Sequence[Channel], frame: _Frame) -> tuple[Spectra, ...]:
+    """The spectra of channels that share their cells."""
+    weight = fft.rfft2(both[0].weight, frame.shape)
+    return tuple(Spectra.of(channel, frame.shape, weight) for channel in both)
+
+
+def _surfaces(
+    fixed: Sequence[Spectra], moving: Sequence[Spectra], frame: _Frame, params: BirdsEyeParams
+) -> tuple[Float32[np.ndarray, "channels lags lags"], Raster]:
+    """(c sqrt(n) of every channel, n) at every shift, at one azimuth; NaN with too few cells."""
+    cols = frame.shape[1]
+    common = np.maximum(_lagged(fixed[0].weight, moving[0].weight, frame.reach, cols), 1.0)
+    scaled = [
+        _coefficient(one, other, common, frame.reach, cols) * np.sqrt(common)
+        for one, other in zip(fixed, moving, strict=True)
+    ]
+    enough = common * params.cell_m**2 > params.min_overlap_m2
+    return np.where(enough, scaled, np.nan).astype(np.float32), common.astype(np.float32)
+
+
+def _over_chance(
+    scaled: Float32[np.ndarray, "channels azimuths lags lags"],
+) -> Float32[np.ndarray, "azimuths lags lags"]:
+    """z: all channels as independent, each over its robust scatter; 0 where there is none."""
+    total = np.zeros(scaled.shape[1:], np.float32)
+    for channel in scaled:
+        known = np.isfinite(channel)
+        if known.any():
+            scatter = MAD_TO_SIGMA * float(np.median(np.abs(channel[known])))
+            total += np.nan_to_num(channel) / np.float32(max(scatter, 1e-9) * len(scaled) ** 0.5)
+    return total
 
 
 def _vertex_1d(values: Float[np.ndarray, " n"], at: int) -> float:

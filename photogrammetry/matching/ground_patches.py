@@ -20,7 +20,15 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 
-from photogrammetry.arrays import Flags, Float32, Float64, GreyImage, PerPoint, Raster
+from photogrammetry.arrays import (
+    Flags,
+    Float32,
+    Float64,
+    GreyImage,
+    ObjectPoints,
+    PerPoint,
+    Raster,
+)
 from photogrammetry.matching.birds_eye import BirdsEyeView
 from photogrammetry.matching.tie_views import TieView
 
@@ -73,6 +81,16 @@ class GroundSurface:
         ).astype(np.float32)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class MatchedGround:
+    """Where the sparse matches of a pair lie in the level frame of its stop."""
+
+    places: ObjectPoints
+    range_m: PerPoint
+    """Along the axis of the pair."""
+    footprint_m: PerPoint
+
+
 @dataclass(slots=True, eq=False)
 class GroundView:
     """One pair of a stop as a camera over the level frame."""
@@ -83,6 +101,18 @@ class GroundView:
     """level_from_pair."""
     origin_m: Float64[np.ndarray, " 3"]
     averaged: dict[tuple[int, int], GreyImage] = field(default_factory=dict)
+    _ground: MatchedGround | None = None
+
+    @property
+    def ground(self) -> MatchedGround:
+        """The ground that the pair's sparse matches show, worked out once."""
+        if self._ground is None:
+            matches, geometry = self.view.pair.matches, self.view.geometry
+            ahead = matches.parallax_px > 0
+            points = geometry.triangulate(matches.left[ahead], matches.parallax_px[ahead])
+            places = points @ self.rotation.T + self.origin_m
+            self._ground = MatchedGround(places, points[:, 2], self.footprint_m(places[:, :2]))
+        return self._ground
 
     @classmethod
     def of(
@@ -119,8 +149,7 @@ class GroundView:
         derivative = self.derivative(places)
         good = np.isfinite(derivative).all(axis=(1, 2))
         footprint = np.full(len(places), np.inf)
-        singular = np.linalg.svd(derivative[good], compute_uv=False)
-        footprint[good] = 1 / np.maximum(singular[:, 1], 1e-3)
+        footprint[good] = 1 / np.maximum(_smallest_stretch(derivative[good]), 1e-3)
         distance = np.hypot(*(places - self.origin_m[:2]).T)
         level = distance**2 / (self.view.geometry.focal_px * max(-self.origin_m[2], 0.5))
         return np.maximum(footprint, level)
@@ -194,3 +223,11 @@ class GroundView:
         lines, samples = mask.shape
         inside = (col >= 0) & (row >= 0) & (col < samples) & (row < lines)
         return inside & mask[np.clip(row, 0, lines - 1), np.clip(col, 0, samples - 1)]
+
+
+def _smallest_stretch(maps: Float64[np.ndarray, "n 2 2"]) -> PerPoint:
+    """The smaller singular value of 2 x 2 matrices: |det| over the larger one."""
+    power = (maps**2).sum(axis=(1, 2)) / 2
+    area = np.abs(maps[:, 0, 0] * maps[:, 1, 1] - maps[:, 0, 1] * maps[:, 1, 0])
+    larger = np.sqrt(power + np.sqrt(np.maximum(power**2 - area**2, 0.0)))
+    return area / np.maximum(larger, 1e-12)

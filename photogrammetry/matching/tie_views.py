@@ -9,6 +9,7 @@ not inherit the smoothing and the pixel-locking of the dense matcher.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -36,26 +37,31 @@ DENSE_AGREES_PX = 1.5
 """The measured parallax may differ this much, and three times the surface's roughness, from it."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class TieView:
     """A matched pair with what tying needs of it, worked out once."""
 
     pair: MatchedPair
     left: View
     right: View
-    planes: ParallaxPlanes
-    """Around every sparse match of the pair."""
+    half_px: int
+    """Half the width of the local surfaces."""
 
     @classmethod
-    def of(cls, pair: MatchedPair, half_px: int) -> TieView:
-        """Make a pair ready; `half_px` is half the width of the local surfaces."""
+    def of(cls, pair: MatchedPair, half_px: int = 10) -> TieView:
+        """Make a pair ready."""
         images = pair.images
         return cls(
             pair,
             View.of(images.left, images.left_mask),
             View.of(images.right, images.right_mask),
-            parallax_planes(pair.parallax, pair.matches.left, half_px),
+            half_px,
         )
+
+    @cached_property
+    def planes(self) -> ParallaxPlanes:
+        """Local surfaces around every sparse match of the pair."""
+        return parallax_planes(self.pair.parallax, self.pair.matches.left, self.half_px)
 
     @property
     def geometry(self) -> EpipolarPair:
@@ -95,6 +101,18 @@ def measured_parallax(
     parallax[np.flatnonzero(ok)[good]] = value[good]
     sigma[np.flatnonzero(ok)[good]] = np.maximum(found.sigma_px[good], params.parallax_floor_px)
     return parallax, sigma
+
+
+def dense_parallax(
+    view: TieView, points: ImagePoints, sigma_px: float
+) -> tuple[PerPoint, PerPoint]:
+    """(parallax, its standard deviation) at left image points, as dense matching has it."""
+    lines, samples = view.pair.parallax.shape
+    col = np.clip(np.round(points[:, 0]), 0, samples - 1).astype(np.int64)
+    row = np.clip(np.round(points[:, 1]), 0, lines - 1).astype(np.int64)
+    parallax = view.pair.parallax[row, col].astype(np.float64)
+    parallax[parallax <= 0] = np.nan
+    return parallax, np.where(np.isfinite(parallax), sigma_px, np.nan)
 
 
 def _rows(planes: ParallaxPlanes, rows: Flags) -> ParallaxPlanes:

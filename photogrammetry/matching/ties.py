@@ -56,6 +56,15 @@ class Ties:
         """The ties of some rows."""
         return Ties(self.pair_ids, *(getattr(self, f.name)[rows] for f in fields(self)[1:]))
 
+    def swapped(self) -> Ties:
+        """First and second exchanged."""
+        names = [f.name for f in fields(self)[1:]]
+        others = [
+            name.replace("first", "second") if "first" in name else name.replace("second", "first")
+            for name in names
+        ]
+        return Ties(self.pair_ids, *(getattr(self, name) for name in others))
+
     def counts(self) -> dict[tuple[str, str], int]:
         """Number of ties by (first, second) pair."""
         found = Counter(zip(self.first.tolist(), self.second.tolist(), strict=True))

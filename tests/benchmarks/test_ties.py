@@ -47,7 +47,7 @@ def test_linking_two_stops(benchmark, stops):
     params = CrossSiteParams()
 
     def link():
-        return tie_cross_site(*(StopViews.of(stop, params) for stop in stops), params)
+        return tie_cross_site(*(StopViews.of(stop, params.birds_eye) for stop in stops), params)
 
     found = benchmark.pedantic(link, rounds=2, iterations=1)
     benchmark.extra_info["ties"] = len(found.ties)

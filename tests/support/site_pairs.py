@@ -201,7 +201,7 @@ class Views:
         if stop.stop not in self._made:
             while len(self._made) >= self.kept:
                 self._made.pop(next(iter(self._made)))
-            self._made[stop.stop] = StopViews.of(stop, self.params)
+            self._made[stop.stop] = StopViews.of(stop, self.params.birds_eye)
         return replace(self._made[stop.stop], stop=stop)
 
 

@@ -7,17 +7,24 @@ from scipy.spatial.transform import Rotation
 from photogrammetry.errors import MatchingError
 from photogrammetry.frames import Pose
 from photogrammetry.matching.birds_eye import BirdsEyeParams
-from photogrammetry.matching.cross_site import CrossSiteParams, StopViews, tie_cross_site
+from photogrammetry.matching.cross_site import (
+    CrossSiteParams,
+    StopViews,
+    VerdictParams,
+    tie_cross_site,
+)
 from photogrammetry.matching.cross_site_candidates import Candidates
+from photogrammetry.matching.cross_site_trials import TrialParams
 
 PARAMS = CrossSiteParams(
-    birds_eye=BirdsEyeParams(radius_m=16.0), candidates=Candidates(cell_m=0.5, most=250), decoys=1
+    birds_eye=BirdsEyeParams(radius_m=16.0),
+    trials=TrialParams(candidates=Candidates(cell_m=0.5), decoys=1),
 )
 
 
 @pytest.fixture(scope="module")
 def first(first_stop):
-    return StopViews.of(first_stop, PARAMS)
+    return StopViews.of(first_stop, PARAMS.birds_eye)
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +48,7 @@ def claimed_elsewhere(stop, north, east):
 def test_two_stops_that_face_each_other_are_linked_under_another_sun(link):
     assert link.linked, link.reason
     assert link.verdict == "linked"
-    assert len(link.ties) == link.figures.ties >= PARAMS.least_ties
+    assert len(link.ties) == link.figures.ties >= PARAMS.verdict.least_ties
 
 
 def test_the_link_finds_where_the_rover_stood(link, first_stand, second_stand):
@@ -96,4 +103,4 @@ def test_a_stop_that_is_not_linked_keeps_the_pose_of_telemetry(foreign, first, f
 
 def test_fewer_ties_than_unknowns_are_no_link():
     with pytest.raises(MatchingError, match="is no link"):
-        CrossSiteParams(least_ties=3)
+        VerdictParams(least_ties=3)

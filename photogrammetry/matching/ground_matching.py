@@ -1,0 +1,148 @@
+"""Matches candidates on the ground: from plans to ties.
+
+Around a candidate both pairs are drawn as orthophotos over the surfaces of their own stops
+(`ground_patches`), and matched on the ground (`conjugates`). The centre of the patch and its
+conjugate are then image points of both pairs, where the parallax is measured (`tie_views`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+
+from photogrammetry.arrays import Float32, Float64, ImagePoints, PerPoint
+from photogrammetry.errors import MatchingError
+from photogrammetry.frames import Pose
+from photogrammetry.matching.conjugates import ConjugateParams, match_patches
+from photogrammetry.matching.cross_site_candidates import Plan
+from photogrammetry.matching.tie_views import TieView, dense_parallax, in_view, measured_parallax
+from photogrammetry.matching.ties import Ties, joined
+
+MARGIN_CELLS = 3
+"""Search patches are wider by so much, for refinement to move in."""
+
+
+@dataclass(frozen=True, slots=True)
+class GroundMatchingParams:
+    """How patches of ground are matched and their parallaxes measured."""
+
+    half_cells: int = 8
+    """Half a patch: 17 x 17 cells are 1.4 m of ground at 10 m, and enough to be unique."""
+    patches: ConjugateParams = field(
+        default_factory=lambda: ConjugateParams(threshold=0.6, ambiguity=0.85)
+    )
+    """Looks at the ground from far apart correlate less than the eyes of one pair; that a place is
+    the only one within the window, and fits the others in space, has to make up for it."""
+    blur_cells: float = 0.7
+    """Takes from both what only one of them resolves."""
+    parallax: ConjugateParams = field(default_factory=ConjugateParams)
+    """How the parallax of a tie is measured in its pairs."""
+
+    def __post_init__(self) -> None:
+        if self.half_cells < 3:  # noqa: PLR2004
+            raise MatchingError(
+                f"patches of ground are 7 x 7 cells or more, not half_cells = {self.half_cells}"
+            )
+
+
+ParallaxOf = Callable[[TieView, ImagePoints], tuple[PerPoint, PerPoint]]
+"""(parallax, standard deviation) at left image points of a pair; NaN where there is none."""
+
+
+def match_ground(
+    forth: Sequence[Plan],
+    back: Sequence[Plan],
+    params: GroundMatchingParams,
+    pair_ids: tuple[str, ...],
+    dense_sigma_px: float | None = None,
+) -> Ties:
+    """Ties between two stops; first the earlier's pair, second the later's.
+
+    `forth` looks for ground of the earlier stop in the later one, `back` the other way round. The
+    parallax is measured by least-squares matching, or, if the standard deviation of the dense one
+    is given, looked up.
+    """
+
+    def parallax_of(view: TieView, points: ImagePoints) -> tuple[PerPoint, PerPoint]:
+        if dense_sigma_px is None:
+            return measured_parallax(view, points, params.parallax)
+        return dense_parallax(view, points, dense_sigma_px)
+
+    found = [_carried_out(plan, params, parallax_of, pair_ids) for plan in forth]
+    returned = [_carried_out(plan, params, parallax_of, pair_ids).swapped() for plan in back]
+    return joined([t for t in (*found, *returned) if len(t)], pair_ids)
+
+
+def _carried_out(
+    plan: Plan, params: GroundMatchingParams, parallax_of: ParallaxOf, pair_ids: tuple[str, ...]
+) -> Ties:
+    """Look for the candidates of a plan, those with windows of like size together."""
+    classes = np.ceil(plan.reach / 4).astype(np.int64)
+    ties = [
+        _looked_for(plan.taking(classes == size), int(4 * size), params, parallax_of, pair_ids)
+        for size in np.unique(classes)
+    ]
+    return joined(ties, pair_ids)
+
+
+def _looked_for(
+    plan: Plan,
+    reach: int,
+    params: GroundMatchingParams,
+    parallax_of: ParallaxOf,
+    pair_ids: tuple[str, ...],
+) -> Ties:
+    """Match the ground of a plan's candidates and measure both parallaxes."""
+    half, turn = params.half_cells, _turn(plan.target_from_source)
+    centres = plan.places[:, :2]
+    ahead = plan.target_from_source.apply(plan.places)[:, :2]
+    wide = half + reach + MARGIN_CELLS
+    templates, whole = plan.source.patches(centres, np.eye(2), plan.cell_m, half, half)
+    searches, there = plan.target.patches(ahead, turn, plan.cell_m, wide, half)
+    templates, searches = (_blurred(stack, params.blur_cells) for stack in (templates, searches))
+    found, offset, sigma, _ = match_patches(templates, searches, whole & there, params.patches)
+    moved = np.column_stack([-offset[:, 1], offset[:, 0]]) @ turn.T * plan.cell_m[:, None]
+    first, _ = plan.source.image_of(centres[:, 0], centres[:, 1])
+    second, _ = plan.target.image_of(ahead[:, 0] + moved[:, 0], ahead[:, 1] + moved[:, 1])
+    found &= in_view(plan.source.view, first, 8) & in_view(plan.target.view, second, 8)
+    first, second = first[found], second[found]
+    parallax, sigma_parallax = parallax_of(plan.source.view, first)
+    parallax_there, sigma_there = parallax_of(plan.target.view, second)
+    stretch = np.sqrt((plan.target.derivative(ahead[found]) ** 2).sum(axis=(1, 2)) / 2)
+    n = int(found.sum())
+    source, target = (
+        np.full(n, pair_ids.index(v.view.pair.pair_id), np.int32)
+        for v in (plan.source, plan.target)
+    )
+    ties = Ties(
+        pair_ids,
+        source,
+        target,
+        first,
+        second,
+        parallax,
+        parallax_there,
+        np.full(n, params.patches.sigma_floor_px),
+        sigma[found] * plan.cell_m[found] * stretch,
+        sigma_parallax,
+        sigma_there,
+    )
+    return ties.taking(np.isfinite(parallax) & np.isfinite(parallax_there))
+
+
+def _blurred(stack: Float32[np.ndarray, "n a a"], sigma: float) -> Float32[np.ndarray, "n a a"]:
+    """Every patch through a Gaussian."""
+    for patch in stack:
+        cv2.GaussianBlur(patch, (0, 0), sigma, dst=patch)
+    return stack
+
+
+def _turn(target_from_source: Pose) -> Float64[np.ndarray, "2 2"]:
+    """The horizontal part of the turn between two level frames."""
+    azimuth = float(
+        np.arctan2(target_from_source.rotation[1, 0], target_from_source.rotation[0, 0])
+    )
+    return np.array([[np.cos(azimuth), -np.sin(azimuth)], [np.sin(azimuth), np.cos(azimuth)]])
