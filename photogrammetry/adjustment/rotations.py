@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from photogrammetry.arrays import Float64
+from photogrammetry.arrays import Bool, Float64
 
 SERIES = 1e-3
 """Below this angle the series of the trigonometric terms is exact to rounding."""
@@ -42,3 +42,24 @@ def left_jacobian(vectors: Float64[np.ndarray, "*n 3"]) -> Float64[np.ndarray, "
     safe = np.where(small, 1.0, t)
     third = np.where(small, 1 / 6 - t**2 / 120, (safe - np.sin(safe)) / safe**3)
     return np.eye(3) + 0.5 * np.sinc(t / (2 * np.pi)) ** 2 * m + third * (m @ m)
+
+
+def along_arcs(
+    centres: Float64[np.ndarray, "stops 3"],
+    turn: Float64[np.ndarray, "stops 3"],
+    shift: Float64[np.ndarray, "stops 3"],
+    held: Bool[np.ndarray, " stops"],
+) -> Float64[np.ndarray, "stops 3"]:
+    """Centres of a traverse after linear corrections of its stops, taken along arcs.
+
+    Each drive turns with the stops at its ends, D <- Exp(m) (D + dD - m x D); held stops stay.
+    """
+    drive, change = np.diff(centres, axis=0), np.diff(shift, axis=0)
+    mean = (turn[1:] + turn[:-1]) / 2
+    rest = drive + change - np.cross(mean, drive)
+    arc = (rotation_of_vector(mean) @ rest[:, :, None])[:, :, 0] - drive - change
+    off = np.concatenate([np.zeros((1, 3)), np.cumsum(arc, axis=0)])
+    stays = np.flatnonzero(held)
+    behind = np.maximum(np.searchsorted(stays, np.arange(len(off)), side="right") - 1, 0)
+    datum = stays[behind] if len(stays) else np.zeros(len(off), dtype=np.int64)
+    return centres + shift + off - off[datum]

@@ -58,7 +58,7 @@ from photogrammetry.adjustment.priors import (
     telemetry_misclosures,
     telemetry_partials,
 )
-from photogrammetry.adjustment.rotations import rotation_of_vector
+from photogrammetry.adjustment.rotations import along_arcs, rotation_of_vector
 
 CHI3_MEDIAN = 1.538
 """Median length of a standard normal vector of three coordinates."""
@@ -341,7 +341,7 @@ class Correction:
 def moved(problem: Problem, state: State, correction: Correction) -> State:
     """The state after a correction, along arcs."""
     turned = rotation_of_vector(correction.turn)
-    centres = _moved_centres(problem, state, correction)
+    centres = along_arcs(state.centres, correction.turn, correction.shift, problem.held)
     points = state.points.copy()
     placed = np.flatnonzero(problem.anchor >= 0)
     stop = problem.observations.pair_stop[problem.anchor[placed]]
@@ -351,20 +351,6 @@ def moved(problem: Problem, state: State, correction: Correction) -> State:
     arm = _moved_points(problem, state, placed, rest) - state.centres[stop]
     points[placed] = centres[stop] + (turned[stop] @ arm[:, :, None])[:, :, 0]
     return State(turned @ state.rotations, centres, state.pointings + correction.pointing, points)
-
-
-def _moved_centres(problem: Problem, state: State, correction: Correction) -> np.ndarray:
-    """Centres after a correction: each drive turns with the stops at its ends, held stops stay."""
-    drive = np.diff(state.centres, axis=0)
-    change = np.diff(correction.shift, axis=0)
-    turn = (correction.turn[1:] + correction.turn[:-1]) / 2
-    rest = drive + change - np.cross(turn, drive)
-    arc = (rotation_of_vector(turn) @ rest[:, :, None])[:, :, 0] - drive - change
-    off = np.concatenate([np.zeros((1, 3)), np.cumsum(arc, axis=0)])
-    held = np.flatnonzero(problem.held)
-    behind = np.maximum(np.searchsorted(held, np.arange(len(off)), side="right") - 1, 0)
-    datum = held[behind] if len(held) else np.zeros(len(off), dtype=np.int64)
-    return state.centres + correction.shift + off - off[datum]
 
 
 def _moved_points(

@@ -1,0 +1,236 @@
+"""Loops are closed in a graph of stops before images are looked at.
+
+Stop by stop along a traverse errors add up; where it meets earlier ground again it may be off by
+tens of metres and degrees, and image rays there do not meet at all. The graph has a node for every
+stop and an edge for every two that see the same ground: a rigid motion (R, t), stop b as stop a has
+it, with its information N from the tie points,
+
+    r = (Log(R_a'R_b R'), R_a'(c_b - c_a) - t)             minimise sum_edges r'N r + telemetry
+
+Stops that follow each other are laid onto each other already (`initialise`); their edge is what
+they have, so that only the loops pull. A loop that contradicts the others is weighed down by the
+truncated least-squares loss of `initialise`, r'N r in place of the squared misfit of a tie.
+
+A rigid motion between distant stops is found without telemetry: closed form (Kabsch 1976) with the
+covariances as mere scales, then Gauss-Newton with the covariances in full, wrong ties weighed down.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csc_matrix
+from scipy.sparse.linalg import splu
+from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
+
+from photogrammetry.adjustment.collinearity import State
+from photogrammetry.adjustment.priors import Telemetry, telemetry_misclosures, telemetry_partials
+from photogrammetry.adjustment.rotations import (
+    along_arcs,
+    cross_matrix,
+    left_jacobian,
+    rotation_of_vector,
+)
+from photogrammetry.arrays import Bool, Float64
+
+GATE = float(np.sqrt(chi2.ppf(0.999, 6)))
+"""A loop is wrong beyond this misfit: 99.9 % of the chi distribution, six degrees of freedom."""
+SHARP = 1e3
+GROWTH = 2.0
+ROUNDS = 60
+STEPS = 20
+"""Gauss-Newton steps of the graph for each sharpness of the loss."""
+HALVINGS = 8
+TOLERANCE = 1e-6
+"""Squared length of a step, as a part of the cost, at which an initial value is good enough."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RigidPoints:
+    """The same points as two stops have them, with covariances."""
+
+    X: Float64[np.ndarray, "n 3"]
+    S_X: Float64[np.ndarray, "n 3 3"]
+    Y: Float64[np.ndarray, "n 3"]
+    S_Y: Float64[np.ndarray, "n 3 3"]
+
+    def misfit(
+        self, R: Float64[np.ndarray, "3 3"], t: Float64[np.ndarray, " 3"]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """X - (R Y + t), and the inverse of its covariance."""
+        return self.X - self.Y @ R.T - t, np.linalg.inv(self.S_X + R @ self.S_Y @ R.T)
+
+    def normals(
+        self, R: np.ndarray, t: np.ndarray, weights: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Normal matrix and right-hand side of (turn, shift) from the left."""
+        e, P = self.misfit(R, t)
+        turned = self.Y @ R.T
+        A = np.concatenate(
+            [-cross_matrix(turned), np.broadcast_to(np.eye(3), (len(e), 3, 3))], axis=2
+        )
+        PA = P @ A * weights[:, None, None]
+        return np.einsum("nij,nik->jk", A, PA), np.einsum("nij,ni->j", PA, e)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Edges:
+    """Stop b as stop a has it, many times."""
+
+    a: np.ndarray
+    b: np.ndarray
+    rotation: Float64[np.ndarray, "edges 3 3"]
+    translation: Float64[np.ndarray, "edges 3"]
+    information: Float64[np.ndarray, "edges 6 6"]
+    is_loop: Bool[np.ndarray, " edges"]
+
+    @property
+    def root(self) -> Float64[np.ndarray, "edges 6 6"]:
+        """W with W'W = N; what N does not know stays unknown."""
+        values, vectors = np.linalg.eigh(self.information)
+        return np.sqrt(np.maximum(values, 0.0))[:, :, None] * vectors.swapaxes(1, 2)
+
+    def misfit(self, state: State) -> Float64[np.ndarray, "edges 6"]:
+        """The residual r of every edge."""
+        to_a = state.rotations[self.a].swapaxes(1, 2)
+        turn = to_a @ state.rotations[self.b] @ self.rotation.swapaxes(1, 2)
+        apart = state.centres[self.b] - state.centres[self.a]
+        place = (to_a @ apart[:, :, None])[:, :, 0] - self.translation
+        return np.concatenate([Rotation.from_matrix(turn).as_rotvec(), place], axis=1)
+
+    def partials(self, state: State) -> Float64[np.ndarray, "edges 6 12"]:
+        """Derivatives of the residual by (d, dc) of a and (d, dc) of b."""
+        to_a = state.rotations[self.a].swapaxes(1, 2)
+        turn = np.linalg.inv(left_jacobian(self.misfit(state)[:, :3])) @ to_a
+        A = np.zeros((len(self.a), 6, 12))
+        A[:, :3, 0:3], A[:, :3, 6:9] = -turn, turn
+        A[:, 3:, 0:3] = to_a @ cross_matrix(state.centres[self.b] - state.centres[self.a])
+        A[:, 3:, 3:6], A[:, 3:, 9:12] = -to_a, to_a
+        return A
+
+
+def truncated_weights(r: np.ndarray, gate: float, mu: float) -> np.ndarray:
+    """Weights of the truncated least-squares loss as far as it is sharpened by now."""
+    with np.errstate(divide="ignore"):
+        between = gate * np.sqrt(mu * (mu + 1)) / r - mu
+    return np.clip(between, 0.0, 1.0)
+
+
+def first_sharpness(r: np.ndarray, gate: float) -> float:
+    """Where the sharpening begins: nearly convex for the greatest misfit."""
+    return gate**2 / max(2 * float(r.max()) ** 2 - gate**2, 1e-9)
+
+
+def closed_form(points: RigidPoints, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The rigid motion of least squares with one weight a point."""
+    w = weights / weights.sum()
+    middle_x, middle_y = w @ points.X, w @ points.Y
+    U, _, Vt = np.linalg.svd((points.X - middle_x).T @ ((points.Y - middle_y) * w[:, None]))
+    R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
+    return R, middle_x - R @ middle_y
+
+
+def rigid_motion(
+    points: RigidPoints, gate: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Rotation, translation, information, and the weight (0..1) of each point."""
+    size = np.trace(points.S_X, axis1=1, axis2=2) + np.trace(points.S_Y, axis1=1, axis2=2)
+    weights, mu = np.ones(len(size)), 0.0
+    R, t = closed_form(points, 1.0 / size)
+    for _ in range(ROUNDS):
+        R, t = _turned(points, R, t, weights)
+        e, P = points.misfit(R, t)
+        r = np.sqrt((e * (P @ e[:, :, None])[:, :, 0]).sum(axis=1))
+        mu = mu * GROWTH if mu else first_sharpness(r, gate)
+        old, weights = weights, truncated_weights(r, gate, mu)
+        if mu >= SHARP or (r.max() <= gate and np.abs(weights - old).max() < 1.0 / SHARP):
+            break
+    R, t = _turned(points, R, t, weights)
+    return R, t, points.normals(R, t, weights)[0], weights
+
+
+def _turned(
+    points: RigidPoints, R: np.ndarray, t: np.ndarray, weights: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """One Gauss-Newton step."""
+    N, n = points.normals(R, t, weights)
+    x = np.linalg.solve(N + 1e-12 * np.trace(N) * np.eye(6) + np.eye(6) * 1e-12, n)
+    turn = rotation_of_vector(x[:3])
+    return turn @ R, t + x[3:]
+
+
+def relaxed(
+    state: State, telemetry: Telemetry, held: np.ndarray, edges: Edges
+) -> tuple[State, np.ndarray]:
+    """The state with its stops where edges and telemetry want them; weight (0..1) of each edge."""
+    loops, root = edges.is_loop, edges.root
+    weights, mu = np.ones(len(loops)), 0.0
+    for _ in range(ROUNDS):
+        state = _solved(state, telemetry, held, edges, root * np.sqrt(weights)[:, None, None])
+        r = np.linalg.norm((root @ edges.misfit(state)[:, :, None])[:, :, 0], axis=1)[loops]
+        mu = mu * GROWTH if mu else first_sharpness(r, GATE)
+        old = weights[loops]
+        weights[loops] = truncated_weights(r, GATE, mu)
+        if mu >= SHARP or (r.max() <= GATE and np.abs(weights[loops] - old).max() < 1.0 / SHARP):
+            break
+    return state, weights
+
+
+def _solved(
+    state: State, telemetry: Telemetry, held: np.ndarray, edges: Edges, root: np.ndarray
+) -> State:
+    """Gauss-Newton along arcs, each step halved until it does not raise the cost."""
+    cost = _cost(state, telemetry, edges, root)
+    for _ in range(STEPS):
+        x, length2 = _step(state, telemetry, held, edges, root)
+        for halvings in range(HALVINGS):
+            part = x * 0.5**halvings
+            centres = along_arcs(state.centres, part[:, :3], part[:, 3:], held)
+            turned = rotation_of_vector(part[:, :3]) @ state.rotations
+            trial = State(turned, centres, state.pointings, state.points)
+            trial_cost = _cost(trial, telemetry, edges, root)
+            if trial_cost <= cost:
+                state, cost = trial, trial_cost
+                break
+        if length2 < TOLERANCE * (1.0 + cost):
+            break
+    return state
+
+
+def _cost(state: State, telemetry: Telemetry, edges: Edges, root: np.ndarray) -> float:
+    off = (root @ edges.misfit(state)[:, :, None])[:, :, 0]
+    told = telemetry_misclosures(state, telemetry) * telemetry.weight
+    return float((off**2).sum() + (told**2).sum())
+
+
+def _step(
+    state: State, telemetry: Telemetry, held: np.ndarray, edges: Edges, root: np.ndarray
+) -> tuple[np.ndarray, float]:
+    """Corrections (stops, 6), zero where held, and their squared length in their own sigmas."""
+    place = np.cumsum(~held) - 1
+    place[held] = (~held).sum()  # a bin
+    before = telemetry.before
+    stops = np.arange(len(held))
+    parts = (
+        (root @ edges.partials(state), -(root @ edges.misfit(state)[:, :, None])[:, :, 0],
+         np.column_stack([edges.a, edges.b])),
+        (telemetry_partials(state, telemetry) * telemetry.weight[:, :, None],
+         telemetry_misclosures(state, telemetry) * telemetry.weight,
+         np.column_stack([before, stops])),
+    )  # fmt: skip
+    size = 6 * int(place.max(initial=0)) + 6
+    N, n = csc_matrix((size, size)), np.zeros(size)
+    for A, l, ends in parts:
+        at = (6 * place[ends][:, :, None] + np.arange(6)).reshape(len(ends), 12)
+        rows, columns = np.repeat(at, 12, axis=1), np.tile(at, (1, 12))
+        N += csc_matrix(
+            ((A.swapaxes(1, 2) @ A).ravel(), (rows.ravel(), columns.ravel())), shape=(size, size)
+        )
+        np.add.at(n, at.ravel(), (l[:, None, :] @ A).ravel())
+    free = 6 * int((~held).sum())
+    x = splu(N[:free, :free].tocsc()).solve(n[:free])
+    full = np.zeros((len(held), 6))
+    full[~held] = x.reshape(-1, 6)
+    return full, float(x @ n[:free])
