@@ -83,6 +83,8 @@ class NetworkProduct:
     """One line for every sol's adjustment."""
     links: tuple[dict[str, Any], ...]
     """What came of every pair of stops that was tried, this sol."""
+    report: dict[str, Any]
+    """The report of this network's own adjustment."""
 
 
 @task(cache_policy=NO_CACHE, task_run_name="adjust-sol{step.sol}")
@@ -122,6 +124,7 @@ def read_network(ref: ProductRef, store: ProductStore) -> NetworkProduct:
         adjusted=network_of_document(document["network"]),
         reports=tuple(document["reports"]),
         links=tuple(document["links"]),
+        report=document["network"]["reports"][-1],
     )
 
 

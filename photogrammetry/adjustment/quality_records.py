@@ -1,0 +1,179 @@
+"""What is stated of the quality of an adjusted network."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+from photogrammetry.imagery import StopId, TieKind
+
+Triple = tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class PairCamera:
+    """The camera of a stereo pair: residuals are looked at camera by camera."""
+
+    instrument: str
+    samples: int
+    """Size of the pair's epipolar images, pixels."""
+    lines: int
+
+
+@dataclass(frozen=True, slots=True)
+class QualityParams:
+    """When a part of a network is called weak."""
+
+    few_ties: int = 7
+    """A link between stops that rests on fewer tie points: the paper's example had seven."""
+    thin_redundancy: float = 0.2
+    """Mean redundancy number below which a stop's observations hardly check each other: a blunder
+    shows by less than a fifth of its size."""
+    many_blunders: float = 0.25
+    """Share of a pair's observations set aside as blunders: more is no accident of matching."""
+    large_misfit: float = 1.5
+    """Root mean square of a camera's standardised residuals: what chance does not explain."""
+    grid_cells: int = 8
+    """Cells along the side of the grid in which residuals are averaged: patches of 128 pixels, as
+    few as show radial and bent patterns."""
+    fewest_in_cell: int = 5
+    """Observations without which a cell's mean is not shown."""
+
+
+@dataclass(frozen=True, slots=True)
+class Precision:
+    """Mean standard deviations of a part of the network, by the covariances (paper, section 3.3).
+
+    Position and angles are about north, east and down of the LSL.
+    """
+
+    pairs: int
+    position_mm: Triple
+    """Of the left cameras."""
+    angles_arcmin: Triple
+    """Of the cameras' rotation."""
+
+
+@dataclass(frozen=True, slots=True)
+class TiePrecision:
+    """Mean standard deviations of tie points of a kind, north, east and down, metres."""
+
+    points: int
+    mean_m: Triple
+    median_m: Triple
+
+
+@dataclass(frozen=True, slots=True)
+class ResidualFigures:
+    """Residuals of a camera in one kind of tie: sample, line and parallax, pixels."""
+
+    observations: int
+    mean_px: Triple
+    rms_px: Triple
+    rms_standardised: float
+    """1 when the standard deviations that matching states are true."""
+
+
+@dataclass(frozen=True, slots=True)
+class CameraResiduals:
+    """Residuals of one camera, by kind of tie and by place in the image."""
+
+    instrument: str
+    pairs: int
+    figures: dict[TieKind, ResidualFigures]
+    cell_px: float
+    grid: tuple[tuple[Triple | None, ...], ...]
+    """Weighted mean residual (sample, line, parallax) by row and column of cells; None where too
+    few."""
+
+
+@dataclass(frozen=True, slots=True)
+class Redundancy:
+    """How far observations of a kind of tie check each other."""
+
+    observations: int
+    mean: float
+    """Mean redundancy number: the share of an error that shows in its residual."""
+    unchecked: int
+    """Coordinates of which less than a tenth of an error would show."""
+
+
+@dataclass(frozen=True, slots=True)
+class Blunder:
+    """An observation that the adjustment set aside."""
+
+    pair_id: str
+    stop: StopId
+    point: int
+    left_px: tuple[float, float]
+    """Sample and line in the pair's left epipolar image."""
+    parallax_px: float
+    residual_px: Triple
+    """Measured minus computed from where the other observations place the point."""
+    others: tuple[str, ...]
+    """Pairs whose observations of the point stand."""
+
+
+@dataclass(frozen=True, slots=True)
+class StopQuality:
+    """How well one stop is known, and what holds it."""
+
+    stop: StopId
+    held_by: str
+    is_tied: bool
+    precision: Precision | None
+    """None at a stop without pairs in this network."""
+    ellipse_m: tuple[float, float]
+    """Semi-axes of the 1-sigma error ellipse on the map."""
+    ellipse_azimuth_deg: float
+    """Of the major axis, clockwise from north."""
+    sigma_down_m: float
+    moved_m: float
+    """Distance from where telemetry has the stop."""
+    driven_m: float
+    """Along the adjusted traverse up to here."""
+
+
+@dataclass(frozen=True, slots=True)
+class Weakness:
+    """A part of the network that deserves a look, with the reason."""
+
+    what: str
+    why: str
+
+
+@dataclass(frozen=True, slots=True)
+class Quality:
+    """The quality of an adjusted network."""
+
+    stops: tuple[StopQuality, ...]
+    precision: Precision | None
+    """Mean over all pairs of stops that were estimated; over all where every stop was held."""
+    ties: dict[TieKind, TiePrecision] = field(default_factory=dict)
+    redundancy: dict[TieKind, Redundancy] = field(default_factory=dict)
+    cameras: tuple[CameraResiduals, ...] = ()
+    blunders: tuple[Blunder, ...] = ()
+    links: dict[tuple[StopId, StopId], int] = field(default_factory=dict)
+    """Tie points that two stops share."""
+    weaknesses: tuple[Weakness, ...] = ()
+
+
+def quality_document(value: Any) -> Any:  # noqa: ANN401 - a record, or what one holds
+    """Records as plain JSON values: identifiers in words, null for what was not measured."""
+    if isinstance(value, StopId):
+        return str(value)
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {f.name: quality_document(getattr(value, f.name)) for f in dataclasses.fields(value)}
+    if isinstance(value, dict):
+        return {_name(key): quality_document(item) for key, item in value.items()}
+    if isinstance(value, tuple | list):
+        return [quality_document(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def _name(key: Any) -> str:  # noqa: ANN401 - a kind of tie, or two stops
+    return " - ".join(str(part) for part in key) if isinstance(key, tuple) else str(key)

@@ -1,0 +1,101 @@
+"""Report: how good an adjustment is, as figures for programs and as a page for people."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from prefect import task
+from prefect.cache_policies import NO_CACHE
+
+from photogrammetry.adjustment.quality import quality
+from photogrammetry.adjustment.quality_pictures import (
+    growth_picture,
+    residual_picture,
+    statistics_picture,
+    traverse_picture,
+)
+from photogrammetry.adjustment.quality_records import (
+    PairCamera,
+    Quality,
+    QualityParams,
+    quality_document,
+)
+from products.arrays import read_matches
+from products.model import ProductKind, ProductRef, Recipe
+from products.store import ProductStore
+from tasks.adjust import NetworkProduct, read_network
+from tasks.pairs import PairProducts
+from tasks.report_page import report_page
+
+FORMAT = "solmap quality 1"
+
+
+@task(cache_policy=NO_CACHE, task_run_name="report-{network.scope}")
+def report_quality(
+    network: ProductRef, pairs: tuple[PairProducts, ...], params: QualityParams, store: ProductStore
+) -> list[ProductRef]:
+    """State the quality of a network, in JSON and as a page; `pairs` are those it may touch."""
+    inputs = (network, *(pair.matches for pair in pairs))
+
+    def write_document(path: Path) -> None:
+        product = read_network(network, store)
+        found = _assessed(product, pairs, params, store)[0]
+        path.write_text(json.dumps(_document(product, found)))
+
+    def write_page(path: Path) -> None:
+        product = read_network(network, store)
+        found, cameras = _assessed(product, pairs, params, store)
+        title = f"{product.mission}, adjustment up to sol {product.sol}"
+        pictures = _pictures(product, found, cameras)
+        path.write_text(report_page(title, _document(product, found), pictures))
+
+    return [
+        store.make(Recipe(kind, network.scope, inputs, params), write)
+        for kind, write in (
+            (ProductKind.QUALITY, write_document),
+            (ProductKind.REPORT, write_page),
+        )
+    ]
+
+
+def _assessed(
+    product: NetworkProduct,
+    pairs: Iterable[PairProducts],
+    params: QualityParams,
+    store: ProductStore,
+) -> tuple[Quality, dict[str, PairCamera]]:
+    cameras = {pair.files.id: _camera(pair, store) for pair in pairs}
+    return quality(product.adjusted, product.telemetry, cameras, params), cameras
+
+
+def _camera(pair: PairProducts, store: ProductStore) -> PairCamera:
+    geometry, _ = read_matches(store.path(pair.matches))
+    return PairCamera(pair.files.instrument, geometry.samples, geometry.lines)
+
+
+def _document(product: NetworkProduct, found: Quality) -> dict[str, Any]:
+    return {
+        "format": FORMAT,
+        "mission": product.mission,
+        "sol": product.sol,
+        "adjustment": product.report,
+        "quality": quality_document(found),
+    }
+
+
+def _pictures(
+    product: NetworkProduct, found: Quality, cameras: dict[str, PairCamera]
+) -> dict[str, bytes]:
+    network = product.adjusted
+    return {
+        "traverse": traverse_picture(network, product.telemetry, found),
+        "growth": growth_picture(found),
+        "statistics": statistics_picture(network),
+        **{
+            camera.instrument: residual_picture(network, cameras, camera)
+            for camera in found.cameras
+        },
+    }
