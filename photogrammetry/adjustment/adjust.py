@@ -21,7 +21,7 @@ import numpy as np
 
 from photogrammetry.adjustment.collinearity import Observations, State, misclosures
 from photogrammetry.adjustment.consistency import consistency
-from photogrammetry.adjustment.initialise import carried, initialise, sightings, with_points
+from photogrammetry.adjustment.initialise import carried, initialise
 from photogrammetry.adjustment.intersection import with_rays_intersected
 from photogrammetry.adjustment.marginal import Marginal
 from photogrammetry.adjustment.params import AdjustmentParams
@@ -34,8 +34,9 @@ from photogrammetry.adjustment.records import (
     select,
 )
 from photogrammetry.adjustment.result import Outcome, assembled, merged_ties
+from photogrammetry.adjustment.sightings import sightings, with_points
 from photogrammetry.adjustment.snooping import reinstated, residuals, suspects
-from photogrammetry.adjustment.solver import Problem, linearise, local_inverse, solve
+from photogrammetry.adjustment.solver import Problem, linearise, solve
 from photogrammetry.errors import AdjustmentError
 from photogrammetry.imagery import StopId
 
@@ -199,7 +200,7 @@ def _run(  # noqa: PLR0913, PLR0917 - the problem, and where it starts
             threshold = params.huber if step.robust else None
             now = linearise(problem, state, threshold)
             inverse = now.factor.inverse()
-            found = residuals(problem, now.ties, inverse, local_inverse(problem, now.flat))
+            found = residuals(problem, now.ties, inverse)
             wrong = suspects(problem, found, params)
             if not len(wrong):
                 break

@@ -51,14 +51,8 @@ class Residuals:
         return max(1.0, float(1.4826 * np.median(w))) if len(w) else 1.0
 
 
-def residuals(
-    problem: Problem, ties: tuple[EliminatedTies, ...], inverse: np.ndarray, local: np.ndarray
-) -> Residuals:
-    """Standardised residuals, redundancy numbers and covariances of tie points.
-
-    `inverse` is that of the normal matrix, for the points; `local` that of `local_inverse`, for the
-    residuals.
-    """
+def residuals(problem: Problem, ties: tuple[EliminatedTies, ...], inverse: np.ndarray) -> Residuals:
+    """Standardised residuals, redundancy numbers and covariances of tie points."""
     observations = problem.observations
     n = len(observations)
     w, r = np.full((n, 3), np.nan), np.zeros((n, 3))
@@ -66,7 +60,7 @@ def residuals(
     for tie in ties:
         group = tie.group
         k = group.seen
-        Z = cofactors(tie.places, local, group)
+        Z = cofactors(tie.places, inverse, group)
         Q2 = tie.Q[:, :, 3:]
         inner = np.eye(3 * k - 3) - tie.A @ Z @ tie.A.swapaxes(1, 2)
         q = np.clip(((Q2 @ inner) * Q2).sum(axis=2), 0.0, 1.0)
@@ -75,7 +69,7 @@ def residuals(
             standard = np.where(q > UNCHECKED, v / np.sqrt(q), np.nan)
         w[group.rows], r[group.rows] = standard.reshape(-1, k, 3), q.reshape(-1, k, 3)
         numbers = observations.point[group.rows[:, 0]]
-        C[numbers] = _point_covariances(tie, cofactors(tie.places, inverse, group))
+        C[numbers] = _point_covariances(tie, Z)
     unmeasured = observations.weight == 0
     w[unmeasured], r[unmeasured] = np.nan, 0.0
     return Residuals(w, r, C)
