@@ -2,7 +2,7 @@
 
 The archives hold no dates, so the same arrays give the same bytes. Parallax is kept in whole steps
 of 1/128 pixel (coarser only beyond 511 pixels), far below what matching resolves; 0 means "not
-matched".
+matched". Its standard deviation is kept in one byte, in steps of three percent from 0.005 pixel.
 """
 
 from __future__ import annotations
@@ -18,11 +18,13 @@ from photogrammetry.arrays import ParallaxMap
 from photogrammetry.cameras.epipolar import EpipolarPair
 from photogrammetry.frames import Frame, FrameKind, Pose
 from photogrammetry.imagery import StereoMatches
+from photogrammetry.matching.dense import DenseMatches
 from photogrammetry.matching.ties import Ties
 from products.errors import ProductError
 
 _STEP_PX = 1.0 / 128.0
 _LARGEST = 65535
+_LEAST_SIGMA_PX, _SIGMA_STEP = 0.005, 0.03
 
 
 def write_archive(path: Path, header: dict[str, Any], **arrays: np.ndarray) -> None:
@@ -149,17 +151,36 @@ def _triple(path: Path, name: str) -> tuple[float, float, float] | None:
     return (values[0], values[1], values[2]) if values else None
 
 
-def write_parallax(path: Path, parallax: ParallaxMap) -> None:
-    """Write a dense parallax map."""
-    largest = float(np.nanmax(parallax, initial=0.0))
+def write_dense(path: Path, dense: DenseMatches) -> None:
+    """Write a dense parallax map and its standard deviations."""
+    largest = float(np.nanmax(dense.parallax_px, initial=0.0))
     step = max(_STEP_PX, largest / _LARGEST)
-    steps = np.rint(np.nan_to_num(parallax, nan=0.0) / step)
-    write_archive(path, {"step_px": step}, steps=np.clip(steps, 0, _LARGEST).astype(np.uint16))
+    steps = np.rint(np.nan_to_num(dense.parallax_px, nan=0.0) / step)
+    sigma = np.where(np.isfinite(dense.sigma_px), dense.sigma_px, np.float32(_LEAST_SIGMA_PX))
+    codes = np.rint(np.log(np.maximum(sigma, _LEAST_SIGMA_PX) / _LEAST_SIGMA_PX) / _SIGMA_STEP)
+    write_archive(
+        path,
+        {"step_px": step},
+        steps=np.clip(steps, 0, _LARGEST).astype(np.uint16),
+        sigma=np.clip(codes, 0, 255).astype(np.uint8),
+    )
+
+
+def read_dense(path: Path) -> DenseMatches:
+    """The twin of `write_dense`."""
+    header, arrays = read_archive(path)
+    parallax = _parallax(header, arrays)
+    codes = arrays["sigma"].astype(np.float32)
+    sigma = np.float32(_LEAST_SIGMA_PX) * np.exp(codes * np.float32(_SIGMA_STEP))
+    return DenseMatches(parallax, np.where(np.isfinite(parallax), sigma, np.float32(np.nan)))
 
 
 def read_parallax(path: Path) -> ParallaxMap:
-    """The twin of `write_parallax`."""
-    header, arrays = read_archive(path)
+    """The parallax that `write_dense` wrote."""
+    return _parallax(*read_archive(path))
+
+
+def _parallax(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> ParallaxMap:
     steps = arrays["steps"]
     return np.where(steps > 0, steps * np.float32(header["step_px"]), np.nan).astype(np.float32)
 

@@ -11,7 +11,7 @@ from prefect.cache_policies import NO_CACHE
 
 from photogrammetry.cameras.epipolar import EpipolarPair, epipolar_pair
 from photogrammetry.imagery import RoverImage
-from photogrammetry.matching.dense import DenseParams, match_densely
+from photogrammetry.matching.dense import DenseParams, match_densely_with_sigma
 from photogrammetry.matching.records import EpipolarImages
 from photogrammetry.matching.sparse import SparseParams, match_sparsely
 from photogrammetry.matching.vertical_parallax import (
@@ -20,7 +20,7 @@ from photogrammetry.matching.vertical_parallax import (
     vertical_parallax,
 )
 from photogrammetry.pds3.reading import ReadImage
-from products.arrays import write_matches, write_parallax
+from products.arrays import write_dense, write_matches
 from products.model import ProductKind, Recipe
 from products.store import ProductStore
 from tasks.pairs import (
@@ -59,13 +59,15 @@ def match_stereo_pair(pair: PairFiles, params: MatchParams, store: ProductStore)
         matches = match_sparsely(pair.id, images, params.sparse)
         write_matches(path, images.geometry, matches, left.mast_in_rover, turn)
 
-    def write_dense(path: Path) -> None:
-        write_parallax(path, match_densely(fitted()[1], params.dense))
+    def write_parallax(path: Path) -> None:
+        write_dense(path, match_densely_with_sigma(fitted()[1], params.dense))
 
     inputs, scope = pair.inputs, pair_scope(pair.id)
     matches = Recipe(ProductKind.MATCHES, scope, inputs, params.sparse)
     parallax = Recipe(ProductKind.PARALLAX, scope, inputs, params.dense)
-    return PairProducts(pair, store.make(matches, write_sparse), store.make(parallax, write_dense))
+    return PairProducts(
+        pair, store.make(matches, write_sparse), store.make(parallax, write_parallax)
+    )
 
 
 def with_rows_in_line(left: ReadImage, right: ReadImage) -> tuple[EpipolarImages, Turn | None]:

@@ -12,7 +12,7 @@ from photogrammetry.frames import LSL, Frame, Pose
 from photogrammetry.imagery import Eye
 from photogrammetry.matching.resampling import resample
 from photogrammetry.terrain.records import TerrainView
-from products.arrays import read_matches, read_parallax
+from products.arrays import read_dense, read_matches
 from products.model import ProductRef
 from products.store import ProductStore
 from tasks.images import read_product_image
@@ -75,13 +75,15 @@ def _read_view(pair: OrientedPair, store: ProductStore) -> TerrainView:
     files = pair.products.files
     geometry, _ = read_matches(store.path(pair.products.matches))
     left = read_product_image(files.left, store)
+    dense = read_dense(store.path(pair.products.parallax))
     image, mask = resample(left.pixels, left.mask, left.image.camera, geometry, Eye.LEFT)
     return TerrainView(
         pair_id=files.id,
         instrument=files.instrument,
         lsl_from_pair=pair.orientation.lsl_from(geometry.rover_from_pair.source),
         geometry=geometry,
-        parallax=read_parallax(store.path(pair.products.parallax)),
+        parallax=dense.parallax_px,
         image=image,
         mask=mask,
+        sigma_px=dense.sigma_px,
     )

@@ -120,6 +120,7 @@ class _Entries:
     height: np.ndarray
     points: np.ndarray
     scatter: np.ndarray
+    sigma_px: np.ndarray
     sag: np.ndarray
 
     @classmethod
@@ -132,7 +133,7 @@ class _Entries:
             inside = (row >= 0) & (row < grid.rows) & (col >= 0) & (col < grid.cols)
             cell = row[inside] * grid.cols + col[inside]
             view = np.full(len(cell), number, dtype=np.int32)
-            fields = (one.height, one.points, one.scatter, one.sag)
+            fields = (one.height, one.points, one.scatter, one.sigma_px, one.sag)
             parts.append((cell, view, *(field[inside] for field in fields)))
         return cls(grid.shape, *(np.concatenate(column) for column in zip(*parts, strict=True)))
 
@@ -160,7 +161,7 @@ def _variances(
     P = np.column_stack([east, north, entries.height]) - camera
     Z = np.maximum(np.einsum("ij,ij->i", P, forward), grid.cell_m)
     leaving = P[:, 2] - g_east * P[:, 0] - g_north * P[:, 1]
-    along = (params.sigma_parallax_px * Z / (focal * base) * leaving) ** 2
+    along = (entries.sigma_px * Z / (focal * base) * leaving) ** 2
     across = (params.sigma_image_px * Z / focal) ** 2 * (1 + g_east**2 + g_north**2)
     matches = np.maximum(1.0, entries.points / params.correlation_px**2)
     points = np.maximum(1.0, entries.points)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.arrays import Float32, Float64
+from photogrammetry.arrays import Float32, Float64, ParallaxMap
 from photogrammetry.terrain.ground import (
     SightParams,
     camera_on_map,
@@ -46,6 +46,8 @@ class ViewHeights:
     """Matched points in the cell; none where only the mesh crosses it."""
     scatter: Float32[np.ndarray, " n"]
     """Standard deviation of the heights of these points, metres."""
+    sigma_px: Float32[np.ndarray, " n"]
+    """Standard deviation of the parallax of one match in the cell, pixels."""
     sag: Float32[np.ndarray, " n"]
     """Length over which the ground may stray from the mesh, metres; 0 with points."""
 
@@ -69,7 +71,9 @@ def view_heights(view: TerrainView, params: SightParams, cell_m: float) -> ViewH
     trusted = np.isfinite(planes[0])
     points = planes[:, trusted]
     noise = params.sigma_parallax_px / parallax[trusted] * np.abs(points[2])
-    count, mean, scatter = _upper_levels(window.cells(points), points[2], noise, window)
+    cell_of_point = window.cells(points)
+    count, mean, scatter = _upper_levels(cell_of_point, points[2], noise, window)
+    sigma_px = _sigma_of_cells(cell_of_point, _sigma_px(view, params)[trusted], window)
     filled = np.zeros(window.size)
     filled_mean, sag = np.zeros(window.size), np.zeros(window.size)
     for samples in mesh_samples(planes, quads, cell_m / SAMPLES_A_CELL):
@@ -89,6 +93,7 @@ def view_heights(view: TerrainView, params: SightParams, cell_m: float) -> ViewH
         height=camera[2] + np.where(measured, mean[seen], filled_mean[seen] / many),
         points=count[seen].astype(np.float32),
         scatter=scatter[seen].astype(np.float32),
+        sigma_px=sigma_px[seen].astype(np.float32),
         sag=(sag[seen] / many).astype(np.float32),
     )
 
@@ -125,6 +130,21 @@ class _Window:
         col = (points[0] / np.float32(self.cell_m) + np.float32(self.camera_east)).astype(np.int32)
         row = (np.float32(self.camera_south) - points[1] / np.float32(self.cell_m)).astype(np.int32)
         return row * np.int32(self.cols) + col
+
+
+def _sigma_px(view: TerrainView, params: SightParams) -> ParallaxMap:
+    """Standard deviation of every parallax: as matched, or the parameter's for all."""
+    if view.sigma_px is not None:
+        return view.sigma_px
+    return np.full(view.parallax.shape, params.sigma_parallax_px, dtype=np.float32)
+
+
+def _sigma_of_cells(cells: np.ndarray, sigma_px: np.ndarray, window: _Window) -> np.ndarray:
+    """Root mean square of the points of every cell; of the whole view where there are none."""
+    count = np.bincount(cells, minlength=window.size)
+    squares = np.bincount(cells, sigma_px**2, minlength=window.size)
+    everywhere = float(np.mean(sigma_px**2)) if len(sigma_px) else 0.0
+    return np.sqrt(np.where(count > 0, squares / np.maximum(1, count), everywhere))
 
 
 def _upper_levels(

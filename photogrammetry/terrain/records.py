@@ -23,6 +23,8 @@ class TerrainView:
     parallax: ParallaxMap
     image: GreyImage
     mask: Mask
+    sigma_px: ParallaxMap | None = None
+    """Standard deviation of every parallax, as matching states it; None where it is not known."""
 
 
 class GroundClass(IntEnum):

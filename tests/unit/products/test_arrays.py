@@ -4,11 +4,13 @@ import pytest
 from photogrammetry.cameras.epipolar import EpipolarPair
 from photogrammetry.frames import Frame, FrameKind, Pose, rotation_of_roll_pitch_yaw, rover_frame
 from photogrammetry.imagery import StereoMatches
+from photogrammetry.matching.dense import DenseMatches
 from products.arrays import (
+    read_dense,
     read_matches,
     read_parallax,
+    write_dense,
     write_matches,
-    write_parallax,
 )
 from products.errors import ProductError
 
@@ -35,23 +37,32 @@ def test_matches_and_their_geometry_come_back_exactly(tmp_path, rng):
     assert (geometry.focal_px, geometry.centre_px) == (1220.0, (511.5, 500.25))
 
 
-def test_parallax_comes_back_within_half_a_step(tmp_path, rng):
+def dense_of(parallax: np.ndarray, rng: np.random.Generator) -> DenseMatches:
+    sigma = rng.uniform(0.01, 1.0, parallax.shape).astype(np.float32)
+    return DenseMatches(parallax, np.where(np.isfinite(parallax), sigma, np.float32(np.nan)))
+
+
+def test_dense_matches_come_back_within_half_a_step(tmp_path, rng):
     parallax = rng.uniform(0.01, 300.0, (40, 50)).astype(np.float32)
     parallax[3:9] = np.nan
-    write_parallax(tmp_path / "p.npz", parallax)
-    np.testing.assert_allclose(read_parallax(tmp_path / "p.npz"), parallax, atol=0.5 / 128 + 1e-4)
+    dense = dense_of(parallax, rng)
+    write_dense(tmp_path / "p.npz", dense)
+    again = read_dense(tmp_path / "p.npz")
+    np.testing.assert_allclose(again.parallax_px, parallax, atol=0.5 / 128 + 1e-4)
+    np.testing.assert_allclose(again.sigma_px, dense.sigma_px, rtol=0.016)
+    np.testing.assert_array_equal(read_parallax(tmp_path / "p.npz"), again.parallax_px)
 
 
-def test_parallax_beyond_the_fine_range_is_kept_coarser_and_not_cut_off(tmp_path):
+def test_parallax_beyond_the_fine_range_is_kept_coarser_and_not_cut_off(tmp_path, rng):
     parallax = np.array([[900.0, 10.0]], dtype=np.float32)
-    write_parallax(tmp_path / "p.npz", parallax)
+    write_dense(tmp_path / "p.npz", dense_of(parallax, rng))
     np.testing.assert_allclose(read_parallax(tmp_path / "p.npz"), parallax, atol=0.01)
 
 
 def test_the_same_arrays_give_the_same_bytes(tmp_path, rng):
-    parallax = rng.uniform(0.01, 300.0, (40, 50)).astype(np.float32)
+    dense = dense_of(rng.uniform(0.01, 300.0, (40, 50)).astype(np.float32), rng)
     for name in ("a.npz", "b.npz"):
-        write_parallax(tmp_path / name, parallax)
+        write_dense(tmp_path / name, dense)
     assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
 
 

@@ -1,5 +1,7 @@
 """The terrain model of views of known surfaces."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -194,3 +196,15 @@ def test_masked_pixels_are_not_used(scenes):
     view.mask[:, :128] = False
     dtm = build_dtm([view], PARAMS)
     assert on_map(dtm)[0][dtm.ground != UNSEEN].min() > -0.05
+
+
+def test_a_precise_parallax_makes_a_precise_elevation(scenes):
+    view = scenes.view_of(scenes.level)
+    sigmas = []
+    for sigma_px in (0.05, 0.25):
+        stated = replace(view, sigma_px=np.full(view.parallax.shape, sigma_px, np.float32))
+        sigmas.append(build_dtm([stated], DtmParams(cell_m=0.08)).sigma_m)
+    whole = build_dtm([view], DtmParams(cell_m=0.08)).sigma_m
+    np.testing.assert_array_equal(sigmas[1], whole)  # assumed where none is stated
+    ratio = np.nanmedian(sigmas[0]) / np.nanmedian(sigmas[1])
+    assert 0.1 < ratio < 0.9  # the image coordinate and what is not resolved remain
