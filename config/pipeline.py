@@ -16,6 +16,7 @@ from config.records import record_of
 from photogrammetry.adjustment.modes import AdjustmentMode
 from photogrammetry.adjustment.movement import ReissueParams
 from photogrammetry.adjustment.params import AdjustmentParams
+from photogrammetry.adjustment.quality_records import QualityParams
 from photogrammetry.matching.cross_site import CrossSiteParams
 from photogrammetry.matching.dense import DenseParams
 from photogrammetry.matching.inter_stereo import InterStereoParams
@@ -46,6 +47,7 @@ class PipelineConfig:
     links: LinkParams = field(default_factory=LinkParams)
     tracks: TrackParams = field(default_factory=TrackParams)
     adjustment: AdjustmentParams = field(default_factory=AdjustmentParams)
+    quality: QualityParams = field(default_factory=QualityParams)
     reissue: ReissueParams = field(default_factory=ReissueParams)
     dtm: DtmParams = field(default_factory=DtmParams)
     orthophoto: OrthophotoParams = field(default_factory=OrthophotoParams)

@@ -159,6 +159,24 @@ def status(store: StoreOption = None, *, as_json: JsonOption = False) -> None:
 
 
 @app.command()
+def report(
+    store: StoreOption = None,
+    mission: Annotated[str | None, typer.Option(help="MER2 (Spirit), MER1 ...; or all")] = None,
+    *,
+    as_json: JsonOption = False,
+    show: Annotated[bool, typer.Option("--open", help="Open the last one in the browser.")] = False,
+) -> None:
+    """How good every adjustment is: the page and the figures of its quality report."""
+    from flows.report import report_rows  # noqa: PLC0415
+    from products.workspace import Workspace  # noqa: PLC0415
+
+    rows = report_rows(Workspace.open(_store(store)), mission)
+    _show(rows, ["adjustment", "made_at", "page"], as_json)
+    if show and rows:
+        typer.launch(rows[-1]["page"])
+
+
+@app.command()
 def simulate(
     out_dir: Annotated[Path, typer.Argument(help="Folder to write the downlink to")],
     stops: Annotated[int, typer.Option(help="Number of stops", min=1, max=100)] = 2,
@@ -232,7 +250,9 @@ def fetch(
 
 @app.command()
 def inspect(
-    files: Annotated[list[Path], typer.Argument(help="Images (.img, .png, .jpg) or labels (.lbl, .xml)")],
+    files: Annotated[
+        list[Path], typer.Argument(help="Images (.img, .png, .jpg) or labels (.lbl, .xml)")
+    ],
     png: Annotated[Path | None, typer.Option(help="Write a stretched picture of the image")] = None,
     *,
     as_json: JsonOption = False,

@@ -9,6 +9,7 @@ from pathlib import Path
 from prefect import flow
 from prefect.task_runners import ThreadPoolTaskRunner
 
+from flows.outcomes import settled
 from flows.sol_inputs import SolInputs, SolReport, Standing, gather
 from flows.sol_maps import map_stops
 from flows.sol_network import adjust_stops, match_pairs
@@ -20,6 +21,7 @@ from tasks.adjust import read_network
 from tasks.orientations import MappedStop, choose_orientations, read_orientations
 from tasks.pairs import PairProducts
 from tasks.publish import publish
+from tasks.report import report_quality
 from tasks.scopes import network_scope
 from tasks.telemetry import why_unplaced
 
@@ -60,19 +62,25 @@ def map_what_moved(inputs: SolInputs, previous: Standing | None, report: SolRepo
         inputs.workspace.store,
     )
     report.standing = Standing(network, orientations)
+    pairs = tuple(pair for of_stop in matched.values() for pair in of_stop)
+    quality = report_quality.submit(network, pairs, inputs.config.quality, inputs.workspace.store)
     layers = map_stops(inputs, orientations, matched, report)
-    publish_sol(inputs, report.standing, layers, matched, report)
+    stated, failed = settled(f"sol {inputs.sol}: report the quality", {network.scope: quality})
+    report.blame("report", failed)
+    made = [network, orientations, *(ref for refs in stated.values() for ref in refs)]
+    publish_sol(inputs, made, layers, matched, report)
 
 
 def publish_sol(
     inputs: SolInputs,
-    standing: Standing,
+    made: list[ProductRef],
     layers: dict[StopId, list[ProductRef]],
     matched: dict[StopId, list[PairProducts]],
     report: SolReport,
 ) -> None:
     """Move the catalogue to what was made, in one transaction."""
-    report.notes += _findings(inputs, standing)
+    if report.standing is not None:
+        report.notes += _findings(inputs, report.standing)
     sols = {stop.stop: stop.sols for stop in inputs.telemetry.stops}
     outcome = Outcome(
         network_scope(report.mission, inputs.sol, inputs.mode).name,
@@ -83,7 +91,7 @@ def publish_sol(
     published = publish.fn(
         inputs.mission,
         [(ref, sols[stop]) for stop, refs in layers.items() for ref in refs],
-        (standing.network, standing.orientations, *_stages(matched.values())),
+        (*made, *_stages(matched.values())),
         [outcome],
         inputs.workspace,
     )
