@@ -72,15 +72,16 @@ class LeastSquaresMatcher:
         self.left = left
         self.right_coefficients = row_coefficients(right)
         self.left_slope = row_slope(row_coefficients(left))
-        self._set(params)
+        self.use(params)
 
     def with_params(self, params: LeastSquaresParams) -> LeastSquaresMatcher:
         """A matcher of the same images with another window."""
         other = copy(self)
-        other._set(params)
+        other.use(params)
         return other
 
-    def _set(self, params: LeastSquaresParams) -> None:
+    def use(self, params: LeastSquaresParams) -> None:
+        """Take the window of other parameters."""
         self.params = params
         half = params.window_px // 2
         dy, dx = np.mgrid[-half : half + 1, -half : half + 1]
