@@ -18,8 +18,8 @@ from photogrammetry.adjustment.collinearity import (
     misclosures,
     triangulated,
 )
-from photogrammetry.adjustment.initialise import Sightings, with_points
 from photogrammetry.adjustment.records import Consistency
+from photogrammetry.adjustment.sightings import Sightings, with_points
 from photogrammetry.imagery import TieKind
 
 

@@ -9,10 +9,7 @@ it, with its information N from the tie points,
 
 Stops that follow each other are laid onto each other already (`initialise`); their edge is what
 they have, so that only the loops pull. A loop that contradicts the others is weighed down by the
-truncated least-squares loss of `initialise`, r'N r in place of the squared misfit of a tie.
-
-A rigid motion between distant stops is found without telemetry: closed form (Kabsch 1976) with the
-covariances as mere scales, then Gauss-Newton with the covariances in full, wrong ties weighed down.
+truncated least-squares loss of `alignment`, r'N r in place of the squared misfit of a tie.
 """
 
 from __future__ import annotations
@@ -25,6 +22,13 @@ from scipy.sparse.linalg import splu
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
+from photogrammetry.adjustment.alignment import (
+    GROWTH,
+    ROUNDS,
+    SHARP,
+    first_sharpness,
+    truncated_weights,
+)
 from photogrammetry.adjustment.collinearity import State
 from photogrammetry.adjustment.priors import Telemetry, telemetry_misclosures, telemetry_partials
 from photogrammetry.adjustment.rotations import (
@@ -37,42 +41,11 @@ from photogrammetry.arrays import Bool, Float64
 
 GATE = float(np.sqrt(chi2.ppf(0.999, 6)))
 """A loop is wrong beyond this misfit: 99.9 % of the chi distribution, six degrees of freedom."""
-SHARP = 1e3
-GROWTH = 2.0
-ROUNDS = 60
 STEPS = 20
 """Gauss-Newton steps of the graph for each sharpness of the loss."""
 HALVINGS = 8
 TOLERANCE = 1e-6
 """Squared length of a step, as a part of the cost, at which an initial value is good enough."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class RigidPoints:
-    """The same points as two stops have them, with covariances."""
-
-    X: Float64[np.ndarray, "n 3"]
-    S_X: Float64[np.ndarray, "n 3 3"]
-    Y: Float64[np.ndarray, "n 3"]
-    S_Y: Float64[np.ndarray, "n 3 3"]
-
-    def misfit(
-        self, R: Float64[np.ndarray, "3 3"], t: Float64[np.ndarray, " 3"]
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """X - (R Y + t), and the inverse of its covariance."""
-        return self.X - self.Y @ R.T - t, np.linalg.inv(self.S_X + R @ self.S_Y @ R.T)
-
-    def normals(
-        self, R: np.ndarray, t: np.ndarray, weights: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Normal matrix and right-hand side of (turn, shift) from the left."""
-        e, P = self.misfit(R, t)
-        turned = self.Y @ R.T
-        A = np.concatenate(
-            [-cross_matrix(turned), np.broadcast_to(np.eye(3), (len(e), 3, 3))], axis=2
-        )
-        PA = P @ A * weights[:, None, None]
-        return np.einsum("nij,nik->jk", A, PA), np.einsum("nij,ni->j", PA, e)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -109,56 +82,6 @@ class Edges:
         A[:, 3:, 0:3] = to_a @ cross_matrix(state.centres[self.b] - state.centres[self.a])
         A[:, 3:, 3:6], A[:, 3:, 9:12] = -to_a, to_a
         return A
-
-
-def truncated_weights(r: np.ndarray, gate: float, mu: float) -> np.ndarray:
-    """Weights of the truncated least-squares loss as far as it is sharpened by now."""
-    with np.errstate(divide="ignore"):
-        between = gate * np.sqrt(mu * (mu + 1)) / r - mu
-    return np.clip(between, 0.0, 1.0)
-
-
-def first_sharpness(r: np.ndarray, gate: float) -> float:
-    """Where the sharpening begins: nearly convex for the greatest misfit."""
-    return gate**2 / max(2 * float(r.max()) ** 2 - gate**2, 1e-9)
-
-
-def closed_form(points: RigidPoints, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The rigid motion of least squares with one weight a point."""
-    w = weights / weights.sum()
-    middle_x, middle_y = w @ points.X, w @ points.Y
-    U, _, Vt = np.linalg.svd((points.X - middle_x).T @ ((points.Y - middle_y) * w[:, None]))
-    R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
-    return R, middle_x - R @ middle_y
-
-
-def rigid_motion(
-    points: RigidPoints, gate: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Rotation, translation, information, and the weight (0..1) of each point."""
-    size = np.trace(points.S_X, axis1=1, axis2=2) + np.trace(points.S_Y, axis1=1, axis2=2)
-    weights, mu = np.ones(len(size)), 0.0
-    R, t = closed_form(points, 1.0 / size)
-    for _ in range(ROUNDS):
-        R, t = _turned(points, R, t, weights)
-        e, P = points.misfit(R, t)
-        r = np.sqrt((e * (P @ e[:, :, None])[:, :, 0]).sum(axis=1))
-        mu = mu * GROWTH if mu else first_sharpness(r, gate)
-        old, weights = weights, truncated_weights(r, gate, mu)
-        if mu >= SHARP or (r.max() <= gate and np.abs(weights - old).max() < 1.0 / SHARP):
-            break
-    R, t = _turned(points, R, t, weights)
-    return R, t, points.normals(R, t, weights)[0], weights
-
-
-def _turned(
-    points: RigidPoints, R: np.ndarray, t: np.ndarray, weights: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """One Gauss-Newton step."""
-    N, n = points.normals(R, t, weights)
-    x = np.linalg.solve(N + 1e-12 * np.trace(N) * np.eye(6) + np.eye(6) * 1e-12, n)
-    turn = rotation_of_vector(x[:3])
-    return turn @ R, t + x[3:]
 
 
 def relaxed(

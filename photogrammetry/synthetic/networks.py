@@ -40,6 +40,7 @@ class TelemetryErrors:
     tilt_deg: float = 0.3
     azimuth_step_deg: float = 2.0
     pointing_deg: float = 0.1
+    azimuth_fine_deg: float = 1.0
     mean_slip: float = 0.0
     """Fraction of each drive by which the wheels turned too far."""
 
@@ -52,6 +53,7 @@ class TelemetryErrors:
             params.tilt_deg,
             params.azimuth_step_deg,
             params.pointing_deg,
+            params.azimuth_fine_deg,
         )
 
 
@@ -81,6 +83,8 @@ def simulate_network(  # noqa: PLR0913 - one keyword for each thing that a test 
     blunders: float = 0.0,
     noise: float = 1.0,
     loop: bool = False,
+    laps: int = 1,
+    fine_every: int = 0,
 ) -> tuple[Network, NetworkTruth]:
     """A traverse and what telemetry and matching would say of it.
 
@@ -98,14 +102,18 @@ def simulate_network(  # noqa: PLR0913 - one keyword for each thing that a test 
         blunders: fraction of cross-site observations that are of something else.
         noise: multiplies all errors; 0 gives a network without contradiction.
         loop: bend the traverse into a circle, so that the last stops meet the first ones again.
+        laps: times that a loop is driven; each stop is tied to the one a lap before.
+        fine_every: the azimuth is measured at every so many stops (FINE); 0: never.
     """
     errors = errors or TelemetryErrors()
-    truth = _traverse(rng, stops, spacing_m, loop=loop)
-    telemetry = _telemetry(rng, truth, errors, noise)
+    truth = _traverse(rng, stops, spacing_m, laps if loop else 0)
+    telemetry = _telemetry(rng, truth, errors, noise, fine_every)
     pairs = tuple(p for k in range(stops) for p in _panorama(truth[k].source, k, pairs_per_stop))
     pointings = rng.normal(0, np.radians(errors.pointing_deg) * noise, (len(pairs), 3))
     views = [_true_view(truth, pairs, pointings, k, pairs_per_stop) for k in range(len(pairs))]
-    wanted = _wanted(rng, truth, (cross_ties, far_cross_ties, inter_ties, intra_ties), loop=loop)
+    wanted = _wanted(
+        rng, truth, (cross_ties, far_cross_ties, inter_ties, intra_ties), laps if loop else 0
+    )
     points, seen = _observed(views, wanted, pairs_per_stop)
     left, parallax = _measured(pairs, views, points, seen)
     size = rng.normal(0, sigma_px * noise, (len(seen), 3))
@@ -122,13 +130,18 @@ def simulate_network(  # noqa: PLR0913 - one keyword for each thing that a test 
         np.full(len(seen), sigma_px),
     )
     priors = tuple(
-        StopPrior(_stop_id(k), pose, "COARSE", (k + 1,)) for k, pose in enumerate(telemetry)
+        StopPrior(_stop_id(k), pose, "FINE" if _is_fine(k, fine_every) else "COARSE", (k + 1,))
+        for k, pose in enumerate(telemetry)
     )
     return Network(priors, pairs, ties), NetworkTruth(truth, pointings, points, wrong)
 
 
 def _stop_id(k: int) -> StopId:
     return StopId("TEST", 1 + k // 50, 10 * (k % 50))
+
+
+def _is_fine(k: int, fine_every: int) -> bool:
+    return bool(fine_every) and k > 0 and k % fine_every == 0
 
 
 def _height(xy: Float64[np.ndarray, "n 2"]) -> PerPoint:
@@ -138,14 +151,16 @@ def _height(xy: Float64[np.ndarray, "n 2"]) -> PerPoint:
 
 
 def _traverse(
-    rng: np.random.Generator, stops: int, spacing_m: float, *, loop: bool
+    rng: np.random.Generator, stops: int, spacing_m: float, laps: int
 ) -> tuple[Pose, ...]:
-    """True poses; the first at the origin, level up to the ground's tilt."""
-    turn = np.full(stops, 2 * np.pi / stops) if loop else rng.normal(0, 0.2, stops)
+    """True poses; the first at the origin, level up to the ground's tilt. No laps: open."""
+    turn = np.full(stops, 2 * np.pi * laps / stops) if laps else rng.normal(0, 0.2, stops)
     heading = rng.uniform(-np.pi, np.pi) + np.cumsum(turn)
     steps = spacing_m * rng.uniform(0.8, 1.2, stops)[:, None]
-    along = np.column_stack([np.cos(heading), np.sin(heading)]) * (spacing_m if loop else steps)
+    along = np.column_stack([np.cos(heading), np.sin(heading)]) * (spacing_m if laps else steps)
     xy = np.vstack([[0.0, 0.0], np.cumsum(along, axis=0)])[:stops]
+    if laps > 1:
+        xy += rng.normal(0, 1.0, xy.shape)  # no rover stops twice at one place
     down = _height(xy) - _height(xy[:1])
     tilts = rng.normal(0, np.radians(4.0), (stops, 2))
     return tuple(
@@ -160,17 +175,23 @@ def _traverse(
 
 
 def _telemetry(
-    rng: np.random.Generator, truth: tuple[Pose, ...], errors: TelemetryErrors, noise: float
+    rng: np.random.Generator,
+    truth: tuple[Pose, ...],
+    errors: TelemetryErrors,
+    noise: float,
+    fine_every: int,
 ) -> list[Pose]:
     """What the rover reports: each drive from where it believes it was, the first stop exact."""
     poses, azimuth = [truth[0]], 0.0
-    for before, here in pairwise(truth):
+    for k, (before, here) in enumerate(pairwise(truth), start=1):
         step = before.rotation.T @ (here.translation_m - before.translation_m)
         length = float(np.linalg.norm(step))
         # the standard deviation that an adjustment derives from the *reported* length
         sigma = noise * (errors.slip * length + errors.position_floor_m)
         reported = step * (1 + errors.mean_slip * noise) + rng.normal(0, sigma, 3)
         azimuth += rng.normal(0, np.radians(errors.azimuth_step_deg) * noise)
+        if _is_fine(k, fine_every):
+            azimuth = rng.normal(0, np.radians(errors.azimuth_fine_deg) * noise)
         tilt = np.append(rng.normal(0, np.radians(errors.tilt_deg) * noise, 2), 0.0)
         turn = rotation_of_vector(np.array([0.0, 0.0, azimuth])) @ rotation_of_vector(tilt)
         place = poses[-1].translation_m + poses[-1].rotation @ reported
@@ -230,16 +251,16 @@ def _wanted(
     rng: np.random.Generator,
     truth: tuple[Pose, ...],
     counts: tuple[int, int, int, int],
-    *,
-    loop: bool,
+    laps: int,
 ) -> list[_Wanted]:
     cross, far, inter, intra = counts
     centres = np.array([pose.translation_m for pose in truth])
     wanted = []
     n = len(truth)
     for k in range(n):
-        for lag, count in ((1, cross), (2, far)):
-            other = (k + lag) % n if loop else k + lag
+        revisit = ((n // laps, cross),) if laps > 1 and k + n // laps < n else ()
+        for lag, count in ((1, cross), (2, far), *revisit):
+            other = (k + lag) % n if laps else k + lag
             if count and other < n and other != k:
                 middle = (centres[k] + centres[other]) / 2
                 spread = 0.35 * float(np.linalg.norm(centres[k] - centres[other])) + 2.0

@@ -1,0 +1,130 @@
+"""Where a traverse meets ground that it saw long ago: the loops of the graph of stops.
+
+The edges of `pose_graph` are found from tie points: stops that follow each other keep the motion
+that the alignment gave them, with the information of the ties that fit it; two stops further apart
+get the rigid motion of their ties, found without any initial value. So few ties that nothing checks
+them make no loop; they are set aside and come back when they fit the adjusted network.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from photogrammetry.adjustment.alignment import HALF, RigidPoints, rigid_motion
+from photogrammetry.adjustment.collinearity import Observations, State
+from photogrammetry.adjustment.params import AdjustmentParams
+from photogrammetry.adjustment.pose_graph import Edges, relaxed
+from photogrammetry.adjustment.priors import Telemetry
+from photogrammetry.adjustment.sightings import Sightings
+
+REACH = 3
+"""Stops back to which ties of neighbours reach (m-2, m-3); beyond, they close loops."""
+LOOP_TIES = 5
+"""Ties that make a loop: three place a stop, and two more agree with them by no chance."""
+
+Couple = tuple[int, int]
+
+
+def closed_loops(  # noqa: PLR0913, PLR0917 - the network, and what was seen in it
+    state: State,
+    observations: Observations,
+    telemetry: Telemetry,
+    held: np.ndarray,
+    seen: Sightings,
+    best: list[np.ndarray],
+    params: AdjustmentParams,
+) -> tuple[State, np.ndarray]:
+    """The state with its loops closed, and the observations that contradict it."""
+    couples = shared_sightings(observations, best)
+    if not any(b - a > REACH for a, b in couples):
+        return state, np.zeros(0, dtype=np.int64)
+    found: list[tuple[int, int, np.ndarray, np.ndarray, np.ndarray]] = []
+    loops: dict[int, tuple[Couple, np.ndarray]] = {}
+    astray = []
+    for (a, b), (theirs, ours) in couples.items():
+        points = RigidPoints(
+            seen.points[theirs], seen.covariances[theirs], seen.points[ours], seen.covariances[ours]
+        )
+        if b - a <= REACH:
+            found.append((a, b, *_as_aligned(state, a, b, points, params)))
+        elif len(ours) >= LOOP_TIES:
+            *motion, weights = rigid_motion(points, params.gross)
+            right = weights > HALF
+            astray.append(ours[~right])
+            if right.sum() >= LOOP_TIES:
+                loops[len(found)] = ((a, b), ours[right])
+                found.append((a, b, *motion))
+            else:
+                astray.append(ours[right])
+        else:
+            astray.append(ours)
+    if loops:
+        edges = _edges(found, np.array(list(loops)))
+        state, weights = relaxed(state, telemetry, held, edges)
+        astray += [rows for k, (_, rows) in loops.items() if weights[k] <= HALF]
+    return state, _only_of_loops(np.concatenate(astray), couples)
+
+
+def shared_sightings(
+    observations: Observations, best: list[np.ndarray]
+) -> dict[Couple, tuple[np.ndarray, np.ndarray]]:
+    """Rows of the points that two stops both saw, by stops (a < b), in ascending order."""
+    rows = np.concatenate([*best, np.zeros(0, dtype=np.int64)])
+    stops = np.repeat(np.arange(len(best)), [len(ours) for ours in best])
+    order = np.lexsort((stops, observations.point[rows]))
+    rows, stops = rows[order], stops[order]
+    points = observations.point[rows]
+    first, second = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
+    for lag in range(1, len(rows)):
+        same = np.flatnonzero(points[lag:] == points[:-lag])
+        if not len(same):
+            break
+        first.append(same)
+        second.append(same + lag)
+    a, b = np.concatenate(first), np.concatenate(second)
+    order = np.lexsort((stops[b], stops[a]))
+    a, b = a[order], b[order]
+    if not len(a):
+        return {}
+    couples, begin = np.unique(np.column_stack([stops[a], stops[b]]), axis=0, return_index=True)
+    ends = np.append(begin[1:], len(a))
+    return {
+        (couple[0], couple[1]): (rows[a[i:j]], rows[b[i:j]])
+        for couple, i, j in zip(couples.tolist(), begin.tolist(), ends.tolist(), strict=True)
+    }
+
+
+def _as_aligned(
+    state: State, a: int, b: int, points: RigidPoints, params: AdjustmentParams
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The motion that two stops have, and what the ties that fit it know of it."""
+    R = state.rotations[a].T @ state.rotations[b]
+    t = state.rotations[a].T @ (state.centres[b] - state.centres[a])
+    fits = points.standardised(R, t) <= params.gross
+    return R, t, points.normals(R, t, fits.astype(float))[0]
+
+
+def _edges(
+    found: list[tuple[int, int, np.ndarray, np.ndarray, np.ndarray]], loops: np.ndarray
+) -> Edges:
+    a, b, rotations, translations, informations = zip(*found, strict=True)
+    is_loop = np.zeros(len(found), dtype=bool)
+    is_loop[loops] = True
+    return Edges(
+        np.array(a),
+        np.array(b),
+        np.array(rotations),
+        np.array(translations),
+        np.array(informations),
+        is_loop,
+    )
+
+
+def _only_of_loops(
+    rows: np.ndarray,
+    couples: dict[Couple, tuple[np.ndarray, np.ndarray]],
+) -> np.ndarray:
+    """Those of some rows that tie their stop to no neighbour as well."""
+    near = [np.concatenate(both) for (a, b), both in couples.items() if b - a <= REACH]
+    tied = np.unique(np.concatenate([*near, np.zeros(0, dtype=np.int64)]))
+    return np.setdiff1d(rows, tied)
