@@ -1,0 +1,205 @@
+"""Ties that a person adds, vetoes or moves: the records, and the text they are read from.
+
+A hand tie names two images and a point in each, in pixels of the images as stored: (0, 0) is the
+centre of the first pixel, samples run right, lines down. Images are named by their product
+identifiers; of a stereo pair it is the left one that is named, and the place in the right one may
+be added. Two formats hold the same columns (`COLUMNS`): CSV with a line of names at its head, and
+GeoJSON, a FeatureCollection whose features have the columns as properties; geometries, which a map
+may add, are not read.
+
+    action    what is done
+    add       a new tie between the two points
+    veto      automatic ties near the points are dropped; without points, all between the two
+              images, or between two stops where stops are named; without second image, all that
+              start at the point, whichever image they go to
+    move      the automatic tie at the first point goes to the second point instead
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any
+
+from photogrammetry.errors import MatchingError
+
+POINTS = ("sample", "line", "right_sample", "right_line")
+COLUMNS = (
+    "action",
+    *(f"{side}_{what}" for side in ("first", "second") for what in ("image", *POINTS)),
+    "sigma_px",
+    "tolerance_px",
+    "note",
+)
+SIGMA_PX = 1.0
+"""Of a point placed by hand, where the file does not say."""
+TOLERANCE_PX = 3.0
+"""Within which an automatic tie is meant by a point, where the file does not say."""
+LARGEST_PX = 1e5
+"""No image is wider."""
+
+
+class HandAction(StrEnum):
+    """What a person wants done."""
+
+    ADD = "add"
+    VETO = "veto"
+    MOVE = "move"
+
+
+@dataclass(frozen=True, slots=True)
+class HandPoint:
+    """An image, and a point in it where one is given."""
+
+    image: str
+    """Product identifier, upper case; or a stop (`mer2-site0010-drive0064`); empty: any."""
+    point: tuple[float, float] | None = None
+    right: tuple[float, float] | None = None
+    """The same feature in the right image of the pair."""
+
+    @property
+    def is_stop(self) -> bool:
+        """Whether a stop is named rather than an image."""
+        return "-drive" in self.image
+
+
+@dataclass(frozen=True, slots=True)
+class HandTie:
+    """One row of a file of hand ties."""
+
+    action: HandAction
+    first: HandPoint
+    second: HandPoint
+    sigma_px: float = SIGMA_PX
+    tolerance_px: float = TOLERANCE_PX
+    row: str = ""
+    """File and row, for messages; no part of what is wanted."""
+
+    def __post_init__(self) -> None:
+        if not (self.sigma_px > 0 and self.tolerance_px > 0):
+            raise MatchingError("sigma_px and tolerance_px must be above zero")
+        if not self.first.image:
+            raise MatchingError("first_image is empty: name the image that the tie starts in")
+        for point in (self.first, self.second):
+            if point.is_stop and (point.point or self.action is not HandAction.VETO):
+                raise MatchingError(
+                    f"{point.image} is a stop; only a veto without points takes one"
+                )
+        if self.action is not HandAction.VETO:
+            self._check_points()
+        elif not self.second.image and self.first.point is None:
+            raise MatchingError("a veto takes a second image, or a point in the first")
+        elif self.second.point is not None and self.first.point is None:
+            raise MatchingError("a veto with a point in the second image takes one in the first")
+
+    def _check_points(self) -> None:
+        for side, point in (("first", self.first), ("second", self.second)):
+            if not point.image or point.point is None:
+                raise MatchingError(
+                    f"{self.action} takes {side}_image, {side}_sample and {side}_line"
+                )
+        if self.first.image == self.second.image:
+            raise MatchingError(f"both points lie in {self.first.image}; a tie joins two images")
+
+
+def parse_hand_ties(text: str, source: str) -> tuple[HandTie, ...]:
+    """Read a file of hand ties; GeoJSON where it starts with a brace, CSV otherwise.
+
+    Raises:
+        MatchingError: names the file, the row (the first below the names is 1), and what is wrong.
+    """
+    text = text.removeprefix("\ufeff")
+    rows = _geojson_rows(text, source) if text.lstrip().startswith("{") else _csv_rows(text, source)
+    ties = []
+    for number, row in rows:
+        where = f"{source}, row {number}"
+        try:
+            ties.append(_tie(row, where))
+        except MatchingError as error:
+            raise MatchingError(f"{where}: {error}") from error
+    return tuple(ties)
+
+
+def _csv_rows(text: str, source: str) -> Iterator[tuple[int, Mapping[str, Any]]]:
+    try:
+        lines = list(csv.reader(io.StringIO(text), strict=True))
+    except csv.Error as error:
+        raise MatchingError(f"{source}: this is no CSV: {error}") from error
+    names = [name.strip().lower() for name in lines[0]] if lines else []
+    if "action" not in names:
+        raise MatchingError(
+            f"{source}: the first line should name the columns ({', '.join(COLUMNS[:4])}, ...), "
+            f"but is {','.join(names)[:60]!a}"
+        )
+    for number, values in enumerate(lines[1:], 1):
+        if any(value.strip() for value in values):
+            if len(values) > len(names):
+                raise MatchingError(
+                    f"{source}, row {number}: {len(values)} values for {len(names)} columns"
+                )
+            yield number, dict(zip(names, (value.strip() for value in values), strict=False))
+
+
+def _geojson_rows(text: str, source: str) -> Iterator[tuple[int, Mapping[str, Any]]]:
+    try:
+        document = json.loads(text)
+        features = document["features"]
+        rows = [feature["properties"] for feature in features]
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
+        raise MatchingError(
+            f"{source}: should be a GeoJSON FeatureCollection whose features have properties: "
+            f"{type(error).__name__} {error}"
+        ) from error
+    for number, row in enumerate(rows, 1):
+        if not isinstance(row, dict):
+            raise MatchingError(f"{source}, row {number}: a feature without properties")
+        yield number, {str(name).lower(): value for name, value in row.items()}
+
+
+def _tie(row: Mapping[str, Any], where: str) -> HandTie:
+    strange = sorted(set(row) - set(COLUMNS))
+    if strange:
+        raise MatchingError(f"no column is called {strange[0]!a}; there are {', '.join(COLUMNS)}")
+    action = str(row.get("action") or "").lower()
+    if action not in set(HandAction):
+        raise MatchingError(f"action should be add, veto or move, not {action[:40]!a}")
+    return HandTie(
+        HandAction(action),
+        _point(row, "first"),
+        _point(row, "second"),
+        _number(row, "sigma_px", SIGMA_PX),
+        _number(row, "tolerance_px", TOLERANCE_PX),
+        where,
+    )
+
+
+def _point(row: Mapping[str, Any], side: str) -> HandPoint:
+    image = str(row.get(f"{side}_image") or "").strip().upper()
+    if "-DRIVE" in image:
+        image = image.lower()  # a stop
+    return HandPoint(image, _place(row, f"{side}_"), _place(row, f"{side}_right_"))
+
+
+def _place(row: Mapping[str, Any], prefix: str) -> tuple[float, float] | None:
+    sample, line = (_number(row, f"{prefix}{what}", math.nan) for what in ("sample", "line"))
+    if math.isnan(sample) != math.isnan(line):
+        raise MatchingError(f"{prefix}sample and {prefix}line go together; one of them is empty")
+    return None if math.isnan(sample) else (sample, line)
+
+
+def _number(row: Mapping[str, Any], name: str, otherwise: float) -> float:
+    value = row.get(name)
+    if value is None or value == "":
+        return otherwise
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        number = math.nan
+    if isinstance(value, bool) or not abs(number) < LARGEST_PX:
+        raise MatchingError(f"{name} should be a number, not {str(value)[:40]!a}")
+    return number

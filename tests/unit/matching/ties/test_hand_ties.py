@@ -1,0 +1,121 @@
+"""Files of hand ties: what is read, and which line says what is wrong."""
+
+import json
+
+import pytest
+
+from photogrammetry.errors import MatchingError
+from photogrammetry.matching.hand_ties import HandAction, HandPoint, HandTie, parse_hand_ties
+
+ONE, OTHER = "2N151760178EFF1000P1500L0M1", "2N151760814EFF1064P1501L0M1"
+CSV = f"""action,first_image,first_sample,first_line,second_image,second_sample,second_line,note
+add,{ONE},512.5,700,{OTHER},100,655.25,a bright rock
+veto,{ONE},20,30,{OTHER},,,
+move,{ONE},20,30,{OTHER.lower()},40,50,
+
+veto,mer2-site0010-drive0000,,,mer2-site0010-drive0064,,,
+"""
+
+
+def geojson(*rows):
+    features = [{"type": "Feature", "geometry": None, "properties": row} for row in rows]
+    return json.dumps({"type": "FeatureCollection", "features": features})
+
+
+def test_a_table_is_read_row_by_row():
+    ties = parse_hand_ties(CSV, "x.ties.csv")
+    assert [tie.action for tie in ties] == ["add", "veto", "move", "veto"]
+    assert ties[0] == HandTie(
+        HandAction.ADD,
+        HandPoint(ONE, (512.5, 700.0)),
+        HandPoint(OTHER, (100.0, 655.25)),
+        row="x.ties.csv, row 1",
+    )
+    assert ties[1].second == HandPoint(OTHER)
+    assert ties[2].second.image == OTHER  # identifiers are upper case
+    assert ties[3].first.is_stop
+    assert ties[3].row == "x.ties.csv, row 5"
+
+
+def test_geojson_says_the_same_as_the_table():
+    rows = [
+        {
+            "action": "add",
+            "first_image": ONE,
+            "first_sample": 512.5,
+            "first_line": 700,
+            "second_image": OTHER,
+            "second_sample": 100,
+            "second_line": 655.25,
+        },
+        {
+            "action": "veto",
+            "first_image": ONE,
+            "first_sample": 20,
+            "first_line": 30,
+            "second_image": OTHER,
+        },
+    ]
+    from_table = parse_hand_ties(CSV, "f")[:2]
+    assert parse_hand_ties(geojson(*rows), "f") == from_table
+
+
+def test_right_points_sigma_and_tolerance_are_read():
+    row = {
+        "action": "add",
+        "first_image": ONE,
+        "first_sample": 5,
+        "first_line": 6,
+        "first_right_sample": 1,
+        "first_right_line": 6.5,
+        "second_image": OTHER,
+        "second_sample": 7,
+        "second_line": 8,
+        "sigma_px": 2,
+        "tolerance_px": 9,
+    }
+    (tie,) = parse_hand_ties(geojson(row), "f")
+    assert tie.first.right == (1.0, 6.5)
+    assert (tie.sigma_px, tie.tolerance_px) == (2.0, 9.0)
+
+
+def test_an_emptied_file_takes_all_wishes_back():
+    assert parse_hand_ties(CSV.splitlines()[0], "f") == ()
+    assert parse_hand_ties(geojson(), "f") == ()
+
+
+HEAD = "action,first_image,first_sample,first_line,second_image,second_sample,second_line\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", r"f: the first line should name the columns \(action, .* but is ''"),
+        ("image,x,y\n", "f: the first line should name the columns"),
+        (HEAD + "join,A,1,2,B,3,4", "f, row 1: action should be add, veto or move, not 'join'"),
+        (HEAD + "add,A,1,2,B,3,", "row 1: second_sample and second_line go together"),
+        (HEAD + "add,A,1,2,B,,", "row 1: add takes second_image, second_sample and second_line"),
+        (HEAD + "add,A,one,2,B,3,4", "row 1: first_sample should be a number, not 'one'"),
+        (HEAD + "add,A,inf,2,B,3,4", "row 1: first_sample should be a number, not 'inf'"),
+        (HEAD + "add,A,1,2,a,3,4", "row 1: both points lie in A"),
+        (HEAD + "\nadd,,1,2,B,3,4", "row 2: first_image is empty"),
+        (HEAD + "veto,A,,,,,", "row 1: a veto takes a second image, or a point in the first"),
+        (HEAD + "veto,A,,,B,3,4", "row 1: a veto with a point in the second image takes one"),
+        (HEAD + "add,A,1,2,B,3,4,5", "row 1: 8 values for 7 columns"),
+        (HEAD + "add,mer2-site0010-drive0000,1,2,B,3,4", "mer2-site0010-drive0000 is a stop"),
+        ("action,colour\nveto,red", "row 1: no column is called 'colour'; there are action,"),
+        ('{"type": "FeatureCollection"}', "f: should be a GeoJSON FeatureCollection"),
+        ('{"features": [{"properties": null}]}', "f, row 1: a feature without properties"),
+        ("{broken", "f: should be a GeoJSON FeatureCollection"),
+    ],
+)
+def test_what_is_wrong_is_said_in_one_line(text, said):
+    with pytest.raises(MatchingError, match=said) as caught:
+        parse_hand_ties(text, "f")
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("wrong", [{"sigma_px": 0.0}, {"tolerance_px": -1.0}])
+def test_a_sigma_or_tolerance_of_nothing_is_refused(wrong):
+    with pytest.raises(MatchingError, match="must be above zero"):
+        HandTie(HandAction.VETO, HandPoint("A", (1.0, 2.0)), HandPoint(""), **wrong)
