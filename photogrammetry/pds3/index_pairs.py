@@ -1,7 +1,8 @@
 """Stereo pairs, found in the index of an archive volume without looking at an image.
 
-The frames of one exposure share spacecraft, instrument without the eye, clock at the start of the
-exposure, sequence and motion counter. An exposure is a stereo pair if both eyes have a REGULAR
+The frames of one exposure share spacecraft, instrument without the eye, sequence and motion
+counter, and their clocks at the start of the exposure are within a second, as in `partners`; left
+and right may differ by some ticks. An exposure is a stereo pair if both eyes have a REGULAR
 image (no thumbnail, histogram or row sum) through filters that see one band (Pancam L2 with R2, L7
 with R1). The product type stands in the file name only; of several versions the highest counts, and
 of the kinds of EDR the full frame before sub-frames and averaged ones: what `partners` prefers.
@@ -9,6 +10,7 @@ of the kinds of EDR the full frame before sub-frames and averaged ones: what `pa
 
 from __future__ import annotations
 
+import math
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -17,7 +19,9 @@ from photogrammetry.errors import LabelError
 from photogrammetry.imagery import Eye
 from photogrammetry.pds3.file_names import FileName, parse_file_name
 from photogrammetry.pds3.index_table import IndexRow
+from photogrammetry.pds3.label import number_of
 from photogrammetry.pds3.missions import MISSIONS, Mission, mission_of_host
+from photogrammetry.pds3.partners import taken_together
 
 EDR_PREFERENCE = ("EFF", "ESF", "EDN")
 """Experiment data records that are mapped: full frame, sub-frame, down-sampled."""
@@ -55,8 +59,10 @@ class IndexEntry:
     sol: int
     instrument: str
     eye: Eye
-    exposure: tuple[str, ...]
-    """Equal for the frames of one exposure."""
+    clock: float
+    """At the start of the exposure, seconds."""
+    place: tuple[str, ...]
+    """Spacecraft, instrument, sequence and motion counter: equal for the frames of an exposure."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +95,7 @@ def find_in_index(
     rows: Iterable[IndexRow], selection: IndexSelection, missions: Sequence[Mission] = MISSIONS
 ) -> IndexFindings:
     """The stereo pairs of a selection, in one pass; only what is selected is kept."""
-    exposures: dict[tuple[str, ...], list[IndexEntry]] = defaultdict(list)
+    places: dict[tuple[str, ...], list[IndexEntry]] = defaultdict(list)
     count, broken, first_fault = 0, 0, ""
     for row in rows:
         count += 1
@@ -100,15 +106,16 @@ def find_in_index(
             first_fault = first_fault or str(error)
             continue
         if entry is not None:
-            exposures[entry.exposure].append(entry)
+            places[entry.place].append(entry)
     pairs: list[IndexPair] = []
     unpaired: list[IndexEntry] = []
-    for entries in exposures.values():
-        pair = _best_pair(entries, missions)
-        if pair is None:
-            unpaired += entries
-        else:
-            pairs.append(pair)
+    for at_one_place in places.values():
+        for exposure in taken_together(at_one_place, lambda e: (e.clock, e.file_name)):
+            pair = _best_pair(exposure, missions)
+            if pair is None:
+                unpaired += exposure
+            else:
+                pairs.append(pair)
     pairs.sort(key=lambda pair: (pair.left.sol, pair.left.name.clock, pair.left.file_name))
     unpaired.sort(key=lambda entry: (entry.sol, entry.name.clock, entry.file_name))
     return IndexFindings(tuple(pairs), tuple(unpaired), count, broken, first_fault)
@@ -142,14 +149,26 @@ def index_entry(
         sol=sol,
         instrument=known[0],
         eye=known[1],
-        exposure=(
+        clock=_clock(row),
+        place=(
             host,
             known[0],
-            row.text("SPACECRAFT_CLOCK_START_COUNT"),
             row.text("SEQUENCE_ID").lower(),
             *row.items("ROVER_MOTION_COUNTER"),
         ),
     )
+
+
+def _clock(row: IndexRow) -> float:
+    """Seconds of the spacecraft clock; a partition before a slash is dropped."""
+    text = row.text("SPACECRAFT_CLOCK_START_COUNT")
+    clock = number_of(text.rpartition("/")[2])
+    if clock is None or not math.isfinite(clock):
+        raise LabelError(
+            f"{row.layout.source}: row {row.number}: SPACECRAFT_CLOCK_START_COUNT should be "
+            f"seconds, but is {text[:40]!a}"
+        )
+    return float(clock)
 
 
 def _best_pair(entries: Sequence[IndexEntry], missions: Sequence[Mission]) -> IndexPair | None:

@@ -16,8 +16,9 @@ with its reason.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 from photogrammetry.imagery import Eye, RoverImage, StereoPair
 from photogrammetry.pds3.missions import MISSIONS, Mission, mission_of_host
@@ -30,6 +31,9 @@ PRODUCT_ORDER = ("EFF", "EDR", "ILF", "ILT", "RAD", "MRD", "RSD")
 
 FULL_FRAME = {"ESF": "EFF", "EDN": "EFF", "ISF": "ILF", "INN": "ILF", "SFL": "FFL", "DNL": "FFL"}
 """Sub-framed and down-sampled products, and the full-frame product of the same kind."""
+
+
+Frame = TypeVar("Frame")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,13 +83,23 @@ def _exposures(images: Sequence[RoverImage]) -> list[list[RoverImage]]:
         by_place[image.stop, image.instrument, image.motion_counter].append(image)
     exposures: list[list[RoverImage]] = []
     for frames in by_place.values():
-        last: float | None = None
-        for image in sorted(frames, key=lambda image: (image.clock, image.id)):
-            if last is None or image.clock - last > MAX_CLOCK_DIFFERENCE:
-                exposures.append([])
-                last = image.clock
-            exposures[-1].append(image)
+        exposures += taken_together(frames, lambda image: (image.clock, image.id))
     return exposures
+
+
+def taken_together(
+    frames: Iterable[Frame], when: Callable[[Frame], tuple[float, str]]
+) -> list[list[Frame]]:
+    """Groups of frames within `MAX_CLOCK_DIFFERENCE` of the first; `when` is clock and name."""
+    groups: list[list[Frame]] = []
+    first = 0.0
+    for frame in sorted(frames, key=when):
+        clock, _ = when(frame)
+        if not groups or clock - first > MAX_CLOCK_DIFFERENCE:
+            groups.append([])
+            first = clock
+        groups[-1].append(frame)
+    return groups
 
 
 def _best_pair(exposure: Sequence[RoverImage], missions: Sequence[Mission]) -> StereoPair | None:

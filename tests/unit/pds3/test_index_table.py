@@ -102,6 +102,8 @@ def image_row(  # noqa: PLR0913 - one keyword for each thing that a test varies
     instrument: str = "NAVCAM",
     image_type: str = "REGULAR",
     filter_number: int = 0,
+    ticks: str = ".496",
+    pose: int | None = None,
 ) -> bytes:
     letter = instrument[0].lower()
     name = f"2{letter}{clock:09d}{kind}9800p1501{eye}{filter_number}m{version}"
@@ -113,11 +115,11 @@ def image_row(  # noqa: PLR0913 - one keyword for each thing that a test varies
         FILE_NAME=f"{name}.img",
         PRODUCT_ID=name.upper(),
         PLANET_DAY_NUMBER=sol,
-        SPACECRAFT_CLOCK_START_COUNT=f"{clock}.496",
+        SPACECRAFT_CLOCK_START_COUNT=f"{clock}{ticks}",
         SEQUENCE_ID="p1501",
         IMAGE_TYPE=image_type,
         SOLAR_LONGITUDE="-20.900101",
-        ROVER_MOTION_COUNTER=(98, 0, 0, clock % 100, 3),
+        ROVER_MOTION_COUNTER=(98, 0, 0, clock % 100 if pose is None else pose, 3),
     )
 
 
@@ -187,6 +189,31 @@ def test_both_eyes_of_one_exposure_are_a_pair():
     assert pair.left.file_name == "2n151600000eff9800p1501l0m1.img"
     assert pair.right.file_name == "2n151600000eff9800p1501r0m1.img"
     assert not findings.unpaired
+
+
+def test_eyes_that_start_some_ticks_apart_are_a_pair_as_in_a_downlink():
+    """Clock strings differ, even in the second; at most a second apart, as `partners` has it."""
+    rows = [
+        image_row(151600000, "l", ticks=".998", pose=1),
+        image_row(151600001, "r", ticks=".003", pose=1),
+        image_row(151600003, "l", ticks=".100", pose=1),  # the next exposure at the same pose
+        image_row(151600003, "r", ticks=".096", pose=1),
+        image_row(151600010, "l", ticks=".100", pose=1),
+        image_row(151600011, "r", ticks=".200", pose=1),
+    ]
+    findings = found(rows)
+    clocks = [(pair.left.clock, pair.right.clock) for pair in findings.pairs]
+    assert clocks == [(151600000.998, 151600001.003), (151600003.1, 151600003.096)]
+    assert [entry.clock for entry in findings.unpaired] == [151600010.1, 151600011.2]
+
+
+def test_a_clock_may_have_a_partition_and_is_a_number():
+    pair = [image_row(151600000, "l"), image_row(151600000, "r")]
+    partitioned = [row.replace(b"151600000.496  ", b"1/151600000.496") for row in pair]
+    assert found(partitioned).pairs[0].left.clock == 151600000.496
+    findings = found([*pair, image_row(151600000, "l", ticks=" late")])
+    assert findings.broken == 1
+    assert "row 3: SPACECRAFT_CLOCK_START_COUNT should be seconds, but" in findings.first_fault
 
 
 def test_frames_of_other_times_kinds_sols_and_instruments_are_no_pair():
@@ -305,7 +332,7 @@ def chunks():
     for first in range(0, 60_000, 40):
         rows = []
         for k in range(first, first + 40):
-            row = (left, right)[k % 2].replace(b"151600000", b"%d" % (151_600_000 + k // 2))
+            row = (left, right)[k % 2].replace(b"151600000", b"%d" % (151_600_000 + k // 2 * 20))
             rows.append(row.replace(b"\t155 ", b"\t%-4d" % (1 + k // 400)))
         yield b"".join(rows)
 
