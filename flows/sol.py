@@ -105,7 +105,12 @@ def _findings(inputs: SolInputs, standing: Standing) -> list[str]:
     links = [_said(link) for link in product.links if link["later"] in touched]
     mapped = read_orientations(standing.orientations, store).values()
     again = [stop for stop in mapped if stop.is_new and stop.moved_m is not None]
-    return [product.reports[-1], *links, *(_moved(stop, inputs.config.reissue) for stop in again)]
+    return [
+        product.reports[-1],
+        *product.by_hand,
+        *links,
+        *(_moved(stop, inputs.config.reissue) for stop in again),
+    ]
 
 
 def _moved(stop: MappedStop, params: ReissueParams) -> str:

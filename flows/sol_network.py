@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from flows.outcomes import settled
 from flows.sol_inputs import SolInputs, SolReport, Standing, candidates
 from photogrammetry.imagery import StopId
+from photogrammetry.matching.hand_ties import HandTie
 from products.arrays import read_right_turn
 from products.model import ProductRef
 from tasks.adjust import NetworkParams, NetworkStep, adjust_network
+from tasks.hand_ties import all_wishes, concerning
 from tasks.match import MatchParams, match_stereo_pair
 from tasks.pairs import PairProducts, pairs_of
 from tasks.quicklook import picture_pair
@@ -86,6 +88,7 @@ def adjust_stops(
         ties=tuple(ties.values()),
         links=tuple(links.values()),
         singles=singles,
+        hand=_hand_ties(inputs, matched),
     )
     params = NetworkParams(config.tracks, config.adjustment)
     done, undone = settled(
@@ -116,6 +119,15 @@ def _tie_singles(
         if stop in touched:
             report.notes += singles_notes(stop, read_singles(ref, store))
     return tuple(done.values())
+
+
+def _hand_ties(
+    inputs: SolInputs, matched: Mapping[StopId, Sequence[PairProducts]]
+) -> tuple[HandTie, ...]:
+    """The hand ties that concern pairs and stops of the window and nothing beyond them."""
+    wishes = all_wishes(inputs.workspace)
+    known = {pair.files.id for pairs in matched.values() for pair in pairs}
+    return concerning(wishes, known | {str(stop) for stop in matched})
 
 
 def _links(inputs: SolInputs) -> list[tuple[StopId, StopId]]:

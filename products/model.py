@@ -30,6 +30,7 @@ class ProductKind(StrEnum):
     PARALLAX = "parallax"
     TIES = "ties"
     LINKS = "links"
+    HAND_TIES = "hand-ties"
     NETWORK = "network"
     ORIENTATIONS = "orientations"
     QUALITY = "quality"
@@ -57,6 +58,7 @@ SUFFIX = {
     ProductKind.PARALLAX: ".npz",
     ProductKind.TIES: ".npz",
     ProductKind.LINKS: ".npz",
+    ProductKind.HAND_TIES: ".txt",
     ProductKind.NETWORK: ".json",
     ProductKind.ORIENTATIONS: ".json",
     ProductKind.QUALITY: ".json",
@@ -95,6 +97,7 @@ LEVEL = {
     ProductKind.PARALLAX: ScopeLevel.PAIR,
     ProductKind.TIES: ScopeLevel.STOP,
     ProductKind.LINKS: ScopeLevel.STOP,
+    ProductKind.HAND_TIES: ScopeLevel.REGION,
     ProductKind.NETWORK: ScopeLevel.SOL,
     ProductKind.ORIENTATIONS: ScopeLevel.SOL,
     ProductKind.QUALITY: ScopeLevel.SOL,

@@ -31,10 +31,12 @@ from photogrammetry.adjustment.records import (
 from photogrammetry.errors import AdjustmentError
 from photogrammetry.frames import Pose
 from photogrammetry.imagery import StereoMatches, StopId
+from photogrammetry.matching.hand_ties import HandTie
 from photogrammetry.matching.tracks import TrackParams, build_tie_points
 from products.arrays import pose_document, pose_of_document, read_mast, read_matches, read_ties
 from products.model import ProductKind, ProductRef, Recipe
 from products.store import ProductStore
+from tasks.hand_ties import carried_out, names_in, wanted
 from tasks.pairs import PairProducts
 from tasks.scopes import network_scope
 from tasks.singles import read_singles
@@ -68,6 +70,21 @@ class NetworkStep:
     links: tuple[ProductRef, ...]
     singles: tuple[ProductRef, ...] = ()
     """Ties of images without a stereo partner, by stop."""
+    hand: tuple[HandTie, ...] = ()
+    """What people want added, vetoed or moved, as far as it concerns these pairs."""
+
+    @property
+    def inputs(self) -> tuple[ProductRef, ...]:
+        """The products that the step reads."""
+        named = names_in(self.hand)
+        return (
+            *((self.previous,) if self.previous else ()),
+            *(pair.matches for pair in self.pairs),
+            *self.ties,
+            *self.links,
+            *self.singles,
+            *(pair.parallax for pair in self.pairs if pair.files.id in named),
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,6 +102,8 @@ class NetworkProduct:
     """What came of every pair of stops that was tried, this sol."""
     report: dict[str, Any]
     """The report of this network's own adjustment."""
+    by_hand: tuple[str, ...] = ()
+    """What became of the hand ties, line by line."""
 
 
 @task(cache_policy=NO_CACHE, task_run_name="adjust-sol{step.sol}")
@@ -94,21 +113,15 @@ def adjust_network(step: NetworkStep, params: NetworkParams, store: ProductStore
     def write(path: Path) -> None:
         before = read_network(step.previous, store) if step.previous else None
         links = [read_ties(store.path(ref))[1] for ref in step.links]
-        network = _network(step, params, store)
+        network, by_hand = _network(step, params, store)
         adjusted, report = _adjusted(step, network, before, params.adjustment)
         reports = (*(before.reports if before else ()), str(report))
-        path.write_text(json.dumps(_document(step, adjusted, report, reports, links)))
+        path.write_text(json.dumps(_document(step, adjusted, report, reports, links, by_hand)))
 
-    inputs = (
-        *((step.previous,) if step.previous else ()),
-        *(pair.matches for pair in step.pairs),
-        *step.ties,
-        *step.links,
-        *step.singles,
-    )
     telemetry = tuple((str(stop.stop), stop.sols, TelemetryPose.of(stop)) for stop in step.stops)
     scope = network_scope(step.mission, step.sol, step.mode)
-    recipe = Recipe(ProductKind.NETWORK, scope, inputs, (params, telemetry, step.mode))
+    settings = (params, telemetry, step.mode, *wanted(step.hand))
+    recipe = Recipe(ProductKind.NETWORK, scope, step.inputs, settings)
     return store.make(recipe, write)
 
 
@@ -125,10 +138,14 @@ def read_network(ref: ProductRef, store: ProductStore) -> NetworkProduct:
         reports=tuple(document["reports"]),
         links=tuple(document["links"]),
         report=document["network"]["reports"][-1],
+        by_hand=tuple(document.get("by_hand", ())),
     )
 
 
-def _network(step: NetworkStep, params: NetworkParams, store: ProductStore) -> Network:
+def _network(
+    step: NetworkStep, params: NetworkParams, store: ProductStore
+) -> tuple[Network, tuple[str, ...]]:
+    """The network, and what became of the hand ties."""
     paths = [store.path(pair.matches) for pair in step.pairs]
     read = [(pair, *read_matches(path)) for pair, path in zip(step.pairs, paths, strict=True)]
     ties = [read_ties(store.path(ref))[0] for ref in (*step.ties, *step.links)]
@@ -136,7 +153,11 @@ def _network(step: NetworkStep, params: NetworkParams, store: ProductStore) -> N
     alone = [body for some in singles for body in some.bodies]
     matches = [matches for _, _, matches in read]
     matches += [StereoMatches.none(body.pair_id) for body in alone]
-    return Network(
+    by_hand: tuple[str, ...] = ()
+    if step.hand:
+        changed = carried_out(step.hand, ties, step.pairs, store)
+        ties, by_hand = list(changed.ties), (str(changed), *changed.notes)
+    network = Network(
         stops=tuple(
             StopPrior(stop.stop, stop.lsl_from_rover, stop.attitude_measured_by, stop.sols)
             for stop in step.stops
@@ -148,6 +169,7 @@ def _network(step: NetworkStep, params: NetworkParams, store: ProductStore) -> N
         + tuple(alone),
         ties=build_tie_points(matches, [*ties, *(s.ties for s in singles)], params.tracks),
     )
+    return network, by_hand
 
 
 def _adjusted(
@@ -185,6 +207,7 @@ def _document(
     report: AdjustmentReport,
     reports: Sequence[str],
     links: Sequence[dict[str, Any]],
+    by_hand: Sequence[str],
 ) -> dict[str, Any]:
     return {
         "mission": step.mission,
@@ -202,6 +225,7 @@ def _document(
         "network": network_document(adjusted, [report]),
         "reports": list(reports),
         "links": list(links),
+        "by_hand": list(by_hand),
     }
 
 

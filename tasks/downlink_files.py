@@ -9,6 +9,7 @@ from photogrammetry.errors import LabelError
 from photogrammetry.pds3.detached import MAX_DETACHED_BYTES, joined
 from photogrammetry.pds3.pictures import is_picture
 from photogrammetry.pds3.reading import has_attached_label
+from tasks.hand_ties import is_hand_ties
 
 IMAGE_SUFFIXES = frozenset({".img"})
 PICTURE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg"})
@@ -20,13 +21,19 @@ MAX_FILE_BYTES = 256 << 20
 
 
 def files_of(downlink: Path) -> list[Path]:
-    """Every image, picture and vector file below a folder, by name; suffixes in any case.
+    """Every image, picture, vector file and file of hand ties below a folder, by name.
+
+    Suffixes may be written in any case.
 
     A picture that is called after an image beside it (X.png or X.img.jpg beside X.img) shows the
     same in eight bits, and is left out.
     """
     known = IMAGE_SUFFIXES | PICTURE_SUFFIXES | VECTOR_SUFFIXES
-    files = [path for path in downlink.rglob("*") if path.suffix.lower() in known]
+    files = [
+        path
+        for path in downlink.rglob("*")
+        if path.suffix.lower() in known or is_hand_ties(path.name)
+    ]
     files = sorted(path for path in files if path.is_file())
     images = [path for path in files if path.suffix.lower() in IMAGE_SUFFIXES]
     shown = {(path.parent, name.lower()) for path in images for name in (path.stem, path.name)}

@@ -27,11 +27,12 @@ from products.catalogue import ImageEntry, Outcome
 from products.model import ProductKind, ProductRef, Recipe, Scope, ScopeLevel
 from products.workspace import Workspace
 from tasks.downlink_files import VECTOR_SUFFIXES, file_bytes, files_of, image_bytes
+from tasks.hand_ties import is_hand_ties, take_hand_ties
 from tasks.images import image_record
 from tasks.intake import ContentDigest, Intake, TakenImage, write_bytes
 
 Taken = Outcome | ProductRef | TakenImage
-"""What became of a file: a fault, a vector file or an image in the store."""
+"""What became of a file: a fault, a vector file or hand ties, or an image in the store."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,6 +92,8 @@ def _take(path: Path, intake: Intake) -> Taken:
     try:
         if path.suffix.lower() in VECTOR_SUFFIXES:
             return _take_vectors(path, intake)
+        if is_hand_ties(path.name):
+            return take_hand_ties(path.name, file_bytes(path), intake.store)
         return intake.take(path.name, image_bytes(path))
     except (PhotogrammetryError, OSError) as error:
         return _fault(path.name, str(error))

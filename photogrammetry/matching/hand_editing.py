@@ -35,7 +35,6 @@ class HandBody:
     """What it takes to place hand-clicked points of a pair, or of a single image."""
 
     name: str
-    stop: str
     geometry: EpipolarPair
     left: CameraModel
     right: CameraModel | None = None
@@ -59,15 +58,23 @@ class Edited:
         return f"hand ties: {self.added} added, {self.moved} moved, {self.vetoed} vetoed"
 
 
-def edited(ties: Sequence[Ties], hand: Sequence[HandTie], bodies: Mapping[str, HandBody]) -> Edited:
-    """Automatic ties with the wishes of a person carried out, row after row."""
+def edited(
+    ties: Sequence[Ties],
+    hand: Sequence[HandTie],
+    bodies: Mapping[str, HandBody],
+    stop_of: Mapping[str, str],
+) -> Edited:
+    """Automatic ties with the wishes of a person carried out, row after row.
+
+    `bodies` holds what is named in a wish, `stop_of` the stop of everything that ties join.
+    """
     kept, new, notes = list(ties), [], []
     counts = dict.fromkeys(HandAction, 0)
     for wish in hand:
         try:
             made = None if wish.action is HandAction.VETO else _placed(wish, bodies)
             if wish.action is not HandAction.ADD:
-                rows = _meant(wish, kept, bodies)
+                rows = _meant(wish, kept, bodies, stop_of)
                 kept = [t.taking(~some) for t, some in zip(kept, rows, strict=True)]
                 dropped = sum(int(some.sum()) for some in rows)
                 counts[wish.action] += dropped if wish.action is HandAction.VETO else 1
@@ -100,49 +107,63 @@ def epipolar_point(
     return found[0]
 
 
-def _meant(wish: HandTie, ties: Sequence[Ties], bodies: Mapping[str, HandBody]) -> list[Flags]:
+def _meant(
+    wish: HandTie,
+    ties: Sequence[Ties],
+    bodies: Mapping[str, HandBody],
+    stop_of: Mapping[str, str],
+) -> list[Flags]:
     """Which of the automatic ties a veto or a move means, set by set."""
-    rows = [_selected(wish, some, bodies) for some in ties]
+    second = wish.second if wish.action is HandAction.VETO else HandPoint(wish.second.image)
+    marks = _Mark.of(wish.first, bodies), _Mark.of(second, bodies)
+    rows = [_selected(marks, wish.tolerance_px, some, stop_of) for some in ties]
     if not any(some.any() for some in rows):
         raise _UnplacedError(f"there is no automatic tie here to {wish.action}")
     return rows
 
 
-def _selected(wish: HandTie, ties: Ties, bodies: Mapping[str, HandBody]) -> Flags:
-    """Which automatic ties a veto or a move means."""
-    second = wish.second if wish.action is HandAction.VETO else HandPoint(wish.second.image)
-    sides = (ties.first, ties.first_left), (ties.second, ties.second_left)
-    rows = np.zeros(len(ties), dtype=bool)
-    for one, other in (sides, sides[::-1]):
-        both = [
-            _at(point, wish.tolerance_px, ties.pair_ids, *side, bodies)
-            for point, side in ((wish.first, one), (second, other))
-        ]
-        rows |= both[0] & both[1]
-    return rows
+@dataclass(frozen=True, slots=True, eq=False)
+class _Mark:
+    """What a veto points at: an image or a stop (empty: anything), and a place in the image."""
+
+    name: str
+    place: Float64[np.ndarray, " 2"] | None
+
+    @classmethod
+    def of(cls, wanted: HandPoint, bodies: Mapping[str, HandBody]) -> _Mark:
+        if wanted.point is None:
+            return cls(wanted.image, None)
+        body = _body(wanted, bodies)
+        return cls(wanted.image, epipolar_point(body.left, body.geometry, wanted.point))
+
+    def covers(
+        self,
+        names: Sequence[str],
+        left: ImagePoints,
+        tolerance_px: float,
+        stop_of: Mapping[str, str],
+    ) -> Flags:
+        """Which measurements, each in the pair of that name, are meant."""
+        meant = np.array(
+            [not self.name or self.name in {n, stop_of.get(n)} for n in names], dtype=bool
+        )
+        if self.place is None:
+            return meant
+        return meant & (np.linalg.norm(left - self.place, axis=1) <= tolerance_px)
 
 
-def _at(
-    wanted: HandPoint,
-    tolerance_px: float,
-    pair_ids: tuple[str, ...],
-    pair: np.ndarray,
-    left: ImagePoints,
-    bodies: Mapping[str, HandBody],
+def _selected(
+    marks: tuple[_Mark, _Mark], tolerance_px: float, ties: Ties, stop_of: Mapping[str, str]
 ) -> Flags:
-    """Which measurements lie in the image, or stop, and near the point, that is meant."""
-    if not wanted.image:
-        return np.ones(len(pair), dtype=bool)
-    meant = [
-        name == wanted.image or (name in bodies and bodies[name].stop == wanted.image)
-        for name in pair_ids
-    ]
-    inside = np.array(meant, dtype=bool)[pair] if len(pair) else np.zeros(0, dtype=bool)
-    if wanted.point is None:
-        return inside
-    body = _body(wanted, bodies)
-    place = epipolar_point(body.left, body.geometry, wanted.point)
-    return inside & (np.linalg.norm(left - place, axis=1) <= tolerance_px)
+    """The ties of a set that run between both marks, whichever way."""
+    first = [ties.pair_ids[k] for k in ties.first.tolist()], ties.first_left
+    second = [ties.pair_ids[k] for k in ties.second.tolist()], ties.second_left
+    rows = np.zeros(len(ties), dtype=bool)
+    for one, other in ((first, second), (second, first)):
+        rows |= marks[0].covers(*one, tolerance_px, stop_of) & marks[1].covers(
+            *other, tolerance_px, stop_of
+        )
+    return rows
 
 
 def _placed(wish: HandTie, bodies: Mapping[str, HandBody]) -> Ties:

@@ -8,7 +8,8 @@ import pytest
 from photogrammetry.cameras.epipolar import epipolar_pair
 from photogrammetry.frames import Frame, FrameKind
 from photogrammetry.imagery import Eye, StopId
-from photogrammetry.matching.hand_editing import HandBody, edited, epipolar_point
+from photogrammetry.matching.hand_editing import HandBody, epipolar_point
+from photogrammetry.matching.hand_editing import edited as carried_out
 from photogrammetry.matching.hand_ties import HandAction, HandPoint, HandTie
 from photogrammetry.matching.ties import Ties
 from photogrammetry.synthetic.rig import CAMERAS, Instrument, Pointing
@@ -26,7 +27,7 @@ def body(name, number, azimuth):
     )
     frame = Frame(FrameKind.PAIR, (10, 0, number))
     geometry = epipolar_pair(left, right, SIZE, SIZE, STOP.frame, frame)
-    return HandBody(name, str(STOP), geometry, left, right)
+    return HandBody(name, geometry, left, right)
 
 
 @pytest.fixture(scope="module")
@@ -43,6 +44,11 @@ def ground(bodies):
         for name, some in bodies.items()
     }
     return place, clicked
+
+
+def edited(ties, wishes, bodies):
+    """All pairs are of one stop."""
+    return carried_out(ties, wishes, bodies, dict.fromkeys(bodies, str(STOP)))
 
 
 def automatic(bodies, *points):
@@ -99,7 +105,7 @@ def test_without_a_right_point_the_dense_parallax_serves_or_none(bodies, ground)
     points = [HandPoint(name, clicked[name][0]) for name in "AB"]
     a, b = bodies["A"], bodies["B"]
     dense = np.full((a.geometry.lines, a.geometry.samples), 33.0, np.float32)
-    known = HandBody(a.name, a.stop, a.geometry, a.left, a.right, dense)
+    known = HandBody(a.name, a.geometry, a.left, a.right, dense)
     (made,) = edited([], [wish("add", *points)], {"A": known, "B": b}).ties
     assert made.first_parallax_px[0] == 33.0
     assert np.isnan(made.second_parallax_px[0])
