@@ -107,6 +107,24 @@ def adjust(
 
 
 @app.command()
+def ties(
+    file: Annotated[Path, typer.Argument(help="Hand ties, CSV or GeoJSON")],
+    store: StoreOption = None,
+) -> None:
+    """Take a file of hand ties into the store; the next run adds, vetoes and moves them."""
+    from flows.ties import take_ties_file  # noqa: PLC0415
+    from photogrammetry.errors import PhotogrammetryError  # noqa: PLC0415
+
+    try:
+        taken = take_ties_file(file, _store(store))
+    except (PhotogrammetryError, OSError) as error:
+        _fail(escape(str(error)))
+    for name in taken.strangers:
+        errors.print(f"[yellow]warning[/yellow] {escape(name)} is not in the store (yet)")
+    out.print(escape(str(taken)), highlight=False)
+
+
+@app.command()
 def serve(
     store: StoreOption = None,
     port: Annotated[int | None, typer.Option(help="Port. [env: SOLMAP_PORT]")] = None,
