@@ -30,6 +30,8 @@ from photogrammetry.adjustment.solver import Problem, Solution
 from photogrammetry.frames import LSL, Pose
 from photogrammetry.imagery import StopId, TieKind, TiePoints
 
+KINDS = tuple(TieKind)
+"""From ties within a pair to those between stops."""
 SIGNIFICANT = 0.999
 """Level of the global test: only a sigma0 that chance does not explain widens the sigmas."""
 
@@ -241,32 +243,42 @@ def _kinds(observations: Observations, used: np.ndarray) -> tuple[TieKind, ...]:
 def merged_ties(observations: TiePoints, parts: tuple[AdjustedTies, ...]) -> AdjustedTies:
     """The ties of a whole network, each as the last of the parts that has it left it.
 
-    Observations that no part has are marked as unused.
+    Tie points are numbered anew in every network, so parts are matched by what was measured: the
+    same place in the same pair. A point stays as the part placed it that saw it from most places,
+    though a later one may still see it from one of its stops. Observations that no part has are
+    marked as unused.
     """
     n, points = len(observations), int(observations.point.max(initial=-1)) + 1
-    place = {name: k for k, name in enumerate(observations.pair_ids)}
-    size = max(len(place), 1)
-    codes = observations.point.astype(np.int64) * size + observations.pair
-    order = np.argsort(codes)
     status = np.full(n, UNUSED, dtype=np.int32)
     residuals, standardised = np.full((n, 3), np.nan), np.full((n, 3), np.nan)
     redundancy = np.zeros((n, 3))
     where, covariances = np.full((points, 3), np.nan), np.full((points, 3, 3), np.nan)
-    kinds = [TieKind.INTRA_STEREO] * points
+    ranks = np.full(points, -1)
     for part in parts:
-        seen = part.observations
-        numbers = np.array([place.get(name, -1) for name in seen.pair_ids], dtype=np.int64)
-        rows = np.flatnonzero(numbers[seen.pair] >= 0) if len(seen) else np.zeros(0, dtype=np.int64)
-        code = seen.point[rows].astype(np.int64) * size + numbers[seen.pair[rows]]
-        at = np.minimum(np.searchsorted(codes, code, sorter=order), max(n - 1, 0))
-        same = codes[order[at]] == code
-        rows, at = rows[same], order[at[same]]
+        rows, at = _same_measurements(part.observations, observations)
         status[at], residuals[at] = part.status[rows], part.residuals_px[rows]
         standardised[at], redundancy[at] = part.standardised[rows], part.redundancy[rows]
-        placed = np.flatnonzero(np.isfinite(part.points[:points]).all(axis=1))
-        where[placed], covariances[placed] = part.points[placed], part.covariances[placed]
-        for k in placed.tolist():
-            kinds[k] = max(kinds[k], part.kinds[k], key=list(TieKind).index)
+        rank = np.array([KINDS.index(kind) for kind in part.kinds], dtype=np.int64)
+        old, new = part.observations.point[rows], observations.point[at]
+        better = np.isfinite(part.points[old]).all(axis=1) & (rank[old] >= ranks[new])
+        old, new = old[better], new[better]
+        where[new], covariances[new], ranks[new] = (
+            part.points[old],
+            part.covariances[old],
+            rank[old],
+        )
+    kinds = tuple(KINDS[max(rank, 0)] for rank in ranks.tolist())
     return AdjustedTies(
-        observations, where, covariances, tuple(kinds), status, residuals, standardised, redundancy
+        observations, where, covariances, kinds, status, residuals, standardised, redundancy
     )
+
+
+def _same_measurements(some: TiePoints, others: TiePoints) -> tuple[np.ndarray, np.ndarray]:
+    """Rows of both that are one measurement."""
+    place = {name: k for k, name in enumerate(others.pair_ids)}
+    numbers = np.array([place.get(name, -1) for name in some.pair_ids], dtype=np.int64)
+    both = [(numbers[some.pair] if len(some) else some.pair, some.left), (others.pair, others.left)]
+    keys = np.vstack([np.column_stack([pair, left]) for pair, left in both])
+    _, codes = np.unique(keys, axis=0, return_inverse=True)
+    _, rows, at = np.intersect1d(codes[: len(some)], codes[len(some) :], return_indices=True)
+    return rows, at
