@@ -8,15 +8,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from prefect import task
 from prefect.cache_policies import NO_CACHE
 
-from photogrammetry.adjustment.adjust import adjust, adjust_overall, adjust_stepwise
 from photogrammetry.adjustment.documents import network_document, network_of_document
 from photogrammetry.adjustment.modes import AdjustmentMode
 from photogrammetry.adjustment.params import AdjustmentParams
@@ -26,9 +24,7 @@ from photogrammetry.adjustment.records import (
     Network,
     PairGeometry,
     StopPrior,
-    select,
 )
-from photogrammetry.errors import AdjustmentError
 from photogrammetry.frames import Pose
 from photogrammetry.imagery import StereoMatches, StopId
 from photogrammetry.matching.hand_ties import HandTie
@@ -114,7 +110,8 @@ def adjust_network(step: NetworkStep, params: NetworkParams, store: ProductStore
         before = read_network(step.previous, store) if step.previous else None
         links = [read_ties(store.path(ref))[1] for ref in step.links]
         network, by_hand = _network(step, params, store)
-        adjusted, report = _adjusted(step, network, before, params.adjustment)
+        start = before.adjusted if before else None
+        adjusted, report = advance(step.mode, start, network, step.new_stops, params.adjustment)
         reports = (*(before.reports if before else ()), str(report))
         path.write_text(json.dumps(_document(step, adjusted, report, reports, links, by_hand)))
 
@@ -170,35 +167,6 @@ def _network(
         ties=build_tie_points(matches, [*ties, *(s.ties for s in singles)], params.tracks),
     )
     return network, by_hand
-
-
-def _adjusted(
-    step: NetworkStep,
-    network: Network,
-    before: NetworkProduct | None,
-    params: AdjustmentParams,
-) -> tuple[AdjustedNetwork, AdjustmentReport]:
-    start = before.adjusted if before else None
-    if step.mode is AdjustmentMode.OVERALL:
-        return _usable(*adjust_overall(network, params, start))
-    if start is None or step.new_stops:
-        adjusted, report = adjust_stepwise(start, network, step.new_stops, params)
-        if report.converged:
-            return adjusted, report
-        untied = Network(network.stops, network.pairs, select(network.ties, np.zeros(0, np.int64)))
-        stands, _ = adjust_stepwise(start, untied, step.new_stops, params)
-        return stands, replace(report, message="telemetry stands instead")
-    held = set(network.stop_ids)  # new images of old stops: only their pointing is weighed
-    return adjust(network, held, params, start, "pointing at known stops")
-
-
-def _usable(
-    adjusted: AdjustedNetwork, report: AdjustmentReport
-) -> tuple[AdjustedNetwork, AdjustmentReport]:
-    """The overall adjustment, unless what was there before is better."""
-    if not report.converged:
-        raise AdjustmentError(f"{report}; the network before stands")
-    return adjusted, report
 
 
 def _document(

@@ -1,19 +1,17 @@
-"""The adjustment of an image network: overall, or stepwise along the traverse.
+"""The adjustment of an image network.
 
 Stop by stop the network is first brought together (`initialise`), then adjusted as a whole in the
 two steps of `STEPS`, each repeated until data snooping finds no further blunder. What telemetry
 knows is weighted in (`priors`), so nothing is ever undetermined but the datum: at least one stop
 is held.
 
-The stepwise mode is that of the mission (Di et al. 2008, section 3.2): the previous stop is held
-and the current one estimated; where ties reach back further, to m-2 or m-3, the earliest stop
-reached is held and those after it are estimated again. The overall mode holds the first stop and
-estimates all others.
+The datum are the stops that are held, or what a sequential adjustment has inherited. The overall
+adjustment holds the first stop and estimates all others; the modes that follow the rover stop by
+stop are in `stepwise` and `sequential`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, replace
 
@@ -28,20 +26,16 @@ from photogrammetry.adjustment.params import AdjustmentParams
 from photogrammetry.adjustment.priors import Telemetry
 from photogrammetry.adjustment.records import (
     AdjustedNetwork,
-    AdjustedStop,
     AdjustmentReport,
     Network,
     select,
 )
-from photogrammetry.adjustment.result import Outcome, assembled, merged_ties
+from photogrammetry.adjustment.result import Outcome, assembled
 from photogrammetry.adjustment.sightings import sightings, with_points
 from photogrammetry.adjustment.snooping import reinstated, residuals, suspects
 from photogrammetry.adjustment.solver import Problem, linearise, solve
 from photogrammetry.errors import AdjustmentError
 from photogrammetry.imagery import StopId
-
-REACH = 3
-"""Stops back to which the stepwise adjustment widens when ties reach there (m-2, m-3)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,32 +107,6 @@ def telemetry_network(network: Network, params: AdjustmentParams) -> AdjustedNet
     """
     bare = replace(network, ties=select(network.ties, np.zeros(len(network.ties), dtype=bool)))
     return adjust_overall(bare, params)[0]
-
-
-def adjust_stepwise(
-    previous: AdjustedNetwork | None,
-    network: Network,
-    new_stops: Iterable[StopId],
-    params: AdjustmentParams,
-) -> tuple[AdjustedNetwork, AdjustmentReport]:
-    """Add new stops to an adjusted traverse, holding what came before.
-
-    `network` holds old and new stops; `previous` is what former steps returned for the old ones, or
-    None at the first stop, which is held where telemetry has it. The result covers both. Pairs of
-    held stops keep weighing their pointing afresh, for new ties tell of it too. The covariance of
-    the new stops includes that of the held stop, carried over rigidly.
-    """
-    new = [stop for stop in network.stop_ids if stop in set(new_stops)]
-    if previous is None:
-        wanted = network.within(set(new))
-        return adjust_overall(wanted, params)
-    old = {stop.stop for stop in previous.stops}
-    if not new or not old:
-        raise AdjustmentError("a step along the traverse needs stops before it and new ones")
-    held, window = _window(network, old, new)
-    part = network.within(window)
-    adjusted, report = adjust(part, held, params, previous, f"step to {new[-1]}")
-    return merged_network(previous, adjusted, network, held), report
 
 
 def _held(network: Network, held: AbstractSet[StopId], *, has_datum: bool) -> np.ndarray:
@@ -228,72 +196,4 @@ def _placed(
     return replace(state, points=np.where(adjusted[:, None], state.points, alone.points))
 
 
-def _window(
-    network: Network, old: set[StopId], new: list[StopId]
-) -> tuple[set[StopId], set[StopId]]:
-    """Stops to hold, and all stops to look at, when `new` ones are added."""
-    order = network.stop_ids
-    first_new = order.index(new[0])
-    recent = [k for k in range(max(0, first_new - REACH), first_new) if order[k] in old]
-    if not recent:
-        raise AdjustmentError(
-            f"no adjusted stop comes within {REACH} stops before {new[0]}; adjust the traverse in "
-            "order, or overall"
-        )
-    tied = _tied_stops(network, new)
-    reached = min((k for k in recent if order[k] in tied), default=recent[-1])
-    free = {order[k] for k in recent if k > reached} | set(new)
-    near = _tied_stops(network, list(free)) & {order[k] for k in recent}
-    held = (near | {order[reached]}) - free
-    return held, held | free
-
-
-def _tied_stops(network: Network, stops: list[StopId]) -> set[StopId]:
-    """Stops that see tie points which some of `stops` see too."""
-    ties = network.ties
-    if not len(ties):
-        return set()
-    of_pair = {pair.pair_id: pair.stop for pair in network.pairs}
-    names = [of_pair[name] for name in ties.pair_ids]
-    wanted = set(stops)
-    inside = np.array([name in wanted for name in names], dtype=bool)[ties.pair]
-    shared = np.isin(ties.point, np.unique(ties.point[inside]))
-    return {names[k] for k in np.unique(ties.pair[shared]).tolist()}
-
-
-def merged_network(
-    previous: AdjustedNetwork,
-    adjusted: AdjustedNetwork,
-    network: Network,
-    held: AbstractSet[StopId],
-) -> AdjustedNetwork:
-    """The whole traverse: held stops as they were, the others as adjusted, uncertainty carried."""
-    before = {stop.stop: stop for stop in previous.stops}
-    datum = before[max(held, key=network.stop_ids.index)] if held else None
-    stops = dict(before)
-    for stop in adjusted.stops:
-        if stop.stop not in held:
-            stops[stop.stop] = _carrying(stop, datum) if datum else stop
-    pairs = {pair.pair_id: pair for pair in previous.pairs}
-    pairs.update({pair.pair_id: pair for pair in adjusted.pairs})
-    order = network.stop_ids
-    return AdjustedNetwork(
-        tuple(sorted(stops.values(), key=lambda s: order.index(s.stop))),
-        tuple(pairs[pair.pair_id] for pair in network.pairs if pair.pair_id in pairs),
-        merged_ties(network.within(set(stops)).ties, (previous.ties, adjusted.ties)),
-        adjusted.memory,
-    )
-
-
-def _carrying(stop: AdjustedStop, datum: AdjustedStop) -> AdjustedStop:
-    """A stop whose covariance includes that of the stop it hangs on.
-
-    An error of that one moves it rigidly: d(rotation) = d_, d(position) = dc_ + d_ x (c - c_).
-    """
-    arm = stop.lsl_from_rover.translation_m - datum.lsl_from_rover.translation_m
-    T = np.eye(6)
-    T[3:, :3] = -np.array([[0.0, -arm[2], arm[1]], [arm[2], 0.0, -arm[0]], [-arm[1], arm[0], 0.0]])
-    return replace(stop, covariance=stop.covariance + T @ datum.covariance @ T.T)
-
-
-__all__ = ["STEPS", "adjust", "adjust_overall", "adjust_stepwise", "telemetry_network"]
+__all__ = ["STEPS", "adjust", "adjust_overall", "telemetry_network"]

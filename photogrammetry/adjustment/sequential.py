@@ -18,13 +18,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from photogrammetry.adjustment.adjust import adjust, adjust_overall, merged_network
-from photogrammetry.adjustment.collinearity import Observations, State
+from photogrammetry.adjustment.adjust import adjust, adjust_overall
 from photogrammetry.adjustment.marginal import Marginal
 from photogrammetry.adjustment.params import AdjustmentParams
-from photogrammetry.adjustment.priors import Telemetry
 from photogrammetry.adjustment.records import (
-    USED,
     AdjustedNetwork,
     AdjustedStop,
     AdjustmentReport,
@@ -32,6 +29,7 @@ from photogrammetry.adjustment.records import (
     select,
 )
 from photogrammetry.adjustment.retire import Conditional, Linear, neighbours, retire
+from photogrammetry.adjustment.stepwise import merged_network
 from photogrammetry.errors import AdjustmentError
 from photogrammetry.imagery import StopId
 
@@ -94,7 +92,7 @@ def adjust_sequential(
     if late:
         told = f"{late} ties reach back beyond the window and were left out: adjust overall"
         report = replace(report, message="; ".join(filter(None, (report.message, told))))
-    return merged_network(previous, traverse.window, network, frozenset()), report
+    return merged_network(previous, traverse.window, network), report
 
 
 def begin(network: Network, params: AdjustmentParams) -> tuple[Traverse, AdjustmentReport]:
@@ -161,7 +159,7 @@ def _shortened(
     """The traverse after its oldest stops have left, as many as the window and loops allow."""
     if not report.converged:
         return traverse  # what leaves is never looked at again
-    adjusted, linear = traverse.window, linear_at(traverse.window, network, params)
+    adjusted, linear = traverse.window, Linear.of(traverse.window, network, params)
     departures, marginal = list(traverse.departures), linear.inherited
     number = 0
     while len(network.stops) - number > params.window_stops:
@@ -187,35 +185,4 @@ def _departure(
         tuple(network.stop_ids[k] for k in chart.stops.tolist()),
         tuple(network.pairs[k].pair_id for k in chart.pairs.tolist()),
         conditional,
-    )
-
-
-def linear_at(
-    adjusted: AdjustedNetwork,
-    network: Network,
-    params: AdjustmentParams,
-    rows: np.ndarray | None = None,
-) -> Linear:
-    """A network at the state to which it was adjusted, with what it has inherited.
-
-    `rows` are those of the adjusted ties that the network has, if not all.
-    """
-    status = adjusted.ties.status if rows is None else adjusted.ties.status[rows]
-    stops = {stop.stop: stop for stop in adjusted.stops}
-    pairs = {pair.pair_id: pair for pair in adjusted.pairs}
-    poses = [stops[stop] for stop in network.stop_ids]
-    state = State(
-        np.array([stop.lsl_from_rover.rotation for stop in poses]),
-        np.array([stop.lsl_from_rover.translation_m for stop in poses]),
-        np.array([pairs[pair.pair_id].pointing for pair in network.pairs]).reshape(-1, 3),
-        adjusted.ties.points,
-    )
-    return Linear(
-        Observations.of(network),
-        Telemetry.of(network, params),
-        np.array([stop.held for stop in poses], dtype=bool),
-        state,
-        status == USED,
-        Marginal.of(adjusted.memory, network) if adjusted.memory else None,
-        np.array([stop.is_tied for stop in poses], dtype=bool),
     )

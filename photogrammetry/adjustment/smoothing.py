@@ -21,8 +21,8 @@ from photogrammetry.adjustment.collinearity import State
 from photogrammetry.adjustment.marginal import Chart
 from photogrammetry.adjustment.params import AdjustmentParams
 from photogrammetry.adjustment.records import AdjustedStop, Network, select
-from photogrammetry.adjustment.retire import Conditional
-from photogrammetry.adjustment.sequential import Departure, Traverse, linear_at
+from photogrammetry.adjustment.retire import Conditional, Linear
+from photogrammetry.adjustment.sequential import Departure, Traverse
 from photogrammetry.adjustment.solver import Problem, linearise
 from photogrammetry.arrays import Vector3
 from photogrammetry.frames import LSL, Pose
@@ -138,7 +138,7 @@ def _of_window(
     inside = np.array([of_pair[name] in stays for name in ties.pair_ids], dtype=bool)[ties.pair]
     rows = np.flatnonzero(inside & ~np.isin(ties.point, ties.point[~inside]))
     part = replace(network.within(stays), ties=select(ties, rows))
-    now = linear_at(last, part, params, rows)
+    now = Linear.of(last, part, params, rows)
     problem = Problem.of(now.observations, now.telemetry, now.held, now.used, now.inherited)
     inverse = linearise(problem, now.state, None).factor.inverse()
     blocks, local = problem.inherited_columns

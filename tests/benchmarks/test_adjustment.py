@@ -10,13 +10,14 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.sparse import lil_matrix
 
-from photogrammetry.adjustment.adjust import _known, adjust_overall, adjust_stepwise
+from photogrammetry.adjustment.adjust import _known, adjust_overall
 from photogrammetry.adjustment.collinearity import Observations, State, misclosures
 from photogrammetry.adjustment.initialise import initialise
 from photogrammetry.adjustment.params import AdjustmentParams
 from photogrammetry.adjustment.priors import Telemetry, telemetry_misclosures
 from photogrammetry.adjustment.rotations import rotation_of_vector
 from photogrammetry.adjustment.solver import Problem, solve
+from photogrammetry.adjustment.stepwise import adjust_stepwise
 from photogrammetry.synthetic.networks import simulate_network
 
 PARAMS = AdjustmentParams()
