@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from photogrammetry.adjustment.adjust import adjust_overall
-from photogrammetry.adjustment.stepwise import adjust_stepwise
 from photogrammetry.adjustment.records import USED
+from photogrammetry.adjustment.stepwise import adjust_stepwise
 from photogrammetry.errors import AdjustmentError
 from photogrammetry.imagery import StopId
 from photogrammetry.synthetic.networks import simulate_network
@@ -118,3 +118,26 @@ def test_a_stop_that_nobody_knows_is_not_in_the_adjusted_network(params):
     with pytest.raises(AdjustmentError, match="test-site0007-drive0001 is not in the adjusted"):
         adjusted.stop(StopId("TEST", 7, 1))
     assert replace(adjusted).stop(network.stop_ids[0]).held
+
+
+def test_ties_keep_what_an_earlier_step_found_though_every_network_numbers_them_anew(params):
+    network, _ = simulate_network(
+        np.random.default_rng(3), stops=3, far_cross_ties=0, inter_ties=10, intra_ties=2
+    )
+    two = network.within(set(network.stop_ids[:2]))
+    before, _ = adjust_stepwise(None, two.within({network.stop_ids[0]}), two.stop_ids[:1], params)
+    before, _ = adjust_stepwise(before, two, two.stop_ids[1:], params)
+    turned = network.ties.point.max() - network.ties.point
+    renumbered = replace(network, ties=replace(network.ties, point=turned.astype(np.int32)))
+    after, _ = adjust_stepwise(before, renumbered, network.stop_ids[2:], params)
+    of_first = {p.pair_id for p in network.pairs if p.stop == network.stop_ids[0]}
+
+    def seen_there(ties):
+        return np.flatnonzero([ties.pair_ids[k] in of_first for k in ties.pair])
+
+    old, new = seen_there(before.ties.observations), seen_there(after.ties.observations)
+    assert (before.ties.status[old] == USED).sum() > 40
+    np.testing.assert_array_equal(after.ties.status[new], before.ties.status[old])
+    np.testing.assert_array_equal(
+        after.ties.points[turned[new]], before.ties.points[two.ties.point[old]]
+    )
