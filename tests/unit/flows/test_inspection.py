@@ -211,3 +211,24 @@ def test_a_picture_of_several_images_is_refused(pair, tmp_path):
     result = CliRunner().invoke(app, ["inspect", *map(str, pair), "--png", str(tmp_path / "x.png")])
     assert result.exit_code == 1
     assert "picture of one image, but 2 are named" in result.output.replace("\n", " ")
+
+
+def test_a_picture_with_metadata_and_labels_alone_are_inspected(shared_data, tmp_path):
+    real = next(shared_data.rglob("NLF_0670_*-metadata.json"))
+    said = json.loads(real.read_text()) | {"attitude": "(0.8,0.0,0.0,0.6)"}
+    name = real.name.removesuffix("-metadata.json")
+    label, picture = tmp_path / f"{name}-metadata.json", tmp_path / f"{name}.png"
+    label.write_text(json.dumps(said))
+    picture.write_bytes(real.with_name(picture.name).read_bytes())
+    of_picture, of_label = inspect_file(picture), inspect_file(label)
+    assert of_picture["camera"] == of_label["camera"]
+    assert of_picture["size"]["masked_share"] < 0.01
+    assert of_label["size"]["masked_share"] is None
+    assert of_picture["pointing"].keys() == {"image_centre"}  # metadata have no mast frame
+    lines = report_of(of_picture).splitlines()
+    assert lines[0] == said["imageid"]
+    picture.with_name("alone.png").write_bytes(picture.read_bytes())
+    with pytest.raises(InspectionError, match=r"alone.png: a picture without a label; it takes"):
+        inspect_file(picture.with_name("alone.png"))
+    xml = Path(__file__).parents[1] / "pds3" / "navcam_of_perseverance.xml"
+    assert inspect_file(xml)["camera"]["model"] == "CAHVORE"
