@@ -168,7 +168,7 @@ def _run(  # noqa: PLR0913, PLR0917 - the problem, and where it starts
             threshold = params.huber if step.robust else None
             now = linearise(problem, state, threshold)
             inverse = now.factor.inverse()
-            found = residuals(problem, now.ties, inverse)
+            found = residuals(problem, state, now.ties, inverse)
             wrong = suspects(problem, found, params)
             if not len(wrong):
                 break

@@ -24,8 +24,9 @@ from photogrammetry.adjustment.collinearity import (
     misclosures,
     partials,
 )
-from photogrammetry.adjustment.elimination import EliminatedTies, cofactors
+from photogrammetry.adjustment.elimination import EliminatedTies, inverse_of
 from photogrammetry.adjustment.params import AdjustmentParams
+from photogrammetry.adjustment.rotations import cross_matrix
 from photogrammetry.adjustment.solver import Problem
 
 UNCHECKED = 1e-6
@@ -51,37 +52,42 @@ class Residuals:
         return max(1.0, float(1.4826 * np.median(w))) if len(w) else 1.0
 
 
-def residuals(problem: Problem, ties: tuple[EliminatedTies, ...], inverse: np.ndarray) -> Residuals:
+def residuals(
+    problem: Problem, state: State, ties: tuple[EliminatedTies, ...], inverse: np.ndarray
+) -> Residuals:
     """Standardised residuals, redundancy numbers and covariances of tie points."""
     observations = problem.observations
     n = len(observations)
     w, r = np.full((n, 3), np.nan), np.zeros((n, 3))
     C = np.full((observations.points, 3, 3), np.nan)
     for tie in ties:
-        group = tie.group
-        k = group.seen
-        Z = cofactors(tie.places, inverse, group)
-        Q2 = tie.Q[:, :, 3:]
-        inner = np.eye(3 * k - 3) - tie.A @ Z @ tie.A.swapaxes(1, 2)
-        q = np.clip(((Q2 @ inner) * Q2).sum(axis=2), 0.0, 1.0)
-        v = (Q2 @ tie.b[:, :, None])[:, :, 0]
+        group, number = tie.group, tie.group.signature
+        Z = inverse[problem.pattern.indices(group.blocks, group.local)]
+        relative = (tie.T @ Z @ tie.T.mT)[number]
+        free = 1.0 - (tie.Q**2).sum(axis=2)
+        q = np.clip(free - ((tie.A @ relative) * tie.A).sum(axis=2), 0.0, 1.0)
         with np.errstate(divide="ignore", invalid="ignore"):
-            standard = np.where(q > UNCHECKED, v / np.sqrt(q), np.nan)
-        w[group.rows], r[group.rows] = standard.reshape(-1, k, 3), q.reshape(-1, k, 3)
-        numbers = observations.point[group.rows[:, 0]]
-        C[numbers] = _point_covariances(tie, Z)
+            standard = np.where(q > UNCHECKED, tie.b / np.sqrt(q), np.nan)
+        rows = group.rows.T
+        w[rows], r[rows] = standard.reshape(*rows.shape, 3), q.reshape(*rows.shape, 3)
+        numbers = observations.point[rows[:, 0]]
+        arm = state.points[numbers] - state.centres[group.stops[number, 0]]
+        C[numbers] = _point_covariances(tie, arm, Z[number])
     unmeasured = observations.weight == 0
     w[unmeasured], r[unmeasured] = np.nan, 0.0
     return Residuals(w, r, C)
 
 
-def _point_covariances(tie: EliminatedTies, Z: np.ndarray) -> np.ndarray:
-    inner = np.eye(3) + tie.A1 @ Z @ tie.A1.swapaxes(1, 2)
-    try:
-        R_inverse = np.linalg.inv(tie.R)
-    except np.linalg.LinAlgError:
-        R_inverse = np.linalg.pinv(tie.R)
-    return R_inverse @ inner @ R_inverse.swapaxes(1, 2)
+def _point_covariances(tie: EliminatedTies, arm: np.ndarray, Z: np.ndarray) -> np.ndarray:
+    """Covariances of points: what their images leave open, and what their base stop carries over.
+
+    dX = M x_b + R^-1 (noise - Q' A_o x), with `arm` the way from the base stop to the point.
+    """
+    R_inverse = inverse_of(tie.R)
+    G = -R_inverse @ tie.A1 @ tie.T[tie.group.signature]
+    G[:, :, -6:-3] -= cross_matrix(arm)
+    G[:, :, -3:] += np.eye(3)
+    return R_inverse @ R_inverse.mT + G @ Z @ G.mT
 
 
 def suspects(problem: Problem, found: Residuals, params: AdjustmentParams) -> np.ndarray:

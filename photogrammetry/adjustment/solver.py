@@ -28,6 +28,7 @@ cameras and nearly linear.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,19 +39,10 @@ from photogrammetry.adjustment.collinearity import (
     State,
     misclosures,
     pair_orientations,
-    partials,
+    partials_by_component,
 )
-from photogrammetry.adjustment.elimination import (
-    COLUMNS,
-    EliminatedTies,
-    TieGroup,
-    Unknowns,
-    add_normals,
-    eliminate,
-    place_points,
-    prior_places,
-    tie_groups,
-)
+from photogrammetry.adjustment.elimination import EliminatedTies, eliminate, place_points
+from photogrammetry.adjustment.layout import TieGroup, Unknowns, tie_groups
 from photogrammetry.adjustment.marginal import Marginal
 from photogrammetry.adjustment.params import AdjustmentParams
 from photogrammetry.adjustment.priors import (
@@ -74,13 +66,15 @@ class Problem:
     unknowns: Unknowns
     pattern: BlockPattern
     groups: tuple[TieGroup, ...]
-    places: tuple[np.ndarray, ...]
+    places: np.ndarray
+    """Where in the flat normal matrix the normal equations of the groups go, one after another."""
+    right_places: np.ndarray
     link_places: np.ndarray
     link_right: np.ndarray
     link_weight: np.ndarray
     """Telemetry weights, zero where all that a row depends on is held."""
     rows: np.ndarray
-    """Observations that belong to a group, in ascending order."""
+    """Observations that belong to a group, group by group."""
     anchor: np.ndarray
     """Per point, the pair that is nearest to it (-1: not in the adjustment)."""
     inherited: Marginal | None = None
@@ -103,25 +97,28 @@ class Problem:
             (int(b), k) for k, b in enumerate(before) if not (held[k] or held[b])
         }
         for group in groups:
-            seen = np.unique(np.sort(group.stops[:, ::COLUMNS], axis=1), axis=0)
-            cliques.update(map(tuple, seen.tolist()))
+            if group.slots[-1]:
+                cliques.update(map(tuple, np.unique(group.stops, axis=0).tolist()))
         if inherited:
             cliques.add(tuple(inherited.stops.tolist()))
         pattern = BlockPattern.of(unknowns.sizes, cliques)
-        places = tuple(pattern.indices(g.stops, g.local) for g in groups)
-        link_places, link_right = prior_places(unknowns, pattern, before)
+        felt = [(g.blocks[:, : g.felt], g.local[:, : g.felt]) for g in groups]
+        none = np.zeros(0, dtype=np.int64)
+        places = np.concatenate([none, *(pattern.indices(*f).ravel() for f in felt)])
+        right_places = np.concatenate([none, *(unknowns.places(*f).ravel() for f in felt)])
+        ends = np.column_stack([before, np.arange(len(before))])
+        link = np.repeat(ends, 6, axis=1), unknowns.stop_columns[ends].reshape(len(ends), -1)
+        link_places, link_right = pattern.indices(*link), unknowns.places(*link)
         weight = telemetry.weight.copy()
         weight[held, :2] = 0.0
         weight[held & (telemetry.is_fine | held[before]), 2] = 0.0
         weight[held & held[before], 3:] = 0.0
-        rows = np.sort(
-            np.concatenate([np.zeros(0, dtype=np.int64), *(g.rows.ravel() for g in groups)])
-        )
+        rows = np.concatenate([none, *(g.rows.ravel() for g in groups)])
         anchor = np.full(observations.points, -1)
         nearest = rows[np.argsort(observations.measured[rows, 2], kind="stable")]
         anchor[observations.point[nearest]] = observations.pair[nearest]
         return cls(
-            observations, telemetry, held, unknowns, pattern, groups, places,
+            observations, telemetry, held, unknowns, pattern, groups, places, right_places,
             link_places, link_right, weight, rows, anchor, inherited,
         )  # fmt: skip
 
@@ -140,7 +137,7 @@ class Problem:
         """Observations minus unknowns."""
         coordinates = int((self.observations.weight[self.rows] > 0).sum())
         telemetry = int((self.link_weight > 0).sum()) + 3 * len(self.observations.pair_stop)
-        points = 3 * sum(len(group.rows) for group in self.groups)
+        points = 3 * sum(group.points for group in self.groups)
         known = self.inherited.surplus if self.inherited else 0
         return coordinates + telemetry + known - points - self.unknowns.count
 
@@ -211,23 +208,28 @@ def normal_equations(
 ) -> tuple[np.ndarray, np.ndarray, tuple[EliminatedTies, ...]]:
     """Reduced normal matrix (flat), right-hand side (with a bin at the end), eliminated ties."""
     observations, rows = problem.observations, problem.rows
-    flat, right = np.zeros(problem.pattern.length + 1), np.zeros(problem.unknowns.count + 1)
-    full = np.zeros((len(observations), 3))
-    by_orientation = np.zeros((len(observations), 3, COLUMNS))
-    by_point = np.zeros((len(observations), 3, 3))
     l = whitened(problem, state)
     root = np.sqrt(huber_weights(np.linalg.norm(l, axis=1), threshold))[:, None]
-    weight = (observations.weight[rows] * root)[:, :, None]
-    A_o, A_t = partials(state, observations, rows)
-    full[rows], by_orientation[rows], by_point[rows] = l * root, A_o * weight, A_t * weight
-    ties = []
-    for group, places in zip(problem.groups, problem.places, strict=True):
-        ties.append(eliminate(group, places, full, by_orientation, by_point))
-        add_normals(ties[-1], problem.unknowns, flat, right)
+    A = partials_by_component(state, observations, rows)
+    A, l = A.weighted((observations.weight[rows] * root).T), (l * root).T
+    ties, end = [], 0
+    for group in problem.groups:
+        part = slice(end, end := end + group.rows.size)
+        ties.append(eliminate(group, l[:, part], A.of(part), state.centres))
+    N, n = zip(*(tie.normals() for tie in ties), strict=True) if ties else ((), ())
+    flat = _summed(problem.places, N, problem.pattern.length + 1)
+    right = _summed(problem.right_places, n, problem.unknowns.count + 1)
     _add_telemetry(problem, state, flat, right)
     _add_inherited(problem, state, flat, right)
     flat[-1] = right[-1] = 0.0
     return flat, right, tuple(ties)
+
+
+def _summed(places: np.ndarray, parts: Sequence[np.ndarray], length: int) -> np.ndarray:
+    """A flat array of some length, with the parts, one after the other, added at their places."""
+    if not parts:
+        return np.zeros(length)
+    return np.bincount(places, np.concatenate([part.ravel() for part in parts]), minlength=length)
 
 
 def _add_telemetry(problem: Problem, state: State, flat: np.ndarray, right: np.ndarray) -> None:
@@ -304,8 +306,13 @@ def _step(  # noqa: PLR0913, PLR0917 - all that the loop has in hand
     turn_shift, pointing = problem.unknowns.unpack(x)
     d_points = np.zeros_like(state.points)
     for ties in now.ties:
-        numbers = problem.observations.point[ties.group.rows[:, 0]]
-        d_points[numbers] = place_points(ties, turn_shift, pointing, problem.observations)
+        rows, base = ties.group.rows, ties.group.stops[ties.group.signature, 0]
+        numbers = problem.observations.point[rows[0]]
+        arm = state.points[numbers] - state.centres[base]
+        d_points[numbers] = place_points(
+            ties, turn_shift, pointing, problem.observations.pair[rows]
+        )
+        d_points[numbers] += turn_shift[base, 3:] + np.cross(turn_shift[base, :3], arm)
     slack = 1e-12 * (1.0 + abs(cost))
     for halvings in range(params.max_halvings + 1):
         part = 0.5**halvings

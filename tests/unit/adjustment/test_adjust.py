@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from photogrammetry.adjustment.adjust import adjust, adjust_overall
+from photogrammetry.adjustment.collinearity import misclosures, partials
 from photogrammetry.adjustment.params import AdjustmentParams
 from photogrammetry.adjustment.priors import Telemetry
 from photogrammetry.adjustment.records import (
@@ -272,34 +273,39 @@ def test_a_point_without_any_parallax_is_not_used(params):
 
 
 def test_elimination_leaves_the_normal_equations_of_the_classical_reduction(bent, params):
-    """Q2 on near points equals N_oo - N_ot N_tt^-1 N_to, on a dense copy of the whole system."""
+    """On near points it equals N_oo - N_ot N_tt^-1 N_to, on a dense copy of the whole system."""
     network, observations, state = bent
     telemetry = Telemetry.of(network, params)
     held = np.array([True, False, False])
-    problem = Problem.of(observations, telemetry, held, np.ones(len(observations), dtype=bool))
-    flat, _, ties = normal_equations(problem, state, None)
-    bare = np.zeros_like(flat)
-    telemetry_only = replace(problem, groups=(), places=(), rows=problem.rows[:0])
-    bare, _, _ = normal_equations(telemetry_only, state, None)
-    views = problem.pattern.views(flat - bare)
+    everything = np.ones(len(observations), dtype=bool)
+    problem = Problem.of(observations, telemetry, held, everything)
+    nothing = Problem.of(observations, telemetry, held, ~everything)
     unknowns = problem.unknowns
-    dense = np.zeros((unknowns.count, unknowns.count))
-    for tie in ties:
-        full = tie.Q @ np.concatenate([tie.A1, tie.A], axis=1)
-        A_t = tie.Q[:, :, :3] @ tie.R
-        for n, signature in enumerate(tie.group.signature.tolist()):
-            local, stops = tie.group.local[signature], tie.group.stops[signature]
-            free = local >= 0
-            at = unknowns.offsets[stops[free]] + local[free]
-            A_o = np.zeros((len(full[n]), unknowns.count))
-            np.add.at(A_o.T, at, full[n][:, free].T)
-            N_tt, N_ot = A_t[n].T @ A_t[n], A_o.T @ A_t[n]
-            dense += A_o.T @ A_o - N_ot @ np.linalg.solve(N_tt, N_ot.T)
-    for (s, t), block in views.items():
+    dense, right = np.zeros((unknowns.count, unknowns.count)), np.zeros(unknowns.count)
+    for point in np.unique(observations.point).tolist():
+        rows = np.flatnonzero(observations.point == point)
+        if len(rows) == 1:
+            continue
+        weight = observations.weight[rows].ravel()[:, None]
+        by_orientation, by_point = partials(state, observations, rows)
+        A_o, A_t = np.zeros((3 * len(rows), unknowns.count)), by_point.reshape(-1, 3) * weight
+        for i, pair in enumerate(observations.pair[rows].tolist()):
+            local = unknowns.columns(np.array([pair]))[0]
+            at = unknowns.offsets[unknowns.pair_stop[pair]] + local[local >= 0]
+            A_o[3 * i : 3 * i + 3, at] = by_orientation[i][:, local >= 0]
+        A_o *= weight
+        l = misclosures(state, observations, rows).ravel() * weight[:, 0]
+        N_tt, N_ot = A_t.T @ A_t, A_o.T @ A_t
+        dense += A_o.T @ A_o - N_ot @ np.linalg.solve(N_tt, N_ot.T)
+        right += A_o.T @ l - N_ot @ np.linalg.solve(N_tt, A_t.T @ l)
+    found, told = (normal_equations(p, state, None) for p in (problem, nothing))
+    np.testing.assert_allclose((found[1] - told[1])[:-1], right, atol=1e-9 * np.abs(right).max())
+    bare = nothing.pattern.views(told[0])
+    for (s, t), block in problem.pattern.views(found[0]).items():
         rows = slice(unknowns.offsets[s], unknowns.offsets[s] + unknowns.sizes[s])
         columns = slice(unknowns.offsets[t], unknowns.offsets[t] + unknowns.sizes[t])
-        expected = dense[rows, columns]
-        np.testing.assert_allclose(block, expected, atol=1e-9 * np.abs(dense).max())
+        images = block - bare.get((s, t), 0.0)
+        np.testing.assert_allclose(images, dense[rows, columns], atol=1e-9 * np.abs(dense).max())
 
 
 def test_redundancy_numbers_sum_to_the_redundancy_of_the_images(params):
