@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import contextlib
 import importlib.util
+import json
 import os
 import random
 import sys
@@ -20,6 +21,9 @@ import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
+
+import cv2
+import numpy as np
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT))
@@ -74,6 +78,30 @@ def small_raster() -> bytes:
     return label.ljust(5120) + pixels + pixels
 
 
+def small_joined() -> list[bytes]:
+    """Data joined to a label of each kind."""
+    xml = (ROOT / "tests" / "unit" / "pds3" / "navcam_of_perseverance.xml").read_bytes()
+    vectors = "(1,0,0);(0,1,0);(9,0,5);(0,9,5);(0,1,0);(0,0,0)"
+    metadata = {
+        "sol": 1,
+        "instrument": "NAVCAM_LEFT",
+        "sclk": 1.5,
+        "dimension": "(3,2)",
+        "site": 1,
+        "drive": 2,
+        "xyz": "(1,2,3)",
+        "attitude": "(1,0,0,0)",
+        "camera_model_type": "CAHVOR",
+        "camera_model_component_list": vectors,
+    }
+    picture = cv2.imencode(".png", np.full((2, 3), 7, np.uint8))[1].tobytes()
+    return [
+        joined(small_image()[:4096].rstrip(), small_image(), NAME),
+        joined(xml, bytes(range(1, 35)), NAME),
+        joined(json.dumps(metadata).encode(), picture, NAME),
+    ]
+
+
 def vicar(data: bytes) -> None:
     """A VICAR label as it stands, and behind system items that are whole."""
     head = b"LBLSIZE=%d FORMAT='HALF' NL=4 NS=5 NB=1 RECSIZE=10 N2=4 N3=1 " % (len(data) + 70)
@@ -94,7 +122,7 @@ LOCATIONS = (
 SMALL: dict[str, Callable[[], list[bytes]]] = {
     "vicar": lambda: [b"PROPERTY='A' B=(1,'it''s') B__UNIT=('m','') EOL=1 LBLSIZE=9 C='x' "],
     "image": lambda: [small_image()],
-    "detached": lambda: [small_image()[:4096].rstrip() + b"\0" + small_image()],
+    "detached": lambda: [small_image()[:4096].rstrip() + b"\0" + small_image(), *small_joined()],
     "raster": lambda: [small_raster()],
     "localisations": lambda: [PLACES, LOCATIONS],
 }
