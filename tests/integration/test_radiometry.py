@@ -19,6 +19,7 @@ from photogrammetry.synthetic.traverse import TraverseParams
 from photogrammetry.synthetic.world import WorldParams, make_world, render_jobs, text_files
 from products.model import ProductKind, Recipe
 from products.workspace import Workspace
+from tasks.images import image_file, read_product_image
 from tasks.ingest import ingest_downlink
 from tasks.match import MatchParams, match_stereo_pair
 from tasks.pairs import pairs_of, read_pair
@@ -123,6 +124,34 @@ def test_codes_without_a_table_are_codes_and_said_to_be(frames, tmp_path):
         assert outcome.notes == (
             "pixels are 8-bit codes of LUT1, no counts: no inverse table was given",
         )
+
+
+SEGMENT = b"""GROUP = COMPRESSION_PARMS
+  INST_CMPRS_SEGMENT_STATUS = (0,3)
+  INST_CMPRS_SEG_FIRST_LINE = (1,129)
+  INST_CMPRS_SEG_FIRST_LINE_SAMP = (1,1)
+  INST_CMPRS_SEG_LINES = (128,128)
+  INST_CMPRS_SEG_SAMPLES = (256,256)
+END_GROUP = COMPRESSION_PARMS
+"""
+
+
+def test_lost_segments_are_masked_and_said_to_be(frames, tmp_path):
+    """The lower half did not come down; the label that says so is a file of its own."""
+    name = min(frames.files)
+    data = frames.files[name]
+    label = data[: -2 * SIDE * SIDE].rstrip()
+    label = re.sub(rb"\^IMAGE( +)= +\d+", rb'^IMAGE\1= ("DATA.IMG", 1)', label)
+    label = label.replace(b"GROUP  ", SEGMENT + b"GROUP  ", 1)
+    downlink = Frames({name: data[-2 * SIDE * SIDE :]}, {}).written(tmp_path / "downlink")
+    (downlink / name).with_suffix(".lbl").write_bytes(label)
+    workspace = ingested(downlink, tmp_path / "store", tables(tmp_path / "settings"))
+    (entry,) = workspace.catalogue.images()
+    read = read_product_image(image_file(entry), workspace.store)
+    assert not read.mask[128:].any()
+    assert read.mask[:128].mean() > 0.99
+    note = f"{128 * SIDE} pixels are masked: the label calls their segments lost"
+    assert workspace.catalogue.outcomes()[0].notes == entry.notes == (note,)
 
 
 def test_a_mission_without_tables_knows_of_none_in_its_recipes(frames, tmp_path):
