@@ -5,6 +5,7 @@ They are products like any other, below `quicklook/` in the store, and no layer 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import cv2
@@ -13,9 +14,15 @@ from prefect import task
 from prefect.cache_policies import NO_CACHE
 
 from photogrammetry.arrays import Picture
+from photogrammetry.cameras.epipolar import EpipolarPair
+from photogrammetry.frames import Pose
+from photogrammetry.matching.alignment import AlignmentParams
 from photogrammetry.matching.birds_eye import overlay_picture
 from photogrammetry.matching.cross_site import SiteLink, StopViews
 from photogrammetry.matching.pictures import draw_matches, draw_parallax
+from photogrammetry.matching.records import MatchedPair, MatchedStop
+from photogrammetry.matching.tie_pictures import draw_sheet, misfits
+from photogrammetry.matching.ties import Ties
 from photogrammetry.terrain.pictures import class_picture, relief_picture
 from photogrammetry.terrain.surface import HillshadeParams
 from products.errors import ProductError
@@ -25,7 +32,7 @@ from products.store import ProductStore
 from tasks.pairs import PairProducts, read_matched_pair
 from tasks.scopes import pair_scope
 
-MAX_SIDE = 1536
+MAX_WIDTH = 1536
 """Of a picture, pixels: a screen's width."""
 
 
@@ -54,20 +61,48 @@ def picture_terrain(dtm: ProductRef, store: ProductStore) -> ProductRef:
     return store.make(Recipe(ProductKind.QUICKLOOK, dtm.scope, (dtm,)), write)
 
 
-def write_link_picture(path: Path, earlier: StopViews, later: StopViews, link: SiteLink) -> None:
-    """Both stops from above, laid over each other as the link found them."""
+def write_ties_picture(path: Path, stop: MatchedStop, ties: Ties, params: AlignmentParams) -> None:
+    """Every two pairs of a stop with their ties, coloured by how well they agree."""
+    rest = Pose.identity(stop.stop.frame, stop.stop.frame)
+    pairs = {pair.pair_id: pair for pair in stop.pairs}
+    share = misfits(ties, _geometries(pairs), rest, None, params)
+    write_picture(path, draw_sheet(pairs, ties, share))
+
+
+def write_link_picture(
+    path: Path, earlier: StopViews, later: StopViews, link: SiteLink, params: AlignmentParams
+) -> None:
+    """Both stops from above, laid over each other as the link found them, and all its ties."""
     if link.fit is None:
-        picture = np.zeros((16, 16, 3), np.uint8)  # no place was found to lay them over
+        above = np.zeros((16, 16, 3), np.uint8)  # no place was found to lay them over
     else:
-        picture = overlay_picture(earlier.birds_eye, later.birds_eye, link.fit)
-    write_picture(path, cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
+        above = cv2.cvtColor(
+            overlay_picture(earlier.birds_eye, later.birds_eye, link.fit), cv2.COLOR_RGB2BGR
+        )
+    if not len(link.ties):
+        write_picture(path, above)
+        return
+    pairs = {p.pair_id: p for views in (earlier, later) for p in views.stop.pairs}
+    share = misfits(link.ties, _geometries(pairs), link.earlier_from_later, link.covariance, params)
+    write_picture(path, _stacked(above, draw_sheet(pairs, link.ties, share)))
+
+
+def _geometries(pairs: Mapping[str, MatchedPair]) -> dict[str, EpipolarPair]:
+    return {name: pair.images.geometry for name, pair in pairs.items()}
+
+
+def _stacked(above: Picture, below: Picture) -> Picture:
+    """Two pictures as wide as the second, one over the other."""
+    scale = below.shape[1] / above.shape[1]
+    size = (below.shape[1], max(1, round(above.shape[0] * scale)))
+    return np.vstack([cv2.resize(above, size, interpolation=cv2.INTER_AREA), below])
 
 
 def write_picture(path: Path, picture: Picture) -> None:
-    """Write a picture (BGR or BGRA) as PNG, no side longer than `MAX_SIDE`."""
-    shrink = min(1.0, MAX_SIDE / max(picture.shape[:2]))
+    """Write a picture (BGR or BGRA) as PNG, no wider than `MAX_WIDTH`."""
+    shrink = min(1.0, MAX_WIDTH / picture.shape[1])
     small = cv2.resize(picture, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA)
-    encoded, png = cv2.imencode(".png", small)
+    encoded, png = cv2.imencode(".png", small, [cv2.IMWRITE_PNG_COMPRESSION, 6])
     if not encoded:
         raise ProductError(f"{path.name} could not be encoded as PNG")
     path.write_bytes(png.tobytes())

@@ -25,7 +25,7 @@ from products.arrays import pose_document, write_ties
 from products.model import ProductKind, ProductRef, Recipe, Scope, ScopeLevel
 from products.store import ProductStore
 from tasks.pairs import PairProducts, read_matched_stop
-from tasks.quicklook import write_link_picture
+from tasks.quicklook import write_link_picture, write_ties_picture
 from tasks.scopes import stop_scope
 from tasks.telemetry import TelemetryStop
 
@@ -63,12 +63,23 @@ def tie_stop(
 ) -> ProductRef:
     """Tie every two overlapping pairs of a stop."""
 
+    @cache
+    def tied() -> tuple[MatchedStop, PairTies]:
+        matched = _matched(stop, telemetry, store)
+        return matched, tie_inter_stereo(matched, params)
+
     def write(path: Path) -> None:
-        found = tie_inter_stereo(_matched(stop, telemetry, store), params)
+        found = tied()[1]
         write_ties(path, found.ties, _figures_of_stop(found))
 
-    recipe = Recipe(ProductKind.TIES, stop_scope(stop.stop), stop.inputs, params)
-    return store.make(recipe, write)
+    def write_look(path: Path) -> None:
+        matched, found = tied()
+        write_ties_picture(path, matched, found.ties, params.alignment)
+
+    scope = stop_scope(stop.stop)
+    ties = store.make(Recipe(ProductKind.TIES, scope, stop.inputs, params), write)
+    store.make(Recipe(ProductKind.QUICKLOOK, scope, (ties,)), write_look)
+    return ties
 
 
 @task(cache_policy=NO_CACHE, task_run_name="link-{earlier.stop}-{later.stop}")
@@ -98,7 +109,7 @@ def link_stops(
     links = store.make(Recipe(ProductKind.LINKS, scope, inputs, (params, *poses)), write)
     store.make(
         Recipe(ProductKind.QUICKLOOK, scope, (links,)),
-        lambda path: write_link_picture(path, *linked()),
+        lambda path: write_link_picture(path, *linked(), params.trials.alignment),
     )
     return links
 

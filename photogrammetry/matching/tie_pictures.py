@@ -1,56 +1,154 @@
-"""Pictures of ties: two images side by side with a line for every point that both show."""
+"""Pictures of ties: two images side by side with a line for every point that both show.
+
+A line is coloured by how well its tie agrees with all the others: by the length of its residual in
+standard deviations (Mahalanobis), from green (0) over yellow to red (the limit of the verdict).
+"""
 
 from __future__ import annotations
+
+from collections.abc import Mapping
 
 import cv2
 import numpy as np
 
-from photogrammetry.arrays import Picture
+from photogrammetry.arrays import Flags, Float64, PerPoint, Picture, UInt8
+from photogrammetry.cameras.epipolar import EpipolarPair
 from photogrammetry.errors import MatchingError
+from photogrammetry.frames import Pose
+from photogrammetry.matching.alignment import AlignmentParams, align
 from photogrammetry.matching.pictures import in_three_bands
 from photogrammetry.matching.records import MatchedPair
 from photogrammetry.matching.ties import Ties
 
 GAP_PX = 8
-GOLDEN = 0.618
-"""Hues advance by this share of the circle, so that neighbours differ."""
+COLUMNS = 2
+"""Couples of images side by side on a sheet."""
+SHEET_PX = 1536
+TITLE_PX = 22
+LEAST_SHEET_PX = 64
+GREY_STEP = 8
+"""Grey values are told apart by so much: the noise of soil makes up most of a picture's bytes."""
+GREEN_DEG = 120.0
+"""Hue of a tie that fits; 0 is red."""
 
 
-def draw_ties(first: MatchedPair, second: MatchedPair, ties: Ties) -> Picture:
+def misfits(
+    ties: Ties,
+    geometries: Mapping[str, EpipolarPair],
+    first_from_second: Pose,
+    covariance: Float64[np.ndarray, "6 6"] | None,
+    params: AlignmentParams,
+) -> PerPoint:
+    """Residuals of ties after alignment, as shares of the limit of the verdict."""
+    if not len(ties):
+        return np.zeros(0)
+    aligned = align(ties, geometries, first_from_second, covariance, params)
+    return np.sqrt(aligned.mahalanobis2 / params.chi_square)
+
+
+def draw_ties(
+    first: MatchedPair,
+    second: MatchedPair,
+    ties: Ties,
+    misfit: PerPoint,
+    scale: float = 1.0,
+) -> Picture:
     """The left images of two pairs, and a coloured line from each point to its conjugate."""
     for pair in (first, second):
         if pair.pair_id not in ties.pair_ids:
             raise MatchingError(f"{pair.pair_id} is not among the pairs of these ties")
-    grey = [in_three_bands(p.images.left, p.images.left_mask) for p in (first, second)]
+    grey = [
+        _small(in_three_bands(p.images.left, p.images.left_mask), scale) for p in (first, second)
+    ]
     height = max(g.shape[0] for g in grey)
     offset = grey[0].shape[1] + GAP_PX
     picture = np.zeros((height, offset + grey[1].shape[1], 3), np.uint8)
     for image, left in zip(grey, (0, offset), strict=True):
-        picture[: image.shape[0], left : left + image.shape[1]] = image.reshape(
-            *image.shape[:2], -1
-        )
-    for k, (start, end) in enumerate(_lines(first.pair_id, second.pair_id, ties)):
-        colour = _colour(k)
-        a, b = (int(start[0]), int(start[1])), (int(end[0]) + offset, int(end[1]))
+        picture[: image.shape[0], left : left + image.shape[1]] = image // GREY_STEP * GREY_STEP
+    for start, end, share in _lines(first.pair_id, second.pair_id, ties, misfit):
+        a, b = ((int(x * scale), int(y * scale)) for x, y in (start, end))
+        b, colour = (b[0] + offset, b[1]), _colour(share)
         cv2.line(picture, a, b, colour, 1, cv2.LINE_AA)
         for place in (a, b):
-            cv2.circle(picture, place, 4, colour, 1, cv2.LINE_AA)
+            cv2.circle(picture, place, 3, colour, 1, cv2.LINE_AA)
     return picture
 
 
-def _lines(first: str, second: str, ties: Ties) -> list[tuple[np.ndarray, np.ndarray]]:
-    """(point in the first pair, point in the second) of their ties, whichever way they run."""
-    one, other = ties.pair_ids.index(first), ties.pair_ids.index(second)
-    forth = (ties.first == one) & (ties.second == other)
-    back = (ties.first == other) & (ties.second == one)
+def draw_sheet(pairs: Mapping[str, MatchedPair], ties: Ties, misfit: PerPoint) -> Picture:
+    """All couples of images that ties join, two to a row, those with most ties first."""
+    counts = sorted(ties.counts().items(), key=lambda item: -item[1])
+    cells = [
+        _cell(*_side_by_side(pairs[one], pairs[other], ties), ties, misfit)
+        for (one, other), _ in counts
+        if one in pairs and other in pairs
+    ]
+    if not cells:
+        return np.zeros((LEAST_SHEET_PX, SHEET_PX, 3), np.uint8)
+    width = SHEET_PX // COLUMNS
+    rows = []
+    for k in range(0, len(cells), COLUMNS):
+        row = cells[k : k + COLUMNS]
+        height = max(cell.shape[0] for cell in row)
+        filled = [np.zeros((height, width, 3), np.uint8) for _ in range(COLUMNS)]
+        for cell, place in zip(row, filled, strict=False):
+            place[: cell.shape[0], : cell.shape[1]] = cell
+        rows.append(np.hstack(filled))
+    return np.vstack(rows)
+
+
+def _side_by_side(
+    first: MatchedPair, second: MatchedPair, ties: Ties
+) -> tuple[MatchedPair, MatchedPair, Flags]:
+    """A couple so ordered that what both show is next to each other, and the ties between them."""
+    rows = _between(ties, first.pair_id, second.pair_id)
+    shares = [
+        float(np.mean(left[rows, 0])) / pair.images.left.shape[1]
+        for left, pair in ((ties.first_left, first), (ties.second_left, second))
+    ]
+    return (first, second, rows) if shares[0] >= shares[1] else (second, first, rows)
+
+
+def _cell(
+    first: MatchedPair, second: MatchedPair, rows: Flags, ties: Ties, misfit: PerPoint
+) -> Picture:
+    """One couple of a sheet, with its names and number of ties above."""
+    wide = first.images.left.shape[1] + second.images.left.shape[1]
+    scale = (SHEET_PX // COLUMNS - 2 * GAP_PX) / wide
+    drawn = draw_ties(first, second, ties.taking(rows), misfit[rows], scale)
+    title = np.zeros((TITLE_PX, drawn.shape[1], 3), np.uint8)
+    text = f"{first.pair_id} - {second.pair_id}: {int(rows.sum())} ties"
+    cv2.putText(
+        title, text, (2, 15), cv2.FONT_HERSHEY_SIMPLEX, 0.42, (255, 255, 255), 1, cv2.LINE_AA
+    )
+    return np.vstack([title, drawn])
+
+
+def _small(image: Picture, scale: float) -> UInt8[np.ndarray, "height width 3"]:
+    size = tuple(max(1, round(side * scale)) for side in image.shape[1::-1])
+    return cv2.resize(image, size, interpolation=cv2.INTER_AREA).astype(np.uint8)
+
+
+def _between(ties: Ties, one: str, other: str) -> Flags:
+    """The ties that run from one pair to the other."""
+    first, second = ties.pair_ids.index(one), ties.pair_ids.index(other)
+    return (ties.first == first) & (ties.second == second)
+
+
+def _lines(
+    first: str, second: str, ties: Ties, misfit: PerPoint
+) -> list[tuple[np.ndarray, np.ndarray, float]]:
+    """(point in the first pair, point in the second, misfit), whichever way the ties run."""
+    forth, back = _between(ties, first, second), _between(ties, second, first)
     return [
-        *zip(ties.first_left[forth], ties.second_left[forth], strict=True),
-        *zip(ties.second_left[back], ties.first_left[back], strict=True),
+        *zip(ties.first_left[forth], ties.second_left[forth], misfit[forth].tolist(), strict=True),
+        *zip(ties.second_left[back], ties.first_left[back], misfit[back].tolist(), strict=True),
     ]
 
 
-def _colour(k: int) -> tuple[int, int, int]:
-    """A bright colour, (red, green, blue)."""
-    hue = np.array([[[round(180 * ((k * GOLDEN) % 1.0)) % 180, 220, 255]]], np.uint8)
-    red, green, blue = cv2.cvtColor(hue, cv2.COLOR_HSV2RGB)[0, 0].tolist()
-    return red, green, blue
+def _colour(share: float) -> tuple[int, int, int]:
+    """From green (0) to red (1 and more); (blue, green, red)."""
+    hue = round(GREEN_DEG / 2 * (1.0 - min(max(share, 0.0), 1.0)))  # OpenCV halves degrees
+    blue, green, red = cv2.cvtColor(np.array([[[hue, 230, 255]]], np.uint8), cv2.COLOR_HSV2BGR)[
+        0, 0
+    ]
+    return int(blue), int(green), int(red)

@@ -2,8 +2,19 @@ import numpy as np
 import pytest
 
 from photogrammetry.errors import MatchingError
-from photogrammetry.matching.tie_pictures import GAP_PX, draw_ties
+from photogrammetry.frames import Pose
+from photogrammetry.matching.alignment import AlignmentParams
+from photogrammetry.matching.inter_stereo import InterStereoParams, tie_inter_stereo
+from photogrammetry.matching.tie_pictures import (
+    GAP_PX,
+    SHEET_PX,
+    draw_sheet,
+    draw_ties,
+    misfits,
+)
 from photogrammetry.matching.ties import Ties
+
+FITS = np.zeros(1)
 
 
 def tie(ids, first_left, second_left):
@@ -18,11 +29,15 @@ def tie(ids, first_left, second_left):
     )
 
 
+def none(ties):
+    return ties.taking(np.zeros(len(ties), bool))
+
+
 def test_a_tie_is_a_coloured_line_from_image_to_image(first_stop):
     one, other = first_stop.pairs[:2]
     ties = tie((one.pair_id, other.pair_id), (50, 100), (60, 100))
-    plain = draw_ties(one, other, ties.taking(np.zeros(1, bool)))
-    drawn = draw_ties(one, other, ties)
+    plain = draw_ties(one, other, none(ties), FITS[:0])
+    drawn = draw_ties(one, other, ties, FITS)
     assert plain.shape == (256, 2 * 256 + GAP_PX, 3)
     changed = (plain != drawn).any(axis=2)
     assert changed[100, 60:300].all()
@@ -30,15 +45,43 @@ def test_a_tie_is_a_coloured_line_from_image_to_image(first_stop):
     assert not changed[:, :40].any()
 
 
+def test_ties_that_fit_are_green_and_those_at_the_limit_red(first_stop):
+    one, other = first_stop.pairs[:2]
+    ties = tie((one.pair_id, other.pair_id), (50, 100), (60, 100))
+    for share, band in ((0.0, 1), (1.0, 2), (3.0, 2)):  # blue, green, red
+        line = draw_ties(one, other, ties, np.array([share]))[100, 258].astype(int)
+        assert line[band] > 2 * max(line[k] for k in range(3) if k != band)
+
+
 def test_a_line_runs_the_right_way_when_the_pairs_are_exchanged(first_stop):
     one, other = first_stop.pairs[:2]
     ties = tie((one.pair_id, other.pair_id), (50, 100), (60, 140))
-    drawn = draw_ties(other, one, ties)
-    plain = draw_ties(other, one, ties.taking(np.zeros(1, bool)))
+    drawn = draw_ties(other, one, ties, FITS)
+    plain = draw_ties(other, one, none(ties), FITS[:0])
     assert (plain != drawn).any(axis=2)[140, 55:66].any()  # the ring around the start
 
 
 def test_a_pair_that_the_ties_do_not_know_is_named(first_stop):
     one, other = first_stop.pairs[:2]
     with pytest.raises(MatchingError, match="P001 is not among the pairs"):
-        draw_ties(one, other, tie(("P000", "X"), (5, 5), (6, 6)))
+        draw_ties(one, other, tie(("P000", "X"), (5, 5), (6, 6)), FITS)
+
+
+def test_a_sheet_shows_every_couple_of_a_stop(first_stop):
+    ties = tie_inter_stereo(first_stop, InterStereoParams()).ties
+    geometries = {pair.pair_id: pair.images.geometry for pair in first_stop.pairs}
+    rover = first_stop.stop.frame
+    share = misfits(ties, geometries, Pose.identity(rover, rover), None, AlignmentParams())
+    assert share.max() <= 1.0  # all that were kept agree
+    assert np.median(share) < 0.7
+    sheet = draw_sheet({pair.pair_id: pair for pair in first_stop.pairs}, ties, share)
+    assert sheet.shape[1] == SHEET_PX
+    assert sheet[: sheet.shape[0] // 2, SHEET_PX // 2 :].any()  # two to a row
+    assert sheet[sheet.shape[0] // 2 :, : SHEET_PX // 2].any()
+    assert not sheet[sheet.shape[0] // 2 + 30 :, SHEET_PX // 2 :].any()  # three couples
+
+
+def test_a_sheet_without_ties_is_black(first_stop):
+    pairs = {pair.pair_id: pair for pair in first_stop.pairs}
+    nothing = Ties.none(tuple(pairs))
+    assert not draw_sheet(pairs, nothing, np.zeros(0)).any()
