@@ -25,7 +25,7 @@ stop then leaves its place alone, and Gauss-Newton needs few steps on long open 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -97,6 +97,16 @@ class Observations:
 
     def __len__(self) -> int:
         return len(self.point)
+
+    def select(self, rows: np.ndarray) -> Observations:
+        """Some of the observations."""
+        return replace(
+            self,
+            point=self.point[rows],
+            pair=self.pair[rows],
+            measured=self.measured[rows],
+            weight=self.weight[rows],
+        )
 
     @property
     def stop(self) -> Int32[np.ndarray, " n"]:
@@ -170,14 +180,22 @@ def misclosures(
     state: State, observations: Observations, rows: np.ndarray
 ) -> Float64[np.ndarray, "m 3"]:
     """Observed minus computed (x, y, p) of some observations, pixels; NaN behind the camera."""
+    return misclosures_by_component(state, observations, rows).T.copy()
+
+
+def misclosures_by_component(
+    state: State, observations: Observations, rows: np.ndarray | slice
+) -> Float64[np.ndarray, "3 m"]:
+    """The same, component by component."""
     rotations, origins = pair_orientations(state, observations)
     j = observations.pair[rows]
-    e = state.points[observations.point[rows]] - origins[j]
-    y = np.einsum("mi,mij->mj", e, rotations[j])
-    scale = observations.focal_px[j] / np.where(y[:, 2] > 0, y[:, 2], np.nan)
-    l = observations.measured[rows]
-    l[:, :2] -= observations.centre_px[j] + scale[:, None] * y[:, :2]
-    l[:, 2] -= scale * observations.base_m[j]
+    F = _gathered(rotations.swapaxes(1, 2), j)
+    e = (state.points[observations.point[rows]] - origins[j]).T
+    y = F[:, 0] * e[0] + F[:, 1] * e[1] + F[:, 2] * e[2]
+    scale = observations.focal_px[j] / np.where(y[2] > 0, y[2], np.nan)
+    y[2] = observations.base_m[j]
+    l = observations.measured[rows].T - scale * y
+    l[:2] -= observations.centre_px.T[:, j]
     return l
 
 
@@ -205,7 +223,9 @@ class Partials:
         return Partials(self.by_point * by, self.by_pointing * by, self.arm)
 
 
-def partials_by_component(state: State, observations: Observations, rows: np.ndarray) -> Partials:
+def partials_by_component(
+    state: State, observations: Observations, rows: np.ndarray | slice
+) -> Partials:
     """Derivatives of some observations."""
     j = observations.pair[rows]
     s = observations.pair_stop[j]
@@ -214,7 +234,7 @@ def partials_by_component(state: State, observations: Observations, rows: np.nda
     X = state.points[observations.point[rows]].T
     arm = X - state.centres.T[:, s]
     e = X - origins.T[:, j]
-    y = (F * e).sum(axis=1)
+    y = F[:, 0] * e[0] + F[:, 1] * e[1] + F[:, 2] * e[2]
     scale = observations.focal_px[j] / y[2]
     by_point = np.empty_like(F)
     by_point[:2] = scale * (F[:2] - (y[:2] / y[2])[:, None] * F[2])

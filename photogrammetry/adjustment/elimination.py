@@ -55,12 +55,20 @@ class EliminatedTies:
 
     def normals(self) -> tuple[np.ndarray, np.ndarray]:
         """Normal matrix and right-hand side of every signature, in absolute columns."""
-        first = self.group.first
+        first, felt = self.group.first, self.group.felt
         N = np.add.reduceat(self.A.mT @ self.A, first, axis=0)
-        n = np.add.reduceat((self.b[:, None] @ self.A)[:, 0], first, axis=0)
-        if not self.group.slots[-1]:
+        n = np.add.reduceat(np.einsum("nr,nrc->nc", self.b, self.A), first, axis=0)
+        if felt == self.group.relative:
             return N, n
-        return self.T.mT @ N @ self.T, (n[:, None] @ self.T)[:, 0]
+        # T' N T, T being a unit matrix but for the columns of the base
+        posed = felt - STOP_UNKNOWNS - PAIR_UNKNOWNS * self.group.seen
+        base = self.T[:, :posed, -STOP_UNKNOWNS:]
+        full = np.empty((len(N), felt, felt))
+        full[:, :-6, :-6] = N
+        full[:, :-6, -6:] = N[:, :, :posed] @ base
+        full[:, -6:, :-6] = full[:, :-6, -6:].mT
+        full[:, -6:, -6:] = base.mT @ full[:, :posed, -6:]
+        return full, np.concatenate([n, np.einsum("nc,ncb->nb", n[:, :posed], base)], axis=1)
 
 
 def eliminate(

@@ -26,8 +26,8 @@ from photogrammetry.adjustment.collinearity import (
 )
 from photogrammetry.adjustment.elimination import EliminatedTies, inverse_of
 from photogrammetry.adjustment.params import AdjustmentParams
+from photogrammetry.adjustment.problem import Problem
 from photogrammetry.adjustment.rotations import cross_matrix
-from photogrammetry.adjustment.solver import Problem
 
 UNCHECKED = 1e-6
 """A redundancy number below this is rounding: nothing checks the coordinate."""

@@ -1,0 +1,101 @@
+"""A network laid out for the solver: what is observed, what is free, and where it goes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from photogrammetry.adjustment.blocks import BlockPattern
+from photogrammetry.adjustment.collinearity import Observations
+from photogrammetry.adjustment.layout import TieGroup, Unknowns, tie_groups
+from photogrammetry.adjustment.marginal import Marginal
+from photogrammetry.adjustment.priors import Telemetry
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Problem:
+    """A network ready to be solved: what is observed, what is free, and how it is laid out."""
+
+    observations: Observations
+    telemetry: Telemetry
+    held: np.ndarray
+    unknowns: Unknowns
+    pattern: BlockPattern
+    groups: tuple[TieGroup, ...]
+    places: np.ndarray
+    """Where in the flat normal matrix the normal equations of the groups go, one after another."""
+    right_places: np.ndarray
+    link_places: np.ndarray
+    link_right: np.ndarray
+    link_weight: np.ndarray
+    """Telemetry weights, zero where all that a row depends on is held."""
+    rows: np.ndarray
+    """Observations that belong to a group, group by group."""
+    seen: Observations
+    """These observations alone, in this order."""
+    anchor: np.ndarray
+    """Per point, the pair that is nearest to it (-1: not in the adjustment)."""
+    inherited: Marginal | None = None
+    """What observations that have left said of these stops."""
+
+    @classmethod
+    def of(
+        cls,
+        observations: Observations,
+        telemetry: Telemetry,
+        held: np.ndarray,
+        used: np.ndarray,
+        inherited: Marginal | None = None,
+    ) -> Problem:
+        """Lay out a network: `held` by stop, `used` by observation."""
+        unknowns = Unknowns.of(held, observations.pair_stop)
+        groups = tie_groups(observations, used, unknowns)
+        before = telemetry.before
+        cliques: set[tuple[int, ...]] = {
+            (int(b), k) for k, b in enumerate(before) if not (held[k] or held[b])
+        }
+        for group in groups:
+            if group.slots[-1]:
+                cliques.update(map(tuple, np.unique(group.stops, axis=0).tolist()))
+        if inherited:
+            cliques.add(tuple(inherited.stops.tolist()))
+        pattern = BlockPattern.of(unknowns.sizes, cliques)
+        felt = [(g.blocks[:, : g.felt], g.local[:, : g.felt]) for g in groups]
+        none = np.zeros(0, dtype=np.int64)
+        places = np.concatenate([none, *(pattern.indices(*f).ravel() for f in felt)])
+        right_places = np.concatenate([none, *(unknowns.places(*f).ravel() for f in felt)])
+        ends = np.column_stack([before, np.arange(len(before))])
+        link = np.repeat(ends, 6, axis=1), unknowns.stop_columns[ends].reshape(len(ends), -1)
+        link_places, link_right = pattern.indices(*link), unknowns.places(*link)
+        weight = telemetry.weight.copy()
+        weight[held, :2] = 0.0
+        weight[held & (telemetry.is_fine | held[before]), 2] = 0.0
+        weight[held & held[before], 3:] = 0.0
+        rows = np.concatenate([none, *(g.rows.ravel() for g in groups)])
+        anchor = np.full(observations.points, -1)
+        nearest = rows[np.argsort(observations.measured[rows, 2], kind="stable")]
+        anchor[observations.point[nearest]] = observations.pair[nearest]
+        return cls(
+            observations, telemetry, held, unknowns, pattern, groups, places, right_places,
+            link_places, link_right, weight, rows, observations.select(rows), anchor, inherited,
+        )  # fmt: skip
+
+    @property
+    def inherited_columns(self) -> tuple[np.ndarray, np.ndarray]:
+        """Block, and place in it, of the columns of what is inherited."""
+        stops = self.inherited.stops if self.inherited else np.zeros(0, dtype=np.int64)
+        pairs = self.inherited.pairs if self.inherited else np.zeros(0, dtype=np.int64)
+        unknowns = self.unknowns
+        blocks = np.concatenate([np.repeat(stops, 6), np.repeat(unknowns.pair_stop[pairs], 3)])
+        local = [unknowns.stop_columns[stops].ravel(), unknowns.pair_columns[pairs].ravel()]
+        return blocks, np.concatenate(local)
+
+    @property
+    def redundancy(self) -> int:
+        """Observations minus unknowns."""
+        coordinates = int((self.observations.weight[self.rows] > 0).sum())
+        telemetry = int((self.link_weight > 0).sum()) + 3 * len(self.observations.pair_stop)
+        points = 3 * sum(group.points for group in self.groups)
+        known = self.inherited.surplus if self.inherited else 0
+        return coordinates + telemetry + known - points - self.unknowns.count
