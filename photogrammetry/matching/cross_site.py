@@ -17,7 +17,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from photogrammetry.errors import MatchingError
 from photogrammetry.matching.birds_eye import BirdsEyeParams, search
@@ -30,11 +30,13 @@ from photogrammetry.matching.cross_site_trials import (
     decoys,
 )
 from photogrammetry.matching.records import MatchedStop
+from photogrammetry.matching.shared_ground import counted_as_one, spread_out, weighed_down
 from photogrammetry.matching.site_links import (
     SiteLink,
     SiteLinkFigures,
     distance_m,
     figures_of,
+    places_of,
     unlinked,
 )
 from photogrammetry.matching.stop_views import StopViews
@@ -74,9 +76,9 @@ class CrossSiteParams:
     birds_eye: BirdsEyeParams = field(default_factory=BirdsEyeParams)
     trials: TrialParams = field(default_factory=TrialParams)
     verdict: VerdictParams = field(default_factory=VerdictParams)
-    shared: float = 2.0
-    """Ties that count as one in the covariance: a patch of 17 cells, 1.4 m at 10 m, shares half of
-    its ground with the next one, 0.75 m away."""
+    apart: float = 0.75
+    """Least distance of ties that are handed on, in widths of their patches: they share a quarter
+    of their ground at most along either axis, and nearly count as independent."""
 
 
 def tie_cross_site(
@@ -103,7 +105,7 @@ def tie_cross_site(
     if best.agreeing < LEAST_TO_ALIGN:
         return unlinked(one, other, f"only {best.agreeing} conjugates agree in space", best.fit)
     by_chance = trials.settled(rival).agreeing if rival else 0
-    return _judged(one, other, trials.settled(best), by_chance, params)
+    return _judged(trials, trials.settled(best), by_chance, params)
 
 
 def _best_and_rival(
@@ -118,25 +120,31 @@ def _best_and_rival(
     return next(same, best), rival
 
 
-def _judged(
-    one: StopViews, other: StopViews, trial: Trial, by_chance: int, params: CrossSiteParams
-) -> SiteLink:
+def _judged(trials: Trials, trial: Trial, by_chance: int, params: CrossSiteParams) -> SiteLink:
     """The link of a settled trial, or why it is none."""
-    alignment = trial.alignment
-    if alignment is None:
+    one, other = trials.one, trials.other
+    fine = trials.refined(trial)
+    if trial.alignment is None or fine.alignment is None:
         return unlinked(one, other, "the conjugates could not be aligned", trial.fit)
-    figures = figures_of(one, other, trial.fit, trial.ties, alignment, by_chance)
+    figures = figures_of(one, other, fine.fit, fine.ties, fine.alignment)
+    figures = replace(figures, measured=len(trial.ties), by_chance=by_chance)
     linked, reason = verdict(figures, params.verdict)
     if not linked:
         return unlinked(one, other, reason, trial.fit, figures)
+    agrees = fine.alignment.agrees
+    ties, width_m = fine.ties.taking(agrees), fine.width_m[agrees]
+    places = (places_of(one, ties) @ one.stop.lsl_from_rover.rotation.T)[:, :2]
+    weighed = weighed_down(ties, counted_as_one(places, width_m))
+    final = trials.aligned(weighed, fine.alignment.first_from_second) or fine.alignment
+    some = spread_out(places, width_m, params.apart, params.verdict.least_ties)
     return SiteLink(
         one.id,
         other.id,
         linked,
         reason,
-        trial.ties.taking(alignment.agrees),
-        alignment.first_from_second,
-        params.shared * alignment.covariance,
+        weighed_down(ties.taking(some), counted_as_one(places[some], width_m[some])),
+        final.first_from_second,
+        final.covariance,
         figures,
         trial.fit,
     )

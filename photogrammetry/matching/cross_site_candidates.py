@@ -43,7 +43,7 @@ class Candidates:
     farthest_m: float = 30.0
     most: int = 200
     """In a trial of a hypothesis."""
-    most_at_last: int = 600
+    most_at_last: int = 300
     """When the hypothesis is settled."""
     footprints: float = 1.5
     """Pixels of the coarser image in a cell along the view: what optics and sampling resolve."""

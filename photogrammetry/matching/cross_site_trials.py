@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from photogrammetry.arrays import PerPoint
 from photogrammetry.errors import MatchingError
 from photogrammetry.frames import Pose
 from photogrammetry.matching.alignment import Alignment, AlignmentParams, align
@@ -21,6 +22,7 @@ from photogrammetry.matching.cross_site_candidates import Candidates, Gap, plans
 from photogrammetry.matching.cross_site_gate import PoseCovariance, between_levels, pose_of
 from photogrammetry.matching.ground_matching import GroundMatchingParams, match_ground
 from photogrammetry.matching.stop_views import StopViews
+from photogrammetry.matching.tie_refinement import RefinementParams, refined
 from photogrammetry.matching.ties import Ties
 
 LEAST_TO_ALIGN = 6
@@ -34,6 +36,7 @@ class TrialParams:
     candidates: Candidates = field(default_factory=Candidates)
     ground: GroundMatchingParams = field(default_factory=GroundMatchingParams)
     alignment: AlignmentParams = field(default_factory=AlignmentParams)
+    refinement: RefinementParams = field(default_factory=RefinementParams)
     decoys: int = 2
     separation_m: float = 0.75
     """Trials that end this near to each other found the same place."""
@@ -52,6 +55,8 @@ class Trial:
 
     fit: PlaneFit
     ties: Ties
+    width_m: PerPoint
+    """Of the patches of ground that the ties were matched by."""
     alignment: Alignment | None
 
     @property
@@ -91,6 +96,22 @@ class Trials:
         pose = trial.alignment.first_from_second
         return self._trial(trial.fit, pose, candidates.last_gap, candidates, None)
 
+    def refined(self, trial: Trial) -> Trial:
+        """Measure the ties that agree again, in the original images, and align by them."""
+        if trial.alignment is None:
+            return trial
+        agrees = trial.alignment.agrees
+        views = {v.view.pair.pair_id: v.view for v in (*self.one.views, *self.other.views)}
+        ties = refined(
+            trial.ties.taking(agrees),
+            views,
+            trial.alignment,
+            self.params.refinement,
+            self.params.ground.parallax,
+        )
+        alignment = self.aligned(ties, trial.alignment.first_from_second)
+        return Trial(trial.fit, ties, trial.width_m[agrees], alignment)
+
     def _trial(
         self,
         fit: PlaneFit,
@@ -103,10 +124,10 @@ class Trials:
         level = between_levels(self.one.stop, self.other.stop, pose)
         forth, back = plans_between(self.one.views, self.other.views, level, gap, candidates)
         pair_ids = (*self.one.pair_ids, *self.other.pair_ids)
-        ties = match_ground(forth, back, self.params.ground, pair_ids, dense_sigma_px)
-        return Trial(fit, ties, self._aligned(ties, pose))
+        found = match_ground(forth, back, self.params.ground, pair_ids, dense_sigma_px)
+        return Trial(fit, found.ties, found.width_m, self.aligned(found.ties, pose))
 
-    def _aligned(self, ties: Ties, pose: Pose) -> Alignment | None:
+    def aligned(self, ties: Ties, pose: Pose) -> Alignment | None:
         """The robust alignment by some ties, None if there are hardly any."""
         if len(ties) < LEAST_TO_ALIGN:
             return None

@@ -100,7 +100,6 @@ def figures_of(
     fit: PlaneFit,
     ties: Ties,
     alignment: Alignment,
-    by_chance: int,
 ) -> SiteLinkFigures:
     """The figures of an alignment by some ties."""
     level = one.stop.lsl_from_rover.rotation
@@ -116,7 +115,6 @@ def figures_of(
         overlap_m2=fit.overlap_m2,
         measured=len(ties),
         ties=len(kept),
-        by_chance=by_chance,
         rms_px=alignment.rms_px,
         sigma0=alignment.sigma0,
         spread_m=spread_m(places_of(one, kept) @ level.T),

@@ -132,22 +132,14 @@ def _read(world: World, shot: Shot, eye: Eye) -> ReadImage:
     return read_image(file.data, file.path.rsplit("/", 1)[-1])
 
 
-def true_pairs(stop: SimulatedStop) -> list[tuple[Pose, np.ndarray]]:
-    """(lsl_from_pair, parallax) of every pair, as they truly are."""
-    path = CACHE / f"{_digest(stop.world, stop.number)}-truth.npz"
-    world = stop.world.world()
-    geometries = [pair.images.geometry for pair in stop.matched.pairs]
+def true_pair(stop: SimulatedStop, pair: int) -> tuple[Pose, np.ndarray]:
+    """(lsl_from_pair, parallax of the left epipolar image) of a pair, as they truly are."""
+    path = CACHE / f"{_digest(stop.world, stop.number)}-truth{pair}.npy"
+    world, geometry = stop.world.world(), stop.matched.pairs[pair].images.geometry
     if not path.exists():
-        every = [true_parallax(world, stop.number, k, g) for k, g in enumerate(geometries)]
-        np.savez(path, *every)
-    with np.load(path) as kept:
-        parallaxes = [kept[f"arr_{k}"] for k in range(len(geometries))]
-    shots = [shot for shot in world.shots if shot.stop == stop.number]
-    poses = [
-        world.true_lsl_from_label_rover(shot) @ g.rover_from_pair
-        for shot, g in zip(shots, geometries, strict=True)
-    ]
-    return list(zip(poses, parallaxes, strict=True))
+        np.save(path, true_parallax(world, stop.number, pair, geometry))
+    shot = world.shot(stop.number, pair)
+    return world.true_lsl_from_label_rover(shot) @ geometry.rover_from_pair, np.load(path)
 
 
 def _digest(which: WorldOfStops, number: int) -> str:

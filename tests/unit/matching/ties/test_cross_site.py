@@ -19,6 +19,7 @@ from photogrammetry.matching.cross_site_trials import TrialParams
 PARAMS = CrossSiteParams(
     birds_eye=BirdsEyeParams(radius_m=16.0),
     trials=TrialParams(candidates=Candidates(cell_m=0.5), decoys=1),
+    verdict=VerdictParams(least_spread_m=0.5),  # two narrow panoramas share a strip of ground
 )
 
 

@@ -1,0 +1,119 @@
+"""Ties measured again in the original images, over the facet of ground they lie on.
+
+A patch of ground is drawn over a surface with errors of its own; the relief that it misses deforms
+the patch, and against truth its place is good to 0.4 cells. Once the pose between the stops is
+known, the facet around a tie maps one epipolar image straight onto the other (`local_surface`), and
+least-squares matching there (`conjugates`) is left with what the images themselves show: half the
+error. What it does not find keeps its place, with the standard deviation of a patch.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation as ScipyRotation
+
+from photogrammetry.arrays import Float64, Int32
+from photogrammetry.errors import MatchingError
+from photogrammetry.frames import Pose
+from photogrammetry.matching.alignment import Alignment
+from photogrammetry.matching.conjugates import ConjugateParams, find_conjugates
+from photogrammetry.matching.local_surface import (
+    ParallaxPlanes,
+    mapped,
+    parallax_planes,
+    plane_homographies,
+)
+from photogrammetry.matching.tie_views import TieView, measured_parallax
+from photogrammetry.matching.ties import Ties
+
+
+@dataclass(frozen=True, slots=True)
+class RefinementParams:
+    """How ties are measured again."""
+
+    facet: ConjugateParams = field(
+        default_factory=lambda: ConjugateParams(
+            half_px=8, threshold=0.6, ambiguity=1.0, sigma_floor_px=0.25
+        )
+    )
+    """The place is known, so it need not be the only one. Stops look at the ground from different
+    sides: against truth, a quarter of a common cell is what least squares come to."""
+    reach: int = 3
+    """Cells to each side: the 0.4 cells of a patch, and what is left of the pose, three times."""
+
+    def __post_init__(self) -> None:
+        if self.reach < 1:
+            raise MatchingError(f"a tie is looked for 1 cell around or more, not {self.reach}")
+
+
+def refined(
+    ties: Ties,
+    views: Mapping[str, TieView],
+    alignment: Alignment,
+    params: RefinementParams,
+    parallax: ConjugateParams,
+) -> Ties:
+    """The ties, those that are found again with the place and parallax measured there."""
+    second_left, sigma = ties.second_left.copy(), ties.second_sigma_px.copy()
+    parallax_px, sigma_parallax = (
+        ties.second_parallax_px.copy(),
+        ties.second_sigma_parallax_px.copy(),
+    )
+    for a, b in sorted({*zip(ties.first.tolist(), ties.second.tolist(), strict=True)}):
+        rows = np.flatnonzero((ties.first == a) & (ties.second == b)).astype(np.int32)
+        source, target = views[ties.pair_ids[a]], views[ties.pair_ids[b]]
+        target_from_source = _between(source, target, alignment)
+        maps = _maps(ties, rows, source, target, target_from_source, params.facet.half_px)
+        found = find_conjugates(
+            source.left, target.left, ties.first_left[rows], maps, params.reach, params.facet
+        )
+        there = rows[found.found]
+        measured = measured_parallax(target, found.points[found.found], parallax)
+        good = np.isfinite(measured[0])
+        there = there[good]
+        second_left[there] = found.points[found.found][good]
+        sigma[there] = found.sigma_px[found.found][good]
+        parallax_px[there], sigma_parallax[there] = (column[good] for column in measured)
+    return replace(
+        ties,
+        second_left=second_left,
+        second_sigma_px=sigma,
+        second_parallax_px=parallax_px,
+        second_sigma_parallax_px=sigma_parallax,
+    )
+
+
+def _between(source: TieView, target: TieView, alignment: Alignment) -> Pose:
+    """target_from_source with the pose and the pointing that the alignment found."""
+    first, second = (_pointed(view, alignment) for view in (source, target))
+    return second.inverse @ alignment.first_from_second.inverse @ first
+
+
+def _pointed(view: TieView, alignment: Alignment) -> Pose:
+    """rover_from_pair, its pointing corrected."""
+    pose = view.geometry.rover_from_pair
+    theta = alignment.pointing.get(view.pair.pair_id, np.zeros(3))
+    turn = ScipyRotation.from_rotvec(theta).as_matrix()
+    return Pose(pose.target, pose.source, pose.rotation @ turn, pose.translation_m)
+
+
+def _maps(
+    ties: Ties,
+    rows: Int32[np.ndarray, " n"],
+    source: TieView,
+    target: TieView,
+    target_from_source: Pose,
+    half_px: int,
+) -> Float64[np.ndarray, "n 3 3"]:
+    """Maps over the facet of every tie, moved to carry the first point onto the second one."""
+    points = ties.first_left[rows]
+    planes = parallax_planes(source.pair.parallax, points, half_px)
+    planes = ParallaxPlanes(ties.first_parallax_px[rows], planes.gradient, planes.residual_px)
+    maps = plane_homographies(source.geometry, target.geometry, target_from_source, points, planes)
+    at, _ = mapped(maps, points)
+    moves = np.tile(np.eye(3), (len(rows), 1, 1))
+    moves[:, :2, 2] = ties.second_left[rows] - at
+    return moves @ maps

@@ -1,0 +1,66 @@
+import numpy as np
+import pytest
+
+from photogrammetry.matching.shared_ground import counted_as_one, spread_out, weighed_down
+from photogrammetry.matching.ties import Ties
+
+
+def some_ties(n):
+    whole, points, flat = np.zeros(n, np.int32), np.zeros((n, 2)), np.full(n, 0.1)
+    return Ties(
+        ("a", "b"), whole, whole + 1, points, points + 1, flat, flat, flat, flat, flat, flat
+    )
+
+
+def grid_of(side, step_m):
+    north, east = np.meshgrid(np.arange(side) * step_m, np.arange(side) * step_m)
+    return np.column_stack([north.ravel(), east.ravel()])
+
+
+def test_ties_of_the_same_ground_count_as_one():
+    np.testing.assert_allclose(counted_as_one(np.zeros((4, 2)), np.full(4, 1.4)), 4.0)
+
+
+def test_ties_of_ground_of_their_own_count_for_themselves():
+    np.testing.assert_allclose(counted_as_one(grid_of(3, 2.0), np.full(9, 1.9)), 1.0)
+
+
+def test_two_patches_that_share_half_of_their_ground_count_half_for_each_other():
+    places = np.array([[0.0, 0.0], [0.0, 0.7]])
+    np.testing.assert_allclose(counted_as_one(places, np.full(2, 1.4)), 1.5)
+
+
+def test_the_mean_of_overlapping_patches_scatters_as_their_weights_say(rng):
+    cells, width, step = 60, 8, 4  # patches of 8 x 8 cells of white noise, every 4 cells
+    corners = grid_of((cells - width) // step + 1, step).astype(int)
+    means = []
+    for _ in range(400):
+        noise = rng.normal(size=(cells, cells)) * width  # a patch's mean has sigma 1
+        means.append([noise[i : i + width, j : j + width].mean() for i, j in corners])
+    k = counted_as_one(corners.astype(float), np.full(len(corners), float(width)))
+    scatter = np.std(np.average(means, axis=1, weights=1 / k))
+    # 400 draws: 3.5 % of scatter; borders, which are weighted by less than they know: some more
+    assert scatter == pytest.approx(1 / np.sqrt((1 / k).sum()), rel=0.12)
+    assert scatter > 1.8 / np.sqrt(len(corners))  # far from independent
+
+
+def test_weighing_down_makes_every_standard_deviation_larger():
+    ties = weighed_down(some_ties(3), np.array([1.0, 4.0, 0.5]))
+    for name in ("first_sigma_px", "second_sigma_px", "second_sigma_parallax_px"):
+        np.testing.assert_allclose(getattr(ties, name), [0.1, 0.2, 0.1])
+
+
+def test_ties_that_are_handed_on_lie_apart_and_the_finest_are_among_them(rng):
+    places, width_m = rng.uniform(0, 20, (300, 2)), rng.uniform(1.0, 2.0, 300)
+    kept = spread_out(places, width_m, 0.75, at_least=10)
+    assert kept[np.argmin(width_m)]
+    apart = np.abs(places[kept][:, None] - places[kept]).max(axis=2)
+    least = 0.75 * np.maximum(width_m[kept][:, None], width_m[kept])
+    assert (apart >= least)[~np.eye(kept.sum(), dtype=bool)].all()
+    closer = np.abs(places[:, None] - places[kept]).max(axis=2) < 0.75 * width_m[:, None]
+    assert closer.any(axis=1).all()  # no room was left
+
+
+def test_rather_than_too_few_ties_closer_ones_are_handed_on():
+    assert spread_out(grid_of(5, 0.2), np.full(25, 1.0), 0.75, at_least=20).sum() >= 20
+    assert spread_out(np.zeros((3, 2)), np.ones(3), 0.75, at_least=20).sum() >= 1
