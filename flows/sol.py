@@ -39,7 +39,7 @@ def process_sol(
 ) -> SolReport:
     """Take one sol from raw images to published layers."""
     report = SolReport(mission, sol)
-    inputs = gather(mission, sol, store, pipeline)
+    inputs = gather(mission, sol, store, pipeline, previous)
     report.notes += [why_unplaced(stop) for stop in inputs.unplaced]
     report.notes += [f"{e.id} is unpaired: {e.unpaired_because}" for e in inputs.unpaired]
     of_sol = inputs.workspace.catalogue.images(mission, sol=sol)

@@ -17,6 +17,7 @@ from products.catalogue import ImageEntry, MissionEntry
 from products.crs import LandingPoint
 from products.model import ProductRef
 from products.workspace import Workspace
+from tasks.adjust import read_network
 from tasks.images import image_records
 from tasks.telemetry import Telemetry, TelemetryStop, read_telemetry, vector_files
 
@@ -75,8 +76,10 @@ class SolInputs:
         return self.mission.landing
 
 
-def gather(mission: str, sol: int, store: Path, pipeline: str) -> SolInputs:
-    """Read settings, labels and vector files, for the adjustment of a sol."""
+def gather(
+    mission: str, sol: int, store: Path, pipeline: str, previous: Standing | None = None
+) -> SolInputs:
+    """Read settings, labels and vector files, for the adjustment of a sol after `previous`."""
     known = _Known.of(mission, sol, store, pipeline)
     stops, entries = known.telemetry.stops, known.entries
     touched = [stop for stop in stops if sol in stop.sols]
@@ -86,13 +89,13 @@ def gather(mission: str, sol: int, store: Path, pipeline: str) -> SolInputs:
         known.config,
         known.mission,
         sol,
-        AdjustmentMode.STEPWISE,
+        _mode(known.config),
         known.telemetry,
         tuple(stop.stop for stop in touched if stop.sols[0] == sol),
         tuple(stop.stop for stop in touched),
         tuple(stop for stop in known.telemetry.unplaced if str(stop) in seen),
         tuple(entry for entry in entries if entry.sol == sol and entry.partner is None),
-        _window(touched, stops, known.config),
+        _window(touched, stops, known, previous),
     )
 
 
@@ -136,16 +139,34 @@ class _Known:
         return cls(workspace, load_pipeline(pipeline), entry, entries, telemetry)
 
 
+def _mode(config: PipelineConfig) -> AdjustmentMode:
+    """How a single sol is adjusted; overall adjustments follow it."""
+    mode = config.adjustment_mode
+    return AdjustmentMode.STEPWISE if mode is AdjustmentMode.OVERALL else mode
+
+
 def _window(
-    touched: Sequence[TelemetryStop], stops: Sequence[TelemetryStop], config: PipelineConfig
+    touched: Sequence[TelemetryStop],
+    stops: Sequence[TelemetryStop],
+    known: _Known,
+    previous: Standing | None,
 ) -> tuple[TelemetryStop, ...]:
     """The stops whose orientation new images at `touched` ones may change, and those linked."""
     first = min((stops.index(stop) for stop in touched), default=len(stops))
-    recent = stops[max(0, first - WINDOW) :]
+    recent = list(stops[max(0, first - WINDOW) :])
+    if _mode(known.config) is AdjustmentMode.SEQUENTIAL:
+        moving = _moving(previous, known.workspace)
+        recent = [stop for stop in stops if stop in recent or moving is None or stop.stop in moving]
     window = {stop.stop for stop in recent}
     for stop in recent:
-        window |= {old.stop for old in candidates(stop, stops, config)}
+        window |= {old.stop for old in candidates(stop, stops, known.config)}
     return tuple(stop for stop in stops if stop.stop in window)
+
+
+def _moving(previous: Standing | None, workspace: Workspace) -> tuple[StopId, ...] | None:
+    """Stops that a sequential step moves; None, for all, after one that was not sequential."""
+    network = read_network(previous.network, workspace.store).adjusted if previous else None
+    return network.memory.window if network and network.memory else None
 
 
 def candidates(

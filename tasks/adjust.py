@@ -16,7 +16,7 @@ from prefect import task
 from prefect.cache_policies import NO_CACHE
 
 from photogrammetry.adjustment.documents import network_document, network_of_document
-from photogrammetry.adjustment.modes import AdjustmentMode
+from photogrammetry.adjustment.modes import AdjustmentMode, advance
 from photogrammetry.adjustment.params import AdjustmentParams
 from photogrammetry.adjustment.records import (
     AdjustedNetwork,

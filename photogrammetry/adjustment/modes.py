@@ -1,8 +1,28 @@
-"""Which part of the network an adjustment estimates (Di et al. 2008, section 3.2)."""
+"""How the network of a mission goes on as new images come in (Di et al. 2008, section 3.2)."""
 
 from __future__ import annotations
 
+from collections.abc import Collection
+from dataclasses import replace
 from enum import StrEnum
+
+import numpy as np
+
+from photogrammetry.adjustment.adjust import adjust, adjust_overall
+from photogrammetry.adjustment.params import AdjustmentParams
+from photogrammetry.adjustment.records import (
+    AdjustedNetwork,
+    AdjustedPair,
+    AdjustedStop,
+    AdjustmentReport,
+    Network,
+    select,
+)
+from photogrammetry.adjustment.rotations import cross_matrix
+from photogrammetry.adjustment.sequential import adjust_sequential
+from photogrammetry.adjustment.stepwise import adjust_stepwise, merged_network
+from photogrammetry.errors import AdjustmentError
+from photogrammetry.imagery import StopId
 
 
 class AdjustmentMode(StrEnum):
@@ -10,5 +30,71 @@ class AdjustmentMode(StrEnum):
 
     STEPWISE = "stepwise"
     """Earlier stops are held, new ones estimated: the paper's mode during the mission."""
+    SEQUENTIAL = "sequential"
+    """The last stops move with every new one, what came before enters exactly."""
     OVERALL = "overall"
-    """After the last sol of a downlink all stops and all ties in one adjustment."""
+    """Stepwise, and after the last sol of a downlink all stops and ties in one adjustment."""
+
+
+def advance(
+    mode: AdjustmentMode,
+    start: AdjustedNetwork | None,
+    network: Network,
+    new_stops: Collection[StopId],
+    params: AdjustmentParams,
+) -> tuple[AdjustedNetwork, AdjustmentReport]:
+    """The network with what is new in it; `start` is what was adjusted before.
+
+    A step that does not converge is reported, and telemetry stands for its stops.
+
+    Raises:
+        AdjustmentError: an overall adjustment did not converge, so `start` is better.
+    """
+    if mode is AdjustmentMode.OVERALL:
+        return _overall(network, params, start)
+    if start is not None and not new_stops:
+        return _pointed(start, network, params)
+    step = adjust_sequential if mode is AdjustmentMode.SEQUENTIAL else adjust_stepwise
+    adjusted, report = step(start, network, new_stops, params)
+    if report.converged:
+        return adjusted, report
+    untied = replace(network, ties=select(network.ties, np.zeros(0, np.int64)))
+    stands, _ = step(start, untied, new_stops, params)
+    return stands, replace(report, message="telemetry stands instead")
+
+
+def _overall(
+    network: Network, params: AdjustmentParams, start: AdjustedNetwork | None
+) -> tuple[AdjustedNetwork, AdjustmentReport]:
+    adjusted, report = adjust_overall(network, params, start)
+    if not report.converged:
+        raise AdjustmentError(f"{report}; the network before stands")
+    return adjusted, report
+
+
+def _pointed(
+    start: AdjustedNetwork, network: Network, params: AdjustmentParams
+) -> tuple[AdjustedNetwork, AdjustmentReport]:
+    """New images of known stops: only pointing is weighed, the stops stay with all that is known.
+
+    What a sequential adjustment inherits stays too: it spoke of the old images only.
+    """
+    known = {stop.stop: stop for stop in start.stops}
+    part = network.within(set(known))
+    held = set(part.stop_ids)
+    adjusted, report = adjust(part, held, params, start, "pointing at known stops")
+    kept = replace(
+        adjusted,
+        stops=tuple(known[stop.stop] for stop in adjusted.stops),
+        pairs=tuple(_carried(pair, known[pair.stop]) for pair in adjusted.pairs),
+        memory=start.memory,
+    )
+    return merged_network(start, kept, network), report
+
+
+def _carried(pair: AdjustedPair, stop: AdjustedStop) -> AdjustedPair:
+    """A pair with the uncertainty of its stop: an error of that moves it rigidly."""
+    arm = pair.lsl_from_pair.translation_m - stop.lsl_from_rover.translation_m
+    T = np.eye(6)
+    T[3:, :3] = -cross_matrix(arm)
+    return replace(pair, covariance=pair.covariance + T @ stop.covariance @ T.T)
