@@ -101,23 +101,33 @@ def tie_cross_site(
     trials = Trials(one, other, prior, params.trials)
     clear_m = 2 * params.birds_eye.separation_m
     wrong = decoys(gate, fits, params.trials.decoys, clear_m)
-    best, rival = _best_and_rival([trials.tried(fit) for fit in (*fits, *wrong)], len(fits), params)
+    tried = [trials.tried(fit) for fit in (*fits, *wrong)]
+    best = _best(tried[: len(fits)], params.trials.separation_m)
     if best.agreeing < LEAST_TO_ALIGN:
         return unlinked(one, other, f"only {best.agreeing} conjugates agree in space", best.fit)
-    by_chance = trials.settled(rival).agreeing if rival else 0
-    return _judged(trials, trials.settled(best), by_chance, params)
+    settled = trials.settled(best)
+    return _judged(trials, settled, _by_chance(trials, settled, tried), params)
 
 
-def _best_and_rival(
-    tried: list[Trial], hypotheses: int, params: CrossSiteParams
-) -> tuple[Trial, Trial | None]:
-    """The trial that most agree with, and the next one that ended at another place."""
-    separation_m = params.trials.separation_m
-    best = max(tried[:hypotheses], key=lambda trial: trial.agreeing)
+def _best(tried: list[Trial], separation_m: float) -> Trial:
+    """The trial that most agree with; of those that ended there too, the one of the best peak."""
+    most = max(tried, key=lambda trial: trial.agreeing)
+    same = (t for t in tried if t.alignment and not t.elsewhere(most, separation_m))
+    return next(same, most)
+
+
+def _by_chance(trials: Trials, best: Trial, tried: list[Trial]) -> int:
+    """Ties that the strongest trial of another place comes to when it is settled as well.
+
+    A trial may start elsewhere and still settle at the place of the best: that is no other place.
+    """
+    separation_m = trials.params.separation_m
     others = [trial for trial in tried if trial.elsewhere(best, separation_m)]
-    rival = max(others, key=lambda trial: trial.agreeing, default=None)
-    same = (t for t in tried[:hypotheses] if t.alignment and not t.elsewhere(best, separation_m))
-    return next(same, best), rival
+    for rival in sorted(others, key=lambda trial: trial.agreeing, reverse=True):
+        settled = trials.settled(rival)
+        if settled.elsewhere(best, separation_m):
+            return settled.agreeing
+    return 0
 
 
 def _judged(trials: Trials, trial: Trial, by_chance: int, params: CrossSiteParams) -> SiteLink:
@@ -137,6 +147,7 @@ def _judged(trials: Trials, trial: Trial, by_chance: int, params: CrossSiteParam
     weighed = weighed_down(ties, counted_as_one(places, width_m))
     final = trials.aligned(weighed, fine.alignment.first_from_second) or fine.alignment
     some = spread_out(places, width_m, params.apart, params.verdict.least_ties)
+    figures = replace(figures, handed_on=int(some.sum()))
     return SiteLink(
         one.id,
         other.id,

@@ -20,7 +20,7 @@ import numpy as np
 from photogrammetry.arrays import Flags, Float64, ImagePoints, Int32, ObjectPoints, PerPoint
 from photogrammetry.errors import MatchingError
 from photogrammetry.frames import Pose
-from photogrammetry.matching.ground_patches import GroundView
+from photogrammetry.matching.ground_patches import GroundView, common_cells
 from photogrammetry.matching.tie_views import in_view
 
 
@@ -46,10 +46,13 @@ class Candidates:
     most_at_last: int = 300
     """When the hypothesis is settled."""
     footprints: float = 1.5
-    """Pixels of the coarser image in a cell along the view: what optics and sampling resolve."""
+    """Pixels of the coarser image in a cell: what optics and sampling resolve."""
+    longest: float = 4.0
+    """Cells may be so many times as long as wide: stops that look at the ground along one line
+    resolve it far better across the line, but a narrow strip holds too little to be unique."""
     finest_cell_m: float = 0.02
-    coarsest_cell_m: float = 0.5
-    """Two Navcam pixels at 20 m on level ground."""
+    coarsest_cell_m: float = 1.0
+    """Length of a cell: two Navcam pixels at 30 m on level ground."""
     widest_window: int = 24
     """Cells of a patch to each side."""
     window_sigmas: float = 2.5
@@ -80,9 +83,15 @@ class Plan:
     """Between the level frames."""
     places: ObjectPoints
     """In the level frame of the source."""
-    cell_m: PerPoint
+    cells: Float64[np.ndarray, "n 2 2"]
+    """G of the patch around every place, metres in the level axes of the source."""
     reach: PerPoint
     """In cells."""
+
+    @property
+    def cell_m(self) -> PerPoint:
+        """Width of a square cell as large as those of the patches."""
+        return np.sqrt(np.abs(np.linalg.det(self.cells)))
 
     def taking(self, rows: Flags) -> Plan:
         """The plan for some of its places."""
@@ -91,7 +100,7 @@ class Plan:
             self.target,
             self.target_from_source,
             self.places[rows],
-            self.cell_m[rows],
+            self.cells[rows],
             self.reach[rows],
         )
 
@@ -126,8 +135,7 @@ def _plan(
     source: GroundView, target: GroundView, target_from_source: Pose, gap: Gap, params: Candidates
 ) -> Plan | None:
     """The matches of one pair that another should show, and how far around to look."""
-    g, t = source.view.geometry, target.view.geometry
-    ground = source.ground
+    t, ground = target.view.geometry, source.ground
     near = ground.range_m < params.farthest_m
     ahead = target_from_source.apply(ground.places)
     seen = (ahead - target.origin_m) @ target.rotation
@@ -138,21 +146,64 @@ def _plan(
         return None
     seen, left, parallax = seen[near], left[near], parallax[near]
     places, range_m = ground.places[near], ground.range_m[near]
-    sigmas = [
-        params.parallax_sigma_px * z**2 / (v.focal_px * v.base_m)
-        for z, v in ((range_m, g), (seen[:, 2], t))
-    ]
-    apart_m = params.window_sigmas * np.hypot(np.hypot(*sigmas), gap.across_m)
+    spread = _spread(source, target, target_from_source, places, (range_m, seen[:, 2]), params)
+    spread += gap.across_m**2 * np.eye(2)
+    apart_m = params.window_sigmas * np.sqrt(np.linalg.eigvalsh(spread)[:, 1])
     shown = _visible(target, left, parallax, apart_m * parallax / seen[:, 2] + params.visible_px)
-    cell_m = np.full(len(places), np.inf)
-    cell_m[shown] = params.footprints * np.maximum(
-        ground.footprint_m[near][shown], target.footprint_m(ahead[near][shown, :2])
+    cells = np.full((len(places), 2, 2), np.nan)
+    turn = horizontal_turn(target_from_source)
+    there = turn.T @ target.footprints(ahead[near][shown, :2]) @ turn
+    cells[shown] = params.footprints * common_cells(
+        ground.footprints[near][shown], there, params.longest
     )
-    shown &= cell_m <= params.coarsest_cell_m
-    cell_m = np.maximum(cell_m, params.finest_cell_m)
-    reach = apart_m / cell_m + 2.0
-    plan = Plan(source, target, target_from_source, places, cell_m, reach)
-    return plan.taking(shown & (reach <= params.widest_window))
+    shown &= np.isfinite(cells).all(axis=(1, 2))
+    cells, spread = _no_finer(cells[shown], params.finest_cell_m), spread[shown]
+    back = np.linalg.inv(cells)
+    reach = np.linalg.eigvalsh(back @ spread @ np.swapaxes(back, 1, 2))[:, 1]
+    plan = Plan(
+        source,
+        target,
+        target_from_source,
+        places[shown],
+        cells,
+        params.window_sigmas * np.sqrt(reach) + 2.0,
+    )
+    fine = np.linalg.norm(cells, axis=1).max(axis=1) <= params.coarsest_cell_m
+    return plan.taking(fine & (plan.reach <= params.widest_window))
+
+
+def _spread(
+    source: GroundView,
+    target: GroundView,
+    target_from_source: Pose,
+    places: ObjectPoints,
+    range_m: tuple[PerPoint, PerPoint],
+    params: Candidates,
+) -> Float64[np.ndarray, "n 2 2"]:
+    """Covariance of how far apart both stops place the ground, by the errors of both ranges."""
+    origin = target_from_source.inverse.apply(target.origin_m[None])[0]
+    spread = np.zeros((len(places), 2, 2))
+    for view, start, z in ((source, source.origin_m, range_m[0]), (target, origin, range_m[1])):
+        g = view.view.geometry
+        sigma_m = params.parallax_sigma_px * z**2 / (g.focal_px * g.base_m)
+        way = places[:, :2] - start[:2]
+        way = way / np.maximum(np.hypot(*way.T), 0.1)[:, None] * sigma_m[:, None]
+        spread += way[:, :, None] * way[:, None, :]
+    return spread
+
+
+def _no_finer(cells: Float64[np.ndarray, "n 2 2"], finest_m: float) -> Float64[np.ndarray, "n 2 2"]:
+    """Cells whose sides are no shorter than the finest."""
+    sides = np.maximum(np.linalg.norm(cells, axis=1), 1e-9)
+    return cells * (np.maximum(sides, finest_m) / sides)[:, None, :]
+
+
+def horizontal_turn(target_from_source: Pose) -> Float64[np.ndarray, "2 2"]:
+    """The horizontal part of the turn between two level frames."""
+    azimuth = float(
+        np.arctan2(target_from_source.rotation[1, 0], target_from_source.rotation[0, 0])
+    )
+    return np.array([[np.cos(azimuth), -np.sin(azimuth)], [np.sin(azimuth), np.cos(azimuth)]])
 
 
 def _visible(

@@ -13,11 +13,10 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 
-from photogrammetry.arrays import Flags, Float32, Float64, ImagePoints, PerPoint
+from photogrammetry.arrays import Flags, Float32, ImagePoints, PerPoint
 from photogrammetry.errors import MatchingError
-from photogrammetry.frames import Pose
 from photogrammetry.matching.conjugates import ConjugateParams, match_patches
-from photogrammetry.matching.cross_site_candidates import Plan
+from photogrammetry.matching.cross_site_candidates import Plan, horizontal_turn
 from photogrammetry.matching.tie_views import TieView, dense_parallax, in_view, measured_parallax
 from photogrammetry.matching.ties import Ties, joined
 
@@ -127,22 +126,24 @@ def _looked_for(
     pair_ids: tuple[str, ...],
 ) -> GroundTies:
     """Match the ground of a plan's candidates and measure both parallaxes."""
-    half, turn = params.half_cells, _turn(plan.target_from_source)
+    half, turn = params.half_cells, horizontal_turn(plan.target_from_source)
+    cells_there = turn @ plan.cells
     centres = plan.places[:, :2]
     ahead = plan.target_from_source.apply(plan.places)[:, :2]
     wide = half + reach + MARGIN_CELLS
-    templates, whole = plan.source.patches(centres, np.eye(2), plan.cell_m, half, half)
-    searches, there = plan.target.patches(ahead, turn, plan.cell_m, wide, half)
+    templates, whole = plan.source.patches(centres, plan.cells, half, half)
+    searches, there = plan.target.patches(ahead, cells_there, wide, half)
     templates, searches = (_blurred(stack, params.blur_cells) for stack in (templates, searches))
     found, offset, sigma, _ = match_patches(templates, searches, whole & there, params.patches)
-    moved = np.column_stack([-offset[:, 1], offset[:, 0]]) @ turn.T * plan.cell_m[:, None]
+    moved = (cells_there @ offset[:, ::-1, None])[:, :, 0]
     first, _ = plan.source.image_of(centres[:, 0], centres[:, 1])
     second, _ = plan.target.image_of(ahead[:, 0] + moved[:, 0], ahead[:, 1] + moved[:, 1])
     found &= in_view(plan.source.view, first, 8) & in_view(plan.target.view, second, 8)
     first, second = first[found], second[found]
     parallax, sigma_parallax = parallax_of(plan.source.view, first)
     parallax_there, sigma_there = parallax_of(plan.target.view, second)
-    stretch = np.sqrt((plan.target.derivative(ahead[found]) ** 2).sum(axis=(1, 2)) / 2)
+    pixels = plan.target.derivative(ahead[found]) @ cells_there[found]
+    stretch = np.sqrt((pixels**2).sum(axis=(1, 2)) / 2)
     n = int(found.sum())
     source, target = (
         np.full(n, pair_ids.index(v.view.pair.pair_id), np.int32)
@@ -157,7 +158,7 @@ def _looked_for(
         parallax,
         parallax_there,
         np.full(n, params.first_sigma_px),
-        sigma[found] * plan.cell_m[found] * stretch,
+        sigma[found] * stretch,
         sigma_parallax,
         sigma_there,
     )
@@ -170,11 +171,3 @@ def _blurred(stack: Float32[np.ndarray, "n a a"], sigma: float) -> Float32[np.nd
     for patch in stack:
         cv2.GaussianBlur(patch, (0, 0), sigma, dst=patch)
     return stack
-
-
-def _turn(target_from_source: Pose) -> Float64[np.ndarray, "2 2"]:
-    """The horizontal part of the turn between two level frames."""
-    azimuth = float(
-        np.arctan2(target_from_source.rotation[1, 0], target_from_source.rotation[0, 0])
-    )
-    return np.array([[np.cos(azimuth), -np.sin(azimuth)], [np.sin(azimuth), np.cos(azimuth)]])

@@ -8,9 +8,14 @@ projected into the image,
     grey(n, e) = image( h( pair_from_level (n, e, -elevation(n, e)) ) ).
 
 With D the derivative of the image point by (n, e) over that surface, a pixel covers the ellipse
-D^-1 D^-T of the ground: Z/f across the view and Z^2/(f h) along it on level ground, h being the
-height of the mast; more on ground that falls away. Its long half-axis is the finest cell that makes
-sense; across the view the image is finer, and is averaged over the pixels that a cell covers.
+C = D^-1 D^-T of the ground: Z/f across the view and Z^2/(f h) along it on level ground, h being the
+height of the mast; more on ground that falls away. Detail can be averaged but not made up, so the
+cells of a patch that two images are drawn on are as large as the pixel of either in all directions:
+with C_1 = L L' and L^-1 C_2 L^-T = V diag(l) V', place = centre + G (row, column),
+
+    G = L V diag(sqrt(max(1, l))),
+
+and each image is averaged over the pixels that a cell covers.
 """
 
 from __future__ import annotations
@@ -88,7 +93,8 @@ class MatchedGround:
     places: ObjectPoints
     range_m: PerPoint
     """Along the axis of the pair."""
-    footprint_m: PerPoint
+    footprints: Float64[np.ndarray, "n 2 2"]
+    """C of a pixel at every place, square metres; NaN where unknown."""
 
 
 @dataclass(slots=True, eq=False)
@@ -111,7 +117,7 @@ class GroundView:
             ahead = matches.parallax_px > 0
             points = geometry.triangulate(matches.left[ahead], matches.parallax_px[ahead])
             places = points @ self.rotation.T + self.origin_m
-            self._ground = MatchedGround(places, points[:, 2], self.footprint_m(places[:, :2]))
+            self._ground = MatchedGround(places, points[:, 2], self.footprints(places[:, :2]))
         return self._ground
 
     @classmethod
@@ -141,40 +147,48 @@ class GroundView:
             columns.append((ahead - behind) / (2 * SLOPE_STEP_M))
         return np.stack(columns, axis=-1)
 
-    def footprint_m(self, places: Float64[np.ndarray, "n 2"]) -> PerPoint:
-        """Long half-axis of a pixel on the ground at level places; infinite where unknown.
+    def footprints(self, places: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n 2 2"]:
+        """C of a pixel at level places, square metres; NaN where the ground is unknown.
 
         A slope that faces the camera is not trusted to make it shorter than on level ground.
         """
         derivative = self.derivative(places)
         good = np.isfinite(derivative).all(axis=(1, 2))
-        footprint = np.full(len(places), np.inf)
-        footprint[good] = 1 / np.maximum(_smallest_stretch(derivative[good]), 1e-3)
-        distance = np.hypot(*(places - self.origin_m[:2]).T)
-        level = distance**2 / (self.view.geometry.focal_px * max(-self.origin_m[2], 0.5))
-        return np.maximum(footprint, level)
+        longest = np.full(len(places), np.nan)
+        longest[good] = 1 / np.maximum(_smallest_stretch(derivative[good]), 1e-3)
+        ahead = places - self.origin_m[:2]
+        distance = np.maximum(np.hypot(*ahead.T), 0.1)
+        focal = self.view.geometry.focal_px
+        along = np.maximum(longest, distance**2 / (focal * max(-self.origin_m[2], 0.5)))
+        across = distance / focal
+        u = ahead / distance[:, None]
+        n = np.column_stack([-u[:, 1], u[:, 0]])
+        along_c, across_c = (
+            (size**2)[:, None, None] * axis[:, :, None] * axis[:, None, :]
+            for size, axis in ((along, u), (across, n))
+        )
+        return along_c + across_c
 
     def patches(
         self,
         centres: Float64[np.ndarray, "n 2"],
-        turn: Float64[np.ndarray, "2 2"],
-        cell_m: PerPoint,
+        grids: Float64[np.ndarray, "n 2 2"],
         half: int,
         core_half: int,
     ) -> tuple[Float32[np.ndarray, "n a a"], Flags]:
         """Orthophoto patches around (north, east) centres, and whose core is seen.
 
-        Row i and column j of a patch lie at centre + turn (-(i - half), j - half) cell.
+        Row i and column j of a patch lie at centre + G (i - half, j - half).
         """
         steps = np.arange(-half, half + 1, dtype=np.float64)
-        plan = np.stack(np.meshgrid(-steps, steps, indexing="ij"), axis=-1) @ turn.T
-        places = centres[:, None, None, :] + cell_m[:, None, None, None] * plan
+        plan = np.stack(np.meshgrid(steps, steps, indexing="ij"), axis=-1)
+        places = centres[:, None, None, :] + np.einsum("nab,ijb->nija", grids, plan)
         n, size = len(centres), len(steps)
         flat = places.reshape(n * size, size, 2)
         left = self.image_of(flat[..., 0], flat[..., 1])[0]
         left = left.reshape(n, size, size, 2)
         patches = np.zeros((n, size, size), np.float32)
-        levels = self._levels(centres, cell_m)
+        levels = self._levels(centres, grids)
         for level in {tuple(row) for row in levels.tolist()}:
             rows = np.flatnonzero((levels == level).all(axis=1))
             patches[rows] = self._drawn(left[rows], (int(level[0]), int(level[1])))
@@ -187,9 +201,11 @@ class GroundView:
             np.float32
         ), whole
 
-    def _levels(self, centres: Float64[np.ndarray, "n 2"], cell_m: PerPoint) -> np.ndarray:
+    def _levels(
+        self, centres: Float64[np.ndarray, "n 2"], grids: Float64[np.ndarray, "n 2 2"]
+    ) -> np.ndarray:
         """Powers of two of pixels to average along samples and lines, for every patch."""
-        pixels = np.linalg.norm(self.derivative(centres), axis=2) * cell_m[:, None]
+        pixels = np.linalg.norm(self.derivative(centres) @ grids, axis=2)
         pixels = np.maximum(np.nan_to_num(pixels, nan=1.0), 1.0)
         return np.clip(np.round(np.log2(pixels)), 0, WIDEST_AVERAGE).astype(np.int64)
 
@@ -231,3 +247,22 @@ def _smallest_stretch(maps: Float64[np.ndarray, "n 2 2"]) -> PerPoint:
     area = np.abs(maps[:, 0, 0] * maps[:, 1, 1] - maps[:, 0, 1] * maps[:, 1, 0])
     larger = np.sqrt(power + np.sqrt(np.maximum(power**2 - area**2, 0.0)))
     return area / np.maximum(larger, 1e-12)
+
+
+def common_cells(
+    one: Float64[np.ndarray, "n 2 2"], other: Float64[np.ndarray, "n 2 2"], longest: float
+) -> Float64[np.ndarray, "n 2 2"]:
+    """G of cells as large as the pixels of two images, C_1 and C_2, in every direction.
+
+    No cell is more than `longest` times as long as wide; NaN where either is not finite.
+    """
+    cells = np.full(one.shape, np.nan)
+    good = np.isfinite(one).all(axis=(1, 2)) & np.isfinite(other).all(axis=(1, 2))
+    root = np.linalg.cholesky(one[good])
+    back = np.linalg.inv(root)
+    stretch, axes = np.linalg.eigh(back @ other[good] @ np.swapaxes(back, 1, 2))
+    both = root @ axes * np.sqrt(np.maximum(stretch, 1.0))[:, None, :]
+    left, size, _ = np.linalg.svd(both)
+    size = np.maximum(size, size[:, :1] / longest)
+    cells[good] = left * size[:, None, :]
+    return cells

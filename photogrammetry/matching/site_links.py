@@ -26,6 +26,9 @@ class SiteLinkFigures:
     measured: int = 0
     """Conjugates found with their parallax in the last round."""
     ties: int = 0
+    """Conjugates that agree in space."""
+    handed_on: int = 0
+    """Of these, the ties of the link: they hardly share their ground."""
     by_chance: int = 0
     """Ties that the strongest wrong hypothesis or decoy came to in the same way."""
     rms_px: float = float("nan")
