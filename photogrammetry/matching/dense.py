@@ -9,16 +9,22 @@ one eye sees end as NaN.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
+import cv2
 import numpy as np
 
 from photogrammetry.arrays import ParallaxMap
 from photogrammetry.matching.ground_plane import rough_parallax
-from photogrammetry.matching.normalisation import NormalisedImage, locally_normalised
+from photogrammetry.matching.normalisation import NormalisedImage, eight_bit, locally_normalised
 from photogrammetry.matching.records import EpipolarImages
 from photogrammetry.matching.refinement import PixelwiseMatcher, RefinementParams
-from photogrammetry.matching.semi_global import SemiGlobalParams, without_speckle
+from photogrammetry.matching.resampling import shifted
+from photogrammetry.matching.semi_global import (
+    SemiGlobalParams,
+    matched_both_ways,
+    without_speckle,
+)
 from photogrammetry.matching.sparse import largest_parallax_px
 
 
@@ -60,6 +66,29 @@ def match_densely_with_sigma(
     rough = rough_parallax(left, right, search, params.semi_global)
     parallax, sigma = PixelwiseMatcher(left, right, params.refinement).refine(rough)
     parallax = without_speckle(parallax, params.semi_global)
+    return DenseMatches(parallax, np.where(np.isfinite(parallax), sigma, np.float32(np.nan)))
+
+
+def match_about(
+    images: EpipolarImages, predicted: ParallaxMap, search_px: int, params: DenseParams
+) -> DenseMatches:
+    """Parallax and its standard deviation, searched to either side of a smooth prediction.
+
+    The right image is shifted by the prediction less the search, R'(u) = R(u - t(u)), so that what
+    is left, d = p(x) - t(x - d), is positive.
+    """
+    shift = predicted - np.float32(search_px)
+    image, known = shifted(images.right, images.right_mask, shift)
+    left, right = _normalised(replace(images, right=image, right_mask=known), params)
+    pictures = (eight_bit(left.grey), eight_bit(right.grey))
+    masks = (left.mask, right.mask)
+    rough = matched_both_ways(*pictures, masks, (0, 2 * search_px), params.semi_global)
+    d, sigma = PixelwiseMatcher(left, right, params.refinement).refine(rough)
+    d = without_speckle(d, params.semi_global)
+    lines, samples = np.indices(d.shape, dtype=np.float32)
+    there = cv2.remap(shift, samples - np.nan_to_num(d), lines, cv2.INTER_LINEAR)
+    parallax = d + there
+    parallax[~(parallax > 0)] = np.nan
     return DenseMatches(parallax, np.where(np.isfinite(parallax), sigma, np.float32(np.nan)))
 
 

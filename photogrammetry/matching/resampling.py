@@ -79,6 +79,17 @@ def epipolar_images(
     )
 
 
+def shifted(image: GreyImage, mask: Mask, by: GreyImage) -> tuple[GreyImage, Mask]:
+    """An image whose pixel (x, y) is that of (x - by, y), and where it is usable."""
+    lines, samples = np.indices(image.shape, dtype=np.float32)
+    place = (samples - by, lines)
+    grey = cv2.remap(image, *place, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+    known = cv2.remap(
+        mask.astype(np.float32), *place, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT
+    )
+    return grey, known > 0.99  # noqa: PLR2004 - wholly from usable pixels
+
+
 def original_points(camera: CameraModel, geometry: EpipolarPair) -> ImageMap:
     """Where each epipolar pixel lies in the original image; NaN behind the camera."""
     step = COARSEST_STEP_PX

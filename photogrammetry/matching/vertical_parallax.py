@@ -97,7 +97,7 @@ def vertical_parallax(
         left.astype(float), candidates.correlation[candidates.accepted], 48, MOST_POINTS
     )
     left, right = left[kept], right[kept]
-    offset = _offsets(images, left, (right - left).astype(np.float64), wide.window_px)
+    offset = refined_offsets(images, left, (right - left).astype(np.float64), wide.window_px)
     good = np.isfinite(offset).all(axis=1)
     return VerticalParallax(
         left[good].astype(np.float64), offset[good, 1], -offset[good, 0], images.geometry
@@ -144,7 +144,7 @@ def _design(measured: VerticalParallax) -> np.ndarray:
     return f * np.column_stack([1 + y * y, -x * y, -x])
 
 
-def _offsets(
+def refined_offsets(
     images: EpipolarImages, pixels: np.ndarray, start: np.ndarray, window_px: int, steps: int = 6
 ) -> np.ndarray:
     """Shift of each left window in the right image, along samples and lines; NaN if not found."""

@@ -1,0 +1,135 @@
+"""How two cameras that no bar joins stand to each other, from what matching leaves between them.
+
+Unknown are a rotation w of the right camera and a shift B t of its centre across the base, about
+the (right, down, forward) axes of the pair. With x, y the point in the right image in units of f,
+and p its parallax, they move it across and along the epipolar line, so that one finds
+
+    v = f [w_x (1 + y^2) - w_y x y - w_z x] + p (y t_z - t_y)
+    p - q = f [w_y (1 + x^2) - w_z y - w_x x y] - p x t_z + s
+
+where v is the vertical parallax and q the parallax that the bar predicts (`wide_stereo`), up to an
+error s that all its predictions share. Adjustment has w and t approximately: its standard
+deviations enter as observations, so what the images do not tell stays as it was. Blunders are
+weighted down.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from photogrammetry.arrays import Float64, ParallaxMap, PerPoint, Vector3
+from photogrammetry.cameras.epipolar import EpipolarPair
+from photogrammetry.cameras.model import CameraModel
+from photogrammetry.frames import Pose
+from photogrammetry.matching.vertical_parallax import VerticalParallax, turned_in_place
+
+STEPS = 10
+"""Reweightings."""
+
+FINEST_PX = 0.02
+"""Least spread of residuals that is believed."""
+
+
+@dataclass(frozen=True, slots=True)
+class OrientationParams:
+    """How far adjusted orientations are trusted."""
+
+    rotation_sigma: float = float(np.deg2rad(0.2))
+    """Standard deviation of a relative rotation, radians: twice a mast's pointing error."""
+    position_sigma_m: float = 0.05
+    """Standard deviation of a relative position: adjusted neighbours are known to centimetres."""
+    bar_sigma_px: float = 0.03
+    """Standard deviation of what all parallaxes of a bar share: its rows have corresponded to that
+    after calibration, and nothing holds its parallax better than its rows."""
+    fewest_points: int = 30
+    """Five times the six unknowns."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RelativeOrientation:
+    """By how much the right camera stands off its model, with the covariance."""
+
+    rotation: Vector3
+    """Rotation vector about (right, down, forward), radians."""
+    shift: Vector3
+    """Of the centre along (right, down, forward), in units of the base; the first is 0."""
+    covariance: Float64[np.ndarray, "6 6"]
+    """Of w_x, w_y, w_z, t_y, t_z and s in pixels."""
+
+    unknowns: Float64[np.ndarray, " 6"]
+    """All that has been added to the adjusted orientation, this included; s is never added."""
+
+    def applied(self, right: CameraModel, geometry: EpipolarPair) -> CameraModel:
+        """The right camera, in the frame that `geometry` is given in, where it really stands."""
+        pose = geometry.rover_from_pair
+        turned = turned_in_place(right, pose.target, pose.rotation @ self.rotation)
+        moved = pose.rotation @ self.shift * geometry.base_m
+        return turned.moved(Pose(pose.target, pose.target, np.eye(3), moved))
+
+    def sigma_parallax_px(
+        self, parallax: ParallaxMap, geometry: EpipolarPair, params: OrientationParams
+    ) -> ParallaxMap:
+        """Standard deviation that all parallaxes share: of w_y, and of the length of the base."""
+        turn_px = np.float32(geometry.focal_px * np.sqrt(self.covariance[1, 1]))
+        stretch = np.float32(params.position_sigma_m / geometry.base_m)
+        return np.hypot(turn_px, stretch * parallax)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Measured:
+    """Points found in both images of a wide pair."""
+
+    rows: VerticalParallax
+    predicted_px: PerPoint
+    """Parallax by the bar."""
+    bar_ratio: float
+    """Parallax of the pair over that of the bar."""
+
+
+def relative_orientation(
+    measured: Measured, params: OrientationParams, applied: RelativeOrientation | None = None
+) -> RelativeOrientation:
+    """Least squares about the present orientation, to which `applied` has been added already."""
+    rows = measured.rows
+    designs = _designs(rows)
+    values = (rows.vertical_px, rows.parallax_px - measured.predicted_px)
+    shift_sigma = params.position_sigma_m / rows.geometry.base_m
+    sigmas = np.r_[np.full(3, params.rotation_sigma), np.full(2, shift_sigma)]
+    prior = np.r_[sigmas, params.bar_sigma_px * measured.bar_ratio] ** -2
+    so_far = applied.unknowns if applied else np.zeros(6)
+    solution, inverse = np.zeros(6), np.eye(6)
+    for _ in range(STEPS):
+        normal, right = np.diag(prior), -prior * so_far
+        for design, value in zip(designs, values, strict=True):
+            weight = _weights(value - design @ solution)
+            normal = normal + (design * weight[:, None]).T @ design
+            right = right + design.T @ (weight * value)
+        inverse = np.linalg.inv(normal)
+        solution = inverse @ right
+    total = so_far[3:5] + solution[3:5]
+    return RelativeOrientation(
+        solution[:3],
+        np.r_[0.0, solution[3:5]],
+        inverse,
+        np.r_[so_far[:3] + solution[:3], total, 0.0],
+    )
+
+
+def _weights(residual: PerPoint) -> PerPoint:
+    """Inverse variances by the spread of the residuals, less where one is far off."""
+    middle = float(np.median(residual))
+    scale = max(1.4826 * float(np.median(np.abs(residual - middle))), FINEST_PX)
+    return 1.0 / (1.0 + ((residual - middle) / (2.0 * scale)) ** 2) ** 2 / scale**2
+
+
+def _designs(rows: VerticalParallax) -> tuple[np.ndarray, np.ndarray]:
+    """Derivatives of v and of p - q by w_x, w_y, w_z, t_y, t_z and s."""
+    f, p = rows.geometry.focal_px, rows.parallax_px
+    cx, cy = rows.geometry.centre_px
+    x, y = (rows.left[:, 0] - p - cx) / f, (rows.left[:, 1] - cy) / f
+    none, one = np.zeros_like(p), np.ones_like(p)
+    across = np.column_stack([f * (1 + y * y), -f * x * y, -f * x, -p, p * y, none])
+    along = np.column_stack([-f * x * y, f * (1 + x * x), -f * y, none, -p * x, one])
+    return across, along
