@@ -19,6 +19,8 @@ import numpy as np
 
 from photogrammetry.adjustment.collinearity import Observations, State, misclosures
 from photogrammetry.adjustment.consistency import consistency
+from photogrammetry.adjustment.diagnosis import Initial, diagnose
+from photogrammetry.adjustment.findings import completed, with_findings, without_unchecked
 from photogrammetry.adjustment.initialise import carried, initialise
 from photogrammetry.adjustment.intersection import with_rays_intersected
 from photogrammetry.adjustment.marginal import Marginal
@@ -75,10 +77,17 @@ def adjust(
     known, is_known = _known(network, telemetry, observations, start)
     before = carried(known, telemetry, is_held, is_known)
     state, fits = initialise(observations, telemetry, is_held, params, known, is_known)
+    seen = sightings(observations, known.pointings, params)
+    placed = is_held if inherited is None else is_held | is_known
+    initial = Initial(network.stop_ids, observations, telemetry, seen, state, fits, placed)
+    findings, alone = diagnose(initial)
+    if len(alone):
+        rest = without_unchecked(network, observations, alone)
+        again = adjust(rest, held, params, start, name, inherited)
+        return completed(again, network, findings)
     state = with_rays_intersected(state, observations, fits)
     used = fits & np.isfinite(misclosures(state, observations, np.arange(len(fits)))).all(axis=1)
     outcome = _run(STEPS, observations, telemetry, is_held, state, used, params, inherited)
-    seen = sightings(observations, known.pointings, params)
     agreement = (
         consistency(observations, before, seen, outcome.used),
         consistency(
@@ -88,7 +97,7 @@ def adjust(
             outcome.used,
         ),
     )
-    return assembled(network, is_held, outcome, agreement, name)
+    return with_findings(assembled(network, is_held, outcome, agreement, name), findings)
 
 
 def adjust_overall(

@@ -92,6 +92,16 @@ def report_document(report: AdjustmentReport) -> Document:
         "after": agreement(report.after),
         "untied": [_stop_id_document(stop) for stop in report.untied],
         "message": report.message,
+        "findings": [
+            {
+                "stop": _stop_id_document(finding.stop),
+                "lack": str(finding.lack),
+                "ties": finding.ties,
+                "rank": finding.rank,
+                "text": finding.text,
+            }
+            for finding in report.findings
+        ],
     }
 
 

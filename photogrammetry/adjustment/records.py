@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, field
+from enum import StrEnum
 
 import numpy as np
 
@@ -251,6 +252,31 @@ class Consistency:
     """Mean absolute difference between the places that two pairs give the same point."""
 
 
+class Lack(StrEnum):
+    """What images do not tell of a stop."""
+
+    NO_TIES = "no ties"
+    BLUNDERS = "only ties that contradict"
+    ONE_TIE = "one tie"
+    LINE = "ties on a line"
+    PARTLY = "ties that leave freedom"
+    DETACHED = "detached from the datum"
+    SAME_PLACE = "reported at one place"
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """A part of the network that images do not determine, so that telemetry holds it."""
+
+    stop: StopId
+    lack: Lack
+    ties: int
+    """Tie points with stops that were placed before it."""
+    rank: int
+    """Of the six unknowns of its pose, how many images know better than telemetry."""
+    text: str
+
+
 @dataclass(frozen=True, slots=True)
 class AdjustmentReport:
     """What an adjustment found, good or bad."""
@@ -272,6 +298,8 @@ class AdjustmentReport:
     untied: tuple[StopId, ...] = ()
     """Stops that no cross-site tie joins to the datum: telemetry alone holds them."""
     message: str = ""
+    findings: tuple[Finding, ...] = ()
+    """What images do not determine, found before anything was solved."""
 
     @property
     def is_usable(self) -> bool:

@@ -4,11 +4,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
 
 from photogrammetry.adjustment.adjust import adjust_overall, telemetry_network
 from photogrammetry.adjustment.params import AdjustmentParams
-from photogrammetry.adjustment.records import select
+from photogrammetry.adjustment.records import UNUSED, Lack, select
 from photogrammetry.synthetic.networks import simulate_network
+
+
+def lacks(report):
+    """What is lacking, by stop."""
+    return {finding.stop: finding.lack for finding in report.findings}
 
 
 def stops_of(network):
@@ -47,8 +56,8 @@ def test_a_stop_tied_only_to_a_blunder_is_held_by_telemetry(network, params):
     parallax[rows] *= 0.25  # four times too far: ten times what the drive may be wrong by
     network = replace(network, ties=replace(network.ties, parallax_px=parallax))
     adjusted, report = adjust_overall(network, params)
-    assert report.blunders >= 1
     assert report.untied == (network.stop_ids[2],)
+    assert lacks(report) == {network.stop_ids[2]: Lack.BLUNDERS}
     assert adjusted.stops[2].held_by.startswith("telemetry increment from")
 
 
@@ -59,6 +68,10 @@ def test_collinear_ties_leave_the_turn_about_their_line_to_telemetry(network, pa
     tight, _ = adjust_overall(network, params)
     worst = [np.linalg.eigvalsh(n.stops[2].covariance[:3, :3])[-1] for n in (loose, tight)]
     assert worst[0] > 4 * worst[1]
+    (finding,) = adjust_overall(few, params)[1].findings
+    assert (finding.stop, finding.lack, finding.ties) == (few.stop_ids[2], Lack.LINE, 2)
+    assert 3 <= finding.rank <= 5
+    assert finding.text in loose.stops[2].held_by
     assert np.degrees(np.sqrt(worst[0])) < 2 * params.azimuth_step_deg
 
 
@@ -72,6 +85,8 @@ def test_stops_tied_among_themselves_but_not_to_the_datum_are_named(params):
     adjusted, report = adjust_overall(network, params)
     assert report.untied == network.stop_ids[2:]
     assert "ties do not reach the datum" in adjusted.stops[2].held_by
+    assert lacks(report) == dict.fromkeys(network.stop_ids[2:], Lack.DETACHED)
+    assert "a block of 2 stops" in report.findings[0].text
     # what they know of each other is better than what telemetry knows of either
     apart = adjusted.stops[3].sigma_ned_m - adjusted.stops[2].sigma_ned_m
     assert np.linalg.norm(apart) < 1.5
@@ -89,6 +104,8 @@ def test_two_stops_at_one_place_are_no_trouble(network, params):
     both = replace(network, stops=(*network.stops[:2], again, *network.stops[2:]))
     adjusted, report = adjust_overall(both, params)
     assert report.converged
+    assert (again.stop, Lack.SAME_PLACE) in [(f.stop, f.lack) for f in report.findings]
+    assert "one stop under two names?" in adjusted.stops[2].held_by
     apart = (
         adjusted.stops[2].lsl_from_rover.translation_m
         - adjusted.stops[1].lsl_from_rover.translation_m
@@ -114,3 +131,45 @@ def test_the_telemetry_network_is_telemetry_with_its_uncertainty(network, params
         )
     assert told.stops[2].sigma_ned_m.min() > params.slip * 20.0
     assert len(told.ties.observations) == 0
+
+
+def test_a_network_that_determines_everything_has_no_findings(network, params):
+    adjusted, report = adjust_overall(network, params)
+    assert report.findings == ()
+    assert all(stop.is_tied for stop in adjusted.stops)
+
+
+def test_a_single_tie_is_set_aside_because_nothing_checks_it(network, params):
+    (kept,) = cross_points(network, 1, 2)[:1]
+    alone = with_cross_points(network, 2, [kept])
+    adjusted, report = adjust_overall(alone, params)
+    assert lacks(report) == {network.stop_ids[2]: Lack.ONE_TIE}
+    rows = (stops_of(alone) == 2) & (alone.ties.point == kept)
+    assert (adjusted.ties.status[rows] == UNUSED).all()
+    assert len(adjusted.ties.observations) == len(alone.ties)
+    assert adjusted.stops[2].sigma_ned_m.min() > params.slip * 15.0
+    assert "one tie, which nothing checks, is set aside" in adjusted.stops[2].held_by
+
+
+@given(seed=st.integers(0, 10_000), kept=st.integers(0, 5), wrong=st.booleans())
+@settings(max_examples=12, deadline=None)
+def test_no_pose_is_nonsense_without_being_named(seed, kept, wrong):
+    """However few its ties, a stop is where its covariance says, or a finding names it."""
+    params = AdjustmentParams()
+    network, truth = simulate_network(
+        np.random.default_rng(seed), stops=3, pairs_per_stop=6, far_cross_ties=0, inter_ties=6,
+        intra_ties=0,
+    )  # fmt: skip
+    some = np.random.default_rng(seed).permutation(cross_points(network, 1, 2))[:kept]
+    thin = with_cross_points(network, 2, some)
+    if wrong and kept:
+        parallax = thin.ties.parallax_px.copy()
+        parallax[(stops_of(thin) == 2) & (thin.ties.point == some[0])] *= 0.3
+        thin = replace(thin, ties=replace(thin.ties, parallax_px=parallax))
+    adjusted, report = adjust_overall(thin, params)
+    stop, pose = adjusted.stops[2], truth.lsl_from_rover[2]
+    turn = Rotation.from_matrix(stop.lsl_from_rover.rotation @ pose.rotation.T).as_rotvec()
+    e = np.array([*turn, *(stop.lsl_from_rover.translation_m - pose.translation_m)])
+    nees = e @ np.linalg.solve(stop.covariance, e)
+    assert nees < chi2.ppf(1 - 1e-5, 6)  # one in 8,000 runs of this test by chance
+    assert (thin.stop_ids[2] in lacks(report)) or kept > 2
