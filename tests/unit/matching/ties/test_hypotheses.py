@@ -1,0 +1,102 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from photogrammetry.errors import MatchingError
+from photogrammetry.matching.birds_eye import BirdsEyeParams, PlaneFit
+from photogrammetry.matching.cross_site_gate import GateParams, gate_between
+from photogrammetry.matching.hypotheses import (
+    CORRELATION,
+    FEATURES,
+    ROCKS,
+    HypothesisParams,
+    hypotheses,
+    merged,
+    peaks_of,
+)
+from photogrammetry.matching.stop_views import StopViews
+
+PARAMS = HypothesisParams()
+BIRDS_EYE = BirdsEyeParams(radius_m=16.0)
+
+
+def fit(north, east, z, azimuth=0.0):
+    return PlaneFit(azimuth, float(north), float(east), 0.0, float(z), 100.0)
+
+
+@pytest.fixture(scope="module")
+def first(first_stop):
+    return StopViews.of(first_stop, BIRDS_EYE)
+
+
+def found_between(one, other):
+    gate, _ = gate_between(one.stop, other.stop, GateParams())
+    return hypotheses(one, other, gate, BIRDS_EYE, PARAMS)
+
+
+def test_ways_that_agree_rank_before_one_that_shouts():
+    correlation = peaks_of(
+        CORRELATION, [fit(0, 0, 9), fit(5, 0, 7), fit(0, 5, 5), fit(5, 5, 5)], PARAMS
+    )
+    features = peaks_of(FEATURES, [fit(5.1, 0.2, 12), fit(-5, 0, 6), fit(0, -5, 6)], PARAMS)
+    best = merged([*correlation, *features], PARAMS)[0]
+    assert best.found_by == (FEATURES, CORRELATION)
+    assert (best.fit.north_m, best.fit.east_m) == (5.1, 0.2)
+    assert best.evidence == pytest.approx((12 / 6 - 1) + (7 / 5 - 1))
+
+
+def test_what_looks_like_the_rest_is_no_evidence():
+    peaks = peaks_of(ROCKS, [fit(0, 0, 4), fit(5, 0, 4), fit(0, 5, 4), fit(5, 5, 3.9)], PARAMS)
+    assert [peak.evidence for peak in peaks] == [0, 0, 0, 0]
+
+
+def test_a_single_low_peak_is_held_against_chance():
+    (peak,) = peaks_of(ROCKS, [fit(0, 0, 2.5)], PARAMS)
+    assert peak.evidence == 0
+    (peak,) = peaks_of(ROCKS, [fit(0, 0, 2 * PARAMS.least_level)], PARAMS)
+    assert peak.evidence == pytest.approx(1.0)
+
+
+def test_one_place_at_two_azimuths_is_two_hypotheses():
+    one = peaks_of(CORRELATION, [fit(0, 0, 9), fit(5, 0, 4)], PARAMS)
+    turned = peaks_of(FEATURES, [fit(0, 0, 9, azimuth=0.05), fit(5, 0, 4)], PARAMS)
+    assert len(merged([*one, *turned], PARAMS)) == 3
+
+
+def test_two_peaks_of_one_way_never_count_as_agreeing():
+    near = peaks_of(CORRELATION, [fit(0, 0, 9), fit(0.1, 0, 8), fit(5, 0, 4)], PARAMS)
+    assert all(h.found_by == (CORRELATION,) for h in merged(near, PARAMS))
+
+
+def test_correlation_and_features_find_a_stop_that_looks_back_under_another_sun(
+    first, second_stop, first_stand, second_stand
+):
+    found = found_between(first, StopViews.of(second_stop, BIRDS_EYE))
+    level = first.stop.lsl_from_rover.rotation
+    true = level @ (first_stand.true.inverse @ second_stand.true).translation_m
+    best = found[0]
+    assert {CORRELATION, FEATURES} <= set(best.found_by)
+    assert np.hypot(best.fit.north_m - true[0], best.fit.east_m - true[1]) < 0.2
+    assert best.fit.down_m == pytest.approx(true[2], abs=0.15)
+    assert all(best.evidence > 1 + other.evidence for other in found[1:])
+
+
+def test_on_other_ground_no_hypothesis_is_clear(first, foreign_stop):
+    found = found_between(first, StopViews.of(foreign_stop, BIRDS_EYE))
+    assert len(found) <= PARAMS.most
+    assert found[0].evidence < PARAMS.clear
+
+
+def test_the_best_are_handed_on_and_no_more_than_asked_for(first, second_stop):
+    gate, _ = gate_between(first.stop, second_stop, GateParams())
+    few = hypotheses(
+        first, StopViews.of(second_stop, BIRDS_EYE), gate, BIRDS_EYE, replace(PARAMS, most=2)
+    )
+    assert len(few) == 2
+    assert few[0].evidence >= few[1].evidence
+
+
+def test_a_way_without_lower_peaks_cannot_be_judged():
+    with pytest.raises(MatchingError, match="2 or more peaks of every way"):
+        HypothesisParams(peaks=1)
