@@ -19,12 +19,14 @@ from photogrammetry.frames import Pose
 from photogrammetry.matching.alignment import AlignmentParams
 from photogrammetry.matching.birds_eye import overlay_picture
 from photogrammetry.matching.cross_site import SiteLink, StopViews
-from photogrammetry.matching.pictures import draw_matches, draw_parallax
+from photogrammetry.matching.pictures import draw_pair
 from photogrammetry.matching.records import MatchedPair, MatchedStop
+from photogrammetry.matching.sparse import SparseParams, match_interest_points
 from photogrammetry.matching.tie_pictures import draw_sheet, misfits
 from photogrammetry.matching.ties import Ties
 from photogrammetry.terrain.pictures import class_picture, relief_picture
 from photogrammetry.terrain.surface import HillshadeParams
+from products.arrays import read_dense
 from products.errors import ProductError
 from products.model import ProductKind, ProductRef, Recipe
 from products.raster import read_dtm
@@ -37,16 +39,23 @@ MAX_WIDTH = 1536
 
 
 @task(cache_policy=NO_CACHE, task_run_name="picture-{pair.files.id}")
-def picture_pair(pair: PairProducts, store: ProductStore) -> ProductRef:
-    """Both images of a pair with their matches, and the dense parallax in colours."""
+def picture_pair(
+    pair: PairProducts, store: ProductStore, params: SparseParams | None = None
+) -> ProductRef:
+    """What was matched in a pair: points, matches by residual, dense parallax, parallax curve."""
+    params = params or SparseParams()
 
     def write(path: Path) -> None:
         matched = read_matched_pair(pair, store)
-        both = draw_matches(matched.images, matched.matches)
-        write_picture(path, np.hstack([both, draw_parallax(matched.parallax)]))
+        candidates = match_interest_points(matched.images, params)
+        dense = read_dense(store.path(pair.parallax))
+        sheet = draw_pair(matched.images, candidates, matched.matches, dense, params.verification)
+        write_picture(path, sheet)
 
     inputs = (pair.matches, pair.parallax)
-    return store.make(Recipe(ProductKind.QUICKLOOK, pair_scope(pair.files.id), inputs), write)
+    return store.make(
+        Recipe(ProductKind.QUICKLOOK, pair_scope(pair.files.id), inputs, params), write
+    )
 
 
 @task(cache_policy=NO_CACHE, task_run_name="picture-{dtm.scope}")
@@ -76,9 +85,7 @@ def write_link_picture(
     if link.fit is None:
         above = np.zeros((16, 16, 3), np.uint8)  # no place was found to lay them over
     else:
-        above = cv2.cvtColor(
-            overlay_picture(earlier.birds_eye, later.birds_eye, link.fit), cv2.COLOR_RGB2BGR
-        )
+        above = overlay_picture(earlier.birds_eye, later.birds_eye, link.fit)[:, :, ::-1]
     if not len(link.ties):
         write_picture(path, above)
         return

@@ -18,7 +18,7 @@ from photogrammetry.terrain.records import TerrainView
 from products.arrays import read_dense, read_matches, read_parallax, write_dense, write_matches
 from products.model import ProductKind, ProductRef, Recipe
 from products.store import ProductStore
-from tasks.pairs import read_product_image
+from tasks.images import read_product_image
 from tasks.scopes import pair_scope
 from tasks.views import OrientedPair
 

@@ -7,6 +7,7 @@ import numpy as np
 
 from photogrammetry.arrays import GreyImage, ImagePoints, Mask, ParallaxMap, Picture
 from photogrammetry.imagery import StereoMatches
+from photogrammetry.matching.dense import DenseMatches
 from photogrammetry.matching.records import EpipolarImages
 from photogrammetry.matching.sparse import Candidates
 from photogrammetry.matching.verification import VerificationParams, parallax_curve
@@ -16,6 +17,9 @@ WHITE = (255, 255, 255)
 BLACK = (0, 0, 0)
 GREEN = (80, 200, 80)
 ORANGE = (0, 140, 255)
+RED = (60, 20, 220)
+AGREES_PX = 0.3
+"""Residual of a good match: what published stereo reaches on board (NPO-42487: 0.32 px)."""
 
 
 def in_three_bands(image: GreyImage, mask: Mask) -> Picture:
@@ -51,9 +55,50 @@ def draw_matches(images: EpipolarImages, matches: StereoMatches) -> Picture:
     return np.hstack([left, right])
 
 
+def draw_residuals(
+    images: EpipolarImages, matches: StereoMatches, parallax: ParallaxMap
+) -> Picture:
+    """The left image with the matches, coloured by how far dense matching is from them.
+
+    Least squares and semi-global matching come to a parallax each in its own way: green agrees to
+    0.3 px, orange to one, red does not; white has no dense parallax.
+    """
+    picture = in_three_bands(images.left, images.left_mask)
+    sample, line = np.rint(matches.left).astype(int).T
+    apart = np.abs(matches.parallax_px - parallax[line, sample])
+    for colour, chosen in (
+        (WHITE, ~np.isfinite(apart)),
+        (GREEN, apart <= AGREES_PX),
+        (ORANGE, (apart > AGREES_PX) & (apart <= 1)),
+        (RED, apart > 1),
+    ):
+        _dots(picture, matches.left[chosen], colour, BLACK)
+    return picture
+
+
 def draw_parallax(parallax: ParallaxMap) -> Picture:
     """Parallax in colours over its own range, logarithmic as ranges are; black where unmatched."""
     return _colours(parallax)
+
+
+def draw_pair(
+    images: EpipolarImages,
+    candidates: Candidates,
+    matches: StereoMatches,
+    dense: DenseMatches,
+    params: VerificationParams,
+) -> Picture:
+    """All that was matched in a pair, on one sheet.
+
+    Top: candidates in both images. Middle: matches coloured by residual, and the dense parallax.
+    Foot: the standard deviation of the dense parallax, and the parallax curve.
+    """
+    lines, samples = images.left.shape
+    middle = (draw_residuals(images, matches, dense.parallax_px), draw_parallax(dense.parallax_px))
+    curve = draw_parallax_curve(candidates, params, samples, lines)
+    foot = (_colours(dense.sigma_px), curve)
+    rows = (draw_candidates(images, candidates), np.hstack(middle), np.hstack(foot))
+    return np.vstack(rows)
 
 
 def draw_parallax_curve(

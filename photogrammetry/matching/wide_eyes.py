@@ -7,10 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.arrays import GreyImage, Mask, ParallaxMap, Vector3
+from photogrammetry.arrays import Bool, Float32, ParallaxMap, Vector3
 from photogrammetry.cameras.epipolar import EpipolarPair
 from photogrammetry.cameras.model import CameraModel
 from photogrammetry.frames import Pose
+
+OriginalImage = Float32[np.ndarray, "rows cols"]
+OriginalMask = Bool[np.ndarray, "rows cols"]
+"""Of the image as taken, whose size is not that of the epipolar images."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,9 +36,9 @@ class WideEye:
     """A matched pair of a stop, of which the left image is one eye of the wide instrument."""
 
     pair_id: str
-    image: GreyImage
+    image: OriginalImage
     """The left image as taken."""
-    mask: Mask
+    mask: OriginalMask
     camera: CameraModel
     """Its camera, in the LSL."""
     bar: EpipolarPair

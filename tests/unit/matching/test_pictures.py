@@ -1,11 +1,13 @@
 import numpy as np
 
-from photogrammetry.matching.dense import match_densely
+from photogrammetry.matching.dense import match_densely, match_densely_with_sigma
 from photogrammetry.matching.pictures import (
     draw_candidates,
     draw_matches,
+    draw_pair,
     draw_parallax,
     draw_parallax_curve,
+    draw_residuals,
     in_three_bands,
 )
 from photogrammetry.matching.sparse import SparseParams, match_interest_points, match_sparsely
@@ -55,3 +57,36 @@ def test_masked_pixels_are_black(scene, ground):
     mask[10:20] = False
     assert not in_three_bands(images.left, mask)[10:20].any()
     assert not in_three_bands(images.left, np.zeros_like(mask)).any()
+
+
+def test_matches_are_coloured_by_how_far_dense_matching_is_from_them(scene, ground):
+    images = scene([ground]).images
+    matches = match_sparsely("pair", images)
+    dense = match_densely(images)
+    x, y = np.rint(matches.left).astype(int).T
+    far, unmatched = dense.copy(), dense.copy()
+    far[y, x] = matches.parallax_px + 2.0
+    unmatched[:] = np.nan
+    agreeing = np.abs(dense[y, x] - matches.parallax_px) < 0.3
+    assert agreeing.mean() > 0.9
+    for parallax, colour in ((dense, (80, 200, 80)), (far, (60, 20, 220)), (unmatched, (255,) * 3)):
+        picture = draw_residuals(images, matches, parallax.astype(np.float32))
+        drawn = (picture[y, x] == colour).all(axis=1)
+        assert drawn.mean() > 0.85
+
+
+def test_a_sheet_shows_all_that_was_matched(scene, ground):
+    images = scene([ground]).images
+    params = SparseParams()
+    sheet = draw_pair(
+        images,
+        match_interest_points(images, params),
+        match_sparsely("pair", images),
+        match_densely_with_sigma(images),
+        params.verification,
+    )
+    assert sheet.shape == (3 * 256, 2 * 256, 3)
+    for row in range(3):
+        for column in range(2):
+            panel = sheet[256 * row : 256 * (row + 1), 256 * column : 256 * (column + 1)]
+            assert len(np.unique(panel.reshape(-1, 3), axis=0)) >= 3
