@@ -5,7 +5,7 @@ import sys
 from itertools import pairwise
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from photogrammetry.errors import LabelError
@@ -43,6 +43,9 @@ DESCAM = {
     "PIXEL_AVERAGING_HEIGHT": (764, 4),
     "PIXEL_AVERAGING_WIDTH": (769, 4),
 }
+
+PATIENT = settings(deadline=10_000)
+"""Milliseconds; some 20 each, types checked at every call on a busy machine."""
 
 
 def column_text(name: str, start: int, length: int) -> str:
@@ -174,6 +177,7 @@ def test_rows_end_with_one_byte_or_two():
     assert unix[0].line == dos[0].line
 
 
+@PATIENT
 @given(cuts=st.lists(st.integers(0, 1_500), max_size=8))
 def test_it_does_not_matter_where_the_stream_breaks(cuts):
     table = b"".join(image_row(151600000 + k, "lr"[k % 2]) for k in range(5))
@@ -361,6 +365,7 @@ def test_sixty_thousand_rows_need_little_memory():
     assert peak < 4e6  # 1,200 entries of about 1 kB, and one chunk
 
 
+@PATIENT
 @given(
     place=st.floats(0, 1),
     removed=st.integers(0, 60),
@@ -379,6 +384,7 @@ def test_a_spoilt_label_is_an_error_of_ours_or_a_layout(place, removed, inserted
         assert layout.columns
 
 
+@PATIENT
 @given(row=st.binary(max_size=500), at=st.integers(0, 356), removed=st.integers(0, 9))
 def test_a_spoilt_row_is_counted_or_read(row, at, removed):
     good = image_row(151600000, "l")
