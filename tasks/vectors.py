@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from prefect import task
 from prefect.cache_policies import NO_CACHE
+from scipy.spatial.transform import Rotation
 
 from photogrammetry.adjustment.records import USED, AdjustedStop
+from photogrammetry.arrays import Vector3
 from photogrammetry.frames import Pose
 from photogrammetry.imagery import RoverImage
 from photogrammetry.terrain.footprints import FootprintParams, Ground, footprint, pointing_line
@@ -75,9 +78,13 @@ class _Reading:
 
     def outlines(self, draw: Any, params: FootprintParams) -> Iterator[Feature]:  # noqa: ANN401
         poses = {stop.stop: stop.lsl_from_rover for stop in self.network.adjusted.stops}
+        pointings = {pair.pair_id: pair.pointing for pair in self.network.adjusted.pairs}
         for entry in self._entries:
             image = image_record(entry, self._workspace)
             if image.stop in poses:
+                pointing = pointings.get(entry.id, pointings.get(entry.partner or ""))
+                if pointing is not None:
+                    image = as_pointed(image, pointing)
                 drawn = draw(image, entry, poses[image.stop], params)
                 if drawn is not None:
                     yield drawn
@@ -170,6 +177,18 @@ def tie_point_features(network: NetworkProduct) -> Iterator[Feature]:
             "sigma_m": round(sigma_m, 4),
         }
         yield Feature("Point", _on_map(point[None]), properties, id=str(number))
+
+
+def as_pointed(image: RoverImage, pointing: Vector3) -> RoverImage:
+    """An image whose camera looks where the adjustment found that its mast had pointed it.
+
+    `pointing` is a rotation vector in the rover frame, about the mast head.
+    """
+    rover = image.stop.frame
+    pivot = image.camera.centre if image.mast_in_rover is None else np.array(image.mast_in_rover)
+    turn = Rotation.from_rotvec(pointing).as_matrix()
+    moved = Pose(rover, rover, turn, pivot - turn @ pivot)
+    return replace(image, camera=image.camera.moved(moved))
 
 
 def footprint_feature(

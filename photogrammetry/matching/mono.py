@@ -168,12 +168,13 @@ def _assembled(
     floor_px: float,
 ) -> Ties:
     """Some of the conjugates as columns of ties."""
-    index = [np.full(len(rows), ids.index(name), np.int32) for name in names]
+    one, other = (np.full(len(rows), ids.index(name), np.int32) for name in names)
     parallax, unknown = first.parallax_px[rows], np.full(len(rows), np.nan)
     stereo = np.isfinite(parallax)
     return Ties(
         ids,
-        *index,
+        one,
+        other,
         first.left[rows],
         found.points[rows],
         parallax,
