@@ -59,8 +59,8 @@ class BirdsEyeParams:
     azimuth_step: float = 0.0087
     """Radians (0.5 degrees): moves the ground by a cell at 18 m."""
     min_overlap_m2: float = 40.0
-    hypotheses: int = 3
-    """Peaks handed on; those that are wrong also show what chance can do."""
+    peaks: int = 5
+    """Handed on; the lower ones, which are wrong, show what chance can do."""
     separation_m: float = 1.5
     """Two peaks nearer than this are one."""
 
@@ -336,7 +336,7 @@ def search(
     distance = np.hypot(norths[:, None] - gate.north_m, easts[None, :] - gate.east_m)
     z[:, distance > gate.reach_m] = -np.inf
     fits = []
-    for _ in range(params.hypotheses):
+    for _ in range(params.peaks):
         k, i, j = np.unravel_index(int(np.argmax(z)), z.shape)
         if not z[k, i, j] > 0:
             break

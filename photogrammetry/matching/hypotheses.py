@@ -51,8 +51,6 @@ class HypothesisParams:
 
     wide_baseline: WideBaselineParams = field(default_factory=WideBaselineParams)
     rocks: RockParams = field(default_factory=RockParams)
-    peaks: int = 5
-    """Of every way. All but the first of them tell what chance does."""
     least_level: float = 3.0
     """z that chance is never taken to stay below: one place in 700 reaches it."""
     same_m: float = 0.75
@@ -66,10 +64,10 @@ class HypothesisParams:
     """Hypotheses handed on."""
 
     def __post_init__(self) -> None:
-        if self.peaks < 2 or self.most < 1 or self.least_level <= 0:  # noqa: PLR2004 - a best and the rest
+        if self.most < 1 or self.least_level <= 0:
             raise MatchingError(
-                f"hypotheses need 2 or more peaks of every way, a level above 0, and 1 or more to "
-                f"try, not {self.peaks}, {self.least_level} and {self.most}"
+                f"hypotheses need 1 or more to be tried and a level of chance above 0, not "
+                f"{self.most} and {self.least_level}"
             )
 
 
@@ -151,8 +149,7 @@ def _correlated(
     params: HypothesisParams,
 ) -> list[_Peak]:
     """Peaks of the correlation of both views."""
-    searched = replace(birds_eye, hypotheses=params.peaks)
-    fits = search(one.birds_eye, other.birds_eye, gate, searched)
+    fits = search(one.birds_eye, other.birds_eye, gate, birds_eye)
     return peaks_of(CORRELATION, fits, params)
 
 
@@ -166,7 +163,7 @@ def _featured(
     """Places that matched features vote for."""
     wide = params.wide_baseline
     features = [find_features(stop.birds_eye, birds_eye, wide) for stop in (one, other)]
-    elected = match_features(features[0], features[1], gate, params.peaks, wide)
+    elected = match_features(features[0], features[1], gate, birds_eye.peaks, wide)
     return peaks_of(FEATURES, _fits(elected, one, other, birds_eye), params)
 
 
@@ -179,7 +176,7 @@ def _by_rocks(
 ) -> list[_Peak]:
     """Places that rocks vote for."""
     rocks = [find_rocks(stop.stop, stop.birds_eye, params.rocks) for stop in (one, other)]
-    elected = match_rocks(rocks[0], rocks[1], gate, params.peaks, params.rocks)
+    elected = match_rocks(rocks[0], rocks[1], gate, birds_eye.peaks, params.rocks)
     return peaks_of(ROCKS, _fits(elected, one, other, birds_eye), params)
 
 

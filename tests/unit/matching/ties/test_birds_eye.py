@@ -65,7 +65,7 @@ def test_no_peak_stands_out_where_the_ground_is_another():
 
 def test_peaks_lie_inside_the_gate_and_apart():
     fits = search(seen_from(1), seen_from(2), SearchGate(3.0, 1.0, 2.0, 0.02), PARAMS)
-    assert len(fits) == PARAMS.hypotheses
+    assert len(fits) == PARAMS.peaks
     for k, fit in enumerate(fits):
         assert np.hypot(fit.north_m - 3.0, fit.east_m - 1.0) < 2.0 + PARAMS.cell_m
         for other in fits[:k]:

@@ -97,6 +97,6 @@ def test_the_best_are_handed_on_and_no_more_than_asked_for(first, second_stop):
     assert few[0].evidence >= few[1].evidence
 
 
-def test_a_way_without_lower_peaks_cannot_be_judged():
-    with pytest.raises(MatchingError, match="2 or more peaks of every way"):
-        HypothesisParams(peaks=1)
+def test_none_to_be_tried_are_no_hypotheses():
+    with pytest.raises(MatchingError, match="1 or more to be tried"):
+        HypothesisParams(most=0)
