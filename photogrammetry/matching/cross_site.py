@@ -3,9 +3,10 @@
 1. Telemetry says where the later rover stands in the earlier one, to some per cent of the drive and
    a degree or two of azimuth (Di et al. 2008, section 1 and table 1). That is the gate
    (`cross_site_gate`).
-2. Bird's-eye views of both stops are correlated over the gate (`birds_eye`). The highest peaks are
-   hypotheses of the horizontal pose; the drop follows from the elevations of the common ground and
-   the tilt from telemetry, which gravity holds to tenths of a degree.
+2. Bird's-eye views of both stops are correlated over the gate, and landmarks on them vote for
+   places (`hypotheses`). The best are hypotheses of the horizontal pose; the drop follows from the
+   elevations of the common ground and the tilt from telemetry, which gravity holds to tenths of a
+   degree.
 3. Under every hypothesis the sparse matches of each stop are predicted into the pairs of the other
    one and looked for there, and a robust rigid alignment counts how many agree in space
    (`cross_site_trials`). Wrong hypotheses and decoys measure what chance can do.
@@ -20,7 +21,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 from photogrammetry.errors import MatchingError
-from photogrammetry.matching.birds_eye import BirdsEyeParams, search
+from photogrammetry.matching.birds_eye import BirdsEyeParams
 from photogrammetry.matching.cross_site_gate import GateParams, gate_between
 from photogrammetry.matching.cross_site_trials import (
     LEAST_TO_ALIGN,
@@ -29,6 +30,7 @@ from photogrammetry.matching.cross_site_trials import (
     Trials,
     decoys,
 )
+from photogrammetry.matching.hypotheses import HypothesisParams, hypotheses
 from photogrammetry.matching.records import MatchedStop
 from photogrammetry.matching.shared_ground import counted_as_one, spread_out, weighed_down
 from photogrammetry.matching.site_links import (
@@ -74,6 +76,7 @@ class CrossSiteParams:
 
     gate: GateParams = field(default_factory=GateParams)
     birds_eye: BirdsEyeParams = field(default_factory=BirdsEyeParams)
+    hypotheses: HypothesisParams = field(default_factory=HypothesisParams)
     trials: TrialParams = field(default_factory=TrialParams)
     verdict: VerdictParams = field(default_factory=VerdictParams)
     apart: float = 0.75
@@ -93,11 +96,13 @@ def tie_cross_site(
     apart_m = distance_m(one, other)
     if apart_m - gate.reach_m > 2 * params.birds_eye.radius_m:
         return unlinked(one, other, f"{apart_m:.0f} m apart, no common ground in reach")
-    fits = search(one.birds_eye, other.birds_eye, gate, params.birds_eye)
+    found = hypotheses(one, other, gate, params.birds_eye, params.hypotheses)
+    fits = [hypothesis.fit for hypothesis in found]
     if not fits:
         return unlinked(one, other, "the bird's-eye views share too little ground")
-    if fits[0].z < params.verdict.least_z:
-        return unlinked(one, other, f"no peak stands out (z = {fits[0].z:.1f})", fits[0])
+    highest = max(fit.z for fit in fits)
+    if highest < params.verdict.least_z:
+        return unlinked(one, other, f"no peak stands out (z = {highest:.1f})", fits[0])
     trials = Trials(one, other, prior, params.trials)
     clear_m = 2 * params.birds_eye.separation_m
     wrong = decoys(gate, fits, params.trials.decoys, clear_m)
