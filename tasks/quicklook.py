@@ -17,8 +17,9 @@ from photogrammetry.arrays import Picture
 from photogrammetry.cameras.epipolar import EpipolarPair
 from photogrammetry.frames import Pose
 from photogrammetry.matching.alignment import AlignmentParams
-from photogrammetry.matching.birds_eye import overlay_picture
-from photogrammetry.matching.cross_site import SiteLink, StopViews
+from photogrammetry.matching.birds_eye import PlaneFit, overlay_picture
+from photogrammetry.matching.cross_site import CrossSiteParams, SiteLink, StopViews
+from photogrammetry.matching.landmark_pictures import draw_features
 from photogrammetry.matching.pictures import draw_pair
 from photogrammetry.matching.records import MatchedPair, MatchedStop
 from photogrammetry.matching.sparse import SparseParams, match_interest_points
@@ -79,19 +80,34 @@ def write_ties_picture(path: Path, stop: MatchedStop, ties: Ties, params: Alignm
 
 
 def write_link_picture(
-    path: Path, earlier: StopViews, later: StopViews, link: SiteLink, params: AlignmentParams
+    path: Path, earlier: StopViews, later: StopViews, link: SiteLink, params: CrossSiteParams
 ) -> None:
-    """Both stops from above, laid over each other as the link found them, and all its ties."""
+    """Both stops from above as the link found them to stand, and all its ties."""
     if link.fit is None:
         above = np.zeros((16, 16, 3), np.uint8)  # no place was found to lay them over
     else:
-        above = overlay_picture(earlier.birds_eye, later.birds_eye, link.fit)[:, :, ::-1]
+        above = _from_above(earlier, later, link.fit, params)
     if not len(link.ties):
         write_picture(path, above)
         return
     pairs = {p.pair_id: p for views in (earlier, later) for p in views.stop.pairs}
-    share = misfits(link.ties, _geometries(pairs), link.earlier_from_later, link.covariance, params)
+    alignment = params.trials.alignment
+    share = misfits(
+        link.ties, _geometries(pairs), link.earlier_from_later, link.covariance, alignment
+    )
     write_picture(path, _stacked(above, draw_sheet(pairs, link.ties, share)))
+
+
+def _from_above(
+    earlier: StopViews, later: StopViews, fit: PlaneFit, params: CrossSiteParams
+) -> Picture:
+    """Two stops from above, laid over each other, and side by side with features that agree."""
+    views = (earlier.birds_eye, later.birds_eye)
+    over = overlay_picture(*views, fit)
+    beside = draw_features(*views, fit, params.birds_eye, params.hypotheses.wide_baseline)
+    size = (beside.shape[0], beside.shape[0])
+    over = cv2.resize(over, size, interpolation=cv2.INTER_NEAREST)
+    return np.hstack([over, beside])[:, :, ::-1]
 
 
 def _geometries(pairs: Mapping[str, MatchedPair]) -> dict[str, EpipolarPair]:

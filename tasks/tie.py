@@ -109,7 +109,7 @@ def link_stops(
     links = store.make(Recipe(ProductKind.LINKS, scope, inputs, (params, *poses)), write)
     store.make(
         Recipe(ProductKind.QUICKLOOK, scope, (links,)),
-        lambda path: write_link_picture(path, *linked(), params.trials.alignment),
+        lambda path: write_link_picture(path, *linked(), params),
     )
     return links
 
