@@ -79,12 +79,12 @@ class RelativeOrientation:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Measured:
-    """Points found in both images of a wide pair."""
+    """Points found in both images of a pair."""
 
     rows: VerticalParallax
-    predicted_px: PerPoint
-    """Parallax by the bar."""
-    bar_ratio: float
+    predicted_px: PerPoint | None = None
+    """Parallax by the bar; None where there is none to compare with."""
+    bar_ratio: float = 1.0
     """Parallax of the pair over that of the bar."""
 
 
@@ -93,8 +93,10 @@ def relative_orientation(
 ) -> RelativeOrientation:
     """Least squares about the present orientation, to which `applied` has been added already."""
     rows = measured.rows
-    designs = _designs(rows)
-    values = (rows.vertical_px, rows.parallax_px - measured.predicted_px)
+    across, along = _designs(rows)
+    observed = [(across, rows.vertical_px)]
+    if measured.predicted_px is not None:
+        observed.append((along, rows.parallax_px - measured.predicted_px))
     shift_sigma = params.position_sigma_m / rows.geometry.base_m
     sigmas = np.r_[np.full(3, params.rotation_sigma), np.full(2, shift_sigma)]
     prior = np.r_[sigmas, params.bar_sigma_px * measured.bar_ratio] ** -2
@@ -102,7 +104,7 @@ def relative_orientation(
     solution, inverse = np.zeros(6), np.eye(6)
     for _ in range(STEPS):
         normal, right = np.diag(prior), -prior * so_far
-        for design, value in zip(designs, values, strict=True):
+        for design, value in observed:
             weight = _weights(value - design @ solution)
             normal = normal + (design * weight[:, None]).T @ design
             right = right + design.T @ (weight * value)

@@ -1,0 +1,111 @@
+"""Matching held against truth on three terrains, each under a sun of its own.
+
+Run with `-s` for the figures; plain StereoSGBM of OpenCV matches the same images beside ours.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import pytest
+
+from photogrammetry.cameras.epipolar import epipolar_pair
+from photogrammetry.frames import Frame, FrameKind
+from photogrammetry.imagery import Eye
+from photogrammetry.matching.dense import match_densely_with_sigma
+from photogrammetry.matching.records import EpipolarImages
+from photogrammetry.matching.resampling import epipolar_images
+from photogrammetry.matching.sparse import largest_parallax_px, match_sparsely
+from photogrammetry.stretching import stretched
+from photogrammetry.synthetic.world import (
+    TraverseParams,
+    WorldParams,
+    make_world,
+    photograph,
+    true_parallax,
+)
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
+
+CASES = [
+    (terrain, seed, pair)
+    for terrain, seed in (("plains", 11), ("hills", 4), ("crater", 7))
+    for pair in (0, 10)
+]
+"""Pair 0 is a Navcam's, pair 10 a Pancam's."""
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    name: str
+    images: EpipolarImages
+    truth: np.ndarray
+
+
+@pytest.fixture(scope="module", params=CASES, ids=lambda case: f"{case[0]}-{case[2]}")
+def case(request):
+    terrain, seed, pair = request.param
+    params = WorldParams(terrain, pancam=True, traverse=TraverseParams(stops=3))
+    world = make_world(params, seed)
+    shot = world.shot(1, pair)
+    cameras = [world.exposure(shot, eye).camera for eye in (Eye.LEFT, Eye.RIGHT)]
+    pictures = [photograph(world, shot, eye).astype(np.float32) for eye in (Eye.LEFT, Eye.RIGHT)]
+    size, whole = pictures[0].shape[::-1], np.ones(pictures[0].shape, dtype=bool)
+    frame = Frame(FrameKind.PAIR, (0,))
+    geometry = epipolar_pair(*cameras, size, size, world.stops[1].id.frame, frame)
+    sources = [(p, whole, c) for p, c in zip(pictures, cameras, strict=True)]
+    images = epipolar_images(geometry, *sources)
+    return Case(f"{terrain} {shot.instrument}", images, true_parallax(world, 1, pair, geometry))
+
+
+def plain_opencv(images: EpipolarImages) -> np.ndarray:
+    """StereoSGBM as its documentation sets it up, over the same search."""
+    count = 16 * int(np.ceil((largest_parallax_px(images.geometry, 1.2) + 2) / 16))
+    left, right = (
+        cv2.copyMakeBorder(stretched(image, mask), 0, 0, count, 0, cv2.BORDER_REPLICATE)
+        for image, mask in ((images.left, images.left_mask), (images.right, images.right_mask))
+    )
+    matcher = cv2.StereoSGBM.create(
+        0, count, 5, 200, 800, 1, uniquenessRatio=5, speckleWindowSize=100, speckleRange=2
+    )
+    found = matcher.compute(left, right)[:, count:]
+    return np.where(found > 0, found / np.float32(16), np.float32(np.nan))
+
+
+def test_verified_matches_are_true(case):
+    matches = match_sparsely(case.name, case.images)
+    x, y = matches.left.astype(int).T
+    error = matches.parallax_px - case.truth[y, x]
+    known = np.isfinite(error)
+    off, normalised = np.abs(error[known]), np.abs(error[known] / matches.sigma_px[known])
+    print(  # noqa: T201 - figures for the docs
+        f"\n{case.name}: {len(matches)} matches, {np.mean(off < 0.3):.2%} within 0.3 px, "
+        f"{np.mean(off < 1):.2%} within 1 px, median {np.median(off):.3f} px; "
+        f"{np.mean(normalised < 1):.0%} within one sigma, {np.mean(normalised < 3):.0%} within 3"
+    )
+    assert len(matches) > 500
+    assert known.mean() > 0.98  # the rest lies on outlines, where there is no truth
+    assert (off < 1).mean() >= 0.99
+    assert (off < 0.3).mean() >= 0.95
+    assert 0.5 < (normalised < 1).mean() < 0.8  # 0.68 if it were normal
+
+
+def test_dense_parallax_is_true_and_knows_how_true(case):
+    dense, peer = match_densely_with_sigma(case.images), plain_opencv(case.images)
+    figures = []
+    for parallax in (dense.parallax_px, peer):
+        off = np.abs(parallax - case.truth)
+        off = off[np.isfinite(off)]
+        figures.append((np.median(off), np.mean(off > 1), len(off) / np.isfinite(case.truth).sum()))
+    normalised = np.abs(dense.parallax_px - case.truth) / dense.sigma_px
+    within = [np.mean(normalised[np.isfinite(normalised)] < k) for k in (1, 2, 3)]
+    print(  # noqa: T201 - figures for the docs
+        f"\n{case.name}: "
+        + "; ".join(f"median {m:.3f} px, bad {b:.2%}, seen {c:.1%}" for m, b, c in figures)
+        + f"; within 1, 2, 3 sigma {within[0]:.0%}, {within[1]:.0%}, {within[2]:.0%}"
+    )
+    assert figures[0][0] < 0.4 * figures[1][0]
+    assert figures[0][1] < max(0.02, 1.2 * figures[1][1])
+    assert figures[0][2] > 0.75
+    assert within[0] == pytest.approx(0.68, abs=0.08)
+    assert np.isfinite(dense.parallax_px[np.isnan(case.truth)]).mean() < 0.15  # sky and occlusions
