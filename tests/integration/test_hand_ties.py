@@ -1,0 +1,189 @@
+"""Hand ties on their way from a file to the network."""
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from flows.cli import app
+from photogrammetry.adjustment.modes import AdjustmentMode
+from photogrammetry.adjustment.records import USED
+from photogrammetry.imagery import TieKind
+from photogrammetry.matching.inter_stereo import InterStereoParams
+from photogrammetry.synthetic.traverse import TraverseParams
+from photogrammetry.synthetic.world import WorldParams, make_world, render_jobs
+from products.arrays import read_matches, read_ties
+from products.model import ProductKind
+from products.workspace import Workspace
+from tasks.adjust import NetworkParams, NetworkStep, adjust_network, read_network
+from tasks.hand_ties import all_wishes, concerning
+from tasks.images import image_records
+from tasks.ingest import ingest_downlink
+from tasks.match import MatchParams, match_stereo_pair
+from tasks.pairs import pairs_of, read_pair
+from tasks.telemetry import read_telemetry
+from tasks.tie import StopProducts, tie_stop
+
+HEAD = (
+    "action,first_image,first_sample,first_line,second_image,second_sample,second_line,sigma_px\n"
+)
+
+
+class Stop:
+    """A stop with two neighbouring pairs, matched and tied."""
+
+    def __init__(self, folder):
+        world = make_world(WorldParams("plains", TraverseParams(stops=1), pairs=2, averaging=2), 5)
+        self.downlink = folder / "downlink"
+        for job in render_jobs(world):
+            file = job.run(world)
+            path = self.downlink / file.path.rpartition("/")[2]
+            path.parent.mkdir(exist_ok=True)
+            path.write_bytes(file.data)
+        self.workspace = Workspace.open(folder / "store")
+        self.store = self.workspace.store
+        ingest_downlink.fn(self.downlink, self.workspace)
+        entries = self.workspace.catalogue.images()
+        self.telemetry = read_telemetry(image_records(entries, self.workspace), ())
+        self.pairs = tuple(
+            match_stereo_pair.fn(pair, MatchParams(), self.store) for pair in pairs_of(entries)
+        )
+        (placed,) = self.telemetry.stops
+        self.stop = placed.stop
+        products = StopProducts(self.stop, self.pairs)
+        self.ties = tie_stop.fn(products, placed, InterStereoParams(), self.store)
+
+    @property
+    def ids(self):
+        return [pair.files.id for pair in self.pairs]
+
+    def network(self, wishes=()):
+        step = NetworkStep(
+            mission=self.stop.mission,
+            sol=self.telemetry.stops[0].sols[0],
+            mode=AdjustmentMode.STEPWISE,
+            previous=None,
+            stops=self.telemetry.stops,
+            new_stops=(self.stop,),
+            pairs=self.pairs,
+            ties=(self.ties,),
+            links=(),
+            hand=concerning(wishes, set(self.ids)),
+        )
+        return adjust_network.fn(step, NetworkParams(), self.store)
+
+    def wishes(self, text):
+        (self.downlink / "mine.ties.csv").write_text(HEAD + text)
+        assert not ingest_downlink.fn(self.downlink, self.workspace).faults
+        return all_wishes(self.workspace)
+
+    def clicks(self, count):
+        """Where the originals of both left images show some automatic ties."""
+        ties, _ = read_ties(self.store.path(self.ties))
+        rows = np.linspace(0, len(ties) - 1, count).astype(int)
+        shown = []
+        for index, left in ((ties.first, ties.first_left), (ties.second, ties.second_left)):
+            name = ties.pair_ids[index[0]]
+            pair = next(p for p in self.pairs if p.files.id == name)
+            geometry, _ = read_matches(self.store.path(pair.matches))
+            camera = read_pair(pair.files, self.store)[0].image.camera
+            ground = camera.centre + 5.0 * geometry.directions(left[rows])
+            shown.append((name, camera.project(ground)))
+        (one, first), (other, second) = shown
+        return [
+            f"{one},{a[0]:.2f},{a[1]:.2f},{other},{b[0]:.2f},{b[1]:.2f}"
+            for a, b in zip(first, second, strict=True)
+        ]
+
+
+@pytest.fixture(scope="module")
+def stop(tmp_path_factory):
+    return Stop(tmp_path_factory.mktemp("hand"))
+
+
+def joining(stop, ref):
+    """How many tie points join both pairs."""
+    ties = read_network(ref, stop.store).adjusted.ties
+    used = ties.status == USED
+    seen = set(zip(ties.observations.point[used], ties.observations.pair[used], strict=True))
+    points = [p for p, _ in seen]
+    return sum(points.count(p) > 1 for p in set(points))
+
+
+def test_a_vetoed_link_leaves_the_network(stop):
+    automatic = stop.network()
+    assert joining(stop, automatic) > 20
+    vetoed = stop.network(stop.wishes(f"veto,{stop.ids[0]},,,{stop.ids[1]},,\n"))
+    assert joining(stop, vetoed) == 0
+    lines = read_network(vetoed, stop.store).by_hand
+    assert "0 added, 0 moved" in lines[0]
+    assert all(pair.ties == 0 for pair in read_network(vetoed, stop.store).adjusted.pairs)
+
+
+def test_ties_that_were_clicked_hold_the_network_alone(stop):
+    added = "".join(f"add,{click},0.2\n" for click in stop.clicks(9))
+    ref = stop.network(stop.wishes(f"veto,{stop.ids[0]},,,{stop.ids[1]},,\n{added}"))
+    product = read_network(ref, stop.store)
+    assert "9 added" in product.by_hand[0]
+    assert joining(stop, ref) == 9
+    assert product.report["ties"][str(TieKind.INTER_STEREO)] == 9
+    alone, all_ties = (turn_between(stop, network) for network in (ref, stop.network()))
+    # nine clicks to 0.2 px (0.02 degrees) over a narrow overlap, which tells least of the roll
+    assert np.degrees(np.abs(alone - all_ties)).max() < 0.06
+
+
+def turn_between(stop, ref):
+    """By how much the second pair is turned from its label, beyond the first."""
+    pointing = {p.pair_id: p.pointing for p in read_network(ref, stop.store).adjusted.pairs}
+    return pointing[stop.ids[1]] - pointing[stop.ids[0]]
+
+
+def test_a_veto_at_a_point_takes_out_that_tie(stop):
+    (click,) = stop.clicks(1)
+    one, sample, line, other, _, _ = click.split(",")
+    wishes = stop.wishes(f"veto,{one},{sample},{line},{other},,\n")
+    product = read_network(stop.network(wishes), stop.store)
+    assert product.by_hand == ("hand ties: 0 added, 0 moved, 1 vetoed",)
+
+
+def test_what_concerns_other_images_remakes_nothing(stop):
+    before = stop.network()
+    assert stop.network(stop.wishes("veto,2N999,,,2N998,,\n")) == before
+    assert stop.network(stop.wishes("")) == before
+
+
+def test_where_a_wish_stands_in_its_file_changes_nothing(stop):
+    veto = f"veto,{stop.ids[0]},,,{stop.ids[1]},,\n"
+    assert stop.network(stop.wishes(veto)) == stop.network(stop.wishes(f"\n\n{veto}"))
+
+
+def test_a_broken_file_is_one_line_and_stops_nothing_else(stop, tmp_path):
+    downlink = tmp_path / "downlink"
+    downlink.mkdir()
+    image = next(stop.downlink.glob("*.img"))
+    (downlink / image.name).write_bytes(image.read_bytes())
+    (downlink / "broken.ties.geojson").write_text('{"features": [{"properties": {"action": 3}}]}')
+    workspace = Workspace.open(tmp_path / "store")
+    delivery = ingest_downlink.fn(downlink, workspace)
+    assert len(delivery.images) == 1
+    (fault,) = delivery.faults
+    assert fault.notes == (
+        "broken.ties.geojson, row 1: action should be add, veto or move, not '3'",
+    )
+    assert workspace.catalogue.pointers(ProductKind.HAND_TIES) == []
+
+
+def test_the_command_takes_a_file_and_says_what_it_holds(stop, tmp_path):
+    file = tmp_path / "from the editor.geojson"
+    file.write_text(
+        '{"type": "FeatureCollection", "features": [{"type": "Feature", "geometry": null, '
+        f'"properties": {{"action": "veto", "first_image": "{stop.ids[0]}", '
+        '"second_image": "2N1"}}]}'
+    )
+    done = CliRunner().invoke(app, ["ties", str(file), "--store", str(stop.store.root)])
+    assert done.exit_code == 0
+    assert "0 to add, 1 to veto, 0 to move" in done.output
+    assert "2N1 is not in the store (yet)" in done.output
+    (tmp_path / "b.csv").write_text("no ties")
+    done = CliRunner().invoke(app, ["ties", str(tmp_path / "b.csv"), "--store", str(tmp_path)])
+    assert done.exit_code == 1
+    assert "b.csv: the first line should name the columns" in done.output.replace("\n", " ")
