@@ -48,12 +48,12 @@ def closed_loops(  # noqa: PLR0913, PLR0917 - the network, and what was seen in 
         if b - a <= REACH:
             found.append((a, b, *_as_aligned(state, a, b, points, params)))
         elif len(ours) >= LOOP_TIES:
-            *motion, weights = rigid_motion(points, params.gross)
+            rotation, place, information, weights = rigid_motion(points, params.gross)
             right = weights > HALF
             astray.append(ours[~right])
             if right.sum() >= LOOP_TIES:
                 loops[len(found)] = ((a, b), ours[right])
-                found.append((a, b, *motion))
+                found.append((a, b, rotation, place, information))
             else:
                 astray.append(ours[right])
         else:

@@ -48,7 +48,9 @@ def smoothed(traverse: Traverse, network: Network, params: AdjustmentParams) -> 
     blocks = {6 * k: stop.covariance for k, stop in enumerate(known)}
     for pair in traverse.window.pairs:
         blocks[places.first(pair.pair_id)] = pair.pointing_covariance
-    joint = _of_window(traverse, network, params, places) if traverse.departures else None
+    joint = _Joint(np.zeros(0, dtype=np.int64), np.zeros((0, 0)))
+    if traverse.departures:
+        joint = _of_window(traverse, network, params, places)
     for departure in reversed(traverse.departures):
         chart = places.chart(departure)
         state = _carried_back(departure.conditional, chart, state)
