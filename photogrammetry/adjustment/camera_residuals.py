@@ -67,7 +67,7 @@ def _of_camera(
         else None
         for k in range(n * n)
     ]  # fmt: skip
-    kinds = np.array([str(kind) for kind in ties.kinds])[seen.point[rows]]
+    kinds = np.array([str(kind) for kind in ties.kinds], dtype=str)[seen.point[rows]]
     return CameraResiduals(
         instrument,
         len(np.unique(seen.pair[rows])),

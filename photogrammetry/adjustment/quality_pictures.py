@@ -128,7 +128,7 @@ def statistics_picture(network: AdjustedNetwork) -> bytes:
         left.hist(np.clip(w, -5, 5), edges, density=True, color=COOL, alpha=0.7)
     left.plot(edges, np.exp(-(edges**2) / 2) / np.sqrt(2 * np.pi), color=INK, lw=1)
     left.set(xlabel="standardised residual (line: normal)", ylabel="density")
-    kinds = np.array([str(kind) for kind in ties.kinds])[ties.observations.point]
+    kinds = np.array([str(kind) for kind in ties.kinds], dtype=str)[ties.observations.point]
     for kind, colour in ((TieKind.INTER_STEREO, COOL), (TieKind.CROSS_SITE, WARM)):
         rows = used & (kinds == str(kind))
         numbers = ties.redundancy[rows][np.isfinite(ties.residuals_px[rows])]
