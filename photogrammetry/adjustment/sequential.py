@@ -19,6 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from photogrammetry.adjustment.adjust import adjust, adjust_overall
+from photogrammetry.adjustment.linear import Linear
 from photogrammetry.adjustment.marginal import Marginal
 from photogrammetry.adjustment.params import AdjustmentParams
 from photogrammetry.adjustment.records import (
@@ -28,7 +29,7 @@ from photogrammetry.adjustment.records import (
     Network,
     select,
 )
-from photogrammetry.adjustment.retire import Conditional, Linear, neighbours, retire
+from photogrammetry.adjustment.retire import Conditional, neighbours, retire
 from photogrammetry.adjustment.stepwise import merged_network
 from photogrammetry.errors import AdjustmentError
 from photogrammetry.imagery import StopId

@@ -18,10 +18,11 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from photogrammetry.adjustment.collinearity import State
+from photogrammetry.adjustment.linear import Linear
 from photogrammetry.adjustment.marginal import Chart
 from photogrammetry.adjustment.params import AdjustmentParams
 from photogrammetry.adjustment.records import AdjustedStop, Network, select
-from photogrammetry.adjustment.retire import Conditional, Linear
+from photogrammetry.adjustment.retire import Conditional
 from photogrammetry.adjustment.sequential import Departure, Traverse
 from photogrammetry.adjustment.solver import Problem, linearise
 from photogrammetry.arrays import Vector3

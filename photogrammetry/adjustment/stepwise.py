@@ -23,6 +23,7 @@ from dataclasses import replace
 import numpy as np
 
 from photogrammetry.adjustment.adjust import adjust, adjust_overall
+from photogrammetry.adjustment.linear import Linear
 from photogrammetry.adjustment.loops import REACH
 from photogrammetry.adjustment.params import AdjustmentParams
 from photogrammetry.adjustment.records import (
@@ -33,7 +34,6 @@ from photogrammetry.adjustment.records import (
     Network,
 )
 from photogrammetry.adjustment.result import merged_ties
-from photogrammetry.adjustment.retire import Linear
 from photogrammetry.adjustment.rotations import cross_matrix
 from photogrammetry.adjustment.solver import Problem, normal_equations
 from photogrammetry.errors import AdjustmentError

@@ -1,0 +1,102 @@
+"""The whitened observation equations that touch a stop, in the columns of a chart.
+
+A x = l for corrections in the LSL, one row an observation, l in the last column. Where a stop is
+held its columns fall onto the last one too and are overwritten there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from photogrammetry.adjustment.collinearity import State, misclosures, partials
+from photogrammetry.adjustment.linear import Linear
+from photogrammetry.adjustment.marginal import Chart, Marginal
+from photogrammetry.adjustment.priors import telemetry_misclosures, telemetry_partials
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Columns:
+    """Columns of a chart by number of stop and pair; the last one is for what is held."""
+
+    of_stop: np.ndarray
+    of_pair: np.ndarray
+    count: int
+
+    @classmethod
+    def of(cls, chart: Chart, stops: int, pairs: int) -> Columns:
+        """Of a chart in a network with so many stops and pairs."""
+        count, n = chart.size, len(chart.stops)
+        of_stop, of_pair = np.full((stops, 6), count), np.full((pairs, 3), count)
+        of_stop[chart.stops] = np.arange(6 * n).reshape(n, 6)
+        of_pair[chart.pairs] = np.arange(6 * n, count).reshape(-1, 3)
+        return cls(of_stop, of_pair, count)
+
+
+def tie_rows(network: Linear, rows: np.ndarray, columns: Columns) -> np.ndarray:
+    """Whitened observation equations of tie points, freed of the points."""
+    observations, state = network.observations, network.state
+    weight = observations.weight[rows]
+    l = misclosures(state, observations, rows) * weight
+    A_o, A_t = partials(state, observations, rows)
+    A_o, A_t = A_o * weight[:, :, None], A_t * weight[:, :, None]
+    order = np.argsort(observations.point[rows], kind="stable")
+    _, first, counts = np.unique(
+        observations.point[rows[order]], return_index=True, return_counts=True
+    )
+    parts = [np.zeros((0, columns.count + 1))]
+    for k in np.unique(counts).tolist():
+        members = order[first[counts == k][:, None] + np.arange(k)]
+        n = len(members)
+        free = np.linalg.qr(A_t[members].reshape(n, 3 * k, 3), mode="complete")[0][:, :, 3:]
+        dense = np.zeros((n, 3 * k, columns.count + 1))
+        for i in range(k):
+            pair = observations.pair[rows[members[:, i]]]
+            at = np.column_stack(
+                [columns.of_stop[observations.pair_stop[pair]], columns.of_pair[pair]]
+            )
+            part = dense[:, 3 * i : 3 * i + 3]
+            np.put_along_axis(part, np.repeat(at[:, None], 3, axis=1), A_o[members[:, i]], axis=2)
+        dense[:, :, -1] = l[members].reshape(n, 3 * k)  # over the bin of what is held
+        parts.append((free.swapaxes(1, 2) @ dense).reshape(-1, columns.count + 1))
+    return np.concatenate(parts)
+
+
+def telemetry_rows(network: Linear, k: int, columns: Columns) -> np.ndarray:
+    """Tilt and measured azimuth of the stop, and the step from it to the next."""
+    stops = np.arange(k, min(k + 2, len(network.held)))
+    ends, link = network.state.of_stops(stops), network.telemetry.of_stops(stops)
+    l = telemetry_misclosures(ends, link) * link.weight
+    A = telemetry_partials(ends, link) * link.weight[:, :, None]
+    dense = np.zeros((len(stops), 6, columns.count + 1))
+    dense[0][:, columns.of_stop[k]] = A[0, :, 6:]
+    if len(stops) > 1:
+        dense[1][:, columns.of_stop[k]] = A[1, :, :6]
+        dense[1][:, columns.of_stop[k + 1]] = A[1, :, 6:]
+    dense[:, :, -1] = l
+    counts = link.weight > 0
+    counts[0] &= not network.held[k]
+    counts[0, 3:] = False  # went with the stop before
+    counts[0, 2] &= link.is_fine[0]
+    counts[1:, :2] = False  # stay
+    counts[1:, 2] &= ~link.is_fine[1:]
+    return dense[counts]
+
+
+def pointing_rows(network: Linear, pairs: np.ndarray, columns: Columns) -> np.ndarray:
+    """The mast pointing of some pairs, observed to be zero."""
+    dense = np.zeros((3 * len(pairs), columns.count + 1))
+    dense[np.arange(3 * len(pairs)), columns.of_pair[pairs].ravel()] = 1.0
+    dense[:, -1] = -network.state.pointings[pairs].ravel()
+    return dense * network.telemetry.pointing_weight
+
+
+def inherited_rows(inherited: Marginal, state: State, columns: Columns) -> np.ndarray:
+    """What the stop had inherited, in the columns of the chart."""
+    A, l = inherited.rows(state)
+    at = np.concatenate([columns.of_stop[inherited.stops], columns.of_pair[inherited.pairs]], None)
+    dense = np.zeros((len(A), columns.count + 1))
+    dense[:, at] = A
+    dense[:, -1] = l
+    return dense
