@@ -9,19 +9,23 @@
    degree.
 3. Under every hypothesis the sparse matches of each stop are predicted into the pairs of the other
    one and looked for there, and a robust rigid alignment counts how many agree in space
-   (`cross_site_trials`). Wrong hypotheses and decoys measure what chance can do.
+   (`cross_site_trials`).
 4. The best hypothesis is tried again from its own alignment, with a window of a few cells, and so
-   is its strongest rival.
-5. The link stands if its ties are many, well spread and far more than chance found; if not, the
+   is its strongest rival: a wrong hypothesis, or a decoy, measures what chance can do.
+5. Ties are measured again in the original images (`tie_refinement`); those that hardly share their
+   ground (`shared_ground`) are handed on.
+6. The link stands if its ties are many, well spread and far more than chance found; if not, the
    verdict says why. A wrong link is worse than none.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from itertools import chain
 
 from photogrammetry.errors import MatchingError
-from photogrammetry.matching.birds_eye import BirdsEyeParams
+from photogrammetry.matching.birds_eye import BirdsEyeParams, PlaneFit
 from photogrammetry.matching.cross_site_gate import GateParams, gate_between
 from photogrammetry.matching.cross_site_trials import (
     LEAST_TO_ALIGN,
@@ -104,14 +108,12 @@ def tie_cross_site(
     if highest < params.verdict.least_z:
         return unlinked(one, other, f"no peak stands out (z = {highest:.1f})", fits[0])
     trials = Trials(one, other, prior, params.trials)
-    clear_m = 2 * params.birds_eye.separation_m
-    wrong = decoys(gate, fits, params.trials.decoys, clear_m)
-    tried = [trials.tried(fit) for fit in (*fits, *wrong)]
-    best = _best(tried[: len(fits)], params.trials.separation_m)
-    if best.agreeing < LEAST_TO_ALIGN:
-        return unlinked(one, other, f"only {best.agreeing} conjugates agree in space", best.fit)
-    settled = trials.settled(best)
-    return _judged(trials, settled, _by_chance(trials, settled, tried), params)
+    tried = [trials.tried(fit) for fit in fits]
+    best = trials.settled(_best(tried, params.trials.separation_m))
+    if best.agreeing < params.verdict.least_ties:
+        return _judged(trials, best, 0, params)
+    wrong = decoys(gate, fits, params.trials.decoys, 2 * params.birds_eye.separation_m)
+    return _judged(trials, best, _by_chance(trials, best, tried, wrong), params)
 
 
 def _best(tried: list[Trial], separation_m: float) -> Trial:
@@ -121,14 +123,16 @@ def _best(tried: list[Trial], separation_m: float) -> Trial:
     return next(same, most)
 
 
-def _by_chance(trials: Trials, best: Trial, tried: list[Trial]) -> int:
+def _by_chance(trials: Trials, best: Trial, tried: list[Trial], wrong: Sequence[PlaneFit]) -> int:
     """Ties that the strongest trial of another place comes to when it is settled as well.
 
     A trial may start elsewhere and still settle at the place of the best: that is no other place.
+    Where no hypothesis is another place, decoys show what chance can do.
     """
     separation_m = trials.params.separation_m
     others = [trial for trial in tried if trial.elsewhere(best, separation_m)]
-    for rival in sorted(others, key=lambda trial: trial.agreeing, reverse=True):
+    others.sort(key=lambda trial: trial.agreeing, reverse=True)
+    for rival in chain(others, map(trials.tried, wrong)):
         settled = trials.settled(rival)
         if settled.elsewhere(best, separation_m):
             return settled.agreeing

@@ -41,16 +41,18 @@ class Candidates:
     """Least distance of two candidates in cells of their patches, a third of a patch: ties that
     share more of their ground tell little that is new."""
     farthest_m: float = 30.0
-    most: int = 200
+    most: int = 120
     """In a trial of a hypothesis."""
     most_at_last: int = 300
     """When the hypothesis is settled."""
     footprints: float = 1.5
     """Pixels of the coarser image in a cell: what optics and sampling resolve."""
-    longest: float = 4.0
-    """Cells may be so many times as long as wide: stops that look at the ground along one line
-    resolve it far better across the line, but a narrow strip holds too little to be unique."""
-    finest_cell_m: float = 0.02
+    square_m: float = 0.4
+    """Cells are square up to this length; longer ones are narrower instead, of the same area, as
+    far as both images resolve it. Stops far apart look at the ground between them along one line,
+    and see more across it; but narrow patches hold less that is unique, so only where they must."""
+    finest_cell_m: float = 0.05
+    """Finer patches would show less ground than the surface has detail (its cells are 0.08 m)."""
     coarsest_cell_m: float = 1.0
     """Length of a cell: two Navcam pixels at 30 m on level ground."""
     widest_window: int = 24
@@ -136,25 +138,27 @@ def _plan(
 ) -> Plan | None:
     """The matches of one pair that another should show, and how far around to look."""
     t, ground = target.view.geometry, source.ground
-    near = ground.range_m < params.farthest_m
     ahead = target_from_source.apply(ground.places)
     seen = (ahead - target.origin_m) @ target.rotation
-    near &= (seen[:, 2] > 0) & (seen[:, 2] < params.farthest_m)
-    left, parallax = t.project(seen)
-    near &= in_view(target.view, left, 8)
-    if not near.any():
+    near = (ground.range_m < params.farthest_m) & (seen[:, 2] < params.farthest_m)
+    rows = np.flatnonzero(near & (np.abs(seen[:, 0]) * t.focal_px < seen[:, 2] * t.samples))
+    left, parallax = t.project(seen[rows])
+    inside = in_view(target.view, left, 8)
+    if not inside.any():
         return None
-    seen, left, parallax = seen[near], left[near], parallax[near]
-    places, range_m = ground.places[near], ground.range_m[near]
+    rows, left, parallax = rows[inside], left[inside], parallax[inside]
+    ahead, seen, places, range_m = (
+        column[rows] for column in (ahead, seen, ground.places, ground.range_m)
+    )
     spread = _spread(source, target, target_from_source, places, (range_m, seen[:, 2]), params)
     spread += gap.across_m**2 * np.eye(2)
     apart_m = params.window_sigmas * np.sqrt(np.linalg.eigvalsh(spread)[:, 1])
     shown = _visible(target, left, parallax, apart_m * parallax / seen[:, 2] + params.visible_px)
     cells = np.full((len(places), 2, 2), np.nan)
     turn = horizontal_turn(target_from_source)
-    there = turn.T @ target.footprints(ahead[near][shown, :2]) @ turn
+    there = turn.T @ target.footprints(ahead[shown, :2]) @ turn
     cells[shown] = params.footprints * common_cells(
-        ground.footprints[near][shown], there, params.longest
+        ground.footprints[rows][shown], there, params.square_m / params.footprints
     )
     shown &= np.isfinite(cells).all(axis=(1, 2))
     cells, spread = _no_finer(cells[shown], params.finest_cell_m), spread[shown]

@@ -20,6 +20,8 @@ from photogrammetry.matching.cross_site_candidates import Plan, horizontal_turn
 from photogrammetry.matching.tie_views import TieView, dense_parallax, in_view, measured_parallax
 from photogrammetry.matching.ties import Ties, joined
 
+WINDOW_STEP = 8
+"""Windows grow in steps of so many cells: patches of one size are drawn together."""
 MARGIN_CELLS = 3
 """Search patches are wider by so much, for refinement to move in."""
 
@@ -110,9 +112,11 @@ def _carried_out(
     plan: Plan, params: GroundMatchingParams, parallax_of: ParallaxOf, pair_ids: tuple[str, ...]
 ) -> GroundTies:
     """Look for the candidates of a plan, those with windows of like size together."""
-    classes = np.ceil(plan.reach / 4).astype(np.int64)
+    classes = np.ceil(plan.reach / WINDOW_STEP).astype(np.int64)
     ties = [
-        _looked_for(plan.taking(classes == size), int(4 * size), params, parallax_of, pair_ids)
+        _looked_for(
+            plan.taking(classes == size), int(WINDOW_STEP * size), params, parallax_of, pair_ids
+        )
         for size in np.unique(classes)
     ]
     return _joined(ties, pair_ids)

@@ -250,11 +250,12 @@ def _smallest_stretch(maps: Float64[np.ndarray, "n 2 2"]) -> PerPoint:
 
 
 def common_cells(
-    one: Float64[np.ndarray, "n 2 2"], other: Float64[np.ndarray, "n 2 2"], longest: float
+    one: Float64[np.ndarray, "n 2 2"], other: Float64[np.ndarray, "n 2 2"], square_m: float
 ) -> Float64[np.ndarray, "n 2 2"]:
     """G of cells as large as the pixels of two images, C_1 and C_2, in every direction.
 
-    No cell is more than `longest` times as long as wide; NaN where either is not finite.
+    Cells that are no longer than `square_m` are square, longer ones at least of that area; NaN
+    where either C is not finite.
     """
     cells = np.full(one.shape, np.nan)
     good = np.isfinite(one).all(axis=(1, 2)) & np.isfinite(other).all(axis=(1, 2))
@@ -263,6 +264,7 @@ def common_cells(
     stretch, axes = np.linalg.eigh(back @ other[good] @ np.swapaxes(back, 1, 2))
     both = root @ axes * np.sqrt(np.maximum(stretch, 1.0))[:, None, :]
     left, size, _ = np.linalg.svd(both)
-    size = np.maximum(size, size[:, :1] / longest)
+    length = size[:, 0]
+    size[:, 1] = np.maximum(size[:, 1], np.minimum(length, square_m**2 / length))
     cells[good] = left * size[:, None, :]
     return cells

@@ -7,7 +7,11 @@ import time
 from functools import lru_cache
 from pathlib import Path
 
-from photogrammetry.matching.cross_site import CrossSiteParams, tie_cross_site
+from photogrammetry.matching.cross_site import (
+    CrossSiteParams,
+    VerdictParams,
+    tie_cross_site,
+)
 from tests.support.husband_stops import HUSBAND, husband_stop
 from tests.support.simulated_stops import ROOT, SimulatedStop
 from tests.support.site_pairs import (
@@ -40,8 +44,14 @@ def main() -> None:
     parser.add_argument("--only", default="", help="part of the pair's name")
     parser.add_argument("--kind", choices=["all", "shared", "foreign", "husband"], default="all")
     parser.add_argument("--json", type=Path, help="file to add the outcomes to, a line each")
+    parser.add_argument(
+        "--least-z",
+        type=float,
+        default=VerdictParams().least_z,
+        help="0 tries every pair in images",
+    )
     arguments = parser.parse_args()
-    views = Views(CrossSiteParams())
+    views = Views(CrossSiteParams(verdict=VerdictParams(least_z=arguments.least_z)))
     pairs: list[SitePair] = []
     if arguments.kind in {"all", "shared"}:
         pairs += positive_pairs(WORLDS)
