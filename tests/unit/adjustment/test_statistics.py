@@ -58,7 +58,7 @@ def test_stated_sigmas_are_true_in_every_mode():
     stepwise, sequential, overall = sums
     assert low < overall < high
     assert low < sequential < high
-    assert 0.7 * low < stepwise < high  # never too small; what reused ties correlate is left out
+    assert 0.9 * low < stepwise < 1.1 * high  # ties used twice correlate a step with the one before
     assert np.sqrt(cost[0] / cost[1]) == pytest.approx(1.0, abs=0.02)  # 300 redundant a network
 
 
