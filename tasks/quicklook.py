@@ -5,7 +5,7 @@ They are products like any other, below `quicklook/` in the store, and no layer 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable
 from pathlib import Path
 
 import cv2
@@ -13,7 +13,7 @@ import numpy as np
 from prefect import task
 from prefect.cache_policies import NO_CACHE
 
-from photogrammetry.arrays import Picture
+from photogrammetry.arrays import PerPoint, Picture
 from photogrammetry.cameras.epipolar import EpipolarPair
 from photogrammetry.frames import Pose
 from photogrammetry.matching.alignment import AlignmentParams
@@ -23,7 +23,7 @@ from photogrammetry.matching.landmark_pictures import draw_features
 from photogrammetry.matching.pictures import draw_pair
 from photogrammetry.matching.records import MatchedPair, MatchedStop
 from photogrammetry.matching.sparse import SparseParams, match_interest_points
-from photogrammetry.matching.tie_pictures import draw_sheet, misfits
+from photogrammetry.matching.tie_pictures import Shown, draw_sheet, misfits
 from photogrammetry.matching.ties import Ties
 from photogrammetry.terrain.pictures import class_picture, relief_picture
 from photogrammetry.terrain.surface import HillshadeParams
@@ -74,9 +74,13 @@ def picture_terrain(dtm: ProductRef, store: ProductStore) -> ProductRef:
 def write_ties_picture(path: Path, stop: MatchedStop, ties: Ties, params: AlignmentParams) -> None:
     """Every two pairs of a stop with their ties, coloured by how well they agree."""
     rest = Pose.identity(stop.stop.frame, stop.stop.frame)
-    pairs = {pair.pair_id: pair for pair in stop.pairs}
-    share = misfits(ties, _geometries(pairs), rest, None, params)
-    write_picture(path, draw_sheet(pairs, ties, share))
+    share = misfits(ties, _geometries(stop.pairs), rest, None, params)
+    write_sheet(path, [Shown.of(pair) for pair in stop.pairs], ties, share)
+
+
+def write_sheet(path: Path, images: Iterable[Shown], ties: Ties, misfit: PerPoint) -> None:
+    """Every two images that ties join, side by side, the ties coloured by their misfit."""
+    write_picture(path, draw_sheet(images, ties, misfit))
 
 
 def write_link_picture(
@@ -90,12 +94,12 @@ def write_link_picture(
     if not len(link.ties):
         write_picture(path, above)
         return
-    pairs = {p.pair_id: p for views in (earlier, later) for p in views.stop.pairs}
+    pairs = [pair for views in (earlier, later) for pair in views.stop.pairs]
     alignment = params.trials.alignment
     share = misfits(
         link.ties, _geometries(pairs), link.earlier_from_later, link.covariance, alignment
     )
-    write_picture(path, _stacked(above, draw_sheet(pairs, link.ties, share)))
+    write_picture(path, _stacked(above, draw_sheet(map(Shown.of, pairs), link.ties, share)))
 
 
 def _from_above(
@@ -110,8 +114,8 @@ def _from_above(
     return np.hstack([over, beside])[:, :, ::-1]
 
 
-def _geometries(pairs: Mapping[str, MatchedPair]) -> dict[str, EpipolarPair]:
-    return {name: pair.images.geometry for name, pair in pairs.items()}
+def _geometries(pairs: Iterable[MatchedPair]) -> dict[str, EpipolarPair]:
+    return {pair.pair_id: pair.images.geometry for pair in pairs}
 
 
 def _stacked(above: Picture, below: Picture) -> Picture:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +22,10 @@ from photogrammetry.cameras.single import single_image
 from photogrammetry.imagery import Eye, RoverImage, StopId
 from photogrammetry.matching.conjugates import View
 from photogrammetry.matching.mono import MonoTies, tie_single_images
+from photogrammetry.matching.records import MatchedPair
 from photogrammetry.matching.resampling import resample
 from photogrammetry.matching.single_views import MonoParams, SingleView
+from photogrammetry.matching.tie_pictures import Shown
 from photogrammetry.matching.ties import Ties
 from products.arrays import geometry_document, geometry_of_document, read_ties, write_ties
 from products.catalogue import ImageEntry
@@ -30,6 +33,7 @@ from products.model import ProductKind, ProductRef, Recipe, Scope, ScopeLevel
 from products.store import ProductStore
 from tasks.images import ImageFile, image_file, read_product_image
 from tasks.pairs import PairProducts, pair_frame, read_matched_pair
+from tasks.quicklook import write_sheet
 
 ON_THE_MAST = frozenset({"NAVCAM", "PANCAM", "MASTCAM"})
 """Cameras whose pointing the mast's motors tell, and ties correct."""
@@ -73,16 +77,27 @@ def tie_singles(
 ) -> ProductRef:
     """Tie the single images of a stop with one another and with its pairs."""
 
-    def write(path: Path) -> None:
+    @cache
+    def tied() -> tuple[list[tuple[RoverImage, SingleView]], list[MatchedPair], MonoTies]:
         read = [_single(file, store) for file in singles]
         matched = [read_matched_pair(pair, store) for pair in pairs]
-        found = tie_single_images(stop, [view for _, view in read], params, matched)
+        return read, matched, tie_single_images(stop, [v for _, v in read], params, matched)
+
+    def write(path: Path) -> None:
+        read, _, found = tied()
         write_ties(path, found.ties, _header(found, read))
+
+    def write_look(path: Path) -> None:
+        read, matched, found = tied()
+        alone = [Shown(view.image_id, view.view.image, view.view.mask) for _, view in read]
+        write_sheet(path, [*map(Shown.of, matched), *alone], found.ties, found.misfit)
 
     images = (ref for file in singles for ref in file.file.inputs)
     seen = (ref for pair in pairs for ref in (pair.matches, pair.parallax))
     scope = Scope(ScopeLevel.STOP, f"{stop}-singles")
-    return store.make(Recipe(ProductKind.TIES, scope, (*images, *seen), params), write)
+    ties = store.make(Recipe(ProductKind.TIES, scope, (*images, *seen), params), write)
+    store.make(Recipe(ProductKind.QUICKLOOK, scope, (ties,)), write_look)
+    return ties
 
 
 def read_singles(ref: ProductRef, store: ProductStore) -> SingleTies:

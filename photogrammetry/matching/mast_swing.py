@@ -126,6 +126,8 @@ class SwingVerdict:
     """The same after the turn."""
     along_px: PerPoint
     """How far they are from infinity along that line, after the turn."""
+    misfit: PerPoint
+    """Distance from the line after the turn, as a share of its limit."""
 
 
 def verify(
@@ -140,11 +142,12 @@ def verify(
     turn = turn_between(swing, points, seen, pointing_sigma)
     left = swing.across(points, seen, turn)
     spread = max(1.4826 * float(np.median(np.abs(left))) if len(left) else 0.0, LEAST_SPREAD_PX)
-    agrees = np.abs(left) <= LIMIT_SIGMAS * spread
+    misfit = np.abs(left) / (LIMIT_SIGMAS * spread)
+    agrees = misfit <= 1.0
     along = swing.along(points, seen, turn)
     slack = LIMIT_SIGMAS * np.sqrt(2.0) * pointing_sigma * swing.other.focal_px
     nearest = swing.seen_at(points, np.full(len(points), 1.0 / nearest_m), turn)
     furthest = swing.along(points, nearest, turn)
     agrees &= (along >= -slack) & ~(along > furthest + slack)
     agrees[agrees] = follows_the_terrain(points[agrees], along[agrees], terrain)
-    return SwingVerdict(agrees, turn, swing.across(points, seen, np.zeros(3)), left, along)
+    return SwingVerdict(agrees, turn, swing.across(points, seen, np.zeros(3)), left, along, misfit)

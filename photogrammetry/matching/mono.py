@@ -59,6 +59,17 @@ class MonoTies:
     ties: Ties
     links: tuple[MonoLink, ...]
     """One for every two images that overlap."""
+    misfit: PerPoint
+    """Of every tie: its distance from the epipolar line as a share of the limit."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LinkedImages:
+    """Ties between two images, what came of the search for them, and how well each fits."""
+
+    ties: Ties
+    link: MonoLink
+    misfit: PerPoint
 
 
 def tie_single_images(
@@ -72,12 +83,17 @@ def tie_single_images(
     found = [tie_two(one, other, ids, params) for one, other in combinations(views, 2)]
     found += [tie_to_pair(pair, view, ids, params) for pair in pairs for view in views]
     made = [both for both in found if both is not None]
-    return MonoTies(stop, joined([ties for ties, _ in made], ids), tuple(link for _, link in made))
+    return MonoTies(
+        stop,
+        joined([both.ties for both in made], ids),
+        tuple(both.link for both in made),
+        np.concatenate([np.zeros(0), *(both.misfit for both in made)]),
+    )
 
 
 def tie_two(
     one: SingleView, other: SingleView, ids: tuple[str, ...], params: MonoParams
-) -> tuple[Ties, MonoLink] | None:
+) -> LinkedImages | None:
     """Ties of two single images, and what came of it; None where they do not overlap."""
     swing = Swing(one.geometry, other.geometry)
     if swing.base_m < params.least_base_m:
@@ -98,7 +114,7 @@ def tie_two(
 
 def tie_to_pair(
     pair: MatchedPair, view: SingleView, ids: tuple[str, ...], params: MonoParams
-) -> tuple[Ties, MonoLink] | None:
+) -> LinkedImages | None:
     """Ties of a stereo pair with a single image beside it; None where they do not overlap."""
     swing = Swing(pair.images.geometry, view.geometry)
     if swing.base_m < params.least_base_m:
@@ -131,11 +147,12 @@ def _judged(
     found: Conjugates,
     ids: tuple[str, ...],
     params: MonoParams,
-) -> tuple[Ties, MonoLink]:
+) -> LinkedImages:
     """The conjugates that agree with the geometry, as ties, and what came of the search."""
     names, kept = (first.name, other.image_id), found.found
     looked, measured = len(first.left), int(kept.sum())
-    none = Ties.none(ids), MonoLink(*names, looked, measured, 0, NAN, NAN, NAN)
+    link = MonoLink(*names, looked, measured, 0, NAN, NAN, NAN)
+    none = LinkedImages(Ties.none(ids), link, np.zeros(0))
     if measured < params.least_ties:
         return none
     verdict = verified(swing, first.left[kept], found.points[kept], params)
@@ -150,7 +167,8 @@ def _judged(
     rows = np.flatnonzero(kept)[good]
     link = MonoLink(*names, looked, measured, len(rows), *figures)
     floor_px = params.conjugates.parallax_floor_px
-    return _assembled(first, names, found, rows, ids, floor_px), link
+    ties = _assembled(first, names, found, rows, ids, floor_px)
+    return LinkedImages(ties, link, verdict.misfit[good])
 
 
 def _nothing(points: ImagePoints) -> Conjugates:

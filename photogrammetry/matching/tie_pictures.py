@@ -6,12 +6,13 @@ standard deviations (Mahalanobis), from green (0) over yellow to red (the limit 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
-from photogrammetry.arrays import Flags, Float64, PerPoint, Picture, UInt8
+from photogrammetry.arrays import Flags, Float64, GreyImage, Mask, PerPoint, Picture, UInt8
 from photogrammetry.cameras.epipolar import EpipolarPair
 from photogrammetry.errors import MatchingError
 from photogrammetry.frames import Pose
@@ -46,26 +47,38 @@ def misfits(
     return np.sqrt(aligned.mahalanobis2 / params.chi_square)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Shown:
+    """An image that ties are drawn on."""
+
+    name: str
+    image: GreyImage
+    mask: Mask
+
+    @classmethod
+    def of(cls, pair: MatchedPair) -> Shown:
+        """The left image of a pair."""
+        return cls(pair.pair_id, pair.images.left, pair.images.left_mask)
+
+
 def draw_ties(
-    first: MatchedPair,
-    second: MatchedPair,
+    first: Shown,
+    second: Shown,
     ties: Ties,
     misfit: PerPoint,
     scale: float = 1.0,
 ) -> Picture:
-    """The left images of two pairs, and a coloured line from each point to its conjugate."""
-    for pair in (first, second):
-        if pair.pair_id not in ties.pair_ids:
-            raise MatchingError(f"{pair.pair_id} is not among the pairs of these ties")
-    grey = [
-        _small(in_three_bands(p.images.left, p.images.left_mask), scale) for p in (first, second)
-    ]
+    """Two images, and a coloured line from each point to its conjugate."""
+    for shown in (first, second):
+        if shown.name not in ties.pair_ids:
+            raise MatchingError(f"{shown.name} is not among the images of these ties")
+    grey = [_small(in_three_bands(s.image, s.mask), scale) for s in (first, second)]
     height = max(g.shape[0] for g in grey)
     offset = grey[0].shape[1] + GAP_PX
     picture = np.zeros((height, offset + grey[1].shape[1], 3), np.uint8)
     for image, left in zip(grey, (0, offset), strict=True):
         picture[: image.shape[0], left : left + image.shape[1]] = image // GREY_STEP * GREY_STEP
-    for start, end, share in _lines(first.pair_id, second.pair_id, ties, misfit):
+    for start, end, share in _lines(first.name, second.name, ties, misfit):
         a, b = ((int(x * scale), int(y * scale)) for x, y in (start, end))
         b, colour = (b[0] + offset, b[1]), _colour(share)
         cv2.line(picture, a, b, colour, 1, cv2.LINE_AA)
@@ -74,13 +87,14 @@ def draw_ties(
     return picture
 
 
-def draw_sheet(pairs: Mapping[str, MatchedPair], ties: Ties, misfit: PerPoint) -> Picture:
+def draw_sheet(images: Iterable[Shown], ties: Ties, misfit: PerPoint) -> Picture:
     """All couples of images that ties join, two to a row, those with most ties first."""
+    shown = {image.name: image for image in images}
     counts = sorted(ties.counts().items(), key=lambda item: -item[1])
     cells = [
-        _cell(*_side_by_side(pairs[one], pairs[other], ties), ties, misfit)
+        _cell(*_side_by_side(shown[one], shown[other], ties), ties, misfit)
         for (one, other), _ in counts
-        if one in pairs and other in pairs
+        if one in shown and other in shown
     ]
     if not cells:
         return np.zeros((LEAST_SHEET_PX, SHEET_PX, 3), np.uint8)
@@ -96,27 +110,23 @@ def draw_sheet(pairs: Mapping[str, MatchedPair], ties: Ties, misfit: PerPoint) -
     return np.vstack(rows)
 
 
-def _side_by_side(
-    first: MatchedPair, second: MatchedPair, ties: Ties
-) -> tuple[MatchedPair, MatchedPair, Flags]:
+def _side_by_side(first: Shown, second: Shown, ties: Ties) -> tuple[Shown, Shown, Flags]:
     """A couple so ordered that what both show is next to each other, and the ties between them."""
-    rows = _between(ties, first.pair_id, second.pair_id)
+    rows = _between(ties, first.name, second.name)
     shares = [
-        float(np.mean(left[rows, 0])) / pair.images.left.shape[1]
-        for left, pair in ((ties.first_left, first), (ties.second_left, second))
+        float(np.mean(left[rows, 0])) / shown.image.shape[1]
+        for left, shown in ((ties.first_left, first), (ties.second_left, second))
     ]
     return (first, second, rows) if shares[0] >= shares[1] else (second, first, rows)
 
 
-def _cell(
-    first: MatchedPair, second: MatchedPair, rows: Flags, ties: Ties, misfit: PerPoint
-) -> Picture:
+def _cell(first: Shown, second: Shown, rows: Flags, ties: Ties, misfit: PerPoint) -> Picture:
     """One couple of a sheet, with its names and number of ties above."""
-    wide = first.images.left.shape[1] + second.images.left.shape[1]
+    wide = first.image.shape[1] + second.image.shape[1]
     scale = (SHEET_PX // COLUMNS - 2 * GAP_PX) / wide
     drawn = draw_ties(first, second, ties.taking(rows), misfit[rows], scale)
     title = np.zeros((TITLE_PX, drawn.shape[1], 3), np.uint8)
-    text = f"{first.pair_id} - {second.pair_id}: {int(rows.sum())} ties"
+    text = f"{first.name} - {second.name}: {int(rows.sum())} ties"
     cv2.putText(
         title, text, (2, 15), cv2.FONT_HERSHEY_SIMPLEX, 0.42, (255, 255, 255), 1, cv2.LINE_AA
     )

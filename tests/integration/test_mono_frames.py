@@ -2,10 +2,12 @@
 
 import shutil
 
+import cv2
 import numpy as np
 import pytest
 
 from photogrammetry.adjustment.modes import AdjustmentMode
+from products.model import ProductKind, Recipe
 from products.workspace import Workspace
 from tasks.adjust import NetworkParams, NetworkStep, adjust_network, read_network
 from tasks.images import image_record, image_records
@@ -53,6 +55,14 @@ def test_their_ties_are_kept_with_the_geometry_of_both(spirit):
     assert len(kept.ties) > 423  # the data README's inliers
     (note,) = singles_notes(kept.bodies[0].stop, kept)
     assert "2 images of mer2-site0137-drive0000 are tied without a stereo pair" in note
+
+
+def test_a_picture_shows_their_ties(spirit):
+    workspace, ref, _ = spirit
+    recipe = Recipe(ProductKind.QUICKLOOK, ref.scope, (ref,))
+    picture = cv2.imread(str(workspace.store.path(recipe.ref)))
+    green = (picture[:, :, 1] > 200) & (picture[:, :, 0] < 120)
+    assert green.sum() > 1000
 
 
 def test_their_pointing_is_adjusted(spirit):

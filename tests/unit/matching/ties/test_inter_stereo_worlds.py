@@ -70,7 +70,9 @@ def turn(one, other):
     return abs(np.degrees(np.angle(np.exp(1j * (one - other)))))
 
 
-@pytest.fixture(scope="module", params=list(zip(TERRAINS, (31, 32, 33), strict=True)))
+@pytest.fixture(
+    scope="module", params=list(zip(TERRAINS, (31, 32, 33), strict=True)), ids=list(TERRAINS)
+)
 def panorama(request):
     return Panorama(*request.param)
 

@@ -8,6 +8,7 @@ from photogrammetry.matching.inter_stereo import InterStereoParams, tie_inter_st
 from photogrammetry.matching.tie_pictures import (
     GAP_PX,
     SHEET_PX,
+    Shown,
     draw_sheet,
     draw_ties,
     misfits,
@@ -34,8 +35,8 @@ def none(ties):
 
 
 def test_a_tie_is_a_coloured_line_from_image_to_image(first_stop):
-    one, other = first_stop.pairs[:2]
-    ties = tie((one.pair_id, other.pair_id), (50, 100), (60, 100))
+    one, other = map(Shown.of, first_stop.pairs[:2])
+    ties = tie((one.name, other.name), (50, 100), (60, 100))
     plain = draw_ties(one, other, none(ties), FITS[:0])
     drawn = draw_ties(one, other, ties, FITS)
     assert plain.shape == (256, 2 * 256 + GAP_PX, 3)
@@ -46,24 +47,24 @@ def test_a_tie_is_a_coloured_line_from_image_to_image(first_stop):
 
 
 def test_ties_that_fit_are_green_and_those_at_the_limit_red(first_stop):
-    one, other = first_stop.pairs[:2]
-    ties = tie((one.pair_id, other.pair_id), (50, 100), (60, 100))
+    one, other = map(Shown.of, first_stop.pairs[:2])
+    ties = tie((one.name, other.name), (50, 100), (60, 100))
     for share, band in ((0.0, 1), (1.0, 2), (3.0, 2)):  # blue, green, red
         line = draw_ties(one, other, ties, np.array([share]))[100, 258].astype(int)
         assert line[band] > 2 * max(line[k] for k in range(3) if k != band)
 
 
 def test_a_line_runs_the_right_way_when_the_pairs_are_exchanged(first_stop):
-    one, other = first_stop.pairs[:2]
-    ties = tie((one.pair_id, other.pair_id), (50, 100), (60, 140))
+    one, other = map(Shown.of, first_stop.pairs[:2])
+    ties = tie((one.name, other.name), (50, 100), (60, 140))
     drawn = draw_ties(other, one, ties, FITS)
     plain = draw_ties(other, one, none(ties), FITS[:0])
     assert (plain != drawn).any(axis=2)[140, 55:66].any()  # the ring around the start
 
 
 def test_a_pair_that_the_ties_do_not_know_is_named(first_stop):
-    one, other = first_stop.pairs[:2]
-    with pytest.raises(MatchingError, match="P001 is not among the pairs"):
+    one, other = map(Shown.of, first_stop.pairs[:2])
+    with pytest.raises(MatchingError, match="P001 is not among the images"):
         draw_ties(one, other, tie(("P000", "X"), (5, 5), (6, 6)), FITS)
 
 
@@ -74,7 +75,7 @@ def test_a_sheet_shows_every_couple_of_a_stop(first_stop):
     share = misfits(ties, geometries, Pose.identity(rover, rover), None, AlignmentParams())
     assert share.max() <= 1.0  # all that were kept agree
     assert np.median(share) < 0.7
-    sheet = draw_sheet({pair.pair_id: pair for pair in first_stop.pairs}, ties, share)
+    sheet = draw_sheet(map(Shown.of, first_stop.pairs), ties, share)
     assert sheet.shape[1] == SHEET_PX
     assert sheet[: sheet.shape[0] // 2, SHEET_PX // 2 :].any()  # two to a row
     assert sheet[sheet.shape[0] // 2 :, : SHEET_PX // 2].any()
@@ -82,6 +83,5 @@ def test_a_sheet_shows_every_couple_of_a_stop(first_stop):
 
 
 def test_a_sheet_without_ties_is_black(first_stop):
-    pairs = {pair.pair_id: pair for pair in first_stop.pairs}
-    nothing = Ties.none(tuple(pairs))
-    assert not draw_sheet(pairs, nothing, np.zeros(0)).any()
+    nothing = Ties.none(tuple(pair.pair_id for pair in first_stop.pairs))
+    assert not draw_sheet(map(Shown.of, first_stop.pairs), nothing, np.zeros(0)).any()
