@@ -142,10 +142,10 @@ def _described(
         point.angle = 0.0
     if not points:
         return np.zeros((0, 2)), np.zeros(0), np.zeros((0, 128), np.float32)
-    points, described = sift.compute(grey, points)
+    kept, described = sift.compute(grey, points)
     share = described / np.maximum(described.sum(axis=1, keepdims=True), 1e-6)
     return (
-        np.array([p.pt for p in points], np.float64),
-        np.array([p.size for p in points], np.float64),
+        np.array([p.pt for p in kept], np.float64),
+        np.array([p.size for p in kept], np.float64),
         np.sqrt(share).astype(np.float32),
     )
