@@ -14,7 +14,7 @@ export OMP_NUM_THREADS ?= 1
 export PREFECT_SERVER_ANALYTICS_ENABLED = false
 export DO_NOT_TRACK = 1
 
-.PHONY: setup viewer demo test test-all check bench fuzz docs clean
+.PHONY: setup viewer demo test test-all check bench peers fuzz docs clean
 
 setup: $(VENV)/.installed
 
@@ -63,6 +63,9 @@ check: setup  ## Style, types and the direction of imports.
 
 bench: setup  ## Times and ratios against a peer in the same run.
 	$(BIN)/pytest tests/benchmarks --benchmark-only --benchmark-disable-gc --benchmark-columns=min,median,rounds
+
+peers: setup  ## Solvers that `make bench` compares the adjustment with; without them it skips.
+	$(BIN)/pip install --quiet --disable-pip-version-check --no-deps gtsam==4.3.0 pyceres==2.6 pycolmap==4.2.1
 
 FUZZ_SECONDS ?= 30
 FUZZ_TARGETS := label vicar image detached raster pds4 metadata camera picture vectors localisations names

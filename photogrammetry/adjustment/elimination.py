@@ -77,15 +77,15 @@ def eliminate(
     """Free a group of its points; misclosures (3, k n) and partials are whitened."""
     k, n = group.rows.shape
     Q, R = orthonormal(partials.by_point.reshape(3, 3, k, n))
-    A = np.zeros((n, k, 3, group.relative))
+    by_row = np.zeros((n, k, 3, group.relative))
     for i, slot in enumerate(group.slots):
         part = slice(i * n, i * n + n)
         at = STOP_UNKNOWNS * group.slots[-1] + PAIR_UNKNOWNS * i
-        A[:, i, :, at : at + 3] = partials.by_pointing[:, :, part].transpose(2, 0, 1)
+        by_row[:, i, :, at : at + 3] = partials.by_pointing[:, :, part].transpose(2, 0, 1)
         if slot:
             at = STOP_UNKNOWNS * (slot - 1)
-            A[:, i, :, at : at + 6] = partials.of(part).by_stop.transpose(2, 0, 1)
-    A = A.reshape(n, 3 * k, group.relative)
+            by_row[:, i, :, at : at + 6] = partials.of(part).by_stop.transpose(2, 0, 1)
+    A = by_row.reshape(n, 3 * k, group.relative)
     l = misclosure.reshape(3, k, n).transpose(2, 1, 0).reshape(n, 3 * k)
     A1, b1 = Q.mT @ A, np.einsum("nrc,nr->nc", Q, l)
     A -= Q @ A1

@@ -5,7 +5,7 @@ stops that see a tie point, the point moving along, changes no image coordinate.
 a point are therefore written in the motions of its stops relative to the first of them, the base b,
 
     x_s = (d_s, dc_s)         rotation vector and shift of stop s, in the LSL
-    x   = x_s - M_sb x_b      M_sb = | I               0 |      what a turn of b does to s,
+    r_s = x_s - M_sb x_b      M_sb = | I               0 |      what a turn of b does to s,
                                      | -[c_s - c_b]    I |      carried rigidly
 
 so that a point seen from one stop alone feels mast pointings and no pose, and one seen from two

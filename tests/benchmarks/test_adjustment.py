@@ -3,6 +3,7 @@
 Start: telemetry (cold), so the alignment, the search for blunders and all covariances are inside.
 """
 
+import importlib
 import time
 
 import numpy as np
@@ -15,10 +16,12 @@ from photogrammetry.adjustment.collinearity import Observations, State, misclosu
 from photogrammetry.adjustment.initialise import initialise
 from photogrammetry.adjustment.params import AdjustmentParams
 from photogrammetry.adjustment.priors import Telemetry, telemetry_misclosures
+from photogrammetry.adjustment.problem import Problem
 from photogrammetry.adjustment.rotations import rotation_of_vector
-from photogrammetry.adjustment.solver import Problem, solve
+from photogrammetry.adjustment.solver import solve
 from photogrammetry.adjustment.stepwise import adjust_stepwise
-from photogrammetry.synthetic.networks import simulate_network
+from photogrammetry.synthetic.networks import TelemetryErrors, simulate_network
+from tests.support import adjustment_problems as problems
 
 PARAMS = AdjustmentParams()
 
@@ -46,6 +49,71 @@ def test_adding_a_stop_to_a_traverse_of_ten(benchmark):
         adjust_stepwise, (previous, network, network.stop_ids[10:], PARAMS), rounds=3
     )
     assert report.is_usable
+
+
+def test_the_example_of_the_paper(benchmark):
+    """Two stops, 40 images, 7 cross-site, 99 inter- and 218 intra-stereo ties; 30 s in 2007."""
+    network, _ = simulate_network(
+        np.random.default_rng(38), stops=2, cross_ties=7, far_cross_ties=0, inter_ties=50,
+        intra_ties=109, spacing_m=38.0,
+    )  # fmt: skip
+    problem, start = started(network)
+    used = np.ones(len(problem.observations), dtype=bool)
+
+    def adjusted():
+        laid_out = Problem.of(problem.observations, problem.telemetry, problem.held, used)
+        return solve(laid_out, start, PARAMS, robust=False)
+
+    assert benchmark(adjusted).converged
+
+
+@pytest.mark.parametrize("stops", [50, 500])
+def test_a_whole_mission_next_to_ceres(benchmark, stops):
+    """Overall adjustment from near the minimum, as it starts after a sequential one.
+
+    The same rigid rigs, ties, start and sum of squares; Ceres is not given the ties of single
+    pairs, of which no pose depends. Processor time of both, in one run.
+    """
+    peer = peer_or_skip("ceres_peer", "pycolmap", "pyceres")
+    network = simulate_network(
+        np.random.default_rng(stops), stops=stops, inter_ties=100, intra_ties=180,
+        errors=TelemetryErrors(pointing_deg=0.0),
+    )[0]  # fmt: skip
+    problem = problems.warm(problems.simulated(network), np.random.default_rng(1))
+    mine = benchmark.pedantic(problems.ours, (problem,), rounds=3)
+    begin = time.process_time()
+    problems.ours(problem)
+    seconds = time.process_time() - begin
+    theirs = peer.adjusted(problem, most_iterations=100)
+    benchmark.extra_info["ratio of processor time"] = theirs.seconds / seconds
+    benchmark.extra_info["ceres"] = theirs.report
+    print(f"{stops} stops: {seconds:.3f} s against {theirs.seconds:.2f} s")  # noqa: T201
+    assert mine.converged
+    assert mine.cost <= theirs.cost * (1 + 1e-6)
+
+
+def test_covariances_of_fifty_stops_next_to_gtsam(benchmark):
+    """All pose covariances at the minimum, linearisation and factor included on both sides."""
+    peer = peer_or_skip("gtsam_peer", "gtsam")
+    network = simulate_network(
+        np.random.default_rng(50), stops=50, inter_ties=100, intra_ties=0,
+        errors=TelemetryErrors(pointing_deg=0.0),
+    )[0]  # fmt: skip
+    problem = problems.simulated(network)
+    state = problems.ours(problem).state
+    mine = benchmark.pedantic(problems.covariances, (problem, state), rounds=3)
+    theirs, seconds = peer.covariances(problem, state)
+    benchmark.extra_info["ratio"] = seconds / benchmark.stats.stats.min
+    sigma = np.sqrt(np.diagonal(theirs[1:], axis1=1, axis2=2))
+    scale = sigma[:, :, None] * sigma[:, None, :]
+    np.testing.assert_allclose(mine[1:] / scale, theirs[1:] / scale, atol=1e-6)
+
+
+def peer_or_skip(module, *packages):
+    """A module that needs packages beyond the lock; `make peers` installs them."""
+    for package in packages:
+        pytest.importorskip(package, reason=f"{package} is not installed: make peers")
+    return importlib.import_module(f"tests.support.{module}")
 
 
 def general_solver(problem, start):
@@ -132,7 +200,6 @@ def test_against_the_general_solver_from_the_same_start(benchmark, stops):
 
 def started(network):
     """The problem without a search for blunders, at the alignment."""
-
     observations, telemetry = Observations.of(network), Telemetry.of(network, PARAMS)
     held = np.arange(len(network.stops)) == 0
     known, is_known = _known(network, telemetry, observations, None)

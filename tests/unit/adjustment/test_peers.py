@@ -1,0 +1,56 @@
+"""The adjustment next to GTSAM and Ceres on the same problems, where these are installed.
+
+`make peers` installs them; they are no part of the lock.
+"""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from photogrammetry.synthetic.networks import TelemetryErrors, simulate_network
+
+gtsam = pytest.importorskip("gtsam", reason="GTSAM is not installed: make peers")
+pytest.importorskip("pycolmap", reason="COLMAP is not installed: make peers")
+pytest.importorskip("pyceres", reason="Ceres' options are not installed: make peers")
+
+from tests.support import ceres_peer, gtsam_peer  # noqa: E402 - only with the peers
+from tests.support.adjustment_problems import covariances, ours, simulated  # noqa: E402
+from tests.support.published_stereo import read_problem  # noqa: E402
+
+DATA = Path(gtsam.__file__).parent / "Data"
+
+
+@pytest.fixture(scope="module")
+def small():
+    network, _ = simulate_network(
+        np.random.default_rng(10), stops=6, inter_ties=20, intra_ties=5,
+        errors=replace(TelemetryErrors(), pointing_deg=0.0),
+    )  # fmt: skip
+    return simulated(network)
+
+
+def test_covariances_of_all_stops_equal_those_of_gtsam(small):
+    state = ours(small).state
+    C, expected = covariances(small, state), gtsam_peer.covariances(small, state)[0]
+    sigma = np.sqrt(np.diagonal(expected[1:], axis1=1, axis2=2))
+    scale = sigma[:, :, None] * sigma[:, None, :]
+    np.testing.assert_allclose(C[1:] / scale, expected[1:] / scale, atol=1e-6)
+
+
+@pytest.mark.parametrize("peer", [ceres_peer, gtsam_peer])
+def test_peers_find_the_same_minimum(small, peer):
+    mine, theirs = ours(small), peer.adjusted(small)
+    assert mine.converged
+    assert mine.cost == pytest.approx(theirs.cost, rel=1e-6)
+
+
+@pytest.mark.skipif(not DATA.is_dir(), reason=f"GTSAM came without its example data at {DATA}")
+@pytest.mark.parametrize("peer", [ceres_peer, gtsam_peer])
+def test_a_published_stereo_problem_has_the_same_minimum(peer):
+    """26 cameras of a car, 2,634 points, 8,189 measurements that nobody here made."""
+    problem = read_problem(DATA, "_large")
+    mine, theirs = ours(problem), peer.adjusted(problem)
+    assert mine.converged
+    assert mine.cost == pytest.approx(theirs.cost, rel=1e-6)
