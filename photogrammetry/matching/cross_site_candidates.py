@@ -47,7 +47,7 @@ class Candidates:
     """When the hypothesis is settled."""
     footprints: float = 1.5
     """Pixels of the coarser image in a cell: what optics and sampling resolve."""
-    square_m: float = 0.4
+    square_m: float = 0.2
     """Cells are square up to this length; longer ones are narrower instead, of the same area, as
     far as both images resolve it. Stops far apart look at the ground between them along one line,
     and see more across it; but narrow patches hold less that is unique, so only where they must."""

@@ -40,6 +40,8 @@ from photogrammetry.matching.tie_views import TieView
 FILL_CELLS = (1.0, 3.0, 8.0)
 """Gaps are filled from neighbours within these standard deviations, nearest first."""
 SLOPE_STEP_M = 0.25
+LONGEST = 4.0
+"""Cells are so many times as long as wide at most: a narrower strip holds too little."""
 LEAST_SEEN = 0.7
 """Share of a patch whose surface must be known."""
 WIDEST_AVERAGE = 5
@@ -254,8 +256,8 @@ def common_cells(
 ) -> Float64[np.ndarray, "n 2 2"]:
     """G of cells as large as the pixels of two images, C_1 and C_2, in every direction.
 
-    Cells that are no longer than `square_m` are square, longer ones at least of that area; NaN
-    where either C is not finite.
+    Cells that are no longer than `square_m` are square, longer ones narrower in turn, at least of
+    that area; NaN where either C is not finite.
     """
     cells = np.full(one.shape, np.nan)
     good = np.isfinite(one).all(axis=(1, 2)) & np.isfinite(other).all(axis=(1, 2))
@@ -266,5 +268,6 @@ def common_cells(
     left, size, _ = np.linalg.svd(both)
     length = size[:, 0]
     size[:, 1] = np.maximum(size[:, 1], np.minimum(length, square_m**2 / length))
+    size[:, 1] = np.maximum(size[:, 1], length / LONGEST)
     cells[good] = left * size[:, None, :]
     return cells

@@ -31,8 +31,8 @@ from photogrammetry.matching.birds_eye import (
     PlaneFit,
     SearchGate,
     placed_on,
-    search,
 )
+from photogrammetry.matching.birds_eye_search import search
 from photogrammetry.matching.rocks import RockParams, find_rocks, match_rocks
 from photogrammetry.matching.stop_views import StopViews
 from photogrammetry.matching.voting import Elected

@@ -30,7 +30,8 @@ import numpy as np
 
 from photogrammetry.arrays import Float64, Int32, Raster
 from photogrammetry.errors import MatchingError
-from photogrammetry.matching.birds_eye import MAD_TO_SIGMA, SearchGate
+from photogrammetry.matching.birds_eye import SearchGate
+from photogrammetry.matching.birds_eye_search import MAD_TO_SIGMA
 
 CUT_SIGMAS = 2.5
 """A vote ends here; its weight has fallen to 4 %."""

@@ -11,10 +11,10 @@ from photogrammetry.matching.birds_eye import (
     SearchGate,
     birds_eye_view,
     channels,
-    masked_correlation,
     overlay_picture,
-    search,
 )
+from photogrammetry.matching.birds_eye_search import search
+from photogrammetry.matching.masked_correlation import masked_correlation
 
 PARAMS = BirdsEyeParams(radius_m=12.0, cell_m=0.16)
 CELLS = 150

@@ -1,0 +1,68 @@
+"""Links between simulated stops, held against the truth: rates, false links, errors, covariances.
+
+Three worlds, one on each terrain, four stops each: 18 pairs that share ground, 9 to 43 m apart, and
+12 of stops of different worlds that telemetry claims to be 8 to 30 m apart. The whole table, with
+twice as many and the rendered stops: `python -m tests.support`.
+"""
+
+import numpy as np
+import pytest
+
+from photogrammetry.matching.cross_site import CrossSiteParams, VerdictParams, tie_cross_site
+from tests.support.site_pairs import (
+    WORLDS,
+    Views,
+    judged,
+    matched_stops,
+    negative_pairs,
+    positive_pairs,
+    stops_of,
+)
+
+pytestmark = pytest.mark.slow
+NEAR_WORLDS = WORLDS[:3]
+
+
+def outcomes(pairs, params):
+    views, every = Views(params), []
+    for pair in pairs:
+        stops = stops_of(pair)
+        first, second = (views.of(stop) for stop in matched_stops(pair, *stops))
+        every.append(judged(pair, *stops, tie_cross_site(first, second, params), 0.0))
+    return every
+
+
+@pytest.fixture(scope="module")
+def shared():
+    return outcomes(positive_pairs(NEAR_WORLDS), CrossSiteParams())
+
+
+def test_stops_up_to_25_m_apart_are_linked(shared):
+    near = [outcome for outcome in shared if outcome.distance_m <= 25]
+    assert len(near) >= 10
+    missed = [str(outcome) for outcome in near if not outcome.linked]
+    assert len(missed) <= 0.05 * len(near), missed
+
+
+def test_no_link_is_false(shared):
+    assert [str(outcome) for outcome in shared if outcome.is_false] == []
+
+
+def test_links_place_the_rover_to_some_tenths_of_a_per_cent(shared):
+    share = [o.error_m / o.distance_m for o in shared if o.linked and o.distance_m <= 25]
+    assert np.median(share) < 0.003
+
+
+def test_links_are_as_wrong_as_they_say(shared):
+    nees = [outcome.nees for outcome in shared if outcome.linked]
+    # the mean of n chi-squares of 6 freedoms over 6 scatters by sqrt(1 / 3n): 0.15 at 15 links
+    assert 0.3 < np.mean(nees) < 2.0
+
+
+@pytest.mark.parametrize("least_z", [VerdictParams().least_z, 0.0])
+def test_stops_without_common_ground_are_not_linked(least_z):
+    # with a least z of 0 every pair is tried in the images: the last verdict stands alone
+    params = CrossSiteParams(verdict=VerdictParams(least_z=least_z))
+    foreign = outcomes(negative_pairs(NEAR_WORLDS), params)
+    assert len(foreign) >= 12
+    assert [str(outcome) for outcome in foreign if outcome.linked] == []
