@@ -17,10 +17,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from photogrammetry.arrays import Flags, Float64, ImagePoints, Int32, ObjectPoints, PerPoint
+from photogrammetry.arrays import Flags, Float64, ImagePoints, ObjectPoints, PerPoint
 from photogrammetry.errors import MatchingError
 from photogrammetry.frames import Pose
-from photogrammetry.matching.ground_patches import GroundView, common_cells
+from photogrammetry.matching.ground_patches import GroundView
+from photogrammetry.matching.patch_cells import common_cells, no_finer
+from photogrammetry.matching.shared_ground import lying_apart
 from photogrammetry.matching.tie_views import in_view
 
 
@@ -161,7 +163,7 @@ def _plan(
         ground.footprints[rows][shown], there, params.square_m / params.footprints
     )
     shown &= np.isfinite(cells).all(axis=(1, 2))
-    cells, spread = _no_finer(cells[shown], params.finest_cell_m), spread[shown]
+    cells, spread = no_finer(cells[shown], params.finest_cell_m), spread[shown]
     back = np.linalg.inv(cells)
     reach = np.linalg.eigvalsh(back @ spread @ np.swapaxes(back, 1, 2))[:, 1]
     plan = Plan(
@@ -194,12 +196,6 @@ def _spread(
         way = way / np.maximum(np.hypot(*way.T), 0.1)[:, None] * sigma_m[:, None]
         spread += way[:, :, None] * way[:, None, :]
     return spread
-
-
-def _no_finer(cells: Float64[np.ndarray, "n 2 2"], finest_m: float) -> Float64[np.ndarray, "n 2 2"]:
-    """Cells whose sides are no shorter than the finest."""
-    sides = np.maximum(np.linalg.norm(cells, axis=1), 1e-9)
-    return cells * (np.maximum(sides, finest_m) / sides)[:, None, :]
 
 
 def horizontal_turn(target_from_source: Pose) -> Float64[np.ndarray, "2 2"]:
@@ -235,26 +231,9 @@ def _best_of_the_ground(
     cells = np.floor(flat[order] / params.cell_m).astype(np.int64)
     _, first = np.unique(cells, axis=0, return_index=True)
     best = order[np.sort(first)]
-    best = best[_apart(flat[best], params.apart_cells * size[best], params.most_at_last)]
+    best = best[lying_apart(flat[best], params.apart_cells * size[best], params.most_at_last)]
     best = best[np.linspace(0, len(best) - 1, min(params.most, len(best))).astype(np.int64)]
     kept = np.zeros(len(owner), dtype=bool)
     kept[best] = True
     taken = [p.taking(kept[owner == k]) for k, p in enumerate(plans)]
     return taken[: len(forth)], taken[len(forth) :]
-
-
-def _apart(
-    places: Float64[np.ndarray, "n 2"], distance_m: PerPoint, most: int
-) -> Int32[np.ndarray, " kept"]:
-    """Rows, in the order given, that lie their own distance away from all rows kept before."""
-    kept = np.zeros(min(most, len(places)), np.int32)
-    there = np.full((len(kept), 2), np.inf)
-    n = 0
-    for k, (place, least) in enumerate(zip(places, distance_m, strict=True)):
-        if n == len(kept):
-            break
-        if n and (np.abs(there[:n] - place).max(axis=1) < least).any():
-            continue
-        kept[n], there[n] = k, place
-        n += 1
-    return kept[:n]

@@ -32,60 +32,16 @@ from photogrammetry.arrays import (
     GreyImage,
     ObjectPoints,
     PerPoint,
-    Raster,
 )
-from photogrammetry.matching.birds_eye import BirdsEyeView
+from photogrammetry.matching.ground_surface import GroundSurface
+from photogrammetry.matching.patch_cells import smallest_stretch
 from photogrammetry.matching.tie_views import TieView
 
-FILL_CELLS = (1.0, 3.0, 8.0)
-"""Gaps are filled from neighbours within these standard deviations, nearest first."""
 SLOPE_STEP_M = 0.25
-LONGEST = 4.0
-"""Cells are so many times as long as wide at most: a narrower strip holds too little."""
 LEAST_SEEN = 0.7
 """Share of a patch whose surface must be known."""
 WIDEST_AVERAGE = 5
 """Powers of two of pixels that are averaged into one at most."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class GroundSurface:
-    """Elevation around a stop in its level frame, without gaps near what was measured."""
-
-    cell_m: float
-    elevation: Raster
-
-    @classmethod
-    def of(cls, view: BirdsEyeView) -> GroundSurface:
-        """Fill the gaps between the measured cells of a bird's-eye view."""
-        seen = np.isfinite(view.elevation)
-        value = np.nan_to_num(view.elevation)
-        filled = view.elevation.copy()
-        for sigma in FILL_CELLS:
-            density = cv2.GaussianBlur(seen.astype(np.float32), (0, 0), sigma)
-            mean = cv2.GaussianBlur(value, (0, 0), sigma) / np.maximum(density, 1e-6)
-            near = np.isnan(filled) & (density > 0.02)  # noqa: PLR2004 - something within 2 sigma
-            filled[near] = mean[near]
-        known = np.isfinite(filled)
-        inner = cv2.erode(known.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
-        smooth = cv2.medianBlur(np.where(known, filled, 0).astype(np.float32), 5)
-        return cls(view.cell_m, np.where(inner, smooth, filled).astype(np.float32))
-
-    def at(self, north: np.ndarray, east: np.ndarray) -> Float32[np.ndarray, "rows cols"]:
-        """Elevation at places of the level frame, NaN where unknown."""
-        if not north.size:
-            return np.zeros(north.shape, np.float32)
-        half = self.elevation.shape[0] / 2 - 0.5
-        col = (east / self.cell_m + half).astype(np.float32)
-        row = (half - north / self.cell_m).astype(np.float32)
-        return cv2.remap(
-            self.elevation,
-            col,
-            row,
-            cv2.INTER_LINEAR,
-            borderMode=cv2.BORDER_CONSTANT,
-            borderValue=float("nan"),
-        ).astype(np.float32)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -157,7 +113,7 @@ class GroundView:
         derivative = self.derivative(places)
         good = np.isfinite(derivative).all(axis=(1, 2))
         longest = np.full(len(places), np.nan)
-        longest[good] = 1 / np.maximum(_smallest_stretch(derivative[good]), 1e-3)
+        longest[good] = 1 / np.maximum(smallest_stretch(derivative[good]), 1e-3)
         ahead = places - self.origin_m[:2]
         distance = np.maximum(np.hypot(*ahead.T), 0.1)
         focal = self.view.geometry.focal_px
@@ -241,33 +197,3 @@ class GroundView:
         lines, samples = mask.shape
         inside = (col >= 0) & (row >= 0) & (col < samples) & (row < lines)
         return inside & mask[np.clip(row, 0, lines - 1), np.clip(col, 0, samples - 1)]
-
-
-def _smallest_stretch(maps: Float64[np.ndarray, "n 2 2"]) -> PerPoint:
-    """The smaller singular value of 2 x 2 matrices: |det| over the larger one."""
-    power = (maps**2).sum(axis=(1, 2)) / 2
-    area = np.abs(maps[:, 0, 0] * maps[:, 1, 1] - maps[:, 0, 1] * maps[:, 1, 0])
-    larger = np.sqrt(power + np.sqrt(np.maximum(power**2 - area**2, 0.0)))
-    return area / np.maximum(larger, 1e-12)
-
-
-def common_cells(
-    one: Float64[np.ndarray, "n 2 2"], other: Float64[np.ndarray, "n 2 2"], square_m: float
-) -> Float64[np.ndarray, "n 2 2"]:
-    """G of cells as large as the pixels of two images, C_1 and C_2, in every direction.
-
-    Cells that are no longer than `square_m` are square, longer ones narrower in turn, at least of
-    that area; NaN where either C is not finite.
-    """
-    cells = np.full(one.shape, np.nan)
-    good = np.isfinite(one).all(axis=(1, 2)) & np.isfinite(other).all(axis=(1, 2))
-    root = np.linalg.cholesky(one[good])
-    back = np.linalg.inv(root)
-    stretch, axes = np.linalg.eigh(back @ other[good] @ np.swapaxes(back, 1, 2))
-    both = root @ axes * np.sqrt(np.maximum(stretch, 1.0))[:, None, :]
-    left, size, _ = np.linalg.svd(both)
-    length = size[:, 0]
-    size[:, 1] = np.maximum(size[:, 1], np.minimum(length, square_m**2 / length))
-    size[:, 1] = np.maximum(size[:, 1], length / LONGEST)
-    cells[good] = left * size[:, None, :]
-    return cells

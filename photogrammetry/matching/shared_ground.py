@@ -19,7 +19,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from photogrammetry.arrays import Flags, Float64, PerPoint
+from photogrammetry.arrays import Flags, Float64, Int32, PerPoint
 from photogrammetry.matching.ties import Ties
 
 
@@ -54,8 +54,8 @@ def spread_out(
     """
     order = np.argsort(width_m, kind="stable")
     while True:
-        kept = _kept(places[order], apart * width_m[order])
-        if kept.sum() >= min(at_least, len(places)) or apart < 0.05:  # noqa: PLR2004 - all of them
+        kept = lying_apart(places[order], apart * width_m[order], len(places))
+        if len(kept) >= min(at_least, len(places)) or apart < 0.05:  # noqa: PLR2004 - all of them
             break
         apart *= 0.8
     flags = np.zeros(len(places), dtype=bool)
@@ -63,9 +63,18 @@ def spread_out(
     return flags
 
 
-def _kept(places: Float64[np.ndarray, "n 2"], least_m: PerPoint) -> Flags:
-    """Which places lie their least distance away from all that were kept before."""
-    kept = np.zeros(len(places), dtype=bool)
-    for k, (place, least) in enumerate(zip(places, least_m, strict=True)):
-        kept[k] = not (np.abs(places[kept] - place).max(axis=1) < least).any()
-    return kept
+def lying_apart(
+    places: Float64[np.ndarray, "n 2"], distance_m: PerPoint, most: int
+) -> Int32[np.ndarray, " kept"]:
+    """Rows, in the order given, that lie their own distance away from all rows kept before."""
+    kept = np.zeros(min(most, len(places)), np.int32)
+    there = np.full((len(kept), 2), np.inf)
+    n = 0
+    for k, (place, least) in enumerate(zip(places, distance_m, strict=True)):
+        if n == len(kept):
+            break
+        if n and (np.abs(there[:n] - place).max(axis=1) < least).any():
+            continue
+        kept[n], there[n] = k, place
+        n += 1
+    return kept[:n]

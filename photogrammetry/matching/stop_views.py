@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 from photogrammetry.imagery import StopId
 from photogrammetry.matching.birds_eye import BirdsEyeParams, BirdsEyeView, birds_eye_views
-from photogrammetry.matching.ground_patches import GroundSurface, GroundView
+from photogrammetry.matching.ground_patches import GroundView
+from photogrammetry.matching.ground_surface import GroundSurface
 from photogrammetry.matching.records import MatchedStop
 from photogrammetry.matching.tie_views import TieView
 
