@@ -5,6 +5,7 @@ its horizon to its feet. OpenCV's own semi-global matcher and SIFT with ratio te
 """
 
 import time
+from concurrent.futures import ThreadPoolExecutor
 
 import cv2
 import numpy as np
@@ -14,12 +15,16 @@ from scipy import ndimage
 from photogrammetry.cameras.cahvor import Cahvor
 from photogrammetry.cameras.epipolar import EpipolarPair, epipolar_pair
 from photogrammetry.frames import Frame, FrameKind, Pose, rover_frame
-from photogrammetry.matching.dense import match_densely
+from photogrammetry.imagery import Eye
+from photogrammetry.matching.dense import match_densely, match_densely_with_sigma
+from photogrammetry.matching.interest_points import FoerstnerParams, interest_points
 from photogrammetry.matching.records import EpipolarImages
 from photogrammetry.matching.resampling import epipolar_images
 from photogrammetry.matching.sparse import match_sparsely
 from photogrammetry.matching.vertical_parallax import vertical_parallax
 from photogrammetry.stretching import stretched
+from photogrammetry.synthetic.rig import Instrument
+from photogrammetry.synthetic.world import TraverseParams, WorldParams, make_world, photograph
 
 pytestmark = pytest.mark.benchmark(timer=time.process_time)
 
@@ -71,6 +76,12 @@ def test_matching_a_pair_densely(benchmark, images):
     assert np.isfinite(parallax[:, 160:]).mean() > 0.9
 
 
+def test_finding_five_thousand_interest_points(benchmark, images):
+    params = FoerstnerParams(smallest_weight=0.1)
+    points = benchmark(interest_points, images.left, images.left_mask, params, 8)
+    assert len(points) == params.count
+
+
 def test_measuring_the_vertical_parallax_of_a_pair(benchmark, images):
     assert abs(benchmark(vertical_parallax, images).median_px) < 0.1
 
@@ -95,3 +106,39 @@ def test_sift_with_ratio_test_for_comparison(benchmark, images):
         return [a for a, b in pairs if a.distance < 0.8 * b.distance]
 
     assert len(benchmark(match)) > 100
+
+
+def test_matching_a_panorama_of_ten_pairs(benchmark):
+    """Resampled, checked for its rows, matched sparsely and densely: two pairs at a time.
+
+    The timer counts both threads; what passes on the wall is in `extra_info`, in seconds.
+    """
+    world = make_world(WorldParams("plains", traverse=TraverseParams(stops=1)), 3)
+    shots = [shot for shot in world.shots if shot.instrument == Instrument.NAVCAM]
+    pairs = [[_source(world, shot, one) for one in (Eye.LEFT, Eye.RIGHT)] for shot in shots]
+
+    def match(pair):
+        (left, _, camera), (_, _, other) = pair
+        size = left.shape[::-1]
+        geometry = epipolar_pair(camera, other, size, size, world.stops[0].id.frame, PAIR)
+        images = epipolar_images(geometry, *pair)
+        assert vertical_parallax(images).fits_the_bar
+        return len(match_sparsely("pair", images)), match_densely_with_sigma(images).parallax_px
+
+    def panorama():
+        started = time.perf_counter()
+        with ThreadPoolExecutor(2) as pool:
+            matched = list(pool.map(match, pairs))
+        benchmark.extra_info["wall_s"] = time.perf_counter() - started
+        return matched
+
+    matched = benchmark.pedantic(panorama, rounds=1)
+    print(f"panorama: {benchmark.extra_info['wall_s']:.1f} s on the wall")  # noqa: T201
+    assert len(matched) == 10
+    assert min(count for count, _ in matched) > 1000
+    assert benchmark.stats.stats.min < 60  # of two cores, in 30 seconds
+
+
+def _source(world, shot, one):
+    picture = photograph(world, shot, one).astype(np.float32)
+    return picture, np.ones(picture.shape, dtype=bool), world.exposure(shot, one).camera
