@@ -19,7 +19,7 @@ tried and fail count as chance in the verdict (`cross_site`), that raises its ba
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -83,7 +83,7 @@ class Hypothesis:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Peak:
+class Peak:
     """A peak of one way."""
 
     fit: PlaneFit
@@ -99,16 +99,16 @@ def hypotheses(
     params: HypothesisParams,
 ) -> list[Hypothesis]:
     """The best hypotheses of where the later stop stands on the earlier one, best first."""
-    peaks = _correlated(one, other, gate, birds_eye, params)
-    peaks += _featured(one, other, gate, birds_eye, params)
-    if not _is_clear(merged(peaks, params), params):
-        peaks += _by_rocks(one, other, gate, birds_eye, params)
+    peaks: list[Peak] = []
+    for way, find in WAYS.items():
+        if not _is_clear(merged(peaks, params), params):
+            peaks += peaks_of(way, find(one, other, gate, birds_eye, params), params)
     return merged(peaks, params)[: params.most]
 
 
-def merged(peaks: Sequence[_Peak], params: HypothesisParams) -> list[Hypothesis]:
+def merged(peaks: Sequence[Peak], params: HypothesisParams) -> list[Hypothesis]:
     """Peaks that are the same place put together, most evidence first."""
-    groups: list[list[_Peak]] = []
+    groups: list[list[Peak]] = []
     for peak in sorted(peaks, key=lambda p: (-p.evidence, -p.fit.z)):
         for group in groups:
             known = {member.way for member in group}
@@ -141,50 +141,54 @@ def _is_clear(found: Sequence[Hypothesis], params: HypothesisParams) -> bool:
     return found[0].evidence - next_best > params.clear
 
 
-def _correlated(
-    one: StopViews,
-    other: StopViews,
-    gate: SearchGate,
-    birds_eye: BirdsEyeParams,
-    params: HypothesisParams,
-) -> list[_Peak]:
-    """Peaks of the correlation of both views."""
-    fits = search(one.birds_eye, other.birds_eye, gate, birds_eye)
-    return peaks_of(CORRELATION, fits, params)
-
-
-def _featured(
-    one: StopViews,
-    other: StopViews,
-    gate: SearchGate,
-    birds_eye: BirdsEyeParams,
-    params: HypothesisParams,
-) -> list[_Peak]:
-    """Places that matched features vote for."""
-    wide = params.wide_baseline
-    features = [find_features(stop.birds_eye, birds_eye, wide) for stop in (one, other)]
-    elected = match_features(features[0], features[1], gate, birds_eye.peaks, wide)
-    return peaks_of(FEATURES, _fits(elected, one, other, birds_eye), params)
-
-
-def _by_rocks(
-    one: StopViews,
-    other: StopViews,
-    gate: SearchGate,
-    birds_eye: BirdsEyeParams,
-    params: HypothesisParams,
-) -> list[_Peak]:
-    """Places that rocks vote for."""
-    rocks = [find_rocks(stop.stop, stop.birds_eye, params.rocks) for stop in (one, other)]
-    elected = match_rocks(rocks[0], rocks[1], gate, birds_eye.peaks, params.rocks)
-    return peaks_of(ROCKS, _fits(elected, one, other, birds_eye), params)
-
-
-def peaks_of(way: str, fits: Sequence[PlaneFit], params: HypothesisParams) -> list[_Peak]:
+def peaks_of(way: str, fits: Sequence[PlaneFit], params: HypothesisParams) -> list[Peak]:
     """The peaks of a way, each with its evidence against the lower ones."""
     lower = [fit.z for fit in fits[1:]]
     level = max(float(np.median(lower)) if lower else 0.0, params.least_level)
-    return [_Peak(fit, way, max(fit.z / level - 1, 0.0)) for fit in fits]
+    return [Peak(fit, way, max(fit.z / level - 1, 0.0)) for fit in fits]
+
+
+def by_correlation(
+    one: StopViews,
+    other: StopViews,
+    gate: SearchGate,
+    birds_eye: BirdsEyeParams,
+    _params: HypothesisParams,
+) -> list[PlaneFit]:
+    """Peaks of the correlation of both views."""
+    return search(one.birds_eye, other.birds_eye, gate, birds_eye)
+
+
+def by_features(
+    one: StopViews,
+    other: StopViews,
+    gate: SearchGate,
+    birds_eye: BirdsEyeParams,
+    params: HypothesisParams,
+) -> list[PlaneFit]:
+    """Places that matched features vote for."""
+    wide = params.wide_baseline
+    first, second = (find_features(stop.birds_eye, birds_eye, wide) for stop in (one, other))
+    elected = match_features(first, second, gate, birds_eye.peaks, wide)
+    return _fits(elected, one, other, birds_eye)
+
+
+def by_rocks(
+    one: StopViews,
+    other: StopViews,
+    gate: SearchGate,
+    birds_eye: BirdsEyeParams,
+    params: HypothesisParams,
+) -> list[PlaneFit]:
+    """Places that rocks vote for."""
+    first, second = (find_rocks(stop.stop, stop.birds_eye, params.rocks) for stop in (one, other))
+    elected = match_rocks(first, second, gate, birds_eye.peaks, params.rocks)
+    return _fits(elected, one, other, birds_eye)
+
+
+Way = Callable[[StopViews, StopViews, SearchGate, BirdsEyeParams, HypothesisParams], list[PlaneFit]]
+WAYS: dict[str, Way] = {CORRELATION: by_correlation, FEATURES: by_features, ROCKS: by_rocks}
+"""In the order in which they are asked."""
 
 
 def _fits(
