@@ -85,8 +85,8 @@ def match_about(
     rough = matched_both_ways(*pictures, masks, (0, 2 * search_px), params.semi_global)
     d, sigma = PixelwiseMatcher(left, right, params.refinement).refine(rough)
     d = without_speckle(d, params.semi_global)
-    lines, samples = np.indices(d.shape, dtype=np.float32)
-    there = cv2.remap(shift, samples - np.nan_to_num(d), lines, cv2.INTER_LINEAR)
+    grid = np.indices(d.shape, dtype=np.float32)
+    there = cv2.remap(shift, grid[1] - np.nan_to_num(d), grid[0], cv2.INTER_LINEAR)
     parallax = d + there
     parallax[~(parallax > 0)] = np.nan
     return DenseMatches(parallax, np.where(np.isfinite(parallax), sigma, np.float32(np.nan)))

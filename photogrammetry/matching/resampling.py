@@ -81,8 +81,8 @@ def epipolar_images(
 
 def shifted(image: GreyImage, mask: Mask, by: GreyImage) -> tuple[GreyImage, Mask]:
     """An image whose pixel (x, y) is that of (x - by, y), and where it is usable."""
-    lines, samples = np.indices(image.shape, dtype=np.float32)
-    place = (samples - by, lines)
+    grid = np.indices(image.shape, dtype=np.float32)
+    place = (grid[1] - by, grid[0])
     grey = cv2.remap(image, *place, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
     known = cv2.remap(
         mask.astype(np.float32), *place, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT
