@@ -28,6 +28,7 @@ from photogrammetry.adjustment.records import (
 from photogrammetry.frames import Pose
 from photogrammetry.imagery import StereoMatches, StopId
 from photogrammetry.matching.hand_ties import HandTie
+from photogrammetry.matching.ties import Ties
 from photogrammetry.matching.tracks import TrackParams, build_tie_points
 from products.arrays import pose_document, pose_of_document, read_mast, read_matches, read_ties
 from products.model import ProductKind, ProductRef, Recipe
@@ -38,6 +39,9 @@ from tasks.scopes import network_scope
 from tasks.singles import read_singles
 from tasks.telemetry import TelemetryStop
 from tasks.tie import TelemetryPose
+
+VETOED = {"linked": False, "reason": "all its ties are vetoed by hand"}
+"""What becomes of a link that a person does not believe."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,12 +112,12 @@ def adjust_network(step: NetworkStep, params: NetworkParams, store: ProductStore
 
     def write(path: Path) -> None:
         before = read_network(step.previous, store) if step.previous else None
-        links = [read_ties(store.path(ref))[1] for ref in step.links]
-        network, by_hand = _network(step, params, store)
+        joining = _joining(step, store)
+        network = _network(step, joining, params, store)
         start = before.adjusted if before else None
         adjusted, report = advance(step.mode, start, network, step.new_stops, params.adjustment)
         reports = (*(before.reports if before else ()), str(report))
-        path.write_text(json.dumps(_document(step, adjusted, report, reports, links, by_hand)))
+        path.write_text(json.dumps(_document(step, adjusted, report, reports, joining)))
 
     telemetry = tuple((str(stop.stop), stop.sols, TelemetryPose.of(stop)) for stop in step.stops)
     scope = network_scope(step.mission, step.sol, step.mode)
@@ -139,22 +143,41 @@ def read_network(ref: ProductRef, store: ProductStore) -> NetworkProduct:
     )
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Joining:
+    """What joins pairs, after people had their say."""
+
+    ties: tuple[Ties, ...]
+    links: tuple[dict[str, Any], ...]
+    by_hand: tuple[str, ...] = ()
+
+
+def _joining(step: NetworkStep, store: ProductStore) -> _Joining:
+    read = [read_ties(store.path(ref)) for ref in (*step.ties, *step.links)]
+    links = tuple(header for _, header in read[len(step.ties) :])
+    ties = tuple(some for some, _ in read)
+    if not step.hand:
+        return _Joining(ties, links)
+    changed = carried_out(step.hand, ties, step.pairs, store)
+    left = changed.ties[len(step.ties) : len(ties)]
+    links = tuple(
+        link if len(some) or not link["linked"] else link | VETOED
+        for link, some in zip(links, left, strict=True)
+    )
+    return _Joining(changed.ties, links, (str(changed), *changed.notes))
+
+
 def _network(
-    step: NetworkStep, params: NetworkParams, store: ProductStore
-) -> tuple[Network, tuple[str, ...]]:
-    """The network, and what became of the hand ties."""
+    step: NetworkStep, joining: _Joining, params: NetworkParams, store: ProductStore
+) -> Network:
     paths = [store.path(pair.matches) for pair in step.pairs]
     read = [(pair, *read_matches(path)) for pair, path in zip(step.pairs, paths, strict=True)]
-    ties = [read_ties(store.path(ref))[0] for ref in (*step.ties, *step.links)]
     singles = [read_singles(ref, store) for ref in step.singles]
     alone = [body for some in singles for body in some.bodies]
     matches = [matches for _, _, matches in read]
     matches += [StereoMatches.none(body.pair_id) for body in alone]
-    by_hand: tuple[str, ...] = ()
-    if step.hand:
-        changed = carried_out(step.hand, ties, step.pairs, store)
-        ties, by_hand = list(changed.ties), (str(changed), *changed.notes)
-    network = Network(
+    ties = [*joining.ties, *(some.ties for some in singles)]
+    return Network(
         stops=tuple(
             StopPrior(stop.stop, stop.lsl_from_rover, stop.attitude_measured_by, stop.sols)
             for stop in step.stops
@@ -164,9 +187,8 @@ def _network(
             for (pair, geometry, _), path in zip(read, paths, strict=True)
         )
         + tuple(alone),
-        ties=build_tie_points(matches, [*ties, *(s.ties for s in singles)], params.tracks),
+        ties=build_tie_points(matches, ties, params.tracks),
     )
-    return network, by_hand
 
 
 def _document(
@@ -174,8 +196,7 @@ def _document(
     adjusted: AdjustedNetwork,
     report: AdjustmentReport,
     reports: Sequence[str],
-    links: Sequence[dict[str, Any]],
-    by_hand: Sequence[str],
+    joining: _Joining,
 ) -> dict[str, Any]:
     return {
         "mission": step.mission,
@@ -192,8 +213,8 @@ def _document(
         ],
         "network": network_document(adjusted, [report]),
         "reports": list(reports),
-        "links": list(links),
-        "by_hand": list(by_hand),
+        "links": list(joining.links),
+        "by_hand": list(joining.by_hand),
     }
 
 

@@ -11,8 +11,8 @@ from photogrammetry.imagery import TieKind
 from photogrammetry.matching.inter_stereo import InterStereoParams
 from photogrammetry.synthetic.traverse import TraverseParams
 from photogrammetry.synthetic.world import WorldParams, make_world, render_jobs
-from products.arrays import read_matches, read_ties
-from products.model import ProductKind
+from products.arrays import read_matches, read_ties, write_ties
+from products.model import ProductKind, Recipe, Scope, ScopeLevel
 from products.workspace import Workspace
 from tasks.adjust import NetworkParams, NetworkStep, adjust_network, read_network
 from tasks.hand_ties import all_wishes, concerning
@@ -56,7 +56,7 @@ class Stop:
     def ids(self):
         return [pair.files.id for pair in self.pairs]
 
-    def network(self, wishes=()):
+    def network(self, wishes=(), links=()):
         step = NetworkStep(
             mission=self.stop.mission,
             sol=self.telemetry.stops[0].sols[0],
@@ -66,7 +66,7 @@ class Stop:
             new_stops=(self.stop,),
             pairs=self.pairs,
             ties=(self.ties,),
-            links=(),
+            links=links,
             hand=concerning(wishes, set(self.ids)),
         )
         return adjust_network.fn(step, NetworkParams(), self.store)
@@ -117,6 +117,22 @@ def test_a_vetoed_link_leaves_the_network(stop):
     lines = read_network(vetoed, stop.store).by_hand
     assert "0 added, 0 moved" in lines[0]
     assert all(pair.ties == 0 for pair in read_network(vetoed, stop.store).adjusted.pairs)
+
+
+def test_a_link_without_ties_left_is_no_link(stop):
+    """The stop's own ties stand for those of a link between two stops."""
+    ties, _ = read_ties(stop.store.path(stop.ties))
+    scope = Scope(ScopeLevel.STOP, "one-to-other")
+    figures = {"earlier": "one", "later": "other", "linked": True, "reason": "so many ties"}
+    link = stop.store.make(
+        Recipe(ProductKind.LINKS, scope), lambda path: write_ties(path, ties, figures)
+    )
+    before = read_network(stop.network(links=(link,)), stop.store)
+    assert before.links[0]["linked"]
+    wishes = stop.wishes(f"veto,{stop.ids[0]},,,{stop.ids[1]},,\n")
+    after = read_network(stop.network(wishes, links=(link,)), stop.store)
+    assert not after.links[0]["linked"]
+    assert after.links[0]["reason"] == "all its ties are vetoed by hand"
 
 
 def test_ties_that_were_clicked_hold_the_network_alone(stop):
