@@ -102,7 +102,8 @@ def hypotheses(
     peaks: list[Peak] = []
     for way, find in WAYS.items():
         if not _is_clear(merged(peaks, params), params):
-            peaks += peaks_of(way, find(one, other, gate, birds_eye, params), params)
+            found = peaks_of(way, find(one, other, gate, birds_eye, params), params)
+            peaks += [p for p in found if p.fit.overlap_m2 > birds_eye.min_overlap_m2]
     return merged(peaks, params)[: params.most]
 
 
@@ -170,7 +171,7 @@ def by_features(
     wide = params.wide_baseline
     first, second = (find_features(stop.birds_eye, birds_eye, wide) for stop in (one, other))
     elected = match_features(first, second, gate, birds_eye.peaks, wide)
-    return _fits(elected, one, other, birds_eye)
+    return [_fit_at(place, one.birds_eye, other.birds_eye) for place in elected]
 
 
 def by_rocks(
@@ -183,20 +184,12 @@ def by_rocks(
     """Places that rocks vote for."""
     first, second = (find_rocks(stop.stop, stop.birds_eye, params.rocks) for stop in (one, other))
     elected = match_rocks(first, second, gate, birds_eye.peaks, params.rocks)
-    return _fits(elected, one, other, birds_eye)
+    return [_fit_at(place, one.birds_eye, other.birds_eye) for place in elected]
 
 
 Way = Callable[[StopViews, StopViews, SearchGate, BirdsEyeParams, HypothesisParams], list[PlaneFit]]
 WAYS: dict[str, Way] = {CORRELATION: by_correlation, FEATURES: by_features, ROCKS: by_rocks}
 """In the order in which they are asked."""
-
-
-def _fits(
-    elected: Sequence[Elected], one: StopViews, other: StopViews, birds_eye: BirdsEyeParams
-) -> list[PlaneFit]:
-    """Elected places at which the views share enough ground."""
-    fits = [_fit_at(place, one.birds_eye, other.birds_eye) for place in elected]
-    return [fit for fit in fits if fit.overlap_m2 > birds_eye.min_overlap_m2]
 
 
 def _fit_at(place: Elected, earlier: BirdsEyeView, later: BirdsEyeView) -> PlaneFit:
