@@ -1,0 +1,71 @@
+"""Pictures of a report are drawn from any network and are the same bytes every time."""
+
+from xml.etree import ElementTree as ET
+
+import numpy as np
+import pytest
+
+from photogrammetry.adjustment.adjust import adjust_overall, telemetry_network
+from photogrammetry.adjustment.params import AdjustmentParams
+from photogrammetry.adjustment.quality import quality
+from photogrammetry.adjustment.quality_pictures import (
+    ellipse_scale,
+    growth_picture,
+    residual_picture,
+    statistics_picture,
+    traverse_picture,
+)
+from photogrammetry.adjustment.quality_records import PairCamera, QualityParams
+from photogrammetry.synthetic.networks import LINES, simulate_network
+
+
+@pytest.fixture(scope="module", params=["tied", "telemetry alone", "one stop"])
+def stated(request):
+    stops = 1 if request.param == "one stop" else 3
+    network, _ = simulate_network(np.random.default_rng(2), stops=stops)
+    params = AdjustmentParams()
+    adjusted = (
+        telemetry_network(network, params)
+        if request.param == "telemetry alone"
+        else adjust_overall(network, params)[0]
+    )
+    cameras = {p.pair_id: PairCamera("NAVCAM", LINES, LINES) for p in network.pairs}
+    telemetry = {s.stop: s.lsl_from_rover for s in network.stops}
+    return adjusted, telemetry, cameras, quality(adjusted, telemetry, cameras, QualityParams())
+
+
+def pictures(stated):
+    adjusted, telemetry, cameras, found = stated
+    return [
+        traverse_picture(adjusted, telemetry, found),
+        growth_picture(found),
+        statistics_picture(adjusted),
+        *(residual_picture(adjusted, cameras, camera) for camera in found.cameras),
+    ]
+
+
+def test_pictures_are_svg_and_the_same_every_time(stated):
+    drawn = pictures(stated)
+    assert drawn == pictures(stated)
+    for picture in drawn:
+        root = ET.fromstring(picture)  # noqa: S314 - drawn a line above
+        assert root.tag.endswith("svg")
+        assert b"<dc:date>" not in picture
+
+
+def test_a_camera_without_ties_has_no_residuals(stated):
+    adjusted, _, _, found = stated
+    tied = bool((adjusted.ties.redundancy > 0).any())
+    assert len(found.cameras) == tied
+
+
+def test_ellipses_are_enlarged_by_a_round_number_to_a_tenth_of_the_traverse(stated):
+    adjusted, _, _, found = stated
+    places = np.array([s.lsl_from_rover.translation_m for s in adjusted.stops])
+    scale = ellipse_scale(places, found)
+    first_digit = int(f"{scale:e}"[0])
+    assert scale == pytest.approx(first_digit * 10 ** np.floor(np.log10(scale)))
+    largest = max(stop.ellipse_m[0] for stop in found.stops)
+    if scale > 1:
+        extent = np.ptp(places[:, :2], axis=0).max()
+        assert 0.05 * extent < scale * largest <= 0.1 * extent
