@@ -12,6 +12,7 @@ from photogrammetry.adjustment.collinearity import (
     misclosures,
     pair_orientations,
 )
+from photogrammetry.adjustment.problem import Problem
 from photogrammetry.adjustment.records import (
     BLUNDER,
     UNUSED,
@@ -26,7 +27,7 @@ from photogrammetry.adjustment.records import (
 )
 from photogrammetry.adjustment.rotations import cross_matrix, left_jacobian, rotation_of_vector
 from photogrammetry.adjustment.snooping import Residuals, joint_covariances, single_sightings
-from photogrammetry.adjustment.solver import Problem, Solution
+from photogrammetry.adjustment.solver import Solution
 from photogrammetry.frames import LSL, Pose
 from photogrammetry.imagery import StopId, TieKind, TiePoints
 
