@@ -26,11 +26,7 @@ FALSE_BEYOND = (0.5, 0.02)
 """Metres, and share of the distance, by which a link may be wrong before it counts as false."""
 NEAR, FAR = (9.0, 16.0), (14.0, 25.0)
 TERRAINS = ("plains", "hills", "crater")
-WORLDS = (
-    *(WorldOfStops(kind, NEAR, seed) for kind, seed in zip(TERRAINS, (11, 12, 13), strict=True)),
-    *(WorldOfStops(kind, FAR, seed) for kind, seed in zip(TERRAINS, (14, 15, 16), strict=True)),
-)
-"""Stops 9 to 50 m apart; every stop has a sun, a heading and telemetry errors of its own."""
+FIRST_SEED = 11
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +50,18 @@ class SitePair:
         return (
             f"{one.terrain}{one.seed}:{k}-{other.terrain if one != other else ''}{other.seed}:{j}"
         )
+
+
+def worlds_from(first_seed: int) -> tuple[WorldOfStops, ...]:
+    """Six worlds with stops 9 to 50 m apart, numbered on from a seed.
+
+    Every stop has a sun, a heading and telemetry errors of its own.
+    """
+    kinds = [(terrain, spacing) for spacing in (NEAR, FAR) for terrain in TERRAINS]
+    return tuple(WorldOfStops(*kind, first_seed + k) for k, kind in enumerate(kinds))
+
+
+WORLDS = worlds_from(FIRST_SEED)
 
 
 def positive_pairs(worlds: Iterable[WorldOfStops] = WORLDS) -> list[SitePair]:
