@@ -8,7 +8,7 @@ matched". Its standard deviation is kept in one byte, in steps of three percent 
 from __future__ import annotations
 
 import json
-from dataclasses import fields
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,7 @@ from photogrammetry.arrays import ParallaxMap
 from photogrammetry.cameras.epipolar import EpipolarPair
 from photogrammetry.frames import Frame, FrameKind, Pose
 from photogrammetry.imagery import StereoMatches
-from photogrammetry.matching.dense import DenseMatches
+from photogrammetry.matching.dense import DenseMatches, SharedSigma
 from photogrammetry.matching.ties import Ties
 from products.errors import ProductError
 
@@ -160,7 +160,7 @@ def write_dense(path: Path, dense: DenseMatches) -> None:
     codes = np.rint(np.log(np.maximum(sigma, _LEAST_SIGMA_PX) / _LEAST_SIGMA_PX) / _SIGMA_STEP)
     write_archive(
         path,
-        {"step_px": step},
+        {"step_px": step, **({"shared": asdict(dense.shared)} if dense.shared else {})},
         steps=np.clip(steps, 0, _LARGEST).astype(np.uint16),
         sigma=np.clip(codes, 0, 255).astype(np.uint8),
     )
@@ -172,7 +172,9 @@ def read_dense(path: Path) -> DenseMatches:
     parallax = _parallax(header, arrays)
     codes = arrays["sigma"].astype(np.float32)
     sigma = np.float32(_LEAST_SIGMA_PX) * np.exp(codes * np.float32(_SIGMA_STEP))
-    return DenseMatches(parallax, np.where(np.isfinite(parallax), sigma, np.float32(np.nan)))
+    shared = SharedSigma(**header["shared"]) if "shared" in header else None
+    sigma = np.where(np.isfinite(parallax), sigma, np.float32(np.nan))
+    return DenseMatches(parallax, sigma, shared)
 
 
 def read_parallax(path: Path) -> ParallaxMap:

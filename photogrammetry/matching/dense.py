@@ -42,12 +42,27 @@ class DenseParams:
     refinement: RefinementParams = field(default_factory=RefinementParams)
 
 
+@dataclass(frozen=True, slots=True)
+class SharedSigma:
+    """What all parallaxes of a pair are off by together, as a standard deviation.
+
+    No number of pixels averages it out: hypot(offset, stretch x parallax).
+    """
+
+    offset_px: float = 0.0
+    """By a turn of one camera about the vertical."""
+    stretch: float = 0.0
+    """By the length of the base, as a share of it."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class DenseMatches:
     """Parallax of every pixel that was matched, with its standard deviation."""
 
     parallax_px: ParallaxMap
     sigma_px: ParallaxMap
+    shared: SharedSigma | None = None
+    """The part of `sigma_px` that is one for all pixels; None where there is none."""
 
 
 def match_densely(images: EpipolarImages, params: DenseParams | None = None) -> ParallaxMap:

@@ -19,10 +19,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.arrays import Float64, ParallaxMap, PerPoint, Vector3
+from photogrammetry.arrays import Float64, PerPoint, Vector3
 from photogrammetry.cameras.epipolar import EpipolarPair
 from photogrammetry.cameras.model import CameraModel
 from photogrammetry.frames import Pose
+from photogrammetry.matching.dense import SharedSigma
 from photogrammetry.matching.vertical_parallax import VerticalParallax, turned_in_place
 
 STEPS = 10
@@ -68,13 +69,10 @@ class RelativeOrientation:
         moved = pose.rotation @ self.shift * geometry.base_m
         return turned.moved(Pose(pose.target, pose.target, np.eye(3), moved))
 
-    def sigma_parallax_px(
-        self, parallax: ParallaxMap, geometry: EpipolarPair, params: OrientationParams
-    ) -> ParallaxMap:
+    def shared_sigma(self, geometry: EpipolarPair, params: OrientationParams) -> SharedSigma:
         """Standard deviation that all parallaxes share: of w_y, and of the length of the base."""
-        turn_px = np.float32(geometry.focal_px * np.sqrt(self.covariance[1, 1]))
-        stretch = np.float32(params.position_sigma_m / geometry.base_m)
-        return np.hypot(turn_px, stretch * parallax)
+        turn_px = geometry.focal_px * float(np.sqrt(self.covariance[1, 1]))
+        return SharedSigma(turn_px, params.position_sigma_m / geometry.base_m)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -96,10 +96,13 @@ def match_wide(left: WideEye, right: WideEye, params: WideParams | None = None) 
         found = relative_orientation(measured, params.orientation, found)
     geometry = warped.images.geometry
     dense = match_about(warped.images, warped.predicted, warped.search, params.dense)
-    systematic = found.sigma_parallax_px(dense.parallax_px, geometry, params.orientation)
-    sigma = np.hypot(dense.sigma_px, systematic)
+    shared = found.shared_sigma(geometry, params.orientation)
+    stretched = np.hypot(
+        np.float32(shared.offset_px), np.float32(shared.stretch) * dense.parallax_px
+    )
+    sigma = np.hypot(dense.sigma_px, stretched)
     pose = geometry.rover_from_pair
-    dense = DenseMatches(dense.parallax_px, sigma)
+    dense = DenseMatches(dense.parallax_px, sigma, shared)
     return WideMatches(warped.images, pose, dense, found, before.rows, measured.rows)
 
 

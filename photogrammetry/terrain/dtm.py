@@ -10,11 +10,13 @@ gradient g (rise per metre) the elevation at a fixed place changes by the part o
 the ground, so with f the focal length and Z the depth
 
     sigma_h^2 = (sigma_p/p)^2 (P_up - g.P_plan)^2 / k + (Z sigma_i/f)^2 (1 + g.g) / k
+                + (sigma_a/p)^2 (P_up - g.P_plan)^2
                 + s^2 / n + (r sag)^2 + (c Z/f)^2 / 12 G^2
 
-where n points share k = max(1, n / c^2) independent matches (windows of c x c pixels overlap), s is
-the scatter within the cell and r the roughness of ground between pixels. Flat ground is known to
-(sigma_p/p) times the camera's height: centimetres at 20 m, though the range is not.
+where sigma_a is what all parallaxes of a view share (two stops as one instrument; else 0), sigma_p
+is the rest, n points share k = max(1, n / c^2) independent matches (windows of c x c pixels
+overlap), s is the scatter within the cell and r the roughness of ground between pixels. Flat ground
+is known to (sigma_p/p) times the camera's height: centimetres at 20 m, though the range is not.
 
 The last term is for ground that stereo takes for seen although it is not. Relief lower than the
 window's height on the ground, c Z/f, is not resolved, and hides ground of which the matcher makes
@@ -38,6 +40,7 @@ import numpy as np
 
 from photogrammetry.arrays import Float64
 from photogrammetry.errors import TerrainError
+from photogrammetry.matching.dense import SharedSigma
 from photogrammetry.terrain.grid import BLOCK, MapGrid
 from photogrammetry.terrain.ground import SightParams, camera_on_map, map_from_pair_rotation
 from photogrammetry.terrain.heights import ViewHeights, view_heights
@@ -161,7 +164,10 @@ def _variances(
     P = np.column_stack([east, north, entries.height]) - camera
     Z = np.maximum(np.einsum("ij,ij->i", P, forward), grid.cell_m)
     leaving = P[:, 2] - g_east * P[:, 0] - g_north * P[:, 1]
-    along = (entries.sigma_px * Z / (focal * base) * leaving) ** 2
+    shared_px = _shared_px(views, entries.view, focal * base / Z)
+    own_px = np.sqrt(np.maximum(entries.sigma_px.astype(np.float64) ** 2 - shared_px**2, 0.0))
+    along = (own_px * Z / (focal * base) * leaving) ** 2
+    together = (shared_px * Z / (focal * base) * leaving) ** 2
     across = (params.sigma_image_px * Z / focal) ** 2 * (1 + g_east**2 + g_north**2)
     matches = np.maximum(1.0, entries.points / params.correlation_px**2)
     points = np.maximum(1.0, entries.points)
@@ -169,10 +175,21 @@ def _variances(
     unresolved = params.correlation_px * Z / focal * grazing
     return (
         (along + across) / matches
+        + together
         + entries.scatter**2 / points
         + (params.roughness * entries.sag) ** 2
         + unresolved**2 / 12
     )
+
+
+def _shared_px(
+    views: Sequence[TerrainView], view: np.ndarray, parallax_px: Float64[np.ndarray, " entries"]
+) -> Float64[np.ndarray, " entries"]:
+    """Standard deviation that every entry's parallax shares with all others of its view."""
+    shared = [view.shared or SharedSigma() for view in views]
+    offset_px = np.array([one.offset_px for one in shared])[view]
+    stretch = np.array([one.stretch for one in shared])[view]
+    return np.hypot(offset_px, stretch * parallax_px)
 
 
 def _fuse(

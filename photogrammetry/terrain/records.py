@@ -9,6 +9,7 @@ from photogrammetry.arrays import Classes, GreyImage, Mask, ParallaxMap, Raster
 from photogrammetry.cameras.epipolar import EpipolarPair
 from photogrammetry.errors import TerrainError
 from photogrammetry.frames import Pose
+from photogrammetry.matching.dense import SharedSigma
 from photogrammetry.terrain.grid import MapGrid
 
 
@@ -25,6 +26,8 @@ class TerrainView:
     mask: Mask
     sigma_px: ParallaxMap | None = None
     """Standard deviation of every parallax, as matching states it; None where it is not known."""
+    shared: SharedSigma | None = None
+    """The part of it that all points of the view share."""
 
 
 class GroundClass(IntEnum):

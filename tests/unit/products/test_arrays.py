@@ -1,10 +1,12 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from photogrammetry.cameras.epipolar import EpipolarPair
 from photogrammetry.frames import Frame, FrameKind, Pose, rotation_of_roll_pitch_yaw, rover_frame
 from photogrammetry.imagery import StereoMatches
-from photogrammetry.matching.dense import DenseMatches
+from photogrammetry.matching.dense import DenseMatches, SharedSigma
 from products.arrays import (
     read_dense,
     read_matches,
@@ -40,6 +42,14 @@ def test_matches_and_their_geometry_come_back_exactly(tmp_path, rng):
 def dense_of(parallax: np.ndarray, rng: np.random.Generator) -> DenseMatches:
     sigma = rng.uniform(0.01, 1.0, parallax.shape).astype(np.float32)
     return DenseMatches(parallax, np.where(np.isfinite(parallax), sigma, np.float32(np.nan)))
+
+
+def test_what_all_parallaxes_share_comes_back(tmp_path, rng):
+    alone = dense_of(rng.uniform(1.0, 60.0, (8, 9)).astype(np.float32), rng)
+    shared = replace(alone, shared=SharedSigma(1.1, 0.005))
+    for dense in (alone, shared):
+        write_dense(tmp_path / "p.npz", dense)
+        assert read_dense(tmp_path / "p.npz").shared == dense.shared
 
 
 def test_dense_matches_come_back_within_half_a_step(tmp_path, rng):

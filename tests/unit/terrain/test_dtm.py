@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from photogrammetry.errors import TerrainError
+from photogrammetry.matching.dense import SharedSigma
 from photogrammetry.terrain.dtm import DtmParams, build_dtm
 from photogrammetry.terrain.grid import BLOCK, MapGrid
 from photogrammetry.terrain.records import GroundClass
@@ -208,3 +209,22 @@ def test_a_precise_parallax_makes_a_precise_elevation(scenes):
     np.testing.assert_array_equal(sigmas[1], whole)  # assumed where none is stated
     ratio = np.nanmedian(sigmas[0]) / np.nanmedian(sigmas[1])
     assert 0.1 < ratio < 0.9  # the image coordinate and what is not resolved remain
+
+
+def test_what_all_points_of_a_view_share_does_not_average_out(scenes):
+    view = scenes.view_of(scenes.level)
+    sigma_px = np.full(view.parallax.shape, 0.25, np.float32)
+    params = DtmParams(cell_m=0.32, correlation_px=1.0, max_relative_sigma=0.05)
+    own, both = (
+        build_dtm([replace(view, sigma_px=sigma_px, shared=shared)], params)
+        for shared in (None, SharedSigma(offset_px=0.25))
+    )
+    np.testing.assert_allclose(own.elevation, both.elevation, atol=1e-6)
+    assert (both.sigma_m > 0.999 * own.sigma_m)[own.ground != UNSEEN].all()
+    east, north = on_map(both)
+    place = (np.abs(east) < 0.5) & (np.abs(north - 6.0) < 0.5)
+    assert both.observations[place].min() > 10
+    depth = north[place] * np.cos(np.radians(20)) + 1.5 * np.sin(np.radians(20))
+    formula = 0.25 * depth / (300 * 0.2) * 1.5  # as of a single point
+    np.testing.assert_allclose(both.sigma_m[place], formula, rtol=0.1)
+    assert (own.sigma_m[place] < 0.5 * formula).all()
