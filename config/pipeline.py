@@ -24,13 +24,26 @@ from photogrammetry.matching.neighbours import LinkParams
 from photogrammetry.matching.single_views import MonoParams
 from photogrammetry.matching.sparse import SparseParams
 from photogrammetry.matching.tracks import TrackParams
+from photogrammetry.matching.wide_stereo import WideParams
 from photogrammetry.terrain.contours import ContourParams
 from photogrammetry.terrain.dtm import DtmParams
+from photogrammetry.terrain.far import FarContourParams, FarDtmParams
 from photogrammetry.terrain.footprints import FootprintParams
 from photogrammetry.terrain.orthophoto import OrthophotoParams
 from photogrammetry.terrain.surface import HillshadeParams, SlopeParams
 
 SHIPPED = Path(__file__).parent / "pipelines"
+
+
+@dataclass(frozen=True, slots=True)
+class FarGround:
+    """Whether two linked stops are used as one stereo instrument, and how."""
+
+    enabled: bool = False
+    """Off: it takes longer than all else that is done for a stop."""
+    matching: WideParams = field(default_factory=WideParams)
+    dtm: FarDtmParams = field(default_factory=FarDtmParams)
+    contour: FarContourParams = field(default_factory=FarContourParams)
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +68,7 @@ class PipelineConfig:
     slope: SlopeParams = field(default_factory=SlopeParams)
     hillshade: HillshadeParams = field(default_factory=HillshadeParams)
     footprints: FootprintParams = field(default_factory=FootprintParams)
+    wide: FarGround = field(default_factory=FarGround)
 
 
 def load_pipeline(name: str) -> PipelineConfig:

@@ -27,7 +27,7 @@ def map_stops(
     mapped = read_orientations(orientations, store)
     futures = {}
     for stop, pairs in matched.items():
-        oriented = _oriented(pairs, mapped.get(str(stop)))
+        oriented = oriented_pairs(pairs, mapped.get(str(stop)))
         if not oriented:
             continue
         dtm = build_dtm.submit(stop, oriented, config.dtm, landing, store)
@@ -50,7 +50,9 @@ def map_stops(
     return made
 
 
-def _oriented(pairs: list[PairProducts], mapped: MappedStop | None) -> tuple[OrientedPair, ...]:
+def oriented_pairs(
+    pairs: list[PairProducts], mapped: MappedStop | None
+) -> tuple[OrientedPair, ...]:
     """The pairs of a stop that the network has, looking from where the stop is mapped with them."""
     known = {o.pair_id: o for o in mapped.orientations} if mapped else {}
     return tuple(OrientedPair(p, known[p.files.id]) for p in pairs if p.files.id in known)

@@ -32,7 +32,8 @@ def match_pairs(inputs: SolInputs, report: SolReport) -> dict[StopId, list[PairP
     done, failed = settled(f"sol {sol}: match stereo pairs", futures)
     report.blame("match", failed)
     pictures = {
-        pair: picture_pair.submit(matched, workspace.store) for pair, matched in done.items()
+        pair: picture_pair.submit(matched, workspace.store, config.sparse)
+        for pair, matched in done.items()
     }
     report.blame("picture", settled(f"sol {sol}: picture the matches", pictures)[1])
     matched: dict[StopId, list[PairProducts]] = {stop: [] for stop in sorted(window)}

@@ -41,6 +41,9 @@ class ProductKind(StrEnum):
     ASPECT = "aspect"
     HILLSHADE = "hillshade"
     CONTOURS = "contours"
+    FAR_DTM = "far-dtm"
+    FAR_HILLSHADE = "far-hillshade"
+    FAR_CONTOURS = "far-contours"
     TRAVERSE = "traverse"
     STOPS = "stops"
     FOOTPRINTS = "footprints"
@@ -69,6 +72,9 @@ SUFFIX = {
     ProductKind.ASPECT: ".tif",
     ProductKind.HILLSHADE: ".tif",
     ProductKind.CONTOURS: ".geojson",
+    ProductKind.FAR_DTM: ".tif",
+    ProductKind.FAR_HILLSHADE: ".tif",
+    ProductKind.FAR_CONTOURS: ".geojson",
     ProductKind.TRAVERSE: ".geojson",
     ProductKind.STOPS: ".geojson",
     ProductKind.FOOTPRINTS: ".geojson",
@@ -76,6 +82,14 @@ SUFFIX = {
     ProductKind.TIE_POINTS: ".geojson",
     ProductKind.QUICKLOOK: ".png",
 }
+
+
+FAR = {
+    ProductKind.DTM: ProductKind.FAR_DTM,
+    ProductKind.HILLSHADE: ProductKind.FAR_HILLSHADE,
+    ProductKind.CONTOURS: ProductKind.FAR_CONTOURS,
+}
+"""Kinds of a stop's map, and of its map of far ground: layers of their own beside each other."""
 
 
 class ScopeLevel(StrEnum):
@@ -129,6 +143,10 @@ class ProductRef:
     scope: Scope
     digest: str
     """Hexadecimal digest of the recipe, 16 digits."""
+
+    def mapped_as(self, kind: ProductKind) -> ProductKind:
+        """The kind of a map made from this terrain model: that of far ground if it is one."""
+        return FAR[kind] if self.kind is ProductKind.FAR_DTM else kind
 
     @property
     def file_name(self) -> str:

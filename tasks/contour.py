@@ -17,7 +17,7 @@ from products.store import ProductStore
 from products.vector import Feature, write_features
 
 
-@task(cache_policy=NO_CACHE, task_run_name="contours-{dtm.scope}")
+@task(cache_policy=NO_CACHE, task_run_name="contours-{dtm.kind}-{dtm.scope}")
 def trace_contours(
     dtm: ProductRef, params: ContourParams, landing: LandingPoint, store: ProductStore
 ) -> ProductRef:
@@ -28,7 +28,9 @@ def trace_contours(
         contours = trace(terrain.elevation, terrain.grid, params)
         write_features(path, map(_feature, contours), landing)
 
-    return store.make(Recipe(ProductKind.CONTOURS, dtm.scope, (dtm,), (params, landing)), write)
+    kind = dtm.mapped_as(ProductKind.CONTOURS)
+    recipe = Recipe(kind, dtm.scope, (dtm,), (params, landing))
+    return store.make(recipe, write)
 
 
 def _feature(contour: Contour) -> Feature:

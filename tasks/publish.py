@@ -20,6 +20,9 @@ TITLES = {
     ProductKind.ASPECT: "Aspect",
     ProductKind.HILLSHADE: "Hillshade",
     ProductKind.CONTOURS: "Contours",
+    ProductKind.FAR_DTM: "Far elevation",
+    ProductKind.FAR_HILLSHADE: "Far hillshade",
+    ProductKind.FAR_CONTOURS: "Far contours",
     ProductKind.TRAVERSE: "Traverse",
     ProductKind.STOPS: "Stops",
     ProductKind.FOOTPRINTS: "Image footprints",
@@ -32,6 +35,8 @@ RASTERS = {
     ProductKind.SLOPE,
     ProductKind.ASPECT,
     ProductKind.HILLSHADE,
+    ProductKind.FAR_DTM,
+    ProductKind.FAR_HILLSHADE,
 }
 
 

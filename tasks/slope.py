@@ -39,7 +39,7 @@ def map_aspect(
     )
 
 
-@task(cache_policy=NO_CACHE, task_run_name="hillshade-{dtm.scope}")
+@task(cache_policy=NO_CACHE, task_run_name="hillshade-{dtm.kind}-{dtm.scope}")
 def shade_relief(
     dtm: ProductRef, params: HillshadeParams, landing: LandingPoint, store: ProductStore
 ) -> ProductRef:
@@ -64,4 +64,4 @@ def _mapped(  # noqa: PLR0913, PLR0917 - what the three tasks differ in, and the
             path, terrain.grid, {str(kind): compute(terrain)}, local_crs(landing), unit=unit
         )
 
-    return store.make(Recipe(kind, dtm.scope, (dtm,), (params, landing)), write)
+    return store.make(Recipe(dtm.mapped_as(kind), dtm.scope, (dtm,), (params, landing)), write)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -10,17 +11,22 @@ import numpy as np
 from prefect import task
 from prefect.cache_policies import NO_CACHE
 
-from photogrammetry.imagery import Eye, StereoMatches
+from photogrammetry.arrays import Vector3
+from photogrammetry.imagery import Eye, StereoMatches, StopId
 from photogrammetry.matching.resampling import resample
-from photogrammetry.matching.wide_eyes import WideEye, in_order
+from photogrammetry.matching.wide_eyes import InstrumentLimits, WideEye, in_order, wide_pairs
 from photogrammetry.matching.wide_stereo import WideMatches, WideParams, match_wide
+from photogrammetry.terrain.dtm import build_dtm as model_terrain
+from photogrammetry.terrain.far import FarDtmParams
 from photogrammetry.terrain.records import TerrainView
 from products.arrays import read_dense, read_matches, read_parallax, write_dense, write_matches
+from products.crs import LandingPoint, local_crs
 from products.model import ProductKind, ProductRef, Recipe
+from products.raster import write_dtm
 from products.store import ProductStore
 from tasks.images import read_product_image
-from tasks.scopes import pair_scope
-from tasks.views import OrientedPair
+from tasks.scopes import pair_scope, stop_scope
+from tasks.views import OrientedPair, inputs_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +39,11 @@ class WidePair:
     parallax: ProductRef
 
     @property
+    def inputs(self) -> tuple[ProductRef, ...]:
+        """The products that mapping reads."""
+        return (*inputs_of(self.eyes), self.matches, self.parallax)
+
+    @property
     def id(self) -> str:
         """Named after both pairs."""
         return wide_id(self.eyes)
@@ -41,6 +52,43 @@ class WidePair:
 def wide_id(eyes: tuple[OrientedPair, OrientedPair]) -> str:
     """The identifiers of both pairs."""
     return "-with-".join(eye.products.files.id for eye in eyes)
+
+
+def choose_wide_pairs(
+    ones: Iterable[OrientedPair],
+    others: Iterable[OrientedPair],
+    limits: InstrumentLimits,
+    store: ProductStore,
+) -> list[tuple[OrientedPair, OrientedPair]]:
+    """The pairs of two stops that make an instrument, without a look at their images."""
+    sides: tuple[dict[str, list[_Outlook]], ...] = ({}, {})
+    for side, pairs in zip(sides, (ones, others), strict=True):
+        for pair in pairs:
+            instrument = pair.products.files.instrument
+            if not instrument.endswith("HAZCAM"):  # they look at the ground before the wheels
+                side.setdefault(instrument, []).append(_Outlook.of(pair, store))
+    return [
+        (one.pair, other.pair)
+        for instrument in sides[0].keys() & sides[1].keys()
+        for one, other in wide_pairs(sides[0][instrument], sides[1][instrument], limits)
+    ]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Outlook:
+    """Where an oriented pair stands and looks, as far as its matches tell."""
+
+    pair: OrientedPair
+    centre: Vector3
+    view: Vector3
+
+    @classmethod
+    def of(cls, pair: OrientedPair, store: ProductStore) -> _Outlook:
+        geometry, _ = read_matches(store.path(pair.products.matches))
+        pose = pair.orientation.lsl_from(geometry.rover_from_pair.source)
+        half = np.array([(geometry.samples - 1) / 2, (geometry.lines - 1) / 2])
+        ray = np.r_[(half - geometry.centre_px) / geometry.focal_px, 1.0]
+        return cls(pair, pose.translation_m, pose.rotation @ ray / np.linalg.norm(ray))
 
 
 @task(cache_policy=NO_CACHE, task_run_name="wide-{one.orientation.pair_id}")
@@ -62,7 +110,7 @@ def match_wide_pair(
     def write_parallax(path: Path) -> None:
         write_dense(path, matched().dense)
 
-    inputs = tuple(ref for eye in eyes for ref in eye.inputs)
+    inputs = inputs_of(eyes)
     settings = (params, *(eye.orientation for eye in eyes))
     scope = pair_scope(wide_id(eyes))
     matches = Recipe(ProductKind.MATCHES, scope, inputs, settings)
@@ -101,4 +149,25 @@ def read_wide_view(pair: WidePair, store: ProductStore) -> TerrainView:
         image=image,
         mask=mask,
         sigma_px=dense.sigma_px,
+        shared=dense.shared,
+    )
+
+
+@task(cache_policy=NO_CACHE, task_run_name="far-dtm-{stop}")
+def build_far_dtm(
+    stop: StopId,
+    pairs: tuple[WidePair, ...],
+    params: FarDtmParams,
+    landing: LandingPoint,
+    store: ProductStore,
+) -> ProductRef:
+    """Build the terrain model of the far ground that a stop sees together with earlier ones."""
+
+    def write(path: Path) -> None:
+        views = [read_wide_view(pair, store) for pair in pairs]
+        write_dtm(path, model_terrain(views, params), local_crs(landing))
+
+    inputs = tuple(ref for pair in pairs for ref in pair.inputs)
+    return store.make(
+        Recipe(ProductKind.FAR_DTM, stop_scope(stop), inputs, (params, landing)), write
     )

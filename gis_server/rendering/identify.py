@@ -52,8 +52,12 @@ class Identified:
 
     @property
     def elevation(self) -> LayerValue | None:
-        """The elevation from the most comprehensive terrain model that has one here."""
-        return next((v for v in self.values if v.layer.ref.kind == ProductKind.DTM), None)
+        """The elevation from the most comprehensive terrain model that has one here.
+
+        Models of far ground are asked last: close to the stops others know better.
+        """
+        kinds = (ProductKind.DTM, ProductKind.FAR_DTM)
+        return next((v for kind in kinds for v in self.values if v.layer.ref.kind == kind), None)
 
 
 def identify(

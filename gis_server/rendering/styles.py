@@ -50,6 +50,8 @@ STYLES = {
     ProductKind.SLOPE: Style(INFERNO, (0.0, 40.0), "degree"),
     ProductKind.ASPECT: Style(TWILIGHT, (0.0, 360.0), "degree"),
     ProductKind.HILLSHADE: Style(GREY, (0.0, 1.0), has_legend=False),
+    ProductKind.FAR_DTM: Style(VIRIDIS, unit="m"),
+    ProductKind.FAR_HILLSHADE: Style(GREY, (0.0, 1.0), has_legend=False),
 }
 """Slopes end at 40 degrees: loose ground is no steeper, and no rover climbs it."""
 

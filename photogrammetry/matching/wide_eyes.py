@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 
@@ -31,6 +32,22 @@ class InstrumentLimits:
     """Between the views: two thirds of a Navcam's field, of which a third is then shared."""
 
 
+@runtime_checkable
+class Looking(Protocol):
+    """What can be chosen for an eye: `WideEye` is one, and so is a pair that is not read yet."""
+
+    @property
+    def centre(self) -> Vector3:
+        """Where it stands, in the LSL, metres."""
+
+    @property
+    def view(self) -> Vector3:
+        """Direction of the middle of its image, in the LSL, of length one."""
+
+
+L = TypeVar("L", bound=Looking)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class WideEye:
     """A matched pair of a stop, of which the left image is one eye of the wide instrument."""
@@ -52,22 +69,27 @@ class WideEye:
         return self.image.shape[1], self.image.shape[0]
 
     @property
+    def centre(self) -> Vector3:
+        """Perspective centre of the left camera, in the LSL."""
+        return self.camera.centre
+
+    @property
     def view(self) -> Vector3:
         """Direction of the middle of the image, in the LSL."""
         middle = np.array([[(n - 1) / 2 for n in self.size]])
         return self.camera.rays(middle)[0]
 
 
-def in_order(one: WideEye, other: WideEye) -> tuple[WideEye, WideEye]:
+def in_order(one: L, other: L) -> tuple[L, L]:
     """The two eyes, that on the left of what both look at first; down is the third axis."""
     forward = one.view + other.view
     right = np.array([-forward[1], forward[0], 0.0])
-    return (one, other) if (other.camera.centre - one.camera.centre) @ right > 0 else (other, one)
+    return (one, other) if (other.centre - one.centre) @ right > 0 else (other, one)
 
 
-def why_no_wide_pair(left: WideEye, right: WideEye, limits: InstrumentLimits) -> str | None:
+def why_no_wide_pair(left: Looking, right: Looking, limits: InstrumentLimits) -> str | None:
     """What speaks against using two pairs as one instrument; None if nothing does."""
-    base = right.camera.centre - left.camera.centre
+    base = right.centre - left.centre
     base_m = float(np.linalg.norm(base))
     if not limits.least_base_m <= base_m <= limits.largest_base_m:
         return f"a base of {base_m:.1f} m"
@@ -81,8 +103,8 @@ def why_no_wide_pair(left: WideEye, right: WideEye, limits: InstrumentLimits) ->
 
 
 def wide_pairs(
-    ones: Sequence[WideEye], others: Sequence[WideEye], limits: InstrumentLimits
-) -> list[tuple[WideEye, WideEye]]:
+    ones: Sequence[L], others: Sequence[L], limits: InstrumentLimits
+) -> list[tuple[L, L]]:
     """The pairs of two stops that make an instrument: every one with the other it agrees best with.
 
     Each comes in order, the left eye first.

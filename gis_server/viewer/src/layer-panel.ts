@@ -80,6 +80,7 @@ function symbolLegend(layer: VectorLayer, actions: LayerActions): HTMLElement | 
         ),
       );
     case "contours":
+    case "far-contours":
       return h(
         "div",
         { class: "legend" },

@@ -54,6 +54,15 @@ test("the widest product of a kind is shown at first, and slope is not", () => {
   ]);
 });
 
+test("far ground lies under the map of its stop, and is off at first", () => {
+  const far = rasterLayer(STOP_2, "far-dtm");
+  expect(zIndex(far)).toBeLessThan(zIndex({ kind: "hillshade", level: "region" }));
+  expect(firstState(far, [far, ...LAYERS]).visible).toBe(false);
+  expect(kindTitle("far-dtm")).toBe("Far elevation (DTM)");
+  const [, , stop] = groupLayers([far, ...LAYERS]);
+  expect(stop?.layers.at(-1)).toBe(far);
+});
+
 test("relief shows through the orthophoto", () => {
   expect(firstState(rasterLayer("mer2", "orthophoto"), LAYERS).opacity).toBeLessThan(1);
   expect(firstState(rasterLayer("mer2", "hillshade"), LAYERS).opacity).toBe(1);

@@ -17,6 +17,8 @@ export interface LayerState {
 
 /** From the bottom of the map to its top. */
 const STACK = [
+  "far-hillshade",
+  "far-dtm",
   "hillshade",
   "orthophoto",
   "dtm",
@@ -24,6 +26,7 @@ const STACK = [
   "slope",
   "aspect",
   "footprints",
+  "far-contours",
   "contours",
   "pointing",
   "tie-points",
@@ -43,6 +46,9 @@ const LISTED = [
   "dtm",
   "slope",
   "aspect",
+  "far-contours",
+  "far-hillshade",
+  "far-dtm",
 ];
 
 const LEVELS: readonly Level[] = ["region", "sol", "stop"];
@@ -50,6 +56,7 @@ const ON = new Set(["hillshade", "orthophoto", "contours", "traverse", "stops"])
 const OPACITY: Readonly<Record<string, number>> = {
   orthophoto: 0.8,
   dtm: 0.6,
+  "far-dtm": 0.6,
   slope: 0.6,
   aspect: 0.6,
 };
@@ -61,6 +68,9 @@ const KIND_TITLES: Readonly<Record<string, string>> = {
   aspect: "Aspect",
   hillshade: "Hillshade",
   contours: "Contours",
+  "far-dtm": "Far elevation (DTM)",
+  "far-hillshade": "Far hillshade",
+  "far-contours": "Far contours",
   traverse: "Traverse",
   stops: "Stops",
   footprints: "Image footprints",

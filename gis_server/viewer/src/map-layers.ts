@@ -74,7 +74,7 @@ function vector(layer: VectorLayer, state: DrawingState): Shown {
     map: new OlVectorLayer({
       source,
       style: drawingOf(layer.kind, state),
-      declutter: layer.kind === "contours" || layer.kind === "stops",
+      declutter: ["contours", "far-contours", "stops"].includes(layer.kind),
       updateWhileInteracting: true,
     }),
     load: () => {

@@ -16,11 +16,13 @@ export function decimalsFor(resolution: number): number {
   return Math.min(3, Math.max(0, Math.ceil(-Math.log10(resolution))));
 }
 
+const isElevation = (kind: string) => kind === "dtm" || kind === "far-dtm";
+
 /** The value that lies uppermost on the screen; elevation is told anyway. */
 function uppermost(found: Identified | null, heightOf: (layer: string) => number | null) {
   const shown = (found?.layers ?? [])
     .map((layer) => ({ layer, height: heightOf(layer.id) }))
-    .filter(({ layer, height }) => layer.kind !== "dtm" && height !== null);
+    .filter(({ layer, height }) => !isElevation(layer.kind) && height !== null);
   return shown.sort((a, b) => (b.height ?? 0) - (a.height ?? 0))[0]?.layer;
 }
 

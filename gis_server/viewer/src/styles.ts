@@ -193,6 +193,7 @@ export function drawingOf(kind: string, state: DrawingState): Draw {
     case "stops":
       return (feature) => drawStop(feature, state);
     case "contours":
+    case "far-contours":
       return drawContour;
     case "footprints":
     case "pointing":

@@ -1,5 +1,6 @@
 import hashlib
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -332,6 +333,23 @@ def test_the_most_comprehensive_terrain_model_gives_the_elevation(own_world):
     assert place["elevation_m"] == pytest.approx(100.0 + elevation_at(7.0, 6.5), abs=0.01)
     assert [v["scope"] for v in place["layers"] if v["kind"] == "dtm"] == ["mer2", STOP.name]
     assert layer.id == "mer2/dtm"
+
+
+def test_far_ground_gives_the_elevation_where_no_stop_has_been(own_world):
+    client = TestClient(create_app(own_world.root))
+    beyond = replace(GRID, west=GRID.west - GRID.cols * GRID.cell_m, cols=2 * GRID.cols)
+    elevation = np.full(beyond.shape, 7.5, np.float32)
+
+    def write(path):
+        write_raster(path, beyond, {"elevation": elevation}, CRS, unit="m")
+
+    own_world.publish_raster(ProductKind.FAR_DTM, REGION, write)
+    for east, expected in ((7.0, elevation_at(7.0, 6.5)), (GRID.west - 1.0, 7.5)):
+        query = {"east": east, "north": 6.5}
+        place = client.get("/api/missions/MER2/identify", params=query).json()
+        assert place["elevation_m"] == pytest.approx(expected, abs=0.01)
+    layer = layers_of(client)["mer2/far-dtm"]
+    assert layer["legend"]["unit"] == "m"
 
 
 def test_a_product_that_was_damaged_or_removed_is_named_and_the_rest_is_served(own_world):

@@ -1,0 +1,100 @@
+"""Map the far ground that two linked stops see as one stereo instrument."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from prefect.futures import PrefectFuture
+
+from flows.outcomes import promised, settled
+from flows.sol_inputs import SolInputs, SolReport, Standing
+from flows.sol_maps import oriented_pairs
+from photogrammetry.errors import MatchingError, TerrainError
+from photogrammetry.imagery import StopId
+from products.model import ProductRef
+from tasks.adjust import read_network
+from tasks.contour import trace_contours
+from tasks.orientations import read_orientations
+from tasks.pairs import PairProducts
+from tasks.slope import shade_relief
+from tasks.wide import WidePair, build_far_dtm, choose_wide_pairs, match_wide_pair, wide_id
+
+FINDINGS = tuple(f"{error.__name__}: " for error in (MatchingError, TerrainError))
+"""How a line begins that tells of the images and not of a fault: the light was not alike."""
+
+
+def map_far_ground(
+    inputs: SolInputs,
+    standing: Standing,
+    matched: Mapping[StopId, list[PairProducts]],
+    report: SolReport,
+) -> dict[StopId, list[ProductRef]]:
+    """A map of far ground for every stop that is linked with earlier ones, if that is wanted."""
+    if not inputs.config.wide.enabled:
+        return {}
+    pairs = _match(inputs, standing, matched, report)
+    config, store, landing = inputs.config, inputs.workspace.store, inputs.landing
+    futures = {}
+    for stop, views in pairs.items():
+        dtm = build_far_dtm.submit(stop, tuple(views), config.wide.dtm, landing, store)
+        terrain = promised(dtm)
+        futures[stop, "elevation"] = dtm
+        futures[stop, "contours"] = trace_contours.submit(
+            terrain, config.wide.contour, landing, store
+        )
+        futures[stop, "hillshade"] = shade_relief.submit(terrain, config.hillshade, landing, store)
+    done, failed = settled(f"sol {report.sol}: map far ground", futures)
+    _tell(report, {f"{kind} of {stop}": cause for (stop, kind), cause in failed.items()})
+    made: dict[StopId, list[ProductRef]] = {}
+    for (stop, _), ref in done.items():
+        made.setdefault(stop, []).append(ref)
+    return made
+
+
+def _match(
+    inputs: SolInputs,
+    standing: Standing,
+    matched: Mapping[StopId, list[PairProducts]],
+    report: SolReport,
+) -> dict[StopId, list[WidePair]]:
+    """What was matched between the pairs of linked stops, by the later stop."""
+    store, params = inputs.workspace.store, inputs.config.wide.matching
+    mapped = read_orientations(standing.orientations, store)
+    oriented = {
+        stop: oriented_pairs(pairs, mapped.get(str(stop))) for stop, pairs in matched.items()
+    }
+    futures: dict[tuple[StopId, str], PrefectFuture[WidePair]] = {}
+    for earlier, later in _linked(standing, matched, inputs):
+        chosen = choose_wide_pairs(oriented[later], oriented[earlier], params.limits, store)
+        for eyes in chosen:
+            futures[later, wide_id(eyes)] = match_wide_pair.submit(*eyes, params, store)
+    done, failed = settled(f"sol {report.sol}: match pairs across stops", futures)
+    _tell(report, {name: cause for (_, name), cause in failed.items()})
+    pairs: dict[StopId, list[WidePair]] = {}
+    for (later, _), pair in done.items():
+        pairs.setdefault(later, []).append(pair)
+    return pairs
+
+
+def _linked(
+    standing: Standing, matched: Mapping[StopId, list[PairProducts]], inputs: SolInputs
+) -> list[tuple[StopId, StopId]]:
+    """Stops of the window that ties join, the earlier one first."""
+    names = {str(stop): stop for stop in matched}
+    links = read_network(standing.network, inputs.workspace.store).links
+    return [
+        (names[link["earlier"]], names[link["later"]])
+        for link in links
+        if link["linked"] and {link["earlier"], link["later"]} <= names.keys()
+    ]
+
+
+def _tell(report: SolReport, failed: Mapping[str, str]) -> None:
+    """Take down what the images do not give as a note, anything else as a failure."""
+    findings = {what: cause for what, cause in failed.items() if cause.startswith(FINDINGS)}
+    report.notes += [
+        f"no far ground, {what}: {cause.partition(': ')[2]}" for what, cause in findings.items()
+    ]
+    report.blame(
+        "map far ground", {what: cause for what, cause in failed.items() if what not in findings}
+    )

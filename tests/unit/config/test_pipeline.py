@@ -1,0 +1,34 @@
+"""Pipelines as they are shipped, and what a file of one's own may say."""
+
+import pytest
+
+from config.errors import ConfigError
+from config.pipeline import SHIPPED, PipelineConfig, load_pipeline
+from photogrammetry.terrain.far import FarDtmParams
+
+
+def test_every_shipped_pipeline_can_be_loaded():
+    names = [path.stem for path in SHIPPED.glob("*.toml")]
+    assert {"default", "quicklook"} <= set(names)
+    for name in names:
+        assert isinstance(load_pipeline(name), PipelineConfig)
+
+
+def test_far_ground_is_mapped_where_a_pipeline_wants_it(tmp_path):
+    assert not load_pipeline("default").wide.enabled
+    file = tmp_path / "far.toml"
+    file.write_text(
+        "[wide]\nenabled = true\n[wide.dtm]\ncell_m = 1.28\n"
+        "[wide.matching.limits]\nleast_base_m = 5.0\n"
+    )
+    wide = load_pipeline(str(file)).wide
+    assert wide.enabled
+    assert wide.dtm == FarDtmParams(cell_m=1.28)  # the others are those of far ground
+    assert wide.matching.limits.least_base_m == 5.0
+
+
+def test_a_setting_that_far_ground_does_not_have_is_named(tmp_path):
+    file = tmp_path / "far.toml"
+    file.write_text("[wide]\nradius_m = 500.0\n")
+    with pytest.raises(ConfigError, match=r"far\.toml\.wide has no setting 'radius_m'"):
+        load_pipeline(str(file))
