@@ -1,6 +1,7 @@
 """Matching held against truth on three terrains, each under a sun of its own.
 
-Run with `-s` for the figures; plain StereoSGBM of OpenCV matches the same images beside ours.
+Run with `-s` for the figures; plain StereoSGBM of OpenCV matches the same images beside ours. The
+rendered world of others is judged as well, where its grid says what the parallax is.
 """
 
 from dataclasses import dataclass
@@ -24,6 +25,7 @@ from photogrammetry.synthetic.world import (
     photograph,
     true_parallax,
 )
+from tests.support.husband_truth import judged_pairs
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 
@@ -109,3 +111,61 @@ def test_dense_parallax_is_true_and_knows_how_true(case):
     assert figures[0][2] > 0.75
     assert within[0] == pytest.approx(0.68, abs=0.08)
     assert np.isfinite(dense.parallax_px[np.isnan(case.truth)]).mean() < 0.15  # sky and occlusions
+
+
+TRUTH_WIDTH_PX = 1.0
+"""What the truth grid may leave open to be a judge of matches to 1 px; the same for every pair."""
+
+
+@pytest.fixture(scope="module", params=["NAVCAM", "PANCAM"])
+def rendered(request, husband):
+    """(pair, its matches, their errors, width of the truth) of the three rendered stops."""
+    pairs = [pair for sol in (155, 156, 157) for pair in judged_pairs(husband, sol, request.param)]
+    judged = []
+    for pair in pairs if request.param == "PANCAM" else pairs[::3]:
+        matches = match_sparsely(pair.name, pair.images)
+        parallax, width = pair.true_parallax(matches.left)
+        judged.append((pair, matches, matches.parallax_px - parallax, width))
+    return judged
+
+
+def test_matches_in_the_rendered_world_are_true_where_its_grid_can_tell(rendered):
+    for pair, matches, error, width in rendered:
+        off, told = np.abs(error[width < TRUTH_WIDTH_PX]), np.abs(error[np.isfinite(error)])
+        print(  # noqa: T201 - figures for the docs
+            f"\n{pair.name}: {len(matches)} matches, {np.mean(told < 1):.2%} within 1 px; "
+            f"of {len(off)} that can be judged {np.mean(off < 1):.2%} within 1 px, "
+            f"{np.mean(off < 0.3):.2%} within 0.3 px, median {np.median(off):.3f} px"
+        )
+        assert len(off) > 200
+        assert (off < 1).mean() >= 0.99
+        assert np.median(off) < 0.15
+
+
+def test_where_match_and_grid_differ_the_images_side_with_the_match(rendered):
+    """They correlate better at the match's parallax, in windows a third as wide as the match's."""
+    at_match, at_truth = [], []
+    for pair, matches, error, _ in rendered:
+        for k in np.nonzero(np.abs(error) > 1)[0]:
+            point, parallax = matches.left[k], float(matches.parallax_px[k])
+            at_match.append(likeness(pair.images, point, parallax))
+            at_truth.append(likeness(pair.images, point, parallax - float(error[k])))
+    better = np.mean(np.array(at_match) > np.array(at_truth))
+    print(  # noqa: T201 - figures for the docs
+        f"\n{len(at_match)} matches differ by more than 1 px; median correlation "
+        f"{np.median(at_match):.2f} at the match, {np.median(at_truth):.2f} at the truth, "
+        f"better at the match {better:.0%}"
+    )
+    assert better > 0.9
+
+
+def likeness(images, point, parallax_px, window_px=5):
+    """Correlation of windows around a left point and its conjugate, best within 0.3 px of it."""
+    left = window(images.left, point, window_px)
+    shifts = parallax_px + np.arange(-3, 4) / 10
+    rights = [window(images.right, point - [shift, 0.0], window_px) for shift in shifts]
+    return max(float(cv2.matchTemplate(r, left, cv2.TM_CCOEFF_NORMED)[0, 0]) for r in rights)
+
+
+def window(image, centre, side_px):
+    return cv2.getRectSubPix(image, (side_px, side_px), tuple(map(float, centre)))
