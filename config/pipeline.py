@@ -40,7 +40,8 @@ class FarGround:
     """Whether two linked stops are used as one stereo instrument, and how."""
 
     enabled: bool = False
-    """Off: it takes longer than all else that is done for a stop."""
+    """Off: every link of two panoramas takes as long again as matching a stop, and what a run is
+    waited for are the maps of the stops."""
     matching: WideParams = field(default_factory=WideParams)
     dtm: FarDtmParams = field(default_factory=FarDtmParams)
     contour: FarContourParams = field(default_factory=FarContourParams)
