@@ -23,7 +23,7 @@ from photogrammetry.matching.landmark_pictures import draw_features
 from photogrammetry.matching.pictures import draw_pair
 from photogrammetry.matching.records import MatchedPair, MatchedStop
 from photogrammetry.matching.sparse import SparseParams, match_interest_points
-from photogrammetry.matching.tie_pictures import Shown, draw_sheet, misfits
+from photogrammetry.matching.tie_pictures import Shown, caption, draw_sheet, misfits
 from photogrammetry.matching.ties import Ties
 from photogrammetry.terrain.pictures import class_picture, relief_picture
 from photogrammetry.terrain.surface import HillshadeParams
@@ -37,6 +37,10 @@ from tasks.scopes import pair_scope
 
 MAX_WIDTH = 1536
 """Of a picture, pixels: a screen's width."""
+FROM_ABOVE = (
+    "from above, north up: earlier stop in red, later in cyan, grey where they agree; "
+    "then earlier and later beside each other, lines between features that agree"
+)
 
 
 @task(cache_policy=NO_CACHE, task_run_name="picture-{pair.files.id}")
@@ -86,20 +90,22 @@ def write_sheet(path: Path, images: Iterable[Shown], ties: Ties, misfit: PerPoin
 def write_link_picture(
     path: Path, earlier: StopViews, later: StopViews, link: SiteLink, params: CrossSiteParams
 ) -> None:
-    """Both stops from above as the link found them to stand, and all its ties."""
+    """The verdict, both stops from above as the link found them to stand, and all its ties.
+
+    What is the earlier stop's is left, and red where the two are laid over each other.
+    """
     if link.fit is None:
-        above = np.zeros((16, 16, 3), np.uint8)  # no place was found to lay them over
+        above = np.zeros((16, MAX_WIDTH, 3), np.uint8)  # no place was found to lay them over
     else:
         above = _from_above(earlier, later, link.fit, params)
-    if not len(link.ties):
-        write_picture(path, above)
-        return
     pairs = [pair for views in (earlier, later) for pair in views.stop.pairs]
     alignment = params.trials.alignment
     share = misfits(
         link.ties, _geometries(pairs), link.earlier_from_later, link.covariance, alignment
     )
-    write_picture(path, _stacked(above, draw_sheet(map(Shown.of, pairs), link.ties, share)))
+    sheet = draw_sheet(map(Shown.of, pairs), link.ties, share, first_left=True)
+    heads = [caption(text, sheet.shape[1]) for text in (str(link), FROM_ABOVE)]
+    write_picture(path, np.vstack([*heads, _stacked(above, sheet)]))
 
 
 def _from_above(

@@ -26,6 +26,9 @@ COLUMNS = 2
 """Couples of images side by side on a sheet."""
 SHEET_PX = 1536
 TITLE_PX = 22
+LEGEND = (
+    "a tie's line: green where it agrees with all others, yellow, red at the limit of the verdict"
+)
 LEAST_SHEET_PX = 64
 GREY_STEP = 8
 """Grey values are told apart by so much: the noise of soil makes up most of a picture's bytes."""
@@ -87,19 +90,25 @@ def draw_ties(
     return picture
 
 
-def draw_sheet(images: Iterable[Shown], ties: Ties, misfit: PerPoint) -> Picture:
-    """All couples of images that ties join, two to a row, those with most ties first."""
+def draw_sheet(
+    images: Iterable[Shown], ties: Ties, misfit: PerPoint, *, first_left: bool = False
+) -> Picture:
+    """All couples of images that ties join, two to a row, those with most ties first.
+
+    With `first_left` the image where ties start, the earlier stop's, is always left; without, the
+    couple is so ordered that what both show is next to each other.
+    """
     shown = {image.name: image for image in images}
     counts = sorted(ties.counts().items(), key=lambda item: -item[1])
     cells = [
-        _cell(*_side_by_side(shown[one], shown[other], ties), ties, misfit)
+        _cell(*_side_by_side(shown[one], shown[other], ties, first_left=first_left), ties, misfit)
         for (one, other), _ in counts
         if one in shown and other in shown
     ]
     if not cells:
         return np.zeros((LEAST_SHEET_PX, SHEET_PX, 3), np.uint8)
     width = SHEET_PX // COLUMNS
-    rows = []
+    rows = [caption(LEGEND, SHEET_PX)]
     for k in range(0, len(cells), COLUMNS):
         row = cells[k : k + COLUMNS]
         height = max(cell.shape[0] for cell in row)
@@ -110,9 +119,20 @@ def draw_sheet(images: Iterable[Shown], ties: Ties, misfit: PerPoint) -> Picture
     return np.vstack(rows)
 
 
-def _side_by_side(first: Shown, second: Shown, ties: Ties) -> tuple[Shown, Shown, Flags]:
-    """A couple so ordered that what both show is next to each other, and the ties between them."""
+def caption(text: str, width: int) -> Picture:
+    """A line of white text on black."""
+    line = np.zeros((TITLE_PX, width, 3), np.uint8)
+    place, white = (2, 15), (255, 255, 255)
+    return cv2.putText(line, text, place, cv2.FONT_HERSHEY_SIMPLEX, 0.42, white, 1, cv2.LINE_AA)
+
+
+def _side_by_side(
+    first: Shown, second: Shown, ties: Ties, *, first_left: bool
+) -> tuple[Shown, Shown, Flags]:
+    """A couple as it is to stand, and the ties between them."""
     rows = _between(ties, first.name, second.name)
+    if first_left:
+        return first, second, rows
     shares = [
         float(np.mean(left[rows, 0])) / shown.image.shape[1]
         for left, shown in ((ties.first_left, first), (ties.second_left, second))
@@ -125,12 +145,9 @@ def _cell(first: Shown, second: Shown, rows: Flags, ties: Ties, misfit: PerPoint
     wide = first.image.shape[1] + second.image.shape[1]
     scale = (SHEET_PX // COLUMNS - 2 * GAP_PX) / wide
     drawn = draw_ties(first, second, ties.taking(rows), misfit[rows], scale)
-    title = np.zeros((TITLE_PX, drawn.shape[1], 3), np.uint8)
-    text = f"{first.name} - {second.name}: {int(rows.sum())} ties"
-    cv2.putText(
-        title, text, (2, 15), cv2.FONT_HERSHEY_SIMPLEX, 0.42, (255, 255, 255), 1, cv2.LINE_AA
-    )
-    return np.vstack([title, drawn])
+    count = int(rows.sum())
+    text = f"{first.name} - {second.name}: {count} {'tie' if count == 1 else 'ties'}"
+    return np.vstack([caption(text, drawn.shape[1]), drawn])
 
 
 def _small(image: Picture, scale: float) -> UInt8[np.ndarray, "height width 3"]:

@@ -85,3 +85,12 @@ def test_a_sheet_shows_every_couple_of_a_stop(first_stop):
 def test_a_sheet_without_ties_is_black(first_stop):
     nothing = Ties.none(tuple(pair.pair_id for pair in first_stop.pairs))
     assert not draw_sheet(map(Shown.of, first_stop.pairs), nothing, np.zeros(0)).any()
+
+
+def test_the_earlier_stop_stays_left_where_that_is_asked_for(first_stop):
+    one, other = map(Shown.of, first_stop.pairs[:2])
+    ties = tie((one.name, other.name), (50, 100), (200, 100))  # side by side, `other` goes left
+    fixed, free = (draw_sheet((one, other), ties, FITS, first_left=f) for f in (True, False))
+    swapped = tie((other.name, one.name), (200, 100), (50, 100))
+    np.testing.assert_array_equal(free, draw_sheet((one, other), swapped, FITS, first_left=True))
+    assert (fixed != free).any()
