@@ -69,7 +69,7 @@ def choose_wide_pairs(
                 side.setdefault(instrument, []).append(_Outlook.of(pair, store))
     return [
         (one.pair, other.pair)
-        for instrument in sides[0].keys() & sides[1].keys()
+        for instrument in sorted(sides[0].keys() & sides[1].keys())
         for one, other in wide_pairs(sides[0][instrument], sides[1][instrument], limits)
     ]
 

@@ -1,0 +1,73 @@
+"""Which pairs of two stops are used as one instrument."""
+
+import numpy as np
+import pytest
+
+from photogrammetry.cameras.epipolar import EpipolarPair
+from photogrammetry.frames import Frame, FrameKind, Pose, rover_frame
+from photogrammetry.imagery import StereoMatches, StopId
+from photogrammetry.matching.wide_eyes import InstrumentLimits
+from products.arrays import write_matches
+from products.model import ProductKind, Recipe
+from products.store import ProductStore
+from tasks.images import ImageFile
+from tasks.pairs import PairFiles, PairProducts
+from tasks.scopes import pair_scope
+from tasks.views import Orientation, OrientedPair
+from tasks.wide import choose_wide_pairs
+
+
+@pytest.fixture
+def store(tmp_path) -> ProductStore:
+    return ProductStore.open(tmp_path)
+
+
+def looking(
+    store: ProductStore, name: str, azimuth_deg: float, east_m: float, instrument: str = "NAVCAM"
+) -> OrientedPair:
+    """A pair `east_m` east of the lander that looks level to an azimuth."""
+    frame = Frame(FrameKind.PAIR, (10, 0, 0, 1))
+    geometry = EpipolarPair(
+        Pose.identity(rover_frame(10, 0), frame), 0.2, 1200.0, (511.5, 511.5), 1024, 1024
+    )
+    nothing = StereoMatches(name, np.empty((0, 2)), np.empty(0), np.empty(0))
+    matches = store.make(
+        Recipe(ProductKind.MATCHES, pair_scope(name)),
+        lambda path: write_matches(path, geometry, nothing),
+    )
+    image = ImageFile(matches)
+    files = PairFiles(name, StopId("MER2", 10, 0), 155, instrument, image, image)
+    a = np.deg2rad(azimuth_deg)
+    right, down = np.array([-np.sin(a), np.cos(a), 0.0]), np.array([0.0, 0.0, 1.0])
+    forward = np.array([np.cos(a), np.sin(a), 0.0])
+    rotation = np.column_stack([right, down, forward])
+    place = (0.0, east_m, -1.5)
+    orientation = Orientation(name, tuple(rotation.ravel().tolist()), place)
+    return OrientedPair(PairProducts(files, matches, matches), orientation)
+
+
+def chosen(ones, others, store) -> list[tuple[str, str]]:
+    pairs = choose_wide_pairs(ones, others, InstrumentLimits(), store)
+    return [(one.orientation.pair_id, other.orientation.pair_id) for one, other in pairs]
+
+
+def test_a_pair_is_taken_with_the_one_that_looks_the_same_way(store):
+    ones = [looking(store, "north", 0.0, 10.0)]
+    others = [looking(store, f"at-{a}", a, 0.0) for a in (340.0, 5.0, 40.0)]
+    assert chosen(ones, others, store) == [("at-5.0", "north")]  # that on the left first
+
+
+def test_views_along_the_base_or_from_one_place_make_no_instrument(store):
+    away = looking(store, "away", 90.0, 10.0)
+    along = looking(store, "along", 90.0, 0.0)
+    assert chosen([away], [along], store) == []
+    north, same = looking(store, "north", 0.0, 0.0), looking(store, "same", 0.0, 1.0)
+    assert chosen([same], [north], store) == []
+
+
+def test_only_mast_cameras_of_one_kind_make_an_instrument(store):
+    navcam = looking(store, "navcam", 0.0, 10.0)
+    pancam = looking(store, "pancam", 0.0, 0.0, "PANCAM")
+    assert chosen([navcam], [pancam], store) == []
+    hazcams = [looking(store, f"h-{e}", 0.0, e, "FRONT_HAZCAM") for e in (0.0, 10.0)]
+    assert chosen(hazcams[:1], hazcams[1:], store) == []
