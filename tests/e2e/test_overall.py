@@ -12,7 +12,6 @@ from flows.report import report_rows
 from products.model import ProductKind
 from products.workspace import Workspace
 
-
 pytestmark = pytest.mark.slow
 
 
