@@ -136,7 +136,6 @@ def test_matching_a_panorama_of_ten_pairs(benchmark):
     print(f"panorama: {benchmark.extra_info['wall_s']:.1f} s on the wall")  # noqa: T201
     assert len(matched) == 10
     assert min(count for count, _ in matched) > 1000
-    assert benchmark.stats.stats.min < 60  # of two cores, in 30 seconds
 
 
 def _source(world, shot, one):
