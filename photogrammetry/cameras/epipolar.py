@@ -30,6 +30,7 @@ import numpy as np
 from photogrammetry.arrays import (
     Covariances3,
     Directions,
+    Flags,
     ImagePoints,
     ObjectPoints,
     PerPoint,
@@ -112,14 +113,20 @@ class EpipolarPair:
         covariances[:, 1, 1] += across
         return covariances
 
+    def shows(self, image_points: ImagePoints) -> Flags:
+        """Whether points lie on the resampled images; NaN does not."""
+        last = np.array([self.samples, self.lines]) - 1
+        with np.errstate(invalid="ignore"):
+            return ((image_points >= 0) & (image_points <= last)).all(axis=1)
+
+    def rays(self, image_points: ImagePoints) -> ObjectPoints:
+        """(x, y, 1) in the pair's frame through points of either image, at unit distance ahead."""
+        plane = (image_points - np.asarray(self.centre_px)) / self.focal_px
+        return np.column_stack([plane, np.ones(len(image_points))])
+
     def directions(self, image_points: ImagePoints) -> Directions:
         """Unit directions in the rover frame through points of either image."""
-        rays = np.column_stack(
-            [
-                (image_points - np.asarray(self.centre_px)) / self.focal_px,
-                np.ones(len(image_points)),
-            ]
-        )
+        rays = self.rays(image_points)
         rays /= np.linalg.norm(rays, axis=1, keepdims=True)
         return self.rover_from_pair.turn(rays)
 
@@ -152,7 +159,7 @@ def epipolar_pair(
     rotation = _rover_from_pair(base / base_m, eyes)
     focal_px = float(np.mean([_scale_at_middle(camera, size) for camera, size in eyes]))
     outlines = [
-        focal_px * _on_plane(camera.rays(_border(size)) @ rotation) for camera, size in eyes
+        focal_px * _on_plane(camera.rays(border_points(size)) @ rotation) for camera, size in eyes
     ]
     longest = LARGEST_FIELD * max(*left_size, *right_size)
     (first_sample, samples), (first_line, lines) = _extent(outlines[0], outlines[1], longest)
@@ -195,8 +202,8 @@ def _scale_at_middle(camera: CameraModel, size: tuple[int, int], step_px: float 
     return float(np.mean(2.0 * step_px / turns))
 
 
-def _border(size: tuple[int, int], points: int = 33) -> ImagePoints:
-    """Points along the outer edges of an image."""
+def border_points(size: tuple[int, int], points: int = 33) -> ImagePoints:
+    """Points along the outer edges of an image; `size` is (samples, lines)."""
     x = np.linspace(-0.5, size[0] - 0.5, points)
     y = np.linspace(-0.5, size[1] - 0.5, points)
     along_x = [np.column_stack([x, np.full(points, edge)]) for edge in (y[0], y[-1])]

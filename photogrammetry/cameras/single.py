@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from photogrammetry.arrays import Directions, ImagePoints
-from photogrammetry.cameras.epipolar import EpipolarPair
+from photogrammetry.cameras.epipolar import EpipolarPair, border_points
 from photogrammetry.cameras.model import CameraModel
 from photogrammetry.errors import CameraError
 from photogrammetry.frames import Frame, Pose
@@ -20,7 +20,6 @@ NO_BASE_M = 1.0
 """Any length would do."""
 STEP_PX = 4.0
 """Over which directions are differenced in the middle of the image."""
-BORDER_POINTS = 33
 
 
 def single_image(
@@ -29,6 +28,9 @@ def single_image(
     """The geometry that an image without partner is resampled to; `size` is (samples, lines).
 
     `camera` lives in the rover frame; the result covers all that the image shows.
+
+    Raises:
+        CameraError: the image spans 180 degrees or more.
     """
     middle = (np.array([size], dtype=np.float64) - 1.0) / 2.0
     steps = np.array([[0.0, 0.0], [-STEP_PX, 0.0], [STEP_PX, 0.0], [0.0, -STEP_PX], [0.0, STEP_PX]])
@@ -41,7 +43,7 @@ def single_image(
         for a, b in ((left, right), (above, below))
     ]
     focal_px = float(np.mean([2.0 * STEP_PX / slope for slope in slopes]))
-    edge = _on_plane(camera.rays(_border(size)) @ rotation, camera) * focal_px
+    edge = _on_plane(camera.rays(border_points(size)) @ rotation, camera) * focal_px
     low, high = edge.min(axis=0), edge.max(axis=0)
     samples, lines = np.round(high - low).astype(int).tolist()
     return EpipolarPair(
@@ -52,14 +54,6 @@ def single_image(
         samples=samples,
         lines=lines,
     )
-
-
-def _border(size: tuple[int, int]) -> ImagePoints:
-    """Points along the outer edges of an image."""
-    x, y = (np.linspace(-0.5, n - 0.5, BORDER_POINTS) for n in size)
-    sides = [np.column_stack([np.full(BORDER_POINTS, edge), y]) for edge in (x[0], x[-1])]
-    ends = [np.column_stack([x, np.full(BORDER_POINTS, edge)]) for edge in (y[0], y[-1])]
-    return np.concatenate(sides + ends)
 
 
 def _on_plane(rays: Directions, camera: CameraModel) -> ImagePoints:

@@ -195,8 +195,7 @@ def _measured(wanted: HandPoint, body: HandBody) -> tuple[Float64[np.ndarray, " 
     if wanted.point is None:
         raise _UnplacedError(f"no point is given in {wanted.image}")
     left = epipolar_point(body.left, body.geometry, wanted.point)
-    size = np.array([body.geometry.samples, body.geometry.lines])
-    if not ((left >= 0) & (left <= size - 1)).all():
+    if not body.geometry.shows(left[None]).all():
         raise _UnplacedError(f"{wanted.point} lies outside the usable part of {wanted.image}")
     if wanted.right is None:
         return left, _dense(body, left)

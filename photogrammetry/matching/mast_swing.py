@@ -50,17 +50,12 @@ class Swing:
         """By the labels' mast kinematics."""
         return self.other.rover_from_pair.inverse @ self.one.rover_from_pair
 
-    def directions(self, points: ImagePoints, geometry: EpipolarPair) -> Float64[np.ndarray, "n 3"]:
-        """(x, y, 1) of image points."""
-        plane = (points - np.array(geometry.centre_px)) / geometry.focal_px
-        return np.column_stack([plane, np.ones(len(points))])
-
     def seen_at(
         self, points: ImagePoints, inverse_depth: PerPoint, turn: Vector3 | None = None
     ) -> ImagePoints:
         """Where points at some inverse depth are in the second image; NaN behind it."""
         pose = self.other_from_one
-        y = self.directions(points, self.one) @ pose.rotation.T
+        y = self.one.rays(points) @ pose.rotation.T
         y = y + inverse_depth[:, None] * pose.translation_m
         if turn is not None:
             y = y @ turned(turn)
@@ -70,9 +65,9 @@ class Swing:
     def across(self, points: ImagePoints, seen: ImagePoints, turn: Vector3) -> PerPoint:
         """Signed distance of points of the second image from their epipolar lines, pixels."""
         pose, back = self.other_from_one, turned(turn).T
-        far = self.directions(points, self.one) @ pose.rotation.T @ back.T
+        far = self.one.rays(points) @ pose.rotation.T @ back.T
         line = np.cross(back @ pose.translation_m, far)
-        measured = self.directions(seen, self.other)
+        measured = self.other.rays(seen)
         norm = np.maximum(np.linalg.norm(line[:, :2], axis=1), 1e-12)
         return self.other.focal_px * (line * measured).sum(axis=1) / norm
 

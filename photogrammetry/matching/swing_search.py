@@ -37,11 +37,7 @@ def candidates(one: SingleView, other: SingleView, swing: Swing, params: MonoPar
     points = found.points
     middle = swing.seen_at(points, np.full(len(points), 0.5 / params.nearest_m))
     far = swing.seen_at(points, np.zeros(len(points)))
-    size = np.array([other.geometry.samples, other.geometry.lines])
-    seen = np.zeros(len(points), dtype=bool)
-    for place in (middle, far):
-        with np.errstate(invalid="ignore"):
-            seen |= ((place >= 0) & (place <= size - 1)).all(axis=1)
+    seen = other.geometry.shows(middle) | other.geometry.shows(far)
     points, weight = points[seen], found.weight[seen]
     return points[strongest_by_cell(points, weight, params.cell_px, params.candidates)]
 
@@ -91,9 +87,7 @@ def matches_in_view(
     """Rows of a pair's matches that a single image shows by the labels; the most certain first."""
     matches = pair.matches
     seen = swing.seen_at(matches.left, _inverse_depth_of(swing, matches.parallax_px))
-    size = np.array([view.geometry.samples, view.geometry.lines])
-    with np.errstate(invalid="ignore"):
-        rows = np.flatnonzero(((seen >= 0) & (seen <= size - 1)).all(axis=1))
+    rows = np.flatnonzero(view.geometry.shows(seen))
     order = strongest_by_cell(
         matches.left[rows], -matches.sigma_px[rows], params.cell_px, params.candidates
     )
