@@ -6,14 +6,10 @@ import pytest
 
 from photogrammetry.imagery import StopId
 from photogrammetry.matching.cross_site import CrossSiteParams, StopViews, tie_cross_site
-from photogrammetry.matching.dense import match_densely
 from photogrammetry.matching.inter_stereo import InterStereoParams, tie_inter_stereo
-from photogrammetry.matching.records import MatchedPair, MatchedStop
-from photogrammetry.matching.sparse import SparseParams, match_sparsely
-from photogrammetry.pds3.partners import find_stereo_pairs
-from photogrammetry.pds3.reading import read_image
-from tasks.match import geometry_of
-from tasks.pairs import resampled
+from photogrammetry.matching.records import MatchedStop
+from photogrammetry.pds3.reading import read_image_record
+from tests.support.husband_stops import matched_pairs
 
 
 @pytest.fixture(scope="module")
@@ -22,16 +18,10 @@ def stops(husband):
     found = []
     for sol, drive in ((155, 0), (156, 64)):
         files = sorted((husband / f"sol0{sol}" / "edr").glob("2n*.img"))
-        reads = {r.image.id: r for r in (read_image(f.read_bytes(), f.name) for f in files)}
-        pairs = []
-        for pair in find_stereo_pairs([r.image for r in reads.values()]).pairs:
-            left, right = reads[pair.left.id], reads[pair.right.id]
-            images = resampled(left, right, geometry_of(left.image, right.image))
-            matches = match_sparsely(pair.id, images, SparseParams())
-            pairs.append(MatchedPair(pair.id, "NAVCAM", images, matches, match_densely(images)))
-        pose = pair.left.site_from_rover
+        pairs = matched_pairs(files)
+        pose = read_image_record(files[0].read_bytes(), files[0].name).site_from_rover
         stop = StopId("MER2", 10, drive)
-        found.append(MatchedStop(stop, tuple(pairs), pose, np.zeros((6, 6))))
+        found.append(MatchedStop(stop, pairs, pose, np.zeros((6, 6))))
     return found
 
 

@@ -35,14 +35,15 @@ def husband_stop(folder: Path, number: int) -> SimulatedStop:
             ("rover_to_lsl_quaternion_wxyz", "position"),
         )
     )
-    pairs = _matched_pairs(sorted((folder / f"sol{row['sol']:04d}" / "edr").glob("*.img")))
+    pairs = matched_pairs(sorted((folder / f"sol{row['sol']:04d}" / "edr").glob("*.img")))
     made = SimulatedStop(HUSBAND, number, MatchedStop(stop, pairs, told, np.zeros((6, 6))), true)
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_bytes(pickle.dumps(made, protocol=5))
     return made
 
 
-def _matched_pairs(files: list[Path]) -> tuple[MatchedPair, ...]:
+def matched_pairs(files: list[Path]) -> tuple[MatchedPair, ...]:
+    """The stereo pairs among some files, matched sparsely and densely with the defaults."""
     reads = {r.image.id: r for r in (read_image(f.read_bytes(), f.name) for f in files)}
     pairs = []
     for pair in find_stereo_pairs([r.image for r in reads.values()]).pairs:
