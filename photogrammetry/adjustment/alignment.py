@@ -23,8 +23,9 @@ from photogrammetry.adjustment.rotations import cross_matrix, rotation_of_vector
 from photogrammetry.arrays import Float64
 
 GROWTH = 2.0
-"""Factor by which the loss is sharpened a round; 1.4 in the publication, for far worse outliers."""
+"""Factor by which the loss is sharpened a round; 1.4 in the publication, for far more blunders."""
 ROUNDS = 60
+"""At most: it takes 31 where the greatest misfit is a thousand gates."""
 HALF = 0.5
 """Weights end at 0 or 1; this tells them apart."""
 SHARP = 1e3
@@ -64,14 +65,27 @@ class RigidPoints:
         return np.einsum("nij,nik->jk", A, PA), np.einsum("nij,ni->j", PA, e)
 
 
-def truncated_weights(r: np.ndarray, gate: float, mu: float) -> np.ndarray:
-    """Weights of the truncated least-squares loss as far as it is sharpened by now."""
-    with np.errstate(divide="ignore"):
-        between = gate * np.sqrt(mu * (mu + 1)) / r - mu
-    return np.clip(between, 0.0, 1.0)
+@dataclass(frozen=True, slots=True, eq=False)
+class TruncatedLoss:
+    """The truncated least-squares loss, as far as it is sharpened by now."""
+
+    weights: Float64[np.ndarray, " n"]
+    """Of squared misfits, 0 to 1."""
+    mu: float = 0.0
+    """How sharp it is; zero before the first misfits are known."""
+    is_settled: bool = False
+    """Whether further sharpening would change nothing."""
+
+    def sharpened(self, r: Float64[np.ndarray, " n"], gate: float) -> TruncatedLoss:
+        """The loss a round sharper, for standardised misfits `r` that the weights led to."""
+        mu = self.mu * GROWTH if self.mu else _first_sharpness(r, gate)
+        with np.errstate(divide="ignore"):
+            weights = np.clip(gate * np.sqrt(mu * (mu + 1)) / r - mu, 0.0, 1.0)
+        same = r.max() <= gate and np.abs(weights - self.weights).max() < 1.0 / SHARP
+        return TruncatedLoss(weights, mu, bool(mu >= SHARP or same))
 
 
-def first_sharpness(r: np.ndarray, gate: float) -> float:
+def _first_sharpness(r: np.ndarray, gate: float) -> float:
     """Where the sharpening begins: nearly convex for the greatest misfit."""
     return gate**2 / max(2 * float(r.max()) ** 2 - gate**2, 1e-9)
 
@@ -90,17 +104,15 @@ def rigid_motion(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Rotation, translation, information, and the weight (0..1) of each point."""
     size = np.trace(points.S_X, axis1=1, axis2=2) + np.trace(points.S_Y, axis1=1, axis2=2)
-    weights, mu = np.ones(len(size)), 0.0
+    loss = TruncatedLoss(np.ones(len(size)))
     R, t = closed_form(points, 1.0 / size)
     for _ in range(ROUNDS):
-        R, t = _turned(points, R, t, weights)
-        r = points.standardised(R, t)
-        mu = mu * GROWTH if mu else first_sharpness(r, gate)
-        old, weights = weights, truncated_weights(r, gate, mu)
-        if mu >= SHARP or (r.max() <= gate and np.abs(weights - old).max() < 1.0 / SHARP):
+        R, t = _turned(points, R, t, loss.weights)
+        loss = loss.sharpened(points.standardised(R, t), gate)
+        if loss.is_settled:
             break
-    R, t = _turned(points, R, t, weights)
-    return R, t, points.normals(R, t, weights)[0], weights
+    R, t = _turned(points, R, t, loss.weights)
+    return R, t, points.normals(R, t, loss.weights)[0], loss.weights
 
 
 def _turned(

@@ -18,15 +18,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from photogrammetry.adjustment.alignment import (
-    GROWTH,
-    HALF,
-    ROUNDS,
-    SHARP,
-    RigidPoints,
-    first_sharpness,
-    truncated_weights,
-)
+from photogrammetry.adjustment.alignment import HALF, ROUNDS, RigidPoints, TruncatedLoss
 from photogrammetry.adjustment.collinearity import Observations, State
 from photogrammetry.adjustment.loops import REACH, closed_loops
 from photogrammetry.adjustment.params import AdjustmentParams
@@ -128,21 +120,20 @@ def _aligned(
     state: State, telemetry: Telemetry, k: int, ties: RigidPoints, params: AdjustmentParams
 ) -> tuple[State, np.ndarray]:
     """The state with stop k laid onto the others, and the weight (0..1) of each of its ties."""
-    weights = np.ones(len(ties.X))
-    if not len(weights):
-        return state, weights
-    gate, mu, state_before = params.gross, 0.0, state
+    loss = TruncatedLoss(np.ones(len(ties.X)))
+    if not len(loss.weights):
+        return state, loss.weights
+    gate, state_before = params.gross, state
     for _ in range(ROUNDS):
-        state, r = _align_step(state, telemetry, k, ties, weights)
-        mu = mu or first_sharpness(r, gate)
-        old, weights = weights, truncated_weights(r, gate, mu)
-        if mu >= SHARP or (r.max() <= gate and np.abs(weights - old).max() < 1.0 / SHARP):
+        state, r = _align_step(state, telemetry, k, ties, loss.weights)
+        loss = loss.sharpened(r, gate)
+        if loss.is_settled:
             break
-        mu *= GROWTH
-    aligned = _align_step(state, telemetry, k, ties, weights)[0]
-    if (weights > HALF).sum() <= UNCHECKED_TIES and _telemetry_misfit(aligned, telemetry, k) > gate:
+    aligned = _align_step(state, telemetry, k, ties, loss.weights)[0]
+    unchecked = (loss.weights > HALF).sum() <= UNCHECKED_TIES
+    if unchecked and _telemetry_misfit(aligned, telemetry, k) > gate:
         return state_before, np.zeros(len(ties.X))
-    return aligned, weights
+    return aligned, loss.weights
 
 
 def _telemetry_misfit(state: State, telemetry: Telemetry, k: int) -> float:

@@ -39,7 +39,7 @@ def closed_loops(  # noqa: PLR0913, PLR0917 - the network, and what was seen in 
     if not any(b - a > REACH for a, b in couples):
         return state, np.zeros(0, dtype=np.int64)
     found: list[tuple[int, int, np.ndarray, np.ndarray, np.ndarray]] = []
-    loops: dict[int, tuple[Couple, np.ndarray]] = {}
+    loops: dict[int, np.ndarray] = {}
     astray = []
     for (a, b), (theirs, ours) in couples.items():
         points = RigidPoints(
@@ -52,7 +52,7 @@ def closed_loops(  # noqa: PLR0913, PLR0917 - the network, and what was seen in 
             right = weights > HALF
             astray.append(ours[~right])
             if right.sum() >= LOOP_TIES:
-                loops[len(found)] = ((a, b), ours[right])
+                loops[len(found)] = ours[right]
                 found.append((a, b, rotation, place, information))
             else:
                 astray.append(ours[right])
@@ -61,7 +61,7 @@ def closed_loops(  # noqa: PLR0913, PLR0917 - the network, and what was seen in 
     if loops:
         edges = _edges(found, np.array(list(loops)))
         state, weights = relaxed(state, telemetry, held, edges)
-        astray += [rows for k, (_, rows) in loops.items() if weights[k] <= HALF]
+        astray += [rows for k, rows in loops.items() if weights[k] <= HALF]
     return state, _only_of_loops(np.concatenate(astray), couples)
 
 

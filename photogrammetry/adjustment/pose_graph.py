@@ -22,13 +22,7 @@ from scipy.sparse.linalg import splu
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from photogrammetry.adjustment.alignment import (
-    GROWTH,
-    ROUNDS,
-    SHARP,
-    first_sharpness,
-    truncated_weights,
-)
+from photogrammetry.adjustment.alignment import ROUNDS, TruncatedLoss
 from photogrammetry.adjustment.collinearity import State
 from photogrammetry.adjustment.priors import Telemetry, telemetry_misclosures, telemetry_partials
 from photogrammetry.adjustment.rotations import (
@@ -89,14 +83,14 @@ def relaxed(
 ) -> tuple[State, np.ndarray]:
     """The state with its stops where edges and telemetry want them; weight (0..1) of each edge."""
     loops, root = edges.is_loop, edges.root
-    weights, mu = np.ones(len(loops)), 0.0
+    weights = np.ones(len(loops))
+    loss = TruncatedLoss(weights[loops])
     for _ in range(ROUNDS):
         state = _solved(state, telemetry, held, edges, root * np.sqrt(weights)[:, None, None])
         r = np.linalg.norm((root @ edges.misfit(state)[:, :, None])[:, :, 0], axis=1)[loops]
-        mu = mu * GROWTH if mu else first_sharpness(r, GATE)
-        old = weights[loops]
-        weights[loops] = truncated_weights(r, GATE, mu)
-        if mu >= SHARP or (r.max() <= GATE and np.abs(weights[loops] - old).max() < 1.0 / SHARP):
+        loss = loss.sharpened(r, GATE)
+        weights[loops] = loss.weights
+        if loss.is_settled:
             break
     return state, weights
 
