@@ -117,7 +117,8 @@ class EpipolarPair:
         """Whether points lie on the resampled images; NaN does not."""
         last = np.array([self.samples, self.lines]) - 1
         with np.errstate(invalid="ignore"):
-            return ((image_points >= 0) & (image_points <= last)).all(axis=1)
+            within = (image_points >= 0) & (image_points <= last)
+        return within[:, 0] & within[:, 1]
 
     def rays(self, image_points: ImagePoints) -> ObjectPoints:
         """(x, y, 1) in the pair's frame through points of either image, at unit distance ahead."""
