@@ -12,15 +12,12 @@ from photogrammetry.adjustment.adjust import adjust, adjust_overall
 from photogrammetry.adjustment.params import AdjustmentParams
 from photogrammetry.adjustment.records import (
     AdjustedNetwork,
-    AdjustedPair,
-    AdjustedStop,
     AdjustmentReport,
     Network,
     select,
 )
-from photogrammetry.adjustment.rotations import cross_matrix
 from photogrammetry.adjustment.sequential import adjust_sequential
-from photogrammetry.adjustment.stepwise import adjust_stepwise, merged_network
+from photogrammetry.adjustment.stepwise import adjust_stepwise, carrying, merged_network
 from photogrammetry.errors import AdjustmentError
 from photogrammetry.imagery import StopId
 
@@ -86,15 +83,10 @@ def _pointed(
     kept = replace(
         adjusted,
         stops=tuple(known[stop.stop] for stop in adjusted.stops),
-        pairs=tuple(_carried(pair, known[pair.stop]) for pair in adjusted.pairs),
+        pairs=tuple(
+            carrying(pair, known[pair.stop].lsl_from_rover, known[pair.stop].covariance)
+            for pair in adjusted.pairs
+        ),
         memory=start.memory,
     )
     return merged_network(start, kept, network), report
-
-
-def _carried(pair: AdjustedPair, stop: AdjustedStop) -> AdjustedPair:
-    """A pair with the uncertainty of its stop: an error of that moves it rigidly."""
-    arm = pair.lsl_from_pair.translation_m - stop.lsl_from_rover.translation_m
-    T = np.eye(6)
-    T[3:, :3] = -cross_matrix(arm)
-    return replace(pair, covariance=pair.covariance + T @ stop.covariance @ T.T)

@@ -36,6 +36,7 @@ from photogrammetry.adjustment.records import (
 from photogrammetry.adjustment.result import merged_ties
 from photogrammetry.adjustment.rotations import cross_matrix
 from photogrammetry.adjustment.solver import Problem, normal_equations
+from photogrammetry.arrays import Float64
 from photogrammetry.errors import AdjustmentError
 from photogrammetry.frames import Pose
 from photogrammetry.imagery import StopId
@@ -142,7 +143,7 @@ def _considered(
             for stop in adjusted.stops
         ),
         pairs=tuple(
-            _carrying(pair, poses[pair.stop], taken_over[pair.stop]) for pair in adjusted.pairs
+            carrying(pair, poses[pair.stop], taken_over[pair.stop]) for pair in adjusted.pairs
         ),
     )
 
@@ -188,7 +189,9 @@ def _rigid(datum: Pose, pose: Pose) -> np.ndarray:
     return T
 
 
-def _carrying(pair: AdjustedPair, pose: Pose, taken_over: np.ndarray) -> AdjustedPair:
-    """A pair whose covariance includes what its stop has taken over."""
-    T = _rigid(pose, pair.lsl_from_pair)
-    return replace(pair, covariance=pair.covariance + T @ taken_over @ T.T)
+def carrying(
+    pair: AdjustedPair, lsl_from_rover: Pose, covariance: Float64[np.ndarray, "6 6"]
+) -> AdjustedPair:
+    """A pair whose covariance includes an uncertainty of its stop, which moves it rigidly."""
+    T = _rigid(lsl_from_rover, pair.lsl_from_pair)
+    return replace(pair, covariance=pair.covariance + T @ covariance @ T.T)

@@ -26,11 +26,10 @@ from photogrammetry.matching.birds_eye import (
     placed_on,
 )
 from photogrammetry.matching.masked_correlation import Spectra, coefficient, lagged
+from photogrammetry.matching.robust import robust_sigma
 
 LEAST_REACH_M = 4.0
 """What correlates by chance is judged by shifts of this much at least, wherever the gate ends."""
-MAD_TO_SIGMA = 1.4826
-"""Standard deviation of a normal distribution over its median absolute deviation."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,7 +149,7 @@ def _over_chance(
     for channel in scaled:
         known = np.isfinite(channel)
         if known.any():
-            scatter = MAD_TO_SIGMA * float(np.median(np.abs(channel[known])))
+            scatter = robust_sigma(channel[known])
             total += np.nan_to_num(channel) / np.float32(max(scatter, 1e-9) * len(scaled) ** 0.5)
     return total
 

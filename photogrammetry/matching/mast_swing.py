@@ -29,6 +29,7 @@ from scipy.spatial.transform import Rotation as ScipyRotation
 from photogrammetry.arrays import Flags, Float64, ImagePoints, PerPoint, Vector3
 from photogrammetry.cameras.epipolar import EpipolarPair
 from photogrammetry.frames import Pose
+from photogrammetry.matching.robust import robust_sigma
 from photogrammetry.matching.verification import VerificationParams, follows_the_terrain
 
 SCALES_PX = (8.0, 3.0, 1.0, 0.4)
@@ -136,7 +137,7 @@ def verify(
     """Hold conjugates against the epipolar geometry, the range and their neighbours."""
     turn = turn_between(swing, points, seen, pointing_sigma)
     left = swing.across(points, seen, turn)
-    spread = max(1.4826 * float(np.median(np.abs(left))) if len(left) else 0.0, LEAST_SPREAD_PX)
+    spread = max(robust_sigma(left), LEAST_SPREAD_PX)
     misfit = np.abs(left) / (LIMIT_SIGMAS * spread)
     agrees = misfit <= 1.0
     along = swing.along(points, seen, turn)

@@ -24,6 +24,7 @@ from photogrammetry.cameras.epipolar import EpipolarPair
 from photogrammetry.cameras.model import CameraModel
 from photogrammetry.frames import Pose
 from photogrammetry.matching.dense import SharedSigma
+from photogrammetry.matching.robust import robust_sigma
 from photogrammetry.matching.vertical_parallax import VerticalParallax, turned_in_place
 
 STEPS = 10
@@ -120,7 +121,7 @@ def relative_orientation(
 def _weights(residual: PerPoint) -> PerPoint:
     """Inverse variances by the spread of the residuals, less where one is far off."""
     middle = float(np.median(residual))
-    scale = max(1.4826 * float(np.median(np.abs(residual - middle))), FINEST_PX)
+    scale = max(robust_sigma(residual - middle), FINEST_PX)
     return 1.0 / (1.0 + ((residual - middle) / (2.0 * scale)) ** 2) ** 2 / scale**2
 
 

@@ -23,6 +23,7 @@ from scipy.spatial import KDTree
 
 from photogrammetry.arrays import ImagePoints, PerPoint
 from photogrammetry.matching.least_squares import LeastSquaresMatcher, RefinedParallax
+from photogrammetry.matching.robust import MAD_TO_SIGMA
 
 BELOW_HALF = 2.0
 """Relief below the whole window over that between the half and the whole one, H = 1/2."""
@@ -60,6 +61,8 @@ def sigma_with_relief(
     noise = narrow.sigma_px**2 - refined.sigma_px**2
     nearest = KDTree(points).query(points, k=min(params.neighbours, len(points)))[1]
     nearest = nearest.reshape(len(points), -1)
-    around = 1.4826**2 * np.median(squared[nearest], axis=1) - np.median(noise[nearest], axis=1)
+    around = MAD_TO_SIGMA**2 * np.median(squared[nearest], axis=1) - np.median(
+        noise[nearest], axis=1
+    )
     relief = (1 - params.own_weight) * around + params.own_weight * (squared - noise)
     return np.sqrt(refined.sigma_px**2 + BELOW_HALF * np.maximum(relief, 0))

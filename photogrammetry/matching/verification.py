@@ -20,6 +20,7 @@ from scipy import ndimage
 from scipy.spatial import KDTree
 
 from photogrammetry.arrays import Flags, Float64, ImagePoints, PerPoint
+from photogrammetry.matching.robust import MAD_TO_SIGMA
 
 PLANE_STEPS = 6
 """Repeated weightings of the neighbours' plane."""
@@ -89,7 +90,7 @@ def _agrees_with_neighbours(
     _, nearest = KDTree(points).query(points, k=params.neighbours + 1)
     around = parallax_px[nearest[:, 1:]]
     at, residual = _plane_at_the_middle(points[nearest[:, 1:]] - points[:, None], around)
-    spread = 1.4826 * np.median(np.abs(residual), axis=1)
+    spread = MAD_TO_SIGMA * np.median(np.abs(residual), axis=1)
     limit = params.spread * np.maximum(spread, params.least_spread_px)
     return np.abs(parallax_px - at) <= limit
 

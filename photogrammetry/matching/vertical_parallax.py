@@ -26,6 +26,7 @@ from photogrammetry.errors import MatchingError
 from photogrammetry.frames import Frame, Pose
 from photogrammetry.matching.interest_points import strongest_by_cell
 from photogrammetry.matching.records import EpipolarImages
+from photogrammetry.matching.robust import robust_sigma
 from photogrammetry.matching.sparse import SparseParams, match_interest_points
 
 LINE_TOLERANCE_PX = 6
@@ -117,8 +118,8 @@ def rotation_of_the_bar(measured: VerticalParallax, steps: int = 10) -> Vector3:
     for _ in range(steps):
         normal = (design * weight[:, None]).T @ design
         rotation = np.linalg.solve(normal, design.T @ (weight * measured.vertical_px))
-        residual = np.abs(measured.vertical_px - design @ rotation)
-        scale = max(1.4826 * float(np.median(residual)), 1e-3)
+        residual = measured.vertical_px - design @ rotation
+        scale = max(robust_sigma(residual), 1e-3)
         weight = 1.0 / (1.0 + (residual / (2.0 * scale)) ** 2) ** 2
     return rotation
 

@@ -31,7 +31,7 @@ import numpy as np
 from photogrammetry.arrays import Float64, Int32, Raster
 from photogrammetry.errors import MatchingError
 from photogrammetry.matching.birds_eye import SearchGate
-from photogrammetry.matching.birds_eye_search import MAD_TO_SIGMA
+from photogrammetry.matching.robust import robust_sigma
 
 CUT_SIGMAS = 2.5
 """A vote ends here; its weight has fallen to 4 %."""
@@ -184,7 +184,7 @@ def _standing_out(
         for local in (cv2.GaussianBlur(what, (0, 0), around) for what in (votes, sums))
     )
     z = likelihood_root(sums, mean, np.maximum(density, LEAST_DENSITY))[inside, inside]
-    scatter = MAD_TO_SIGMA * float(np.median(np.abs(z)))
+    scatter = robust_sigma(z)
     return (z / max(scatter, 1.0)).astype(np.float32)
 
 
