@@ -60,7 +60,7 @@ def process_downlink(downlink: Path, store: Path, pipeline: str = "default") -> 
         lambda done, total: report_progress("ingest files", done, total),
     )
     _take_down(delivery, downlink, report)
-    for mission in delivery.first_sols:
+    for mission in delivery.missions:
         _process_mission(mission, workspace, pipeline, report)
     return report
 
@@ -95,7 +95,7 @@ def _process_mission(
         overall |= set(sols[-1:])
     standing: Standing | None = None
     for sol in sols:
-        for flow_of_sol in (process_sol, process_overall)[: 2 if sol in overall else 1]:
+        for flow_of_sol in (process_sol, process_overall) if sol in overall else (process_sol,):
             try:
                 done = flow_of_sol(mission, sol, workspace.store.root, pipeline, standing)
             except StoreFullError:

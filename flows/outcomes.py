@@ -20,6 +20,14 @@ def promised(future: PrefectFuture[T]) -> T:
     return cast("T", future)
 
 
+def by_first(results: Mapping[tuple[K, Any], T]) -> dict[K, list[T]]:
+    """Results with keys of two parts, listed by the first part."""
+    listed: dict[K, list[T]] = {}
+    for (first, _), result in results.items():
+        listed.setdefault(first, []).append(result)
+    return listed
+
+
 def settled(
     stage: str, futures: Mapping[K, PrefectFuture[Any]]
 ) -> tuple[dict[K, Any], dict[K, str]]:

@@ -5,23 +5,20 @@ from __future__ import annotations
 from pathlib import Path
 
 from prefect import flow
-from prefect.task_runners import ThreadPoolTaskRunner
 
 from flows.mission_layers import draw_mission
-from flows.sol import WORKERS, map_what_moved
+from flows.sol import RUNNER, map_what_moved
 from flows.sol_inputs import SolReport, Standing, gather_all
-from photogrammetry.adjustment.modes import AdjustmentMode
 from products.errors import ProductNotFoundError
 from products.model import ProductKind, ProductRef
 from products.workspace import Workspace
-
-OVERALL = f"-{AdjustmentMode.OVERALL}"
+from tasks.scopes import is_of_mission, is_overall, sol_of
 
 
 @flow(
     name="overall",
     flow_run_name="{mission}-overall-sol{sol}",
-    task_runner=ThreadPoolTaskRunner(max_workers=WORKERS),  # type: ignore[arg-type]
+    task_runner=RUNNER,
 )
 def process_overall(
     mission: str, sol: int, store: Path, pipeline: str, previous: Standing | None = None
@@ -42,13 +39,14 @@ def readjust(mission: str, store: Path, pipeline: str = "default") -> SolReport:
         ProductNotFoundError: no sol of the mission has been processed.
     """
     workspace = Workspace.open(store)
-    networks = [ref for ref in _networks(mission, workspace) if not _is_overall(ref)]
+    networks = [ref for ref in _networks(mission, workspace) if not is_overall(ref.scope)]
     if not networks:
         raise ProductNotFoundError(
             f"no network of {mission} is in the store; `solmap run` its downlink first"
         )
     last = max(networks, key=lambda ref: ref.scope.name)
-    report = process_overall(mission, _sol(last), store, pipeline, standing_of(last, workspace))
+    sol, standing = sol_of(last.scope), standing_of(last, workspace)
+    report = process_overall(mission, sol, store, pipeline, standing)
     if report.standing is not None:
         draw_mission(mission, report.standing.network, workspace, pipeline)
     return report
@@ -56,7 +54,7 @@ def readjust(mission: str, store: Path, pipeline: str = "default") -> SolReport:
 
 def overall_sols(mission: str, workspace: Workspace) -> set[int]:
     """Sols up to which the mission was adjusted overall; later ones have stepped on from there."""
-    return {_sol(ref) for ref in _networks(mission, workspace) if _is_overall(ref)}
+    return {sol_of(ref.scope) for ref in _networks(mission, workspace) if is_overall(ref.scope)}
 
 
 def standing_of(network: ProductRef, workspace: Workspace) -> Standing | None:
@@ -68,12 +66,4 @@ def standing_of(network: ProductRef, workspace: Workspace) -> Standing | None:
 
 def _networks(mission: str, workspace: Workspace) -> list[ProductRef]:
     published = workspace.catalogue.pointers(ProductKind.NETWORK)
-    return [ref for ref in published if ref.scope.name.startswith(f"{mission.lower()}-sol")]
-
-
-def _is_overall(network: ProductRef) -> bool:
-    return network.scope.name.endswith(OVERALL)
-
-
-def _sol(network: ProductRef) -> int:
-    return int(network.scope.name.removesuffix(OVERALL).rpartition("-sol")[2])
+    return [ref for ref in published if is_of_mission(ref.scope, mission)]

@@ -6,6 +6,7 @@ from typing import Any
 
 from products.model import ProductKind, ProductRef
 from products.workspace import Workspace
+from tasks.scopes import is_of_mission
 
 
 def report_rows(workspace: Workspace, mission: str | None = None) -> list[dict[str, Any]]:
@@ -19,7 +20,7 @@ def report_rows(workspace: Workspace, mission: str | None = None) -> list[dict[s
             "made_at": workspace.store.made_at(page),
         }
         for page in workspace.catalogue.pointers(ProductKind.REPORT)
-        if mission is None or page.scope.name.startswith(f"{mission.lower()}-sol")
+        if mission is None or is_of_mission(page.scope, mission)
     ]
 
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 from prefect import flow
-from prefect.task_runners import ThreadPoolTaskRunner
+from prefect.futures import PrefectFuture
+from prefect.task_runners import TaskRunner, ThreadPoolTaskRunner
 
 from flows.outcomes import settled
 from flows.sol_inputs import SolInputs, SolReport, Standing, gather
@@ -26,14 +27,14 @@ from tasks.report import report_quality
 from tasks.scopes import network_scope
 from tasks.telemetry import why_unplaced
 
-WORKERS = 2
-"""Tasks at a time; each works on arrays of some hundred megabytes."""
+RUNNER: TaskRunner[PrefectFuture[Any]] = ThreadPoolTaskRunner(max_workers=2)  # type: ignore[assignment]
+"""Two tasks at a time: each works on arrays of some hundred megabytes."""
 
 
 @flow(
     name="sol",
     flow_run_name="{mission}-sol{sol}",
-    task_runner=ThreadPoolTaskRunner(max_workers=WORKERS),  # type: ignore[arg-type]
+    task_runner=RUNNER,
 )
 def process_sol(
     mission: str, sol: int, store: Path, pipeline: str, previous: Standing | None = None
@@ -71,10 +72,10 @@ def map_what_moved(inputs: SolInputs, previous: Standing | None, report: SolRepo
     stated, failed = settled(f"sol {inputs.sol}: report the quality", {network.scope: quality})
     report.blame("report", failed)
     made = [network, orientations, *(ref for refs in stated.values() for ref in refs)]
-    publish_sol(inputs, made, layers, matched, report)
+    _publish(inputs, made, layers, matched, report)
 
 
-def publish_sol(
+def _publish(
     inputs: SolInputs,
     made: list[ProductRef],
     layers: dict[StopId, list[ProductRef]],
@@ -85,11 +86,10 @@ def publish_sol(
     if report.standing is not None:
         report.notes += _findings(inputs, report.standing)
     sols = {stop.stop: stop.sols for stop in inputs.telemetry.stops}
-    outcome = Outcome(
+    outcome = Outcome.now(
         network_scope(report.mission, inputs.sol, inputs.mode).name,
+        (*report.failures, *report.notes),
         is_failure=bool(report.failures),
-        notes=(*report.failures, *report.notes),
-        at=datetime.now(UTC).isoformat(timespec="seconds"),
     )
     published = publish.fn(
         inputs.mission,
@@ -129,4 +129,4 @@ def _said(link: dict[str, object]) -> str:
 
 
 def _stages(matched: Iterable[list[PairProducts]]) -> list[ProductRef]:
-    return [ref for pairs in matched for pair in pairs for ref in (pair.matches, pair.parallax)]
+    return [ref for pairs in matched for pair in pairs for ref in pair.made]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from flows.outcomes import promised, settled
+from flows.outcomes import by_first, promised, settled
 from flows.sol_inputs import SolInputs, SolReport
 from photogrammetry.imagery import StopId
 from products.model import ProductRef
@@ -43,11 +43,7 @@ def map_stops(
         futures[stop, "hillshade"] = shade_relief.submit(terrain, config.hillshade, landing, store)
     done, failed = settled(f"sol {report.sol}: map the stops", futures)
     report.blame("map", {f"{kind} of {stop}": cause for (stop, kind), cause in failed.items()})
-    made: dict[StopId, list[ProductRef]] = {}
-    for (stop, kind), ref in done.items():
-        if kind != "picture":
-            made.setdefault(stop, []).append(ref)
-    return made
+    return by_first({key: ref for key, ref in done.items() if key[1] != "picture"})
 
 
 def oriented_pairs(

@@ -32,7 +32,7 @@ def match_pairs(inputs: SolInputs, report: SolReport) -> dict[StopId, list[PairP
     done, failed = settled(f"sol {sol}: match stereo pairs", futures)
     report.blame("match", failed)
     pictures = {
-        pair: picture_pair.submit(matched, workspace.store, config.sparse)
+        pair: picture_pair.submit(matched, config.sparse, workspace.store)
         for pair, matched in done.items()
     }
     report.blame("picture", settled(f"sol {sol}: picture the matches", pictures)[1])

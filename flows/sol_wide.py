@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from prefect.futures import PrefectFuture
 
-from flows.outcomes import promised, settled
+from flows.outcomes import by_first, promised, settled
 from flows.sol_inputs import SolInputs, SolReport, Standing
 from flows.sol_maps import oriented_pairs
 from photogrammetry.errors import MatchingError, TerrainError
@@ -45,10 +45,7 @@ def map_far_ground(
         futures[stop, "hillshade"] = shade_relief.submit(terrain, config.hillshade, landing, store)
     done, failed = settled(f"sol {report.sol}: map far ground", futures)
     _tell(report, {f"{kind} of {stop}": cause for (stop, kind), cause in failed.items()})
-    made: dict[StopId, list[ProductRef]] = {}
-    for (stop, _), ref in done.items():
-        made.setdefault(stop, []).append(ref)
-    return made
+    return by_first(done)
 
 
 def _match(
@@ -70,10 +67,7 @@ def _match(
             futures[later, wide_id(eyes)] = match_wide_pair.submit(*eyes, params, store)
     done, failed = settled(f"sol {report.sol}: match pairs across stops", futures)
     _tell(report, {name: cause for (_, name), cause in failed.items()})
-    pairs: dict[StopId, list[WidePair]] = {}
-    for (later, _), pair in done.items():
-        pairs.setdefault(later, []).append(pair)
-    return pairs
+    return by_first(done)
 
 
 def _linked(

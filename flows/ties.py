@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 
 from photogrammetry.matching.hand_ties import HandAction
@@ -44,13 +43,6 @@ def take_ties_file(file: Path, root: Path) -> TakenTies:
     taken = TakenTies(file.name, counts, tuple(sorted(names_in(wishes) - known)))
     workspace.catalogue.publish(
         pointers=[ref],
-        outcomes=[
-            Outcome(
-                file.name,
-                is_failure=False,
-                notes=(str(taken),),
-                at=datetime.now(UTC).isoformat(timespec="seconds"),
-            )
-        ],
+        outcomes=[Outcome.now(file.name, (str(taken),))],
     )
     return taken

@@ -48,6 +48,13 @@ def read_archive(path: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         raise ProductError(f"{path.name} is no archive of arrays: {error}") from error
 
 
+def finite(value: Any) -> Any:  # noqa: ANN401 - a figure, or a tuple of them
+    """A figure as a plain JSON value: null where nothing was measured."""
+    if isinstance(value, tuple):
+        return [finite(item) for item in value]
+    return None if isinstance(value, float) and not np.isfinite(value) else value
+
+
 def frame_document(frame: Frame) -> dict[str, Any]:
     """A frame as plain JSON values."""
     return {"kind": str(frame.kind), "index": list(frame.index)}

@@ -17,6 +17,7 @@ from typing import Any
 import sqlalchemy as sa
 from sqlalchemy.engine.interfaces import DBAPIConnection
 
+from photogrammetry.imagery import StopId
 from products.crs import LandingPoint
 from products.errors import ProductNotFoundError
 from products.model import LEVEL, Layer, ProductKind, ProductRef, Scope, ScopeLevel
@@ -108,6 +109,11 @@ class ImageEntry:
     notes: tuple[str, ...] = ()
     """What is peculiar about its pixels, a line each."""
 
+    @property
+    def stop_id(self) -> StopId:
+        """The stop that it was taken at; `stop` is its name."""
+        return StopId(self.mission, self.site, self.drive)
+
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
@@ -118,6 +124,12 @@ class Outcome:
     is_failure: bool
     notes: tuple[str, ...]
     at: str
+    """UTC, ISO 8601."""
+
+    @classmethod
+    def now(cls, subject: str, notes: tuple[str, ...], *, is_failure: bool = False) -> Outcome:
+        """What has just ended."""
+        return cls(subject, is_failure, notes, datetime.now(UTC).isoformat(timespec="seconds"))
 
 
 @dataclass(frozen=True, slots=True)

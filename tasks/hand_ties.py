@@ -16,10 +16,10 @@ from photogrammetry.matching.hand_editing import Edited, HandBody, edited
 from photogrammetry.matching.hand_ties import HandTie, parse_hand_ties
 from photogrammetry.matching.ties import Ties
 from products.arrays import read_matches, read_parallax, read_right_turn
-from products.model import ProductKind, ProductRef, Recipe, Scope, ScopeLevel
+from products.model import ProductKind, ProductRef
 from products.store import ProductStore
 from products.workspace import Workspace
-from tasks.intake import ContentDigest, write_bytes
+from tasks.intake import keep_file
 from tasks.pairs import PairProducts, read_pair, with_right_turned
 
 SUFFIXES = (".ties.csv", ".ties.geojson")
@@ -38,9 +38,7 @@ def take_hand_ties(name: str, data: bytes, store: ProductStore) -> ProductRef:
         MatchingError: it cannot be read; one line says where and why.
     """
     wishes_in(data, name)  # refuses what is broken
-    scope = Scope(ScopeLevel.REGION, name.lower().replace(".", "-"))
-    recipe = Recipe(ProductKind.HAND_TIES, scope, params=ContentDigest.of(data))
-    return store.make(recipe, lambda draft: write_bytes(draft, data))
+    return keep_file(ProductKind.HAND_TIES, name, data, store)
 
 
 def wishes_in(data: bytes, name: str) -> tuple[HandTie, ...]:

@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime
 from pathlib import Path
 
 from prefect import task
@@ -24,12 +23,12 @@ from photogrammetry.pds3.partners import find_stereo_pairs
 from photogrammetry.pds3.radiometry import Radiometry
 from photogrammetry.pds3.vector_files import parse_vector_file
 from products.catalogue import ImageEntry, Outcome
-from products.model import ProductKind, ProductRef, Recipe, Scope, ScopeLevel
+from products.model import ProductKind, ProductRef
 from products.workspace import Workspace
 from tasks.downlink_files import VECTOR_SUFFIXES, file_bytes, files_of, image_bytes
 from tasks.hand_ties import is_hand_ties, take_hand_ties
 from tasks.images import image_record
-from tasks.intake import ContentDigest, Intake, TakenImage, write_bytes
+from tasks.intake import Intake, TakenImage, keep_file
 
 Taken = Outcome | ProductRef | TakenImage
 """What became of a file: a fault, a vector file or hand ties, or an image in the store."""
@@ -45,13 +44,9 @@ class Delivery:
     files: int
 
     @property
-    def first_sols(self) -> dict[str, int]:
-        """The earliest sol that each mission's images are from."""
-        sols: dict[str, int] = {}
-        for image in self.images:
-            mission = image.stop.mission
-            sols[mission] = min(sols.get(mission, image.sol), image.sol)
-        return sols
+    def missions(self) -> tuple[str, ...]:
+        """The missions of its images, in the order they came."""
+        return tuple(dict.fromkeys(image.stop.mission for image in self.images))
 
 
 @task(cache_policy=NO_CACHE, task_run_name="ingest-{downlink}")
@@ -113,29 +108,23 @@ def _read_anew(intake: Intake, delivered: set[str]) -> Iterator[Taken]:
 
 def _fault(name: str, reason: str) -> Outcome:
     reason = reason if name in reason else f"{name}: {reason}"
-    return Outcome(name, is_failure=True, notes=(reason,), at=_now())
+    return Outcome.now(name, (reason,), is_failure=True)
 
 
 def _outcomes(images: Sequence[TakenImage], workspace: Workspace) -> list[Outcome]:
     """Of images with peculiar pixels, and of those that could not be taken at an earlier time."""
     before = {outcome.subject for outcome in workspace.catalogue.outcomes()}
     return [
-        Outcome(image.file_name, is_failure=False, notes=image.entry.notes, at=_now())
+        Outcome.now(image.file_name, image.entry.notes)
         for image in images
         if image.entry.notes or image.file_name in before
     ]
 
 
-def _now() -> str:
-    return datetime.now(UTC).isoformat(timespec="seconds")
-
-
 def _take_vectors(path: Path, intake: Intake) -> ProductRef:
     data = file_bytes(path)
     parse_vector_file(data.decode("utf-8", "replace"), path.name)  # refuses what is broken
-    scope = Scope(ScopeLevel.REGION, path.name.lower().replace(".", "-"))
-    recipe = Recipe(ProductKind.VECTORS, scope, params=ContentDigest.of(data))
-    return intake.store.make(recipe, lambda draft: write_bytes(draft, data))
+    return keep_file(ProductKind.VECTORS, path.name, data, intake.store)
 
 
 def _paired(images: Sequence[TakenImage], workspace: Workspace) -> list[ImageEntry]:

@@ -23,7 +23,7 @@ from products.model import ProductKind, ProductRef, Recipe
 from products.radiometry import radiometry_digest, write_radiometry
 from products.store import ProductStore
 from tasks.images import ImageFile
-from tasks.scopes import image_scope, region_scope
+from tasks.scopes import file_scope, image_scope, region_scope
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,6 +114,12 @@ class Intake:
         digest = ContentDigest(radiometry_digest(needed))
         recipe = Recipe(ProductKind.RADIOMETRY, region_scope(mission), params=digest)
         return self.store.make(recipe, lambda draft: write_radiometry(draft, needed))
+
+
+def keep_file(kind: ProductKind, name: str, data: bytes, store: ProductStore) -> ProductRef:
+    """Keep a file that is about more than one image, as it came, under its name and content."""
+    recipe = Recipe(kind, file_scope(name), params=ContentDigest.of(data))
+    return store.make(recipe, lambda draft: write_bytes(draft, data))
 
 
 def write_bytes(draft: Path, data: bytes) -> None:

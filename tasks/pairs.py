@@ -51,6 +51,11 @@ class PairProducts:
     matches: ProductRef
     parallax: ProductRef
 
+    @property
+    def made(self) -> tuple[ProductRef, ProductRef]:
+        """What matching made of it."""
+        return self.matches, self.parallax
+
 
 def pairs_of(entries: Iterable[ImageEntry]) -> list[PairFiles]:
     """The stereo pairs among catalogued images, by identifier."""
@@ -59,9 +64,8 @@ def pairs_of(entries: Iterable[ImageEntry]) -> list[PairFiles]:
     for entry in by_id.values():
         if entry.eye != Eye.LEFT or entry.partner not in by_id:
             continue
-        stop = StopId(entry.mission, entry.site, entry.drive)
         left, right = image_file(entry), image_file(by_id[entry.partner])
-        pairs.append(PairFiles(entry.id, stop, entry.sol, entry.instrument, left, right))
+        pairs.append(PairFiles(entry.id, entry.stop_id, entry.sol, entry.instrument, left, right))
     return sorted(pairs, key=lambda pair: pair.id)
 
 

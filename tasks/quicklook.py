@@ -44,11 +44,8 @@ FROM_ABOVE = (
 
 
 @task(cache_policy=NO_CACHE, task_run_name="picture-{pair.files.id}")
-def picture_pair(
-    pair: PairProducts, store: ProductStore, params: SparseParams | None = None
-) -> ProductRef:
+def picture_pair(pair: PairProducts, params: SparseParams, store: ProductStore) -> ProductRef:
     """What was matched in a pair: points, matches by residual, dense parallax, parallax curve."""
-    params = params or SparseParams()
 
     def write(path: Path) -> None:
         matched = read_matched_pair(pair, store)
@@ -57,9 +54,8 @@ def picture_pair(
         sheet = draw_pair(matched.images, candidates, matched.matches, dense, params.verification)
         write_picture(path, sheet)
 
-    inputs = (pair.matches, pair.parallax)
     return store.make(
-        Recipe(ProductKind.QUICKLOOK, pair_scope(pair.files.id), inputs, params), write
+        Recipe(ProductKind.QUICKLOOK, pair_scope(pair.files.id), pair.made, params), write
     )
 
 

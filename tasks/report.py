@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -40,14 +40,18 @@ def report_quality(
     """State the quality of a network, in JSON and as a page; `pairs` are those it may touch."""
     inputs = (network, *(pair.matches for pair in pairs))
 
-    def write_document(path: Path) -> None:
+    @cache
+    def assessed() -> tuple[NetworkProduct, Quality, dict[str, PairCamera]]:
         product = read_network(network, store)
-        found = _assessed(product, pairs, params, store)[0]
+        cameras = {pair.files.id: _camera(pair, store) for pair in pairs}
+        return product, quality(product.adjusted, product.telemetry, cameras, params), cameras
+
+    def write_document(path: Path) -> None:
+        product, found, _ = assessed()
         path.write_text(json.dumps(_document(product, found)))
 
     def write_page(path: Path) -> None:
-        product = read_network(network, store)
-        found, cameras = _assessed(product, pairs, params, store)
+        product, found, cameras = assessed()
         title = f"{product.mission}, adjustment up to sol {product.sol}"
         pictures = _pictures(product, found, cameras)
         path.write_text(report_page(title, _document(product, found), pictures))
@@ -59,16 +63,6 @@ def report_quality(
             (ProductKind.REPORT, write_page),
         )
     ]
-
-
-def _assessed(
-    product: NetworkProduct,
-    pairs: Iterable[PairProducts],
-    params: QualityParams,
-    store: ProductStore,
-) -> tuple[Quality, dict[str, PairCamera]]:
-    cameras = {pair.files.id: _camera(pair, store) for pair in pairs}
-    return quality(product.adjusted, product.telemetry, cameras, params), cameras
 
 
 def _camera(pair: PairProducts, store: ProductStore) -> PairCamera:

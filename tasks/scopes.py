@@ -6,6 +6,9 @@ from photogrammetry.adjustment.modes import AdjustmentMode
 from photogrammetry.imagery import StopId
 from products.model import Scope, ScopeLevel
 
+OVERALL = f"-{AdjustmentMode.OVERALL}"
+"""What the names of overall adjustments end in."""
+
 
 def image_scope(image_id: str) -> Scope:
     """One image."""
@@ -34,8 +37,28 @@ def network_scope(mission: str, sol: int, mode: AdjustmentMode) -> Scope:
     """
     of_sol = sol_scope(mission, sol)
     if mode is AdjustmentMode.OVERALL:
-        return Scope(of_sol.level, f"{of_sol.name}-{mode}")
+        return Scope(of_sol.level, of_sol.name + OVERALL)
     return of_sol
+
+
+def is_of_mission(network: Scope, mission: str) -> bool:
+    """Whether a scope is one that `network_scope` names for a mission."""
+    return network.name.startswith(f"{mission.lower()}-sol")
+
+
+def is_overall(network: Scope) -> bool:
+    """Whether a scope that `network_scope` names is of an overall adjustment."""
+    return network.name.endswith(OVERALL)
+
+
+def sol_of(network: Scope) -> int:
+    """The sol of a scope that `network_scope` names."""
+    return int(network.name.removesuffix(OVERALL).rpartition("-sol")[2])
+
+
+def file_scope(name: str) -> Scope:
+    """One file that is about more than one image, by its name."""
+    return Scope(ScopeLevel.REGION, name.lower().replace(".", "-"))
 
 
 def region_scope(mission: str) -> Scope:

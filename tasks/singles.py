@@ -13,7 +13,6 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from prefect import task
 from prefect.cache_policies import NO_CACHE
 
@@ -27,7 +26,13 @@ from photogrammetry.matching.resampling import resample
 from photogrammetry.matching.single_views import MonoParams, SingleView
 from photogrammetry.matching.tie_pictures import Shown
 from photogrammetry.matching.ties import Ties
-from products.arrays import geometry_document, geometry_of_document, read_ties, write_ties
+from products.arrays import (
+    finite,
+    geometry_document,
+    geometry_of_document,
+    read_ties,
+    write_ties,
+)
 from products.catalogue import ImageEntry
 from products.model import ProductKind, ProductRef, Recipe, Scope, ScopeLevel
 from products.store import ProductStore
@@ -62,8 +67,8 @@ def singles_of(entries: Iterable[ImageEntry]) -> dict[StopId, tuple[SingleFile, 
     found: dict[StopId, list[SingleFile]] = {}
     for entry in sorted(entries, key=lambda entry: entry.id):
         if entry.partner is None and entry.instrument in ON_THE_MAST:
-            stop = StopId(entry.mission, entry.site, entry.drive)
-            found.setdefault(stop, []).append(SingleFile(entry.id, stop, image_file(entry)))
+            single = SingleFile(entry.id, entry.stop_id, image_file(entry))
+            found.setdefault(single.stop, []).append(single)
     return {stop: tuple(files) for stop, files in found.items()}
 
 
@@ -93,7 +98,7 @@ def tie_singles(
         write_sheet(path, [*map(Shown.of, matched), *alone], found.ties, found.misfit)
 
     images = (ref for file in singles for ref in file.file.inputs)
-    seen = (ref for pair in pairs for ref in (pair.matches, pair.parallax))
+    seen = (ref for pair in pairs for ref in pair.made)
     scope = Scope(ScopeLevel.STOP, f"{stop}-singles")
     ties = store.make(Recipe(ProductKind.TIES, scope, (*images, *seen), params), write)
     store.make(Recipe(ProductKind.QUICKLOOK, scope, (ties,)), write_look)
@@ -156,9 +161,5 @@ def _header(found: MonoTies, read: Sequence[tuple[RoverImage, SingleView]]) -> d
             for image, view in read
             if view.image_id in tied
         ],
-        "links": [{name: _finite(value) for name, value in link.items()} for link in links],
+        "links": [{name: finite(value) for name, value in link.items()} for link in links],
     }
-
-
-def _finite(value: Any) -> Any:  # noqa: ANN401 - names and numbers
-    return None if isinstance(value, float) and not np.isfinite(value) else value

@@ -21,7 +21,7 @@ from photogrammetry.matching.cross_site import (
 )
 from photogrammetry.matching.inter_stereo import InterStereoParams, PairTies, tie_inter_stereo
 from photogrammetry.matching.records import MatchedStop
-from products.arrays import pose_document, write_ties
+from products.arrays import finite, pose_document, write_ties
 from products.model import ProductKind, ProductRef, Recipe, Scope, ScopeLevel
 from products.store import ProductStore
 from tasks.pairs import PairProducts, read_matched_stop
@@ -40,7 +40,7 @@ class StopProducts:
     @property
     def inputs(self) -> tuple[ProductRef, ...]:
         """The products that tying reads."""
-        return tuple(ref for pair in self.pairs for ref in (pair.matches, pair.parallax))
+        return tuple(ref for pair in self.pairs for ref in pair.made)
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,7 +127,7 @@ def _figures_of_stop(found: PairTies) -> dict[str, Any]:
     return {
         "stop": str(found.stop),
         "links": [dataclasses.asdict(link) for link in found.links],
-        "rms_px": found.rms_px if np.isfinite(found.rms_px) else None,
+        "rms_px": finite(found.rms_px),
     }
 
 
@@ -139,11 +139,5 @@ def _figures_of_link(link: SiteLink) -> dict[str, Any]:
         "linked": link.linked,
         "reason": link.reason,
         "earlier_from_later": pose_document(link.earlier_from_later),
-        "figures": {name: _finite(value) for name, value in figures.items()},
+        "figures": {name: finite(value) for name, value in figures.items()},
     }
-
-
-def _finite(value: Any) -> Any:  # noqa: ANN401 - numbers and tuples of numbers
-    if isinstance(value, tuple):
-        return [_finite(item) for item in value]
-    return value if np.isfinite(value) else None

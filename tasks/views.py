@@ -56,8 +56,7 @@ class OrientedPair:
     @property
     def inputs(self) -> tuple[ProductRef, ...]:
         """The products that mapping reads."""
-        products = self.products
-        return (*products.files.left.inputs, products.matches, products.parallax)
+        return (*self.products.files.left.inputs, *self.products.made)
 
 
 def inputs_of(pairs: Iterable[OrientedPair]) -> tuple[ProductRef, ...]:

@@ -104,8 +104,7 @@ def match_wide_pair(
         return match_wide(left, right, params)
 
     def write_geometry(path: Path) -> None:
-        nothing = StereoMatches(wide_id(eyes), np.empty((0, 2)), np.empty(0), np.empty(0))
-        write_matches(path, matched().images.geometry, nothing)
+        write_matches(path, matched().images.geometry, StereoMatches.none(wide_id(eyes)))
 
     def write_parallax(path: Path) -> None:
         write_dense(path, matched().dense)

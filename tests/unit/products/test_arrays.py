@@ -1,3 +1,4 @@
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -8,6 +9,7 @@ from photogrammetry.frames import Frame, FrameKind, Pose, rotation_of_roll_pitch
 from photogrammetry.imagery import StereoMatches
 from photogrammetry.matching.dense import DenseMatches, SharedSigma
 from products.arrays import (
+    finite,
     read_dense,
     read_matches,
     read_parallax,
@@ -25,6 +27,21 @@ def a_geometry() -> EpipolarPair:
         np.array([0.4, -0.1, -1.4]),
     )
     return EpipolarPair(pose, 0.2, 1220.0, (511.5, 500.25), 1024, 1000)
+
+
+def test_a_figure_that_was_not_measured_is_null():
+    figures = (
+        "same sol",
+        12,
+        True,
+        0.5,
+        np.float64("nan"),
+        float("inf"),
+        (1.0, float("nan")),
+        None,
+    )
+    written = json.dumps([finite(figure) for figure in figures], allow_nan=False)
+    assert json.loads(written) == ["same sol", 12, True, 0.5, None, None, [1.0, None], None]
 
 
 def test_matches_and_their_geometry_come_back_exactly(tmp_path, rng):

@@ -1,4 +1,5 @@
 from dataclasses import replace
+from datetime import UTC, datetime
 
 import pytest
 
@@ -64,6 +65,17 @@ def test_what_is_published_comes_back_as_it_was(catalogue):
     assert catalogue.images() == [an_image()]
     assert catalogue.layers("MER2") == [a_layer()]
     assert catalogue.outcomes() == [outcome]
+
+
+def test_an_entry_knows_the_stop_that_its_name_stands_for():
+    assert str(an_image().stop_id) == an_image().stop
+
+
+def test_an_outcome_of_now_carries_a_time_of_now():
+    before = datetime.now(UTC).replace(microsecond=0)
+    outcome = Outcome.now("mer2-sol0156", ("12 ties",))
+    assert before <= datetime.fromisoformat(outcome.at) <= datetime.now(UTC)
+    assert not outcome.is_failure
 
 
 def test_the_latest_version_of_a_layer_is_listed_and_older_ones_stay_readable(catalogue):
