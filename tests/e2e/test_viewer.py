@@ -347,6 +347,10 @@ def at(resolution: float, on: str = "", east: float = 0.0, north: float = 0.0) -
     return f"/#m=MER2&at={east},{north},{resolution}&on={on}"
 
 
+def resolution_of(page) -> float:
+    return float(page.url.split("at=")[1].split("&")[0].split(",")[2])
+
+
 def pixel_of(page, east: float, north: float, resolution: float) -> tuple[float, float]:
     """Where on the page a place is, the map being centred on the landing point."""
     box = page.locator("div.map").bounding_box()
@@ -424,6 +428,16 @@ def test_the_scale_bar_is_as_long_as_the_ground_it_stands_for(page, url):
         width = bar.bounding_box()["width"]
         assert width * resolution == pytest.approx(metres, rel=0.01)  # a pixel of a hundred
         assert 60 < width <= 161
+
+
+def test_the_wheel_zooms_about_the_pointer_before_any_click(page, url):
+    look(page, url + at(0.1))
+    page.mouse.move(*pixel_of(page, 8.0, 4.0, 0.1))
+    page.mouse.wheel(0, 240)
+    until(page, lambda: resolution_of(page) > 0.11)
+    ready(page)
+    assert float(field(page, "east").split()[0]) == pytest.approx(8.0, abs=0.2)
+    assert float(field(page, "north").split()[0]) == pytest.approx(4.0, abs=0.2)
 
 
 def test_the_pointer_reads_metres_degrees_and_the_measured_elevation(page, url):

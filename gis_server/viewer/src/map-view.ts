@@ -5,6 +5,7 @@ import type Feature from "ol/Feature";
 import type Geometry from "ol/geom/Geometry";
 import type LineString from "ol/geom/LineString";
 import Draw from "ol/interaction/Draw";
+import { defaults as defaultInteractions } from "ol/interaction/defaults";
 import OlVectorLayer from "ol/layer/Vector";
 import OlMap from "ol/Map";
 import type MapBrowserEvent from "ol/MapBrowserEvent";
@@ -59,6 +60,7 @@ export class MapView {
     this.map = new OlMap({
       target,
       controls: defaultControls({ zoom: false, rotate: false, attribution: false }),
+      interactions: defaultInteractions(), // the map fills the page: the wheel needs no click first
       layers: [
         ...[...this.shown.values()].map((item) => item.map),
         this.highlight.layer,
