@@ -15,7 +15,7 @@ from enum import Enum, StrEnum
 from functools import cached_property
 from typing import Any, Literal
 
-SCIENCE_VERSION = 2
+SCIENCE_VERSION = 3
 """Raised when equal inputs and parameters give other products; CHANGELOG.md says what changed."""
 
 

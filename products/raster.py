@@ -45,6 +45,8 @@ _NODATA = {"float32": math.nan, "uint8": 0}
 _DIRECTIONS = {"aspect"}
 """Bands whose values run in a circle."""
 _DTM_UNITS = {"elevation": "m", "standard_deviation": "m", "observations": "", "class": ""}
+_POSE_DEVIATION = "pose_deviation"
+"""Band of a DTM whose poses are not taken for true: the part of the deviation that cells share."""
 _STRETCH_PERCENTILES = (0.5, 99.5)
 """Brightness that becomes black and white: what lies beyond is glint, deep shadow or noise."""
 _LOOK = 1 << 20
@@ -215,15 +217,17 @@ def _range_of(
 
 
 def write_dtm(path: Path, dtm: Dtm, crs: CRS, *, tags: Mapping[str, str] | None = None) -> None:
-    """Write a terrain model: elevation, standard deviation, observations and class."""
+    """Write a terrain model: elevation, deviation, observations, class, deviation of the pose."""
     bands = {
         "elevation": dtm.elevation,
         "standard_deviation": dtm.sigma_m,
         "observations": dtm.observations,
         "class": dtm.ground.astype(np.float32),
+        **({} if dtm.pose_sigma_m is None else {_POSE_DEVIATION: dtm.pose_sigma_m}),
     }
+    units = {**_DTM_UNITS, _POSE_DEVIATION: "m"}
     notes = {"VERTICAL": "metres above the tangent plane at the landing point", **(tags or {})}
-    write_raster(path, dtm.grid, bands, crs, unit=_DTM_UNITS, tags=notes)
+    write_raster(path, dtm.grid, bands, crs, unit=units, tags=notes)
 
 
 def read_dtm(path: Path) -> Dtm:
@@ -242,6 +246,7 @@ def read_dtm(path: Path) -> Dtm:
         sigma_m=bands["standard_deviation"],
         observations=bands["observations"],
         ground=bands["class"].astype(np.uint8),
+        pose_sigma_m=bands.get(_POSE_DEVIATION),
     )
 
 

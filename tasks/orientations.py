@@ -86,7 +86,12 @@ def read_orientations(ref: ProductRef, store: ProductStore) -> dict[str, MappedS
 
 def _mapped_of(row: dict[str, Any]) -> MappedStop:
     orientations = tuple(
-        Orientation(o["pair_id"], tuple(o["rotation"]), tuple(o["translation_m"]))
+        Orientation(
+            o["pair_id"],
+            tuple(o["rotation"]),
+            tuple(o["translation_m"]),
+            tuple(o.get("covariance", ())),
+        )
         for o in row["orientations"]
     )
     return MappedStop(row["stop"], orientations, row["moved_m"], row["is_new"])

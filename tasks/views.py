@@ -11,7 +11,7 @@ from photogrammetry.adjustment.records import AdjustedPair
 from photogrammetry.frames import LSL, Frame, Pose
 from photogrammetry.imagery import Eye
 from photogrammetry.matching.resampling import resample
-from photogrammetry.terrain.records import TerrainView
+from photogrammetry.terrain.records import PoseCovariance, TerrainView
 from products.arrays import read_dense, read_matches
 from products.model import ProductRef
 from products.store import ProductStore
@@ -31,14 +31,25 @@ class Orientation:
     rotation: tuple[float, ...]
     """`lsl_from_pair`, row by row."""
     translation_m: tuple[float, ...]
+    covariance: tuple[float, ...] = ()
+    """Of rotation vector (radians) and position (metres) in the LSL, row by row: stop and pointing
+    together, against the held stop. Empty: the orientation is taken for true."""
 
     @classmethod
     def of(cls, pair: AdjustedPair) -> Orientation:
         """The adjusted orientation of a pair."""
         pose = pair.lsl_from_pair
         return cls(
-            pair.pair_id, tuple(pose.rotation.ravel().tolist()), tuple(pose.translation_m.tolist())
+            pair.pair_id,
+            tuple(pose.rotation.ravel().tolist()),
+            tuple(pose.translation_m.tolist()),
+            tuple(pair.covariance.ravel().tolist()),
         )
+
+    @property
+    def covariance_6x6(self) -> PoseCovariance | None:
+        """The covariance as a matrix; None where the orientation is taken for true."""
+        return np.array(self.covariance).reshape(6, 6) if self.covariance else None
 
     def lsl_from(self, pair: Frame) -> Pose:
         """The orientation as the pose of a pair's frame."""
@@ -85,4 +96,5 @@ def _read_view(pair: OrientedPair, store: ProductStore) -> TerrainView:
         image=image,
         mask=mask,
         sigma_px=dense.sigma_px,
+        covariance=pair.orientation.covariance_6x6,
     )

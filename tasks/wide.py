@@ -137,6 +137,7 @@ def read_wide_view(pair: WidePair, store: ProductStore) -> TerrainView:
     """A wide pair as a look at the ground."""
     geometry, _ = read_matches(store.path(pair.matches))
     left, _ = in_order(*(read_eye(eye, store) for eye in pair.eyes))
+    of_left = next(eye for eye in pair.eyes if eye.products.files.id == left.pair_id)
     image, mask = resample(left.image, left.mask, left.camera, geometry, Eye.LEFT)
     dense = read_dense(store.path(pair.parallax))
     return TerrainView(
@@ -149,6 +150,7 @@ def read_wide_view(pair: WidePair, store: ProductStore) -> TerrainView:
         mask=mask,
         sigma_px=dense.sigma_px,
         shared=dense.shared,
+        covariance=of_left.orientation.covariance_6x6,
     )
 
 

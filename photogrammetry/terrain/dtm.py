@@ -27,8 +27,7 @@ passes closer below the camera than they lie below it, so with h = -(P_up - g.P_
 
 of that uncertainty (uniform over the window) is added. It is 0 on level and on rising ground.
 
-Views are averaged with weights 1/sigma_h^2, those that disagree by more than two sigma counting for
-less (Huber), and what disagreement remains enlarges the standard deviation.
+To this comes what the poses leave open, and views are averaged (`fusion`).
 """
 
 from __future__ import annotations
@@ -38,36 +37,24 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.arrays import Float64
+from photogrammetry.arrays import Raster
 from photogrammetry.errors import TerrainError
-from photogrammetry.matching.dense import SharedSigma
+from photogrammetry.terrain.fusion import Entries, FusionParams, Levels, fuse, variances
 from photogrammetry.terrain.grid import BLOCK, MapGrid
-from photogrammetry.terrain.ground import SightParams, camera_on_map, map_from_pair_rotation
 from photogrammetry.terrain.heights import ViewHeights, view_heights
 from photogrammetry.terrain.records import Dtm, GroundClass, TerrainView
 from photogrammetry.terrain.surface import Gradients, gradients
 
-HUBER = 2.0
-"""Standard deviations beyond which a view counts for less."""
-ROUNDS = 3
-"""Rounds of reweighting; the weights hardly change after two."""
 STEEPEST = 1.0
 """Gradient above which a cell's own slope is not believed: beyond 45 degrees, a rock's side."""
 
 
 @dataclass(frozen=True, slots=True)
-class DtmParams(SightParams):
+class DtmParams(FusionParams):
     """How to build a terrain model."""
 
     cell_m: float = 0.04
     """Side of a cell: four orthophoto cells, and the spacing of Navcam samples at 50 m."""
-    sigma_image_px: float = 0.25
-    """Standard deviation of an image coordinate: half a pixel's rounding by the matching window."""
-    correlation_px: float = 9.0
-    """Side of the window that refines dense parallax: pixels this close share their error."""
-    roughness: float = 0.2
-    """How far ground strays between pixels, over the length: the slope of rocky plains over some
-    decimetres is about ten degrees (RMS)."""
     slope_baseline_m: float = 0.5
     """Baseline of the slope that enters the standard deviation: some cells, less than a rover."""
 
@@ -88,17 +75,20 @@ def build_dtm(views: Sequence[TerrainView], params: DtmParams, grid: MapGrid | N
     grid = grid or _grid_around(heights, params.cell_m)
     if grid.cell_m != params.cell_m:
         raise TerrainError(f"the grid's cells are {grid.cell_m} m, the parameters' {params.cell_m}")
-    entries = _Entries.of(heights, grid)
-    if not len(entries.cell):
+    entries = Entries.of(heights, grid)
+    if not len(entries):
         raise TerrainError(f"no measured ground falls into the grid {grid.bounds}")
     flat = np.zeros((2, *grid.shape), dtype=np.float32)
-    level, _ = _fuse(entries, _variances(entries, views, grid, flat, params))
-    gradient = gradients(
-        level.reshape(grid.shape).astype(np.float32), params.cell_m, params.slope_baseline_m, 0.25
-    )
-    gradient = np.nan_to_num(np.where(np.abs(gradient) < STEEPEST, gradient, 0.0))
-    level, sigma = _fuse(entries, _variances(entries, views, grid, gradient, params))
-    return _dtm(entries, grid, level, sigma)
+    rough = fuse(entries, variances(entries, views, flat, params)).level
+    gradient = _believable_gradient(rough.reshape(grid.shape).astype(np.float32), params)
+    return _dtm(entries, fuse(entries, variances(entries, views, gradient, params)))
+
+
+def _believable_gradient(elevation: Raster, params: DtmParams) -> Gradients:
+    """The gradient of the ground; 0 where it is unknown or too steep for ground."""
+    gradient = gradients(elevation, params.cell_m, params.slope_baseline_m, 0.25)
+    gradient[~(np.abs(gradient) < STEEPEST)] = 0.0
+    return gradient
 
 
 def _grid_around(heights: Sequence[ViewHeights], cell_m: float) -> MapGrid:
@@ -113,110 +103,14 @@ def _grid_around(heights: Sequence[ViewHeights], cell_m: float) -> MapGrid:
     return MapGrid(left * block_m, -top * block_m, cell_m, rows, cols)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Entries:
-    """What all views say of all cells, one row a view and cell."""
-
-    shape: tuple[int, int]
-    cell: np.ndarray
-    view: np.ndarray
-    height: np.ndarray
-    points: np.ndarray
-    scatter: np.ndarray
-    sigma_px: np.ndarray
-    sag: np.ndarray
-
-    @classmethod
-    def of(cls, heights: Sequence[ViewHeights], grid: MapGrid) -> _Entries:
-        """The entries that fall into the grid."""
-        first_row, first_col = round(-grid.north / grid.cell_m), round(grid.west / grid.cell_m)
-        parts = []
-        for number, one in enumerate(heights):
-            row, col = one.row - first_row, one.col - first_col
-            inside = (row >= 0) & (row < grid.rows) & (col >= 0) & (col < grid.cols)
-            cell = row[inside] * grid.cols + col[inside]
-            view = np.full(len(cell), number, dtype=np.int32)
-            fields = (one.height, one.points, one.scatter, one.sigma_px, one.sag)
-            parts.append((cell, view, *(field[inside] for field in fields)))
-        return cls(grid.shape, *(np.concatenate(column) for column in zip(*parts, strict=True)))
-
-    def sums(self, weights: Float64[np.ndarray, " entries"]) -> Float64[np.ndarray, " cells"]:
-        """Sum of the weights of every cell's entries."""
-        return np.bincount(self.cell, weights, minlength=self.shape[0] * self.shape[1])
-
-
-def _variances(
-    entries: _Entries,
-    views: Sequence[TerrainView],
-    grid: MapGrid,
-    gradient: Gradients,
-    params: DtmParams,
-) -> Float64[np.ndarray, " entries"]:
-    """Variance of the elevation of every entry, on ground with this gradient."""
-    row, col = np.divmod(entries.cell, grid.cols)
-    east = grid.west + (col + 0.5) * grid.cell_m
-    north = grid.north - (row + 0.5) * grid.cell_m
-    g_east, g_north = gradient[0].ravel()[entries.cell], gradient[1].ravel()[entries.cell]
-    camera = np.array([camera_on_map(view.lsl_from_pair) for view in views])[entries.view]
-    forward = np.array([map_from_pair_rotation(v.lsl_from_pair)[:, 2] for v in views])[entries.view]
-    focal = np.array([view.geometry.focal_px for view in views])[entries.view]
-    base = np.array([view.geometry.base_m for view in views])[entries.view]
-    P = np.column_stack([east, north, entries.height]) - camera
-    Z = np.maximum(np.einsum("ij,ij->i", P, forward), grid.cell_m)
-    leaving = P[:, 2] - g_east * P[:, 0] - g_north * P[:, 1]
-    shared_px = _shared_px(views, entries.view, focal * base / Z)
-    own_px = np.sqrt(np.maximum(entries.sigma_px.astype(np.float64) ** 2 - shared_px**2, 0.0))
-    along = (own_px * Z / (focal * base) * leaving) ** 2
-    together = (shared_px * Z / (focal * base) * leaving) ** 2
-    across = (params.sigma_image_px * Z / focal) ** 2 * (1 + g_east**2 + g_north**2)
-    matches = np.maximum(1.0, entries.points / params.correlation_px**2)
-    points = np.maximum(1.0, entries.points)
-    grazing = np.clip(1 + leaving / np.maximum(np.abs(P[:, 2]), grid.cell_m), 0, 1)
-    unresolved = params.correlation_px * Z / focal * grazing
-    return (
-        (along + across) / matches
-        + together
-        + entries.scatter**2 / points
-        + (params.roughness * entries.sag) ** 2
-        + unresolved**2 / 12
-    )
-
-
-def _shared_px(
-    views: Sequence[TerrainView], view: np.ndarray, parallax_px: Float64[np.ndarray, " entries"]
-) -> Float64[np.ndarray, " entries"]:
-    """Standard deviation that every entry's parallax shares with all others of its view."""
-    shared = [view.shared or SharedSigma() for view in views]
-    offset_px = np.array([one.offset_px for one in shared])[view]
-    stretch = np.array([one.stretch for one in shared])[view]
-    return np.hypot(offset_px, stretch * parallax_px)
-
-
-def _fuse(
-    entries: _Entries, variance: Float64[np.ndarray, " entries"]
-) -> tuple[Float64[np.ndarray, " cells"], Float64[np.ndarray, " cells"]]:
-    """Elevation and standard deviation of every cell; NaN where there is no entry."""
-    reweighting = np.ones_like(variance)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        for _ in range(ROUNDS):
-            weight = reweighting / variance
-            total = entries.sums(weight)
-            level = entries.sums(weight * entries.height) / total
-            off = np.abs(entries.height - level[entries.cell]) / np.sqrt(variance)
-            reweighting = HUBER / np.maximum(HUBER, off)
-        redundancy = entries.sums(np.ones_like(variance)) - 1
-        disagreement = entries.sums(off**2 * reweighting) / np.maximum(1, redundancy)
-        return level, np.sqrt(np.maximum(1.0, disagreement) / total)
-
-
-def _dtm(entries: _Entries, grid: MapGrid, level: np.ndarray, sigma: np.ndarray) -> Dtm:
+def _dtm(entries: Entries, fused: Levels) -> Dtm:
     """The record of the fused cells."""
-    seen = np.isfinite(level)
-    points = entries.sums(entries.points.astype(np.float64))
+    grid, seen = entries.grid, np.isfinite(fused.level)
+    points = entries.sums(entries.points)
     ground = np.where(points > 0, GroundClass.MEASURED, GroundClass.INTERPOLATED)
     ground = np.where(seen, ground, GroundClass.UNSEEN).astype(np.uint8)
-    sigma = np.where(seen, sigma, np.nan)
-    elevation, sigma_m, observations = (
-        layer.reshape(grid.shape).astype(np.float32) for layer in (level, sigma, points)
+    layers = (fused.level, fused.sigma_m, points, fused.pose_sigma_m)
+    elevation, sigma_m, observations, pose_sigma_m = (
+        layer.reshape(grid.shape).astype(np.float32) for layer in layers
     )
-    return Dtm(grid, elevation, sigma_m, observations, ground.reshape(grid.shape))
+    return Dtm(grid, elevation, sigma_m, observations, ground.reshape(grid.shape), pose_sigma_m)

@@ -5,12 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import IntEnum
 
-from photogrammetry.arrays import Classes, GreyImage, Mask, ParallaxMap, Raster
+import numpy as np
+
+from photogrammetry.arrays import Classes, Float64, GreyImage, Mask, ParallaxMap, Raster
 from photogrammetry.cameras.epipolar import EpipolarPair
 from photogrammetry.errors import TerrainError
 from photogrammetry.frames import Pose
 from photogrammetry.matching.dense import SharedSigma
 from photogrammetry.terrain.grid import MapGrid
+
+PoseCovariance = Float64[np.ndarray, "6 6"]
+"""Of a rotation vector (radians) and a position (metres), both in the LSL."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,6 +33,8 @@ class TerrainView:
     """Standard deviation of every parallax, as matching states it; None where it is not known."""
     shared: SharedSigma | None = None
     """The part of it that all points of the view share."""
+    covariance: PoseCovariance | None = None
+    """Of the pose, against the held stop; None where it is taken for true."""
 
 
 class GroundClass(IntEnum):
@@ -39,6 +46,8 @@ class GroundClass(IntEnum):
     """Matched points fall into the cell."""
     INTERPOLATED = 2
     """Between neighbouring pixels of one continuous surface, closer than the set gap."""
+    OCCLUDED = 3
+    """Within reach and in the field of a pair, but behind nearer ground: no elevation."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,15 +57,19 @@ class Dtm:
     grid: MapGrid
     elevation: Raster
     sigma_m: Raster
-    """Standard deviation of the elevation; NaN where there is none."""
+    """Standard deviation of the elevation, that of the poses included; NaN where there is none."""
     observations: Raster
     """Number of matched points in the cell."""
     ground: Classes
     """A `GroundClass` a cell."""
+    pose_sigma_m: Raster | None = None
+    """The part of `sigma_m` that comes from the poses and that neighbouring cells share; None where
+    they are taken for true."""
 
     def __post_init__(self) -> None:
-        for name in ("elevation", "sigma_m", "observations", "ground"):
-            if getattr(self, name).shape != self.grid.shape:
+        for name in ("elevation", "sigma_m", "observations", "ground", "pose_sigma_m"):
+            layer = getattr(self, name)
+            if layer is not None and layer.shape != self.grid.shape:
                 raise TerrainError(
-                    f"the {name} of a DTM of {self.grid.shape} cells is {getattr(self, name).shape}"
+                    f"the {name} of a DTM of {self.grid.shape} cells is {layer.shape}"
                 )

@@ -117,8 +117,10 @@ def test_a_terrain_model_is_read_back_as_it_was(tmp_path, surface, rng):
     ground = np.where(seen, GroundClass.MEASURED, GroundClass.UNSEEN).astype(np.uint8)
     sigma = np.where(seen, np.float32(0.01), np.float32(np.nan))
     counts = rng.integers(0, 9, GRID.shape).astype(np.float32)
-    write_dtm(tmp_path / "dtm.tif", Dtm(GRID, surface, sigma, counts, ground), CRS)
+    dtm = Dtm(GRID, surface, sigma, counts, ground, sigma / 2)
+    write_dtm(tmp_path / "dtm.tif", dtm, CRS)
     dtm = read_dtm(tmp_path / "dtm.tif")
+    np.testing.assert_array_equal(dtm.pose_sigma_m, sigma / 2)
     assert dtm.grid == GRID
     np.testing.assert_array_equal(dtm.elevation, surface)
     np.testing.assert_array_equal(dtm.sigma_m, sigma)

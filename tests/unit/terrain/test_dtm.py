@@ -4,14 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from photogrammetry.errors import TerrainError
+from photogrammetry.frames import Pose
 from photogrammetry.matching.dense import SharedSigma
 from photogrammetry.terrain.dtm import DtmParams, build_dtm
 from photogrammetry.terrain.grid import BLOCK, MapGrid
 from photogrammetry.terrain.records import GroundClass
 
-UNSEEN, MEASURED, INTERPOLATED = GroundClass
+UNSEEN, MEASURED, INTERPOLATED, OCCLUDED = GroundClass
 PARAMS = DtmParams(max_relative_sigma=0.05)  # the small test camera has little parallax
 
 
@@ -228,3 +230,41 @@ def test_what_all_points_of_a_view_share_does_not_average_out(scenes):
     formula = 0.25 * depth / (300 * 0.2) * 1.5  # as of a single point
     np.testing.assert_allclose(both.sigma_m[place], formula, rtol=0.1)
     assert (own.sigma_m[place] < 0.5 * formula).all()
+
+
+def test_an_error_of_the_pose_within_its_covariance_is_within_the_stated_sigma(scenes, rng):
+    view = scenes.view_of(scenes.tilted)
+    sigmas = np.r_[np.radians([0.3, 0.4, 0.5]), 0.02, 0.03, 0.04]
+    told = replace(view, covariance=np.diag(sigmas**2))
+    stated = build_dtm([told], PARAMS)
+    off = []
+    for _ in range(40):  # draw the poses that the covariance speaks of, and look how far cells move
+        turn, shift = np.split(rng.normal(0, sigmas), 2)
+        pose = view.lsl_from_pair
+        moved = Pose(
+            pose.target,
+            pose.source,
+            Rotation.from_rotvec(turn).as_matrix() @ pose.rotation,
+            pose.translation_m + shift,
+        )
+        there = build_dtm([replace(view, lsl_from_pair=moved)], PARAMS, stated.grid)
+        off.append((there.elevation - scenes.tilted(*on_map(there))) / stated.pose_sigma_m)
+    off = np.array(off)
+    seen = (stated.ground == MEASURED) & (np.isfinite(off).sum(axis=0) > 30)
+    spread = np.sqrt(np.nanmean(np.square(off[:, seen]), axis=0))
+    assert np.median(spread) == pytest.approx(1.0, abs=0.15)
+    assert (stated.sigma_m >= stated.pose_sigma_m)[seen].all()
+
+
+def test_poses_taken_for_true_add_nothing(tilted_dtm):
+    assert np.nanmax(tilted_dtm.pose_sigma_m) == 0
+
+
+def test_what_poses_leave_open_does_not_average_out_over_the_views_of_a_stop(scenes):
+    covariance = np.diag([0, 0, 0, 0, 0, 0.2**2])
+    views = [
+        replace(scenes.view_of(scenes.level, pair=k, azimuth_deg=a), covariance=covariance)
+        for k, a in enumerate((-10, 10))
+    ]
+    dtm = build_dtm(views, PARAMS)
+    np.testing.assert_allclose(dtm.pose_sigma_m[dtm.ground != UNSEEN], 0.2, rtol=1e-4)
