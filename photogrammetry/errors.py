@@ -35,3 +35,7 @@ class AdjustmentError(PhotogrammetryError):
 
 class TerrainError(PhotogrammetryError):
     """A terrain product cannot be computed."""
+
+
+class TraverseError(PhotogrammetryError):
+    """Traverses that cannot be compared or put on the map."""
