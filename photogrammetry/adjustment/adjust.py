@@ -1,7 +1,7 @@
 """The adjustment of an image network.
 
 Stop by stop the network is first brought together (`initialise`), then adjusted as a whole in the
-two steps of `STEPS`, each repeated until data snooping finds no further blunder. What telemetry
+two steps of `estimate`, each repeated until data snooping finds no further blunder. What telemetry
 knows is weighted in (`priors`), so nothing is ever undetermined but the datum: at least one stop
 is held.
 
@@ -13,13 +13,14 @@ stop are in `stepwise` and `sequential`.
 from __future__ import annotations
 
 from collections.abc import Set as AbstractSet
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from photogrammetry.adjustment.collinearity import Observations, State, misclosures
-from photogrammetry.adjustment.consistency import consistency
+from photogrammetry.adjustment.consistency import comparisons, consistency
 from photogrammetry.adjustment.diagnosis import Initial, diagnose
+from photogrammetry.adjustment.estimate import STEPS, Start, estimate
 from photogrammetry.adjustment.findings import completed, with_findings, without_unchecked
 from photogrammetry.adjustment.initialise import carried, initialise
 from photogrammetry.adjustment.intersection import with_rays_intersected
@@ -29,30 +30,14 @@ from photogrammetry.adjustment.priors import Telemetry
 from photogrammetry.adjustment.records import (
     AdjustedNetwork,
     AdjustmentReport,
+    Consistency,
     Network,
     select,
 )
 from photogrammetry.adjustment.result import Outcome, assembled
-from photogrammetry.adjustment.sightings import sightings, with_points
-from photogrammetry.adjustment.snooping import reinstated, residuals, suspects
-from photogrammetry.adjustment.solver import Problem, linearise, solve
+from photogrammetry.adjustment.sightings import Sightings, sightings
 from photogrammetry.errors import AdjustmentError
-from photogrammetry.imagery import StopId
-
-
-@dataclass(frozen=True, slots=True)
-class Step:
-    """One step of the adjustment."""
-
-    name: str
-    robust: bool
-    """Whether large residuals count linearly (Huber) rather than squared."""
-
-
-STEPS = (
-    Step("bring the stops together while blunders hide", robust=True),
-    Step("weigh every remaining tie fully", robust=False),
-)
+from photogrammetry.imagery import StopId, TieKind
 
 
 def adjust(
@@ -87,17 +72,23 @@ def adjust(
         return completed(again, network, findings)
     state = with_rays_intersected(state, observations, fits)
     used = fits & np.isfinite(misclosures(state, observations, np.arange(len(fits)))).all(axis=1)
-    outcome = _run(STEPS, observations, telemetry, is_held, state, used, params, inherited)
-    agreement = (
-        consistency(observations, before, seen, outcome.used),
-        consistency(
-            observations,
-            outcome.solution.state,
-            sightings(observations, outcome.solution.state.pointings, params),
-            outcome.used,
-        ),
-    )
+    beginning = Start(observations, telemetry, is_held, state, used, inherited)
+    outcome = estimate(beginning, params)
+    agreement = _agreement(outcome, before, seen, params)
     return with_findings(assembled(network, is_held, outcome, agreement, name), findings)
+
+
+def _agreement(
+    outcome: Outcome, before: State, seen: Sightings, params: AdjustmentParams
+) -> tuple[dict[TieKind, Consistency], dict[TieKind, Consistency]]:
+    """How well sightings agree before and after the adjustment."""
+    observations, used, after = outcome.observations, outcome.used, outcome.solution.state
+    compared = comparisons(observations, used)
+    now = sightings(observations, after.pointings, params)
+    return (
+        consistency(observations, before, seen, used, compared),
+        consistency(observations, after, now, used, compared),
+    )
 
 
 def adjust_overall(
@@ -154,55 +145,6 @@ def _known(
             pointings[k] = pairs[pair.pair_id].pointing
     points = np.full((observations.points, 3), np.nan)
     return State(rotations, centres, pointings, points), is_known
-
-
-def _run(  # noqa: PLR0913, PLR0917 - the problem, and where it starts
-    steps: tuple[Step, ...],
-    observations: Observations,
-    telemetry: Telemetry,
-    held: np.ndarray,
-    state: State,
-    used: np.ndarray,
-    params: AdjustmentParams,
-    inherited: Marginal | None = None,
-) -> Outcome:
-    """Run the steps, each until no blunder is found any more."""
-    iterations = 0
-    for step in steps:
-        for _ in range(params.max_rounds):
-            problem = Problem.of(observations, telemetry, held, used, inherited)
-            solution = solve(problem, state, params, robust=step.robust)
-            iterations += solution.iterations
-            state = solution.state
-            threshold = params.huber if step.robust else None
-            now = linearise(problem, state, threshold)
-            inverse = now.factor.inverse()
-            found = residuals(problem, state, now.ties, inverse)
-            wrong = suspects(problem, found, params)
-            if not len(wrong):
-                break
-            used = used.copy()
-            used[wrong] = False
-        if step.robust:
-            state = _placed(observations, state, used, problem, params)
-            used = used.copy()
-            used[reinstated(problem, state, found, used, inverse, params)] = True
-    placed = _placed(observations, state, used, problem, params)
-    final = replace(solution, state=placed, iterations=iterations)
-    return Outcome(observations, problem, final, used, found, inverse)
-
-
-def _placed(
-    observations: Observations,
-    state: State,
-    used: np.ndarray,
-    problem: Problem,
-    params: AdjustmentParams,
-) -> State:
-    """The state with the points that were not in the adjustment placed by their best sighting."""
-    alone = with_points(state, observations, sightings(observations, state.pointings, params), used)
-    adjusted = problem.anchor >= 0
-    return replace(state, points=np.where(adjusted[:, None], state.points, alone.points))
 
 
 __all__ = ["STEPS", "adjust", "adjust_overall", "telemetry_network"]

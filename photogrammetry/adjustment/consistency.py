@@ -12,14 +12,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from photogrammetry.adjustment.collinearity import (
-    Observations,
-    State,
-    misclosures,
-    triangulated,
-)
+from photogrammetry.adjustment.collinearity import Observations, State, misclosures
 from photogrammetry.adjustment.records import Consistency
-from photogrammetry.adjustment.sightings import Sightings, with_points
+from photogrammetry.adjustment.sightings import Sightings, in_lsl, with_points
 from photogrammetry.imagery import TieKind
 
 
@@ -43,17 +38,24 @@ def comparisons(observations: Observations, used: np.ndarray) -> tuple[np.ndarra
 
 
 def consistency(
-    observations: Observations, state: State, seen: Sightings, used: np.ndarray
+    observations: Observations,
+    state: State,
+    seen: Sightings,
+    used: np.ndarray,
+    compared: tuple[np.ndarray, np.ndarray],
 ) -> dict[TieKind, Consistency]:
-    """Agreement of the used observations at a state, by kind of tie."""
-    a, b = comparisons(observations, used)
-    places = triangulated(state, observations)
-    apart_m = np.linalg.norm(places[a] - places[b], axis=1)
+    """Agreement of the used observations at a state, by kind of tie; see `comparisons`."""
+    a, b = compared
+    apart_m = np.linalg.norm(
+        in_lsl(state, observations, seen, a) - in_lsl(state, observations, seen, b), axis=1
+    )
     across = observations.stop[a] != observations.stop[b]
     is_cross = np.zeros(observations.points, dtype=bool)
     is_cross[observations.point[a[across]]] = True
+    is_compared = np.zeros(observations.points, dtype=bool)
+    is_compared[observations.point[a]] = True
+    fused = with_points(state, observations, seen, used & is_compared[observations.point])
     rows = np.unique(np.concatenate([a, b]))
-    fused = with_points(state, observations, seen, used)
     off_px = np.linalg.norm(misclosures(fused, observations, rows)[:, :2], axis=1)
     cross_rows = is_cross[observations.point[rows]]
     return {

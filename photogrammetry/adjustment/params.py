@@ -42,11 +42,14 @@ class AdjustmentParams:
     critical_value: float = 4.0
     """Standardised residual that makes an observation a blunder: one good coordinate in 16,000 is
     lost, so a mission keeps its ties. Baarda's 3.29 loses one in 1,000."""
+    false_share: float = 0.1
+    """Where many observations are wrong the test is sharpened until so many of those that it sets
+    aside may be good: small blunders are many then."""
     max_iterations: int = 50
     """Gauss-Newton steps per solution; a network from the alignment needs about six."""
     max_halvings: int = 8
     """Shortest step tried, as a power of 1/2."""
-    tolerance: float = 1e-10
+    tolerance: float = 1e-6
     """Converged when the squared length of a step, in its own standard deviations, is below."""
     robust_tolerance: float = 1.0
     """The same while blunders are still looked for: all unknowns together move by less than one
@@ -68,6 +71,7 @@ class AdjustmentParams:
             "huber",
             "gross",
             "critical_value",
+            "false_share",
             "tolerance",
         ):
             if not getattr(self, name) > 0:

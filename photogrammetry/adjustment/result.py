@@ -46,6 +46,7 @@ class Outcome:
     solution: Solution
     used: np.ndarray
     residuals: Residuals
+    point_covariances: np.ndarray
     inverse: np.ndarray
 
 
@@ -210,7 +211,7 @@ def _ties(network: Network, outcome: Outcome, factor: float, joint: np.ndarray) 
         observations.point[observations.is_stereo], minlength=observations.points
     )
     status = np.where(used, USED, np.where(has_stereo[observations.point] > 0, BLUNDER, UNUSED))
-    covariances = outcome.residuals.point_covariances * factor
+    covariances = outcome.point_covariances * factor
     alone = used & observations.is_stereo
     alone[outcome.problem.rows] = False
     rows = np.flatnonzero(alone)

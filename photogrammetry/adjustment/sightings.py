@@ -9,7 +9,8 @@ import numpy as np
 
 from photogrammetry.adjustment.collinearity import Observations, State, triangulated_in_pair
 from photogrammetry.adjustment.params import AdjustmentParams
-from photogrammetry.adjustment.rotations import cross_matrix, rotation_of_vector
+from photogrammetry.adjustment.rotations import rotation_of_vector
+from photogrammetry.arrays import Covariances3, Float64
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,16 +34,19 @@ def sightings(
     arm = (turned @ in_pair[:, :, None])[:, :, 0]
     with np.errstate(divide="ignore", invalid="ignore"):
         sigma = 1.0 / observations.weight
-        along = in_pair / observations.measured[:, 2:] * sigma[:, 2:]
+        along = arm / observations.measured[:, 2:] * sigma[:, 2:]
         across = (in_pair[:, 2] * sigma[:, 0] / observations.focal_px[j]) ** 2
-    S = along[:, :, None] * along[:, None, :]
-    S[:, 0, 0] += across
-    S[:, 1, 1] += across
-    lever = cross_matrix(arm) * np.radians(params.pointing_deg)
-    S = turned @ S @ turned.swapaxes(1, 2) + lever @ lever.swapaxes(1, 2)
+    turn = np.radians(params.pointing_deg) ** 2
+    S = _outer(along) - across[:, None, None] * _outer(turned[:, :, 2]) - turn * _outer(arm)
+    S[:, range(3), range(3)] += (across + turn * (arm**2).sum(axis=1))[:, None]
     usable = observations.is_stereo & (observations.measured[:, 2] >= params.far_parallax_px)
     size = np.trace(S, axis1=1, axis2=2)
     return Sightings(observations.origins_in_rover(pointings)[j] + arm, S, usable, size)
+
+
+def _outer(v: Float64[np.ndarray, "n 3"]) -> Covariances3:
+    """V v' of many vectors."""
+    return v[:, :, None] * v[:, None, :]
 
 
 def best_sightings(observations: Observations, seen: Sightings, stops: int) -> list[np.ndarray]:
@@ -66,14 +70,48 @@ def with_points(
     here although each sighting alone is poor in range.
     """
     rows = np.flatnonzero(used & observations.is_stereo)
-    stop, number = observations.stop[rows], observations.point[rows]
-    R = state.rotations[stop]
-    place = state.centres[stop] + (R @ seen.points[rows][:, :, None])[:, :, 0]
-    P = np.linalg.inv(R @ seen.covariances[rows] @ R.swapaxes(1, 2))
-    N, n = np.zeros((observations.points, 3, 3)), np.zeros((observations.points, 3))
-    np.add.at(N, number, P)
-    np.add.at(n, number, (P @ place[:, :, None])[:, :, 0])
+    number = observations.point[rows]
+    place = in_lsl(state, observations, seen, rows)
     points = np.full((observations.points, 3), np.nan)
-    placed = np.unique(number)
-    points[placed] = np.linalg.solve(N[placed], n[placed][:, :, None])[:, :, 0]
+    points[number] = place
+    several = np.bincount(number, minlength=observations.points)[number] > 1
+    if several.any():
+        mean_of, mean = _weighted_means(state, observations, seen, rows[several], place[several])
+        points[mean_of] = mean
     return State(state.rotations, state.centres, state.pointings, points)
+
+
+def in_lsl(
+    state: State, observations: Observations, seen: Sightings, rows: np.ndarray
+) -> Float64[np.ndarray, "m 3"]:
+    """Where some sightings have their points, in the LSL."""
+    stop = observations.stop[rows]
+    R = state.rotations[stop]
+    return state.centres[stop] + (R @ seen.points[rows][:, :, None])[:, :, 0]
+
+
+def _weighted_means(
+    state: State, observations: Observations, seen: Sightings, rows: np.ndarray, place: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Numbers of the points that some sightings see, and the weighted mean place of each."""
+    R = state.rotations[observations.stop[rows]]
+    P = R @ inverses(seen.covariances[rows]) @ R.mT
+    equations = np.concatenate([P, (P @ place[:, :, None])], axis=2).reshape(-1, 12)
+    numbers, of = np.unique(observations.point[rows], return_inverse=True)
+    at = (12 * of[:, None] + np.arange(12)).ravel()
+    sums = np.bincount(at, equations.ravel(), minlength=12 * len(numbers)).reshape(-1, 3, 4)
+    return numbers, (inverses(sums[:, :, :3]) @ sums[:, :, 3:])[:, :, 0]
+
+
+def inverses(S: Covariances3) -> Covariances3:
+    """Inverses of many symmetric matrices: cofactors over the determinant.
+
+    For matrices of three rows this is as exact as elimination and ten times as fast.
+    """
+    a, b, c = S[:, 0, 0], S[:, 0, 1], S[:, 0, 2]
+    d, e, f = S[:, 1, 1], S[:, 1, 2], S[:, 2, 2]
+    aa, bb, cc = d * f - e * e, c * e - b * f, b * e - c * d
+    cofactors = [aa, bb, cc, bb, a * f - c * c, b * c - a * e, cc, b * c - a * e, a * d - b * b]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        inverse = np.stack(cofactors, axis=1) / (a * aa + b * bb + c * cc)[:, None]
+    return inverse.reshape(-1, 3, 3)

@@ -1,15 +1,21 @@
-"""Data snooping: which observations cannot be what they claim (Baarda 1968).
+"""Data snooping: which observations cannot be what they claim (Baarda 1968, Teunissen 1985).
 
 With the cofactors of the whitened residuals (see `elimination`) the standardised residual of a
-coordinate is
+coordinate, and the test of a whole observation (sample, line and parallax together, for a wrong
+match is wrong in all of them), are
 
     w_i = v_i / sqrt(q_ii),      q_ii = redundancy number, the share of an error that shows in v_i
+    T = sqrt(v' Q_vv^-1 v)       chi distributed; a blunder g shifts it by sqrt(g' Q_vv g)
 
-and an observation (left point and parallax together) is suspected of being a blunder where any
-|w_i| exceeds the critical value times max(1, s), s the robust spread (1.48 median |w|) of all of
-them: where matching promised more than it held, every residual is large, and that is a finding
+An observation is suspected where T / s exceeds its gate, s = max(1, robust spread 1.48 median |w|
+of all): where matching promised more than it held, every residual is large, and that is a finding
 for sigma0 rather than a thousand blunders. In each tie point only the worst observation is taken
 out a round.
+
+The gate depends on how many blunders there are (Benjamini and Hochberg 1995): it lets good
+observations go with probability alpha (`critical_value`), or, among ties of a kind of which a share
+of k/n is wrong, with q k/n, so that at most a share q of what is set aside is good.
+A few blunders thus cost a mission no ties, and among many the small ones do not hide.
 """
 
 from __future__ import annotations
@@ -17,6 +23,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import chi2
 
 from photogrammetry.adjustment.collinearity import (
     Observations,
@@ -28,9 +35,13 @@ from photogrammetry.adjustment.elimination import EliminatedTies, inverse_of
 from photogrammetry.adjustment.params import AdjustmentParams
 from photogrammetry.adjustment.problem import Problem
 from photogrammetry.adjustment.rotations import cross_matrix
+from photogrammetry.adjustment.sightings import inverses
 
 UNCHECKED = 1e-6
 """A redundancy number below this is rounding: nothing checks the coordinate."""
+
+CERTAIN = 2.0
+"""So many standard deviations of a count are not counted: few blunders tell nothing of others."""
 
 LINEAR = 0.1
 """A prediction tells something only while its depth is known to a tenth: within, errors propagate
@@ -43,7 +54,8 @@ class Residuals:
 
     standardised: np.ndarray
     redundancy: np.ndarray
-    point_covariances: np.ndarray
+    test: np.ndarray
+    """T of every observation; zero where nothing checks it."""
 
     @property
     def scale(self) -> float:
@@ -52,52 +64,105 @@ class Residuals:
         return max(1.0, float(1.4826 * np.median(w))) if len(w) else 1.0
 
 
-def residuals(
-    problem: Problem, state: State, ties: tuple[EliminatedTies, ...], inverse: np.ndarray
-) -> Residuals:
-    """Standardised residuals, redundancy numbers and covariances of tie points."""
+def residuals(problem: Problem, ties: tuple[EliminatedTies, ...], inverse: np.ndarray) -> Residuals:
+    """Standardised residuals, redundancy numbers and tests."""
     observations = problem.observations
     n = len(observations)
-    w, r = np.full((n, 3), np.nan), np.zeros((n, 3))
-    C = np.full((observations.points, 3, 3), np.nan)
+    w, r, T = np.full((n, 3), np.nan), np.zeros((n, 3)), np.zeros(n)
     for tie in ties:
         group, number = tie.group, tie.group.signature
         Z = inverse[problem.pattern.indices(group.blocks, group.local)]
         relative = (tie.T @ Z @ tie.T.mT)[number]
-        free = 1.0 - (tie.Q**2).sum(axis=2)
-        q = np.clip(free - ((tie.A @ relative) * tie.A).sum(axis=2), 0.0, 1.0)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            standard = np.where(q > UNCHECKED, tie.b / np.sqrt(q), np.nan)
+        shape = (group.points, group.seen, 3, -1)
+        A, Q = tie.A.reshape(shape), tie.Q.reshape(shape)
+        C = np.eye(3) - Q @ Q.mT - (tie.A @ relative).reshape(shape) @ A.mT
+        v = tie.b.reshape(shape[:-1])
+        q = np.clip(np.diagonal(C, axis1=2, axis2=3), 0.0, 1.0)
         rows = group.rows.T
-        w[rows], r[rows] = standard.reshape(*rows.shape, 3), q.reshape(*rows.shape, 3)
-        numbers = observations.point[rows[:, 0]]
-        arm = state.points[numbers] - state.centres[group.stops[number, 0]]
-        C[numbers] = _point_covariances(tie, arm, Z[number])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            w[rows] = np.where(q > UNCHECKED, v / np.sqrt(q), np.nan)
+        r[rows], T[rows] = q, _tests(v, C)
     unmeasured = observations.weight == 0
     w[unmeasured], r[unmeasured] = np.nan, 0.0
-    return Residuals(w, r, C)
+    return Residuals(w, r, T)
 
 
-def _point_covariances(tie: EliminatedTies, arm: np.ndarray, Z: np.ndarray) -> np.ndarray:
+def _tests(v: np.ndarray, C: np.ndarray) -> np.ndarray:
+    """T of residuals (n, k, 3); what nothing checks has no residual and does not count."""
+    checked = C.reshape(-1, 3, 3) + UNCHECKED * np.eye(3)
+    weighted = inverses(checked) @ v.reshape(-1, 3, 1)
+    return np.sqrt(np.maximum((v * weighted.reshape(v.shape)).sum(axis=2), 0.0))
+
+
+def point_covariances(
+    problem: Problem, state: State, ties: tuple[EliminatedTies, ...], inverse: np.ndarray
+) -> np.ndarray:
     """Covariances of points: what their images leave open, and what their base stop carries over.
 
-    dX = M x_b + R^-1 (noise - Q' A_o x), with `arm` the way from the base stop to the point.
+    dX = M x_b + R^-1 (noise - Q' A_o x), with `arm` the way from the base stop to the point. NaN
+    for points outside the adjustment.
     """
-    R_inverse = inverse_of(tie.R)
-    G = -R_inverse @ tie.A1 @ tie.T[tie.group.signature]
-    G[:, :, -6:-3] -= cross_matrix(arm)
-    G[:, :, -3:] += np.eye(3)
-    return R_inverse @ R_inverse.mT + G @ Z @ G.mT
+    C = np.full((problem.observations.points, 3, 3), np.nan)
+    for tie in ties:
+        group, number = tie.group, tie.group.signature
+        Z = inverse[problem.pattern.indices(group.blocks, group.local)][number]
+        numbers = problem.observations.point[group.rows[0]]
+        R_inverse = inverse_of(tie.R)
+        G = -R_inverse @ tie.A1 @ tie.T[number]
+        G[:, :, -6:-3] -= cross_matrix(
+            state.points[numbers] - state.centres[group.stops[number, 0]]
+        )
+        G[:, :, -3:] += np.eye(3)
+        C[numbers] = R_inverse @ R_inverse.mT + G @ Z @ G.mT
+    return C
 
 
-def suspects(problem: Problem, found: Residuals, params: AdjustmentParams) -> np.ndarray:
-    """Numbers of the observations to take out: the worst of each tie point beyond the critical."""
-    observations: Observations = problem.observations
-    worst = np.nanmax(np.nan_to_num(np.abs(found.standardised)), axis=1, initial=0.0)
-    rows = np.flatnonzero(worst > params.critical_value * found.scale)
-    rows = rows[np.argsort(-worst[rows], kind="stable")]
+def suspects(
+    problem: Problem, found: Residuals, used: np.ndarray, params: AdjustmentParams
+) -> np.ndarray:
+    """Numbers of the observations to take out: the worst of each tie point beyond its gate."""
+    observations = problem.observations
+    excess = found.test / found.scale / gates(observations, found, used, params)
+    rows = np.flatnonzero(excess > 1.0)
+    rows = rows[np.argsort(-excess[rows], kind="stable")]
     _, first = np.unique(observations.point[rows], return_index=True)
     return rows[first]
+
+
+def gates(
+    observations: Observations, found: Residuals, used: np.ndarray, params: AdjustmentParams
+) -> np.ndarray:
+    """Gate of the test of every observation, by what has been set aside of its kind so far."""
+    measured = np.maximum((observations.weight > 0).sum(axis=1), 1)
+    alpha = measured * chi2.sf(params.critical_value**2, 1)
+    p = chi2.sf((found.test / found.scale) ** 2, measured)
+    aside, kind = ~used & observations.is_stereo, _joins_stops(observations)
+    for of_kind in (kind, ~kind):
+        tested = np.sort(p[of_kind & (found.test > 0)])
+        share = _share_of_blunders(tested, int((aside & of_kind).sum()), params.false_share)
+        alpha[of_kind] = np.maximum(alpha[of_kind], params.false_share * share)
+    return np.sqrt(chi2.isf(alpha, measured))
+
+
+def _share_of_blunders(p: np.ndarray, aside: int, false_share: float) -> float:
+    """How many observations of a kind are wrong for certain, as a share of all.
+
+    `p` are the probabilities of their tests, ascending; others have been set `aside` already.
+    """
+    n = max(len(p) + aside, 1)
+    found = aside + np.arange(len(p) + 1)
+    surely = np.maximum(found - CERTAIN * np.sqrt(found), 0.0) / n
+    passed = np.flatnonzero(p <= false_share * surely[1:])
+    return float(surely[passed[-1] + 1 if len(passed) else 0])
+
+
+def _joins_stops(observations: Observations) -> np.ndarray:
+    """Which observations are of points that several stops see."""
+    low = np.full(observations.points, len(observations.pair_stop))
+    high = np.full(observations.points, -1)
+    np.minimum.at(low, observations.point, observations.stop)
+    np.maximum.at(high, observations.point, observations.stop)
+    return (high > low)[observations.point]
 
 
 def joint_covariances(problem: Problem, inverse: np.ndarray) -> np.ndarray:
@@ -121,9 +186,10 @@ def single_sightings(
     return back @ total @ back.swapaxes(1, 2)
 
 
-def reinstated(
+def reinstated(  # noqa: PLR0913, PLR0917 - the network, where it stands, and what is known of it
     problem: Problem,
     state: State,
+    ties: tuple[EliminatedTies, ...],
     found: Residuals,
     used: np.ndarray,
     inverse: np.ndarray,
@@ -132,11 +198,11 @@ def reinstated(
     """Numbers of observations set aside that fit after all.
 
     An observation that was left out is predicted from the point that the others give; it comes back
-    when its misclosure is within the critical value of what both uncertainties explain.
+    when its misclosure is within its gate of what both uncertainties explain.
     """
     observations = problem.observations
     joint = joint_covariances(problem, inverse)
-    C = found.point_covariances.copy()
+    C = point_covariances(problem, state, ties, inverse)
     alone = used & observations.is_stereo
     alone[problem.rows] = False
     single = np.flatnonzero(alone)
@@ -158,5 +224,5 @@ def reinstated(
         misfit = (l_finite * np.linalg.solve(S, l_finite[:, :, None])[:, :, 0]).sum(axis=1)
     parallax = observations.measured[rows, 2] - l[:, 2]
     sharp = np.sqrt(np.maximum(S[:, 2, 2], 0.0)) < LINEAR * parallax
-    small = misfit < (params.critical_value * found.scale) ** 2
+    small = np.sqrt(misfit) < gates(observations, found, used, params)[rows] * found.scale
     return rows[np.isfinite(l).all(axis=1) & sharp & small]

@@ -1,0 +1,141 @@
+"""The estimate: solve, set blunders aside, and solve again until none is found.
+
+First with a robust loss, under which large blunders do not hide one another; what fits after all
+comes back. Then every remaining observation counts fully.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from photogrammetry.adjustment.collinearity import Observations, State
+from photogrammetry.adjustment.marginal import Marginal
+from photogrammetry.adjustment.normals import lengths, whitened
+from photogrammetry.adjustment.params import AdjustmentParams
+from photogrammetry.adjustment.priors import Telemetry
+from photogrammetry.adjustment.result import Outcome
+from photogrammetry.adjustment.sightings import sightings, with_points
+from photogrammetry.adjustment.snooping import (
+    Residuals,
+    point_covariances,
+    reinstated,
+    residuals,
+    suspects,
+)
+from photogrammetry.adjustment.solver import Linearised, Problem, linearise, solve
+from photogrammetry.arrays import Bool
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One step of the estimate."""
+
+    name: str
+    robust: bool
+    """Whether large residuals count linearly (Huber) rather than squared."""
+
+
+STEPS = (
+    Step("bring the stops together while blunders hide", robust=True),
+    Step("weigh every remaining tie fully", robust=False),
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Start:
+    """A network, and where its estimate starts."""
+
+    observations: Observations
+    telemetry: Telemetry
+    held: Bool[np.ndarray, " stops"]
+    state: State
+    used: Bool[np.ndarray, " rows"]
+    inherited: Marginal | None = None
+
+    def problem(self, used: np.ndarray) -> Problem:
+        """With the observations in use."""
+        return Problem.of(self.observations, self.telemetry, self.held, used, self.inherited)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Judged:
+    """A solution with what its residuals say."""
+
+    problem: Problem
+    state: State
+    now: Linearised
+    inverse: np.ndarray
+    found: Residuals
+
+    @classmethod
+    def of(cls, problem: Problem, state: State, threshold: float | None) -> _Judged:
+        now = linearise(problem, state, threshold)
+        inverse = now.factor.inverse()
+        return cls(problem, state, now, inverse, residuals(problem, now.ties, inverse))
+
+
+def estimate(start: Start, params: AdjustmentParams) -> Outcome:
+    """Estimate all unknowns, and which observations are blunders."""
+    problem, state, used, iterations = start.problem(start.used), start.state, start.used, 0
+    for step in STEPS:
+        for further in reversed(range(params.max_rounds)):
+            solution = solve(problem, state, params, robust=step.robust)
+            state, iterations = solution.state, iterations + solution.iterations
+            if step.robust and not _stand_out(problem, state, used, params):
+                break
+            judged = _Judged.of(problem, state, params.huber if step.robust else None)
+            wrong = suspects(problem, judged.found, used, params)
+            if not (len(wrong) and further):
+                used, problem = _with_fitting(start, judged, used, params, step)
+                break
+            used = _changed(used, wrong, to=False)
+            problem = start.problem(used)
+    final = replace(solution, state=_placed(judged.problem, state, used, params))
+    return Outcome(
+        start.observations,
+        judged.problem,
+        replace(final, iterations=iterations),
+        used,
+        judged.found,
+        point_covariances(judged.problem, state, judged.now.ties, judged.inverse),
+        judged.inverse,
+    )
+
+
+def _stand_out(problem: Problem, state: State, used: np.ndarray, params: AdjustmentParams) -> bool:
+    """Whether any observation is so far off that others could hide behind it, or is set aside."""
+    aside = ~used & problem.observations.is_stereo
+    return bool(aside.any() or (lengths(whitened(problem, state)) > params.critical_value).any())
+
+
+def _with_fitting(
+    start: Start, judged: _Judged, used: np.ndarray, params: AdjustmentParams, step: Step
+) -> tuple[np.ndarray, Problem]:
+    """With what was set aside and fits after all, as long as blunders are looked for robustly."""
+    if not step.robust or used.all():
+        return used, judged.problem
+    state = _placed(judged.problem, judged.state, used, params)
+    back = reinstated(
+        judged.problem, state, judged.now.ties, judged.found, used, judged.inverse, params
+    )
+    if not len(back):
+        return used, judged.problem
+    used = _changed(used, back, to=True)
+    return used, start.problem(used)
+
+
+def _changed(used: np.ndarray, rows: np.ndarray, *, to: bool) -> np.ndarray:
+    used = used.copy()
+    used[rows] = to
+    return used
+
+
+def _placed(problem: Problem, state: State, used: np.ndarray, params: AdjustmentParams) -> State:
+    """The state with the points that were not in the adjustment placed by their best sighting."""
+    observations, inside = problem.observations, problem.anchor >= 0
+    rest = observations.select(np.flatnonzero(used & ~inside[observations.point]))
+    seen = sightings(rest, state.pointings, params)
+    alone = with_points(state, rest, seen, np.ones(len(rest), dtype=bool))
+    return replace(state, points=np.where(inside[:, None], state.points, alone.points))
