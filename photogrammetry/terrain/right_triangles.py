@@ -1,0 +1,217 @@
+"""A grid as few right triangles, within a stated error, with holes that stay holes.
+
+A right-triangulated irregular network (Evans, Kirkpatrick & Townsend 2001): a square is two right
+triangles, and a right triangle is split at the middle of its longest side into two. With squares of
+side s = 2^j the middles are in turn
+
+    A_j: middles of squares, on one diagonal        B_j: middles of the squares' sides
+
+    coarse  A_k, B_k, A_k-1, B_k-1, ... A_1, B_1  fine          (2^k: side of the root squares)
+
+where the diagonal joins the corners whose row + column, counted in s, is even. The two triangles on
+either side of a longest side are split together, so that no crack opens. Splitting at v demands
+that the four vertices next coarser be there; an error that is at least that of whatever depends on
+it (Lindstrom & Pascucci 2002) sees to that without any bookkeeping.
+
+The error is exact rather than estimated: for every level the grid is interpolated from the vertices
+above that level, which on right triangles is halving again and again, and the error of v is the
+largest distance, at any grid point that v stands for, between that surface and the grid. A triangle
+that is kept is therefore nowhere farther than the tolerance from the grid points inside it.
+
+A square of four neighbouring grid points is a hole when its corners are not one surface. Triangles
+that reach over whole squares and holes are split down to single squares, and the holes dropped.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from photogrammetry.arrays import Bool, Float32, Int32, Raster
+from photogrammetry.errors import TerrainError
+
+ROOT_LEVELS = 8
+"""Side of the root squares as a power of two: 256 points, one block of a map."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GridMesh:
+    """Triangles between points of a grid."""
+
+    row: Int32[np.ndarray, " n"]
+    col: Int32[np.ndarray, " n"]
+    triangles: Int32[np.ndarray, "m 3"]
+    """Vertices of every triangle, counter-clockwise where columns run right and rows down."""
+
+    def __len__(self) -> int:
+        return len(self.triangles)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RightTriangles:
+    """A grid prepared for being drawn with triangles of any tolerance."""
+
+    levels: int
+    """The root squares' side is 2^levels."""
+    error: Float32[np.ndarray, "points_down points_across"]
+    """How far the surface strays when the triangles around this point are not split at it."""
+    whole: Bool[np.ndarray, "squares_down squares_across"]
+    """Squares between four neighbouring points that are ground and no hole."""
+
+    @classmethod
+    def of(
+        cls,
+        values: Raster,
+        whole: Bool[np.ndarray, "squares_down squares_across"] | None = None,
+        levels: int = ROOT_LEVELS,
+    ) -> RightTriangles:
+        """Prepare a grid of values, whose error it is; NaN where nothing was measured.
+
+        Args:
+            values: Elevation, parallax or whatever else is linear over a plane.
+            whole: Squares that are one surface; all by default. Those with a NaN never are.
+            levels: The root squares' side as a power of two.
+        """
+        known = np.isfinite(values)
+        four = known[:-1, :-1] & known[1:, :-1] & known[:-1, 1:] & known[1:, 1:]
+        if whole is not None:
+            four &= whole
+        side = 1 << levels
+        down, across = (-(-max(1, n - 1) // side) * side for n in values.shape)
+        grid = np.zeros((down + 1, across + 1), dtype=np.float32)
+        grid[: values.shape[0], : values.shape[1]] = np.where(known, values, np.float32(0))
+        squares = np.zeros((down, across), dtype=np.bool_)
+        squares[: four.shape[0], : four.shape[1]] = four
+        return cls(levels, _errors(grid, squares, levels), squares)
+
+    @property
+    def roots(self) -> tuple[int, int]:
+        """Number of root squares down and across."""
+        return self.whole.shape[0] >> self.levels, self.whole.shape[1] >> self.levels
+
+    def mesh(
+        self, tolerance: float, roots: tuple[slice, slice] = (slice(None), slice(None))
+    ) -> GridMesh:
+        """The fewest of these triangles that stray by no more than `tolerance`.
+
+        Args:
+            tolerance: In the unit of the grid's values.
+            roots: Root squares to draw, down and across; all by default.
+        """
+        if not tolerance > 0:
+            raise TerrainError(f"a mesh needs a tolerance above zero, not {tolerance}")
+        kept = []
+        corners = self._root_triangles(roots)
+        for _ in range(2 * self.levels):
+            a, b, c = corners
+            middle = (a + b) // 2
+            split = self.error[middle[0], middle[1]] > tolerance
+            kept.append(corners[:, :, ~split])
+            a, b, c, middle = (part[:, split] for part in (a, b, c, middle))
+            corners = np.concatenate([np.stack([c, a, middle]), np.stack([b, c, middle])], axis=2)
+        return self._compact(np.concatenate([*kept, corners], axis=2))
+
+    def _root_triangles(self, roots: tuple[slice, slice]) -> np.ndarray:
+        """(a, b, c) x (row, col) of two triangles a root square; a to b is the longest side."""
+        down, across = (np.arange(n)[part] for n, part in zip(self.roots, roots, strict=True))
+        i, j = (one.ravel() for one in np.meshgrid(down, across, indexing="ij"))
+        falling = (i + j) % 2 == 0
+        nw, ne = np.stack([i, j]), np.stack([i, j + 1])
+        sw, se = np.stack([i + 1, j]), np.stack([i + 1, j + 1])
+        first = np.where(falling, np.stack([nw, se, ne]), np.stack([sw, ne, nw]))
+        second = np.where(falling, np.stack([se, nw, sw]), np.stack([ne, sw, se]))
+        return np.concatenate([first, second], axis=2) << self.levels
+
+    def _compact(self, corners: np.ndarray) -> GridMesh:
+        """Triangles without those over holes, and the points that they use."""
+        row, col = corners.sum(axis=0) // 3  # a square inside: corners of one square, too
+        corners = corners[:, :, self.whole[row, col]]
+        width = self.error.shape[1]
+        used, index = np.unique(corners[:, 0] * width + corners[:, 1], return_inverse=True)
+        row, col = np.divmod(used, width)
+        triangles = index.reshape(3, -1).T
+        return GridMesh(
+            row.astype(np.int32), col.astype(np.int32), np.ascontiguousarray(triangles, np.int32)
+        )
+
+
+def _errors(grid: np.ndarray, whole: np.ndarray, levels: int) -> np.ndarray:
+    """The error of every point: exact, no less than its dependents', infinite next to holes."""
+    error = np.zeros_like(grid)
+    for j in range(levels, 0, -1):
+        for kind in "AB":
+            surface = grid.copy()
+            for step, which in _finer(j, kind):
+                _interpolate(surface, step, which)
+            off = np.abs(np.subtract(grid, surface, out=surface), out=surface)
+            _lift(off, None, j, kind)
+            for mine, exact in zip(_points(error, j, kind), _points(off, j, kind), strict=True):
+                mine[...] = exact
+    good, bad = np.zeros(grid.shape, np.uint8), np.zeros(grid.shape, np.uint8)
+    _lift(good, whole.astype(np.uint8), levels, "A")
+    _lift(bad, (~whole).astype(np.uint8), levels, "A")
+    error[(bad > 0) & (good > 0)] = np.inf
+    error[good == 0] = 0
+    _lift(error, None, levels, "A")
+    return error
+
+
+def _finer(level: int, kind: str) -> Iterator[tuple[int, str]]:
+    """Levels from (level, kind) down to the finest."""
+    for j in range(level, 0, -1):
+        for which in "AB":
+            if j < level or which >= kind:
+                yield j, which
+
+
+def _points(grid: np.ndarray, level: int, kind: str) -> list[np.ndarray]:
+    """The points of a level, as views of the grid: middles, or those of sides across and down."""
+    s, h = 1 << level, 1 << level >> 1
+    return [grid[h::s, h::s]] if kind == "A" else [grid[::s, h::s], grid[h::s, ::s]]
+
+
+def _interpolate(grid: np.ndarray, level: int, kind: str) -> None:
+    """Set the points of a level to the mean of the ends of the longest side that they halve."""
+    s = 1 << level
+    corners = grid[::s, ::s]
+    half = np.float32(0.5)
+    if kind == "B":
+        across, down = _points(grid, level, kind)
+        across[...] = half * (corners[:, :-1] + corners[:, 1:])
+        down[...] = half * (corners[:-1] + corners[1:])
+        return
+    (middle,) = _points(grid, level, kind)
+    i, j = np.ogrid[: middle.shape[0], : middle.shape[1]]
+    falling, rising = corners[:-1, :-1] + corners[1:, 1:], corners[:-1, 1:] + corners[1:, :-1]
+    middle[...] = half * np.where((i + j) % 2 == 0, falling, rising)
+
+
+def _lift(grid: np.ndarray, squares: np.ndarray | None, level: int, kind: str) -> None:
+    """Raise every point up to (level, kind) to the largest of the points that depend on it."""
+    for step, which in reversed(list(_finer(level, kind))):
+        if which == "A":
+            _lift_middles(grid, step)
+            continue
+        inside = squares if step == 1 else _points(grid, step - 1, "A")[0]
+        if inside is not None:
+            _lift_sides(grid, inside, step)
+
+
+def _lift_middles(grid: np.ndarray, level: int) -> None:
+    (middle,) = _points(grid, level, "A")
+    across, down = _points(grid, level, "B")
+    for around in (across[:-1], across[1:], down[:, :-1], down[:, 1:]):
+        np.maximum(middle, around, out=middle)
+
+
+def _lift_sides(grid: np.ndarray, inside: np.ndarray, level: int) -> None:
+    """Sides from the middles of the four squares, half as large, around the middle of each."""
+    across, down = _points(grid, level, "B")
+    beside = np.maximum(inside[:, ::2], inside[:, 1::2])
+    np.maximum(across[1:], beside[1::2], out=across[1:])
+    np.maximum(across[:-1], beside[::2], out=across[:-1])
+    above = np.maximum(inside[::2], inside[1::2])
+    np.maximum(down[:, 1:], above[:, 1::2], out=down[:, 1:])
+    np.maximum(down[:, :-1], above[:, ::2], out=down[:, :-1])
