@@ -14,12 +14,13 @@ something nearer stands in front and the cell is hidden from this view.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 
-from photogrammetry.arrays import Float32, GreyImage, Raster, Vector3
+from photogrammetry.arrays import Float32, Float64, GreyImage, Mask, Raster, Vector3
 from photogrammetry.terrain.ground import camera_on_map, map_from_pair_rotation
 from photogrammetry.terrain.records import TerrainView
 
@@ -29,6 +30,15 @@ LEVELS = 4
 """Levels of the image pyramid: ground that is up to eight pixels a cell wide."""
 FADE_FROM_PX = 4.0
 """Distance from unusable pixels at which fading starts: the reach of the second pyramid level."""
+
+COARSER = 4
+"""Width, in pixels, of the steps in which the distance to unusable pixels is known."""
+GRAZING = np.float32(0.02)
+"""Least sine of the angle at which ground is taken to be seen: what faces away by a degree or two
+does so by the noise of its elevation. What is hidden shows in the parallax."""
+
+Pyramid = tuple[np.ndarray, ...]
+"""A band of an image, and the same at half the size, again and again."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,32 +62,40 @@ class Look:
     focal_px: float
     base_m: float
     centre_px: tuple[float, float]
-    pyramid: tuple[np.ndarray, ...]
-    """The image, and the image at half the size, again and again."""
-    fade: GreyImage
+    sides: Float64[np.ndarray, "5 3"]
+    """Outward normals (east, north, up) of the planes around the field of view."""
+    bands: tuple[Pyramid, ...]
+    """The view's own image, or the images through several filters in its place."""
+    fade: Float32[np.ndarray, "coarse_lines coarse_samples"]
     nearest: GreyImage
     """Matched parallax, 0 where there is none."""
 
     @classmethod
-    def of(cls, view: TerrainView) -> Look:
-        """Prepare a view."""
-        usable = np.pad(view.mask.astype(np.uint8), 1)
-        inside = cv2.distanceTransform(usable, cv2.DIST_L2, 3)[1:-1, 1:-1]
-        level = float(np.median(view.image[view.mask])) if view.mask.any() else 0.0
-        pyramid = [np.where(view.mask, view.image, np.float32(level))]
-        while len(pyramid) < LEVELS:
-            pyramid.append(cv2.pyrDown(pyramid[-1]))
-        half = min(view.mask.shape) / 2
+    def of(cls, view: TerrainView, bands: Sequence[GreyImage] = ()) -> Look:
+        """Prepare a view, with its own image or with others in the same geometry."""
+        rotation = map_from_pair_rotation(view.lsl_from_pair)
         return cls(
             camera=camera_on_map(view.lsl_from_pair),
-            pair_from_map=map_from_pair_rotation(view.lsl_from_pair).T.astype(np.float32),
+            pair_from_map=rotation.T.astype(np.float32),
             focal_px=view.geometry.focal_px,
             base_m=view.geometry.base_m,
             centre_px=view.geometry.centre_px,
-            pyramid=tuple(pyramid),
-            fade=(np.clip(inside - FADE_FROM_PX, 0, half) / half).astype(np.float32),
+            sides=_sides(view) @ rotation.T,
+            bands=tuple(_pyramid(band, view.mask) for band in bands or (view.image,)),
+            fade=_fade(view.mask),
             nearest=np.where(np.isfinite(view.parallax), view.parallax, 0).astype(np.float32),
         )
+
+    def balanced(self, gains: Float64[np.ndarray, "bands 2"]) -> Look:
+        """The view with (gain, offset) applied to each of its bands."""
+        pairs = zip(self.bands, gains.astype(np.float32), strict=True)
+        bands = (tuple(level * g + o for level in pyramid) for pyramid, (g, o) in pairs)
+        return replace(self, bands=tuple(bands))
+
+    def may_show(self, middle: Vector3, radius_m: float) -> bool:
+        """Whether the field of view may reach into a sphere (east, north, up)."""
+        beyond = self.sides @ (middle - self.camera)
+        return bool(beyond.max() <= radius_m)
 
     def sight(
         self,
@@ -91,36 +109,79 @@ class Look:
         The parallax may exceed the expected one by the tolerance and by what a cell's own depth
         makes, p cell / Z, before the cell counts as hidden.
         """
-        X, Y, Z = np.einsum("ij,jrc->irc", self.pair_from_map, ground)
-        ahead = NEAREST_M < Z
-        Z = np.maximum(Z, np.float32(NEAREST_M))
-        sample = np.float32(self.centre_px[0]) + np.float32(self.focal_px) * X / Z
-        line = np.float32(self.centre_px[1]) + np.float32(self.focal_px) * Y / Z
-        parallax = np.float32(self.focal_px * self.base_m) / Z
-        matched = _sampled(self.nearest, sample, line, cv2.INTER_NEAREST)
-        hidden = matched > parallax * (1 + np.float32(cell_m) / Z) + np.float32(tolerance_px)
-        distance = np.sqrt(np.einsum("irc,irc->rc", ground, ground))
-        facing = np.maximum(-np.einsum("irc,irc->rc", ground, normal), 0)
-        density = np.float32(self.focal_px**2) * facing / distance**3
-        fade = _sampled(self.fade, sample, line, cv2.INTER_LINEAR)
-        shown = ahead & (fade > 0)
+        turned = self.pair_from_map @ ground.reshape(3, -1)
+        X, Y, Z = turned.reshape(ground.shape)
+        nearness = 1 / np.maximum(Z, np.float32(NEAREST_M))
+        enlarged = np.float32(self.focal_px) * nearness
+        sample = X * enlarged + np.float32(self.centre_px[0])
+        line = Y * enlarged + np.float32(self.centre_px[1])
+        parallax = enlarged * np.float32(self.base_m)
+        farthest = parallax * (1 + np.float32(cell_m) * nearness) + np.float32(tolerance_px)
+        hidden = _sampled(self.nearest, sample, line, cv2.INTER_NEAREST) > farthest
+        square = ground[0] ** 2 + ground[1] ** 2 + ground[2] ** 2
+        facing = -(ground[0] * normal[0] + ground[1] * normal[1] + ground[2] * normal[2])
+        fade = _sampled(self.fade, *_coarser(sample, line), cv2.INTER_LINEAR)
+        shown = (np.float32(NEAREST_M) < Z) & (fade > 0)
+        facing = np.maximum(facing, GRAZING * np.sqrt(square))
+        density = np.float32(self.focal_px**2) * facing / (square * np.sqrt(square))
         density = np.where(shown, density, np.float32(0))
         return Sight(sample, line, density, np.where(hidden, np.float32(0), density * fade))
 
-    def brightness(self, sample: Raster, line: Raster, level: Raster) -> Raster:
-        """Grey values at image points, averaged over 2^level pixels."""
+    def brightness(
+        self, sample: Raster, line: Raster, level: Raster | None, band: int = 0
+    ) -> Raster:
+        """Grey values at image points, averaged over 2^level pixels, or over none."""
+        pyramid = self.bands[band]
+        if level is None:
+            return _sampled(pyramid[0], sample, line, cv2.INTER_LINEAR)
         level = np.clip(level, 0, LEVELS - 1)
-        coarsest = int(np.ceil(level.max(initial=0)))
         grey = np.zeros_like(sample)
-        for number in range(coarsest + 1):
+        for number in range(int(level.min()), int(np.ceil(level.max())) + 1):
             share = np.maximum(0, 1 - np.abs(level - np.float32(number)))
-            if share.any():
-                scale = np.float32(0.5**number)
-                image = self.pyramid[number]
-                grey += share * _sampled(image, sample * scale, line * scale, cv2.INTER_LINEAR)
+            scale = np.float32(0.5**number)
+            values = _sampled(pyramid[number], sample * scale, line * scale, cv2.INTER_LINEAR)
+            cv2.accumulateProduct(values, share, grey)
         return grey
 
 
-def _sampled(image: GreyImage, sample: Raster, line: Raster, how: int) -> Raster:
+def _sides(view: TerrainView) -> Float64[np.ndarray, "5 3"]:
+    """Outward unit normals of the field of view: behind, left, right, above, below."""
+    lines, samples = view.mask.shape
+    f = view.geometry.focal_px
+    left, top = (-0.5 - c for c in view.geometry.centre_px)
+    right, bottom = left + samples, top + lines
+    normals = np.array([[0, 0, -f], [-f, 0, left], [f, 0, -right], [0, -f, top], [0, f, -bottom]])
+    return normals / np.linalg.norm(normals, axis=1, keepdims=True)
+
+
+def _fade(mask: Mask) -> Float32[np.ndarray, "coarse_lines coarse_samples"]:
+    """Distance from unusable pixels over half the image, in pixels `COARSER` times as wide."""
+    lines, samples = (size // COARSER for size in mask.shape)
+    whole = mask[: lines * COARSER, : samples * COARSER]
+    usable = whole.reshape(lines, COARSER, samples, COARSER).all(axis=(1, 3))
+    padded = np.pad(usable.astype(np.uint8), 1)
+    inside = cv2.distanceTransform(padded, cv2.DIST_L2, 3)[1:-1, 1:-1] * COARSER - COARSER / 2
+    half = min(mask.shape) / 2
+    return (np.clip(inside - FADE_FROM_PX, 0, half) / half).astype(np.float32)
+
+
+def _coarser(sample: Raster, line: Raster) -> tuple[Raster, Raster]:
+    """Image points in an image with pixels `COARSER` times as wide."""
+    scale, shift = np.float32(1 / COARSER), np.float32(0.5 / COARSER - 0.5)
+    return sample * scale + shift, line * scale + shift
+
+
+def _pyramid(image: GreyImage, mask: Mask) -> Pyramid:
+    """The image at every level; unusable pixels have its mean, for they are never shown."""
+    level = cv2.mean(image, mask.astype(np.uint8))[0]
+    pyramid = [image if mask.all() else np.where(mask, image, np.float32(level))]
+    while len(pyramid) < LEVELS:
+        pyramid.append(cv2.pyrDown(pyramid[-1]))
+    return tuple(pyramid)
+
+
+def _sampled(
+    image: Float32[np.ndarray, "lines samples"], sample: Raster, line: Raster, how: int
+) -> Raster:
     """The image at these points; 0 outside."""
     return cv2.remap(image, sample, line, how, borderMode=cv2.BORDER_CONSTANT, borderValue=0)

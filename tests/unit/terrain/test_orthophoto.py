@@ -62,16 +62,37 @@ def test_what_the_terrain_model_has_not_seen_is_not_shown(pan, orthophoto):
     assert shown.sum() * 0.01**2 > 0.97 * (dtm.ground != GroundClass.UNSEEN).sum() * 0.04**2
 
 
+def at_sources(orthophoto):
+    """Brightness in the middle of every cell of the sources."""
+    ratio = round(orthophoto.source_grid.cell_m / orthophoto.grid.cell_m)
+    return orthophoto.brightness[ratio // 2 :: ratio, ratio // 2 :: ratio]
+
+
+def source_at(orthophoto):
+    """The source of every cell of the orthophoto."""
+    ratio = round(orthophoto.source_grid.cell_m / orthophoto.grid.cell_m)
+    return orthophoto.source.repeat(ratio, axis=0).repeat(ratio, axis=1)
+
+
 def test_every_cell_names_the_view_it_came_from(orthophoto):
-    shown = np.isfinite(orthophoto.brightness)
-    assert (orthophoto.source[~shown] == NO_SOURCE).all()
+    shown = np.isfinite(at_sources(orthophoto))
+    assert (orthophoto.source != NO_SOURCE)[shown].all()
     assert set(np.unique(orthophoto.source[shown])) == {0, 1, 2}
     assert orthophoto.pair_ids == ("PAIR0", "PAIR1", "PAIR2")
-    azimuth = np.degrees(np.arctan2(*on_map(orthophoto.grid)))
-    far = near(orthophoto) & (np.hypot(*on_map(orthophoto.grid)) > 2.5)
+    east, north = on_map(orthophoto.source_grid)
+    range_m = np.hypot(east, north)
+    far = shown & (range_m > 2.5) & (range_m < 4.0)
     for number, middle in enumerate((-30, 0, 30)):
-        own = far & (np.abs(azimuth - middle) < 10)
+        own = far & (np.abs(np.degrees(np.arctan2(east, north)) - middle) < 10)
         assert (orthophoto.source[own] == number).mean() > 0.99
+
+
+def test_a_cell_that_shows_nothing_has_no_source(orthophoto):
+    ratio = round(orthophoto.source_grid.cell_m / orthophoto.grid.cell_m)
+    shown = np.isfinite(orthophoto.brightness)
+    rows, cols = orthophoto.source.shape
+    any_shown = shown.reshape(rows, ratio, cols, ratio).any(axis=(1, 3))
+    assert (orthophoto.source[~any_shown] == NO_SOURCE).mean() > 0.999
 
 
 def test_the_size_of_the_blocks_changes_nothing(pan, orthophoto):
@@ -91,7 +112,7 @@ def test_views_of_different_exposure_are_balanced(pan):
     truth = mottled(*on_map(orthophoto.grid))
     levels, spreads = [], []
     for number in range(3):
-        own = cells & (orthophoto.source == number)
+        own = cells & (source_at(orthophoto) == number)
         slope, offset = np.polyfit(truth[own], orthophoto.brightness[own], 1)
         levels.append(slope * 150 + offset)
         spreads.append(slope)
@@ -122,7 +143,7 @@ def test_ground_hidden_from_a_view_is_not_taken_from_it(scenes):
     before = (np.abs(east) < 0.4) & (north_m > 3.5) & (north_m < 4.8)
     for strip, number in ((behind, 1), (before, 0)):
         assert np.isfinite(orthophoto.brightness[strip]).mean() > 0.9
-        assert (orthophoto.source[strip & (orthophoto.source != NO_SOURCE)] == number).all()
+        assert (source_at(orthophoto)[strip & np.isfinite(orthophoto.brightness)] == number).all()
         spread = np.nanpercentile(orthophoto.brightness[strip], (1, 99))
         assert np.ptp(spread) < 10.0  # ground alone: no ghost of the boulder
 
@@ -135,8 +156,9 @@ def test_the_stretch_holds_most_of_the_brightness(orthophoto):
 
 def test_an_empty_terrain_model_is_an_error(pan):
     dtm, views = pan
+    nothing = np.full_like(dtm.elevation, np.nan)
     with pytest.raises(TerrainError, match="no seen cell"):
-        render_orthophoto(replace(dtm, ground=np.zeros_like(dtm.ground)), views, PARAMS)
+        render_orthophoto(replace(dtm, elevation=nothing), views, PARAMS)
 
 
 def test_cells_coarser_than_the_terrain_are_an_error(pan):
