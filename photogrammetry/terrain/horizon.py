@@ -1,0 +1,161 @@
+"""Horizons: how high the ground rises over level, in every direction, from every cell.
+
+Along a line of cells seen towards its far end, the horizon of a cell is the next corner of the
+upper convex hull of what lies ahead: of two corners, the nearer one is hidden by the line from the
+cell to the farther one or it is the horizon (Dozier, Bruno and Downey 1981, A faster solution to
+the horizon problem, Computers & Geosciences 7). Every cell enters and leaves the hull once, so a
+line of n cells takes O(n) steps and not O(n^2); here the lines of all directions go side by side.
+
+For an azimuth within 45 degrees of north the lines are columns of the raster sheared row by row; a
+row sheared by i + f columns gives each of its cells to two lines, with the weights 1 - f and f, and
+takes the cell's horizon from both with the same weights. Other azimuths are brought there by
+quarter turns.
+
+Ground that was not seen, and ground beyond the model, is taken to be below the horizon: what is
+stated is the least that the horizon may be. It is never below level.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from photogrammetry.arrays import Float32, Float64, Int32, Raster
+
+Horizons = Float32[np.ndarray, "azimuths rows cols"]
+"""Tangent of the horizon's elevation, in equal steps of azimuth from north over east; NaN where the
+ground was not seen."""
+Lines = Float32[np.ndarray, "rows lines"]
+"""Values along lines of sight, which run up the columns."""
+LEAST_WEIGHT = 1e-3
+"""A place on a line that is nearer than this to unseen ground only is unseen."""
+AZIMUTHS = 36
+"""Directions: the sun covers ten degrees of azimuth in 40 minutes, and between two is interpolated.
+"""
+BATCH = 6_000_000
+"""Cells of sheared rasters at a time: 60 MB with what belongs to them."""
+
+
+def horizons(elevation: Raster, cell_m: float, azimuths: int = AZIMUTHS) -> Horizons:
+    """Tangents of the horizon's elevation from every cell, in `azimuths` directions."""
+    found = np.empty((azimuths, *elevation.shape), np.float32)
+    turns = 2 * math.pi * np.arange(azimuths) / azimuths
+    quarter = np.rint(turns / (math.pi / 2)).astype(int)
+    for turned in range(4):
+        lying = np.flatnonzero(quarter % 4 == turned)
+        facing = np.rot90(elevation, turned)
+        for some in _batches(lying, facing.shape):
+            leaning = turns[some] - quarter[some] * (math.pi / 2)
+            tangents = _towards_the_top(facing, leaning.tolist(), cell_m)
+            for azimuth, tangent in zip(some, tangents, strict=True):
+                found[azimuth] = np.rot90(tangent, -turned)
+    known = np.isfinite(elevation)
+    return np.where(known, np.maximum(found, np.float32(0)), np.float32(np.nan))
+
+
+def _batches(
+    azimuths: Int32[np.ndarray, " n"] | np.ndarray, shape: tuple[int, ...]
+) -> Iterator[np.ndarray]:
+    """Directions whose sheared rasters are swept together."""
+    rows, cols = shape
+    together = max(1, BATCH // (rows * (rows + cols)))
+    for first in range(0, len(azimuths), together):
+        yield azimuths[first : first + together]
+
+
+def _towards_the_top(elevation: Raster, leaning: Sequence[float], cell_m: float) -> list[Raster]:
+    """Tangents towards azimuths (radians) that lean by at most 45 degrees from the top row's."""
+    shears = [_Shear.of(angle, elevation.shape) for angle in leaning]
+    lines = np.concatenate([shear.lines(elevation) for shear in shears], axis=1)
+    rise = _rise_to_the_horizon(lines)
+    starts = np.cumsum([0, *(shear.width for shear in shears)]).tolist()
+    steps = [np.float32(cell_m / math.cos(angle)) for angle in leaning]
+    return [
+        shear.cells(rise[:, start : start + shear.width]) / step
+        for shear, start, step in zip(shears, starts, steps, strict=False)
+    ]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Shear:
+    """Rows moved sideways until a direction runs along columns."""
+
+    row: np.ndarray
+    first: np.ndarray
+    """Line that takes the larger part of every cell with small f; the other is the next one."""
+    share: Float32[np.ndarray, "rows 1"]
+    """f, the part that the next line takes."""
+    width: int
+
+    @classmethod
+    def of(cls, angle: float, shape: tuple[int, ...]) -> _Shear:
+        rows, cols = shape
+        shift = np.arange(rows) * math.tan(angle)
+        shift -= shift.min()
+        whole = np.floor(shift).astype(np.int64)
+        first = whole[:, None] + np.arange(cols)[None, :]
+        share = (shift - whole)[:, None].astype(np.float32)
+        return cls(np.arange(rows)[:, None], first, share, int(whole.max()) + cols + 1)
+
+    def lines(self, elevation: Raster) -> Lines:
+        """Heights along the lines; NaN where neither cell of a place is known."""
+        known = np.isfinite(elevation)
+        level = np.float32(elevation[known].mean()) if known.any() else np.float32(0)
+        height = np.where(known, elevation - level, np.float32(0))
+        total, weight = np.zeros((2, len(self.row), self.width), np.float32)
+        for place, share in ((self.first, 1 - self.share), (self.first + 1, self.share)):
+            total[self.row, place] += height * share
+            weight[self.row, place] += known * share
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return np.where(weight > LEAST_WEIGHT, total / weight, np.float32(np.nan))
+
+    def cells(self, values: Lines) -> Raster:
+        """Values of the cells from those of their two lines."""
+        one, next_ = values[self.row, self.first], values[self.row, self.first + 1]
+        return one * (1 - self.share) + next_ * self.share
+
+
+def _rise_to_the_horizon(height: Lines) -> Lines:
+    """Steepest rise a row from every cell of every column to the cells above it; 0 where none is.
+
+    `beyond` holds, for every cell, the row of its horizon: following it from the cell before, the
+    corners of the hull are met from near to far.
+    """
+    rows, lines = height.shape
+    known = np.isfinite(height)
+    beyond = np.full((rows, lines), -1, np.int32)
+    rise = np.zeros((rows, lines), np.float32)
+    nearest = np.full(lines, -1, np.int32)
+    for row in range(rows):
+        open_ = np.flatnonzero(known[row] & (nearest >= 0))
+        here, corner = height[row, open_], nearest[open_]
+        slope = (height[corner, open_] - here) / (row - corner)
+        rise[row, open_], beyond[row, open_] = _last_corner(
+            height, beyond, (row, open_, here), corner, slope
+        )
+        nearest[known[row]] = row
+    return rise
+
+
+def _last_corner(
+    height: Lines,
+    beyond: Int32[np.ndarray, "rows lines"],
+    seen_from: tuple[int, np.ndarray, np.ndarray],
+    corner: Int32[np.ndarray, " n"],
+    slope: Float32[np.ndarray, " n"] | Float64[np.ndarray, " n"],
+) -> tuple[np.ndarray, np.ndarray]:
+    """Rise to the horizon, and its row: on along the hull as long as the next corner is higher."""
+    row, line, here = seen_from
+    active = np.arange(len(line))
+    while active.size:
+        further = beyond[corner[active], line[active]]
+        has_more = further >= 0
+        active, further = active[has_more], further[has_more]
+        ahead = (height[further, line[active]] - here[active]) / (row - further)
+        higher = ahead >= slope[active]
+        active = active[higher]
+        corner[active], slope[active] = further[higher], ahead[higher]
+    return slope, corner

@@ -1,0 +1,180 @@
+"""Insolation: the sun's energy that the ground receives in one sol of a season.
+
+    H = integral over the sol of  lit(t) G_b(t) max(0, n.s(t))  +  V G_d(t)
+
+n is the normal of the ground over the baseline, s the direction to the sun, and lit whether the sun
+stands above the cell's horizon (`terrain.horizon`). V is the part of the sky that the cell sees,
+weighted by incidence, for a sky of equal brightness: with h the horizon's elevation, S the slope
+and A the aspect (Dozier and Frew 1990, IEEE Trans. Geosci. Remote Sensing 28),
+
+    V = 1/2pi integral over azimuth p of  cos S cos^2 h + sin S cos(p - A) (pi/2 - h - sin h cos h)
+
+where h is at least the rise of the ground's own plane. On level ground under a free sky V = 1.
+Light that the ground throws onto itself is left out: it adds about one percent (Appelbaum, Flood
+and Norambuena 1994).
+
+With the sun at local noon in the north at the elevation SA, n.s = u cos SA - w sin SA, which is
+what VICAR's `marsslope` calls solar energy. Noon alone would make steep ground look better than it
+is: a slope to the north loses the morning and the evening.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from photogrammetry.arrays import Float32, Float64, PerPoint, Raster
+from photogrammetry.errors import TerrainError
+from photogrammetry.terrain.coarse import coarsened
+from photogrammetry.terrain.grid import MapGrid
+from photogrammetry.terrain.horizon import AZIMUTHS, Horizons, horizons
+from photogrammetry.terrain.sky import beam_share, diffuse_share
+from photogrammetry.terrain.sun import SOL_HOURS, Season, half_day, local_winter, sun_directions
+from photogrammetry.terrain.surface import Gradients, Normals, gradients, normals_of
+
+STEP_HOURS = 0.25
+"""Longest step between suns, Mars hours: the sun moves by less than four degrees."""
+
+
+@dataclass(frozen=True, slots=True)
+class InsolationParams:
+    """For which seasons and sky to map insolation, and how finely."""
+
+    ls_deg: tuple[float, ...] = ()
+    """Areocentric solar longitudes of the seasons; the local winter solstice when empty."""
+    optical_depth: float = 0.5
+    """Of dust: what the Viking landers saw outside storms (Appelbaum and Flood 1990, figure 3)."""
+    cell_m: float = 0.16
+    """Side of a cell: a fourteenth of a rover's length, and sixteen cells of a stop's model."""
+    baseline_m: float = 1.1
+    """Length over which the ground's tilt is felt: about a wheel base, as for slope."""
+    min_share: float = 0.5
+    """Least share of that window that must have an elevation."""
+
+    def seasons(self, latitude: float) -> tuple[Season, ...]:
+        """The seasons to map at a latitude, the first of which chooses winter havens."""
+        return tuple(map(Season, self.ls_deg)) or (local_winter(latitude),)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Insolation:
+    """Energy a sol on every cell of a map, by season."""
+
+    grid: MapGrid
+    seasons: tuple[Season, ...]
+    received: tuple[Raster, ...]
+    """Wh/m^2 a sol, one raster a season."""
+    level: tuple[float, ...]
+    """The same on level ground under a free sky."""
+    sky: Raster
+    """Share of the sky that is seen, V."""
+    normal: Normals
+
+
+def insolation(
+    elevation: Raster, grid: MapGrid, latitude: float, params: InsolationParams
+) -> Insolation:
+    """Insolation of a terrain model at a planetographic latitude (radians)."""
+    coarse, coarse_grid = coarsened(elevation, grid, params.cell_m)
+    if not np.isfinite(coarse).any():
+        raise TerrainError("a terrain model without elevations receives no light that is known")
+    window = _seen(coarse)
+    seen = np.ascontiguousarray(coarse[window])
+    gradient = gradients(seen, params.cell_m, params.baseline_m, params.min_share)
+    normal = normals_of(gradient)
+    rise = horizons(seen, params.cell_m)
+    sky = sky_view(rise, gradient)
+    seasons = params.seasons(latitude)
+    days = [_Day.of(season, latitude, params.optical_depth) for season in seasons]
+    received = [day.on(normal, rise, sky) for day in days]
+    return Insolation(
+        coarse_grid,
+        seasons,
+        tuple(_placed(one, window, coarse.shape) for one in received),
+        tuple(day.level for day in days),
+        _placed(sky, window, coarse.shape),
+        np.stack([_placed(part, window, coarse.shape) for part in normal]),
+    )
+
+
+def sky_view(rise: Horizons, gradient: Gradients) -> Raster:
+    """Share V of the sky's light on every cell; NaN where there is no gradient."""
+    g_east, g_north = gradient
+    cos_slope = 1 / np.sqrt(1 + g_east**2 + g_north**2)
+    total = np.zeros_like(g_east)
+    for tangent, azimuth in zip(rise, _azimuths(len(rise)), strict=True):
+        own = g_east * np.float32(math.sin(azimuth)) + g_north * np.float32(math.cos(azimuth))
+        h = np.arctan(np.maximum(tangent, own))
+        # sin S cos(p - A) = -cos S times the rise of the plane towards p
+        total += cos_slope * (np.cos(h) ** 2 - own * (np.pi / 2 - h - np.sin(h) * np.cos(h)))
+    return np.clip(total / len(rise), 0, 1)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Day:
+    """The suns of one sol: where they stand, and what each of them brings on the ground."""
+
+    directions: Float64[np.ndarray, "n 3"]
+    beam: PerPoint
+    """Wh/m^2 across the beam in the step of each sun."""
+    diffuse: float
+    """Wh/m^2 a sol from the sky on level ground."""
+
+    @classmethod
+    def of(cls, season: Season, latitude: float, optical_depth: float) -> _Day:
+        half = half_day(latitude, season.declination)
+        count = max(2, math.ceil(2 * half / (2 * math.pi) * 24 / STEP_HOURS))
+        hour_angle = half * (2 * (np.arange(count) + 0.5) / count - 1)
+        directions = sun_directions(latitude, season.declination, hour_angle)
+        energy = season.irradiance * SOL_HOURS * half / math.pi / count
+        up = np.maximum(directions[:, 2], 0)
+        beam = energy * beam_share(up, optical_depth)
+        return cls(directions, beam, energy * float(diffuse_share(up, optical_depth).sum()))
+
+    @property
+    def level(self) -> float:
+        """Wh/m^2 a sol on level ground under a free sky."""
+        return float(self.beam @ np.maximum(self.directions[:, 2], 0)) + self.diffuse
+
+    def on(self, normal: Normals, rise: Horizons, sky: Raster) -> Raster:
+        """Wh/m^2 a sol on ground with these normals, horizons and views of the sky."""
+        u, v, w = normal
+        direct = np.zeros_like(u)
+        for (north, east, up), beam in zip(self.directions.tolist(), self.beam, strict=True):
+            incidence = np.maximum(u * north + v * east - w * up, 0)
+            lit = horizon_towards(rise, math.atan2(east, north)) < up / math.hypot(north, east)
+            direct += np.float32(beam) * incidence * lit
+        return direct + np.float32(self.diffuse) * sky
+
+
+def horizon_towards(rise: Horizons, azimuth: float) -> Raster:
+    """Tangent of the horizon towards an azimuth (radians), between its neighbours."""
+    place = azimuth / (2 * math.pi) * len(rise) % len(rise)
+    before, share = int(place) % len(rise), np.float32(place - int(place))
+    after = rise[(before + 1) % len(rise)]
+    return rise[before] * (1 - share) + after * share
+
+
+def _azimuths(count: int = AZIMUTHS) -> Sequence[float]:
+    return (2 * math.pi * np.arange(count) / count).tolist()
+
+
+def _seen(elevation: Raster) -> tuple[slice, slice]:
+    """The smallest window that holds all elevations."""
+    known = np.isfinite(elevation)
+    rows, cols = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
+    return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(cols[0]), int(cols[-1]) + 1)
+
+
+def _placed(
+    part: Float32[np.ndarray, "part_rows part_cols"],
+    window: tuple[slice, slice],
+    shape: tuple[int, ...],
+) -> Raster:
+    """A window's values in the whole raster; NaN around it."""
+    whole = np.full(shape, np.nan, np.float32)
+    whole[window] = part
+    return whole
