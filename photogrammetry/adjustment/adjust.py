@@ -28,7 +28,9 @@ from photogrammetry.adjustment.marginal import Marginal
 from photogrammetry.adjustment.params import AdjustmentParams
 from photogrammetry.adjustment.priors import Telemetry
 from photogrammetry.adjustment.records import (
+    BLUNDER,
     AdjustedNetwork,
+    AdjustedTies,
     AdjustmentReport,
     Consistency,
     Network,
@@ -37,7 +39,7 @@ from photogrammetry.adjustment.records import (
 from photogrammetry.adjustment.result import Outcome, assembled
 from photogrammetry.adjustment.sightings import Sightings, sightings
 from photogrammetry.errors import AdjustmentError
-from photogrammetry.imagery import StopId, TieKind
+from photogrammetry.imagery import StopId, TieKind, TiePoints
 
 
 def adjust(
@@ -62,6 +64,8 @@ def adjust(
     known, is_known = _known(network, telemetry, observations, start)
     before = carried(known, telemetry, is_held, is_known)
     state, fits = initialise(observations, telemetry, is_held, params, known, is_known)
+    if start:
+        fits &= ~_found_wrong(network.ties, start.ties)
     seen = sightings(observations, known.pointings, params)
     placed = is_held if inherited is None else is_held | is_known
     initial = Initial(network.stop_ids, observations, telemetry, seen, state, fits, placed)
@@ -76,6 +80,20 @@ def adjust(
     outcome = estimate(beginning, params)
     agreement = _agreement(outcome, before, seen, params)
     return with_findings(assembled(network, is_held, outcome, agreement, name), findings)
+
+
+def _found_wrong(ties: TiePoints, before: AdjustedTies) -> np.ndarray:
+    """Which observations were blunders in an adjustment before; they come back if they fit now."""
+    known, rows = before.observations, np.flatnonzero(before.status == BLUNDER)
+    places = known.left[rows].tolist()
+    wrong = {
+        (known.pair_ids[pair], x, y)
+        for pair, (x, y) in zip(known.pair[rows].tolist(), places, strict=True)
+    }
+    found = np.isin(ties.left[:, 0], known.left[rows, 0])
+    for row in np.flatnonzero(found).tolist():
+        found[row] = (ties.pair_ids[ties.pair[row]], *ties.left[row].tolist()) in wrong
+    return found
 
 
 def _agreement(

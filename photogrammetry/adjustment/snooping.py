@@ -9,8 +9,7 @@ match is wrong in all of them), are
 
 An observation is suspected where T / s exceeds its gate, s = max(1, robust spread 1.48 median |w|
 of all): where matching promised more than it held, every residual is large, and that is a finding
-for sigma0 rather than a thousand blunders. In each tie point only the worst observation is taken
-out a round.
+for sigma0 rather than a thousand blunders.
 
 The gate depends on how many blunders there are (Benjamini and Hochberg 1995): it lets good
 observations go with probability alpha (`critical_value`), or, among ties of a kind of which a share
@@ -59,9 +58,14 @@ class Residuals:
 
     @property
     def scale(self) -> float:
-        """max(1, robust spread of the standardised residuals)."""
+        """max(1, robust spread of the standardised residuals as far as chance does not explain it).
+
+        1.17 / sqrt(n) is the standard deviation of the spread that n residuals show.
+        """
         w = np.abs(self.standardised[np.isfinite(self.standardised)])
-        return max(1.0, float(1.4826 * np.median(w))) if len(w) else 1.0
+        free = float(self.redundancy.sum())
+        sure = 1.0 - CERTAIN * 1.17 / np.sqrt(max(free, 1.0))
+        return max(1.0, sure * float(1.4826 * np.median(w))) if len(w) else 1.0
 
 
 def residuals(problem: Problem, ties: tuple[EliminatedTies, ...], inverse: np.ndarray) -> Residuals:
@@ -70,21 +74,25 @@ def residuals(problem: Problem, ties: tuple[EliminatedTies, ...], inverse: np.nd
     n = len(observations)
     w, r, T = np.full((n, 3), np.nan), np.zeros((n, 3)), np.zeros(n)
     for tie in ties:
-        group, number = tie.group, tie.group.signature
-        Z = inverse[problem.pattern.indices(group.blocks, group.local)]
-        relative = (tie.T @ Z @ tie.T.mT)[number]
-        shape = (group.points, group.seen, 3, -1)
-        A, Q = tie.A.reshape(shape), tie.Q.reshape(shape)
-        C = np.eye(3) - Q @ Q.mT - (tie.A @ relative).reshape(shape) @ A.mT
-        v = tie.b.reshape(shape[:-1])
+        C, rows = cofactors(problem, tie, inverse), tie.group.rows.T
+        v = tie.b.reshape(C.shape[:-1])
         q = np.clip(np.diagonal(C, axis1=2, axis2=3), 0.0, 1.0)
-        rows = group.rows.T
         with np.errstate(divide="ignore", invalid="ignore"):
             w[rows] = np.where(q > UNCHECKED, v / np.sqrt(q), np.nan)
         r[rows], T[rows] = q, _tests(v, C)
     unmeasured = observations.weight == 0
     w[unmeasured], r[unmeasured] = np.nan, 0.0
     return Residuals(w, r, T)
+
+
+def cofactors(problem: Problem, tie: EliminatedTies, inverse: np.ndarray) -> np.ndarray:
+    """Q_vv of the three coordinates of each observation of a group, (n, k, 3, 3)."""
+    group = tie.group
+    Z = inverse[problem.pattern.indices(group.blocks, group.local)]
+    relative = (tie.T @ Z @ tie.T.mT)[group.signature]
+    shape = (group.points, group.seen, 3, -1)
+    A, Q = tie.A.reshape(shape), tie.Q.reshape(shape)
+    return np.eye(3) - Q @ Q.mT - (tie.A @ relative).reshape(shape) @ A.mT
 
 
 def _tests(v: np.ndarray, C: np.ndarray) -> np.ndarray:
@@ -120,13 +128,36 @@ def point_covariances(
 def suspects(
     problem: Problem, found: Residuals, used: np.ndarray, params: AdjustmentParams
 ) -> np.ndarray:
-    """Numbers of the observations to take out: the worst of each tie point beyond its gate."""
+    """Numbers of the observations to take out: beyond their gate, and the worst in their pairs.
+
+    A blunder bends what is near it, and what is right there looks wrong too; so of the tie points
+    that a pair sees only the worst is taken out a round.
+    """
     observations = problem.observations
     excess = found.test / found.scale / gates(observations, found, used, params)
     rows = np.flatnonzero(excess > 1.0)
     rows = rows[np.argsort(-excess[rows], kind="stable")]
-    _, first = np.unique(observations.point[rows], return_index=True)
-    return rows[first]
+    pairs_of = _pairs_of_points(observations, np.unique(observations.point[rows]), used)
+    taken: set[int] = set()
+    worst = []
+    for row, point in zip(rows.tolist(), observations.point[rows].tolist(), strict=True):
+        if taken.isdisjoint(pairs_of[point]):
+            worst.append(row)
+            taken |= pairs_of[point]
+    return np.array(worst, dtype=np.int64)
+
+
+def _pairs_of_points(
+    observations: Observations, points: np.ndarray, used: np.ndarray
+) -> dict[int, set[int]]:
+    """The pairs whose observations of some points are used."""
+    rows = np.flatnonzero(used & np.isin(observations.point, points))
+    pairs_of: dict[int, set[int]] = {}
+    for point, pair in zip(
+        observations.point[rows].tolist(), observations.pair[rows].tolist(), strict=True
+    ):
+        pairs_of.setdefault(point, set()).add(pair)
+    return pairs_of
 
 
 def gates(

@@ -66,6 +66,8 @@ class NetworkTruth:
     points: ObjectPoints
     blunders: Float64[np.ndarray, " rows"]
     """Size of the blunder put into each observation, pixels; zero for good ones."""
+    blunders_px: Float64[np.ndarray, "rows 3"]
+    """What it added to sample, line and parallax."""
 
 
 def simulate_network(  # noqa: PLR0913 - one keyword for each thing that a test may vary
@@ -118,8 +120,8 @@ def simulate_network(  # noqa: PLR0913 - one keyword for each thing that a test 
     left, parallax = _measured(pairs, views, points, seen)
     size = rng.normal(0, sigma_px * noise, (len(seen), 3))
     wrong = _blunders(rng, seen, pairs_per_stop, blunders)
-    size[:, :2] += wrong[:, None] * np.array([1.0, 0.5])
-    size[:, 2] += 0.2 * wrong * np.minimum(1.0, parallax / 10.0)
+    wrong_px = np.column_stack([wrong, 0.5 * wrong, 0.2 * wrong * np.minimum(1.0, parallax / 10.0)])
+    size += wrong_px
     ties = TiePoints(
         tuple(pair.pair_id for pair in pairs),
         seen[:, 0].astype(np.int32),
@@ -133,7 +135,7 @@ def simulate_network(  # noqa: PLR0913 - one keyword for each thing that a test 
         StopPrior(_stop_id(k), pose, "FINE" if _is_fine(k, fine_every) else "COARSE", (k + 1,))
         for k, pose in enumerate(telemetry)
     )
-    return Network(priors, pairs, ties), NetworkTruth(truth, pointings, points, wrong)
+    return Network(priors, pairs, ties), NetworkTruth(truth, pointings, points, wrong, wrong_px)
 
 
 def _stop_id(k: int) -> StopId:
