@@ -8,6 +8,8 @@ from typing import Any
 
 from jinja2 import Environment, StrictUndefined
 
+from photogrammetry.imagery import StopId
+
 PAGE = """<!doctype html>
 <html lang="en">
 <head>
@@ -60,6 +62,22 @@ PAGE = """<!doctype html>
 </ul>
 {{ left_out(quality.weaknesses) }}
 {% else %}<p>None found.</p>{% endif %}
+
+{% if findings %}
+<h2>What images do not determine</h2>
+<table>
+<tr><th>stop</th><th>lack</th><th class="n">ties</th><th class="n">of six unknowns images know</th>
+  <th>what holds it</th></tr>
+{% for finding in findings[:most] %}
+<tr><td class="id">{{ finding.name }}</td><td>{{ finding.lack }}</td>
+  <td class="n">{{ finding.ties }}</td><td class="n">{{ finding.rank }}</td>
+  <td>{{ finding.text }}</td></tr>
+{% endfor %}
+</table>
+{{ left_out(findings) }}
+<p class="note">Found before anything was solved: how many of the six unknowns of a stop's pose its
+ties with stops placed before know better than telemetry does.</p>
+{% endif %}
 
 <h2>Consistency</h2>
 <table>
@@ -184,6 +202,10 @@ def report_page(title: str, document: Mapping[str, Any], pictures: Mapping[str, 
         adjustment=document["adjustment"],
         quality=document["quality"],
         pictures={name: _embedded(picture) for name, picture in pictures.items()},
+        findings=[
+            finding | {"name": str(StopId(**finding["stop"]))}
+            for finding in document["adjustment"].get("findings", ())
+        ],
         most=MOST_ROWS,
         left_out=_left_out,
     )

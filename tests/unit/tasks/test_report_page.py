@@ -1,0 +1,60 @@
+"""The quality report says what images did not determine."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from photogrammetry.adjustment.adjust import adjust_overall
+from photogrammetry.adjustment.documents import report_document
+from photogrammetry.adjustment.params import AdjustmentParams
+from photogrammetry.adjustment.quality import quality
+from photogrammetry.adjustment.quality_records import (
+    PairCamera,
+    QualityParams,
+    quality_document,
+)
+from photogrammetry.adjustment.records import Lack, select
+from photogrammetry.synthetic.networks import LINES, simulate_network
+from tasks.report_page import report_page
+
+
+class Blank(dict):
+    """Pictures that nobody looks at."""
+
+    def items(self):
+        return [(name, b"<svg/>") for name in ("traverse", "growth", "statistics", "NAVCAM")]
+
+
+@pytest.fixture(scope="module")
+def network():
+    return simulate_network(
+        np.random.default_rng(3), stops=3, pairs_per_stop=6, inter_ties=8, intra_ties=0
+    )[0]
+
+
+def page_of(network):
+    adjusted, report = adjust_overall(network, AdjustmentParams())
+    cameras = {pair.pair_id: PairCamera("NAVCAM", LINES, LINES) for pair in network.pairs}
+    telemetry = {prior.stop: prior.lsl_from_rover for prior in network.stops}
+    found = quality(adjusted, telemetry, cameras, QualityParams())
+    document = {"adjustment": report_document(report), "quality": quality_document(found)}
+    return report_page("a network", document, Blank()), report
+
+
+def test_a_stop_without_ties_is_named_with_what_holds_it(network):
+    last = {pair.pair_id for pair in network.pairs if pair.stop == network.stop_ids[-1]}
+    seen = np.array([name in last for name in network.ties.pair_ids])[network.ties.pair]
+    alone = replace(network, ties=select(network.ties, ~seen))
+    page, report = page_of(alone)
+    (finding,) = report.findings
+    assert finding.lack is Lack.NO_TIES
+    section = page.split("What images do not determine")[1].split("<h2>")[0]
+    assert str(network.stop_ids[-1]) in section
+    assert "no ties: telemetry holds it" in section
+
+
+def test_a_network_that_images_determine_has_no_such_section(network):
+    page, report = page_of(network)
+    assert not report.findings
+    assert "What images do not determine" not in page
