@@ -42,7 +42,8 @@ class BlockPattern:
     """Which blocks a matrix and its factor have, and where each lies in one flat array.
 
     Both (s, t) and (t, s) are kept, so that gathering needs no case distinction; the last entry of
-    a flat array is a bin for what belongs to no unknown.
+    a flat array is a bin for what belongs to no unknown. Of a matrix that is to be factored the
+    lower triangle counts alone: blocks (s, t) with s >= t, and of (s, s) the lower triangle.
     """
 
     sizes: np.ndarray
@@ -96,6 +97,39 @@ class BlockPattern:
         at = start + local[:, :, None] * self.sizes[blocks][:, None, :] + local[:, None, :]
         lost = (local[:, :, None] < 0) | (local[:, None, :] < 0) | (start < 0)
         return np.where(lost, self.length, at)
+
+    def lower(
+        self,
+        stops: np.ndarray,
+        slots: np.ndarray,
+        local: np.ndarray,
+        triangle: tuple[np.ndarray, np.ndarray],
+    ) -> np.ndarray:
+        """(entries, n) flat places of some entries of the lower triangles of matrices.
+
+        Column c of matrix k is unknown `local[k, c]` of block `stops[k, slots[c]]`; the `triangle`
+        tells the row and the column of every entry.
+        """
+        row, column = triangle
+        begin = self.start(stops[:, :, None], stops[:, None, :]).transpose(1, 2, 0)
+        width, place = self.sizes[stops].T, np.ascontiguousarray(local.T)
+        at = begin[slots[row], slots[column]]
+        at += place[row] * width[slots[column]]
+        at += place[column]
+        if (lost := place < 0).any():
+            at[lost[row] | lost[column]] = self.length
+        return at
+
+    def symmetric(self, flat: np.ndarray) -> np.ndarray:
+        """A flat array with what is in its lower triangle above the diagonal too."""
+        full = flat.copy()
+        blocks = self.views(full)
+        for (s, t), block in blocks.items():
+            if s > t:
+                blocks[t, s][:] = block.T
+            elif s == t:
+                block[:] = np.tril(block) + np.tril(block, -1).T
+        return full
 
     def views(self, flat: np.ndarray) -> Blocks:
         """The blocks of a flat array, as matrices that share its memory."""
@@ -186,12 +220,13 @@ class Factor:
 
 
 def factorise(pattern: BlockPattern, flat: np.ndarray) -> Factor:
-    """Cholesky factor of the matrix in a flat array, block by block.
+    """Cholesky factor, block by block, of the lower triangle in a flat array, which is overwritten.
 
     Raises:
         AdjustmentError: a block is singular; says which, and what to do.
     """
-    N = pattern.views(flat.copy())
+    N = pattern.views(flat)
+    N |= {(t, s): block.T for (s, t), block in N.items() if s > t}
     inverse_diagonal: dict[int, np.ndarray] = {}
     panels: dict[int, np.ndarray] = {}
     pivots: list[tuple[float, float]] = []
@@ -218,7 +253,7 @@ def factorise(pattern: BlockPattern, flat: np.ndarray) -> Factor:
         for t in later:
             j = 0
             for u in later:
-                if j <= i:  # u is eliminated before t: the block that will be read is (t, u)
+                if u <= t:
                     N[t, u][:] -= update[i : i + pattern.sizes[t], j : j + pattern.sizes[u]]
                 j += pattern.sizes[u]
             i += pattern.sizes[t]

@@ -15,12 +15,16 @@ and is seen at (x, y) in the left image with parallax p,
     x = c_x + f y_1/y_3       y = c_y + f y_2/y_3       p = f B / y_3
 
 so that both cameras hang on one fixed bar by construction. Corrections are d (rotation of the stop,
-R <- Exp(d) R, a vector in the LSL), dc, dm and dX. With B_j = R_j' Exp(m_j)', F_j = B_j R',
+R <- Exp(d) R, a vector in the LSL), dc, dm and dX. With B_j = R_j' Exp(m_j)', F_j = B_j R' and the
+lever q_j = R_j' (t_j - v_j) from the mast head to the pair, in the pair's frame,
 
-    dy = F_j [X - c] d - F_j dc + B_j [h] J(m_j) dm + F_j dX
+    dy = F_j [X - c] d - F_j dc + [y + q_j] B_j J(m_j) dm + F_j dX
 
 Rotation and *centre* are corrected, not rotation and translation of the inverse motion: a turn of a
 stop then leaves its place alone, and Gauss-Newton needs few steps on long open traverses.
+
+Arrays are kept component by component, observations along their last axis: so many small matrices
+are multiplied several times faster than one by one.
 """
 
 from __future__ import annotations
@@ -29,117 +33,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from photogrammetry.adjustment.records import Network
+from photogrammetry.adjustment.observations import (
+    PAIR_UNKNOWNS,
+    STOP_UNKNOWNS,
+    Observations,
+    State,
+)
 from photogrammetry.adjustment.rotations import left_jacobian, rotation_of_vector
-from photogrammetry.arrays import Flags, Float64, Int32
+from photogrammetry.arrays import Float64, Int32
 
-STOP_UNKNOWNS = 6
-PAIR_UNKNOWNS = 3
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Observations:
-    """The observations and the fixed geometry of a network, as arrays."""
-
-    point: Int32[np.ndarray, " n"]
-    pair: Int32[np.ndarray, " n"]
-    """Index into the pairs of the network."""
-    measured: Float64[np.ndarray, "n 3"]
-    """(x, y, p) in pixels; p is zero where only the left image was measured."""
-    weight: Float64[np.ndarray, "n 3"]
-    """1/sigma; zero where not measured."""
-    pair_stop: Int32[np.ndarray, " pairs"]
-    rover_from_pair: Float64[np.ndarray, "pairs 3 3"]
-    origin_in_rover: Float64[np.ndarray, "pairs 3"]
-    """As the label has it, before the pointing is corrected."""
-    pivot_in_rover: Float64[np.ndarray, "pairs 3"]
-    focal_px: Float64[np.ndarray, " pairs"]
-    base_m: Float64[np.ndarray, " pairs"]
-    centre_px: Float64[np.ndarray, "pairs 2"]
-    points: int
-    """How many point numbers there are."""
-
-    @classmethod
-    def of(cls, network: Network) -> Observations:
-        """The arrays of a network."""
-        stop_number = {stop: k for k, stop in enumerate(network.stop_ids)}
-        pair_number = {pair.pair_id: k for k, pair in enumerate(network.pairs)}
-        ties, shapes = network.ties, [pair.geometry for pair in network.pairs]
-        numbers = np.array([pair_number[name] for name in ties.pair_ids], dtype=np.int32)
-        stereo = np.isfinite(ties.parallax_px)
-        per_pair = len(shapes)
-        return cls(
-            point=ties.point,
-            pair=numbers[ties.pair] if len(ties) else np.zeros(0, dtype=np.int32),
-            measured=np.column_stack([ties.left, np.where(stereo, ties.parallax_px, 0.0)]),
-            weight=np.column_stack(
-                [
-                    1.0 / ties.sigma_px,
-                    1.0 / ties.sigma_px,
-                    np.where(stereo, 1.0 / np.where(stereo, ties.sigma_parallax_px, 1.0), 0.0),
-                ]
-            ),
-            pair_stop=np.array([stop_number[p.stop] for p in network.pairs], dtype=np.int32),
-            rover_from_pair=np.array([g.rover_from_pair.rotation for g in shapes]).reshape(
-                -1, 3, 3
-            ),
-            origin_in_rover=np.array([g.rover_from_pair.translation_m for g in shapes]).reshape(
-                -1, 3
-            ),
-            pivot_in_rover=np.array([pair.pivot_in_rover for pair in network.pairs]).reshape(-1, 3),
-            focal_px=np.array([g.focal_px for g in shapes], dtype=np.float64),
-            base_m=np.array([g.base_m for g in shapes], dtype=np.float64),
-            centre_px=np.array([g.centre_px for g in shapes], dtype=np.float64).reshape(
-                per_pair, 2
-            ),
-            points=int(ties.point.max()) + 1 if len(ties) else 0,
-        )
-
-    def __len__(self) -> int:
-        return len(self.point)
-
-    def select(self, rows: np.ndarray) -> Observations:
-        """Some of the observations."""
-        return replace(
-            self,
-            point=self.point[rows],
-            pair=self.pair[rows],
-            measured=self.measured[rows],
-            weight=self.weight[rows],
-        )
-
-    @property
-    def stop(self) -> Int32[np.ndarray, " n"]:
-        """Stop of each observation."""
-        return self.pair_stop[self.pair]
-
-    def origins_in_rover(
-        self, pointings: Float64[np.ndarray, "pairs 3"]
-    ) -> Float64[np.ndarray, "pairs 3"]:
-        """Origin of every pair after the mast has turned it about its head."""
-        lever = self.origin_in_rover - self.pivot_in_rover
-        return self.pivot_in_rover + (rotation_of_vector(pointings) @ lever[:, :, None])[:, :, 0]
-
-    @property
-    def is_stereo(self) -> Flags:
-        """Whether the parallax was measured, and shows a point in front of the cameras."""
-        return (self.weight[:, 2] > 0) & (self.measured[:, 2] > 0)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class State:
-    """All unknowns, as they stand."""
-
-    rotations: Float64[np.ndarray, "stops 3 3"]
-    centres: Float64[np.ndarray, "stops 3"]
-    pointings: Float64[np.ndarray, "pairs 3"]
-    points: Float64[np.ndarray, "points 3"]
-
-    def of_stops(self, stops: np.ndarray) -> State:
-        """The poses of some stops alone."""
-        return State(
-            self.rotations[stops], self.centres[stops], self.pointings[:0], self.points[:0]
-        )
+Matrices = Float64[np.ndarray, "3 3 m"]
+Vectors = Float64[np.ndarray, "3 m"]
 
 
 def pair_orientations(
@@ -176,110 +80,193 @@ def triangulated(state: State, observations: Observations) -> Float64[np.ndarray
     return origins[j] + (rotations[j] @ in_pair[:, :, None])[:, :, 0]
 
 
-def misclosures(
-    state: State, observations: Observations, rows: np.ndarray
-) -> Float64[np.ndarray, "m 3"]:
-    """Observed minus computed (x, y, p) of some observations, pixels; NaN behind the camera."""
-    return misclosures_by_component(state, observations, rows).T.copy()
+@dataclass(frozen=True, slots=True, eq=False)
+class Sights:
+    """Observations of image coordinates, component by component."""
+
+    point: Int32[np.ndarray, " m"]
+    pair: Int32[np.ndarray, " m"]
+    measured: Vectors
+    weight: Vectors
+
+    @classmethod
+    def of(cls, observations: Observations, rows: np.ndarray) -> Sights:
+        """Some of the observations of a network."""
+        return cls(
+            observations.point[rows],
+            observations.pair[rows],
+            observations.measured[rows].T.copy(),
+            observations.weight[rows].T.copy(),
+        )
+
+    def __len__(self) -> int:
+        return len(self.point)
+
+    def part(self, part: slice) -> Sights:
+        """Some consecutive ones."""
+        measured, weight = self.measured[:, part], self.weight[:, part]
+        return Sights(self.point[part], self.pair[part], measured, weight)
 
 
-def misclosures_by_component(
-    state: State, observations: Observations, rows: np.ndarray | slice
-) -> Float64[np.ndarray, "3 m"]:
-    """The same, component by component."""
-    rotations, origins = pair_orientations(state, observations)
-    j = observations.pair[rows]
-    F = _gathered(rotations.swapaxes(1, 2), j)
-    e = (state.points[observations.point[rows]] - origins[j]).T
-    y = F[:, 0] * e[0] + F[:, 1] * e[1] + F[:, 2] * e[2]
-    scale = observations.focal_px[j] / np.where(y[2] > 0, y[2], np.nan)
-    y[2] = observations.base_m[j]
-    l = observations.measured[rows].T - scale * y
-    l[:2] -= observations.centre_px.T[:, j]
-    return l
+@dataclass(frozen=True, slots=True, eq=False)
+class Views:
+    """What is needed of every pair and point at a state, component by component."""
+
+    pairs: Float64[np.ndarray, "28 pairs"]
+    """F (9), origin in the LSL (3), f, B, c_x, c_y; and for derivatives q (3), B J (9)."""
+    stop: Int32[np.ndarray, " pairs"]
+    centres: Float64[np.ndarray, "3 stops"]
+    points: Float64[np.ndarray, "3 points"]
+
+    @classmethod
+    def of(cls, state: State, observations: Observations) -> Views:
+        """At a state."""
+        of_stop = np.take(by_component(state.rotations), observations.pair_stop, axis=2)
+        by_mast = _product(of_stop, by_component(rotation_of_vector(state.pointings)))
+        to_pair = by_component(observations.rover_from_pair).swapaxes(0, 1)
+        pivot = observations.pivot_in_rover.T
+        lever = observations.origin_in_rover.T - pivot
+        origins = state.centres.T[:, observations.pair_stop] + turned(of_stop, pivot)
+        origins += turned(by_mast, lever)
+        rotations = _product(by_mast, to_pair.swapaxes(0, 1))
+        jacobian = by_component(left_jacobian(-state.pointings))  # J(-m) = Exp(m)' J(m)
+        table = np.concatenate(
+            [
+                rotations.swapaxes(0, 1).reshape(9, -1),
+                origins,
+                observations.focal_px[None],
+                observations.base_m[None],
+                observations.centre_px.T,
+                turned(to_pair, lever),
+                _product(to_pair, jacobian).reshape(9, -1),
+            ]
+        )
+        return cls(table, observations.pair_stop, state.centres.T, state.points.T.copy())
+
+    def misclosures(self, sights: Sights) -> Vectors:
+        """Observed minus computed (x, y, p), pixels; NaN behind the camera."""
+        of_pair = np.take(self.pairs[:16], sights.pair, axis=1)
+        e = np.take(self.points, sights.point, axis=1) - of_pair[9:12]
+        y = turned(of_pair[:9].reshape(3, 3, -1), e)
+        scale = of_pair[12] / np.where(y[2] > 0, y[2], np.nan)
+        y[2] = of_pair[13]
+        y *= scale
+        y[:2] += of_pair[14:16]
+        return sights.measured - y
+
+    def partials(self, sights: Sights) -> Partials:
+        """Derivatives of (x, y, p), times the weights."""
+        of_pair = np.take(self.pairs, sights.pair, axis=1)
+        X = np.take(self.points, sights.point, axis=1)
+        F, q, K = of_pair[:9].reshape(3, 3, -1), of_pair[16:19], of_pair[19:].reshape(3, 3, -1)
+        y = turned(F, X - of_pair[9:12])
+        scale = of_pair[12] / y[2] * sights.weight  # of one pixel a metre, across and along
+        scale[2] *= of_pair[13] / y[2]
+        u, v = y[:2] / y[2]
+        by_point = np.empty_like(F)
+        by_point[0] = scale[0] * (F[0] - u * F[2])
+        by_point[1] = scale[1] * (F[1] - v * F[2])
+        by_point[2] = -scale[2] * F[2]
+        # with a row a of the derivative by y, that by the pointing is a'[w] K = (a x w)' K
+        a, b, c = y + q
+        crossed = np.zeros_like(F)
+        crossed[0] = scale[0] * np.stack([u * b, -u * a - c, b])
+        crossed[1] = scale[1] * np.stack([v * b + c, -v * a, -a])
+        crossed[2, 0], crossed[2, 1] = scale[2] * b, -scale[2] * a
+        return Partials(by_point, _product(crossed, K), X)
+
+    def arm(self, X: Vectors, stop: np.ndarray) -> Vectors:
+        """From stops to points, in the LSL."""
+        return X - np.take(self.centres, stop, axis=1)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Partials:
     """Derivatives of (x, y, p), component by component: (coordinate, unknown, observation)."""
 
-    by_point: Float64[np.ndarray, "3 3 m"]
-    by_pointing: Float64[np.ndarray, "3 3 m"]
-    arm: Float64[np.ndarray, "3 m"]
-    """From the stop to the point, in the LSL."""
-
-    @property
-    def by_stop(self) -> Float64[np.ndarray, "3 6 m"]:
-        """By (d, dc) of the observation's stop: a' [arm] = (a x arm)', a a row of `by_point`."""
-        return np.concatenate([_cross(self.by_point, self.arm), -self.by_point], axis=1)
+    by_point: Matrices
+    by_pointing: Matrices
+    X: Vectors
+    """The points, in the LSL."""
 
     def of(self, part: slice) -> Partials:
         """Those of some consecutive observations."""
-        return Partials(self.by_point[..., part], self.by_pointing[..., part], self.arm[:, part])
+        return Partials(self.by_point[..., part], self.by_pointing[..., part], self.X[:, part])
 
-    def weighted(self, weight: Float64[np.ndarray, "3 m"]) -> Partials:
-        """Every coordinate times its weight."""
-        by = weight[:, None]
-        return Partials(self.by_point * by, self.by_pointing * by, self.arm)
+    def weighted(self, weight: Float64[np.ndarray, " m"]) -> Partials:
+        """All of an observation times a weight."""
+        return Partials(self.by_point * weight, self.by_pointing * weight, self.X)
+
+    def by_stop(self, arm: Vectors) -> Float64[np.ndarray, "3 6 m"]:
+        """By (d, dc) of a stop `arm` away: a' [arm] = (a x arm)', a a row of `by_point`."""
+        return np.concatenate([_cross(self.by_point, arm), -self.by_point], axis=1)
 
 
-def partials_by_component(
-    state: State, observations: Observations, rows: np.ndarray | slice
-) -> Partials:
-    """Derivatives of some observations."""
-    j = observations.pair[rows]
-    s = observations.pair_stop[j]
-    rotations, origins = pair_orientations(state, observations)
-    F = _gathered(rotations.swapaxes(1, 2), j)
-    X = state.points[observations.point[rows]].T
-    arm = X - state.centres.T[:, s]
-    e = X - origins.T[:, j]
-    y = F[:, 0] * e[0] + F[:, 1] * e[1] + F[:, 2] * e[2]
-    scale = observations.focal_px[j] / y[2]
-    by_point = np.empty_like(F)
-    by_point[:2] = scale * (F[:2] - (y[:2] / y[2])[:, None] * F[2])
-    by_point[2] = (-scale * observations.base_m[j] / y[2]) * F[2]
-    # the pointing turns about the mast head: with a row b of by_point seen from the rover, its
-    # derivative is b' [h] J = (b x h)' J
-    R = _gathered(state.rotations, s)
-    in_rover = _product(by_point, R)
-    h = (arm[:, None] * R).sum(axis=0) - observations.pivot_in_rover.T[:, j]
-    J = _gathered(left_jacobian(state.pointings), j)
-    return Partials(by_point, _product(_cross(in_rover, h), J), arm)
+def misclosures(
+    state: State, observations: Observations, rows: np.ndarray
+) -> Float64[np.ndarray, "m 3"]:
+    """Observed minus computed (x, y, p) of some observations, pixels; NaN behind the camera."""
+    sights = Sights.of(observations, rows)
+    return Views.of(state, observations).misclosures(sights).T.copy()
 
 
 def partials(
     state: State, observations: Observations, rows: np.ndarray
 ) -> tuple[Float64[np.ndarray, "m 3 9"], Float64[np.ndarray, "m 3 3"]]:
     """Derivatives of (x, y, p) by (d, dc, dm) of the observation's stop and pair, and by dX."""
-    A = partials_by_component(state, observations, rows)
-    by_orientation = np.concatenate([A.by_stop, A.by_pointing], axis=1)
+    sights, views = Sights.of(observations, rows), Views.of(state, observations)
+    A = views.partials(replace(sights, weight=np.ones_like(sights.weight)))
+    by_stop = A.by_stop(views.arm(A.X, observations.stop[rows]))
+    by_orientation = np.concatenate([by_stop, A.by_pointing], axis=1)
     return by_orientation.transpose(2, 0, 1).copy(), A.by_point.transpose(2, 0, 1).copy()
 
 
-def _gathered(
-    matrices: Float64[np.ndarray, "k 3 3"], which: np.ndarray
-) -> Float64[np.ndarray, "3 3 m"]:
-    """Some of many matrices, component by component."""
-    return np.take(matrices.reshape(-1, 9).T.copy(), which, axis=1).reshape(3, 3, -1)
+def by_component(matrices: Float64[np.ndarray, "m 3 3"]) -> Matrices:
+    """Many matrices, component by component."""
+    return matrices.transpose(1, 2, 0).copy()
 
 
-def _product(
-    A: Float64[np.ndarray, "3 3 m"], B: Float64[np.ndarray, "3 3 m"]
-) -> Float64[np.ndarray, "3 3 m"]:
-    """A B of many matrices; component by component this is several times faster than `@`."""
+def turned(A: Matrices, v: Vectors) -> Vectors:
+    """A v of many matrices and vectors."""
+    w = A[:, 0] * v[0]
+    w += A[:, 1] * v[1]
+    w += A[:, 2] * v[2]
+    return w
+
+
+def cross(v: Float64[np.ndarray, "3 *rows m"], w: Vectors) -> Float64[np.ndarray, "3 *rows m"]:
+    """Cross products v x w."""
+    (a, b, c), (x, y, z) = v, w
+    return np.stack([b * z - c * y, c * x - a * z, a * y - b * x])
+
+
+def _product(A: Matrices, B: Matrices) -> Matrices:
+    """A B of many matrices."""
     product = A[:, 0, None] * B[0]
     product += A[:, 1, None] * B[1]
     product += A[:, 2, None] * B[2]
     return product
 
 
-def _cross(
-    rows: Float64[np.ndarray, "3 3 m"], v: Float64[np.ndarray, "3 m"]
-) -> Float64[np.ndarray, "3 3 m"]:
+def _cross(rows: Matrices, v: Vectors) -> Matrices:
     """Every row of many matrices times v, as vectors."""
-    crossed = np.empty_like(rows)
-    for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
-        crossed[:, i] = rows[:, j] * v[k] - rows[:, k] * v[j]
-    return crossed
+    return cross(rows.swapaxes(0, 1), v).swapaxes(0, 1)
+
+
+__all__ = [
+    "PAIR_UNKNOWNS",
+    "STOP_UNKNOWNS",
+    "Observations",
+    "Partials",
+    "Sights",
+    "State",
+    "Views",
+    "by_component",
+    "cross",
+    "misclosures",
+    "pair_orientations",
+    "partials",
+    "triangulated",
+    "triangulated_in_pair",
+    "turned",
+]

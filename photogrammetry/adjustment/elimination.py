@@ -26,7 +26,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.adjustment.collinearity import PAIR_UNKNOWNS, STOP_UNKNOWNS, Partials
+from photogrammetry.adjustment.collinearity import PAIR_UNKNOWNS, STOP_UNKNOWNS, Partials, Views
 from photogrammetry.adjustment.layout import TieGroup
 
 UNFELT = 1e-13
@@ -35,112 +35,140 @@ UNFELT = 1e-13
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EliminatedTies:
-    """One group after elimination: what goes to the orientations and what gives the points back."""
+    """One group after elimination: what goes to the orientations and what gives the points back.
+
+    Kept component by component, points last; properties give the same point by point.
+    """
 
     group: TieGroup
-    A: np.ndarray
-    """(n, 3k, relative) P A_o."""
-    b: np.ndarray
-    """(n, 3k) P l."""
-    A1: np.ndarray
-    """(n, 3, relative) Q' A_o."""
-    b1: np.ndarray
-    """(n, 3) Q' l."""
-    R: np.ndarray
-    """(n, 3, 3)."""
-    Q: np.ndarray
-    """(n, 3k, 3)."""
-    T: np.ndarray
-    """(signatures, relative, absolute)."""
+    free: np.ndarray
+    """(3 k, felt columns and l, n) P A_o and P l."""
+    along: np.ndarray
+    """(3, felt columns and l, n) Q' A_o and Q' l."""
+    basis: np.ndarray
+    """(3, 3 k, n) columns of Q."""
+    triangle: np.ndarray
+    """(3, 3, n) R."""
+    centres: np.ndarray
+    """(stops, 3) of the state."""
 
-    def normals(self) -> tuple[np.ndarray, np.ndarray]:
-        """Normal matrix and right-hand side of every signature, in absolute columns."""
-        first, felt = self.group.first, self.group.felt
-        N = np.add.reduceat(self.A.mT @ self.A, first, axis=0)
-        n = np.add.reduceat(np.einsum("nr,nrc->nc", self.b, self.A), first, axis=0)
-        if felt == self.group.relative:
-            return N, n
-        # T' N T, T being a unit matrix but for the columns of the base
-        posed = felt - STOP_UNKNOWNS - PAIR_UNKNOWNS * self.group.seen
-        base = self.T[:, :posed, -STOP_UNKNOWNS:]
-        full = np.empty((len(N), felt, felt))
-        full[:, :-6, :-6] = N
-        full[:, :-6, -6:] = N[:, :, :posed] @ base
-        full[:, -6:, :-6] = full[:, :-6, -6:].mT
-        full[:, -6:, -6:] = base.mT @ full[:, :posed, -6:]
-        return full, np.concatenate([n, np.einsum("nc,ncb->nb", n[:, :posed], base)], axis=1)
+    def normals(self) -> np.ndarray:
+        """(columns + 1 below columns + 1, signatures) lower triangle of (A_o, l)' P (A_o, l)."""
+        count, n = self.free.shape[1:]
+        N = np.empty((count * (count + 1) // 2, n))
+        for i in range(count):
+            at = i * (i + 1) // 2
+            row, others = self.free[:, i], self.free[:, : i + 1]
+            np.einsum("rn,rjn->jn", row, others, out=N[at : at + i + 1])
+        first = self.group.first
+        return N if len(first) == n else np.add.reduceat(N, first, axis=1)
+
+    @property
+    def A(self) -> np.ndarray:  # noqa: N802 - the letter of the equations
+        """(n, 3k, relative) P A_o, observation by observation."""
+        return self._by_observation(self.free[:, : self.group.relative].transpose(2, 0, 1))
+
+    @property
+    def b(self) -> np.ndarray:
+        """(n, 3k) P l."""
+        return self._by_observation(self.free[:, -1].T)
+
+    @property
+    def A1(self) -> np.ndarray:  # noqa: N802 - the letter of the equations
+        """(n, 3, relative) Q' A_o."""
+        return self.along[:, : self.group.relative].transpose(2, 0, 1).copy()
+
+    @property
+    def Q(self) -> np.ndarray:  # noqa: N802 - the letter of the equations
+        """(n, 3k, 3), observation by observation."""
+        return self._by_observation(self.basis.transpose(2, 1, 0))
+
+    @property
+    def R(self) -> np.ndarray:  # noqa: N802 - the letter of the equations
+        """(n, 3, 3)."""
+        return self.triangle.transpose(2, 0, 1).copy()
+
+    @property
+    def T(self) -> np.ndarray:  # noqa: N802 - the letter of the equations
+        """(signatures, relative, absolute)."""
+        return self.group.to_relative(self.centres)
+
+    def _by_observation(self, rows: np.ndarray) -> np.ndarray:
+        """Rows (n, 3 coordinates of k observations, ...) with the coordinates innermost."""
+        n, k = self.group.points, self.group.seen
+        return rows.reshape(n, 3, k, -1).swapaxes(1, 2).reshape(rows.shape)
 
 
-def eliminate(
-    group: TieGroup, misclosure: np.ndarray, partials: Partials, centres: np.ndarray
-) -> EliminatedTies:
+def eliminate(group: TieGroup, l: np.ndarray, A: Partials, views: Views) -> EliminatedTies:
     """Free a group of its points; misclosures (3, k n) and partials are whitened."""
     k, n = group.rows.shape
-    Q, R = orthonormal(partials.by_point.reshape(3, 3, k, n))
-    by_row = np.zeros((n, k, 3, group.relative))
+    stops = group.stops if len(group.stops) == n else group.stops[group.signature]
+    equations = np.zeros((3, k, group.felt + 1, n))
     for i, slot in enumerate(group.slots):
-        part = slice(i * n, i * n + n)
-        at = STOP_UNKNOWNS * group.slots[-1] + PAIR_UNKNOWNS * i
-        by_row[:, i, :, at : at + 3] = partials.by_pointing[:, :, part].transpose(2, 0, 1)
+        own = A.of(slice(i * n, i * n + n))
+        at = group.posed + PAIR_UNKNOWNS * i
+        equations[:, i, at : at + 3] = own.by_pointing
         if slot:
             at = STOP_UNKNOWNS * (slot - 1)
-            by_row[:, i, :, at : at + 6] = partials.of(part).by_stop.transpose(2, 0, 1)
-    A = by_row.reshape(n, 3 * k, group.relative)
-    l = misclosure.reshape(3, k, n).transpose(2, 1, 0).reshape(n, 3 * k)
-    A1, b1 = Q.mT @ A, np.einsum("nrc,nr->nc", Q, l)
-    A -= Q @ A1
-    b = l - np.einsum("nrc,nc->nr", Q, b1)
-    return EliminatedTies(group, A, b, A1, b1, R, Q, group.to_relative(centres))
+            equations[:, i, at : at + 6] = own.by_stop(views.arm(own.X, stops[:, slot]))
+            equations[:, i, -7:-1] = -own.by_stop(views.arm(own.X, stops[:, 0]))
+    equations[:, :, -1] = l.reshape(3, k, n)
+    free = equations.reshape(3 * k, -1, n)
+    basis, triangle = orthonormal(A.by_point.reshape(3, 3, k, n).swapaxes(0, 1).reshape(3, -1, n))
+    along = np.einsum("drn,rcn->dcn", basis, free)
+    free -= np.einsum("drn,dcn->rcn", basis, along)
+    return EliminatedTies(group, free, along, basis, triangle, views.centres.T)
 
 
 def orthonormal(A_t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Q (n, 3k, 3) and R (n, 3, 3) of many A_t (coordinate, unknown, k, n)."""
-    Q = A_t.swapaxes(0, 1).copy()
+    """Q (3, rows, n), column by column, and R (3, 3, n) of many A_t (column, row, n)."""
+    Q = A_t.copy()
     R = np.zeros((3, 3, A_t.shape[-1]))
     for c in range(3):
-        length = np.sqrt((Q[c] ** 2).sum(axis=(0, 1)))
+        length = np.sqrt(_dot(Q[c], Q[c]))
         for _ in range(2):
             for d in range(c):
-                r = (Q[d] * Q[c]).sum(axis=(0, 1))
+                r = _dot(Q[d], Q[c])
                 Q[c] -= r * Q[d]
                 R[d, c] += r
-        left = np.sqrt((Q[c] ** 2).sum(axis=(0, 1)))
+        left = np.sqrt(_dot(Q[c], Q[c]))
         R[c, c] = np.where(left > UNFELT * length, left, 0.0)
         Q[c] *= np.divide(1.0, R[c, c], out=np.zeros_like(left), where=R[c, c] > 0)
-    n = A_t.shape[-1]
-    return Q.transpose(3, 2, 1, 0).reshape(n, -1, 3), R.transpose(2, 0, 1).copy()
+    return Q, R
 
 
-def place_points(
-    ties: EliminatedTies, turn_shift: np.ndarray, pointing: np.ndarray, pairs: np.ndarray
-) -> np.ndarray:
-    """Corrections (n, 3) of the group's points, relative to what their base stop does to them.
+def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Scalar products of many columns (rows, n)."""
+    return np.einsum("rn,rn->n", a, b)
 
-    `pairs` (k, n) took the observations; corrections of the orientations are those of all.
+
+def place_points(ties: EliminatedTies, x: np.ndarray) -> np.ndarray:
+    """Corrections (3, n) of the group's points, relative to what their base stop does to them.
+
+    `x` (felt columns, signatures) are corrections of the orientations.
     """
-    group = ties.group
-    x = pointing[pairs].transpose(1, 0, 2).reshape(group.points, -1)
-    if posed := STOP_UNKNOWNS * group.slots[-1]:
-        others, base = turn_shift[group.stops[:, 1:]], turn_shift[group.stops[:, 0]]
-        carried = ties.T[:, :posed, group.relative :] @ base[:, :, None]
-        moved = others.reshape(len(base), -1) + carried[:, :, 0]
-        x = np.concatenate([moved[group.signature], x], axis=1)
-    return _back_substitute(ties.R, ties.b1 - (ties.A1 @ x[:, :, None])[:, :, 0])
+    if x.shape[1] < ties.group.points:
+        x = x[:, ties.group.signature]
+    right = ties.along[:, -1] - np.einsum("dcn,cn->dn", ties.along[:, :-1], x)
+    return _back_substitute(ties.triangle, right)
 
 
 def _back_substitute(R: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Solve R x = right for many upper triangles; nothing along what the images do not feel."""
+    """Solve R x = right (3, ..., n) for many upper triangles (3, 3, n).
+
+    Nothing along what the images do not feel.
+    """
     x = np.zeros_like(right)
     for i in (2, 1, 0):
-        known = (R[:, i, i + 1 :] * x[:, i + 1 :]).sum(axis=1)
-        felt = R[:, i, i] > 0
-        np.divide(right[:, i] - known, R[:, i, i], out=x[:, i], where=felt)
+        known = sum((R[i, j] * x[j] for j in range(i + 1, 3)), np.zeros_like(right[i]))
+        np.divide(right[i] - known, R[i, i], out=x[i], where=R[i, i] > 0)
     return x
 
 
 def inverse_of(R: np.ndarray) -> np.ndarray:
-    """R^-1 of many upper triangles; NaN where the images do not feel some direction."""
-    columns = [_back_substitute(R, np.tile(unit, (len(R), 1))) for unit in np.eye(3)]
-    inverse = np.stack(columns, axis=-1)
+    """R^-1 of many upper triangles (n, 3, 3); NaN where images do not feel some direction."""
+    by_component = R.transpose(1, 2, 0)
+    units = np.broadcast_to(np.eye(3)[:, :, None], by_component.shape)
+    inverse = _back_substitute(by_component, units).transpose(2, 0, 1).copy()
     inverse[(np.diagonal(R, axis1=1, axis2=2) <= 0).any(axis=1)] = np.nan
     return inverse

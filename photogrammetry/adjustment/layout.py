@@ -8,9 +8,13 @@ a point are therefore written in the motions of its stops relative to the first 
     r_s = x_s - M_sb x_b      M_sb = | I               0 |      what a turn of b does to s,
                                      | -[c_s - c_b]    I |      carried rigidly
 
-so that a point seen from one stop alone feels mast pointings and no pose, and one seen from two
-stops six coordinates of pose rather than twelve. Sums over points are taken in these coordinates
-and brought to the poses afterwards, once for all points that the same pairs see (a signature).
+so that a point seen from one stop alone feels mast pointings and no pose: of its normal equations
+those of all points that the same pairs see (a signature) are added up before they go to their
+places. A point that several stops see feels the poses of all of them, that of the base by
+
+    A_b = -sum_s A_s M_sb,        in every row - a' [X - c_b], a', with a' the derivative by X
+
+Only the lower triangle of the normal matrix is computed.
 """
 
 from __future__ import annotations
@@ -20,9 +24,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.adjustment.collinearity import PAIR_UNKNOWNS, STOP_UNKNOWNS, Observations
+from photogrammetry.adjustment.observations import PAIR_UNKNOWNS, STOP_UNKNOWNS, Observations
 from photogrammetry.adjustment.rotations import cross_matrix
 from photogrammetry.arrays import Float64
+from photogrammetry.errors import AdjustmentError
+
+CACHED = 100_000
+"""Numbers in the observation equations of a group, that they stay in a processor's own cache."""
+LEAST_POINTS = 64
+"""Points of a group where each is seen so often that its equations alone are long."""
+SHARED = 2
+"""Points a signature, on average, from which on it saves time to add them up first."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,7 +90,7 @@ class Unknowns:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TieGroup:
-    """Tie points with k observations each, shared out among their stops in the same way.
+    """Some tie points with k observations each, shared out among their stops in the same way.
 
     Columns: 6 for each stop after the base, then 3 for each observation's pair (relative); and 6
     for the base besides (absolute).
@@ -89,36 +101,28 @@ class TieGroup:
     slots: tuple[int, ...]
     """Which of the point's stops each of the k is from, ascending; the base is 0."""
     first: np.ndarray
-    """Point with which each signature begins."""
+    """Point with which each signature begins; where few points share one, each has its own."""
     stops: np.ndarray
     """(signatures, stops of a point)."""
-    blocks: np.ndarray
-    """(signatures, absolute columns) block of every column."""
     local: np.ndarray
-    """(signatures, absolute columns) place inside that block, -1 where held."""
+    """(signatures, absolute columns) place of every column in its stop's block, -1 where held."""
 
     @classmethod
     def of(
         cls,
         rows: np.ndarray,
-        first: np.ndarray,
         slots: tuple[int, ...],
-        unknowns: Unknowns,
+        first: np.ndarray,
         pair: np.ndarray,
+        unknowns: Unknowns,
     ) -> TieGroup:
         """The group of some observations by pairs `pair` (signatures, k)."""
         stop = unknowns.pair_stop[pair].astype(np.int64)
         stops = stop[:, [slots.index(slot) for slot in range(slots[-1] + 1)]]
-        posed = np.roll(stops, -1, axis=1)
         n = len(pair)
-        blocks, local = (
-            [poses[:, : 6 * slots[-1]], pairs.reshape(n, -1), poses[:, 6 * slots[-1] :]]
-            for poses, pairs in (
-                (np.repeat(posed, 6, axis=1), np.repeat(stop, 3, axis=1)),
-                (unknowns.stop_columns[posed].reshape(n, -1), unknowns.pair_columns[pair]),
-            )
-        )
-        return cls(rows, slots, first, stops, np.hstack(blocks), np.hstack(local))
+        poses = unknowns.stop_columns[stops].reshape(n, -1)
+        pairs = unknowns.pair_columns[pair].reshape(n, -1)
+        return cls(rows, slots, first, stops, np.hstack([poses[:, 6:], pairs, poses[:, :6]]))
 
     @property
     def seen(self) -> int:
@@ -131,14 +135,45 @@ class TieGroup:
         return self.rows.shape[1]
 
     @property
+    def posed(self) -> int:
+        """How many columns of relative poses."""
+        return STOP_UNKNOWNS * self.slots[-1]
+
+    @property
     def relative(self) -> int:
         """How many relative columns."""
-        return STOP_UNKNOWNS * self.slots[-1] + PAIR_UNKNOWNS * self.seen
+        return self.posed + PAIR_UNKNOWNS * self.seen
 
     @property
     def felt(self) -> int:
         """How many leading absolute columns its normal equations feel: of one stop, no pose."""
-        return self.blocks.shape[1] if self.slots[-1] else self.relative
+        return self.relative + (STOP_UNKNOWNS if self.slots[-1] else 0)
+
+    @property
+    def column_slots(self) -> np.ndarray:
+        """Which of the point's stops every absolute column belongs to."""
+        others = np.repeat(np.arange(1, self.slots[-1] + 1), STOP_UNKNOWNS)
+        pairs = np.repeat(self.slots, PAIR_UNKNOWNS)
+        return np.concatenate([others, pairs, np.zeros(STOP_UNKNOWNS, dtype=np.int64)])
+
+    @property
+    def blocks(self) -> np.ndarray:
+        """(signatures, absolute columns) block of every column."""
+        return self.stops[:, self.column_slots]
+
+    @property
+    def triangle(self) -> tuple[np.ndarray, np.ndarray]:
+        """Rows and columns of the lower triangle of the felt columns, row by row.
+
+        Of two columns the row is that of the later stop, or of the later unknown of one stop.
+        """
+        slots = self.column_slots[: self.felt]
+        is_pair = np.zeros(self.felt, dtype=bool)
+        is_pair[self.posed : self.relative] = True
+        place = np.arange(self.felt) + self.felt * (is_pair + 2 * slots)
+        i, j = np.tril_indices(self.felt)
+        swapped = place[i] < place[j]
+        return np.where(swapped, j, i), np.where(swapped, i, j)
 
     @property
     def signature(self) -> np.ndarray:
@@ -148,7 +183,7 @@ class TieGroup:
     def to_relative(self, centres: np.ndarray) -> np.ndarray:
         """(signatures, relative, absolute): relative coordinates of absolute ones."""
         n, count = len(self.stops), self.relative
-        T = np.tile(np.eye(count, self.blocks.shape[1]), (n, 1, 1))
+        T = np.tile(np.eye(count, self.local.shape[1]), (n, 1, 1))
         for slot in range(1, self.slots[-1] + 1):
             at = STOP_UNKNOWNS * (slot - 1)
             arm = centres[self.stops[:, slot]] - centres[self.stops[:, 0]]
@@ -160,35 +195,65 @@ class TieGroup:
 def tie_groups(
     observations: Observations, used: np.ndarray, unknowns: Unknowns
 ) -> tuple[TieGroup, ...]:
-    """Group the used observations by tie point; points with a single one are left out."""
+    """Group the used observations by tie point; points with a single one are left out.
+
+    Raises:
+        AdjustmentError: a point was measured twice in one pair.
+    """
     rows = np.flatnonzero(used)
     pair, point = observations.pair[rows], observations.point[rows]
-    rows = rows[np.lexsort((pair, observations.pair_stop[pair], point))]
-    _, first, counts = np.unique(observations.point[rows], return_index=True, return_counts=True)
+    rows = rows[np.lexsort((pair, unknowns.pair_stop[pair], point))]
+    pair, point = observations.pair[rows], observations.point[rows]
+    twice = np.flatnonzero((pair[1:] == pair[:-1]) & (point[1:] == point[:-1]))
+    if len(twice):
+        raise AdjustmentError(
+            f"tie point {point[twice[0]]} was measured twice in pair {pair[twice[0]]} of the "
+            "network: a pair sees a point at one place, give one measurement or two points"
+        )
+    begin = np.flatnonzero(np.diff(point, prepend=-1))
+    counts = np.diff(begin, append=len(point))
     return tuple(
         group
         for k in np.unique(counts[counts > 1]).tolist()
-        for group in _groups(
-            observations, rows[first[counts == k][:, None] + np.arange(k)], unknowns
-        )
+        for kind in _kinds(observations, rows[begin[counts == k][:, None] + np.arange(k)], unknowns)
+        for group in _groups(*kind, unknowns)
     )
 
 
-def _groups(observations: Observations, rows: np.ndarray, unknowns: Unknowns) -> Iterator[TieGroup]:
-    """The groups of points with equally many observations, (n, k), sorted by stop and pair."""
+def _kinds(
+    observations: Observations, rows: np.ndarray, unknowns: Unknowns
+) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Points with equally many observations, (n, k), parted by how they are shared among stops.
+
+    Gives rows and their pairs, sorted by stop and pair, and the point with which every signature
+    begins.
+    """
     pairs = observations.pair[rows]
     order = np.lexsort(pairs.T[::-1])
     rows, pairs = rows[order], pairs[order]
     new = np.ones(len(pairs), dtype=bool)
     new[1:] = (pairs[1:] != pairs[:-1]).any(axis=1)
-    signature, begin = np.cumsum(new) - 1, np.flatnonzero(new)
-    stops = unknowns.pair_stop[pairs[begin]]
-    slots = np.cumsum(np.diff(stops, axis=1, prepend=stops[:, :1]) != 0, axis=1)
-    kinds, kind = np.unique(slots, axis=0, return_inverse=True)
-    for number, kind_slots in enumerate(kinds.tolist()):
-        mine = kind.ravel() == number
-        points = mine[signature]
-        first = np.flatnonzero(new[points])
+    stops = unknowns.pair_stop[pairs[new]]
+    kinds, kind = np.unique(stops[:, 1:] != stops[:, :-1], axis=0, return_inverse=True)
+    for number in range(len(kinds)):
+        mine = (kind.ravel() == number)[np.cumsum(new) - 1]
+        yield rows[mine], pairs[mine], np.flatnonzero(new[mine])
+
+
+def _groups(
+    rows: np.ndarray, pairs: np.ndarray, first: np.ndarray, unknowns: Unknowns
+) -> Iterator[TieGroup]:
+    """Points of one kind in groups that a processor's cache holds."""
+    k, stops = rows.shape[1], unknowns.pair_stop[pairs[0]]
+    slots = np.concatenate([[0], np.cumsum(stops[1:] != stops[:-1])])
+    columns = STOP_UNKNOWNS * (slots[-1] + 1) + PAIR_UNKNOWNS * k
+    size = max(CACHED // (3 * k * columns), LEAST_POINTS)
+    starts = np.zeros(len(rows), dtype=bool)
+    starts[first if len(rows) > SHARED * len(first) else slice(None)] = True
+    starts[::size] = True
+    for begin in range(0, len(rows), size):
+        part = slice(begin, begin + size)
+        own = np.flatnonzero(starts[part])
         yield TieGroup.of(
-            rows[points].T.copy(), first, tuple(kind_slots), unknowns, pairs[begin[mine]]
+            rows[part].T.copy(), tuple(slots.tolist()), own, pairs[part][own], unknowns
         )

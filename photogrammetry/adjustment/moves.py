@@ -23,10 +23,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.adjustment.collinearity import State, pair_orientations
+from photogrammetry.adjustment.collinearity import State, Views, by_component, cross, turned
 from photogrammetry.adjustment.elimination import EliminatedTies, place_points
+from photogrammetry.adjustment.normals import Place
 from photogrammetry.adjustment.problem import Problem
 from photogrammetry.adjustment.rotations import along_arcs, rotation_of_vector
+
+CACHED = 4096
+"""Points that are moved together, so that they stay in a processor's own cache."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,21 +41,22 @@ class Correction:
     """(stops, 6) rotation and shift in the LSL."""
     pointing: np.ndarray
     points: np.ndarray
+    """(3, points)."""
 
     @classmethod
     def of(
-        cls, problem: Problem, state: State, ties: Iterable[EliminatedTies], x: np.ndarray
+        cls, problem: Problem, at: Place, ties: Iterable[EliminatedTies], x: np.ndarray
     ) -> Correction:
         """All corrections, those of points too, from those of the orientations `x`."""
         turn_shift, pointing = problem.unknowns.unpack(x)
-        points = np.zeros_like(state.points)
-        for tie in ties:
-            base = tie.group.stops[tie.group.signature, 0]
-            numbers = problem.observations.point[tie.group.rows[0]]
-            pairs = problem.observations.pair[tie.group.rows]
-            turn, shift = np.split(turn_shift[base], 2, axis=1)
-            carried = shift + np.cross(turn, state.points[numbers] - state.centres[base])
-            points[numbers] = carried + place_points(tie, turn_shift, pointing, pairs)
+        points, padded, end = np.zeros_like(at.views.points), np.append(x, 0.0), 0
+        for tie, columns in zip(ties, problem.right_places, strict=True):
+            own = problem.sights.part(slice(end, end + tie.group.points))
+            end += tie.group.rows.size
+            base = at.views.stop[own.pair]
+            turn, shift = np.take(turn_shift.T, base, axis=1).reshape(2, 3, -1)
+            arm = at.views.arm(np.take(at.views.points, own.point, axis=1), base)
+            points[:, own.point] = shift + cross(turn, arm) + place_points(tie, padded[columns])
         return cls(turn_shift, pointing, points)
 
     def shortened(self, part: float) -> Correction:
@@ -69,35 +74,58 @@ class Correction:
         return self.turn_shift[:, 3:]
 
 
-def moved(problem: Problem, state: State, correction: Correction) -> State:
+def moved(problem: Problem, at: Place, correction: Correction) -> State:
     """The state after a correction, along arcs."""
-    turned = rotation_of_vector(correction.turn)
+    turns = rotation_of_vector(correction.turn)
+    state = at.state
     centres = along_arcs(state.centres, correction.turn, correction.shift, problem.held)
-    points = state.points.copy()
+    points = at.views.points.copy()
+    motion = _Motion(
+        at.views, by_component(turns), correction.turn.T.copy(), correction.shift.T, centres.T
+    )
     placed = np.flatnonzero(problem.anchor >= 0)
-    stop = problem.observations.pair_stop[problem.anchor[placed]]
-    arm = state.points[placed] - state.centres[stop]
-    rest = correction.points[placed] - correction.shift[stop]
-    rest -= np.cross(correction.turn[stop], arm)
-    arm = _moved_points(problem, state, placed, rest) - state.centres[stop]
-    points[placed] = centres[stop] + np.einsum("nij,nj->ni", turned[stop], arm)
-    return State(turned @ state.rotations, centres, state.pointings + correction.pointing, points)
+    for begin in range(0, len(placed), CACHED):
+        part = placed[begin : begin + CACHED]
+        points[:, part] = motion.of_points(
+            points[:, part], correction.points[:, part], problem.anchor[part]
+        )
+    return State(
+        turns @ state.rotations, centres, state.pointings + correction.pointing, points.T.copy()
+    )
 
 
-def _moved_points(
-    problem: Problem, state: State, placed: np.ndarray, d_points: np.ndarray
-) -> np.ndarray:
-    """Points after linear corrections, taken in inverse depth from their nearest pair."""
-    rotations, origins = pair_orientations(state, problem.observations)
-    pair = problem.anchor[placed]
-    R = rotations[pair]
-    y = np.einsum("ni,nij->nj", state.points[placed] - origins[pair], R)
-    dy = np.einsum("ni,nij->nj", d_points, R)
-    c = y[:, 2:]
+@dataclass(frozen=True, slots=True, eq=False)
+class _Motion:
+    """How stops and pairs move."""
+
+    views: Views
+    turns: np.ndarray
+    """(3, 3, stops) rotations."""
+    turn: np.ndarray
+    """(3, stops) the same as rotation vectors."""
+    shift: np.ndarray
+    centres: np.ndarray
+    """(3, stops) after the correction."""
+
+    def of_points(self, X: np.ndarray, dX: np.ndarray, pair: np.ndarray) -> np.ndarray:
+        """Points (3, n) after corrections dX, each moved along with the stop of its pair."""
+        stop = self.views.stop[pair]
+        arm = self.views.arm(X, stop)
+        rest = dX - self.shift[:, stop] - cross(self.turn[:, stop], arm)
+        arm = self.views.arm(_in_inverse_depth(self.views, X, rest, pair), stop)
+        return self.centres[:, stop] + turned(np.take(self.turns, stop, axis=2), arm)
+
+
+def _in_inverse_depth(views: Views, X: np.ndarray, dX: np.ndarray, pair: np.ndarray) -> np.ndarray:
+    """Points (3, n) after linear corrections, taken in inverse depth from their nearest pair."""
+    of_pair = np.take(views.pairs[:12], pair, axis=1)
+    F, origin = of_pair[:9].reshape(3, 3, -1), of_pair[9:]
+    y, dy = turned(F, X - origin), turned(F, dX)
+    c = y[2]
     with np.errstate(divide="ignore", invalid="ignore"):
-        depth = c / (1.0 - dy[:, 2:] / c)
+        depth = c / (1.0 - dy[2] / c)
         ahead = np.isfinite(depth) & (depth > 0)
-        direction = (y + dy - y / c * dy[:, 2:]) / c
+        direction = (y + dy - y / c * dy[2]) / c
     # A step past infinity has no inverse depth: such a point goes to a thousand times its distance.
-    new = np.where(ahead, direction * depth, direction * c * 1e3)
-    return origins[pair] + np.einsum("nij,nj->ni", R, new)
+    new = direction * np.where(ahead, depth, c * 1e3)
+    return origin + turned(F.swapaxes(0, 1), new)

@@ -2,30 +2,46 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from photogrammetry.adjustment.blocks import Factor, factorise
-from photogrammetry.adjustment.collinearity import (
-    State,
-    misclosures_by_component,
-    partials_by_component,
-)
+from photogrammetry.adjustment.collinearity import State, Views
 from photogrammetry.adjustment.elimination import EliminatedTies, eliminate
 from photogrammetry.adjustment.params import AdjustmentParams
 from photogrammetry.adjustment.priors import telemetry_misclosures, telemetry_partials
-from photogrammetry.adjustment.problem import Problem
+from photogrammetry.adjustment.problem import LINK_TRIANGLE, Problem
 
 CHI3_MEDIAN = 1.538
 """Median length of a standard normal vector of three coordinates."""
-EVERY = slice(None)
+CACHED = 4096
+"""Observations that are looked at together, so that they stay in a processor's own cache."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Place:
+    """A state, and what is seen from there."""
+
+    state: State
+    views: Views
+    l: np.ndarray
+    """(3, m) misclosures of the rows in the adjustment times their weights."""
+
+    @classmethod
+    def of(cls, problem: Problem, state: State) -> Place:
+        """Look from a state."""
+        views, l = Views.of(state, problem.observations), np.empty_like(problem.sights.measured)
+        for begin in range(0, len(problem.sights), CACHED):
+            part = slice(begin, begin + CACHED)
+            sights = problem.sights.part(part)
+            np.multiply(views.misclosures(sights), sights.weight, out=l[:, part])
+        return cls(state, views, l)
 
 
 def whitened(problem: Problem, state: State) -> np.ndarray:
     """Misclosures of the rows in the adjustment times their weights, (3, m)."""
-    return misclosures_by_component(state, problem.seen, EVERY) * problem.seen.weight.T
+    return Place.of(problem, state).l
 
 
 def lengths(l: np.ndarray) -> np.ndarray:
@@ -33,64 +49,71 @@ def lengths(l: np.ndarray) -> np.ndarray:
     return np.sqrt(l[0] ** 2 + l[1] ** 2 + l[2] ** 2)
 
 
-def huber_weights(t: np.ndarray, threshold: float | None) -> np.ndarray:
+def huber_weights(t: np.ndarray, threshold: float) -> np.ndarray:
     """Weights of squared residuals that make least squares minimise Huber's loss."""
-    if threshold is None:
-        return np.ones_like(t)
     return threshold / np.maximum(t, threshold)
 
 
-def huber_threshold(problem: Problem, state: State, params: AdjustmentParams) -> float:
+def huber_threshold(at: Place, params: AdjustmentParams) -> float:
     """Where the loss turns linear at a state: in units of the spread that residuals have there.
 
     Far from the minimum every residual is large; were all taken for blunders, telemetry would win
     over the images and the step lead astray.
     """
-    t = lengths(whitened(problem, state))
+    t = lengths(at.l)
     spread = float(np.median(t)) / CHI3_MEDIAN if len(t) else 1.0
     return params.huber * max(1.0, spread)
 
 
-def cost_of(problem: Problem, state: State, threshold: float | None) -> float:
+def cost_of(problem: Problem, at: Place, threshold: float | None) -> float:
     """The sum that is minimised; infinite where a point lies behind a camera."""
-    t = lengths(whitened(problem, state))
-    if not np.isfinite(t).all():
+    state = at.state
+    if threshold is None:
+        images = float(np.vdot(at.l, at.l))
+    else:
+        t = lengths(at.l)
+        loss = np.where(t <= threshold, t**2, 2 * threshold * t - threshold**2)
+        images = float(loss.sum())
+    if not np.isfinite(images):
         return np.inf
-    loss = t**2
-    if threshold is not None:
-        loss = np.where(t <= threshold, loss, 2 * threshold * t - threshold**2)
     links = telemetry_misclosures(state, problem.telemetry) * problem.link_weight
     pointing = state.pointings * problem.telemetry.pointing_weight
     known = problem.inherited.cost(state) if problem.inherited else 0.0
-    return float(loss.sum() + (links**2).sum() + (pointing**2).sum()) + known
+    return images + float((links**2).sum() + (pointing**2).sum()) + known
 
 
 def normal_equations(
     problem: Problem, state: State, threshold: float | None
 ) -> tuple[np.ndarray, np.ndarray, tuple[EliminatedTies, ...]]:
     """Reduced normal matrix (flat), right-hand side (with a bin at the end), eliminated ties."""
-    l = whitened(problem, state)
-    root = np.sqrt(huber_weights(lengths(l), threshold))
-    A = partials_by_component(state, problem.seen, EVERY).weighted(problem.seen.weight.T * root)
-    l *= root
+    flat, right, ties = _reduced(problem, Place.of(problem, state), threshold)
+    return problem.pattern.symmetric(flat), right, ties
+
+
+def _reduced(
+    problem: Problem, at: Place, threshold: float | None
+) -> tuple[np.ndarray, np.ndarray, tuple[EliminatedTies, ...]]:
+    """The same, the lower triangle of the matrix alone."""
+    flat = np.zeros(problem.pattern.length + 1)
+    right = np.zeros(problem.unknowns.count + 1)
     ties, end = [], 0
-    for group in problem.groups:
+    for group, place, right_place in zip(
+        problem.groups, problem.places, problem.right_places, strict=True
+    ):
         part = slice(end, end := end + group.rows.size)
-        ties.append(eliminate(group, l[:, part], A.of(part), state.centres))
-    N, n = zip(*(tie.normals() for tie in ties), strict=True) if ties else ((), ())
-    flat = _summed(problem.places, N, problem.pattern.length + 1)
-    right = _summed(problem.right_places, n, problem.unknowns.count + 1)
-    _add_telemetry(problem, state, flat, right)
-    _add_inherited(problem, state, flat, right)
+        l, A = at.l[:, part], at.views.partials(problem.sights.part(part))
+        if threshold is not None:
+            root = np.sqrt(huber_weights(lengths(l), threshold))
+            l, A = l * root, A.weighted(root)
+        tie = eliminate(group, l, A, at.views)
+        N = tie.normals()
+        _add(flat, place, N[: len(place)])
+        _add(right, right_place, N[len(place) : -1])
+        ties.append(tie)
+    _add_telemetry(problem, at.state, flat, right)
+    _add_inherited(problem, at.state, flat, right)
     flat[-1] = right[-1] = 0.0
     return flat, right, tuple(ties)
-
-
-def _summed(places: np.ndarray, parts: Sequence[np.ndarray], length: int) -> np.ndarray:
-    """A flat array of some length, with the parts, one after the other, added at their places."""
-    if not parts:
-        return np.zeros(length)
-    return np.bincount(places, np.concatenate([part.ravel() for part in parts]), minlength=length)
 
 
 def _add_telemetry(problem: Problem, state: State, flat: np.ndarray, right: np.ndarray) -> None:
@@ -98,11 +121,8 @@ def _add_telemetry(problem: Problem, state: State, flat: np.ndarray, right: np.n
     weight = problem.link_weight
     l = telemetry_misclosures(state, problem.telemetry) * weight
     A = telemetry_partials(state, problem.telemetry) * weight[:, :, None]
-    flat += np.bincount(
-        problem.link_places.ravel(), (A.swapaxes(1, 2) @ A).ravel(), minlength=len(flat)
-    )
-    n = (l[:, None, :] @ A)[:, 0]
-    right += np.bincount(problem.link_right.ravel(), n.ravel(), minlength=len(right))
+    _add(flat, problem.link_places, (A.swapaxes(1, 2) @ A)[:, *LINK_TRIANGLE])
+    _add(right, problem.link_right, (l[:, None, :] @ A)[:, 0])
     unknowns, w2 = problem.unknowns, problem.telemetry.pointing_weight**2
     stop = unknowns.pair_stop
     own = problem.pattern.start(stop, stop)[:, None]
@@ -117,8 +137,13 @@ def _add_inherited(problem: Problem, state: State, flat: np.ndarray, right: np.n
     N, n = problem.inherited.normals(state)
     blocks, local = problem.inherited_columns
     at = np.where(local >= 0, problem.unknowns.offsets[blocks] + local, len(right) - 1)
-    np.add.at(flat, problem.pattern.indices(blocks[None], local[None])[0], N)
-    np.add.at(right, at, n)
+    _add(flat, problem.pattern.indices(blocks[None], local[None])[0], N)
+    _add(right, at, n)
+
+
+def _add(total: np.ndarray, places: np.ndarray, values: np.ndarray) -> None:
+    """Add values at their places of a flat array; numpy does so five times faster in one axis."""
+    np.add.at(total, places.ravel(), values.ravel())
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -126,14 +151,16 @@ class Linearised:
     """The problem at a state: factor of the normal equations, and the ties without their points."""
 
     factor: Factor
-    flat: np.ndarray
-    """The normal matrix, as a flat array of blocks."""
     right: np.ndarray
     ties: tuple[EliminatedTies, ...]
 
 
 def linearise(problem: Problem, state: State, threshold: float | None) -> Linearised:
     """The problem at a state, factored."""
-    flat, right, ties = normal_equations(problem, state, threshold)
-    factor = factorise(problem.pattern, flat)
-    return Linearised(factor, flat, right, ties)
+    return linearise_at(problem, Place.of(problem, state), threshold)
+
+
+def linearise_at(problem: Problem, at: Place, threshold: float | None) -> Linearised:
+    """The same where the state has been looked from already."""
+    flat, right, ties = _reduced(problem, at, threshold)
+    return Linearised(factorise(problem.pattern, flat), right, ties)

@@ -7,10 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from photogrammetry.adjustment.blocks import BlockPattern
-from photogrammetry.adjustment.collinearity import Observations
+from photogrammetry.adjustment.collinearity import STOP_UNKNOWNS, Observations, Sights
 from photogrammetry.adjustment.layout import TieGroup, Unknowns, tie_groups
 from photogrammetry.adjustment.marginal import Marginal
 from photogrammetry.adjustment.priors import Telemetry
+
+LINK_TRIANGLE = np.tril_indices(2 * STOP_UNKNOWNS)
+"""Lower triangle of what a telemetry increment feels: the stop before, and the stop."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -23,17 +26,18 @@ class Problem:
     unknowns: Unknowns
     pattern: BlockPattern
     groups: tuple[TieGroup, ...]
-    places: np.ndarray
-    """Where in the flat normal matrix the normal equations of the groups go, one after another."""
-    right_places: np.ndarray
+    places: tuple[np.ndarray, ...]
+    """Where in the flat normal matrix the lower triangle of every group goes."""
+    right_places: tuple[np.ndarray, ...]
+    """Where in the vector of unknowns the columns of every group are (columns, signatures)."""
     link_places: np.ndarray
     link_right: np.ndarray
     link_weight: np.ndarray
     """Telemetry weights, zero where all that a row depends on is held."""
     rows: np.ndarray
     """Observations that belong to a group, group by group."""
-    seen: Observations
-    """These observations alone, in this order."""
+    sights: Sights
+    """These observations, in this order."""
     anchor: np.ndarray
     """Per point, the pair that is nearest to it (-1: not in the adjustment)."""
     inherited: Marginal | None = None
@@ -61,24 +65,27 @@ class Problem:
         if inherited:
             cliques.add(tuple(inherited.stops.tolist()))
         pattern = BlockPattern.of(unknowns.sizes, cliques)
-        felt = [(g.blocks[:, : g.felt], g.local[:, : g.felt]) for g in groups]
-        none = np.zeros(0, dtype=np.int64)
-        places = np.concatenate([none, *(pattern.indices(*f).ravel() for f in felt)])
-        right_places = np.concatenate([none, *(unknowns.places(*f).ravel() for f in felt)])
+        places = tuple(pattern.lower(g.stops, g.column_slots, g.local, g.triangle) for g in groups)
+        right_places = tuple(
+            unknowns.places(g.blocks[:, : g.felt], g.local[:, : g.felt]).T.copy() for g in groups
+        )
         ends = np.column_stack([before, np.arange(len(before))])
-        link = np.repeat(ends, 6, axis=1), unknowns.stop_columns[ends].reshape(len(ends), -1)
-        link_places, link_right = pattern.indices(*link), unknowns.places(*link)
+        local = unknowns.stop_columns[ends].reshape(len(ends), -1)
+        slots = np.repeat([0, 1], STOP_UNKNOWNS)
+        link_places = pattern.lower(ends, slots, local, LINK_TRIANGLE).T
+        link_right = unknowns.places(ends[:, slots], local)
         weight = telemetry.weight.copy()
         weight[held, :2] = 0.0
         weight[held & (telemetry.is_fine | held[before]), 2] = 0.0
         weight[held & held[before], 3:] = 0.0
+        none = np.zeros(0, dtype=np.int64)
         rows = np.concatenate([none, *(g.rows.ravel() for g in groups)])
         anchor = np.full(observations.points, -1)
         nearest = rows[np.argsort(observations.measured[rows, 2], kind="stable")]
         anchor[observations.point[nearest]] = observations.pair[nearest]
         return cls(
             observations, telemetry, held, unknowns, pattern, groups, places, right_places,
-            link_places, link_right, weight, rows, observations.select(rows), anchor, inherited,
+            link_places, link_right, weight, rows, Sights.of(observations, rows), anchor, inherited,
         )  # fmt: skip
 
     @property

@@ -30,18 +30,25 @@ def rotation_of_vector(vectors: Float64[np.ndarray, "*n 3"]) -> Float64[np.ndarr
     """Exp(m)."""
     t = np.linalg.norm(vectors, axis=-1)[..., None, None]
     half = np.sinc(t / (2 * np.pi))
-    m = cross_matrix(vectors)
-    return np.eye(3) + np.sinc(t / np.pi) * m + 0.5 * half**2 * (m @ m)
+    m, square = cross_matrix(vectors), _square(vectors, t)
+    return np.eye(3) + np.sinc(t / np.pi) * m + 0.5 * half**2 * square
 
 
 def left_jacobian(vectors: Float64[np.ndarray, "*n 3"]) -> Float64[np.ndarray, "*n 3 3"]:
     """J, which carries a change of the rotation vector to a rotation applied from the left."""
     t = np.linalg.norm(vectors, axis=-1)[..., None, None]
-    m = cross_matrix(vectors)
+    m, square = cross_matrix(vectors), _square(vectors, t)
     small = t < SERIES
     safe = np.where(small, 1.0, t)
     third = np.where(small, 1 / 6 - t**2 / 120, (safe - np.sin(safe)) / safe**3)
-    return np.eye(3) + 0.5 * np.sinc(t / (2 * np.pi)) ** 2 * m + third * (m @ m)
+    return np.eye(3) + 0.5 * np.sinc(t / (2 * np.pi)) ** 2 * m + third * square
+
+
+def _square(
+    vectors: Float64[np.ndarray, "*n 3"], t: Float64[np.ndarray, "*n 1 1"]
+) -> Float64[np.ndarray, "*n 3 3"]:
+    """[m]^2 = m m' - t^2 I."""
+    return vectors[..., :, None] * vectors[..., None, :] - t**2 * np.eye(3)
 
 
 def along_arcs(

@@ -23,9 +23,11 @@ from photogrammetry.adjustment.collinearity import State
 from photogrammetry.adjustment.moves import Correction, moved
 from photogrammetry.adjustment.normals import (
     Linearised,
+    Place,
     cost_of,
     huber_threshold,
     linearise,
+    linearise_at,
     normal_equations,
 )
 from photogrammetry.adjustment.params import AdjustmentParams
@@ -46,47 +48,48 @@ class Solution:
 def solve(problem: Problem, start: State, params: AdjustmentParams, *, robust: bool) -> Solution:
     """Iterate to the minimum."""
     tolerance = params.robust_tolerance if robust else params.tolerance
-    threshold = huber_threshold(problem, start, params) if robust else None
-    state, cost = start, cost_of(problem, start, threshold)
+    at = Place.of(problem, start)
+    threshold = huber_threshold(at, params) if robust else None
+    cost = cost_of(problem, at, threshold)
     if not np.isfinite(cost):
-        return Solution(state, cost, converged=False, iterations=0,
+        return Solution(start, cost, converged=False, iterations=0,
                         message="a tie point starts behind a camera")  # fmt: skip
     for iteration in range(1, params.max_iterations + 1):
-        now = linearise(problem, state, threshold)
+        now = linearise_at(problem, at, threshold)
         x = now.factor.solve(now.right[:-1], problem.unknowns.offsets)
         length2 = float(x @ now.right[:-1])
-        state, cost, shortened = _step(problem, state, cost, now, x, params, threshold)
+        correction = Correction.of(problem, at, now.ties, x)
+        at, cost, shortened = _step(problem, at, cost, correction, params, threshold)
         if threshold is not None:
-            threshold = min(threshold, huber_threshold(problem, state, params))
-            cost = cost_of(problem, state, threshold)
+            threshold = min(threshold, huber_threshold(at, params))
+            cost = cost_of(problem, at, threshold)
         if length2 < tolerance:
-            return Solution(state, cost, converged=True, iterations=iteration)
+            return Solution(at.state, cost, converged=True, iterations=iteration)
         if shortened > params.max_halvings:
             flat = length2 < max(tolerance, 1e-9 * cost)  # rounding of the cost hides the rest
-            return Solution(state, cost, converged=flat, iterations=iteration,
+            return Solution(at.state, cost, converged=flat, iterations=iteration,
                             message="" if flat else "no step lowers the cost")  # fmt: skip
-    return Solution(state, cost, converged=False, iterations=params.max_iterations,
+    return Solution(at.state, cost, converged=False, iterations=params.max_iterations,
                     message="iterations used up")  # fmt: skip
 
 
-def _step(  # noqa: PLR0913, PLR0917 - all that the loop has in hand
+def _step(
     problem: Problem,
-    state: State,
+    at: Place,
     cost: float,
-    now: Linearised,
-    x: np.ndarray,
+    whole: Correction,
     params: AdjustmentParams,
     threshold: float | None,
-) -> tuple[State, float, int]:
-    """The state after the longest of the halved steps that does not raise the cost."""
-    whole = Correction.of(problem, state, now.ties, x)
+) -> tuple[Place, float, int]:
+    """The place after the longest of the halved steps that does not raise the cost."""
     slack = 1e-12 * (1.0 + abs(cost))
     for halvings in range(params.max_halvings + 1):
-        trial = moved(problem, state, whole.shortened(0.5**halvings))
+        part = whole.shortened(0.5**halvings) if halvings else whole
+        trial = Place.of(problem, moved(problem, at, part))
         trial_cost = cost_of(problem, trial, threshold)
         if trial_cost <= cost + slack:
             return trial, trial_cost, halvings
-    return state, cost, params.max_halvings + 1
+    return at, cost, params.max_halvings + 1
 
 
-__all__ = ["Problem", "Solution", "linearise", "normal_equations", "solve"]
+__all__ = ["Linearised", "Problem", "Solution", "linearise", "normal_equations", "solve"]

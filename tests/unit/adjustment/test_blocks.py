@@ -9,7 +9,7 @@ from photogrammetry.adjustment.blocks import BlockPattern, factorise
 from photogrammetry.adjustment.collinearity import Observations, State
 from photogrammetry.adjustment.params import AdjustmentParams
 from photogrammetry.adjustment.priors import Telemetry
-from photogrammetry.adjustment.solver import Problem, linearise
+from photogrammetry.adjustment.solver import Problem, linearise, normal_equations
 from photogrammetry.errors import AdjustmentError
 from photogrammetry.synthetic.networks import simulate_network
 
@@ -93,10 +93,10 @@ def test_covariances_far_along_a_traverse_are_those_of_the_dense_inverse():
         np.arange(180) == 0,
         np.ones(len(observations), dtype=bool),
     )
-    now = linearise(problem, state, None)
+    now, flat = linearise(problem, state, None), normal_equations(problem, state, None)[0]
     offsets, sizes = problem.unknowns.offsets, problem.unknowns.sizes
     dense = np.zeros((problem.unknowns.count,) * 2)
-    for (s, t), block in problem.pattern.views(now.flat).items():
+    for (s, t), block in problem.pattern.views(flat).items():
         dense[offsets[s] : offsets[s] + sizes[s], offsets[t] : offsets[t] + sizes[t]] = block
     variances = np.diagonal(np.linalg.inv(dense))
     views = problem.pattern.views(now.factor.inverse())

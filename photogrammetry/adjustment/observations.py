@@ -1,0 +1,119 @@
+"""What is observed in a network and where its unknowns stand, as arrays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from photogrammetry.adjustment.records import Network
+from photogrammetry.adjustment.rotations import rotation_of_vector
+from photogrammetry.arrays import Flags, Float64, Int32
+
+STOP_UNKNOWNS = 6
+PAIR_UNKNOWNS = 3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Observations:
+    """The observations and the fixed geometry of a network, as arrays."""
+
+    point: Int32[np.ndarray, " n"]
+    pair: Int32[np.ndarray, " n"]
+    """Index into the pairs of the network."""
+    measured: Float64[np.ndarray, "n 3"]
+    """(x, y, p) in pixels; p is zero where only the left image was measured."""
+    weight: Float64[np.ndarray, "n 3"]
+    """1/sigma; zero where not measured."""
+    pair_stop: Int32[np.ndarray, " pairs"]
+    rover_from_pair: Float64[np.ndarray, "pairs 3 3"]
+    origin_in_rover: Float64[np.ndarray, "pairs 3"]
+    """As the label has it, before the pointing is corrected."""
+    pivot_in_rover: Float64[np.ndarray, "pairs 3"]
+    focal_px: Float64[np.ndarray, " pairs"]
+    base_m: Float64[np.ndarray, " pairs"]
+    centre_px: Float64[np.ndarray, "pairs 2"]
+    points: int
+    """How many point numbers there are."""
+
+    @classmethod
+    def of(cls, network: Network) -> Observations:
+        """The arrays of a network."""
+        stop_number = {stop: k for k, stop in enumerate(network.stop_ids)}
+        pair_number = {pair.pair_id: k for k, pair in enumerate(network.pairs)}
+        ties, shapes = network.ties, [pair.geometry for pair in network.pairs]
+        numbers = np.array([pair_number[name] for name in ties.pair_ids], dtype=np.int32)
+        stereo = np.isfinite(ties.parallax_px)
+        per_pair = len(shapes)
+        return cls(
+            point=ties.point,
+            pair=numbers[ties.pair] if len(ties) else np.zeros(0, dtype=np.int32),
+            measured=np.column_stack([ties.left, np.where(stereo, ties.parallax_px, 0.0)]),
+            weight=np.column_stack(
+                [
+                    1.0 / ties.sigma_px,
+                    1.0 / ties.sigma_px,
+                    np.where(stereo, 1.0 / np.where(stereo, ties.sigma_parallax_px, 1.0), 0.0),
+                ]
+            ),
+            pair_stop=np.array([stop_number[p.stop] for p in network.pairs], dtype=np.int32),
+            rover_from_pair=np.array([g.rover_from_pair.rotation for g in shapes]).reshape(
+                -1, 3, 3
+            ),
+            origin_in_rover=np.array([g.rover_from_pair.translation_m for g in shapes]).reshape(
+                -1, 3
+            ),
+            pivot_in_rover=np.array([pair.pivot_in_rover for pair in network.pairs]).reshape(-1, 3),
+            focal_px=np.array([g.focal_px for g in shapes], dtype=np.float64),
+            base_m=np.array([g.base_m for g in shapes], dtype=np.float64),
+            centre_px=np.array([g.centre_px for g in shapes], dtype=np.float64).reshape(
+                per_pair, 2
+            ),
+            points=int(ties.point.max()) + 1 if len(ties) else 0,
+        )
+
+    def __len__(self) -> int:
+        return len(self.point)
+
+    def select(self, rows: np.ndarray) -> Observations:
+        """Some of the observations."""
+        return replace(
+            self,
+            point=self.point[rows],
+            pair=self.pair[rows],
+            measured=self.measured[rows],
+            weight=self.weight[rows],
+        )
+
+    @property
+    def stop(self) -> Int32[np.ndarray, " n"]:
+        """Stop of each observation."""
+        return self.pair_stop[self.pair]
+
+    def origins_in_rover(
+        self, pointings: Float64[np.ndarray, "pairs 3"]
+    ) -> Float64[np.ndarray, "pairs 3"]:
+        """Origin of every pair after the mast has turned it about its head."""
+        lever = self.origin_in_rover - self.pivot_in_rover
+        return self.pivot_in_rover + (rotation_of_vector(pointings) @ lever[:, :, None])[:, :, 0]
+
+    @property
+    def is_stereo(self) -> Flags:
+        """Whether the parallax was measured, and shows a point in front of the cameras."""
+        return (self.weight[:, 2] > 0) & (self.measured[:, 2] > 0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class State:
+    """All unknowns, as they stand."""
+
+    rotations: Float64[np.ndarray, "stops 3 3"]
+    centres: Float64[np.ndarray, "stops 3"]
+    pointings: Float64[np.ndarray, "pairs 3"]
+    points: Float64[np.ndarray, "points 3"]
+
+    def of_stops(self, stops: np.ndarray) -> State:
+        """The poses of some stops alone."""
+        return State(
+            self.rotations[stops], self.centres[stops], self.pointings[:0], self.points[:0]
+        )
