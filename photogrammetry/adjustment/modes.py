@@ -8,7 +8,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from photogrammetry.adjustment.adjust import adjust, adjust_overall
+from photogrammetry.adjustment.adjust import adjust
 from photogrammetry.adjustment.params import AdjustmentParams
 from photogrammetry.adjustment.records import (
     AdjustedNetwork,
@@ -16,7 +16,7 @@ from photogrammetry.adjustment.records import (
     Network,
     select,
 )
-from photogrammetry.adjustment.sequential import adjust_sequential
+from photogrammetry.adjustment.sequential import adjust_sequential, begin
 from photogrammetry.adjustment.stepwise import adjust_stepwise, carrying, merged_network
 from photogrammetry.errors import AdjustmentError
 from photogrammetry.imagery import StopId
@@ -63,10 +63,11 @@ def advance(
 def _overall(
     network: Network, params: AdjustmentParams, start: AdjustedNetwork | None
 ) -> tuple[AdjustedNetwork, AdjustmentReport]:
-    adjusted, report = adjust_overall(network, params, start)
+    """All together; its oldest stops then leave it, so that later steps go on from it exactly."""
+    traverse, report = begin(network, params, start)
     if not report.converged:
         raise AdjustmentError(f"{report}; the network before stands")
-    return adjusted, report
+    return traverse.window, report
 
 
 def _pointed(

@@ -96,9 +96,11 @@ def adjust_sequential(
     return merged_network(previous, traverse.window, network), report
 
 
-def begin(network: Network, params: AdjustmentParams) -> tuple[Traverse, AdjustmentReport]:
-    """The first stops of a traverse, the very first one held."""
-    adjusted, report = adjust_overall(network, params)
+def begin(
+    network: Network, params: AdjustmentParams, start: AdjustedNetwork | None = None
+) -> tuple[Traverse, AdjustmentReport]:
+    """All stops so far adjusted together, the very first one held; then the oldest leave."""
+    adjusted, report = adjust_overall(network, params, start)
     return _shortened(Traverse(adjusted), network, report, params), report
 
 
@@ -106,12 +108,8 @@ def reopened(
     previous: AdjustedNetwork, network: Network, params: AdjustmentParams
 ) -> tuple[Traverse, AdjustmentReport]:
     """Everything adjusted together from where it stands."""
-    first = network.stop_ids[0]
-    start = replace(previous, memory=None)
-    adjusted, report = adjust(
-        network, {first}, params, start, f"re-opened by {network.stop_ids[-1]}"
-    )
-    return _shortened(Traverse(adjusted), network, report, params), report
+    traverse, report = begin(network, params, previous)
+    return traverse, replace(report, name=f"re-opened by {network.stop_ids[-1]}")
 
 
 def extend(

@@ -43,6 +43,22 @@ def test_a_sequential_traverse_ends_where_the_overall_adjustment_does(network, p
     assert off[-3:].max() < 0.1
 
 
+def test_after_an_overall_adjustment_a_step_goes_on_exactly(network, params):
+    short = replace(params, window_stops=2)
+    earlier = network.within(set(network.stop_ids[:-1]))
+    before, _ = advance(AdjustmentMode.OVERALL, None, earlier, (), short)
+    assert before.memory is not None
+    assert before.memory.window == network.stop_ids[-3:-1]
+    after, report = advance(
+        AdjustmentMode.SEQUENTIAL, before, network, network.stop_ids[-1:], short
+    )
+    assert report.name.startswith("sequential step")
+    overall, together = advance(AdjustmentMode.OVERALL, before, network, (), short)
+    assert report.redundancy == together.redundancy
+    off = np.abs(places(after) - places(overall))[1:]
+    assert (off[-3:] < 0.05 * np.array([stop.sigma_ned_m for stop in overall.stops[-3:]])).all()
+
+
 def test_stepwise_leaves_stops_alone_that_sequential_moves(network, params):
     for mode, moves in ((AdjustmentMode.STEPWISE, False), (AdjustmentMode.SEQUENTIAL, True)):
         states = along(mode, network, params)
