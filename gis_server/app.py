@@ -14,7 +14,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from config.settings import Settings
 from gis_server.errors import install_error_table
-from gis_server.routes import images, layers, missions, pages, tiles
+from gis_server.routes import images, layers, missions, models, pages, tiles
 from gis_server.services import open_services
 
 _HEADERS = {
@@ -59,9 +59,9 @@ class CompressText:
         )
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Choose by the address: tiles, downloads and images are never compressed."""
+        """Choose by the address: tiles, models, downloads and images are never compressed."""
         path = scope.get("path", "")
-        raw = path.startswith(("/tiles/", "/download/", "/images/"))
+        raw = path.startswith(("/tiles/", "/models/", "/download/", "/images/"))
         await (self.plain if raw else self.compressing)(scope, receive, send)
 
 
@@ -90,7 +90,7 @@ def create_app(store_root: Path, viewer_dist: Path | None = None) -> FastAPI:
     )
     app.state.services = services
     install_error_table(app)
-    for module in (missions, layers, tiles, images, pages):
+    for module in (missions, layers, models, tiles, images, pages):
         app.include_router(module.router)
     pages.install_pages(app, viewer_dist or pages.SHIPPED_VIEWER)
     app.add_middleware(CompressText)

@@ -92,6 +92,21 @@ def read_glb(data: bytes) -> tuple[dict[str, Any], bytes]:
     return document, data[28 + length : 28 + length + size]
 
 
+def box_of_glb(data: bytes) -> tuple[np.ndarray, np.ndarray]:
+    """Least and largest (east, north, up) of all meshes of a file of ours, metres."""
+    document, _ = read_glb(data)
+    root, *nodes = document["nodes"]
+    corners = []
+    for node in nodes:
+        part = document["meshes"][node["mesh"]]["primitives"][0]
+        accessor = document["accessors"][part["attributes"]["POSITION"]]
+        ends = np.array([accessor["min"], accessor["max"]], dtype=np.float64)
+        corners.append(ends * node.get("scale", [1] * 3) + node.get("translation", [0] * 3))
+    x, y, z = (np.concatenate(corners) + root["translation"]).T
+    places = np.column_stack([x, -z, y])
+    return places.min(axis=0), places.max(axis=0)
+
+
 @dataclass(slots=True)
 class _Glb:
     """A file being put together: its document's lists and its binary part."""
@@ -110,7 +125,7 @@ class _Glb:
         positions, node = self._positions(_y_up(mesh.points - np.asarray(origin)))
         attributes = {
             "POSITION": positions,
-            "NORMAL": self._normals(_y_up(mesh.normals())),
+            "NORMAL": self._normals(_y_up(mesh.normals)),
             "TEXCOORD_0": self._texture_places(mesh),
         }
         number = len(self.meshes)

@@ -37,14 +37,27 @@ class ProductKind(StrEnum):
     REPORT = "report"
     DTM = "dtm"
     ORTHOPHOTO = "orthophoto"
+    SOURCES = "sources"
+    COLOUR = "colour"
     SLOPE = "slope"
     ASPECT = "aspect"
     HILLSHADE = "hillshade"
     CONTOURS = "contours"
+    MODEL = "model"
+    VIEW_MODEL = "view-model"
+    TILESET = "tileset"
+    DIPS = "dips"
     FAR_DTM = "far-dtm"
     FAR_HILLSHADE = "far-hillshade"
     FAR_CONTOURS = "far-contours"
     TRAVERSE = "traverse"
+    TRAVERSE_TABLE = "traverse-table"
+    TRAVERSE_FIGURE = "traverse-figure"
+    PLACES = "places"
+    SITE_VECTORS = "site-vectors"
+    ROVER_VECTORS = "rover-vectors"
+    MISSION_TRAVERSE = "mission-traverse"
+    MISSION_STOPS = "mission-stops"
     STOPS = "stops"
     FOOTPRINTS = "footprints"
     POINTING = "pointing"
@@ -68,14 +81,27 @@ SUFFIX = {
     ProductKind.REPORT: ".html",
     ProductKind.DTM: ".tif",
     ProductKind.ORTHOPHOTO: ".tif",
+    ProductKind.SOURCES: ".tif",
+    ProductKind.COLOUR: ".tif",
     ProductKind.SLOPE: ".tif",
     ProductKind.ASPECT: ".tif",
     ProductKind.HILLSHADE: ".tif",
     ProductKind.CONTOURS: ".geojson",
+    ProductKind.MODEL: ".glb",
+    ProductKind.VIEW_MODEL: ".glb",
+    ProductKind.TILESET: ".3tz",
+    ProductKind.DIPS: ".geojson",
     ProductKind.FAR_DTM: ".tif",
     ProductKind.FAR_HILLSHADE: ".tif",
     ProductKind.FAR_CONTOURS: ".geojson",
     ProductKind.TRAVERSE: ".geojson",
+    ProductKind.TRAVERSE_TABLE: ".json",
+    ProductKind.TRAVERSE_FIGURE: ".svg",
+    ProductKind.PLACES: ".csv",
+    ProductKind.SITE_VECTORS: ".svf",
+    ProductKind.ROVER_VECTORS: ".rvf",
+    ProductKind.MISSION_TRAVERSE: ".geojson",
+    ProductKind.MISSION_STOPS: ".geojson",
     ProductKind.STOPS: ".geojson",
     ProductKind.FOOTPRINTS: ".geojson",
     ProductKind.POINTING: ".geojson",
@@ -116,6 +142,11 @@ LEVEL = {
     ProductKind.ORIENTATIONS: ScopeLevel.SOL,
     ProductKind.QUALITY: ScopeLevel.SOL,
     ProductKind.REPORT: ScopeLevel.SOL,
+    ProductKind.TRAVERSE_TABLE: ScopeLevel.REGION,
+    ProductKind.TRAVERSE_FIGURE: ScopeLevel.REGION,
+    ProductKind.PLACES: ScopeLevel.REGION,
+    ProductKind.SITE_VECTORS: ScopeLevel.REGION,
+    ProductKind.ROVER_VECTORS: ScopeLevel.REGION,
 }
 """The level of the products that stages hand to each other."""
 
@@ -209,7 +240,8 @@ class Layer:
     ref: ProductRef
     mission: str
     title: str
-    type: Literal["raster", "vector"]
+    type: Literal["raster", "vector", "model"]
+    """Models are not on the map: they are in three dimensions, and looked at elsewhere."""
     bounds: tuple[float, float, float, float]
     cell_m: float | None
     unit: str | None

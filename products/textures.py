@@ -17,6 +17,8 @@ _BLED_PX = 4
 """How far the edge of what was seen is carried on: the reach of filtering and of two mipmaps."""
 _BLANK = 128
 """Grey of ground that no image shows."""
+_TINY = 1e-6
+"""Part of a cell that decimal fractions may be off."""
 Bounds = tuple[float, float, float, float]
 
 
@@ -29,10 +31,10 @@ def read_texture(path: Path, bounds: Bounds, max_px: int) -> tuple[Picture, Boun
     with open_raster(path) as dataset:
         grid = grid_of(dataset)
         west, south, east, north = bounds
-        first_col = math.floor((west - grid.west) / grid.cell_m)
-        first_row = math.floor((grid.north - north) / grid.cell_m)
-        cols = max(1, math.ceil((east - grid.west) / grid.cell_m) - first_col)
-        rows = max(1, math.ceil((grid.north - south) / grid.cell_m) - first_row)
+        first_col = math.floor((west - grid.west) / grid.cell_m + _TINY)
+        first_row = math.floor((grid.north - north) / grid.cell_m + _TINY)
+        cols = max(1, math.ceil((east - grid.west) / grid.cell_m - _TINY) - first_col)
+        rows = max(1, math.ceil((grid.north - south) / grid.cell_m - _TINY) - first_row)
         shrink = max(1.0, max(rows, cols) / max_px)
         shape = (max(1, round(rows / shrink)), max(1, round(cols / shrink)))
         stored = dataset.read(

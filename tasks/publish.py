@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from typing import Literal
 
 from prefect import task
 from prefect.cache_policies import NO_CACHE
 
 from products.catalogue import MissionEntry, Outcome
 from products.model import Layer, ProductKind, ProductRef
+from products.models import extent_of_model
 from products.raster import summarise
 from products.vector import read_features
 from products.workspace import Workspace
@@ -16,14 +18,22 @@ from products.workspace import Workspace
 TITLES = {
     ProductKind.DTM: "Elevation",
     ProductKind.ORTHOPHOTO: "Orthophoto",
+    ProductKind.SOURCES: "Source images",
+    ProductKind.COLOUR: "Colour orthophoto",
     ProductKind.SLOPE: "Slope",
     ProductKind.ASPECT: "Aspect",
     ProductKind.HILLSHADE: "Hillshade",
     ProductKind.CONTOURS: "Contours",
+    ProductKind.MODEL: "Model of the terrain",
+    ProductKind.VIEW_MODEL: "Model of what pairs see",
+    ProductKind.TILESET: "Terrain as 3D tiles",
+    ProductKind.DIPS: "Strike and dip",
     ProductKind.FAR_DTM: "Far elevation",
     ProductKind.FAR_HILLSHADE: "Far hillshade",
     ProductKind.FAR_CONTOURS: "Far contours",
     ProductKind.TRAVERSE: "Traverse",
+    ProductKind.MISSION_TRAVERSE: "Mission traverse",
+    ProductKind.MISSION_STOPS: "Mission stops",
     ProductKind.STOPS: "Stops",
     ProductKind.FOOTPRINTS: "Image footprints",
     ProductKind.POINTING: "Pointing lines",
@@ -32,12 +42,17 @@ TITLES = {
 RASTERS = {
     ProductKind.DTM,
     ProductKind.ORTHOPHOTO,
+    ProductKind.SOURCES,
+    ProductKind.COLOUR,
     ProductKind.SLOPE,
     ProductKind.ASPECT,
     ProductKind.HILLSHADE,
     ProductKind.FAR_DTM,
     ProductKind.FAR_HILLSHADE,
 }
+
+
+MODELS = {ProductKind.MODEL, ProductKind.VIEW_MODEL, ProductKind.TILESET}
 
 
 @task(cache_policy=NO_CACHE, task_run_name="publish")
@@ -59,18 +74,23 @@ def publish(
 def layer_of(mission: str, ref: ProductRef, sols: tuple[int, ...], workspace: Workspace) -> Layer:
     """What the map needs to know of a product."""
     path = workspace.store.path(ref)
+    cell_m: float | None = None
+    unit: str | None = None
+    value_range: tuple[float, float] | None = None
     if ref.kind in RASTERS:
         grid, bands = summarise(path)
         bounds, cell_m = grid.bounds, grid.cell_m
         unit, value_range = bands[0].unit or None, bands[0].range
+    elif ref.kind in MODELS:
+        bounds, value_range = extent_of_model(path)
+        unit = "m"
     else:
         bounds = read_features(path).bounds or (0.0, 0.0, 0.0, 0.0)
-        cell_m, unit, value_range = None, None, None
     return Layer(
         ref=ref,
         mission=mission,
         title=TITLES[ref.kind],
-        type="raster" if ref.kind in RASTERS else "vector",
+        type=_type_of(ref.kind),
         bounds=bounds,
         cell_m=cell_m,
         unit=unit,
@@ -78,3 +98,9 @@ def layer_of(mission: str, ref: ProductRef, sols: tuple[int, ...], workspace: Wo
         sols=sols,
         made_at=workspace.store.made_at(ref),
     )
+
+
+def _type_of(kind: ProductKind) -> Literal["raster", "vector", "model"]:
+    if kind in RASTERS:
+        return "raster"
+    return "model" if kind in MODELS else "vector"

@@ -17,6 +17,8 @@ router = APIRouter(tags=["layers"])
 _MEDIA_TYPES = {
     ".tif": "image/tiff; application=geotiff; profile=cloud-optimized",
     ".geojson": "application/geo+json",
+    ".glb": "model/gltf-binary",
+    ".3tz": "application/vnd.maxar.archive.3tz+zip",
 }
 
 

@@ -18,7 +18,8 @@ from gis_server.routes.bodies import (
     place_body,
 )
 from gis_server.routes.parameters import AGAIN, Metres, MissionName
-from gis_server.services import ServicesOf
+from gis_server.services import Services, ServicesOf
+from products.model import Layer
 
 router = APIRouter(prefix="/api/missions", tags=["missions"])
 
@@ -38,7 +39,7 @@ def layers(mission: MissionName, services: ServicesOf, response: Response) -> li
     """The latest layer of every scope and kind."""
     response.headers.update(AGAIN)
     services.catalogue.mission(mission)
-    return [layer_body(layer) for layer in services.catalogue.layers(mission)]
+    return [layer_body(layer) for layer in map_layers(mission, services)]
 
 
 @router.get("/{mission}/images")
@@ -62,6 +63,11 @@ def identify_place(
     """What all layers say about a place: coordinates, elevation, values, stops and images."""
     response.headers.update(AGAIN)
     landing = services.catalogue.mission(mission).landing
-    layers = services.catalogue.layers(mission)
+    layers = map_layers(mission, services)
     found = identify(layers, east, north, services.store, services.pool)
     return place_body(landing, east, north, found)
+
+
+def map_layers(mission: str, services: Services) -> list[Layer]:
+    """The latest layers that are on the map: models in three dimensions are looked at elsewhere."""
+    return [layer for layer in services.catalogue.layers(mission) if layer.type != "model"]

@@ -14,14 +14,28 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.arrays import Directions, Float32, Int32, ObjectPoints, Picture
+from photogrammetry.arrays import (
+    Directions,
+    Float32,
+    Float64,
+    Int32,
+    ObjectPoints,
+    Picture,
+    Raster,
+)
 from photogrammetry.errors import TerrainError
-from photogrammetry.terrain.grid import MapGrid
+from photogrammetry.terrain.planes import Gradients, gradients
 from photogrammetry.terrain.records import Dtm
 from photogrammetry.terrain.right_triangles import GridMesh, RightTriangles
 
 Bounds = tuple[float, float, float, float]
 """(west, south, east, north), metres."""
+NORMAL_M = 0.2
+"""Side of the window that gives a cell its normal: rocks count, noise does not."""
+CORNER = 0.25
+"""Share of that window that must have an elevation: a quarter has at a corner."""
+HALF = 0.5
+"""Share of a square that must have been seen at coarser levels."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +64,7 @@ class SurfaceMesh:
 
     points: ObjectPoints
     """(east, north, up), metres of the local map."""
+    normals: Directions
     triangles: Int32[np.ndarray, "m 3"]
     """Corners of every triangle, counter-clockwise seen from outside the ground."""
     texture_at: Float32[np.ndarray, "n 2"]
@@ -57,19 +72,6 @@ class SurfaceMesh:
 
     def __len__(self) -> int:
         return len(self.triangles)
-
-    def normals(self) -> Directions:
-        """Unit normal at every point: the mean of its triangles' normals, weighted by area."""
-        a, b, c = (self.points[self.triangles[:, i]] for i in range(3))
-        across = np.cross(b - a, c - a)
-        total = np.zeros_like(self.points)
-        for corner in range(3):
-            for axis in range(3):
-                total[:, axis] += np.bincount(
-                    self.triangles[:, corner], across[:, axis], minlength=len(total)
-                )
-        length = np.linalg.norm(total, axis=1, keepdims=True)
-        return np.where(length > 0, total / np.where(length > 0, length, 1), (0.0, 0.0, 1.0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,37 +83,83 @@ class TexturedMesh:
     texture: Picture
 
 
-def prepare_terrain(dtm: Dtm) -> RightTriangles:
-    """A terrain model, ready for being drawn with any tolerance.
+def mean_normals(points: ObjectPoints, triangles: Int32[np.ndarray, "m 3"]) -> Directions:
+    """Unit normal at every point: the mean of its triangles' normals, weighted by area."""
+    a, b, c = (points[triangles[:, corner]] for corner in range(3))
+    areas = np.cross(b - a, c - a)
+    total = np.zeros_like(points)
+    for corner in range(3):
+        for axis in range(3):
+            total[:, axis] += np.bincount(triangles[:, corner], areas[:, axis], len(points))
+    length = np.linalg.norm(total, axis=1, keepdims=True)
+    return np.where(length > 0, total / np.where(length > 0, length, 1), (0.0, 0.0, 1.0))
 
-    Raises:
-        TerrainError: no four neighbouring cells have an elevation.
-    """
-    prepared = RightTriangles.of(dtm.elevation)
-    if not prepared.whole.any():
-        raise TerrainError(
-            f"of {dtm.grid.rows} x {dtm.grid.cols} cells no four neighbours have an elevation, so "
-            "there is no surface to draw"
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TerrainDrawing:
+    """A grid of ground points, ready for being drawn with any tolerance, whole or in parts."""
+
+    east: Float64[np.ndarray, " cols"]
+    north: Float64[np.ndarray, " rows"]
+    elevation: Raster
+    gradient: Gradients
+    """Of the terrain model, so that normals are the same on both sides of any border."""
+    seen: Float32[np.ndarray, "squares_down squares_across"]
+    """Share of every square between four points that the terrain model's cells have seen."""
+    triangles: RightTriangles
+
+    @classmethod
+    def of(cls, dtm: Dtm) -> TerrainDrawing:
+        """Prepare a terrain model: the middles of its cells are the points.
+
+        Raises:
+            TerrainError: no four neighbouring cells have an elevation.
+        """
+        cell_m = dtm.grid.cell_m
+        known = np.isfinite(dtm.elevation)
+        whole = known[:-1, :-1] & known[1:, :-1] & known[:-1, 1:] & known[1:, 1:]
+        if not whole.any():
+            raise TerrainError(
+                f"of {dtm.grid.rows} x {dtm.grid.cols} cells no four neighbours have an elevation, "
+                "so there is no surface to draw"
+            )
+        gradient = gradients(dtm.elevation, cell_m, max(NORMAL_M, 3 * cell_m), CORNER)
+        triangles = RightTriangles.of(dtm.elevation, whole)
+        seen = whole.astype(np.float32)
+        return cls(*dtm.grid.centres(), dtm.elevation, gradient, seen, triangles)
+
+    def coarser(self) -> TerrainDrawing:
+        """Every second point. A square is ground when at least half of it was seen."""
+        down, across = (n // 2 * 2 for n in self.seen.shape)
+        four = self.seen[:down, :across].reshape(down // 2, 2, across // 2, 2)
+        seen = np.pad(four.mean(axis=(1, 3)), [(0, n % 2) for n in self.seen.shape])
+        points = self.elevation[::2, ::2]
+        seen = seen[: points.shape[0] - 1, : points.shape[1] - 1]
+        return TerrainDrawing(
+            east=self.east[::2],
+            north=self.north[::2],
+            elevation=points,
+            gradient=self.gradient[:, ::2, ::2],
+            seen=seen,
+            triangles=RightTriangles.of(points, seen >= HALF),
         )
-    return prepared
 
+    @property
+    def bounds(self) -> Bounds:
+        """The smallest box around all points with an elevation."""
+        known = np.isfinite(self.elevation)
+        north = self.north[known.any(axis=1)]
+        east = self.east[known.any(axis=0)]
+        return float(east[0]), float(north[-1]), float(east[-1]), float(north[0])
 
-def terrain_mesh(dtm: Dtm, drawn: GridMesh, texture_bounds: Bounds) -> SurfaceMesh:
-    """The triangles drawn on a terrain model's grid, in space, and their place in an orthophoto."""
-    east, north = dtm.grid.centres()
-    up = dtm.elevation[drawn.row, drawn.col].astype(np.float64)
-    points = np.column_stack([east[drawn.col], north[drawn.row], up])
-    west, south, right, top = texture_bounds
-    across = (points[:, 0] - west) / (right - west)
-    down = (top - points[:, 1]) / (top - south)
-    return SurfaceMesh(points, drawn.triangles, np.column_stack([across, down]).astype(np.float32))
-
-
-def bounds_of_surface(dtm: Dtm) -> Bounds:
-    """The smallest box of cells around all that have an elevation."""
-    seen = np.isfinite(dtm.elevation)
-    rows, cols = np.flatnonzero(seen.any(axis=1)), np.flatnonzero(seen.any(axis=0))
-    grid: MapGrid = dtm.grid
-    return grid.part(
-        int(rows[0]), int(cols[0]), int(rows[-1] - rows[0]) + 1, int(cols[-1] - cols[0]) + 1
-    ).bounds
+    def surface(self, drawn: GridMesh, texture_bounds: Bounds) -> SurfaceMesh:
+        """Triangles drawn on the grid, in space, and where they lie in an orthophoto."""
+        east, north = self.east[drawn.col], self.north[drawn.row]
+        up = self.elevation[drawn.row, drawn.col].astype(np.float64)
+        rise = np.nan_to_num(self.gradient[:, drawn.row, drawn.col].astype(np.float64))
+        normals = np.column_stack([-rise[0], -rise[1], np.ones(len(up))])
+        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        west, south, right, top = texture_bounds
+        places = np.column_stack([(east - west) / (right - west), (top - north) / (top - south)])
+        points = np.column_stack([east, north, up])
+        return SurfaceMesh(points, normals, drawn.triangles, places.astype(np.float32))

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from photogrammetry.terrain.model3d import SurfaceMesh, TexturedMesh
+from photogrammetry.terrain.model3d import SurfaceMesh, TexturedMesh, mean_normals
 from products.errors import ProductError
 from products.gltf import Encoding, read_glb, write_glb
 from tests.support.gltf_validator import validate_glb
@@ -23,7 +23,9 @@ def hill(side: int = 12) -> TexturedMesh:
     triangles = np.concatenate([np.column_stack([nw, sw, se]), np.column_stack([nw, se, ne])])
     places = np.column_stack([col, row]).astype(np.float32) / np.float32(side - 1)
     texture = np.arange(256, dtype=np.uint8).repeat(256).reshape(256, 256)
-    return TexturedMesh("hill", SurfaceMesh(points, triangles.astype(np.int32), places), texture)
+    triangles = triangles.astype(np.int32)
+    normals = mean_normals(points, triangles)
+    return TexturedMesh("hill", SurfaceMesh(points, normals, triangles, places), texture)
 
 
 def values(document: dict, binary: bytes, number: int) -> np.ndarray:
@@ -49,7 +51,8 @@ def surface_of(data: bytes) -> SurfaceMesh:
     points = np.column_stack([x + east, -(z + south), y + up])
     triangles = values(document, binary, part["indices"]).reshape(-1, 3).astype(np.int32)
     places = values(document, binary, part["attributes"]["TEXCOORD_0"]).astype(np.float32)
-    return SurfaceMesh(points, triangles, places)
+    x, y, z = values(document, binary, part["attributes"]["NORMAL"]).astype(float).T
+    return SurfaceMesh(points, np.column_stack([x, -z, y]), triangles, places)
 
 
 @pytest.mark.parametrize("encoding", Encoding)
@@ -71,6 +74,7 @@ def test_a_reader_finds_the_same_surface_on_the_map(encoding, tolerance_m):
     np.testing.assert_array_equal(read.triangles, written.triangles)
     np.testing.assert_allclose(read.points, written.points, rtol=0, atol=tolerance_m + 1e-9)
     np.testing.assert_allclose(read.texture_at, written.texture_at, atol=1e-5)
+    np.testing.assert_allclose(read.normals, written.normals, atol=0.5 / 127 + 1e-6)
 
 
 def test_frame_and_notes_travel_with_the_file():
@@ -98,7 +102,8 @@ def test_many_vertices_are_indexed_with_32_bits():
 
 
 def test_a_model_without_triangles_is_refused():
-    empty = SurfaceMesh(np.empty((0, 3)), np.empty((0, 3), np.int32), np.empty((0, 2), np.float32))
+    none = np.empty((0, 3))
+    empty = SurfaceMesh(none, none, none.astype(np.int32), np.empty((0, 2), np.float32))
     with pytest.raises(ProductError, match="without a triangle"):
         write_glb([TexturedMesh("nothing", empty, np.zeros((4, 4), np.uint8))], ORIGIN)
 

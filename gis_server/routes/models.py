@@ -1,0 +1,101 @@
+"""Models in three dimensions: which there are, their tiles, and a mission's as one tileset."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Path, Response
+from pydantic import BaseModel
+
+from gis_server.routes.parameters import AGAIN, FOREVER, Digest, MissionName, ScopeName
+from gis_server.services import ServicesOf
+from products.crs import local_crs
+from products.errors import ProductNotFoundError
+from products.model import Layer, ProductKind
+from products.tiles3d import TILESET, external_tileset, read_member, read_tileset, tileset_document
+
+router = APIRouter(tags=["models"])
+_MEMBER_TYPES = {"json": "application/json", "glb": "model/gltf-binary"}
+
+
+class Model(BaseModel):
+    """A model and its addresses; bounds and range (least and largest elevation) in metres."""
+
+    id: str
+    scope: str
+    kind: str
+    digest: str
+    title: str
+    bounds: tuple[float, float, float, float]
+    range: tuple[float, float] | None
+    sols: tuple[int, ...]
+    made_at: str
+    open: str
+    """What a viewer is given: a glTF binary or a `tileset.json`."""
+    download: str
+    provenance: str
+
+
+@router.get("/api/missions/{mission}/models")
+def models(mission: MissionName, services: ServicesOf, response: Response) -> list[Model]:
+    """The latest models of every stop."""
+    response.headers.update(AGAIN)
+    services.catalogue.mission(mission)
+    return [_body(layer) for layer in services.catalogue.layers(mission) if layer.type == "model"]
+
+
+@router.get("/api/missions/{mission}/tileset.json")
+def region(mission: MissionName, services: ServicesOf, response: Response) -> dict[str, Any]:
+    """The tilesets of all stops as one, in (east, north, up) metres of the mission's local map."""
+    response.headers.update(AGAIN)
+    landing = services.catalogue.mission(mission).landing
+    tilesets = [
+        layer
+        for layer in services.catalogue.layers(mission)
+        if layer.ref.kind is ProductKind.TILESET
+    ]
+    if not tilesets:
+        raise ProductNotFoundError(f"no stop of {mission} has 3D tiles")
+    parts = [
+        external_tileset(_tileset_of(layer), read_tileset(services.store.path(layer.ref)))
+        for layer in tilesets
+    ]
+    return tileset_document(parts, {"crs": local_crs(landing).to_wkt()})
+
+
+@router.get("/models/{scope}/tileset/{digest}/{member:path}", response_class=Response)
+def member(
+    scope: ScopeName,
+    digest: Digest,
+    member: Annotated[str, Path(pattern=r"^(tileset\.json|\d{1,2}/\d{1,6}-\d{1,6}\.glb)$")],
+    services: ServicesOf,
+) -> Response:
+    """One file of a tileset."""
+    layer = services.layer(scope, ProductKind.TILESET, digest)
+    body = read_member(services.store.path(layer.ref), member)
+    media_type = _MEMBER_TYPES[member.rpartition(".")[2]]
+    return Response(body, media_type=media_type, headers=FOREVER)
+
+
+def _tileset_of(layer: Layer) -> str:
+    return f"/models/{layer.ref.scope.name}/{layer.ref.kind}/{layer.ref.digest}/{TILESET}"
+
+
+def _body(layer: Layer) -> Model:
+    ref = layer.ref
+    place = f"{ref.scope.name}/{ref.kind}/{ref.digest}"
+    is_tileset = ref.kind is ProductKind.TILESET
+    return Model(
+        id=layer.id,
+        scope=ref.scope.name,
+        kind=str(ref.kind),
+        digest=ref.digest,
+        title=layer.title,
+        bounds=layer.bounds,
+        range=layer.range,
+        sols=layer.sols,
+        made_at=layer.made_at,
+        open=_tileset_of(layer) if is_tileset else f"/download/{place}",
+        download=f"/download/{place}",
+        provenance=f"/api/layers/{place}/provenance",
+    )

@@ -1,0 +1,41 @@
+"""What models in three dimensions say of themselves, whatever their format."""
+
+from __future__ import annotations
+
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from products.crs import LandingPoint, local_crs, local_proj4
+from products.gltf import box_of_glb
+from products.model import Recipe
+from products.tiles3d import box_of, read_tileset
+
+
+def notes_of(recipe: Recipe, landing: LandingPoint) -> dict[str, Any]:
+    """Frame, CRS and provenance, as plain JSON values that travel inside a model.
+
+    The inputs name the terrain model and with it the adjustment that its pairs were oriented by.
+    """
+    ref = recipe.ref
+    return {
+        "frame": f"local map of {landing.name}",
+        "crs": local_crs(landing).to_wkt(),
+        "proj4": local_proj4(landing),
+        "vertical": "metres above the tangent plane at the landing point",
+        "product": f"{ref.kind}/{ref.scope}/{ref.digest}",
+        "inputs": recipe.document["inputs"],
+        "science": recipe.science,
+        "software": f"solmap {version('solmap')}",
+    }
+
+
+def extent_of_model(
+    path: Path,
+) -> tuple[tuple[float, float, float, float], tuple[float, float]]:
+    """(west, south, east, north) and least and largest elevation of a model, metres."""
+    if path.suffix == ".3tz":
+        low, high = box_of(read_tileset(path)["root"]["boundingVolume"]["box"])
+    else:
+        low, high = (tuple(corner.tolist()) for corner in box_of_glb(path.read_bytes()))
+    return (low[0], low[1], high[0], high[1]), (low[2], high[2])

@@ -1,0 +1,207 @@
+"""3D Tiles 1.1: a quadtree of glTF tiles with levels of detail, in one archive (.3tz).
+
+A tileset is many small files that belong together. A product is one file, made whole, with one
+checksum, so the tileset is kept in the archive format of its own community: 3TZ, a ZIP whose
+members a server reads out one by one, with an index of their places at the end (MD5 of the name,
+offset; in the order of the hashes). Unpacked by any ZIP program it is a folder that a plain
+web server can offer. Members are stored, not deflated, but for the JSON: pictures are small as they
+are.
+
+Tiles hold glTF with y up, which viewers of 3D Tiles turn to z up: coordinates of the tileset are
+(east, north, up) in metres of the mission's local map. There is no globe in it and no transform;
+`asset.extras` names the CRS. A tile's geometric error is in metres, and is chosen so that the
+texture looks sharp as well: a viewer that allows 16 pixels of error shows a texel on two pixels.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import struct
+import zipfile
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+
+from photogrammetry.arrays import ObjectPoints
+from photogrammetry.terrain.levels import TilePlace
+from products.errors import ProductError, ProductNotFoundError
+
+TILESET = "tileset.json"
+_INDEX = "@3dtilesIndex1@"
+_DAY_ONE = (1980, 1, 1, 0, 0, 0)
+"""The date of all members: equal input gives equal bytes."""
+TEXELS = 8.0
+"""Texels that a tile's geometric error is at least worth."""
+
+Box = tuple[tuple[float, float, float], tuple[float, float, float]]
+"""Least and largest (east, north, up), metres."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Tile:
+    box: Box
+    error_m: float
+    uri: str
+
+
+@dataclass(slots=True)
+class TilesetWriter:
+    """Writes the tiles of one tileset as they come, in any order, and then the tree of them."""
+
+    path: Path
+    notes: Mapping[str, Any]
+    _archive: zipfile.ZipFile = field(init=False)
+    _tiles: dict[TilePlace, _Tile] = field(init=False, default_factory=dict)
+
+    def __enter__(self) -> Self:
+        """Open the archive."""
+        self._archive = zipfile.ZipFile(self.path, "w", allowZip64=True)
+        return self
+
+    def add(self, place: TilePlace, glb: bytes, points: ObjectPoints, error_m: float) -> None:
+        """Add a tile: its file, the points in it, and the error of showing it and not the finer."""
+        uri = f"{place.level}/{place.row}-{place.col}.glb"
+        self._put(uri, glb)
+        low, high = points.min(axis=0).tolist(), points.max(axis=0).tolist()
+        self._tiles[place] = _Tile((tuple(low), tuple(high)), error_m, uri)
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None
+    ) -> None:
+        """Write the tree and the index, unless something went wrong."""
+        with self._archive:
+            if kind is None:
+                document = _document(self._tiles, self.notes)
+                self._put(TILESET, _json(document), zipfile.ZIP_DEFLATED)
+                self._put(_INDEX, _index_of(self._archive.infolist()))
+
+    def _put(self, name: str, data: bytes, method: int = zipfile.ZIP_STORED) -> None:
+        info = zipfile.ZipInfo(name, _DAY_ONE)
+        info.compress_type = method
+        self._archive.writestr(info, data)
+
+
+def _json(document: Mapping[str, Any]) -> bytes:
+    return json.dumps(document, separators=(",", ":"), allow_nan=False).encode()
+
+
+def _index_of(members: Iterable[zipfile.ZipInfo]) -> bytes:
+    """Hash of the name and place of every member, in the order of the hashes' two numbers."""
+    hashed = [
+        (hashlib.md5(m.filename.encode(), usedforsecurity=False).digest(), m.header_offset)
+        for m in members
+    ]
+    hashed.sort(key=lambda entry: struct.unpack("<2Q", entry[0]))
+    return b"".join(digest + struct.pack("<Q", offset) for digest, offset in hashed)
+
+
+def _document(tiles: Mapping[TilePlace, _Tile], notes: Mapping[str, Any]) -> dict[str, Any]:
+    if not tiles:
+        raise ProductError("a tileset without a tile is nothing to look at; leave it out")
+    nodes = {place: _node(tile, place.level) for place, tile in tiles.items()}
+    root = max(nodes)
+    for place, node in sorted(nodes.items()):
+        if place != root:
+            nodes[_shown_by(place, nodes)].setdefault("children", []).append(node)
+    for place in sorted(nodes):  # finest first: a tile's box holds those of its children
+        _widen(nodes[place])
+    return tileset_document([nodes[root]], notes)
+
+
+def _shown_by(place: TilePlace, nodes: Mapping[TilePlace, Any]) -> TilePlace:
+    """The next coarser tile there is; narrow strips of ground may be missing at coarser levels."""
+    above = place.parent
+    while above not in nodes and above.level < max(nodes).level:
+        above = above.parent
+    return above if above in nodes else max(nodes)
+
+
+def _node(tile: _Tile, level: int) -> dict[str, Any]:
+    return {
+        "boundingVolume": {"box": _volume(tile.box)},
+        "geometricError": tile.error_m if level else 0.0,
+        "refine": "REPLACE",
+        "content": {"uri": tile.uri},
+    }
+
+
+def _widen(node: dict[str, Any]) -> None:
+    boxes = [box_of(node["boundingVolume"]["box"])]
+    boxes += [box_of(child["boundingVolume"]["box"]) for child in node.get("children", [])]
+    node["boundingVolume"]["box"] = _volume(_union(boxes))
+
+
+def tileset_document(roots: list[dict[str, Any]], notes: Mapping[str, Any]) -> dict[str, Any]:
+    """A `tileset.json` of one tile, or of several under a root without content of its own."""
+    box = _union([box_of(root["boundingVolume"]["box"]) for root in roots])
+    extent = max(high - low for low, high in zip(*box, strict=True))
+    root = roots[0]
+    if len(roots) > 1:
+        root = {
+            "boundingVolume": {"box": _volume(box)},
+            "geometricError": extent,
+            "refine": "ADD",
+            "children": roots,
+        }
+    extras = {"axes": "east, north, up of the local map", "unit": "metre", **notes}
+    return {
+        "asset": {"version": "1.1", "extras": extras},
+        "geometricError": extent,
+        "root": root,
+    }
+
+
+def external_tileset(uri: str, document: Mapping[str, Any]) -> dict[str, Any]:
+    """The tile that stands for another tileset in a larger one."""
+    return {
+        "boundingVolume": document["root"]["boundingVolume"],
+        "geometricError": document["geometricError"],
+        "refine": "ADD",
+        "content": {"uri": uri},
+    }
+
+
+def _union(boxes: list[Box]) -> Box:
+    low = np.min([box[0] for box in boxes], axis=0).tolist()
+    high = np.max([box[1] for box in boxes], axis=0).tolist()
+    return tuple(low), tuple(high)
+
+
+def _volume(box: Box) -> list[float]:
+    """A box as 3D Tiles have it: its middle and its three half axes."""
+    low, high = (np.array(corner) for corner in box)
+    half = np.diag((high - low) / 2)
+    return [*((low + high) / 2).tolist(), *half.ravel().tolist()]
+
+
+def box_of(volume: list[float]) -> Box:
+    """Least and largest coordinates of a bounding volume along the axes of the map."""
+    middle, half = np.array(volume[:3]), np.abs(np.array(volume[3:])).reshape(3, 3).sum(axis=0)
+    return tuple((middle - half).tolist()), tuple((middle + half).tolist())
+
+
+def read_member(path: Path, name: str) -> bytes:
+    """One file of a tileset.
+
+    Raises:
+        ProductNotFoundError: the tileset has no such file.
+        ProductError: the archive is broken.
+    """
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return archive.read(name)
+    except KeyError as error:
+        raise ProductNotFoundError(f"{path.name} has no member {name!r}") from error
+    except (OSError, zipfile.BadZipFile) as error:
+        raise ProductError(f"{path.name} is no tileset: {error}; make it again") from error
+
+
+def read_tileset(path: Path) -> dict[str, Any]:
+    """The tree of a tileset's tiles."""
+    document: dict[str, Any] = json.loads(read_member(path, TILESET))
+    return document
