@@ -31,8 +31,8 @@ from photogrammetry.terrain.ground import (
     map_from_pair_rotation,
 )
 from photogrammetry.terrain.heights import ViewHeights
+from photogrammetry.terrain.planes import Gradients
 from photogrammetry.terrain.records import PoseCovariance, TerrainView
-from photogrammetry.terrain.surface import Gradients
 
 HUBER = 2.0
 """Standard deviations beyond which a view counts for less."""

@@ -31,9 +31,10 @@ from photogrammetry.errors import TerrainError
 from photogrammetry.terrain.coarse import coarsened
 from photogrammetry.terrain.grid import MapGrid
 from photogrammetry.terrain.horizon import AZIMUTHS, Horizons, horizons
+from photogrammetry.terrain.planes import Gradients, gradients
 from photogrammetry.terrain.sky import beam_share, diffuse_share
 from photogrammetry.terrain.sun import SOL_HOURS, Season, half_day, local_winter, sun_directions
-from photogrammetry.terrain.surface import Gradients, Normals, gradients, normals_of
+from photogrammetry.terrain.surface import Normals, normals_of
 
 STEP_HOURS = 0.25
 """Longest step between suns, Mars hours: the sun moves by less than four degrees."""

@@ -1,53 +1,60 @@
-"""Slope, aspect, northerly tilt and hillshade of a terrain model, from planes fitted to its cells.
+"""Slope, aspect, northerly tilt, roughness and hillshade of a terrain model.
 
-Around every cell a plane h = a + g_e e + g_n n is fitted by least squares to the cells with an
-elevation inside a square window, whose side is the baseline over which slope is felt. With the
-weights m = 1 where there is an elevation, and e, n counted from the middle of the window, all
-sums are convolutions of m, m h and their moments, and the normal equations
-
-    | S_1  S_e  S_n  | | a   |   | S_h  |
-    | S_e  S_ee S_en | | g_e | = | S_eh |
-    | S_n  S_en S_nn | | g_n |   | S_nh |
-
-are solved in every cell at once: exact on tilted planes, whatever cells are missing. The normal in
-the LSL (north u, east v, down w; pointing up, so w < 0) is unit(-g_n, -g_e, -1), and as in VICAR's
-`marsslope`
+They follow from the planes fitted around every cell over a baseline (`terrain.planes`). With the
+gradient (g_e, g_n) the normal in the LSL (north u, east v, down w; pointing up, so w < 0) is
+unit(-g_n, -g_e, -1), and as in VICAR's `marsslope`
 
     slope = 90 deg + atan(w / sqrt(u^2 + v^2)),   aspect = atan2(v, u),   northerly tilt = asin(u)
 
-The aspect is the azimuth in which the ground falls, clockwise from north. Hillshade is the cosine
-of the sun's incidence, as for a Lambert surface, with no cast shadow.
+The aspect is the azimuth in which the ground falls, clockwise from north. Slope is uncertain by
+
+    sigma^2 = d' (k v C^-1) d / (1 + g^2)^2        d = g / |g|, the direction of the slope
+
+(`terrain.planes`), which on level ground is the deviation of its gradient. Roughness is the
+standard deviation of the elevations from the plane: a terrain model's own noise is in it. VICAR's
+`marsrough` gives the largest deviation in a ring of 4 cm instead, for an arm's tool. Hillshade is
+the cosine of the sun's incidence, as for a Lambert surface, with no cast shadow.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
 from photogrammetry.arrays import Float32, Raster
-from photogrammetry.errors import TerrainError
+from photogrammetry.terrain.planes import Gradients, fit_planes, gradients, window_mean
 from photogrammetry.terrain.records import Dtm
 
 Normals = Float32[np.ndarray, "3 rows cols"]
 """Unit normals (north, east, down) in the LSL, pointing up; NaN where none could be fitted."""
-Gradients = Float32[np.ndarray, "2 rows cols"]
-"""Rise per metre towards east and towards north; NaN where no plane could be fitted."""
 
-LEAST_SPREAD = 0.02
-"""Second moment of the cells used, along their thinnest direction, over that of a full window. A
-strip of cells a seventh as wide as the window is the least that holds a plane."""
+LEAST_STEEPNESS = 1e-6
+"""Gradient below which ground has no direction in which it falls: single precision."""
 
 
 @dataclass(frozen=True, slots=True)
 class SlopeParams:
-    """How to map slope, aspect and northerly tilt."""
+    """How to map slope, aspect, northerly tilt and roughness."""
 
     baseline_m: float = 1.1
     """Length over which slope is felt: about a wheel base, so that pebbles do not count."""
     min_share: float = 0.5
     """Least share of the window that must have an elevation: at a straight edge, half has."""
+    correlation_m: float = 0.15
+    """Length over which neighbouring cells share their error: the ground below a matching window of
+    9 pixels of Navcam at 20 m."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Relief:
+    """What planes fitted over one baseline say of every cell."""
+
+    normal: Normals
+    slope_sigma_deg: Raster
+    """Standard deviation of the slope."""
+    roughness_m: Raster
+    """Standard deviation of the elevations from the plane."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,53 +71,28 @@ class HillshadeParams:
     """Side of the window in cells: the smallest that fits a plane, so that edges stay crisp."""
 
 
-def gradients(
-    elevation: Raster, cell_m: float, baseline_m: float, min_share: float = 0.5
-) -> Gradients:
-    """Gradient of the plane through the cells of a window of side `baseline_m` around each cell."""
-    half = max(1, round((baseline_m / cell_m - 1) / 2))
-    if 2 * half + 1 > min(elevation.shape) * 2:
-        raise TerrainError(
-            f"a baseline of {baseline_m} m is {2 * half + 1} cells of {cell_m} m, but the terrain "
-            f"model has only {elevation.shape}: take a shorter baseline"
-        )
-    known = np.isfinite(elevation)
-    level = float(np.mean(elevation[known], dtype=np.float64)) if known.any() else 0.0
-    m = known.astype(np.float32)
-    h = np.where(known, elevation - np.float32(level), np.float32(0))
-    S_1, S_e, S_n = (_moment(m, half, powers) for powers in ((0, 0), (1, 0), (0, 1)))
-    S_ee, S_en, S_nn = (_moment(m, half, powers) for powers in ((2, 0), (1, 1), (0, 2)))
-    S_h, S_eh, S_nh = (_moment(h, half, powers) for powers in ((0, 0), (1, 0), (0, 1)))
-    with np.errstate(invalid="ignore", divide="ignore"):
-        C_ee, C_en, C_nn = S_ee - S_e**2 / S_1, S_en - S_e * S_n / S_1, S_nn - S_n**2 / S_1
-        C_eh, C_nh = S_eh - S_e * S_h / S_1, S_nh - S_n * S_h / S_1
-        determinant = C_ee * C_nn - C_en**2
-        g = np.stack([C_nn * C_eh - C_en * C_nh, C_ee * C_nh - C_en * C_eh]) / determinant
-        thinnest = (C_ee + C_nn) / 2 - np.sqrt((C_ee - C_nn) ** 2 / 4 + C_en**2)
-    window = 2 * half + 1
-    full = window * window * (window * window - 1) / 12
-    enough = S_1 / window**2 >= min_share
-    fits = known & enough & (thinnest > LEAST_SPREAD * full)
-    g[:, ~fits] = np.nan
-    return g / np.float32(cell_m)
-
-
-def _moment(values: Raster, half: int, powers: tuple[int, int]) -> Raster:
-    """Sum of values times e^a n^b over the window around every cell, in cells; north is up."""
-    steps = np.arange(-half, half + 1, dtype=np.float32)
-    return cv2.sepFilter2D(
-        values,
-        cv2.CV_32F,
-        steps ** powers[0],
-        (-steps) ** powers[1],
-        borderType=cv2.BORDER_CONSTANT,
-    )
-
-
 def normals_of(gradient: Gradients) -> Normals:
     """Unit normals of surfaces with these gradients."""
     down = -1.0 / np.sqrt(1.0 + gradient[0] ** 2 + gradient[1] ** 2)
     return np.stack([gradient[1] * down, gradient[0] * down, down]).astype(np.float32)
+
+
+def relief(dtm: Dtm, params: SlopeParams) -> Relief:
+    """Normals of a terrain model over the baseline, how certain they are, and roughness."""
+    cell_m = dtm.grid.cell_m
+    fit = fit_planes(dtm.elevation, cell_m, params.baseline_m, params.min_share)
+    pose = np.float32(0) if dtm.pose_sigma_m is None else dtm.pose_sigma_m
+    own = np.maximum(dtm.sigma_m**2 - pose**2, 0)  # a tilted pose tilts all slopes, by 0.1 degrees
+    variance = window_mean(own, cell_m, params.baseline_m)
+    shared = max(1.0, (params.correlation_m / cell_m) ** 2)
+    g_e, g_n = fit.gradient
+    C_ee, C_en, C_nn = fit.shape
+    steepness = np.maximum(np.hypot(g_e, g_n), LEAST_STEEPNESS)
+    d_e, d_n = g_e / steepness, np.where(steepness > LEAST_STEEPNESS, g_n / steepness, 1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        along = (C_nn * d_e**2 - 2 * C_en * d_e * d_n + C_ee * d_n**2) / (C_ee * C_nn - C_en**2)
+        sigma = np.sqrt(np.float32(shared) * variance * along) / (1 + steepness**2)
+    return Relief(normals_of(fit.gradient), np.degrees(sigma), fit.scatter)
 
 
 def normals(dtm: Dtm, params: SlopeParams) -> Normals:

@@ -15,8 +15,9 @@ from photogrammetry.terrain.insolation import (
     insolation,
     sky_view,
 )
+from photogrammetry.terrain.planes import gradients
 from photogrammetry.terrain.sun import Season, daily_insolation_above
-from photogrammetry.terrain.surface import gradients, normals_of
+from photogrammetry.terrain.surface import normals_of
 
 GUSEV = math.radians(-14.735)
 CLEAR = InsolationParams(ls_deg=(90.0,), optical_depth=0.0)

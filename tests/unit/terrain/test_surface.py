@@ -1,5 +1,7 @@
 """Slope, aspect, northerly tilt and hillshade of surfaces whose values are known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -17,6 +19,7 @@ from photogrammetry.terrain.surface import (
     normals_of,
     northerly_tilt,
     northerly_tilt_of,
+    relief,
     slope,
     slope_of,
 )
@@ -133,3 +136,67 @@ def test_normals_follow_from_gradients():
 def test_a_baseline_longer_than_the_model_is_an_error(scenes):
     with pytest.raises(TerrainError, match="take a shorter baseline"):
         gradients(scenes.dtm_of(scenes.level, side=16).elevation, 0.04, 3.0)
+
+
+def test_roughness_is_the_scatter_around_the_plane(scenes, rng):
+    dtm = scenes.dtm_of(plane(20.0, 130.0), side=300)
+    assert np.nanmax(relief(dtm, PARAMS).roughness_m) < 5e-4
+    dtm.elevation[:] += rng.normal(0, 0.03, dtm.grid.shape).astype(np.float32)
+    rough = relief(dtm, PARAMS).roughness_m
+    # 27 x 27 cells tell a deviation to 3 percent
+    np.testing.assert_allclose(rough[40:-40, 40:-40], 0.03, rtol=0.15)
+    assert np.nanmean(rough) == pytest.approx(0.03, rel=0.01)
+
+
+def test_roughness_of_ripples_is_their_amplitude_over_the_root_of_two(scenes):
+    dtm = scenes.dtm_of(lambda e, n: 0.05 * np.sin(2 * np.pi * e / 0.36) + 0.0 * n, side=128)
+    rough = relief(dtm, SlopeParams(baseline_m=1.08)).roughness_m  # three ripples long
+    np.testing.assert_allclose(
+        rough[20:-20, 20:-20], 0.05 / np.sqrt(2), rtol=0.04
+    )  # nine cells each
+
+
+def test_high_ground_keeps_its_roughness(scenes, rng):
+    dtm = scenes.dtm_of(plane(25.0, 10.0), side=300)
+    dtm.elevation[:] += rng.normal(0, 0.01, dtm.grid.shape).astype(np.float32) + np.float32(500.0)
+    assert np.nanmean(relief(dtm, PARAMS).roughness_m) == pytest.approx(0.01, rel=0.02)
+
+
+@pytest.mark.parametrize("slope_deg", [0.0, 12.0])
+def test_the_stated_deviation_of_slope_is_true(scenes, rng, slope_deg):
+    exact = scenes.dtm_of(plane(slope_deg, 60.0), side=400)
+    exact.elevation[:] += 0.0
+    errors, stated = [], []
+    for _ in range(3):
+        # errors shared by blocks of 4 x 4 cells, as long as the correlation
+        noise = np.kron(rng.normal(0, 0.03, (100, 100)), np.ones((4, 4)))
+        noisy = replace(
+            exact,
+            elevation=exact.elevation + noise.astype(np.float32),
+            sigma_m=np.full(exact.grid.shape, 0.03, np.float32),
+        )
+        found = relief(noisy, SlopeParams(correlation_m=0.16))
+        fall = found.normal[:2] / found.normal[2]  # gradient (n, e)
+        along = np.cos(np.radians(60.0)) * fall[0] + np.sin(np.radians(60.0)) * fall[1]
+        errors.append((np.degrees(np.arctan(np.abs(along))) - slope_deg)[30:-30:27, 30:-30:27])
+        stated.append(found.slope_sigma_deg[30:-30:27, 30:-30:27])
+    sigma = float(np.sqrt(np.mean(np.square(errors))))
+    # on level ground the part along one direction is judged; 500 windows tell it to 4 percent
+    assert sigma == pytest.approx(float(np.mean(stated)), rel=0.12)
+
+
+def test_what_poses_share_does_not_make_slopes_uncertain(scenes):
+    dtm = scenes.dtm_of(plane(5.0, 0.0))
+    sigma = replace(dtm, sigma_m=np.hypot(dtm.sigma_m, np.float32(0.2)))
+    shared = replace(sigma, pose_sigma_m=np.full(dtm.grid.shape, 0.2, np.float32))
+    own, all_ = (np.nanmean(relief(one, PARAMS).slope_sigma_deg) for one in (dtm, sigma))
+    assert np.nanmean(relief(shared, PARAMS).slope_sigma_deg) == pytest.approx(own, rel=1e-3)
+    assert all_ > 10 * own
+
+
+def test_slope_of_a_large_model_has_no_seams_between_blocks(scenes):
+    dtm = scenes.dtm_of(lambda e, n: 0.3 * np.sin(e) * np.cos(1.3 * n), side=600)
+    whole = gradients(dtm.elevation, dtm.grid.cell_m, 1.1)
+    part = gradients(dtm.elevation[200:330, 180:310].copy(), dtm.grid.cell_m, 1.1)
+    # the same window around the corner of four blocks, as if it were one
+    np.testing.assert_allclose(whole[:, 220:310, 200:290], part[:, 20:110, 20:110], atol=2e-5)
