@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+from prefect.futures import PrefectFuture
+
 from flows.outcomes import by_first, promised, settled
 from flows.sol_inputs import SolInputs, SolReport
 from photogrammetry.imagery import StopId
 from products.model import ProductRef
+from tasks.colour import colour_frames, render_colour
 from tasks.contour import trace_contours
 from tasks.dtm import build_dtm
 from tasks.orientations import MappedStop, read_orientations
@@ -14,6 +19,9 @@ from tasks.pairs import PairProducts
 from tasks.quicklook import picture_terrain
 from tasks.slope import map_aspect, map_slope, shade_relief
 from tasks.views import OrientedPair
+
+BOTH = "orthophoto and its sources"
+"""Two layers of one task."""
 
 
 def map_stops(
@@ -24,8 +32,9 @@ def map_stops(
 ) -> dict[StopId, list[ProductRef]]:
     """Map every stop of the window from its adjusted pairs; what did not move is looked up."""
     config, store, landing = inputs.config, inputs.workspace.store, inputs.landing
+    catalogue = inputs.workspace.catalogue
     mapped = read_orientations(orientations, store)
-    futures = {}
+    futures: dict[tuple[StopId, str], PrefectFuture[Any]] = {}
     for stop, pairs in matched.items():
         oriented = oriented_pairs(pairs, mapped.get(str(stop)))
         if not oriented:
@@ -33,9 +42,14 @@ def map_stops(
         dtm = build_dtm.submit(stop, oriented, config.dtm, landing, store)
         futures[stop, "dtm"] = dtm
         terrain = promised(dtm)
-        futures[stop, "orthophoto"] = render_orthophoto.submit(
+        futures[stop, BOTH] = render_orthophoto.submit(
             terrain, oriented, config.orthophoto, landing, store
         )
+        frames = colour_frames(oriented, catalogue.images(stop=str(stop)), inputs.workspace)
+        if frames:
+            futures[stop, "colour"] = render_colour.submit(
+                terrain, frames, config.orthophoto, landing, store
+            )
         futures[stop, "contours"] = trace_contours.submit(terrain, config.contour, landing, store)
         futures[stop, "slope"] = map_slope.submit(terrain, config.slope, landing, store)
         futures[stop, "aspect"] = map_aspect.submit(terrain, config.slope, landing, store)
@@ -43,7 +57,11 @@ def map_stops(
         futures[stop, "hillshade"] = shade_relief.submit(terrain, config.hillshade, landing, store)
     done, failed = settled(f"sol {report.sol}: map the stops", futures)
     report.blame("map", {f"{kind} of {stop}": cause for (stop, kind), cause in failed.items()})
-    return by_first({key: ref for key, ref in done.items() if key[1] != "picture"})
+    layers = by_first({key: ref for key, ref in done.items() if key[1] not in {"picture", BOTH}})
+    for (stop, what), refs in done.items():
+        if what == BOTH:
+            layers.setdefault(stop, []).extend(refs)
+    return layers
 
 
 def oriented_pairs(

@@ -39,6 +39,8 @@ class ProductKind(StrEnum):
     ORTHOPHOTO = "orthophoto"
     SOURCES = "sources"
     COLOUR = "colour"
+    SOURCES = "sources"
+    COLOUR = "colour"
     SLOPE = "slope"
     ASPECT = "aspect"
     HILLSHADE = "hillshade"
@@ -81,6 +83,8 @@ SUFFIX = {
     ProductKind.REPORT: ".html",
     ProductKind.DTM: ".tif",
     ProductKind.ORTHOPHOTO: ".tif",
+    ProductKind.SOURCES: ".tif",
+    ProductKind.COLOUR: ".tif",
     ProductKind.SOURCES: ".tif",
     ProductKind.COLOUR: ".tif",
     ProductKind.SLOPE: ".tif",

@@ -1,54 +1,36 @@
-"""Rasters on disk: Cloud Optimised GeoTIFF in the local CRS of the landing site.
+"""Rasters on disk: bands of one grid, in the local CRS of the landing site, and read back.
 
-Everything about the format is decided here, once:
-
-- Blocks of 256 x 256 cells, which are the tiles of the site's tile matrix set, and overviews that
-  halve down to one block, which are its lower zooms. Blocks with nothing measured are left out.
-- Measured values are 32-bit floats, NaN where nothing was measured; deflate with the floating
-  point predictor, lossless, readable by every GDAL since 1.8.
-- Orthophotos are pictures: one band of 8 bits, 0 where nothing was seen and 1 to 255 otherwise.
-  The band's scale and offset lead back to brightness. Deflate with the horizontal predictor:
-  lossless (JPEG and WebP would smear the edge of what was seen, and JPEG cannot keep 0 as 0), half
-  as much to read as grey with alpha, and a tile is the block with a palette.
-- Overviews average what was measured and ignore the rest; directions (aspect) cannot be averaged
-  and take the nearest cell. An averaged `class` of a DTM lies between its classes.
-- Names, units, scales and tags travel inside. No dates do: equal input gives equal bytes.
+How the bytes are laid out is decided in `products.cog`. An averaged `class` of a DTM's overview
+lies between its classes.
 """
 
 from __future__ import annotations
 
-import errno
+import json
 import math
-import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, get_args
 
 import numpy as np
 import rasterio
 from pyproj import CRS
+from rasterio.enums import ColorInterp
 from rasterio.errors import RasterioError, RasterioIOError
-from rasterio.shutil import copy as copy_raster
-from rasterio.transform import Affine
 from rasterio.windows import Window
 
-from photogrammetry.arrays import Raster
-from photogrammetry.terrain.grid import BLOCK, MapGrid
+from photogrammetry.arrays import Classes, Raster
+from photogrammetry.terrain.grid import MapGrid
 from photogrammetry.terrain.records import Dtm
-from products.disk import is_full
+from products.cog import Band, Halving, Kind, Notes, RasterClass, new_cog
 from products.errors import ProductError, ProductNotFoundError
 
-_LOSSLESS = {"BLOCKSIZE": BLOCK, "COMPRESS": "DEFLATE", "SPARSE_OK": "TRUE", "BIGTIFF": "IF_SAFER"}
-_PREDICTOR = {"float32": "FLOATING_POINT", "uint8": "STANDARD"}
-_NODATA = {"float32": math.nan, "uint8": 0}
 _DIRECTIONS = {"aspect"}
 """Bands whose values run in a circle."""
 _DTM_UNITS = {"elevation": "m", "standard_deviation": "m", "observations": "", "class": ""}
 _POSE_DEVIATION = "pose_deviation"
 """Band of a DTM whose poses are not taken for true: the part of the deviation that cells share."""
-_STRETCH_PERCENTILES = (0.5, 99.5)
-"""Brightness that becomes black and white: what lies beyond is glint, deep shadow or noise."""
 _LOOK = 1 << 20
 """Cells that are looked at for a summary: an overview of at most this many."""
 
@@ -71,7 +53,7 @@ def write_raster(  # noqa: PLR0913 - the properties of one file
     *,
     unit: str | Mapping[str, str] = "",
     tags: Mapping[str, str] | None = None,
-    overviews: Literal["AVERAGE", "NEAREST"] | None = None,
+    overviews: Halving | None = None,
     scale: tuple[float, float] = (1.0, 0.0),
 ) -> None:
     """Write the bands of one grid, float32 with NaN or uint8 with 0 where nothing was measured.
@@ -91,25 +73,32 @@ def write_raster(  # noqa: PLR0913 - the properties of one file
     """
     stack = _stacked(path, grid, bands)
     units = {name: unit if isinstance(unit, str) else unit.get(name, "") for name in bands}
-    kind = stack[0].dtype.name
-    rows = path.with_name(f"{path.name}.rows")
     halving = overviews or ("NEAREST" if _DIRECTIONS & set(bands) else "AVERAGE")
-    options = {**_LOSSLESS, "PREDICTOR": _PREDICTOR[kind], "OVERVIEW_RESAMPLING": halving}
-    try:
-        with rasterio.open(rows, "w", **_profile(grid, stack, crs)) as dataset:
-            for index, (name, band) in enumerate(zip(bands, stack, strict=True), start=1):
-                dataset.write(band, index)
-                dataset.set_band_description(index, name)
-            dataset.units = tuple(units.values())
-            dataset.scales, dataset.offsets = ((value,) * len(stack) for value in scale)
-            dataset.update_tags(AREA_OR_POINT="Area", **(tags or {}))
-        copy_raster(rows, path, driver="COG", **options)
-    except RasterioError as error:  # GDAL only says that writing failed
-        if is_full(path.parent, error):
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path)) from error
-        raise
-    finally:
-        rows.unlink(missing_ok=True)
+    kind: Kind = "float32" if stack[0].dtype == np.float32 else "uint8"
+    colours = [ColorInterp.gray, *[ColorInterp.undefined] * (len(stack) - 1)]
+    named = tuple(Band(n, units[n], *scale, c) for n, c in zip(bands, colours, strict=True))
+    with new_cog(path, grid, crs, Notes(kind, named, halving, tags)) as dataset:
+        for index, band in enumerate(stack, start=1):
+            dataset.write(band, index)
+
+
+def write_classes(  # noqa: PLR0913 - the properties of one file
+    path: Path,
+    grid: MapGrid,
+    codes: Classes,
+    crs: CRS,
+    *,
+    name: str,
+    classes: Sequence[RasterClass],
+    tags: Mapping[str, str] | None = None,
+) -> None:
+    """Write a layer of classes, 0 where nothing is known, with their names and colours inside."""
+    if codes.shape != grid.shape:
+        raise ProductError(f"{path.name}: {codes.shape} classes on a grid of {grid.shape}")
+    band = Band(name, colour=ColorInterp.palette)
+    notes = Notes("uint8", (band,), "NEAREST", tags, tuple(classes))
+    with new_cog(path, grid, crs, notes) as dataset:
+        dataset.write(codes, 1)
 
 
 def _stacked(
@@ -119,7 +108,7 @@ def _stacked(
         raise ProductError(f"{path.name} would have no band")
     stack = [np.asarray(band) for band in bands.values()]
     types = {band.dtype.name for band in stack}
-    if len(types) > 1 or not types <= set(_PREDICTOR):
+    if len(types) > 1 or not types <= set(get_args(Kind)):
         raise ProductError(f"{path.name}: bands are all float32 or all uint8, not {sorted(types)}")
     for name, band in zip(bands, stack, strict=True):
         if band.shape != grid.shape:
@@ -127,22 +116,6 @@ def _stacked(
                 f"{path.name}: band {name} has {band.shape} cells on a grid of {grid.shape}"
             )
     return stack
-
-
-def _profile(grid: MapGrid, stack: list[np.ndarray], crs: CRS) -> dict[str, Any]:
-    kind = stack[0].dtype.name
-    return {
-        "driver": "GTiff",
-        "width": grid.cols,
-        "height": grid.rows,
-        "count": len(stack),
-        "dtype": kind,
-        "nodata": _NODATA[kind],
-        "crs": rasterio.CRS.from_wkt(crs.to_wkt()),
-        "transform": Affine(grid.cell_m, 0.0, grid.west, 0.0, -grid.cell_m, grid.north),
-        "interleave": "band",
-        "bigtiff": "IF_SAFER",
-    }
 
 
 def open_raster(path: Path) -> rasterio.DatasetReader:
@@ -183,6 +156,12 @@ def read_raster(path: Path) -> tuple[MapGrid, dict[str, np.ndarray]]:
 
 def _names(dataset: rasterio.DatasetReader) -> list[str]:
     return [name or f"band {i}" for i, name in enumerate(dataset.descriptions, start=1)]
+
+
+def class_names(dataset: rasterio.DatasetReader) -> dict[int, str]:
+    """What the values of a layer of classes stand for; nothing for other rasters."""
+    named = json.loads(dataset.tags().get("CLASSES", "{}"))
+    return {int(value): str(name) for value, name in named.items()}
 
 
 def crs_of(path: Path) -> CRS:
@@ -248,49 +227,6 @@ def read_dtm(path: Path) -> Dtm:
         ground=bands["class"].astype(np.uint8),
         pose_sigma_m=bands.get(_POSE_DEVIATION),
     )
-
-
-def write_orthophoto(
-    path: Path,
-    grid: MapGrid,
-    brightness: Raster,
-    crs: CRS,
-    *,
-    stretch: tuple[float, float] | None = None,
-    tags: Mapping[str, str] | None = None,
-) -> None:
-    """Write brightness (NaN where nothing was seen) as an 8-bit picture.
-
-    Args:
-        path: The file to write.
-        grid: Where the cells lie.
-        brightness: Grey values of any unit.
-        crs: The local CRS of the landing site.
-        stretch: Brightness shown black and white; by default two percentiles of what was seen.
-        tags: What else to keep with the file.
-    """
-    low, high = stretch or _stretch_of(brightness)
-    scale = (high - low) / 254.0  # 1 is black, 255 is white
-    seen = np.isfinite(brightness)
-    grey = np.zeros(brightness.shape, np.uint8)
-    grey[seen] = np.clip(np.rint((brightness[seen] - low) / scale) + 1.0, 1.0, 255.0)
-    write_raster(path, grid, {"brightness": grey}, crs, tags=tags, scale=(scale, low - scale))
-
-
-def _stretch_of(brightness: Raster) -> tuple[float, float]:
-    seen = brightness[np.isfinite(brightness)]
-    if not seen.size:
-        return 0.0, 254.0
-    low, high = (float(value) for value in np.percentile(seen, _STRETCH_PERCENTILES))
-    return (low, high) if high > low else (low - 1.0, low + 1.0)
-
-
-def read_orthophoto(path: Path) -> tuple[MapGrid, Raster]:
-    """Brightness as `write_orthophoto` was given it, to half a grey step; NaN where unseen."""
-    with open_raster(path) as dataset:
-        grey = dataset.read(1)
-        brightness = grey.astype(np.float32) * dataset.scales[0] + dataset.offsets[0]
-        return grid_of(dataset), np.where(grey > 0, brightness, np.nan).astype(np.float32)
 
 
 def values_at(path: Path, east: float, north: float) -> dict[str, float] | None:

@@ -1,17 +1,24 @@
-"""Orthophoto: a stop's images, seen from straight above."""
+"""Orthophoto: a stop's images, seen from straight above, and which of them each cell came from."""
 
 from __future__ import annotations
 
+from collections import deque
+from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
+import numpy as np
 from prefect import task
 from prefect.cache_policies import NO_CACHE
 
-from photogrammetry.terrain.orthophoto import OrthophotoParams
-from photogrammetry.terrain.orthophoto import render_orthophoto as render
+from photogrammetry.arrays import Classes
+from photogrammetry.terrain.mosaic import NO_SOURCE
+from photogrammetry.terrain.orthophoto import OrthophotoParams, Rendering, put, rendering
 from products.crs import LandingPoint, local_crs
 from products.model import ProductKind, ProductRef, Recipe
-from products.raster import read_dtm, write_orthophoto
+from products.pictures import Piece, write_pieces, write_sources
+from products.provenance import provenance_tags
+from products.raster import read_dtm
 from products.store import ProductStore
 from tasks.views import OrientedPair, inputs_of, read_views
 
@@ -23,15 +30,43 @@ def render_orthophoto(
     params: OrthophotoParams,
     landing: LandingPoint,
     store: ProductStore,
-) -> ProductRef:
-    """Render the orthophoto of a terrain model from the images it was made from."""
-
-    def write(path: Path) -> None:
-        made = render(read_dtm(store.path(dtm)), read_views(pairs, store), params)
-        write_orthophoto(path, made.grid, made.brightness, local_crs(landing), stretch=made.stretch)
-
+) -> tuple[ProductRef, ProductRef]:
+    """Render the orthophoto of a terrain model from its images, and which each cell came from."""
     orientations = tuple(pair.orientation for pair in pairs)
-    recipe = Recipe(
-        ProductKind.ORTHOPHOTO, dtm.scope, (dtm, *inputs_of(pairs)), (params, landing, orientations)
+    picture, sources = (
+        Recipe(kind, dtm.scope, (dtm, *inputs_of(pairs)), (params, landing, orientations))
+        for kind in (ProductKind.ORTHOPHOTO, ProductKind.SOURCES)
     )
-    return store.make(recipe, write)
+
+    @cache
+    def prepared() -> tuple[Rendering, Classes]:
+        made = rendering(read_dtm(store.path(dtm)), read_views(pairs, store), params)
+        return made, np.zeros(made.source_grid.shape, np.uint8)
+
+    def write_picture(path: Path) -> None:
+        write_rendering(path, *prepared(), landing, provenance_tags(picture))
+
+    def write_codes(path: Path) -> None:
+        made, codes = prepared()
+        if not codes.any():  # the picture was there already
+            deque(_pieces(made, codes), maxlen=0)
+        tags = provenance_tags(sources)
+        write_sources(path, made.source_grid, codes, made.pair_ids, local_crs(landing), tags=tags)
+
+    return store.make(picture, write_picture), store.make(sources, write_codes)
+
+
+def write_rendering(
+    path: Path, made: Rendering, codes: Classes, landing: LandingPoint, tags: dict[str, str]
+) -> None:
+    """Render block by block into a file, and note in `codes` which view each cell came from."""
+    pieces, crs = _pieces(made, codes), local_crs(landing)
+    write_pieces(path, made.grid, pieces, crs, stretches=made.stretch, tags=tags)
+
+
+def _pieces(made: Rendering, codes: Classes) -> Iterator[Piece]:
+    """The blocks of a picture; `codes` takes 1 for the first view, 0 for none."""
+    for block in made.blocks():
+        numbers = np.where(block.sources == NO_SOURCE, 0, block.sources + 1).astype(np.uint8)
+        put(codes, numbers, block.row // made.ratio, block.col // made.ratio)
+        yield block.row, block.col, block.brightness

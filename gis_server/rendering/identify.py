@@ -12,7 +12,7 @@ from gis_server.rendering.features import index_of
 from gis_server.rendering.readers import RasterPool
 from products.errors import ProductError
 from products.model import Layer, ProductKind, ScopeLevel
-from products.raster import values_in
+from products.raster import class_names, values_in
 from products.store import ProductStore
 
 log = logging.getLogger(__name__)
@@ -31,6 +31,8 @@ class LayerValue:
     layer: Layer
     value: float
     sigma: float | None
+    label: str | None = None
+    """What the value stands for, where it is a class."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,13 +98,15 @@ def _value(
 ) -> list[LayerValue]:
     with pool.reading(store.path(layer.ref)) as dataset:
         bands = values_in(dataset, east, north)
+        classes = class_names(dataset)
     if not bands:
         return []
     first = next(iter(bands.values()))
     sigma = bands.get("standard_deviation", math.nan)
     if not math.isfinite(first):
         return []
-    return [LayerValue(layer, first, sigma if math.isfinite(sigma) else None)]
+    label = classes.get(round(first))
+    return [LayerValue(layer, first, sigma if math.isfinite(sigma) else None, label)]
 
 
 def _features(layer: Layer, east: float, north: float, store: ProductStore) -> list[FeatureFound]:

@@ -1,6 +1,6 @@
-"""Indexed PNG: 256 colours, of which the first is transparent.
+"""Map tiles as PNG: indexed, 256 colours of which the first is transparent, or in true colour.
 
-A map tile shows one quantity, so one byte a pixel and a palette say all that three colours and
+Most map tiles show one quantity, so one byte a pixel and a palette say all that three colours and
 alpha would, in a fifth of the time and less than half the bytes. Rows carry the difference to the
 row above (PNG filter 2), which suits a palette whose order is that of the quantity.
 """
@@ -14,6 +14,7 @@ import numpy as np
 
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _UP = 2
+_INDEXED, _TRUE_COLOUR = 3, 2
 _FASTEST, _WINDOW_BITS, _MEMORY = 1, 15, 9
 
 
@@ -24,24 +25,32 @@ def indexed_png(indices: np.ndarray, palette: np.ndarray) -> bytes:
         indices: uint8, rows by columns.
         palette: uint8, 256 rows of red, green and blue.
     """
-    rows, columns = indices.shape
-    lines = np.empty((rows, columns + 1), np.uint8)
+    transparent = _chunk(b"tRNS", b"\x00")
+    return _png(indices[:, :, None], _INDEXED, _chunk(b"PLTE", palette.tobytes()) + transparent)
+
+
+def colour_png(picture: np.ndarray) -> bytes:
+    """Encode a picture of red, green and blue; black, 0 0 0, is transparent.
+
+    Args:
+        picture: uint8, rows by columns by 3.
+    """
+    return _png(picture, _TRUE_COLOUR, _chunk(b"tRNS", bytes(6)))
+
+
+def _png(picture: np.ndarray, colour_type: int, notes: bytes) -> bytes:
+    """A picture of bytes, rows by columns by bands; `notes` are the chunks before the data."""
+    rows, columns, bands = picture.shape
+    flat = picture.reshape(rows, columns * bands)
+    lines = np.empty((rows, columns * bands + 1), np.uint8)
     lines[:, 0] = _UP
-    lines[0, 1:] = indices[0]
-    np.subtract(indices[1:], indices[:-1], out=lines[1:, 1:])  # modulo 256, as the format asks
+    lines[0, 1:] = flat[0]
+    np.subtract(flat[1:], flat[:-1], out=lines[1:, 1:])  # modulo 256, as the format asks
     deflate = zlib.compressobj(_FASTEST, zlib.DEFLATED, _WINDOW_BITS, _MEMORY)
     data = deflate.compress(lines.tobytes()) + deflate.flush()
-    header = struct.pack(">IIBBBBB", columns, rows, 8, 3, 0, 0, 0)
-    return b"".join(
-        (
-            _SIGNATURE,
-            _chunk(b"IHDR", header),
-            _chunk(b"PLTE", palette.tobytes()),
-            _chunk(b"tRNS", b"\x00"),
-            _chunk(b"IDAT", data),
-            _chunk(b"IEND", b""),
-        )
-    )
+    header = struct.pack(">IIBBBBB", columns, rows, 8, colour_type, 0, 0, 0)
+    end = (_chunk(b"IDAT", data), _chunk(b"IEND", b""))
+    return b"".join((_SIGNATURE, _chunk(b"IHDR", header), notes, *end))
 
 
 def _chunk(name: bytes, data: bytes) -> bytes:

@@ -42,11 +42,17 @@ class Style:
     unit: str = ""
     has_legend: bool = True
     band: int = 1
+    is_classes: bool = False
+    """Values are classes, whose colours and names the file itself has; nothing is averaged."""
+    is_colour: bool = False
+    """Three bands are shown as red, green and blue, as they are."""
 
 
 STYLES = {
     ProductKind.DTM: Style(VIRIDIS, unit="m"),
     ProductKind.ORTHOPHOTO: Style(GREY, has_legend=False),
+    ProductKind.SOURCES: Style(GREY, has_legend=False, is_classes=True),
+    ProductKind.COLOUR: Style(GREY, has_legend=False, is_colour=True),
     ProductKind.SLOPE: Style(INFERNO, (0.0, 40.0), "degree"),
     ProductKind.ASPECT: Style(TWILIGHT, (0.0, 360.0), "degree"),
     ProductKind.HILLSHADE: Style(GREY, (0.0, 1.0), has_legend=False),

@@ -9,6 +9,7 @@ GDAL's boundless reads decode blocks again and again.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -16,7 +17,7 @@ import rasterio
 from rasterio.enums import Resampling
 from rasterio.windows import Window
 
-from gis_server.rendering.png import indexed_png
+from gis_server.rendering.png import colour_png, indexed_png
 from gis_server.rendering.readers import RasterPool
 from gis_server.rendering.styles import PALETTES, indices_of, range_of, style_of
 from photogrammetry.terrain.grid import BLOCK
@@ -36,11 +37,30 @@ def render_tile(layer: Layer, address: TileAddress, store: ProductStore, pool: R
     if not overlap(layer.bounds, address.bounds):
         return empty_tile()
     with pool.reading(store.path(layer.ref)) as dataset:
-        values = read_tile(dataset, address, style.band)
+        if style.is_colour:
+            bands = [read_tile(dataset, address, band) for band in (1, 2, 3)]
+            return _colour_png(bands)
+        how = Resampling.nearest if style.is_classes else Resampling.average
+        values = read_tile(dataset, address, style.band, how)
+        palette = _own_palette(dataset) if style.is_classes else PALETTES[layer.ref.kind]
     if values is None:
         return empty_tile()
     indices = indices_of(values, *range_of(style, layer))
-    return indexed_png(indices, PALETTES[layer.ref.kind]) if indices.any() else empty_tile()
+    return indexed_png(indices, palette) if indices.any() else empty_tile()
+
+
+def _own_palette(dataset: rasterio.DatasetReader) -> np.ndarray:
+    """The colours that a file of classes gives them: 256 rows of red, green and blue."""
+    colours = dataset.colormap(1)
+    return np.array([colours[index][:3] for index in range(256)], np.uint8)
+
+
+def _colour_png(bands: Sequence[np.ndarray | None]) -> bytes:
+    """Red, green and blue as a picture; transparent where all are 0."""
+    known = [band for band in bands if band is not None]
+    if len(known) < len(bands) or not any(band.any() for band in known):
+        return empty_tile()
+    return colour_png(np.stack(known, axis=-1))
 
 
 @lru_cache(maxsize=1)
@@ -57,7 +77,10 @@ def overlap(
 
 
 def read_tile(
-    dataset: rasterio.DatasetReader, address: TileAddress, band: int = 1
+    dataset: rasterio.DatasetReader,
+    address: TileAddress,
+    band: int = 1,
+    how: Resampling = Resampling.average,
 ) -> np.ndarray | None:
     """Stored values of a tile, nodata where the raster ends; None where it holds none of it."""
     grid = grid_of(dataset)
@@ -66,12 +89,18 @@ def read_tile(
     step = min(ratio, 1.0)  # tiles and grids share a lattice: what is left over is rounding
     row = round((grid.north - north) / grid.cell_m / step) * step
     col = round((west - grid.west) / grid.cell_m / step) * step
-    read = _repeated if ratio < 1.0 - 1e-9 else _reduced
-    return read(dataset, band, row, col, ratio)
+    if ratio < 1.0 - 1e-9:
+        return _repeated(dataset, band, row, col, ratio)
+    return _reduced(dataset, band, row, col, ratio, how)
 
 
 def _reduced(
-    dataset: rasterio.DatasetReader, band: int, row: float, col: float, ratio: float
+    dataset: rasterio.DatasetReader,
+    band: int,
+    row: float,
+    col: float,
+    ratio: float,
+    how: Resampling,
 ) -> np.ndarray | None:
     """A tile whose pixels are `ratio` cells wide, 1 or more, from the overview that fits."""
     rows = _span(row / ratio, dataset.height / ratio)
@@ -85,7 +114,7 @@ def _reduced(
         band,
         window=Window(left, top, right - left, bottom - top),
         out_shape=(len(rows), len(cols)),
-        resampling=Resampling.average,
+        resampling=how,
     )
     if part.shape == (BLOCK, BLOCK):
         return part

@@ -121,6 +121,8 @@ class ValueHere(BaseModel):
     value: float
     sigma: float | None
     unit: str | None
+    label: str | None
+    """What the value stands for, where it is a class: an image's name, a kind of ground."""
 
 
 class FeatureHere(BaseModel):
@@ -232,6 +234,7 @@ def _value_body(value: LayerValue) -> ValueHere:
         title=layer.title,
         value=value.value,
         sigma=value.sigma,
+        label=value.label,
         unit=layer.unit,
     )
 

@@ -99,7 +99,7 @@ def _part(weight: Raster) -> tuple[int, int, int, int]:
 
     Counted in the block, without its margin.
     """
-    return *_span(weight.any(axis=1)), *_span(weight.any(axis=0))
+    return *_span(np.any(weight, axis=1)), *_span(np.any(weight, axis=0))
 
 
 def _span(touched: Bool[np.ndarray, " n"]) -> tuple[int, int]:

@@ -23,7 +23,8 @@ from gis_server.rendering.tiles import render_tile
 from photogrammetry.terrain.grid import BLOCK, MapGrid
 from products.crs import LandingPoint, local_crs
 from products.model import Layer, ProductKind, Recipe, Scope, ScopeLevel
-from products.raster import summarise, write_orthophoto, write_raster
+from products.pictures import write_orthophoto
+from products.raster import summarise, write_raster
 from products.store import ProductStore
 from products.tiling import TileAddress, tile_matrix_set, zoom_of
 

@@ -27,7 +27,8 @@ from photogrammetry.terrain.records import Dtm
 from products.catalogue import ImageEntry, MissionEntry
 from products.crs import LandingPoint, local_crs, lon_lat
 from products.model import Layer, ProductKind, Recipe, Scope, ScopeLevel
-from products.raster import summarise, write_dtm, write_orthophoto, write_raster
+from products.pictures import write_orthophoto
+from products.raster import summarise, write_dtm, write_raster
 from products.vector import Feature, write_features
 from products.workspace import Workspace
 

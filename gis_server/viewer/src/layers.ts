@@ -21,6 +21,8 @@ const STACK = [
   "far-dtm",
   "hillshade",
   "orthophoto",
+  "colour",
+  "sources",
   "dtm",
   "uncertainty",
   "slope",
@@ -42,6 +44,8 @@ const LISTED = [
   "footprints",
   "tie-points",
   "orthophoto",
+  "colour",
+  "sources",
   "hillshade",
   "dtm",
   "slope",
@@ -55,6 +59,7 @@ const LEVELS: readonly Level[] = ["region", "sol", "stop"];
 const ON = new Set(["hillshade", "orthophoto", "contours", "traverse", "stops"]);
 const OPACITY: Readonly<Record<string, number>> = {
   orthophoto: 0.8,
+  sources: 0.6,
   dtm: 0.6,
   "far-dtm": 0.6,
   slope: 0.6,

@@ -32,9 +32,10 @@ test("elevation is told with its standard deviation, or that there is none", () 
 });
 
 test("a value carries its unit", () => {
-  const layer = { id: "a", kind: "slope", scope: "mer2", title: "" };
+  const layer = { id: "a", kind: "slope", scope: "mer2", title: "", label: null };
   expect(valueText({ ...layer, value: 12.3456, unit: "degree" })).toBe("12.35°");
   expect(valueText({ ...layer, value: null, unit: "degree" })).toBe("–");
+  expect(valueText({ ...layer, value: 3, unit: null, label: "2N151760231" })).toBe("2N151760231");
 });
 
 test("properties are found where GeoJSON has them, and beside", () => {

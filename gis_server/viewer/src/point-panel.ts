@@ -11,8 +11,8 @@ export function elevationText({ elevation_m, elevation_sigma_m }: Identified): s
   return `${fixed(elevation_m, 3)}${sigma} m`;
 }
 
-export const valueText = ({ value, unit }: IdentifiedLayer) =>
-  value === null ? "\u2013" : `${compact(value)}${unitSign(unit)}`;
+export const valueText = ({ value, unit, label }: IdentifiedLayer) =>
+  label ?? (value === null ? "\u2013" : `${compact(value)}${unitSign(unit)}`);
 
 /** Ids of the images whose footprint holds the point, each once; pointing lines only pass by. */
 export function imagesAt({ features }: Identified): string[] {

@@ -93,6 +93,8 @@ export interface IdentifiedLayer {
   readonly kind: string;
   readonly scope: string;
   readonly value: number | null;
+  /** What the value stands for, where it is a class. */
+  readonly label: string | null;
   readonly unit: string | null;
   readonly title: string;
 }

@@ -17,7 +17,8 @@ from photogrammetry.terrain.records import Dtm
 from products.catalogue import Catalogue, ImageEntry, MissionEntry
 from products.crs import LandingPoint, local_crs
 from products.model import Layer, ProductKind, ProductRef, Recipe, Scope, ScopeLevel
-from products.raster import summarise, write_dtm, write_orthophoto, write_raster
+from products.pictures import write_orthophoto
+from products.raster import summarise, write_dtm, write_raster
 from products.store import ProductStore
 from products.vector import Feature, write_features
 

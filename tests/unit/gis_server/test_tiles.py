@@ -2,20 +2,26 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
+from fastapi.testclient import TestClient
 
+from gis_server.app import create_app
 from gis_server.rendering.png import indexed_png
 from gis_server.rendering.readers import RasterPool
 from gis_server.rendering.styles import PALETTES, indices_of
 from gis_server.rendering.tiles import empty_tile, read_tile, render_tile
 from products.model import ProductKind
+from products.pictures import source_colour, write_pieces, write_sources
 from products.tiling import CELL_SIZES, MAX_ZOOM, TileAddress, zoom_of
 from tests.unit.gis_server.conftest import (
     CELL_M,
+    CRS,
     GRID,
     STOP,
     UNSEEN_WEST_OF_M,
+    brightness,
     elevation_at,
     picture,
+    plane,
     ref_of,
 )
 
@@ -190,3 +196,62 @@ def test_many_threads_at_once_get_the_tiles_that_one_gets(world):
         )
         assert list(together) == alone * 4
     assert len(set(alone)) > len(alone) / 2
+
+
+NAMES = ("2N000000001", "2N000000002", "2P000000003")
+
+
+def sources() -> np.ndarray:
+    """The first image to the south, the second to the north, the third in a corner."""
+    _, north = np.meshgrid(*GRID.centres())
+    source = np.where(north < 0, 1, 2).astype(np.uint8)
+    source[:256, -256:] = 3
+    return np.where(np.isfinite(plane()), source, 0).astype(np.uint8)
+
+
+@pytest.fixture
+def pictured(own_world):
+    """A world with sources and a colour picture, red to the east and blue to the north."""
+    own_world.publish_raster(
+        ProductKind.SOURCES,
+        STOP,
+        lambda path: write_sources(path, GRID, sources(), NAMES, CRS),
+    )
+    bands = np.stack([brightness(), np.full(GRID.shape, 100.0, np.float32), brightness().T])
+    own_world.publish_raster(
+        ProductKind.COLOUR,
+        STOP,
+        lambda path: write_pieces(path, GRID, [(0, 0, bands)], CRS, stretches=[(0.0, 254.0)] * 3),
+    )
+    with TestClient(create_app(own_world.root)) as opened:
+        yield own_world, opened
+
+
+def test_classes_have_the_colours_of_their_file_at_every_zoom(pictured):
+    world, client = pictured
+    allowed = {tuple(bytes.fromhex(source_colour(n)[1:])) for n in (1, 2, 3)}
+    for zoom in (OWN_ZOOM - 2, OWN_ZOOM, OWN_ZOOM + 1):
+        address = TileAddress.holding(10.0, 10.0, zoom)
+        shown = picture(tile_of(client, world, ProductKind.SOURCES, address).content)
+        seen = shown[shown[..., 3] > 0]
+        assert len(seen)
+        assert {tuple(colour) for colour in seen[:, :3].tolist()} <= allowed
+
+
+def test_identify_tells_the_image_that_a_place_was_taken_from(pictured):
+    _, client = pictured
+    for north, name in ((-3.0, NAMES[0]), (3.0, NAMES[1])):
+        place = client.get("/api/missions/MER2/identify", params={"east": 7.0, "north": north})
+        label = {layer["kind"]: layer["label"] for layer in place.json()["layers"]}
+        assert label["sources"] == name
+        assert label["dtm"] is None
+
+
+def test_a_colour_picture_is_shown_as_it_is_and_transparent_where_unseen(pictured):
+    world, client = pictured
+    address = TileAddress.holding(UNSEEN_WEST_OF_M, 0.1, OWN_ZOOM)
+    shown = picture(tile_of(client, world, ProductKind.COLOUR, address).content)
+    with RasterPool().reading(world.store.path(ref_of(world, ProductKind.COLOUR))) as dataset:
+        bands = np.stack([read_tile(dataset, address, band) for band in (1, 2, 3)], axis=-1)
+    np.testing.assert_array_equal(shown[..., :3], bands)
+    np.testing.assert_array_equal(shown[..., 3] > 0, bands.any(axis=-1))

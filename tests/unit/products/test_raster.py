@@ -1,23 +1,31 @@
 import hashlib
+import itertools
 
 import numpy as np
 import pytest
 import rasterio
+from rasterio.enums import ColorInterp
 from rio_cogeo import cog_validate
 
 from photogrammetry.terrain.grid import MapGrid
 from photogrammetry.terrain.records import Dtm, GroundClass
 from products.crs import IAU_RADIUS_M, LandingPoint, local_crs
 from products.errors import ProductError, ProductNotFoundError
+from products.pictures import (
+    read_orthophoto,
+    read_sources,
+    source_colour,
+    write_orthophoto,
+    write_pieces,
+    write_sources,
+)
 from products.raster import (
     crs_of,
     read_dtm,
-    read_orthophoto,
     read_raster,
     summarise,
     values_at,
     write_dtm,
-    write_orthophoto,
     write_raster,
 )
 
@@ -193,3 +201,53 @@ def test_a_missing_and_a_broken_file_are_told_apart(tmp_path, surface):
     (tmp_path / "c.tif").write_text("no raster")
     with pytest.raises(ProductError, match="cannot be read"):
         read_raster(tmp_path / "c.tif")
+
+
+def test_the_sources_of_a_picture_are_read_back_with_their_names_and_colours(tmp_path, rng):
+    names = tuple(f"2N{number:09}" for number in range(40))
+    source = rng.integers(0, 41, GRID.shape).astype(np.uint8)
+    write_sources(tmp_path / "s.tif", GRID, source, names, CRS, tags={"INPUTS": "a b"})
+    grid, read, known = read_sources(tmp_path / "s.tif")
+    assert (grid, known) == (GRID, names)
+    np.testing.assert_array_equal(read, source)
+    assert cog_validate(tmp_path / "s.tif", strict=True) == (True, [], [])
+    with rasterio.open(tmp_path / "s.tif") as dataset:
+        assert dataset.colorinterp == (ColorInterp.palette,)
+        assert dataset.nodata == 0
+        assert dataset.tags()["INPUTS"] == "a b"
+        assert "#{:02x}{:02x}{:02x}".format(*dataset.colormap(1)[7][:3]) == source_colour(7)
+    with rasterio.open(tmp_path / "s.tif", overview_level=1) as dataset:
+        assert set(np.unique(dataset.read(1))) <= set(range(41))
+
+
+def test_images_next_to_each_other_in_a_panorama_have_colours_that_differ():
+    colours = [tuple(bytes.fromhex(source_colour(n)[1:])) for n in range(1, 40)]
+    for a, b in itertools.pairwise(colours):
+        assert np.abs(np.subtract(a, b)).sum() > 100
+
+
+def test_more_images_than_a_source_layer_can_tell_are_an_error(tmp_path):
+    source = np.zeros(GRID.shape, np.uint8)
+    with pytest.raises(ProductError, match="256 images, but 255 can be told"):
+        write_sources(tmp_path / "s.tif", GRID, source, ["a"] * 256, CRS)
+
+
+def test_a_colour_picture_is_written_piece_by_piece(tmp_path, rng):
+    red = rng.uniform(0.0, 100.0, (3, 256, 512)).astype(np.float32)
+    red[:, :10, :10] = np.nan
+    stretches = [(0.0, 100.0), (0.0, 200.0), (-50.0, 100.0)]
+    write_pieces(tmp_path / "c.tif", GRID, [(256, 0, red)], CRS, stretches=stretches)
+    assert cog_validate(tmp_path / "c.tif", strict=True) == (True, [], [])
+    with rasterio.open(tmp_path / "c.tif") as dataset:
+        assert dataset.colorinterp == (ColorInterp.red, ColorInterp.green, ColorInterp.blue)
+        assert dataset.descriptions == ("red", "green", "blue")
+        stored = dataset.read()
+        assert not stored[:, :256].any()
+        assert not stored[:, 256:266, :10].any()
+        for band, (low, high), scale, offset in zip(
+            range(3), stretches, dataset.scales, dataset.offsets, strict=True
+        ):
+            there = stored[band, 266:512, :512]
+            assert there.all()
+            error = there * scale + offset - red[band, 10:]
+            assert np.abs(error).max() <= 0.51 * (high - low) / 254  # half a step, and rounding

@@ -1,0 +1,147 @@
+"""Cloud Optimised GeoTIFFs: everything about the format is decided here, once.
+
+- Blocks of 256 x 256 cells, which are the tiles of the site's tile matrix set, and overviews that
+  halve down to one block, which are its lower zooms. Blocks with nothing measured are left out.
+- Measured values are 32-bit floats, NaN where nothing was measured; deflate with the floating
+  point predictor, lossless, readable by every GDAL since 1.8.
+- Pictures and classes have 8 bits, 0 where nothing was seen. Deflate with the horizontal predictor:
+  lossless (JPEG and WebP would smear the edge of what was seen, and JPEG cannot keep 0 as 0), half
+  as much to read as grey with alpha, and a tile is the block with a palette.
+- Overviews average what was measured and ignore the rest; directions (aspect) and classes cannot be
+  averaged and take the nearest cell.
+- Names, units, scales, colours and tags travel inside. No dates do: equal input gives equal bytes.
+  GeoTIFF has no place for the names of classes, so they stand in the tag `CLASSES`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import json
+import math
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import rasterio
+from pyproj import CRS
+from rasterio.enums import ColorInterp
+from rasterio.errors import RasterioError
+from rasterio.shutil import copy as copy_raster
+from rasterio.transform import Affine
+
+from photogrammetry.terrain.grid import BLOCK, MapGrid
+from products.disk import is_full
+
+Kind = Literal["float32", "uint8"]
+Halving = Literal["AVERAGE", "NEAREST"]
+_LOSSLESS = {"BLOCKSIZE": BLOCK, "COMPRESS": "DEFLATE", "SPARSE_OK": "TRUE", "BIGTIFF": "IF_SAFER"}
+_PREDICTOR = {"float32": "FLOATING_POINT", "uint8": "STANDARD"}
+_NODATA = {"float32": math.nan, "uint8": 0}
+
+
+@dataclass(frozen=True, slots=True)
+class Band:
+    """What travels with the values of a band."""
+
+    name: str
+    unit: str = ""
+    scale: float = 1.0
+    offset: float = 0.0
+    """True values are scale x stored + offset."""
+    colour: ColorInterp = ColorInterp.gray
+
+
+@dataclass(frozen=True, slots=True)
+class RasterClass:
+    """A value of a class layer: what it means, and the colour it is drawn in."""
+
+    value: int
+    """1 to 255; 0 is not known."""
+    name: str
+    colour: str
+    """`#rrggbb`."""
+
+    @property
+    def rgb(self) -> tuple[int, int, int]:
+        """Red, green and blue, 0 to 255."""
+        red, green, blue = (int(self.colour[i : i + 2], 16) for i in (1, 3, 5))
+        return red, green, blue
+
+
+@dataclass(frozen=True, slots=True)
+class Notes:
+    """What a file says beside the values and places of its cells."""
+
+    kind: Kind
+    bands: tuple[Band, ...]
+    halving: Halving = "AVERAGE"
+    """How four cells become one in the overviews."""
+    tags: Mapping[str, str] | None = None
+    classes: tuple[RasterClass, ...] = ()
+    """Of the only band of a class layer."""
+
+
+@contextlib.contextmanager
+def new_cog(
+    path: Path, grid: MapGrid, crs: CRS, notes: Notes
+) -> Iterator[rasterio.io.DatasetWriter]:
+    """A dataset to write bands or windows to; it becomes a COG at `path` when all is written.
+
+    Windows that are never written hold nothing and take no room.
+    """
+    draft = path.with_name(f"{path.name}.draft")
+    try:
+        with rasterio.open(draft, "w", **_profile(grid, crs, notes)) as dataset:
+            yield dataset
+            _describe(dataset, notes)
+        copy_raster(
+            draft,
+            path,
+            driver="COG",
+            PREDICTOR=_PREDICTOR[notes.kind],
+            OVERVIEW_RESAMPLING=notes.halving,
+            **_LOSSLESS,
+        )
+    except RasterioError as error:  # GDAL only says that writing failed
+        if is_full(path.parent, error):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path)) from error
+        raise
+    finally:
+        draft.unlink(missing_ok=True)
+
+
+def _profile(grid: MapGrid, crs: CRS, notes: Notes) -> dict[str, Any]:
+    return {
+        "driver": "GTiff",
+        "width": grid.cols,
+        "height": grid.rows,
+        "count": len(notes.bands),
+        "dtype": notes.kind,
+        "nodata": _NODATA[notes.kind],
+        "crs": rasterio.CRS.from_wkt(crs.to_wkt()),
+        "transform": Affine(grid.cell_m, 0.0, grid.west, 0.0, -grid.cell_m, grid.north),
+        "interleave": "band",
+        "tiled": True,
+        "blockxsize": BLOCK,
+        "blockysize": BLOCK,
+        "sparse_ok": True,
+        "bigtiff": "IF_SAFER",
+    }
+
+
+def _describe(dataset: rasterio.io.DatasetWriter, notes: Notes) -> None:
+    bands: Sequence[Band] = notes.bands
+    dataset.descriptions = tuple(band.name for band in bands)
+    dataset.units = tuple(band.unit for band in bands)
+    dataset.scales = tuple(band.scale for band in bands)
+    dataset.offsets = tuple(band.offset for band in bands)
+    named = {}
+    if notes.classes:
+        dataset.write_colormap(1, {one.value: (*one.rgb, 255) for one in notes.classes})
+        named["CLASSES"] = json.dumps({one.value: one.name for one in notes.classes})
+    else:
+        dataset.colorinterp = tuple(band.colour for band in bands)
+    dataset.update_tags(AREA_OR_POINT="Area", **named, **(notes.tags or {}))

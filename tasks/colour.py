@@ -1,0 +1,121 @@
+"""Colour orthophoto: Pancam frames of one pointing through three filters, laid on the terrain."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from prefect import task
+from prefect.cache_policies import NO_CACHE
+
+from photogrammetry.arrays import GreyImage
+from photogrammetry.imagery import Eye, RoverImage
+from photogrammetry.matching.resampling import resample
+from photogrammetry.terrain.colour import Triple, colour_filters, shows_the_same
+from photogrammetry.terrain.orthophoto import OrthophotoParams, rendering
+from photogrammetry.terrain.records import TerrainView
+from products.catalogue import ImageEntry
+from products.crs import LandingPoint
+from products.model import ProductKind, ProductRef, Recipe
+from products.provenance import provenance_tags
+from products.raster import read_dtm
+from products.store import ProductStore
+from products.workspace import Workspace
+from tasks.images import ImageFile, image_file, image_record, read_product_image
+from tasks.orthophoto import write_rendering
+from tasks.views import OrientedPair, read_views
+
+CAMERA = "PANCAM"
+
+
+@dataclass(frozen=True, slots=True)
+class ColourFrame:
+    """A mapped pair, and the images that its left camera took through three filters."""
+
+    pair: OrientedPair
+    filters: Triple
+    images: tuple[ImageFile, ImageFile, ImageFile]
+    """Red, green, blue."""
+
+    @property
+    def inputs(self) -> tuple[ProductRef, ...]:
+        """The products that it is made from."""
+        return (*self.pair.inputs, *(ref for image in self.images for ref in image.inputs))
+
+
+def colour_frames(
+    pairs: Iterable[OrientedPair], entries: Sequence[ImageEntry], workspace: Workspace
+) -> tuple[ColourFrame, ...]:
+    """The pairs of a stop that can be shown in colour, all through the same filters."""
+    records = {e.id: image_record(e, workspace) for e in entries if e.instrument == CAMERA}
+    known = {entry.id: entry for entry in entries}
+    frames = []
+    for pair in pairs:
+        left = records.get(pair.products.files.id)
+        frame = None if left is None else _frame(pair, left, records, known)
+        if frame is not None:
+            frames.append(frame)
+    usual = Counter(frame.filters for frame in frames).most_common(1)
+    return tuple(frame for frame in frames if frame.filters == usual[0][0])
+
+
+def _frame(
+    pair: OrientedPair,
+    left: RoverImage,
+    records: dict[str, RoverImage],
+    known: dict[str, ImageEntry],
+) -> ColourFrame | None:
+    """The pair in colour; None where its left camera did not use enough filters."""
+    by_filter: dict[int, RoverImage] = {}
+    for image in sorted(records.values(), key=lambda image: _preference(image, left)):
+        if image.filter_number and shows_the_same(left, image):
+            by_filter[image.filter_number] = image
+    filters = colour_filters(by_filter)
+    if filters is None:
+        return None
+    red, green, blue = (image_file(known[by_filter[number].id]) for number in filters)
+    return ColourFrame(pair, filters, (red, green, blue))
+
+
+def _preference(image: RoverImage, left: RoverImage) -> tuple[bool, int, str]:
+    """The same kind of product first, then large frames; the best comes last."""
+    return image.product_type == left.product_type, image.samples * image.lines, image.id
+
+
+@task(cache_policy=NO_CACHE, task_run_name="colour-{dtm.scope}")
+def render_colour(
+    dtm: ProductRef,
+    frames: tuple[ColourFrame, ...],
+    params: OrthophotoParams,
+    landing: LandingPoint,
+    store: ProductStore,
+) -> ProductRef:
+    """Render the orthophoto of a terrain model in colour, where there are images for it."""
+    orientations = tuple(frame.pair.orientation for frame in frames)
+    inputs = (dtm, *(ref for frame in frames for ref in frame.inputs))
+    recipe = Recipe(ProductKind.COLOUR, dtm.scope, inputs, (params, landing, orientations))
+    filters = ", ".join(f"L{number}" for number in frames[0].filters)
+
+    def write(path: Path) -> None:
+        coloured = [_read(frame, store) for frame in frames]
+        views, bands = [view for view, _ in coloured], [images for _, images in coloured]
+        made = rendering(read_dtm(store.path(dtm)), views, params, bands)
+        tags = {"FILTERS": filters, **provenance_tags(recipe)}
+        write_rendering(path, made, np.zeros(made.source_grid.shape, np.uint8), landing, tags)
+
+    return store.make(recipe, write)
+
+
+def _read(frame: ColourFrame, store: ProductStore) -> tuple[TerrainView, list[GreyImage]]:
+    """The pair's view, usable where all three images are, and these in its geometry."""
+    (view,) = read_views([frame.pair], store)
+    bands, mask = [], view.mask
+    for file in frame.images:
+        read = read_product_image(file, store)
+        image, usable = resample(read.pixels, read.mask, read.image.camera, view.geometry, Eye.LEFT)
+        bands.append(image)
+        mask = mask & usable
+    return replace(view, mask=mask), bands
