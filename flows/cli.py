@@ -9,14 +9,15 @@ from __future__ import annotations
 import json
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.markup import escape
 
 from config.settings import Settings
-from flows.console import errors, out, progress_shown
+from flows.console import errors, fail, out, progress_shown, show_rows
 from flows.engine import prepare_engine
+from flows.traverse_commands import app as traverse
 
 if TYPE_CHECKING:
     from flows.fetch import FetchReport
@@ -27,6 +28,8 @@ app = typer.Typer(
     pretty_exceptions_show_locals=False,
 )
 
+app.add_typer(traverse, name="traverse")
+
 StoreOption = Annotated[
     Path | None, typer.Option("--store", help="Folder of products. [env: SOLMAP_STORE]")
 ]
@@ -35,11 +38,6 @@ JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON instead of 
 
 def _store(given: Path | None) -> Path:
     return given or Settings().store
-
-
-def _fail(message: str) -> NoReturn:
-    errors.print(f"[red]error[/red] {message}", highlight=False)
-    raise typer.Exit(1)
 
 
 @app.command()
@@ -52,7 +50,7 @@ def run(
 ) -> None:
     """Take a downlink from raw images to published layers; a second run does nothing twice."""
     if not downlink.is_dir():
-        _fail(f"{downlink} is no folder; name the folder that the downlink's files lie in")
+        fail(f"{downlink} is no folder; name the folder that the downlink's files lie in")
     root = _store(store)
     prepare_engine(root)
     from config.errors import ConfigError  # noqa: PLC0415
@@ -63,7 +61,7 @@ def run(
         with progress_shown():
             report = process_downlink(downlink.resolve(), root, pipeline or Settings().pipeline)
     except (ConfigError, ProductError) as error:
-        _fail(str(error))
+        fail(str(error))
     for line in report.warnings:
         errors.print(f"[yellow]warning[/yellow] {line}", highlight=False)
     for line in report.failures:
@@ -87,7 +85,7 @@ def adjust(
 ) -> None:
     """Adjust a mission again, and map again the stops that move; later sols go on from there."""
     if not overall:
-        _fail("say --overall: sol by sol a mission is adjusted by `solmap run`")
+        fail("say --overall: sol by sol a mission is adjusted by `solmap run`")
     root = _store(store)
     prepare_engine(root)
     from config.errors import ConfigError  # noqa: PLC0415
@@ -98,7 +96,7 @@ def adjust(
         with progress_shown():
             report = readjust(mission.upper(), root, pipeline or Settings().pipeline)
     except (ConfigError, ProductError) as error:
-        _fail(str(error))
+        fail(str(error))
     for line in report.failures:
         errors.print("[red]failed[/red] " + escape(line), highlight=False)
     out.print(escape("\n".join(report.notes)), highlight=False)
@@ -118,7 +116,7 @@ def ties(
     try:
         taken = take_ties_file(file, _store(store))
     except (PhotogrammetryError, OSError) as error:
-        _fail(escape(str(error)))
+        fail(escape(str(error)))
     for name in taken.strangers:
         errors.print(f"[yellow]warning[/yellow] {escape(name)} is not in the store (yet)")
     out.print(escape(str(taken)), highlight=False)
@@ -153,7 +151,9 @@ def positions(store: StoreOption = None, *, as_json: JsonOption = False) -> None
     from products.workspace import Workspace  # noqa: PLC0415
 
     rows = position_rows(Workspace.open(_store(store)))
-    _show(rows, ["stop", "telemetry_ned_m", "adjusted_ned_m", "sigma_ned_m", "held_by"], as_json)
+    show_rows(
+        rows, ["stop", "telemetry_ned_m", "adjusted_ned_m", "sigma_ned_m", "held_by"], as_json
+    )
 
 
 @app.command()
@@ -163,7 +163,7 @@ def products(store: StoreOption = None, *, as_json: JsonOption = False) -> None:
     from products.workspace import Workspace  # noqa: PLC0415
 
     rows = product_rows(Workspace.open(_store(store)))
-    _show(rows, ["kind", "scope", "cell_m", "path"], as_json)
+    show_rows(rows, ["kind", "scope", "cell_m", "path"], as_json)
 
 
 @app.command()
@@ -173,7 +173,7 @@ def status(store: StoreOption = None, *, as_json: JsonOption = False) -> None:
     from products.workspace import Workspace  # noqa: PLC0415
 
     rows = outcome_rows(Workspace.open(_store(store)))
-    _show(rows, ["subject", "ended", "notes"], as_json)
+    show_rows(rows, ["subject", "ended", "notes"], as_json)
 
 
 @app.command()
@@ -189,7 +189,7 @@ def report(
     from products.workspace import Workspace  # noqa: PLC0415
 
     rows = report_rows(Workspace.open(_store(store)), mission)
-    _show(rows, ["adjustment", "made_at", "page"], as_json)
+    show_rows(rows, ["adjustment", "made_at", "page"], as_json)
     if show and rows:
         typer.launch(rows[-1]["page"])
 
@@ -225,10 +225,10 @@ def judge(
     positions_judged = judge_positions(position_rows(workspace), true_stops(truth))
     terrain_judged = judge_terrain(workspace, truth)
     if as_json:
-        _show([{"positions": positions_judged, "terrain": terrain_judged}], [], as_json)
+        show_rows([{"positions": positions_judged, "terrain": terrain_judged}], [], as_json)
         return
-    _show(positions_judged, list(positions_judged[0]) if positions_judged else [], as_json)
-    _show(terrain_judged, list(terrain_judged[0]) if terrain_judged else [], as_json)
+    show_rows(positions_judged, list(positions_judged[0]) if positions_judged else [], as_json)
+    show_rows(terrain_judged, list(terrain_judged[0]) if terrain_judged else [], as_json)
 
 
 @app.command()
@@ -262,7 +262,7 @@ def fetch(
                 archive_file=archive,
             )
     except (ConfigError, FetchError) as error:
-        _fail(str(error))
+        fail(str(error))
     _end(report)
 
 
@@ -280,7 +280,7 @@ def inspect(
     from flows.inspection_text import report_of  # noqa: PLC0415
 
     if png is not None and len(files) != 1:
-        _fail(f"--png writes the picture of one image, but {len(files)} are named")
+        fail(f"--png writes the picture of one image, but {len(files)} are named")
     findings, faults = inspect_files(files)
     if as_json:
         typer.echo(json.dumps(findings, indent=2))
@@ -307,29 +307,6 @@ def _end(report: FetchReport) -> None:
     out.print(escape(str(report)), highlight=False)
     if not report.succeeded:
         raise typer.Exit(1)
-
-
-def _show(rows: list[dict[str, Any]], columns: list[str], as_json: bool) -> None:  # noqa: FBT001
-    if as_json:
-        typer.echo(json.dumps(rows, indent=2))
-        return
-    if not rows:
-        out.print("nothing yet: `solmap run DOWNLINK_DIR --store STORE` makes it")
-        return
-    from rich.table import Table  # noqa: PLC0415
-
-    table = Table(*columns)
-    for row in rows:
-        table.add_row(*(_cell(row.get(column)) for column in columns))
-    out.print(table)
-
-
-def _cell(value: Any) -> str:  # noqa: ANN401 - anything JSON holds
-    if isinstance(value, float):
-        return f"{value:.3f}"
-    if isinstance(value, list):
-        return ", ".join(_cell(item) for item in value)
-    return "" if value is None else str(value)
 
 
 if __name__ == "__main__":

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any, NoReturn
 
+import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
 
 from flows.progress import Step, listening
 
@@ -56,3 +60,31 @@ class _BarListener:
 def _say_finished(step: Step) -> None:
     if step.done == step.total:
         errors.print(f"{step.stage}: {step.total} done", highlight=False)
+
+
+def fail(message: str) -> NoReturn:
+    """Say what is wrong, and end the command with 1."""
+    errors.print(f"[red]error[/red] {message}", highlight=False)
+    raise typer.Exit(1)
+
+
+def show_rows(rows: list[dict[str, Any]], columns: list[str], as_json: bool) -> None:  # noqa: FBT001
+    """Rows as a table of some columns, or whole as JSON."""
+    if as_json:
+        typer.echo(json.dumps(rows, indent=2))
+        return
+    if not rows:
+        out.print("nothing yet: `solmap run DOWNLINK_DIR --store STORE` makes it")
+        return
+    table = Table(*columns)
+    for row in rows:
+        table.add_row(*(_cell(row.get(column)) for column in columns))
+    out.print(table)
+
+
+def _cell(value: Any) -> str:  # noqa: ANN401 - anything JSON holds
+    if isinstance(value, float):
+        return f"{value:.3f}"
+    if isinstance(value, list):
+        return ", ".join(_cell(item) for item in value)
+    return "" if value is None else str(value)

@@ -1,4 +1,4 @@
-"""The layers of a whole mission: traverse, stops, footprints, pointing lines, ties."""
+"""The layers of a whole mission: traverse, stops, footprints, pointing lines, ties; its table."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from products.catalogue import MissionEntry
 from products.model import ProductRef
 from products.workspace import Workspace
 from tasks.images import image_records
+from tasks.localisation import localise
 from tasks.publish import publish
 from tasks.telemetry import read_telemetry, vector_files
 from tasks.vectors import draw_vectors
@@ -25,5 +26,6 @@ def draw_mission(
     layers = draw_vectors(mission, network, entries, params, site.landing, workspace)
     sols = tuple(sorted({entry.sol for entry in entries}))
     entry = MissionEntry(mission, site.title, site.landing, telemetry.note)
-    publish(entry, [(ref, sols) for ref in layers], (), (), workspace)
+    told = localise(network, telemetry, site.landing, workspace.store)
+    publish(entry, [(ref, sols) for ref in layers], told, (), workspace)
     return telemetry.note

@@ -54,6 +54,14 @@ function symbolLegend(layer: VectorLayer, actions: LayerActions): HTMLElement | 
         swatch(stroke(2.5, "solid", ADJUSTED), "adjusted"),
         swatch(stroke(2, "dashed", TELEMETRY), "telemetry"),
       );
+    case "mission-traverse":
+    case "mission-stops":
+      return h(
+        "div",
+        { class: "legend" },
+        swatch(stroke(2.5, "solid", ADJUSTED), "localised"),
+        swatch(stroke(2, "dashed", TELEMETRY), "telemetry"),
+      );
     case "stops":
       return h(
         "div",

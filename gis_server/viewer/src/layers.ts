@@ -32,6 +32,8 @@ const STACK = [
   "contours",
   "pointing",
   "tie-points",
+  "mission-traverse",
+  "mission-stops",
   "traverse",
   "stops",
 ];
@@ -39,6 +41,8 @@ const STACK = [
 const LISTED = [
   "stops",
   "traverse",
+  "mission-traverse",
+  "mission-stops",
   "contours",
   "pointing",
   "footprints",
@@ -56,7 +60,7 @@ const LISTED = [
 ];
 
 const LEVELS: readonly Level[] = ["region", "sol", "stop"];
-const ON = new Set(["hillshade", "orthophoto", "contours", "traverse", "stops"]);
+const ON = new Set(["hillshade", "orthophoto", "contours", "traverse", "stops", "mission-traverse"]);
 const OPACITY: Readonly<Record<string, number>> = {
   orthophoto: 0.8,
   sources: 0.6,
@@ -77,6 +81,8 @@ const KIND_TITLES: Readonly<Record<string, string>> = {
   "far-hillshade": "Far hillshade",
   "far-contours": "Far contours",
   traverse: "Traverse",
+  "mission-traverse": "Whole traverse",
+  "mission-stops": "Stops of the whole traverse",
   stops: "Stops",
   footprints: "Image footprints",
   pointing: "Pointing lines",

@@ -180,6 +180,9 @@ const TIE = new Style({
   image: new CircleStyle({ radius: 2, fill: new Fill({ color: "#7a4dd8" }) }),
   stroke: line("#7a4dd8", 1),
 });
+const dot = (color: string) =>
+  new Style({ image: new CircleStyle({ radius: 2, fill: new Fill({ color }) }) });
+const [PLACE, BELIEVED] = [dot(ADJUSTED), dot(TELEMETRY)];
 const PLAIN = new Style({
   stroke: line("#555", 1.2),
   image: new CircleStyle({ radius: 3, fill: new Fill({ color: "#555" }) }),
@@ -189,7 +192,10 @@ const PLAIN = new Style({
 export function drawingOf(kind: string, state: DrawingState): Draw {
   switch (kind) {
     case "traverse":
+    case "mission-traverse":
       return (feature) => drawTraverse(feature);
+    case "mission-stops":
+      return (feature) => (isAdjusted(feature.get("solution")) ? PLACE : BELIEVED);
     case "stops":
       return (feature) => drawStop(feature, state);
     case "contours":

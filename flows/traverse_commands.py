@@ -1,0 +1,79 @@
+"""`solmap traverse`: compare, import and hand out traverses (`flows.traverse` does the work)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from config.settings import Settings
+from flows.console import errors, fail, out, show_rows
+
+app = typer.Typer(help="Where the rover really was.", no_args_is_help=True)
+
+Files = Annotated[
+    list[Path],
+    typer.Argument(help="Traverse tables, .svf, .rvf, PLACES tables, locations.xml of one mission"),
+]
+Mission = Annotated[str, typer.Option(help="MER2 (Spirit), MER1 (Opportunity), MSL ...")]
+StoreOption = Annotated[
+    Path | None, typer.Option("--store", help="Folder of products. [env: SOLMAP_STORE]")
+]
+COLUMNS = ["where", "stop", "sol", "distance_m", "horizontal_m", "percent", "elevation_m"]
+
+
+@app.command()
+def compare(  # noqa: PLR0913 - options
+    files: Files,
+    mission: Mission = "MER2",
+    first_sol: Annotated[int, typer.Option(help="Begin the comparison here")] = 0,
+    last_sol: Annotated[int, typer.Option(help="End it here")] = 1 << 30,
+    figure: Annotated[Path | None, typer.Option(help="Write map and plots, SVG")] = None,
+    *,
+    every_sol: Annotated[bool, typer.Option("--sols", help="A row for every sol.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
+) -> None:
+    """How far telemetry strays from the localised traverse, as the paper reports it."""
+    from flows.traverse import compare_files  # noqa: PLC0415 - slow to import
+    from photogrammetry.errors import PhotogrammetryError  # noqa: PLC0415
+
+    try:
+        found = compare_files(files, mission.upper(), (first_sol, last_sol), figure)
+    except (PhotogrammetryError, OSError) as error:
+        fail(str(error))
+    for note in found.notes:
+        errors.print(f"[yellow]note[/yellow] {note}", highlight=False)
+    show_rows(found.rows(every_sol=every_sol), COLUMNS, as_json)
+    if not as_json:
+        out.print(found.as_a_whole, highlight=False)
+
+
+@app.command("import")
+def take(files: Files, mission: Mission = "MER2", store: StoreOption = None) -> None:
+    """Put a mission's traverse on the map: lines and stops of every solution in the files."""
+    from flows.traverse import import_files  # noqa: PLC0415 - slow to import
+    from photogrammetry.errors import PhotogrammetryError  # noqa: PLC0415
+    from products.errors import ProductError  # noqa: PLC0415
+
+    try:
+        taken = import_files(files, mission.upper(), store or Settings().store)
+    except (PhotogrammetryError, ProductError, OSError) as error:
+        fail(str(error))
+    out.print(taken, highlight=False)
+
+
+@app.command()
+def export(
+    folder: Annotated[Path, typer.Argument(help="Where to write the files")],
+    mission: Mission = "MER2",
+    store: StoreOption = None,
+) -> None:
+    """Hand out the adjusted traverse: PLACES table, vector files, differences, figure."""
+    from flows.traverse import export_files  # noqa: PLC0415 - slow to import
+
+    made = export_files(folder, mission.upper(), store or Settings().store)
+    if not made:
+        fail(f"no adjusted traverse of {mission.upper()} is in the store: run its downlink first")
+    for file in made:
+        out.print(str(file), highlight=False)

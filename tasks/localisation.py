@@ -1,0 +1,215 @@
+"""Localise: what the adjusted traverse says of telemetry, and the traverse for other tools.
+
+After every adjustment: a table of accumulated differences with the vertical profile (JSON), the
+same as a figure (SVG), a PLACES table, and site and rover vector files with the adjusted solution.
+Sites keep the offsets of telemetry, which are names for places; rovers are given in them where the
+adjustment puts them, so both files together give the adjusted stop in the LSL.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from prefect import task
+from prefect.cache_policies import NO_CACHE
+
+from photogrammetry.body_fixed import map_from_lsl
+from photogrammetry.frames import LSL, FrameKind, Pose, site_frame
+from photogrammetry.imagery import StopId
+from photogrammetry.pds3.vector_files import Solution, VectorFile
+from photogrammetry.pds3.vector_writing import PlacedStop, places_text, vector_text
+from photogrammetry.traverse.differences import Difference, differences
+from photogrammetry.traverse.pictures import traverse_figure
+from photogrammetry.traverse.records import Traverse
+from products.arrays import finite, pose_document
+from products.crs import LandingPoint, lon_lat
+from products.model import ProductKind, ProductRef, Recipe, Scope, ScopeLevel
+from products.store import ProductStore
+from tasks.adjust import NetworkProduct, read_network
+from tasks.scopes import region_scope
+from tasks.telemetry import Telemetry
+
+FEWEST = 2
+"""Stops of a traverse that can be compared: a leg has two ends."""
+PLAN = np.array([4, 3])
+"""East and north in a stop's covariance, which holds turns before (north, east, down)."""
+
+
+@task(cache_policy=NO_CACHE, task_run_name="localise-{network.scope}")
+def localise(
+    network: ProductRef,
+    telemetry: Telemetry,
+    landing: LandingPoint,
+    store: ProductStore,
+) -> list[ProductRef]:
+    """State the adjusted traverse of a mission and how far telemetry strays from it."""
+    product = read_network(network, store)
+    frames = SiteFrames.of(telemetry, {stop.stop.site for stop in product.adjusted.stops})
+    clocks = {known.stop: known.first_clock for known in telemetry.stops}
+    params = landing, frames.document(), sorted((str(stop), at) for stop, at in clocks.items())
+    return [
+        store.make(Recipe(kind, scope, (network,), params), partial(_write, content))
+        for kind, scope, content in _contents(product, frames, clocks, landing)
+    ]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SiteFrames:
+    """The frames of sites, as telemetry chains them to the LSL."""
+
+    origin: int
+    """The site whose frame the LSL is: 0, the lander, if the chain reaches it."""
+    lsl_from_site: Mapping[int, Pose]
+
+    @classmethod
+    def of(cls, telemetry: Telemetry, sites: Iterable[int]) -> SiteFrames:
+        """Those of some sites, in ascending order."""
+        tree = telemetry.tree
+        origin = next(f.index[0] for f, pose in tree.parent_from.items() if pose.target == LSL)
+        return cls(origin, {site: tree.pose(LSL, site_frame(site)) for site in sorted(set(sites))})
+
+    def document(self) -> dict[str, Any]:
+        """As plain JSON, for the recipe."""
+        poses = {str(site): pose_document(pose) for site, pose in self.lsl_from_site.items()}
+        return {"origin": self.origin, "sites": poses}
+
+
+def _write(content: Callable[[], str | bytes], path: Path) -> None:
+    made = content()
+    path.write_bytes(made.encode() if isinstance(made, str) else made)
+
+
+def _contents(
+    product: NetworkProduct,
+    frames: SiteFrames,
+    clocks: Mapping[StopId, float],
+    landing: LandingPoint,
+) -> Iterator[tuple[ProductKind, Scope, Callable[[], str | bytes]]]:
+    """Every file that tells of the traverse, and how it is made."""
+    region = region_scope(product.mission)
+    yield (
+        ProductKind.PLACES,
+        region,
+        lambda: places_text(placed_stops(product, clocks, landing)),
+    )
+    if set(frames.lsl_from_site) != {frames.origin}:
+        yield ProductKind.SITE_VECTORS, region, partial(site_vectors, product.mission, frames)
+    for site, pose in frames.lsl_from_site.items():
+        scope = Scope(ScopeLevel.REGION, f"{region}-site{site:04d}")
+        yield ProductKind.ROVER_VECTORS, scope, partial(rover_vectors, product, site, pose)
+    if len(product.adjusted.stops) >= FEWEST:
+        yield ProductKind.TRAVERSE_TABLE, region, lambda: json.dumps(traverse_table(product))
+        yield ProductKind.TRAVERSE_FIGURE, region, partial(_figure, product)
+
+
+def traverses(product: NetworkProduct) -> tuple[Traverse, Traverse]:
+    """The traverse of a network by telemetry, and as adjusted."""
+    stops = product.adjusted.stops
+    names = tuple(f"{stop.stop.site}/{stop.stop.drive}" for stop in stops)
+    sols = np.array([min(product.sols[stop.stop]) for stop in stops], dtype=np.int32)
+    told = np.array([product.telemetry[stop.stop].translation_m for stop in stops])
+    true = np.array([stop.lsl_from_rover.translation_m for stop in stops])
+    return (
+        Traverse("telemetry", names, sols, map_from_lsl(told)),
+        Traverse("adjusted", names, sols, map_from_lsl(true)),
+    )
+
+
+def traverse_table(product: NetworkProduct) -> dict[str, Any]:
+    """Accumulated differences stop by stop and sol by sol, and both profiles, as plain JSON."""
+    telemetry, adjusted = traverses(product)
+    found = differences(telemetry, adjusted)
+    summary = found.summary()
+    return {
+        "mission": product.mission,
+        "sol": product.sol,
+        "end": _row(summary.end),
+        "worst": _row(summary.worst),
+        "farthest": _row(summary.farthest),
+        "by_sol": [_row(row) for row in found.by_sol()],
+        "stops": [
+            {
+                "stop": name,
+                "sol": int(sol),
+                "distance_m": round(float(found.distance_m[k]), 3),
+                "horizontal_m": round(float(found.horizontal_m[k]), 3),
+                "elevation_m": round(float(found.offset_m[k, 2]), 3),
+                "telemetry_enu_m": np.round(telemetry.places_m[k], 4).tolist(),
+                "adjusted_enu_m": np.round(adjusted.places_m[k], 4).tolist(),
+                "sigma_up_m": round(float(product.adjusted.stops[k].sigma_ned_m[2]), 4),
+                "held_by": product.adjusted.stops[k].held_by,
+            }
+            for k, (name, sol) in enumerate(zip(found.stops, found.sols, strict=True))
+        ],
+    }
+
+
+def _row(difference: Difference) -> dict[str, Any]:
+    fields = dataclasses.asdict(difference)
+    return {k: finite(round(v, 3) if isinstance(v, float) else v) for k, v in fields.items()}
+
+
+def _figure(product: NetworkProduct) -> bytes:
+    telemetry, adjusted = traverses(product)
+    plan = np.array([stop.covariance[np.ix_(PLAN, PLAN)] for stop in product.adjusted.stops])
+    return traverse_figure(telemetry, adjusted, differences(telemetry, adjusted), plan)
+
+
+def placed_stops(
+    product: NetworkProduct, clocks: Mapping[StopId, float], landing: LandingPoint
+) -> list[PlacedStop]:
+    """The adjusted stops in the LSL and in degrees of Mars."""
+    adjusted = traverses(product)[1]
+    lon, lat = lon_lat(landing, adjusted.places_m[:, 0], adjusted.places_m[:, 1])
+    return [
+        PlacedStop(
+            stop=stop.stop,
+            lsl_from_rover=stop.lsl_from_rover,
+            longitude_deg=float(lon[k]),
+            latitude_deg=float(lat[k]),
+            clock=clocks.get(stop.stop),
+            sol=int(adjusted.sols[k]),
+        )
+        for k, stop in enumerate(product.adjusted.stops)
+    ]
+
+
+def site_vectors(mission: str, frames: SiteFrames) -> str:
+    """The SVF: the sites that the stops belong to, in the one whose frame the LSL is."""
+    solutions = [
+        _solution("telemetry", FrameKind.SITE, (site,), frames.origin, pose)
+        for site, pose in frames.lsl_from_site.items()
+        if site != frames.origin
+    ]
+    return vector_text(VectorFile("", mission, "svf", ("telemetry",), tuple(solutions)))
+
+
+def rover_vectors(product: NetworkProduct, site: int, lsl_from_site: Pose) -> str:
+    """The RVF of a site: its stops where the adjustment puts them."""
+    solutions = [
+        _solution(
+            "adjusted",
+            FrameKind.ROVER,
+            (site, stop.stop.drive),
+            site,
+            lsl_from_site.inverse @ stop.lsl_from_rover,
+        )
+        for stop in product.adjusted.stops
+        if stop.stop.site == site
+    ]
+    priority = ("adjusted", "telemetry")
+    return vector_text(VectorFile("", product.mission, "rvf", priority, tuple(solutions)))
+
+
+def _solution(
+    solution_id: str, kind: FrameKind, counter: tuple[int, ...], reference: int, pose: Pose
+) -> Solution:
+    place, turn = pose.translation_m, pose.quaternion
+    return Solution(solution_id, kind, counter, reference, place, turn, added="")

@@ -1,0 +1,63 @@
+"""What a run tells of the traverse: files that other tools read back to the same places."""
+
+import json
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from flows.cli import app
+from flows.listing import position_rows
+from photogrammetry.frames import LSL, rover_frame
+from photogrammetry.pds3.places import parse_places
+from photogrammetry.pds3.vector_files import lsl_tree, parse_vector_file, poses
+
+
+@pytest.fixture(scope="module")
+def handed_out(mapped, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("traverse")
+    ran = CliRunner().invoke(app, ["traverse", "export", str(folder), "--store", str(mapped.store)])
+    assert ran.exit_code == 0, ran.output
+    return folder
+
+
+def adjusted(mapped) -> dict[str, list[float]]:
+    return {row["stop"]: row["adjusted_ned_m"] for row in position_rows(mapped.workspace)}
+
+
+def test_places_are_the_adjusted_ones(mapped, handed_out):
+    text = (handed_out / "MER2_places.csv").read_text()
+    table = parse_places(text, "places", mission="MER2", solution_id="adjusted")
+    found = [one.offset_m for one in table.solutions]
+    np.testing.assert_allclose(found, list(adjusted(mapped).values()), atol=1e-3)
+
+
+def test_vector_files_compose_to_the_adjusted_stops(mapped, handed_out):
+    files = [
+        parse_vector_file((handed_out / name).read_text(), name)
+        for name in ("MER2_Master.svf", "MER2_Site_10_Master.rvf")
+    ]
+    tree = lsl_tree(poses(files)).tree
+    for stop, place in adjusted(mapped).items():
+        drive = int(stop.rpartition("drive")[2])
+        np.testing.assert_allclose(
+            tree.pose(LSL, rover_frame(10, drive)).translation_m, place, atol=1e-3
+        )
+
+
+def test_the_table_says_how_far_telemetry_was_off(mapped, handed_out):
+    table = json.loads((handed_out / "MER2_differences.json").read_text())
+    first, last = (position_rows(mapped.workspace)[k] for k in (0, -1))
+    off = np.subtract(last["telemetry_ned_m"], last["adjusted_ned_m"])
+    driven = np.subtract(last["adjusted_ned_m"], first["adjusted_ned_m"])
+    assert table["end"]["horizontal_m"] == pytest.approx(np.hypot(*off[:2]), abs=2e-3)
+    assert table["end"]["elevation_m"] == pytest.approx(-off[2], abs=2e-3)
+    assert table["end"]["distance_m"] == pytest.approx(np.hypot(*driven[:2]), abs=2e-3)
+    assert (handed_out / "MER2_traverse.svg").stat().st_size > 1000
+
+
+def test_a_store_without_the_mission_says_so(mapped, tmp_path):
+    command = ["traverse", "export", str(tmp_path), "--mission", "MER1", "--store"]
+    ran = CliRunner().invoke(app, [*command, str(mapped.store)])
+    assert ran.exit_code == 1
+    assert "no adjusted traverse of MER1" in ran.output

@@ -1,0 +1,100 @@
+"""Whole missions out of others' files, and their layers."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from flows.cli import app
+from photogrammetry.errors import TraverseError
+from products.crs import LandingPoint
+from products.model import ProductKind
+from products.vector import read_features
+from products.workspace import Workspace
+from tasks.mission_traverse import draw_mission_traverse, read_traverses
+
+LANDING = LandingPoint("here", 175.4729, -14.5692, 3_393_000.0, "a test")
+TABLE = (
+    "SITE,DRIVE,START_SOL,END_SOL,RAW_X,RAW_Y,RAW_Z,CORRECTED_X,CORRECTED_Y\n"
+    "0,0,1,1,0.0,0.0,0.0,-1432.26,-863385.06\n"
+    "1,10,3,4,33.0,0.0,0.0,-1401.26,-863385.06\n"
+    "2,0,7,7,33.0,66.0,0.0,-1401.26,-863325.06\n"
+)
+LOCATIONS = (
+    "<msl>"
+    + "".join(
+        f"<location><site>{site}</site><drive>{drive}</drive><lat>-4.5</lat><lon>137.4</lon>"
+        f"<rot>0,0,0,1</rot><x>{x}</x><y>{y}</y><z>0</z></location>"
+        for site, drive, x, y in ((0, 0, 100, 50), (1, 7, 130, 50))
+    )
+    + "</msl>"
+)
+
+
+@pytest.fixture
+def table(tmp_path) -> Path:
+    file = tmp_path / "path.csv"
+    file.write_text(TABLE)
+    return file
+
+
+def test_telemetry_hangs_where_the_localised_traverse_begins(table):
+    traverses = read_traverses([table], "MER2", LANDING)
+    telemetry, localised = traverses.of("telemetry"), traverses.of("localised")
+    np.testing.assert_allclose(telemetry.places_m[0, :2], localised.places_m[0, :2])
+    np.testing.assert_allclose(np.diff(telemetry.places_m[:, 0])[0], 33.0)
+
+
+def test_a_comparison_may_begin_and_end_with_a_sol(table):
+    telemetry, localised = read_traverses([table], "MER2", LANDING).compared(3, 7)
+    assert telemetry.stops == localised.stops == ("1/10", "2/0")
+
+
+def test_places_of_a_location_file_are_the_localised_ones(tmp_path):
+    file = tmp_path / "locations.xml"
+    file.write_text(LOCATIONS)
+    traverses = read_traverses([file], "MSL", LANDING)
+    assert traverses.of("localised").stops == ("0/0", "1/7")
+    with pytest.raises(TraverseError, match="no file gives a telemetry traverse"):
+        traverses.compared()
+
+
+def test_layers_lie_on_the_degrees_of_the_localised_places(table, tmp_path):
+    workspace = Workspace.open(tmp_path / "store")
+    traverses = read_traverses([table], "MER2", LANDING)
+    lines, stops = draw_mission_traverse("MER2", traverses, [table], LANDING, workspace.store)
+    assert (lines.kind, stops.kind) == (ProductKind.MISSION_TRAVERSE, ProductKind.MISSION_STOPS)
+    written = json.loads(workspace.store.path(lines).read_text())
+    by_solution = {f["properties"]["solution"]: f["geometry"] for f in written["features"]}
+    assert by_solution["localised"]["coordinates"][0] == pytest.approx(
+        [175.4758369, -14.5658282], abs=1e-7
+    )
+    here = {f.id: f for f in read_features(workspace.store.path(stops)).features}
+    end = here["2/0-localised"].properties
+    east = np.radians(31.0 / 3396190.0 * 180 / np.pi) * 3393000.0 * np.cos(np.radians(14.566))
+    north = 60.0 * 3393000.0 / 3396190.0
+    assert end["telemetry_off_m"] == pytest.approx(np.hypot(33 - east, 66 - north), abs=0.01)
+
+
+def test_the_comparison_of_spirit_is_one_command(shared_data, tmp_path):
+    file = shared_data / "traverse" / "mer_spirit" / "MERA-MER2-Spirit_traverse_path.csv"
+    figure = tmp_path / "spirit.svg"
+    ran = CliRunner().invoke(
+        app, ["traverse", "compare", str(file), "--json", "--figure", str(figure)]
+    )
+    assert ran.exit_code == 0, ran.output
+    rows = {row["where"]: row for row in json.loads(ran.stdout)}
+    assert rows["end"]["stop"] == "138/1230"
+    assert rows["end"]["elevation_m"] is None  # the table has none
+    assert rows["end"]["percent"] == pytest.approx(3.77, abs=0.01)
+    assert figure.read_bytes().startswith(b"<?xml")
+
+
+def test_a_file_that_is_no_traverse_ends_with_one_line(tmp_path):
+    file = tmp_path / "notes.txt"
+    file.write_text("nothing\n")
+    ran = CliRunner().invoke(app, ["traverse", "compare", str(file)])
+    assert ran.exit_code == 1
+    assert "notes.txt: no traverse table" in ran.output
