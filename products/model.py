@@ -39,8 +39,6 @@ class ProductKind(StrEnum):
     ORTHOPHOTO = "orthophoto"
     SOURCES = "sources"
     COLOUR = "colour"
-    SOURCES = "sources"
-    COLOUR = "colour"
     SLOPE = "slope"
     ASPECT = "aspect"
     HILLSHADE = "hillshade"
@@ -83,8 +81,6 @@ SUFFIX = {
     ProductKind.REPORT: ".html",
     ProductKind.DTM: ".tif",
     ProductKind.ORTHOPHOTO: ".tif",
-    ProductKind.SOURCES: ".tif",
-    ProductKind.COLOUR: ".tif",
     ProductKind.SOURCES: ".tif",
     ProductKind.COLOUR: ".tif",
     ProductKind.SLOPE: ".tif",

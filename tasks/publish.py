@@ -20,8 +20,6 @@ TITLES = {
     ProductKind.ORTHOPHOTO: "Orthophoto",
     ProductKind.SOURCES: "Source images",
     ProductKind.COLOUR: "Colour orthophoto",
-    ProductKind.SOURCES: "Source images",
-    ProductKind.COLOUR: "Colour orthophoto",
     ProductKind.SLOPE: "Slope",
     ProductKind.ASPECT: "Aspect",
     ProductKind.HILLSHADE: "Hillshade",
@@ -44,8 +42,6 @@ TITLES = {
 RASTERS = {
     ProductKind.DTM,
     ProductKind.ORTHOPHOTO,
-    ProductKind.SOURCES,
-    ProductKind.COLOUR,
     ProductKind.SOURCES,
     ProductKind.COLOUR,
     ProductKind.SLOPE,
