@@ -1,0 +1,139 @@
+"""Hazards: where a rover may stand, and what keeps it from where it may not.
+
+After GESTALT, which drives the Mars Exploration Rovers around obstacles (Goldberg, Maimone and
+Matthies 2002; Biesiadecki and Maimone 2006): cells of about 0.2 m, and around each a window as
+large as the rover, 13 such cells, in which three things are judged,
+
+- tilt: the slope of the plane fitted to the window;
+- step: the largest difference in height, within a wheel's diameter and over that plane, anywhere in
+  the window;
+- roughness: the standard deviation of the heights from that plane.
+
+Each is divided by its limit; the largest ratio says whether the middle of the rover may be here,
+and if it is above 1, its kind names the hazard. A window that is seen too little is UNKNOWN, unless
+what is seen of it is a hazard already; so is ground whose elevations are too uncertain to tell a
+step.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from enum import IntEnum
+
+import cv2
+import numpy as np
+
+from photogrammetry.arrays import Classes, Raster
+from photogrammetry.errors import TerrainError
+from photogrammetry.terrain.coarse import coarsened
+from photogrammetry.terrain.grid import MapGrid
+from photogrammetry.terrain.planes import Gradients, fit_planes
+from photogrammetry.terrain.records import Dtm
+
+
+class Hazard(IntEnum):
+    """What a rover finds whose middle is in the cell."""
+
+    UNKNOWN = 0
+    """Too little of the ground was seen, or it is known too poorly."""
+    TRAVERSABLE = 1
+    """All is within its limits."""
+    ROUGH = 2
+    """The ground strays too far from a plane."""
+    STEP = 3
+    """There is a step higher than a wheel takes."""
+    STEEP = 4
+    """The rover would tilt too much."""
+
+
+@dataclass(frozen=True, slots=True)
+class HazardParams:
+    """How large the rover is, and what it may drive over."""
+
+    window_m: float = 2.6
+    """Side of the rover-sized window: GESTALT's 13 cells of 0.2 m. MER is 1.6 by 2.3 m."""
+    steepest_deg: float = 20.0
+    """Largest tilt. MER was to be safe up to 30 degrees, but slips on loose ground long before;
+    steeper slopes were driven with visual odometry only (Maimone, Cheng and Matthies 2007)."""
+    highest_step_m: float = 0.2
+    """Highest step: MER's suspension climbs rocks as high as a wheel's diameter, 0.26 m."""
+    roughest_m: float = 0.1
+    """Largest standard deviation from the plane: a third of MER's ground clearance, 0.3 m."""
+    wheel_m: float = 0.26
+    """Diameter of a wheel: heights this close to each other make a step."""
+    min_share: float = 0.7
+    """Least share of the window that must be seen: more than a rover's half."""
+    cell_m: float = 0.16
+    """Side of a cell; GESTALT's are 0.2 m, which is no power of two times the map's finest cell."""
+
+    def __post_init__(self) -> None:
+        limits = (self.steepest_deg, self.highest_step_m, self.roughest_m)
+        if not all(limit > 0 for limit in limits):
+            raise TerrainError(
+                f"hazard limits of {limits} (degrees, metres, metres): give all above zero"
+            )
+
+
+def hazards(dtm: Dtm, params: HazardParams) -> tuple[Classes, MapGrid]:
+    """A `Hazard` for every cell of a coarser grid, and that grid."""
+    elevation, grid = coarsened(dtm.elevation, dtm.grid, params.cell_m)
+    sigma, _ = coarsened(dtm.sigma_m, dtm.grid, params.cell_m)
+    if dtm.pose_sigma_m is not None:  # what all cells share makes no step
+        shared, _ = coarsened(dtm.pose_sigma_m, dtm.grid, params.cell_m)
+        sigma = np.sqrt(np.maximum(sigma**2 - shared**2, 0))
+    return judged(elevation, sigma, replace(params, cell_m=grid.cell_m)), grid
+
+
+def judged(elevation: Raster, sigma_m: Raster, params: HazardParams) -> Classes:
+    """A `Hazard` for every cell of a terrain model of `cell_m`."""
+    fit = fit_planes(elevation, params.cell_m, params.window_m, params.min_share / 2)
+    tilt = np.degrees(np.arctan(np.hypot(fit.gradient[0], fit.gradient[1])))
+    step = _over_the_window(steps(elevation, fit.gradient, params), params)
+    ratios = np.stack(
+        [
+            fit.scatter / np.float32(params.roughest_m),
+            step / np.float32(params.highest_step_m),
+            tilt / np.float32(params.steepest_deg),
+        ]
+    )
+    kinds = np.array([Hazard.ROUGH, Hazard.STEP, Hazard.STEEP], np.uint8)
+    worst = np.nan_to_num(ratios, nan=-1.0)
+    found = np.where(
+        worst.max(axis=0) > 1, kinds[worst.argmax(axis=0)], np.uint8(Hazard.TRAVERSABLE)
+    )
+    well_seen = _share_seen(elevation, params) >= params.min_share
+    certain = sigma_m <= params.highest_step_m / 3
+    is_known = np.isfinite(ratios).all(axis=0) & well_seen
+    doubtful = ~certain | ((found == Hazard.TRAVERSABLE) & ~is_known)
+    return np.where(np.isfinite(elevation) & ~doubtful, found, np.uint8(Hazard.UNKNOWN))
+
+
+def steps(elevation: Raster, gradient: Gradients, params: HazardParams) -> Raster:
+    """Largest rise or fall, over the rover's plane, to a cell within a wheel's diameter."""
+    reach = math.ceil(params.wheel_m / params.cell_m - 1e-9)
+    east, north = (part * np.float32(params.cell_m) for part in gradient)
+    padded = np.pad(elevation, reach, constant_values=np.nan)
+    rows, cols = elevation.shape
+    highest = np.zeros_like(elevation)
+    for down in range(-reach, reach + 1):
+        for right in range(-reach, reach + 1):
+            if 0 < math.hypot(down, right) <= reach:
+                there = padded[reach + down :, reach + right :][:rows, :cols]
+                rise = there - elevation - east * np.float32(right) + north * np.float32(down)
+                highest = np.fmax(highest, np.abs(rise))
+    return np.where(np.isfinite(elevation), highest, np.float32(np.nan))
+
+
+def _over_the_window(values: Raster, params: HazardParams) -> Raster:
+    """Largest known value within half a window."""
+    side = 2 * max(1, round((params.window_m / params.cell_m - 1) / 2)) + 1
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
+    largest = cv2.dilate(np.nan_to_num(values, nan=-1.0), disc)
+    return np.where(largest >= 0, largest, np.float32(np.nan))
+
+
+def _share_seen(elevation: Raster, params: HazardParams) -> Raster:
+    side = 2 * max(1, round((params.window_m / params.cell_m - 1) / 2)) + 1
+    known = np.isfinite(elevation).astype(np.float32)
+    return cv2.boxFilter(known, cv2.CV_32F, (side, side), borderType=cv2.BORDER_CONSTANT)
