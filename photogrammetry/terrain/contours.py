@@ -7,8 +7,9 @@ having no weight (normalised convolution),
     h' = G * (m h) / G * m,      m = 1 where there is an elevation, 0 elsewhere
 
 and h' counts where at least half of the Gaussian's weight fell on known cells: lines stop at unseen
-ground and run on across a missing cell or two. Lines are marching squares on h', rounded to the
-millimetre and not simplified, so they cannot cross.
+ground and run on across a missing cell or two. Lines are marching squares on h', whose nodes are
+kept off the contours' own elevations, so that no two lines touch; they are then simplified as far
+as they do not meet (`terrain.simplification`).
 """
 
 from __future__ import annotations
@@ -21,12 +22,15 @@ import contourpy
 import cv2
 import numpy as np
 
-from photogrammetry.arrays import Float64, Raster
+from photogrammetry.arrays import Float32, Float64, Raster
 from photogrammetry.errors import TerrainError
 from photogrammetry.terrain.grid import MapGrid
+from photogrammetry.terrain.simplification import simplified
 
 STEPS = (1.0, 2.0, 2.5, 5.0)
 """Intervals are one of these times a power of ten."""
+LEAST_OFF = 1e-3
+"""Least distance of a node's elevation from a contour's, in intervals."""
 NODES_PER_SIGMA = 2.0
 """Lattice nodes along one standard deviation of the Gaussian: finer ones show nothing new."""
 
@@ -47,10 +51,26 @@ class ContourParams:
     """Least share of the Gaussian's weight that must fall on known cells: at an edge, half does."""
     min_length_m: float = 1.0
     """Shortest contour: about a wheel base."""
+    simplify_m: float = 0.02
+    """Farthest that a contour may stray from where it was traced: a fifth of a node's distance."""
 
     def __post_init__(self) -> None:
         if self.interval_m is not None and not self.interval_m > 0:
             raise TerrainError(f"a contour interval of {self.interval_m} m: give one above zero")
+
+
+@dataclass(frozen=True, slots=True)
+class RegionContourParams(ContourParams):
+    """How to trace the contours of a region: many stops, seen from farther away."""
+
+    interval_m: float | None = 1.0
+    """As on the paper's maps of regions."""
+    smoothing_m: float = 0.5
+    """Rocks of a metre are not drawn."""
+    min_length_m: float = 5.0
+    """Shorter lines are mounds of a few metres."""
+    simplify_m: float = 0.1
+    """Less than can be seen on a map of a hundred metres."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,25 +93,40 @@ def trace_contours(elevation: Raster, grid: MapGrid, params: ContourParams) -> t
         return ()
     interval_m = params.interval_m or interval_by_relief(known, params.contours_wanted)
     east, north = grid.centres()
-    tracer = contourpy.contour_generator(
+    tracer: Any = contourpy.contour_generator(
         x=east[::step],
         y=north[::step],
-        z=np.ma.masked_invalid(nodes.astype(np.float64)),
+        z=np.ma.masked_invalid(_off_the_contours(nodes, interval_m)),
         corner_mask=True,
     )
-    first, last = math.ceil(known.min() / interval_m), math.floor(known.max() / interval_m)
+    levels = _levels(known, interval_m)
+    lines = [
+        (number, points)
+        for number in levels
+        for points in tracer.lines(number * interval_m)
+        if _length_m(points) >= params.min_length_m
+    ]
+    simple = simplified([points for _, points in lines], params.simplify_m)
     return tuple(
         Contour(round(number * interval_m, 6), number % params.index_every == 0, points)
-        for number in range(first, last + 1)
-        for points in _lines(tracer, number * interval_m)
-        if _length_m(points) >= params.min_length_m
+        for (number, _), points in zip(lines, simple, strict=True)
     )
 
 
-def _lines(tracer: contourpy.ContourGenerator, level_m: float) -> list[Float64[np.ndarray, "n 2"]]:
-    """Lines of one elevation, to the millimetre."""
-    lines: Any = tracer.lines(level_m)
-    return [np.round(line, 3) for line in lines]
+def _levels(known: Float32[np.ndarray, " n"], interval_m: float) -> range:
+    """The contours between the lowest and the highest elevation, in intervals from 0."""
+    return range(math.ceil(known.min() / interval_m), math.floor(known.max() / interval_m) + 1)
+
+
+def _off_the_contours(nodes: Raster, interval_m: float) -> Float64[np.ndarray, "rows cols"]:
+    """Elevations of which none is a contour's: those nearer than a thousandth of it are raised.
+
+    Through a node on a contour's own elevation lines would run that touch there.
+    """
+    intervals = nodes.astype(np.float64) / interval_m
+    level = np.rint(intervals)
+    off = np.where(np.abs(intervals - level) < LEAST_OFF, level + LEAST_OFF, intervals)
+    return off * interval_m
 
 
 def interval_by_relief(known: Float64[np.ndarray, " n"] | np.ndarray, wanted: int) -> float:

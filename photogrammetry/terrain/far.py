@@ -39,3 +39,5 @@ class FarContourParams(ContourParams):
     """Five cells, as in the map of a stop."""
     min_length_m: float = 16.0
     """Twenty-five cells, as in the map of a stop."""
+    simplify_m: float = 0.32
+    """Half a cell."""

@@ -6,7 +6,12 @@ from shapely import STRtree
 from shapely.geometry import LineString
 
 from photogrammetry.errors import TerrainError
-from photogrammetry.terrain.contours import ContourParams, interval_by_relief, trace_contours
+from photogrammetry.terrain.contours import (
+    ContourParams,
+    RegionContourParams,
+    interval_by_relief,
+    trace_contours,
+)
 
 PARAMS = ContourParams(interval_m=0.1)
 
@@ -35,15 +40,51 @@ def test_every_fifth_contour_is_an_index_contour(scenes):
         assert contour.is_index == (round(contour.elevation_m / 0.1) % 5 == 0)
 
 
-def test_contours_never_cross(scenes, rng):
-    dtm = scenes.dtm_of(lambda e, n: np.sin(3 * e) * np.cos(2 * n), side=200)
-    dtm.elevation[:] += rng.normal(0, 0.05, dtm.grid.shape)
-    contours = trace_contours(dtm.elevation, dtm.grid, PARAMS)
+def meeting(contours):
+    """Pairs of different contours that cross or touch, and those that meet themselves."""
     lines = [LineString(contour.points) for contour in contours]
-    levels = np.array([contour.elevation_m for contour in contours])
     a, b = STRtree(lines).query(lines, predicate="intersects")
-    assert len(lines) > 20
-    assert (levels[a] == levels[b]).all()
+    return int((a != b).sum()) + sum(not line.is_simple for line in lines)
+
+
+def rubble(east, north):
+    return np.sin(3 * east) * np.cos(2 * north)
+
+
+@pytest.mark.parametrize("simplify_m", [0.0, 0.02, 0.1, 0.4])
+def test_contours_never_cross_or_touch(scenes, rng, simplify_m):
+    dtm = scenes.dtm_of(rubble, side=200)
+    dtm.elevation[:] += rng.normal(0, 0.05, dtm.grid.shape)
+    params = ContourParams(interval_m=0.05, smoothing_m=0.1, simplify_m=simplify_m)
+    contours = trace_contours(dtm.elevation, dtm.grid, params)
+    assert len(contours) > 100
+    assert meeting(contours) == 0
+
+
+def test_contours_do_not_touch_where_nodes_lie_on_their_elevation(scenes, rng):
+    dtm = scenes.dtm_of(rubble, side=64)
+    dtm.elevation[:] = rng.integers(-3, 4, dtm.grid.shape) * np.float32(0.1)
+    params = ContourParams(interval_m=0.1, smoothing_m=0.0, min_length_m=0.0, simplify_m=0.03)
+    contours = trace_contours(dtm.elevation, dtm.grid, params)
+    assert len(contours) > 500
+    assert meeting(contours) == 0
+
+
+def test_simplified_contours_stay_where_they_were(scenes):
+    dtm = scenes.dtm_of(cone, side=256)
+    traced, simple = (
+        trace_contours(dtm.elevation, dtm.grid, ContourParams(interval_m=0.1, simplify_m=tolerance))
+        for tolerance in (0.0, 0.02)
+    )
+    assert [c.elevation_m for c in traced] == [c.elevation_m for c in simple]
+    before, after = (sum(len(c.points) for c in some) for some in (traced, simple))
+    assert after < before / 3
+    for one, other in zip(traced, simple, strict=True):
+        assert LineString(one.points).hausdorff_distance(LineString(other.points)) < 0.0201
+
+
+def test_regions_have_contours_every_metre():
+    assert RegionContourParams().interval_m == 1.0
 
 
 def test_contours_stop_at_unseen_ground(scenes):
