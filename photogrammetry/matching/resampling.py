@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from scipy import ndimage
 from scipy.interpolate import make_interp_spline
 
 from photogrammetry.arrays import Bool, Float32, Float64, GreyImage, ImagePoints, Mask
@@ -24,6 +23,7 @@ from photogrammetry.cameras.model import CameraModel
 from photogrammetry.errors import MatchingError
 from photogrammetry.imagery import Eye
 from photogrammetry.matching.records import EpipolarImages
+from photogrammetry.matching.sampling import at_points, coefficients_of
 
 MAP_TOLERANCE_PX = 0.01
 """Largest error of the interpolated map: a tenth of what least-squares matching resolves."""
@@ -56,15 +56,13 @@ def resample(
     """
     _check_eye(camera, geometry, eye)
     source = original_points(camera, geometry)
+    u, v = (np.ascontiguousarray(source[:, :, k], dtype=np.float32) for k in (0, 1))
     lines, samples = image.shape
-    inside = np.isfinite(source).all(axis=2)
-    source = np.where(inside[:, :, None], source, -1.0)
-    u, v = source[:, :, 0], source[:, :, 1]
-    inside &= (u >= 0) & (u <= samples - 1) & (v >= 0) & (v <= lines - 1)
+    inside = (u >= 0) & (u <= samples - 1) & (v >= 0) & (v <= lines - 1)  # NaN is not
+    if not inside.all():
+        u, v = (np.where(inside, w, np.float32(0)) for w in (u, v))
     usable = _warped_mask(mask, u, v) & inside
-    grey = ndimage.map_coordinates(
-        _without_bad_pixels(image, mask), [v, u], order=3, mode="mirror", output=np.float32
-    )
+    grey = at_points(coefficients_of(_without_bad_pixels(image, mask)), u, v)
     return np.where(usable, grey, np.float32(0)), usable
 
 
