@@ -1,0 +1,167 @@
+"""What stereo pairs see, in three dimensions: their dense points, wearing their own images.
+
+A terrain model has one height a cell; the points of a pair also show overhangs, the faces of rocks
+and outcrops edge-on to the map. Neighbouring pixels are joined where they are one surface (`mesh`),
+so what was not seen stays open, and triangles are as few as a tolerance allows. The tolerance is in
+pixels of parallax, because there every plane is linear,
+
+    n.P = d,   P = f B / p (x, y, 1)      =>      p = f B n.(x, y, 1) / d
+
+and a triangle between three points is a plane: a parallax within t of the matched one keeps the
+point within Z t / p of its place along its ray, a set number of its own standard deviations whether
+it is near or far. Seen from the camera nothing moves at all.
+
+Where pairs overlap, ground is drawn by the one that shows it best: with the most pixels on it, and
+not at the border of its image. Ties of the eye decide over blocks of pixels, and a block is left to
+another pair only if that one is clearly better, so that no gap opens between them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from photogrammetry.arrays import Bool, GreyImage, Mask, ParallaxMap, Picture
+from photogrammetry.errors import TerrainError
+from photogrammetry.terrain.ground import (
+    Planes3,
+    SightParams,
+    camera_on_map,
+    ground_of,
+    largest_step_px,
+    trusted_parallax,
+)
+from photogrammetry.terrain.looks import NEAREST_M, Look
+from photogrammetry.terrain.mesh import continuous_quads
+from photogrammetry.terrain.model3d import SurfaceMesh, TexturedMesh, mean_normals
+from photogrammetry.terrain.records import TerrainView
+from photogrammetry.terrain.right_triangles import RightTriangles
+
+HIDDEN_PX = 1.0
+"""How far a matched parallax may exceed the expected one before the ground counts as hidden: four
+standard deviations of a dense parallax."""
+SAMPLED = 37
+"""Every how many pixels the brightness is looked at."""
+
+
+@dataclass(frozen=True, slots=True)
+class ViewModelParams(SightParams):
+    """How to draw what pairs see."""
+
+    max_relative_sigma: float = 0.01
+    """Largest standard deviation along the view over the distance: beyond it (10 m with Navcam, 43
+    m with Pancam) noise along the rays is larger than the relief that a model is looked at for."""
+    tolerance_px: float = 0.5
+    """How far a triangle's parallax may stray: two standard deviations of a dense parallax, which
+    is the most that noise on its own does to nearly all of them."""
+    block_px: int = 8
+    """Side of the blocks over which it is decided which pair shows the ground."""
+    yield_to: float = 1.25
+    """How many times better another pair must show a block for this one to leave it out."""
+    stretch_percent: tuple[float, float] = (0.5, 99.5)
+    """Percentiles of all images' brightness that become black and white."""
+    jpeg_quality: int = 90
+    """Of the textures, percent."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Drawn:
+    """A view with what of it is ground."""
+
+    view: TerrainView
+    parallax: ParallaxMap
+    planes: Planes3
+    whole: Bool[np.ndarray, "squares_down squares_across"]
+
+
+def view_meshes(views: Sequence[TerrainView], params: ViewModelParams) -> list[TexturedMesh]:
+    """What every view shows best, as a mesh with its image; views without ground are left out.
+
+    Raises:
+        TerrainError: no view has continuous ground that is near enough.
+    """
+    drawn = [_drawn(view, params) for view in views]
+    drawn = [one for one in drawn if one.whole.any()]
+    if not drawn:
+        raise TerrainError(
+            f"none of the {len(views)} views has continuous ground known to "
+            f"{params.max_relative_sigma:.1%} of its distance: look at the matching, or allow a "
+            "larger max_relative_sigma"
+        )
+    looks = [Look.of(one.view) for one in drawn]
+    black, white = _stretch(drawn, params.stretch_percent)
+    meshes = []
+    for number, one in enumerate(drawn):
+        whole = one.whole & ~_shown_better(number, one, looks, params)
+        if whole.any():
+            meshes.append(_mesh(one, whole, (black, white), params.tolerance_px))
+    return meshes
+
+
+def _drawn(view: TerrainView, params: ViewModelParams) -> _Drawn:
+    parallax = trusted_parallax(view, params)
+    planes = ground_of(view, parallax, params)
+    step_px = largest_step_px(view.geometry.base_m, params)
+    quads = continuous_quads(planes, parallax, step_px, params.max_gap_m)
+    whole = np.zeros(parallax.size, np.bool_)
+    whole[quads.corner] = True
+    return _Drawn(view, parallax, planes, whole.reshape(parallax.shape)[:-1, :-1])
+
+
+def _shown_better(
+    number: int, one: _Drawn, looks: Sequence[Look], params: ViewModelParams
+) -> Bool[np.ndarray, "squares_down squares_across"]:
+    """Squares whose block another view shows better, by more than a little."""
+    step = params.block_px
+    from_here = np.nan_to_num(one.planes[:, step // 2 :: step, step // 2 :: step], nan=1.0)
+    distance = np.linalg.norm(from_here, axis=0)
+    toward = (-from_here / np.maximum(distance, NEAREST_M)).astype(np.float32)
+    worth = []
+    for look in looks:
+        shift = (looks[number].camera - look.camera).astype(np.float32)
+        ground = from_here + shift[:, None, None]
+        worth.append(look.sight(ground, toward, HIDDEN_PX, 0.0).worth)
+    own = worth.pop(number)
+    better = np.max(worth, axis=0, initial=0.0) > params.yield_to * own
+    rows, cols = one.whole.shape
+    blocks = np.pad(better, 1, mode="edge")[1:, 1:]  # a last block may be less than half a block
+    return np.kron(blocks, np.ones((step, step), np.bool_))[:rows, :cols]
+
+
+def _stretch(drawn: Sequence[_Drawn], percent: tuple[float, float]) -> tuple[float, float]:
+    """Brightness to show as black and as white in all textures."""
+    sample = np.concatenate([one.view.image[one.view.mask][::SAMPLED] for one in drawn])
+    low, high = np.percentile(sample, percent) if len(sample) else (0.0, 1.0)
+    return float(low), float(max(high, low + 1e-6))
+
+
+def _mesh(
+    one: _Drawn,
+    whole: Bool[np.ndarray, "squares_down squares_across"],
+    stretch: tuple[float, float],
+    tolerance_px: float,
+) -> TexturedMesh:
+    """The view's squares as triangles, wearing the part of the image that shows them."""
+    drawn = RightTriangles.of(one.parallax, whole).mesh(tolerance_px)
+    rows, cols = (slice(int(at.min()), int(at.max()) + 1) for at in (drawn.row, drawn.col))
+    size = np.array([cols.stop - cols.start, rows.stop - rows.start])
+    pixels = np.column_stack([drawn.col - cols.start, drawn.row - rows.start])
+    points = one.planes[:, drawn.row, drawn.col].T + camera_on_map(one.view.lsl_from_pair)
+    mesh = SurfaceMesh(
+        points=points,
+        normals=mean_normals(points, drawn.triangles),
+        triangles=drawn.triangles,
+        texture_at=((pixels + 0.5) / size).astype(np.float32),
+    )
+    view = one.view
+    texture = _grey(view.image[rows, cols], view.mask[rows, cols], stretch)
+    return TexturedMesh(view.pair_id, mesh, texture)
+
+
+def _grey(image: GreyImage, mask: Mask, stretch: tuple[float, float]) -> Picture:
+    """The image in eight bits; unusable pixels are middle grey."""
+    black, white = stretch
+    grey = np.clip((image - black) * (255 / (white - black)), 0, 255)
+    return np.where(mask, np.rint(grey), 128).astype(np.uint8)
