@@ -84,6 +84,17 @@ def test_telemetry_changes_with_every_unknown_as_the_partials_say(bent):
                 )
 
 
+def test_a_turn_about_the_vertical_is_no_tilt(bent):
+    """Not even of a stop whose tilt misfits: else Gauss-Newton would hold the turn for it."""
+    network, _, state = bent
+    telemetry = Telemetry.of(network, AdjustmentParams())
+    turned = replace(state, rotations=rotation_of_vector(np.array([0, 0, 0.3])) @ state.rotations)
+    tilts = [telemetry_misclosures(s, telemetry)[:, :2] for s in (state, turned)]
+    assert np.abs(tilts[0]).min(axis=1)[1:].max() > 1e-3
+    np.testing.assert_allclose(tilts[1], tilts[0], atol=1e-15)
+    assert not telemetry_partials(state, telemetry)[:, :2, 8].any()
+
+
 @given(vectors)
 def test_the_exponential_of_a_rotation_vector_is_that_of_scipy(vector):
     expected = Rotation.from_rotvec(vector).as_matrix()
