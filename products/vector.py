@@ -40,7 +40,7 @@ class Feature:
     """A thing on the map: its geometry, and what is known of it.
 
     Points are rows of (east, north) or (east, north, up), metres of the local map. A polygon is its
-    outer ring, closed or not; it is kept without the repeated first point.
+    outer ring, closed or not, and its holes; rings are kept without the repeated first point.
     """
 
     geometry: Geometry
@@ -48,13 +48,15 @@ class Feature:
     properties: Mapping[str, Any] = field(default_factory=dict)
     """Plain JSON values."""
     id: str | None = None
+    holes: Sequence[np.ndarray] = ()
+    """Inner rings of a polygon."""
 
     def __post_init__(self) -> None:
         points = np.array(self.points, dtype=np.float64, ndmin=2)
         if self.geometry not in get_args(Geometry):
             raise ProductError(f"{self.geometry!r} is none of {', '.join(get_args(Geometry))}")
-        if self.geometry == "Polygon" and len(points) > 1 and np.array_equal(points[0], points[-1]):
-            points = points[:-1]
+        if self.geometry == "Polygon":
+            points = _opened(points)
         shape_is_right = points.ndim == 2 and points.shape[1] in (2, 3)  # noqa: PLR2004
         if not shape_is_right or len(points) < _FEWEST[self.geometry]:
             raise ProductError(
@@ -68,8 +70,19 @@ class Feature:
                 f"{self.geometry} {self.id or self.properties}: coordinates are not all finite; "
                 "leave out what was not measured"
             )
+        if self.holes and self.geometry != "Polygon":
+            raise ProductError(f"a {self.geometry} has no holes; a Polygon may")
+        holes = tuple(_opened(np.array(h, dtype=np.float64, ndmin=2)) for h in self.holes)
+        if any(len(h) < _FEWEST["Polygon"] or h.shape[1] != points.shape[1] for h in holes):
+            raise ProductError(f"holes are rings of {points.shape[1]} columns, as the outline is")
         points.flags.writeable = False
         object.__setattr__(self, "points", points)
+        object.__setattr__(self, "holes", holes)
+
+    @property
+    def rings(self) -> tuple[np.ndarray, ...]:
+        """The points, and the holes after them."""
+        return (self.points, *self.holes)
 
     @property
     def bounds(self) -> tuple[float, float, float, float]:
@@ -77,6 +90,12 @@ class Feature:
         west, south = self.points[:, :2].min(axis=0)
         east, north = self.points[:, :2].max(axis=0)
         return float(west), float(south), float(east), float(north)
+
+
+def _opened(ring: np.ndarray) -> np.ndarray:
+    """A ring without the repeated first point."""
+    is_closed = len(ring) > 1 and np.array_equal(ring[0], ring[-1])
+    return ring[:-1] if is_closed else ring
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -125,12 +144,14 @@ def write_features(
 
 
 def _in_degrees(features: Sequence[Feature], landing: LandingPoint) -> list[dict[str, Any]]:
-    plane = [feature.points[:, :2] for feature in features]
+    rings = [ring for feature in features for ring in feature.rings]
+    plane = [ring[:, :2] for ring in rings]
     degrees = np.round(_carried(plane, partial(lon_lat, landing)), _DECIMALS_DEGREES)
-    return [
-        as_geojson(feature, np.hstack([rows, np.round(feature.points[:, 2:], _DECIMALS_M)]))
-        for feature, rows in zip(features, _split_like(plane, degrees), strict=True)
-    ]
+    placed = iter(
+        np.hstack([rows, np.round(ring[:, 2:], _DECIMALS_M)])
+        for ring, rows in zip(rings, _split_like(plane, degrees), strict=True)
+    )
+    return [as_geojson(feature, [next(placed) for _ in feature.rings]) for feature in features]
 
 
 def _carried(
@@ -146,14 +167,13 @@ def _split_like(parts: Sequence[np.ndarray], rows: np.ndarray) -> list[np.ndarra
     return [rows[end - len(part) : end] for part, end in zip(parts, ends, strict=True)]
 
 
-def as_geojson(feature: Feature, rows: np.ndarray) -> dict[str, Any]:
-    """The GeoJSON object of a feature whose coordinates are `rows`, one for each of its points."""
-    coordinates = rows.tolist()
-    nested: Sequence[Any] = coordinates
+def as_geojson(feature: Feature, rings: Sequence[np.ndarray]) -> dict[str, Any]:
+    """The GeoJSON object of a feature whose coordinates are `rings`, one for each of its own."""
+    nested: Sequence[Any] = rings[0].tolist()
     if feature.geometry == "Point":
-        nested = coordinates[0]
+        nested = nested[0]
     elif feature.geometry == "Polygon":
-        nested = [[*coordinates, coordinates[0]]]
+        nested = [[*ring.tolist(), ring[0].tolist()] for ring in rings]
     identity = {} if feature.id is None else {"id": feature.id}
     return {
         "type": "Feature",
@@ -169,7 +189,7 @@ def local_geojson(collection: FeatureCollection) -> dict[str, Any]:
         "type": "FeatureCollection",
         "solmap:crs": local_proj4(collection.landing),
         "features": [
-            as_geojson(feature, np.round(feature.points, _DECIMALS_M) + 0.0)  # no -0.0
+            as_geojson(feature, [np.round(ring, _DECIMALS_M) + 0.0 for ring in feature.rings])
             for feature in collection.features
         ],
     }
@@ -196,24 +216,27 @@ def read_features(path: Path) -> FeatureCollection:
 
 
 def _in_metres(items: Sequence[Mapping[str, Any]], landing: LandingPoint) -> tuple[Feature, ...]:
-    rows = [_rows_of(item["geometry"]) for item in items]
-    plane = _carried([part[:, :2] for part in rows], partial(east_north, landing))
+    nested = [_rings_of(item["geometry"]) for item in items]
+    rings = [ring for of_item in nested for ring in of_item]
+    plane = _carried([ring[:, :2] for ring in rings], partial(east_north, landing))
     metres = np.round(plane, _DECIMALS_M) + 0.0  # no -0.0
-    return tuple(
-        Feature(
-            item["geometry"]["type"],
-            np.hstack([here, part[:, 2:]]),
-            item.get("properties") or {},
-            item.get("id"),
-        )
-        for item, part, here in zip(items, rows, _split_like(rows, metres), strict=True)
+    placed = iter(
+        np.hstack([here, ring[:, 2:]])
+        for ring, here in zip(rings, _split_like(rings, metres), strict=True)
     )
+    features = []
+    for item, of_item in zip(items, nested, strict=True):
+        points, *holes = (next(placed) for _ in of_item)
+        known = item.get("properties") or {}
+        features.append(Feature(item["geometry"]["type"], points, known, item.get("id"), holes))
+    return tuple(features)
 
 
-def _rows_of(geometry: Mapping[str, Any]) -> np.ndarray:
+def _rings_of(geometry: Mapping[str, Any]) -> list[np.ndarray]:
+    """The coordinates of a geometry, and those of its holes."""
     nested = geometry["coordinates"]
     if geometry["type"] == "Point":
+        nested = [[nested]]
+    elif geometry["type"] == "LineString":
         nested = [nested]
-    elif geometry["type"] == "Polygon":
-        nested = nested[0]
-    return np.array(nested, dtype=np.float64)
+    return [np.array(ring, dtype=np.float64) for ring in nested]

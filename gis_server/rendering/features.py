@@ -13,7 +13,7 @@ import shapely
 
 from products.vector import Feature, FeatureCollection, local_geojson, read_features
 
-_SHAPES = {"Point": shapely.Point, "LineString": shapely.LineString, "Polygon": shapely.Polygon}
+_SHAPES = {"Point": shapely.Point, "LineString": shapely.LineString}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,6 +59,8 @@ def index_of(path: Path) -> FeatureIndex:
 
 def _shape(feature: Feature) -> shapely.Geometry:
     plane = feature.points[:, :2]
+    if feature.geometry == "Polygon":
+        return shapely.Polygon(plane, [hole[:, :2] for hole in feature.holes])
     return _SHAPES[feature.geometry](plane[0] if feature.geometry == "Point" else plane)
 
 

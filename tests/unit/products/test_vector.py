@@ -9,6 +9,7 @@ from pyproj import CRS
 
 from products.crs import IAU_RADIUS_M, MARS, LandingPoint, local_crs, lon_lat
 from products.errors import ProductError, ProductNotFoundError
+from products.geopackage import write_geopackage
 from products.vector import Feature, FeatureCollection, local_geojson, read_features, write_features
 
 GUSEV = LandingPoint("floor of Gusev", 175.4729, -14.5692, 3_393_000.0, "a test")
@@ -125,3 +126,59 @@ def test_a_missing_and_a_foreign_file_are_told_apart(tmp_path):
     (tmp_path / "g.geojson").write_text('{"type": "FeatureCollection", "features": []}')
     with pytest.raises(ProductError, match="no feature collection of a landing site"):
         read_features(tmp_path / "g.geojson")
+
+
+SQUARE = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 10.0], [0.0, 10.0], [0.0, 0.0]])
+
+
+def test_holes_of_polygons_are_kept(tmp_path):
+    whole = Feature("Polygon", SQUARE, {"area_m2": 96.0}, holes=[SQUARE / 5 + 2.0])
+    write_features(tmp_path / "f.geojson", [whole, *FEATURES], GUSEV)
+    assert geopandas.read_file(tmp_path / "f.geojson").to_crs(local_crs(GUSEV)).area.iloc[
+        0
+    ] == pytest.approx(96.0, abs=1e-3)
+    read = read_features(tmp_path / "f.geojson")
+    (hole,) = read.features[0].holes
+    np.testing.assert_allclose(hole, SQUARE[:-1] / 5 + 2.0, atol=1.1e-4)
+    assert [len(feature.holes) for feature in read.features[1:]] == [0, 0, 0]
+    drawn = local_geojson(read)["features"][0]["geometry"]["coordinates"]
+    assert [ring[0] == ring[-1] for ring in drawn] == [True, True]
+
+
+@pytest.mark.parametrize(
+    ("geometry", "holes", "message"),
+    [
+        ("LineString", [SQUARE], "a LineString has no holes"),
+        ("Polygon", [SQUARE[:2]], "holes are rings of 2 columns"),
+        ("Polygon", [np.column_stack([SQUARE, SQUARE[:, 0]])], "holes are rings of 2 columns"),
+    ],
+)
+def test_what_is_no_hole_is_refused(geometry, holes, message):
+    with pytest.raises(ProductError, match=message):
+        Feature(geometry, SQUARE, holes=holes)
+
+
+def test_a_geopackage_has_contours_in_metres_with_their_elevation(tmp_path):
+    lines = [
+        Feature(
+            "LineString",
+            np.array([[0.0, 0.0, up], [10.0, 5.0, up]]),
+            {"elevation_m": up, "is_index": up == 2.0, "sols": [156], "note": None},
+        )
+        for up in (1.5, 2.0)
+    ]
+    write_geopackage(tmp_path / "f.gpkg", FeatureCollection(GUSEV, tuple(lines)), "contours")
+    read = geopandas.read_file(tmp_path / "f.gpkg", layer="contours")
+    assert read.elevation_m.tolist() == [1.5, 2.0]
+    assert read.is_index.tolist() == [False, True]
+    assert [json.loads(value) for value in read.sols] == [[156], [156]]
+    assert list(read.geometry.iloc[1].coords) == [(0.0, 0.0, 2.0), (10.0, 5.0, 2.0)]
+    crs = CRS(read.crs)
+    assert crs.ellipsoid.semi_major_metre == GUSEV.radius_m
+    assert crs.coordinate_operation.method_name == "Orthographic"
+
+
+def test_a_geopackage_of_mixed_features_or_none_is_refused(tmp_path):
+    for features in (FEATURES, ()):
+        with pytest.raises(ProductError, match="features of one geometry"):
+            write_geopackage(tmp_path / "f.gpkg", FeatureCollection(GUSEV, tuple(features)), "x")
