@@ -33,7 +33,7 @@ To this comes what the poses leave open, and views are averaged (`fusion`).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -42,8 +42,9 @@ from photogrammetry.errors import TerrainError
 from photogrammetry.terrain.fusion import Entries, FusionParams, Levels, fuse, variances
 from photogrammetry.terrain.grid import BLOCK, MapGrid
 from photogrammetry.terrain.heights import ViewHeights, view_heights
+from photogrammetry.terrain.occlusion import mark_occluded
+from photogrammetry.terrain.planes import Gradients, gradients
 from photogrammetry.terrain.records import Dtm, GroundClass, TerrainView
-from photogrammetry.terrain.surface import Gradients, gradients
 
 STEEPEST = 1.0
 """Gradient above which a cell's own slope is not believed: beyond 45 degrees, a rock's side."""
@@ -81,7 +82,9 @@ def build_dtm(views: Sequence[TerrainView], params: DtmParams, grid: MapGrid | N
     flat = np.zeros((2, *grid.shape), dtype=np.float32)
     rough = fuse(entries, variances(entries, views, flat, params)).level
     gradient = _believable_gradient(rough.reshape(grid.shape).astype(np.float32), params)
-    return _dtm(entries, fuse(entries, variances(entries, views, gradient, params)))
+    dtm = _dtm(entries, fuse(entries, variances(entries, views, gradient, params)))
+    ground = mark_occluded(dtm.ground, dtm.elevation, grid, views, params)
+    return replace(dtm, ground=ground)
 
 
 def _believable_gradient(elevation: Raster, params: DtmParams) -> Gradients:

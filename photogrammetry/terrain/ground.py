@@ -67,6 +67,17 @@ def camera_on_map(lsl_from_pair: Pose) -> Vector3:
     return MAP_FROM_LSL @ lsl_from_pair.translation_m
 
 
+def reach_m(view: TerrainView, params: SightParams) -> float:
+    """Farthest ground from the camera that a view is believed to show, metres on the map.
+
+    The corners of the image look aside by up to half its diagonal, and see as deep.
+    """
+    geometry = view.geometry
+    depth = geometry.focal_px * geometry.base_m * params.max_relative_sigma
+    aside = np.hypot(geometry.samples, geometry.lines) / 2 / geometry.focal_px
+    return float(min(params.radius_m, depth / params.sigma_parallax_px * np.hypot(1, aside)))
+
+
 def trusted_parallax(view: TerrainView, params: SightParams) -> ParallaxMap:
     """The parallax without what is too far, alone, or between two surfaces.
 

@@ -14,8 +14,9 @@ CLASS_COLOURS = {
     GroundClass.UNSEEN: (0, 0, 0, 0),
     GroundClass.MEASURED: (68, 119, 170, 255),
     GroundClass.INTERPOLATED: (238, 204, 102, 255),
+    GroundClass.OCCLUDED: (102, 17, 0, 255),
 }
-"""Blue and yellow: told apart by everybody."""
+"""Blue, yellow and a dark red: told apart by everybody."""
 DARKEST = 0.35
 """Share of its colour that ground in shade keeps."""
 

@@ -50,17 +50,17 @@ def test_cells_between_lines_of_continuous_ground_are_interpolated(tilted_dtm):
 
 
 def test_only_seen_cells_have_values(boulder_dtm):
-    seen = boulder_dtm.ground != UNSEEN
+    seen = np.isin(boulder_dtm.ground, (MEASURED, INTERPOLATED))
     for layer in (boulder_dtm.elevation, boulder_dtm.sigma_m):
         np.testing.assert_array_equal(np.isfinite(layer), seen)
     assert (boulder_dtm.sigma_m[seen] > 0).all()
     assert (boulder_dtm.observations[~seen] == 0).all()
 
 
-def test_ground_behind_a_boulder_stays_unseen(boulder_dtm):
+def test_ground_behind_a_boulder_is_occluded(boulder_dtm):
     east, north = on_map(boulder_dtm)
     hidden = (np.abs(east) < 0.4) & (north > 6.3) & (north < 8.5)
-    assert (boulder_dtm.ground[hidden] == UNSEEN).all()
+    assert (boulder_dtm.ground[hidden] == OCCLUDED).all()
 
 
 def test_a_boulder_keeps_its_top(boulder_dtm):
