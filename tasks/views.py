@@ -11,6 +11,7 @@ from photogrammetry.adjustment.records import AdjustedPair
 from photogrammetry.frames import LSL, Frame, Pose
 from photogrammetry.imagery import Eye
 from photogrammetry.matching.resampling import resample
+from photogrammetry.terrain.hardware import without_rover
 from photogrammetry.terrain.records import PoseCovariance, TerrainView
 from products.arrays import read_dense, read_matches
 from products.model import ProductRef
@@ -87,7 +88,7 @@ def _read_view(pair: OrientedPair, store: ProductStore) -> TerrainView:
     left = read_product_image(files.left, store)
     dense = read_dense(store.path(pair.products.parallax))
     image, mask = resample(left.pixels, left.mask, left.image.camera, geometry, Eye.LEFT)
-    return TerrainView(
+    view = TerrainView(
         pair_id=files.id,
         instrument=files.instrument,
         lsl_from_pair=pair.orientation.lsl_from(geometry.rover_from_pair.source),
@@ -98,3 +99,4 @@ def _read_view(pair: OrientedPair, store: ProductStore) -> TerrainView:
         sigma_px=dense.sigma_px,
         covariance=pair.orientation.covariance_6x6,
     )
+    return without_rover(view, files.stop.mission)
