@@ -1,6 +1,6 @@
 """Pixels that show the rover itself, from where its labels put the cameras.
 
-The body is a box in the rover frame (forward, right, down; the origin on the plane of the wheels).
+The body is a box in the rover frame (forward, right, down).
 A pixel shows the rover where the point that it was matched to lies in the box, and, for a camera
 above or beside it, where its ray enters the box at all. Cameras below the deck look out of the box,
 so of them only points in it (wheels, an arm) are taken for hardware.
@@ -28,28 +28,31 @@ class RoverBody:
     front_m: float
     half_width_m: float
     deck_m: float
-    """Height of the deck; the mast that carries the cameras rises above it."""
+    """Height of the deck above the ground; the mast that carries the cameras rises above it."""
+    ground_m: float = 0.0
+    """Where the wheels touch level ground, below the origin of the frame."""
     least_height_m: float = 0.1
-    """Above the plane of the wheels, which on soft or rough ground is not the ground."""
+    """Above that ground, which may be soft or rough."""
 
     @property
     def corners(self) -> tuple[Vector3, Vector3]:
         """Least and largest (forward, right, down)."""
         return (
-            np.array([-self.back_m, -self.half_width_m, -self.deck_m]),
-            np.array([self.front_m, self.half_width_m, -self.least_height_m]),
+            np.array([-self.back_m, -self.half_width_m, self.ground_m - self.deck_m]),
+            np.array([self.front_m, self.half_width_m, self.ground_m - self.least_height_m]),
         )
 
 
 BODIES = {
-    "MER1": RoverBody(0.9, 0.8, 1.15, 0.6),
-    "MER2": RoverBody(0.9, 0.8, 1.15, 0.6),
+    "MER1": RoverBody(0.9, 0.8, 1.15, 0.6, ground_m=0.294),
+    "MER2": RoverBody(0.9, 0.8, 1.15, 0.6, ground_m=0.294),
     "MSL": RoverBody(1.6, 1.4, 1.4, 1.1),
     "M20": RoverBody(1.6, 1.4, 1.35, 1.1),
     "M2020": RoverBody(1.6, 1.4, 1.35, 1.1),
 }
 """Of the fact sheets: Spirit and Opportunity 1.6 m long and 2.3 m wide over their panels; Curiosity
-and Perseverance 3 m long and 2.7 to 2.8 m wide."""
+and Perseverance 3 m long and 2.7 to 2.8 m wide. The origin of the first two lies between the axles
+of the middle wheels, 0.294 m above level ground (facts 5, VICAR)."""
 
 
 def without_rover(view: TerrainView, mission: str) -> TerrainView:

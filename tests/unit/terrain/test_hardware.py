@@ -14,7 +14,7 @@ def seen_from(scenes, forward_m, height_m, dip_deg, distance_m) -> TerrainView:
         Frame(FrameKind.ROVER, (0, 0)),
         geometry.rover_from_pair.source,
         lsl_from_pair.rotation,
-        np.array([forward_m, 0.0, -height_m]),
+        np.array([forward_m, 0.0, 0.294 - height_m]),  # the frame's origin is above the ground
     )
     shape = (geometry.lines, geometry.samples)
     parallax = np.full(shape, geometry.focal_px * geometry.base_m / distance_m, np.float32)
