@@ -151,10 +151,11 @@ def read_raster(path: Path) -> tuple[MapGrid, dict[str, np.ndarray]]:
             stack = dataset.read()
         except RasterioError as error:
             raise ProductError(f"{path.name} is broken: {error}; make it again") from error
-        return grid_of(dataset), dict(zip(_names(dataset), stack, strict=True))
+        return grid_of(dataset), dict(zip(band_names(dataset), stack, strict=True))
 
 
-def _names(dataset: rasterio.DatasetReader) -> list[str]:
+def band_names(dataset: rasterio.DatasetReader) -> list[str]:
+    """What the bands of an open raster are called."""
     return [name or f"band {i}" for i, name in enumerate(dataset.descriptions, start=1)]
 
 
@@ -177,7 +178,7 @@ def summarise(path: Path) -> tuple[MapGrid, tuple[BandSummary, ...]]:
         shape = (math.ceil(dataset.height / shrink), math.ceil(dataset.width / shrink))
         looks = dataset.read(out_shape=(dataset.count, *shape), masked=True)
         bands = zip(
-            _names(dataset), dataset.units, looks, dataset.scales, dataset.offsets, strict=True
+            band_names(dataset), dataset.units, looks, dataset.scales, dataset.offsets, strict=True
         )
         return grid_of(dataset), tuple(
             BandSummary(name, unit or "", _range_of(look, scale, offset))
@@ -250,4 +251,4 @@ def values_in(
     cell = dataset.read(window=Window(col, row, 1, 1), masked=True)[:, 0, 0]
     stored = np.ma.filled(cell.astype(np.float64), np.nan)
     true = stored * np.array(dataset.scales) + np.array(dataset.offsets)
-    return dict(zip(_names(dataset), (float(value) for value in true), strict=True))
+    return dict(zip(band_names(dataset), (float(value) for value in true), strict=True))

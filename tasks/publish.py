@@ -14,6 +14,7 @@ from products.models import extent_of_model
 from products.raster import summarise
 from products.vector import read_features
 from products.workspace import Workspace
+from tasks.stac import update_stac
 
 TITLES = {
     ProductKind.DTM: "Elevation",
@@ -68,6 +69,7 @@ def publish(
     workspace.catalogue.publish(
         missions=[mission], layers=described, pointers=pointers, outcomes=outcomes
     )
+    update_stac(mission, described, workspace)
     return described
 
 

@@ -1,0 +1,95 @@
+"""STAC: the latest products as a catalogue of plain files, for search by place and time.
+
+    stac/catalog.json                                      all missions
+    stac/<mission>/collection.json                         one mission
+    stac/<mission>/<scope>-<kind>.json                     one layer: an item, at its latest version
+
+Links are relative, so the folder of the store may be moved or served as it is. Every file is
+written beside and renamed.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import pystac
+
+from products.catalogue import MissionEntry
+from products.model import Layer
+from products.stac_items import ON_MARS, SOLAR_SYSTEM, Taken, degrees, item_id, item_of
+from products.store import ProductStore
+
+FOLDER = "stac"
+
+
+def write_items(
+    layers: Iterable[tuple[Layer, Taken]], mission: MissionEntry, store: ProductStore
+) -> None:
+    """Write or replace the items of layers."""
+    folder = store.root / FOLDER / mission.mission
+    for layer, taken in layers:
+        item = item_of(layer, mission, taken, store)
+        _write(
+            folder / f"{item.id}.json", item.to_dict(include_self_link=False, transform_hrefs=False)
+        )
+
+
+def write_catalogue(
+    missions: Sequence[MissionEntry], layers: Sequence[Layer], taken: Taken, store: ProductStore
+) -> None:
+    """Write the catalogue of all missions and the collection of the one whose layers these are."""
+    root = store.root / FOLDER
+    catalogue = pystac.Catalog("solmap", "Maps made from the stereo images of Mars rovers")
+    catalogue.clear_links()
+    catalogue.add_link(_link("root", "catalog.json"))
+    for mission in missions:
+        catalogue.add_link(_link("child", f"{mission.mission}/collection.json", mission.title))
+    _write(root / "catalog.json", catalogue.to_dict(include_self_link=False, transform_hrefs=False))
+    name = layers[0].mission
+    entry = next(mission for mission in missions if mission.mission == name)
+    collection = _collection(entry, layers, taken)
+    _write(
+        root / name / "collection.json",
+        collection.to_dict(include_self_link=False, transform_hrefs=False),
+    )
+
+
+def _collection(mission: MissionEntry, layers: Sequence[Layer], taken: Taken) -> pystac.Collection:
+    boxes = [degrees(layer.bounds, mission.landing) for layer in layers if any(layer.bounds)]
+    west, south, east, north = zip(*boxes, strict=True)
+    collection = pystac.Collection(
+        id=mission.mission,
+        title=mission.title,
+        description=f"Latest maps of {mission.title}; places are relative to "
+        f"{mission.landing.name} ({mission.landing.source})",
+        extent=pystac.Extent(
+            pystac.SpatialExtent([[min(west), min(south), max(east), max(north)]]),
+            pystac.TemporalExtent([[taken.first, taken.last]]),
+        ),
+        license="other",
+        keywords=["Mars", "rover", "stereo", "terrain"],
+        stac_extensions=[SOLAR_SYSTEM],
+        extra_fields=dict(ON_MARS),
+    )
+    collection.clear_links()
+    collection.add_link(_link("root", "../catalog.json"))
+    collection.add_link(_link("parent", "../catalog.json"))
+    for layer in layers:
+        href = f"{item_id(layer)}.json"
+        collection.add_link(pystac.Link("item", href, pystac.MediaType.GEOJSON, layer.title))
+    return collection
+
+
+def _link(rel: str, href: str, title: str | None = None) -> pystac.Link:
+    return pystac.Link(rel, href, pystac.MediaType.JSON, title)
+
+
+def _write(path: Path, document: dict[str, Any]) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    draft = path.with_name(f".{path.name}.{os.getpid()}")
+    draft.write_text(json.dumps(document, indent=1, ensure_ascii=False))
+    draft.replace(path)

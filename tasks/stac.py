@@ -1,0 +1,35 @@
+"""The STAC catalogue, brought up to date with what was just published."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+from products.catalogue import ImageEntry, MissionEntry
+from products.model import Layer, ScopeLevel
+from products.stac import write_catalogue, write_items
+from products.stac_items import Taken
+from products.workspace import Workspace
+
+
+def update_stac(mission: MissionEntry, fresh: Sequence[Layer], workspace: Workspace) -> None:
+    """Write the items of fresh layers, and the collection and catalogue that list all latest."""
+    if not fresh:
+        return
+    images, catalogue = workspace.catalogue.images(mission.mission), workspace.catalogue
+    write_items(((layer, _taken(layer, images)) for layer in fresh), mission, workspace.store)
+    times = [image.start_time for image in images]
+    layers = catalogue.layers(mission.mission)
+    write_catalogue(catalogue.missions(), layers, Taken.of(fresh[0], times), workspace.store)
+
+
+def _taken(layer: Layer, images: Iterable[ImageEntry]) -> Taken:
+    """When the images behind a layer were taken: those of its stop and sols."""
+    of_stop = layer.ref.scope.level is ScopeLevel.STOP
+    return Taken.of(
+        layer,
+        (
+            image.start_time
+            for image in images
+            if image.sol in layer.sols and (not of_stop or image.stop == layer.ref.scope.name)
+        ),
+    )
