@@ -29,8 +29,12 @@ from photogrammetry.terrain.contours import ContourParams
 from photogrammetry.terrain.dtm import DtmParams
 from photogrammetry.terrain.far import FarContourParams, FarDtmParams
 from photogrammetry.terrain.footprints import FootprintParams
+from photogrammetry.terrain.havens import HavenParams
+from photogrammetry.terrain.hazard import HazardParams
+from photogrammetry.terrain.insolation import InsolationParams
 from photogrammetry.terrain.orthophoto import OrthophotoParams
 from photogrammetry.terrain.surface import HillshadeParams, SlopeParams
+from photogrammetry.terrain.viewshed import ViewshedParams
 
 SHIPPED = Path(__file__).parent / "pipelines"
 
@@ -68,6 +72,10 @@ class PipelineConfig:
     contour: ContourParams = field(default_factory=ContourParams)
     slope: SlopeParams = field(default_factory=SlopeParams)
     hillshade: HillshadeParams = field(default_factory=HillshadeParams)
+    insolation: InsolationParams = field(default_factory=InsolationParams)
+    havens: HavenParams = field(default_factory=HavenParams)
+    viewshed: ViewshedParams = field(default_factory=ViewshedParams)
+    hazard: HazardParams = field(default_factory=HazardParams)
     footprints: FootprintParams = field(default_factory=FootprintParams)
     wide: FarGround = field(default_factory=FarGround)
 

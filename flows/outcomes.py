@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, TypeVar, cast
 
 from prefect.exceptions import UnfinishedRun
@@ -10,6 +10,7 @@ from prefect.futures import PrefectFuture
 
 from flows.progress import report
 from products.errors import StoreFullError
+from products.model import ProductRef
 
 K = TypeVar("K")
 T = TypeVar("T")
@@ -26,6 +27,16 @@ def by_first(results: Mapping[tuple[K, Any], T]) -> dict[K, list[T]]:
     for (first, _), result in results.items():
         listed.setdefault(first, []).append(result)
     return listed
+
+
+def layers_by_first(
+    results: Mapping[tuple[K, Any], ProductRef | Sequence[ProductRef]],
+) -> dict[K, list[ProductRef]]:
+    """The same for products, of which a task makes one or several at once."""
+    layers: dict[K, list[ProductRef]] = {}
+    for (first, _), made in results.items():
+        layers.setdefault(first, []).extend([made] if isinstance(made, ProductRef) else made)
+    return layers
 
 
 def settled(

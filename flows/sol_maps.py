@@ -6,22 +6,22 @@ from typing import Any
 
 from prefect.futures import PrefectFuture
 
-from flows.outcomes import by_first, promised, settled
+from flows.outcomes import layers_by_first, promised, settled
 from flows.sol_inputs import SolInputs, SolReport
+from flows.surfaces import submit_meaning, submit_shape
 from photogrammetry.imagery import StopId
 from products.model import ProductRef
 from tasks.colour import colour_frames, render_colour
-from tasks.contour import trace_contours
 from tasks.dtm import build_dtm
 from tasks.orientations import MappedStop, read_orientations
 from tasks.orthophoto import render_orthophoto
 from tasks.pairs import PairProducts
 from tasks.quicklook import picture_terrain
-from tasks.slope import map_aspect, map_slope, shade_relief
 from tasks.views import OrientedPair
+from tasks.viewshed import highest_camera, map_viewshed
 
-BOTH = "orthophoto and its sources"
-"""Two layers of one task."""
+NO_LAYER = "picture"
+"""What is made of a stop only to be looked at beside the products."""
 
 
 def map_stops(
@@ -31,37 +31,42 @@ def map_stops(
     report: SolReport,
 ) -> dict[StopId, list[ProductRef]]:
     """Map every stop of the window from its adjusted pairs; what did not move is looked up."""
-    config, store, landing = inputs.config, inputs.workspace.store, inputs.landing
-    catalogue = inputs.workspace.catalogue
-    mapped = read_orientations(orientations, store)
+    mapped = read_orientations(orientations, inputs.workspace.store)
     futures: dict[tuple[StopId, str], PrefectFuture[Any]] = {}
     for stop, pairs in matched.items():
         oriented = oriented_pairs(pairs, mapped.get(str(stop)))
-        if not oriented:
-            continue
-        dtm = build_dtm.submit(stop, oriented, config.dtm, landing, store)
-        futures[stop, "dtm"] = dtm
-        terrain = promised(dtm)
-        futures[stop, BOTH] = render_orthophoto.submit(
-            terrain, oriented, config.orthophoto, landing, store
-        )
-        frames = colour_frames(oriented, catalogue.images(stop=str(stop)), inputs.workspace)
-        if frames:
-            futures[stop, "colour"] = render_colour.submit(
-                terrain, frames, config.orthophoto, landing, store
-            )
-        futures[stop, "contours"] = trace_contours.submit(terrain, config.contour, landing, store)
-        futures[stop, "slope"] = map_slope.submit(terrain, config.slope, landing, store)
-        futures[stop, "aspect"] = map_aspect.submit(terrain, config.slope, landing, store)
-        futures[stop, "picture"] = picture_terrain.submit(terrain, store)
-        futures[stop, "hillshade"] = shade_relief.submit(terrain, config.hillshade, landing, store)
+        if oriented:
+            made = _submit_stop(stop, oriented, inputs)
+            futures |= {(stop, what): future for what, future in made.items()}
     done, failed = settled(f"sol {report.sol}: map the stops", futures)
     report.blame("map", {f"{kind} of {stop}": cause for (stop, kind), cause in failed.items()})
-    layers = by_first({key: ref for key, ref in done.items() if key[1] not in {"picture", BOTH}})
-    for (stop, what), refs in done.items():
-        if what == BOTH:
-            layers.setdefault(stop, []).extend(refs)
-    return layers
+    return layers_by_first({key: made for key, made in done.items() if key[1] != NO_LAYER})
+
+
+def _submit_stop(
+    stop: StopId, oriented: tuple[OrientedPair, ...], inputs: SolInputs
+) -> dict[str, PrefectFuture[Any]]:
+    """All maps of one stop, by what is made: one product, or several at once."""
+    config, store, landing = inputs.config, inputs.workspace.store, inputs.landing
+    dtm = build_dtm.submit(stop, oriented, config.dtm, landing, store)
+    terrain = promised(dtm)
+    futures: dict[str, PrefectFuture[Any]] = {
+        "dtm": dtm,
+        "orthophoto": render_orthophoto.submit(
+            terrain, oriented, config.orthophoto, landing, store
+        ),
+        **submit_shape(terrain, config.contour, config, landing, store),
+        **submit_meaning(terrain, config, landing, store),
+        "viewshed": map_viewshed.submit(
+            terrain, highest_camera(oriented), config.viewshed, landing, store
+        ),
+        NO_LAYER: picture_terrain.submit(terrain, store),
+    }
+    images = inputs.workspace.catalogue.images(stop=str(stop))
+    frames = colour_frames(oriented, images, inputs.workspace)
+    if frames:
+        futures["colour"] = render_colour.submit(terrain, frames, config.orthophoto, landing, store)
+    return futures
 
 
 def oriented_pairs(

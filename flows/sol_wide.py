@@ -9,14 +9,13 @@ from prefect.futures import PrefectFuture
 from flows.outcomes import by_first, promised, settled
 from flows.sol_inputs import SolInputs, SolReport, Standing
 from flows.sol_maps import oriented_pairs
+from flows.surfaces import submit_shape
 from photogrammetry.errors import MatchingError, TerrainError
 from photogrammetry.imagery import StopId
 from products.model import ProductRef
 from tasks.adjust import read_network
-from tasks.contour import trace_contours
 from tasks.orientations import read_orientations
 from tasks.pairs import PairProducts
-from tasks.slope import shade_relief
 from tasks.wide import WidePair, build_far_dtm, choose_wide_pairs, match_wide_pair, wide_id
 
 FINDINGS = tuple(f"{error.__name__}: " for error in (MatchingError, TerrainError))
@@ -39,10 +38,8 @@ def map_far_ground(
         dtm = build_far_dtm.submit(stop, tuple(views), config.wide.dtm, landing, store)
         terrain = promised(dtm)
         futures[stop, "elevation"] = dtm
-        futures[stop, "contours"] = trace_contours.submit(
-            terrain, config.wide.contour, landing, store
-        )
-        futures[stop, "hillshade"] = shade_relief.submit(terrain, config.hillshade, landing, store)
+        shape = submit_shape(terrain, config.wide.contour, config, landing, store)
+        futures |= {(stop, what): surface for what, surface in shape.items()}
     done, failed = settled(f"sol {report.sol}: map far ground", futures)
     _tell(report, {f"{kind} of {stop}": cause for (stop, kind), cause in failed.items()})
     return by_first(done)

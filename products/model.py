@@ -42,6 +42,12 @@ class ProductKind(StrEnum):
     SLOPE = "slope"
     ASPECT = "aspect"
     HILLSHADE = "hillshade"
+    NORTHERLY_TILT = "northerly-tilt"
+    ROUGHNESS = "roughness"
+    INSOLATION = "insolation"
+    HAVENS = "havens"
+    VIEWSHED = "viewshed"
+    HAZARD = "hazard"
     CONTOURS = "contours"
     MODEL = "model"
     VIEW_MODEL = "view-model"
@@ -86,6 +92,12 @@ SUFFIX = {
     ProductKind.SLOPE: ".tif",
     ProductKind.ASPECT: ".tif",
     ProductKind.HILLSHADE: ".tif",
+    ProductKind.NORTHERLY_TILT: ".tif",
+    ProductKind.ROUGHNESS: ".tif",
+    ProductKind.INSOLATION: ".tif",
+    ProductKind.HAVENS: ".geojson",
+    ProductKind.VIEWSHED: ".tif",
+    ProductKind.HAZARD: ".tif",
     ProductKind.CONTOURS: ".geojson",
     ProductKind.MODEL: ".glb",
     ProductKind.VIEW_MODEL: ".glb",

@@ -1,42 +1,72 @@
-"""Slope, aspect and hillshade of a terrain model."""
+"""Slope, aspect, northerly tilt, roughness and hillshade of a terrain model."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from functools import cache
 from pathlib import Path
 
 from prefect import task
 from prefect.cache_policies import NO_CACHE
 
 from photogrammetry.arrays import Raster
-from photogrammetry.terrain.records import Dtm
-from photogrammetry.terrain.surface import HillshadeParams, SlopeParams, aspect, hillshade, slope
+from photogrammetry.terrain.grid import MapGrid
+from photogrammetry.terrain.surface import (
+    HillshadeParams,
+    Relief,
+    SlopeParams,
+    aspect_of,
+    coarser,
+    hillshade,
+    northerly_tilt_of,
+    relief,
+    slope_of,
+)
 from products.crs import LandingPoint, local_crs
 from products.model import ProductKind, ProductRef, Recipe
+from products.provenance import provenance_tags
 from products.raster import read_dtm, write_raster
 from products.store import ProductStore
 
-Params = SlopeParams | HillshadeParams
+Bands = Mapping[str, Raster]
+RELIEF: Mapping[ProductKind, tuple[str, Callable[[Relief], Bands]]] = {
+    ProductKind.SLOPE: (
+        "degree",
+        lambda r: {"slope": slope_of(r.normal), "standard_deviation": r.slope_sigma_deg},
+    ),
+    ProductKind.ASPECT: ("degree", lambda r: {"aspect": aspect_of(r.normal)}),
+    ProductKind.NORTHERLY_TILT: (
+        "degree",
+        lambda r: {"northerly_tilt": northerly_tilt_of(r.normal)},
+    ),
+    ProductKind.ROUGHNESS: ("m", lambda r: {"roughness": r.roughness_m}),
+}
+"""What is mapped of the planes over one baseline: kind, unit and bands."""
 
 
-@task(cache_policy=NO_CACHE, task_run_name="slope-{dtm.scope}")
-def map_slope(
+@task(cache_policy=NO_CACHE, task_run_name="relief-{dtm.kind}-{dtm.scope}")
+def map_relief(
     dtm: ProductRef, params: SlopeParams, landing: LandingPoint, store: ProductStore
-) -> ProductRef:
-    """Map the steepness of the ground, degrees."""
-    return _mapped(
-        ProductKind.SLOPE, "degree", lambda d: slope(d, params), dtm, params, landing, store
-    )
+) -> tuple[ProductRef, ...]:
+    """Map how steep the ground is, where it falls to, how it leans to the north, and how rough."""
 
+    @cache
+    def fitted() -> tuple[Relief, MapGrid]:
+        terrain = read_dtm(store.path(dtm))
+        return coarser(relief(terrain, params), terrain.grid, params.cell_m)
 
-@task(cache_policy=NO_CACHE, task_run_name="aspect-{dtm.scope}")
-def map_aspect(
-    dtm: ProductRef, params: SlopeParams, landing: LandingPoint, store: ProductStore
-) -> ProductRef:
-    """Map the azimuth that the ground falls towards, degrees clockwise from north."""
-    return _mapped(
-        ProductKind.ASPECT, "degree", lambda d: aspect(d, params), dtm, params, landing, store
-    )
+    def made(kind: ProductKind, unit: str, bands_of: Callable[[Relief], Bands]) -> ProductRef:
+        recipe = Recipe(dtm.mapped_as(kind), dtm.scope, (dtm,), (params, landing))
+
+        def write(path: Path) -> None:
+            planes, grid = fitted()
+            tags = {"BASELINE_M": f"{params.baseline_m:g}", **provenance_tags(recipe)}
+            crs = local_crs(landing)
+            write_raster(path, grid, bands_of(planes), crs, unit=unit, tags=tags)
+
+        return store.make(recipe, write)
+
+    return tuple(made(kind, *what) for kind, what in RELIEF.items())
 
 
 @task(cache_policy=NO_CACHE, task_run_name="hillshade-{dtm.kind}-{dtm.scope}")
@@ -44,24 +74,11 @@ def shade_relief(
     dtm: ProductRef, params: HillshadeParams, landing: LandingPoint, store: ProductStore
 ) -> ProductRef:
     """Shade the relief, for the eye."""
-    return _mapped(
-        ProductKind.HILLSHADE, "", lambda d: hillshade(d, params), dtm, params, landing, store
-    )
+    recipe = Recipe(dtm.mapped_as(ProductKind.HILLSHADE), dtm.scope, (dtm,), (params, landing))
 
-
-def _mapped(  # noqa: PLR0913, PLR0917 - what the three tasks differ in, and their arguments
-    kind: ProductKind,
-    unit: str,
-    compute: Callable[[Dtm], Raster],
-    dtm: ProductRef,
-    params: Params,
-    landing: LandingPoint,
-    store: ProductStore,
-) -> ProductRef:
     def write(path: Path) -> None:
         terrain = read_dtm(store.path(dtm))
-        write_raster(
-            path, terrain.grid, {str(kind): compute(terrain)}, local_crs(landing), unit=unit
-        )
+        bands = {"hillshade": hillshade(terrain, params)}
+        write_raster(path, terrain.grid, bands, local_crs(landing), tags=provenance_tags(recipe))
 
-    return store.make(Recipe(dtm.mapped_as(kind), dtm.scope, (dtm,), (params, landing)), write)
+    return store.make(recipe, write)

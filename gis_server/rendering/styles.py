@@ -14,6 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from products.classes import HAZARDS, SIGHTS
+from products.cog import RasterClass
 from products.errors import ProductNotFoundError
 from products.model import Layer, ProductKind
 
@@ -28,6 +30,7 @@ def _ramp(colours: str) -> tuple[str, ...]:
 GREY = ("#000000", "#ffffff")
 VIRIDIS = _ramp("#440154 #472d7b #3b528b #2c728e #21918c #28ae80 #5ec962 #addc30 #fde725")
 INFERNO = _ramp("#000004 #210c4a #57106e #8a226a #bc3754 #e45a31 #f98e09 #f9cb35 #fcffa4")
+RED_BLUE = _ramp("#67001f #b2182b #d6604d #f4a582 #f7f7f7 #92c5de #4393c3 #2166ac #053061")
 TWILIGHT = _ramp("#e2d9e2 #95b5c7 #6276ba #592a8f #2f1436 #741e4f #b25652 #cca389 #e2d9e2")
 
 
@@ -44,6 +47,8 @@ class Style:
     band: int = 1
     is_classes: bool = False
     """Values are classes, whose colours and names the file itself has; nothing is averaged."""
+    classes: tuple[RasterClass, ...] = ()
+    """The classes of a kind that always has the same, for the legend."""
     is_colour: bool = False
     """Three bands are shown as red, green and blue, as they are."""
 
@@ -55,6 +60,11 @@ STYLES = {
     ProductKind.COLOUR: Style(GREY, has_legend=False, is_colour=True),
     ProductKind.SLOPE: Style(INFERNO, (0.0, 40.0), "degree"),
     ProductKind.ASPECT: Style(TWILIGHT, (0.0, 360.0), "degree"),
+    ProductKind.NORTHERLY_TILT: Style(RED_BLUE, (-20.0, 20.0), "degree"),
+    ProductKind.ROUGHNESS: Style(VIRIDIS, (0.0, 0.1), "m"),
+    ProductKind.INSOLATION: Style(INFERNO, unit="Wh/m2/sol"),
+    ProductKind.VIEWSHED: Style(GREY, is_classes=True, classes=SIGHTS),
+    ProductKind.HAZARD: Style(GREY, is_classes=True, classes=HAZARDS),
     ProductKind.HILLSHADE: Style(GREY, (0.0, 1.0), has_legend=False),
     ProductKind.FAR_DTM: Style(VIRIDIS, unit="m"),
     ProductKind.FAR_HILLSHADE: Style(GREY, (0.0, 1.0), has_legend=False),
@@ -115,6 +125,9 @@ def legend_of(layer: Layer) -> dict[str, object] | None:
     style = STYLES.get(layer.ref.kind)
     if style is None or not style.has_legend:
         return None
+    if style.is_classes:
+        named = [{"name": one.name, "colour": one.colour} for one in style.classes]
+        return {"stops": [], "unit": "", "classes": named}
     values = np.linspace(*range_of(style, layer), len(style.colours))
     stops = [[round(float(v), 3), colour] for v, colour in zip(values, style.colours, strict=True)]
     return {"stops": stops, "unit": style.unit or layer.unit or ""}

@@ -59,11 +59,19 @@ class Mission(BaseModel):
     bounds: Box
 
 
+class LegendClass(BaseModel):
+    """A class of ground and its colour."""
+
+    name: str
+    colour: str
+
+
 class Legend(BaseModel):
-    """Values and their colours."""
+    """Values and their colours, or classes and theirs."""
 
     stops: list[tuple[float, str]]
     unit: str
+    classes: list[LegendClass] = []
 
 
 class MapLayer(BaseModel):

@@ -19,18 +19,35 @@ LEAST_SHARE = 0.25
 
 
 def coarse_grid(grid: MapGrid, cell_m: float) -> MapGrid:
-    """The grid of whole blocks with larger cells around a grid; itself if the cells are as large.
+    """The grid of whole blocks with larger cells around a grid; itself if its cells are as large.
 
     Raises:
-        TerrainError: the cells would be smaller, or are no power of two apart.
+        TerrainError: `cell_m` is not 0.01 m times a power of two.
     """
-    ratio = cell_m / grid.cell_m
-    if ratio < 1 - 1e-9:
-        raise TerrainError(
-            f"cells of {grid.cell_m} m cannot be made finer: {cell_m} m was asked for; give the "
-            "analysis cells of the terrain model's size or twice, four times ... that"
-        )
-    return grid if abs(ratio - 1) < 1e-9 else MapGrid.covering(grid.bounds, cell_m)  # noqa: PLR2004
+    is_coarser = cell_m > grid.cell_m * (1 + 1e-9)
+    return MapGrid.covering(grid.bounds, cell_m) if is_coarser else grid
+
+
+def seen_window(elevation: Raster) -> tuple[slice, slice]:
+    """The smallest window that holds all elevations.
+
+    Raises:
+        TerrainError: there is none.
+    """
+    known = np.isfinite(elevation)
+    rows, cols = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
+    if not len(rows):
+        raise TerrainError("a terrain model without elevations has nothing to map: look at its log")
+    return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(cols[0]), int(cols[-1]) + 1)
+
+
+def manageable_cell_m(elevation: Raster, grid: MapGrid, cell_m: float, most_cells: int) -> float:
+    """`cell_m`, doubled until what was seen of a terrain model has no more than `most_cells`."""
+    rows, cols = seen_window(elevation)
+    area_m2 = (rows.stop - rows.start) * (cols.stop - cols.start) * grid.cell_m**2
+    while area_m2 > most_cells * cell_m**2:
+        cell_m *= 2
+    return cell_m
 
 
 def coarsened(elevation: Raster, grid: MapGrid, cell_m: float) -> tuple[CoarseRaster, MapGrid]:

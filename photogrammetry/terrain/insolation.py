@@ -27,8 +27,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from photogrammetry.arrays import Float32, Float64, PerPoint, Raster
-from photogrammetry.errors import TerrainError
-from photogrammetry.terrain.coarse import coarsened
+from photogrammetry.terrain.coarse import coarsened, manageable_cell_m, seen_window
 from photogrammetry.terrain.grid import MapGrid
 from photogrammetry.terrain.horizon import AZIMUTHS, Horizons, horizons
 from photogrammetry.terrain.planes import Gradients, gradients
@@ -50,6 +49,8 @@ class InsolationParams:
     """Of dust: what the Viking landers saw outside storms (Appelbaum and Flood 1990, figure 3)."""
     cell_m: float = 0.16
     """Side of a cell: a fourteenth of a rover's length, and sixteen cells of a stop's model."""
+    most_cells: int = 1_000_000
+    """Cells at most, 300 MB: of larger areas the cells are doubled. A stop has 0.2 million."""
     baseline_m: float = 1.1
     """Length over which the ground's tilt is felt: about a wheel base, as for slope."""
     min_share: float = 0.5
@@ -79,14 +80,13 @@ def insolation(
     elevation: Raster, grid: MapGrid, latitude: float, params: InsolationParams
 ) -> Insolation:
     """Insolation of a terrain model at a planetographic latitude (radians)."""
-    coarse, coarse_grid = coarsened(elevation, grid, params.cell_m)
-    if not np.isfinite(coarse).any():
-        raise TerrainError("a terrain model without elevations receives no light that is known")
-    window = _seen(coarse)
+    cell_m = manageable_cell_m(elevation, grid, params.cell_m, params.most_cells)
+    coarse, coarse_grid = coarsened(elevation, grid, cell_m)
+    window = seen_window(coarse)
     seen = np.ascontiguousarray(coarse[window])
-    gradient = gradients(seen, params.cell_m, params.baseline_m, params.min_share)
+    gradient = gradients(seen, coarse_grid.cell_m, params.baseline_m, params.min_share)
     normal = normals_of(gradient)
-    rise = horizons(seen, params.cell_m)
+    rise = horizons(seen, coarse_grid.cell_m)
     sky = sky_view(rise, gradient)
     seasons = params.seasons(latitude)
     days = [_Day.of(season, latitude, params.optical_depth) for season in seasons]
@@ -161,13 +161,6 @@ def horizon_towards(rise: Horizons, azimuth: float) -> Raster:
 
 def _azimuths(count: int = AZIMUTHS) -> Sequence[float]:
     return (2 * math.pi * np.arange(count) / count).tolist()
-
-
-def _seen(elevation: Raster) -> tuple[slice, slice]:
-    """The smallest window that holds all elevations."""
-    known = np.isfinite(elevation)
-    rows, cols = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
-    return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(cols[0]), int(cols[-1]) + 1)
 
 
 def _placed(

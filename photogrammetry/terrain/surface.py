@@ -23,6 +23,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from photogrammetry.arrays import Float32, Raster
+from photogrammetry.terrain.coarse import coarsened
+from photogrammetry.terrain.grid import MapGrid
 from photogrammetry.terrain.planes import Gradients, fit_planes, gradients, window_mean
 from photogrammetry.terrain.records import Dtm
 
@@ -44,6 +46,9 @@ class SlopeParams:
     correlation_m: float = 0.15
     """Length over which neighbouring cells share their error: the ground below a matching window of
     9 pixels of Navcam at 20 m."""
+    cell_m: float = 0.08
+    """Least side of a cell on the map: what is felt over a baseline of 1.1 m hardly changes over
+    less. Every cell of the terrain model has its plane; a map's cell is the mean of some."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,6 +98,15 @@ def relief(dtm: Dtm, params: SlopeParams) -> Relief:
         along = (C_nn * d_e**2 - 2 * C_en * d_e * d_n + C_ee * d_n**2) / (C_ee * C_nn - C_en**2)
         sigma = np.sqrt(np.float32(shared) * variance * along) / (1 + steepness**2)
     return Relief(normals_of(fit.gradient), np.degrees(sigma), fit.scatter)
+
+
+def coarser(fine: Relief, grid: MapGrid, cell_m: float) -> tuple[Relief, MapGrid]:
+    """Means over larger cells, and their grid; what was given if its cells are as large."""
+    (north, place), (east, _), (down, _) = (coarsened(part, grid, cell_m) for part in fine.normal)
+    length = np.sqrt(north**2 + east**2 + down**2)
+    sigma, _ = coarsened(fine.slope_sigma_deg, grid, cell_m)
+    rough, _ = coarsened(fine.roughness_m, grid, cell_m)
+    return Relief(np.stack([north, east, down]) / length, sigma, rough), place
 
 
 def normals(dtm: Dtm, params: SlopeParams) -> Normals:

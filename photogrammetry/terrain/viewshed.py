@@ -59,6 +59,8 @@ class ViewshedParams:
     """Farthest target: beyond the reach of a stop's terrain model."""
     cell_m: float = 0.16
     """Side of a cell: what is smaller than a hand hides no ground that matters."""
+    most_cells: int = 4_000_000
+    """Cells at most, 200 MB: of larger areas the cells are doubled. A stop has 0.2 million."""
 
 
 def eye_above(elevation: Raster, grid: MapGrid, place: tuple[float, float], up_m: float) -> Vector3:

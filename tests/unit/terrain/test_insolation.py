@@ -188,5 +188,18 @@ def test_coarse_cells_keep_the_place_and_mean_of_a_plane(scenes):
 
 def test_cells_are_not_made_finer(scenes):
     dtm = scenes.dtm_of(scenes.level)
-    with pytest.raises(TerrainError, match=r"0\.02 m was asked for"):
-        coarsened(dtm.elevation, dtm.grid, 0.02)
+    assert coarsened(dtm.elevation, dtm.grid, 0.02) == (dtm.elevation, dtm.grid)
+
+
+def test_large_areas_have_larger_cells(scenes):
+    dtm = scenes.dtm_of(scenes.tilted, side=256)
+    made = insolation(dtm.elevation, dtm.grid, GUSEV, InsolationParams(most_cells=2000))
+    assert made.grid.cell_m == 0.32  # 32 x 32 cells of 10.24 m
+    assert np.isfinite(made.received[0]).sum() > 500
+
+
+def test_a_model_without_elevations_is_an_error(scenes):
+    dtm = scenes.dtm_of(scenes.level)
+    dtm.elevation[:] = np.nan
+    with pytest.raises(TerrainError, match="has nothing to map"):
+        insolation(dtm.elevation, dtm.grid, GUSEV, CLEAR)

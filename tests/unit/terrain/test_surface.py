@@ -13,6 +13,7 @@ from photogrammetry.terrain.surface import (
     SlopeParams,
     aspect,
     aspect_of,
+    coarser,
     gradients,
     hillshade,
     normals,
@@ -200,3 +201,16 @@ def test_slope_of_a_large_model_has_no_seams_between_blocks(scenes):
     part = gradients(dtm.elevation[200:330, 180:310].copy(), dtm.grid.cell_m, 1.1)
     # the same window around the corner of four blocks, as if it were one
     np.testing.assert_allclose(whole[:, 220:310, 200:290], part[:, 20:110, 20:110], atol=2e-5)
+
+
+def test_larger_cells_have_the_slope_of_those_in_them(scenes):
+    dtm = scenes.dtm_of(plane(12.0, 220.0), side=256)
+    coarse, grid = coarser(relief(dtm, PARAMS), dtm.grid, 0.08)
+    assert grid.cell_m == 0.08
+    known = np.isfinite(coarse.normal[0])
+    assert known.sum() > 0.99 * 128**2  # corners of a window are seen too little
+    np.testing.assert_allclose(slope_of(coarse.normal)[known], 12.0, atol=2e-3)
+    np.testing.assert_allclose(aspect_of(coarse.normal)[known], 220.0, atol=2e-2)
+    same, as_before = coarser(relief(dtm, PARAMS), dtm.grid, 0.02)
+    assert as_before is dtm.grid
+    assert same.roughness_m.shape == dtm.grid.shape

@@ -1,0 +1,33 @@
+"""Hazard: where a rover may stand, and what keeps it away."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from prefect import task
+from prefect.cache_policies import NO_CACHE
+
+from photogrammetry.terrain.hazard import HazardParams, hazards
+from products.classes import HAZARDS
+from products.crs import LandingPoint, local_crs
+from products.model import ProductKind, ProductRef, Recipe
+from products.provenance import provenance_tags
+from products.raster import read_dtm, write_classes
+from products.store import ProductStore
+
+
+@task(cache_policy=NO_CACHE, task_run_name="hazard-{dtm.kind}-{dtm.scope}")
+def map_hazards(
+    dtm: ProductRef, params: HazardParams, landing: LandingPoint, store: ProductStore
+) -> ProductRef:
+    """Map steps, slopes and roughness that a rover of these limits does not take."""
+    recipe = Recipe(dtm.mapped_as(ProductKind.HAZARD), dtm.scope, (dtm,), (params, landing))
+
+    def write(path: Path) -> None:
+        codes, grid = hazards(read_dtm(store.path(dtm)), params)
+        tags = provenance_tags(recipe)
+        write_classes(
+            path, grid, codes, local_crs(landing), name="hazard", classes=HAZARDS, tags=tags
+        )
+
+    return store.make(recipe, write)

@@ -1,0 +1,89 @@
+"""Insolation: the sun's energy on the ground by season, and where a rover may spend the winter."""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from prefect import task
+from prefect.cache_policies import NO_CACHE
+
+from photogrammetry.body_fixed import planetographic
+from photogrammetry.terrain.havens import Haven, HavenParams, winter_havens
+from photogrammetry.terrain.insolation import Insolation, InsolationParams
+from photogrammetry.terrain.insolation import insolation as insolation_of
+from products.crs import LandingPoint, local_crs
+from products.model import ProductKind, ProductRef, Recipe
+from products.provenance import provenance_tags
+from products.raster import read_dtm, write_raster
+from products.store import ProductStore
+from products.vector import Feature, write_features
+
+
+@task(cache_policy=NO_CACHE, task_run_name="insolation-{dtm.kind}-{dtm.scope}")
+def map_insolation(
+    dtm: ProductRef,
+    params: InsolationParams,
+    havens: HavenParams,
+    landing: LandingPoint,
+    store: ProductStore,
+) -> tuple[ProductRef, ProductRef]:
+    """Map the light that the ground receives in every season, and outline winter havens."""
+    latitude = planetographic(math.radians(landing.latitude))
+
+    @cache
+    def lit() -> Insolation:
+        terrain = read_dtm(store.path(dtm))
+        return insolation_of(terrain.elevation, terrain.grid, latitude, params)
+
+    map_recipe = Recipe(dtm.mapped_as(ProductKind.INSOLATION), dtm.scope, (dtm,), (params, landing))
+    haven_recipe = Recipe(
+        dtm.mapped_as(ProductKind.HAVENS), dtm.scope, (dtm,), (params, havens, landing)
+    )
+
+    def write_map(path: Path) -> None:
+        tags = {**_season_tags(lit(), params), **provenance_tags(map_recipe)}
+        bands = _bands(lit())
+        units = dict.fromkeys(bands, "Wh/m2/sol") | {"sky_view": ""}
+        write_raster(path, lit().grid, bands, local_crs(landing), unit=units, tags=tags)
+
+    def write_havens(path: Path) -> None:
+        found = winter_havens(lit(), latitude, havens)
+        features = [_feature(number, haven) for number, haven in enumerate(found, start=1)]
+        write_features(path, features, landing, tags=_season_tags(lit(), params))
+
+    return store.make(map_recipe, write_map), store.make(haven_recipe, write_havens)
+
+
+def _bands(light: Insolation) -> dict[str, np.ndarray]:
+    """A band for every season, `insolation_ls090`, and the share of the sky that is seen."""
+    seasons = zip(light.seasons, light.received, strict=True)
+    by_season = {f"insolation_ls{season.ls_deg:03.0f}": cells for season, cells in seasons}
+    return {**by_season, "sky_view": light.sky}
+
+
+def _season_tags(light: Insolation, params: InsolationParams) -> dict[str, str]:
+    """The seasons and their sky, and what level ground receives, for those who read the file."""
+    return {
+        "LS_DEG": " ".join(f"{season.ls_deg:g}" for season in light.seasons),
+        "LEVEL_WH_M2": " ".join(f"{level:.1f}" for level in light.level),
+        "OPTICAL_DEPTH": f"{params.optical_depth:g}",
+    }
+
+
+def _feature(number: int, haven: Haven) -> Feature:
+    return Feature(
+        "Polygon",
+        haven.outline,
+        {
+            "area_m2": round(haven.area_m2, 2),
+            "insolation_wh_m2": round(haven.insolation, 1),
+            "over_level_ground": round(haven.gain, 3),
+            "tilt_to_sun_deg": round(haven.tilt_to_sun_deg, 2),
+            "slope_deg": round(haven.slope_deg, 2),
+        },
+        id=f"haven-{number}",
+        holes=haven.holes,
+    )

@@ -1,0 +1,59 @@
+"""Viewshed: the ground that a stop's own cameras can see."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from prefect import task
+from prefect.cache_policies import NO_CACHE
+
+from photogrammetry.terrain.coarse import coarsened, manageable_cell_m
+from photogrammetry.terrain.viewshed import ViewshedParams, viewshed
+from products.classes import SIGHTS
+from products.crs import LandingPoint, local_crs
+from products.model import ProductKind, ProductRef, Recipe
+from products.provenance import provenance_tags
+from products.raster import read_dtm, write_classes
+from products.store import ProductStore
+from tasks.views import OrientedPair
+
+
+@dataclass(frozen=True, slots=True)
+class Eye:
+    """Where is looked from, metres of the local map."""
+
+    east: float
+    north: float
+    up: float
+    """Elevation."""
+
+
+def highest_camera(pairs: tuple[OrientedPair, ...]) -> Eye:
+    """The left camera of a stop that stands highest: that of the mast, pointed as it was."""
+    places = [pair.orientation.translation_m for pair in pairs]
+    north, east, down = min(places, key=lambda place: place[2])
+    return Eye(round(east, 4), round(north, 4), round(-down, 4))
+
+
+@task(cache_policy=NO_CACHE, task_run_name="viewshed-{dtm.scope}")
+def map_viewshed(
+    dtm: ProductRef, eye: Eye, params: ViewshedParams, landing: LandingPoint, store: ProductStore
+) -> ProductRef:
+    """Map what can be seen from an eye."""
+    recipe = Recipe(dtm.mapped_as(ProductKind.VIEWSHED), dtm.scope, (dtm,), (eye, params, landing))
+
+    def write(path: Path) -> None:
+        terrain = read_dtm(store.path(dtm))
+        cell_m = manageable_cell_m(
+            terrain.elevation, terrain.grid, params.cell_m, params.most_cells
+        )
+        elevation, grid = coarsened(terrain.elevation, terrain.grid, cell_m)
+        seen = viewshed(elevation, grid, np.array([eye.east, eye.north, eye.up]), params)
+        tags = {"EYE_EAST_NORTH_UP_M": f"{eye.east} {eye.north} {eye.up}"}
+        tags |= {"TARGET_HEIGHT_M": f"{params.target_height_m:g}", **provenance_tags(recipe)}
+        crs = local_crs(landing)
+        write_classes(path, grid, seen, crs, name="sight", classes=SIGHTS, tags=tags)
+
+    return store.make(recipe, write)
