@@ -11,13 +11,8 @@ derivative of H, a pixel of the target covers the ellipse (J'J)^-1 of the source
 At 10 m a Navcam pixel measures 1 x 5 cm on the ground; two stops that look at right angles to each
 other see square cells of 5 cm in common and nothing finer. On the grid the patch is found by
 normalised cross-correlation inside a window, which a second, nearly as good place makes ambiguous
-(Di et al. 2008, section 5, ask for uniqueness), and refined by least-squares matching (Gruen 1985):
-with grey values a of the template and b of the search image,
-
-    a(x, y) + v = r_0 + r_1 b(A (x, y) + d),
-
-solved for the shift d, the affine matrix A and the radiometry r_0, r_1. The standard deviation of
-d is that of the adjustment, sigma0 sqrt(Q_dd), with as many observations as are independent.
+(Di et al. 2008, section 5, ask for uniqueness), and refined by least-squares matching
+(`patch_fit`).
 """
 
 from __future__ import annotations
@@ -30,6 +25,7 @@ import numpy as np
 from photogrammetry.arrays import Flags, Float32, Float64, GreyImage, ImagePoints, Mask, PerPoint
 from photogrammetry.errors import MatchingError
 from photogrammetry.matching.local_surface import image_pyramid, mapped
+from photogrammetry.matching.patch_fit import fit_patches
 
 MOST_SAMPLES = 8
 """A cell of the grid is the mean of at most 8 x 8 samples of a finer image."""
@@ -37,6 +33,8 @@ LARGEST_CELL_PX = 24.0
 """A cell that covers more pixels of the source is too coarse to be of use there."""
 SMALLEST_SPREAD = 0.5
 """Grey values (DN) by which a patch must vary: below it there is only noise of rounding."""
+STILL_MOVING = 0.2
+"""Cells that the last iteration moved a patch: more, and it has not converged."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -243,74 +241,12 @@ def _least_squares(
     k = np.flatnonzero(wanted)
     if not len(k):
         return offset, sigma, correlation, settled
-    half = templates.shape[1] // 2
-    y, x = (g.ravel().astype(np.float64) for g in np.mgrid[-half : half + 1, -half : half + 1])
-    a = templates[k].reshape(len(k), -1).astype(np.float64)
-    affine = np.tile(np.array([1.0, 0.0, 0.0, 1.0]), (len(k), 1))
-    shift = start[k].copy()
-    for _ in range(params.iterations):
-        b, bx, by = _sampled(searches[k], shift, affine, x, y)
-        design = np.stack([bx, by, bx * x, bx * y, by * x, by * y, b, np.ones_like(b)], axis=-1)
-        gain = (a.std(axis=1) / np.maximum(b.std(axis=1), 1e-6))[:, None]
-        design[:, :, :6] *= gain[:, :, None]
-        scale = np.maximum(np.sqrt((design**2).mean(axis=1, keepdims=True)), 1e-9)
-        scaled = design / scale
-        normal = np.swapaxes(scaled, 1, 2) @ scaled + 1e-6 * len(x) * np.eye(8)
-        solution = np.linalg.solve(normal, np.swapaxes(scaled, 1, 2) @ a[:, :, None])
-        step = solution[:, :, 0] / scale[:, 0]
-        shift += np.clip(step[:, :2], -1, 1)
-        affine += np.clip(step[:, 2:6], -0.2, 0.2)
-    residual = a - (design @ step[:, :, None])[:, :, 0]
-    sigma0 = np.sqrt((residual**2).sum(axis=1) / (len(x) - 8))
-    q = np.linalg.inv(normal)
-    variance = np.maximum(q[:, 0, 0] / scale[:, 0, 0] ** 2, q[:, 1, 1] / scale[:, 0, 1] ** 2)
-    offset[k] = shift
-    kinship = _correlated(residual.reshape(len(k), 2 * half + 1, 2 * half + 1))
-    sigma[k] = np.maximum(sigma0 * np.sqrt(variance * kinship), params.sigma_floor_px)
-    b, _, _ = _sampled(searches[k], shift, affine, x, y)
-    centred_a, centred_b = a - a.mean(axis=1, keepdims=True), b - b.mean(axis=1, keepdims=True)
-    norm = np.sqrt((centred_a**2).sum(axis=1) * (centred_b**2).sum(axis=1))
-    correlation[k] = (centred_a * centred_b).sum(axis=1) / np.maximum(norm, 1e-9)
+    fits = fit_patches(templates[k], searches[k], start[k], params.iterations)
+    offset[k], correlation[k] = fits.shift, fits.correlation
+    sigma[k] = np.maximum(fits.sigma, params.sigma_floor_px)
     settled[k] = (
-        (np.abs(step[:, :2]).max(axis=1) < 0.2)  # noqa: PLR2004 - still moving: not converged
-        & (np.abs(shift - start[k]).max(axis=1) <= params.largest_shift_px)
-        & (np.abs(affine - (1, 0, 0, 1)).max(axis=1) <= params.largest_stretch)
+        (fits.last_step < STILL_MOVING)
+        & (np.abs(fits.shift - start[k]).max(axis=1) <= params.largest_shift_px)
+        & (np.abs(fits.affine - np.eye(2)).max(axis=(1, 2)) <= params.largest_stretch)
     )
     return offset, sigma, correlation, settled
-
-
-def _correlated(residuals: Float64[np.ndarray, "n a a"]) -> PerPoint:
-    """How many neighbouring residuals count as one, by their correlation at a distance of one.
-
-    Smeared and interpolated patches leave residuals that go up and down together; for residuals of
-    first order (1 + r) / (1 - r) of them, along each axis, say what one says.
-    """
-    power = np.maximum((residuals**2).mean(axis=(1, 2)), 1e-12)
-    along = (residuals[:, :, 1:] * residuals[:, :, :-1]).mean(axis=(1, 2)) / power
-    down = (residuals[:, 1:] * residuals[:, :-1]).mean(axis=(1, 2)) / power
-    along, down = (np.clip(r, 0.0, 0.9) for r in (along, down))
-    return (1 + along) / (1 - along) * (1 + down) / (1 - down)
-
-
-def _sampled(
-    searches: Float32[np.ndarray, "n b b"],
-    shift: Float64[np.ndarray, "n 2"],
-    affine: Float64[np.ndarray, "n 4"],
-    x: Float64[np.ndarray, " m"],
-    y: Float64[np.ndarray, " m"],
-) -> tuple[Float64[np.ndarray, "n m"], Float64[np.ndarray, "n m"], Float64[np.ndarray, "n m"]]:
-    """Grey values of the search images on the moved grid, and their derivatives."""
-    n, size, _ = searches.shape
-    middle = (size - 1) / 2
-    at_x = shift[:, :1] + affine[:, :1] * x + affine[:, 1:2] * y + middle
-    at_y = shift[:, 1:] + affine[:, 2:3] * x + affine[:, 3:4] * y + middle
-    at_x, at_y = (np.clip(v, 1.0, size - 2.001) for v in (at_x, at_y))
-    left, top = np.floor(at_x).astype(np.int64), np.floor(at_y).astype(np.int64)
-    u, v = at_x - left, at_y - top
-    flat = searches.reshape(-1)
-    base = np.arange(n)[:, None] * size * size + top * size + left
-    b00, b01, b10, b11 = (flat[base + o].astype(np.float64) for o in (0, 1, size, size + 1))
-    value = (b00 * (1 - u) + b01 * u) * (1 - v) + (b10 * (1 - u) + b11 * u) * v
-    along = (b01 - b00) * (1 - v) + (b11 - b10) * v
-    down = (b10 - b00) * (1 - u) + (b11 - b01) * u
-    return value, along, down
