@@ -30,7 +30,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from photogrammetry.adjustment.collinearity import PAIR_UNKNOWNS, STOP_UNKNOWNS, State
 from photogrammetry.adjustment.records import Memory, Network
@@ -74,21 +73,27 @@ class Chart:
         """Z of a state."""
         turn, place = _from_anchor(state.rotations[self.stops], state.centres[self.stops])
         turn_then, place_then = _from_anchor(self.rotations, self.centres)
-        turned = Rotation.from_matrix(turn @ turn_then.swapaxes(1, 2)).as_rotvec()
-        z = np.column_stack([turned, place - place_then])
+        z = np.empty((len(self.stops), STOP_UNKNOWNS))
+        z[:, :3] = _vectors(turn @ turn_then.mT)
+        np.subtract(place, place_then, out=z[:, 3:])
         return np.concatenate([z.ravel(), (state.pointings[self.pairs] - self.pointings).ravel()])
 
     def partials(self, state: State) -> Float64[np.ndarray, "n n"]:
         """Derivatives of z by (d, dc) of the stops, in the LSL, and by dm of the pairs."""
-        n, z = len(self.stops), self.coordinates(state)
+        return self.partials_at(state, self.coordinates(state))
+
+    def partials_at(self, state: State, z: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, "n n"]:
+        """The same where the coordinates of the state are known."""
+        n, rotations = len(self.stops), state.rotations[self.stops]
         bend = np.linalg.inv(left_jacobian(z[: 6 * n].reshape(n, 6)[:, :3]))
-        centres, to_anchor = state.centres[self.stops], state.rotations[self.stops[-1]].T
-        arm = to_anchor @ cross_matrix(centres - centres[-1])
+        centres, to_anchor = state.centres[self.stops], rotations[-1].T
         J, a = np.eye(self.size), 6 * (n - 1)
+        turns = bend[:-1] @ to_anchor
+        arm = to_anchor @ cross_matrix(centres[:-1] - centres[-1])
         for i in range(n - 1):
             k = 6 * i
-            J[k : k + 3, k : k + 3] = bend[i] @ to_anchor
-            J[k : k + 3, a : a + 3] = -bend[i] @ to_anchor
+            J[k : k + 3, k : k + 3] = turns[i]
+            J[k : k + 3, a : a + 3] = -turns[i]
             J[k + 3 : k + 6, k + 3 : k + 6] = to_anchor
             J[k + 3 : k + 6, a + 3 : a + 6] = -to_anchor
             J[k + 3 : k + 6, a : a + 3] = arm[i]
@@ -109,6 +114,16 @@ class Chart:
         centres[self.stops[-1]] = place[-1]
         pointings[self.pairs] = self.pointings + z[6 * n :].reshape(-1, 3)
         return State(rotations, centres, pointings, state.points)
+
+
+def _vectors(rotations: Float64[np.ndarray, "n 3 3"]) -> Float64[np.ndarray, "n 3"]:
+    """Rotation vectors of rotations by less than a right angle or so: corrections, not poses."""
+    skew = (rotations - rotations.mT) / 2
+    v = np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=1)
+    sine = np.sqrt((v**2).sum(axis=1))
+    cosine = (rotations[:, 0, 0] + rotations[:, 1, 1] + rotations[:, 2, 2] - 1.0) / 2
+    angle = np.arctan2(sine, cosine)
+    return v * np.divide(angle, sine, out=np.ones_like(sine), where=sine > 0)[:, None]
 
 
 def _from_anchor(rotations: np.ndarray, centres: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -150,8 +165,8 @@ class Marginal:
 
     def rows(self, state: State) -> tuple[np.ndarray, np.ndarray]:
         """Its observation equations A x = l for corrections in the LSL, at a state."""
-        A = self.root @ self.chart.partials(state)
-        return A, self.right - self.root @ self.chart.coordinates(state)
+        z = self.chart.coordinates(state)
+        return self.root @ self.chart.partials_at(state, z), self.right - self.root @ z
 
     def normals(self, state: State) -> tuple[np.ndarray, np.ndarray]:
         """Its normal matrix and right-hand side for corrections in the LSL, at a state."""

@@ -22,7 +22,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import gammaincc, gammainccinv
 
 from photogrammetry.adjustment.collinearity import (
     Observations,
@@ -41,6 +41,9 @@ UNCHECKED = 1e-6
 
 CERTAIN = 2.0
 """So many standard deviations of a count are not counted: few blunders tell nothing of others."""
+
+LOOSE = 1.0
+"""Tests below this are no sign of a blunder whatever the share of blunders."""
 
 LINEAR = 0.1
 """A prediction tells something only while its depth is known to a tenth: within, errors propagate
@@ -136,6 +139,8 @@ def suspects(
     observations = problem.observations
     excess = found.test / found.scale / gates(observations, found, used, params)
     rows = np.flatnonzero(excess > 1.0)
+    if not len(rows):
+        return rows
     rows = rows[np.argsort(-excess[rows], kind="stable")]
     pairs_of = _pairs_of_points(observations, np.unique(observations.point[rows]), used)
     taken: set[int] = set()
@@ -164,27 +169,40 @@ def gates(
     observations: Observations, found: Residuals, used: np.ndarray, params: AdjustmentParams
 ) -> np.ndarray:
     """Gate of the test of every observation, by what has been set aside of its kind so far."""
-    measured = np.maximum((observations.weight > 0).sum(axis=1), 1)
-    alpha = measured * chi2.sf(params.critical_value**2, 1)
-    p = chi2.sf((found.test / found.scale) ** 2, measured)
-    aside, kind = ~used & observations.is_stereo, _joins_stops(observations)
-    for of_kind in (kind, ~kind):
-        tested = np.sort(p[of_kind & (found.test > 0)])
-        share = _share_of_blunders(tested, int((aside & of_kind).sum()), params.false_share)
-        alpha[of_kind] = np.maximum(alpha[of_kind], params.false_share * share)
-    return np.sqrt(chi2.isf(alpha, measured))
+    T, measured = found.test / found.scale, (observations.weight > 0).sum(axis=1)
+    aside, joining = ~used & observations.is_stereo, _joins_stops(observations)
+    gate = np.full(len(T), np.inf)
+    for of_kind in (joining, ~joining):
+        tested = of_kind & (found.test > 0)
+        p = np.sort(_chance(T[tested & (T > LOOSE)], 3))
+        set_aside = int((aside & of_kind).sum())
+        share = _share_of_blunders(p, int(tested.sum()), set_aside, params.false_share)
+        for coordinates in (2, 3):
+            least = coordinates * float(gammaincc(0.5, params.critical_value**2 / 2))
+            alpha = max(least, params.false_share * share)
+            gate[of_kind & (measured == coordinates)] = _quantile(alpha, coordinates)
+    return gate
 
 
-def _share_of_blunders(p: np.ndarray, aside: int, false_share: float) -> float:
+def _share_of_blunders(p: np.ndarray, tested: int, aside: int, false_share: float) -> float:
     """How many observations of a kind are wrong for certain, as a share of all.
 
-    `p` are the probabilities of their tests, ascending; others have been set `aside` already.
+    `p` are the smallest probabilities of their tests, ascending; others are set `aside` already.
     """
-    n = max(len(p) + aside, 1)
     found = aside + np.arange(len(p) + 1)
-    surely = np.maximum(found - CERTAIN * np.sqrt(found), 0.0) / n
+    surely = np.maximum(found - CERTAIN * np.sqrt(found), 0.0) / max(tested + aside, 1)
     passed = np.flatnonzero(p <= false_share * surely[1:])
     return float(surely[passed[-1] + 1 if len(passed) else 0])
+
+
+def _chance(T: np.ndarray, coordinates: int) -> np.ndarray:
+    """Probability that noise alone exceeds T (chi distribution)."""
+    return gammaincc(coordinates / 2, np.square(T) / 2)
+
+
+def _quantile(alpha: float, coordinates: int) -> float:
+    """What noise alone exceeds with probability alpha."""
+    return float(np.sqrt(2 * gammainccinv(coordinates / 2, alpha)))
 
 
 def _joins_stops(observations: Observations) -> np.ndarray:
