@@ -16,10 +16,9 @@ from photogrammetry.terrain.surface import (
     Relief,
     SlopeParams,
     aspect_of,
-    coarser,
     hillshade,
+    mapped_relief,
     northerly_tilt_of,
-    relief,
     slope_of,
 )
 from products.crs import LandingPoint, local_crs
@@ -52,8 +51,7 @@ def map_relief(
 
     @cache
     def fitted() -> tuple[Relief, MapGrid]:
-        terrain = read_dtm(store.path(dtm))
-        return coarser(relief(terrain, params), terrain.grid, params.cell_m)
+        return mapped_relief(read_dtm(store.path(dtm)), params)
 
     def made(kind: ProductKind, unit: str, bands_of: Callable[[Relief], Bands]) -> ProductRef:
         recipe = Recipe(dtm.mapped_as(kind), dtm.scope, (dtm,), (params, landing))

@@ -6,6 +6,7 @@ is one of whole blocks again, so that its map tiles are read and never resampled
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 
 from photogrammetry.arrays import Float32, Raster
@@ -55,30 +56,40 @@ def coarsened(elevation: Raster, grid: MapGrid, cell_m: float) -> tuple[CoarseRa
     coarse = coarse_grid(grid, cell_m)
     if coarse is grid:
         return elevation, grid
+    whole = np.full(coarse.shape, np.nan, np.float32)
+    place_means(whole, coarse, elevation, grid)
+    return whole, coarse
+
+
+def place_means(whole: CoarseRaster, coarse: MapGrid, values: Raster, grid: MapGrid) -> None:
+    """Put the means of a raster's cells, or of a part of it, into the larger cells that hold them.
+
+    Args:
+        whole: The larger cells, changed in place.
+        coarse: Their grid.
+        values: The cells; parts of a raster begin and end on whole larger cells.
+        grid: Their grid, on the same lattice.
+    """
     factor = round(coarse.cell_m / grid.cell_m)
     top = round((coarse.north - grid.north) / grid.cell_m)
     left = round((grid.west - coarse.west) / grid.cell_m)
-    known = np.isfinite(elevation)
-    level = np.float32(np.mean(elevation[known], dtype=np.float64)) if known.any() else 0.0
-    heights = np.where(known, elevation - level, np.float32(0))
-    count = _sums(known.astype(np.float32), (top, left), factor, coarse)
-    total = _sums(heights, (top, left), factor, coarse)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        mean = total / count + level
-    return np.where(count >= LEAST_SHARE * factor**2, mean, np.float32(np.nan)), coarse
-
-
-def _sums(values: Raster, corner: tuple[int, int], factor: int, coarse: MapGrid) -> CoarseRaster:
-    """Sums over blocks of `factor` x `factor` cells of a raster that starts at `corner`."""
-    (top, left), (rows, cols) = corner, values.shape
+    rows, cols = -(-(top + grid.rows) // factor), -(-(left + grid.cols) // factor)
     first_row, first_col = top // factor, left // factor
-    last_row, last_col = -(-(top + rows) // factor), -(-(left + cols) // factor)
-    shape = (last_row - first_row, last_col - first_col)
-    part = np.zeros((shape[0] * factor, shape[1] * factor), np.float32)
-    top, left = top - first_row * factor, left - first_col * factor
-    part[top : top + rows, left : left + cols] = values
-    sums = np.zeros(coarse.shape, np.float32)
-    sums[first_row:last_row, first_col:last_col] = part.reshape(
-        shape[0], factor, shape[1], factor
-    ).sum(axis=(1, 3))
-    return sums
+    before = (top - first_row * factor, left - first_col * factor)
+    after = (rows * factor - top - grid.rows, cols * factor - left - grid.cols)
+    around = ((before[0], after[0]), (before[1], after[1]))
+    padded = np.pad(values, around, constant_values=np.nan) if any(map(any, around)) else values
+    whole[first_row:rows, first_col:cols] = _means(padded, factor)
+
+
+def _means(values: Raster, factor: int) -> CoarseRaster:
+    """Means over blocks of `factor` x `factor` cells; NaN where too little is known."""
+    known = np.isfinite(values)
+    level = np.float32(np.mean(values[known], dtype=np.float64)) if known.any() else np.float32(0)
+    size = (values.shape[1] // factor, values.shape[0] // factor)
+    share, total = (
+        cv2.resize(part, size, interpolation=cv2.INTER_AREA)
+        for part in (known.astype(np.float32), np.where(known, values - level, np.float32(0)))
+    )
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.where(share >= LEAST_SHARE, total / share + level, np.float32(np.nan))

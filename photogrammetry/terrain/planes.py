@@ -32,6 +32,7 @@ import numpy as np
 
 from photogrammetry.arrays import Bool, Float32, Raster
 from photogrammetry.errors import TerrainError
+from photogrammetry.terrain.grid import MapGrid
 
 Gradients = Float32[np.ndarray, "2 rows cols"]
 """Rise per metre towards east and towards north; NaN where no plane could be fitted."""
@@ -94,6 +95,11 @@ def window_mean(values: Raster, cell_m: float, baseline_m: float) -> Raster:
     )
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.where(count > 0, total / count, np.float32(np.nan)).astype(np.float32)
+
+
+def window_cells(grid: MapGrid, baseline_m: float) -> int:
+    """Cells that a window reaches to either side."""
+    return _half_window(grid.shape, grid.cell_m, baseline_m)
 
 
 def _half_window(shape: tuple[int, ...], cell_m: float, baseline_m: float) -> int:

@@ -23,14 +23,22 @@ from dataclasses import dataclass
 import numpy as np
 
 from photogrammetry.arrays import Float32, Raster
-from photogrammetry.terrain.coarse import coarsened
+from photogrammetry.terrain.coarse import coarse_grid, place_means
 from photogrammetry.terrain.grid import MapGrid
-from photogrammetry.terrain.planes import Gradients, fit_planes, gradients, window_mean
+from photogrammetry.terrain.planes import (
+    Gradients,
+    fit_planes,
+    gradients,
+    window_cells,
+    window_mean,
+)
 from photogrammetry.terrain.records import Dtm
 
 Normals = Float32[np.ndarray, "3 rows cols"]
 """Unit normals (north, east, down) in the LSL, pointing up; NaN where none could be fitted."""
 
+STRIP = 512
+"""Rows that are worked on together: 70 MB of a stop's width."""
 LEAST_STEEPNESS = 1e-6
 """Gradient below which ground has no direction in which it falls: single precision."""
 
@@ -60,6 +68,11 @@ class Relief:
     """Standard deviation of the slope."""
     roughness_m: Raster
     """Standard deviation of the elevations from the plane."""
+
+    @property
+    def layers(self) -> tuple[Raster, ...]:
+        """North, east and down of the normal, deviation of the slope, and roughness."""
+        return (*self.normal, self.slope_sigma_deg, self.roughness_m)
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,13 +113,41 @@ def relief(dtm: Dtm, params: SlopeParams) -> Relief:
     return Relief(normals_of(fit.gradient), np.degrees(sigma), fit.scatter)
 
 
-def coarser(fine: Relief, grid: MapGrid, cell_m: float) -> tuple[Relief, MapGrid]:
-    """Means over larger cells, and their grid; what was given if its cells are as large."""
-    (north, place), (east, _), (down, _) = (coarsened(part, grid, cell_m) for part in fine.normal)
+def mapped_relief(dtm: Dtm, params: SlopeParams) -> tuple[Relief, MapGrid]:
+    """The same as means over cells of at least `params.cell_m`, and their grid.
+
+    Strips of the model are worked on one after the other, so that a region takes no more memory
+    than its map.
+    """
+    place = coarse_grid(dtm.grid, params.cell_m)
+    layers = np.full((5, *place.shape), np.nan, np.float32)
+    margin = window_cells(dtm.grid, params.baseline_m)
+    for top in range(0, dtm.grid.rows, STRIP):
+        rows = min(STRIP, dtm.grid.rows - top)
+        above = min(top, margin)
+        around = _strip(dtm, top - above, rows + above + margin)
+        own = (slice(above, above + rows), slice(None))
+        fine = relief(around, params)
+        for whole, part in zip(layers, fine.layers, strict=True):
+            place_means(whole, place, part[own], dtm.grid.part(top, 0, rows, dtm.grid.cols))
+    north, east, down, sigma, rough = layers
     length = np.sqrt(north**2 + east**2 + down**2)
-    sigma, _ = coarsened(fine.slope_sigma_deg, grid, cell_m)
-    rough, _ = coarsened(fine.roughness_m, grid, cell_m)
     return Relief(np.stack([north, east, down]) / length, sigma, rough), place
+
+
+def _strip(dtm: Dtm, top: int, rows: int) -> Dtm:
+    """Some rows of a terrain model, fewer at its lower edge."""
+    rows = min(rows, dtm.grid.rows - top)
+    own = slice(top, top + rows)
+    pose = None if dtm.pose_sigma_m is None else dtm.pose_sigma_m[own]
+    return Dtm(
+        dtm.grid.part(top, 0, rows, dtm.grid.cols),
+        dtm.elevation[own],
+        dtm.sigma_m[own],
+        dtm.observations[own],
+        dtm.ground[own],
+        pose,
+    )
 
 
 def normals(dtm: Dtm, params: SlopeParams) -> Normals:

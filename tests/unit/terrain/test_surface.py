@@ -13,9 +13,9 @@ from photogrammetry.terrain.surface import (
     SlopeParams,
     aspect,
     aspect_of,
-    coarser,
     gradients,
     hillshade,
+    mapped_relief,
     normals,
     normals_of,
     northerly_tilt,
@@ -205,12 +205,18 @@ def test_slope_of_a_large_model_has_no_seams_between_blocks(scenes):
 
 def test_larger_cells_have_the_slope_of_those_in_them(scenes):
     dtm = scenes.dtm_of(plane(12.0, 220.0), side=256)
-    coarse, grid = coarser(relief(dtm, PARAMS), dtm.grid, 0.08)
+    coarse, grid = mapped_relief(dtm, PARAMS)
     assert grid.cell_m == 0.08
     known = np.isfinite(coarse.normal[0])
     assert known.sum() > 0.99 * 128**2  # corners of a window are seen too little
     np.testing.assert_allclose(slope_of(coarse.normal)[known], 12.0, atol=2e-3)
     np.testing.assert_allclose(aspect_of(coarse.normal)[known], 220.0, atol=2e-2)
-    same, as_before = coarser(relief(dtm, PARAMS), dtm.grid, 0.02)
-    assert as_before is dtm.grid
-    assert same.roughness_m.shape == dtm.grid.shape
+
+
+def test_strips_of_a_model_have_no_seams(scenes):
+    dtm = scenes.dtm_of(lambda e, n: 0.3 * np.sin(e) * np.cos(1.3 * n), side=1100)
+    whole = relief(dtm, PARAMS)
+    strips, grid = mapped_relief(dtm, SlopeParams(cell_m=0.04))
+    assert grid == dtm.grid
+    for one, other in zip(whole.layers, strips.layers, strict=True):
+        np.testing.assert_allclose(other, one, atol=2e-5)
