@@ -56,7 +56,7 @@ class AdjustmentParams:
     standard deviation."""
     max_rounds: int = 12
     """Rounds of data snooping per step."""
-    window_stops: int = 6
+    window_stops: int = 4
     """Stops that the sequential adjustment estimates anew at every step. Ties that reach back
     further re-open the whole traverse; drives and turns seldom show ground of more than the third
     stop before."""
