@@ -27,13 +27,17 @@ from photogrammetry.matching.tracks import TrackParams
 from photogrammetry.matching.wide_stereo import WideParams
 from photogrammetry.terrain.contours import ContourParams
 from photogrammetry.terrain.dtm import DtmParams
+from photogrammetry.terrain.facets import FacetParams
 from photogrammetry.terrain.far import FarContourParams, FarDtmParams
 from photogrammetry.terrain.footprints import FootprintParams
 from photogrammetry.terrain.havens import HavenParams
 from photogrammetry.terrain.hazard import HazardParams
 from photogrammetry.terrain.insolation import InsolationParams
+from photogrammetry.terrain.levels import TilesetParams
+from photogrammetry.terrain.model3d import ModelParams
 from photogrammetry.terrain.orthophoto import OrthophotoParams
 from photogrammetry.terrain.surface import HillshadeParams, SlopeParams
+from photogrammetry.terrain.view_model import ViewModelParams
 from photogrammetry.terrain.viewshed import ViewshedParams
 
 SHIPPED = Path(__file__).parent / "pipelines"
@@ -49,6 +53,22 @@ class FarGround:
     matching: WideParams = field(default_factory=WideParams)
     dtm: FarDtmParams = field(default_factory=FarDtmParams)
     contour: FarContourParams = field(default_factory=FarContourParams)
+
+
+@dataclass(frozen=True, slots=True)
+class Models:
+    """Which models of a stop are made in three dimensions, and how."""
+
+    of_terrain: bool = True
+    """The terrain model with its orthophoto: one glTF, and 3D Tiles."""
+    of_views: bool = True
+    """What the pairs see, with their own images: rocks and outcrops from all sides that were."""
+    dips_of_facets: bool = False
+    """Strike and dip of planar facets. Off: it is asked of few stops (`solmap dips`)."""
+    terrain: ModelParams = field(default_factory=ModelParams)
+    tiles: TilesetParams = field(default_factory=TilesetParams)
+    views: ViewModelParams = field(default_factory=ViewModelParams)
+    facets: FacetParams = field(default_factory=FacetParams)
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,6 +97,7 @@ class PipelineConfig:
     viewshed: ViewshedParams = field(default_factory=ViewshedParams)
     hazard: HazardParams = field(default_factory=HazardParams)
     footprints: FootprintParams = field(default_factory=FootprintParams)
+    models: Models = field(default_factory=Models)
     wide: FarGround = field(default_factory=FarGround)
 
 

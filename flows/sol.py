@@ -13,6 +13,7 @@ from prefect.task_runners import TaskRunner, ThreadPoolTaskRunner
 from flows.outcomes import settled
 from flows.sol_inputs import SolInputs, SolReport, Standing, gather
 from flows.sol_maps import map_stops
+from flows.sol_models import model_stops
 from flows.sol_network import adjust_stops, match_pairs
 from flows.sol_wide import map_far_ground
 from photogrammetry.adjustment.movement import ReissueParams
@@ -67,6 +68,8 @@ def map_what_moved(inputs: SolInputs, previous: Standing | None, report: SolRepo
     pairs = tuple(pair for of_stop in matched.values() for pair in of_stop)
     quality = report_quality.submit(network, pairs, inputs.config.quality, inputs.workspace.store)
     layers = map_stops(inputs, orientations, matched, report)
+    for stop, models in model_stops(inputs, orientations, matched, layers, report).items():
+        layers[stop].extend(models)
     for stop, far in map_far_ground(inputs, report.standing, matched, report).items():
         layers.setdefault(stop, []).extend(far)
     stated, failed = settled(f"sol {inputs.sol}: report the quality", {network.scope: quality})

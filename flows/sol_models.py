@@ -1,0 +1,61 @@
+"""Model the stops of a sol in three dimensions, and measure the planes of their rocks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from prefect.futures import PrefectFuture
+
+from flows.outcomes import by_first, settled
+from flows.sol_inputs import SolInputs, SolReport
+from flows.sol_maps import oriented_pairs
+from photogrammetry.errors import TerrainError
+from photogrammetry.imagery import StopId
+from products.model import ProductKind, ProductRef
+from tasks.model3d import model_terrain, tile_terrain
+from tasks.orientations import read_orientations
+from tasks.outcrop import map_dips, model_views
+from tasks.pairs import PairProducts
+
+FINDING = f"{TerrainError.__name__}: "
+"""How a line begins that tells of the images and not of a fault."""
+
+
+def model_stops(
+    inputs: SolInputs,
+    orientations: ProductRef,
+    matched: Mapping[StopId, list[PairProducts]],
+    mapped: Mapping[StopId, list[ProductRef]],
+    report: SolReport,
+) -> dict[StopId, list[ProductRef]]:
+    """Models of every stop that has been mapped, and of what its pairs see."""
+    wanted, store, landing = inputs.config.models, inputs.workspace.store, inputs.landing
+    poses = read_orientations(orientations, store)
+    futures: dict[tuple[StopId, str], PrefectFuture[Any]] = {}
+    for stop, layers in mapped.items():
+        of = {ref.kind: ref for ref in layers}
+        ground = of.get(ProductKind.DTM), of.get(ProductKind.ORTHOPHOTO)
+        if ground[0] and ground[1] and wanted.of_terrain:
+            terrain = (ground[0], ground[1])
+            futures[stop, "model"] = model_terrain.submit(*terrain, wanted.terrain, landing, store)
+            futures[stop, "3D tiles"] = tile_terrain.submit(*terrain, wanted.tiles, landing, store)
+        pairs = oriented_pairs(matched[stop], poses.get(str(stop)))
+        if wanted.of_views:
+            futures[stop, "model of what pairs see"] = model_views.submit(
+                stop, pairs, wanted.views, landing, store
+            )
+        if wanted.dips_of_facets:
+            futures[stop, "dips"] = map_dips.submit(stop, pairs, wanted.facets, landing, store)
+    done, failed = settled(f"sol {report.sol}: model the stops", futures)
+    _tell(report, {f"{kind} of {stop}": cause for (stop, kind), cause in failed.items()})
+    return by_first(done)
+
+
+def _tell(report: SolReport, failed: Mapping[str, str]) -> None:
+    """Take down ground that is too far or too scattered as a note, anything else as a failure."""
+    findings = {what: cause for what, cause in failed.items() if cause.startswith(FINDING)}
+    report.notes += [
+        f"no {what}: {cause.removeprefix(FINDING)}" for what, cause in findings.items()
+    ]
+    report.blame("model", {what: cause for what, cause in failed.items() if what not in findings})

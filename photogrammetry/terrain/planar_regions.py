@@ -1,0 +1,192 @@
+"""Planar regions of a parallax map, grown from its flattest places.
+
+In an epipolar image every plane n.P = d is linear in parallax (x, y from the principal point),
+
+    p = a + b x + c y,      n  ~  (b, c, a / f)      in (right, down, forward)
+
+so flat pieces are found without leaving the image. Around every sample of the image a plane of
+parallax is fitted over a window; where the parallax strays from it by no more than noise, the
+sample may begin a region. Beginning with the flattest, a region takes the connected samples whose
+parallax is on its plane and whose own plane faces the same way, as far as can be told: within an
+angle, or within what noise does to the parallax over the window. Its plane is fitted to them anew,
+and so on until it grows no more. What bends by more than averages out of noise is no plane.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from photogrammetry.arrays import Bool, Float32, Float64, Mask, ParallaxMap, PerPoint
+from photogrammetry.errors import TerrainError
+
+Coefficients = Float64[np.ndarray, " 3"]
+"""(a, b, c) of the parallax a + b x + c y, pixels from the principal point."""
+MOST = 500
+"""Regions of one image; more are pebbles."""
+GROWTHS = 20
+"""How often a region is grown and fitted again; most stop after four."""
+
+
+@dataclass(frozen=True, slots=True)
+class RegionParams:
+    """How to find planar regions."""
+
+    window_px: int = 17
+    """Side of the window that a sample's own plane is fitted over: two matching windows."""
+    step_px: int = 4
+    """Distance of the samples: half of the window over which a parallax was matched."""
+    tolerance_px: float = 0.5
+    """How far parallaxes may lie from their region's plane: two standard deviations."""
+    flat_px: float = 0.2
+    """Largest root mean square over the window of a sample that begins a region: noise alone."""
+    turn_deg: float = 15.0
+    """Angle between a sample's own plane and its region's that is always allowed."""
+    bow_px: float = 0.1
+    """Largest root mean square by which a region bends: noise hardly bends so many samples."""
+    min_samples: int = 60
+    """Smallest region: with a sample every 4 pixels, 30 by 30 pixels."""
+
+    def __post_init__(self) -> None:
+        if self.window_px % 2 == 0 or self.window_px < 3 or self.step_px < 1:  # noqa: PLR2004
+            raise TerrainError(
+                f"planes are fitted over an odd window of at least 3 pixels and samples lie at "
+                f"least 1 apart, not {self.window_px} and {self.step_px}"
+            )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ParallaxSamples:
+    """Every few pixels of a view: parallax, and the plane of parallax around."""
+
+    row: Float64[np.ndarray, " rows"]
+    """Line of every sample in the image."""
+    col: Float64[np.ndarray, " cols"]
+    parallax: ParallaxMap
+    own: Float32[np.ndarray, "3 rows cols"]
+    """(a, b, c) of the plane around; NaN where there is none."""
+    rms_px: ParallaxMap
+    focal_px: float
+    centre_px: tuple[float, float]
+
+    @classmethod
+    def of(
+        cls,
+        parallax: ParallaxMap,
+        focal_px: float,
+        centre_px: tuple[float, float],
+        params: RegionParams,
+    ) -> ParallaxSamples:
+        """Samples of a parallax map, NaN where it is not trusted."""
+        own, rms_px = local_planes(parallax, params.window_px)
+        pick = (slice(params.step_px // 2, None, params.step_px),) * 2
+        row, col = (np.arange(n, dtype=np.float64)[pick[0]] for n in parallax.shape)
+        a, b, c = (one[pick] for one in own)
+        a = a - b * (col - centre_px[0])[None, :] - c * (row - centre_px[1])[:, None]
+        planes = np.stack([a, b, c]).astype(np.float32)
+        return cls(row, col, parallax[pick], planes, rms_px[pick], focal_px, centre_px)
+
+    def off(self, plane: Coefficients) -> ParallaxMap:
+        """How far every sample's parallax is from a plane."""
+        a, b, c = plane
+        x, y = self.col - self.centre_px[0], self.row - self.centre_px[1]
+        return np.abs(self.parallax - (a + b * x[None, :] + c * y[:, None])).astype(np.float32)
+
+    def facing(self, plane: Coefficients, params: RegionParams) -> Mask:
+        """Whether every sample's own plane is turned like a plane, as far as can be told."""
+        scale = np.array([1 / self.focal_px, 1.0, 1.0])
+        n = plane * scale
+        own = self.own * scale[:, None, None]
+        cosine = np.einsum("i,irc->rc", n / np.linalg.norm(n), own) / np.linalg.norm(own, axis=0)
+        tilt = np.abs(self.own[1:] - plane[1:, None, None]).max(axis=0) * (params.window_px / 2)
+        return (cosine >= np.cos(np.radians(params.turn_deg))) | (tilt <= params.tolerance_px)
+
+    def fit(self, region: Mask) -> Coefficients:
+        """The plane of parallax through the samples of a region."""
+        x, y, p = self._of(region)
+        return np.linalg.lstsq(np.column_stack([np.ones(len(p)), x, y]), p, rcond=None)[0]
+
+    def bow(self, region: Mask) -> float:
+        """Root mean square by which a region bends: a second-degree surface less the plane."""
+        x, y, p = self._of(region)
+        x, y = (one - one.mean() for one in (x, y))
+        A = np.column_stack([np.ones(len(p)), x, y])
+        B = np.column_stack([A, x * x, x * y, y * y])
+        bent, flat = (one @ np.linalg.lstsq(one, p, rcond=None)[0] for one in (B, A))
+        return float(np.sqrt(np.mean((bent - flat) ** 2)))
+
+    def _of(self, region: Mask) -> tuple[PerPoint, PerPoint, PerPoint]:
+        """(x, y) from the principal point, and parallax, of a region's samples."""
+        row, col = np.nonzero(region)
+        x, y = self.col[col] - self.centre_px[0], self.row[row] - self.centre_px[1]
+        return x, y, self.parallax[row, col].astype(np.float64)
+
+
+def planar_regions(samples: ParallaxSamples, params: RegionParams) -> Iterator[Mask]:
+    """Connected samples of one plane each, those of the flattest first; none twice."""
+    free = np.isfinite(samples.rms_px)
+    seeds = np.where(free & (samples.rms_px <= params.flat_px), samples.rms_px, np.inf)
+    for _ in range(MOST):
+        seed = np.unravel_index(np.argmin(seeds), seeds.shape)
+        if not np.isfinite(seeds[seed]):
+            return
+        region = _grown(samples, free, (int(seed[0]), int(seed[1])), params)
+        seeds[seed] = np.inf
+        seeds[region] = np.inf
+        if region.sum() >= params.min_samples and samples.bow(region) <= params.bow_px:
+            free &= ~region
+            yield region
+
+
+def _grown(
+    samples: ParallaxSamples,
+    free: Bool[np.ndarray, "rows cols"],
+    seed: tuple[int, int],
+    params: RegionParams,
+) -> Mask:
+    """The free samples that hang together with the seed on one plane."""
+    plane = samples.own[:, seed[0], seed[1]].astype(np.float64)
+    region = np.zeros(free.shape, np.bool_)
+    for _ in range(GROWTHS):
+        on = free & (samples.off(plane) <= params.tolerance_px)
+        on &= samples.facing(plane, params)
+        if not on[seed]:
+            return region
+        _, labels = cv2.connectedComponents(on.astype(np.uint8), connectivity=4)
+        grown = labels == labels[seed]
+        if grown.sum() <= region.sum():
+            return region
+        region = grown
+        plane = samples.fit(region)
+    return region
+
+
+def local_planes(
+    parallax: ParallaxMap, window_px: int
+) -> tuple[Float32[np.ndarray, "3 lines samples"], ParallaxMap]:
+    """Plane of parallax around every pixel, and the root mean square distance from it.
+
+    The plane is (a, b, c) of a + b x + c y, x and y counted from the pixel itself. NaN where less
+    than the whole window was matched: a plane over part of it leans on an edge.
+    """
+    half = window_px // 2
+    steps = np.arange(-half, half + 1, dtype=np.float32)
+    ones = np.ones_like(steps)
+    known = np.isfinite(parallax)
+    level = float(np.median(parallax[known])) if known.any() else 0.0
+    p = np.where(known, parallax - np.float32(level), np.float32(0))
+    full = cv2.erode(known.astype(np.uint8), np.ones((window_px, window_px), np.uint8)) > 0
+    full[:half], full[-half:], full[:, :half], full[:, -half:] = (False,) * 4
+    count, square = window_px**2, window_px * float(np.sum(steps**2))
+    a = cv2.sepFilter2D(p, cv2.CV_32F, ones, ones) / count
+    b = cv2.sepFilter2D(p, cv2.CV_32F, steps, ones) / square
+    c = cv2.sepFilter2D(p, cv2.CV_32F, ones, steps) / square
+    squares = cv2.sepFilter2D(p.astype(np.float64) ** 2, cv2.CV_64F, ones, ones) / count
+    spread = squares - a.astype(np.float64) ** 2 - (b**2 + c**2) * (square / count)
+    planes = np.stack([a + np.float32(level), b, c])
+    planes[:, ~full] = np.nan
+    rms = np.sqrt(np.maximum(spread, 0)).astype(np.float32)
+    return planes, np.where(full, rms, np.float32(np.nan))
