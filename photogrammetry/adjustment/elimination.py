@@ -22,11 +22,12 @@ For tests of the residuals v, with the cofactor matrix Z of x_o,
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.adjustment.collinearity import PAIR_UNKNOWNS, STOP_UNKNOWNS, Partials, Views
+from photogrammetry.adjustment.collinearity import STOP_UNKNOWNS, Partials, Views
 from photogrammetry.adjustment.layout import TieGroup
 
 UNFELT = 1e-13
@@ -102,22 +103,39 @@ class EliminatedTies:
 def eliminate(group: TieGroup, l: np.ndarray, A: Partials, views: Views) -> EliminatedTies:
     """Free a group of its points; misclosures (3, k n) and partials are whitened."""
     k, n = group.rows.shape
-    stops = group.stops if len(group.stops) == n else group.stops[group.signature]
-    equations = np.zeros((3, k, group.felt + 1, n))
+    by_point = A.by_point.reshape(3, 3, k, n).swapaxes(0, 1)
+    basis, triangle = orthonormal(by_point.reshape(3, -1, n))
+    Q, l = basis.reshape(3, 3, k, n), l.reshape(3, k, n)
+    parts = list(_by_column(group, A, views))
+    along = np.zeros((3, group.felt + 1, n))
+    for i, at, part in parts:
+        along[:, at] += np.einsum("drn,rcn->dcn", Q[:, :, i], part)
+    along[:, -1] = np.einsum("dcin,cin->dn", Q, l)
+    rest = np.einsum("dcin,djn->cijn", Q, along)
+    np.negative(rest, out=rest)
+    for i, at, part in parts:
+        rest[:, i, at] += part
+    rest[:, :, -1] += l
+    free = rest.reshape(3 * k, -1, n)
+    return EliminatedTies(group, free, along, basis, triangle, views.centres.T)
+
+
+def _by_column(
+    group: TieGroup, A: Partials, views: Views
+) -> Iterator[tuple[int, slice, np.ndarray]]:
+    """What A_o has: number of an observation, columns, and derivatives (3, columns, n) by them."""
+    n, stops = group.points, group.stops
+    if len(stops) < n:
+        stops = stops[group.signature]
     for i, slot in enumerate(group.slots):
         own = A.of(slice(i * n, i * n + n))
-        at = group.posed + PAIR_UNKNOWNS * i
-        equations[:, i, at : at + 3] = own.by_pointing
+        if group.per_pair:
+            at = group.posed + group.per_pair * i
+            yield i, slice(at, at + group.per_pair), own.by_pointing
         if slot:
             at = STOP_UNKNOWNS * (slot - 1)
-            equations[:, i, at : at + 6] = own.by_stop(views.arm(own.X, stops[:, slot]))
-            equations[:, i, -7:-1] = -own.by_stop(views.arm(own.X, stops[:, 0]))
-    equations[:, :, -1] = l.reshape(3, k, n)
-    free = equations.reshape(3 * k, -1, n)
-    basis, triangle = orthonormal(A.by_point.reshape(3, 3, k, n).swapaxes(0, 1).reshape(3, -1, n))
-    along = np.einsum("drn,rcn->dcn", basis, free)
-    free -= np.einsum("drn,dcn->rcn", basis, along)
-    return EliminatedTies(group, free, along, basis, triangle, views.centres.T)
+            yield i, slice(at, at + 6), own.by_stop(views.arm(own.X, stops[:, slot]))
+            yield i, slice(-7, -1), -own.by_stop(views.arm(own.X, stops[:, 0]))
 
 
 def orthonormal(A_t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

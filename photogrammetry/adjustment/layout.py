@@ -46,24 +46,26 @@ class Unknowns:
     stop_columns: np.ndarray
     """(stops, 6) place inside the stop's block; -1 where held."""
     pair_columns: np.ndarray
-    """(pairs, 3) place inside the block of the pair's stop."""
+    """(pairs, 3) place inside the block of the pair's stop; -1 where masts do not turn."""
     pair_stop: np.ndarray
+    per_pair: int
+    """Unknowns of a pair: its pointing, or none where masts point as their labels say."""
 
     @classmethod
-    def of(cls, held: np.ndarray, pair_stop: np.ndarray) -> Unknowns:
-        """Number the unknowns of a network whose stops are held or free."""
-        pose = np.where(held, 0, STOP_UNKNOWNS)
+    def of(cls, held: np.ndarray, pair_stop: np.ndarray, *, turning: bool = True) -> Unknowns:
+        """Number the unknowns of a network whose stops are held or free, and masts turn or not."""
+        pose, per_pair = np.where(held, 0, STOP_UNKNOWNS), PAIR_UNKNOWNS if turning else 0
         per_stop = np.bincount(pair_stop, minlength=len(held)).astype(np.int64)
-        sizes = (pose + PAIR_UNKNOWNS * per_stop).astype(np.int64)
+        sizes = (pose + per_pair * per_stop).astype(np.int64)
         stop_columns = np.where(held[:, None], -1, np.arange(STOP_UNKNOWNS))
         by_stop = np.argsort(pair_stop, kind="stable")
         slot = np.zeros(len(pair_stop), dtype=np.int64)
         before = np.cumsum(per_stop) - per_stop
         slot[by_stop] = np.arange(len(pair_stop)) - np.repeat(before, per_stop)
         first = pose[pair_stop] + PAIR_UNKNOWNS * slot
-        pair_columns = first[:, None] + np.arange(PAIR_UNKNOWNS)
+        pair_columns = np.where(turning, first[:, None] + np.arange(PAIR_UNKNOWNS), -1)
         offsets = np.concatenate([[0], np.cumsum(sizes)])[:-1]
-        return cls(sizes, offsets, stop_columns, pair_columns, pair_stop)
+        return cls(sizes, offsets, stop_columns, pair_columns, pair_stop, per_pair)
 
     @property
     def count(self) -> int:
@@ -82,18 +84,18 @@ class Unknowns:
 
     def unpack(self, x: Float64[np.ndarray, " n"]) -> tuple[np.ndarray, np.ndarray]:
         """Corrections (stops, 6), zero where held, and (pairs, 3)."""
-        padded = np.concatenate([x, [0.0]])
-        at = np.where(self.stop_columns >= 0, self.offsets[:, None] + self.stop_columns, len(x))
-        pairs = self.offsets[self.pair_stop][:, None] + self.pair_columns
-        return padded[at], padded[pairs]
+        padded = np.append(x, 0.0)
+        stops = np.arange(len(self.sizes))
+        of_stops = padded[self.places(stops[:, None], self.stop_columns)]
+        return of_stops, padded[self.places(self.pair_stop[:, None], self.pair_columns)]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TieGroup:
     """Some tie points with k observations each, shared out among their stops in the same way.
 
-    Columns: 6 for each stop after the base, then 3 for each observation's pair (relative); and 6
-    for the base besides (absolute).
+    Columns: 6 for each stop after the base, then 3 for each observation's pair if masts turn
+    (relative); and 6 for the base besides (absolute).
     """
 
     rows: np.ndarray
@@ -106,6 +108,8 @@ class TieGroup:
     """(signatures, stops of a point)."""
     local: np.ndarray
     """(signatures, absolute columns) place of every column in its stop's block, -1 where held."""
+    per_pair: int
+    """Columns of a pair."""
 
     @classmethod
     def of(
@@ -121,8 +125,9 @@ class TieGroup:
         stops = stop[:, [slots.index(slot) for slot in range(slots[-1] + 1)]]
         n = len(pair)
         poses = unknowns.stop_columns[stops].reshape(n, -1)
-        pairs = unknowns.pair_columns[pair].reshape(n, -1)
-        return cls(rows, slots, first, stops, np.hstack([poses[:, 6:], pairs, poses[:, :6]]))
+        pairs = unknowns.pair_columns[pair][:, :, : unknowns.per_pair].reshape(n, -1)
+        local = np.hstack([poses[:, 6:], pairs, poses[:, :6]])
+        return cls(rows, slots, first, stops, local, unknowns.per_pair)
 
     @property
     def seen(self) -> int:
@@ -142,7 +147,7 @@ class TieGroup:
     @property
     def relative(self) -> int:
         """How many relative columns."""
-        return self.posed + PAIR_UNKNOWNS * self.seen
+        return self.posed + self.per_pair * self.seen
 
     @property
     def felt(self) -> int:
@@ -153,7 +158,7 @@ class TieGroup:
     def column_slots(self) -> np.ndarray:
         """Which of the point's stops every absolute column belongs to."""
         others = np.repeat(np.arange(1, self.slots[-1] + 1), STOP_UNKNOWNS)
-        pairs = np.repeat(self.slots, PAIR_UNKNOWNS)
+        pairs = np.repeat(self.slots, self.per_pair)
         return np.concatenate([others, pairs, np.zeros(STOP_UNKNOWNS, dtype=np.int64)])
 
     @property

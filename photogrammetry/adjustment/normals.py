@@ -76,8 +76,9 @@ def cost_of(problem: Problem, at: Place, threshold: float | None) -> float:
         images = float(loss.sum())
     if not np.isfinite(images):
         return np.inf
-    links = telemetry_misclosures(state, problem.telemetry) * problem.link_weight
-    pointing = state.pointings * problem.telemetry.pointing_weight
+    telemetry = problem.telemetry
+    links = telemetry_misclosures(state, telemetry) * problem.link_weight
+    pointing = state.pointings * telemetry.pointing_weight if telemetry.masts_turn else np.zeros(0)
     known = problem.inherited.cost(state) if problem.inherited else 0.0
     return images + float((links**2).sum() + (pointing**2).sum()) + known
 
@@ -123,6 +124,8 @@ def _add_telemetry(problem: Problem, state: State, flat: np.ndarray, right: np.n
     A = telemetry_partials(state, problem.telemetry) * weight[:, :, None]
     _add(flat, problem.link_places, (A.swapaxes(1, 2) @ A)[:, *LINK_TRIANGLE])
     _add(right, problem.link_right, (l[:, None, :] @ A)[:, 0])
+    if not problem.telemetry.masts_turn:
+        return
     unknowns, w2 = problem.unknowns, problem.telemetry.pointing_weight**2
     stop = unknowns.pair_stop
     own = problem.pattern.start(stop, stop)[:, None]

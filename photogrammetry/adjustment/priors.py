@@ -49,6 +49,7 @@ class Telemetry:
     weight: Float64[np.ndarray, "stops 6"]
     """1/sigma of each observation, zero where there is none."""
     pointing_weight: float
+    """1/sigma; infinite where masts point as their labels say."""
 
     @classmethod
     def of(cls, network: Network, params: AdjustmentParams) -> Telemetry:
@@ -67,6 +68,11 @@ class Telemetry:
         weight[:, 3:] = np.where(follows, 1.0 / sigma_m, 0.0)[:, None]
         pointing = 1.0 / float(np.radians(params.pointing_deg))
         return cls(rotations, centres, fine, weight, pointing)
+
+    @property
+    def masts_turn(self) -> bool:
+        """Whether mast pointings are unknown."""
+        return bool(np.isfinite(self.pointing_weight))
 
     def of_stops(self, stops: np.ndarray) -> Telemetry:
         """The telemetry of some consecutive stops."""

@@ -53,7 +53,7 @@ class Problem:
         inherited: Marginal | None = None,
     ) -> Problem:
         """Lay out a network: `held` by stop, `used` by observation."""
-        unknowns = Unknowns.of(held, observations.pair_stop)
+        unknowns = Unknowns.of(held, observations.pair_stop, turning=telemetry.masts_turn)
         groups = tie_groups(observations, used, unknowns)
         before = telemetry.before
         cliques: set[tuple[int, ...]] = {
@@ -102,7 +102,8 @@ class Problem:
     def redundancy(self) -> int:
         """Observations minus unknowns."""
         coordinates = int((self.observations.weight[self.rows] > 0).sum())
-        telemetry = int((self.link_weight > 0).sum()) + 3 * len(self.observations.pair_stop)
+        pointings = self.unknowns.per_pair * len(self.observations.pair_stop)
+        telemetry = int((self.link_weight > 0).sum()) + pointings
         points = 3 * sum(group.points for group in self.groups)
         known = self.inherited.surplus if self.inherited else 0
         return coordinates + telemetry + known - points - self.unknowns.count

@@ -67,12 +67,13 @@ def test_the_example_of_the_paper(benchmark):
     assert benchmark(adjusted).converged
 
 
-@pytest.mark.parametrize("stops", [50, 500])
+@pytest.mark.parametrize("stops", [10, 50, 500])
 def test_a_whole_mission_next_to_ceres(benchmark, stops):
     """Overall adjustment from near the minimum, as it starts after a sequential one.
 
     The same rigid rigs, ties, start and sum of squares; Ceres is not given the ties of single
-    pairs, of which no pose depends. Processor time of both, in one run.
+    pairs, of which no pose depends. Processor time of both, in one run: ours with its layout, of
+    Ceres the minimiser alone, with the settings under which it converges soonest.
     """
     peer = peer_or_skip("ceres_peer", "pycolmap", "pyceres")
     network = simulate_network(
@@ -84,12 +85,13 @@ def test_a_whole_mission_next_to_ceres(benchmark, stops):
     begin = time.process_time()
     problems.ours(problem)
     seconds = time.process_time() - begin
-    theirs = peer.adjusted(problem, most_iterations=100)
+    theirs = peer.adjusted(problem)
     benchmark.extra_info["ratio of processor time"] = theirs.seconds / seconds
     benchmark.extra_info["ceres"] = theirs.report
     print(f"{stops} stops: {seconds:.3f} s against {theirs.seconds:.2f} s")  # noqa: T201
+    print(f"{theirs.report}; relative {theirs.cost / mine.cost - 1:.1e}")  # noqa: T201
     assert mine.converged
-    assert mine.cost <= theirs.cost * (1 + 1e-6)
+    assert mine.cost == pytest.approx(theirs.cost, rel=1e-6)
 
 
 def test_covariances_of_fifty_stops_next_to_gtsam(benchmark):

@@ -26,8 +26,8 @@ from photogrammetry.adjustment.solver import linearise, solve
 
 PARAMS = AdjustmentParams(tolerance=1e-6)
 """Converged when all unknowns together move by less than a thousandth of a standard deviation."""
-FIXED = 1e8
-"""Weight of a mast pointing that is known: 1e-8 rad move a point at 100 m by a micrometre."""
+FIXED = np.inf
+"""Weight of a mast pointing that is known."""
 
 
 @dataclass(frozen=True, slots=True)

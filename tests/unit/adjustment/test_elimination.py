@@ -1,11 +1,18 @@
 """Tie points taken out of their observations, and the coordinates that this is done in."""
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from photogrammetry.adjustment.elimination import inverse_of, orthonormal
 from photogrammetry.adjustment.layout import Unknowns, tie_groups
+from photogrammetry.adjustment.params import AdjustmentParams
+from photogrammetry.adjustment.priors import Telemetry
+from photogrammetry.adjustment.solver import Problem, solve
+from photogrammetry.errors import AdjustmentError
 
 
 @settings(deadline=None, max_examples=30)
@@ -59,3 +66,55 @@ def test_every_used_observation_of_a_shared_point_is_in_one_group(bent):
         stops = observations.stop[group.rows]
         expected = group.stops[group.signature][:, list(group.slots)].T
         np.testing.assert_array_equal(stops, expected)
+
+
+def test_groups_that_fill_the_cache_lose_and_double_nothing(bent, monkeypatch):
+    _, observations, _ = bent
+    unknowns = Unknowns.of(np.zeros(3, dtype=bool), observations.pair_stop)
+    used = np.ones(len(observations), dtype=bool)
+    whole = tie_groups(observations, used, unknowns)
+    monkeypatch.setattr("photogrammetry.adjustment.layout.LEAST_POINTS", 3)
+    monkeypatch.setattr("photogrammetry.adjustment.layout.CACHED", 0)
+    parts = tie_groups(observations, used, unknowns)
+    assert len(parts) > 2 * len(whole)
+    for k in {group.seen for group in whole}:
+        rows = [
+            np.concatenate([g.rows for g in some if g.seen == k], axis=1) for some in (whole, parts)
+        ]
+        np.testing.assert_array_equal(*rows)
+    for group in parts:
+        pairs = observations.pair[group.rows]
+        np.testing.assert_array_equal(pairs, pairs[:, group.first[group.signature]])
+
+
+def test_a_point_measured_twice_in_one_pair_is_named(bent):
+    _, observations, _ = bent
+    unknowns = Unknowns.of(np.zeros(3, dtype=bool), observations.pair_stop)
+    twice = observations.select(np.append(np.arange(len(observations)), 5))
+    with pytest.raises(AdjustmentError, match=rf"tie point {observations.point[5]} was .* twice"):
+        tie_groups(twice, np.ones(len(twice), dtype=bool), unknowns)
+
+
+def test_masts_that_do_not_turn_are_masts_held_by_a_great_weight(bent):
+    """1e-8 rad is a hundred-thousandth of what a pixel sees, and its square is lost in the cost."""
+    network, observations, state = bent
+    telemetry = Telemetry.of(network, AdjustmentParams())
+    state = replace(state, pointings=np.zeros_like(state.pointings))
+    fixed, free = (
+        Problem.of(
+            observations,
+            replace(telemetry, pointing_weight=weight),
+            np.array([True, False, False]),
+            np.ones(len(observations), dtype=bool),
+        )
+        for weight in (np.inf, 1e8)
+    )
+    found, expected = (
+        solve(problem, state, AdjustmentParams(), robust=False) for problem in (fixed, free)
+    )
+    assert found.converged
+    assert fixed.unknowns.count == 12
+    assert fixed.redundancy == free.redundancy
+    np.testing.assert_allclose(found.state.centres, expected.state.centres, atol=1e-7)
+    np.testing.assert_allclose(found.state.points, expected.state.points, atol=1e-6)
+    assert not found.state.pointings.any()
