@@ -21,6 +21,7 @@ _WIDEST_FIRST = {ScopeLevel.REGION: 0, ScopeLevel.SOL: 1, ScopeLevel.STOP: 2}
 _NEAR_M = 2.0
 """How far from the place a stop or tie point may be: about the length of a rover."""
 _MOST = 50
+_AREAS = (ProductKind.FOOTPRINTS, ProductKind.HAVENS)
 _NEARBY = (ProductKind.STOPS, ProductKind.TIE_POINTS, ProductKind.POINTING)
 
 
@@ -111,7 +112,7 @@ def _value(
 
 def _features(layer: Layer, east: float, north: float, store: ProductStore) -> list[FeatureFound]:
     index = index_of(store.path(layer.ref))
-    if layer.ref.kind == ProductKind.FOOTPRINTS:
+    if layer.ref.kind in _AREAS:
         found = [(feature, 0.0) for feature in index.holding(east, north)]
     elif layer.ref.kind in _NEARBY:
         found = index.nearest(east, north, _NEAR_M)

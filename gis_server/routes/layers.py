@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from fastapi import APIRouter, Response
@@ -11,7 +13,9 @@ from gis_server.rendering.features import features_in
 from gis_server.routes.parameters import FOREVER, Bounds, LayerPath
 from gis_server.services import ServicesOf
 from products.errors import ProductNotFoundError
+from products.geopackage import write_geopackage
 from products.model import SUFFIX
+from products.vector import read_features
 
 router = APIRouter(tags=["layers"])
 _MEDIA_TYPES = {
@@ -39,6 +43,25 @@ def provenance(layer: LayerPath, services: ServicesOf, response: Response) -> di
     """How the layer was made: recipe, inputs, parameters, time and checksum."""
     response.headers.update(FOREVER)
     return services.store.provenance(layer.ref)
+
+
+@router.get("/download/{scope}/{kind}/{digest}.gpkg", response_class=Response)
+def geopackage(layer: LayerPath, services: ServicesOf) -> Response:
+    """The features of a layer as a GeoPackage in metres of the local map."""
+    if layer.type != "vector":
+        raise ProductNotFoundError(f"{layer.id} is a raster: it is a GeoTIFF and no GeoPackage")
+    collection = read_features(services.store.path(layer.ref))
+    if not collection.features:
+        raise ProductNotFoundError(f"{layer.id} has no feature that a GeoPackage could hold")
+    name = f"{layer.ref.scope.name}_{layer.ref.kind}"
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / f"{name}.gpkg"
+        write_geopackage(path, collection, str(layer.ref.kind))
+        body = path.read_bytes()
+    disposition = {"content-disposition": f'attachment; filename="{name}_{layer.ref.digest}.gpkg"'}
+    return Response(
+        body, headers={**FOREVER, **disposition}, media_type="application/geopackage+sqlite3"
+    )
 
 
 @router.head("/download/{scope}/{kind}/{digest}", include_in_schema=False)

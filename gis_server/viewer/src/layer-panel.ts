@@ -4,7 +4,7 @@ import { button, facts, h, icon } from "./dom";
 import { compact, metres, sols, time, unitSign } from "./format";
 import { groupLayers, kindTitle, type LayerGroup, type LayerState } from "./layers";
 import type { Layer, Legend, VectorLayer } from "./records";
-import { ADJUSTED, CONTOUR, ELLIPSE_FACTORS, TELEMETRY, UNPAIRED, VIEWING } from "./styles";
+import { ADJUSTED, CONTOUR, ELLIPSE_FACTORS, HAVEN, TELEMETRY, UNPAIRED, VIEWING } from "./styles";
 
 export interface LayerActions {
   readonly setVisible: (layer: Layer, visible: boolean) => void;
@@ -21,7 +21,15 @@ export interface LayerPanel {
   readonly setEllipseFactor: (factor: number) => void;
 }
 
-function rampLegend({ stops, unit }: Legend): HTMLElement | null {
+function classLegend(classes: NonNullable<Legend["classes"]>): HTMLElement {
+  const rows = classes.map(({ name, colour }) =>
+    swatch(`background:${colour};width:14px;height:14px`, name),
+  );
+  return h("div", { class: "legend" }, ...rows);
+}
+
+function rampLegend({ stops, unit, classes }: Legend): HTMLElement | null {
+  if (classes?.length) return classLegend(classes);
   const first = stops[0];
   const last = stops.at(-1);
   if (!first || !last || first === last) return null;
@@ -95,6 +103,12 @@ function symbolLegend(layer: VectorLayer, actions: LayerActions): HTMLElement | 
         swatch(stroke(2, "solid", CONTOUR), "index contour, labelled"),
         swatch(stroke(1, "solid", CONTOUR), "contour"),
       );
+    case "havens":
+      return h(
+        "div",
+        { class: "legend" },
+        swatch(`border:2px solid ${HAVEN};width:12px;height:10px`, "room for a rover in winter"),
+      );
     case "footprints":
     case "pointing":
       return h(
@@ -154,6 +168,14 @@ function details(layer: Layer, slider: HTMLElement, actions: LayerActions): HTML
         icon("down"),
         layer.type === "raster" ? "GeoTIFF" : "GeoJSON",
       ),
+      layer.type === "vector"
+        ? h(
+            "a",
+            { class: "text download", href: `${layer.download}.gpkg`, download: true },
+            icon("down"),
+            "GeoPackage",
+          )
+        : null,
     ),
   );
 }

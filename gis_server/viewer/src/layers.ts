@@ -27,6 +27,12 @@ const STACK = [
   "uncertainty",
   "slope",
   "aspect",
+  "northerly-tilt",
+  "roughness",
+  "insolation",
+  "viewshed",
+  "hazard",
+  "havens",
   "footprints",
   "far-contours",
   "contours",
@@ -54,13 +60,26 @@ const LISTED = [
   "dtm",
   "slope",
   "aspect",
+  "northerly-tilt",
+  "roughness",
+  "insolation",
+  "havens",
+  "viewshed",
+  "hazard",
   "far-contours",
   "far-hillshade",
   "far-dtm",
 ];
 
 const LEVELS: readonly Level[] = ["region", "sol", "stop"];
-const ON = new Set(["hillshade", "orthophoto", "contours", "traverse", "stops", "mission-traverse"]);
+const ON = new Set([
+  "hillshade",
+  "orthophoto",
+  "contours",
+  "traverse",
+  "stops",
+  "mission-traverse",
+]);
 const OPACITY: Readonly<Record<string, number>> = {
   orthophoto: 0.8,
   sources: 0.6,
@@ -68,6 +87,11 @@ const OPACITY: Readonly<Record<string, number>> = {
   "far-dtm": 0.6,
   slope: 0.6,
   aspect: 0.6,
+  "northerly-tilt": 0.6,
+  roughness: 0.6,
+  insolation: 0.6,
+  viewshed: 0.5,
+  hazard: 0.5,
 };
 
 const KIND_TITLES: Readonly<Record<string, string>> = {
@@ -75,6 +99,12 @@ const KIND_TITLES: Readonly<Record<string, string>> = {
   orthophoto: "Orthophoto",
   slope: "Slope",
   aspect: "Aspect",
+  "northerly-tilt": "Northerly tilt",
+  roughness: "Roughness",
+  insolation: "Insolation",
+  havens: "Winter havens",
+  viewshed: "Seen from the stop",
+  hazard: "Hazards to a rover",
   hillshade: "Hillshade",
   contours: "Contours",
   "far-dtm": "Far elevation (DTM)",

@@ -35,6 +35,8 @@ export type Level = "stop" | "sol" | "region";
 export interface Legend {
   readonly stops: readonly (readonly [value: number, colour: string])[];
   readonly unit: string | null;
+  /** What classes mean, where values are classes; else empty. */
+  readonly classes?: readonly { readonly name: string; readonly colour: string }[];
 }
 
 interface LayerFacts {

@@ -22,6 +22,7 @@ import type { MapPoint } from "./records";
 export const TELEMETRY = "#1769e0";
 export const ADJUSTED = "#e02d25";
 export const CONTOUR = "#8a4b14";
+export const HAVEN = "#0aa3c2";
 export const VIEWING = "#0b8f86";
 export const UNPAIRED = "#b0359c";
 export const HIGHLIGHT = "#ffd400";
@@ -183,6 +184,10 @@ const TIE = new Style({
 const dot = (color: string) =>
   new Style({ image: new CircleStyle({ radius: 2, fill: new Fill({ color }) }) });
 const [PLACE, BELIEVED] = [dot(ADJUSTED), dot(TELEMETRY)];
+const HAVENS = new Style({
+  stroke: line(HAVEN, 2),
+  fill: new Fill({ color: "rgba(10,163,194,0.25)" }),
+});
 const PLAIN = new Style({
   stroke: line("#555", 1.2),
   image: new CircleStyle({ radius: 3, fill: new Fill({ color: "#555" }) }),
@@ -201,6 +206,8 @@ export function drawingOf(kind: string, state: DrawingState): Draw {
     case "contours":
     case "far-contours":
       return drawContour;
+    case "havens":
+      return () => HAVENS;
     case "footprints":
     case "pointing":
       return (feature) => drawViewing(feature, state);

@@ -13,12 +13,14 @@ from fastapi.testclient import TestClient
 
 from gis_server.app import create_app
 from photogrammetry.terrain.grid import MapGrid
+from photogrammetry.terrain.hazard import Hazard
 from photogrammetry.terrain.records import Dtm
 from products.catalogue import Catalogue, ImageEntry, MissionEntry
+from products.classes import HAZARDS
 from products.crs import LandingPoint, local_crs
 from products.model import Layer, ProductKind, ProductRef, Recipe, Scope, ScopeLevel
 from products.pictures import write_orthophoto
-from products.raster import summarise, write_dtm, write_raster
+from products.raster import summarise, write_classes, write_dtm, write_raster
 from products.store import ProductStore
 from products.vector import Feature, write_features
 
@@ -107,6 +109,19 @@ def constant(value: float):
     return write
 
 
+def hazards(path: Path) -> None:
+    """Steep in the north, traversable in the south."""
+    codes = np.where(np.isfinite(plane()), Hazard.TRAVERSABLE, Hazard.UNKNOWN).astype(np.uint8)
+    codes[: GRID.rows // 2][codes[: GRID.rows // 2] > 0] = Hazard.STEEP
+    write_classes(path, GRID, codes, CRS, name="hazard", classes=HAZARDS)
+
+
+def haven() -> Feature:
+    """A square of 10 m with a hole of 2 m."""
+    square = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 10.0], [0.0, 10.0]])
+    return Feature("Polygon", square - 20.0, {"area_m2": 96.0}, "haven-1", [square / 5 - 16.0])
+
+
 @pytest.fixture(scope="session")
 def world(tmp_path_factory: pytest.TempPathFactory) -> SmallWorld:
     """A world to look at."""
@@ -137,6 +152,7 @@ def build(root: Path) -> SmallWorld:
         (ProductKind.SLOPE, 20.0),
         (ProductKind.ASPECT, 90.0),
         (ProductKind.HILLSHADE, 0.5),
+        (ProductKind.NORTHERLY_TILT, -5.0),
     ):
         small.publish_raster(kind, STOP, constant(value))
     small.publish_features(
@@ -146,6 +162,8 @@ def build(root: Path) -> SmallWorld:
             Feature("Polygon", np.array([[5, 5], [9, 5], [9, 9], [5, 9]]), {"sol": 157}, "B"),
         ],
     )
+    small.publish_raster(ProductKind.HAZARD, STOP, hazards)
+    small.publish_features(ProductKind.HAVENS, [haven()])
     small.publish_features(
         ProductKind.STOPS, [Feature("Point", np.array([[7.0, 6.0, 6.1]]), {"site": 10}, "stop")]
     )

@@ -2,6 +2,7 @@ import hashlib
 import json
 from dataclasses import replace
 
+import geopandas
 import numpy as np
 import pytest
 import rasterio
@@ -65,7 +66,7 @@ def test_a_layer_without_features_does_not_pull_the_map_to_the_lander():
 
 def test_every_address_of_every_layer_answers(client):
     layers = layers_of(client)
-    assert len(layers) == 7
+    assert len(layers) == 10
     for layer in layers.values():
         assert client.get(layer["provenance"]).json()["recipe"]["kind"] == layer["kind"]
         assert client.get(layer["download"]).status_code == 200
@@ -377,3 +378,43 @@ def test_a_product_that_was_damaged_or_removed_is_named_and_the_rest_is_served(o
 def test_the_answers_are_plain_json(client):
     for address in ("/api/missions", "/api/missions/MER2/layers", "/api/missions/MER2/images"):
         json.loads(client.get(address).content, parse_constant=pytest.fail)
+
+
+def layer_of(client, kind):
+    layers = client.get("/api/missions/MER2/layers").json()
+    return next(layer for layer in layers if layer["kind"] == kind)
+
+
+def test_the_legend_of_a_class_layer_names_its_classes(client):
+    legend = layer_of(client, "hazard")["legend"]
+    assert [one["name"] for one in legend["classes"]] == [
+        "traversable", "too rough", "step too high", "too steep",
+    ]  # fmt: skip
+    assert legend["stops"] == []
+    assert layer_of(client, "northerly-tilt")["legend"]["classes"] == []
+
+
+@pytest.mark.parametrize(("north", "name"), [(5.0, "too steep"), (-5.0, "traversable")])
+def test_identify_names_the_class_at_the_place(client, north, name):
+    found = client.get(f"/api/missions/MER2/identify?east=5&north={north}").json()
+    (hazard,) = (layer for layer in found["layers"] if layer["kind"] == "hazard")
+    assert hazard["label"] == name
+
+
+@pytest.mark.parametrize(("place", "count"), [((-19.0, -19.0), 1), ((-15.0, -15.0), 0)])
+def test_identify_finds_the_haven_around_a_place_but_not_in_its_hole(client, place, count):
+    found = client.get(f"/api/missions/MER2/identify?east={place[0]}&north={place[1]}").json()
+    assert sum(feature["kind"] == "havens" for feature in found["features"]) == count
+
+
+def test_features_come_as_a_geopackage_too(client, tmp_path):
+    layer = layer_of(client, "havens")
+    answer = client.get(f"{layer['download']}.gpkg")
+    assert answer.headers["content-disposition"].endswith(f'{layer["digest"]}.gpkg"')
+    (tmp_path / "havens.gpkg").write_bytes(answer.content)
+    frame = geopandas.read_file(tmp_path / "havens.gpkg")
+    assert frame.area.tolist() == pytest.approx([96.0])
+    assert frame.area_m2.tolist() == [96.0]
+    refused = client.get(f"{layer_of(client, 'dtm')['download']}.gpkg")
+    assert refused.status_code == 404
+    assert "is a raster" in refused.json()["detail"]["what"]
