@@ -13,26 +13,33 @@ from photogrammetry.cameras.epipolar import EpipolarPair
 from photogrammetry.frames import LSL, Frame, FrameKind, Pose
 from photogrammetry.terrain.contours import ContourParams, trace_contours
 from photogrammetry.terrain.dtm import DtmParams, build_dtm
+from photogrammetry.terrain.grid import MapGrid
 from photogrammetry.terrain.ground import SightParams, ground_of, trusted_parallax
-from photogrammetry.terrain.orthophoto import OrthophotoParams, render_orthophoto
-from photogrammetry.terrain.records import TerrainView
+from photogrammetry.terrain.orthophoto import OrthophotoParams, rendering
+from photogrammetry.terrain.records import Dtm, GroundClass, TerrainView
 from photogrammetry.terrain.surface import SlopeParams, slope
 
 SIDE_PX, FOCAL_PX, BASE_M, MAST_M, DIP = 1024, 1222.0, 0.2, 1.5, np.radians(18)
 
 
-def navcam_view(number: int, rng: np.random.Generator) -> TerrainView:
-    """Level, mottled ground in one of ten directions, with the noise of a good matcher."""
-    azimuth = number * np.radians(36)
-    forward = np.array([np.cos(azimuth) * np.cos(DIP), np.sin(azimuth) * np.cos(DIP), np.sin(DIP)])
+def navcam_view(
+    number: int,
+    rng: np.random.Generator,
+    step: float = np.radians(36),
+    focal_px: float = FOCAL_PX,
+    dip: float = DIP,
+) -> TerrainView:
+    """Level, mottled ground in one of some directions, with the noise of a good matcher."""
+    azimuth = number * step
+    forward = np.array([np.cos(azimuth) * np.cos(dip), np.sin(azimuth) * np.cos(dip), np.sin(dip)])
     right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
     rotation = np.column_stack([right, np.cross(forward, right), forward])
     frame = Frame(FrameKind.PAIR, (number,))
     middle = (SIDE_PX - 1) / 2
-    below = (np.arange(SIDE_PX) - middle) / FOCAL_PX
+    below = (np.arange(SIDE_PX) - middle) / focal_px
     # level ground: the depth Z of a line follows from its dip alone
     with np.errstate(divide="ignore"):
-        parallax = FOCAL_PX * BASE_M * (np.sin(DIP) + below * np.cos(DIP)) / MAST_M
+        parallax = focal_px * BASE_M * (np.sin(dip) + below * np.cos(dip)) / MAST_M
     parallax = np.repeat(np.where(parallax > 0, parallax, np.nan)[:, None], SIDE_PX, axis=1)
     smooth = cv2.GaussianBlur(rng.normal(0, 1, parallax.shape), (0, 0), 2.5)
     parallax += 0.15 * smooth / smooth.std()
@@ -44,7 +51,7 @@ def navcam_view(number: int, rng: np.random.Generator) -> TerrainView:
         geometry=EpipolarPair(
             Pose.identity(Frame(FrameKind.ROVER, (0, 0)), frame),
             BASE_M,
-            FOCAL_PX,
+            focal_px,
             (middle, middle),
             SIDE_PX,
             SIDE_PX,
@@ -90,20 +97,51 @@ def test_triangulating_a_twentieth_of_the_points_for_comparison(benchmark, stop,
     )
 
 
+def rendered(dtm, views) -> tuple[int, int]:
+    """Render an orthophoto block by block, as for a file; (all, shown) pixels."""
+    made = rendering(dtm, views, OrthophotoParams())
+    shown = sum(int(np.isfinite(block.brightness).sum()) for block in made.blocks())
+    return made.grid.rows * made.grid.cols, shown
+
+
+def note_pixels(benchmark, pixels: tuple[int, int]) -> None:
+    """Megapixels, and how many a second; the map's edge is empty, so shown ones count too."""
+    whole, shown = (number / 1e6 for number in pixels)
+    benchmark.extra_info["megapixels"], benchmark.extra_info["shown megapixels"] = whole, shown
+    benchmark.extra_info["shown megapixels a second"] = shown / benchmark.stats["mean"]
+
+
 def test_an_orthophoto_of_a_stop(benchmark, stop, dtm):
-    made = benchmark.pedantic(render_orthophoto, args=(dtm, stop, OrthophotoParams()), rounds=3)
-    benchmark.extra_info["megapixels"] = made.brightness.size / 1e6
-    benchmark.extra_info["shown megapixels"] = float(np.isfinite(made.brightness).sum()) / 1e6
-    benchmark.extra_info["megapixels a second"] = (
-        made.brightness.size / benchmark.stats["mean"] / 1e6
-    )
+    note_pixels(benchmark, benchmark.pedantic(rendered, args=(dtm, stop), rounds=3))
 
 
-def test_a_bare_remap_of_as_many_pixels_for_comparison(benchmark, stop):
-    y, x = np.indices((6000, 6000), dtype=np.float32)
-    x, y = x * (SIDE_PX / 6000), y * (SIDE_PX / 6000)
-    benchmark.pedantic(cv2.remap, args=(stop[0].image, x, y, cv2.INTER_LINEAR), rounds=3)
-    benchmark.extra_info["megapixels a second"] = 36 / benchmark.stats["mean"]
+def test_an_orthophoto_of_a_pancam_panorama(benchmark):
+    """12,288 x 12,288 cells of level ground from 27 views that are 16 degrees wide."""
+    rng = np.random.default_rng(20040104)
+    views = [
+        navcam_view(number, rng, step=2 * np.pi / 27, focal_px=3590.0, dip=np.radians(6.0))
+        for number in range(27)
+    ]
+    grid = MapGrid.covering((-60.0, -60.0, 60.0, 60.0), 0.04)
+    flat = np.zeros(grid.shape, dtype=np.float32)
+    measured = np.full(grid.shape, GroundClass.MEASURED, dtype=np.uint8)
+    level = Dtm(grid, flat, flat + np.float32(0.01), flat + 1, measured)
+    note_pixels(benchmark, benchmark.pedantic(rendered, args=(level, views), rounds=1))
+
+
+@pytest.mark.parametrize("side", [6656, 12_288])
+def test_a_bare_remap_of_as_many_pixels_for_comparison(benchmark, stop, side):
+    """The limit: one image, one lookup a pixel, the places known beforehand."""
+    x = np.tile(np.linspace(0, SIDE_PX - 1, side, dtype=np.float32), (512, 1))
+    y = np.linspace(0, SIDE_PX - 1, side, dtype=np.float32)
+
+    def remapped() -> None:
+        for row in range(0, side, 512):
+            lines = np.repeat(y[row : row + 512, None], side, axis=1)
+            cv2.remap(stop[0].image, x[: len(lines)], lines, cv2.INTER_LINEAR)
+
+    benchmark.pedantic(remapped, rounds=3)
+    benchmark.extra_info["megapixels a second"] = side**2 / 1e6 / benchmark.stats["mean"]
 
 
 def test_the_slope_of_a_stop(benchmark, dtm):
