@@ -12,6 +12,7 @@ from photogrammetry.terrain.dtm import DtmParams
 from photogrammetry.terrain.dtm import build_dtm as model_terrain
 from products.crs import LandingPoint, local_crs
 from products.model import ProductKind, ProductRef, Recipe
+from products.provenance import provenance_tags
 from products.raster import write_dtm
 from products.store import ProductStore
 from tasks.scopes import stop_scope
@@ -27,12 +28,13 @@ def build_dtm(
     store: ProductStore,
 ) -> ProductRef:
     """Build the terrain model of a stop."""
-
-    def write(path: Path) -> None:
-        write_dtm(path, model_terrain(read_views(pairs, store), params), local_crs(landing))
-
     orientations = tuple(pair.orientation for pair in pairs)
     recipe = Recipe(
         ProductKind.DTM, stop_scope(stop), inputs_of(pairs), (params, landing, orientations)
     )
+
+    def write(path: Path) -> None:
+        made = model_terrain(read_views(pairs, store), params)
+        write_dtm(path, made, local_crs(landing), tags=provenance_tags(recipe))
+
     return store.make(recipe, write)

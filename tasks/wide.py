@@ -22,6 +22,7 @@ from photogrammetry.terrain.records import TerrainView
 from products.arrays import read_dense, read_matches, read_parallax, write_dense, write_matches
 from products.crs import LandingPoint, local_crs
 from products.model import ProductKind, ProductRef, Recipe
+from products.provenance import provenance_tags
 from products.raster import write_dtm
 from products.store import ProductStore
 from tasks.images import read_product_image
@@ -163,12 +164,11 @@ def build_far_dtm(
     store: ProductStore,
 ) -> ProductRef:
     """Build the terrain model of the far ground that a stop sees together with earlier ones."""
+    inputs = tuple(ref for pair in pairs for ref in pair.inputs)
+    recipe = Recipe(ProductKind.FAR_DTM, stop_scope(stop), inputs, (params, landing))
 
     def write(path: Path) -> None:
-        views = [read_wide_view(pair, store) for pair in pairs]
-        write_dtm(path, model_terrain(views, params), local_crs(landing))
+        made = model_terrain([read_wide_view(pair, store) for pair in pairs], params)
+        write_dtm(path, made, local_crs(landing), tags=provenance_tags(recipe))
 
-    inputs = tuple(ref for pair in pairs for ref in pair.inputs)
-    return store.make(
-        Recipe(ProductKind.FAR_DTM, stop_scope(stop), inputs, (params, landing)), write
-    )
+    return store.make(recipe, write)
