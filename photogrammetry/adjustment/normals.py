@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -95,25 +96,36 @@ def _reduced(
     problem: Problem, at: Place, threshold: float | None
 ) -> tuple[np.ndarray, np.ndarray, tuple[EliminatedTies, ...]]:
     """The same, the lower triangle of the matrix alone."""
-    flat = np.zeros(problem.pattern.length + 1)
-    right = np.zeros(problem.unknowns.count + 1)
-    ties, end = [], 0
-    for group, place, right_place in zip(
-        problem.groups, problem.places, problem.right_places, strict=True
-    ):
+    flat, right, ties = added(problem, _eliminated(problem, at, threshold))
+    _add_telemetry(problem, at.state, flat, right)
+    _add_inherited(problem, at.state, flat, right)
+    flat[-1] = right[-1] = 0.0
+    return flat, right, ties
+
+
+def _eliminated(problem: Problem, at: Place, threshold: float | None) -> Iterator[EliminatedTies]:
+    """The groups of a problem, freed of their points."""
+    end = 0
+    for group in problem.groups:
         part = slice(end, end := end + group.rows.size)
         l, A = at.l[:, part], at.views.partials(problem.sights.part(part))
         if threshold is not None:
             root = np.sqrt(huber_weights(lengths(l), threshold))
             l, A = l * root, A.weighted(root)
-        tie = eliminate(group, l, A, at.views)
+        yield eliminate(group, l, A, at.views)
+
+
+def added(
+    problem: Problem, groups: Iterable[EliminatedTies]
+) -> tuple[np.ndarray, np.ndarray, tuple[EliminatedTies, ...]]:
+    """Normal equations of ties alone: lower triangle, right-hand side (both with bins), ties."""
+    flat, right = np.zeros(problem.pattern.length + 1), np.zeros(problem.unknowns.count + 1)
+    ties = []
+    for tie, place, right_place in zip(groups, problem.places, problem.right_places, strict=True):
         N = tie.normals()
         _add(flat, place, N[: len(place)])
         _add(right, right_place, N[len(place) : -1])
         ties.append(tie)
-    _add_telemetry(problem, at.state, flat, right)
-    _add_inherited(problem, at.state, flat, right)
-    flat[-1] = right[-1] = 0.0
     return flat, right, tuple(ties)
 
 

@@ -4,7 +4,9 @@ Start: telemetry (cold), so the alignment, the search for blunders and all covar
 """
 
 import importlib
+import os
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -22,6 +24,7 @@ from photogrammetry.adjustment.solver import solve
 from photogrammetry.adjustment.stepwise import adjust_stepwise
 from photogrammetry.synthetic.networks import TelemetryErrors, simulate_network
 from tests.support import adjustment_problems as problems
+from tests.support import bal
 
 PARAMS = AdjustmentParams()
 
@@ -91,6 +94,18 @@ def test_a_whole_mission_next_to_ceres(benchmark, stops):
     print(f"{stops} stops: {seconds:.3f} s against {theirs.seconds:.2f} s")  # noqa: T201
     print(f"{theirs.report}; relative {theirs.cost / mine.cost - 1:.1e}")  # noqa: T201
     assert mine.converged
+    assert mine.cost == pytest.approx(theirs.cost, rel=1e-6)
+
+
+def test_a_problem_of_bal_next_to_ceres(benchmark):
+    """The file that SOLMAP_BAL names, all nine unknowns of every camera free."""
+    peer = peer_or_skip("ceres_peer", "pycolmap", "pyceres")
+    if "SOLMAP_BAL" not in os.environ:
+        pytest.skip("no file named: SOLMAP_BAL=problem-49-7776-pre.txt make bench")
+    problem = bal.read_bal(Path(os.environ["SOLMAP_BAL"]))
+    mine = benchmark.pedantic(bal.ours, (problem,), rounds=1)
+    theirs = peer.adjusted_with_lenses(problem)
+    print(f"{mine} against {theirs}")  # noqa: T201
     assert mine.cost == pytest.approx(theirs.cost, rel=1e-6)
 
 

@@ -2,8 +2,9 @@
 
 Networks of 10 to 2,000 stops, ten stereo pairs and about 306 ties each, with mast pointings and
 telemetry. The start is the truth, as far from the minimum as the noise is large; the time is
-processor time of layout and iteration, and of all covariances besides. Draws
-docs/figures/adjustment_scaling.png.
+processor time of layout and iteration, and of all covariances besides (linearised anew), the
+fastest of three runs, since other work shares the caches.
+Draws docs/figures/adjustment_scaling.png.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from photogrammetry.synthetic.networks import simulate_network
 from tests.support.adjustment_problems import PARAMS
 
 STOPS = (10, 50, 200, 500, 1000, 2000)
+REPEATS = 3
 FIGURE = Path(__file__).parents[2] / "docs" / "figures" / "adjustment_scaling.png"
 
 
@@ -40,9 +42,21 @@ def measured(stops):
         truth.pointings,
         truth.points,
     )
-    used = np.ones(len(observations), dtype=bool)
+    runs = [timed(observations, telemetry, start) for _ in range(REPEATS)]
+    return {
+        "stops": stops,
+        "images": 2 * len(network.pairs),
+        "ties": observations.points,
+        **min(runs, key=lambda run: run["layout_s"] + run["iteration_s"]),
+        "peak_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
+    }
+
+
+def timed(observations, telemetry, start):
+    """One run."""
+    used, held = np.ones(len(observations), dtype=bool), np.arange(len(start.centres)) == 0
     times = [time.process_time()]
-    problem = Problem.of(observations, telemetry, np.arange(stops) == 0, used)
+    problem = Problem.of(observations, telemetry, held, used)
     times.append(time.process_time())
     solution = solve(problem, start, PARAMS, robust=False)
     times.append(time.process_time())
@@ -50,15 +64,11 @@ def measured(stops):
     times.append(time.process_time())
     layout, iteration, covariance = np.diff(times).tolist()
     return {
-        "stops": stops,
-        "images": 2 * len(network.pairs),
-        "ties": observations.points,
         "iterations": solution.iterations,
         "converged": solution.converged,
         "layout_s": layout,
         "iteration_s": iteration,
         "covariances_s": covariance,
-        "peak_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
     }
 
 

@@ -25,6 +25,13 @@ damping holds back."""
 def adjusted(problem, most_iterations=200, settings=NEWTON):
     """Ceres on the ties that several pairs saw; the time is that of its minimiser alone."""
     reconstruction = reconstruction_of(problem)
+    config = config_of(reconstruction)
+    config.set_constant_rig_from_world_pose(1)
+    return solved(reconstruction, options_of(most_iterations, settings), config)
+
+
+def options_of(most_iterations, settings):
+    """One thread, sparse Schur complement, lenses and rigs as they are."""
     options = pycolmap.BundleAdjustmentOptions()
     options.refine_focal_length = options.refine_extra_params = False
     options.refine_sensor_from_rig = options.print_summary = False
@@ -35,10 +42,18 @@ def adjusted(problem, most_iterations=200, settings=NEWTON):
     solver.function_tolerance, solver.gradient_tolerance = 1e-9, 1e-10
     for name, value in settings.items():
         setattr(solver, name, value)
+    return options
+
+
+def config_of(reconstruction):
+    """All images."""
     config = pycolmap.BundleAdjustmentConfig()
     for image in reconstruction.images:
         config.add_image(image)
-    config.set_constant_rig_from_world_pose(1)
+    return config
+
+
+def solved(reconstruction, options, config):
     adjuster = pycolmap.create_default_bundle_adjuster(options, config, reconstruction)
     begin = time.process_time()
     summary = adjuster.solve().ceres_summary
@@ -145,3 +160,43 @@ def add_frame(reconstruction, problem, stop, rig, of_pair):
     for image in images:
         reconstruction.add_image(image)
     reconstruction.register_frame(stop + 1)
+
+
+def adjusted_with_lenses(problem, most_iterations=500):
+    """A problem of `bal`, all nine unknowns of a camera free."""
+    reconstruction = photographs_of(problem)
+    options = options_of(most_iterations, {"function_tolerance": 1e-12})
+    options.refine_focal_length = options.refine_extra_params = True
+    return solved(reconstruction, options, config_of(reconstruction))
+
+
+def photographs_of(problem):
+    """Cameras that look along z, y down."""
+    observations, state = problem.observations, problem.start
+    turn = np.diag([1.0, -1.0, -1.0])
+    reconstruction = pycolmap.Reconstruction()
+    slots = np.zeros(len(observations), dtype=int)
+    for k, (R, c, (f, k1, k2)) in enumerate(
+        zip(state.rotations, state.centres, state.pointings, strict=True)
+    ):
+        camera = pycolmap.Camera(
+            camera_id=k + 1, model="RADIAL", width=1, height=1, params=[f, 0.0, 0.0, k1, k2]
+        )
+        reconstruction.add_camera_with_trivial_rig(camera)
+        mine = np.flatnonzero(observations.pair == k)
+        slots[mine] = np.arange(len(mine))
+        image = pycolmap.Image(
+            name=str(k), keypoints=observations.measured[mine, :2] * [1.0, -1.0],
+            camera_id=k + 1, image_id=k + 1,
+        )  # fmt: skip
+        to_camera = turn @ R.T
+        pose = pycolmap.Rigid3d(np.column_stack([to_camera, -to_camera @ c]))
+        reconstruction.add_image_with_trivial_frame(image, pose)
+    order = np.argsort(observations.point, kind="stable")
+    parts = np.split(order, np.cumsum(np.bincount(observations.point))[:-1])
+    for point, rows in enumerate(parts):
+        track = pycolmap.Track()
+        for row in rows.tolist():
+            track.add_element(int(observations.pair[row]) + 1, int(slots[row]))
+        reconstruction.add_point3D(state.points[point], track)
+    return reconstruction

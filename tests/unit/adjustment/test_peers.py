@@ -15,7 +15,7 @@ gtsam = pytest.importorskip("gtsam", reason="GTSAM is not installed: make peers"
 pytest.importorskip("pycolmap", reason="COLMAP is not installed: make peers")
 pytest.importorskip("pyceres", reason="Ceres' options are not installed: make peers")
 
-from tests.support import ceres_peer, gtsam_peer  # noqa: E402 - only with the peers
+from tests.support import bal, ceres_peer, gtsam_peer  # noqa: E402 - only with the peers
 from tests.support.adjustment_problems import covariances, ours, simulated  # noqa: E402
 from tests.support.published_stereo import read_problem  # noqa: E402
 
@@ -54,3 +54,34 @@ def test_a_published_stereo_problem_has_the_same_minimum(peer):
     mine, theirs = ours(problem), peer.adjusted(problem)
     assert mine.converged
     assert mine.cost == pytest.approx(theirs.cost, rel=1e-6)
+
+
+@pytest.fixture(scope="module")
+def balbianello(tmp_path_factory):
+    """A villa by Lake Como in 5 photographs, as Bundler left it, in BAL's format."""
+    path = tmp_path_factory.mktemp("bal") / "balbianello.txt"
+    if not (DATA / "Balbianello.out").is_file():
+        pytest.skip(f"GTSAM came without its example data at {DATA}")
+    gtsam.writeBAL(str(path), gtsam.SfmData.FromBundlerFile(str(DATA / "Balbianello.out")))
+    return bal.read_bal(path)
+
+
+def test_a_problem_in_the_format_of_bal_is_read_as_gtsam_reads_it(balbianello, tmp_path):
+    assert len(balbianello.start.centres) == 5
+    assert (len(balbianello.start.points), len(balbianello.observations)) == (544, 1417)
+    broken = tmp_path / "broken.txt"
+    broken.write_text("2 1 1\n0 0 1.0 2.0\n" + "0.5\n" * 20)
+    with pytest.raises(ValueError, match="2 cameras and 1 points, 18 and 3 numbers, and holds 20"):
+        bal.read_bal(broken)
+
+
+@pytest.mark.parametrize("disturbed", [0.0, 0.01])
+def test_a_published_problem_with_free_lenses_has_the_same_minimum(balbianello, disturbed):
+    """As it was left, and with its points shaken by a hundredth of their distances."""
+    start, rng = balbianello.start, np.random.default_rng(1)
+    spread = np.linalg.norm(start.points - start.centres.mean(axis=0), axis=1, keepdims=True)
+    points = start.points + disturbed * spread * rng.normal(size=start.points.shape)
+    problem = replace(balbianello, start=replace(start, points=points))
+    assert bal.ours(problem).cost == pytest.approx(
+        ceres_peer.adjusted_with_lenses(problem).cost, rel=1e-6
+    )
