@@ -16,6 +16,7 @@ from rich.markup import escape
 
 from config.settings import Settings
 from flows.console import errors, fail, out, progress_shown, show_rows
+from flows.dip_commands import app as dip
 from flows.engine import prepare_engine
 from flows.traverse_commands import app as traverse
 
@@ -29,6 +30,7 @@ app = typer.Typer(
 )
 
 app.add_typer(traverse, name="traverse")
+app.add_typer(dip, name="dip")
 
 StoreOption = Annotated[
     Path | None, typer.Option("--store", help="Folder of products. [env: SOLMAP_STORE]")

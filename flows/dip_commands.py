@@ -1,0 +1,81 @@
+"""`solmap dip`: strike and dip of ground and of rocks (`flows.dips` does the work)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from config.settings import Settings
+from flows.console import fail, show_rows
+
+app = typer.Typer(help="Strike and dip of planes.", no_args_is_help=True)
+
+Stop = Annotated[str, typer.Argument(help="As `solmap positions` names it")]
+StoreOption = Annotated[
+    Path | None, typer.Option("--store", help="Folder of products. [env: SOLMAP_STORE]")
+]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
+ANGLES = ["strike_deg", "sigma_strike_deg", "dip_deg", "sigma_dip_deg"]
+
+
+@app.command()
+def ground(
+    stop: Stop,
+    corner: Annotated[
+        list[str], typer.Option(help="Corner of the outline, `EAST,NORTH` in metres; in order")
+    ],
+    store: StoreOption = None,
+    *,
+    as_json: JsonOption = False,
+) -> None:
+    """Strike and dip of the ground inside an outline, from the stop's terrain model."""
+    from flows.dips import dip_of_ground  # noqa: PLC0415 - slow to import
+    from photogrammetry.errors import PhotogrammetryError  # noqa: PLC0415
+    from photogrammetry.terrain.cell_plane import CellPlaneParams  # noqa: PLC0415
+    from products.errors import ProductError  # noqa: PLC0415
+    from products.workspace import Workspace  # noqa: PLC0415
+
+    workspace = Workspace.open(store or Settings().store)
+    try:
+        found = dip_of_ground(stop, _corners(corner), CellPlaneParams(), workspace)
+    except (PhotogrammetryError, ProductError) as error:
+        fail(str(error))
+    show_rows([found.row()], [*ANGLES, "dip_direction_deg", "rms_m", "cells"], as_json)
+
+
+@app.command()
+def rocks(
+    stop: Stop,
+    pipeline: Annotated[str, typer.Option(help="Shipped pipeline or TOML file")] = "default",
+    store: StoreOption = None,
+    *,
+    as_json: JsonOption = False,
+) -> None:
+    """Strike and dip of the planar facets of rocks that a stop's pairs see, put on the map."""
+    from config.errors import ConfigError  # noqa: PLC0415 - slow to import
+    from config.pipeline import load_pipeline  # noqa: PLC0415
+    from flows.dips import dips_of_rocks  # noqa: PLC0415
+    from photogrammetry.errors import PhotogrammetryError  # noqa: PLC0415
+    from products.errors import ProductError  # noqa: PLC0415
+    from products.workspace import Workspace  # noqa: PLC0415
+
+    workspace = Workspace.open(store or Settings().store)
+    try:
+        params = load_pipeline(pipeline).models.facets
+        rows = dips_of_rocks(stop, params, workspace)
+    except (ConfigError, PhotogrammetryError, ProductError) as error:
+        fail(str(error))
+    columns = [*ANGLES, "length_m", "width_m", "distance_m", "east", "north", "pair"]
+    if not rows and not as_json:
+        fail(f"the pairs of {stop} show no facet that is steep, flat and large enough")
+    show_rows(rows, columns, as_json)
+
+
+def _corners(texts: list[str]) -> list[tuple[float, float]]:
+    try:
+        pairs = [tuple(float(part) for part in text.split(",")) for text in texts]
+        return [(east, north) for east, north in pairs]
+    except ValueError:
+        fail(f"corners are given as `--corner EAST,NORTH` in metres, not {' '.join(texts)}")

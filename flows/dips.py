@@ -1,0 +1,123 @@
+"""Strike and dip on demand: of ground inside an outline, and of the rocks that pairs see."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from flows.sol_maps import oriented_pairs
+from photogrammetry.imagery import StopId
+from photogrammetry.terrain.cell_plane import CellPlaneParams, plane_of_cells
+from photogrammetry.terrain.facets import FacetParams
+from photogrammetry.terrain.plane_fit import Attitude, PlaneFit, attitude
+from products.errors import ProductNotFoundError
+from products.model import ProductKind, ProductRef
+from products.raster import read_dtm
+from products.vector import read_features
+from products.workspace import Workspace
+from tasks.orientations import read_orientations
+from tasks.outcrop import map_dips
+from tasks.pairs import PairFiles, PairProducts, pairs_of
+from tasks.publish import publish
+from tasks.scopes import pair_scope
+from tasks.views import OrientedPair
+
+
+@dataclass(frozen=True, slots=True)
+class GroundDip:
+    """The plane of a piece of ground."""
+
+    plane: PlaneFit
+    attitude: Attitude
+
+    def row(self) -> dict[str, float]:
+        """What a geologist writes down, degrees and metres."""
+        found, plane = self.attitude, self.plane
+        degrees = {
+            "strike_deg": found.strike,
+            "sigma_strike_deg": found.sigma_strike,
+            "dip_deg": found.dip,
+            "sigma_dip_deg": found.sigma_dip,
+            "dip_direction_deg": found.dip_direction,
+        }
+        east, north, up = (round(float(along), 3) for along in plane.centre)
+        return {
+            **{name: round(float(np.degrees(angle)), 2) for name, angle in degrees.items()},
+            "east": east,
+            "north": north,
+            "up": up,
+            "rms_m": round(plane.rms_m, 4),
+            "cells": plane.points,
+        }
+
+
+def dip_of_ground(
+    stop: str,
+    corners: Sequence[tuple[float, float]],
+    params: CellPlaneParams,
+    workspace: Workspace,
+) -> GroundDip:
+    """Strike and dip of a stop's ground inside an outline on the local map.
+
+    Raises:
+        ProductNotFoundError: the stop has no terrain model.
+        TerrainError: no plane, or none with a strike, can be fitted there.
+    """
+    dtm = workspace.catalogue.layer(stop, ProductKind.DTM)
+    terrain = read_dtm(workspace.store.path(dtm.ref))
+    plane = plane_of_cells(terrain, np.array(corners, dtype=np.float64), params)
+    return GroundDip(plane, attitude(plane))
+
+
+def dips_of_rocks(stop: str, params: FacetParams, workspace: Workspace) -> list[dict[str, object]]:
+    """Strike and dip of the facets that a stop's pairs see; they become a layer of the map.
+
+    Raises:
+        ProductNotFoundError: the stop has no adjusted pairs.
+    """
+    stop_id, pairs = _adjusted_pairs(stop, workspace)
+    entry = workspace.catalogue.mission(stop_id.mission)
+    ref = map_dips.fn(stop_id, pairs, params, entry.landing, workspace.store)
+    sols = tuple(sorted({pair.products.files.sol for pair in pairs}))
+    publish.fn(entry, [(ref, sols)], (), (), workspace)
+    collection = read_features(workspace.store.path(ref))
+    return [
+        {"east": float(f.points[0, 0]), "north": float(f.points[0, 1]), **f.properties}
+        for f in collection.features
+    ]
+
+
+def _adjusted_pairs(stop: str, workspace: Workspace) -> tuple[StopId, tuple[OrientedPair, ...]]:
+    """The pairs of a stop with their latest orientations."""
+    catalogue, store = workspace.catalogue, workspace.store
+    files = pairs_of(catalogue.images(stop=stop))
+    if not files:
+        known = sorted({image.stop for image in catalogue.images()})
+        raise ProductNotFoundError(
+            f"no stereo pairs of a stop {stop!r} are in the store; its stops are "
+            f"{', '.join(known) or 'none'}"
+        )
+    matched = [made for pair in files if (made := _matched(pair, workspace))]
+    for orientations in reversed(catalogue.pointers(ProductKind.ORIENTATIONS)):
+        mapped = read_orientations(orientations, store).get(stop)
+        if mapped:
+            return files[0].stop, oriented_pairs(matched, mapped)
+    raise ProductNotFoundError(f"{stop} has not been adjusted: run its sol first")
+
+
+def _matched(pair: PairFiles, workspace: Workspace) -> PairProducts | None:
+    """What was matched of a pair; None where matching failed."""
+    scope = pair_scope(pair.id)
+    digests = [
+        workspace.catalogue.latest(scope.name, kind)
+        for kind in (ProductKind.MATCHES, ProductKind.PARALLAX)
+    ]
+    if digests[0] is None or digests[1] is None:
+        return None
+    return PairProducts(
+        pair,
+        ProductRef(ProductKind.MATCHES, scope, digests[0]),
+        ProductRef(ProductKind.PARALLAX, scope, digests[1]),
+    )

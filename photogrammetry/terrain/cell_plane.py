@@ -1,0 +1,80 @@
+"""The plane of the ground inside an outline on a terrain model, for its strike and dip.
+
+Every measured cell inside is a point: known up and down by its standard deviation, and sideways to
+a cell's width evenly spread, cell^2 / 12. The part of the standard deviation that comes from the
+poses lifts and tilts all cells together and is no scatter between them, so it is taken off. A cell
+with fewer matched points than a matching window holds shares its match with its neighbours: with k
+points of the c^2 in a window its variance counts c^2 / k times, as if it were one of so many.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+
+from photogrammetry.arrays import Bool, Covariances3, Float64, ObjectPoints
+from photogrammetry.errors import TerrainError
+from photogrammetry.terrain.plane_fit import PlaneFit, fit_plane
+from photogrammetry.terrain.records import Dtm, GroundClass
+
+Corners = Float64[np.ndarray, "n 2"]
+"""(east, north) of an outline's corners in order, metres of the local map."""
+
+
+@dataclass(frozen=True, slots=True)
+class CellPlaneParams:
+    """How to fit planes to cells."""
+
+    correlation_px: float = 9.0
+    """Side of the window that refines dense parallax: pixels this close share their error."""
+    tilt_deg: float = 0.1
+    """Standard deviation of the tilt that all ground of a stop shares: that of adjusted stops."""
+
+
+def plane_of_cells(dtm: Dtm, corners: Corners, params: CellPlaneParams) -> PlaneFit:
+    """The plane of the measured cells whose middles lie inside an outline.
+
+    Raises:
+        TerrainError: the outline is none, or holds too few measured cells or only a line of them.
+    """
+    inside = _inside(dtm, corners) & (dtm.ground == GroundClass.MEASURED)
+    if not inside.any():
+        west, south, east, north = dtm.grid.bounds
+        raise TerrainError(
+            f"no measured ground lies inside the outline of {len(corners)} corners; the terrain "
+            f"model reaches from {west:.1f} to {east:.1f} m east and {south:.1f} to {north:.1f} m "
+            "north"
+        )
+    points, covariances = _points(dtm, inside, params)
+    turning = np.diag([np.radians(params.tilt_deg) ** 2] * 2 + [0.0])
+    return fit_plane(points, covariances, turning)
+
+
+def _inside(dtm: Dtm, corners: Corners) -> Bool[np.ndarray, "rows cols"]:
+    if len(corners) < 3:  # noqa: PLR2004 - of a triangle
+        raise TerrainError(f"an outline has at least 3 corners, not {len(corners)}")
+    outline = shapely.Polygon(corners)
+    if not outline.is_valid:
+        reason = shapely.is_valid_reason(outline)
+        raise TerrainError(f"the outline crosses itself ({reason}); name its corners in order")
+    east, north = np.meshgrid(*dtm.grid.centres())
+    return np.asarray(shapely.contains_xy(outline, east, north))
+
+
+def _points(
+    dtm: Dtm, inside: Bool[np.ndarray, "rows cols"], params: CellPlaneParams
+) -> tuple[ObjectPoints, Covariances3]:
+    row, col = np.nonzero(inside)
+    east, north = dtm.grid.centres()
+    up, sigma = (layer[inside].astype(np.float64) for layer in (dtm.elevation, dtm.sigma_m))
+    variance = sigma**2
+    if dtm.pose_sigma_m is not None:
+        variance = np.maximum(variance - dtm.pose_sigma_m[inside] ** 2, variance / 100)
+    count = np.maximum(1.0, dtm.observations[inside].astype(np.float64))
+    variance = variance * np.maximum(1.0, params.correlation_px**2 / count)
+    covariances = np.zeros((len(up), 3, 3))
+    covariances[:, [0, 1], [0, 1]] = dtm.grid.cell_m**2 / 12
+    covariances[:, 2, 2] = variance
+    return np.column_stack([east[col], north[row], up]), covariances
