@@ -39,3 +39,7 @@ class TerrainError(PhotogrammetryError):
 
 class TraverseError(PhotogrammetryError):
     """Traverses that cannot be compared or put on the map."""
+
+
+class OrbitalError(PhotogrammetryError):
+    """Orbital images and rover maps that cannot be laid on each other."""

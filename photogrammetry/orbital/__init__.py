@@ -1,0 +1,1 @@
+"""Rover maps and orbital images: where the one lies in the other."""

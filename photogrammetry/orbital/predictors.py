@@ -1,0 +1,93 @@
+"""What the rover's map says of how the ground looks from orbit, whatever the sun.
+
+Under a sun in direction s a matt ground of normal n and albedo a has the brightness a (n . s). For
+gentle slopes that is linear in the slopes: a (s_z - s_e dz/de - s_n dz/dn). Neither the sun nor the
+contrast of the orbital camera need to be known if its brightness is fitted, place by place, as a
+linear combination of the slopes and of the brightness that the rover saw:
+
+    orbital = b0 + b1 dz/de + b2 dz/dn + b3 (rover's brightness) + b4 (height above surroundings)
+
+The last stands for rocks and hollows, whose shadows no linear term of the slope foresees. All is
+compared after the mean of the surroundings is taken out, so that haze, shading by large slopes and
+changes of albedo over tens of metres do not count.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from photogrammetry.arrays import Float64, Mask, Raster
+from photogrammetry.orbital.records import GroundMap, OrbitalImage
+from photogrammetry.terrain.grid import MapGrid
+
+SURROUNDINGS_M = 6.0
+"""Standard deviation of the Gaussian whose mean is taken out: some rocks and ripples wide."""
+MIXING = 0.5
+"""Standard deviation, in cells, by which an orbital detector blurs what falls on its cells."""
+LEAST_SEEN = 0.3
+"""Share of the surroundings that must be seen for their mean to count."""
+
+Stack = Float64[np.ndarray, "predictors rows cols"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Predicted:
+    """What may show from orbit."""
+
+    grid: MapGrid
+    stack: Stack
+    """Zero where it is not known."""
+    known: Mask
+
+    def within(self, part: Mask) -> Predicted:
+        """Only what lies in a part of the grid."""
+        return Predicted(self.grid, self.stack, self.known & part)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Contrast:
+    """What shows from orbit: brightness less that of its surroundings."""
+
+    grid: MapGrid
+    values: Raster
+    """Zero where it is not known."""
+    known: Mask
+
+
+def predictors(ground: GroundMap) -> Predicted:
+    """What a rover's map says of the orbital image."""
+    cell_m = ground.grid.cell_m
+    surroundings = SURROUNDINGS_M / cell_m
+    elevation, brightness = (
+        raster.astype(np.float64) for raster in (ground.elevation, ground.brightness)
+    )
+    d_south, d_east = np.gradient(_smoothed(elevation, MIXING), cell_m)
+    layers = [
+        _local(layer, surroundings)
+        for layer in (d_east, -d_south, _smoothed(brightness, MIXING), elevation)
+    ]
+    known = np.asarray(np.isfinite(layers).all(axis=0))
+    return Predicted(ground.grid, np.where(known, np.stack(layers), 0.0), known)
+
+
+def local_contrast(image: OrbitalImage) -> Contrast:
+    """The orbital brightness less that of its surroundings."""
+    contrast = _local(image.brightness.astype(np.float64), SURROUNDINGS_M / image.grid.cell_m)
+    known = np.isfinite(contrast)
+    return Contrast(image.grid, np.where(known, contrast, 0.0).astype(np.float32), known)
+
+
+def _local(raster: np.ndarray, sigma_cells: float) -> np.ndarray:
+    return raster - _smoothed(raster, sigma_cells, LEAST_SEEN)
+
+
+def _smoothed(raster: np.ndarray, sigma_cells: float, least: float = 0.0) -> np.ndarray:
+    """Gaussian mean of what is known; NaN where nothing is, or less than `least` around it."""
+    known = np.isfinite(raster)
+    weight = cv2.GaussianBlur(known.astype(np.float64), (0, 0), sigma_cells)
+    total = cv2.GaussianBlur(np.where(known, raster, 0.0), (0, 0), sigma_cells)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.where(known & (weight > least), total / weight, np.nan)

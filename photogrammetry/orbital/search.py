@@ -1,0 +1,180 @@
+"""Where in an orbital image a rover's map fits: all places and rotations, by multiple correlation.
+
+For a shift d of the orbital image I, with the predictors r_k of the map over its n known cells,
+
+    c_k(d) = sum r_k(x) I(x + d),       explained(d) = c(d)' S^-1 c(d) / variance of I under the map
+
+where the r_k are centred and S = sum r r'. That is the coefficient of determination (R squared) of
+a linear regression of the image on the predictors, for all shifts at once by FFT, since S does not
+depend on the shift. A map turned by theta against the image is found by turning the image.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from scipy import fft
+from scipy.linalg import cholesky, solve_triangular
+
+from photogrammetry.arrays import Float64, Mask
+from photogrammetry.errors import OrbitalError
+from photogrammetry.orbital.predictors import Contrast, Predicted, Stack
+from photogrammetry.terrain.grid import MapGrid
+
+FEWEST_CELLS = 400
+"""Of a map: fewer say nothing about a place (10 m by 10 m at HiRISE's best)."""
+ALL = 0.999
+"""Weight of a look-up all of whose neighbours are known, less rounding."""
+LEAST_SHOWN = 0.9
+"""Share of the map's cells that the image must show at a place that is judged."""
+
+
+@dataclass(frozen=True, slots=True)
+class SearchParams:
+    """How far the georeference may be wrong."""
+
+    reach_m: float = 12.0
+    """In each direction: telemetry off by some percent of a drive, a georeference by some cells."""
+    reach_deg: float = 2.5
+    step_deg: float = 0.25
+    """Rotations tried: at 40 m, the radius of a stop's map, a step moves the edge by 0.17 m."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Landscape:
+    """How well the map fits at every rotation and shift."""
+
+    explained: Float64[np.ndarray, "turns lags lags"]
+    """Shifts of the map by (i - reach) rows down and (j - reach) columns right, NaN: not shown."""
+    turns_deg: Float64[np.ndarray, " turns"]
+    cell_m: float
+
+    @property
+    def reach(self) -> int:
+        """Largest shift, cells."""
+        return self.explained.shape[1] // 2
+
+    def best(self) -> tuple[float, float, float, float]:
+        """(explained, east, north, rotation deg): by how much the map lies off in the image."""
+        if np.isnan(self.explained).all():
+            raise OrbitalError("the image does not show the ground: nothing to compare")
+        turn, row, col = np.unravel_index(np.nanargmax(self.explained), self.explained.shape)
+        return (
+            float(self.explained[turn, row, col]),
+            (int(col) - self.reach) * self.cell_m,
+            -(int(row) - self.reach) * self.cell_m,
+            float(self.turns_deg[turn]),
+        )
+
+    def runner_up(self, apart_m: float) -> float:
+        """How well the best place fits that lies at least so far from the best, at any rotation."""
+        _, east, north, _ = self.best()
+        lags = (np.arange(2 * self.reach + 1) - self.reach) * self.cell_m
+        far = np.hypot(lags[None, :] - east, -lags[:, None] - north) > apart_m
+        over_turns = np.nanmax(np.where(np.isfinite(self.explained), self.explained, -1.0), axis=0)
+        return float(over_turns[far].max()) if far.any() else 0.0
+
+
+def search(predicted: Predicted, contrast: Contrast, params: SearchParams) -> Landscape:
+    """How well the map fits, for all rotations and shifts within reach.
+
+    Raises:
+        OrbitalError: the map is too small, or flat and plain: nothing in it could show.
+    """
+    grid, known = predicted.grid, predicted.known
+    reach = int(np.ceil(params.reach_m / grid.cell_m))
+    steps = int(np.floor(params.reach_deg / params.step_deg))
+    turns = np.arange(-steps, steps + 1) * params.step_deg
+    shape = tuple(fft.next_fast_len(n + 2 * reach, real=True) for n in grid.shape)
+    layers = (*whiten(predicted), known.astype(np.float64))
+    spectra = [np.conj(fft.rfft2(layer, shape)) for layer in layers]
+    found = [_explained(spectra, _turned(contrast, grid, reach, turn), known) for turn in turns]
+    reached = [fit[: 2 * reach + 1, : 2 * reach + 1] for fit in found]
+    return Landscape(np.array(reached), turns, grid.cell_m)
+
+
+def whiten(predicted: Predicted) -> Stack:
+    """Predictors made orthonormal over the known cells, zero elsewhere.
+
+    Raises:
+        OrbitalError: too few cells are known, or nothing varies in them.
+    """
+    known = predicted.known
+    rows = predicted.stack[:, known]
+    if rows.shape[1] < FEWEST_CELLS:
+        raise OrbitalError(
+            f"{rows.shape[1]} cells of ground are too few to be found from orbit: "
+            f"at least {FEWEST_CELLS} are needed"
+        )
+    rows = rows - rows.mean(axis=1, keepdims=True)
+    scale = np.sqrt((rows**2).mean(axis=1))
+    varied = scale > 0
+    if not varied.any():
+        raise OrbitalError("the ground is flat and plain: nothing in it could show from orbit")
+    rows = rows[varied] / scale[varied, None]
+    normal = rows @ rows.T / rows.shape[1] + 1e-6 * np.eye(len(rows))
+    orthonormal = solve_triangular(cholesky(normal, lower=True), rows, lower=True)
+    out = np.zeros((len(rows), *known.shape))
+    out[:, known] = orthonormal / np.sqrt(rows.shape[1])
+    return out
+
+
+def _turned(
+    contrast: Contrast, grid: MapGrid, reach: int, rotation_deg: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """The image on the map's grid with a margin of `reach` cells, looked up at turned places.
+
+    Cell x shows what the image has at c + R' (x - c), c the centre of the map and R the rotation
+    that carries the image onto the map.
+    """
+    cell_m = grid.cell_m
+    rows, cols = grid.rows + 2 * reach, grid.cols + 2 * reach
+    east = grid.west + (np.arange(cols) - reach + 0.5) * cell_m
+    north = grid.north - (np.arange(rows) - reach + 0.5) * cell_m
+    at_east, at_north = lookup(grid, rotation_deg, east[None, :], north[:, None])
+    sample, line = samples_of(contrast.grid, at_east, at_north)
+    values = cv2.remap(contrast.values, sample, line, cv2.INTER_CUBIC)
+    shown = cv2.remap(contrast.known.astype(np.float32), sample, line, cv2.INTER_LINEAR)
+    seen = shown > ALL
+    return np.where(seen, values, 0.0), seen
+
+
+def samples_of(grid: MapGrid, east: np.ndarray, north: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(column, row) of places, as OpenCV looks them up."""
+    column = (east - grid.west) / grid.cell_m - 0.5
+    row = (grid.north - north) / grid.cell_m - 0.5
+    return column.astype(np.float32), row.astype(np.float32)
+
+
+def lookup(
+    grid: MapGrid, rotation_deg: float, east: np.ndarray, north: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Where the image shows places of the map if it is turned by `rotation_deg` onto the map."""
+    west, south, right, top = grid.bounds
+    centre = ((west + right) / 2, (south + top) / 2)
+    c, s = np.cos(np.radians(rotation_deg)), np.sin(np.radians(rotation_deg))
+    de, dn = east - centre[0], north - centre[1]
+    return centre[0] + c * de + s * dn, centre[1] - s * de + c * dn
+
+
+def _explained(
+    spectra: Sequence[np.ndarray], image: tuple[np.ndarray, np.ndarray], known: Mask
+) -> np.ndarray:
+    """R squared for every shift of the map over a turned image; useful up to twice the margin."""
+    values, shown = (layer.astype(np.float64) for layer in image)
+    shape = shown.shape[0], shown.shape[1]
+    size = tuple(fft.next_fast_len(n, real=True) for n in shape)
+    of_values, of_squares, of_shown = (
+        fft.rfft2(layer, size) for layer in (values, values**2, shown)
+    )
+    *layers, mask = spectra
+    cells = float(known.sum())
+    mean = fft.irfft2(mask * of_values, size) / cells
+    variance = fft.irfft2(mask * of_squares, size) - cells * mean**2
+    together = np.sum([fft.irfft2(layer * of_values, size) ** 2 for layer in layers], axis=0)
+    shares = fft.irfft2(mask * of_shown, size) / cells
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.where((shares > LEAST_SHOWN) & (variance > 0), together / variance, np.nan)

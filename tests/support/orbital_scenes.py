@@ -1,0 +1,145 @@
+"""Rover maps and orbital images of simulated ground whose true place is known.
+
+    python -m tests.support.orbital_scenes [--scenes 30] [--first-seed 100]
+
+A scene is a landscape as `solmap simulate` draws it, seen from orbit under one sun (cells of 0.25
+m, noise, its georeference wrong by up to 8 m and 2 degrees) and by a rover under another: what
+stands in its line of sight within 30 m of one or two stops, with errors of the elevation that grow
+with the square of the range.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from photogrammetry.orbital.records import GroundMap, OrbitalImage, Registration
+from photogrammetry.orbital.registration import register
+from photogrammetry.synthetic.lattice import Window
+from photogrammetry.synthetic.lighting import Sun, lit
+from photogrammetry.synthetic.terrain import TERRAINS, Terrain
+from photogrammetry.terrain.grid import MapGrid
+
+CELL_M = 0.25
+HALF_M = 64.0
+EYE_M, REACH_M = 1.5, 30.0
+LEVEL = 3
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A rover's map, an orbital image, and how that must be moved (about the map's centre)."""
+
+    name: str
+    ground: GroundMap
+    image: OrbitalImage
+    east_m: float
+    north_m: float
+    rotation_deg: float
+
+
+def scene(seed: int) -> Scene:
+    """The scene of a seed."""
+    rng = np.random.default_rng(seed)
+    kind = sorted(TERRAINS)[seed % len(TERRAINS)]
+    terrain = Terrain(seed, kind)
+    patch = terrain.patch(Window.around(LEVEL, 0.0, 0.0, HALF_M))
+    suns = [Sun(*_sun(rng)) for _ in range(2)]
+    cell_m = patch.window.cell_m
+    radiance = [lit(patch.elevation, cell_m, sun) * patch.albedo for sun in suns]
+    shift = rng.uniform(-8, 8, 2)
+    rotation_deg = float(rng.uniform(-2, 2))
+    grid = MapGrid(-40.0, 40.0, CELL_M, 320, 320)
+    wide = MapGrid(-60.0, 60.0, CELL_M, 480, 480)
+    truth = _resampled(patch.elevation, patch.window, grid)
+    seen = _seen(truth, grid, rng)
+    east, north = grid.centres()
+    range_m = np.hypot(east[None, :], north[:, None])
+    noise = cv2.GaussianBlur(rng.normal(size=grid.shape), (0, 0), 2.0) * 7.0
+    elevation = np.where(seen, truth + noise * (0.004 + 0.0001 * range_m**2), np.nan)
+    own = _resampled(radiance[0], patch.window, grid)
+    brightness = np.where(seen, own * (1 + 0.03 * rng.normal(size=grid.shape)), np.nan)
+    # The image claims p for what truly lies at c + R (p - c) + t, with c the map's centre (0, 0).
+    picture = _resampled(radiance[1], patch.window, wide, rotation_deg, shift)
+    picture = 60 + 400 * picture + rng.normal(0, 3.0, wide.shape)
+    return Scene(
+        f"{kind}{seed}",
+        GroundMap(grid, elevation.astype(np.float32), brightness.astype(np.float32)),
+        OrbitalImage(wide, picture.astype(np.float32)),
+        float(shift[0]),
+        float(shift[1]),
+        rotation_deg,
+    )
+
+
+def _sun(rng: np.random.Generator) -> tuple[float, float]:
+    return float(rng.uniform(0, 2 * np.pi)), float(np.radians(rng.uniform(25, 65)))
+
+
+def _resampled(
+    nodes: np.ndarray,
+    window: Window,
+    grid: MapGrid,
+    rotation_deg: float = 0.0,
+    shift: np.ndarray | tuple[float, float] = (0.0, 0.0),
+) -> np.ndarray:
+    """Mean of the nodes over the cells of a grid that is turned and shifted."""
+    blurred = cv2.GaussianBlur(nodes.astype(np.float32), (0, 0), 0.5 * grid.cell_m / window.cell_m)
+    east, north = grid.centres()
+    c, s = np.cos(np.radians(rotation_deg)), np.sin(np.radians(rotation_deg))
+    at_east = c * east[None, :] - s * north[:, None] + shift[0]
+    at_north = s * east[None, :] + c * north[:, None] + shift[1]
+    rows, cols = window.nodes_of(at_north, at_east)
+    return cv2.remap(
+        blurred, cols.astype(np.float32), rows.astype(np.float32), cv2.INTER_LINEAR
+    ).astype(np.float64)
+
+
+def _seen(elevation: np.ndarray, grid: MapGrid, rng: np.random.Generator) -> np.ndarray:
+    """What lies in the line of sight of one or two stops."""
+    seen = np.zeros(grid.shape, bool)
+    for stop in range(int(rng.integers(1, 3))):
+        place = np.zeros(2) if stop == 0 else rng.uniform(-14, 14, 2)
+        row, col = (grid.north - place[1]) / CELL_M, (place[0] - grid.west) / CELL_M
+        eye = elevation[int(row), int(col)] + EYE_M
+        steps = np.arange(4, int(REACH_M / CELL_M), 0.5)
+        for azimuth in np.linspace(0, 2 * np.pi, 1500, endpoint=False):
+            r = np.clip((row - steps * np.cos(azimuth)).astype(int), 0, grid.rows - 1)
+            q = np.clip((col + steps * np.sin(azimuth)).astype(int), 0, grid.cols - 1)
+            tangent = (elevation[r, q] - eye) / (steps * CELL_M)
+            open_sky = tangent >= np.maximum.accumulate(tangent) - 1e-3
+            seen[r[open_sky], q[open_sky]] = True
+    return seen
+
+
+def main() -> None:
+    """Print how well every scene is registered."""
+    arguments = argparse.ArgumentParser()
+    arguments.add_argument("--scenes", type=int, default=30)
+    arguments.add_argument("--first-seed", type=int, default=100)
+    given = arguments.parse_args()
+    for seed in range(given.first_seed, given.first_seed + given.scenes):
+        one = scene(seed)
+        start = time.process_time()
+        found = register(one.ground, one.image)
+        spent_s = time.process_time() - start
+        fit = f"[{found.explained:.2f}, elsewhere {found.runner_up:.2f}] {spent_s:.1f} s\n"
+        sys.stdout.write(f"{one.name:12} {_said(found, one)} {fit}")
+
+
+def _said(found: Registration, one: Scene) -> str:
+    if found.correction is None:
+        return f"no answer: {found.reason}"
+    east, north = found.correction.east_m - one.east_m, found.correction.north_m - one.north_m
+    turn = found.correction.rotation_deg - one.rotation_deg
+    sigma_m, sigma_deg = found.correction.sigma_m[0], found.correction.sigma_rotation_deg
+    return f"off {east:+.3f} {north:+.3f} m ({sigma_m:.3f}), {turn:+.4f} deg ({sigma_deg:.4f})"
+
+
+if __name__ == "__main__":
+    main()

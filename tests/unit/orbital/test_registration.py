@@ -1,0 +1,91 @@
+"""Orbital images whose true place is known: found, or honestly not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from photogrammetry.errors import OrbitalError
+from photogrammetry.orbital.records import Correction, GroundMap, OrbitalImage
+from photogrammetry.orbital.registration import register
+from photogrammetry.terrain.grid import MapGrid
+from tests.support.orbital_scenes import scene
+
+
+@pytest.fixture(scope="module")
+def hills():
+    return scene(103)
+
+
+def off(found, one):
+    return np.hypot(found.correction.east_m - one.east_m, found.correction.north_m - one.north_m)
+
+
+def test_a_turned_and_shifted_image_under_another_sun_is_laid_on_the_map(hills):
+    found = register(hills.ground, hills.image)
+    assert found.reason == ""
+    assert off(found, hills) < 0.25
+    assert found.correction.rotation_deg == pytest.approx(hills.rotation_deg, abs=0.1)
+    assert found.explained > 3 * found.runner_up
+
+
+def test_a_negative_of_the_image_lies_at_the_same_place(hills):
+    negative = replace(hills.image, brightness=255 - hills.image.brightness)
+    assert off(register(hills.ground, negative), hills) < 0.25
+
+
+def test_noise_is_no_place(hills, rng):
+    noise = replace(hills.image, brightness=rng.normal(size=hills.image.grid.shape).astype("f4"))
+    found = register(hills.ground, noise)
+    assert found.correction is None
+    assert "cannot tell" in found.reason or "does not come to rest" in found.reason
+
+
+def test_ground_that_the_image_does_not_show_has_no_place_in_it(hills):
+    found = register(hills.ground, scene(106).image)
+    assert found.correction is None
+
+
+def test_flat_and_small_ground_is_refused_with_a_reason(hills):
+    flat = replace(
+        hills.ground,
+        elevation=np.zeros_like(hills.ground.elevation),
+        brightness=np.ones_like(hills.ground.brightness),
+    )
+    assert "flat and plain" in register(flat, hills.image).reason
+    few = np.where(np.arange(320)[:, None] < 3, hills.ground.elevation, np.nan)
+    few[:, 100:] = np.nan
+    assert "too few" in register(replace(hills.ground, elevation=few), hills.image).reason
+
+
+def test_cells_of_another_size_are_refused(hills):
+    grid = MapGrid(-60.0, 60.0, 0.5, 480, 480)
+    with pytest.raises(OrbitalError, match="resample"):
+        register(hills.ground, OrbitalImage(grid, hills.image.brightness))
+
+
+def test_a_correction_carries_points_as_it_says():
+    correction = Correction(3.0, -1.0, 90.0, (10.0, 0.0), np.eye(3))
+    np.testing.assert_allclose(correction.apply(np.array([[11.0, 0.0]])), [[13.0, 0.0]])
+
+
+def test_rasters_of_another_shape_are_refused(hills):
+    with pytest.raises(OrbitalError, match="cells on a grid"):
+        GroundMap(hills.ground.grid, hills.ground.elevation[1:], hills.ground.brightness[1:])
+
+
+@pytest.mark.slow
+def test_of_thirty_scenes_none_is_laid_wrongly():
+    wrong, told, within = 0, 0, []
+    for seed in range(100, 130):
+        one = scene(seed)
+        found = register(one.ground, one.image)
+        if found.correction is None:
+            continue
+        told += 1
+        turn = abs(found.correction.rotation_deg - one.rotation_deg)
+        wrong += off(found, one) > 0.25 or turn > 0.1
+        within.append(off(found, one) / np.hypot(*found.correction.sigma_m))
+    assert wrong == 0
+    assert told >= 27
+    assert np.mean(np.array(within) < 2) > 0.8
