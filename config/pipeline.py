@@ -25,7 +25,7 @@ from photogrammetry.matching.single_views import MonoParams
 from photogrammetry.matching.sparse import SparseParams
 from photogrammetry.matching.tracks import TrackParams
 from photogrammetry.matching.wide_stereo import WideParams
-from photogrammetry.terrain.contours import ContourParams
+from photogrammetry.terrain.contours import ContourParams, RegionContourParams
 from photogrammetry.terrain.dtm import DtmParams
 from photogrammetry.terrain.facets import FacetParams
 from photogrammetry.terrain.far import FarContourParams, FarDtmParams
@@ -36,6 +36,7 @@ from photogrammetry.terrain.insolation import InsolationParams
 from photogrammetry.terrain.levels import TilesetParams
 from photogrammetry.terrain.model3d import ModelParams
 from photogrammetry.terrain.orthophoto import OrthophotoParams
+from photogrammetry.terrain.region import RegionParams
 from photogrammetry.terrain.surface import HillshadeParams, SlopeParams
 from photogrammetry.terrain.view_model import ViewModelParams
 from photogrammetry.terrain.viewshed import ViewshedParams
@@ -72,6 +73,15 @@ class Models:
 
 
 @dataclass(frozen=True, slots=True)
+class Region:
+    """Whether the stops of a mission are mapped together as well, and how."""
+
+    enabled: bool = True
+    fusion: RegionParams = field(default_factory=RegionParams)
+    contour: RegionContourParams = field(default_factory=RegionContourParams)
+
+
+@dataclass(frozen=True, slots=True)
 class PipelineConfig:
     """Everything that may be tuned, stage by stage."""
 
@@ -99,6 +109,7 @@ class PipelineConfig:
     footprints: FootprintParams = field(default_factory=FootprintParams)
     models: Models = field(default_factory=Models)
     wide: FarGround = field(default_factory=FarGround)
+    region: Region = field(default_factory=Region)
 
 
 def load_pipeline(name: str) -> PipelineConfig:

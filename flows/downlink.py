@@ -15,6 +15,7 @@ from config.settings import Settings
 from flows.mission_layers import draw_mission
 from flows.overall import overall_sols, process_overall
 from flows.progress import report as report_progress
+from flows.region import map_regions
 from flows.sol import process_sol
 from flows.sol_inputs import SolReport, Standing
 from photogrammetry.adjustment.modes import AdjustmentMode
@@ -32,6 +33,8 @@ class DownlinkReport:
     sols: list[SolReport] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
     failures: list[str] = field(default_factory=list)
+    seams: list[str] = field(default_factory=list)
+    """How far the stops of a region disagree, line by line."""
 
     @property
     def succeeded(self) -> bool:
@@ -43,6 +46,7 @@ class DownlinkReport:
         lines = [f"{self.images} images, {len(self.sols)} sols, {layers} layers of stops published"]
         for sol in self.sols:
             lines += [f"{sol.mission} sol {sol.sol}", *(f"  {note}" for note in sol.notes)]
+        lines += self.seams
         return "\n".join(lines)
 
 
@@ -108,6 +112,7 @@ def _process_mission(
             standing = done.standing or standing
     if standing is not None:
         _draw(mission, standing, workspace, pipeline, report)
+        _map_regions(mission, workspace, pipeline, report)
 
 
 def _draw(
@@ -121,6 +126,15 @@ def _draw(
         report.failures.append(f"{mission}: its layers could not be drawn: {_cause(error)}")
     else:
         report.warnings += [f"{mission}: {note}"] if note else []
+
+
+def _map_regions(mission: str, workspace: Workspace, pipeline: str, report: DownlinkReport) -> None:
+    try:
+        report.seams += map_regions(mission, workspace, pipeline)
+    except StoreFullError:
+        raise
+    except Exception as error:  # noqa: BLE001 - the stops have their maps
+        report.failures.append(f"{mission}: its regions could not be mapped: {_cause(error)}")
 
 
 def _cause(error: Exception) -> str:

@@ -7,6 +7,7 @@ from pathlib import Path
 from prefect import flow
 
 from flows.mission_layers import draw_mission
+from flows.region import map_regions
 from flows.sol import RUNNER, map_what_moved
 from flows.sol_inputs import SolReport, Standing, gather_all
 from products.errors import ProductNotFoundError
@@ -49,6 +50,7 @@ def readjust(mission: str, store: Path, pipeline: str = "default") -> SolReport:
     report = process_overall(mission, sol, store, pipeline, standing)
     if report.standing is not None:
         draw_mission(mission, report.standing.network, workspace, pipeline)
+        report.notes += map_regions(mission, workspace, pipeline)
     return report
 
 

@@ -56,6 +56,14 @@ class ProductKind(StrEnum):
     FAR_DTM = "far-dtm"
     FAR_HILLSHADE = "far-hillshade"
     FAR_CONTOURS = "far-contours"
+    REGION_DTM = "region-dtm"
+    REGION_SEAMS = "region-seams"
+    REGION_HILLSHADE = "region-hillshade"
+    REGION_SLOPE = "region-slope"
+    REGION_ASPECT = "region-aspect"
+    REGION_NORTHERLY_TILT = "region-northerly-tilt"
+    REGION_ROUGHNESS = "region-roughness"
+    REGION_CONTOURS = "region-contours"
     TRAVERSE = "traverse"
     TRAVERSE_TABLE = "traverse-table"
     TRAVERSE_FIGURE = "traverse-figure"
@@ -106,6 +114,14 @@ SUFFIX = {
     ProductKind.FAR_DTM: ".tif",
     ProductKind.FAR_HILLSHADE: ".tif",
     ProductKind.FAR_CONTOURS: ".geojson",
+    ProductKind.REGION_DTM: ".tif",
+    ProductKind.REGION_SEAMS: ".tif",
+    ProductKind.REGION_HILLSHADE: ".tif",
+    ProductKind.REGION_SLOPE: ".tif",
+    ProductKind.REGION_ASPECT: ".tif",
+    ProductKind.REGION_NORTHERLY_TILT: ".tif",
+    ProductKind.REGION_ROUGHNESS: ".tif",
+    ProductKind.REGION_CONTOURS: ".geojson",
     ProductKind.TRAVERSE: ".geojson",
     ProductKind.TRAVERSE_TABLE: ".json",
     ProductKind.TRAVERSE_FIGURE: ".svg",
@@ -128,6 +144,18 @@ FAR = {
     ProductKind.CONTOURS: ProductKind.FAR_CONTOURS,
 }
 """Kinds of a stop's map, and of its map of far ground: layers of their own beside each other."""
+REGION = {
+    ProductKind.DTM: ProductKind.REGION_DTM,
+    ProductKind.HILLSHADE: ProductKind.REGION_HILLSHADE,
+    ProductKind.SLOPE: ProductKind.REGION_SLOPE,
+    ProductKind.ASPECT: ProductKind.REGION_ASPECT,
+    ProductKind.NORTHERLY_TILT: ProductKind.REGION_NORTHERLY_TILT,
+    ProductKind.ROUGHNESS: ProductKind.REGION_ROUGHNESS,
+    ProductKind.CONTOURS: ProductKind.REGION_CONTOURS,
+}
+"""The same for the map of all stops of a mission together."""
+MAPPED = {ProductKind.FAR_DTM: FAR, ProductKind.REGION_DTM: REGION}
+"""By the kind of the terrain model that a map is made from."""
 
 
 class ScopeLevel(StrEnum):
@@ -188,8 +216,8 @@ class ProductRef:
     """Hexadecimal digest of the recipe, 16 digits."""
 
     def mapped_as(self, kind: ProductKind) -> ProductKind:
-        """The kind of a map made from this terrain model: that of far ground if it is one."""
-        return FAR[kind] if self.kind is ProductKind.FAR_DTM else kind
+        """The kind of a map made from this terrain model: of a stop, of far ground, of a region."""
+        return MAPPED[self.kind][kind] if self.kind in MAPPED else kind
 
     @property
     def file_name(self) -> str:

@@ -224,8 +224,8 @@ def read_dtm(path: Path) -> Dtm:
         grid=grid,
         elevation=bands["elevation"],
         sigma_m=bands["standard_deviation"],
-        observations=bands["observations"],
-        ground=bands["class"].astype(np.uint8),
+        observations=np.nan_to_num(bands["observations"]),  # blocks that hold nothing are not kept
+        ground=np.nan_to_num(bands["class"]).astype(np.uint8),
         pose_sigma_m=bands.get(_POSE_DEVIATION),
     )
 

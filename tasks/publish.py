@@ -38,6 +38,14 @@ TITLES = {
     ProductKind.FAR_DTM: "Far elevation",
     ProductKind.FAR_HILLSHADE: "Far hillshade",
     ProductKind.FAR_CONTOURS: "Far contours",
+    ProductKind.REGION_DTM: "Elevation of the region",
+    ProductKind.REGION_SEAMS: "Disagreement of stops",
+    ProductKind.REGION_HILLSHADE: "Hillshade of the region",
+    ProductKind.REGION_SLOPE: "Slope of the region",
+    ProductKind.REGION_ASPECT: "Aspect of the region",
+    ProductKind.REGION_NORTHERLY_TILT: "Northerly tilt of the region",
+    ProductKind.REGION_ROUGHNESS: "Roughness of the region",
+    ProductKind.REGION_CONTOURS: "Contours of the region",
     ProductKind.TRAVERSE: "Traverse",
     ProductKind.MISSION_TRAVERSE: "Mission traverse",
     ProductKind.MISSION_STOPS: "Mission stops",
@@ -61,6 +69,13 @@ RASTERS = {
     ProductKind.HILLSHADE,
     ProductKind.FAR_DTM,
     ProductKind.FAR_HILLSHADE,
+    ProductKind.REGION_DTM,
+    ProductKind.REGION_SEAMS,
+    ProductKind.REGION_HILLSHADE,
+    ProductKind.REGION_SLOPE,
+    ProductKind.REGION_ASPECT,
+    ProductKind.REGION_NORTHERLY_TILT,
+    ProductKind.REGION_ROUGHNESS,
 }
 
 

@@ -64,3 +64,9 @@ def file_scope(name: str) -> Scope:
 def region_scope(mission: str) -> Scope:
     """Everything a mission has mapped."""
     return Scope(ScopeLevel.REGION, mission.lower())
+
+
+def part_scope(mission: str, first: Scope) -> Scope:
+    """A region that begins with a stop: `mer2-region-site0010-drive0064`."""
+    mission = mission.lower()
+    return Scope(ScopeLevel.REGION, f"{mission}-region-{first.name.removeprefix(f'{mission}-')}")

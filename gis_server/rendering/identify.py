@@ -57,9 +57,10 @@ class Identified:
     def elevation(self) -> LayerValue | None:
         """The elevation from the most comprehensive terrain model that has one here.
 
-        Models of far ground are asked last: close to the stops others know better.
+        That of the region is asked where no stop answers, and models of far ground last: close to
+        the stops others know better.
         """
-        kinds = (ProductKind.DTM, ProductKind.FAR_DTM)
+        kinds = (ProductKind.DTM, ProductKind.REGION_DTM, ProductKind.FAR_DTM)
         return next((v for kind in kinds for v in self.values if v.layer.ref.kind == kind), None)
 
 

@@ -68,6 +68,13 @@ STYLES = {
     ProductKind.HILLSHADE: Style(GREY, (0.0, 1.0), has_legend=False),
     ProductKind.FAR_DTM: Style(VIRIDIS, unit="m"),
     ProductKind.FAR_HILLSHADE: Style(GREY, (0.0, 1.0), has_legend=False),
+    ProductKind.REGION_DTM: Style(VIRIDIS, unit="m"),
+    ProductKind.REGION_SEAMS: Style(INFERNO, (0.0, 0.3), "m"),
+    ProductKind.REGION_HILLSHADE: Style(GREY, (0.0, 1.0), has_legend=False),
+    ProductKind.REGION_SLOPE: Style(INFERNO, (0.0, 40.0), "degree"),
+    ProductKind.REGION_ASPECT: Style(TWILIGHT, (0.0, 360.0), "degree"),
+    ProductKind.REGION_NORTHERLY_TILT: Style(RED_BLUE, (-20.0, 20.0), "degree"),
+    ProductKind.REGION_ROUGHNESS: Style(VIRIDIS, (0.0, 0.1), "m"),
 }
 """Slopes end at 40 degrees: loose ground is no steeper, and no rover climbs it."""
 

@@ -76,7 +76,10 @@ export function time(iso: string | null | undefined): string {
 /** `mer2-site0010-drive0064` as `Site 10 · drive 64`; a scope without site and sol is the whole region. */
 export function scopeTitle(scope: string): string {
   const stop = /site0*(\d+)-drive0*(\d+)/i.exec(scope);
-  if (stop) return `Site ${stop[1]} \u00b7 drive ${stop[2]}`;
+  if (stop) {
+    const place = `Site ${stop[1]} \u00b7 drive ${stop[2]}`;
+    return scope.includes("-region-") ? `Region from ${place}` : place;
+  }
   const sol = /sol0*(\d+)/i.exec(scope);
   return sol ? `Sol ${sol[1]}` : "Region";
 }

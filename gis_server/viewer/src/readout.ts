@@ -16,7 +16,7 @@ export function decimalsFor(resolution: number): number {
   return Math.min(3, Math.max(0, Math.ceil(-Math.log10(resolution))));
 }
 
-const isElevation = (kind: string) => kind === "dtm" || kind === "far-dtm";
+const isElevation = (kind: string) => ["dtm", "region-dtm", "far-dtm"].includes(kind);
 
 /** The value that lies uppermost on the screen; elevation is told anyway. */
 function uppermost(found: Identified | null, heightOf: (layer: string) => number | null) {

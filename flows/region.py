@@ -1,0 +1,65 @@
+"""Map the regions that the stops of a mission show together, once they have been mapped."""
+
+from __future__ import annotations
+
+from config.landing import landing_site
+from config.pipeline import PipelineConfig, load_pipeline
+from config.settings import Settings
+from photogrammetry.terrain.region_extent import regions_of
+from products.crs import LandingPoint
+from products.model import Layer, ProductKind, ProductRef
+from products.store import ProductStore
+from products.workspace import Workspace
+from tasks.contour import trace_contours
+from tasks.publish import publish
+from tasks.region import fuse_region, seam_notes
+from tasks.slope import map_relief, shade_relief
+
+LEAST_STOPS = 2
+"""A region is more than the map of one stop."""
+
+
+def map_regions(mission: str, workspace: Workspace, pipeline: str) -> list[str]:
+    """Fuse, map and publish the regions of a mission; how far their stops disagree.
+
+    What did not change is looked up.
+    """
+    config = load_pipeline(pipeline)
+    landing = landing_site(mission, Settings().landing_sites).landing
+    notes: list[str] = []
+    for stops in _regions(mission, workspace, config) if config.region.enabled else ():
+        refs = [layer.ref for layer in stops]
+        dtm, seams = fuse_region(mission, refs, config.region.fusion, landing, workspace.store)
+        made = [dtm, seams, *_surfaces(dtm, config, landing, workspace.store)]
+        sols = tuple(sorted({sol for layer in stops for sol in layer.sols}))
+        entry = workspace.catalogue.mission(mission)
+        publish(entry, [(ref, sols) for ref in made], (), (), workspace)
+        notes += seam_notes(seams, workspace.store)
+    return notes
+
+
+def _regions(mission: str, workspace: Workspace, config: PipelineConfig) -> list[list[Layer]]:
+    """The terrain models that are fused together: those of two stops or more."""
+    published = workspace.catalogue.layers(mission)
+    near = sorted(
+        (layer for layer in published if layer.ref.kind is ProductKind.DTM),
+        key=lambda layer: layer.ref.scope.name,
+    )
+    far = {layer.ref.scope: layer for layer in published if layer.ref.kind is ProductKind.FAR_DTM}
+    numbers = regions_of([layer.bounds for layer in near], config.region.fusion.largest_m)
+    stops = [[near[k] for k in members] for members in numbers if len(members) >= LEAST_STOPS]
+    return [
+        [*of_one, *(far[layer.ref.scope] for layer in of_one if layer.ref.scope in far)]
+        for of_one in stops
+    ]
+
+
+def _surfaces(
+    dtm: ProductRef, config: PipelineConfig, landing: LandingPoint, store: ProductStore
+) -> list[ProductRef]:
+    """What shows the shape of the region."""
+    return [
+        shade_relief(dtm, config.hillshade, landing, store),
+        trace_contours(dtm, config.region.contour, landing, store),
+        *map_relief(dtm, config.slope, landing, store),
+    ]

@@ -1,0 +1,97 @@
+"""Region: the terrain models of stops as one, and where they disagree."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterable, Sequence
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+from prefect import task
+from prefect.cache_policies import NO_CACHE
+
+from photogrammetry.terrain.ground import MAP_FROM_LSL
+from photogrammetry.terrain.region import RegionParams
+from products.crs import LandingPoint, local_crs
+from products.model import ProductKind, ProductRef, Recipe
+from products.provenance import provenance_tags
+from products.raster import grid_of, open_raster
+from products.region import RegionFiles, RegionSource, read_seams, write_region
+from products.store import ProductStore
+from tasks.scopes import part_scope
+
+
+@task(cache_policy=NO_CACHE, task_run_name="region-{mission}")
+def fuse_region(
+    mission: str,
+    stops: Sequence[ProductRef],
+    params: RegionParams,
+    landing: LandingPoint,
+    store: ProductStore,
+) -> tuple[ProductRef, ProductRef]:
+    """Fuse the terrain models of stops; the region's model and the layer of its seams.
+
+    Both are made in one pass over the stops and become products one after the other.
+    """
+    inputs = tuple(sorted(stops))
+    scope = part_scope(mission, min(ref.scope for ref in inputs))
+    model, seams = (
+        Recipe(kind, scope, inputs, (params, landing))
+        for kind in (ProductKind.REGION_DTM, ProductKind.REGION_SEAMS)
+    )
+    with TemporaryDirectory(prefix="solmap-region-") as scratch:
+
+        @cache
+        def fused() -> RegionFiles:
+            files = RegionFiles(Path(scratch) / "dtm.tif", Path(scratch) / "seams.tif")
+            tags = provenance_tags(model)
+            write_region(files, _sources(inputs, store), params, local_crs(landing), tags)
+            return files
+
+        return (
+            store.make(model, lambda path: _moved(fused().dtm, path)),
+            store.make(seams, lambda path: _moved(fused().seams, path)),
+        )
+
+
+def _moved(made: Path, path: Path) -> None:
+    shutil.move(made, path)
+
+
+def _sources(stops: Iterable[ProductRef], store: ProductStore) -> list[RegionSource]:
+    return [RegionSource(str(ref.scope), _place(ref, store), store.path(ref)) for ref in stops]
+
+
+def _place(ref: ProductRef, store: ProductStore) -> tuple[float, float]:
+    """East and north of the cameras of a model; of its middle if it does not say."""
+    found = list(_translations(store.provenance(ref)["recipe"]["params"]))
+    if not found:
+        with open_raster(store.path(ref)) as dataset:
+            west, south, east, north = grid_of(dataset).bounds
+        return (west + east) / 2, (south + north) / 2
+    east, north, _ = MAP_FROM_LSL @ np.mean(found, axis=0)
+    return float(east), float(north)
+
+
+def _translations(params: object) -> Iterable[list[float]]:
+    """The positions of all orientations in the parameters of a recipe."""
+    if isinstance(params, dict):
+        if "translation_m" in params:
+            yield params["translation_m"]
+        params = list(params.values())
+    if isinstance(params, list):
+        for one in params:
+            yield from _translations(one)
+
+
+def seam_notes(seams: ProductRef, store: ProductStore) -> list[str]:
+    """One line for every two stops that share ground: by how much they disagree."""
+    stops, pairs = read_seams(store.path(seams))
+    return [
+        f"{stops[pair.stops[0]]} and {stops[pair.stops[1]]} disagree by {pair.median_m:.3f} m "
+        f"(median; 90 %: {pair.p90_m:.3f} m), {pair.median_sigmas:.1f} of their sigmas "
+        f"({pair.p90_sigmas:.1f}), over {pair.cells} cells"
+        for pair in pairs
+    ]
