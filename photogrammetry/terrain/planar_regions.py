@@ -15,7 +15,7 @@ and so on until it grows no more. What bends by more than averages out of noise 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -27,6 +27,8 @@ Coefficients = Float64[np.ndarray, " 3"]
 """(a, b, c) of the parallax a + b x + c y, pixels from the principal point."""
 MOST = 500
 """Regions of one image; more are pebbles."""
+FIRST_REACH = 16
+"""Samples from the seed that are looked at first."""
 GROWTHS = 20
 """How often a region is grown and fitted again; most stop after four."""
 
@@ -89,6 +91,17 @@ class ParallaxSamples:
         planes = np.stack([a, b, c]).astype(np.float32)
         return cls(row, col, parallax[pick], planes, rms_px[pick], focal_px, centre_px)
 
+    def part(self, rows: slice, cols: slice) -> ParallaxSamples:
+        """The samples of a window."""
+        return replace(
+            self,
+            row=self.row[rows],
+            col=self.col[cols],
+            parallax=self.parallax[rows, cols],
+            own=self.own[:, rows, cols],
+            rms_px=self.rms_px[rows, cols],
+        )
+
     def off(self, plane: Coefficients) -> ParallaxMap:
         """How far every sample's parallax is from a plane."""
         a, b, c = plane
@@ -147,21 +160,42 @@ def _grown(
     seed: tuple[int, int],
     params: RegionParams,
 ) -> Mask:
-    """The free samples that hang together with the seed on one plane."""
+    """The free samples that hang together with the seed on one plane.
+
+    They are looked for in a window around the seed that widens while they reach its border.
+    """
     plane = samples.own[:, seed[0], seed[1]].astype(np.float64)
     region = np.zeros(free.shape, np.bool_)
+    reach = FIRST_REACH
     for _ in range(GROWTHS):
-        on = free & (samples.off(plane) <= params.tolerance_px)
-        on &= samples.facing(plane, params)
-        if not on[seed]:
-            return region
-        _, labels = cv2.connectedComponents(on.astype(np.uint8), connectivity=4)
-        grown = labels == labels[seed]
+        window = tuple(slice(max(0, at - reach), at + reach + 1) for at in seed)
+        grown = np.zeros_like(region)
+        grown[window] = _on_plane(samples.part(*window), free[window], plane, seed, reach, params)
         if grown.sum() <= region.sum():
             return region
         region = grown
         plane = samples.fit(region)
+        row, col = np.nonzero(region)
+        if max(np.abs(row - seed[0]).max(), np.abs(col - seed[1]).max()) >= reach:
+            reach *= 2
     return region
+
+
+def _on_plane(
+    samples: ParallaxSamples,
+    free: Bool[np.ndarray, "rows cols"],
+    plane: Coefficients,
+    seed: tuple[int, int],
+    reach: int,
+    params: RegionParams,
+) -> Mask:
+    """Free samples of a window on a plane that hang together with the seed."""
+    at = min(seed[0], reach), min(seed[1], reach)
+    on = free & (samples.off(plane) <= params.tolerance_px) & samples.facing(plane, params)
+    if not on[at]:
+        return np.zeros_like(on)
+    _, labels = cv2.connectedComponents(on.astype(np.uint8), connectivity=4)
+    return labels == labels[at]
 
 
 def local_planes(
