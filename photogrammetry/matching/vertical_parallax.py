@@ -16,7 +16,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import ndimage
 from scipy.spatial.transform import Rotation as ScipyRotation
 
 from photogrammetry.arrays import ImagePoints, PerPoint, Vector3
@@ -27,6 +26,7 @@ from photogrammetry.frames import Frame, Pose
 from photogrammetry.matching.interest_points import strongest_by_cell
 from photogrammetry.matching.records import EpipolarImages
 from photogrammetry.matching.robust import robust_sigma
+from photogrammetry.matching.sampling import at_points, coefficients_of
 from photogrammetry.matching.sparse import SparseParams, match_interest_points
 
 LINE_TOLERANCE_PX = 6
@@ -158,12 +158,12 @@ def refined_offsets(
     left = _centred(images.left[y, x])
     design = np.stack([_centred(gx[y, x]), _centred(gy[y, x])], axis=2)
     normal = np.einsum("nki,nkj->nij", design, design) + 1e-6 * np.eye(2)
-    coefficients = ndimage.spline_filter(images.right, 3, output=np.float32, mode="mirror")
+    coefficients = coefficients_of(images.right)
     offset = start.copy()
     step = np.full_like(start, np.inf)
     for _ in range(steps):
-        place = [y + offset[:, 1, None], x + offset[:, 0, None]]
-        right = _centred(ndimage.map_coordinates(coefficients, place, order=3, prefilter=False))
+        place = (x + offset[:, 0, None], y + offset[:, 1, None])
+        right = _centred(at_points(coefficients, *(p.astype(np.float32) for p in place)))
         gain = (left * right).sum(axis=1) / np.maximum((right * right).sum(axis=1), 1e-12)
         residual = left - gain[:, None] * right
         step = np.linalg.solve(normal, np.einsum("nki,nk->ni", design, residual)[:, :, None])[
