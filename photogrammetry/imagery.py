@@ -150,7 +150,8 @@ class TiePoints:
     Observation k sees tie point `point[k]` in pair `pair_ids[pair[k]]` at the left epipolar image
     point `left[k]` with parallax `parallax_px[k]`. A point seen in one pair only is an intra-stereo
     tie; in several pairs of a stop, an inter-stereo tie; from several stops, a cross-site tie.
-    `parallax_px` is NaN where the point was measured in the left image alone.
+    `parallax_px` is NaN where the point was measured in the left image alone. Standard deviations
+    are of the sample (`sigma_px`), the parallax and the line.
     """
 
     pair_ids: tuple[str, ...]
@@ -160,6 +161,7 @@ class TiePoints:
     parallax_px: PerPoint
     sigma_px: PerPoint
     sigma_parallax_px: PerPoint
+    sigma_line_px: PerPoint
 
     def __len__(self) -> int:
         return len(self.point)

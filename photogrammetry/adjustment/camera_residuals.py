@@ -60,7 +60,7 @@ def _of_camera(
     cell_px = size_px / n
     place = np.clip(np.floor(seen.left[rows] / cell_px).astype(np.int64), 0, n - 1)
     code = place[:, 1] * n + place[:, 0]
-    sigma = np.column_stack([seen.sigma_px, seen.sigma_px, seen.sigma_parallax_px])[rows]
+    sigma = np.column_stack([seen.sigma_px, seen.sigma_line_px, seen.sigma_parallax_px])[rows]
     v, weight = ties.residuals_px[rows], 1.0 / sigma**2
     grid = [
         _mean(v[code == k], weight[code == k]) if (code == k).sum() >= params.fewest_in_cell

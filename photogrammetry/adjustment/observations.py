@@ -52,7 +52,7 @@ class Observations:
             weight=np.column_stack(
                 [
                     1.0 / ties.sigma_px,
-                    1.0 / ties.sigma_px,
+                    1.0 / ties.sigma_line_px,
                     np.where(stereo, 1.0 / np.where(stereo, ties.sigma_parallax_px, 1.0), 0.0),
                 ]
             ),

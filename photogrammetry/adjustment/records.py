@@ -131,6 +131,7 @@ def select(ties: TiePoints, rows: np.ndarray) -> TiePoints:
         ties.parallax_px[rows],
         ties.sigma_px[rows],
         ties.sigma_parallax_px[rows],
+        ties.sigma_line_px[rows],
     )
 
 

@@ -10,7 +10,7 @@ the pose of the second rover in the first, E = R L + t, the first measurement pr
 with h the normal case (`EpipolarPair.project`). The residuals are weighted with the covariance of
 both measurements, the first one's carried through the map,
 
-    C_v = diag(s_x^2, s_x^2, s_p^2) + J diag(s_x^2, s_x^2, s_p^2)_first J',
+    C_v = diag(s_x^2, s_y^2, s_p^2) + J diag(s_x^2, s_y^2, s_p^2)_first J',
 
 so that an uncertain range counts little along the ray and an accurate direction much across it.
 There is no scale (Di et al. 2008, section 3.2: rotation and translation only). Unknowns with a
@@ -138,9 +138,8 @@ def _system(ties: Ties, geometries: Mapping[str, EpipolarPair], used: np.ndarray
     points = np.column_stack([(ties.first_left - c) * (z / f)[:, None], z])
     along = points / ties.first_parallax_px[:, None] * ties.first_sigma_parallax_px[:, None]
     covariances = along[:, :, None] * along[:, None, :]
-    across = (z * ties.first_sigma_px / f) ** 2
-    covariances[:, 0, 0] += across
-    covariances[:, 1, 1] += across
+    covariances[:, 0, 0] += (z * ties.first_sigma_px / f) ** 2
+    covariances[:, 1, 1] += (z * ties.first_sigma_line_px / f) ** 2
     return _System(
         ties,
         rows,
@@ -196,7 +195,11 @@ def _linearised(
     carry = to_target @ rs @ turn[first]
     spread = carry @ system.covariances @ np.swapaxes(carry, 1, 2)
     own = np.column_stack(
-        [system.ties.second_sigma_px] * 2 + [system.ties.second_sigma_parallax_px]
+        [
+            system.ties.second_sigma_px,
+            system.ties.second_sigma_line_px,
+            system.ties.second_sigma_parallax_px,
+        ]
     )
     spread[:, [0, 1, 2], [0, 1, 2]] += own**2
     behind = ~np.isfinite(spread).all(axis=(1, 2))

@@ -90,6 +90,8 @@ class Conjugates:
     sigma_px: PerPoint
     """Root mean square over both axes of the target."""
     correlation: PerPoint
+    spread: Float64[np.ndarray, "n 2 2"]
+    """A cell's standard deviation, along each axis of the common grid, in pixels of the target."""
 
 
 def find_conjugates(
@@ -116,9 +118,10 @@ def find_conjugates(
             templates[k], searches[k] = template, search
     found, offset, sigma, correlation = match_patches(templates, searches, usable, params)
     conjugate, derivative = mapped(target_from_source @ grid, offset)
-    scale = np.sqrt((derivative**2).sum(axis=(1, 2)) / 2)
+    spread = derivative * sigma[:, None, None]
     found &= np.isfinite(conjugate).all(axis=1)
-    return Conjugates(found, conjugate, sigma * scale, correlation)
+    mean = np.sqrt((spread**2).sum(axis=(1, 2)) / 2)
+    return Conjugates(found, conjugate, mean, correlation, spread)
 
 
 def match_patches(

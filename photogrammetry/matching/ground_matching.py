@@ -17,6 +17,7 @@ from photogrammetry.arrays import Flags, Float32, ImagePoints, PerPoint
 from photogrammetry.errors import MatchingError
 from photogrammetry.matching.conjugates import ConjugateParams, match_patches
 from photogrammetry.matching.cross_site_candidates import Plan, horizontal_turn
+from photogrammetry.matching.ground_spread import spread_on_the_ground
 from photogrammetry.matching.tie_views import TieView, dense_parallax, in_view, measured_parallax
 from photogrammetry.matching.ties import Ties, joined
 
@@ -147,7 +148,9 @@ def _looked_for(
     parallax, sigma_parallax = parallax_of(plan.source.view, first)
     parallax_there, sigma_there = parallax_of(plan.target.view, second)
     pixels = plan.target.derivative(ahead[found]) @ cells_there[found]
-    stretch = np.sqrt((pixels**2).sum(axis=(1, 2)) / 2)
+    sample, line, sigma_there = spread_on_the_ground(
+        plan.target.view, second, parallax_there, sigma_there, pixels * sigma[found, None, None]
+    )
     n = int(found.sum())
     source, target = (
         np.full(n, pair_ids.index(v.view.pair.pair_id), np.int32)
@@ -162,9 +165,11 @@ def _looked_for(
         parallax,
         parallax_there,
         np.full(n, params.first_sigma_px),
-        sigma[found] * stretch,
+        sample,
         sigma_parallax,
         sigma_there,
+        np.full(n, params.first_sigma_px),
+        line,
     )
     width_m = (2 * half + 1) * plan.cell_m[found]
     return GroundTies(ties, width_m).taking(np.isfinite(parallax) & np.isfinite(parallax_there))

@@ -180,7 +180,7 @@ def _placed(wish: HandTie, bodies: Mapping[str, HandBody]) -> Ties:
         names,
         *(np.array([k], np.int32) for k in index),
         *(place[None] for place in left),
-        *(np.array([v]) for v in (*parallax, *sigma, *of_parallax)),
+        *(np.array([v]) for v in (*parallax, *sigma, *of_parallax, *sigma)),
     )
 
 

@@ -37,7 +37,11 @@ REACH_SIGMAS = 3.0
 class InterStereoParams:
     """How the pairs of a stop are tied."""
 
-    conjugates: ConjugateParams = field(default_factory=ConjugateParams)
+    conjugates: ConjugateParams = field(
+        default_factory=lambda: ConjugateParams(sigma_floor_px=0.03, parallax_floor_px=0.05)
+    )
+    """The eyes of one mast see the ground alike: against truth least squares say how good a
+    conjugate is, to half as good again, on smooth ground (0.03 px) and on rough (0.1 px)."""
     alignment: AlignmentParams = field(default_factory=AlignmentParams)
     candidates: int = 150
     """Most matches of a pair that are looked for in another one."""

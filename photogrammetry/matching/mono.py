@@ -174,7 +174,9 @@ def _judged(
 def _nothing(points: ImagePoints) -> Conjugates:
     """No conjugate of any point."""
     nan, none = np.full(len(points), np.nan), np.zeros(len(points), dtype=bool)
-    return Conjugates(none, np.zeros_like(points), nan, nan.copy())
+    return Conjugates(
+        none, np.zeros_like(points), nan, nan.copy(), np.full((len(points), 2, 2), np.nan)
+    )
 
 
 def _assembled(
@@ -201,4 +203,6 @@ def _assembled(
         found.sigma_px[rows],
         np.where(stereo, np.maximum(first.sigma_px[rows], floor_px), np.nan),
         unknown.copy(),
+        first.sigma_px[rows].copy(),
+        found.sigma_px[rows].copy(),
     )

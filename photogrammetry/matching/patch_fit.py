@@ -47,7 +47,7 @@ class PatchFits:
     shift: Float64[np.ndarray, "n 2"]
     """Column and row."""
     sigma: PerPoint
-    """Of the shift: the larger of both."""
+    """Of the shift, the mean of both axes."""
     affine: Float64[np.ndarray, "n 2 2"]
     correlation: PerPoint
     last_step: PerPoint
@@ -61,7 +61,7 @@ class _Step:
     solution: Float64[np.ndarray, "n 8"]
     residual: Float64[np.ndarray, "n m"]
     variance: PerPoint
-    """Cofactor of the shift: the larger of both."""
+    """Cofactor of the shift, the mean of both axes."""
 
     @classmethod
     def of(
@@ -84,7 +84,7 @@ class _Step:
         found = np.linalg.solve(normal, design.swapaxes(1, 2) @ difference[:, :, None])
         residual = difference - (design @ found)[:, :, 0]
         cofactors = np.diagonal(np.linalg.inv(normal), axis1=1, axis2=2) / scale**2
-        return cls(found[:, :, 0] / scale, residual, cofactors[:, :2].max(axis=1))
+        return cls(found[:, :, 0] / scale, residual, cofactors[:, :2].mean(axis=1))
 
     @property
     def moves(self) -> tuple[np.ndarray, np.ndarray]:

@@ -42,6 +42,8 @@ def weighed_down(ties: Ties, together: PerPoint) -> Ties:
         second_sigma_px=ties.second_sigma_px * more,
         first_sigma_parallax_px=ties.first_sigma_parallax_px * more,
         second_sigma_parallax_px=ties.second_sigma_parallax_px * more,
+        first_sigma_line_px=ties.first_sigma_line_px * more,
+        second_sigma_line_px=ties.second_sigma_line_px * more,
     )
 
 

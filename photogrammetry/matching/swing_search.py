@@ -155,7 +155,7 @@ def _found(
         for part in parts
     ]
     back = np.argsort(order, kind="stable")
-    columns = ("found", "points", "sigma_px", "correlation")
+    columns = ("found", "points", "sigma_px", "correlation", "spread")
     return Conjugates(*(np.concatenate([getattr(f, c) for f in found])[back] for c in columns))
 
 

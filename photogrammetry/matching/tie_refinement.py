@@ -20,6 +20,7 @@ from photogrammetry.errors import MatchingError
 from photogrammetry.frames import Pose
 from photogrammetry.matching.alignment import Alignment
 from photogrammetry.matching.conjugates import ConjugateParams, find_conjugates
+from photogrammetry.matching.ground_spread import spread_on_the_ground
 from photogrammetry.matching.local_surface import (
     ParallaxPlanes,
     mapped,
@@ -28,6 +29,9 @@ from photogrammetry.matching.local_surface import (
 )
 from photogrammetry.matching.tie_views import TieView, measured_parallax
 from photogrammetry.matching.ties import Ties
+
+MEASURED_AGAIN = ("left", "parallax_px", "sigma_px", "sigma_line_px", "sigma_parallax_px")
+"""Columns of a second measurement."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,11 +61,7 @@ def refined(
     parallax: ConjugateParams,
 ) -> Ties:
     """The ties, those that are found again with the place and parallax measured there."""
-    second_left, sigma = ties.second_left.copy(), ties.second_sigma_px.copy()
-    parallax_px, sigma_parallax = (
-        ties.second_parallax_px.copy(),
-        ties.second_sigma_parallax_px.copy(),
-    )
+    columns = {name: getattr(ties, f"second_{name}").copy() for name in MEASURED_AGAIN}
     for a, b in sorted({*zip(ties.first.tolist(), ties.second.tolist(), strict=True)}):
         rows = np.flatnonzero((ties.first == a) & (ties.second == b)).astype(np.int32)
         source, target = views[ties.pair_ids[a]], views[ties.pair_ids[b]]
@@ -71,19 +71,16 @@ def refined(
             source.left, target.left, ties.first_left[rows], maps, params.reach, params.facet
         )
         there = rows[found.found]
-        measured = measured_parallax(target, found.points[found.found], parallax)
-        good = np.isfinite(measured[0])
-        there = there[good]
-        second_left[there] = found.points[found.found][good]
-        sigma[there] = found.sigma_px[found.found][good]
-        parallax_px[there], sigma_parallax[there] = (column[good] for column in measured)
-    return replace(
-        ties,
-        second_left=second_left,
-        second_sigma_px=sigma,
-        second_parallax_px=parallax_px,
-        second_sigma_parallax_px=sigma_parallax,
-    )
+        points, spread = found.points[found.found], found.spread[found.found]
+        measured, of_parallax = measured_parallax(target, points, parallax)
+        good = np.isfinite(measured)
+        sample, line, of_parallax = spread_on_the_ground(
+            target, points, measured, of_parallax, spread
+        )
+        again = (points, measured, sample, line, of_parallax)
+        for name, column in zip(MEASURED_AGAIN, again, strict=True):
+            columns[name][there[good]] = column[good]
+    return replace(ties, **{f"second_{name}": column for name, column in columns.items()})
 
 
 def _between(source: TieView, target: TieView, alignment: Alignment) -> Pose:

@@ -33,6 +33,8 @@ from photogrammetry.matching.ties import Ties
 
 LARGEST_Y_PX = 1.0
 """Vertical parallax at which a match in the right image is not the same point."""
+DEFINED_PX = 0.03
+"""An interest point is where it is by definition; what is left is the resampling of its image."""
 DENSE_AGREES_PX = 1.5
 """The measured parallax may differ this much, and three times the surface's roughness, from it."""
 
@@ -196,9 +198,11 @@ def _assembled(  # noqa: PLR0913, PLR0917 - gathers the columns of the ties
         found.points[found.found],
         matches.parallax_px[some],
         parallax,
-        matches.sigma_px[some],
+        np.full(len(some), DEFINED_PX),
         found.sigma_px[found.found],
         np.maximum(matches.sigma_px[some], floor_px),
         sigma_parallax,
+        np.full(len(some), DEFINED_PX),
+        found.sigma_px[found.found],
     )
     return ties.taking(np.isfinite(parallax))

@@ -16,7 +16,8 @@ from photogrammetry.errors import MatchingError
 class Ties:
     """n features, each measured in the pairs `pair_ids[first[k]]` and `pair_ids[second[k]]`.
 
-    Sigmas are standard deviations, in pixels, of an image coordinate and of the parallax.
+    Sigmas are standard deviations, in pixels, of the sample, of the parallax and of the line: what
+    is found along grazing ground is less sure of its sample than of its line.
     """
 
     pair_ids: tuple[str, ...]
@@ -30,6 +31,8 @@ class Ties:
     second_sigma_px: PerPoint
     first_sigma_parallax_px: PerPoint
     second_sigma_parallax_px: PerPoint
+    first_sigma_line_px: PerPoint
+    second_sigma_line_px: PerPoint
 
     def __post_init__(self) -> None:
         lengths = {f.name: len(getattr(self, f.name)) for f in fields(self)[1:]}
@@ -49,7 +52,7 @@ class Ties:
             whole,
             np.zeros((0, 2)),
             np.zeros((0, 2)),
-            *[flat.copy() for _ in "123456"],
+            *[flat.copy() for _ in "12345678"],
         )
 
     def taking(self, rows: Flags) -> Ties:

@@ -26,7 +26,7 @@ from photogrammetry.errors import MatchingError
 from photogrammetry.imagery import StereoMatches, StopId, TieKind, TiePoints
 from photogrammetry.matching.ties import Ties
 
-MEASURED = ("parallax_px", "sigma_px", "sigma_parallax_px")
+MEASURED = ("parallax_px", "sigma_px", "sigma_parallax_px", "sigma_line_px")
 """Columns that a tie has for both of its pairs, and tie points for every observation."""
 
 
@@ -53,6 +53,7 @@ class _Measurements:
     parallax_px: PerPoint
     sigma_px: PerPoint
     sigma_parallax_px: PerPoint
+    sigma_line_px: PerPoint
 
 
 def build_tie_points(
@@ -70,6 +71,7 @@ def build_tie_points(
     point, keep = _points(measured, params.same_px)
     pair, left, parallax = measured.pair[keep], measured.left[keep], measured.parallax_px[keep]
     sigma, sigma_parallax = measured.sigma_px[keep], measured.sigma_parallax_px[keep]
+    sigma_line = measured.sigma_line_px[keep]
     first = int(point.max()) + 1 if len(point) else 0
     rows = [_thinned(m, left[pair == k], params) for k, m in enumerate(matches)]
     alone = [_taken(m, some) for m, some in zip(matches, rows, strict=True)]
@@ -82,6 +84,7 @@ def build_tie_points(
         np.concatenate([parallax, *(m.parallax_px for m in alone)]),
         np.concatenate([sigma, *(m.sigma_px for m in alone)]),
         np.concatenate([sigma_parallax, *(m.sigma_px for m in alone)]),
+        np.concatenate([sigma_line, *(m.sigma_px for m in alone)]),
     )
 
 

@@ -130,6 +130,7 @@ def simulate_network(  # noqa: PLR0913 - one keyword for each thing that a test 
         np.maximum(parallax + size[:, 2], 0.5),
         np.full(len(seen), sigma_px),
         np.full(len(seen), sigma_px),
+        np.full(len(seen), sigma_px),
     )
     priors = tuple(
         StopPrior(_stop_id(k), pose, "FINE" if _is_fine(k, fine_every) else "COARSE", (k + 1,))

@@ -51,6 +51,7 @@ def seen_by(geometries, points, rng, sigma=0.1):
         nothing,
         np.full(len(table), sigma),
         nothing.copy(),
+        np.full(len(table), sigma),
     ), points[np.unique(table[:, 0]).astype(int)]
 
 

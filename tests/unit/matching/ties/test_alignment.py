@@ -41,7 +41,7 @@ def network(rng, true, noise=1.0, count=120):
     lefts, parallaxes = [
         [np.array(columns[k]) for k in some] for some in (("l1", "l2"), ("p1", "p2"))
     ]
-    ties = Ties(ids, first, second, *lefts, *parallaxes, *[sigma.copy() for _ in range(4)])
+    ties = Ties(ids, first, second, *lefts, *parallaxes, *[sigma.copy() for _ in range(6)])
     return ties, geometries
 
 

@@ -62,7 +62,7 @@ def automatic(bodies, *points):
         np.array([1] * n + [2], np.int32),
         np.vstack([left, [[300.0, 300.0]]]),
         np.vstack([left + 7.0, [[200.0, 200.0]]]),
-        *[flat * k for k in (100, 101, 1, 1, 2, 2)],
+        *[flat * k for k in (100, 101, 1, 1, 2, 2, 1, 1)],
     )
 
 

@@ -7,9 +7,7 @@ from photogrammetry.matching.ties import Ties
 
 def some_ties(n):
     whole, points, flat = np.zeros(n, np.int32), np.zeros((n, 2)), np.full(n, 0.1)
-    return Ties(
-        ("a", "b"), whole, whole + 1, points, points + 1, flat, flat, flat, flat, flat, flat
-    )
+    return Ties(("a", "b"), whole, whole + 1, points, points + 1, *[flat] * 8)
 
 
 def grid_of(side, step_m):

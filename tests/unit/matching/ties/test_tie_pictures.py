@@ -26,7 +26,7 @@ def tie(ids, first_left, second_left):
         np.array([1], np.int32),
         np.array([first_left], float),
         np.array([second_left], float),
-        *[one.copy() for _ in range(6)],
+        *[one.copy() for _ in range(8)],
     )
 
 

@@ -30,6 +30,8 @@ def tie(first, first_left, second, second_left, sigma=0.1):
         np.full(1, sigma),
         np.full(1, 2 * sigma),
         np.full(1, 2 * sigma),
+        np.full(1, sigma),
+        np.full(1, sigma),
     )
 
 

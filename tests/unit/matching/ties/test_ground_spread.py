@@ -1,0 +1,64 @@
+"""Errors along the ground, seen in an image."""
+
+import numpy as np
+import pytest
+
+from photogrammetry.cameras.epipolar import EpipolarPair
+from photogrammetry.frames import Frame, FrameKind, Pose
+from photogrammetry.imagery import StereoMatches
+from photogrammetry.matching import ground_spread
+from photogrammetry.matching.ground_spread import spread_on_the_ground
+from photogrammetry.matching.records import EpipolarImages, MatchedPair
+from photogrammetry.matching.tie_views import TieView
+
+HEIGHT_M = 1.5
+ROVER, PAIR = Frame(FrameKind.ROVER, (1, 0)), Frame(FrameKind.PAIR, (1, 0, 0, 0))
+
+
+@pytest.fixture
+def view():
+    """A level camera above level ground."""
+    level = Pose(ROVER, PAIR, np.eye(3), np.zeros(3))
+    geometry = EpipolarPair(level, 0.2, 1200.0, (511.5, 300.0), 1024, 1024)
+    row = np.arange(1024.0)[:, None] - geometry.centre_px[1]
+    ground = np.where(row > 0, row * geometry.base_m / HEIGHT_M, np.nan)
+    parallax = np.broadcast_to(ground, (1024, 1024)).astype(np.float32).copy()
+    grey, mask = np.zeros((1024, 1024), np.float32), np.ones((1024, 1024), bool)
+    images = EpipolarImages(geometry, grey, mask, grey, mask)
+    return TieView.of(MatchedPair("a", "NAVCAM", images, StereoMatches.none("a"), parallax))
+
+
+def seen(view, places):
+    """(sample, line, parallax) of level places (right, ahead) in metres."""
+    points = np.column_stack([places[:, 0], np.full(len(places), HEIGHT_M), places[:, 1]])
+    left, parallax = view.geometry.project(points)
+    return np.column_stack([left, parallax])
+
+
+@pytest.mark.parametrize("range_m", [5.0, 15.0])
+def test_what_is_found_beside_its_place_on_the_ground_errs_as_stated(
+    view, rng, range_m, monkeypatch
+):
+    monkeypatch.setattr(ground_spread, "RELIEF_M", 1e-9)
+    place, sigma_m = np.array([[1.0, range_m]]), 0.02
+    at = seen(view, place)
+    P = np.stack([(seen(view, place + d) - at)[0, :2] / 0.01 for d in 0.01 * np.eye(2)], axis=1)
+    sample, line, parallax = spread_on_the_ground(
+        view, at[:, :2], at[:, 2], np.full(1, 0.03), sigma_m * P[None]
+    )
+    found = seen(view, place + sigma_m * rng.normal(size=(4000, 2)))
+    found[:, 2] += 0.03 * rng.normal(size=4000)
+    np.testing.assert_allclose([sample[0], line[0], parallax[0]], found.std(axis=0), rtol=0.05)
+    assert sample[0] > 3 * line[0]  # what equal weights of both would deny
+
+
+def test_relief_makes_the_line_uncertain_and_the_sample_not(view):
+    points, parallax = np.array([[500.0, 420.0]]), np.array([16.0])
+    nothing = np.zeros((1, 2, 2))
+    sample, line, of_parallax = spread_on_the_ground(
+        view, points, parallax, np.full(1, 0.1), nothing
+    )
+    range_m = 1200.0 * 0.2 / 16.0
+    np.testing.assert_allclose(line, 1200.0 * ground_spread.RELIEF_M / range_m)
+    assert sample[0] == 0.0
+    assert of_parallax[0] == pytest.approx(0.1)
