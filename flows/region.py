@@ -11,6 +11,8 @@ from products.model import Layer, ProductKind, ProductRef
 from products.store import ProductStore
 from products.workspace import Workspace
 from tasks.contour import trace_contours
+from tasks.hazard import map_hazards
+from tasks.insolation import map_insolation
 from tasks.publish import publish
 from tasks.region import fuse_region, seam_notes
 from tasks.slope import map_relief, shade_relief
@@ -57,9 +59,11 @@ def _regions(mission: str, workspace: Workspace, config: PipelineConfig) -> list
 def _surfaces(
     dtm: ProductRef, config: PipelineConfig, landing: LandingPoint, store: ProductStore
 ) -> list[ProductRef]:
-    """What shows the shape of the region."""
+    """What shows the shape of the region, and what it means to a rover."""
     return [
         shade_relief(dtm, config.hillshade, landing, store),
         trace_contours(dtm, config.region.contour, landing, store),
         *map_relief(dtm, config.slope, landing, store),
+        *map_insolation(dtm, config.insolation, config.havens, landing, store),
+        map_hazards(dtm, config.hazard, landing, store),
     ]

@@ -63,6 +63,9 @@ class ProductKind(StrEnum):
     REGION_ASPECT = "region-aspect"
     REGION_NORTHERLY_TILT = "region-northerly-tilt"
     REGION_ROUGHNESS = "region-roughness"
+    REGION_INSOLATION = "region-insolation"
+    REGION_HAVENS = "region-havens"
+    REGION_HAZARD = "region-hazard"
     REGION_CONTOURS = "region-contours"
     TRAVERSE = "traverse"
     TRAVERSE_TABLE = "traverse-table"
@@ -72,6 +75,9 @@ class ProductKind(StrEnum):
     ROVER_VECTORS = "rover-vectors"
     MISSION_TRAVERSE = "mission-traverse"
     MISSION_STOPS = "mission-stops"
+    ORBITAL_IMAGE = "orbital-image"
+    ORBITAL_REGISTRATION = "orbital-registration"
+    ORBITAL = "orbital"
     STOPS = "stops"
     FOOTPRINTS = "footprints"
     POINTING = "pointing"
@@ -121,6 +127,9 @@ SUFFIX = {
     ProductKind.REGION_ASPECT: ".tif",
     ProductKind.REGION_NORTHERLY_TILT: ".tif",
     ProductKind.REGION_ROUGHNESS: ".tif",
+    ProductKind.REGION_INSOLATION: ".tif",
+    ProductKind.REGION_HAVENS: ".geojson",
+    ProductKind.REGION_HAZARD: ".tif",
     ProductKind.REGION_CONTOURS: ".geojson",
     ProductKind.TRAVERSE: ".geojson",
     ProductKind.TRAVERSE_TABLE: ".json",
@@ -130,6 +139,9 @@ SUFFIX = {
     ProductKind.ROVER_VECTORS: ".rvf",
     ProductKind.MISSION_TRAVERSE: ".geojson",
     ProductKind.MISSION_STOPS: ".geojson",
+    ProductKind.ORBITAL_IMAGE: ".tif",
+    ProductKind.ORBITAL_REGISTRATION: ".json",
+    ProductKind.ORBITAL: ".tif",
     ProductKind.STOPS: ".geojson",
     ProductKind.FOOTPRINTS: ".geojson",
     ProductKind.POINTING: ".geojson",
@@ -151,6 +163,9 @@ REGION = {
     ProductKind.ASPECT: ProductKind.REGION_ASPECT,
     ProductKind.NORTHERLY_TILT: ProductKind.REGION_NORTHERLY_TILT,
     ProductKind.ROUGHNESS: ProductKind.REGION_ROUGHNESS,
+    ProductKind.INSOLATION: ProductKind.REGION_INSOLATION,
+    ProductKind.HAVENS: ProductKind.REGION_HAVENS,
+    ProductKind.HAZARD: ProductKind.REGION_HAZARD,
     ProductKind.CONTOURS: ProductKind.REGION_CONTOURS,
 }
 """The same for the map of all stops of a mission together."""
@@ -187,6 +202,8 @@ LEVEL = {
     ProductKind.PLACES: ScopeLevel.REGION,
     ProductKind.SITE_VECTORS: ScopeLevel.REGION,
     ProductKind.ROVER_VECTORS: ScopeLevel.REGION,
+    ProductKind.ORBITAL_IMAGE: ScopeLevel.REGION,
+    ProductKind.ORBITAL_REGISTRATION: ScopeLevel.REGION,
 }
 """The level of the products that stages hand to each other."""
 

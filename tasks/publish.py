@@ -45,10 +45,14 @@ TITLES = {
     ProductKind.REGION_ASPECT: "Aspect of the region",
     ProductKind.REGION_NORTHERLY_TILT: "Northerly tilt of the region",
     ProductKind.REGION_ROUGHNESS: "Roughness of the region",
+    ProductKind.REGION_INSOLATION: "Insolation of the region",
+    ProductKind.REGION_HAVENS: "Winter havens of the region",
+    ProductKind.REGION_HAZARD: "Hazards of the region",
     ProductKind.REGION_CONTOURS: "Contours of the region",
     ProductKind.TRAVERSE: "Traverse",
     ProductKind.MISSION_TRAVERSE: "Mission traverse",
     ProductKind.MISSION_STOPS: "Mission stops",
+    ProductKind.ORBITAL: "Orbital image",
     ProductKind.STOPS: "Stops",
     ProductKind.FOOTPRINTS: "Image footprints",
     ProductKind.POINTING: "Pointing lines",
@@ -76,6 +80,9 @@ RASTERS = {
     ProductKind.REGION_ASPECT,
     ProductKind.REGION_NORTHERLY_TILT,
     ProductKind.REGION_ROUGHNESS,
+    ProductKind.REGION_INSOLATION,
+    ProductKind.REGION_HAZARD,
+    ProductKind.ORBITAL,
 }
 
 

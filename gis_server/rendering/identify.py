@@ -21,7 +21,7 @@ _WIDEST_FIRST = {ScopeLevel.REGION: 0, ScopeLevel.SOL: 1, ScopeLevel.STOP: 2}
 _NEAR_M = 2.0
 """How far from the place a stop or tie point may be: about the length of a rover."""
 _MOST = 50
-_AREAS = (ProductKind.FOOTPRINTS, ProductKind.HAVENS)
+_AREAS = (ProductKind.FOOTPRINTS, ProductKind.HAVENS, ProductKind.REGION_HAVENS)
 _NEARBY = (ProductKind.STOPS, ProductKind.TIE_POINTS, ProductKind.POINTING)
 
 

@@ -56,6 +56,7 @@ class Style:
 STYLES = {
     ProductKind.DTM: Style(VIRIDIS, unit="m"),
     ProductKind.ORTHOPHOTO: Style(GREY, has_legend=False),
+    ProductKind.ORBITAL: Style(GREY, has_legend=False),
     ProductKind.SOURCES: Style(GREY, has_legend=False, is_classes=True),
     ProductKind.COLOUR: Style(GREY, has_legend=False, is_colour=True),
     ProductKind.SLOPE: Style(INFERNO, (0.0, 40.0), "degree"),
@@ -75,6 +76,8 @@ STYLES = {
     ProductKind.REGION_ASPECT: Style(TWILIGHT, (0.0, 360.0), "degree"),
     ProductKind.REGION_NORTHERLY_TILT: Style(RED_BLUE, (-20.0, 20.0), "degree"),
     ProductKind.REGION_ROUGHNESS: Style(VIRIDIS, (0.0, 0.1), "m"),
+    ProductKind.REGION_INSOLATION: Style(INFERNO, unit="Wh/m2/sol"),
+    ProductKind.REGION_HAZARD: Style(GREY, is_classes=True, classes=HAZARDS),
 }
 """Slopes end at 40 degrees: loose ground is no steeper, and no rover climbs it."""
 

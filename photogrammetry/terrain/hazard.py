@@ -31,6 +31,9 @@ from photogrammetry.terrain.grid import MapGrid
 from photogrammetry.terrain.planes import Gradients, fit_planes
 from photogrammetry.terrain.records import Dtm
 
+STRIP = 1024
+"""Rows that are judged together."""
+
 
 class Hazard(IntEnum):
     """What a rover finds whose middle is in the cell."""
@@ -82,7 +85,19 @@ def hazards(dtm: Dtm, params: HazardParams) -> tuple[Classes, MapGrid]:
     if dtm.pose_sigma_m is not None:  # what all cells share makes no step
         shared, _ = coarsened(dtm.pose_sigma_m, dtm.grid, params.cell_m)
         sigma = np.sqrt(np.maximum(sigma**2 - shared**2, 0))
-    return judged(elevation, sigma, replace(params, cell_m=grid.cell_m)), grid
+    return _judged_in_strips(elevation, sigma, replace(params, cell_m=grid.cell_m)), grid
+
+
+def _judged_in_strips(elevation: Raster, sigma_m: Raster, params: HazardParams) -> Classes:
+    """The same, some rows at a time, so that a region takes no more memory than its map."""
+    margin = math.ceil(params.window_m / params.cell_m)  # a step half a window off, and its plane
+    found = np.zeros(elevation.shape, np.uint8)
+    for top in range(0, len(elevation), STRIP):
+        rows = slice(max(0, top - margin), top + STRIP + margin)
+        if np.isfinite(elevation[rows]).any():
+            part = judged(elevation[rows], sigma_m[rows], params)
+            found[top : top + STRIP] = part[top - rows.start :][:STRIP]
+    return found
 
 
 def judged(elevation: Raster, sigma_m: Raster, params: HazardParams) -> Classes:

@@ -104,6 +104,7 @@ function symbolLegend(layer: VectorLayer, actions: LayerActions): HTMLElement | 
         swatch(stroke(1, "solid", CONTOUR), "contour"),
       );
     case "havens":
+    case "region-havens":
       return h(
         "div",
         { class: "legend" },

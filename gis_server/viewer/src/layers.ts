@@ -17,6 +17,7 @@ export interface LayerState {
 
 /** From the bottom of the map to its top. */
 const STACK = [
+  "orbital",
   "far-hillshade",
   "far-dtm",
   "region-hillshade",
@@ -25,6 +26,8 @@ const STACK = [
   "region-aspect",
   "region-northerly-tilt",
   "region-roughness",
+  "region-insolation",
+  "region-hazard",
   "region-seams",
   "hillshade",
   "orthophoto",
@@ -39,6 +42,7 @@ const STACK = [
   "insolation",
   "viewshed",
   "hazard",
+  "region-havens",
   "havens",
   "footprints",
   "far-contours",
@@ -81,14 +85,19 @@ const LISTED = [
   "region-aspect",
   "region-northerly-tilt",
   "region-roughness",
+  "region-insolation",
+  "region-havens",
+  "region-hazard",
   "region-seams",
   "far-contours",
   "far-hillshade",
   "far-dtm",
+  "orbital",
 ];
 
 const LEVELS: readonly Level[] = ["region", "sol", "stop"];
 const ON = new Set([
+  "orbital",
   "hillshade",
   "orthophoto",
   "contours",
@@ -106,6 +115,8 @@ const OPACITY: Readonly<Record<string, number>> = {
   "region-aspect": 0.6,
   "region-northerly-tilt": 0.6,
   "region-roughness": 0.6,
+  "region-insolation": 0.6,
+  "region-hazard": 0.5,
   "region-seams": 0.6,
   slope: 0.6,
   aspect: 0.6,
@@ -136,10 +147,14 @@ const KIND_TITLES: Readonly<Record<string, string>> = {
   "region-aspect": "Aspect of the region",
   "region-northerly-tilt": "Northerly tilt of the region",
   "region-roughness": "Roughness of the region",
+  "region-insolation": "Insolation of the region",
+  "region-havens": "Winter havens of the region",
+  "region-hazard": "Hazards of the region",
   "region-seams": "Disagreement of stops",
   "region-contours": "Contours of the region",
   "far-hillshade": "Far hillshade",
   "far-contours": "Far contours",
+  orbital: "Orbital image",
   traverse: "Traverse",
   "mission-traverse": "Whole traverse",
   "mission-stops": "Stops of the whole traverse",

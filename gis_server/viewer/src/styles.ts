@@ -207,6 +207,7 @@ export function drawingOf(kind: string, state: DrawingState): Draw {
     case "far-contours":
       return drawContour;
     case "havens":
+    case "region-havens":
       return () => HAVENS;
     case "footprints":
     case "pointing":

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from photogrammetry.errors import TerrainError
+from photogrammetry.terrain import hazard as hazard_module
 from photogrammetry.terrain.hazard import Hazard, HazardParams, hazards
 
 PARAMS = HazardParams()
@@ -104,6 +105,17 @@ def test_ground_that_is_known_too_poorly_for_a_step_is_unknown(scenes):
     shared = replace(poor, pose_sigma_m=np.full(dtm.grid.shape, 0.098, np.float32))
     classes, grid = hazards(shared, PARAMS)
     assert (middle(classes, grid, 8.0) == Hazard.TRAVERSABLE).all()
+
+
+def test_strips_of_a_large_map_have_no_seams(scenes, rng, monkeypatch):
+    dtm = scenes.dtm_of(plane(8.0), side=1024)
+    rocks = rng.random((32, 32)) < 0.02
+    dtm.elevation[:] += np.kron(rocks, np.ones((32, 32))).astype(np.float32) * 0.3
+    whole, _ = hazards(dtm, PARAMS)
+    monkeypatch.setattr(hazard_module, "STRIP", 100)
+    strips, _ = hazards(dtm, PARAMS)
+    assert len(np.unique(whole)) > 2
+    np.testing.assert_array_equal(strips, whole)
 
 
 def test_a_limit_of_nothing_is_an_error():

@@ -1,0 +1,130 @@
+"""Pictures of what the ground of a simulated world means, for the documentation.
+
+python -m tests.support.surface_pictures crater 3 docs/figures
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from gis_server.rendering.styles import STYLES, indices_of, palette_of
+from photogrammetry.arrays import Classes, Picture, Raster
+from photogrammetry.synthetic.world import WorldParams, make_world
+from photogrammetry.terrain.coarse import coarsened
+from photogrammetry.terrain.grid import MapGrid
+from photogrammetry.terrain.havens import Haven, HavenParams, winter_havens
+from photogrammetry.terrain.hazard import HazardParams, hazards
+from photogrammetry.terrain.insolation import InsolationParams, insolation
+from photogrammetry.terrain.records import Dtm, GroundClass
+from photogrammetry.terrain.surface import (
+    HillshadeParams,
+    SlopeParams,
+    hillshade,
+    mapped_relief,
+    northerly_tilt_of,
+    slope_of,
+)
+from photogrammetry.terrain.viewshed import ViewshedParams, eye_above, viewshed
+from products.cog import RasterClass
+from products.model import ProductKind
+
+GRID = MapGrid(-40.96, 40.96, 0.04, 2048, 2048)
+LATITUDE = math.radians(-14.735)
+SIDE = 480
+"""Pixels along the side of one picture."""
+OPACITY = 0.65
+
+
+def world_model(terrain: str, seed: int) -> Dtm:
+    """The true ground of a simulated world as a terrain model."""
+    return Dtm(
+        grid=GRID,
+        elevation=make_world(WorldParams(terrain=terrain), seed).true_elevation(GRID),
+        sigma_m=np.full(GRID.shape, 0.02, np.float32),
+        observations=np.ones(GRID.shape, np.float32),
+        ground=np.full(GRID.shape, GroundClass.MEASURED, np.uint8),
+    )
+
+
+def pictures(dtm: Dtm) -> dict[str, Picture]:
+    """One picture of each kind, over the hillshade."""
+    light = _shown(hillshade(dtm, HillshadeParams()), dtm.grid)
+    relief, relief_grid = mapped_relief(dtm, SlopeParams())
+    lit = insolation(dtm.elevation, dtm.grid, LATITUDE, InsolationParams())
+    havens = winter_havens(lit, LATITUDE, HavenParams())
+    coarse, coarse_grid = coarsened(dtm.elevation, dtm.grid, 0.16)
+    eye = eye_above(coarse, coarse_grid, (0.0, 0.0), 1.5)
+    seen = viewshed(coarse, coarse_grid, eye, ViewshedParams())
+    danger, danger_grid = hazards(dtm, HazardParams())
+    ramps = {
+        "slope": (ProductKind.SLOPE, slope_of(relief.normal), relief_grid),
+        "northerly-tilt": (
+            ProductKind.NORTHERLY_TILT,
+            northerly_tilt_of(relief.normal),
+            relief_grid,
+        ),
+        "insolation": (ProductKind.INSOLATION, lit.received[0], lit.grid),
+    }
+    made = {name: _ramp(light, kind, _shown(v, g)) for name, (kind, v, g) in ramps.items()}
+    made["havens"] = _outlined(made["insolation"].copy(), havens)
+    classes = {
+        "viewshed": (ProductKind.VIEWSHED, seen, coarse_grid),
+        "hazard": (ProductKind.HAZARD, danger, danger_grid),
+    }
+    for name, (kind, codes, grid) in classes.items():
+        made[name] = _classes(light, STYLES[kind].classes, _shown(codes, grid))
+    return made
+
+
+def _shown(values: Raster | Classes, grid: MapGrid) -> np.ndarray:
+    """The part of a raster that the model covers, in the pixels of a picture."""
+    top, left = (
+        round((grid.north - GRID.north) / grid.cell_m),
+        round((GRID.west - grid.west) / grid.cell_m),
+    )
+    side = round(GRID.rows * GRID.cell_m / grid.cell_m)
+    part = np.ascontiguousarray(values[top : top + side, left : left + side])
+    return cv2.resize(part, (SIDE, SIDE), interpolation=cv2.INTER_NEAREST)
+
+
+def _over(light: np.ndarray, colour: np.ndarray, known: np.ndarray) -> Picture:
+    grey = np.repeat((255 * np.nan_to_num(light))[..., None], 3, axis=2)
+    mixed = OPACITY * colour * (0.5 + 0.7 * np.nan_to_num(light))[..., None] + (1 - OPACITY) * grey
+    return np.clip(np.where(known[..., None], mixed, grey), 0, 255).astype(np.uint8)
+
+
+def _ramp(light: np.ndarray, kind: ProductKind, values: np.ndarray) -> Picture:
+    style = STYLES[kind]
+    low, high = style.range or np.nanpercentile(values, (1, 99))
+    colour = palette_of(style)[indices_of(values, float(low), float(high))]
+    return _over(light, colour, np.isfinite(values))
+
+
+def _classes(light: np.ndarray, classes: Sequence[RasterClass], codes: np.ndarray) -> Picture:
+    table = np.zeros((256, 3), np.uint8)
+    for one in classes:
+        table[one.value] = one.rgb
+    return _over(light, table[codes], codes > 0)
+
+
+def _outlined(picture: Picture, havens: Sequence[Haven]) -> Picture:
+    scale = SIDE / (GRID.rows * GRID.cell_m)
+    for haven in havens:
+        for ring in (haven.outline, *haven.holes):
+            pixels = np.column_stack([ring[:, 0] - GRID.west, GRID.north - ring[:, 1]]) * scale
+            cv2.polylines(picture, [np.rint(pixels).astype(np.int32)], True, (0, 255, 255), 1)  # noqa: FBT003
+    return picture
+
+
+if __name__ == "__main__":
+    terrain, seed, folder = sys.argv[1:4]
+    for name, picture in pictures(world_model(terrain, int(seed))).items():
+        path = Path(folder) / f"ground-{name}.jpg"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        cv2.imwrite(str(path), picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 85])
