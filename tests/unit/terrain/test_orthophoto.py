@@ -161,6 +161,18 @@ def test_an_empty_terrain_model_is_an_error(pan):
         render_orthophoto(replace(dtm, elevation=nothing), views, PARAMS)
 
 
+def test_the_map_reaches_no_farther_than_its_views(scenes):
+    view = scenes.view_of(scenes.level, azimuth_deg=90.0, albedo=mottled)
+    wide = scenes.dtm_of(scenes.level, side=1024)
+    orthophoto = render_orthophoto(wide, [view], PARAMS)
+    assert orthophoto.grid.bounds[0] > wide.grid.bounds[0] + 10.0  # the view looks east
+    whole = np.isfinite(orthophoto.brightness).sum() * 0.01**2
+    assert whole > 20.0
+    away = replace(view, lsl_from_pair=scenes.looking(90.0, 20.0, camera=(99.0, 0.0, 1.5))[1])
+    with pytest.raises(TerrainError, match="none of the 1 views looks at"):
+        render_orthophoto(wide, [away], PARAMS)
+
+
 def test_cells_coarser_than_the_terrain_are_an_error(pan):
     with pytest.raises(TerrainError, match="take finer orthophoto cells"):
         render_orthophoto(*pan, OrthophotoParams(cell_m=0.08))
