@@ -97,6 +97,22 @@ def test_a_whole_mission_next_to_ceres(benchmark, stops):
     assert mine.cost == pytest.approx(theirs.cost, rel=1e-6)
 
 
+def test_the_whole_model_of_fifty_stops_next_to_gtsam(benchmark):
+    """Mast pointings and telemetry too, from near the minimum; ours with its layout."""
+    peer = peer_or_skip("gtsam_full", "gtsam")
+    network = simulate_network(
+        np.random.default_rng(10), stops=50, inter_ties=100, intra_ties=0
+    )[0]  # fmt: skip
+    problem = problems.warm(problems.aligned(network), np.random.default_rng(1))
+    mine = benchmark.pedantic(problems.ours, (problem,), rounds=3)
+    begin = time.process_time()
+    problems.ours(problem)
+    seconds = time.process_time() - begin
+    theirs = peer.adjusted(problem)
+    print(f"{seconds:.3f} s against {theirs.seconds:.2f} s, {theirs.report}")  # noqa: T201
+    assert mine.cost == pytest.approx(theirs.cost, rel=1e-6)
+
+
 def test_a_problem_of_bal_next_to_ceres(benchmark):
     """The file that SOLMAP_BAL names, all nine unknowns of every camera free."""
     peer = peer_or_skip("ceres_peer", "pycolmap", "pyceres")

@@ -1,8 +1,9 @@
 """Adjustment problems in the form that every solver can be given: rigid rigs, images, no priors.
 
-Masts point as their labels say and telemetry has no weight, because the bundle adjustment of COLMAP
-knows neither. Its residuals are those of left and right images, each coordinate with the same
-weight; with x = (x_l + x_r) / 2, seen from the middle of the bar, and p = x_l - x_r,
+GTSAM can be given the whole problem (`aligned`, see `gtsam_full`). In bare ones masts point as
+their labels say and telemetry has no weight, because the bundle adjustment of COLMAP knows neither.
+Its residuals are those of left and right images, each coordinate with the same weight; with
+x = (x_l + x_r) / 2, seen from the middle of the bar, and p = x_l - x_r,
 
     (x_l - x_l°)^2 + (x_r - x_r°)^2 + 2 (y - y°)^2 = 2 (x - x°)^2 + 2 (y - y°)^2 + (p - p°)^2 / 2
 
@@ -71,11 +72,17 @@ def shared_rows(observations):
 
 def simulated(network):
     """A simulated network as a bare problem of rigs, from the alignment (cold)."""
+    whole = aligned(network)
+    return bare(whole.observations, whole.telemetry, whole.start)
+
+
+def aligned(network):
+    """A simulated network with mast pointings and telemetry, from the alignment (cold)."""
     observations, telemetry = Observations.of(network), Telemetry.of(network, PARAMS)
     held = np.arange(len(network.stops)) == 0
     known, is_known = _known(network, telemetry, observations, None)
     start, _ = initialise(observations, telemetry, held, PARAMS, known, is_known)
-    return bare(observations, telemetry, start)
+    return RigProblem(observations, telemetry, start)
 
 
 def bare(observations, telemetry, start):

@@ -58,9 +58,13 @@ def left_camera(observations, pair):
 
 def adjusted(problem, most_iterations=100):
     """Levenberg and Marquardt's method as GTSAM has it; the time is that of the optimiser alone."""
-    graph, values = graph_of(problem)
+    return optimised(*graph_of(problem), most_iterations)
+
+
+def optimised(graph, values, most_iterations, factorisation="MULTIFRONTAL_CHOLESKY"):
     params = gtsam.LevenbergMarquardtParams()
     params.setMaxIterations(most_iterations)
+    params.setLinearSolverType(factorisation)
     params.setRelativeErrorTol(1e-9)
     params.setAbsoluteErrorTol(1e-9)
     optimiser = gtsam.LevenbergMarquardtOptimizer(graph, values, params)
