@@ -18,6 +18,7 @@ from config.settings import Settings
 from flows.console import errors, fail, out, progress_shown, show_rows
 from flows.dip_commands import app as dip
 from flows.engine import prepare_engine
+from flows.orbital_commands import app as orbital
 from flows.traverse_commands import app as traverse
 
 if TYPE_CHECKING:
@@ -30,6 +31,7 @@ app = typer.Typer(
 )
 
 app.add_typer(traverse, name="traverse")
+app.add_typer(orbital, name="orbital")
 app.add_typer(dip, name="dip")
 
 StoreOption = Annotated[

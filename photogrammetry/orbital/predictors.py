@@ -64,10 +64,10 @@ def predictors(ground: GroundMap) -> Predicted:
     elevation, brightness = (
         raster.astype(np.float64) for raster in (ground.elevation, ground.brightness)
     )
-    d_south, d_east = np.gradient(_smoothed(elevation, MIXING), cell_m)
+    d_south, d_east = np.gradient(smoothed(elevation, MIXING), cell_m)
     layers = [
         _local(layer, surroundings)
-        for layer in (d_east, -d_south, _smoothed(brightness, MIXING), elevation)
+        for layer in (d_east, -d_south, smoothed(brightness, MIXING), elevation)
     ]
     known = np.asarray(np.isfinite(layers).all(axis=0))
     return Predicted(ground.grid, np.where(known, np.stack(layers), 0.0), known)
@@ -81,10 +81,10 @@ def local_contrast(image: OrbitalImage) -> Contrast:
 
 
 def _local(raster: np.ndarray, sigma_cells: float) -> np.ndarray:
-    return raster - _smoothed(raster, sigma_cells, LEAST_SEEN)
+    return raster - smoothed(raster, sigma_cells, LEAST_SEEN)
 
 
-def _smoothed(raster: np.ndarray, sigma_cells: float, least: float = 0.0) -> np.ndarray:
+def smoothed(raster: np.ndarray, sigma_cells: float, least: float = 0.0) -> np.ndarray:
     """Gaussian mean of what is known; NaN where nothing is, or less than `least` around it."""
     known = np.isfinite(raster)
     weight = cv2.GaussianBlur(known.astype(np.float64), (0, 0), sigma_cells)

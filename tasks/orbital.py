@@ -1,0 +1,167 @@
+"""Orbital images: laid on what the rover mapped, and drawn as base layer of the map."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from prefect import task
+from prefect.cache_policies import NO_CACHE
+
+from photogrammetry.orbital.mosaic import ground_map
+from photogrammetry.orbital.placing import placed
+from photogrammetry.orbital.records import Correction, OrbitalImage
+from photogrammetry.orbital.registration import RegistrationParams, register
+from photogrammetry.terrain.grid import FINEST_CELL_M, MapGrid
+from products.arrays import finite
+from products.crs import LandingPoint, local_crs
+from products.errors import ProductError
+from products.foreign import Bounds, foreign_bounds, read_foreign
+from products.model import ProductKind, ProductRef, Recipe
+from products.pictures import write_orthophoto
+from products.provenance import provenance_tags
+from products.store import ProductStore
+from tasks.intake import ContentDigest, write_bytes
+from tasks.scopes import file_scope, region_scope
+
+MARGIN_M = 500.0
+"""An orbital image is drawn that far around what is mapped: what lies ahead, and a horizon."""
+
+
+@dataclass(frozen=True, slots=True)
+class StopMap:
+    """What registration reads of a mapped stop."""
+
+    dtm: ProductRef
+    orthophoto: ProductRef
+
+
+def take_orbital(file: Path, store: ProductStore) -> ProductRef:
+    """Keep an orbital image as it came."""
+    data = file.read_bytes()
+    scope = file_scope(file.name)
+    recipe = Recipe(ProductKind.ORBITAL_IMAGE, scope, params=ContentDigest.of(data))
+    return store.make(recipe, lambda draft: write_bytes(draft, data))
+
+
+@task(cache_policy=NO_CACHE, task_run_name="register-{image.scope}")
+def register_orbital(
+    image: ProductRef,
+    stops: Sequence[StopMap],
+    params: RegistrationParams,
+    landing: LandingPoint,
+    store: ProductStore,
+) -> ProductRef:
+    """Find where an orbital image lies on what the stops mapped."""
+    inputs = (image, *(ref for stop in stops for ref in (stop.dtm, stop.orthophoto)))
+    recipe = Recipe(ProductKind.ORBITAL_REGISTRATION, image.scope, inputs, (params, landing))
+
+    def write(path: Path) -> None:
+        crs = local_crs(landing)
+        dtms = [store.path(stop.dtm) for stop in stops]
+        bounds = _union([foreign_bounds(dtm, crs)[0] for dtm in dtms])
+        claimed, cell_m = foreign_bounds(store.path(image), crs)
+        grid = grid_around(bounds, cell_m)
+        ground = ground_map(
+            grid,
+            (read_foreign(dtm, grid, crs) for dtm in dtms),
+            (read_foreign(store.path(stop.orthophoto), grid, crs) for stop in stops),
+        )
+        shown = grid_around(_widened(bounds, 2 * params.search.reach_m, claimed), cell_m)
+        found = register(
+            ground, OrbitalImage(shown, read_foreign(store.path(image), shown, crs)), params
+        )
+        document = {
+            "explained": found.explained,
+            "runner_up": found.runner_up,
+            "halves_apart_m": finite(found.halves_apart_m),
+            "reason": found.reason,
+            "cell_m": cell_m,
+            "correction": _document(found.correction),
+        }
+        path.write_text(json.dumps(document))
+
+    return store.make(recipe, write)
+
+
+@task(cache_policy=NO_CACHE, task_run_name="base-{image.scope}")
+def draw_base(
+    mission: str,
+    image: ProductRef,
+    registration: ProductRef | None,
+    mapped: Bounds,
+    landing: LandingPoint,
+    store: ProductStore,
+) -> ProductRef:
+    """Draw an orbital image around what is mapped: where it truly lies, or where it claims to."""
+    inputs = (image,) if registration is None else (image, registration)
+    params = landing, [*mapped], MARGIN_M
+    recipe = Recipe(ProductKind.ORBITAL, region_scope(mission), inputs, params)
+
+    def write(path: Path) -> None:
+        crs = local_crs(landing)
+        correction = None if registration is None else read_correction(registration, store)
+        claimed, cell_m = foreign_bounds(store.path(image), crs)
+        bounds = _widened(mapped, MARGIN_M, claimed)
+        shown = grid_around(bounds, cell_m)
+        level = max(0, math.floor(math.log2(cell_m / FINEST_CELL_M)))
+        grid = MapGrid.covering(bounds, FINEST_CELL_M * 2**level)
+        source = OrbitalImage(shown, read_foreign(store.path(image), shown, crs))
+        drawn = placed(source, grid, correction)
+        write_orthophoto(path, grid, drawn, crs, tags=provenance_tags(recipe))
+
+    return store.make(recipe, write)
+
+
+def read_registration(ref: ProductRef, store: ProductStore) -> dict[str, Any]:
+    """What a registration found, as plain JSON."""
+    document: dict[str, Any] = json.loads(store.path(ref).read_text())
+    return document
+
+
+def read_correction(ref: ProductRef, store: ProductStore) -> Correction | None:
+    """The correction of a registration, if it found one."""
+    found = read_registration(ref, store)["correction"]
+    if found is None:
+        return None
+    return Correction(
+        found["east_m"],
+        found["north_m"],
+        found["rotation_deg"],
+        (found["centre_m"][0], found["centre_m"][1]),
+        np.array(found["covariance"]),
+    )
+
+
+def grid_around(bounds: Bounds, cell_m: float) -> MapGrid:
+    """A grid of cells of any size around bounds."""
+    west, south, east, north = bounds
+    rows, cols = math.ceil((north - south) / cell_m), math.ceil((east - west) / cell_m)
+    return MapGrid(west, north, cell_m, max(1, rows), max(1, cols))
+
+
+def _document(correction: Correction | None) -> dict[str, Any] | None:
+    if correction is None:
+        return None
+    fields = dataclasses.asdict(correction)
+    return {**fields, "covariance": correction.covariance.tolist()}
+
+
+def _union(each: Sequence[Bounds]) -> Bounds:
+    west, south, east, north = zip(*each, strict=True)
+    return min(west), min(south), max(east), max(north)
+
+
+def _widened(bounds: Bounds, margin_m: float, within: Bounds) -> Bounds:
+    """Bounds with a margin, cut to what there is."""
+    west, south = (max(bounds[k] - margin_m, within[k]) for k in (0, 1))
+    east, north = (min(bounds[k] + margin_m, within[k]) for k in (2, 3))
+    if not (east > west and north > south):
+        raise ProductError("the orbital image does not show the ground that was mapped")
+    return west, south, east, north

@@ -1,0 +1,140 @@
+"""An orbital image from its file to the base layer, on ground whose true place is known."""
+
+import json
+
+import numpy as np
+import pytest
+import rasterio
+from pyproj import CRS
+from rasterio.transform import Affine
+from typer.testing import CliRunner
+
+from config.landing import landing_site
+from config.settings import Settings
+from flows.cli import app
+from photogrammetry.terrain.records import Dtm
+from products.catalogue import MissionEntry
+from products.crs import local_crs
+from products.model import ProductKind, Recipe, Scope, ScopeLevel
+from products.pictures import read_orthophoto, write_orthophoto
+from products.raster import write_dtm
+from products.workspace import Workspace
+from tasks.publish import publish
+from tests.support.orbital_scenes import scene
+
+SITE = landing_site("MER2", Settings().landing_sites)
+# as GDAL's users keep Mars: an equirectangular map of the sphere, not the local one
+PLATE = CRS.from_proj4(
+    f"+proj=eqc +lat_ts={SITE.landing.latitude} +lat_0={SITE.landing.latitude} "
+    f"+lon_0={SITE.landing.longitude} +R={SITE.landing.radius_m} +units=m +no_defs"
+)
+
+
+@pytest.fixture(scope="module")
+def hills():
+    return scene(103)
+
+
+@pytest.fixture
+def image(hills, tmp_path):
+    file = tmp_path / "hirise.tif"
+    write_image(file, hills.image.brightness, hills.image.grid)
+    return file
+
+
+def write_image(file, values, grid):
+    low, high = np.percentile(values, (0.5, 99.5))
+    place = Affine(grid.cell_m, 0, grid.west, 0, -grid.cell_m, grid.north)
+    with rasterio.open(
+        file, "w", driver="GTiff", width=grid.cols, height=grid.rows, count=1, dtype="uint8",
+        crs=rasterio.CRS.from_wkt(PLATE.to_wkt()), transform=place,
+    ) as dataset:  # fmt: skip
+        dataset.write(np.clip(1 + 254 * (values - low) / (high - low), 1, 255).astype(np.uint8), 1)
+
+
+@pytest.fixture
+def store(hills, tmp_path):
+    """A store in which the scene's ground is mapped."""
+    workspace = Workspace.open(tmp_path / "store")
+    ground, crs = hills.ground, local_crs(SITE.landing)
+    shape = ground.grid.shape
+    dtm = Dtm(
+        ground.grid,
+        ground.elevation,
+        np.full(shape, 0.01, np.float32),
+        np.ones(shape, np.float32),
+        np.ones(shape, np.uint8),
+    )
+    scope = Scope(ScopeLevel.STOP, "mer2-site0010-drive0000")
+    made = [
+        workspace.store.make(
+            Recipe(ProductKind.DTM, scope), lambda path: write_dtm(path, dtm, crs)
+        ),
+        workspace.store.make(
+            Recipe(ProductKind.ORTHOPHOTO, scope),
+            lambda path: write_orthophoto(path, ground.grid, ground.brightness, crs),
+        ),
+    ]
+    entry = MissionEntry("MER2", SITE.title, SITE.landing, None)
+    publish.fn(entry, [(ref, (155,)) for ref in made], (), (), workspace)
+    return workspace
+
+
+def added(image, workspace, *options):
+    command = ["orbital", "add", str(image), "--store", str(workspace.store.root), *options]
+    return CliRunner().invoke(app, command)
+
+
+def test_an_image_in_another_crs_is_registered_and_drawn_where_it_truly_lies(hills, image, store):
+    ran = added(image, store)
+    assert ran.exit_code == 0, ran.output
+    assert "moved by" in ran.output
+    (ref,) = store.catalogue.pointers(ProductKind.ORBITAL_REGISTRATION)
+    found = json.loads(store.store.path(ref).read_text())["correction"]
+    off = np.hypot(found["east_m"] - hills.east_m, found["north_m"] - hills.north_m)
+    assert off < 0.25
+    assert found["rotation_deg"] == pytest.approx(hills.rotation_deg, abs=0.1)
+    layer = next(k for k in store.catalogue.layers() if k.ref.kind is ProductKind.ORBITAL)
+    assert layer.cell_m == 0.16
+    grid, drawn = read_orthophoto(store.store.path(layer.ref))
+    east, north = grid.centres()
+    middle = np.ix_(np.abs(north) < 20, np.abs(east) < 20)
+    assert np.isfinite(drawn[middle]).all()
+
+
+def test_an_image_that_tells_nothing_lies_where_it_claims_to_and_says_so(
+    hills, tmp_path, store, rng
+):
+    plain = tmp_path / "noise.tif"
+    write_image(plain, 100 + 20 * rng.normal(size=hills.image.grid.shape), hills.image.grid)
+    ran = added(plain, store)
+    assert ran.exit_code == 0, ran.output
+    assert "not registered" in ran.output
+
+
+def test_a_georeference_may_be_trusted(image, store):
+    ran = added(image, store, "--as-claimed")
+    assert ran.exit_code == 0, ran.output
+    assert "where it claims to" in ran.output
+    assert store.catalogue.pointers(ProductKind.ORBITAL_REGISTRATION) == []
+
+
+def test_images_of_elsewhere_and_no_images_end_with_one_line(hills, tmp_path, store):
+    far = tmp_path / "far.tif"
+    grid = hills.image.grid
+    moved = type(grid)(grid.west + 50_000, grid.north, grid.cell_m, grid.rows, grid.cols)
+    write_image(far, hills.image.brightness, moved)
+    ran = added(far, store)
+    assert ran.exit_code == 1
+    assert "does not show the ground" in ran.output
+    text = tmp_path / "notes.tif"
+    text.write_text("no picture")
+    ran = added(text, store)
+    assert ran.exit_code == 1
+    assert "notes.tif" in ran.output or "cannot be read" in ran.output
+
+
+def test_a_store_without_maps_asks_for_them(image, tmp_path):
+    ran = added(image, Workspace.open(tmp_path / "empty"))
+    assert ran.exit_code == 1
+    assert "no stop of MER2 is mapped" in ran.output
