@@ -197,7 +197,7 @@ def _detrended(
     elevation: Raster, known: Bool[np.ndarray, "rows cols"]
 ) -> tuple[Float32[np.ndarray, "2 1 1"], Raster]:
     """Gradient of the mean plane, rise a cell to east and north, and what lies over that plane."""
-    row, col = np.nonzero(known)
+    row, col = np.argwhere(known).T
     some = slice(None, None, max(1, len(row) // 1000))
     row, col = row[some], col[some]
     sums = np.column_stack([np.ones(len(row)), col, row])

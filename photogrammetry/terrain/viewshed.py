@@ -90,7 +90,7 @@ def viewshed(elevation: Raster, grid: MapGrid, eye: Vector3, params: ViewshedPar
     row, col = grid.cells_of(np.array([[eye[1], eye[0], 0.0]]))
     down, right = np.indices(elevation.shape, dtype=np.float32)
     down, right = down - np.float32(row[0]), right - np.float32(col[0])
-    distance = np.hypot(down, right)
+    distance: Raster = np.hypot(down, right)
     height = elevation - np.float32(eye[2])
     asked = np.isfinite(height) & (distance <= params.radius_m / grid.cell_m)
     sight = np.zeros(elevation.shape, np.uint8)
