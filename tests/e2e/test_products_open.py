@@ -1,0 +1,79 @@
+"""Every raster of a run opens where other people would open it: as a COG, in GDAL, from STAC."""
+
+import json
+import shutil
+import subprocess
+
+import pystac
+import pytest
+import rasterio
+from rio_cogeo import cog_validate
+
+from products.model import ProductKind
+from products.raster import class_names
+
+
+def rasters(mapped):
+    return sorted((mapped.store / "products").glob("*/*/*.tif"))
+
+
+def test_every_raster_is_a_valid_cog_that_says_what_it_is(mapped):
+    assert len(rasters(mapped)) > 8
+    for path in rasters(mapped):
+        assert cog_validate(path, strict=True) == (True, [], []), path
+        with rasterio.open(path) as dataset:
+            assert all(dataset.descriptions), path
+            assert dataset.nodata is not None, path
+            assert dataset.crs.is_projected, path
+            tags = dataset.tags()
+            assert tags["PRODUCT"].split("/")[0] == path.parts[-3]
+            assert tags["TIFFTAG_SOFTWARE"].startswith("solmap ")
+            assert tags["INPUTS"], path
+
+
+def test_terrain_and_picture_of_a_stop_name_the_same_adjustment(mapped):
+    named = {}
+    for layer in mapped.workspace.catalogue.layers():
+        if layer.ref.kind in {ProductKind.DTM, ProductKind.ORTHOPHOTO, ProductKind.SOURCES}:
+            with rasterio.open(mapped.workspace.store.path(layer.ref)) as dataset:
+                adjustment = dataset.tags()["ADJUSTMENT"]
+            named.setdefault(layer.ref.scope.name, []).append(adjustment)
+    assert len(named) == 2
+    for adjustments in named.values():
+        assert len(adjustments) == 3
+        assert len(set(adjustments)) == 1
+
+
+def test_classes_have_names_and_colours(mapped):
+    classes = 0
+    for path in rasters(mapped):
+        with rasterio.open(path) as dataset:
+            names = class_names(dataset)
+            if names:
+                classes += 1
+                colours = dataset.colormap(1)
+                assert len({colours[value] for value in names}) > len(names) / 2
+    assert classes
+
+
+def test_gdal_reads_every_raster(mapped):
+    gdalinfo = shutil.which("gdalinfo")
+    if gdalinfo is None:
+        pytest.skip("gdalinfo is not installed: the package gdal-bin has it")
+    for path in rasters(mapped):
+        told = subprocess.run([gdalinfo, "-json", str(path)], capture_output=True, check=True)
+        seen = json.loads(told.stdout)
+        assert seen["metadata"]["IMAGE_STRUCTURE"]["LAYOUT"] == "COG"
+        assert "Orthographic" in seen["coordinateSystem"]["wkt"]
+        assert all(band["description"] for band in seen["bands"])
+
+
+def test_stac_leads_to_every_layer_of_the_catalogue(mapped):
+    catalogue = pystac.Catalog.from_file(str(mapped.store / "stac" / "catalog.json"))
+    items = {item.id: item for item in catalogue.get_items(recursive=True)}
+    layers = mapped.workspace.catalogue.layers()
+    assert {f"{layer.ref.scope}-{layer.ref.kind}" for layer in layers} == items.keys()
+    for item in items.values():
+        for asset in item.assets.values():
+            assert (mapped.store / "stac" / "MER2" / asset.href).resolve().is_file()
+        assert item.properties["solmap:adjustment"], item.id
