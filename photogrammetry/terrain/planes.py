@@ -202,7 +202,8 @@ def _detrended(
     row, col = row[some], col[some]
     sums = np.column_stack([np.ones(len(row)), col, row])
     level, east, south = np.linalg.lstsq(sums, elevation[row, col].astype(np.float64))[0]
-    down, right = np.indices(elevation.shape, dtype=np.float32, sparse=True)
+    down = np.arange(elevation.shape[0], dtype=np.float32)[:, None]
+    right = np.arange(elevation.shape[1], dtype=np.float32)[None, :]
     plane = np.float32(level) + np.float32(east) * right + np.float32(south) * down
     return np.array([east, -south], np.float32).reshape(2, 1, 1), elevation - plane
 

@@ -88,8 +88,8 @@ def _cell_of(grid: MapGrid, place: tuple[float, float]) -> tuple[int, int]:
 def viewshed(elevation: Raster, grid: MapGrid, eye: Vector3, params: ViewshedParams) -> Classes:
     """A `Sight` for every cell of a terrain model, from an eye (east, north, up)."""
     row, col = grid.cells_of(np.array([[eye[1], eye[0], 0.0]]))
-    down, right = np.indices(elevation.shape, dtype=np.float32)
-    down, right = down - np.float32(row[0]), right - np.float32(col[0])
+    indices: Float32[np.ndarray, "2 rows cols"] = np.indices(elevation.shape, dtype=np.float32)
+    down, right = indices - np.array([row, col], np.float32).reshape(2, 1, 1)
     distance: Raster = np.hypot(down, right)
     height = elevation - np.float32(eye[2])
     asked = np.isfinite(height) & (distance <= params.radius_m / grid.cell_m)
