@@ -37,9 +37,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from photogrammetry.arrays import Raster
 from photogrammetry.errors import TerrainError
-from photogrammetry.terrain.fusion import Entries, FusionParams, Levels, fuse, variances
+from photogrammetry.terrain.fusion import PATCH, Entries, FusionParams, Levels, fuse, variances
 from photogrammetry.terrain.grid import BLOCK, MapGrid
 from photogrammetry.terrain.heights import ViewHeights, view_heights
 from photogrammetry.terrain.occlusion import mark_occluded
@@ -79,17 +78,16 @@ def build_dtm(views: Sequence[TerrainView], params: DtmParams, grid: MapGrid | N
     entries = Entries.of(heights, grid)
     if not len(entries):
         raise TerrainError(f"no measured ground falls into the grid {grid.bounds}")
-    flat = np.zeros((2, *grid.shape), dtype=np.float32)
-    rough = fuse(entries, variances(entries, views, flat, params)).level
-    gradient = _believable_gradient(rough.reshape(grid.shape).astype(np.float32), params)
+    gradient = _believable_gradient(entries, params)
     dtm = _dtm(entries, fuse(entries, variances(entries, views, gradient, params)))
     ground = mark_occluded(dtm.ground, dtm.elevation, grid, views, params)
     return replace(dtm, ground=ground)
 
 
-def _believable_gradient(elevation: Raster, params: DtmParams) -> Gradients:
-    """The gradient of the ground; 0 where it is unknown or too steep for ground."""
-    gradient = gradients(elevation, params.cell_m, params.slope_baseline_m, 0.25)
+def _believable_gradient(entries: Entries, params: DtmParams) -> Gradients:
+    """The gradient of the ground in patches; 0 where it is unknown or too steep for ground."""
+    patch_m = PATCH * params.cell_m
+    gradient = gradients(entries.patch_means(), patch_m, params.slope_baseline_m, 0.25)
     gradient[~(np.abs(gradient) < STEEPEST)] = 0.0
     return gradient
 

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.arrays import Float32, Float64
+from photogrammetry.arrays import Float32, Float64, Raster
 from photogrammetry.matching.dense import SharedSigma
 from photogrammetry.terrain.grid import MapGrid
 from photogrammetry.terrain.ground import (
@@ -40,6 +40,9 @@ ROUNDS = 3
 """Rounds of reweighting; the weights hardly change after two."""
 TINY_M2 = 1e-10
 """Least variance: a hundredth of a millimetre squared."""
+
+PATCH = 4
+"""Cells along the side of a patch that has one gradient: the baseline of slopes is some patches."""
 
 PerEntry = Float32[np.ndarray, " entries"]
 PerCell = Float64[np.ndarray, " cells"]
@@ -94,6 +97,25 @@ class Entries:
         """Sum of the weights of every cell's entries."""
         return np.bincount(self.cell, weights, minlength=self.grid.rows * self.grid.cols)
 
+    @property
+    def patch(self) -> np.ndarray:
+        """The patch of every entry, counted along the rows of patches."""
+        row, col = np.divmod(self.cell, self.grid.cols)
+        return row // PATCH * self.patches[1] + col // PATCH
+
+    @property
+    def patches(self) -> tuple[int, int]:
+        """Rows and columns of patches."""
+        return -(-self.grid.rows // PATCH), -(-self.grid.cols // PATCH)
+
+    def patch_means(self) -> Raster:
+        """Mean height of the entries of every patch; NaN where there are none."""
+        size = self.patches[0] * self.patches[1]
+        patch = self.patch
+        with np.errstate(invalid="ignore"):
+            mean = np.bincount(patch, self.height, size) / np.bincount(patch, minlength=size)
+        return mean.reshape(self.patches).astype(np.float32)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Variances:
@@ -108,7 +130,7 @@ class Variances:
 def variances(
     entries: Entries, views: Sequence[TerrainView], gradient: Gradients, params: FusionParams
 ) -> Variances:
-    """How well every entry is known, on ground with this gradient."""
+    """How well every entry is known, on ground whose patches have this gradient."""
     own, pose = (np.empty(len(entries), dtype=np.float32) for _ in range(2))
     for (rows, ground), view in zip(_grounds(entries, views, gradient), views, strict=True):
         own[rows] = _own_variance(entries, rows, ground, view, params)
@@ -134,7 +156,7 @@ def _grounds(
     entries: Entries, views: Sequence[TerrainView], gradient: Gradients
 ) -> Iterator[tuple[slice, _Ground]]:
     """The ground of every view's entries."""
-    grid, flat = entries.grid, gradient.reshape(2, -1)
+    grid, inclined = entries.grid, gradient.reshape(2, -1)[:, entries.patch]
     for rows, view in zip(entries.view, views, strict=True):
         camera = camera_on_map(view.lsl_from_pair)
         east, north = (place - camera[k] for k, place in enumerate(grid.centres()))
@@ -143,7 +165,7 @@ def _grounds(
         P = np.empty((3, len(cell)), dtype=np.float32)
         P[0], P[1] = east.astype(np.float32)[col], north.astype(np.float32)[row]
         P[2] = entries.height[rows] - camera[2]
-        yield rows, _Ground(P, flat[:, cell])
+        yield rows, _Ground(P, inclined[:, rows])
 
 
 def _own_variance(
@@ -202,17 +224,34 @@ class Levels:
 def fuse(entries: Entries, known: Variances) -> Levels:
     """The weighted mean of every cell's entries."""
     variance = np.maximum(known.own + known.pose, np.float32(TINY_M2)).astype(np.float64)
-    deviation = np.sqrt(variance)
-    reweighting = np.ones_like(variance)
+    weight = 1 / variance
+    several = entries.sums(np.ones_like(weight))[entries.cell] > 1
+    excess = np.ones(entries.grid.rows * entries.grid.cols)
+    if several.any():
+        weight[several], cells, above = _reweighted(
+            entries.cell[several], entries.height[several], variance[several]
+        )
+        excess[cells] = np.maximum(1.0, above)
+    total = entries.sums(weight)
     with np.errstate(invalid="ignore", divide="ignore"):
-        for _ in range(ROUNDS):
-            weight = reweighting / variance
-            total = entries.sums(weight)
-            level = entries.sums(weight * entries.height) / total
-            off = np.abs(entries.height - level[entries.cell]) / deviation
-            reweighting = HUBER / np.maximum(HUBER, off)
-        redundancy = entries.sums(np.ones_like(variance)) - 1
-        disagreement = entries.sums(off**2 * reweighting) / np.maximum(1, redundancy)
-        own = entries.sums(weight**2 * known.own) / total**2 * np.maximum(1.0, disagreement)
+        level = entries.sums(weight * entries.height) / total
+        own = entries.sums(weight**2 * known.own) / total**2 * excess
         pose = entries.sums(weight * np.sqrt(known.pose)) / total
         return Levels(level, np.sqrt(own + pose**2), pose)
+
+
+def _reweighted(
+    cell: np.ndarray, height: np.ndarray, variance: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Weights of entries that share their cells, these cells, and how far they disagree there.
+
+    The disagreement is the variance of unit weight: 1 where it is as stated.
+    """
+    cells, at = np.unique(cell, return_inverse=True)
+    reweighting, deviation = np.ones_like(variance), np.sqrt(variance)
+    for _ in range(ROUNDS):
+        weight = reweighting / variance
+        level = np.bincount(at, weight * height) / np.bincount(at, weight)
+        off = np.abs(height - level[at]) / deviation
+        reweighting = HUBER / np.maximum(HUBER, off)
+    return weight, cells, np.bincount(at, off**2 * reweighting) / (np.bincount(at) - 1)

@@ -27,8 +27,9 @@ STEEP = 1.7
 level."""
 SPLITS = 4
 """How often the upper part is taken at most: one sixteenth of the points is left then."""
-SAMPLES_A_CELL = 2.0
-"""Mesh samples along the side of a cell, so that no cell inside the mesh is missed."""
+SAMPLES_A_CELL = 1.5
+"""Mesh samples along the side of a cell: with the square root of two or more, no square inside a
+lattice is missed, however it is turned."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,11 +75,12 @@ def view_heights(view: TerrainView, params: SightParams, cell_m: float) -> ViewH
     cell_of_point = window.cells(points)
     count, mean, scatter = _upper_levels(cell_of_point, points[2], noise, window)
     sigma_px = _sigma_of_cells(cell_of_point, _sigma_px(view, params)[trusted], window)
+    unmeasured = count == 0
     filled = np.zeros(window.size)
     filled_mean, sag = np.zeros(window.size), np.zeros(window.size)
     for samples in mesh_samples(planes, quads, cell_m / SAMPLES_A_CELL):
         cells = window.cells(samples.points)
-        open_ = count[cells] == 0
+        open_ = unmeasured[cells]
         cells = cells[open_]
         filled += np.bincount(cells, minlength=window.size)
         filled_mean += np.bincount(cells, samples.points[2][open_], minlength=window.size)

@@ -42,17 +42,22 @@ def continuous_quads(planes: Planes3, parallax: ParallaxMap, step_px: float, gap
     with np.errstate(invalid="ignore"):
         down_step = np.abs(np.diff(parallax, axis=0)) <= step_px
         across_step = np.abs(np.diff(parallax, axis=1)) <= step_px
-        down_m = np.hypot(*np.diff(planes[:2], axis=1))
-        across_m = np.hypot(*np.diff(planes[:2], axis=2))
-        down_step &= down_m <= gap_m
-        across_step &= across_m <= gap_m
+        down_m2, across_m2 = (_squared_steps(planes, axis) for axis in (0, 1))
+        down_step &= down_m2 <= np.float32(gap_m**2)
+        across_step &= across_m2 <= np.float32(gap_m**2)
     whole = down_step[:, :-1] & down_step[:, 1:] & across_step[:-1] & across_step[1:]
     row, col = np.nonzero(whole)
     return Quads(
         corner=row * parallax.shape[1] + col,
-        lines_m=np.maximum(down_m[row, col], down_m[row, col + 1]),
-        samples_m=np.maximum(across_m[row, col], across_m[row + 1, col]),
+        lines_m=np.sqrt(np.maximum(down_m2[row, col], down_m2[row, col + 1])),
+        samples_m=np.sqrt(np.maximum(across_m2[row, col], across_m2[row + 1, col])),
     )
+
+
+def _squared_steps(planes: Planes3, axis: int) -> np.ndarray:
+    """Squared distance on the map between neighbouring pixels along an axis of the image."""
+    east, north = (np.diff(plane, axis=axis) for plane in planes[:2])
+    return east * east + north * north
 
 
 def in_a_quad(quads: Quads, shape: tuple[int, int]) -> Mask:
@@ -121,9 +126,13 @@ def _divide(
     """Bilinear samples at the middles of `parts` (down, across) of quads."""
     t = ((np.arange(parts[0], dtype=np.float32) + 0.5) / parts[0])[:, None]
     s = ((np.arange(parts[1], dtype=np.float32) + 0.5) / parts[1])[None, :]
-    weights = ((1 - t) * (1 - s), (1 - t) * s, t * (1 - s), t * s)
-    points = np.zeros((3, len(corner), parts[0] * parts[1]), dtype=np.float32)
-    for weight, shift in zip(weights, (0, 1, width, width + 1), strict=True):
-        points += flat[:, corner + shift, None] * weight.ravel()
+    upper = _between(flat[:, corner, None], flat[:, corner + 1, None], s)
+    lower = _between(flat[:, corner + width, None], flat[:, corner + width + 1, None], s)
+    points = _between(upper[:, :, None, :], lower[:, :, None, :], t)
     bow = np.broadcast_to(t * (1 - t), parts).ravel()
     return MeshSamples(points.reshape(3, -1), (lines_m[:, None] * bow).ravel())
+
+
+def _between(one: np.ndarray, other: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """Points at these shares of the way from one to the other."""
+    return one + share * (other - one)

@@ -88,9 +88,7 @@ def _look(
     base = map_from_pair_rotation(view.lsl_from_pair)[:, 0] * view.geometry.base_m
     fan = _Fan.of(view, left, grid.cell_m, params)
     window = fan.window(grid)
-    rows, cols = (
-        index + side.start for index, side in zip(np.nonzero(without[window]), window, strict=True)
-    )
+    rows, cols = fan.cells(grid, without, window)
     if not len(rows):
         return
     beyond = _far_ground(view, fan, params)
@@ -146,6 +144,22 @@ class _Fan:
         )
         cols = np.clip((np.array([east.min(), east.max()]) - grid.west) / grid.cell_m, 0, grid.cols)
         return slice(int(rows[0]), int(rows[1]) + 1), slice(int(cols[0]), int(cols[1]) + 1)
+
+    def cells(
+        self, grid: MapGrid, wanted: Cells, window: tuple[slice, slice]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Rows and columns of the wanted cells in the fan, give or take a cell."""
+        east, north = (axis.astype(np.float32) for axis in grid.centres())
+        east = east[window[1]][None, :] - np.float32(self.eye[0])
+        north = north[window[0]][:, None] - np.float32(self.eye[1])
+        near = wanted[window] & (east**2 + north**2 < np.float32((self.ranges * self.cell_m) ** 2))
+        width = (self.azimuths - 1) * self.step
+        if width < np.pi:
+            first, last = self.first - self.step, self.first + width + self.step
+            near &= east * np.float32(np.cos(first)) >= north * np.float32(np.sin(first))
+            near &= east * np.float32(np.cos(last)) <= north * np.float32(np.sin(last))
+        rows, cols = np.nonzero(near)
+        return rows + window[0].start, cols + window[1].start
 
     def read(self, elevation: Raster, grid: MapGrid) -> Profiles:
         """The model along the profiles; NaN where it knows nothing."""
@@ -276,9 +290,9 @@ def _passing_below(
     """How far below the eye planes pass that would be seen between two rises of `highest`."""
     ranges = len(highest)
     rises = np.concatenate([highest[:1] > -np.inf, highest[1:] > highest[:-1]])
-    place = np.arange(ranges)[:, None]
-    first = np.maximum.accumulate(np.where(rises, place, 0), axis=0)
-    follows = np.minimum.accumulate(np.where(rises, place, ranges)[::-1], axis=0)[::-1]
+    place = np.arange(ranges, dtype=np.int32)[:, None]
+    first = np.maximum.accumulate(np.where(rises, place, np.int32(0)), axis=0)
+    follows = np.minimum.accumulate(np.where(rises, place, np.int32(ranges))[::-1], axis=0)[::-1]
     follows = np.concatenate([follows[1:], np.full_like(follows[:1], ranges)])
     above = np.concatenate([highest, np.maximum(beyond.tangent, highest[-1])[None]])
     nearness = np.concatenate(
@@ -293,7 +307,7 @@ def _passing_below(
 
 def _last_known(height: Profiles, known: Marks) -> Profiles:
     """The last known value up to each place of every profile; NaN before the first."""
-    place = np.where(known, np.arange(len(height))[:, None], -1)
+    place = np.where(known, np.arange(len(height), dtype=np.int32)[:, None], np.int32(-1))
     last = np.maximum.accumulate(place, axis=0)
     value = np.take_along_axis(height, np.maximum(last, 0), axis=0)
     return np.where(last >= 0, value, np.float32(np.nan))
