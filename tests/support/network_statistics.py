@@ -151,9 +151,10 @@ def shifts_of_tests(network: Network, truth: NetworkTruth, overall: AdjustedNetw
     return np.sqrt(np.maximum(np.concatenate(shifts), 0.0))
 
 
-def band(networks: int) -> tuple[float, float]:
-    """Where 95 % of the means of true sigmas lie."""
-    low, high = chi2.ppf([0.025, 0.975], 6 * networks) / (6 * networks)
+def band(networks: int, level: float = 0.95) -> tuple[float, float]:
+    """Where that share of the means of true sigmas lies."""
+    tails = [(1 - level) / 2, (1 + level) / 2]
+    low, high = chi2.ppf(tails, 6 * networks) / (6 * networks)
     return float(low), float(high)
 
 
