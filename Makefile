@@ -61,8 +61,9 @@ check: setup  ## Style, types and the direction of imports.
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
+# Without the checks of array types that every test runs under: they would be timed too.
 bench: setup  ## Times and ratios against a peer in the same run.
-	$(BIN)/pytest tests/benchmarks --benchmark-only --benchmark-disable-gc --benchmark-columns=min,median,rounds
+	$(BIN)/pytest -o addopts=--import-mode=importlib tests/benchmarks --benchmark-only --benchmark-disable-gc --benchmark-columns=min,median,rounds
 
 peers: setup  ## Solvers that `make bench` compares the adjustment with; without them it skips.
 	$(BIN)/pip install --quiet --disable-pip-version-check --no-deps gtsam==4.3.0 pyceres==2.6 pycolmap==4.2.1
