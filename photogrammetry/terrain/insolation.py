@@ -49,8 +49,8 @@ class InsolationParams:
     """Of dust: what the Viking landers saw outside storms (Appelbaum and Flood 1990, figure 3)."""
     cell_m: float = 0.16
     """Side of a cell: a fourteenth of a rover's length, and sixteen cells of a stop's model."""
-    most_cells: int = 1_000_000
-    """Cells at most, 300 MB: of larger areas the cells are doubled. A stop has 0.2 million."""
+    most_cells: int = 2_000_000
+    """Cells at most, 400 MB: of larger areas the cells are doubled. A stop has 0.2 million."""
     baseline_m: float = 1.1
     """Length over which the ground's tilt is felt: about a wheel base, as for slope."""
     min_share: float = 0.5
@@ -80,7 +80,8 @@ def insolation(
     elevation: Raster, grid: MapGrid, latitude: float, params: InsolationParams
 ) -> Insolation:
     """Insolation of a terrain model at a planetographic latitude (radians)."""
-    cell_m = manageable_cell_m(elevation, grid, params.cell_m, params.most_cells)
+    cell_m = max(grid.cell_m, params.cell_m)
+    cell_m = manageable_cell_m(elevation, grid, cell_m, params.most_cells)
     coarse, coarse_grid = coarsened(elevation, grid, cell_m)
     window = seen_window(coarse)
     seen = np.ascontiguousarray(coarse[window])

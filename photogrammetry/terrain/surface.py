@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from photogrammetry.arrays import Float32, Raster
-from photogrammetry.terrain.coarse import coarse_grid, place_means
+from photogrammetry.terrain.coarse import coarse_grid, manageable_cell_m, place_means
 from photogrammetry.terrain.grid import MapGrid
 from photogrammetry.terrain.planes import (
     Gradients,
@@ -57,6 +57,8 @@ class SlopeParams:
     cell_m: float = 0.08
     """Least side of a cell on the map: what is felt over a baseline of 1.1 m hardly changes over
     less. Every cell of the terrain model has its plane; a map's cell is the mean of some."""
+    most_cells: int = 20_000_000
+    """Cells at most, 1 GB: of larger areas the cells are doubled. A stop has 1 million."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -119,7 +121,9 @@ def mapped_relief(dtm: Dtm, params: SlopeParams) -> tuple[Relief, MapGrid]:
     Strips of the model are worked on one after the other, so that a region takes no more memory
     than its map.
     """
-    place = coarse_grid(dtm.grid, params.cell_m)
+    cell_m = max(dtm.grid.cell_m, params.cell_m)
+    cell_m = manageable_cell_m(dtm.elevation, dtm.grid, cell_m, params.most_cells)
+    place = coarse_grid(dtm.grid, cell_m)
     layers = np.full((5, *place.shape), np.nan, np.float32)
     margin = window_cells(dtm.grid, params.baseline_m)
     for top in range(0, dtm.grid.rows, STRIP):

@@ -213,6 +213,13 @@ def test_larger_cells_have_the_slope_of_those_in_them(scenes):
     np.testing.assert_allclose(aspect_of(coarse.normal)[known], 220.0, atol=2e-2)
 
 
+def test_large_areas_have_larger_cells(scenes):
+    dtm = scenes.dtm_of(plane(12.0, 220.0), side=256)
+    coarse, grid = mapped_relief(dtm, SlopeParams(most_cells=5000))
+    assert grid.cell_m == 0.16
+    assert np.nanmedian(slope_of(coarse.normal)) == pytest.approx(12.0, abs=1e-3)
+
+
 def test_strips_of_a_model_have_no_seams(scenes):
     dtm = scenes.dtm_of(lambda e, n: 0.3 * np.sin(e) * np.cos(1.3 * n), side=1100)
     whole = relief(dtm, PARAMS)
