@@ -56,8 +56,10 @@ class ViewHeights:
         return len(self.row)
 
 
-def view_heights(view: TerrainView, params: SightParams, cell_m: float) -> ViewHeights:
-    """The heights that `view` gives to the cells of the map.
+def view_heights(
+    view: TerrainView, params: SightParams, cell_m: float, *, meshed: bool = True
+) -> ViewHeights:
+    """The heights that `view` gives to the cells of the map; only those with points if not meshed.
 
     A pixel that hangs together with no other is left out: it is a blunder, or belongs to ground so
     far away that the gap to the next is wider than may be bridged.
@@ -78,7 +80,7 @@ def view_heights(view: TerrainView, params: SightParams, cell_m: float) -> ViewH
     unmeasured = count == 0
     filled = np.zeros(window.size)
     filled_mean, sag = np.zeros(window.size), np.zeros(window.size)
-    for samples in mesh_samples(planes, quads, cell_m / SAMPLES_A_CELL):
+    for samples in mesh_samples(planes, quads, cell_m / SAMPLES_A_CELL) if meshed else ():
         cells = window.cells(samples.points)
         open_ = unmeasured[cells]
         cells = cells[open_]
