@@ -21,6 +21,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from photogrammetry.arrays import Bool, GreyImage, Mask, ParallaxMap, Picture
@@ -56,6 +57,9 @@ class ViewModelParams(SightParams):
     tolerance_px: float = 0.5
     """How far a triangle's parallax may stray: two standard deviations of a dense parallax, which
     is the most that noise on its own does to nearly all of them."""
+    gap_px: int = 4
+    """Widest gap of unmatched pixels that is bridged, where the surface around is smooth: specks
+    less than half a matching window wide are not ground that something hides."""
     block_px: int = 8
     """Side of the blocks over which it is decided which pair shows the ground."""
     yield_to: float = 1.25
@@ -101,13 +105,28 @@ def view_meshes(views: Sequence[TerrainView], params: ViewModelParams) -> list[T
 
 
 def _drawn(view: TerrainView, params: ViewModelParams) -> _Drawn:
-    parallax = trusted_parallax(view, params)
+    parallax = _without_specks(trusted_parallax(view, params), params)
     planes = ground_of(view, parallax, params)
     step_px = largest_step_px(view.geometry.base_m, params)
     quads = continuous_quads(planes, parallax, step_px, params.max_gap_m)
     whole = np.zeros(parallax.size, np.bool_)
     whole[quads.corner] = True
     return _Drawn(view, parallax, planes, whole.reshape(parallax.shape)[:-1, :-1])
+
+
+def _without_specks(parallax: ParallaxMap, params: ViewModelParams) -> ParallaxMap:
+    """The parallax with narrow gaps filled by the mean around, where that is one smooth surface."""
+    side = params.gap_px // 2 * 2 + 1
+    around = np.ones((side, side), np.uint8)
+    known = np.isfinite(parallax)
+    closed = cv2.morphologyEx(known.astype(np.uint8), cv2.MORPH_CLOSE, around) > 0
+    far, near = np.float32(0), np.float32(np.finfo(np.float32).max)
+    highest = cv2.dilate(np.where(known, parallax, far), around)
+    lowest = cv2.erode(np.where(known, parallax, near), around)
+    count = cv2.boxFilter(known.astype(np.float32), -1, (side, side), normalize=False)
+    total = cv2.boxFilter(np.where(known, parallax, far), -1, (side, side), normalize=False)
+    speck = closed & ~known & (highest - lowest <= 2 * params.max_spike_px)
+    return np.where(speck, total / np.maximum(count, 1), parallax).astype(np.float32)
 
 
 def _shown_better(

@@ -74,6 +74,21 @@ def test_the_texture_is_the_image_and_lies_on_its_pixels(scenes):
     assert (model.texture[row, col][~bright] == 0).all()
 
 
+def test_specks_are_bridged_and_wider_gaps_stay_open(scenes):
+    view = scenes.view_of(scenes.tilted)
+    drawn = [areas(view_meshes([view], NEAR)[0].mesh).sum()]
+    for side in (3, 12):
+        gapped = view.parallax.copy()
+        gapped[150 : 150 + side, 100 : 100 + side] = np.nan
+        (model,) = view_meshes([replace(view, parallax=gapped)], NEAR)
+        east, north, up = model.mesh.points.T
+        np.testing.assert_allclose(up, scenes.tilted(east, north), atol=2e-3)
+        drawn.append(areas(model.mesh).sum())
+    whole, specked, gapped = drawn
+    assert specked == pytest.approx(whole, rel=1e-4)
+    assert gapped < whole * (1 - 1e-3)
+
+
 def test_views_without_near_ground_are_refused(scenes):
     view = scenes.view_of(scenes.level, dip_deg=-40.0)
     with pytest.raises(TerrainError, match=r"none of the 1 views .* 1\.0% of its distance"):
