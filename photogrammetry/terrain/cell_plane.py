@@ -3,8 +3,9 @@
 Every measured cell inside is a point: known up and down by its standard deviation, and sideways to
 a cell's width evenly spread, cell^2 / 12. The part of the standard deviation that comes from the
 poses lifts and tilts all cells together and is no scatter between them, so it is taken off. A cell
-with fewer matched points than a matching window holds shares its match with its neighbours: with k
-points of the c^2 in a window its variance counts c^2 / k times, as if it were one of so many.
+shares its matches with its neighbours: where c^2 pixels share their error and the terrain model
+has taken its k points, w^2 at most, for one match, the variance counts c^2 / k times, as if the
+cell were one of so many.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import shapely
 
 from photogrammetry.arrays import Bool, Covariances3, Float64, ObjectPoints
 from photogrammetry.errors import TerrainError
-from photogrammetry.terrain.plane_fit import PlaneFit, fit_plane
+from photogrammetry.terrain.plane_fit import SHARED_PX, PlaneFit, fit_plane
 from photogrammetry.terrain.records import Dtm, GroundClass
 
 Corners = Float64[np.ndarray, "n 2"]
@@ -27,8 +28,10 @@ Corners = Float64[np.ndarray, "n 2"]
 class CellPlaneParams:
     """How to fit planes to cells."""
 
-    correlation_px: float = 9.0
-    """Side of the window that refines dense parallax: pixels this close share their error."""
+    shared_px: float = SHARED_PX
+    """Pixels this close share their error."""
+    window_px: float = 9.0
+    """Pixels this close share it according to the terrain model's standard deviation."""
     tilt_deg: float = 0.1
     """Standard deviation of the tilt that all ground of a stop shares: that of adjusted stops."""
 
@@ -73,7 +76,8 @@ def _points(
     if dtm.pose_sigma_m is not None:
         variance = np.maximum(variance - dtm.pose_sigma_m[inside] ** 2, variance / 100)
     count = np.maximum(1.0, dtm.observations[inside].astype(np.float64))
-    variance = variance * np.maximum(1.0, params.correlation_px**2 / count)
+    independent = np.minimum(count, params.window_px**2)
+    variance = variance * np.maximum(1.0, params.shared_px**2 / independent)
     covariances = np.zeros((len(up), 3, 3))
     covariances[:, [0, 1], [0, 1]] = dtm.grid.cell_m**2 / 12
     covariances[:, 2, 2] = variance

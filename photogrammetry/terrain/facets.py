@@ -1,7 +1,7 @@
 """Planar facets of rocks and outcrops: where they are, how large, and their strike and dip.
 
 The planar regions of a pair's parallax (`planar_regions`) become points in metres, each with the
-covariance of its own match; neighbours that share a matching window count together as one. Through
+covariance of its own match; neighbours that share their error count together as one. Through
 them goes the likeliest plane (`plane_fit`). What the pair's pointing and the stop's tilt are unsure
 of turns all facets of a pair together and is part of every facet's covariance.
 """
@@ -22,7 +22,7 @@ from photogrammetry.terrain.ground import (
     trusted_parallax,
 )
 from photogrammetry.terrain.planar_regions import ParallaxSamples, RegionParams, planar_regions
-from photogrammetry.terrain.plane_fit import Attitude, PlaneFit, attitude, fit_plane
+from photogrammetry.terrain.plane_fit import SHARED_PX, Attitude, PlaneFit, attitude, fit_plane
 from photogrammetry.terrain.records import TerrainView
 
 
@@ -39,8 +39,8 @@ class FacetParams(SightParams):
     max_sigma_deg: float = 10.0
     """Largest standard deviation of strike and dip: the aim of a geologist's compass is 2 degrees,
     and beyond 10 one bed cannot be told from the next."""
-    correlation_px: float = 9.0
-    """Side of the window that refines dense parallax: pixels this close share their error."""
+    shared_px: float = SHARED_PX
+    """Pixels this close share their error."""
     sigma_image_px: float = 0.25
     """Standard deviation of an image coordinate: half a pixel's rounding by the matching window."""
 
@@ -114,6 +114,6 @@ def _points(
     unit = geometry.covariances(left, parallax, params.sigma_image_px, 1.0)
     across = geometry.covariances(left, parallax, params.sigma_image_px, 0.0)
     covariances = across + (unit - across) * (sigma_px**2)[:, None, None]
-    shared = max(1.0, (params.correlation_px / params.regions.step_px) ** 2)
+    shared = max(1.0, (params.shared_px / params.regions.step_px) ** 2)
     points = geometry.triangulate(left, parallax) @ rotation.T + camera_on_map(view.lsl_from_pair)
     return points, shared * (rotation @ covariances @ rotation.T)

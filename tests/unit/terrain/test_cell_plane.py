@@ -32,11 +32,12 @@ def test_errors_are_as_large_as_stated(scenes, rng):
     """Over 200 trials the mean square is 1 but for 5 sqrt(2 / 200) = 0.5, and the shared tilt."""
     dtm = scenes.dtm_of(slab)
     dtm = replace(dtm, observations=np.full(dtm.grid.shape, 81, np.float32))
+    alone = replace(PARAMS, tilt_deg=0.0, shared_px=9.0)  # the noise of every cell is its own
     squares = []
     for _ in range(200):
         noise = rng.normal(0, dtm.sigma_m).astype(np.float32)
         noisy = replace(dtm, elevation=dtm.elevation + noise)
-        found = attitude(plane_of_cells(noisy, OUTLINE, replace(PARAMS, tilt_deg=0.0)))
+        found = attitude(plane_of_cells(noisy, OUTLINE, alone))
         off = np.array([(found.strike + np.pi) % (2 * np.pi) - np.pi, found.dip - np.radians(20)])
         squares.append((off / [found.sigma_strike, found.sigma_dip]) ** 2)
     mean = np.mean(squares, axis=0)

@@ -1,0 +1,72 @@
+"""Models of a store's first stop, whose pose is exact, held against the truth of its world.
+
+    python -m tests.support.model_truth STORE DOWNLINK
+
+Places on the triangles, drawn by their area on the map, and the cells of the terrain model are
+compared with the true elevation, in bands of distance from the rover.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from photogrammetry.terrain.model3d import ModelParams, SurfaceMesh, TerrainDrawing
+from photogrammetry.terrain.view_model import ViewModelParams, view_meshes
+from products.model import ProductKind
+from products.raster import read_dtm
+from products.workspace import Workspace
+from tests.support.terrain_truth import BANDS_M, Truth, stops_of
+
+PLACES = 200_000
+
+
+def places_on(meshes: list[SurfaceMesh], rng: np.random.Generator) -> np.ndarray:
+    """(east, north, up) of places on meshes, drawn by area on the map."""
+    corners = np.concatenate([mesh.points[mesh.triangles] for mesh in meshes])
+    a, b, c = np.moveaxis(corners, 1, 0)
+    area = np.abs(np.cross(b - a, c - a)[:, 2])
+    one = rng.choice(len(area), PLACES, p=area / area.sum())
+    s, t = rng.random((2, PLACES, 1))
+    s, t = np.where(s + t > 1, 1 - s, s), np.where(s + t > 1, 1 - t, t)
+    return a[one] + s * (b - a)[one] + t * (c - a)[one]
+
+
+def figures(places: np.ndarray, truth: Truth, rover: np.ndarray) -> str:
+    """Median and 90th percentile of the vertical error by distance, centimetres."""
+    off = np.abs(places[:, 2] - truth.at(places[:, 0], places[:, 1])) * 100
+    away = np.hypot(*(places[:, :2] - rover).T)
+    said = []
+    for near, far in BANDS_M:
+        here = off[(away >= near) & (away < far) & np.isfinite(off)]
+        many = len(here) > PLACES // 1000
+        said.append("{:.2f} {:.2f}".format(*np.percentile(here, [50, 90])) if many else "-")
+    return " | ".join(said)
+
+
+def main(store: Path, downlink: Path) -> None:
+    truth, workspace = Truth.of(downlink), Workspace.open(store)
+    rng = np.random.default_rng(1)
+    stop = next(iter(stops_of(store, truth)))
+    layer = workspace.catalogue.layer(stop.stop, ProductKind.DTM)
+    dtm = read_dtm(workspace.store.path(layer.ref))
+    row, col = np.nonzero(np.isfinite(dtm.elevation))
+    east, north = dtm.grid.centres()
+    cells = np.column_stack([east[col], north[row], dtm.elevation[row, col]])
+    drawing = TerrainDrawing.of(dtm)
+    bands = " | ".join(f"{near}-{far} m" for near, far in BANDS_M)
+    sys.stdout.write(f"{stop.stop}, cm, 50 and 90 %: {bands}\n")
+    sys.stdout.write(f"cells: {figures(cells, truth, stop.place)}\n")
+    for tolerance_m in (0.005, ModelParams().tolerance_m, 0.05):
+        surface = drawing.surface(drawing.triangles.mesh(tolerance_m), drawing.bounds)
+        said = figures(places_on([surface], rng), truth, stop.place)
+        sys.stdout.write(f"model, {tolerance_m} m, {len(surface)} triangles: {said}\n")
+    seen = [one.mesh for one in view_meshes(stop.views, ViewModelParams())]
+    said = figures(places_on(seen, rng), truth, stop.place)
+    sys.stdout.write(f"views, {sum(map(len, seen))} triangles: {said}\n")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), Path(sys.argv[2]))
