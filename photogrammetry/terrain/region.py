@@ -112,7 +112,7 @@ def fuse_block(stops: Sequence[StopTerrain], params: RegionParams) -> RegionBloc
         grid,
         level,
         np.sqrt(own_m2 + np.square(pose_m)),
-        np.sum([stop.dtm.observations for stop in stops], axis=0, dtype=np.float32),
+        _stack([stop.dtm.observations for stop in stops]).sum(axis=0),
         _best_class([stop.dtm.ground for stop in stops]),
         pose_m,
     )
