@@ -1,0 +1,105 @@
+"""The region as a product: made from the models of stops, and made anew only when one changed."""
+
+import numpy as np
+import pytest
+
+from photogrammetry.terrain.contours import RegionContourParams
+from photogrammetry.terrain.grid import MapGrid
+from photogrammetry.terrain.records import Dtm, GroundClass
+from photogrammetry.terrain.region import RegionParams
+from photogrammetry.terrain.surface import HillshadeParams
+from products.crs import LandingPoint, local_crs
+from products.model import MAPPED, SUFFIX, ProductKind, ProductRef, Recipe, Scope, ScopeLevel
+from products.raster import open_raster, read_dtm, write_dtm
+from products.store import ProductStore
+from tasks.contour import trace_contours
+from tasks.publish import RASTERS, TITLES
+from tasks.region import fuse_region, seam_notes
+from tasks.slope import shade_relief
+from tasks.views import Orientation
+
+LANDING = LandingPoint("Columbia Memorial Station", 175.4729, -14.5692, 3_393_000.0, "a test")
+CRS = local_crs(LANDING)
+PARAMS = RegionParams()
+
+
+@pytest.fixture
+def store(tmp_path) -> ProductStore:
+    return ProductStore.open(tmp_path)
+
+
+def stop(store: ProductStore, drive: int, east: float, raised_m: float) -> ProductRef:
+    """A square of ground 20 m wide around a camera, a plane that is so much too high."""
+    grid = MapGrid.covering((east - 9.0, -9.0, east + 9.0, 9.0), 0.04)
+    x, _ = np.meshgrid(*grid.centres())
+    made = Dtm(
+        grid,
+        (0.1 * x + raised_m).astype(np.float32),
+        np.full(grid.shape, 0.03, np.float32),
+        np.ones(grid.shape, np.float32),
+        np.full(grid.shape, GroundClass.MEASURED, np.uint8),
+        np.full(grid.shape, 0.02, np.float32),
+    )
+    looking = Orientation(f"P{drive}", tuple(np.eye(3).ravel()), (0.0, east, -1.5))
+    scope = Scope(ScopeLevel.STOP, f"mer2-site0010-drive{drive:04d}")
+    recipe = Recipe(ProductKind.DTM, scope, (), ((looking,), raised_m))
+    return store.make(recipe, lambda path: write_dtm(path, made, CRS))
+
+
+@pytest.fixture
+def stops(store) -> list[ProductRef]:
+    return [stop(store, 0, 0.0, 0.0), stop(store, 64, 12.0, 0.05)]
+
+
+def fuse(store, stops) -> tuple[ProductRef, ProductRef]:
+    return fuse_region.fn("MER2", stops, PARAMS, LANDING, store)
+
+
+def test_a_region_is_named_after_its_first_stop_whatever_the_order(store, stops):
+    assert fuse(store, stops) == fuse(store, stops[::-1])
+    dtm, seams = fuse(store, stops)
+    assert dtm.scope.name == seams.scope.name == "mer2-region-site0010-drive0000"
+    assert (dtm.kind, seams.kind) == (ProductKind.REGION_DTM, ProductKind.REGION_SEAMS)
+
+
+def test_it_is_made_once_and_anew_when_a_stop_changed(store, stops):
+    first = fuse(store, stops)
+    made = store.path(first[0]).stat().st_mtime_ns
+    assert fuse(store, stops) == first
+    assert store.path(first[0]).stat().st_mtime_ns == made
+    moved = fuse(store, [stops[0], stop(store, 64, 12.0, 0.2)])
+    assert moved[0].digest != first[0].digest
+
+
+def test_the_disagreement_of_stops_is_told_in_words(store, stops):
+    (line,) = seam_notes(fuse(store, stops)[1], store)
+    assert line.startswith(
+        "mer2-site0010-drive0000 and mer2-site0010-drive0064 disagree by 0.050 m (median; 90 %: 0."
+    )
+    sigmas = float(line.split(" m), ")[1].split(" of their sigmas")[0])
+    assert sigmas == pytest.approx(0.05 / (0.03 * np.sqrt(2)), abs=0.05)
+
+
+def test_a_cell_names_the_stop_whose_cameras_are_nearest(store, stops):
+    with open_raster(store.path(fuse(store, stops)[0])) as dataset:
+        nearest = dataset.read(list(dataset.descriptions).index("nearest_stop") + 1)
+        row, col = dataset.index(5.5, 0.0)
+        assert nearest[row, col] == 0
+        row, col = dataset.index(6.5, 0.0)
+        assert nearest[row, col] == 1
+        assert "mer2-site0010-drive0064" in dataset.tags()["STOPS"]
+
+
+def test_a_region_is_mapped_by_the_tasks_of_stops_under_names_of_its_own(store, stops):
+    dtm, _ = fuse(store, stops)
+    shade = shade_relief.fn(dtm, HillshadeParams(), LANDING, store)
+    lines = trace_contours.fn(dtm, RegionContourParams(), LANDING, store)
+    assert (shade.kind, lines.kind) == (ProductKind.REGION_HILLSHADE, ProductKind.REGION_CONTOURS)
+    assert np.isfinite(read_dtm(store.path(dtm)).elevation).any()
+
+
+def test_every_map_of_a_region_has_a_suffix_and_a_title():
+    for kind in (*MAPPED[ProductKind.REGION_DTM].values(), ProductKind.REGION_SEAMS):
+        assert kind in SUFFIX
+        assert kind in TITLES
+        assert (kind in RASTERS) == (SUFFIX[kind] == ".tif")
