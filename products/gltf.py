@@ -10,7 +10,8 @@ which products it was made from) stands in the `extras` of that node.
 
 `PLAIN` files use nothing beyond the core of glTF. `QUANTISED` ones store positions in 16 bits
 (65535 steps over the longest side of a mesh, 0.2 mm over 10 m), normals in 8 and places in textures
-in 16, as KHR_mesh_quantization allows: half the size, read by all current viewers of tiles.
+in 16, as KHR_mesh_quantization allows: half the size, read by all current viewers of tiles. `DRACO`
+ones are as exact and a tenth of the size, but have to be decompressed (`products.draco`).
 Textures are JPEG, grey or RGB. Equal input gives equal bytes.
 """
 
@@ -28,6 +29,7 @@ import numpy as np
 
 from photogrammetry.arrays import Picture
 from photogrammetry.terrain.model3d import SurfaceMesh, TexturedMesh
+from products.draco import compress
 from products.errors import ProductError
 
 _MAGIC, _VERSION, _JSON, _BIN = 0x46546C67, 2, 0x4E4F534A, 0x004E4942
@@ -44,6 +46,13 @@ class Encoding(StrEnum):
 
     PLAIN = "plain"
     QUANTISED = "quantised"
+    DRACO = "draco"
+
+
+_EXTENSION = {
+    Encoding.QUANTISED: "KHR_mesh_quantization",
+    Encoding.DRACO: "KHR_draco_mesh_compression",
+}
 
 
 def write_glb(
@@ -121,19 +130,42 @@ class _Glb:
 
     def add(self, textured: TexturedMesh, origin: tuple[float, float, float], quality: int) -> None:
         """Append a mesh, its texture and its node."""
-        mesh = textured.mesh
+        number = len(self.meshes)
+        draw = self._compressed if self.encoding is Encoding.DRACO else self._stored
+        part, node = draw(textured.mesh, origin)
+        self.meshes.append({"name": textured.name, "primitives": [{**part, "material": number}]})
+        self.nodes.append({"name": textured.name, "mesh": number, **node})
+        view = self._view(_jpeg(textured.texture, quality))
+        self.images.append({"bufferView": view, "mimeType": "image/jpeg"})
+
+    def _stored(
+        self, mesh: SurfaceMesh, origin: tuple[float, float, float]
+    ) -> tuple[dict[str, Any], dict[str, Any]]:
+        """A mesh as it is: its primitive, and what its node does to it."""
         positions, node = self._positions(_y_up(mesh.points - np.asarray(origin)))
         attributes = {
             "POSITION": positions,
             "NORMAL": self._normals(_y_up(mesh.normals)),
             "TEXCOORD_0": self._texture_places(mesh),
         }
-        number = len(self.meshes)
-        part = {"attributes": attributes, "indices": self._indices(mesh), "material": number}
-        self.meshes.append({"name": textured.name, "primitives": [part]})
-        self.nodes.append({"name": textured.name, "mesh": number, **node})
-        view = self._view(_jpeg(textured.texture, quality))
-        self.images.append({"bufferView": view, "mimeType": "image/jpeg"})
+        return {"attributes": attributes, "indices": self._indices(mesh)}, node
+
+    def _compressed(
+        self, mesh: SurfaceMesh, origin: tuple[float, float, float]
+    ) -> tuple[dict[str, Any], dict[str, Any]]:
+        """A mesh compressed by Draco."""
+        positions = _y_up(mesh.points - np.asarray(origin))
+        made = compress(positions, _y_up(mesh.normals), mesh.texture_at, mesh.triangles)
+        facts = {"POSITION": {"min": made.low, "max": made.high}}
+        shapes = {"POSITION": "VEC3", "NORMAL": "VEC3", "TEXCOORD_0": "VEC2"}
+        attributes = {
+            name: self._accessor(None, _FLOAT, made.vertices, shape, facts.get(name, {}))
+            for name, shape in shapes.items()
+        }
+        indices = self._accessor(None, _UINT, 3 * made.triangles, "SCALAR", {})
+        packed = {"bufferView": self._view(made.data), "attributes": made.attributes}
+        extension = {_EXTENSION[Encoding.DRACO]: packed}
+        return {"attributes": attributes, "indices": indices, "extensions": extension}, {}
 
     def _positions(self, points: np.ndarray) -> tuple[int, dict[str, Any]]:
         """Accessor of positions, and what their node does to them."""
@@ -177,9 +209,12 @@ class _Glb:
             facts |= {"min": rows.min(axis=0).tolist(), "max": rows.max(axis=0).tolist()}
         return self._accessor(view, kind, len(rows), f"VEC{rows.shape[1]}", facts)
 
-    def _accessor(self, view: int, kind: int, count: int, shape: str, facts: dict[str, Any]) -> int:
+    def _accessor(
+        self, view: int | None, kind: int, count: int, shape: str, facts: dict[str, Any]
+    ) -> int:
+        where = {} if view is None else {"bufferView": view}
         self.accessors.append(
-            {"bufferView": view, "componentType": kind, "count": count, "type": shape, **facts}
+            {**where, "componentType": kind, "count": count, "type": shape, **facts}
         )
         return len(self.accessors) - 1
 
@@ -210,12 +245,11 @@ class _Glb:
             "children": list(range(1, count + 1)),
             "extras": {"axes": "x east, y up, z south", "unit": "metre", **notes},
         }
-        quantised = ["KHR_mesh_quantization"] if self.encoding is Encoding.QUANTISED else []
-        used = [*quantised, "KHR_materials_unlit"]
+        needed = [_EXTENSION[self.encoding]] if self.encoding in _EXTENSION else []
         return {
             "asset": {"version": "2.0", "generator": "solmap"},
-            "extensionsUsed": used,
-            **({"extensionsRequired": quantised} if quantised else {}),
+            "extensionsUsed": [*needed, "KHR_materials_unlit"],
+            **({"extensionsRequired": needed} if needed else {}),
             "scene": 0,
             "scenes": [{"nodes": [0]}],
             "nodes": [root, *self.nodes],

@@ -78,7 +78,7 @@ def _add(writer: TilesetWriter, tile: DrawnTile, orthophoto: Path, params: Tiles
     glb = write_glb(
         [TexturedMesh("terrain", surface, texture)],
         origin_near(surface, bounds),
-        encoding=Encoding.QUANTISED,
+        encoding=Encoding.DRACO if params.draco else Encoding.QUANTISED,
         jpeg_quality=params.jpeg_quality,
     )
     texel_m = (east - west) / params.texture_px

@@ -40,7 +40,7 @@ def model_views(
         glb = write_glb(
             meshes,
             (east, north, up),
-            encoding=Encoding.QUANTISED,
+            encoding=Encoding.DRACO if params.draco else Encoding.QUANTISED,
             jpeg_quality=params.jpeg_quality,
             notes=notes,
         )

@@ -33,6 +33,8 @@ class TilesetParams:
     """Side of a tile's texture: that of the orthophoto itself at the finest level."""
     jpeg_quality: int = 85
     """Of the textures, percent."""
+    draco: bool = False
+    """Whether to compress triangles with Draco: a third of the size, but it needs DracoPy."""
 
     def __post_init__(self) -> None:
         if not (self.tolerance_m > 0 and self.texture_px > 0 and 0 < self.jpeg_quality <= 100):  # noqa: PLR2004 - percent

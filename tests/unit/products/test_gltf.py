@@ -1,8 +1,11 @@
 """glTF binaries: valid by Khronos' validator, and the same surface when read back."""
 
+import sys
+
 import cv2
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from photogrammetry.terrain.model3d import SurfaceMesh, TexturedMesh, mean_normals
 from products.errors import ProductError
@@ -55,7 +58,10 @@ def surface_of(data: bytes) -> SurfaceMesh:
     return SurfaceMesh(points, np.column_stack([x, -z, y]), triangles, places)
 
 
-@pytest.mark.parametrize("encoding", Encoding)
+STORED = (Encoding.PLAIN, Encoding.QUANTISED)
+
+
+@pytest.mark.parametrize("encoding", STORED)
 def test_khronos_validator_has_nothing_to_object_to(encoding, tmp_path):
     path = tmp_path / "hill.glb"
     path.write_bytes(write_glb([hill(), hill(8)], ORIGIN, encoding=encoding, notes={"sols": [3]}))
@@ -111,3 +117,34 @@ def test_a_model_without_triangles_is_refused():
 def test_other_files_are_no_gltf():
     with pytest.raises(ProductError, match="begins with b'glTF' and 2, not with b'PK"):
         read_glb(b"PK\x03\x04 and more")
+
+
+def test_draco_keeps_the_surface_in_a_fraction_of_the_size(tmp_path):
+    draco = pytest.importorskip("DracoPy")
+    path = tmp_path / "hill.glb"
+    path.write_bytes(write_glb([hill(100)], ORIGIN, encoding=Encoding.DRACO))
+    assert validate_glb(path)["issues"]["numErrors"] == 0
+    document, binary = read_glb(path.read_bytes())
+    part = document["meshes"][0]["primitives"][0]
+    packed = part["extensions"]["KHR_draco_mesh_compression"]
+    view = document["bufferViews"][packed["bufferView"]]
+    mesh = draco.decode(binary[view["byteOffset"] : view["byteOffset"] + view["byteLength"]])
+    written = hill(100).mesh
+    corners = written.points[written.triangles]
+    x, y, z = np.asarray(mesh.points, np.float64)[mesh.faces].transpose(2, 0, 1)
+    east, up, south = document["nodes"][0]["translation"]
+    read = np.stack([x + east, -(z + south), y + up], axis=-1)
+    off, twin = cKDTree(corners.mean(axis=1)).query(read.mean(axis=1))
+    assert off.max() < np.sqrt(3) * 9.9 / 65535  # a step of the longest side along every axis
+    assert sorted(twin) == list(range(len(corners)))
+    for name, shape in (("POSITION", "VEC3"), ("NORMAL", "VEC3"), ("TEXCOORD_0", "VEC2")):
+        accessor = document["accessors"][part["attributes"][name]]
+        assert (accessor["count"], accessor["type"]) == (len(mesh.points), shape)
+    plain = write_glb([hill(100)], ORIGIN, encoding=Encoding.PLAIN)
+    assert len(path.read_bytes()) < len(plain) / 5
+
+
+def test_draco_without_its_package_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "DracoPy", None)
+    with pytest.raises(ProductError, match="DracoPy is not installed: `pip install DracoPy`"):
+        write_glb([hill()], ORIGIN, encoding=Encoding.DRACO)
