@@ -15,10 +15,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.arrays import Float32, Float64, GreyImage, Raster, Vector3
+from photogrammetry.arrays import Float32, Float64, GreyImage, Raster
 from photogrammetry.errors import TerrainError
 from photogrammetry.terrain.balance import Balance
-from photogrammetry.terrain.grid import BLOCK, MapGrid
+from photogrammetry.terrain.extent import bounds_to_show, windows
+from photogrammetry.terrain.grid import MapGrid
 from photogrammetry.terrain.looks import Look
 from photogrammetry.terrain.mosaic import NO_SOURCE, Sources, blended, shares
 from photogrammetry.terrain.patches import Patch
@@ -94,7 +95,7 @@ class Rendering:
         """The blocks in which any view shows ground, row by row."""
         params, cell_m, place = self.params, self.dtm.grid.cell_m, self.source_grid
         side = max(1, params.block_cells // self.ratio)
-        for row, col, rows, cols in _windows(place, side):
+        for row, col, rows, cols in windows(place, side):
             patch = Patch.of(self.dtm, place.part(row, col, rows, cols), params.normal_baseline_m)
             if not patch.seen.any():
                 continue
@@ -145,7 +146,7 @@ def rendering(
     ratio = _ratio(dtm, params)
     chosen = bands or [()] * len(views)
     looks = [Look.of(view, images) for view, images in zip(views, chosen, strict=True)]
-    grid = MapGrid.covering(_bounds_to_show(dtm, looks), params.cell_m)
+    grid = MapGrid.covering(bounds_to_show(dtm, looks), params.cell_m)
     taken = sampled(dtm, looks, params.cell_m, params.tolerance_px)
     gains = taken.balance()
     return Rendering(
@@ -198,40 +199,3 @@ def _ratio(dtm: Dtm, params: OrthophotoParams) -> int:
             f"orthophoto's of {params.cell_m} m: take finer orthophoto cells"
         )
     return round(ratio)
-
-
-def _bounds_to_show(dtm: Dtm, looks: Sequence[Look]) -> tuple[float, float, float, float]:
-    """Bounds of the seen cells near which any view may show ground."""
-    seen = np.isfinite(dtm.elevation)
-    if not seen.any():
-        raise TerrainError("the terrain model has no seen cell, so there is nothing to show")
-    near = np.zeros_like(seen)
-    for row, col, rows, cols in _windows(dtm.grid, BLOCK):
-        window = (slice(row, row + rows), slice(col, col + cols))
-        if seen[window].any():
-            sphere = _sphere(dtm.grid.part(row, col, rows, cols), dtm.elevation[window])
-            near[window] = any(look.may_show(*sphere) for look in looks)
-    near &= seen
-    rows, cols = (np.flatnonzero(near.any(axis=axis)) for axis in (1, 0))
-    if not len(rows):
-        raise TerrainError(
-            f"none of the {len(looks)} views looks at the terrain model's seen cells"
-        )
-    return dtm.grid.part(
-        int(rows[0]), int(cols[0]), int(rows[-1] - rows[0]) + 1, int(cols[-1] - cols[0]) + 1
-    ).bounds
-
-
-def _sphere(grid: MapGrid, elevation: Raster) -> tuple[Vector3, float]:
-    """Middle and radius of a sphere around a piece of ground."""
-    west, south, east, north = grid.bounds
-    first = np.array([west, south, float(np.nanmin(elevation))])
-    last = np.array([east, north, float(np.nanmax(elevation))])
-    return (first + last) / 2, float(np.linalg.norm(last - first)) / 2
-
-
-def _windows(grid: MapGrid, side: int) -> Iterator[tuple[int, int, int, int]]:
-    """(row, col, rows, cols) of windows that cover the grid."""
-    for row in range(0, grid.rows, side):
-        for col in range(0, grid.cols, side):
-            yield row, col, min(side, grid.rows - row), min(side, grid.cols - col)
