@@ -64,7 +64,7 @@ def _layer_row(layer: Layer, proj4: dict[str, str], workspace: Workspace) -> dic
         "scope": layer.ref.scope.name,
         "level": str(layer.ref.scope.level),
         "path": str(workspace.store.path(layer.ref)),
-        "crs": proj4[layer.mission] if layer.type == "raster" else MARS,
+        "crs": MARS if layer.type == "vector" else proj4[layer.mission],
         "cell_m": layer.cell_m,
         "made_at": layer.made_at,
     }

@@ -192,7 +192,7 @@ def layer_body(layer: Layer) -> MapLayer:
         kind=str(ref.kind),
         digest=ref.digest,
         title=layer.title,
-        type=layer.type,
+        type="vector" if is_vector else "raster",
         bounds=layer.bounds,
         cell_m=layer.cell_m,
         minzoom=max(0, whole_zoom_of(layer.bounds) - _ZOOMS_OUT),
