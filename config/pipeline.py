@@ -85,7 +85,7 @@ class Region:
 class PipelineConfig:
     """Everything that may be tuned, stage by stage."""
 
-    adjustment_mode: AdjustmentMode = AdjustmentMode.STEPWISE
+    adjustment_mode: AdjustmentMode = AdjustmentMode.SEQUENTIAL
     """How the sols of a mission follow each other: set before the first table of the file."""
     sparse: SparseParams = field(default_factory=SparseParams)
     dense: DenseParams = field(default_factory=DenseParams)

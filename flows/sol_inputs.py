@@ -142,7 +142,7 @@ class _Known:
 def _mode(config: PipelineConfig) -> AdjustmentMode:
     """How a single sol is adjusted; overall adjustments follow it."""
     mode = config.adjustment_mode
-    return AdjustmentMode.STEPWISE if mode is AdjustmentMode.OVERALL else mode
+    return AdjustmentMode.SEQUENTIAL if mode is AdjustmentMode.OVERALL else mode
 
 
 def _window(

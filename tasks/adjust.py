@@ -1,7 +1,7 @@
 """Adjust: one step of the network along the traverse, sol by sol.
 
-Each sol's network starts from the one before, holds the stops that are done and adds the new ones;
-where ties reach further back, more stops are estimated again (`adjust_stepwise`).
+Each sol's network starts from the one before and adds the new stops, in the mode of the pipeline
+(`adjustment.modes`).
 """
 
 from __future__ import annotations

@@ -30,7 +30,7 @@ class AdjustmentMode(StrEnum):
     SEQUENTIAL = "sequential"
     """The last stops move with every new one, what came before enters exactly."""
     OVERALL = "overall"
-    """Stepwise, and after the last sol of a downlink all stops and ties in one adjustment."""
+    """Sequential, and after the last sol of a downlink all stops and ties in one adjustment."""
 
 
 def advance(
