@@ -46,6 +46,14 @@ PASSES = 3
 ROUNDS = 8
 NEGLIGIBLE = 1e-3
 """A step shorter than this, in its own standard deviations, ends the iteration."""
+PROBE = 0.02
+"""Step of the differences, in standard deviations of the prior: a hundredth of a pixel or two. With
+bends of a whole pixel other ties are placed, and it is another network."""
+LEAST_KNOWN = 0.5
+"""Least eigenvalue of N in units of the prior's weights: the prior alone makes it 1, and less comes
+of a network that jumped."""
+SHARP = 1e-12
+"""Tolerance of the adjustments whose differences are taken."""
 UNLIMITED = 1e6
 """Blunders were taken out before; from here on nothing is to be set aside."""
 
@@ -92,7 +100,8 @@ def calibrate_rig(
     """The correction of every camera set in a network; `instruments` by pair.
 
     Raises:
-        AdjustmentError: the network could not be adjusted with the bars as calibrated.
+        AdjustmentError: the network could not be adjusted with the bars as calibrated, or their
+            normal equations are no sums of squares.
     """
     sets = tuple(sorted({instruments[pair.pair_id] for pair in network.pairs}))
     sigma = np.tile([*3 * [np.radians(rig.turn_deg)], rig.base_m], len(sets))
@@ -107,7 +116,10 @@ def calibrate_rig(
             break
         border = _Border(
             replace(network, ties=select(network.ties, used)), held, sets, instruments, sigma,
-            replace(params, critical_value=UNLIMITED, gross=UNLIMITED, huber=UNLIMITED), start,
+            replace(
+                params, critical_value=UNLIMITED, gross=UNLIMITED, huber=UNLIMITED,
+                tolerance=SHARP, robust_tolerance=SHARP,
+            ), start,
         )  # fmt: skip
         theta, C = border.solved(theta)
     columns = [slice(COLUMNS * k, COLUMNS * k + COLUMNS) for k in range(len(sets))]
@@ -146,9 +158,15 @@ class _Border:
     ) -> tuple[Float64[np.ndarray, " k"], Float64[np.ndarray, "k k"]]:
         """The theta that makes n vanish, and its covariance."""
         n = self.right_side(theta)
-        steps = np.diag(self.sigma)
+        steps = np.diag(PROBE * self.sigma)
         N = np.array([(n - self.right_side(theta + step)) / step.sum() for step in steps])
         N = (N + N.T) / 2
+        if np.linalg.eigvalsh(N * np.outer(self.sigma, self.sigma)).min() < LEAST_KNOWN:
+            raise AdjustmentError(
+                f"the bars of {', '.join(self.sets)} cannot be corrected: the network jumps while "
+                "they are bent; set larger bends right by vertical parallax first, or leave the "
+                "rig correction out"
+            )
         for _ in range(ROUNDS):
             step = np.linalg.solve(N, n)
             theta = theta + step

@@ -6,9 +6,10 @@ a cell and the derivative P of the image by cells (columns: the axes of the patc
 one standard deviation are the columns of S = s P, and with g the slope of parallax over the image,
 as the surface around has it,
 
-    s_x^2 = |S_x|^2      s_y^2 = |S_y|^2 + (f r/Z)^2      s_p'^2 = s_p^2 + |g' S|^2
+    s_x^2 = |S_x|^2 + (f r/Z)^2      s_y^2 = |S_y|^2 + (f r/Z)^2      s_p'^2 = s_p^2 + |g' S|^2
 
-where r is by how much ground lies above or below the surface on which the patch was compared. Seen
+where r is by how much ground lies above or below the surface on which the patch was compared, and
+with it what stops on different sides see of it: no patch is found better than that. Seen
 at a grazing angle ground moves far more across an image than up: at 17 m a shift of 10 cm is 20
 pixels of a Pancam to the side, 2 pixels up. Held for equal, heights counted a tenth of what they
 are worth, ranges ten times as much, and links between stops were off by more than they stated.
@@ -42,6 +43,5 @@ def spread_on_the_ground(
     slope = np.nan_to_num(parallax_planes(view.pair.parallax, points, HALF_PX).gradient)
     along = (slope[:, None] @ spread)[:, 0]
     relief = RELIEF_M * parallax_px / view.geometry.base_m
-    sample = np.linalg.norm(spread[:, 0], axis=1)
-    line = np.hypot(np.linalg.norm(spread[:, 1], axis=1), relief)
+    sample, line = (np.hypot(np.linalg.norm(spread[:, k], axis=1), relief) for k in (0, 1))
     return sample, line, np.hypot(sigma_parallax_px, np.linalg.norm(along, axis=1))

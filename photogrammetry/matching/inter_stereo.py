@@ -38,7 +38,7 @@ class InterStereoParams:
     """How the pairs of a stop are tied."""
 
     conjugates: ConjugateParams = field(
-        default_factory=lambda: ConjugateParams(sigma_floor_px=0.03, parallax_floor_px=0.05)
+        default_factory=lambda: ConjugateParams(sigma_floor_px=0.02, parallax_floor_px=0.03)
     )
     """The eyes of one mast see the ground alike: against truth least squares say how good a
     conjugate is, to half as good again, on smooth ground (0.03 px) and on rough (0.1 px)."""

@@ -33,7 +33,7 @@ from photogrammetry.matching.ties import Ties
 
 LARGEST_Y_PX = 1.0
 """Vertical parallax at which a match in the right image is not the same point."""
-DEFINED_PX = 0.03
+DEFINED_PX = 0.02
 """An interest point is where it is by definition; what is left is the resampling of its image."""
 DENSE_AGREES_PX = 1.5
 """The measured parallax may differ this much, and three times the surface's roughness, from it."""

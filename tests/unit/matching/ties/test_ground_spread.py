@@ -52,13 +52,12 @@ def test_what_is_found_beside_its_place_on_the_ground_errs_as_stated(
     assert sample[0] > 3 * line[0]  # what equal weights of both would deny
 
 
-def test_relief_makes_the_line_uncertain_and_the_sample_not(view):
+def test_no_patch_is_found_better_than_its_relief(view):
     points, parallax = np.array([[500.0, 420.0]]), np.array([16.0])
     nothing = np.zeros((1, 2, 2))
     sample, line, of_parallax = spread_on_the_ground(
         view, points, parallax, np.full(1, 0.1), nothing
     )
     range_m = 1200.0 * 0.2 / 16.0
-    np.testing.assert_allclose(line, 1200.0 * ground_spread.RELIEF_M / range_m)
-    assert sample[0] == 0.0
+    np.testing.assert_allclose([sample, line], 1200.0 * ground_spread.RELIEF_M / range_m)
     assert of_parallax[0] == pytest.approx(0.1)

@@ -1,0 +1,138 @@
+"""Networks of stops put together in memory, adjusted as a whole, and held against the truth.
+
+    python -m tests.support.stop_networks husband plains61 hills62
+
+ties every stop and every two that follow each other, adjusts them together and prints for each stop
+its error, what is stated, and the squared error in units of the stated covariance over its 6
+freedoms. The number after a terrain is the seed of its world; `NEAR` to seed 63, `FAR` beyond.
+"""
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from photogrammetry.adjustment.adjust import adjust_overall
+from photogrammetry.adjustment.params import AdjustmentParams
+from photogrammetry.adjustment.records import (
+    AdjustedStop,
+    AdjustmentReport,
+    Network,
+    PairGeometry,
+    StopPrior,
+)
+from photogrammetry.matching.cross_site import CrossSiteParams, StopViews, tie_cross_site
+from photogrammetry.matching.inter_stereo import InterStereoParams, tie_inter_stereo
+from photogrammetry.matching.ties import Ties
+from photogrammetry.matching.tracks import TrackParams, build_tie_points
+from photogrammetry.synthetic.rig import T_PMA_M
+from tests.support.husband_stops import husband_stop
+from tests.support.simulated_stops import ROOT, SimulatedStop, WorldOfStops, simulated_stop
+from tests.support.site_pairs import FAR, NEAR, TERRAINS
+
+HUSBAND_MAST_M = (0.42, 0.0, -1.4)
+"""The mast head in the labels of `rendered_husband`."""
+STOPS = 3
+LAST_NEAR = 63
+
+
+@dataclass(frozen=True, slots=True)
+class StopError:
+    """An adjusted stop held against the truth."""
+
+    driven_m: float
+    error_m: float
+    azimuth_deg: float
+    tilt_deg: float
+    stated_m: float
+    """Standard deviation of the position, all three axes together."""
+    nees: float
+    """Squared error in units of the stated covariance over its 6 freedoms."""
+
+    @classmethod
+    def of(cls, adjusted: AdjustedStop, true: SimulatedStop, driven_m: float) -> "StopError":
+        """The errors of a stop that far along the traverse."""
+        pose = adjusted.lsl_from_rover
+        turn = Rotation.from_matrix(true.true.rotation @ pose.rotation.T).as_rotvec()
+        error = np.concatenate([turn, true.true.translation_m - pose.translation_m])
+        azimuth, tilt = np.degrees([abs(turn[2]), np.hypot(*turn[:2])])
+        return cls(
+            driven_m,
+            float(np.linalg.norm(error[3:])),
+            float(azimuth),
+            float(tilt),
+            float(np.linalg.norm(adjusted.sigma_ned_m)),
+            float(error @ np.linalg.solve(adjusted.covariance, error)) / 6,
+        )
+
+    def __str__(self) -> str:
+        return (
+            f"  {self.driven_m:5.1f} m: {100 * self.error_m:5.1f} cm, "
+            f"{100 * self.error_m / self.driven_m:.2f} %, azimuth {self.azimuth_deg:.2f}, "
+            f"tilt {self.tilt_deg:.2f} deg; stated {100 * self.stated_m:.1f} cm, "
+            f"NEES / 6 {self.nees:.2f}"
+        )
+
+
+def network_of(stops: Sequence[SimulatedStop]) -> Network:
+    """Stops in the order of their traverse, each tied within and with the next.
+
+    The first stands where it truly stood.
+    """
+    ties: list[Ties] = [tie_inter_stereo(s.matched, InterStereoParams()).ties for s in stops]
+    params = CrossSiteParams()
+    views = [StopViews.of(stop.matched, params.birds_eye) for stop in stops]
+    ties += [tie_cross_site(*two, params).ties for two in pairwise(views)]
+    mast = HUSBAND_MAST_M if stops[0].world.terrain == "husband" else T_PMA_M
+    return Network(
+        tuple(
+            StopPrior(stop.stop, stop.matched.lsl_from_rover if k else stop.true)
+            for k, stop in enumerate(stops)
+        ),
+        tuple(
+            PairGeometry(pair.pair_id, stop.stop, pair.images.geometry, mast)
+            for stop in stops
+            for pair in stop.matched.pairs
+        ),
+        build_tie_points(
+            [pair.matches for stop in stops for pair in stop.matched.pairs], ties, TrackParams()
+        ),
+    )
+
+
+def judged(stops: Sequence[SimulatedStop]) -> tuple[AdjustmentReport, list[StopError]]:
+    """The report of the overall adjustment, and the errors of all stops but the held one."""
+    adjusted, report = adjust_overall(network_of(stops), AdjustmentParams())
+    places = np.array([stop.true.translation_m for stop in stops])
+    driven_m = np.cumsum(np.linalg.norm(np.diff(places, axis=0), axis=1)).tolist()
+    return report, [
+        StopError.of(one, true, way)
+        for one, true, way in zip(adjusted.stops[1:], stops[1:], driven_m, strict=True)
+    ]
+
+
+def stops_of_world(name: str) -> list[SimulatedStop]:
+    """The first stops of a world: `husband`, or a terrain with a seed."""
+    if name == "husband":
+        folder = ROOT / ".cache" / "rendered_husband"
+        return [husband_stop(folder, number) for number in range(STOPS)]
+    terrain = next(kind for kind in TERRAINS if name.startswith(kind))
+    seed = int(name.removeprefix(terrain))
+    world = WorldOfStops(terrain, NEAR if seed <= LAST_NEAR else FAR, seed)
+    return [simulated_stop(world, number) for number in range(STOPS)]
+
+
+def main() -> None:
+    """Read the names of worlds, adjust, print."""
+    parser = argparse.ArgumentParser(prog="python -m tests.support.stop_networks")
+    parser.add_argument("worlds", nargs="+", help="husband, or a terrain and a seed: plains61")
+    for name in parser.parse_args().worlds:
+        report, errors = judged(stops_of_world(name))
+        print(f"{name}: {report}", *errors, sep="\n", flush=True)  # noqa: T201
+
+
+if __name__ == "__main__":
+    main()
