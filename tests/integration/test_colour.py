@@ -1,0 +1,126 @@
+"""A simulated Pancam pair and frames through other filters become a map in colour."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import rasterio
+
+import tasks.colour
+from photogrammetry.frames import LSL, Pose
+from photogrammetry.imagery import Eye
+from photogrammetry.matching.vertical_parallax import turned_in_place
+from photogrammetry.synthetic.world import RenderJob, TraverseParams, WorldParams, make_world
+from photogrammetry.terrain.dtm import DtmParams
+from photogrammetry.terrain.orthophoto import OrthophotoParams
+from products.arrays import read_matches
+from products.crs import LandingPoint
+from products.pictures import read_sources
+from products.workspace import Workspace
+from tasks.colour import colour_frames, render_colour
+from tasks.dtm import build_dtm
+from tasks.ingest import ingest_downlink
+from tasks.match import MatchParams, match_stereo_pair
+from tasks.orthophoto import render_orthophoto
+from tasks.pairs import pairs_of
+from tasks.views import Orientation, OrientedPair
+
+LANDING = LandingPoint("a simulated plain", 175.47, -14.57, 3_393_000.0, "a test")
+ORTHOPHOTO = OrthophotoParams(cell_m=0.02)
+TERRAIN = DtmParams(cell_m=0.08)
+GAINS = {4: 0.9, 5: 0.6, 6: 0.4}
+"""How bright the ground is through each filter, of what L2 shows."""
+
+
+def through(data: bytes, number: int, seconds: int) -> tuple[str, bytes]:
+    """The image that the same camera takes some seconds later through another filter."""
+    record = int(re.search(rb"RECORD_BYTES\s*=\s*(\d+)", data)[1])
+    start = (int(re.search(rb"\^IMAGE\s*=\s*(\d+)", data)[1]) - 1) * record
+    head, pixels = data[:start], np.frombuffer(data[start:], ">u2")
+    clock = re.search(rb'SPACECRAFT_CLOCK_START_COUNT\s*=\s*"(\d+)', data)[1]
+    head = head.replace(clock, str(int(clock) + seconds).encode())
+    head = re.sub(rb"L2(M\d\")", rf"L{number}\1".encode(), head)
+    name = re.search(rb'PRODUCT_ID\s*=\s*"([^"]+)"', head)[1].decode()
+    dimmed = np.rint(pixels * GAINS[number]).astype(">u2")
+    return f"{name.lower()}.img", head + dimmed.tobytes()
+
+
+@pytest.fixture(scope="module")
+def workspace(tmp_path_factory):
+    """A pair with its left camera's frames through L4, L5 and L6, one of which looked elsewhere."""
+    world = make_world(
+        WorldParams("plains", TraverseParams(stops=2, spacing_m=(14.0, 15.0)), pancam=True), 41
+    )
+    shot = next(s for s in world.shots if s.stop == 0 and s.instrument == "PANCAM")
+    folder = tmp_path_factory.mktemp("colour")
+    downlink = folder / "downlink"
+    downlink.mkdir()
+    left, right = (RenderJob(shot, eye).run(world) for eye in (Eye.LEFT, Eye.RIGHT))
+    for file in (left, right):
+        (downlink / file.path.rsplit("/", 1)[-1]).write_bytes(file.data)
+    for seconds, number in enumerate(GAINS, start=2):
+        name, data = through(left.data, number, seconds)
+        (downlink / name).write_bytes(data)
+    workspace = Workspace.open(folder / "store")
+    ingest_downlink.fn(downlink, workspace)
+    return workspace
+
+
+@pytest.fixture(scope="module")
+def pair(workspace):
+    """The pair, matched, and placed as its label says."""
+    (files,) = pairs_of(workspace.catalogue.images())
+    products = match_stereo_pair.fn(files, MatchParams(), workspace.store)
+    geometry, _ = read_matches(workspace.store.path(products.matches))
+    rover = geometry.rover_from_pair.target
+    level = Pose(LSL, rover, np.eye(3), np.zeros(3)) @ geometry.rover_from_pair
+    numbers = (tuple(level.rotation.ravel().tolist()), tuple(level.translation_m.tolist()))
+    return OrientedPair(products, Orientation(files.id, *numbers))
+
+
+def test_the_frames_of_one_pointing_are_found_by_their_filters(workspace, pair):
+    entries = workspace.catalogue.images()
+    (frame,) = colour_frames([pair], entries, workspace)
+    assert frame.filters == (4, 5, 6)
+    names = [image.image.scope.name for image in frame.images]
+    assert [name[-4:] for name in names] == ["l4m1", "l5m1", "l6m1"]
+    without_green = [entry for entry in entries if "L5M" not in entry.id.upper()]
+    assert colour_frames([pair], without_green, workspace) == ()
+
+
+def test_a_frame_that_looked_elsewhere_is_no_part_of_it(workspace, pair, monkeypatch):
+    def turned(entry, known):
+        image = original(entry, known)
+        if image.filter_number != 5:
+            return image
+        turn = np.array([0.0, 0.0, 1e-3])
+        return replace(image, camera=turned_in_place(image.camera, image.stop.frame, turn))
+
+    original = tasks.colour.image_record
+    monkeypatch.setattr(tasks.colour, "image_record", turned)
+    assert colour_frames([pair], workspace.catalogue.images(), workspace) == ()
+
+
+def test_the_map_in_colour_lies_on_the_map_in_grey(workspace, pair):
+    store = workspace.store
+    dtm = build_dtm.fn(pair.products.files.stop, (pair,), TERRAIN, LANDING, store)
+    grey, sources = render_orthophoto.fn(dtm, (pair,), ORTHOPHOTO, LANDING, store)
+    frames = colour_frames([pair], workspace.catalogue.images(), workspace)
+    colour = render_colour.fn(dtm, frames, ORTHOPHOTO, LANDING, store)
+    with rasterio.open(store.path(grey)) as one, rasterio.open(store.path(colour)) as other:
+        assert one.bounds == other.bounds
+        assert other.tags()["FILTERS"] == "L4, L5, L6"
+        picture = one.read(1).astype(float) * one.scales[0] + one.offsets[0]
+        seen = one.read(1) > 0
+        for index, gain in enumerate(GAINS.values(), start=1):
+            stored = other.read(index)
+            band = stored * other.scales[index - 1] + other.offsets[index - 1]
+            both = seen & (stored > 1) & (stored < 255)
+            assert both.sum() > 0.9 * seen.sum()
+            # a step of grey is 1/254 of each band's range; brightness runs over thousands
+            np.testing.assert_allclose(np.median(band[both] / picture[both]), gain, rtol=0.02)
+            assert np.corrcoef(band[both], picture[both])[0, 1] > 0.99
+    _, source, names = read_sources(store.path(sources))
+    assert names == (pair.products.files.id,)
+    assert set(np.unique(source)) == {0, 1}
