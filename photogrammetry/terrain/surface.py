@@ -51,9 +51,12 @@ class SlopeParams:
     """Length over which slope is felt: about a wheel base, so that pebbles do not count."""
     min_share: float = 0.5
     """Least share of the window that must have an elevation: at a straight edge, half has."""
+    correlation_px: float = 9.0
+    """Side of the window that refines dense parallax: points this close share their error. Seen
+    from afar few points lie in a cell, so that the window covers many cells."""
     correlation_m: float = 0.15
-    """Length over which neighbouring cells share their error: the ground below a matching window of
-    9 pixels of Navcam at 20 m."""
+    """Least length over which neighbouring cells share their error, however close: what is left of
+    lens, light and matching is smooth over some decimetres."""
     cell_m: float = 0.08
     """Least side of a cell on the map: what is felt over a baseline of 1.1 m hardly changes over
     less. Every cell of the terrain model has its plane; a map's cell is the mean of some."""
@@ -104,15 +107,29 @@ def relief(dtm: Dtm, params: SlopeParams) -> Relief:
     pose = np.float32(0) if dtm.pose_sigma_m is None else dtm.pose_sigma_m
     own = np.maximum(dtm.sigma_m**2 - pose**2, 0)  # a tilted pose tilts all slopes, by 0.1 degrees
     variance = window_mean(own, cell_m, params.baseline_m)
-    shared = max(1.0, (params.correlation_m / cell_m) ** 2)
+    shared = _cells_that_share(dtm, params)
     g_e, g_n = fit.gradient
     C_ee, C_en, C_nn = fit.shape
     steepness = np.maximum(np.hypot(g_e, g_n), LEAST_STEEPNESS)
     d_e, d_n = g_e / steepness, np.where(steepness > LEAST_STEEPNESS, g_n / steepness, 1)
     with np.errstate(invalid="ignore", divide="ignore"):
         along = (C_nn * d_e**2 - 2 * C_en * d_e * d_n + C_ee * d_n**2) / (C_ee * C_nn - C_en**2)
-        sigma = np.sqrt(np.float32(shared) * variance * along) / (1 + steepness**2)
+        sigma = np.sqrt(shared * variance * along) / (1 + steepness**2)
     return Relief(normals_of(fit.gradient), np.degrees(sigma), fit.scatter)
+
+
+def _cells_that_share(dtm: Dtm, params: SlopeParams) -> Raster:
+    """Number k of neighbouring cells that share one error: those below a window of matched points.
+
+    At most a quarter of the plane's window: a tilt that all of it shares would be no error of slope
+    but of pose.
+    """
+    cell_m = dtm.grid.cell_m
+    points = window_mean(dtm.observations, cell_m, params.baseline_m)
+    least = max(1.0, (params.correlation_m / cell_m) ** 2)
+    most = max(least, (params.baseline_m / cell_m) ** 2 / 4)
+    with np.errstate(divide="ignore"):
+        return np.clip(np.float32(params.correlation_px**2) / points, least, most)
 
 
 def mapped_relief(dtm: Dtm, params: SlopeParams) -> tuple[Relief, MapGrid]:

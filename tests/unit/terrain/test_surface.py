@@ -175,8 +175,9 @@ def test_the_stated_deviation_of_slope_is_true(scenes, rng, slope_deg):
             exact,
             elevation=exact.elevation + noise.astype(np.float32),
             sigma_m=np.full(exact.grid.shape, 0.03, np.float32),
+            observations=np.full(exact.grid.shape, 81 / 16, np.float32),
         )
-        found = relief(noisy, SlopeParams(correlation_m=0.16))
+        found = relief(noisy, PARAMS)
         fall = found.normal[:2] / found.normal[2]  # gradient (n, e)
         along = np.cos(np.radians(60.0)) * fall[0] + np.sin(np.radians(60.0)) * fall[1]
         errors.append((np.degrees(np.arctan(np.abs(along))) - slope_deg)[30:-30:27, 30:-30:27])
@@ -184,6 +185,17 @@ def test_the_stated_deviation_of_slope_is_true(scenes, rng, slope_deg):
     sigma = float(np.sqrt(np.mean(np.square(errors))))
     # on level ground the part along one direction is judged; 500 windows tell it to 4 percent
     assert sigma == pytest.approx(float(np.mean(stated)), rel=0.12)
+
+
+def test_the_fewer_points_a_cell_has_the_less_certain_is_its_slope(scenes):
+    dtm = scenes.dtm_of(plane(5.0, 0.0))
+    sigma = {}
+    for points in (1000.0, 100.0, 81 / 50, 0.01):
+        seen = replace(dtm, observations=np.full(dtm.grid.shape, points, np.float32))
+        sigma[points] = np.nanmean(relief(seen, PARAMS).slope_sigma_deg)
+    assert sigma[1000.0] == sigma[100.0]  # errors are smooth over 0.15 m at least
+    assert sigma[81 / 50] / sigma[100.0] == pytest.approx(np.sqrt(50 / 14.06), rel=0.01)
+    assert sigma[0.01] / sigma[100.0] == pytest.approx(1.1 / 2 / 0.15, rel=0.01)
 
 
 def test_what_poses_share_does_not_make_slopes_uncertain(scenes):
