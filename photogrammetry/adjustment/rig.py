@@ -118,7 +118,7 @@ def calibrate_rig(
             replace(network, ties=select(network.ties, used)), held, sets, instruments, sigma,
             replace(
                 params, critical_value=UNLIMITED, gross=UNLIMITED, huber=UNLIMITED,
-                tolerance=SHARP, robust_tolerance=SHARP,
+                false_share=1 / UNLIMITED, tolerance=SHARP, robust_tolerance=SHARP,
             ), start,
         )  # fmt: skip
         theta, C = border.solved(theta)
