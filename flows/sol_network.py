@@ -17,7 +17,13 @@ from tasks.hand_ties import all_wishes, concerning
 from tasks.match import MatchParams, match_stereo_pair
 from tasks.pairs import PairProducts, pairs_of
 from tasks.quicklook import picture_pair
-from tasks.singles import read_singles, singles_notes, singles_of, tie_singles
+from tasks.singles import (
+    read_singles,
+    singles_notes,
+    singles_of,
+    tie_singles,
+    without_repeats,
+)
 from tasks.tie import StopProducts, link_stops, tie_stop
 
 
@@ -105,7 +111,8 @@ def _tie_singles(
     """Tie images without stereo partner at the stops of the window; those of old sols are found."""
     store, window = inputs.workspace.store, {stop.stop for stop in inputs.window}
     entries = inputs.workspace.catalogue.images(inputs.mission.mission)
-    singles = singles_of(entry for entry in entries if entry.sol <= inputs.sol)
+    seen = [entry for entry in entries if entry.sol <= inputs.sol and entry.stop_id in window]
+    singles = singles_of(without_repeats(seen, inputs.workspace))
     futures = {
         stop: tie_singles.submit(
             stop, files, stops[stop].pairs if stop in stops else (), inputs.config.mono, store

@@ -26,6 +26,7 @@ from photogrammetry.matching.resampling import resample
 from photogrammetry.matching.single_views import MonoParams, SingleView
 from photogrammetry.matching.tie_pictures import Shown
 from photogrammetry.matching.ties import Ties
+from photogrammetry.terrain.colour import shows_the_same
 from products.arrays import (
     finite,
     geometry_document,
@@ -36,7 +37,8 @@ from products.arrays import (
 from products.catalogue import ImageEntry
 from products.model import ProductKind, ProductRef, Recipe, Scope, ScopeLevel
 from products.store import ProductStore
-from tasks.images import ImageFile, image_file, read_product_image
+from products.workspace import Workspace
+from tasks.images import ImageFile, image_file, image_record, read_product_image
 from tasks.pairs import PairProducts, pair_frame, read_matched_pair
 from tasks.quicklook import write_sheet
 
@@ -70,6 +72,22 @@ def singles_of(entries: Iterable[ImageEntry]) -> dict[StopId, tuple[SingleFile, 
             single = SingleFile(entry.id, entry.stop_id, image_file(entry))
             found.setdefault(single.stop, []).append(single)
     return {stop: tuple(files) for stop, files in found.items()}
+
+
+def without_repeats(entries: Iterable[ImageEntry], workspace: Workspace) -> list[ImageEntry]:
+    """The images without those unpaired ones that only repeat a view, through another filter.
+
+    Frames of one pointing share the mast's error, which the pair among them tells, and have no
+    base between them: their ties would be many and say nothing. Of unpaired ones alone one stays.
+    """
+    kept: list[ImageEntry] = []
+    for entry in sorted(entries, key=lambda entry: (entry.partner is None, entry.id)):
+        image = image_record(entry, workspace)
+        of_stop = (image_record(e, workspace) for e in kept if e.stop == entry.stop)
+        if entry.partner is None and any(shows_the_same(image, other) for other in of_stop):
+            continue
+        kept.append(entry)
+    return kept
 
 
 @task(cache_policy=NO_CACHE, task_run_name="tie-singles-{stop}")

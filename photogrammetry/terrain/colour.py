@@ -16,7 +16,7 @@ from collections.abc import Collection
 
 import numpy as np
 
-from photogrammetry.imagery import Eye, RoverImage
+from photogrammetry.imagery import RoverImage
 
 RED, GREEN, BLUE = (4, 3, 2), (5,), (6, 7)
 """Filters of Pancam's left eye in the order in which they are wanted."""
@@ -46,4 +46,4 @@ def shows_the_same(image: RoverImage, other: RoverImage) -> bool:
     ray = image.camera.rays(middle)[0]
     turned = float(np.linalg.norm(np.cross(ray, other.camera.rays(middle)[0])))
     apart_m = float(np.linalg.norm(image.camera.centre - other.camera.centre))
-    return turned < SAME_POINTING and apart_m < SAME_PLACE_M and image.eye is Eye.LEFT
+    return turned < SAME_POINTING and apart_m < SAME_PLACE_M

@@ -24,6 +24,7 @@ from tasks.ingest import ingest_downlink
 from tasks.match import MatchParams, match_stereo_pair
 from tasks.orthophoto import render_orthophoto
 from tasks.pairs import pairs_of
+from tasks.singles import without_repeats
 from tasks.views import Orientation, OrientedPair
 
 LANDING = LandingPoint("a simulated plain", 175.47, -14.57, 3_393_000.0, "a test")
@@ -87,6 +88,16 @@ def test_the_frames_of_one_pointing_are_found_by_their_filters(workspace, pair):
     assert [name[-4:] for name in names] == ["l4m1", "l5m1", "l6m1"]
     without_green = [entry for entry in entries if "L5M" not in entry.id.upper()]
     assert colour_frames([pair], without_green, workspace) == ()
+
+
+def test_frames_that_repeat_the_view_of_a_pair_are_not_tied_as_images_of_their_own(workspace):
+    entries = workspace.catalogue.images()
+    assert len(entries) == 5
+    left = [entry for entry in without_repeats(entries, workspace) if entry.partner is None]
+    assert left == []
+    alone = [entry for entry in entries if entry.partner is None]
+    (one,) = without_repeats(alone, workspace)  # of three filters of one pointing
+    assert one in alone
 
 
 def test_a_frame_that_looked_elsewhere_is_no_part_of_it(workspace, pair, monkeypatch):
