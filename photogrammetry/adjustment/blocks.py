@@ -93,7 +93,10 @@ class BlockPattern:
 
         `blocks` and `local` are (n, k); local -1 is no unknown and goes to the bin. (n, k, k).
         """
-        start = self.start(blocks[:, :, None], blocks[:, None, :])
+        changes = (blocks[:, 1:] != blocks[:, :-1]).any(axis=0)
+        run = np.concatenate([[0], np.cumsum(changes)])[: blocks.shape[1]]
+        one = blocks[:, np.flatnonzero(np.diff(run, prepend=-1))]  # of columns of the same blocks
+        start = self.start(one[:, :, None], one[:, None, :])[:, run[:, None], run]
         at = start + local[:, :, None] * self.sizes[blocks][:, None, :] + local[:, None, :]
         lost = (local[:, :, None] < 0) | (local[:, None, :] < 0) | (start < 0)
         return np.where(lost, self.length, at)

@@ -216,7 +216,7 @@ def partials(
     """Derivatives of (x, y, p) by (d, dc, dm) of the observation's stop and pair, and by dX."""
     sights, views = Sights.of(observations, rows), Views.of(state, observations)
     A = views.partials(replace(sights, weight=np.ones_like(sights.weight)))
-    by_stop = A.by_stop(views.arm(A.X, observations.stop[rows]))
+    by_stop = A.by_stop(views.arm(A.X, observations.stop_of(rows)))
     by_orientation = np.concatenate([by_stop, A.by_pointing], axis=1)
     return by_orientation.transpose(2, 0, 1).copy(), A.by_point.transpose(2, 0, 1).copy()
 

@@ -133,7 +133,7 @@ def _known_better(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Eigenvalues (ascending) and eigenvectors of the alignment's normals in telemetry's sigmas."""
     state, seen = network.state, network.seen
-    stop = network.observations.stop[theirs]
+    stop = network.observations.stop_of(theirs)
     R = state.rotations[stop]
     points = RigidPoints(
         state.centres[stop] + (R @ seen.points[theirs][:, :, None])[:, :, 0],

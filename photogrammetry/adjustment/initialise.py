@@ -64,7 +64,7 @@ def initialise(
         if not (held[k] or is_known[k]):
             state = _carried(state, telemetry, k)
             shared = earlier[points] >= 0
-            recent = shared & (observations.stop[earlier[points]] >= k - REACH)
+            recent = shared & (observations.stop_of(earlier[points]) >= k - REACH)
             shared = recent if recent.any() else shared
             ties = _rigid(state, observations, seen, ours[shared], earlier[points[shared]])
             state, weights = _aligned(state, telemetry, k, ties, params)
@@ -72,7 +72,7 @@ def initialise(
             rows = rows_of_stop[k]
             fits[rows[np.isin(observations.point[rows], wrong)]] = False
         fresh = (earlier[points] < 0) | (seen.size[ours] < seen.size[earlier[points]])
-        fresh |= observations.stop[earlier[points]] < k - REACH
+        fresh |= observations.stop_of(earlier[points]) < k - REACH
         fresh &= fits[ours]
         earlier[points[fresh]] = ours[fresh]
     state, astray = closed_loops(state, observations, telemetry, held, seen, best, params)
@@ -106,7 +106,7 @@ def _rigid(
     state: State, observations: Observations, seen: Sightings, ours: np.ndarray, theirs: np.ndarray
 ) -> RigidPoints:
     """Points as earlier stops have them in the LSL, and as the new stop has them in its rover."""
-    stop = observations.stop[theirs]
+    stop = observations.stop_of(theirs)
     R = state.rotations[stop]
     return RigidPoints(
         state.centres[stop] + (R @ seen.points[theirs][:, :, None])[:, :, 0],

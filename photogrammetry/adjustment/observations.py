@@ -90,6 +90,10 @@ class Observations:
         """Stop of each observation."""
         return self.pair_stop[self.pair]
 
+    def stop_of(self, rows: np.ndarray) -> Int32[np.ndarray, " m"]:
+        """Stop of some of the observations."""
+        return self.pair_stop[self.pair[rows]]
+
     def origins_in_rover(
         self, pointings: Float64[np.ndarray, "pairs 3"]
     ) -> Float64[np.ndarray, "pairs 3"]:

@@ -12,6 +12,7 @@ from photogrammetry.adjustment.collinearity import (
     misclosures,
     pair_orientations,
 )
+from photogrammetry.adjustment.holding import Holding
 from photogrammetry.adjustment.problem import Problem
 from photogrammetry.adjustment.records import (
     BLUNDER,
@@ -29,7 +30,7 @@ from photogrammetry.adjustment.rotations import cross_matrix, left_jacobian, rot
 from photogrammetry.adjustment.snooping import Residuals, joint_covariances, single_sightings
 from photogrammetry.adjustment.solver import Solution
 from photogrammetry.frames import LSL, Pose
-from photogrammetry.imagery import StopId, TieKind, TiePoints
+from photogrammetry.imagery import TieKind, TiePoints
 
 KINDS = tuple(TieKind)
 """From ties within a pair to those between stops."""
@@ -129,15 +130,17 @@ def _stops(
 ) -> tuple[AdjustedStop, ...]:
     """The adjusted stops, with what holds each."""
     state, unknowns = outcome.solution.state, outcome.problem.unknowns
-    shared, reached = _links(outcome, held)
-    inherited = outcome.problem.inherited
+    inherited, known = outcome.problem.inherited, np.zeros_like(held)
     past = set(inherited.stops.tolist()) if inherited else set()
+    if inherited:
+        known[inherited.stops[inherited.grounded]] = True
+    holding = Holding.of(outcome.observations, outcome.used, held, known)
     numbers = np.arange(len(held))
     blocks = np.repeat(numbers[:, None], 6, axis=1)
     covariances = outcome.inverse[outcome.problem.pattern.indices(blocks, unknowns.stop_columns)]
-    with_pairs = np.unique(unknowns.pair_stop)
-    first_pair = {int(s): int(np.argmax(unknowns.pair_stop == s)) for s in with_pairs}
-    stops = []
+    with_pairs, first = np.unique(unknowns.pair_stop, return_index=True)
+    first_pair = dict(zip(with_pairs.tolist(), first.tolist(), strict=True))
+    stops, names = [], network.stop_ids
     for k, prior in enumerate(network.stops):
         C = joint[first_pair[k], :6, :6] if k in first_pair else covariances[k]
         stops.append(
@@ -146,59 +149,11 @@ def _stops(
                 Pose(LSL, prior.stop.frame, state.rotations[k], state.centres[k]),
                 (C + C.T) / 2,
                 bool(held[k]),
-                bool(reached[k]),
-                _held_by(network.stop_ids, k, held, shared, reached)
-                + ("; what earlier stops said of it" if k in past else ""),
+                bool(holding.reached[k]),
+                holding.told(names, k) + ("; what earlier stops said of it" if k in past else ""),
             )
         )
     return tuple(stops)
-
-
-def _links(outcome: Outcome, held: np.ndarray) -> tuple[dict[tuple[int, int], int], np.ndarray]:
-    """Used ties between each two stops, and which stops they join to a held one."""
-    observations, used = outcome.observations, outcome.used
-    seen = np.unique(np.column_stack([observations.point[used], observations.stop[used]]), axis=0)
-    shared: dict[tuple[int, int], int] = {}
-    for lag in range(1, max(len(seen), 1)):
-        same = seen[lag:, 0] == seen[:-lag, 0]
-        if not same.any():
-            break
-        couples, counts = np.unique(
-            np.column_stack([seen[:-lag, 1], seen[lag:, 1]])[same], axis=0, return_counts=True
-        )
-        for (a, b), count in zip(couples.tolist(), counts.tolist(), strict=True):
-            shared[a, b] = shared.get((a, b), 0) + count
-    reached = held.copy()
-    if inherited := outcome.problem.inherited:
-        reached[inherited.stops[inherited.grounded]] = True
-    near: dict[int, list[int]] = {}
-    for a, b in shared:
-        near.setdefault(a, []).append(b)
-        near.setdefault(b, []).append(a)
-    front = np.flatnonzero(reached).tolist()
-    while front:
-        for other in near.get(front.pop(), []):
-            if not reached[other]:
-                reached[other] = True
-                front.append(other)
-    return shared, reached
-
-
-def _held_by(
-    names: tuple[StopId, ...],
-    k: int,
-    held: np.ndarray,
-    shared: dict[tuple[int, int], int],
-    reached: np.ndarray,
-) -> str:
-    if held[k]:
-        return "held as the datum"
-    ties = {b if a == k else a: n for (a, b), n in shared.items() if k in (a, b)}
-    listed = ", ".join(f"{n} with {names[other]}" for other, n in sorted(ties.items()))
-    if reached[k]:
-        return f"cross-site ties: {listed}"
-    carried = f"telemetry increment from {names[k - 1]}" if k else "telemetry"
-    return f"{carried}; ties do not reach the datum ({listed})" if listed else carried
 
 
 def _ties(network: Network, outcome: Outcome, factor: float, joint: np.ndarray) -> AdjustedTies:

@@ -58,7 +58,8 @@ def best_sightings(observations: Observations, seen: Sightings, stops: int) -> l
     first = np.ones(len(rows), dtype=bool)
     first[1:] = (point[1:] != point[:-1]) | (stop[1:] != stop[:-1])
     ends = np.searchsorted(stop[first], np.arange(stops + 1))
-    return [rows[first][a:b] for a, b in pairwise(ends.tolist())]
+    best = rows[first]
+    return [best[a:b] for a, b in pairwise(ends.tolist())]
 
 
 def with_points(
