@@ -8,13 +8,14 @@ match is wrong in all of them), are
     T = sqrt(v' Q_vv^-1 v)       chi distributed; a blunder g shifts it by sqrt(g' Q_vv g)
 
 An observation is suspected where T / s exceeds its gate, s = max(1, robust spread 1.48 median |w|
-of all): where matching promised more than it held, every residual is large, and that is a finding
-for sigma0 rather than a thousand blunders.
+of its kind, cross-site or not): where matching or a bent bar promised more than it held, every
+residual is large, and that is a finding for sigma0 rather than a thousand blunders.
 
 The gate depends on how many blunders there are (Benjamini and Hochberg 1995): it lets good
 observations go with probability alpha (`critical_value`), or, among ties of a kind of which a share
 of k/n is wrong, with q k/n, so that at most a share q of what is set aside is good.
-A few blunders thus cost a mission no ties, and among many the small ones do not hide.
+A few blunders thus cost a mission no ties, and among many the small ones do not hide. That presumes
+that the others are as good as stated: where s is above one the gate stays with alpha.
 """
 
 from __future__ import annotations
@@ -59,14 +60,13 @@ class Residuals:
     test: np.ndarray
     """T of every observation; zero where nothing checks it."""
 
-    @property
-    def scale(self) -> float:
-        """max(1, robust spread of the standardised residuals as far as chance does not explain it).
+    def spread(self, rows: np.ndarray) -> float:
+        """max(1, robust spread of standardised residuals as far as chance does not explain it).
 
         1.17 / sqrt(n) is the standard deviation of the spread that n residuals show.
         """
-        w = np.abs(self.standardised[np.isfinite(self.standardised)])
-        free = float(self.redundancy.sum())
+        w, free = np.abs(self.standardised[rows]), float(self.redundancy[rows].sum())
+        w = w[np.isfinite(w)]
         sure = 1.0 - CERTAIN * 1.17 / np.sqrt(max(free, 1.0))
         return max(1.0, sure * float(1.4826 * np.median(w))) if len(w) else 1.0
 
@@ -137,7 +137,7 @@ def suspects(
     that a pair sees only the worst is taken out a round.
     """
     observations = problem.observations
-    excess = found.test / found.scale / gates(observations, found, used, params)
+    excess = found.test / gates(observations, found, used, params)
     rows = np.flatnonzero(excess > 1.0)
     if not len(rows):
         return rows
@@ -168,19 +168,23 @@ def _pairs_of_points(
 def gates(
     observations: Observations, found: Residuals, used: np.ndarray, params: AdjustmentParams
 ) -> np.ndarray:
-    """Gate of the test of every observation, by what has been set aside of its kind so far."""
-    T, measured = found.test / found.scale, (observations.weight > 0).sum(axis=1)
+    """Gate of the test of every observation, by spread and blunders of its kind."""
+    T, measured = found.test.copy(), (observations.weight > 0).sum(axis=1)
     aside, joining = ~used & observations.is_stereo, _joins_stops(observations)
     gate = np.full(len(T), np.inf)
     for of_kind in (joining, ~joining):
         tested = of_kind & (found.test > 0)
+        spread = found.spread(of_kind)
+        T[of_kind] /= spread
         p = np.sort(_chance(T[tested & (T > LOOSE)], 3))
         set_aside = int((aside & of_kind).sum())
         share = _share_of_blunders(p, int(tested.sum()), set_aside, params.false_share)
+        if spread > 1.0:  # sigmas or model are not what was stated, and tails tell nothing
+            share = 0.0
         for coordinates in (2, 3):
             least = coordinates * float(gammaincc(0.5, params.critical_value**2 / 2))
             alpha = max(least, params.false_share * share)
-            gate[of_kind & (measured == coordinates)] = _quantile(alpha, coordinates)
+            gate[of_kind & (measured == coordinates)] = spread * _quantile(alpha, coordinates)
     return gate
 
 
@@ -273,5 +277,5 @@ def reinstated(  # noqa: PLR0913, PLR0917 - the network, where it stands, and wh
         misfit = (l_finite * np.linalg.solve(S, l_finite[:, :, None])[:, :, 0]).sum(axis=1)
     parallax = observations.measured[rows, 2] - l[:, 2]
     sharp = np.sqrt(np.maximum(S[:, 2, 2], 0.0)) < LINEAR * parallax
-    small = np.sqrt(misfit) < gates(observations, found, used, params)[rows] * found.scale
+    small = np.sqrt(misfit) < gates(observations, found, used, params)[rows]
     return rows[np.isfinite(l).all(axis=1) & sharp & small]
