@@ -4,7 +4,11 @@
 points: a bare remap, which is the limit, and a triangulation of all points.
 """
 
+import shutil
+import subprocess
+
 import cv2
+import geopandas
 import numpy as np
 import pytest
 from scipy.interpolate import LinearNDInterpolator
@@ -12,7 +16,7 @@ from scipy.interpolate import LinearNDInterpolator
 from photogrammetry.cameras.epipolar import EpipolarPair
 from photogrammetry.frames import LSL, Frame, FrameKind, Pose
 from photogrammetry.terrain.contours import ContourParams, trace_contours
-from photogrammetry.terrain.dtm import DtmParams, build_dtm
+from photogrammetry.terrain.dtm import DtmParams, Gridding, build_dtm
 from photogrammetry.terrain.grid import MapGrid
 from photogrammetry.terrain.ground import SightParams, ground_of, trusted_parallax
 from photogrammetry.terrain.orthophoto import OrthophotoParams, rendering
@@ -81,19 +85,55 @@ def test_a_terrain_model_of_ten_pairs(benchmark, stop):
     benchmark.extra_info["seen cells"] = int((made.ground != 0).sum())
 
 
-def test_triangulating_a_twentieth_of_the_points_for_comparison(benchmark, stop, dtm):
+@pytest.fixture(scope="module")
+def some_points(stop) -> np.ndarray:
+    """East, north and up of a twentieth of the points that the terrain model is made from."""
     params = SightParams()
     planes = [ground_of(view, trusted_parallax(view, params), params) for view in stop]
-    points = np.concatenate([p[:, np.isfinite(p[0])][:, ::20] for p in planes], axis=1)
-    east, north = np.meshgrid(*(centres[::4] for centres in dtm.grid.centres()))
+    return np.concatenate([p[:, np.isfinite(p[0])][:, ::20] for p in planes], axis=1)
 
-    def grid_by_triangulation():
-        return LinearNDInterpolator(points[:2].T.astype(float), points[2])(east, north)
 
-    benchmark.pedantic(grid_by_triangulation, rounds=1)
+def note_points(benchmark, points: np.ndarray) -> None:
     benchmark.extra_info["points"] = points.shape[1]
     benchmark.extra_info["million points a second"] = (
         points.shape[1] / benchmark.stats["mean"] / 1e6
+    )
+
+
+def test_triangulating_a_twentieth_of_the_points_for_comparison(benchmark, some_points, dtm):
+    points, (east, north) = some_points, (axis[::4] for axis in dtm.grid.centres())
+    places = np.meshgrid(east, north)
+
+    def grid_by_triangulation():
+        return LinearNDInterpolator(points[:2].T.astype(float), points[2])(*places)
+
+    benchmark.pedantic(grid_by_triangulation, rounds=1)
+    note_points(benchmark, points)
+
+
+@pytest.mark.parametrize("how", ["linear:radius=0", "average:radius=0.08"])
+def test_gridding_a_twentieth_of_the_points_by_gdal_for_comparison(
+    benchmark, some_points, dtm, tmp_path, how
+):
+    gridder = shutil.which("gdal_grid")
+    if gridder is None:
+        pytest.skip("gdal_grid is not installed (Debian: gdal-bin)")
+    places = geopandas.points_from_xy(*some_points.astype(float))
+    geopandas.GeoDataFrame(geometry=places).to_file(tmp_path / "points.fgb", driver="FlatGeobuf")
+    west, south, east, north = dtm.grid.bounds
+    box = ["-txe", str(west), str(east), "-tye", str(north), str(south)]
+    size = ["-outsize", str(dtm.grid.cols // 4), str(dtm.grid.rows // 4)]
+    files = [str(tmp_path / "points.fgb"), str(tmp_path / "grid.tif")]
+    command = [gridder, "-q", "-a", how, *box, *size, "--config", "GDAL_NUM_THREADS", "1", *files]
+    benchmark.pedantic(subprocess.run, args=(command,), kwargs={"check": True}, rounds=1)
+    note_points(benchmark, some_points)
+
+
+def test_a_terrain_model_by_triangles(benchmark, stop):
+    params = DtmParams(method=Gridding.TIN)
+    made = benchmark.pedantic(build_dtm, args=(stop, params), rounds=1)
+    benchmark.extra_info["interpolated cells"] = int(
+        (made.ground == GroundClass.INTERPOLATED).sum()
     )
 
 

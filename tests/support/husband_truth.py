@@ -99,7 +99,7 @@ def judged_pairs(folder: Path, sol: int, instrument: str) -> Iterator[JudgedPair
     for pair in find_stereo_pairs([r.image for r in reads.values()]).pairs:
         left, right = reads[pair.left.id], reads[pair.right.id]
         images = resampled(left, right, geometry_of(left.image, right.image))
-        pose = _true_pose(folder, left.image) @ images.geometry.rover_from_pair
+        pose = true_pose(folder, left.image) @ images.geometry.rover_from_pair
         yield JudgedPair(pair.id, images, pose, *_grid(folder / "truth" / "dtm.tif"))
 
 
@@ -113,7 +113,7 @@ def _grid(path: Path) -> tuple[np.ndarray, np.ndarray]:
     return corners, to_cell
 
 
-def _true_pose(folder: Path, image: RoverImage) -> Pose:
+def true_pose(folder: Path, image: RoverImage) -> Pose:
     """Rover to LSL with the mast-pointing error of the label in it, by the camera's true axes."""
     rows = json.loads((folder / "truth" / "truth.json").read_text())["images"]
     true = next(row for row in rows if row["product_id"].upper() == image.id.upper())

@@ -14,20 +14,19 @@ import json
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from functools import cache
+from itertools import islice
 from pathlib import Path
 
 import cv2
 import numpy as np
 import rasterio
 
-from photogrammetry.frames import LSL, Pose
 from photogrammetry.imagery import StopId
 from photogrammetry.synthetic.traverse import TraverseParams
 from photogrammetry.synthetic.world import WorldParams, make_world
-from photogrammetry.terrain.dtm import DtmParams, build_dtm
+from photogrammetry.terrain.dtm import DtmParams, Gridding, build_dtm
 from photogrammetry.terrain.grid import MapGrid
-from photogrammetry.terrain.ground import MAP_FROM_LSL, SightParams
+from photogrammetry.terrain.ground import SightParams
 from photogrammetry.terrain.records import Dtm, GroundClass, TerrainView
 from products.model import ProductKind, ProductRef
 from products.workspace import Workspace
@@ -36,7 +35,7 @@ from tasks.images import read_product_image
 from tasks.pairs import PairProducts, pairs_of
 from tasks.scopes import pair_scope
 from tasks.views import Orientation, OrientedPair, read_views
-from tests.support.husband_truth import _true_pose
+from tests.support.husband_truth import true_pose
 
 BANDS_M = ((0, 5), (5, 10), (10, 20), (20, 40))
 SAMPLE = 4
@@ -129,7 +128,7 @@ def stops_of(store: Path, truth: Truth) -> Iterator[StopInTruth]:
         true = tuple(
             replace(
                 view,
-                lsl_from_pair=_true_pose(truth.folder, image) @ view.geometry.rover_from_pair,
+                lsl_from_pair=true_pose(truth.folder, image) @ view.geometry.rover_from_pair,
                 covariance=None,
             )
             for view, image in zip(views, images, strict=True)
@@ -196,6 +195,11 @@ class Judgement:
     bands: list[dict[str, object]] = field(default_factory=list)
     confusion: dict[str, dict[str, int]] = field(default_factory=dict)
 
+    def __str__(self) -> str:
+        rows = [f"{self.stop}: {self.seconds} s of processor, {self.completeness:.1%} mapped"]
+        rows += [f"    {band}" for band in self.bands]
+        return "\n".join([*rows, *(f"    {name:8} {row}" for name, row in self.confusion.items())])
+
     @property
     def completeness(self) -> float:
         """Share of truly visible ground that is mapped."""
@@ -219,12 +223,13 @@ def judge(
             judged.bands.append(
                 {"range_m": (low, high), **figures(error[cells], dtm.sigma_m[cells])}
             )
-    sampled = MapGrid(
-        dtm.grid.west + (SAMPLE // 2) * dtm.grid.cell_m - (SAMPLE - 1) / 2 * dtm.grid.cell_m,
-        dtm.grid.north - (SAMPLE // 2) * dtm.grid.cell_m + (SAMPLE - 1) / 2 * dtm.grid.cell_m,
-        dtm.grid.cell_m * SAMPLE,
-        dtm.grid.rows // SAMPLE,
-        dtm.grid.cols // SAMPLE,
+    grid, off = dtm.grid, (SAMPLE // 2 - (SAMPLE - 1) / 2) * dtm.grid.cell_m
+    sampled = MapGrid(  # whose cells have their centres where those of every fourth have theirs
+        grid.west + off,
+        grid.north - off,
+        grid.cell_m * SAMPLE,
+        grid.rows // SAMPLE,
+        grid.cols // SAMPLE,
     )
     seen = seen_in_truth(truth, sampled, stop.true_views, params)
     ours = dtm.ground[SAMPLE // 2 :: SAMPLE, SAMPLE // 2 :: SAMPLE]
@@ -255,21 +260,13 @@ def main() -> None:
     parser.add_argument("store", type=Path)
     parser.add_argument("downlink", type=Path)
     parser.add_argument("--true-poses", action="store_true")
-    parser.add_argument("--method", default="grid")
+    parser.add_argument("--method", default="grid", help="grid or tin")
     parser.add_argument("--stops", type=int, default=99)
     told = parser.parse_args()
-    truth = Truth.of(told.downlink)
-    params = DtmParams()
-    for number, stop in enumerate(stops_of(told.store, truth)):
-        if number >= told.stops:
-            break
-        dtm, judged = judge(stop, truth, params, true_poses=told.true_poses)
-        print(f"{judged.stop}: {judged.seconds} s of processor")
-        for band in judged.bands:
-            print("  ", band)
-        for name, row in judged.confusion.items():
-            print(f"   {name:8}", row)
-        print(f"   {judged.completeness:.1%} of visible ground is mapped", flush=True)
+    truth, params = Truth.of(told.downlink), DtmParams(method=Gridding(told.method))
+    for stop in islice(stops_of(told.store, truth), told.stops):
+        judged = judge(stop, truth, params, true_poses=told.true_poses)[1]
+        print(judged, flush=True)  # noqa: T201 - figures are what this makes
 
 
 if __name__ == "__main__":

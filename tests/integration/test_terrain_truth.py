@@ -1,0 +1,93 @@
+"""Terrain models of three simulated worlds against what is true of them, from matched pictures.
+
+Poses are the true ones, so that matching and gridding are judged; whole runs, with adjusted poses,
+are judged by `python -m tests.support.terrain_truth` and stated in docs/benchmarks.md.
+"""
+
+import numpy as np
+import pytest
+
+from photogrammetry.imagery import Eye
+from photogrammetry.matching.dense import match_densely_with_sigma
+from photogrammetry.pds3.reading import ReadImage, read_image
+from photogrammetry.synthetic.scene import Shot, World
+from photogrammetry.synthetic.traverse import TraverseParams
+from photogrammetry.synthetic.world import RenderJob, WorldParams, make_world
+from photogrammetry.terrain.dtm import DtmParams
+from photogrammetry.terrain.grid import MapGrid
+from photogrammetry.terrain.records import TerrainView
+from tasks.match import geometry_of
+from tasks.pairs import resampled
+from tests.support.terrain_truth import Judgement, StopInTruth, Truth, judge
+
+WORLDS = (("plains", 301), ("hills", 302), ("crater", 303))
+PAIRS = 3
+
+
+@pytest.fixture(scope="module", params=WORLDS, ids=lambda world: world[0])
+def judged(request, tmp_path_factory) -> Judgement:
+    terrain, seed = request.param
+    world = make_world(WorldParams(terrain, TraverseParams(stops=1), pairs=PAIRS), seed)
+    views = tuple(view_of(world, shot) for shot in world.shots)
+    grid = MapGrid.covering((-45.0, -45.0, 45.0, 45.0), 0.04)
+    truth = Truth(tmp_path_factory.getbasetemp(), grid, world.true_elevation(grid))
+    stop = StopInTruth(terrain, np.zeros(2), views, views)
+    return judge(stop, truth, DtmParams())[1]
+
+
+def view_of(world: World, shot: Shot) -> TerrainView:
+    """A pair of the world as matched, looking from where it truly stood."""
+    left, right = (read(world, shot, eye) for eye in (Eye.LEFT, Eye.RIGHT))
+    images = resampled(left, right, geometry_of(left.image, right.image))
+    dense = match_densely_with_sigma(images)
+    return TerrainView(
+        pair_id=left.image.id,
+        instrument=left.image.instrument,
+        lsl_from_pair=world.true_lsl_from_label_rover(shot) @ images.geometry.rover_from_pair,
+        geometry=images.geometry,
+        parallax=dense.parallax_px,
+        image=images.left,
+        mask=images.left_mask,
+        sigma_px=dense.sigma_px,
+    )
+
+
+def read(world: World, shot: Shot, eye: Eye) -> ReadImage:
+    file = RenderJob(shot, eye).run(world)
+    return read_image(file.data, file.path.rsplit("/", 1)[-1])
+
+
+@pytest.mark.slow
+def test_errors_stay_within_the_stereo_formula_in_every_band_of_range(judged):
+    for band in judged.bands:
+        low, high = band["range_m"]
+        middle = (low + high) / 2
+        # facts 7.1: Z^2 sigma_p / (b f) along the ray, b f = 244.5; level ground 1.5 m below the
+        # mast turns a share of 1.5 / Z of it into elevation
+        along = middle**2 * 0.25 / 244.5
+        assert band["median_m"] < along * min(1.0, 1.5 / middle) + 0.002, band
+        assert band["p90_m"] < 0.02 + along, band
+
+
+@pytest.mark.slow
+def test_the_stated_deviations_hold_in_every_band_of_range(judged):
+    for band in judged.bands:
+        one, two, three = band["within"]
+        assert one > 0.6, band
+        assert two > 0.88, band
+        assert three > 0.94, band
+
+
+@pytest.mark.slow
+def test_most_of_what_is_visible_is_mapped_and_little_of_what_is_not(judged):
+    assert judged.completeness > 0.75
+    outside = judged.confusion["outside"]
+    mapped = outside["measured"] + outside["interpolated"]
+    assert mapped < 0.002 * sum(outside.values())
+
+
+@pytest.mark.slow
+def test_hidden_ground_without_an_elevation_is_mostly_called_occluded(judged):
+    hidden, visible = judged.confusion["hidden"], judged.confusion["visible"]
+    assert hidden["occluded"] > 1.5 * hidden["unseen"]
+    assert visible["occluded"] < 0.1 * sum(visible.values())
