@@ -9,8 +9,7 @@ import numpy as np
 from prefect import task
 from prefect.cache_policies import NO_CACHE
 
-from photogrammetry.terrain.coarse import coarsened, manageable_cell_m
-from photogrammetry.terrain.viewshed import ViewshedParams, viewshed
+from photogrammetry.terrain.viewshed import ViewshedParams, viewshed_of_stop
 from products.classes import SIGHTS
 from products.crs import LandingPoint, local_crs
 from products.model import ProductKind, ProductRef, Recipe
@@ -45,12 +44,8 @@ def map_viewshed(
     recipe = Recipe(dtm.mapped_as(ProductKind.VIEWSHED), dtm.scope, (dtm,), (eye, params, landing))
 
     def write(path: Path) -> None:
-        terrain = read_dtm(store.path(dtm))
-        cell_m = manageable_cell_m(
-            terrain.elevation, terrain.grid, params.cell_m, params.most_cells
-        )
-        elevation, grid = coarsened(terrain.elevation, terrain.grid, cell_m)
-        seen = viewshed(elevation, grid, np.array([eye.east, eye.north, eye.up]), params)
+        place = np.array([eye.east, eye.north, eye.up])
+        seen, grid = viewshed_of_stop(read_dtm(store.path(dtm)), place, params)
         tags = {"EYE_EAST_NORTH_UP_M": f"{eye.east} {eye.north} {eye.up}"}
         tags |= {"TARGET_HEIGHT_M": f"{params.target_height_m:g}", **provenance_tags(recipe)}
         crs = local_crs(landing)

@@ -27,10 +27,16 @@ import numpy as np
 
 from photogrammetry.arrays import Classes, Float32, Int32, Raster, Vector3
 from photogrammetry.errors import TerrainError
+from photogrammetry.terrain.coarse import coarsened, manageable_cell_m
 from photogrammetry.terrain.grid import MapGrid
+from photogrammetry.terrain.records import Dtm, GroundClass
 
 Rays = Float32[np.ndarray, "rays steps"]
 """Values along rays from the eye, one row a ray."""
+
+
+OCCLUDED_SHARE = 0.5
+"""Share of a cell that must be occluded for a cell without elevation to be hidden."""
 
 
 class Sight(IntEnum):
@@ -41,7 +47,7 @@ class Sight(IntEnum):
     VISIBLE = 1
     """No known ground is in the way."""
     HIDDEN = 2
-    """Known ground is in the way."""
+    """Known ground is in the way, or ground behind which a stop's own cameras saw nothing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,11 +91,30 @@ def _cell_of(grid: MapGrid, place: tuple[float, float]) -> tuple[int, int]:
     return row, math.floor((east - grid.west) / grid.cell_m)
 
 
+def viewshed_of_stop(dtm: Dtm, eye: Vector3, params: ViewshedParams) -> tuple[Classes, MapGrid]:
+    """A `Sight` for every cell of a coarser grid, from a stop's own eye, and that grid.
+
+    The stop's cameras stood where the eye is. So what they measured is visible, however much unseen
+    ground lies before it, unless it reaches no higher than nearer ground; and what its terrain
+    model has as occluded is hidden.
+    """
+    cell_m = manageable_cell_m(dtm.elevation, dtm.grid, params.cell_m, params.most_cells)
+    elevation, grid = coarsened(dtm.elevation, dtm.grid, cell_m)
+    sight = viewshed(elevation, grid, eye, params)
+    occluded = (dtm.ground == GroundClass.OCCLUDED).astype(np.float32)
+    share, _ = coarsened(occluded, dtm.grid, cell_m)
+    is_hidden = (share > OCCLUDED_SHARE) & ~np.isfinite(elevation)
+    down, right = _offsets(grid, eye)
+    within = np.hypot(down, right) <= params.radius_m / grid.cell_m
+    measured = np.isfinite(elevation) & within & (sight == Sight.UNKNOWN)
+    sight[measured] = Sight.VISIBLE
+    sight[is_hidden & within] = Sight.HIDDEN
+    return sight, grid
+
+
 def viewshed(elevation: Raster, grid: MapGrid, eye: Vector3, params: ViewshedParams) -> Classes:
     """A `Sight` for every cell of a terrain model, from an eye (east, north, up)."""
-    row, col = grid.cells_of(np.array([[eye[1], eye[0], 0.0]]))
-    indices: Float32[np.ndarray, "2 rows cols"] = np.indices(elevation.shape, dtype=np.float32)
-    down, right = indices - np.array([row, col], np.float32).reshape(2, 1, 1)
+    down, right = _offsets(grid, eye)
     distance: Raster = np.hypot(down, right)
     height = elevation - np.float32(eye[2])
     asked = np.isfinite(height) & (distance <= params.radius_m / grid.cell_m)
@@ -98,7 +123,7 @@ def viewshed(elevation: Raster, grid: MapGrid, eye: Vector3, params: ViewshedPar
         return sight
     steps = math.ceil(float(distance[asked].max()))
     count = 4 * math.ceil(2 * math.pi * steps / 4)
-    along = _along_rays(height, (float(row[0]), float(col[0])), count, steps)
+    along = _along_rays(height, (-float(down[0, 0]), -float(right[0, 0])), count, steps)
     ray, step = _nearest(down[asked], right[asked], distance[asked], count)
     target = height[asked] + np.float32(params.target_height_m)
     tangent = target / np.maximum(distance[asked], np.float32(0.5))
@@ -109,6 +134,13 @@ def viewshed(elevation: Raster, grid: MapGrid, eye: Vector3, params: ViewshedPar
         hidden, Sight.HIDDEN, np.where(doubtful, Sight.UNKNOWN, Sight.VISIBLE)
     ).astype(np.uint8)
     return sight
+
+
+def _offsets(grid: MapGrid, eye: Vector3) -> Float32[np.ndarray, "2 rows cols"]:
+    """Cells that every cell lies south and east of the eye."""
+    row, col = grid.cells_of(np.array([[eye[1], eye[0], 0.0]]))
+    indices: Float32[np.ndarray, "2 rows cols"] = np.indices(grid.shape, dtype=np.float32)
+    return indices - np.array([row, col], np.float32).reshape(2, 1, 1)
 
 
 def _along_rays(height: Raster, centre: tuple[float, float], count: int, steps: int) -> Rays:

@@ -5,7 +5,14 @@ import pytest
 
 from photogrammetry.errors import TerrainError
 from photogrammetry.terrain.grid import MapGrid
-from photogrammetry.terrain.viewshed import Sight, ViewshedParams, eye_above, viewshed
+from photogrammetry.terrain.records import GroundClass
+from photogrammetry.terrain.viewshed import (
+    Sight,
+    ViewshedParams,
+    eye_above,
+    viewshed,
+    viewshed_of_stop,
+)
 
 GRID = MapGrid(-20.0, 20.0, 0.16, 250, 250)
 PARAMS = ViewshedParams(target_height_m=0.0)
@@ -123,3 +130,22 @@ def test_an_eye_stands_above_mapped_ground():
 def test_an_eye_beside_the_map_sees_it_too():
     sight = viewshed(ground(level), GRID, np.array([40.0, 0.0, 1.5]), PARAMS)
     assert (sight == Sight.VISIBLE).all()
+
+
+def test_ground_that_a_stop_has_as_occluded_is_hidden(scenes):
+    dtm = scenes.dtm_of(scenes.level, side=512)
+    east, north = np.meshgrid(*dtm.grid.centres())
+    occluded = (north > 4.0) & (np.abs(east) < 1.0)
+    dtm.elevation[(north > 4.0) & (np.abs(east) < 3.0)] = np.nan
+    dtm.ground[(north > 4.0) & (np.abs(east) < 3.0)] = GroundClass.UNSEEN
+    dtm.ground[occluded] = GroundClass.OCCLUDED
+    # ground seen over more than 4 m of unseen ground, and some beyond reach
+    sight, grid = viewshed_of_stop(dtm, np.array([0.0, 0.0, 1.5]), ViewshedParams())
+    assert grid.cell_m == 0.16
+    near, _ = viewshed_of_stop(dtm, np.array([0.0, 0.0, 1.5]), ViewshedParams(radius_m=2.0))
+    assert 0 < (near > 0).sum() < np.pi * (2.2 / 0.16) ** 2
+    east, north = np.meshgrid(*grid.centres())
+    inside = (north > 4.2) & (north < 10.0)
+    assert (sight[inside & (np.abs(east) < 0.8)] == Sight.HIDDEN).all()
+    assert (sight[inside & (np.abs(east) > 1.2) & (np.abs(east) < 2.8)] == Sight.UNKNOWN).all()
+    assert (sight[inside & (np.abs(east) > 3.2) & (np.abs(east) < 10.0)] == Sight.VISIBLE).all()
