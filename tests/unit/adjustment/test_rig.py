@@ -75,7 +75,8 @@ def test_a_bent_bar_is_recovered_where_telemetry_gives_the_scale(params):
     straight, report = adjust_overall(with_rig(bent, instruments, (found,)), sharp)
     _, as_bent = adjust_overall(bent, sharp)
     assert report.sigma0 == pytest.approx(1.0, abs=0.05)
-    assert as_bent.blunders > report.blunders + 100  # good ties that a bent bar makes look wrong
+    assert as_bent.sigma0 > 1.3 * report.sigma0  # a bent bar is a misfit of all, not many blunders
+    assert as_bent.blunders < 0.05 * len(bent.ties)
     places = np.array([s.lsl_from_rover.translation_m for s in straight.stops])
     true = np.array([pose.translation_m for pose in truth.lsl_from_rover])
     assert np.linalg.norm(places - true, axis=1).max() < 0.3
