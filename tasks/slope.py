@@ -11,13 +11,12 @@ from prefect.cache_policies import NO_CACHE
 
 from photogrammetry.arrays import Raster
 from photogrammetry.terrain.grid import MapGrid
+from photogrammetry.terrain.relief import Relief, mapped_relief
 from photogrammetry.terrain.surface import (
     HillshadeParams,
-    Relief,
     SlopeParams,
     aspect_of,
     hillshade,
-    mapped_relief,
     northerly_tilt_of,
     slope_of,
 )

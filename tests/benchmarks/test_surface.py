@@ -23,7 +23,8 @@ from photogrammetry.terrain.hazard import HazardParams, hazards
 from photogrammetry.terrain.horizon import horizons
 from photogrammetry.terrain.insolation import InsolationParams, insolation
 from photogrammetry.terrain.records import Dtm, GroundClass
-from photogrammetry.terrain.surface import SlopeParams, mapped_relief
+from photogrammetry.terrain.relief import mapped_relief
+from photogrammetry.terrain.surface import SlopeParams
 from photogrammetry.terrain.viewshed import Sight, ViewshedParams, eye_above, viewshed
 
 GRID = MapGrid(-30.72, 30.72, 0.04, 1536, 1536)

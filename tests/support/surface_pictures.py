@@ -22,11 +22,11 @@ from photogrammetry.terrain.havens import Haven, HavenParams, winter_havens
 from photogrammetry.terrain.hazard import HazardParams, hazards
 from photogrammetry.terrain.insolation import InsolationParams, insolation
 from photogrammetry.terrain.records import Dtm, GroundClass
+from photogrammetry.terrain.relief import mapped_relief
 from photogrammetry.terrain.surface import (
     HillshadeParams,
     SlopeParams,
     hillshade,
-    mapped_relief,
     northerly_tilt_of,
     slope_of,
 )

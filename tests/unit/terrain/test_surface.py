@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from photogrammetry.errors import TerrainError
+from photogrammetry.terrain.relief import mapped_relief, relief
 from photogrammetry.terrain.surface import (
     HillshadeParams,
     SlopeParams,
@@ -15,12 +16,10 @@ from photogrammetry.terrain.surface import (
     aspect_of,
     gradients,
     hillshade,
-    mapped_relief,
     normals,
     normals_of,
     northerly_tilt,
     northerly_tilt_of,
-    relief,
     slope,
     slope_of,
 )
