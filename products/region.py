@@ -72,16 +72,18 @@ def write_region(
     sources: Sequence[RegionSource],
     params: RegionParams,
     crs: CRS,
-    tags: Mapping[str, str] | None = None,
+    tags: tuple[Mapping[str, str], Mapping[str, str]] = ({}, {}),
 ) -> tuple[Seam, ...]:
     """Fuse the models of stops to one of the region; how far any two of them disagree.
+
+    `tags` are kept with the model and with the seams.
 
     Raises:
         ProductError: the cells of a model are no power of two of the region's.
     """
     names = {"STOPS": json.dumps([source.name for source in sources])}
     height = {"VERTICAL": "metres above the tangent plane at the landing point"}
-    tags = {**names, **(tags or {})}
+    of_model, of_seams = ({**names, **own} for own in tags)
     counter = SeamCounter()
     with contextlib.ExitStack() as held:
         held.enter_context(rasterio.Env(GDAL_CACHEMAX=CACHE_MB))
@@ -91,10 +93,10 @@ def write_region(
         ]
         grid = _grid_around([one.grid for one in opened], params.cell_m)
         dtm = held.enter_context(
-            new_cog(files.dtm, grid, crs, Notes("float32", DTM_BANDS, tags={**tags, **height}))
+            new_cog(files.dtm, grid, crs, Notes("float32", DTM_BANDS, tags={**of_model, **height}))
         )
         seams = held.enter_context(
-            new_cog(files.seams, grid, crs, Notes("float32", SEAM_BANDS, tags=tags))
+            new_cog(files.seams, grid, crs, Notes("float32", SEAM_BANDS, tags=of_seams))
         )
         for row, col in _tiles(grid):
             _fuse_tile((row, col), grid, opened, params, (dtm, seams), counter)

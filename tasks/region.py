@@ -46,7 +46,7 @@ def fuse_region(
         @cache
         def fused() -> RegionFiles:
             files = RegionFiles(Path(scratch) / "dtm.tif", Path(scratch) / "seams.tif")
-            tags = provenance_tags(model)
+            tags = (provenance_tags(model), provenance_tags(seams))
             write_region(files, _sources(inputs, store), params, local_crs(landing), tags)
             return files
 
