@@ -9,9 +9,10 @@ import numpy as np
 
 from flows.sol_maps import oriented_pairs
 from photogrammetry.imagery import StopId
+from photogrammetry.terrain.attitude import Attitude, attitude
 from photogrammetry.terrain.cell_plane import CellPlaneParams, plane_of_cells
 from photogrammetry.terrain.facets import FacetParams
-from photogrammetry.terrain.plane_fit import Attitude, PlaneFit, attitude
+from photogrammetry.terrain.plane_fit import PlaneFit
 from products.errors import ProductNotFoundError
 from products.model import ProductKind, ProductRef
 from products.raster import read_dtm

@@ -14,6 +14,7 @@ import numpy as np
 
 from photogrammetry.arrays import Covariances3, Mask, ObjectPoints
 from photogrammetry.errors import TerrainError
+from photogrammetry.terrain.attitude import Attitude, attitude
 from photogrammetry.terrain.ground import (
     MAP_FROM_LSL,
     SightParams,
@@ -22,7 +23,7 @@ from photogrammetry.terrain.ground import (
     trusted_parallax,
 )
 from photogrammetry.terrain.planar_regions import ParallaxSamples, RegionParams, planar_regions
-from photogrammetry.terrain.plane_fit import SHARED_PX, Attitude, PlaneFit, attitude, fit_plane
+from photogrammetry.terrain.plane_fit import SHARED_PX, PlaneFit, fit_plane
 from photogrammetry.terrain.records import TerrainView
 
 

@@ -1,4 +1,4 @@
-"""The plane through points of unequal, correlated coordinates, and its strike and dip.
+"""The plane through points of unequal, correlated coordinates.
 
 A point known with the covariance C lies off the plane n.P = d by n.P - d with the variance n'C n.
 The plane that makes the points likeliest, whatever the true points are, minimises
@@ -19,11 +19,6 @@ d once the part of N is taken off that noise makes by spreading the points withi
 
 for along a line or in one spot nothing else may be left; such points are refused. Where points
 scatter by more than they claim the covariance is enlarged by sigma0^2.
-
-With the normal pointing up, n = (sin D sin A, sin D cos A, cos D) in (east, north, up): D is the
-dip, A the azimuth of the dip, and the strike is A - 90 degrees (right-hand rule: looking along
-it, the plane falls to the right). An error of the normal along the horizontal turns the strike
-by 1 / sin D of it, so the strike of a level plane is nobody's to say.
 """
 
 from __future__ import annotations
@@ -49,8 +44,6 @@ CHANCE = 4.0
 """Standard deviations, sqrt(2 / n) of it, by which noise may make more of the normal matrix."""
 SINGULAR = 1e-12
 """Part of the largest eigenvalue below which another one is nothing."""
-LEVEL = 3.0
-"""Standard deviations within which a level plane leaves the strike undefined."""
 
 Covariance3 = Float64[np.ndarray, "3 3"]
 
@@ -72,23 +65,6 @@ class PlaneFit:
     sigma0: float
     """Scatter of the points over what their covariances claim; 1 without redundancy."""
     points: int
-
-
-@dataclass(frozen=True, slots=True)
-class Attitude:
-    """Strike and dip, radians."""
-
-    strike: float
-    """Azimuth, clockwise from north: looking along it the plane falls to the right."""
-    dip: float
-    """Below the horizontal, 0 to pi/2."""
-    sigma_strike: float
-    sigma_dip: float
-
-    @property
-    def dip_direction(self) -> float:
-        """Azimuth in which the plane falls most steeply."""
-        return float((self.strike + np.pi / 2) % (2 * np.pi))
 
 
 def fit_plane(
@@ -201,30 +177,3 @@ def _sigma0(off: PerPoint, covariances: Covariances3, n: Vector3) -> float:
         return 1.0
     variance = np.einsum("i,nij,j->n", n, covariances, n)
     return float(np.sqrt(np.sum(off**2 / variance) / redundancy))
-
-
-def attitude(plane: PlaneFit) -> Attitude:
-    """Strike and dip of a plane.
-
-    Raises:
-        TerrainError: the plane is level as far as can be told, so that it has no strike.
-    """
-    east, north, up = plane.normal
-    dip = float(np.arctan2(np.hypot(east, north), up))
-    azimuth = float(np.arctan2(east, north))
-    along = np.array([np.cos(azimuth), -np.sin(azimuth), 0.0])
-    downward = np.cross(along, plane.normal)
-    sigma_along, sigma_dip = (
-        float(np.sqrt(max(0.0, axis @ plane.covariance @ axis))) for axis in (along, downward)
-    )
-    if dip <= LEVEL * max(sigma_along, sigma_dip):
-        raise TerrainError(
-            f"the plane dips by {np.degrees(dip):.2f} +- {np.degrees(sigma_dip):.2f} degrees: it "
-            "is level as far as can be told, and its strike is undefined"
-        )
-    return Attitude(
-        strike=float((azimuth - np.pi / 2) % (2 * np.pi)),
-        dip=dip,
-        sigma_strike=sigma_along / float(np.sin(dip)),
-        sigma_dip=sigma_dip,
-    )

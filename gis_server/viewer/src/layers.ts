@@ -50,6 +50,7 @@ const STACK = [
   "contours",
   "pointing",
   "tie-points",
+  "dips",
   "mission-traverse",
   "mission-stops",
   "traverse",
@@ -65,6 +66,7 @@ const LISTED = [
   "pointing",
   "footprints",
   "tie-points",
+  "dips",
   "orthophoto",
   "colour",
   "sources",
@@ -162,6 +164,7 @@ const KIND_TITLES: Readonly<Record<string, string>> = {
   footprints: "Image footprints",
   pointing: "Pointing lines",
   "tie-points": "Tie points",
+  dips: "Strike and dip",
 };
 
 export function kindTitle(kind: string): string {

@@ -16,6 +16,7 @@ import RegularShape from "ol/style/RegularShape";
 import Stroke from "ol/style/Stroke";
 import Style from "ol/style/Style";
 import Text from "ol/style/Text";
+import { drawDip } from "./dip-style";
 import { compact } from "./format";
 import type { MapPoint } from "./records";
 
@@ -214,6 +215,8 @@ export function drawingOf(kind: string, state: DrawingState): Draw {
       return (feature) => drawViewing(feature, state);
     case "tie-points":
       return () => TIE;
+    case "dips":
+      return drawDip;
     default:
       return () => PLAIN;
   }

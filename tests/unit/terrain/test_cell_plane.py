@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from photogrammetry.errors import TerrainError
+from photogrammetry.terrain.attitude import attitude
 from photogrammetry.terrain.cell_plane import CellPlaneParams, plane_of_cells
-from photogrammetry.terrain.plane_fit import attitude
 from photogrammetry.terrain.records import GroundClass
 
 PARAMS = CellPlaneParams()

@@ -6,7 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from photogrammetry.errors import TerrainError
-from photogrammetry.terrain.plane_fit import attitude, fit_plane
+from photogrammetry.terrain.attitude import attitude
+from photogrammetry.terrain.plane_fit import fit_plane
 
 TRIALS = 400
 CAMERA = np.array([0.0, 0.0, 1.5])
