@@ -9,6 +9,7 @@ from enum import Enum
 from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
 from config.errors import ConfigError
+from photogrammetry.errors import PhotogrammetryError
 
 T = TypeVar("T")
 
@@ -29,7 +30,7 @@ def record_of(kind: type[T], table: dict[str, Any], where: str) -> T:
     values = {key: _value(hints[key], value, f"{where}.{key}") for key, value in table.items()}
     try:
         return kind(**values)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, PhotogrammetryError) as error:
         raise ConfigError(f"{where}: {error}") from error
 
 

@@ -70,7 +70,9 @@ class Haven:
 
 
 def winter_havens(light: Insolation, latitude: float, params: HavenParams) -> tuple[Haven, ...]:
-    """Havens in the first season of a map of insolation, the largest first."""
+    """Havens in the first season of a map of insolation, the largest first; none in polar night."""
+    if not light.level[0] > 0:
+        return ()
     gain = light.received[0] / np.float32(light.level[0])
     tilt = northerly_tilt_of(light.normal) * np.float32(1 if latitude < 0 else -1)
     slope = slope_of(light.normal)

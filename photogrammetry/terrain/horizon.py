@@ -69,7 +69,10 @@ def _batches(
 def _towards_the_top(elevation: Raster, leaning: Sequence[float], cell_m: float) -> list[Raster]:
     """Tangents towards azimuths (radians) that lean by at most 45 degrees from the top row's."""
     shears = [_Shear.of(angle, elevation.shape) for angle in leaning]
-    lines = np.concatenate([shear.lines(elevation) for shear in shears], axis=1)
+    known = np.isfinite(elevation)
+    level = np.float32(elevation[known].mean()) if known.any() else np.float32(0)
+    height, weight = np.where(known, elevation - level, np.float32(0)), known.astype(np.float32)
+    lines = np.concatenate([shear.lines(height, weight) for shear in shears], axis=1)
     rise = _rise_to_the_horizon(lines)
     starts = np.cumsum([0, *(shear.width for shear in shears)]).tolist()
     steps = [np.float32(cell_m / math.cos(angle)) for angle in leaning]
@@ -83,39 +86,44 @@ def _towards_the_top(elevation: Raster, leaning: Sequence[float], cell_m: float)
 class _Shear:
     """Rows moved sideways until a direction runs along columns."""
 
-    row: np.ndarray
-    first: np.ndarray
-    """Line that takes the larger part of every cell with small f; the other is the next one."""
-    share: Float32[np.ndarray, "rows 1"]
-    """f, the part that the next line takes."""
-    width: int
+    whole: tuple[int, ...]
+    """Columns by which every row is moved, rounded down: i."""
+    share: tuple[np.float32, ...]
+    """What is left of the move, f."""
+    cols: int
 
     @classmethod
     def of(cls, angle: float, shape: tuple[int, ...]) -> _Shear:
         rows, cols = shape
         shift = np.arange(rows) * math.tan(angle)
         shift -= shift.min()
-        whole = np.floor(shift).astype(np.int64)
-        first = whole[:, None] + np.arange(cols)[None, :]
-        share = (shift - whole)[:, None].astype(np.float32)
-        return cls(np.arange(rows)[:, None], first, share, int(whole.max()) + cols + 1)
+        whole = np.floor(shift)
+        return cls(
+            tuple(whole.astype(int).tolist()), tuple((shift - whole).astype(np.float32)), cols
+        )
 
-    def lines(self, elevation: Raster) -> Lines:
-        """Heights along the lines; NaN where neither cell of a place is known."""
-        known = np.isfinite(elevation)
-        level = np.float32(elevation[known].mean()) if known.any() else np.float32(0)
-        height = np.where(known, elevation - level, np.float32(0))
-        total, weight = np.zeros((2, len(self.row), self.width), np.float32)
-        for place, share in ((self.first, 1 - self.share), (self.first + 1, self.share)):
-            total[self.row, place] += height * share
-            weight[self.row, place] += known * share
+    @property
+    def width(self) -> int:
+        """Number of lines."""
+        return max(self.whole) + self.cols + 1
+
+    def lines(self, height: Raster, known: Raster) -> Lines:
+        """Heights along the lines; NaN where neither cell of a place is known (1, else 0)."""
+        total, weight = np.zeros((2, len(self.whole), self.width), np.float32)
+        for row, (first, share) in enumerate(zip(self.whole, self.share, strict=True)):
+            for start, part in ((first, 1 - share), (first + 1, share)):
+                total[row, start : start + self.cols] += height[row] * part
+                weight[row, start : start + self.cols] += known[row] * part
         with np.errstate(invalid="ignore", divide="ignore"):
             return np.where(weight > LEAST_WEIGHT, total / weight, np.float32(np.nan))
 
     def cells(self, values: Lines) -> Raster:
         """Values of the cells from those of their two lines."""
-        one, next_ = values[self.row, self.first], values[self.row, self.first + 1]
-        return one * (1 - self.share) + next_ * self.share
+        found = np.empty((len(self.whole), self.cols), np.float32)
+        for row, (first, share) in enumerate(zip(self.whole, self.share, strict=True)):
+            one, next_ = values[row, first:][: self.cols], values[row, first + 1 :][: self.cols]
+            found[row] = one + share * (next_ - one)
+        return found
 
 
 def _rise_to_the_horizon(height: Lines) -> Lines:

@@ -27,6 +27,21 @@ def test_far_ground_is_mapped_where_a_pipeline_wants_it(tmp_path):
     assert wide.matching.limits.least_base_m == 5.0
 
 
+def test_seasons_and_limits_of_a_rover_can_be_set(tmp_path):
+    file = tmp_path / "sun.toml"
+    file.write_text(
+        "[insolation]\nls_deg = [90, 0.0]\n[havens]\nleast_gain = 1.08\n"
+        "[hazard]\nsteepest_deg = 15\n[viewshed]\ntarget_height_m = 0.5\n"
+    )
+    config = load_pipeline(str(file))
+    assert config.insolation.ls_deg == (90.0, 0.0)
+    assert (config.havens.least_gain, config.hazard.steepest_deg) == (1.08, 15.0)
+    assert config.viewshed.target_height_m == 0.5
+    file.write_text("[hazard]\nsteepest_deg = 0\n")
+    with pytest.raises(ConfigError, match="give all above zero"):
+        load_pipeline(str(file))
+
+
 def test_a_setting_that_far_ground_does_not_have_is_named(tmp_path):
     file = tmp_path / "far.toml"
     file.write_text("[wide]\nradius_m = 500.0\n")

@@ -49,6 +49,14 @@ def test_level_ground_is_no_haven(scenes):
     assert winter_havens(lit(scenes, scenes.level), GUSEV, PARAMS) == ()
 
 
+def test_in_polar_night_no_ground_is_a_haven(scenes):
+    north = math.radians(80.0)
+    light = lit(scenes, ridge, north)
+    assert light.level == (0.0,)
+    assert np.nanmax(light.received[0]) == 0.0
+    assert winter_havens(light, north, PARAMS) == ()
+
+
 def test_a_haven_too_small_or_narrow_for_a_rover_is_none(scenes):
     light = lit(scenes, ridge)
     assert winter_havens(light, GUSEV, HavenParams(least_area_m2=60.0)) == ()
