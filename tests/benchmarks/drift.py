@@ -141,6 +141,8 @@ def figure(rows, path):
         axis.set_title(f"{ties} ties a link, {'attitude' if attitude else 'no attitude'}", size=9)
         axis.grid(alpha=0.3)
     axes[0].set_ylabel("error at the end, % of the way")
+    axes[0].set_yticks([0.1, 0.2, 0.5, 1, 2, 5], ["0.1", "0.2", "0.5", "1", "2", "5"], minor=False)
+    axes[0].set_yticks([], minor=True)
     axes[0].legend(fontsize=8)
     drawn.savefig(path)
 
