@@ -36,7 +36,12 @@ from photogrammetry.matching.cross_site_trials import (
 )
 from photogrammetry.matching.hypotheses import HypothesisParams, hypotheses
 from photogrammetry.matching.records import MatchedStop
-from photogrammetry.matching.shared_ground import counted_as_one, spread_out, weighed_down
+from photogrammetry.matching.shared_ground import (
+    counted_as_one,
+    spread_out,
+    weighed_down,
+    with_shared_errors,
+)
 from photogrammetry.matching.site_links import (
     SiteLink,
     SiteLinkFigures,
@@ -162,7 +167,10 @@ def _judged(trials: Trials, trial: Trial, by_chance: int, params: CrossSiteParam
         other.id,
         linked,
         reason,
-        weighed_down(ties.taking(some), counted_as_one(places[some], width_m[some])),
+        with_shared_errors(
+            weighed_down(ties.taking(some), counted_as_one(places[some], width_m[some])),
+            {v.view.pair.pair_id: v.view.geometry for v in (*one.views, *other.views)},
+        ),
         final.first_from_second,
         final.covariance,
         figures,

@@ -1,7 +1,18 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from photogrammetry.matching.shared_ground import counted_as_one, spread_out, weighed_down
+from photogrammetry.cameras.epipolar import EpipolarPair
+from photogrammetry.frames import Frame, FrameKind, Pose
+from photogrammetry.matching.shared_ground import (
+    SHARED_HEIGHT_M,
+    SHARED_PARALLAX_PX,
+    counted_as_one,
+    spread_out,
+    weighed_down,
+    with_shared_errors,
+)
 from photogrammetry.matching.ties import Ties
 
 
@@ -62,3 +73,18 @@ def test_ties_that_are_handed_on_lie_apart_and_the_finest_are_among_them(rng):
 def test_rather_than_too_few_ties_closer_ones_are_handed_on():
     assert spread_out(grid_of(5, 0.2), np.full(25, 1.0), 0.75, at_least=20).sum() >= 20
     assert spread_out(np.zeros((3, 2)), np.ones(3), 0.75, at_least=20).sum() >= 1
+
+
+def test_what_all_ties_share_leaves_their_mean_uncertain():
+    frame = Frame(FrameKind.PAIR, (1, 0, 0, 0))
+    pose = Pose(Frame(FrameKind.ROVER, (1, 0)), frame, np.eye(3), np.zeros(3))
+    pair = EpipolarPair(pose, 0.2, 1200.0, (512.0, 512.0), 1024, 1024)
+    ties = some_ties(40)
+    ties = replace(
+        ties, first_parallax_px=np.full(40, 48.0), second_parallax_px=np.full(40, 16.0)
+    )  # at 5 and at 15 m
+    weighed = with_shared_errors(ties, {"a": pair, "b": pair})
+    np.testing.assert_array_equal(weighed.first_sigma_line_px, ties.first_sigma_line_px)
+    of_mean_m = weighed.second_sigma_line_px / 40**0.5 * 15.0 / 1200.0
+    np.testing.assert_allclose(of_mean_m, SHARED_HEIGHT_M, rtol=0.01)
+    assert (weighed.first_sigma_parallax_px / 40**0.5 > SHARED_PARALLAX_PX).all()
