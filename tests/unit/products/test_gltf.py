@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 
 from photogrammetry.terrain.model3d import SurfaceMesh, TexturedMesh, mean_normals
 from products.errors import ProductError
-from products.gltf import Encoding, read_glb, write_glb
+from products.gltf import Encoding, box_of_glb, read_glb, write_glb
 from tests.support.gltf_validator import validate_glb
 
 ORIGIN = (7000.0, -3000.0, -20.0)
@@ -148,3 +148,16 @@ def test_draco_without_its_package_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "DracoPy", None)
     with pytest.raises(ProductError, match="DracoPy is not installed: `pip install DracoPy`"):
         write_glb([hill()], ORIGIN, encoding=Encoding.DRACO)
+
+
+def test_trimesh_reads_the_surface_where_it_is(tmp_path):
+    peer = pytest.importorskip("trimesh")
+    path = tmp_path / "hill.glb"
+    path.write_bytes(write_glb([hill()], ORIGIN))
+    scene = peer.load_scene(path)
+    ((_, mesh),) = scene.geometry.items()
+    assert len(mesh.faces) == len(hill().mesh)
+    x, y, z = np.array(scene.bounds).T
+    places = np.column_stack([x, -z[::-1], y])
+    low, high = box_of_glb(path.read_bytes())
+    np.testing.assert_allclose(places, [low, high], atol=1e-4)
