@@ -8,6 +8,7 @@ wheels slip; terrain by that and by stereo.
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from flows.judgement import judge_positions, judge_terrain, true_stops
@@ -53,6 +54,12 @@ def test_stops_are_tied_to_half_a_percent_of_the_way(judged):
         assert "cross-site ties" in row["held_by"]
         assert row["percent"] < 0.5, row
         assert row["adjusted_error_m"] < 0.5 * row["telemetry_error_m"], row
+
+
+def test_stops_err_by_what_they_state(judged):
+    for row in judged[1:]:
+        error, sigma = (np.array(row[name]) for name in ("error_ned_m", "sigma_ned_m"))
+        assert np.abs(error / sigma).max() < 3.5, row  # 99.95 % an axis; it was 2.5 in memory
 
 
 def test_terrain_of_the_held_stop_is_as_good_as_stereo_allows(store, husband):
