@@ -15,15 +15,10 @@ from photogrammetry.adjustment.marginal import Marginal
 from photogrammetry.adjustment.normals import lengths, whitened
 from photogrammetry.adjustment.params import AdjustmentParams
 from photogrammetry.adjustment.priors import Telemetry
+from photogrammetry.adjustment.residuals import Residuals, point_covariances, residuals
 from photogrammetry.adjustment.result import Outcome
 from photogrammetry.adjustment.sightings import sightings, with_points
-from photogrammetry.adjustment.snooping import (
-    Residuals,
-    point_covariances,
-    reinstated,
-    residuals,
-    suspects,
-)
+from photogrammetry.adjustment.snooping import reinstated, suspects
 from photogrammetry.adjustment.solver import Linearised, Problem, linearise, solve
 from photogrammetry.arrays import Bool
 

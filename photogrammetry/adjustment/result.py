@@ -26,8 +26,8 @@ from photogrammetry.adjustment.records import (
     Consistency,
     Network,
 )
+from photogrammetry.adjustment.residuals import Residuals, joint_covariances, single_sightings
 from photogrammetry.adjustment.rotations import cross_matrix, left_jacobian, rotation_of_vector
-from photogrammetry.adjustment.snooping import Residuals, joint_covariances, single_sightings
 from photogrammetry.adjustment.solver import Solution
 from photogrammetry.frames import LSL, Pose
 from photogrammetry.imagery import TieKind, TiePoints

@@ -30,8 +30,8 @@ from photogrammetry.adjustment.records import (
     Network,
     select,
 )
+from photogrammetry.adjustment.residuals import cofactors
 from photogrammetry.adjustment.sequential import begin, extend
-from photogrammetry.adjustment.snooping import cofactors
 from photogrammetry.adjustment.solver import Problem, linearise
 from photogrammetry.adjustment.stepwise import adjust_stepwise
 from photogrammetry.frames import Pose

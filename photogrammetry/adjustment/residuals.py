@@ -1,0 +1,125 @@
+"""Residuals of an adjustment, what checks them, and how sure the points are.
+
+With the cofactors of the whitened residuals (see `elimination`) the standardised residual of a
+coordinate, and the test of a whole observation (sample, line and parallax together, for a wrong
+match is wrong in all of them; Teunissen 1985), are
+
+    w_i = v_i / sqrt(q_ii),      q_ii = redundancy number, the share of an error that shows in v_i
+    T = sqrt(v' Q_vv^-1 v)       chi distributed; a blunder g shifts it by sqrt(g' Q_vv g)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from photogrammetry.adjustment.collinearity import Observations, State, partials
+from photogrammetry.adjustment.elimination import EliminatedTies, inverse_of
+from photogrammetry.adjustment.problem import Problem
+from photogrammetry.adjustment.rotations import cross_matrix
+from photogrammetry.adjustment.sightings import inverses
+
+UNCHECKED = 1e-6
+"""A redundancy number below this is rounding: nothing checks the coordinate."""
+
+CERTAIN = 2.0
+"""So many standard deviations of a spread or count are chance, and tell nothing."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Residuals:
+    """Residuals of all observations; NaN and 0 for those outside the adjustment."""
+
+    standardised: np.ndarray
+    redundancy: np.ndarray
+    test: np.ndarray
+    """T of every observation; zero where nothing checks it."""
+
+    def spread(self, rows: np.ndarray) -> float:
+        """max(1, robust spread of standardised residuals as far as chance does not explain it).
+
+        1.17 / sqrt(n) is the standard deviation of the spread that n residuals show.
+        """
+        w, free = np.abs(self.standardised[rows]), float(self.redundancy[rows].sum())
+        w = w[np.isfinite(w)]
+        sure = 1.0 - CERTAIN * 1.17 / np.sqrt(max(free, 1.0))
+        return max(1.0, sure * float(1.4826 * np.median(w))) if len(w) else 1.0
+
+
+def residuals(problem: Problem, ties: tuple[EliminatedTies, ...], inverse: np.ndarray) -> Residuals:
+    """Standardised residuals, redundancy numbers and tests."""
+    observations = problem.observations
+    n = len(observations)
+    w, r, T = np.full((n, 3), np.nan), np.zeros((n, 3)), np.zeros(n)
+    for tie in ties:
+        C, rows = cofactors(problem, tie, inverse), tie.group.rows.T
+        v = tie.b.reshape(C.shape[:-1])
+        q = np.clip(np.diagonal(C, axis1=2, axis2=3), 0.0, 1.0)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            w[rows] = np.where(q > UNCHECKED, v / np.sqrt(q), np.nan)
+        r[rows], T[rows] = q, _tests(v, C)
+    unmeasured = observations.weight == 0
+    w[unmeasured], r[unmeasured] = np.nan, 0.0
+    return Residuals(w, r, T)
+
+
+def cofactors(problem: Problem, tie: EliminatedTies, inverse: np.ndarray) -> np.ndarray:
+    """Q_vv of the three coordinates of each observation of a group, (n, k, 3, 3)."""
+    group = tie.group
+    Z = inverse[problem.pattern.indices(group.blocks, group.local)]
+    relative = (tie.T @ Z @ tie.T.mT)[group.signature]
+    shape = (group.points, group.seen, 3, -1)
+    A, Q = tie.A.reshape(shape), tie.Q.reshape(shape)
+    return np.eye(3) - Q @ Q.mT - (tie.A @ relative).reshape(shape) @ A.mT
+
+
+def _tests(v: np.ndarray, C: np.ndarray) -> np.ndarray:
+    """T of residuals (n, k, 3); what nothing checks has no residual and does not count."""
+    checked = C.reshape(-1, 3, 3) + UNCHECKED * np.eye(3)
+    weighted = inverses(checked) @ v.reshape(-1, 3, 1)
+    return np.sqrt(np.maximum((v * weighted.reshape(v.shape)).sum(axis=2), 0.0))
+
+
+def point_covariances(
+    problem: Problem, state: State, ties: tuple[EliminatedTies, ...], inverse: np.ndarray
+) -> np.ndarray:
+    """Covariances of points: what their images leave open, and what their base stop carries over.
+
+    dX = M x_b + R^-1 (noise - Q' A_o x), with `arm` the way from the base stop to the point. NaN
+    for points outside the adjustment.
+    """
+    C = np.full((problem.observations.points, 3, 3), np.nan)
+    for tie in ties:
+        group, number = tie.group, tie.group.signature
+        Z = inverse[problem.pattern.indices(group.blocks, group.local)][number]
+        numbers = problem.observations.point[group.rows[0]]
+        R_inverse = inverse_of(tie.R)
+        G = -R_inverse @ tie.A1 @ tie.T[number]
+        G[:, :, -6:-3] -= cross_matrix(
+            state.points[numbers] - state.centres[group.stops[number, 0]]
+        )
+        G[:, :, -3:] += np.eye(3)
+        C[numbers] = R_inverse @ R_inverse.mT + G @ Z @ G.mT
+    return C
+
+
+def joint_covariances(problem: Problem, inverse: np.ndarray) -> np.ndarray:
+    """(pairs, 9, 9) of turn and shift of the stop and pointing of the pair; zero where held."""
+    unknowns = problem.unknowns
+    local = unknowns.columns(np.arange(len(unknowns.pair_stop)))
+    stops = np.repeat(unknowns.pair_stop[:, None], local.shape[1], axis=1).astype(np.int64)
+    return inverse[problem.pattern.indices(stops, local)]
+
+
+def single_sightings(
+    observations: Observations, state: State, rows: np.ndarray, joint: np.ndarray
+) -> np.ndarray:
+    """Covariance of points placed by one stereo observation each."""
+    A_o, A_t = partials(state, observations, rows)
+    back = np.linalg.inv(A_t)
+    C = np.zeros((len(rows), 3, 3))
+    diagonal = 1.0 / observations.weight[rows] ** 2
+    C[:, range(3), range(3)] = diagonal
+    total = C + A_o @ joint[observations.pair[rows]] @ A_o.swapaxes(1, 2)
+    return back @ total @ back.swapaxes(1, 2)
