@@ -23,8 +23,7 @@ lever q_j = R_j' (t_j - v_j) from the mast head to the pair, in the pair's frame
 Rotation and *centre* are corrected, not rotation and translation of the inverse motion: a turn of a
 stop then leaves its place alone, and Gauss-Newton needs few steps on long open traverses.
 
-Arrays are kept component by component, observations along their last axis: so many small matrices
-are multiplied several times faster than one by one.
+Arrays are kept component by component, observations along their last axis (see `componentwise`).
 """
 
 from __future__ import annotations
@@ -33,6 +32,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from photogrammetry.adjustment.componentwise import (
+    Matrices,
+    Vectors,
+    by_component,
+    crossed_rows,
+    product,
+    turned,
+)
 from photogrammetry.adjustment.observations import (
     PAIR_UNKNOWNS,
     STOP_UNKNOWNS,
@@ -41,9 +48,6 @@ from photogrammetry.adjustment.observations import (
 )
 from photogrammetry.adjustment.rotations import left_jacobian, rotation_of_vector
 from photogrammetry.arrays import Float64, Int32
-
-Matrices = Float64[np.ndarray, "3 3 m"]
-Vectors = Float64[np.ndarray, "3 m"]
 
 
 def pair_orientations(
@@ -122,13 +126,13 @@ class Views:
     def of(cls, state: State, observations: Observations) -> Views:
         """At a state."""
         of_stop = np.take(by_component(state.rotations), observations.pair_stop, axis=2)
-        by_mast = _product(of_stop, by_component(rotation_of_vector(state.pointings)))
+        by_mast = product(of_stop, by_component(rotation_of_vector(state.pointings)))
         to_pair = by_component(observations.rover_from_pair).swapaxes(0, 1)
         pivot = observations.pivot_in_rover.T
         lever = observations.origin_in_rover.T - pivot
         origins = state.centres.T[:, observations.pair_stop] + turned(of_stop, pivot)
         origins += turned(by_mast, lever)
-        rotations = _product(by_mast, to_pair.swapaxes(0, 1))
+        rotations = product(by_mast, to_pair.swapaxes(0, 1))
         jacobian = by_component(left_jacobian(-state.pointings))  # J(-m) = Exp(m)' J(m)
         table = np.concatenate(
             [
@@ -138,7 +142,7 @@ class Views:
                 observations.base_m[None],
                 observations.centre_px.T,
                 turned(to_pair, lever),
-                _product(to_pair, jacobian).reshape(9, -1),
+                product(to_pair, jacobian).reshape(9, -1),
             ]
         )
         return cls(table, observations.pair_stop, state.centres.T, state.points.T.copy())
@@ -173,7 +177,7 @@ class Views:
         crossed[0] = scale[0] * np.stack([u * b, -u * a - c, b])
         crossed[1] = scale[1] * np.stack([v * b + c, -v * a, -a])
         crossed[2, 0], crossed[2, 1] = scale[2] * b, -scale[2] * a
-        return Partials(by_point, _product(crossed, K), X)
+        return Partials(by_point, product(crossed, K), X)
 
     def arm(self, X: Vectors, stop: np.ndarray) -> Vectors:
         """From stops to points, in the LSL."""
@@ -199,7 +203,7 @@ class Partials:
 
     def by_stop(self, arm: Vectors) -> Float64[np.ndarray, "3 6 m"]:
         """By (d, dc) of a stop `arm` away: a' [arm] = (a x arm)', a a row of `by_point`."""
-        return np.concatenate([_cross(self.by_point, arm), -self.by_point], axis=1)
+        return np.concatenate([crossed_rows(self.by_point, arm), -self.by_point], axis=1)
 
 
 def misclosures(
@@ -221,38 +225,6 @@ def partials(
     return by_orientation.transpose(2, 0, 1).copy(), A.by_point.transpose(2, 0, 1).copy()
 
 
-def by_component(matrices: Float64[np.ndarray, "m 3 3"]) -> Matrices:
-    """Many matrices, component by component."""
-    return matrices.transpose(1, 2, 0).copy()
-
-
-def turned(A: Matrices, v: Vectors) -> Vectors:
-    """A v of many matrices and vectors."""
-    w = A[:, 0] * v[0]
-    w += A[:, 1] * v[1]
-    w += A[:, 2] * v[2]
-    return w
-
-
-def cross(v: Float64[np.ndarray, "3 *rows m"], w: Vectors) -> Float64[np.ndarray, "3 *rows m"]:
-    """Cross products v x w."""
-    (a, b, c), (x, y, z) = v, w
-    return np.stack([b * z - c * y, c * x - a * z, a * y - b * x])
-
-
-def _product(A: Matrices, B: Matrices) -> Matrices:
-    """A B of many matrices."""
-    product = A[:, 0, None] * B[0]
-    product += A[:, 1, None] * B[1]
-    product += A[:, 2, None] * B[2]
-    return product
-
-
-def _cross(rows: Matrices, v: Vectors) -> Matrices:
-    """Every row of many matrices times v, as vectors."""
-    return cross(rows.swapaxes(0, 1), v).swapaxes(0, 1)
-
-
 __all__ = [
     "PAIR_UNKNOWNS",
     "STOP_UNKNOWNS",
@@ -261,12 +233,9 @@ __all__ = [
     "Sights",
     "State",
     "Views",
-    "by_component",
-    "cross",
     "misclosures",
     "pair_orientations",
     "partials",
     "triangulated",
     "triangulated_in_pair",
-    "turned",
 ]

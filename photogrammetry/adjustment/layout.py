@@ -1,4 +1,4 @@
-"""Where every unknown of the normal equations lies, and which tie points are seen alike.
+"""Which tie points are seen alike, and where their normal equations go.
 
 Images tell how stops lie to each other and nothing of where all of them lie: a common motion of the
 stops that see a tie point, the point moving along, changes no image coordinate. The observations of
@@ -26,7 +26,7 @@ import numpy as np
 
 from photogrammetry.adjustment.observations import PAIR_UNKNOWNS, STOP_UNKNOWNS, Observations
 from photogrammetry.adjustment.rotations import cross_matrix
-from photogrammetry.arrays import Float64
+from photogrammetry.adjustment.unknowns import Unknowns
 from photogrammetry.errors import AdjustmentError
 
 CACHED = 100_000
@@ -35,59 +35,6 @@ LEAST_POINTS = 64
 """Points of a group where each is seen so often that its equations alone are long."""
 SHARED = 2
 """Points a signature, on average, from which on it saves time to add them up first."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Unknowns:
-    """Which orientations are free, and their places: stop by stop, pose first, then its pairs."""
-
-    sizes: np.ndarray
-    offsets: np.ndarray
-    stop_columns: np.ndarray
-    """(stops, 6) place inside the stop's block; -1 where held."""
-    pair_columns: np.ndarray
-    """(pairs, 3) place inside the block of the pair's stop; -1 where masts do not turn."""
-    pair_stop: np.ndarray
-    per_pair: int
-    """Unknowns of a pair: its pointing, or none where masts point as their labels say."""
-
-    @classmethod
-    def of(cls, held: np.ndarray, pair_stop: np.ndarray, *, turning: bool = True) -> Unknowns:
-        """Number the unknowns of a network whose stops are held or free, and masts turn or not."""
-        pose, per_pair = np.where(held, 0, STOP_UNKNOWNS), PAIR_UNKNOWNS if turning else 0
-        per_stop = np.bincount(pair_stop, minlength=len(held)).astype(np.int64)
-        sizes = (pose + per_pair * per_stop).astype(np.int64)
-        stop_columns = np.where(held[:, None], -1, np.arange(STOP_UNKNOWNS))
-        by_stop = np.argsort(pair_stop, kind="stable")
-        slot = np.zeros(len(pair_stop), dtype=np.int64)
-        before = np.cumsum(per_stop) - per_stop
-        slot[by_stop] = np.arange(len(pair_stop)) - np.repeat(before, per_stop)
-        first = pose[pair_stop] + PAIR_UNKNOWNS * slot
-        pair_columns = np.where(turning, first[:, None] + np.arange(PAIR_UNKNOWNS), -1)
-        offsets = np.concatenate([[0], np.cumsum(sizes)])[:-1]
-        return cls(sizes, offsets, stop_columns, pair_columns, pair_stop, per_pair)
-
-    @property
-    def count(self) -> int:
-        """How many."""
-        return int(self.sizes.sum())
-
-    def columns(self, pair: np.ndarray) -> np.ndarray:
-        """(…, 9) places inside the stop's block of the unknowns an observation by `pair` feels."""
-        return np.concatenate(
-            [self.stop_columns[self.pair_stop[pair]], self.pair_columns[pair]], axis=-1
-        )
-
-    def places(self, blocks: np.ndarray, local: np.ndarray) -> np.ndarray:
-        """Places of columns in the vector of unknowns; what is held goes to a bin at its end."""
-        return np.where(local >= 0, self.offsets[blocks] + local, self.count)
-
-    def unpack(self, x: Float64[np.ndarray, " n"]) -> tuple[np.ndarray, np.ndarray]:
-        """Corrections (stops, 6), zero where held, and (pairs, 3)."""
-        padded = np.append(x, 0.0)
-        stops = np.arange(len(self.sizes))
-        of_stops = padded[self.places(stops[:, None], self.stop_columns)]
-        return of_stops, padded[self.places(self.pair_stop[:, None], self.pair_columns)]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -23,7 +23,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.adjustment.collinearity import State, Views, by_component, cross, turned
+from photogrammetry.adjustment.collinearity import State, Views
+from photogrammetry.adjustment.componentwise import by_component, cross, turned
 from photogrammetry.adjustment.elimination import EliminatedTies, place_points
 from photogrammetry.adjustment.normals import Place
 from photogrammetry.adjustment.problem import Problem

@@ -6,11 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.adjustment.blocks import BlockPattern
 from photogrammetry.adjustment.collinearity import STOP_UNKNOWNS, Observations, Sights
-from photogrammetry.adjustment.layout import TieGroup, Unknowns, tie_groups
+from photogrammetry.adjustment.layout import TieGroup, tie_groups
 from photogrammetry.adjustment.marginal import Marginal
+from photogrammetry.adjustment.pattern import BlockPattern
 from photogrammetry.adjustment.priors import Telemetry
+from photogrammetry.adjustment.unknowns import Unknowns
 
 LINK_TRIANGLE = np.tril_indices(2 * STOP_UNKNOWNS)
 """Lower triangle of what a telemetry increment feels: the stop before, and the stop."""

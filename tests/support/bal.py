@@ -23,14 +23,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from photogrammetry.adjustment.blocks import factorise
-from photogrammetry.adjustment.collinearity import (
-    Observations,
-    Partials,
-    State,
-    Views,
-    by_component,
-    turned,
-)
+from photogrammetry.adjustment.collinearity import Observations, Partials, State, Views
+from photogrammetry.adjustment.componentwise import by_component, turned
 from photogrammetry.adjustment.elimination import eliminate
 from photogrammetry.adjustment.moves import Correction
 from photogrammetry.adjustment.normals import Place, added

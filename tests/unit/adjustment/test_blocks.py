@@ -5,9 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from photogrammetry.adjustment.blocks import BlockPattern, factorise
+from photogrammetry.adjustment.blocks import factorise
 from photogrammetry.adjustment.collinearity import Observations, State
 from photogrammetry.adjustment.params import AdjustmentParams
+from photogrammetry.adjustment.pattern import BlockPattern
 from photogrammetry.adjustment.priors import Telemetry
 from photogrammetry.adjustment.solver import Problem, linearise, normal_equations
 from photogrammetry.errors import AdjustmentError

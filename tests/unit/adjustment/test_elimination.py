@@ -8,10 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from photogrammetry.adjustment.elimination import inverse_of, orthonormal
-from photogrammetry.adjustment.layout import Unknowns, tie_groups
+from photogrammetry.adjustment.layout import tie_groups
 from photogrammetry.adjustment.params import AdjustmentParams
 from photogrammetry.adjustment.priors import Telemetry
 from photogrammetry.adjustment.solver import Problem, solve
+from photogrammetry.adjustment.unknowns import Unknowns
 from photogrammetry.errors import AdjustmentError
 
 
