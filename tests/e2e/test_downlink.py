@@ -1,6 +1,7 @@
 """From PDS3 files to a tile, held against the truth of the world they were rendered from."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,11 +9,16 @@ from fastapi.testclient import TestClient
 from typer.testing import CliRunner
 
 from flows.cli import app
+from flows.dips import dips_of_rocks
 from flows.listing import position_rows, product_rows
+from photogrammetry.terrain.facets import FacetParams
 from products.model import ProductKind
+from products.models import extent_of_model
 from products.raster import read_dtm, read_raster
+from tests.support.gltf_validator import validate_glb
 
 STOP_KINDS = {"dtm", "orthophoto", "sources", "slope", "aspect", "hillshade", "contours"}
+STOP_KINDS |= {"model", "view-model", "tileset"}
 REGION_KINDS = {"traverse", "stops", "footprints", "pointing", "tie-points"}
 
 
@@ -27,6 +33,24 @@ def test_every_sol_is_processed_and_every_product_appears(mapped):
         assert {row["kind"] for row in rows if row["scope"] == stop} >= STOP_KINDS
     assert {row["kind"] for row in rows if row["scope"] == "mer2"} >= REGION_KINDS
     assert len([row for row in rows if row["kind"] == "browse"]) == 40
+
+
+def test_a_stop_is_modelled_and_its_rocks_have_strike_and_dip(mapped):
+    stop = "mer2-site0010-drive0000"
+    paths = {
+        r["kind"]: Path(r["path"]) for r in product_rows(mapped.workspace) if r["scope"] == stop
+    }
+    for kind in ("model", "view-model"):
+        assert validate_glb(paths[kind])["issues"]["numErrors"] == 0
+    west, south, east, north = extent_of_model(paths["model"])[0]
+    tiles = extent_of_model(paths["tileset"])[0]
+    np.testing.assert_allclose(tiles, (west, south, east, north), atol=0.01)
+    seen = extent_of_model(paths["view-model"])[0]
+    assert max(west - seen[0], south - seen[1], seen[2] - east, seen[3] - north) < 0.5
+    facets = dips_of_rocks(stop, FacetParams(), mapped.workspace)
+    assert facets
+    assert all(max(f["sigma_strike_deg"], f["sigma_dip_deg"]) <= 10 for f in facets)
+    assert mapped.workspace.catalogue.layer(stop, ProductKind.DIPS).type == "vector"
 
 
 def test_the_adjustment_removes_most_of_the_slip(mapped):
