@@ -68,8 +68,8 @@ class ViewModelParams(SightParams):
     """Percentiles of all images' brightness that become black and white."""
     jpeg_quality: int = 90
     """Of the textures, percent."""
-    draco: bool = False
-    """Whether to compress triangles with Draco: a fifth of the size, but it needs DracoPy."""
+    draco: bool = True
+    """Whether to compress triangles with Draco: a fifth of the size; viewers need its decoder."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
