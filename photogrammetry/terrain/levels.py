@@ -34,7 +34,7 @@ class TilesetParams:
     jpeg_quality: int = 85
     """Of the textures, percent."""
     draco: bool = False
-    """Whether to compress triangles with Draco: a third of the size, but it needs viewers with a decoder."""
+    """Whether to compress triangles with Draco: a third of the size; viewers need its decoder."""
 
     def __post_init__(self) -> None:
         if not (self.tolerance_m > 0 and self.texture_px > 0 and 0 < self.jpeg_quality <= 100):  # noqa: PLR2004 - percent
