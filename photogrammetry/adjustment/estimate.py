@@ -19,7 +19,7 @@ from photogrammetry.adjustment.residuals import Residuals, point_covariances, re
 from photogrammetry.adjustment.result import Outcome
 from photogrammetry.adjustment.sightings import sightings, with_points
 from photogrammetry.adjustment.snooping import reinstated, suspects
-from photogrammetry.adjustment.solver import Linearised, Problem, linearise, solve
+from photogrammetry.adjustment.solver import Linearised, Problem, Solution, linearise, solve
 from photogrammetry.arrays import Bool
 
 
@@ -65,8 +65,9 @@ class _Judged:
     found: Residuals
 
     @classmethod
-    def of(cls, problem: Problem, state: State, threshold: float | None) -> _Judged:
-        now = linearise(problem, state, threshold)
+    def of(cls, problem: Problem, solution: Solution, threshold: float | None) -> _Judged:
+        state = solution.state
+        now = solution.now or linearise(problem, state, threshold)
         inverse = now.factor.inverse()
         return cls(problem, state, now, inverse, residuals(problem, now.ties, inverse))
 
@@ -78,16 +79,18 @@ def estimate(start: Start, params: AdjustmentParams) -> Outcome:
         for further in reversed(range(params.max_rounds)):
             solution = solve(problem, state, params, robust=step.robust)
             state, iterations = solution.state, iterations + solution.iterations
-            if step.robust and not _stand_out(problem, state, used, params):
+            if step.robust and not _stand_out(problem, solution, used, params):
                 break
-            judged = _Judged.of(problem, state, params.huber if step.robust else None)
+            judged = _Judged.of(problem, solution, params.huber if step.robust else None)
             wrong = suspects(problem, judged.found, used, params)
             if not (len(wrong) and further):
                 used, problem = _with_fitting(start, judged, used, params, step)
                 break
             used = _changed(used, wrong, to=False)
             problem = start.problem(used)
-    final = replace(solution, state=_placed(judged.problem, state, used, params))
+    final = replace(
+        solution, state=_placed(judged.problem, state, used, params), at=None, now=None
+    )
     return Outcome(
         start.observations,
         judged.problem,
@@ -99,10 +102,13 @@ def estimate(start: Start, params: AdjustmentParams) -> Outcome:
     )
 
 
-def _stand_out(problem: Problem, state: State, used: np.ndarray, params: AdjustmentParams) -> bool:
+def _stand_out(
+    problem: Problem, solution: Solution, used: np.ndarray, params: AdjustmentParams
+) -> bool:
     """Whether any observation is so far off that others could hide behind it, or is set aside."""
     aside = ~used & problem.observations.is_stereo
-    return bool(aside.any() or (lengths(whitened(problem, state)) > params.critical_value).any())
+    l = solution.at.l if solution.at else whitened(problem, solution.state)
+    return bool(aside.any() or (lengths(l) > params.critical_value).any())
 
 
 def _with_fitting(

@@ -8,7 +8,9 @@ where rho(t) = t^2, or in the robust phase Huber's: t^2 up to k, 2 k t - k^2 bey
 iterative reweighting. Steps are not damped: Marquardt's damping holds back the long bending modes
 of an open traverse, which are soft but well determined; a step that raises the cost is halved
 instead. The step is converged when x' N x, its squared length in its own standard deviations, is
-negligible.
+negligible; in the robust phase already when the next is foretold to be so, as much shorter than the
+last as that was than the one before. What residuals and covariances need is kept from the last
+linearisation: no residual has moved by more than that last step's length since.
 
 Corrections are applied along arcs, and to the inverse depth of points: see `moves`.
 """
@@ -43,6 +45,11 @@ class Solution:
     converged: bool
     iterations: int
     message: str = ""
+    at: Place | None = None
+    """The state, looked from."""
+    now: Linearised | None = None
+    """The normal equations there, to within a negligible step; None where weights are robust or
+    the last step was not negligible."""
 
 
 def solve(problem: Problem, start: State, params: AdjustmentParams, *, robust: bool) -> Solution:
@@ -54,6 +61,7 @@ def solve(problem: Problem, start: State, params: AdjustmentParams, *, robust: b
     if not np.isfinite(cost):
         return Solution(start, cost, converged=False, iterations=0,
                         message="a tie point starts behind a camera")  # fmt: skip
+    before = 0.0
     for iteration in range(1, params.max_iterations + 1):
         now = linearise_at(problem, at, threshold)
         x = now.factor.solve(now.right[:-1], problem.unknowns.offsets)
@@ -64,7 +72,11 @@ def solve(problem: Problem, start: State, params: AdjustmentParams, *, robust: b
             threshold = min(threshold, huber_threshold(at, params))
             cost = cost_of(problem, at, threshold)
         if length2 < tolerance:
-            return Solution(at.state, cost, converged=True, iterations=iteration)
+            kept = None if robust else now
+            return Solution(at.state, cost, converged=True, iterations=iteration, at=at, now=kept)
+        if robust and not shortened and length2 * length2 < tolerance * before:
+            return Solution(at.state, cost, converged=True, iterations=iteration, at=at)
+        before = 0.0 if shortened else length2
         if shortened > params.max_halvings:
             flat = length2 < max(tolerance, 1e-9 * cost)  # rounding of the cost hides the rest
             return Solution(at.state, cost, converged=flat, iterations=iteration,
