@@ -47,7 +47,7 @@ from photogrammetry.adjustment.observations import (
     State,
 )
 from photogrammetry.adjustment.rotations import left_jacobian, rotation_of_vector
-from photogrammetry.arrays import Float64, Int32
+from photogrammetry.arrays import Bool, Float64, Int32
 
 
 def pair_orientations(
@@ -105,6 +105,10 @@ class Sights:
 
     def __len__(self) -> int:
         return len(self.point)
+
+    def counting(self, counts: Bool[np.ndarray, " m"]) -> Sights:
+        """The same with no weight where they do not count."""
+        return replace(self, weight=self.weight * counts)
 
     def part(self, part: slice) -> Sights:
         """Some consecutive ones."""

@@ -88,9 +88,7 @@ def estimate(start: Start, params: AdjustmentParams) -> Outcome:
                 break
             used = _changed(used, wrong, to=False)
             problem = start.problem(used)
-    final = replace(
-        solution, state=_placed(judged.problem, state, used, params), at=None, now=None
-    )
+    final = replace(solution, state=_placed(judged.problem, state, used, params), at=None, now=None)
     return Outcome(
         start.observations,
         judged.problem,

@@ -15,6 +15,10 @@ places. A point that several stops see feels the poses of all of them, that of t
     A_b = -sum_s A_s M_sb,        in every row - a' [X - c_b], a', with a' the derivative by X
 
 Only the lower triangle of the normal matrix is computed.
+
+A group costs some time however few its points are, so a handful of points joins a group of points
+that are seen more often: their observations are repeated until they are as many, and repetitions
+carry no weight.
 """
 
 from __future__ import annotations
@@ -35,6 +39,11 @@ LEAST_POINTS = 64
 """Points of a group where each is seen so often that its equations alone are long."""
 SHARED = 2
 """Points a signature, on average, from which on it saves time to add them up first."""
+OWN_GROUP = 1_000_000
+"""Products that a group must save by being one of its own: the calls for it take as long."""
+
+Kind = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""Points seen alike: rows (n, k), their pairs, and with which point every signature begins."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,7 +55,7 @@ class TieGroup:
     """
 
     rows: np.ndarray
-    """(k, n) observation numbers; points in the order of their signatures."""
+    """(k, n) observation numbers, some repeated; points in the order of their signatures."""
     slots: tuple[int, ...]
     """Which of the point's stops each of the k is from, ascending; the base is 0."""
     first: np.ndarray
@@ -80,6 +89,11 @@ class TieGroup:
     def seen(self) -> int:
         """Observations per point."""
         return len(self.slots)
+
+    @property
+    def counts(self) -> np.ndarray:
+        """(k, n) which observations count: those that do not repeat the one before."""
+        return np.diff(self.rows, axis=0, prepend=-1) != 0
 
     @property
     def points(self) -> int:
@@ -164,17 +178,51 @@ def tie_groups(
         )
     begin = np.flatnonzero(np.diff(point, prepend=-1))
     counts = np.diff(begin, append=len(point))
-    return tuple(
-        group
-        for k in np.unique(counts[counts > 1]).tolist()
+    kinds = [
+        kind
+        for k in np.unique(counts[counts > 1])[::-1].tolist()
         for kind in _kinds(observations, rows[begin[counts == k][:, None] + np.arange(k)], unknowns)
-        for group in _groups(*kind, unknowns)
-    )
+    ]
+    return tuple(group for kind in _joined(kinds, unknowns) for group in _groups(*kind, unknowns))
 
 
-def _kinds(
-    observations: Observations, rows: np.ndarray, unknowns: Unknowns
-) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+def _joined(kinds: list[Kind], unknowns: Unknowns) -> list[Kind]:
+    """Kinds, most often seen first, with few points joining others that are seen more often."""
+    joined: list[Kind] = []
+    for kind in kinds:
+        seen = _seen_by_stop(kind, unknowns)
+        for i, (rows, pairs, first) in enumerate(joined):
+            more = _seen_by_stop(joined[i], unknowns)
+            if len(more) != len(seen) or (more < seen).any():
+                continue
+            if len(kind[0]) * (_products(more) - _products(seen)) > OWN_GROUP:
+                continue
+            last = np.cumsum(seen) - 1
+            take = np.insert(np.arange(seen.sum()), np.repeat(last + 1, more - seen), -1)
+            take = np.maximum.accumulate(take)
+            joined[i] = (
+                np.concatenate([rows, kind[0][:, take]]),
+                np.concatenate([pairs, kind[1][:, take]]),
+                np.concatenate([first, len(rows) + kind[2]]),
+            )
+            break
+        else:
+            joined.append(kind)
+    return joined
+
+
+def _seen_by_stop(kind: Kind, unknowns: Unknowns) -> np.ndarray:
+    """From how many pairs of each of its stops a point of a kind is seen."""
+    return np.unique(unknowns.pair_stop[kind[1][0]], return_counts=True)[1]
+
+
+def _products(seen: np.ndarray) -> int:
+    """Products of the normal equations of a point seen so often from each of its stops."""
+    columns = STOP_UNKNOWNS * len(seen) * (len(seen) > 1) + PAIR_UNKNOWNS * int(seen.sum())
+    return 3 * int(seen.sum()) * columns**2 // 2
+
+
+def _kinds(observations: Observations, rows: np.ndarray, unknowns: Unknowns) -> Iterator[Kind]:
     """Points with equally many observations, (n, k), parted by how they are shared among stops.
 
     Gives rows and their pairs, sorted by stop and pair, and the point with which every signature

@@ -62,6 +62,7 @@ def huber_threshold(at: Place, params: AdjustmentParams) -> float:
     over the images and the step lead astray.
     """
     t = lengths(at.l)
+    t = t[t > 0]  # what repeats others has no weight
     spread = float(np.median(t)) / CHI3_MEDIAN if len(t) else 1.0
     return params.huber * max(1.0, spread)
 
@@ -149,11 +150,10 @@ def _add_inherited(problem: Problem, state: State, flat: np.ndarray, right: np.n
     """Add what observations that have left said."""
     if problem.inherited is None:
         return
+    places, right_places = problem.inherited_places
     N, n = problem.inherited.normals(state)
-    blocks, local = problem.inherited_columns
-    at = np.where(local >= 0, problem.unknowns.offsets[blocks] + local, len(right) - 1)
-    _add(flat, problem.pattern.indices(blocks[None], local[None])[0], N)
-    _add(right, at, n)
+    _add(flat, places, N)
+    _add(right, right_places, n)
 
 
 def _add(total: np.ndarray, places: np.ndarray, values: np.ndarray) -> None:

@@ -38,9 +38,11 @@ class Problem:
     rows: np.ndarray
     """Observations that belong to a group, group by group."""
     sights: Sights
-    """These observations, in this order."""
+    """The rows of the groups, in their order; those that repeat others without weight."""
     anchor: np.ndarray
     """Per point, the pair that is nearest to it (-1: not in the adjustment)."""
+    inherited_places: tuple[np.ndarray, np.ndarray]
+    """Where in the flat normal matrix, and in the vector of unknowns, what is inherited goes."""
     inherited: Marginal | None = None
     """What observations that have left said of these stops."""
 
@@ -81,23 +83,16 @@ class Problem:
         weight[held & held[before], 3:] = 0.0
         none = np.zeros(0, dtype=np.int64)
         rows = np.concatenate([none, *(g.rows.ravel() for g in groups)])
+        counts = np.concatenate([none == 0, *(g.counts.ravel() for g in groups)])
+        sights = Sights.of(observations, rows).counting(counts)
         anchor = np.full(observations.points, -1)
         nearest = rows[np.argsort(observations.measured[rows, 2], kind="stable")]
         anchor[observations.point[nearest]] = observations.pair[nearest]
         return cls(
             observations, telemetry, held, unknowns, pattern, groups, places, right_places,
-            link_places, link_right, weight, rows, Sights.of(observations, rows), anchor, inherited,
+            link_places, link_right, weight, rows[counts], sights, anchor,
+            _inherited_places(inherited, unknowns, pattern), inherited,
         )  # fmt: skip
-
-    @property
-    def inherited_columns(self) -> tuple[np.ndarray, np.ndarray]:
-        """Block, and place in it, of the columns of what is inherited."""
-        stops = self.inherited.stops if self.inherited else np.zeros(0, dtype=np.int64)
-        pairs = self.inherited.pairs if self.inherited else np.zeros(0, dtype=np.int64)
-        unknowns = self.unknowns
-        blocks = np.concatenate([np.repeat(stops, 6), np.repeat(unknowns.pair_stop[pairs], 3)])
-        local = [unknowns.stop_columns[stops].ravel(), unknowns.pair_columns[pairs].ravel()]
-        return blocks, np.concatenate(local)
 
     @property
     def redundancy(self) -> int:
@@ -108,3 +103,17 @@ class Problem:
         points = 3 * sum(group.points for group in self.groups)
         known = self.inherited.surplus if self.inherited else 0
         return coordinates + telemetry + known - points - self.unknowns.count
+
+
+def _inherited_places(
+    inherited: Marginal | None, unknowns: Unknowns, pattern: BlockPattern
+) -> tuple[np.ndarray, np.ndarray]:
+    """Where the normal equations of what is inherited go."""
+    if inherited is None:
+        return np.zeros((0, 0), dtype=np.int64), np.zeros(0, dtype=np.int64)
+    stops, pairs = inherited.stops, inherited.pairs
+    blocks = np.concatenate([np.repeat(stops, 6), np.repeat(unknowns.pair_stop[pairs], 3)])
+    local = np.concatenate(
+        [unknowns.stop_columns[stops].ravel(), unknowns.pair_columns[pairs].ravel()]
+    )
+    return pattern.indices(blocks[None], local[None])[0], unknowns.places(blocks, local)

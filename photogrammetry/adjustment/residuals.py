@@ -53,9 +53,10 @@ def residuals(problem: Problem, ties: tuple[EliminatedTies, ...], inverse: np.nd
     n = len(observations)
     w, r, T = np.full((n, 3), np.nan), np.zeros((n, 3)), np.zeros(n)
     for tie in ties:
-        C, rows = cofactors(problem, tie, inverse), tie.group.rows.T
-        v = tie.b.reshape(C.shape[:-1])
-        q = np.clip(np.diagonal(C, axis1=2, axis2=3), 0.0, 1.0)
+        counts = tie.group.counts.T
+        C, rows = cofactors(problem, tie, inverse)[counts], tie.group.rows.T[counts]
+        v = tie.b.reshape(*counts.shape, 3)[counts]
+        q = np.clip(np.diagonal(C, axis1=1, axis2=2), 0.0, 1.0)
         with np.errstate(divide="ignore", invalid="ignore"):
             w[rows] = np.where(q > UNCHECKED, v / np.sqrt(q), np.nan)
         r[rows], T[rows] = q, _tests(v, C)
@@ -75,10 +76,9 @@ def cofactors(problem: Problem, tie: EliminatedTies, inverse: np.ndarray) -> np.
 
 
 def _tests(v: np.ndarray, C: np.ndarray) -> np.ndarray:
-    """T of residuals (n, k, 3); what nothing checks has no residual and does not count."""
-    checked = C.reshape(-1, 3, 3) + UNCHECKED * np.eye(3)
-    weighted = inverses(checked) @ v.reshape(-1, 3, 1)
-    return np.sqrt(np.maximum((v * weighted.reshape(v.shape)).sum(axis=2), 0.0))
+    """T of residuals (n, 3); what nothing checks has no residual and does not count."""
+    weighted = inverses(C + UNCHECKED * np.eye(3)) @ v[:, :, None]
+    return np.sqrt(np.maximum((v * weighted[:, :, 0]).sum(axis=1), 0.0))
 
 
 def point_covariances(

@@ -144,8 +144,7 @@ def _of_window(
     now = Linear.of(last, part, params, rows)
     problem = Problem.of(now.observations, now.telemetry, now.held, now.used, now.inherited)
     inverse = linearise(problem, now.state, None).factor.inverse()
-    blocks, local = problem.inherited_columns
-    C = inverse[problem.pattern.indices(blocks[None], local[None])[0]]
+    C = inverse[problem.inherited_places[0]]
     last_gone = traverse.departures[-1]
     columns = places.columns(places.chart(last_gone))[last_gone.conditional.staying]
     return _Joint(columns, C)

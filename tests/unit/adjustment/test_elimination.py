@@ -11,7 +11,8 @@ from photogrammetry.adjustment.elimination import inverse_of, orthonormal
 from photogrammetry.adjustment.layout import tie_groups
 from photogrammetry.adjustment.params import AdjustmentParams
 from photogrammetry.adjustment.priors import Telemetry
-from photogrammetry.adjustment.solver import Problem, solve
+from photogrammetry.adjustment.residuals import residuals
+from photogrammetry.adjustment.solver import Problem, linearise, normal_equations, solve
 from photogrammetry.adjustment.unknowns import Unknowns
 from photogrammetry.errors import AdjustmentError
 
@@ -59,7 +60,7 @@ def test_every_used_observation_of_a_shared_point_is_in_one_group(bent):
     unknowns = Unknowns.of(np.zeros(3, dtype=bool), observations.pair_stop)
     used = np.arange(len(observations)) % 7 > 0
     groups = tie_groups(observations, used, unknowns)
-    rows = np.sort(np.concatenate([group.rows.ravel() for group in groups]))
+    rows = np.sort(np.concatenate([group.rows[group.counts] for group in groups]))
     counts = np.bincount(observations.point[used], minlength=observations.points)
     np.testing.assert_array_equal(rows, np.flatnonzero(used & (counts[observations.point] > 1)))
     for group in groups:
@@ -86,6 +87,31 @@ def test_groups_that_fill_the_cache_lose_and_double_nothing(bent, monkeypatch):
     for group in parts:
         pairs = observations.pair[group.rows]
         np.testing.assert_array_equal(pairs, pairs[:, group.first[group.signature]])
+
+
+def test_points_that_join_those_that_are_seen_more_often_say_the_same(bent, monkeypatch):
+    network, observations, state = bent
+    telemetry, held = Telemetry.of(network, AdjustmentParams()), np.array([True, False, False])
+    used = np.arange(len(observations)) % 7 > 0
+    monkeypatch.setattr("photogrammetry.adjustment.layout.OWN_GROUP", -1)
+    apart = Problem.of(observations, telemetry, held, used)
+    monkeypatch.undo()
+    joined = Problem.of(observations, telemetry, held, used)
+    assert len(joined.groups) < len(apart.groups)
+    assert joined.redundancy == apart.redundancy
+    for found, expected in zip(
+        normal_equations(joined, state, None)[:2],
+        normal_equations(apart, state, None)[:2],
+        strict=True,
+    ):
+        np.testing.assert_allclose(found, expected, atol=1e-12 * np.abs(expected).max())
+    found, expected = (
+        residuals(problem, now.ties, now.factor.inverse())
+        for problem in (joined, apart)
+        for now in [linearise(problem, state, None)]
+    )
+    np.testing.assert_allclose(found.test, expected.test, rtol=1e-6)
+    np.testing.assert_allclose(found.redundancy, expected.redundancy, atol=1e-9)
 
 
 def test_a_point_measured_twice_in_one_pair_is_named(bent):
