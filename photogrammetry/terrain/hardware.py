@@ -1,9 +1,9 @@
 """Pixels that show the rover itself, from where its labels put the cameras.
 
 The body is a box in the rover frame (forward, right, down).
-A pixel shows the rover where the point that it was matched to lies in the box, and, for a camera
-above or beside it, where its ray enters the box at all. Cameras below the deck look out of the box,
-so of them only points in it (wheels, an arm) are taken for hardware.
+A pixel shows the rover where the point that it was matched to lies in the box, and, for a camera on
+a mast above it, where its ray enters the box at all. Cameras below or at the deck look out of the
+box, so of them only points in it (wheels, an arm) are taken for hardware.
 """
 
 from __future__ import annotations
@@ -16,6 +16,8 @@ import numpy as np
 from photogrammetry.arrays import Mask, Vector3
 from photogrammetry.terrain.records import TerrainView
 
+MAST_M = 0.4
+"""Cameras at least that far above the deck are on the mast; those of Spirit are 0.9 m above it."""
 STEP_PX = 8
 """Every how many pixels a ray is cast: the box is known no better than that."""
 
@@ -83,10 +85,10 @@ def _points_inside(view: TerrainView, body: RoverBody) -> Mask:
 
 
 def _rays_through(view: TerrainView, body: RoverBody) -> Mask:
-    """Pixels whose rays enter the box from outside."""
+    """Pixels of a mast camera whose rays enter the box."""
     geometry, shape = view.geometry, view.parallax.shape
     pose, (low, high) = geometry.rover_from_pair, body.corners
-    if ((pose.translation_m > low) & (pose.translation_m < high)).all():
+    if pose.translation_m[2] > low[2] - MAST_M:
         return np.zeros(shape, dtype=np.bool_)
     line, sample = np.mgrid[: shape[0] : STEP_PX, : shape[1] : STEP_PX]
     x = (sample - geometry.centre_px[0]) / geometry.focal_px
