@@ -70,8 +70,8 @@ def _quantile(alpha: float, coordinates: int) -> float:
 
 def _joins_stops(observations: Observations) -> np.ndarray:
     """Which observations are of points that several stops see."""
-    low = np.full(observations.points, len(observations.pair_stop))
-    high = np.full(observations.points, -1)
-    np.minimum.at(low, observations.point, observations.stop)
-    np.maximum.at(high, observations.point, observations.stop)
-    return (high > low)[observations.point]
+    one = np.zeros(observations.points, dtype=observations.pair_stop.dtype)
+    one[observations.point] = observations.stop  # of one of its observations
+    joins = np.zeros(observations.points, dtype=bool)
+    joins[observations.point[observations.stop != one[observations.point]]] = True
+    return joins[observations.point]

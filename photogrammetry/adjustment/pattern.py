@@ -73,10 +73,13 @@ class BlockPattern:
         changes = (blocks[:, 1:] != blocks[:, :-1]).any(axis=0)
         run = np.concatenate([[0], np.cumsum(changes)])[: blocks.shape[1]]
         one = blocks[:, np.flatnonzero(np.diff(run, prepend=-1))]  # of columns of the same blocks
-        start = self.start(one[:, :, None], one[:, None, :])[:, run[:, None], run]
-        at = start + local[:, :, None] * self.sizes[blocks][:, None, :] + local[:, None, :]
-        lost = (local[:, :, None] < 0) | (local[:, None, :] < 0) | (start < 0)
-        return np.where(lost, self.length, at)
+        begin, spread = self.start(one[:, :, None], one[:, None, :]), (run[:, None], run)
+        at = begin[:, *spread]
+        at += local[:, :, None] * self.sizes[blocks][:, None, :]
+        at += local[:, None, :]
+        if (lost := local < 0).any() or (begin < 0).any():
+            at[lost[:, :, None] | lost[:, None, :] | (begin < 0)[:, *spread]] = self.length
+        return at
 
     def lower(
         self,

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import qr
 
-from photogrammetry.adjustment.collinearity import Observations, State
+from photogrammetry.adjustment.collinearity import STOP_UNKNOWNS, Observations, State
 from photogrammetry.adjustment.linear import Linear
 from photogrammetry.adjustment.marginal import Chart, Marginal
 from photogrammetry.adjustment.touching import (
@@ -93,7 +93,9 @@ def _triangulated(
 ) -> tuple[Conditional, np.ndarray, np.ndarray, float]:
     """Conditional, and root, right-hand side and spent sum of squares of the marginal."""
     staying = np.setdiff1d(np.arange(chart.size), leaving)
-    in_z = np.linalg.solve(chart.partials(state).T, A[:, :-1].T).T
+    posed, in_z = STOP_UNKNOWNS * len(chart.stops), A[:, :-1].copy()  # pointings are their own z
+    J = chart.partials(state)[:posed, :posed]
+    in_z[:, :posed] = np.linalg.solve(J.T, A[:, :posed].T).T
     full = np.column_stack([in_z[:, leaving], in_z[:, staying], A[:, -1]])
     (R,) = qr(full, mode="r", check_finite=False, overwrite_a=True)
     s, n = len(leaving), chart.size
