@@ -12,6 +12,7 @@ from flows.cli import app
 from flows.dips import dips_of_rocks
 from flows.listing import position_rows, product_rows
 from photogrammetry.terrain.facets import FacetParams
+from photogrammetry.terrain.records import GroundClass
 from products.model import ProductKind
 from products.models import extent_of_model
 from products.raster import read_dtm, read_raster
@@ -86,8 +87,10 @@ def test_the_terrain_of_the_first_stop_agrees_with_the_truth(mapped):
 def test_unseen_ground_holds_no_elevation(mapped):
     layer = mapped.workspace.catalogue.layer("mer2-site0010-drive0000", ProductKind.DTM)
     dtm = read_dtm(mapped.workspace.store.path(layer.ref))
-    np.testing.assert_array_equal(np.isfinite(dtm.elevation), dtm.ground != 0)
-    assert (dtm.ground == 0).mean() > 0.1, "shadows of rocks and the ground beyond reach"
+    known = np.isin(dtm.ground, (GroundClass.MEASURED, GroundClass.INTERPOLATED))
+    np.testing.assert_array_equal(np.isfinite(dtm.elevation), known)
+    assert (~known).mean() > 0.1, "shadows of rocks and the ground beyond reach"
+    assert (dtm.ground == GroundClass.OCCLUDED).mean() > 0.01, "shadows of rocks"
 
 
 def test_a_second_run_makes_nothing_twice(mapped):

@@ -41,7 +41,7 @@ def test_an_orthophoto_is_shown_between_its_black_and_white(scenes):
     brightness[0] = np.nan
     source = np.zeros(grid.shape, dtype=np.uint16)
     orthophoto = Orthophoto(
-        grid, brightness, source, ("A",), (100.0, 300.0), np.array([[1.0, 0.0]])
+        grid, brightness, grid, source, ("A",), (100.0, 300.0), np.array([[1.0, 0.0]])
     )
     picture = orthophoto_picture(orthophoto)
     assert picture[5, 10, 0] == 0
