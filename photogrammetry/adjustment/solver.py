@@ -35,6 +35,10 @@ from photogrammetry.adjustment.normals import (
 from photogrammetry.adjustment.params import AdjustmentParams
 from photogrammetry.adjustment.problem import Problem
 
+SAME = 1e-2
+"""A step this much below the tolerance leaves the normal equations as they are: covariances differ
+by some 1e-5 of themselves (a ten-thousandth of a standard deviation with the default tolerance)."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Solution:
@@ -48,8 +52,7 @@ class Solution:
     at: Place | None = None
     """The state, looked from."""
     now: Linearised | None = None
-    """The normal equations there, to within a negligible step; None where weights are robust or
-    the last step was not negligible."""
+    """The normal equations there; None where weights are robust or the last step changed them."""
 
 
 def solve(problem: Problem, start: State, params: AdjustmentParams, *, robust: bool) -> Solution:
@@ -72,7 +75,7 @@ def solve(problem: Problem, start: State, params: AdjustmentParams, *, robust: b
             threshold = min(threshold, huber_threshold(at, params))
             cost = cost_of(problem, at, threshold)
         if length2 < tolerance:
-            kept = None if robust else now
+            kept = now if not robust and length2 < SAME * tolerance else None
             return Solution(at.state, cost, converged=True, iterations=iteration, at=at, now=kept)
         if robust and not shortened and length2 * length2 < tolerance * before:
             return Solution(at.state, cost, converged=True, iterations=iteration, at=at)
