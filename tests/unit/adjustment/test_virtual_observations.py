@@ -129,7 +129,7 @@ def telemetry(network, params, state, k):
     """Tilt, propagated azimuth and increment of a stop (module `priors`), written out again."""
     R, R_ = (state.stops[i][:3, :3] for i in (k, k - 1))
     T, T_ = (network.stops[i].lsl_from_rover for i in (k, k - 1))
-    tilt = (R @ T.rotation[2])[:2] / np.radians(params.tilt_deg)
+    tilt = (T.rotation @ R[2])[:2] / np.radians(params.tilt_deg)
     twists = []
     for now, told in ((R, T.rotation), (R_, T_.rotation)):
         M = now @ told.T
