@@ -81,7 +81,8 @@ def fused(folder: Path, sources: list[RegionSource]) -> dict[str, float]:
     }
 
 
-def test_fusing_a_region_of_690_by_640_metres(benchmark, stops, tmp_path):
+def test_fusing_a_region_of_690_by_640_metres(benchmark, stops, tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(Path(__file__).parents[2])  # for the other process
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(1, mp_context=context) as pool:
         told = benchmark.pedantic(
