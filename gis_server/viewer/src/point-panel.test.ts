@@ -1,5 +1,5 @@
 import { expect, test } from "vitest";
-import { elevationText, imagesAt, valueText } from "./point-panel";
+import { byScope, elevationText, imagesAt, valueText } from "./point-panel";
 import { type Identified, propertiesOf } from "./records";
 
 const NOTHING: Identified = {
@@ -36,6 +36,17 @@ test("a value carries its unit", () => {
   expect(valueText({ ...layer, value: 12.3456, unit: "degree" })).toBe("12.35°");
   expect(valueText({ ...layer, value: null, unit: "degree" })).toBe("–");
   expect(valueText({ ...layer, value: 3, unit: null, label: "2N151760231" })).toBe("2N151760231");
+});
+
+test("layers are listed by what they are about", () => {
+  const layer = (scope: string, kind: string) => ({
+    ...{ id: `${scope}/${kind}`, scope, kind, title: "", label: null, value: 1, unit: null },
+  });
+  const layers = [layer("b", "dtm"), layer("a", "dtm"), layer("b", "slope")];
+  expect(byScope(layers).map(([scope, found]) => [scope, found.map(({ kind }) => kind)])).toEqual([
+    ["b", ["dtm", "slope"]],
+    ["a", ["dtm"]],
+  ]);
 });
 
 test("properties are found where GeoJSON has them, and beside", () => {

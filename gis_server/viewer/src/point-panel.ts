@@ -31,16 +31,25 @@ function stopsAt({ features }: Identified): string[] {
   return [...new Set(stops)];
 }
 
+/** Layers by what they are about, in the order in which the scopes first appear. */
+export function byScope(layers: readonly IdentifiedLayer[]): [string, IdentifiedLayer[]][] {
+  const groups = new Map<string, IdentifiedLayer[]>();
+  for (const layer of layers) groups.set(layer.scope, [...(groups.get(layer.scope) ?? []), layer]);
+  return [...groups];
+}
+
 function table(layers: readonly IdentifiedLayer[]): HTMLElement {
-  const rows = layers.map((layer) =>
-    h(
-      "tr",
-      { "data-layer": layer.id },
-      h("td", {}, kindTitle(layer.kind)),
-      h("td", { class: "dim" }, scopeTitle(layer.scope)),
-      h("td", { class: "number" }, valueText(layer)),
+  const rows = byScope(layers).flatMap(([scope, found]) => [
+    h("tr", { class: "scope" }, h("th", { colspan: 2 }, scopeTitle(scope))),
+    ...found.map((layer) =>
+      h(
+        "tr",
+        { "data-layer": layer.id },
+        h("td", {}, kindTitle(layer.kind)),
+        h("td", { class: "number" }, valueText(layer)),
+      ),
     ),
-  );
+  ]);
   return h("table", { class: "values" }, h("tbody", {}, ...rows));
 }
 
