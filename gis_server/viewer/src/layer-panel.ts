@@ -96,6 +96,7 @@ function symbolLegend(layer: VectorLayer, actions: LayerActions): HTMLElement | 
         ),
       );
     case "contours":
+    case "region-contours":
     case "far-contours":
       return h(
         "div",

@@ -74,7 +74,7 @@ function vector(layer: VectorLayer, state: DrawingState): Shown {
     map: new OlVectorLayer({
       source,
       style: drawingOf(layer.kind, state),
-      declutter: ["contours", "far-contours", "stops"].includes(layer.kind),
+      declutter: ["contours", "region-contours", "far-contours", "stops"].includes(layer.kind),
       updateWhileInteracting: true,
     }),
     load: () => {

@@ -205,6 +205,7 @@ export function drawingOf(kind: string, state: DrawingState): Draw {
     case "stops":
       return (feature) => drawStop(feature, state);
     case "contours":
+    case "region-contours":
     case "far-contours":
       return drawContour;
     case "havens":
