@@ -8,6 +8,7 @@ from typing import Any
 from config.landing import landing_site
 from config.settings import Settings
 from photogrammetry.orbital.registration import RegistrationParams
+from photogrammetry.terrain.grid import union
 from products.catalogue import MissionEntry
 from products.errors import ProductNotFoundError
 from products.model import Layer, ProductKind, ScopeLevel
@@ -42,9 +43,7 @@ def add_orbital(file: Path, mission: str, root: Path, *, registered: bool = True
         params = RegistrationParams()
         registration = register_orbital.fn(image, stops, params, site.landing, store)
         said = f"{file.name}: {_said(read_registration(registration, store))}"
-    bounds = [layer.bounds for layer in layers if layer.ref.kind is ProductKind.DTM]
-    west, south, east, north = zip(*bounds, strict=True)
-    around = min(west), min(south), max(east), max(north)
+    around = union(layer.bounds for layer in layers if layer.ref.kind is ProductKind.DTM)
     base = draw_base.fn(mission, image, registration, around, site.landing, store)
     sols = tuple(sorted({sol for layer in layers for sol in layer.sols}))
     entry = MissionEntry(mission, site.title, site.landing, None)

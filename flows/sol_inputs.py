@@ -48,6 +48,25 @@ class SolReport:
         """Take down failures that carry a cause."""
         self.failures += [f"{what} {key}: {cause}" for key, cause in failed.items() if cause]
 
+    def tell(
+        self, what: str, failed: Mapping[str, str], lacking: str, *findings: type[Exception]
+    ) -> None:
+        """Take down as notes what images do not give, anything else as failures.
+
+        Args:
+            what: The stage, for failures.
+            failed: Causes, as `settled` gives them.
+            lacking: How a note begins.
+            findings: Errors that tell of the images and not of a fault: the light was not alike,
+                the ground too far.
+        """
+        named = tuple(f"{error.__name__}: " for error in findings)
+        found = {key: cause for key, cause in failed.items() if cause.startswith(named)}
+        self.notes += [
+            f"{lacking} {key}: {cause.partition(': ')[2]}" for key, cause in found.items()
+        ]
+        self.blame(what, {key: cause for key, cause in failed.items() if key not in found})
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SolInputs:

@@ -18,9 +18,6 @@ from tasks.orientations import read_orientations
 from tasks.outcrop import map_dips, model_views
 from tasks.pairs import PairProducts
 
-FINDING = f"{TerrainError.__name__}: "
-"""How a line begins that tells of the images and not of a fault."""
-
 
 def model_stops(
     inputs: SolInputs,
@@ -48,14 +45,6 @@ def model_stops(
         if wanted.dips_of_facets:
             futures[stop, "dips"] = map_dips.submit(stop, pairs, wanted.facets, landing, store)
     done, failed = settled(f"sol {report.sol}: model the stops", futures)
-    _tell(report, {f"{kind} of {stop}": cause for (stop, kind), cause in failed.items()})
+    causes = {f"{kind} of {stop}": cause for (stop, kind), cause in failed.items()}
+    report.tell("model", causes, "no", TerrainError)
     return by_first(done)
-
-
-def _tell(report: SolReport, failed: Mapping[str, str]) -> None:
-    """Take down ground that is too far or too scattered as a note, anything else as a failure."""
-    findings = {what: cause for what, cause in failed.items() if cause.startswith(FINDING)}
-    report.notes += [
-        f"no {what}: {cause.removeprefix(FINDING)}" for what, cause in findings.items()
-    ]
-    report.blame("model", {what: cause for what, cause in failed.items() if what not in findings})

@@ -18,8 +18,8 @@ from tasks.orientations import read_orientations
 from tasks.pairs import PairProducts
 from tasks.wide import WidePair, build_far_dtm, choose_wide_pairs, match_wide_pair, wide_id
 
-FINDINGS = tuple(f"{error.__name__}: " for error in (MatchingError, TerrainError))
-"""How a line begins that tells of the images and not of a fault: the light was not alike."""
+LACKING, FINDINGS = "no far ground,", (MatchingError, TerrainError)
+"""How it is told that the images do not give it, and by which errors that is known."""
 
 
 def map_far_ground(
@@ -41,7 +41,8 @@ def map_far_ground(
         shape = submit_shape(terrain, config.wide.contour, config, landing, store)
         futures |= {(stop, what): surface for what, surface in shape.items()}
     done, failed = settled(f"sol {report.sol}: map far ground", futures)
-    _tell(report, {f"{kind} of {stop}": cause for (stop, kind), cause in failed.items()})
+    causes = {f"{kind} of {stop}": cause for (stop, kind), cause in failed.items()}
+    report.tell("map far ground", causes, LACKING, *FINDINGS)
     return by_first(done)
 
 
@@ -63,7 +64,8 @@ def _match(
         for eyes in chosen:
             futures[later, wide_id(eyes)] = match_wide_pair.submit(*eyes, params, store)
     done, failed = settled(f"sol {report.sol}: match pairs across stops", futures)
-    _tell(report, {name: cause for (_, name), cause in failed.items()})
+    causes = {name: cause for (_, name), cause in failed.items()}
+    report.tell("map far ground", causes, LACKING, *FINDINGS)
     return by_first(done)
 
 
@@ -78,14 +80,3 @@ def _linked(
         for link in links
         if link["linked"] and {link["earlier"], link["later"]} <= names.keys()
     ]
-
-
-def _tell(report: SolReport, failed: Mapping[str, str]) -> None:
-    """Take down what the images do not give as a note, anything else as a failure."""
-    findings = {what: cause for what, cause in failed.items() if cause.startswith(FINDINGS)}
-    report.notes += [
-        f"no far ground, {what}: {cause.partition(': ')[2]}" for what, cause in findings.items()
-    ]
-    report.blame(
-        "map far ground", {what: cause for what, cause in failed.items() if what not in findings}
-    )

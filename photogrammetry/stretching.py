@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from photogrammetry.arrays import GreyImage, Mask, Picture
+from photogrammetry.arrays import Float, GreyImage, Mask, Picture
 
 
 def stretched(
@@ -18,3 +18,11 @@ def stretched(
     low, high = np.percentile(usable, [low_percent, high_percent])
     scaled = (image - low) * (255.0 / max(high - low, 1e-6))
     return np.clip(scaled, 0, 255).astype(np.uint8)
+
+
+def black_and_white(
+    values: Float[np.ndarray, " n"], percent: tuple[float, float]
+) -> tuple[float, float]:
+    """Values to show as black and as white: two percentiles, never equal; (0, 1) of none."""
+    low, high = np.percentile(values, percent) if len(values) else (0.0, 1.0)
+    return float(low), float(max(high, low + 1e-6))

@@ -12,14 +12,12 @@ from rasterio.transform import Affine
 from rasterio.warp import reproject, transform_bounds
 
 from photogrammetry.arrays import Raster
-from photogrammetry.terrain.grid import MapGrid
+from photogrammetry.terrain.grid import Bounds, MapGrid
 from products.errors import ProductError
 from products.raster import open_raster
 
 MOST_CELLS = 100_000_000
 """Of an image that is read whole: 10,000 x 10,000."""
-
-Bounds = tuple[float, float, float, float]
 
 
 def foreign_bounds(path: Path, crs: CRS) -> tuple[Bounds, float]:

@@ -18,6 +18,7 @@ from typing import Any
 
 import pystac
 
+from photogrammetry.terrain.grid import union
 from products.catalogue import MissionEntry
 from products.model import Layer
 from products.stac_items import ON_MARS, SOLAR_SYSTEM, Taken, degrees, item_id, item_of
@@ -59,15 +60,15 @@ def write_catalogue(
 
 
 def _collection(mission: MissionEntry, layers: Sequence[Layer], taken: Taken) -> pystac.Collection:
-    boxes = [degrees(layer.bounds, mission.landing) for layer in layers if any(layer.bounds)]
-    west, south, east, north = zip(*boxes, strict=True)
+    filled = [layer.bounds for layer in layers if any(layer.bounds)] or [(0.0, 0.0, 0.0, 0.0)]
+    extent = union(degrees(bounds, mission.landing) for bounds in filled)
     collection = pystac.Collection(
         id=mission.mission,
         title=mission.title,
         description=f"Latest maps of {mission.title}; places are relative to "
         f"{mission.landing.name} ({mission.landing.source})",
         extent=pystac.Extent(
-            pystac.SpatialExtent([[min(west), min(south), max(east), max(north)]]),
+            pystac.SpatialExtent([[*extent]]),
             pystac.TemporalExtent([[taken.first, taken.last]]),
         ),
         license="other",

@@ -18,11 +18,11 @@ from photogrammetry.orbital.mosaic import ground_map
 from photogrammetry.orbital.placing import placed
 from photogrammetry.orbital.records import Correction, OrbitalImage
 from photogrammetry.orbital.registration import RegistrationParams, register
-from photogrammetry.terrain.grid import FINEST_CELL_M, MapGrid
+from photogrammetry.terrain.grid import FINEST_CELL_M, Bounds, MapGrid, union
 from products.arrays import finite
 from products.crs import LandingPoint, local_crs
 from products.errors import ProductError
-from products.foreign import Bounds, foreign_bounds, read_foreign
+from products.foreign import foreign_bounds, read_foreign
 from products.model import ProductKind, ProductRef, Recipe
 from products.pictures import write_orthophoto
 from products.provenance import provenance_tags
@@ -65,7 +65,7 @@ def register_orbital(
     def write(path: Path) -> None:
         crs = local_crs(landing)
         dtms = [store.path(stop.dtm) for stop in stops]
-        bounds = _union([foreign_bounds(dtm, crs)[0] for dtm in dtms])
+        bounds = union([foreign_bounds(dtm, crs)[0] for dtm in dtms])
         claimed, cell_m = foreign_bounds(store.path(image), crs)
         grid = grid_around(bounds, cell_m)
         ground = ground_map(
@@ -151,11 +151,6 @@ def _document(correction: Correction | None) -> dict[str, Any] | None:
         return None
     fields = dataclasses.asdict(correction)
     return {**fields, "covariance": correction.covariance.tolist()}
-
-
-def _union(each: Sequence[Bounds]) -> Bounds:
-    west, south, east, north = zip(*each, strict=True)
-    return min(west), min(south), max(east), max(north)
 
 
 def _widened(bounds: Bounds, margin_m: float, within: Bounds) -> Bounds:

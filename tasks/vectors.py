@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from photogrammetry.adjustment.records import USED, AdjustedStop
 from photogrammetry.arrays import Vector3
+from photogrammetry.body_fixed import map_from_lsl
 from photogrammetry.frames import Pose
 from photogrammetry.imagery import RoverImage
 from photogrammetry.terrain.footprints import FootprintParams, Ground, footprint, pointing_line
@@ -102,7 +103,7 @@ def traverse_features(network: NetworkProduct) -> list[Feature]:
     return [
         Feature(
             "LineString",
-            _on_map(np.array(places)),
+            map_from_lsl(np.array(places)),
             {
                 "solution": solution,
                 "length_m": round(_length_m(places), 3),
@@ -128,13 +129,13 @@ def stop_features(network: NetworkProduct) -> Iterator[Feature]:
         }
         yield Feature(
             "Point",
-            _on_map(telemetry[None]),
+            map_from_lsl(telemetry[None]),
             {**known, "solution": "telemetry"},
             id=f"{stop.stop}-telemetry",
         )
         yield Feature(
             "Point",
-            _on_map(adjusted[None]),
+            map_from_lsl(adjusted[None]),
             {**known, "solution": "adjusted", **_certainty(stop)},
             id=f"{stop.stop}-adjusted",
         )
@@ -176,7 +177,7 @@ def tie_point_features(network: NetworkProduct) -> Iterator[Feature]:
             "residual_px": round(float(np.sqrt(np.nanmean(ties.residuals_px[rows] ** 2))), 3),
             "sigma_m": round(sigma_m, 4),
         }
-        yield Feature("Point", _on_map(point[None]), properties, id=str(number))
+        yield Feature("Point", map_from_lsl(point[None]), properties, id=str(number))
 
 
 def as_pointed(image: RoverImage, pointing: Vector3) -> RoverImage:
@@ -237,11 +238,6 @@ def _image_properties(entry: ImageEntry) -> dict[str, Any]:
         "partner": entry.partner,
         "unpaired_because": entry.unpaired_because,
     }
-
-
-def _on_map(points_in_lsl: np.ndarray) -> np.ndarray:
-    """(east, north, up) of points in the LSL."""
-    return points_in_lsl[:, [1, 0, 2]] * np.array([1.0, 1.0, -1.0])
 
 
 def _length_m(places: Iterable[np.ndarray]) -> float:

@@ -9,14 +9,13 @@ from pydantic import BaseModel
 
 from gis_server.rendering.identify import FeatureFound, Identified, LayerValue
 from gis_server.rendering.styles import STYLES, legend_of, range_of
-from photogrammetry.terrain.grid import BLOCK
+from photogrammetry.terrain.grid import BLOCK, Bounds, union
 from products.catalogue import ImageEntry, MissionEntry
 from products.crs import LandingPoint, local_crs, local_proj4, lon_lat
 from products.model import Layer
 from products.tiling import CELL_SIZES, EXTENT, whole_zoom_of, zoom_of
 
-Box = tuple[float, float, float, float]
-_NO_LAYERS: Box = (-50.0, -50.0, 50.0, 50.0)
+_NO_LAYERS: Bounds = (-50.0, -50.0, 50.0, 50.0)
 """Shown of a mission with nothing on its map yet, metres."""
 _ZOOMS_OUT = 3
 """Zooms below that at which a layer fills one tile: there it is 32 pixels, then a dot."""
@@ -42,7 +41,7 @@ class LocalCrs(BaseModel):
 class TileMatrixSet(BaseModel):
     """How the map is cut into tiles."""
 
-    extent: Box
+    extent: Bounds
     cell_sizes: tuple[float, ...]
     tile_size: int
 
@@ -56,7 +55,7 @@ class Mission(BaseModel):
     crs: LocalCrs
     lsl_note: str | None
     tile_matrix_set: TileMatrixSet
-    bounds: Box
+    bounds: Bounds
 
 
 class LegendClass(BaseModel):
@@ -84,7 +83,7 @@ class MapLayer(BaseModel):
     digest: str
     title: str
     type: Literal["raster", "vector"]
-    bounds: Box
+    bounds: Bounds
     cell_m: float | None
     minzoom: int
     maxzoom: int
@@ -167,16 +166,13 @@ def mission_body(entry: MissionEntry, layers: Iterable[Layer]) -> Mission:
         crs=LocalCrs(wkt=local_crs(landing).to_wkt(), proj4=local_proj4(landing)),
         lsl_note=entry.lsl_note,
         tile_matrix_set=TileMatrixSet(extent=EXTENT, cell_sizes=CELL_SIZES, tile_size=BLOCK),
-        bounds=_union([layer.bounds for layer in layers]),
+        bounds=_around(layer.bounds for layer in layers),
     )
 
 
-def _union(boxes: list[Box]) -> Box:
+def _around(boxes: Iterable[Bounds]) -> Bounds:
     filled = [box for box in boxes if any(box)]  # a layer without features is published as 0 0 0 0
-    if not filled:
-        return _NO_LAYERS
-    west, south, east, north = zip(*filled, strict=True)
-    return min(west), min(south), max(east), max(north)
+    return union(filled) if filled else _NO_LAYERS
 
 
 def layer_body(layer: Layer) -> MapLayer:

@@ -5,14 +5,11 @@ All are SVG without dates, so the same network gives the same bytes.
 
 from __future__ import annotations
 
-import io
 from collections.abc import Mapping, Sequence
 from typing import TypeVar
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
@@ -20,27 +17,17 @@ from matplotlib.patches import Ellipse
 from photogrammetry.adjustment.camera_residuals import image_size_px, tied_rows
 from photogrammetry.adjustment.quality_records import CameraResiduals, PairCamera, Quality
 from photogrammetry.adjustment.records import USED, AdjustedNetwork
+from photogrammetry.figures import FAINT, INK, svg
 from photogrammetry.frames import Pose
 from photogrammetry.imagery import StopId, TieKind
 
 T = TypeVar("T")
 
-INK, FAINT, WARM, COOL = "#222222", "#9a9a9a", "#b5442a", "#2a6f97"
+WARM, COOL = "#b5442a", "#2a6f97"
 LONGEST = 4.0
 """Residual vectors are cut off at so many times the third quartile of their lengths."""
 MOST_VECTORS = 1500
 """Residual vectors in a plot: more cover each other."""
-
-mpl.rcParams["svg.hashsalt"] = "solmap"  # names of clip paths: from this, or else from chance
-
-
-def svg(figure: Figure) -> bytes:
-    """The figure as SVG, free of dates."""
-    for axes in figure.axes:
-        axes.spines[["top", "right"]].set_visible(False)
-    buffer = io.BytesIO()
-    FigureCanvasSVG(figure).print_figure(buffer, format="svg", metadata={"Date": None})
-    return buffer.getvalue()
 
 
 def traverse_picture(

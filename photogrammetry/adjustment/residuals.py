@@ -19,6 +19,7 @@ from photogrammetry.adjustment.elimination import EliminatedTies, inverse_of
 from photogrammetry.adjustment.problem import Problem
 from photogrammetry.adjustment.rotations import cross_matrix
 from photogrammetry.adjustment.sightings import inverses
+from photogrammetry.matching.robust import MAD_TO_SIGMA
 
 UNCHECKED = 1e-6
 """A redundancy number below this is rounding: nothing checks the coordinate."""
@@ -44,7 +45,7 @@ class Residuals:
         w, free = np.abs(self.standardised[rows]), float(self.redundancy[rows].sum())
         w = w[np.isfinite(w)]
         sure = 1.0 - CERTAIN * 1.17 / np.sqrt(max(free, 1.0))
-        return max(1.0, sure * float(1.4826 * np.median(w))) if len(w) else 1.0
+        return max(1.0, sure * float(MAD_TO_SIGMA * np.median(w))) if len(w) else 1.0
 
 
 def residuals(problem: Problem, ties: tuple[EliminatedTies, ...], inverse: np.ndarray) -> Residuals:

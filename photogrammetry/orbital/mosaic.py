@@ -7,6 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from photogrammetry.arrays import Raster
+from photogrammetry.errors import OrbitalError
 from photogrammetry.orbital.predictors import SURROUNDINGS_M, smoothed
 from photogrammetry.orbital.records import GroundMap
 from photogrammetry.terrain.grid import MapGrid
@@ -21,6 +22,9 @@ def ground_map(
         grid: Cells as large as the orbital image's.
         elevations: Of every stop on that grid, metres; NaN where it saw nothing.
         brightnesses: Of every stop on that grid, of any unit.
+
+    Raises:
+        OrbitalError: there is no stop.
     """
     sigma_cells = SURROUNDINGS_M / grid.cell_m
     relative = (image / smoothed(image, sigma_cells) for image in brightnesses)
@@ -36,6 +40,6 @@ def _mean(rasters: Iterable[Raster]) -> Raster:
         total += np.where(seen, raster, 0.0)
         count += seen
     if total is None:
-        raise ValueError("no stop is mapped")
+        raise OrbitalError("no stop is mapped: there is no ground to find in an orbital image")
     with np.errstate(invalid="ignore", divide="ignore"):
         return (total / count).astype(np.float32)

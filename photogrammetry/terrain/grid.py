@@ -11,7 +11,9 @@ at east = west + (col + 1/2) cell, north = north - (row + 1/2) cell.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 
@@ -21,6 +23,19 @@ from photogrammetry.errors import TerrainError
 BLOCK = 256
 """Cells along the side of a block, which is one tile."""
 FINEST_CELL_M = 0.01
+
+Bounds: TypeAlias = tuple[float, float, float, float]
+"""(west, south, east, north)."""
+
+
+def union(boxes: Iterable[Bounds]) -> Bounds:
+    """The smallest bounds around all of some.
+
+    Raises:
+        ValueError: there are none.
+    """
+    west, south, east, north = zip(*boxes, strict=True)
+    return min(west), min(south), max(east), max(north)
 
 
 @dataclass(frozen=True, slots=True)

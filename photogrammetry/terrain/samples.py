@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from photogrammetry.arrays import Float32, Float64
+from photogrammetry.stretching import black_and_white
 from photogrammetry.terrain.balance import balance
 from photogrammetry.terrain.looks import Look
 from photogrammetry.terrain.records import Dtm
@@ -40,7 +41,7 @@ class Samples:
         """Percentiles of the balanced brightness, band by band; (0, 1) where there is none."""
         gain, offset = np.moveaxis(gains[self.best_view], 2, 0)
         bands = self.best * gain.T + offset.T
-        return tuple(_percentiles(band[np.isfinite(band)], percent) for band in bands)
+        return tuple(black_and_white(band[np.isfinite(band)], percent) for band in bands)
 
 
 def sampled(dtm: Dtm, looks: Sequence[Look], cell_m: float, tolerance_px: float) -> Samples:
@@ -79,12 +80,3 @@ def _chosen(dtm: Dtm) -> Float64[np.ndarray, "3 rows cols"]:
     row, col = np.divmod(chosen, dtm.grid.cols)
     east, north = dtm.grid.centres()
     return np.stack([east[col], north[row], dtm.elevation[row, col]])
-
-
-def _percentiles(
-    values: Float64[np.ndarray, " n"], percent: tuple[float, float]
-) -> tuple[float, float]:
-    if not len(values):
-        return 0.0, 1.0
-    low, high = np.percentile(values, percent)
-    return float(low), float(max(high, low + 1e-6))

@@ -26,6 +26,7 @@ import numpy as np
 
 from photogrammetry.arrays import Bool, GreyImage, Mask, ParallaxMap, Picture
 from photogrammetry.errors import TerrainError
+from photogrammetry.stretching import black_and_white
 from photogrammetry.terrain.ground import (
     Planes3,
     SightParams,
@@ -154,8 +155,7 @@ def _shown_better(
 def _stretch(drawn: Sequence[_Drawn], percent: tuple[float, float]) -> tuple[float, float]:
     """Brightness to show as black and as white in all textures."""
     sample = np.concatenate([one.view.image[one.view.mask][::SAMPLED] for one in drawn])
-    low, high = np.percentile(sample, percent) if len(sample) else (0.0, 1.0)
-    return float(low), float(max(high, low + 1e-6))
+    return black_and_white(sample, percent)
 
 
 def _mesh(

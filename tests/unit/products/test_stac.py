@@ -129,6 +129,19 @@ def test_the_catalogue_leads_to_every_item_and_to_its_file(store):
         assert item.get_collection().id == "MER2"
 
 
+def test_layers_without_features_still_make_a_catalogue(tmp_path):
+    store = ProductStore.open(tmp_path)
+    recipe = Recipe(ProductKind.CONTOURS, STOP)
+    ref = store.make(recipe, lambda path: write_features(path, [], LANDING))
+    nowhere = (0.0, 0.0, 0.0, 0.0)
+    made = store.made_at(ref)
+    flat = Layer(ref, "MER2", "Contours", "vector", nowhere, None, None, None, (156,), made)
+    write_catalogue([GUSEV], [flat], TAKEN, store)
+    collection = next(catalogue_of(store).get_children())
+    west, south, _, _ = collection.extent.spatial.bboxes[0]
+    assert (west, south) == pytest.approx((LANDING.longitude, LANDING.latitude), abs=1e-3)
+
+
 def item(store, kind):
     path = store.root / "stac" / "MER2" / f"{STOP}-{kind}.json"
     return pystac.Item.from_file(str(path))
