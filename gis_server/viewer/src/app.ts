@@ -1,11 +1,11 @@
 /** From an empty page to the map of a mission; keeps asking while the server is away. */
 
-import { ApiError, api, UnreachableError } from "./api";
-import { h } from "./dom";
-import { type Permalink, parsePermalink } from "./permalink";
-import type { Mission } from "./records";
-import { Session } from "./session";
-import { type Shell, shell } from "./shell";
+import { ApiError, api, UnreachableError } from "./server/api";
+import { h } from "./page/dom";
+import { type Permalink, parsePermalink } from "./session/permalink";
+import type { Mission } from "./server/records";
+import { Session } from "./session/session";
+import { type Shell, shell } from "./page/shell";
 
 const ASK_AGAIN_MS = 4000;
 

@@ -1,6 +1,6 @@
 /** Records for tests: one site at Gusev, as the server describes it. */
 
-import type { Mission, RasterLayer, VectorLayer } from "./records";
+import type { Mission, RasterLayer, VectorLayer } from "./server/records";
 
 export const PROJ4 = "+proj=ortho +lat_0=-14.5692 +lon_0=175.4729 +R=3396190 +units=m +no_defs";
 const HALF_SIDE_M = 0.01 * 256 * 2 ** 19;

@@ -1,5 +1,5 @@
 import "ol/ol.css";
-import "./style.css";
+import "./page/style.css";
 import { start } from "./app";
 
 const root = document.getElementById("app");

@@ -17,8 +17,8 @@ import Stroke from "ol/style/Stroke";
 import Style from "ol/style/Style";
 import Text from "ol/style/Text";
 import { drawDip } from "./dip-style";
-import { compact } from "./format";
-import type { MapPoint } from "./records";
+import { compact } from "../page/format";
+import type { MapPoint } from "../server/records";
 
 export const TELEMETRY = "#1769e0";
 export const ADJUSTED = "#e02d25";

@@ -1,6 +1,6 @@
 import { expect, test } from "vitest";
-import { byScope, elevationText, imagesAt, valueText } from "./point-panel";
-import { type Identified, propertiesOf } from "./records";
+import { byScope, elevationText, imagesAt, valueText } from "./panel";
+import { type Identified, propertiesOf } from "../../server/records";
 
 const NOTHING: Identified = {
   east: 0,

@@ -1,9 +1,9 @@
 /** What lies at the clicked point: elevation, value of every layer, images that see it. */
 
-import { facts, h } from "./dom";
-import { compact, fixed, scopeTitle, unitSign } from "./format";
-import { kindTitle } from "./layers";
-import { type Identified, type IdentifiedLayer, propertiesOf } from "./records";
+import { facts, h } from "../../page/dom";
+import { compact, fixed, scopeTitle, unitSign } from "../../page/format";
+import { kindTitle } from "../../map/layers";
+import { type Identified, type IdentifiedLayer, propertiesOf } from "../../server/records";
 
 export function elevationText({ elevation_m, elevation_sigma_m }: Identified): string {
   if (elevation_m === null) return "not measured";

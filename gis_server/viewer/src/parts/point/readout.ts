@@ -1,11 +1,11 @@
 /** The line below the map: where the pointer is, and what was measured there. */
 
-import { h } from "./dom";
-import { fixed } from "./format";
-import { kindTitle } from "./layers";
-import { elevationText, valueText } from "./point-panel";
-import type { LocalMap } from "./projection";
-import type { Identified, MapPoint } from "./records";
+import { h } from "../../page/dom";
+import { fixed } from "../../page/format";
+import { kindTitle } from "../../map/layers";
+import { elevationText, valueText } from "./panel";
+import type { LocalMap } from "../../map/projection";
+import type { Identified, MapPoint } from "../../server/records";
 
 function field(name: string, value: string, key: string): HTMLElement {
   return h("span", { class: "field", "data-field": key }, h("i", {}, name), h("b", {}, value));

@@ -1,7 +1,7 @@
 /** Order, grouping and first state of layers. */
 
-import { scopeTitle } from "./format";
-import type { Bounds, Layer, Level } from "./records";
+import { scopeTitle } from "../page/format";
+import type { Bounds, Layer, Level } from "../server/records";
 
 export interface LayerGroup {
   readonly key: string;

@@ -1,15 +1,9 @@
 /** The page around the map: bars, panels, banner and dialogs. No knowledge of what they hold. */
 
-import { urls } from "./api";
+import { urls } from "../server/api";
+import { type Dock, dock } from "./dock";
 import { button, h } from "./dom";
-
-export const TABS = ["point", "images", "stops"] as const;
-export type Tab = (typeof TABS)[number];
-const TAB_TITLES: Readonly<Record<Tab, string>> = {
-  point: "Point",
-  images: "Images",
-  stops: "Stops",
-};
+import { tabs } from "./tabs";
 
 export type Theme = "light" | "dark";
 
@@ -23,8 +17,16 @@ export interface Shell {
   readonly north: HTMLElement;
   readonly ruler: HTMLElement;
   readonly tip: HTMLElement;
-  readonly panels: Readonly<Record<Tab, HTMLElement>>;
-  showTab(tab: Tab): void;
+  /** Room beside the map, for what is looked at together with it: images, the 3D view. */
+  readonly beside: Dock;
+  /** Room below the map: profiles. */
+  readonly below: Dock;
+  /** Adds a tab on the right; the panel it shows. */
+  addTab(name: string, title: string): HTMLElement;
+  showTab(name: string): void;
+  addTool(tool: HTMLElement): void;
+  /** Takes away what the last session added. */
+  clear(): void;
   /** Shows a message across the top, with a button; null takes it away. */
   banner(message: string | null, retry?: () => void): void;
   dialog(title: string, content: Node): void;
@@ -38,28 +40,6 @@ function toggleTheme(): void {
   const theme: Theme = dark ? "light" : "dark";
   root.dataset["theme"] = theme;
   localStorage.setItem("solmap-theme", theme);
-}
-
-function tabs(panels: Readonly<Record<Tab, HTMLElement>>) {
-  const buttons = new Map<Tab, HTMLButtonElement>();
-  const showTab = (tab: Tab) => {
-    for (const name of TABS) {
-      panels[name].hidden = name !== tab;
-      buttons.get(name)?.setAttribute("aria-selected", String(name === tab));
-    }
-  };
-  for (const name of TABS) {
-    buttons.set(
-      name,
-      h(
-        "button",
-        { type: "button", role: "tab", "data-tab": name, onclick: () => showTab(name) },
-        TAB_TITLES[name],
-      ),
-    );
-  }
-  const bar = h("div", { class: "tabs", role: "tablist" }, ...buttons.values());
-  return { bar, showTab };
 }
 
 export function shell(root: HTMLElement): Shell {
@@ -76,9 +56,9 @@ export function shell(root: HTMLElement): Shell {
   const ruler = h("div", { class: "ruler", role: "status", hidden: true });
   const tip = h("div", { class: "tip", hidden: true });
   const notice = h("div", { class: "banner", role: "alert", hidden: true });
-  const panel = () => h("div", { class: "scroll", role: "tabpanel" });
-  const panels = { point: panel(), images: panel(), stops: panel() };
-  const { bar, showTab } = tabs(panels);
+  const right = tabs();
+  const beside = dock("beside");
+  const below = dock("below");
   const dialog = h("dialog", { class: "dialog" });
   dialog.addEventListener("click", (event) => {
     if (event.target === dialog) dialog.close();
@@ -94,12 +74,17 @@ export function shell(root: HTMLElement): Shell {
       button("light or dark", "sun", toggleTheme, { class: "ghost" }),
     ),
     h("aside", { class: "left", "aria-label": "layers" }, layers),
-    h("main", {}, map, toolbar, north, scale, ruler, tip, notice),
-    h("aside", { class: "right", "aria-label": "what is here" }, bar, ...Object.values(panels)),
+    h(
+      "main",
+      {},
+      h("div", { class: "field-of-map" }, map, toolbar, north, scale, ruler, tip, notice),
+      beside.element,
+      below.element,
+    ),
+    h("aside", { class: "right", "aria-label": "what is here" }, right.bar, right.panels),
     h("footer", {}, readout),
     dialog,
   );
-  showTab("point");
   return {
     map,
     layers,
@@ -110,8 +95,19 @@ export function shell(root: HTMLElement): Shell {
     north,
     ruler,
     tip,
-    panels,
-    showTab,
+    beside,
+    below,
+    addTab: right.add,
+    showTab: right.show,
+    addTool: (tool) => toolbar.append(tool),
+    clear() {
+      right.clear();
+      beside.close();
+      below.close();
+      for (const element of [map, layers, toolbar, north, scale, readout])
+        element.replaceChildren();
+      for (const element of [ruler, tip]) element.hidden = true;
+    },
     banner(message, retry) {
       notice.hidden = message === null;
       notice.replaceChildren(h("span", {}, message ?? ""));

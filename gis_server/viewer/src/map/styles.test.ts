@@ -3,7 +3,7 @@ import LineString from "ol/geom/LineString";
 import Point from "ol/geom/Point";
 import type Style from "ol/style/Style";
 import { expect, test } from "vitest";
-import { stopRows } from "./stop-panel";
+import { stopRows } from "../parts/stops/panel";
 import {
   ADJUSTED,
   type DrawingState,

@@ -1,10 +1,18 @@
 /** The list of layers: groups of one scope each, with all that can be done with a layer. */
 
-import { button, facts, h, icon } from "./dom";
-import { compact, metres, sols, time, unitSign } from "./format";
-import { groupLayers, kindTitle, type LayerGroup, type LayerState } from "./layers";
-import type { Layer, Legend, VectorLayer } from "./records";
-import { ADJUSTED, CONTOUR, ELLIPSE_FACTORS, HAVEN, TELEMETRY, UNPAIRED, VIEWING } from "./styles";
+import { button, facts, h, icon } from "../../page/dom";
+import { compact, metres, sols, time, unitSign } from "../../page/format";
+import { groupLayers, kindTitle, type LayerGroup, type LayerState } from "../../map/layers";
+import type { Layer, Legend, VectorLayer } from "../../server/records";
+import {
+  ADJUSTED,
+  CONTOUR,
+  ELLIPSE_FACTORS,
+  HAVEN,
+  TELEMETRY,
+  UNPAIRED,
+  VIEWING,
+} from "../../map/styles";
 
 export interface LayerActions {
   readonly setVisible: (layer: Layer, visible: boolean) => void;
@@ -246,17 +254,17 @@ function group(item: LayerGroup, rows: readonly Row[], open: boolean): HTMLEleme
 
 export function layerPanel(
   layers: readonly Layer[],
-  states: ReadonlyMap<string, LayerState>,
+  stateOf: (layer: Layer) => LayerState,
   actions: LayerActions,
 ): LayerPanel {
   const rows = new Map<string, Row>();
   const groups = groupLayers(layers).map((item) => {
     const members = item.layers.map((layer) => {
-      const made = row(layer, states.get(layer.id) ?? { visible: false, opacity: 1 }, actions);
+      const made = row(layer, stateOf(layer), actions);
       rows.set(layer.id, made);
       return made;
     });
-    const shown = item.layers.some((layer) => states.get(layer.id)?.visible);
+    const shown = item.layers.some((layer) => stateOf(layer).visible);
     return group(item, members, shown || item.level === "region");
   });
   const element = h("div", { class: "layers" }, ...groups);

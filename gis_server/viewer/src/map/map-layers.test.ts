@@ -1,10 +1,10 @@
 import TileLayer from "ol/layer/Tile";
 import OlVectorLayer from "ol/layer/Vector";
 import { expect, test } from "vitest";
-import { MISSION, rasterLayer, vectorLayer } from "./fixtures";
+import { MISSION, rasterLayer, vectorLayer } from "../fixtures";
 import { readFeatures, show, tileGrid } from "./map-layers";
 import { localMap } from "./projection";
-import type { Layer } from "./records";
+import type { Layer } from "../server/records";
 
 const SET = MISSION.tile_matrix_set;
 const LOCAL = localMap(MISSION);

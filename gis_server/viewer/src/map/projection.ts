@@ -16,7 +16,7 @@
 
 import Projection from "ol/proj/Projection";
 import proj4 from "proj4";
-import type { LonLat, MapPoint, Mission } from "./records";
+import type { LonLat, MapPoint, Mission } from "../server/records";
 
 export class ProjectionError extends Error {
   override readonly name = "ProjectionError";

@@ -1,8 +1,8 @@
 /** Original images: the list of a sol or stop, and one image with what its label says. */
 
-import { facts, h, icon } from "./dom";
-import { scopeTitle, time } from "./format";
-import type { ImageEntry } from "./records";
+import { facts, h, icon } from "../../page/dom";
+import { scopeTitle, time } from "../../page/format";
+import type { ImageEntry } from "../../server/records";
 
 /** Rows of the list at once; the filters reach the rest. */
 const MOST_ROWS = 300;

@@ -12,9 +12,9 @@ import type MapBrowserEvent from "ol/MapBrowserEvent";
 import VectorSource from "ol/source/Vector";
 import View from "ol/View";
 import { type Shown, show } from "./map-layers";
-import type { Place } from "./permalink";
+import type { Place } from "../session/permalink";
 import type { LocalMap } from "./projection";
-import type { Bounds, Layer, MapPoint, Mission } from "./records";
+import type { Bounds, Layer, MapPoint, Mission } from "../server/records";
 import {
   type Draw as Drawing,
   type DrawingState,
@@ -39,9 +39,10 @@ export interface Touched {
 
 export class MapView {
   readonly map: OlMap;
-  readonly shown: ReadonlyMap<string, Shown>;
+  private readonly onMap = new Map<string, Shown>();
   private readonly highlight = overlay(drawHighlight, 1000);
   private readonly mark = overlay(drawMark, 1001);
+  private readonly cursor = overlay(drawMark, 1003);
   private readonly ruler = overlay(drawMeasure, 1002);
   private measuring: Draw | null = null;
 
@@ -53,20 +54,12 @@ export class MapView {
     readonly drawing: DrawingState,
   ) {
     const set = mission.tile_matrix_set;
-    this.shown = new Map(
-      layers.map((layer) => [layer.id, show(layer, set, local, drawing)] as const),
-    );
     const finest = set.cell_sizes.at(-1) ?? 0.01;
     this.map = new OlMap({
       target,
       controls: defaultControls({ zoom: false, rotate: false, attribution: false }),
       interactions: defaultInteractions(), // the map fills the page: the wheel needs no click first
-      layers: [
-        ...[...this.shown.values()].map((item) => item.map),
-        this.highlight.layer,
-        this.mark.layer,
-        this.ruler.layer,
-      ],
+      layers: [this.highlight, this.mark, this.ruler, this.cursor].map(({ layer }) => layer),
       view: new View({
         projection: local.projection,
         constrainOnlyCenter: true,
@@ -75,6 +68,33 @@ export class MapView {
         maxResolution: (set.cell_sizes[0] ?? 100) * 4,
       }),
     });
+    this.setLayers(layers);
+  }
+
+  get shown(): ReadonlyMap<string, Shown> {
+    return this.onMap;
+  }
+
+  /** Shows these layers; one whose product is still the same stays as it is. */
+  setLayers(layers: readonly Layer[]): void {
+    const wanted = new Map(layers.map((layer) => [layer.id, layer] as const));
+    for (const [id, shown] of this.onMap) {
+      if (wanted.get(id)?.digest === shown.layer.digest) continue;
+      this.map.removeLayer(shown.map);
+      this.onMap.delete(id);
+    }
+    for (const layer of layers) {
+      if (this.onMap.has(layer.id)) continue;
+      const shown = show(layer, this.mission.tile_matrix_set, this.local, this.drawing);
+      this.onMap.set(layer.id, shown);
+      this.map.addLayer(shown.map);
+    }
+  }
+
+  /** Features of some layers, fetched if they are not there yet. */
+  async featuresOf(layers: readonly Layer[]): Promise<Feature<Geometry>[]> {
+    const sources = await Promise.all(layers.map(({ id }) => this.onMap.get(id)?.load()));
+    return sources.flatMap((source) => source?.getFeatures() ?? []);
   }
 
   get view(): View {
@@ -151,6 +171,12 @@ export class MapView {
   setMark(point: MapPoint | null): void {
     this.mark.source.clear();
     if (point) this.mark.source.addFeature(pointFeature(point));
+  }
+
+  /** The place that another part points at. */
+  setCursor(point: MapPoint | null): void {
+    this.cursor.source.clear();
+    if (point) this.cursor.source.addFeature(pointFeature(point));
   }
 
   get isMeasuring(): boolean {

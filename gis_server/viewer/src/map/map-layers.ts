@@ -9,10 +9,10 @@ import OlVectorLayer from "ol/layer/Vector";
 import VectorSource from "ol/source/Vector";
 import XYZ from "ol/source/XYZ";
 import TileGrid from "ol/tilegrid/TileGrid";
-import { api, type FeatureCollection } from "./api";
+import { api, type FeatureCollection } from "../server/api";
 import { zIndex } from "./layers";
 import type { LocalMap } from "./projection";
-import type { Layer, RasterLayer, TileMatrixSet, VectorLayer } from "./records";
+import type { Layer, RasterLayer, TileMatrixSet, VectorLayer } from "../server/records";
 import { type DrawingState, drawingOf } from "./styles";
 
 /** A raster is asked for no tiles when its coarsest one would shrink below 1/8. */

@@ -1,5 +1,5 @@
 import { expect, test } from "vitest";
-import { rasterLayer, vectorLayer } from "./fixtures";
+import { rasterLayer, vectorLayer } from "../fixtures";
 import { firstBounds, firstState, groupLayers, kindTitle, zIndex } from "./layers";
 
 const STOP_2 = "mer2-site0002-drive0000";

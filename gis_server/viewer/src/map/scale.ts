@@ -1,6 +1,6 @@
 /** The scale bar: the longest of 1, 2, 5 times a power of ten that fits. */
 
-import { metres } from "./format";
+import { metres } from "../page/format";
 
 export interface ScaleBar {
   readonly metres: number;

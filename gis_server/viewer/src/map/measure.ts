@@ -1,7 +1,7 @@
 /** Distances on the map. A map metre is a metre: lengths are planar, in the plane of the landing site. */
 
-import { azimuthDeg, fixed, metres } from "./format";
-import type { MapPoint } from "./records";
+import { azimuthDeg, fixed, metres } from "../page/format";
+import type { MapPoint } from "../server/records";
 
 export interface Measured {
   readonly length_m: number;

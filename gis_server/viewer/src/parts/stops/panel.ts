@@ -2,10 +2,10 @@
 
 import type { FeatureLike } from "ol/Feature";
 import type Point from "ol/geom/Point";
-import { h } from "./dom";
-import { fixed } from "./format";
-import type { MapPoint } from "./records";
-import { isAdjusted, stopLabel } from "./styles";
+import { h } from "../../page/dom";
+import { fixed } from "../../page/format";
+import type { MapPoint } from "../../server/records";
+import { isAdjusted, stopLabel } from "../../map/styles";
 
 export interface StopRow {
   readonly key: string;

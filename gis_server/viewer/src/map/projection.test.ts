@@ -1,6 +1,6 @@
 import { getPointResolution } from "ol/proj";
 import { expect, test } from "vitest";
-import { MISSION, PROJ4 } from "./fixtures";
+import { MISSION, PROJ4 } from "../fixtures";
 import { localMap, ProjectionError, radiusOf } from "./projection";
 
 const local = localMap(MISSION);

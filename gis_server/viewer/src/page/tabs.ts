@@ -1,0 +1,72 @@
+/** Tabs that are added one by one; the first is shown. Arrow keys go from tab to tab. */
+
+import { h } from "./dom";
+
+export interface Tabs {
+  readonly bar: HTMLElement;
+  readonly panels: HTMLElement;
+  /** Adds a tab; the panel it shows. */
+  add(name: string, title: string): HTMLElement;
+  show(name: string): void;
+  clear(): void;
+}
+
+interface Tab {
+  readonly button: HTMLButtonElement;
+  readonly panel: HTMLElement;
+}
+
+export function tabs(): Tabs {
+  const bar = h("div", { class: "tabs", role: "tablist" });
+  const panels = h("div", { class: "panels" });
+  const all = new Map<string, Tab>();
+  const show = (name: string) => {
+    for (const [each, { button, panel }] of all) {
+      panel.hidden = each !== name;
+      button.setAttribute("aria-selected", String(each === name));
+      button.tabIndex = each === name ? 0 : -1;
+    }
+  };
+  const add = (name: string, title: string) => {
+    const [tabId, panelId] = [`tab-${name}`, `panel-${name}`];
+    const panel = h("div", {
+      class: "scroll",
+      role: "tabpanel",
+      id: panelId,
+      tabindex: 0,
+      "aria-labelledby": tabId,
+    });
+    const button = h(
+      "button",
+      {
+        type: "button",
+        role: "tab",
+        id: tabId,
+        "data-tab": name,
+        "aria-controls": panelId,
+        onclick: () => show(name),
+      },
+      title,
+    );
+    bar.append(button);
+    panels.append(panel);
+    all.set(name, { button, panel });
+    show([...all.keys()][0] ?? name);
+    return panel;
+  };
+  bar.addEventListener("keydown", ({ key }) => {
+    if (key !== "ArrowLeft" && key !== "ArrowRight") return;
+    const names = [...all.keys()];
+    const at = names.findIndex((name) => all.get(name)?.button === document.activeElement);
+    const next = names.at((at + (key === "ArrowRight" ? 1 : -1)) % names.length);
+    if (next === undefined) return;
+    show(next);
+    all.get(next)?.button.focus();
+  });
+  const clear = () => {
+    all.clear();
+    bar.replaceChildren();
+    panels.replaceChildren();
+  };
+  return { bar, panels, add, show, clear };
+}

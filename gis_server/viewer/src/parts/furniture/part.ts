@@ -1,0 +1,51 @@
+/** Scale bar, north arrow, and the tools that move the map. */
+
+import { firstBounds } from "../../map/layers";
+import { scaleBar } from "../../map/scale";
+import { button, h } from "../../page/dom";
+import type { Context } from "../../session/context";
+
+const SCALE_PX = 160;
+
+export function furniturePart({ page, view, layers, mission, keys }: Context): void {
+  const everything = () => view.fit(firstBounds(layers.all) ?? mission.bounds);
+  page.addTool(button("zoom in (+)", "plus", () => view.zoomBy(0.5)));
+  page.addTool(button("zoom out (-)", "minus", () => view.zoomBy(2)));
+  page.addTool(button("show everything (f)", "fit", everything, { class: "fit" }));
+  page.addTool(
+    button(
+      "copy the link to this view",
+      "link",
+      () => void navigator.clipboard?.writeText(location.href),
+    ),
+  );
+  keys.add("f", "show everything", everything);
+  keys.add("n", "north up", () => view.northUp());
+  keys.add("+", "zoom in", () => view.zoomBy(0.5));
+  keys.add("-", "zoom out", () => view.zoomBy(2));
+
+  const arrow = h("span", { class: "arrow" }, h("b", {}, "N"), h("i", {}));
+  page.north.replaceChildren(
+    h(
+      "button",
+      {
+        type: "button",
+        title: "north up (n); turn with Alt+Shift+drag",
+        "aria-label": "north up",
+        onclick: () => view.northUp(),
+      },
+      arrow,
+    ),
+  );
+  const tune = () => {
+    const bar = scaleBar(view.resolution, SCALE_PX);
+    page.scale.replaceChildren(
+      h("span", {}, bar.label),
+      h("i", { style: `width:${bar.px.toFixed(2)}px`, "data-metres": bar.metres }),
+    );
+    arrow.style.transform = `rotate(${view.place.rotationDeg}deg)`;
+  };
+  view.view.on("change:resolution", tune);
+  view.view.on("change:rotation", tune);
+  tune();
+}

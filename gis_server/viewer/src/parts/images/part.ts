@@ -1,0 +1,128 @@
+/** The tab of images: those of a sol or stop, one of them in full, and where on the map it looks. */
+
+import type Feature from "ol/Feature";
+import type Geometry from "ol/geom/Geometry";
+import { h } from "../../page/dom";
+import { api } from "../../server/api";
+import type { ImageEntry } from "../../server/records";
+import type { Context } from "../../session/context";
+import { imageDetail, imageList, stopsOf } from "./panel";
+
+export function imagesPart(context: Context): void {
+  const { page, view, layers, waiting, signals, mission, drawing } = context;
+  const panel = page.addTab("images", "Images");
+  const [detail, list] = [h("div"), h("div")];
+  let images: readonly ImageEntry[] = [];
+  let stop: string | null = null;
+  let chosen: string | null = null;
+
+  const drawList = () => {
+    const { sol } = drawing;
+    const some = images.filter(
+      (image) => (sol === null || image.sol === sol) && (!stop || image.stop === stop),
+    );
+    const actions = {
+      open: (id: string) => signals.image.emit(id),
+      hover: (id: string | null) => signals.imageHovered.emit(id),
+    };
+    list.replaceChildren(imageList(some, chosen, actions));
+  };
+  const setStop = (id: string | null) => {
+    stop = id;
+    drawList();
+  };
+  const load = async () => {
+    images = await api.images(mission.mission, {});
+    panel.replaceChildren(detail, filters(context, images, stop, setStop), list);
+    drawList();
+  };
+  const showOnMap = (id: string | null) => {
+    const shown = id ?? chosen;
+    if (shown === null) view.setHighlight([]);
+    else waiting.run(async () => view.setHighlight(await viewing(context, shown)));
+  };
+  const open = (id: string) => {
+    const image = images.find((entry) => entry.id === id);
+    if (!image) {
+      waiting.say(`the server lists no image ${id}`);
+      return;
+    }
+    chosen = id;
+    const enlarge = ({ browse }: ImageEntry) =>
+      page.dialog(id, h("img", { class: "large", src: browse, alt: `image ${id}` }));
+    detail.replaceChildren(imageDetail(image, (other) => signals.image.emit(other), enlarge));
+    drawList();
+    page.showTab("images");
+    panel.scrollTop = 0;
+    showOnMap(null);
+  };
+
+  signals.image.on(open);
+  signals.imageHovered.on(showOnMap);
+  signals.sol.on(drawList);
+  signals.click.on(({ touched }) => {
+    const image = touched?.feature.get("image");
+    if (typeof image === "string") signals.image.emit(image);
+  });
+  signals.pointer.on((pointed) => {
+    if (pointed?.touched) view.setHighlight([pointed.touched.feature]);
+    else showOnMap(null);
+  });
+  layers.replaced.on(() => waiting.run(load));
+  waiting.run(load);
+}
+
+function filters(
+  { layers, drawing, signals }: Context,
+  images: readonly ImageEntry[],
+  stop: string | null,
+  setStop: (id: string | null) => void,
+): HTMLElement {
+  const days = solsKnown(
+    images,
+    layers.all.flatMap(({ sols }) => [...sols]),
+  );
+  const place = drawing.sol === null ? 0 : days.indexOf(drawing.sol) + 1;
+  const nameOf = (sol: number | null) => (sol === null ? "all sols" : `sol ${sol}`);
+  const name = h("output", {}, nameOf(days[place - 1] ?? null));
+  const slider = h("input", {
+    type: "range",
+    min: 0,
+    max: days.length,
+    step: 1,
+    value: place,
+    "aria-label": "sol",
+    class: "sol",
+    oninput: () => {
+      const sol = days[Number(slider.value) - 1] ?? null;
+      name.textContent = nameOf(sol);
+      signals.sol.emit(sol);
+    },
+  });
+  const stops = h(
+    "select",
+    { "aria-label": "stop", onchange: () => setStop(stops.value || null) },
+    h("option", { value: "" }, "all stops"),
+    ...stopsOf(images).map(([id, title]) =>
+      h("option", { value: id, selected: id === stop }, title),
+    ),
+  );
+  return h("div", { class: "filters" }, h("label", { class: "inline" }, name, slider), stops);
+}
+
+/** Sols that images or products are of. */
+function solsKnown(images: readonly ImageEntry[], ofLayers: readonly number[]): number[] {
+  const known = new Set([...images.map(({ sol }) => sol), ...ofLayers]);
+  return [...known].sort((a, b) => a - b);
+}
+
+/** Footprint and pointing line of an image, loaded if they are not yet. */
+async function viewing({ layers, view }: Context, id: string): Promise<Feature<Geometry>[]> {
+  const all = await view.featuresOf([...layers.of("footprints"), ...layers.of("pointing")]);
+  const seen = new Set<string>();
+  return all.filter((feature) => {
+    if (feature.get("image") !== id) return false;
+    const type = feature.getGeometry()?.getType() ?? "";
+    return !seen.has(type) && seen.add(type);
+  });
+}

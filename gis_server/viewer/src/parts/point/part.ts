@@ -1,0 +1,74 @@
+/** What is at a place: the line below the map follows the pointer, the tab tells of the clicked point. */
+
+import { zIndex } from "../../map/layers";
+import { h } from "../../page/dom";
+import { api } from "../../server/api";
+import type { Identified, MapPoint } from "../../server/records";
+import type { Context } from "../../session/context";
+import { pointPanel } from "./panel";
+import { readout } from "./readout";
+
+const HOVER_MS = 120;
+
+export function pointPart(context: Context): void {
+  const { page, view, mission, waiting, signals } = context;
+  const panel = page.addTab("point", "Point");
+  panel.replaceChildren(...hints(context));
+
+  const identify = (point: MapPoint) => {
+    view.setMark(point);
+    waiting.run(async () => {
+      const found = await api.identify(mission.mission, point);
+      const open = (id: string) => signals.image.emit(id);
+      const hover = (id: string | null) => signals.imageHovered.emit(id);
+      panel.replaceChildren(pointPanel(found, open, hover));
+      page.showTab("point");
+    });
+  };
+  signals.identify.on(identify);
+  signals.click.on(({ point, touched }) => {
+    if (typeof touched?.feature.get("image") !== "string") identify(point);
+  });
+  followPointer(context);
+}
+
+function followPointer({ page, view, layers, mission, waiting, signals, alive }: Context): void {
+  let timer: ReturnType<typeof setTimeout> | undefined;
+  let asking: AbortController | null = null;
+  const heightOf = (id: string) => {
+    const layer = view.shown.get(id)?.layer;
+    return layer && layers.state(layer).visible ? zIndex(layer) : null;
+  };
+  const tell = (point: MapPoint, found: Identified | null) =>
+    page.readout.replaceChildren(...readout(point, view.resolution, view.local, found, heightOf));
+  const stop = () => {
+    clearTimeout(timer);
+    asking?.abort();
+  };
+  const ask = (point: MapPoint) => {
+    asking = new AbortController();
+    api
+      .identify(mission.mission, point, asking.signal)
+      .then((found) => {
+        waiting.answered();
+        tell(point, found);
+      })
+      .catch((reason: unknown) => waiting.fail(reason));
+  };
+  signals.pointer.on((pointed) => {
+    stop();
+    if (!pointed) return;
+    tell(pointed.point, null);
+    timer = setTimeout(() => ask(pointed.point), HOVER_MS);
+  });
+  alive.addEventListener("abort", stop);
+}
+
+function hints({ mission }: Context): HTMLElement[] {
+  const texts = [
+    "Click on the map: what every layer says there, and the images that see it. Click a pointing line or footprint to open its image.",
+    mission.lsl_note ?? "",
+    `Origin: ${mission.landing.name}, ${mission.landing.source}`,
+  ];
+  return texts.map((text) => h("p", { class: "hint" }, text));
+}

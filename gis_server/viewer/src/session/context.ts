@@ -1,0 +1,58 @@
+/**
+ * What the parts of a session share. A part is a function that is called once with it: it adds its tab, tools and
+ * keys to the page and listens to what others tell. Parts do not know each other.
+ */
+
+import type Feature from "ol/Feature";
+import type Geometry from "ol/geom/Geometry";
+import type { MapView } from "../map/map-view";
+import type { DrawingState } from "../map/styles";
+import type { Shell } from "../page/shell";
+import type { Layer, MapPoint, Mission } from "../server/records";
+import type { LayerBook } from "./layer-book";
+import type { Shortcuts } from "./shortcuts";
+import type { Signal } from "./signal";
+import type { Waiting } from "./waiting";
+
+/** A place on the map that was pointed at or clicked, and the feature there. */
+export interface Pointed {
+  readonly point: MapPoint;
+  readonly pixel: readonly number[];
+  readonly touched: { readonly feature: Feature<Geometry>; readonly layer: Layer } | null;
+}
+
+export interface Signals {
+  /** The pointer moved over the map; null: it left. */
+  readonly pointer: Signal<Pointed | null>;
+  /** The map was clicked, while no tool claims clicks. */
+  readonly click: Signal<Pointed>;
+  /** A place to mark on the map, in profiles, images and the 3D view alike; null: none. */
+  readonly cursor: Signal<MapPoint | null>;
+  /** An image was asked for, by its id. */
+  readonly image: Signal<string>;
+  /** An image to show on the map for a moment; null: no longer. */
+  readonly imageHovered: Signal<string | null>;
+  /** What every layer says about a place is asked for. */
+  readonly identify: Signal<MapPoint>;
+  /** Another sol was chosen; it stands in `drawing`. */
+  readonly sol: Signal<number | null>;
+  /** Error ellipses are drawn so many times as large. */
+  readonly ellipses: Signal<number>;
+  /** The view moved, or layers were switched: the link to it is another. */
+  readonly view: Signal<void>;
+}
+
+export interface Context {
+  readonly page: Shell;
+  readonly mission: Mission;
+  readonly layers: LayerBook;
+  readonly view: MapView;
+  readonly drawing: DrawingState;
+  readonly waiting: Waiting;
+  readonly keys: Shortcuts;
+  readonly signals: Signals;
+  /** Ends when the session does: for listeners and requests. */
+  readonly alive: AbortSignal;
+}
+
+export type Part = (context: Context) => void;

@@ -1,0 +1,97 @@
+/** One mission on the screen: what its parts share, and the parts. */
+
+import { firstBounds } from "../map/layers";
+import { MapView } from "../map/map-view";
+import { localMap } from "../map/projection";
+import type { Shell } from "../page/shell";
+import { cursorPart } from "../parts/cursor/part";
+import { furniturePart } from "../parts/furniture/part";
+import { imagesPart } from "../parts/images/part";
+import { layersPart } from "../parts/layers/part";
+import { pointPart } from "../parts/point/part";
+import { rulerPart } from "../parts/ruler/part";
+import { stopsPart } from "../parts/stops/part";
+import type { Layer, Mission } from "../server/records";
+import type { Context, Part, Signals } from "./context";
+import { LayerBook } from "./layer-book";
+import { formatPermalink, type Permalink } from "./permalink";
+import { Shortcuts } from "./shortcuts";
+import { Signal } from "./signal";
+import { Waiting } from "./waiting";
+
+/** In the order of their tabs and tools on the page. */
+const PARTS: readonly Part[] = [
+  layersPart,
+  furniturePart,
+  rulerPart,
+  cursorPart,
+  pointPart,
+  imagesPart,
+  stopsPart,
+];
+
+const signals = (): Signals => ({
+  pointer: new Signal(),
+  click: new Signal(),
+  cursor: new Signal(),
+  image: new Signal(),
+  imageHovered: new Signal(),
+  identify: new Signal(),
+  sol: new Signal(),
+  ellipses: new Signal(),
+  view: new Signal(),
+});
+
+export class Session {
+  private readonly life = new AbortController();
+  private readonly context: Context;
+
+  constructor(page: Shell, mission: Mission, layers: readonly Layer[], link: Permalink) {
+    page.clear();
+    const drawing = { sol: link.sol, ellipseFactor: 1 };
+    const view = new MapView(page.map, mission, layers, localMap(mission), drawing);
+    this.context = {
+      page,
+      mission,
+      layers: new LayerBook(layers, link.on),
+      view,
+      drawing,
+      waiting: new Waiting(page, () => view.map.render()),
+      keys: new Shortcuts(),
+      signals: signals(),
+      alive: this.life.signal,
+    };
+    if (link.place) view.goTo(link.place);
+    else view.fit(firstBounds(layers) ?? mission.bounds, 0);
+    this.listen();
+    for (const part of PARTS) part(this.context);
+  }
+
+  dispose(): void {
+    this.life.abort();
+    this.context.view.dispose();
+  }
+
+  private listen(): void {
+    const { view, waiting, signals, keys, layers, drawing } = this.context;
+    view.map.on("rendercomplete", () => waiting.settle());
+    view.map.on("loadstart", () => waiting.unsettle());
+    view.map.on("moveend", () => signals.view.emit());
+    layers.changed.on(() => signals.view.emit());
+    layers.replaced.on((all) => view.setLayers(all));
+    signals.view.on(() => this.writeLink());
+    signals.sol.on((sol) => {
+      drawing.sol = sol;
+      view.redraw();
+      signals.view.emit();
+    });
+    document.addEventListener("keydown", keys.pressed, { signal: this.life.signal });
+  }
+
+  private writeLink(): void {
+    const { mission, view, layers, drawing } = this.context;
+    const { place } = view;
+    const link = { mission: mission.mission, place, on: layers.on, sol: drawing.sol };
+    history.replaceState(null, "", formatPermalink(link));
+  }
+}

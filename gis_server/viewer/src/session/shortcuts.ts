@@ -1,0 +1,31 @@
+/** Keys that do something, and the list of them. */
+
+export interface Shortcut {
+  readonly key: string;
+  readonly does: string;
+  readonly run: () => void;
+}
+
+const TYPING = ["INPUT", "SELECT", "TEXTAREA"];
+
+export class Shortcuts {
+  private readonly list: Shortcut[] = [];
+
+  /** Escape may stand for several things; any other key for one. */
+  add(key: string, does: string, run: () => void): void {
+    const taken = key !== "Escape" && this.list.some((shortcut) => shortcut.key === key);
+    if (taken) throw new Error(`the key ${key} does something already`);
+    this.list.push({ key, does, run });
+  }
+
+  get all(): readonly Shortcut[] {
+    return this.list;
+  }
+
+  readonly pressed = (event: KeyboardEvent): void => {
+    if (event.ctrlKey || event.metaKey || event.altKey) return;
+    const isTyping = TYPING.includes((event.target as HTMLElement).tagName);
+    if (isTyping && event.key !== "Escape") return;
+    for (const { key, run } of this.list) if (key === event.key) run();
+  };
+}

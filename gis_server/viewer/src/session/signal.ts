@@ -1,0 +1,15 @@
+/** Something that happens now and then, and who wants to know of it. Listeners live as long as the session. */
+
+export class Signal<T> {
+  private readonly listeners = new Set<(value: T) => void>();
+
+  /** Calls `listener` with every later value; the answer stops that. */
+  on(listener: (value: T) => void): () => void {
+    this.listeners.add(listener);
+    return () => void this.listeners.delete(listener);
+  }
+
+  emit(value: T): void {
+    for (const listener of [...this.listeners]) listener(value);
+  }
+}
