@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -115,6 +115,8 @@ class State:
     centres: Float64[np.ndarray, "stops 3"]
     pointings: Float64[np.ndarray, "pairs 3"]
     points: Float64[np.ndarray, "points 3"]
+    frames: Float64[np.ndarray, "frames 5"] = field(default_factory=lambda: np.zeros((0, 5)))
+    """Places of the control frames: shift east, north, up (m), turn (rad), change of scale."""
 
     def of_stops(self, stops: np.ndarray) -> State:
         """The poses of some stops alone."""

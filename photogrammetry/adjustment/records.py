@@ -8,6 +8,12 @@ from enum import StrEnum
 
 import numpy as np
 
+from photogrammetry.adjustment.control import (
+    AdjustedControl,
+    AdjustedFrame,
+    ControlFrame,
+    StopControl,
+)
 from photogrammetry.arrays import Covariances3, Float64, Int32, ObjectPoints, Vector3
 from photogrammetry.cameras.epipolar import EpipolarPair
 from photogrammetry.errors import AdjustmentError
@@ -76,6 +82,9 @@ class Network:
     stops: tuple[StopPrior, ...]
     pairs: tuple[PairGeometry, ...]
     ties: TiePoints
+    frames: tuple[ControlFrame, ...] = ()
+    """Maps that stops were found in; `datum.with_control` adds them and what they say."""
+    control: tuple[StopControl, ...] = ()
 
     def __post_init__(self) -> None:
         stops = {prior.stop for prior in self.stops}
@@ -99,14 +108,27 @@ class Network:
                 f"tie points were measured in {len(lost)} pairs that are not in the network: "
                 f"{', '.join(lost[:3])}; use `Network.within` to cut a network out of a larger one"
             )
+        frames = {frame.name for frame in self.frames}
+        for one in self.control:
+            if one.stop not in stops or one.frame not in frames:
+                raise AdjustmentError(
+                    f"control of {one.stop} in {one.frame}: the network of {len(stops)} stops and "
+                    f"{len(frames)} control frames lacks one of them; use `datum.with_control`"
+                )
 
     @property
     def stop_ids(self) -> tuple[StopId, ...]:
         """The stops, in the order of the traverse."""
         return tuple(prior.stop for prior in self.stops)
 
+    @property
+    def datum_is_observed(self) -> bool:
+        """Whether the place of a stop is observed in a frame whose own place is certain."""
+        certain = {frame.name for frame in self.frames if frame.is_certain}
+        return any(one.frame in certain for one in self.control)
+
     def within(self, stops: frozenset[StopId] | set[StopId]) -> Network:
-        """The part of the network at some stops: their pairs, and what those saw."""
+        """The part of the network at some stops: their pairs, what those saw, their control."""
         pairs = tuple(pair for pair in self.pairs if pair.stop in stops)
         kept = {pair.pair_id for pair in pairs}
         inside = np.array([name in kept for name in self.ties.pair_ids], dtype=bool)
@@ -115,6 +137,8 @@ class Network:
             tuple(prior for prior in self.stops if prior.stop in stops),
             pairs,
             select(self.ties, rows),
+            self.frames,
+            tuple(one for one in self.control if one.stop in stops),
         )
 
 
@@ -146,7 +170,7 @@ class AdjustedStop:
     held: bool
     """Held fixed as the datum of the adjustment that it was last in."""
     is_tied: bool
-    """Whether cross-site ties join it, directly or through others, to a held stop."""
+    """Whether cross-site ties or control join it, directly or through others, to the datum."""
     held_by: str
     """In words: the datum, how many ties with which stops, or the telemetry increment."""
 
@@ -215,6 +239,9 @@ class Memory:
     spent: float
     surplus: int
     grounded: tuple[bool, ...]
+    frames: tuple[str, ...] = ()
+    """Control frames that are spoken of."""
+    frame_places: Float64[np.ndarray, "frames 5"] = field(default_factory=lambda: np.zeros((0, 5)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -226,6 +253,8 @@ class AdjustedNetwork:
     ties: AdjustedTies
     memory: Memory | None = None
     """Of a sequential adjustment, once stops have left its window."""
+    control: tuple[AdjustedControl, ...] = ()
+    frames: tuple[AdjustedFrame, ...] = ()
 
     def stop(self, stop: StopId) -> AdjustedStop:
         """The adjusted stop of that name."""
@@ -294,6 +323,10 @@ class AdjustmentReport:
     """Tie points used, by kind."""
     blunders: int = 0
     """Observations found wrong and set aside."""
+    control: int = 0
+    """Places of stops in control frames that were used."""
+    control_refused: tuple[str, ...] = ()
+    """Those set aside, with the reason."""
     before: dict[TieKind, Consistency] = field(default_factory=dict)
     after: dict[TieKind, Consistency] = field(default_factory=dict)
     untied: tuple[StopId, ...] = ()
@@ -325,6 +358,11 @@ class AdjustmentReport:
         )
         loose = f", {len(self.untied)} stops held by telemetry alone" if self.untied else ""
         extra = f" ({self.message})" if self.message else ""
+        if self.control or self.control_refused:
+            refused = (
+                f", REFUSED: {'; '.join(self.control_refused)}" if self.control_refused else ""
+            )
+            extra = f", control at {self.control} stops{refused}{extra}"
         return (
             f"{self.name}: {state} after {self.iterations} iterations, sigma0 {self.sigma0:.3f}, "
             f"redundancy {self.redundancy}, {self.stops} stops, {self.pairs} pairs, ties: {ties}, "
