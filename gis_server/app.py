@@ -14,7 +14,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from config.settings import Settings
 from gis_server.errors import install_error_table
-from gis_server.routes import images, layers, missions, models, pages, tiles
+from gis_server.routes import analysis, images, layers, missions, models, pages, tiles
 from gis_server.services import open_services
 
 _HEADERS = {
@@ -90,7 +90,7 @@ def create_app(store_root: Path, viewer_dist: Path | None = None) -> FastAPI:
     )
     app.state.services = services
     install_error_table(app)
-    for module in (missions, layers, models, tiles, images, pages):
+    for module in (missions, layers, models, analysis, tiles, images, pages):
         app.include_router(module.router)
     pages.install_pages(app, viewer_dist or pages.SHIPPED_VIEWER)
     app.add_middleware(CompressText)

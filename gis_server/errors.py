@@ -6,9 +6,12 @@ from collections.abc import Awaitable, Callable
 from http import HTTPStatus
 
 from fastapi import FastAPI, Request
+from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from starlette.exceptions import HTTPException
 
+from gis_server.analysis.refusal import RefusedError
+from photogrammetry.errors import AdjustmentError, CameraError, MatchingError, TerrainError
 from products.errors import (
     OutsideCoverageError,
     ProductError,
@@ -21,10 +24,16 @@ STATUS: dict[type[Exception], HTTPStatus] = {
     OutsideCoverageError: HTTPStatus.NOT_FOUND,
     StoreFullError: HTTPStatus.INSUFFICIENT_STORAGE,
     ProductError: HTTPStatus.INTERNAL_SERVER_ERROR,
+    RefusedError: HTTPStatus.UNPROCESSABLE_ENTITY,
+    TerrainError: HTTPStatus.UNPROCESSABLE_ENTITY,
+    CameraError: HTTPStatus.UNPROCESSABLE_ENTITY,
+    MatchingError: HTTPStatus.UNPROCESSABLE_ENTITY,
+    AdjustmentError: HTTPStatus.UNPROCESSABLE_ENTITY,
 }
 HINT = {
     HTTPStatus.NOT_FOUND: "GET /api/missions lists what is published, /docs what can be asked",
     HTTPStatus.INSUFFICIENT_STORAGE: "free some space on the disk of the store",
+    HTTPStatus.UNPROCESSABLE_ENTITY: "ask anew as the sentence says; /docs describes the question",
     HTTPStatus.INTERNAL_SERVER_ERROR: "make the product again; its provenance names the recipe",
 }
 
@@ -34,6 +43,7 @@ def install_error_table(app: FastAPI) -> None:
     for kind, status in STATUS.items():
         app.add_exception_handler(kind, _answer(status))
     app.add_exception_handler(HTTPStatus.NOT_FOUND, _answer(HTTPStatus.NOT_FOUND))
+    app.add_exception_handler(RequestValidationError, _refuse)
 
 
 def _answer(status: HTTPStatus) -> Callable[[Request, Exception], Awaitable[JSONResponse]]:
@@ -45,3 +55,10 @@ def _answer(status: HTTPStatus) -> Callable[[Request, Exception], Awaitable[JSON
         )
 
     return answer
+
+
+async def _refuse(_request: Request, error: Exception) -> JSONResponse:
+    """What is wrong with a question, without what was sent: that may be no JSON, such as NaN."""
+    found = error.errors() if isinstance(error, RequestValidationError) else []
+    detail = [{name: row[name] for name in ("type", "loc", "msg")} for row in found]
+    return JSONResponse({"detail": detail}, status_code=HTTPStatus.UNPROCESSABLE_ENTITY)

@@ -1,0 +1,78 @@
+"""Parts that questions and answers of several analysis endpoints have in common.
+
+Names end in their unit: `_m` metres, `_deg` degrees, `_px` pixels. East, north and elevation are
+metres of the mission's local map, elevation above the tangent plane at the landing point. Azimuths
+are clockwise from north. Standard deviations are one sigma. `null` is "not measured".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Annotated
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+
+from products.model import Layer
+from products.tiling import HALF_SIDE_M
+
+UNITS = (
+    "metres, degrees and pixels as the names end; elevation above the tangent plane at the landing "
+    "point; azimuth clockwise from north; sigma: one standard deviation; null: not measured"
+)
+MOST_CORNERS = 1000
+"""Corners of a line or polygon that is drawn by a person."""
+
+MetresHere = Annotated[float, Field(ge=-HALF_SIDE_M, le=HALF_SIDE_M, allow_inf_nan=False)]
+"""A coordinate of the local map."""
+Corner = tuple[MetresHere, MetresHere]
+"""(east, north)."""
+Line = Annotated[list[Corner], Field(min_length=2, max_length=MOST_CORNERS)]
+Polygon = Annotated[list[Corner], Field(min_length=3, max_length=MOST_CORNERS)]
+LayerAsked = Annotated[
+    str,
+    Field(
+        max_length=200,
+        description="id of a terrain model, as /layers lists it, or `best`: the finest measured "
+        "one at every place, and of equally fine ones the surest",
+    ),
+]
+
+
+class Question(BaseModel):
+    """A body that is sent; unknown names are refused, so that a slip of the pen shows."""
+
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+
+class LayerUsed(BaseModel):
+    """A layer that an answer was computed from."""
+
+    id: str
+    kind: str
+    digest: str
+    cell_m: float | None
+    made_at: str
+
+    @classmethod
+    def of(cls, layer: Layer) -> LayerUsed:
+        """What is said of a layer."""
+        ref = layer.ref
+        return cls(
+            id=layer.id,
+            kind=str(ref.kind),
+            digest=ref.digest,
+            cell_m=layer.cell_m,
+            made_at=layer.made_at,
+        )
+
+
+def numbers(values: Iterable[float] | np.ndarray, digits: int = 4) -> list[float | None]:
+    """Rounded numbers for JSON, null for NaN."""
+    rounded = np.round(np.asarray(values, dtype=np.float64), digits)
+    return [value if np.isfinite(value) else None for value in rounded.tolist()]
+
+
+def number(value: float | None, digits: int = 4) -> float | None:
+    """One such number."""
+    return None if value is None else numbers([value], digits)[0]

@@ -1,0 +1,119 @@
+"""Profiles: the ground along a line on the map.
+
+Stations lie at equal distances along every leg of the line, its corners among them. The slope at a
+station is that of the straight line that fits the elevations best within half a baseline before and
+behind it,
+
+    tan a = sum (s - s0)(h - h0) / sum (s - s0)^2,
+
+positive uphill in the direction of the line. Errors that all elevations share cancel in it. What is
+left counts as two independent readings only, the means of both halves, which lie half a baseline
+apart: neighbouring cells of a terrain model come from the same windows of matching. So
+
+    sigma(tan a) = sqrt(2) sigma_h / (L / 2)
+
+with sigma_h the standard deviation of a single elevation without its shared part.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from photogrammetry.arrays import Int32, PerPoint
+from photogrammetry.errors import TerrainError
+from photogrammetry.terrain.ground_samples import GroundSamples, MapPoints
+
+MOST_STATIONS = 20_000
+"""Stations of one profile: a line on a screen has a tenth of it."""
+LEAST_STATIONS = 3
+"""Known stations that a slope is found from."""
+LEAST_SPAN = 0.5
+"""Part of the baseline that they must span."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Stations:
+    """Places along a line."""
+
+    distance_m: PerPoint
+    """Along the line on the map, from its first corner."""
+    places: MapPoints
+    leg: Int32[np.ndarray, " n"]
+    """Number of the leg that a station lies on; a corner ends one."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Profile:
+    """The ground along a line; NaN where it was not measured."""
+
+    stations: Stations
+    ground: GroundSamples
+    slope: PerPoint
+    """Radians, positive uphill along the line."""
+    slope_sigma: PerPoint
+    """Radians."""
+
+
+def stations(corners: MapPoints, step_m: float) -> Stations:
+    """Stations along a line at most `step_m` apart, every corner being one.
+
+    Raises:
+        TerrainError: the line has no length, or too many stations.
+    """
+    lengths = np.hypot(*np.diff(corners, axis=0).T)
+    total = float(lengths.sum())
+    if not (total > 0 and step_m > 0):
+        raise TerrainError("a profile runs along a line of two places or more that are not one")
+    if total / step_m > MOST_STATIONS:
+        raise TerrainError(
+            f"a line of {total:.0f} m has more than {MOST_STATIONS} stations of {step_m:g} m; "
+            f"take a step of {total / MOST_STATIONS:.2g} m or more"
+        )
+    starts = np.concatenate([[0.0], np.cumsum(lengths)])
+    distance, places, legs = [np.zeros(1)], [corners[:1]], [np.zeros(1, np.int32)]
+    for number, length in enumerate(lengths.tolist()):
+        if length > 0:
+            share = np.arange(1, math.ceil(length / step_m - 1e-9) + 1)
+            share = share / len(share)
+            distance.append(starts[number] + share * length)
+            step = corners[number + 1] - corners[number]
+            places.append(corners[number] + share[:, None] * step)
+            legs.append(np.full(len(share), number, np.int32))
+    return Stations(np.concatenate(distance), np.concatenate(places), np.concatenate(legs))
+
+
+def profile(along: Stations, ground: GroundSamples, baseline_m: float) -> Profile:
+    """The slope at every station, found over a baseline, beside the ground there."""
+    if not baseline_m > 0:
+        raise TerrainError(f"the baseline of a slope is above zero, not {baseline_m:g} m")
+    tangent = _tangent(along.distance_m, ground.elevation, baseline_m)
+    own = np.where(np.isfinite(tangent), ground.own_sigma_m, np.nan)
+    sigma = math.sqrt(2.0) * own / (baseline_m / 2)
+    return Profile(along, ground, np.arctan(tangent), sigma / (1 + tangent**2))
+
+
+def _tangent(s: PerPoint, h: PerPoint, baseline_m: float) -> PerPoint:
+    """Rise a metre of the line through all known stations within half a baseline.
+
+    Sums over the window of every station are differences of running sums.
+    """
+    known = np.isfinite(h)
+    low = np.searchsorted(s, s - baseline_m / 2 - 1e-9)
+    high = np.searchsorted(s, s + baseline_m / 2 + 1e-9, side="right")
+    middle = float(h[known].mean()) if known.any() else 0.0
+    rise, along = np.where(known, h - middle, 0.0), np.where(known, s - s.mean(), 0.0)
+
+    def summed(values: PerPoint) -> PerPoint:
+        running = np.concatenate([[0.0], np.cumsum(values)])
+        return running[high] - running[low]
+
+    count = summed(known.astype(np.float64))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        spread = summed(along**2) - summed(along) ** 2 / count
+        tangent = (summed(along * rise) - summed(along) * summed(rise) / count) / spread
+        span = np.sqrt(12.0 * np.maximum(spread, 0.0) / count)  # of stations at equal distances
+    enough = known & (count >= LEAST_STATIONS) & (span >= LEAST_SPAN * baseline_m)
+    return np.where(enough, tangent, np.nan)
