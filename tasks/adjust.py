@@ -15,7 +15,7 @@ from typing import Any
 from prefect import task
 from prefect.cache_policies import NO_CACHE
 
-from photogrammetry.adjustment.documents import network_document, network_of_document
+from photogrammetry.adjustment.documents import network_document
 from photogrammetry.adjustment.modes import AdjustmentMode, advance
 from photogrammetry.adjustment.params import AdjustmentParams
 from photogrammetry.adjustment.records import (
@@ -25,13 +25,13 @@ from photogrammetry.adjustment.records import (
     PairGeometry,
     StopPrior,
 )
-from photogrammetry.frames import Pose
 from photogrammetry.imagery import StereoMatches, StopId
 from photogrammetry.matching.hand_ties import HandTie
 from photogrammetry.matching.ties import Ties
 from photogrammetry.matching.tracks import TrackParams, build_tie_points
-from products.arrays import pose_document, pose_of_document, read_mast, read_matches, read_ties
+from products.arrays import pose_document, read_mast, read_matches, read_ties
 from products.model import ProductKind, ProductRef, Recipe
+from products.network import NetworkProduct, read_network
 from products.store import ProductStore
 from tasks.hand_ties import carried_out, names_in, wanted
 from tasks.pairs import PairProducts
@@ -87,25 +87,6 @@ class NetworkStep:
         )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class NetworkProduct:
-    """The network of a mission after a sol, as the store keeps it."""
-
-    mission: str
-    sol: int
-    telemetry: dict[StopId, Pose]
-    sols: dict[StopId, tuple[int, ...]]
-    adjusted: AdjustedNetwork
-    reports: tuple[str, ...]
-    """One line for every sol's adjustment."""
-    links: tuple[dict[str, Any], ...]
-    """What came of every pair of stops that was tried, this sol."""
-    report: dict[str, Any]
-    """The report of this network's own adjustment."""
-    by_hand: tuple[str, ...] = ()
-    """What became of the hand ties, line by line."""
-
-
 @task(cache_policy=NO_CACHE, task_run_name="adjust-sol{step.sol}")
 def adjust_network(step: NetworkStep, params: NetworkParams, store: ProductStore) -> ProductRef:
     """Adjust the network of a mission up to a sol."""
@@ -124,23 +105,6 @@ def adjust_network(step: NetworkStep, params: NetworkParams, store: ProductStore
     settings = (params, telemetry, step.mode, *wanted(step.hand))
     recipe = Recipe(ProductKind.NETWORK, scope, step.inputs, settings)
     return store.make(recipe, write)
-
-
-def read_network(ref: ProductRef, store: ProductStore) -> NetworkProduct:
-    """The network of a sol."""
-    document = json.loads(store.path(ref).read_text())
-    stops = {_stop_of(row): row for row in document["stops"]}
-    return NetworkProduct(
-        mission=document["mission"],
-        sol=document["sol"],
-        telemetry={stop: pose_of_document(row["telemetry"]) for stop, row in stops.items()},
-        sols={stop: tuple(row["sols"]) for stop, row in stops.items()},
-        adjusted=network_of_document(document["network"]),
-        reports=tuple(document["reports"]),
-        links=tuple(document["links"]),
-        report=document["network"]["reports"][-1],
-        by_hand=tuple(document.get("by_hand", ())),
-    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -218,5 +182,4 @@ def _document(
     }
 
 
-def _stop_of(row: dict[str, Any]) -> StopId:
-    return StopId(row["mission"], row["site"], row["drive"])
+__all__ = ["NetworkParams", "NetworkProduct", "NetworkStep", "adjust_network", "read_network"]

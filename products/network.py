@@ -1,0 +1,55 @@
+"""The adjusted network of a mission as a product, read back."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from typing import Any
+
+from photogrammetry.adjustment.documents import network_of_document
+from photogrammetry.adjustment.records import AdjustedNetwork
+from photogrammetry.frames import Pose
+from photogrammetry.imagery import StopId
+from products.arrays import pose_of_document
+from products.model import ProductRef
+from products.store import ProductStore
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NetworkProduct:
+    """The network of a mission after a sol, as the store keeps it."""
+
+    mission: str
+    sol: int
+    telemetry: dict[StopId, Pose]
+    sols: dict[StopId, tuple[int, ...]]
+    adjusted: AdjustedNetwork
+    reports: tuple[str, ...]
+    """One line for every sol's adjustment."""
+    links: tuple[dict[str, Any], ...]
+    """What came of every pair of stops that was tried, this sol."""
+    report: dict[str, Any]
+    """The report of this network's own adjustment."""
+    by_hand: tuple[str, ...] = ()
+    """What became of the hand ties, line by line."""
+
+
+def read_network(ref: ProductRef, store: ProductStore) -> NetworkProduct:
+    """The network of a sol."""
+    document = json.loads(store.path(ref).read_text())
+    stops = {_stop_of(row): row for row in document["stops"]}
+    return NetworkProduct(
+        mission=document["mission"],
+        sol=document["sol"],
+        telemetry={stop: pose_of_document(row["telemetry"]) for stop, row in stops.items()},
+        sols={stop: tuple(row["sols"]) for stop, row in stops.items()},
+        adjusted=network_of_document(document["network"]),
+        reports=tuple(document["reports"]),
+        links=tuple(document["links"]),
+        report=document["network"]["reports"][-1],
+        by_hand=tuple(document.get("by_hand", ())),
+    )
+
+
+def _stop_of(row: dict[str, Any]) -> StopId:
+    return StopId(row["mission"], row["site"], row["drive"])
