@@ -1,6 +1,7 @@
 """One synthetic downlink goes the whole way once, and the tests look at what came out."""
 
 import json
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -8,6 +9,8 @@ from typing import Any
 import pytest
 
 from products.workspace import Workspace
+from tests.support.bowl_store import fill
+from tests.support.browsing import Server, open_browser, open_page
 
 
 @dataclass(frozen=True)
@@ -48,3 +51,26 @@ def mapped(
 
     store = tmp_path_factory.mktemp("store")
     return Mapped(world, store, process_downlink(world, store))
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Any]:
+    """A headless Chromium."""
+    with open_browser() as opened:
+        yield opened
+
+
+@pytest.fixture
+def page(browser: Any) -> Iterator[Any]:
+    """A page of a laptop's size."""
+    with open_page(browser) as opened:
+        yield opened
+
+
+@pytest.fixture(scope="session")
+def url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """Address of a server over the store of the bowl."""
+    root = tmp_path_factory.mktemp("viewer") / "store"
+    fill(Workspace.open(root))
+    with Server(root) as server:
+        yield server.url

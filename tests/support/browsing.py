@@ -1,0 +1,149 @@
+"""The viewer in a real browser, on the real server: what tests of it share."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import socket
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import uvicorn
+
+from gis_server.app import create_app
+
+ROOT = Path(__file__).resolve().parents[2]
+DIST = ROOT / "gis_server" / "viewer" / "dist"
+NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
+ARGUMENTS = (
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--no-first-run",
+)
+WAIT_MS = 30_000
+
+
+class Server:
+    """The real server on a free port, in a thread."""
+
+    def __init__(self, store: Path) -> None:
+        self.socket = socket.create_server(("127.0.0.1", 0))
+        self.url = f"http://127.0.0.1:{self.socket.getsockname()[1]}"
+        self.uvicorn = uvicorn.Server(
+            uvicorn.Config(create_app(store, DIST), log_level="warning", access_log=False)
+        )
+        self.thread = threading.Thread(
+            target=self.uvicorn.run, kwargs={"sockets": [self.socket]}, daemon=True
+        )
+
+    def __enter__(self) -> Server:
+        self.thread.start()
+        deadline = time.monotonic() + 20.0
+        while not self.uvicorn.started and time.monotonic() < deadline:
+            time.sleep(0.02)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.uvicorn.should_exit = True
+        self.thread.join(10.0)
+        self.socket.close()
+
+
+@contextmanager
+def open_browser() -> Iterator:
+    """A headless Chromium; the test is skipped where there is none or no viewer to look at."""
+    playwright = pytest.importorskip("playwright.sync_api")
+    path = next(filter(None, map(shutil.which, NAMES)), None)
+    if path is None:
+        pytest.skip(f"no browser on this machine: none of {', '.join(NAMES)} is installed")
+    if not (DIST / "index.html").is_file():
+        pytest.skip("the viewer is not built: run `make viewer`")
+    with playwright.sync_playwright() as driver:
+        opened = driver.chromium.launch(executable_path=path, args=list(ARGUMENTS))
+        yield opened
+        opened.close()
+
+
+@contextmanager
+def open_page(browser, width: int = 1280, height: int = 800) -> Iterator:
+    """A page that must raise no error and ask no other host for anything."""
+    context = browser.new_context(viewport={"width": width, "height": height})
+    opened = context.new_page()
+    opened.faults = []
+    opened.on("pageerror", lambda error: opened.faults.append(str(error)))
+    opened.elsewhere = []
+    opened.on(
+        "request",
+        lambda request: (
+            None
+            if request.url.startswith(("http://127.0.0.1", "data:", "blob:"))
+            else opened.elsewhere.append(request.url)
+        ),
+    )
+    yield opened
+    assert opened.faults == []
+    assert opened.elsewhere == []
+    context.close()
+
+
+def look(page, address: str) -> None:
+    page.goto(address)
+    ready(page)
+
+
+def ready(page) -> None:
+    page.wait_for_selector('html[data-ready="true"]', state="attached", timeout=WAIT_MS)
+
+
+def until(page, holds) -> None:
+    """Wait until `holds()`; the page's security policy forbids to wait inside the page."""
+    deadline = time.monotonic() + WAIT_MS / 1000
+    while not holds():
+        assert time.monotonic() < deadline, "the page did not get there"
+        page.wait_for_timeout(50)
+
+
+def turn_of_arrow(page) -> str:
+    return page.locator(".arrow").evaluate("element => element.style.transform")
+
+
+def at(resolution: float, on: str = "", east: float = 0.0, north: float = 0.0) -> str:
+    return f"/#m=MER2&at={east},{north},{resolution}&on={on}"
+
+
+def resolution_of(page) -> float:
+    return float(page.url.split("at=")[1].split("&")[0].split(",")[2])
+
+
+def pixel_of(page, east: float, north: float, resolution: float) -> tuple[float, float]:
+    """Where on the page a place is, the map being centred on the landing point."""
+    box = page.locator("div.map").bounding_box()
+    x = box["x"] + box["width"] / 2 + east / resolution
+    return x, box["y"] + box["height"] / 2 - north / resolution
+
+
+def screenshot(page, name: str) -> np.ndarray:
+    """Red, green, blue of the page; kept where SOLMAP_SCREENSHOTS says."""
+    body = page.screenshot()
+    if folder := os.environ.get("SOLMAP_SCREENSHOTS"):
+        Path(folder).mkdir(parents=True, exist_ok=True)
+        (Path(folder) / f"{name}.png").write_bytes(body)
+    return cv2.imdecode(np.frombuffer(body, np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
+
+
+def colour_at(picture: np.ndarray, place: tuple[float, float]) -> np.ndarray:
+    x, y = (round(value) for value in place)
+    return picture[y, x].astype(int)
+
+
+def field(page, key: str) -> str:
+    return page.locator(f'[data-field="{key}"] b').inner_text().replace("\u2212", "-")
