@@ -65,8 +65,8 @@ check: setup  ## Style, types and the direction of imports.
 bench: setup  ## Times and ratios against a peer in the same run.
 	$(BIN)/pytest -o addopts=--import-mode=importlib tests/benchmarks --benchmark-only --benchmark-disable-gc --benchmark-columns=min,median,rounds
 
-peers: setup  ## Solvers that `make bench` compares the adjustment with; without them it skips.
-	$(BIN)/pip install --quiet --disable-pip-version-check --no-deps gtsam==4.3.0 pyceres==2.6 pycolmap==4.2.1
+peers: setup  ## Rivals that `make bench` compares adjustment and tiles with; without them it skips.
+	$(BIN)/pip install --quiet --disable-pip-version-check --no-deps gtsam==4.3.0 pyceres==2.6 pycolmap==4.2.1 titiler.core==2.4.0 geojson-pydantic==2.2.0 simplejson==4.3.0
 
 FUZZ_SECONDS ?= 30
 FUZZ_TARGETS := label vicar image detached raster pds4 metadata camera picture vectors localisations names
