@@ -12,10 +12,11 @@ import zlib
 
 import numpy as np
 
+from gis_server.rendering.deflate import zlib_stream
+
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _UP = 2
 _INDEXED, _TRUE_COLOUR = 3, 2
-_FASTEST, _WINDOW_BITS, _MEMORY = 1, 15, 9
 
 
 def indexed_png(indices: np.ndarray, palette: np.ndarray) -> bytes:
@@ -46,10 +47,8 @@ def _png(picture: np.ndarray, colour_type: int, notes: bytes) -> bytes:
     lines[:, 0] = _UP
     lines[0, 1:] = flat[0]
     np.subtract(flat[1:], flat[:-1], out=lines[1:, 1:])  # modulo 256, as the format asks
-    deflate = zlib.compressobj(_FASTEST, zlib.DEFLATED, _WINDOW_BITS, _MEMORY)
-    data = deflate.compress(lines.tobytes()) + deflate.flush()
     header = struct.pack(">IIBBBBB", columns, rows, 8, colour_type, 0, 0, 0)
-    end = (_chunk(b"IDAT", data), _chunk(b"IEND", b""))
+    end = (_chunk(b"IDAT", zlib_stream(lines.tobytes())), _chunk(b"IEND", b""))
     return b"".join((_SIGNATURE, _chunk(b"IHDR", header), notes, *end))
 
 

@@ -82,6 +82,12 @@ STYLES = {
 """Slopes end at 40 degrees: loose ground is no steeper, and no rover climbs it."""
 
 
+PICTURES = {ProductKind.ORTHOPHOTO, ProductKind.ORBITAL, ProductKind.COLOUR} | {
+    kind for kind, style in STYLES.items() if style.is_classes
+}
+"""Kinds of eight bits; all others are rasters of 32-bit floats and have tiles of values."""
+
+
 def style_of(kind: ProductKind) -> Style:
     """The style of a kind of raster.
 

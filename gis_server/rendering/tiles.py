@@ -1,30 +1,35 @@
-"""From a tile's address to its picture.
-
-Rasters are snapped to the tile matrix set, so a tile at the raster's own zoom is one block, a tile
-below it one block of an overview, and a tile above it a part of a block whose cells are repeated:
-cells stay what was measured, whatever the zoom. Windows are clipped to the raster by hand, because
-GDAL's boundless reads decode blocks again and again.
-"""
+"""From a tile's address to its picture, or to its values."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
 import rasterio
 from rasterio.enums import Resampling
-from rasterio.windows import Window
 
+from gis_server.rendering.deflate import gzip_stream
+from gis_server.rendering.floats import encode_values
+from gis_server.rendering.patches import read_patch, read_tile
 from gis_server.rendering.png import colour_png, indexed_png
 from gis_server.rendering.readers import RasterPool
-from gis_server.rendering.styles import PALETTES, indices_of, range_of, style_of
+from gis_server.rendering.styles import PALETTES, STYLES, Style, indices_of, range_of, style_of
 from photogrammetry.terrain.grid import BLOCK
-from products.model import Layer
-from products.raster import grid_of
+from products.errors import ProductNotFoundError
+from products.model import Layer, ProductKind
+from products.raster import band_names
 from products.store import ProductStore
 from products.tiling import TileAddress
+
+ELEVATIONS = (ProductKind.DTM, ProductKind.FAR_DTM, ProductKind.REGION_DTM)
+_NOT_AVERAGED = {ProductKind.ASPECT, ProductKind.REGION_ASPECT} | {
+    kind for kind, style in STYLES.items() if style.is_classes
+}
+_SHADES = 256
+"""A gradient is felt to this part of 1: what a shade of grey shows."""
+_COLOURS = 4096
+"""Steps that a stretch of a layer's range is good for."""
 
 
 def render_tile(layer: Layer, address: TileAddress, store: ProductStore, pool: RasterPool) -> bytes:
@@ -40,13 +45,17 @@ def render_tile(layer: Layer, address: TileAddress, store: ProductStore, pool: R
         if style.is_colour:
             bands = [read_tile(dataset, address, band) for band in (1, 2, 3)]
             return _colour_png(bands)
-        how = Resampling.nearest if style.is_classes else Resampling.average
-        values = read_tile(dataset, address, style.band, how)
+        values = read_tile(dataset, address, style.band, _averaging(layer.ref.kind))
         palette = _own_palette(dataset) if style.is_classes else PALETTES[layer.ref.kind]
     if values is None:
         return empty_tile()
     indices = indices_of(values, *range_of(style, layer))
     return indexed_png(indices, palette) if indices.any() else empty_tile()
+
+
+def _averaging(kind: ProductKind) -> Resampling:
+    """How cells become larger pixels: directions run in a circle and classes have no mean."""
+    return Resampling.nearest if kind in _NOT_AVERAGED else Resampling.average
 
 
 def _own_palette(dataset: rasterio.DatasetReader) -> np.ndarray:
@@ -76,70 +85,49 @@ def overlap(
     return one[0] < other[2] and other[0] < one[2] and one[1] < other[3] and other[1] < one[3]
 
 
-def read_tile(
-    dataset: rasterio.DatasetReader,
-    address: TileAddress,
-    band: int = 1,
-    how: Resampling = Resampling.average,
-) -> np.ndarray | None:
-    """Stored values of a tile, nodata where the raster ends; None where it holds none of it."""
-    grid = grid_of(dataset)
-    west, north = address.west_north
-    ratio = address.cell_m / grid.cell_m
-    step = min(ratio, 1.0)  # tiles and grids share a lattice: what is left over is rounding
-    row = round((grid.north - north) / grid.cell_m / step) * step
-    col = round((west - grid.west) / grid.cell_m / step) * step
-    if ratio < 1.0 - 1e-9:
-        return _repeated(dataset, band, row, col, ratio)
-    return _reduced(dataset, band, row, col, ratio, how)
+def render_values(
+    layer: Layer, address: TileAddress, store: ProductStore, pool: RasterPool, band: str = ""
+) -> bytes | None:
+    """The values of a tile and of the pixels around it, compressed with gzip; None where none are.
 
+    Args:
+        layer: A raster of 32-bit floats.
+        address: The tile.
+        store: Where the layer's file is.
+        pool: Open rasters.
+        band: Name of the band; the first by default.
 
-def _reduced(
-    dataset: rasterio.DatasetReader,
-    band: int,
-    row: float,
-    col: float,
-    ratio: float,
-    how: Resampling,
-) -> np.ndarray | None:
-    """A tile whose pixels are `ratio` cells wide, 1 or more, from the overview that fits."""
-    rows = _span(row / ratio, dataset.height / ratio)
-    cols = _span(col / ratio, dataset.width / ratio)
-    if not (rows and cols):
+    Raises:
+        ProductNotFoundError: the layer has no such values.
+    """
+    style = style_of(layer.ref.kind)
+    if not overlap(layer.bounds, address.bounds):
         return None
-    top, left = max(row + rows.start * ratio, 0.0), max(col + cols.start * ratio, 0.0)
-    bottom = min(row + rows.stop * ratio, dataset.height)
-    right = min(col + cols.stop * ratio, dataset.width)
-    part = dataset.read(
-        band,
-        window=Window(left, top, right - left, bottom - top),
-        out_shape=(len(rows), len(cols)),
-        resampling=how,
-    )
-    if part.shape == (BLOCK, BLOCK):
-        return part
-    tile = np.full((BLOCK, BLOCK), dataset.nodata, part.dtype)
-    tile[rows.start : rows.stop, cols.start : cols.stop] = part
-    return tile
-
-
-def _span(origin: float, size: float) -> range:
-    """Pixels of a tile starting at `origin` that lie on a raster of `size` such pixels."""
-    return range(max(0, math.floor(-origin)), min(BLOCK, math.ceil(size - origin)))
-
-
-def _repeated(
-    dataset: rasterio.DatasetReader, band: int, row: float, col: float, ratio: float
-) -> np.ndarray | None:
-    """A tile whose pixels are a fraction of a cell wide."""
-    pixels = (np.arange(BLOCK) + 0.5) * ratio
-    rows, cols = np.floor(row + pixels).astype(int), np.floor(col + pixels).astype(int)
-    rows, cols = (
-        rows[(rows >= 0) & (rows < dataset.height)],
-        cols[(cols >= 0) & (cols < dataset.width)],
-    )
-    if len(rows) < BLOCK or len(cols) < BLOCK:  # rasters end on whole blocks
+    with pool.reading(store.path(layer.ref)) as dataset:
+        index = _band_of(layer, dataset, band)
+        patch = read_patch(dataset, address, index, _averaging(layer.ref.kind), border=1)
+    if patch is None:
         return None
-    window = Window(cols[0], rows[0], cols[-1] - cols[0] + 1, rows[-1] - rows[0] + 1)
-    part = dataset.read(band, window=window)
-    return part[np.ix_(rows - rows[0], cols - cols[0])]
+    values = patch.tile(patch.values)
+    if not np.isfinite(values).any():
+        return None
+    finest = _finest(layer, style, patch.cell_m) if index == 1 else 0.0
+    return gzip_stream(encode_values(values, finest))
+
+
+def _finest(layer: Layer, style: Style, cell_m: float) -> float:
+    """The step that values need: elevations for their gradient, others for their colour."""
+    if layer.ref.kind in ELEVATIONS:
+        return cell_m / _SHADES
+    low, high = range_of(style, layer)
+    return (high - low) / _COLOURS
+
+
+def _band_of(layer: Layer, dataset: rasterio.DatasetReader, name: str) -> int:
+    """The number of a band of floats."""
+    names = band_names(dataset)
+    if dataset.dtypes[0] != "float32":
+        raise ProductNotFoundError(f"{layer.id} is a picture: ask for its tiles as .png")
+    if name and name not in names:
+        raise ProductNotFoundError(f"{layer.id} has no band {name}; it has {', '.join(names)}")
+    return names.index(name) + 1 if name else 1

@@ -8,7 +8,7 @@ from typing import Any, Literal
 from pydantic import BaseModel
 
 from gis_server.rendering.identify import FeatureFound, Identified, LayerValue
-from gis_server.rendering.styles import STYLES, legend_of, range_of
+from gis_server.rendering.styles import PICTURES, STYLES, legend_of, range_of
 from photogrammetry.terrain.grid import BLOCK, Bounds, union
 from products.catalogue import ImageEntry, MissionEntry
 from products.crs import LandingPoint, local_crs, local_proj4, lon_lat
@@ -92,6 +92,8 @@ class MapLayer(BaseModel):
     sols: tuple[int, ...]
     made_at: str
     tiles: str | None
+    values: str | None
+    """Tiles of values, for shading in the browser."""
     features: str | None
     legend: Legend | None
     download: str
@@ -198,11 +200,17 @@ def layer_body(layer: Layer) -> MapLayer:
         sols=layer.sols,
         made_at=layer.made_at,
         tiles=f"/tiles/{place}/{{z}}/{{x}}/{{y}}.png" if style else None,
+        values=_values_of(layer, place) if style else None,
         features=f"/api/layers/{place}/features.geojson" if is_vector else None,
         legend=Legend.model_validate(legend) if (legend := legend_of(layer)) else None,
         download=f"/download/{place}",
         provenance=f"/api/layers/{place}/provenance",
     )
+
+
+def _values_of(layer: Layer, place: str) -> str | None:
+    is_picture = layer.ref.kind in PICTURES
+    return None if is_picture else f"/tiles/{place}/{{z}}/{{x}}/{{y}}.values"
 
 
 def image_body(entry: ImageEntry) -> Image:

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
-from fastapi import APIRouter, Response
+from http import HTTPStatus
+from typing import Annotated
 
-from gis_server.rendering.tiles import render_tile
+from fastapi import APIRouter, Header, Query, Response
+
+from gis_server.rendering.deflate import gunzipped
+from gis_server.rendering.floats import MEDIA_TYPE
+from gis_server.rendering.tiles import render_tile, render_values
 from gis_server.routes.parameters import FOREVER, Address, LayerPath
 from gis_server.services import ServicesOf
 
 router = APIRouter(tags=["tiles"])
+BandName = Annotated[str, Query(pattern=r"^[a-z_]{0,64}$", description="the first by default")]
 
 
 @router.get("/tiles/{scope}/{kind}/{digest}/{z}/{x}/{y}.png", response_class=Response)
@@ -16,3 +22,26 @@ def tile(layer: LayerPath, address: Address, services: ServicesOf) -> Response:
     """One tile of 256 x 256 pixels, transparent where nothing was measured."""
     body = render_tile(layer, address, services.store, services.pool)
     return Response(body, media_type="image/png", headers=FOREVER)
+
+
+@router.get("/tiles/{scope}/{kind}/{digest}/{z}/{x}/{y}.values", response_class=Response)
+def values(
+    layer: LayerPath,
+    address: Address,
+    services: ServicesOf,
+    band: BandName = "",
+    accept_encoding: Annotated[str, Header(include_in_schema=False)] = "",
+) -> Response:
+    """The values of a tile and of the pixels around it; status 204 where nothing was measured.
+
+    The format stands in the documentation of the stage "Serve".
+    """
+    body = render_values(layer, address, services.store, services.pool, band)
+    headers = {**FOREVER, "Vary": "Accept-Encoding"}
+    if body is None:
+        return Response(status_code=HTTPStatus.NO_CONTENT, headers=headers)
+    if "gzip" in accept_encoding:
+        headers["Content-Encoding"] = "gzip"
+    else:
+        body = gunzipped(body)
+    return Response(body, media_type=MEDIA_TYPE, headers=headers)

@@ -5,10 +5,11 @@ import pytest
 from fastapi.testclient import TestClient
 
 from gis_server.app import create_app
+from gis_server.rendering.patches import read_tile
 from gis_server.rendering.png import indexed_png
 from gis_server.rendering.readers import RasterPool
 from gis_server.rendering.styles import PALETTES, indices_of
-from gis_server.rendering.tiles import empty_tile, read_tile, render_tile
+from gis_server.rendering.tiles import empty_tile, render_tile
 from products.model import ProductKind
 from products.pictures import source_colour, write_pieces, write_sources
 from products.tiling import CELL_SIZES, MAX_ZOOM, TileAddress, zoom_of

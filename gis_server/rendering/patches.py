@@ -1,0 +1,164 @@
+"""The cells of a raster that a tile is drawn from, with a margin for what looks at neighbours.
+
+Rasters are snapped to the tile matrix set, so a tile at the raster's own zoom is one block, a tile
+below it one block of an overview, and a tile above it a part of a block whose cells are repeated:
+cells stay what was measured, whatever the zoom. Slope, shading and contours look at neighbouring
+cells; a patch with a margin has those of the tiles around it, so that tiles meet without a seam.
+Above the raster's own zoom they are computed on its own cells, and repeated afterwards.
+
+Windows are clipped to the raster by hand, because GDAL's boundless reads decode blocks again and
+again.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import rasterio
+from rasterio.enums import Resampling
+from rasterio.windows import Window
+
+from photogrammetry.terrain.grid import BLOCK
+from products.raster import grid_of
+from products.tiling import TileAddress
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Patch:
+    """Cells around a tile, square on the ground."""
+
+    values: np.ndarray
+    """Stored values, rows by columns; nodata beyond the raster."""
+    cell_m: float
+    """Size of these cells: the tile's pixel, or the raster's cell where that is larger."""
+    rows: np.ndarray
+    """Row of `values` that every row of the tile shows."""
+    columns: np.ndarray
+
+    def tile(self, computed: np.ndarray) -> np.ndarray:
+        """What was computed of every cell (last two axes), as the tile shows it."""
+        if len(self.rows) == self.rows[-1] - self.rows[0] + 1:  # one cell is one pixel
+            rows, columns = slice(self.rows[0], self.rows[-1] + 1), self.columns
+            return computed[..., rows, columns[0] : columns[-1] + 1]
+        return computed[..., self.rows[:, None], self.columns[None, :]]
+
+
+def read_patch(
+    dataset: rasterio.DatasetReader,
+    address: TileAddress,
+    band: int = 1,
+    how: Resampling = Resampling.average,
+    *,
+    margin: int = 0,
+    border: int = 0,
+) -> Patch | None:
+    """The cells of a tile; None where the raster holds none of them.
+
+    Args:
+        dataset: The raster.
+        address: The tile.
+        band: Which band, from 1.
+        how: How cells become pixels that are larger than they.
+        margin: Cells to read around those that are shown.
+        border: Pixels that are shown around the tile's 256 x 256.
+    """
+    grid = grid_of(dataset)
+    west, north = address.west_north
+    ratio = address.cell_m / grid.cell_m
+    step = min(ratio, 1.0)  # tiles and grids share a lattice: what is left over is rounding
+    row = round((grid.north - north) / grid.cell_m / step) * step
+    col = round((west - grid.west) / grid.cell_m / step) * step
+    if ratio < 1.0 - 1e-9:
+        rows, columns = (_cells_shown(origin, ratio, border) for origin in (row, col))
+        own = _own_cells(dataset, band, rows, columns, margin)
+        cell_m = grid.cell_m
+    else:
+        around, cell_m = margin + border, address.cell_m
+        rows = columns = np.arange(BLOCK + 2 * border) - border
+        own = _larger_cells(
+            dataset,
+            band,
+            (row / ratio - around, col / ratio - around),
+            ratio,
+            how,
+            BLOCK + 2 * around,
+        )
+    if own is None:
+        return None
+    return Patch(own, cell_m, rows - rows[0] + margin, columns - columns[0] + margin)
+
+
+def read_tile(
+    dataset: rasterio.DatasetReader,
+    address: TileAddress,
+    band: int = 1,
+    how: Resampling = Resampling.average,
+) -> np.ndarray | None:
+    """Stored values of a tile, nodata where the raster ends; None where it holds none of it."""
+    patch = read_patch(dataset, address, band, how)
+    return None if patch is None else patch.tile(patch.values)
+
+
+def _cells_shown(origin: float, ratio: float, border: int) -> np.ndarray:
+    """The raster's row or column under every pixel; pixels are `ratio` cells wide, less than 1."""
+    pixels = np.arange(-border, BLOCK + border) + 0.5
+    return np.floor(origin + pixels * ratio).astype(int)
+
+
+def _own_cells(
+    dataset: rasterio.DatasetReader, band: int, rows: np.ndarray, columns: np.ndarray, margin: int
+) -> np.ndarray | None:
+    """The raster's own cells from the first to the last row and column, and a margin."""
+    top, left = int(rows[0]) - margin, int(columns[0]) - margin
+    shape = int(rows[-1]) + margin + 1 - top, int(columns[-1]) + margin + 1 - left
+    first_row, last_row = max(0, top), min(top + shape[0], dataset.height)
+    first_col, last_col = max(0, left), min(left + shape[1], dataset.width)
+    if first_row >= last_row or first_col >= last_col:
+        return None
+    window = Window(first_col, first_row, last_col - first_col, last_row - first_row)
+    part = dataset.read(band, window=window)
+    return _placed(dataset, part, shape, first_row - top, first_col - left)
+
+
+def _larger_cells(
+    dataset: rasterio.DatasetReader,
+    band: int,
+    corner: tuple[float, float],
+    ratio: float,
+    how: Resampling,
+    side: int,
+) -> np.ndarray | None:
+    """A square of pixels `ratio` cells wide, 1 or more, from the overview that fits."""
+    row, col = corner
+    rows = _span(row, dataset.height / ratio, side)
+    cols = _span(col, dataset.width / ratio, side)
+    if not (rows and cols):
+        return None
+    top, left = max((row + rows.start) * ratio, 0.0), max((col + cols.start) * ratio, 0.0)
+    bottom = min((row + rows.stop) * ratio, dataset.height)
+    right = min((col + cols.stop) * ratio, dataset.width)
+    part = dataset.read(
+        band,
+        window=Window(left, top, right - left, bottom - top),
+        out_shape=(len(rows), len(cols)),
+        resampling=how,
+    )
+    return _placed(dataset, part, (side, side), rows.start, cols.start)
+
+
+def _span(origin: float, size: float, side: int) -> range:
+    """Pixels of a tile starting at `origin` that lie on a raster of `size` such pixels."""
+    return range(max(0, math.floor(-origin)), min(side, math.ceil(size - origin)))
+
+
+def _placed(
+    dataset: rasterio.DatasetReader, part: np.ndarray, shape: tuple[int, int], row: int, col: int
+) -> np.ndarray:
+    """A part of a raster with nodata around it."""
+    if part.shape == shape:
+        return part
+    whole = np.full(shape, dataset.nodata, part.dtype)
+    whole[row : row + part.shape[0], col : col + part.shape[1]] = part
+    return whole
