@@ -19,7 +19,8 @@ import uvicorn
 from gis_server.app import create_app
 
 ROOT = Path(__file__).resolve().parents[2]
-DIST = ROOT / "gis_server" / "viewer" / "dist"
+DIST = Path(os.environ.get("SOLMAP_VIEWER", ROOT / "gis_server" / "viewer" / "dist"))
+"""The built viewer; SOLMAP_VIEWER names another build of it."""
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
 ARGUMENTS = (
     "--no-sandbox",

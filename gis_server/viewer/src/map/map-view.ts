@@ -1,10 +1,8 @@
-/** The map itself: layers in the local frame, pointer, highlight, mark and measuring line. */
+/** The map itself: layers in the local frame, pointer, highlight and mark. */
 
 import { defaults as defaultControls } from "ol/control/defaults";
 import type Feature from "ol/Feature";
 import type Geometry from "ol/geom/Geometry";
-import type LineString from "ol/geom/LineString";
-import Draw from "ol/interaction/Draw";
 import { defaults as defaultInteractions } from "ol/interaction/defaults";
 import OlVectorLayer from "ol/layer/Vector";
 import OlMap from "ol/Map";
@@ -15,19 +13,12 @@ import { type Shown, show } from "./map-layers";
 import type { Place } from "../session/permalink";
 import type { LocalMap } from "./projection";
 import type { Bounds, Layer, MapPoint, Mission } from "../server/records";
-import {
-  type Draw as Drawing,
-  type DrawingState,
-  drawHighlight,
-  drawMark,
-  drawMeasure,
-  pointFeature,
-} from "./styles";
+import { type Draw, type DrawingState, drawHighlight, drawMark, pointFeature } from "./styles";
 
 const TOUCH_PX = 5;
 const PADDING_PX = [56, 40, 72, 40];
 
-function overlay(style: Drawing, zIndex: number) {
+function overlay(style: Draw, zIndex: number) {
   const source = new VectorSource<Feature<Geometry>>();
   return { source, layer: new OlVectorLayer({ source, style, zIndex }) };
 }
@@ -43,8 +34,7 @@ export class MapView {
   private readonly highlight = overlay(drawHighlight, 1000);
   private readonly mark = overlay(drawMark, 1001);
   private readonly cursor = overlay(drawMark, 1003);
-  private readonly ruler = overlay(drawMeasure, 1002);
-  private measuring: Draw | null = null;
+  private claims = 0;
 
   constructor(
     target: HTMLElement,
@@ -59,7 +49,7 @@ export class MapView {
       target,
       controls: defaultControls({ zoom: false, rotate: false, attribution: false }),
       interactions: defaultInteractions(), // the map fills the page: the wheel needs no click first
-      layers: [this.highlight, this.mark, this.ruler, this.cursor].map(({ layer }) => layer),
+      layers: [this.highlight, this.mark, this.cursor].map(({ layer }) => layer),
       view: new View({
         projection: local.projection,
         constrainOnlyCenter: true,
@@ -179,31 +169,19 @@ export class MapView {
     if (point) this.cursor.source.addFeature(pointFeature(point));
   }
 
-  get isMeasuring(): boolean {
-    return this.measuring !== null;
+  /** Whether a tool claims the clicks. */
+  get isClaimed(): boolean {
+    return this.claims > 0;
   }
 
-  /** Starts measuring; `onChange` gets the line while it grows. */
-  startMeasuring(onChange: (line: readonly MapPoint[]) => void): void {
-    this.stopMeasuring();
-    const draw = new Draw({ source: this.ruler.source, type: "LineString", style: drawMeasure });
-    const tell = (feature: Feature<Geometry>) => {
-      const vertices = (feature.getGeometry() as LineString).getCoordinates();
-      onChange(vertices.map(([east = 0, north = 0]): MapPoint => [east, north]));
+  /** Keeps clicks and what the pointer touches from all parts, until the answer is called. */
+  claimClicks(): () => void {
+    this.claims += 1;
+    let mine = true;
+    return () => {
+      if (mine) this.claims -= 1;
+      mine = false;
     };
-    draw.on("drawstart", ({ feature }) => {
-      this.ruler.source.clear();
-      feature.getGeometry()?.on("change", () => tell(feature));
-    });
-    draw.on("drawend", ({ feature }) => tell(feature));
-    this.map.addInteraction(draw);
-    this.measuring = draw;
-  }
-
-  stopMeasuring(): void {
-    if (this.measuring) this.map.removeInteraction(this.measuring);
-    this.measuring = null;
-    this.ruler.source.clear();
   }
 
   onPointer(listener: (event: MapBrowserEvent, point: MapPoint) => void): void {
@@ -212,7 +190,7 @@ export class MapView {
 
   onClick(listener: (event: MapBrowserEvent, point: MapPoint) => void): void {
     this.map.on("singleclick", (event) => {
-      if (!this.measuring) listener(event, pointOf(event));
+      if (!this.isClaimed) listener(event, pointOf(event));
     });
   }
 

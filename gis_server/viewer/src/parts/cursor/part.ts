@@ -21,7 +21,7 @@ export function cursorPart({ page, view, signals, alive }: Context): void {
   };
   view.onPointer((event, point) => {
     if (event.dragging) return;
-    const touched = view.isMeasuring ? null : view.touched(event.pixel);
+    const touched = view.isClaimed ? null : view.touched(event.pixel);
     over({ point, pixel: event.pixel, touched });
   });
   view.onClick((event, point) => {

@@ -1,11 +1,13 @@
 /** The ruler: a line is drawn on the map, its length and azimuth are told. */
 
 import { measure, measuredText } from "../../map/measure";
+import { Sketch } from "../../map/sketch";
 import { button } from "../../page/dom";
 import type { MapPoint } from "../../server/records";
 import type { Context } from "../../session/context";
 
 export function rulerPart({ page, view, keys }: Context): void {
+  let sketch: Sketch | null = null;
   const tell = (line: readonly MapPoint[]) => {
     page.ruler.textContent = measuredText(measure(line));
   };
@@ -13,15 +15,12 @@ export function rulerPart({ page, view, keys }: Context): void {
     class: "measure",
     "aria-pressed": "false",
   });
-  function toggle(on = !view.isMeasuring): void {
+  function toggle(on = sketch === null): void {
     tool.setAttribute("aria-pressed", String(on));
     page.ruler.hidden = !on;
-    if (!on) {
-      view.stopMeasuring();
-      return;
-    }
-    tell([]);
-    view.startMeasuring(tell);
+    sketch?.stop();
+    sketch = on ? new Sketch(view, "line", { change: tell, end: tell }) : null;
+    if (on) tell([]);
   }
   page.addTool(tool);
   keys.add("m", "measure a distance", () => toggle());
