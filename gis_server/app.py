@@ -14,19 +14,23 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from config.settings import Settings
 from gis_server.errors import install_error_table
-from gis_server.routes import analysis, images, layers, missions, models, pages, tiles
+from gis_server.ogc import features, landing
+from gis_server.routes import analysis, images, layers, missions, models, pages, scene, tiles
 from gis_server.services import open_services
 
 _HEADERS = {
     "Content-Security-Policy": (
-        "default-src 'self'; img-src 'self' data: blob:; style-src 'self' 'unsafe-inline'; "
-        "worker-src 'self' blob:; frame-ancestors 'none'; base-uri 'none'; form-action 'self'"
+        "default-src 'self'; script-src 'self' 'wasm-unsafe-eval'; connect-src 'self' blob:; "
+        "img-src 'self' data: blob:; style-src 'self' 'unsafe-inline'; worker-src 'self' blob:; "
+        "frame-ancestors 'none'; base-uri 'none'; form-action 'self'"
     ),
     "X-Content-Type-Options": "nosniff",
     "Referrer-Policy": "same-origin",
     "Cross-Origin-Opener-Policy": "same-origin",
 }
-"""Nothing from elsewhere is loaded, nobody embeds the map, no other origin is let in (no CORS)."""
+"""Nothing from elsewhere is loaded, nobody embeds the map, no other origin is let in (no CORS).
+`wasm-unsafe-eval` lets the decoder of compressed 3D models, which is served from here, be compiled
+in a worker; it allows no JavaScript from text. Pictures inside models are read as blobs."""
 
 
 class SecurityHeaders:
@@ -90,7 +94,18 @@ def create_app(store_root: Path, viewer_dist: Path | None = None) -> FastAPI:
     )
     app.state.services = services
     install_error_table(app)
-    for module in (missions, layers, models, analysis, tiles, images, pages):
+    for module in (
+        missions,
+        layers,
+        models,
+        scene,
+        analysis,
+        tiles,
+        images,
+        landing,
+        features,
+        pages,
+    ):
         app.include_router(module.router)
     pages.install_pages(app, viewer_dist or pages.SHIPPED_VIEWER)
     app.add_middleware(CompressText)

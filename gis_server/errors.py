@@ -31,6 +31,7 @@ STATUS: dict[type[Exception], HTTPStatus] = {
     AdjustmentError: HTTPStatus.UNPROCESSABLE_ENTITY,
 }
 HINT = {
+    HTTPStatus.BAD_REQUEST: "/docs says what can be asked, and how",
     HTTPStatus.NOT_FOUND: "GET /api/missions lists what is published, /docs what can be asked",
     HTTPStatus.INSUFFICIENT_STORAGE: "free some space on the disk of the store",
     HTTPStatus.UNPROCESSABLE_ENTITY: "ask anew as the sentence says; /docs describes the question",
@@ -42,7 +43,8 @@ def install_error_table(app: FastAPI) -> None:
     """Have every error of the table answered as `detail`: what, where and what to try."""
     for kind, status in STATUS.items():
         app.add_exception_handler(kind, _answer(status))
-    app.add_exception_handler(HTTPStatus.NOT_FOUND, _answer(HTTPStatus.NOT_FOUND))
+    for status in (HTTPStatus.NOT_FOUND, HTTPStatus.BAD_REQUEST):
+        app.add_exception_handler(status, _answer(status))
     app.add_exception_handler(RequestValidationError, _refuse)
 
 
@@ -51,7 +53,9 @@ def _answer(status: HTTPStatus) -> Callable[[Request, Exception], Awaitable[JSON
         what = error.detail if isinstance(error, HTTPException) else str(error)
         detail = {"what": what, "where": request.url.path, "what to try": HINT[status]}
         return JSONResponse(
-            {"detail": detail}, status_code=status, headers={"Cache-Control": "no-store"}
+            {"code": status.phrase, "description": what, "detail": detail},
+            status_code=status,
+            headers={"Cache-Control": "no-store"},
         )
 
     return answer

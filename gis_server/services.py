@@ -12,6 +12,7 @@ from fastapi import Depends, Request
 
 from gis_server.rendering.readers import RasterPool
 from products.catalogue import Catalogue
+from products.mission_features import MissionFeatures
 from products.model import Layer, ProductKind
 from products.store import ProductStore
 
@@ -28,13 +29,16 @@ class Services:
     layer: Callable[[str, ProductKind, str], Layer]
     """A layer by scope, kind and digest, remembered: it never changes, and a view of the map asks
     for dozens of its tiles."""
+    features: MissionFeatures
+    """All features of a mission, out of an index."""
 
 
 def open_services(root: Path) -> Services:
     """Open the store at `root` for reading."""
     store, catalogue = ProductStore.open(root), Catalogue.open(root)
     remembered = lru_cache(maxsize=_LAYERS)(catalogue.layer)
-    return Services(store, catalogue, RasterPool(), remembered)
+    features = MissionFeatures.open(store, catalogue)
+    return Services(store, catalogue, RasterPool(), remembered, features)
 
 
 def _services(request: Request) -> Services:

@@ -8,7 +8,7 @@ files: the catalogue holds references and what the map needs to know without ope
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -198,8 +198,18 @@ class Catalogue:
             return _image_entry(row)
         raise ProductNotFoundError(f"no image {image_id!r} has been ingested")
 
-    def layers(self, mission: str | None = None) -> list[Layer]:
-        """The latest layer of every scope and kind."""
+    def images_version(self, mission: str) -> str:
+        """Changes whenever an image of a mission is ingested, anew or for the first time."""
+        query = sa.select(sa.func.count(), sa.func.max(sa.literal_column("rowid")))
+        query = query.select_from(_images).where(_images.c.mission == mission)
+        with self.engine.connect() as connection:
+            count, last = connection.execute(query).one()
+        return f"{count}-{last or 0}"
+
+    def layers(
+        self, mission: str | None = None, kinds: Collection[ProductKind] | None = None
+    ) -> list[Layer]:
+        """The latest layer of every scope and kind; all, or those of a mission or of some kinds."""
         query = sa.select(_layers.c.document).join(
             _latest,
             (_latest.c.scope == _layers.c.scope)
@@ -208,6 +218,8 @@ class Catalogue:
         )
         if mission is not None:
             query = query.where(_layers.c.mission == mission)
+        if kinds is not None:
+            query = query.where(_layers.c.kind.in_([str(kind) for kind in kinds]))
         query = query.order_by(_layers.c.scope, _layers.c.kind)
         return [_layer(row) for row in self._documents(query)]
 

@@ -38,7 +38,7 @@ def write_geopackage(path: Path, collection: FeatureCollection, layer: str) -> N
     pyogrio.raw.write(
         path,
         geometry=np.array([shapely.to_wkb(_shape(f)) for f in features], dtype=object),
-        field_data=[_column(features, name) for name in names],
+        field_data=[column_of([f.properties.get(name) for f in features]) for name in names],
         fields=np.array(names, dtype=object),
         geometry_type=f"{kinds.pop()}{' Z' if solid else ''}",
         crs=local_crs(collection.landing).to_wkt(),
@@ -54,9 +54,8 @@ def _shape(feature: Feature) -> shapely.Geometry:
     return shapely.Point(outline[0]) if feature.geometry == "Point" else shapely.LineString(outline)
 
 
-def _column(features: tuple[Feature, ...], name: str) -> np.ndarray:
+def column_of(values: list[Any]) -> np.ndarray:
     """A property of all features: numbers where it is one in each, else text or nothing."""
-    values = [feature.properties.get(name) for feature in features]
     if all(isinstance(value, bool) for value in values):
         return np.array(values, dtype=bool)
     if all(isinstance(value, int) and not isinstance(value, bool) for value in values):

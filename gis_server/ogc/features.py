@@ -1,0 +1,234 @@
+"""OGC API Features: collections of a mission's features, page by page or as files.
+
+Part 1 (core, GeoJSON, HTML) and Part 2 (CRS by reference), with two departures that Mars makes
+necessary: the default CRS, also of extents, is longitude and latitude of Mars, not of the Earth.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Depends, Path, Request, Response
+from fastapi.responses import JSONResponse
+
+from gis_server.ogc.crs import Crs, uri_of
+from gis_server.ogc.features_query import Asked, FeaturesQuery, form_of
+from gis_server.ogc.formats import (
+    FILES,
+    MEDIA_TYPES,
+    Format,
+    Placed,
+    as_csv,
+    as_file,
+    feature_text,
+    geojson,
+)
+from gis_server.ogc.html import feature_page, items_page
+from gis_server.ogc.links import GEOJSON, HTML, JSON, BaseOf, Link, link
+from gis_server.routes.parameters import AGAIN, MissionName
+from gis_server.services import Services, ServicesOf
+from products.catalogue import MissionEntry
+from products.errors import ProductNotFoundError
+from products.feature_collections import BY_ID, COLLECTIONS, CollectionOf
+from products.feature_query import IndexedFeature
+from products.stac_items import degrees
+
+router = APIRouter(prefix="/ogc/{mission}", tags=["ogc features"])
+_PART_1 = "http://www.opengis.net/spec/ogcapi-features-1/1.0/conf"
+CONFORMANCE = (
+    f"{_PART_1}/core",
+    f"{_PART_1}/geojson",
+    f"{_PART_1}/html",
+    "http://www.opengis.net/spec/ogcapi-features-2/1.0/conf/crs",
+)
+QUERYABLES = "http://www.opengis.net/def/rel/ogc/1.0/queryables"
+
+CollectionId = Annotated[str, Path(pattern=r"^[a-z-]{1,64}$", examples=["tie-points"])]
+FeatureId = Annotated[str, Path(pattern=r"^[A-Za-z0-9_.-]{1,160}$")]
+
+
+def _collection(collection: CollectionId) -> CollectionOf:
+    if collection not in BY_ID:
+        raise ProductNotFoundError(
+            f"no collection {collection!r} of features; there are {', '.join(BY_ID)}"
+        )
+    return BY_ID[collection]
+
+
+Known = Annotated[CollectionOf, Depends(_collection)]
+
+
+def landing_links(base: str) -> list[Link]:
+    """What the landing page says of features."""
+    return [link("data", f"{base}/collections", JSON, "Collections of features and of tiles")]
+
+
+def collections(mission: MissionEntry, services: Services, base: str) -> list[dict[str, Any]]:
+    """The collections that hold anything."""
+    described = (collection(one, mission, services, base) for one in COLLECTIONS)
+    return [one for one in described if "extent" in one]
+
+
+def collection(
+    known: CollectionOf, mission: MissionEntry, services: Services, base: str
+) -> dict[str, Any]:
+    """What a collection is, where and when its features are, and how to get them."""
+    here = f"{base}/collections/{known.id}"
+    extent = services.features.index.extent(services.features.keys(known, mission.mission))
+    parts: dict[str, Any] = {}
+    if extent.bounds:
+        box = list(degrees(extent.bounds, mission.landing))
+        parts["spatial"] = {"bbox": [box], "crs": uri_of(Crs.LON_LAT, base)}
+    if extent.times:
+        parts["temporal"] = {"interval": [list(extent.times)]}
+    files = (link("items", f"{here}/items?f={f}", MEDIA_TYPES[f], f"All as {f}") for f in FILES)
+    return {
+        "id": known.id,
+        "title": known.title,
+        "description": known.description,
+        "itemType": "feature",
+        **({"extent": parts} if parts else {}),
+        "crs": [uri_of(crs, base) for crs in Crs],
+        "storageCrs": uri_of(Crs.MARS, base),
+        "solmap:geometry": known.geometry,
+        "solmap:count": extent.count,
+        "links": [
+            link("self", here, JSON, "This collection"),
+            link("items", f"{here}/items", GEOJSON, known.title),
+            link("items", f"{here}/items?f=html", HTML, "As a page"),
+            *files,
+            link(QUERYABLES, f"{here}/queryables", "application/schema+json", "Properties"),
+        ],
+    }
+
+
+@router.get("/collections/{collection}/queryables")
+def queryables(
+    known: Known, mission: MissionName, services: ServicesOf, base: BaseOf
+) -> JSONResponse:
+    """The properties of the features of a collection, each of which may be asked for by name."""
+    fields = _fields(known, mission, services)
+    body = {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "$id": f"{base}/collections/{known.id}/queryables",
+        "type": "object",
+        "title": known.title,
+        "properties": {name: {"title": name, "type": kind} for name, kind in fields.items()},
+    }
+    return JSONResponse(body, headers=AGAIN, media_type="application/schema+json")
+
+
+@router.get("/collections/{collection}/items", response_class=Response)
+def items(
+    known: Known,
+    mission: MissionName,
+    services: ServicesOf,
+    base: BaseOf,
+    query: Annotated[FeaturesQuery, Depends()],
+) -> Response:
+    """The features of a collection: a page of them, or as a file all that meet the conditions."""
+    entry = services.catalogue.mission(mission)
+    asked = query.read(base, _fields(known, mission, services))
+    found, matched = _found(known, entry, services, asked)
+    page = _placed(found, known, entry, asked.crs, query.request)
+    headers = {**AGAIN, "Content-Crs": f"<{uri_of(asked.crs, base)}>"}
+    media_type = MEDIA_TYPES[asked.form]
+    if asked.form in FILES:
+        name = f"{mission}_{known.id}.{asked.form}"
+        headers["content-disposition"] = f'attachment; filename="{name}"'
+        is_csv = asked.form is Format.CSV
+        body = as_csv(page) if is_csv else as_file(page, asked.form, known.id)
+        return Response(body, headers=headers, media_type=media_type)
+    links = _page_links(query.request, base, known, asked, (len(found), matched))
+    counts = {"numberMatched": matched, "numberReturned": len(found)}
+    if asked.form is Format.HTML:
+        return Response(items_page(known, page, links, counts), headers=headers, media_type=HTML)
+    now = datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
+    text = geojson(page, {"timeStamp": now, **counts, "links": links})
+    return Response(text, headers=headers, media_type=GEOJSON)
+
+
+@router.get("/collections/{collection}/items/{feature}", response_class=Response)
+def item(
+    known: Known,
+    feature: FeatureId,
+    mission: MissionName,
+    services: ServicesOf,
+    base: BaseOf,
+    query: Annotated[FeaturesQuery, Depends()],
+) -> Response:
+    """One feature."""
+    entry = services.catalogue.mission(mission)
+    asked = query.read(base, {})
+    keys = services.features.keys(known, mission)
+    one = services.features.index.named(keys, feature)
+    if one is None:
+        raise ProductNotFoundError(f"no feature {feature!r} is in {known.id}")
+    page = _placed([one], known, entry, asked.crs, query.request)
+    here = f"{base}/collections/{known.id}"
+    links = [
+        link("self", f"{here}/items/{feature}", GEOJSON),
+        link("alternate", f"{here}/items/{feature}?f=html", HTML, "As a page"),
+        link("collection", here, JSON, known.title),
+    ]
+    headers = {**AGAIN, "Content-Crs": f"<{uri_of(asked.crs, base)}>"}
+    if form_of(query.request, query.request.query_params.get("f")) is Format.HTML:
+        return Response(feature_page(known, page, links), headers=headers, media_type=HTML)
+    linked = JSONResponse({"links": links}).body.decode()
+    text = f"{feature_text(page)[0][:-1]},{linked[1:]}"
+    return Response(text, headers=headers, media_type=GEOJSON)
+
+
+def _fields(known: CollectionOf, mission: str, services: Services) -> Mapping[str, str]:
+    return services.features.index.fields(services.features.keys(known, mission))
+
+
+def _found(
+    known: CollectionOf, entry: MissionEntry, services: Services, asked: Asked
+) -> tuple[list[IndexedFeature], int]:
+    """The features of the page, and how many there are on all pages."""
+    index, keys = services.features.index, services.features.keys(known, entry.mission)
+    selection = asked.selection(keys, entry.landing, index.extent(keys))
+    if selection is None:
+        return [], 0
+    return index.page(selection, asked.limit, asked.offset), index.count(selection)
+
+
+def _placed(
+    found: Sequence[IndexedFeature],
+    known: CollectionOf,
+    entry: MissionEntry,
+    crs: Crs,
+    request: Request,
+) -> Placed:
+    root = str(request.base_url).rstrip("/") if known.shows_images else None
+    return Placed(found, crs, entry.landing, root)
+
+
+def _page_links(
+    request: Request, base: str, known: CollectionOf, asked: Asked, counts: tuple[int, int]
+) -> list[Link]:
+    """This page, the next and the one before, and the same features in other formats."""
+    returned, matched = counts
+    here = request.url_for("items", mission=base.rsplit("/", 1)[1], collection=known.id)
+    url = here.replace_query_params(**dict(request.query_params))
+    links = [
+        link("self", str(url), MEDIA_TYPES[asked.form]),
+        link("collection", f"{base}/collections/{known.id}", JSON, known.title),
+    ]
+    if asked.offset + returned < matched:
+        after = url.include_query_params(offset=asked.offset + returned, limit=asked.limit)
+        links.append(link("next", str(after), MEDIA_TYPES[asked.form], "Next page"))
+    if asked.offset:
+        before = url.include_query_params(
+            offset=max(0, asked.offset - asked.limit), limit=asked.limit
+        )
+        links.append(link("prev", str(before), MEDIA_TYPES[asked.form], "Page before"))
+    others = [form for form in Format if MEDIA_TYPES[form] != MEDIA_TYPES[asked.form]]
+    whole = url.remove_query_params(["offset", "limit"])
+    for form in others:
+        target = (whole if form in FILES else url).include_query_params(f=str(form))
+        links.append(link("alternate", str(target), MEDIA_TYPES[form], f"As {form}"))
+    return links

@@ -1,0 +1,158 @@
+"""Features as GeoJSON, CSV, GeoPackage and FlatGeobuf.
+
+GeoJSON is put together from text: properties lie in the index as JSON and shapes are written by
+GEOS, so that a page of a thousand features costs some milliseconds.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+import pyogrio.raw
+import shapely
+from pyproj import CRS
+
+from gis_server.ogc.crs import Crs, placed
+from products.crs import MARS, MARS_URN, LandingPoint, local_crs
+from products.feature_query import IndexedFeature
+from products.geopackage import column_of
+
+
+class Format(StrEnum):
+    """What `f` may be."""
+
+    JSON = "json"
+    GEOJSON = "geojson"
+    HTML = "html"
+    CSV = "csv"
+    GPKG = "gpkg"
+    FGB = "fgb"
+
+
+MEDIA_TYPES = {
+    Format.JSON: "application/geo+json",
+    Format.GEOJSON: "application/geo+json",
+    Format.HTML: "text/html",
+    Format.CSV: "text/csv; charset=utf-8",
+    Format.GPKG: "application/geopackage+sqlite3",
+    Format.FGB: "application/flatgeobuf",
+}
+FILES = {Format.CSV, Format.GPKG, Format.FGB}
+"""What is downloaded as a whole rather than page by page."""
+_DRIVERS = {Format.GPKG: "GPKG", Format.FGB: "FlatGeobuf"}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Placed:
+    """Features of a page in the coordinate system that was asked for."""
+
+    features: Sequence[IndexedFeature]
+    crs: Crs
+    landing: LandingPoint
+    image_root: str | None = None
+    """Address of the server, where features stand for images: their files are linked."""
+
+    def shapes(self, crs: Crs | None = None) -> np.ndarray:
+        """The geometries, the first axis of the CRS first; None where a place is not known."""
+        found = np.array(shapely.from_wkb([one.shape for one in self.features]), dtype=object)
+        return placed(found, crs or self.crs, self.landing)
+
+    def properties(self, feature: IndexedFeature) -> str:
+        """A JSON object."""
+        if self.image_root is None:
+            return feature.properties
+        place = f"{self.image_root}/images/{feature.name}"
+        files = json.dumps({"browse": f"{place}/browse.png", "original": f"{place}/original"})
+        return f"{feature.properties[:-1]},{files[1:]}"
+
+    def rows(self) -> list[dict[str, Any]]:
+        """The properties of all, read."""
+        return [json.loads(self.properties(one)) for one in self.features]
+
+
+def feature_text(page: Placed) -> list[str]:
+    """Each feature as GeoJSON."""
+    shapes = shapely.to_geojson(page.shapes())
+    return [
+        f'{{"type":"Feature","id":{json.dumps(one.name)},"geometry":{shape or "null"},'
+        f'"properties":{page.properties(one)}}}'
+        for one, shape in zip(page.features, shapes, strict=True)
+    ]
+
+
+def geojson(page: Placed, members: dict[str, Any]) -> str:
+    """A feature collection with further members, such as its links.
+
+    Where the order is that of GeoJSON, a reader of plain files is told that these are degrees of
+    Mars, as in the files of the store.
+    """
+    named = {"crs": {"type": "name", "properties": {"name": MARS_URN}}}
+    head = {"type": "FeatureCollection", **(named if page.crs is Crs.LON_LAT else {}), **members}
+    features = ",\n".join(feature_text(page))
+    return f'{json.dumps(head)[:-1]},"features":[\n{features}]}}'
+
+
+def as_csv(page: Placed) -> str:
+    """A table: identifier, properties, for points a column for each axis, and the shape as WKT."""
+    rows, shapes = page.rows(), page.shapes()
+    names = list(dict.fromkeys(name for row in rows for name in row))
+    axes = {
+        Crs.LON_LAT: ["longitude", "latitude"],
+        Crs.MARS: ["latitude", "longitude"],
+        Crs.LOCAL: ["east_m", "north_m"],
+    }[page.crs] + ["elevation_m"]
+    is_points = all(shape is None or shape.geom_type == "Point" for shape in shapes)
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\r\n")
+    writer.writerow(["id", *names, *(axes if is_points else []), "wkt"])
+    for one, row, shape in zip(page.features, rows, shapes, strict=True):
+        place = [] if not is_points else _coordinates(shape)
+        text = "" if shape is None else shapely.to_wkt(shape, rounding_precision=9)
+        writer.writerow([one.name, *(_cell(row.get(name)) for name in names), *place, text])
+    return out.getvalue()
+
+
+def _coordinates(point: shapely.Point | None) -> list[float | str]:
+    known = [] if point is None else list(point.coords[0])
+    return [*known, "", "", ""][:3]
+
+
+def _cell(value: Any) -> Any:  # noqa: ANN401 - a property
+    return json.dumps(value) if isinstance(value, list | dict) else value
+
+
+def as_file(page: Placed, form: Format, layer: str) -> bytes:
+    """A GeoPackage or FlatGeobuf. These carry their CRS, and have longitude or east first."""
+    rows = page.rows()
+    names = list(dict.fromkeys(name for row in rows for name in row))
+    shapes = page.shapes(Crs.LOCAL if page.crs is Crs.LOCAL else Crs.LON_LAT)
+    known = [shape for shape in shapes if shape is not None]
+    kind = known[0].geom_type if known else "Unknown"
+    crs = local_crs(page.landing) if page.crs is Crs.LOCAL else CRS.from_user_input(MARS)
+    options = {} if len(known) == len(shapes) or form is Format.GPKG else {"SPATIAL_INDEX": "NO"}
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / f"{layer}.{form}"
+        pyogrio.raw.write(
+            path,
+            geometry=np.array([shapely.to_wkb(shape) for shape in shapes], dtype=object),
+            field_data=[
+                np.array([one.name for one in page.features], dtype=object),
+                *(column_of([row.get(name) for row in rows]) for name in names),
+            ],
+            fields=np.array(["feature_id", *names], dtype=object),
+            geometry_type=f"{kind} Z" if any(shape.has_z for shape in known) else kind,
+            crs=crs.to_wkt(),
+            driver=_DRIVERS[form],
+            layer=layer,
+            layer_options=options,
+        )
+        return path.read_bytes()

@@ -1,0 +1,134 @@
+"""The landing page of a mission: what OGC API offers of it, and to what it conforms."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Path, Query, Request, Response
+from fastapi.responses import JSONResponse
+
+from gis_server.ogc import features
+from gis_server.ogc.crs import Crs, crs_named
+from gis_server.ogc.features_query import form_of
+from gis_server.ogc.formats import Format
+from gis_server.ogc.html import link_list, page, paragraph, table
+from gis_server.ogc.links import HTML, JSON, BaseOf, link
+from gis_server.routes.parameters import AGAIN, MissionName
+from gis_server.services import ServicesOf
+from products.crs import MARS, local_crs
+from products.errors import ProductNotFoundError
+from products.feature_collections import BY_ID
+
+router = APIRouter(prefix="/ogc/{mission}", tags=["ogc"])
+_COMMON = "http://www.opengis.net/spec/ogcapi-common-1/1.0/conf"
+CONFORMANCE = (f"{_COMMON}/core", f"{_COMMON}/json", f"{_COMMON}/html")
+_PARTS = (features,)
+"""Each has `CONFORMANCE`, `landing_links` and `collections`."""
+_OPENAPI = "application/vnd.oai.openapi+json;version=3.1"
+AsFormat = Annotated[str | None, Query(description="json or html")]
+
+
+@router.get("", response_class=JSONResponse)
+def landing(
+    mission: MissionName, services: ServicesOf, base: BaseOf, request: Request, f: AsFormat = None
+) -> Response:
+    """What there is of a mission, as links."""
+    entry = services.catalogue.mission(mission)
+    root = str(request.base_url).rstrip("/")
+    links = [
+        link("self", base, JSON, "This document"),
+        link("alternate", f"{base}?f=html", HTML, "This document as a page"),
+        link("service-desc", f"{root}/openapi.json", _OPENAPI, "The API, for programs"),
+        link("service-doc", f"{root}/docs", HTML, "The API, for people"),
+        link("conformance", f"{base}/conformance", JSON, "Conformance classes"),
+        *(one for part in _PARTS for one in part.landing_links(base)),
+    ]
+    said = (
+        f"Maps made from the stereo images of {entry.title}. Places are on Mars, relative to "
+        f"{entry.landing.name}: {entry.landing.source}."
+    )
+    if form_of(request, f) is Format.HTML:
+        return _page(page(entry.title, paragraph(said), link_list(links)))
+    return _json({"title": entry.title, "description": said, "links": links})
+
+
+@router.get("/conformance", response_class=JSONResponse)
+def conformance(
+    mission: MissionName, services: ServicesOf, request: Request, f: AsFormat = None
+) -> Response:
+    """The conformance classes that the server aims at."""
+    services.catalogue.mission(mission)
+    classes = [*CONFORMANCE, *(one for part in _PARTS for one in part.CONFORMANCE)]
+    if form_of(request, f) is Format.HTML:
+        return _page(page("Conformance", table({"class": one} for one in classes)))
+    return _json({"conformsTo": classes})
+
+
+@router.get("/collections", response_class=JSONResponse)
+def collections(
+    mission: MissionName, services: ServicesOf, base: BaseOf, request: Request, f: AsFormat = None
+) -> Response:
+    """Everything that is published of a mission: collections of features, and of tiles."""
+    entry = services.catalogue.mission(mission)
+    listed = [one for part in _PARTS for one in part.collections(entry, services, base)]
+    links = [
+        link("self", f"{base}/collections", JSON),
+        link("alternate", f"{base}/collections?f=html", HTML, "This document as a page"),
+    ]
+    if form_of(request, f) is Format.HTML:
+        rows = (
+            {
+                "title": one["title"],
+                "features": one.get("solmap:count"),
+                "description": one.get("description"),
+                "address": f"{base}/collections/{one['id']}?f=html",
+            }
+            for one in listed
+        )
+        return _page(page(f"{entry.title}: collections", link_list(links), table(rows)))
+    return _json({"links": links, "collections": listed})
+
+
+@router.get("/collections/{collection}", response_class=JSONResponse)
+def collection(
+    mission: MissionName,
+    collection: Annotated[str, Path(pattern=r"^[a-z0-9][a-z0-9_.-]{0,191}$")],
+    services: ServicesOf,
+    base: BaseOf,
+    request: Request,
+    f: AsFormat = None,
+) -> Response:
+    """One collection."""
+    entry = services.catalogue.mission(mission)
+    if collection not in BY_ID:
+        raise ProductNotFoundError(f"no collection {collection!r}; there are {', '.join(BY_ID)}")
+    body = features.collection(BY_ID[collection], entry, services, base)
+    if form_of(request, f) is Format.HTML:
+        said = paragraph(body.get("description", ""))
+        return _page(page(body["title"], said, link_list(body["links"])))
+    return _json(body)
+
+
+@router.get("/crs/{name}")
+def crs(
+    mission: MissionName, name: str, services: ServicesOf, base: BaseOf, f: AsFormat = None
+) -> Response:
+    """A coordinate system as WKT2 (`f=json`: as PROJJSON)."""
+    entry = services.catalogue.mission(mission)
+    known = crs_named(f"{base}/crs/{name}", "crs", base)
+    if known is Crs.LON_LAT:
+        raise ProductNotFoundError(
+            f"{name} is {MARS} with longitude before latitude, as GeoJSON has them"
+        )
+    wanted = local_crs(entry.landing)
+    if f == Format.JSON:
+        return _json(wanted.to_json_dict())
+    return Response(wanted.to_wkt(), headers=AGAIN, media_type="text/plain; charset=utf-8")
+
+
+def _json(body: dict[str, Any]) -> JSONResponse:
+    return JSONResponse(body, headers=AGAIN)
+
+
+def _page(text: str) -> Response:
+    return Response(text, headers=AGAIN, media_type=f"{HTML}; charset=utf-8")

@@ -1,0 +1,209 @@
+"""An index of features on disk, so that a page of 150,000 costs milliseconds.
+
+Layers are GeoJSON files, one for each scope: reading them for every request would take seconds. The
+index is a table of all their features beside an R*Tree of their boxes (SQLite's own), filled once
+for each version of a layer under a key of its own. It holds nothing that could not be made again
+from the products: it may be deleted at any time.
+
+Shapes are well-known binary in metres of the local map, (east, north) or (east, north, up). The
+R*Tree keeps boxes in single precision, rounded outwards; whether a shape meets the area asked for
+is then decided on the shape itself.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import sqlite3
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import shapely
+
+from products.feature_query import (
+    COLUMNS,
+    Area,
+    Extent,
+    IndexedFeature,
+    Meets,
+    Selection,
+    condition_of,
+    feature_of,
+)
+
+_SCHEMA = """
+CREATE TABLE IF NOT EXISTS layers(
+    number INTEGER PRIMARY KEY, key TEXT NOT NULL UNIQUE, family TEXT NOT NULL,
+    count INTEGER NOT NULL, west REAL, south REAL, east REAL, north REAL, first TEXT, last TEXT);
+CREATE TABLE IF NOT EXISTS features(
+    id INTEGER PRIMARY KEY, layer INTEGER NOT NULL, name TEXT NOT NULL, shape BLOB,
+    properties TEXT NOT NULL, first_sol INTEGER, last_sol INTEGER, first TEXT, last TEXT);
+CREATE INDEX IF NOT EXISTS features_of_layer ON features(layer, id);
+CREATE INDEX IF NOT EXISTS features_by_name ON features(name);
+CREATE VIRTUAL TABLE IF NOT EXISTS boxes USING rtree(id, west, east, south, north);
+"""
+_TYPES: dict[type, str] = {
+    bool: "boolean",
+    int: "integer",
+    float: "number",
+    str: "string",
+    list: "array",
+    dict: "object",
+}
+_WAIT_S = 60.0
+"""For another process that fills the index."""
+
+
+@dataclass(frozen=True, slots=True)
+class FeatureIndex:
+    """The index in a file. Every call opens it anew, so threads and processes may share it."""
+
+    path: Path
+
+    @classmethod
+    def open(cls, path: Path) -> FeatureIndex:
+        """Open or found the index."""
+        path.parent.mkdir(parents=True, exist_ok=True)
+        index = cls(path)
+        with index._connection() as connection:
+            connection.execute("PRAGMA journal_mode=WAL")
+            connection.executescript(_SCHEMA)
+        return index
+
+    def missing(self, keys: Iterable[str]) -> list[str]:
+        """The layers that are not in it yet."""
+        with self._connection() as connection:
+            held = {key for (key,) in connection.execute("SELECT key FROM layers")}
+        return [key for key in keys if key not in held]
+
+    def put(self, key: str, family: str, features: Iterable[IndexedFeature]) -> None:
+        """Add a layer, unless another process just has; earlier ones of its family are forgotten.
+
+        A family is what the versions of one layer have in common: its collection and scope.
+        """
+        rows = list(features)
+        shapes = shapely.from_wkb([row.shape for row in rows])
+        boxes = shapely.bounds(shapes).reshape(-1, 4)
+        times = [row.times for row in rows if row.times]
+        with self._connection() as connection:
+            connection.execute("BEGIN IMMEDIATE")
+            if connection.execute("SELECT 1 FROM layers WHERE key = ?", (key,)).fetchone():
+                return
+            _forget(connection, family)
+            placed = boxes[~np.isnan(boxes[:, 0])]
+            around = [*placed[:, :2].min(axis=0), *placed[:, 2:].max(axis=0)] if len(placed) else []
+            west, south, east, north = map(float, around) if around else (None,) * 4
+            number = connection.execute(
+                "INSERT INTO layers(key, family, count, west, south, east, north, first, last) "
+                "VALUES(?,?,?,?,?,?,?,?,?)",
+                (key, family, len(rows), west, south, east, north)
+                + ((min(a for a, _ in times), max(b for _, b in times)) if times else (None, None)),
+            ).lastrowid
+            (last,) = connection.execute("SELECT coalesce(max(id), 0) FROM features").fetchone()
+            connection.executemany(
+                "INSERT INTO features VALUES(?,?,?,?,?,?,?,?,?)",
+                (
+                    (last + k, number, row.name, row.shape, row.properties)
+                    + (row.sols or (None, None))
+                    + (row.times or (None, None))
+                    for k, row in enumerate(rows, 1)
+                ),
+            )
+            connection.executemany(
+                "INSERT INTO boxes VALUES(?,?,?,?,?)",
+                (
+                    (last + k, box[0], box[2], box[1], box[3])
+                    for k, box in enumerate(boxes.tolist(), 1)
+                    if not math.isnan(box[0])  # it has no place
+                ),
+            )
+
+    def extent(self, keys: Sequence[str]) -> Extent:
+        """Number, bounds and times of the features of layers."""
+        with self._connection(keys) as connection:
+            count, west, south, east, north, first, last = connection.execute(
+                "SELECT coalesce(sum(count), 0), min(west), min(south), max(east), max(north), "
+                "min(first), max(last) FROM layers WHERE number IN (SELECT number FROM asked)"
+            ).fetchone()
+        bounds = None if west is None else (west, south, east, north)
+        return Extent(count, bounds, (first, last) if first else None)
+
+    def count(self, selection: Selection) -> int:
+        """How many features are selected."""
+        if selection.is_whole:
+            return self.extent(selection.keys).count
+        with self._connection(selection.keys, selection.area) as connection:
+            where, values = condition_of(selection)
+            (count,) = connection.execute(
+                f"SELECT count(*) FROM {where}",  # noqa: S608 - of our own words
+                values,
+            ).fetchone()
+        return int(count)
+
+    def fields(self, keys: Sequence[str], of_first: int = 100) -> dict[str, str]:
+        """Properties of some features, and their types in the terms of JSON Schema."""
+        found: dict[str, str] = {}
+        for feature in self.page(Selection(keys), of_first):
+            for name, value in json.loads(feature.properties).items():
+                if value is not None:
+                    found[name] = _TYPES[type(value)]
+        return found
+
+    def page(self, selection: Selection, limit: int, offset: int = 0) -> list[IndexedFeature]:
+        """Some of the selected features, in the order of their layers; `offset` are left out."""
+        with self._connection(selection.keys, selection.area) as connection:
+            where, values = condition_of(selection)
+            rows = connection.execute(
+                f"SELECT {COLUMNS} FROM features f WHERE f.id IN "  # noqa: S608 - as above
+                f"(SELECT f.id FROM {where} ORDER BY f.id LIMIT ? OFFSET ?) ORDER BY f.id",
+                (*values, limit, offset),
+            ).fetchall()
+        return [feature_of(row) for row in rows]
+
+    def named(self, keys: Sequence[str], name: str) -> IndexedFeature | None:
+        """The feature of a name."""
+        with self._connection(keys) as connection:
+            row = connection.execute(
+                f"SELECT {COLUMNS} FROM features f WHERE f.name = ? "  # noqa: S608 - as above
+                "AND f.layer IN (SELECT number FROM asked)",
+                (name,),
+            ).fetchone()
+        return feature_of(row) if row else None
+
+    @contextlib.contextmanager
+    def _connection(
+        self, keys: Sequence[str] | None = None, area: Area | None = None
+    ) -> Iterator[sqlite3.Connection]:
+        """A connection that knows the layers (table `asked`) and the area (`meets`) asked for."""
+        connection = sqlite3.connect(self.path, timeout=_WAIT_S)
+        try:
+            with connection:
+                if keys is not None:
+                    _ask(connection, keys)
+                if area:
+                    connection.create_function("meets", 1, Meets(area.shape), deterministic=True)
+                yield connection
+        finally:
+            connection.close()
+
+
+def _ask(connection: sqlite3.Connection, keys: Sequence[str]) -> None:
+    connection.execute("CREATE TEMP TABLE wanted(key TEXT PRIMARY KEY)")
+    connection.executemany("INSERT OR IGNORE INTO wanted VALUES(?)", ((key,) for key in keys))
+    connection.execute(
+        "CREATE TEMP TABLE asked AS SELECT number FROM layers JOIN wanted USING (key)"
+    )
+
+
+def _forget(connection: sqlite3.Connection, family: str) -> None:
+    """Leave out the earlier versions of a layer."""
+    for (number,) in connection.execute(
+        "SELECT number FROM layers WHERE family = ?", (family,)
+    ).fetchall():
+        of_layer = "SELECT id FROM features WHERE layer = ?"
+        connection.execute(f"DELETE FROM boxes WHERE id IN ({of_layer})", (number,))  # noqa: S608
+        connection.execute("DELETE FROM features WHERE layer = ?", (number,))
+        connection.execute("DELETE FROM layers WHERE number = ?", (number,))

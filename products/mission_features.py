@@ -1,0 +1,133 @@
+"""The features of a mission, collection by collection, out of an index that fills itself.
+
+    features = MissionFeatures.open(store, catalogue)
+    features.page(BY_ID["tie-points"], "MER2", Selection(...), limit=100)
+
+Publishing fills the index ahead of time (`fill`); where nobody did, the first request does.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import logging
+import threading
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from tempfile import gettempdir
+
+import shapely
+
+from products.catalogue import Catalogue, ImageEntry
+from products.errors import ProductError
+from products.feature_collections import COLLECTIONS, CollectionOf, image_properties
+from products.feature_index import FeatureIndex, IndexedFeature
+from products.feature_times import FeatureTimes, times_of
+from products.model import Layer, ScopeLevel
+from products.store import ProductStore
+from products.vector import Feature, read_features
+
+log = logging.getLogger(__name__)
+FOLDER = "index"
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """What a collection takes from one layer."""
+
+    key: str
+    """Names its version in the index."""
+    family: str
+    layer: Layer
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MissionFeatures:
+    """The index of a store and what fills it."""
+
+    store: ProductStore
+    catalogue: Catalogue
+    index: FeatureIndex
+    _filling: threading.Lock = field(default_factory=threading.Lock)
+
+    @classmethod
+    def open(cls, store: ProductStore, catalogue: Catalogue) -> MissionFeatures:
+        """Open the index of a store, in the store or, where nothing may be written, beside it."""
+        name = "features.sqlite"
+        try:
+            index = FeatureIndex.open(store.root / FOLDER / name)
+        except OSError:
+            digest = hashlib.sha256(str(store.root).encode()).hexdigest()[:16]
+            index = FeatureIndex.open(Path(gettempdir()) / f"solmap-{digest}" / name)
+        return cls(store, catalogue, index)
+
+    def keys(self, collection: CollectionOf, mission: str) -> list[str]:
+        """The layers of a collection in the index, which holds all of them when this returns."""
+        parts = list(self._parts(collection, mission))
+        if self.index.missing(part.key for part in parts):
+            self._fill(collection, mission, parts)
+        return [part.key for part in parts]
+
+    def fill(self, mission: str) -> None:
+        """Take everything that has been published of a mission into the index."""
+        for collection in COLLECTIONS:
+            self.keys(collection, mission)
+
+    def _fill(self, collection: CollectionOf, mission: str, parts: list[Part]) -> None:
+        with self._filling:
+            missing = set(self.index.missing(part.key for part in parts))
+            images = {entry.id: entry for entry in self.catalogue.images(mission)}
+            for part in parts:
+                if part.key in missing:
+                    rows = list(self._rows(collection, part.layer, images))
+                    self.index.put(part.key, part.family, rows)
+
+    def _parts(self, collection: CollectionOf, mission: str) -> Iterator[Part]:
+        images = f"/{self.catalogue.images_version(mission)}" if collection.all_images else ""
+        for layer in self.catalogue.layers(mission, collection.kinds):
+            family = f"{collection.id}/{layer.id}"
+            sols = ",".join(map(str, layer.sols))
+            yield Part(f"{family}/{layer.ref.digest}/{sols}{images}", family, layer)
+
+    def _rows(
+        self, collection: CollectionOf, layer: Layer, images: Mapping[str, ImageEntry]
+    ) -> Iterator[IndexedFeature]:
+        """A layer that cannot be read is logged and empty: the others are still worth asking."""
+        try:
+            features = read_features(self.store.path(layer.ref)).features
+        except ProductError as error:
+            log.warning("%s", error)
+            return
+        of_mission = layer.ref.scope.name == layer.mission.lower()
+        times, seen = FeatureTimes(images, layer), set()
+        for number, one in enumerate(collection.draw(features, images), 1):
+            own = one.id or str(number)
+            name = own if of_mission else f"{layer.ref.scope.name}.{own}"
+            seen.add(one.id)
+            yield _row(name, one, layer, times)
+        if collection.all_images:
+            for entry in images.values():
+                if entry.id not in seen:
+                    yield _unplaced(entry)
+
+
+def _row(name: str, feature: Feature, layer: Layer, times: FeatureTimes) -> IndexedFeature:
+    known = dict(feature.properties)
+    if layer.ref.scope.level is ScopeLevel.STOP:
+        known.setdefault("stop", layer.ref.scope.name)
+    text = json.dumps(known, ensure_ascii=False)
+    return IndexedFeature(name, shapely.to_wkb(shape_of(feature)), text, *times.of(known))
+
+
+def _unplaced(entry: ImageEntry) -> IndexedFeature:
+    properties = json.dumps(image_properties(entry), ensure_ascii=False)
+    return IndexedFeature(entry.id, None, properties, (entry.sol, entry.sol), times_of([entry]))
+
+
+def shape_of(feature: Feature) -> shapely.Geometry:
+    """The geometry, metres of the local map."""
+    outline, *holes = feature.rings
+    if feature.geometry == "Polygon":
+        return shapely.Polygon(outline, holes)
+    return shapely.Point(outline[0]) if feature.geometry == "Point" else shapely.LineString(outline)
