@@ -1,0 +1,214 @@
+"""Where the rover stood and what its cameras looked at, in space: what a 3D view draws.
+
+Places are (east, north, up) in metres of the mission's local map. A stop's rover frame (x forward,
+y right, z down) is turned onto the map by `map_from_rover`, row by row. The error ellipsoid has the
+standard deviations of the stop's place as semi-axes, against the stop that the network holds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from functools import lru_cache
+
+import numpy as np
+from pydantic import BaseModel
+
+from gis_server.analysis.bodies import UNITS
+from photogrammetry.adjustment.records import AdjustedStop
+from photogrammetry.arrays import ObjectPoints, Vector3
+from photogrammetry.imagery import RoverImage, StopId
+from photogrammetry.terrain.ground import MAP_FROM_LSL
+from photogrammetry.terrain.hardware import BODIES
+from photogrammetry.terrain.oriented_image import OrientedImage, Pointing, StopPose
+from products.catalogue import Catalogue, ImageEntry
+from products.errors import ProductNotFoundError
+from products.images import image_record
+from products.model import ProductKind, ProductRef
+from products.network import NetworkProduct, read_network
+from products.store import ProductStore
+from products.workspace import Workspace
+
+Place = tuple[float, float, float]
+"""(east, north, up)."""
+_DIGITS = 4
+_NETWORKS = 4
+"""Networks that are remembered; a large one takes seconds to read."""
+
+
+class Ellipsoid(BaseModel):
+    """Standard error ellipsoid: semi-axes, largest first, and their directions."""
+
+    semi_axes_m: Place
+    directions: tuple[Place, Place, Place]
+
+
+class SceneStop(BaseModel):
+    """A stop: where the adjustment and where telemetry has it, and how the rover stood."""
+
+    stop: str
+    site: int
+    drive: int
+    sols: tuple[int, ...]
+    held: bool
+    """It defines the datum: its place is not in question."""
+    place: Place
+    telemetry: Place
+    map_from_rover: tuple[Place, Place, Place]
+    ellipsoid: Ellipsoid
+
+
+class Body(BaseModel):
+    """The box around a rover in its own frame (forward, right, down), metres from its origin."""
+
+    back_m: float
+    front_m: float
+    half_width_m: float
+    deck_m: float
+    """Height of the deck above level ground."""
+    ground_m: float
+    """Depth of level ground below the origin."""
+
+
+class SceneStops(BaseModel):
+    """All stops of a mission, in the order of the traverse."""
+
+    units: str = UNITS
+    network: str
+    """Digest of the adjusted network."""
+    body: Body | None
+    """Null for a rover whose measures are not known."""
+    stops: list[SceneStop]
+
+
+class SceneCamera(BaseModel):
+    """An image's camera: its projection centre and the rays through the corners of the image."""
+
+    image: str
+    stop: str
+    sol: int
+    instrument: str
+    eye: str
+    partner: str | None
+    centre: Place
+    corners: tuple[Place, Place, Place, Place]
+    """Unit directions: upper left, upper right, lower right, lower left."""
+    axis: Place
+    """Unit direction through the middle of the image."""
+
+
+class SceneCameras(BaseModel):
+    """The cameras of one stop."""
+
+    units: str = UNITS
+    network: str
+    cameras: list[SceneCamera]
+
+
+def latest_network(mission: str, catalogue: Catalogue) -> ProductRef:
+    """The network of a mission's last sol.
+
+    Raises:
+        ProductNotFoundError: none has been adjusted.
+    """
+    of_mission = f"{mission.lower()}-sol"
+    found = [
+        ref
+        for ref in catalogue.pointers(ProductKind.NETWORK)
+        if ref.scope.name.startswith(of_mission)
+    ]
+    if not found:
+        raise ProductNotFoundError(
+            f"no network of {mission} has been adjusted, so no stop is known"
+        )
+    return max(found, key=lambda ref: ref.scope.name)
+
+
+@lru_cache(maxsize=_NETWORKS)
+def network_of(ref: ProductRef, store: ProductStore) -> NetworkProduct:
+    """A network, remembered: a product never changes."""
+    return read_network(ref, store)
+
+
+def scene_stops(ref: ProductRef, network: NetworkProduct) -> SceneStops:
+    """The stops of a network."""
+    box = BODIES.get(network.mission)
+    body = Body(**{name: getattr(box, name) for name in Body.model_fields}) if box else None
+    stops = [_stop(stop, network) for stop in network.adjusted.stops]
+    return SceneStops(network=ref.digest, body=body, stops=stops)
+
+
+def scene_cameras(
+    ref: ProductRef, network: NetworkProduct, entries: Iterable[ImageEntry], workspace: Workspace
+) -> SceneCameras:
+    """The cameras of images, those of stops that the network does not know left out."""
+    poses = {stop.stop: stop for stop in network.adjusted.stops}
+    pointings = {pair.pair_id: pair.pointing for pair in network.adjusted.pairs}
+    cameras = []
+    for entry in entries:
+        if entry.stop_id in poses:
+            turn = pointings.get(entry.id, pointings.get(entry.partner or "", np.zeros(3)))
+            image = image_record(entry, workspace)
+            cameras.append(_camera(entry, _oriented(image, poses[entry.stop_id], turn)))
+    return SceneCameras(network=ref.digest, cameras=cameras)
+
+
+def _stop(stop: AdjustedStop, network: NetworkProduct) -> SceneStop:
+    known: StopId = stop.stop
+    return SceneStop(
+        stop=str(known),
+        site=known.site,
+        drive=known.drive,
+        sols=network.sols[known],
+        held=stop.held,
+        place=_on_map(stop.lsl_from_rover.translation_m),
+        telemetry=_on_map(network.telemetry[known].translation_m),
+        map_from_rover=_rows(MAP_FROM_LSL @ stop.lsl_from_rover.rotation, 8),
+        ellipsoid=_ellipsoid(stop),
+    )
+
+
+def _ellipsoid(stop: AdjustedStop) -> Ellipsoid:
+    covariance = MAP_FROM_LSL @ stop.covariance[3:, 3:] @ MAP_FROM_LSL.T
+    variances, axes = np.linalg.eigh((covariance + covariance.T) / 2)
+    deviations = np.sqrt(np.maximum(variances[::-1], 0.0))
+    return Ellipsoid(
+        semi_axes_m=_numbers(deviations, _DIGITS), directions=_rows(axes[:, ::-1].T, 6)
+    )
+
+
+def _oriented(image: RoverImage, stop: AdjustedStop, turn: Vector3) -> OrientedImage:
+    pose = StopPose(stop.stop, stop.lsl_from_rover, stop.covariance)
+    return OrientedImage.of(image, pose, Pointing(turn, np.zeros((3, 3))))
+
+
+def _camera(entry: ImageEntry, image: OrientedImage) -> SceneCamera:
+    right, bottom = image.size[0] - 0.5, image.size[1] - 0.5
+    corners = [(-0.5, -0.5), (right, -0.5), (right, bottom), (-0.5, bottom)]
+    middle = ((image.size[0] - 1) / 2, (image.size[1] - 1) / 2)
+    rays: ObjectPoints = image.camera.rays(np.array([*corners, middle])) @ MAP_FROM_LSL.T
+    upper_left, upper_right, lower_right, lower_left, axis = (_numbers(ray, 6) for ray in rays)
+    return SceneCamera(
+        image=entry.id,
+        stop=entry.stop,
+        sol=entry.sol,
+        instrument=entry.instrument,
+        eye=entry.eye,
+        partner=entry.partner,
+        centre=_on_map(image.camera.centre),
+        corners=(upper_left, upper_right, lower_right, lower_left),
+        axis=axis,
+    )
+
+
+def _on_map(place_in_lsl: Vector3) -> Place:
+    return _numbers(MAP_FROM_LSL @ place_in_lsl, _DIGITS)
+
+
+def _rows(matrix: np.ndarray, digits: int) -> tuple[Place, Place, Place]:
+    first, second, third = (_numbers(row, digits) for row in matrix)
+    return first, second, third
+
+
+def _numbers(vector: np.ndarray, digits: int) -> Place:
+    x, y, z = np.round(vector, digits).tolist()
+    return x + 0.0, y + 0.0, z + 0.0
