@@ -5,9 +5,9 @@ two steps of `estimate`, each repeated until data snooping finds no further blun
 knows is weighted in (`priors`), so nothing is ever undetermined but the datum: at least one stop
 is held.
 
-The datum are the stops that are held, or what a sequential adjustment has inherited. The overall
-adjustment holds the first stop and estimates all others; the modes that follow the rover stop by
-stop are in `stepwise` and `sequential`.
+The datum are the stops that are held, what a sequential adjustment has inherited, or, with control,
+the place of the first stop (`datum`). The overall adjustment estimates all other stops; the modes
+that follow the rover stop by stop are in `stepwise` and `sequential`.
 """
 
 from __future__ import annotations
@@ -19,6 +19,8 @@ import numpy as np
 
 from photogrammetry.adjustment.collinearity import Observations, State, misclosures
 from photogrammetry.adjustment.consistency import comparisons, consistency
+from photogrammetry.adjustment.control_equations import Control, frame_places, known_used
+from photogrammetry.adjustment.datum import held_stops
 from photogrammetry.adjustment.diagnosis import Initial, diagnose
 from photogrammetry.adjustment.estimate import STEPS, Start, estimate
 from photogrammetry.adjustment.findings import completed, with_findings, without_unchecked
@@ -38,6 +40,7 @@ from photogrammetry.adjustment.records import (
 )
 from photogrammetry.adjustment.result import Outcome, assembled
 from photogrammetry.adjustment.sightings import Sightings, sightings
+from photogrammetry.arrays import Float64
 from photogrammetry.errors import AdjustmentError
 from photogrammetry.imagery import StopId, TieKind, TiePoints
 
@@ -59,15 +62,16 @@ def adjust(
     Raises:
         AdjustmentError: no stop is held and nothing inherited, or a held one is not in the network.
     """
-    is_held = _held(network, held, has_datum=inherited is not None)
+    is_held = _held(network, held, has_datum=inherited is not None or network.datum_is_observed)
     observations, telemetry = Observations.of(network), Telemetry.of(network, params)
     known, is_known = _known(network, telemetry, observations, start)
-    before = carried(known, telemetry, is_held, is_known)
-    state, fits = initialise(observations, telemetry, is_held, params, known, is_known)
+    root = is_held if is_held.any() or inherited else np.arange(len(is_held)) == 0
+    before = carried(known, telemetry, root, is_known)
+    state, fits = initialise(observations, telemetry, root, params, known, is_known)
     if start:
         fits &= ~_found_wrong(network.ties, start.ties)
     seen = sightings(observations, known.pointings, params)
-    placed = is_held if inherited is None else is_held | is_known
+    placed = root if inherited is None else is_held | is_known
     initial = Initial(network.stop_ids, observations, telemetry, seen, state, fits, placed)
     findings, alone = diagnose(initial)
     if len(alone):
@@ -76,7 +80,10 @@ def adjust(
         return completed(again, network, findings)
     state = with_rays_intersected(state, observations, fits)
     used = fits & np.isfinite(misclosures(state, observations, np.arange(len(fits)))).all(axis=1)
-    beginning = Start(observations, telemetry, is_held, state, used, inherited)
+    control = _control(network, start)
+    if control:
+        state = replace(state, frames=_frame_places(control, state, network, start))
+    beginning = Start(observations, telemetry, is_held, state, used, inherited, control)
     outcome = estimate(beginning, params)
     agreement = _agreement(outcome, before, seen, params)
     return with_findings(assembled(network, is_held, outcome, agreement, name), findings)
@@ -112,10 +119,28 @@ def _agreement(
 def adjust_overall(
     network: Network, params: AdjustmentParams, start: AdjustedNetwork | None = None
 ) -> tuple[AdjustedNetwork, AdjustmentReport]:
-    """Adjust all stops at once, the first one held."""
+    """Adjust all stops at once, the first one held or, with control, its place alone: `datum`."""
     if not network.stops:
         raise AdjustmentError("there is no stop to adjust: the network is empty")
-    return adjust(network, {network.stop_ids[0]}, params, start, "overall adjustment")
+    return adjust(network, held_stops(network), params, start, "overall adjustment")
+
+
+def _control(network: Network, start: AdjustedNetwork | None) -> Control | None:
+    """The control of a network; what was found wrong before starts aside."""
+    if not network.frames:
+        return None
+    control = Control.of(network)
+    return control.using(known_used(network.control, start.control)) if start else control
+
+
+def _frame_places(
+    control: Control, state: State, network: Network, start: AdjustedNetwork | None
+) -> Float64[np.ndarray, "frames 5"]:
+    """Where control frames start: as known from before, or as suits the stops."""
+    known = {frame.frame.name for frame in start.frames} if start else set()
+    is_known = np.array([frame.name in known for frame in network.frames], dtype=bool)
+    before = frame_places(start.frames if start else (), network)
+    return np.where(is_known[:, None], before, control.fitted(state))
 
 
 def telemetry_network(network: Network, params: AdjustmentParams) -> AdjustedNetwork:

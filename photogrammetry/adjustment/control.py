@@ -27,8 +27,8 @@ SYMMETRIC = 1e-9
 class ControlFrame:
     """A map that stops are found in, and what is known of its place beforehand.
 
-    What it shows at u lies at c + (I + [[a, -b], [b, a]]) (u - c) + t on the map (east, north), with
-    the centre c, the shift t, the turn b (counter-clockwise) and the change of scale a.
+    What it shows at u lies on the map (east, north) at c + (I + [[a, -b], [b, a]]) (u - c) + t,
+    with the centre c, the shift t, the turn b (counter-clockwise) and the change of scale a.
     """
 
     name: str

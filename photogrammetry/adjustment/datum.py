@@ -3,24 +3,26 @@
 Images and telemetry tell where stops lie to each other. The first stop is the datum: its place is
 where telemetry has it, by definition, for the map begins there.
 
-Without control its attitude is taken for true as well: the stop is held. With control that would be
-wrong, for then the direction of north is measured twice, by the rover and by the orbital image; an
-error of a degree in the first azimuth moves the end of a traverse of 7 km by 120 m, and a held stop
-would put it on the image, or on the ties. So with control no stop is held: the place of the first one
-is observed in the map itself, to `PLACE_SIGMA_M`, and its attitude is what telemetry measures with
-its standard deviation. A first azimuth that is not FINE counts as propagated over one drive.
+Without control its attitude is taken for true as well: the stop is held. With control that would
+be wrong, for then the direction of north is measured twice, by the rover and by the orbital image;
+an error of a degree in the first azimuth moves the end of a traverse of 7 km by 120 m, and a held
+stop would put it on the image, or on the ties. So with control no stop is held: the place of the
+first one is observed in the map itself, to `PLACE_SIGMA_M`, and its attitude is what telemetry
+measures with its standard deviation. A first azimuth that is not FINE counts as propagated over one
+drive.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from collections.abc import Set as AbstractSet
 from dataclasses import replace
 
 import numpy as np
 
 from photogrammetry.adjustment.control import ControlFrame, StopControl
 from photogrammetry.adjustment.params import AdjustmentParams
-from photogrammetry.adjustment.records import Network
+from photogrammetry.adjustment.records import AdjustedNetwork, Network
 from photogrammetry.imagery import StopId
 
 MAP = ControlFrame.claimed("the map", (0.0, 0.0), shift_m=0.0, rotation_deg=0.0, scale=0.0)
@@ -54,6 +56,18 @@ def held_stops(network: Network) -> frozenset[StopId]:
     if network.datum_is_observed:
         return frozenset()
     return frozenset(network.stop_ids[:1])
+
+
+def says_otherwise(network: Network, adjusted: AdjustedNetwork, stops: AbstractSet[StopId]) -> bool:
+    """Whether a network has other control of some stops, or other frames, than was adjusted."""
+    now = [one for one in network.control if one.stop in stops]
+    then = [one.control for one in adjusted.control if one.control.stop in stops]
+    frames = {frame.name for frame in network.frames}
+    if len(now) != len(then) or {frame.frame.name for frame in adjusted.frames} - frames:
+        return True
+    if bool(network.frames) != bool(adjusted.frames):
+        return True
+    return not all(any(one.is_same(other) for other in then) for one in now)
 
 
 def _datum(network: Network, params: AdjustmentParams) -> StopControl:

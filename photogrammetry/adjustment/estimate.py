@@ -11,6 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from photogrammetry.adjustment.collinearity import Observations, State
+from photogrammetry.adjustment.control_equations import Control
+from photogrammetry.adjustment.control_tests import ControlTests, control_tests, stand_out
 from photogrammetry.adjustment.marginal import Marginal
 from photogrammetry.adjustment.normals import lengths, whitened
 from photogrammetry.adjustment.params import AdjustmentParams
@@ -48,10 +50,21 @@ class Start:
     state: State
     used: Bool[np.ndarray, " rows"]
     inherited: Marginal | None = None
+    control: Control | None = None
 
     def problem(self, used: np.ndarray) -> Problem:
         """With the observations in use."""
-        return Problem.of(self.observations, self.telemetry, self.held, used, self.inherited)
+        return Problem.of(
+            self.observations, self.telemetry, self.held, used, self.inherited, self.control
+        )
+
+    def with_control(self, numbers: np.ndarray, *, used: bool = True) -> Start:
+        """With some control used again, or set aside."""
+        if self.control is None or not len(numbers):
+            return self
+        return replace(
+            self, control=self.control.using(_changed(self.control.used, numbers, to=used))
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,13 +76,32 @@ class _Judged:
     now: Linearised
     inverse: np.ndarray
     found: Residuals
+    placed: ControlTests
+
+    @property
+    def refuted(self) -> np.ndarray:
+        """Numbers of control to set aside: the worst blunder of every frame."""
+        return self.placed.worst(self.problem.control) if self.problem.control else np.arange(0)
+
+    @property
+    def fitting(self) -> np.ndarray:
+        """Numbers of control that was set aside and fits after all."""
+        return self.placed.fitting(self.problem.control) if self.problem.control else np.arange(0)
 
     @classmethod
-    def of(cls, problem: Problem, solution: Solution, threshold: float | None) -> _Judged:
+    def of(
+        cls,
+        problem: Problem,
+        solution: Solution,
+        params: AdjustmentParams,
+        threshold: float | None,
+    ) -> _Judged:
         state = solution.state
         now = solution.now or linearise(problem, state, threshold)
         inverse = now.factor.inverse()
-        return cls(problem, state, now, inverse, residuals(problem, now.ties, inverse))
+        found = residuals(problem, now.ties, inverse)
+        placed = control_tests(problem, state, inverse, params, threshold)
+        return cls(problem, state, now, inverse, found, placed)
 
 
 def estimate(start: Start, params: AdjustmentParams) -> Outcome:
@@ -81,11 +113,14 @@ def estimate(start: Start, params: AdjustmentParams) -> Outcome:
             state, iterations = solution.state, iterations + solution.iterations
             if step.robust and not _stand_out(problem, solution, used, params):
                 break
-            judged = _Judged.of(problem, solution, params.huber if step.robust else None)
-            wrong = suspects(problem, judged.found, used, params)
-            if not (len(wrong) and further):
+            threshold = params.huber if step.robust else None
+            judged = _Judged.of(problem, solution, params, threshold)
+            wrong, refuted = suspects(problem, judged.found, used, params), judged.refuted
+            if not ((len(wrong) or len(refuted)) and further):
+                start = start.with_control(judged.fitting if step.robust else refuted[:0])
                 used, problem = _with_fitting(start, judged, used, params, step)
                 break
+            start = start.with_control(refuted, used=False)
             used = _changed(used, wrong, to=False)
             problem = start.problem(used)
     final = replace(solution, state=_placed(judged.problem, state, used, params), at=None, now=None)
@@ -97,6 +132,7 @@ def estimate(start: Start, params: AdjustmentParams) -> Outcome:
         judged.found,
         point_covariances(judged.problem, state, judged.now.ties, judged.inverse),
         judged.inverse,
+        judged.placed,
     )
 
 
@@ -106,6 +142,8 @@ def _stand_out(
     """Whether any observation is so far off that others could hide behind it, or is set aside."""
     aside = ~used & problem.observations.is_stereo
     l = solution.at.l if solution.at else whitened(problem, solution.state)
+    if problem.control and stand_out(problem.control, solution.state, params):
+        return True
     return bool(aside.any() or (lengths(l) > params.critical_value).any())
 
 
@@ -113,14 +151,15 @@ def _with_fitting(
     start: Start, judged: _Judged, used: np.ndarray, params: AdjustmentParams, step: Step
 ) -> tuple[np.ndarray, Problem]:
     """With what was set aside and fits after all, as long as blunders are looked for robustly."""
+    before = start.problem(used) if len(judged.fitting) and step.robust else judged.problem
     if not step.robust or used.all():
-        return used, judged.problem
+        return used, before
     state = _placed(judged.problem, judged.state, used, params)
     back = reinstated(
         judged.problem, state, judged.now.ties, judged.found, used, judged.inverse, params
     )
     if not len(back):
-        return used, judged.problem
+        return used, before
     used = _changed(used, back, to=True)
     return used, start.problem(used)
 

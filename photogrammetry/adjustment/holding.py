@@ -7,8 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from photogrammetry.adjustment.collinearity import Observations
+from photogrammetry.adjustment.control_equations import Control
+from photogrammetry.adjustment.datum import MAP
+from photogrammetry.adjustment.records import Network
 from photogrammetry.arrays import Bool
-from photogrammetry.imagery import StopId
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -19,7 +21,9 @@ class Holding:
     """Of every stop: how many ties it shares with each other one."""
     held: Bool[np.ndarray, " stops"]
     reached: Bool[np.ndarray, " stops"]
-    """Whether ties lead to a stop that is held, or known from before."""
+    """Whether ties or control lead to a stop that is held, or known from before."""
+    placed: dict[int, list[int]]
+    """Of stops that control has placed: the numbers of the frames."""
 
     @classmethod
     def of(
@@ -28,30 +32,56 @@ class Holding:
         used: Bool[np.ndarray, " rows"],
         held: Bool[np.ndarray, " stops"],
         known: Bool[np.ndarray, " stops"],
+        control: Control | None = None,
     ) -> Holding:
         """Of the used observations of a network; `held` is the datum, `known` is joined to it."""
         shared: tuple[dict[int, int], ...] = tuple({} for _ in held)
         for a, b, count in _couples(observations.point[used], observations.stop[used]):
             shared[a][b] = shared[b][a] = shared[a].get(b, 0) + count
-        reached = held | known
+        placed = _placed(control)
+        near = [{*others, *(other for f in placed.get(k, ()) for other in _shown(placed, f))}
+                for k, others in enumerate(shared)]  # fmt: skip
+        reached: np.ndarray = np.logical_or(held, known)
+        if control:
+            certain = ~control.is_free.any(axis=1)
+            reached[control.stop[control.used & certain[control.frame]]] = True
         front = np.flatnonzero(reached).tolist()
         while front:
-            for other in shared[front.pop()]:
+            for other in near[front.pop()]:
                 if not reached[other]:
                     reached[other] = True
                     front.append(other)
-        return cls(shared, held, reached)
+        return cls(shared, held, reached, placed)
 
-    def told(self, names: tuple[StopId, ...], k: int) -> str:
+    def told(self, network: Network, k: int) -> str:
         """What holds stop k, in words."""
         if self.held[k]:
             return "held as the datum"
+        names, frames = network.stop_ids, network.frames
+        held = [frames[f].name for f in self.placed.get(k, ())]
+        parts = ["the datum by its place"] if MAP.name in held else []
+        if images := [name for name in held if name != MAP.name]:
+            parts.append(f"control: its place in {', '.join(images)}")
         ties = sorted(self.shared[k].items())
         listed = ", ".join(f"{count} with {names[other]}" for other, count in ties)
         if self.reached[k]:
-            return f"cross-site ties: {listed}"
+            return "; ".join([*parts, *([f"cross-site ties: {listed}"] if listed else [])])
         carried = f"telemetry increment from {names[k - 1]}" if k else "telemetry"
         return f"{carried}; ties do not reach the datum ({listed})" if listed else carried
+
+
+def _placed(control: Control | None) -> dict[int, list[int]]:
+    placed: dict[int, list[int]] = {}
+    if control:
+        both = np.column_stack([control.stop, control.frame])[control.used]
+        for stop, frame in np.unique(both, axis=0).tolist():
+            placed.setdefault(stop, []).append(frame)
+    return placed
+
+
+def _shown(placed: dict[int, list[int]], frame: int) -> list[int]:
+    """Stops that a control frame shows."""
+    return [stop for stop, frames in placed.items() if frame in frames]
 
 
 def _couples(point: np.ndarray, stop: np.ndarray) -> list[tuple[int, int, int]]:

@@ -16,6 +16,8 @@ closes a loop in the graph of stops (`loops`).
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from photogrammetry.adjustment.alignment import HALF, ROUNDS, RigidPoints, TruncatedLoss
@@ -99,7 +101,7 @@ def _carried(state: State, telemetry: Telemetry, k: int) -> State:
             rotations[k] = rotation_of_vector(np.array([0.0, 0.0, azimuth])) @ rotations[k]
         step = telemetry.centres[k] - telemetry.centres[k - 1]
         centres[k] = centres[k - 1] + change @ step
-    return State(rotations, centres, state.pointings, state.points)
+    return replace(state, rotations=rotations, centres=centres)
 
 
 def _rigid(
@@ -163,4 +165,4 @@ def _align_step(
     rotations[k] = rotation_of_vector(x[:3]) @ rotations[k]
     centres[k] = centres[k] + x[3:]
     r = ties.standardised(rotations[k], centres[k])
-    return State(rotations, centres, state.pointings, state.points), r
+    return replace(state, rotations=rotations, centres=centres), r

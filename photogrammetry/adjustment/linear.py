@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from photogrammetry.adjustment.collinearity import Observations, State
+from photogrammetry.adjustment.control_equations import Control, frame_places, known_used
 from photogrammetry.adjustment.marginal import Marginal
 from photogrammetry.adjustment.params import AdjustmentParams
 from photogrammetry.adjustment.priors import Telemetry
@@ -26,6 +27,7 @@ class Linear:
     inherited: Marginal | None
     grounded: Bool[np.ndarray, " stops"]
     """Stops that images join to the datum."""
+    control: Control | None = None
 
     @classmethod
     def of(
@@ -48,6 +50,7 @@ class Linear:
             np.array([stop.lsl_from_rover.translation_m for stop in poses]),
             np.array([pairs[pair.pair_id].pointing for pair in network.pairs]).reshape(-1, 3),
             adjusted.ties.points,
+            frame_places(adjusted.frames, network),
         )
         return cls(
             Observations.of(network),
@@ -57,6 +60,7 @@ class Linear:
             status == USED,
             Marginal.of(adjusted.memory, network) if adjusted.memory else None,
             np.array([stop.is_tied for stop in poses], dtype=bool),
+            _control(adjusted, network),
         )
 
     def without(self, k: int, inherited: Marginal) -> Linear:
@@ -65,3 +69,11 @@ class Linear:
         seen[self.observations.point[self.observations.stop == k]] = True
         used = self.used & ~seen[self.observations.point]
         return replace(self, used=used, inherited=inherited)
+
+
+def _control(adjusted: AdjustedNetwork, network: Network) -> Control | None:
+    """The control of a network, used where the adjustment used it."""
+    if not network.frames:
+        return None
+    control = Control.of(network)
+    return control.using(known_used(network.control, adjusted.control))

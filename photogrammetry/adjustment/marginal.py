@@ -18,6 +18,7 @@ at that time marked by °,
     z_a = (Log(R_a R_a°'), c_a - c_a°)                                        the anchor in the LSL
     z_i = (Log(R_a'R_i (R_a°'R_i°)'), R_a'(c_i - c_a) - R_a°'(c_i° - c_a°))   others, seen from it
     z_j = m_j - m_j°                                                          pointings
+    z_g = p_g - p_g°                                                          control frames
 
 A common motion of all stops, which later observations may well bring, leaves z_i alone. First
 order, with J the left Jacobian of the rotation vector:
@@ -27,11 +28,12 @@ order, with J the left Jacobian of the rotation vector:
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from photogrammetry.adjustment.collinearity import PAIR_UNKNOWNS, STOP_UNKNOWNS, State
+from photogrammetry.adjustment.control import FRAME_UNKNOWNS
 from photogrammetry.adjustment.records import Memory, Network
 from photogrammetry.adjustment.rotations import cross_matrix, left_jacobian, rotation_of_vector
 from photogrammetry.arrays import Bool, Float64, Int32
@@ -43,7 +45,8 @@ from photogrammetry.imagery import StopId
 class Chart:
     """Coordinates z of some stops and pairs about the values they had at one time.
 
-    The last stop is the anchor. Columns: 6 for each stop, then 3 for each pair.
+    The last stop is the anchor. Columns: 6 for each stop, 3 for each pair, 5 for each control
+    frame.
     """
 
     stops: Int32[np.ndarray, " stops"]
@@ -52,22 +55,30 @@ class Chart:
     rotations: Float64[np.ndarray, "stops 3 3"]
     centres: Float64[np.ndarray, "stops 3"]
     pointings: Float64[np.ndarray, "pairs 3"]
+    frames: Int32[np.ndarray, " frames"] = field(default_factory=lambda: np.zeros(0, np.int32))
+    frame_places: Float64[np.ndarray, "frames 5"] = field(default_factory=lambda: np.zeros((0, 5)))
 
     @classmethod
-    def at(cls, state: State, stops: np.ndarray, pairs: np.ndarray) -> Chart:
+    def at(
+        cls, state: State, stops: np.ndarray, pairs: np.ndarray, frames: np.ndarray | None = None
+    ) -> Chart:
         """About a state."""
+        frames = np.zeros(0, dtype=np.int32) if frames is None else frames.astype(np.int32)
         return cls(
             stops.astype(np.int32),
             pairs.astype(np.int32),
             state.rotations[stops],
             state.centres[stops],
             state.pointings[pairs],
+            frames,
+            state.frames[frames],
         )
 
     @property
     def size(self) -> int:
         """How many coordinates."""
-        return STOP_UNKNOWNS * len(self.stops) + PAIR_UNKNOWNS * len(self.pairs)
+        posed = STOP_UNKNOWNS * len(self.stops) + PAIR_UNKNOWNS * len(self.pairs)
+        return posed + FRAME_UNKNOWNS * len(self.frames)
 
     def coordinates(self, state: State) -> Float64[np.ndarray, " n"]:
         """Z of a state."""
@@ -76,10 +87,12 @@ class Chart:
         z = np.empty((len(self.stops), STOP_UNKNOWNS))
         z[:, :3] = _vectors(turn @ turn_then.mT)
         np.subtract(place, place_then, out=z[:, 3:])
-        return np.concatenate([z.ravel(), (state.pointings[self.pairs] - self.pointings).ravel()])
+        turned = state.pointings[self.pairs] - self.pointings
+        shifted = state.frames[self.frames] - self.frame_places
+        return np.concatenate([z.ravel(), turned.ravel(), shifted.ravel()])
 
     def partials(self, state: State) -> Float64[np.ndarray, "n n"]:
-        """Derivatives of z by (d, dc) of the stops, in the LSL, and by dm of the pairs."""
+        """Derivatives of z by (d, dc) of the stops, in the LSL, dm of the pairs, dp of frames."""
         return self.partials_at(state, self.coordinates(state))
 
     def partials_at(self, state: State, z: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, "n n"]:
@@ -112,8 +125,11 @@ class Chart:
         rotations[self.stops[-1]] = turn[-1]
         centres[self.stops] = place[-1] + place @ turn[-1].T
         centres[self.stops[-1]] = place[-1]
-        pointings[self.pairs] = self.pointings + z[6 * n :].reshape(-1, 3)
-        return State(rotations, centres, pointings, state.points)
+        posed, pointed = STOP_UNKNOWNS * n, PAIR_UNKNOWNS * len(self.pairs)
+        pointings[self.pairs] = self.pointings + z[posed : posed + pointed].reshape(-1, 3)
+        frames = state.frames.copy()
+        frames[self.frames] = self.frame_places + z[posed + pointed :].reshape(-1, FRAME_UNKNOWNS)
+        return State(rotations, centres, pointings, state.points, frames)
 
 
 def _vectors(rotations: Float64[np.ndarray, "n 3 3"]) -> Float64[np.ndarray, "n 3"]:
@@ -173,12 +189,19 @@ class Marginal:
         A, l = self.rows(state)
         return A.T @ A, A.T @ l
 
+    @property
+    def frames(self) -> Int32[np.ndarray, " frames"]:
+        """Numbers of the control frames that it couples."""
+        return self.chart.frames
+
     @classmethod
     def of(cls, memory: Memory, network: Network) -> Marginal:
         """What a memory says of the stops and pairs of a network."""
         stop_number = {stop: k for k, stop in enumerate(network.stop_ids)}
         pair_number = {pair.pair_id: k for k, pair in enumerate(network.pairs)}
+        frame_number = {frame.name: k for k, frame in enumerate(network.frames)}
         lost = [str(stop) for stop in memory.stops if stop not in stop_number]
+        lost += [name for name in memory.frames if name not in frame_number]
         lost += [name for name in memory.pair_ids if name not in pair_number]
         if lost:
             raise AdjustmentError(
@@ -191,6 +214,8 @@ class Marginal:
             memory.rotations,
             memory.centres,
             memory.pointings,
+            np.array([frame_number[name] for name in memory.frames], dtype=np.int32),
+            memory.frame_places,
         )
         grounded = np.array(memory.grounded, dtype=bool)
         return cls(chart, memory.root, memory.right, grounded, memory.spent, memory.surplus)
@@ -210,4 +235,6 @@ class Marginal:
             self.spent,
             self.surplus,
             tuple(self.grounded.tolist()),
+            tuple(network.frames[k].name for k in chart.frames.tolist()),
+            chart.frame_places,
         )

@@ -89,5 +89,7 @@ def _pointed(
             for pair in adjusted.pairs
         ),
         memory=start.memory,
+        control=start.control,
+        frames=start.frames,
     )
     return merged_network(start, kept, network), report

@@ -43,13 +43,15 @@ class Correction:
     pointing: np.ndarray
     points: np.ndarray
     """(3, points)."""
+    frames: np.ndarray
+    """(frames, 5)."""
 
     @classmethod
     def of(
         cls, problem: Problem, at: Place, ties: Iterable[EliminatedTies], x: np.ndarray
     ) -> Correction:
         """All corrections, those of points too, from those of the orientations `x`."""
-        turn_shift, pointing = problem.unknowns.unpack(x)
+        turn_shift, pointing, frames = problem.unknowns.unpack(x)
         points, padded, end = np.zeros_like(at.views.points), np.append(x, 0.0), 0
         for tie, columns in zip(ties, problem.right_places, strict=True):
             own = problem.sights.part(slice(end, end + tie.group.points))
@@ -58,11 +60,13 @@ class Correction:
             turn, shift = np.take(turn_shift.T, base, axis=1).reshape(2, 3, -1)
             arm = at.views.arm(np.take(at.views.points, own.point, axis=1), base)
             points[:, own.point] = shift + cross(turn, arm) + place_points(tie, padded[columns])
-        return cls(turn_shift, pointing, points)
+        return cls(turn_shift, pointing, points, frames)
 
     def shortened(self, part: float) -> Correction:
         """A part of it."""
-        return Correction(part * self.turn_shift, part * self.pointing, part * self.points)
+        return Correction(
+            part * self.turn_shift, part * self.pointing, part * self.points, part * self.frames
+        )
 
     @property
     def turn(self) -> np.ndarray:
@@ -91,7 +95,11 @@ def moved(problem: Problem, at: Place, correction: Correction) -> State:
             points[:, part], correction.points[:, part], problem.anchor[part]
         )
     return State(
-        turns @ state.rotations, centres, state.pointings + correction.pointing, points.T.copy()
+        turns @ state.rotations,
+        centres,
+        state.pointings + correction.pointing,
+        points.T.copy(),
+        state.frames + correction.frames,
     )
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from photogrammetry.adjustment.blocks import Factor, factorise
 from photogrammetry.adjustment.collinearity import State, Views
+from photogrammetry.adjustment.control_equations import Control
 from photogrammetry.adjustment.elimination import EliminatedTies, eliminate
 from photogrammetry.adjustment.params import AdjustmentParams
 from photogrammetry.adjustment.priors import telemetry_misclosures, telemetry_partials
@@ -55,7 +56,7 @@ def huber_weights(t: np.ndarray, threshold: float) -> np.ndarray:
     return threshold / np.maximum(t, threshold)
 
 
-def huber_threshold(at: Place, params: AdjustmentParams) -> float:
+def huber_threshold(problem: Problem, at: Place, params: AdjustmentParams) -> float:
     """Where the loss turns linear at a state: in units of the spread that residuals have there.
 
     Far from the minimum every residual is large; were all taken for blunders, telemetry would win
@@ -64,25 +65,39 @@ def huber_threshold(at: Place, params: AdjustmentParams) -> float:
     t = lengths(at.l)
     t = t[t > 0]  # what repeats others has no weight
     spread = float(np.median(t)) / CHI3_MEDIAN if len(t) else 1.0
+    if problem.control and problem.control.used.any():
+        off = np.sort(control_lengths(problem.control, at.state)[problem.control.used])
+        spread = max(spread, float(off[(len(off) - 1) // 2]) / CHI3_MEDIAN)
     return params.huber * max(1.0, spread)
+
+
+def control_lengths(control: Control, state: State) -> np.ndarray:
+    """How far every stop is from where control has it, in standard deviations."""
+    return np.linalg.norm(control.whitened(state), axis=1)
 
 
 def cost_of(problem: Problem, at: Place, threshold: float | None) -> float:
     """The sum that is minimised; infinite where a point lies behind a camera."""
     state = at.state
-    if threshold is None:
-        images = float(np.vdot(at.l, at.l))
-    else:
-        t = lengths(at.l)
-        loss = np.where(t <= threshold, t**2, 2 * threshold * t - threshold**2)
-        images = float(loss.sum())
+    images = float(np.vdot(at.l, at.l)) if threshold is None else _loss(lengths(at.l), threshold)
     if not np.isfinite(images):
         return np.inf
     telemetry = problem.telemetry
     links = telemetry_misclosures(state, telemetry) * problem.link_weight
     pointing = state.pointings * telemetry.pointing_weight if telemetry.masts_turn else np.zeros(0)
     known = problem.inherited.cost(state) if problem.inherited else 0.0
+    if problem.control:
+        control = problem.control
+        off = control_lengths(control, state)[control.used]
+        known += _loss(off, threshold) + float((control.prior_misclosures(state) ** 2).sum())
     return images + float((links**2).sum() + (pointing**2).sum()) + known
+
+
+def _loss(t: np.ndarray, threshold: float | None) -> float:
+    """Sum of squares, or of Huber's loss."""
+    if threshold is None:
+        return float((t**2).sum())
+    return float(np.where(t <= threshold, t**2, 2 * threshold * t - threshold**2).sum())
 
 
 def normal_equations(
@@ -100,6 +115,7 @@ def _reduced(
     flat, right, ties = added(problem, _eliminated(problem, at, threshold))
     _add_telemetry(problem, at.state, flat, right)
     _add_inherited(problem, at.state, flat, right)
+    _add_control(problem, at.state, flat, right, threshold)
     flat[-1] = right[-1] = 0.0
     return flat, right, ties
 
@@ -154,6 +170,33 @@ def _add_inherited(problem: Problem, state: State, flat: np.ndarray, right: np.n
     N, n = problem.inherited.normals(state)
     _add(flat, places, N)
     _add(right, right_places, n)
+
+
+def _add_control(
+    problem: Problem, state: State, flat: np.ndarray, right: np.ndarray, threshold: float | None
+) -> None:
+    """Add where stops lie in control frames, and what is known of these beforehand."""
+    control, unknowns = problem.control, problem.unknowns
+    if control is None or problem.control_places is None or problem.frame_places is None:
+        return
+    l, (of_stop, of_frame) = control.whitened(state), control.partials(state)
+    weight = control.used.astype(float)
+    if threshold is not None:
+        weight *= huber_weights(np.linalg.norm(l, axis=1), threshold)
+    A = np.concatenate([of_frame, of_stop], axis=2) * np.sqrt(weight)[:, None, None]
+    l = l * np.sqrt(weight)[:, None]
+    _add(flat, problem.control_places, A.mT @ A)
+    places = [
+        unknowns.places(unknowns.frame_blocks[control.frame][:, None],
+                        unknowns.frame_columns[control.frame]),
+        unknowns.places(control.stop[:, None].astype(np.int64),
+                        unknowns.stop_columns[control.stop]),
+    ]  # fmt: skip
+    _add(right, np.hstack(places), (l[:, None, :] @ A)[:, 0])
+    W = control.prior
+    _add(flat, problem.frame_places, W.mT @ W)
+    own = unknowns.places(unknowns.frame_blocks[:, None], unknowns.frame_columns)
+    _add(right, own, (control.prior_misclosures(state)[:, None, :] @ W)[:, 0])
 
 
 def _add(total: np.ndarray, places: np.ndarray, values: np.ndarray) -> None:

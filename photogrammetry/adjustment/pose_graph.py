@@ -14,7 +14,7 @@ truncated least-squares loss of `alignment`, r'N r in place of the squared misfi
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.sparse import csc_matrix
@@ -106,7 +106,7 @@ def _solved(
             part = x * 0.5**halvings
             centres = along_arcs(state.centres, part[:, :3], part[:, 3:], held)
             turned = rotation_of_vector(part[:, :3]) @ state.rotations
-            trial = State(turned, centres, state.pointings, state.points)
+            trial = replace(state, rotations=turned, centres=centres)
             trial_cost = _cost(trial, telemetry, edges, root)
             if trial_cost <= cost:
                 state, cost = trial, trial_cost

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from photogrammetry.adjustment.collinearity import STOP_UNKNOWNS, Observations, Sights
+from photogrammetry.adjustment.control import FRAME_UNKNOWNS
+from photogrammetry.adjustment.control_equations import Control
 from photogrammetry.adjustment.layout import TieGroup, tie_groups
 from photogrammetry.adjustment.marginal import Marginal
 from photogrammetry.adjustment.pattern import BlockPattern
@@ -15,6 +17,8 @@ from photogrammetry.adjustment.unknowns import Unknowns
 
 LINK_TRIANGLE = np.tril_indices(2 * STOP_UNKNOWNS)
 """Lower triangle of what a telemetry increment feels: the stop before, and the stop."""
+CONTROL_SLOTS = np.repeat([0, 1], [FRAME_UNKNOWNS, STOP_UNKNOWNS])
+"""Columns of what control feels: the frame that it is in, and the stop."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,6 +49,12 @@ class Problem:
     """Where in the flat normal matrix, and in the vector of unknowns, what is inherited goes."""
     inherited: Marginal | None = None
     """What observations that have left said of these stops."""
+    control: Control | None = None
+    control_places: np.ndarray | None = None
+    """(control, 11, 11) places in the flat normal matrix, of which the frame's columns are first;
+    nothing for control that is set aside."""
+    frame_places: np.ndarray | None = None
+    """(frames, 5, 5) places of what is known of frames beforehand."""
 
     @classmethod
     def of(
@@ -54,9 +64,13 @@ class Problem:
         held: np.ndarray,
         used: np.ndarray,
         inherited: Marginal | None = None,
+        control: Control | None = None,
     ) -> Problem:
         """Lay out a network: `held` by stop, `used` by observation."""
-        unknowns = Unknowns.of(held, observations.pair_stop, turning=telemetry.masts_turn)
+        free = control.is_free if control else None
+        unknowns = Unknowns.of(
+            held, observations.pair_stop, turning=telemetry.masts_turn, frames=free
+        )
         groups = tie_groups(observations, used, unknowns)
         before = telemetry.before
         cliques: set[tuple[int, ...]] = {
@@ -66,7 +80,11 @@ class Problem:
             if group.slots[-1]:
                 cliques.update(map(tuple, np.unique(group.stops, axis=0).tolist()))
         if inherited:
-            cliques.add(tuple(inherited.stops.tolist()))
+            frames = unknowns.frame_blocks[inherited.frames]
+            cliques.add((*inherited.stops.tolist(), *frames.tolist()))
+        if control:
+            ends = np.column_stack([control.stop, unknowns.frame_blocks[control.frame]])
+            cliques.update(map(tuple, ends.tolist()))
         pattern = BlockPattern.of(unknowns.sizes, cliques)
         places = tuple(pattern.lower(g.stops, g.column_slots, g.local, g.triangle) for g in groups)
         right_places = tuple(
@@ -92,6 +110,7 @@ class Problem:
             observations, telemetry, held, unknowns, pattern, groups, places, right_places,
             link_places, link_right, weight, rows[counts], sights, anchor,
             _inherited_places(inherited, unknowns, pattern), inherited,
+            control, *_control_places(control, unknowns, pattern),
         )  # fmt: skip
 
     @property
@@ -102,7 +121,9 @@ class Problem:
         telemetry = int((self.link_weight > 0).sum()) + pointings
         points = 3 * sum(group.points for group in self.groups)
         known = self.inherited.surplus if self.inherited else 0
-        return coordinates + telemetry + known - points - self.unknowns.count
+        known += self.control.surplus if self.control else 0
+        frames = int((self.unknowns.frame_columns >= 0).sum())  # each known beforehand
+        return coordinates + telemetry + known + frames - points - self.unknowns.count
 
 
 def _inherited_places(
@@ -111,9 +132,34 @@ def _inherited_places(
     """Where the normal equations of what is inherited go."""
     if inherited is None:
         return np.zeros((0, 0), dtype=np.int64), np.zeros(0, dtype=np.int64)
-    stops, pairs = inherited.stops, inherited.pairs
-    blocks = np.concatenate([np.repeat(stops, 6), np.repeat(unknowns.pair_stop[pairs], 3)])
+    stops, pairs, frames = inherited.stops, inherited.pairs, inherited.frames
+    blocks = np.concatenate(
+        [
+            np.repeat(stops, STOP_UNKNOWNS),
+            np.repeat(unknowns.pair_stop[pairs], 3),
+            np.repeat(unknowns.frame_blocks[frames], FRAME_UNKNOWNS),
+        ]
+    )
     local = np.concatenate(
-        [unknowns.stop_columns[stops].ravel(), unknowns.pair_columns[pairs].ravel()]
+        [
+            unknowns.stop_columns[stops].ravel(),
+            unknowns.pair_columns[pairs].ravel(),
+            unknowns.frame_columns[frames].ravel(),
+        ]
     )
     return pattern.indices(blocks[None], local[None])[0], unknowns.places(blocks, local)
+
+
+def _control_places(
+    control: Control | None, unknowns: Unknowns, pattern: BlockPattern
+) -> tuple[np.ndarray | None, np.ndarray | None]:
+    """Where the normal equations of control, and of the frames' own places, go."""
+    if control is None:
+        return None, None
+    ends = np.column_stack([unknowns.frame_blocks[control.frame], control.stop]).astype(np.int64)
+    local = np.hstack([unknowns.frame_columns[control.frame], unknowns.stop_columns[control.stop]])
+    own = np.repeat(unknowns.frame_blocks[:, None], FRAME_UNKNOWNS, axis=1)
+    return (
+        pattern.indices(ends[:, CONTROL_SLOTS], local),
+        pattern.indices(own, unknowns.frame_columns),
+    )

@@ -12,6 +12,9 @@ from photogrammetry.adjustment.collinearity import (
     misclosures,
     pair_orientations,
 )
+from photogrammetry.adjustment.control_results import adjusted_control, adjusted_frames
+from photogrammetry.adjustment.control_tests import ControlTests
+from photogrammetry.adjustment.datum import MAP
 from photogrammetry.adjustment.holding import Holding
 from photogrammetry.adjustment.problem import Problem
 from photogrammetry.adjustment.records import (
@@ -49,6 +52,8 @@ class Outcome:
     residuals: Residuals
     point_covariances: np.ndarray
     inverse: np.ndarray
+    placed: ControlTests
+    """Tests of control."""
 
 
 def assembled(
@@ -66,6 +71,7 @@ def assembled(
     pairs, covariances = _pairs(network, outcome, factor)
     stops = _stops(network, held, outcome, covariances)
     ties = _ties(network, outcome, factor, covariances)
+    control = adjusted_control(network, outcome.problem, outcome.solution.state, outcome.placed)
     placed = np.isfinite(ties.points).all(axis=1)
     kinds = np.array([str(kind) for kind in ties.kinds])
     seen = np.bincount(outcome.observations.point[outcome.used], minlength=len(kinds)) > 0
@@ -83,8 +89,15 @@ def assembled(
         after=agreement[1],
         untied=tuple(stop.stop for stop in stops if not stop.is_tied),
         message=outcome.solution.message,
+        control=sum(one.used and one.control.frame != MAP.name for one in control),
+        control_refused=tuple(
+            f"{one.control.stop} in {one.control.frame} ({one.note})"
+            for one in control
+            if not one.used
+        ),
     )
-    return AdjustedNetwork(stops, pairs, ties), report
+    frames = adjusted_frames(network, outcome.problem, outcome.solution.state, outcome.inverse)
+    return AdjustedNetwork(stops, pairs, ties, control=control, frames=frames), report
 
 
 def _pairs(
@@ -134,13 +147,14 @@ def _stops(
     past = set(inherited.stops.tolist()) if inherited else set()
     if inherited:
         known[inherited.stops[inherited.grounded]] = True
-    holding = Holding.of(outcome.observations, outcome.used, held, known)
+    control = outcome.problem.control
+    holding = Holding.of(outcome.observations, outcome.used, held, known, control)
     numbers = np.arange(len(held))
     blocks = np.repeat(numbers[:, None], 6, axis=1)
     covariances = outcome.inverse[outcome.problem.pattern.indices(blocks, unknowns.stop_columns)]
     with_pairs, first = np.unique(unknowns.pair_stop, return_index=True)
     first_pair = dict(zip(with_pairs.tolist(), first.tolist(), strict=True))
-    stops, names = [], network.stop_ids
+    stops = []
     for k, prior in enumerate(network.stops):
         C = joint[first_pair[k], :6, :6] if k in first_pair else covariances[k]
         stops.append(
@@ -150,7 +164,7 @@ def _stops(
                 (C + C.T) / 2,
                 bool(held[k]),
                 bool(holding.reached[k]),
-                holding.told(names, k) + ("; what earlier stops said of it" if k in past else ""),
+                holding.told(network, k) + ("; what earlier stops said of it" if k in past else ""),
             )
         )
     return tuple(stops)

@@ -18,6 +18,7 @@ from photogrammetry.adjustment.linear import Linear
 from photogrammetry.adjustment.marginal import Chart, Marginal
 from photogrammetry.adjustment.touching import (
     Columns,
+    control_rows,
     inherited_rows,
     pointing_rows,
     telemetry_rows,
@@ -66,11 +67,17 @@ def retire(network: Linear, k: int) -> tuple[Conditional, Marginal]:
     rows, stops, pairs = neighbours(network, k)
     mine = np.flatnonzero(network.observations.pair_stop == k)
     own = np.zeros(0, dtype=np.int64) if network.held[k] else np.array([k])
-    chart = Chart.at(network.state, np.concatenate([own, stops]), np.concatenate([mine, pairs]))
-    columns = Columns.of(chart, len(network.held), len(network.state.pointings))
+    frames = _frames(network, k)
+    chart = Chart.at(
+        network.state, np.concatenate([own, stops]), np.concatenate([mine, pairs]), frames
+    )
+    state = network.state
+    columns = Columns.of(chart, len(network.held), len(state.pointings), len(state.frames))
     ties, told = tie_rows(network, rows, columns), telemetry_rows(network, k, columns)
-    parts = [ties, told, pointing_rows(network, mine, columns)]
-    spent, surplus = 0.0, _coordinates(network.observations, rows) + len(told) + 3 * len(mine)
+    placed = control_rows(network, k, columns)
+    parts = [ties, told, placed, pointing_rows(network, mine, columns)]
+    told_of = len(told) + len(placed) + 3 * len(mine)
+    spent, surplus = 0.0, _coordinates(network.observations, rows) + told_of
     if network.inherited:
         parts.append(inherited_rows(network.inherited, network.state, columns))
         spent, surplus = network.inherited.spent, surplus + network.inherited.surplus
@@ -78,9 +85,18 @@ def retire(network: Linear, k: int) -> tuple[Conditional, Marginal]:
     conditional, root, right, rest = _triangulated(
         chart, network.state, np.concatenate(parts), leaving
     )
-    stays = Chart.at(network.state, stops, pairs)
+    stays = Chart.at(network.state, stops, pairs, frames)
     grounded = network.grounded[stops]
     return conditional, Marginal(stays, root, right, grounded, spent + rest, surplus - len(leaving))
+
+
+def _frames(network: Linear, k: int) -> np.ndarray:
+    """Control frames that stop k, or what it inherited, speaks of, and whose place is unknown."""
+    frames, control = np.zeros(0, dtype=np.int64), network.control
+    if control:
+        used = control.frame[control.used & (control.stop == k)]
+        frames = np.unique(used[control.is_free[used].any(axis=1)])
+    return np.union1d(frames, network.inherited.frames) if network.inherited else frames
 
 
 def _coordinates(observations: Observations, rows: np.ndarray) -> int:

@@ -19,6 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from photogrammetry.adjustment.adjust import adjust, adjust_overall
+from photogrammetry.adjustment.datum import held_stops, says_otherwise
 from photogrammetry.adjustment.linear import Linear
 from photogrammetry.adjustment.marginal import Marginal
 from photogrammetry.adjustment.params import AdjustmentParams
@@ -46,6 +47,8 @@ class Departure:
     """Of the chart of its conditional."""
     pair_ids: tuple[str, ...]
     conditional: Conditional
+    frames: tuple[str, ...] = ()
+    """Control frames of its conditional."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,13 +89,17 @@ def adjust_sequential(
     before = Traverse(previous)
     late = late_ties(before, network, new)
     complete = {pair.pair_id for pair in previous.pairs} <= {p.pair_id for p in network.pairs}
-    if late and complete:
+    gone = {stop.stop for stop in previous.stops} - set(before.staying)
+    changed = bool(previous.memory) and says_otherwise(network, previous, gone)
+    if (late or changed) and complete:
         traverse, report = reopened(previous, network, params)
         return traverse.window, report
     traverse, report = extend(before, network, new, params)
-    if late:
-        told = f"{late} ties reach back beyond the window and were left out: adjust overall"
-        report = replace(report, message="; ".join(filter(None, (report.message, told))))
+    told = [f"{late} ties reach back beyond the window and were left out"] if late else []
+    told += ["control of stops that have left the window is new or changed"] if changed else []
+    if told:
+        parts = filter(None, (report.message, f"{'; '.join(told)}: adjust overall"))
+        report = replace(report, message="; ".join(parts))
     return merged_network(previous, traverse.window, network), report
 
 
@@ -120,7 +127,7 @@ def extend(
     part = _part(network, traverse.staying, new)
     memory = traverse.window.memory
     inherited = Marginal.of(memory, part) if memory else None
-    held = frozenset() if memory else frozenset({part.stop_ids[0]})
+    held = frozenset() if memory else held_stops(part)
     adjusted, report = adjust(
         part, held, params, traverse.window, f"sequential step to {new[-1]}", inherited
     )
@@ -184,4 +191,5 @@ def _departure(
         tuple(network.stop_ids[k] for k in chart.stops.tolist()),
         tuple(network.pairs[k].pair_id for k in chart.pairs.tolist()),
         conditional,
+        tuple(network.frames[k].name for k in chart.frames.tolist()),
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -79,7 +79,7 @@ def with_points(
     if several.any():
         mean_of, mean = _weighted_means(state, observations, seen, rows[several], place[several])
         points[mean_of] = mean
-    return State(state.rotations, state.centres, state.pointings, points)
+    return replace(state, points=points)
 
 
 def in_lsl(

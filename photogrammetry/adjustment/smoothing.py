@@ -66,10 +66,11 @@ def smoothed(traverse: Traverse, network: Network, params: AdjustmentParams) -> 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Places:
-    """Numbers of all stops and pairs, and of their columns: stops first, 6 each, pairs 3 each."""
+    """Numbers of all stops, pairs and frames; of their columns, in this order: 6, 3, 5 each."""
 
     stop: dict[StopId, int]
     pair: dict[str, int]
+    frame: dict[str, int]
 
     @classmethod
     def of(cls, traverse: Traverse, known: list[AdjustedStop]) -> _Places:
@@ -78,6 +79,7 @@ class _Places:
         return cls(
             {stop.stop: k for k, stop in enumerate(known)},
             {name: k for k, name in enumerate(dict.fromkeys(names))},
+            {frame.frame.name: k for k, frame in enumerate(traverse.window.frames)},
         )
 
     def first(self, pair_id: str) -> int:
@@ -90,13 +92,17 @@ class _Places:
             departure.conditional.chart,
             stops=np.array([self.stop[stop] for stop in departure.stops], dtype=np.int32),
             pairs=np.array([self.pair[name] for name in departure.pair_ids], dtype=np.int32),
+            frames=np.array([self.frame[name] for name in departure.frames], dtype=np.int32),
         )
 
     def columns(self, chart: Chart) -> np.ndarray:
         """All columns of a chart."""
         stops = 6 * chart.stops[:, None].astype(np.int64) + np.arange(6)
         pairs = 3 * chart.pairs[:, None].astype(np.int64) + np.arange(3)
-        return np.concatenate([stops.ravel(), 6 * len(self.stop) + pairs.ravel()])
+        frames = 5 * chart.frames[:, None].astype(np.int64) + np.arange(5)
+        first = 6 * len(self.stop)
+        last = first + 3 * len(self.pair)
+        return np.concatenate([stops.ravel(), first + pairs.ravel(), last + frames.ravel()])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -128,6 +134,7 @@ def _state(traverse: Traverse, places: _Places, known: list[AdjustedStop]) -> St
         np.array([stop.lsl_from_rover.translation_m for stop in known]),
         pointings,
         np.zeros((0, 3)),
+        np.array([frame.place for frame in traverse.window.frames]).reshape(-1, 5),
     )
 
 
@@ -142,7 +149,9 @@ def _of_window(
     rows = np.flatnonzero(inside & ~np.isin(ties.point, ties.point[~inside]))
     part = replace(network.within(stays), ties=select(ties, rows))
     now = Linear.of(last, part, params, rows)
-    problem = Problem.of(now.observations, now.telemetry, now.held, now.used, now.inherited)
+    problem = Problem.of(
+        now.observations, now.telemetry, now.held, now.used, now.inherited, now.control
+    )
     inverse = linearise(problem, now.state, None).factor.inverse()
     C = inverse[problem.inherited_places[0]]
     last_gone = traverse.departures[-1]

@@ -59,7 +59,7 @@ def solve(problem: Problem, start: State, params: AdjustmentParams, *, robust: b
     """Iterate to the minimum."""
     tolerance = params.robust_tolerance if robust else params.tolerance
     at = Place.of(problem, start)
-    threshold = huber_threshold(at, params) if robust else None
+    threshold = huber_threshold(problem, at, params) if robust else None
     cost = cost_of(problem, at, threshold)
     if not np.isfinite(cost):
         return Solution(start, cost, converged=False, iterations=0,
@@ -72,7 +72,7 @@ def solve(problem: Problem, start: State, params: AdjustmentParams, *, robust: b
         correction = Correction.of(problem, at, now.ties, x)
         at, cost, shortened = _step(problem, at, cost, correction, params, threshold)
         if threshold is not None:
-            threshold = min(threshold, huber_threshold(at, params))
+            threshold = min(threshold, huber_threshold(problem, at, params))
             cost = cost_of(problem, at, threshold)
         if length2 < tolerance:
             kept = now if not robust and length2 < SAME * tolerance else None

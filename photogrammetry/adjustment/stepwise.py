@@ -23,6 +23,7 @@ from dataclasses import replace
 import numpy as np
 
 from photogrammetry.adjustment.adjust import adjust, adjust_overall
+from photogrammetry.adjustment.control import AdjustedControl
 from photogrammetry.adjustment.linear import Linear
 from photogrammetry.adjustment.loops import REACH
 from photogrammetry.adjustment.params import AdjustmentParams
@@ -63,10 +64,25 @@ def adjust_stepwise(
     if not new or not old:
         raise AdjustmentError("a step along the traverse needs stops before it and new ones")
     held, window = _window(network, old, new)
-    part = network.within(window)
+    part = _with_frames_as_left(network.within(window), previous)
     adjusted, report = adjust(part, held, params, previous, f"step to {new[-1]}")
     adjusted = _considered(adjusted, previous, part, held, params)
     return merged_network(previous, adjusted, network), report
+
+
+def _with_frames_as_left(network: Network, previous: AdjustedNetwork) -> Network:
+    """The network with its control frames where earlier steps left them, as well as they knew.
+
+    Control of earlier stops that are estimated again serves twice then, as their ties do.
+    """
+    left = {frame.frame.name: frame for frame in previous.frames}
+    frames = tuple(
+        replace(frame, place=left[frame.name].place, covariance=left[frame.name].covariance)
+        if frame.name in left
+        else frame
+        for frame in network.frames
+    )
+    return replace(network, frames=frames)
 
 
 def _window(
@@ -114,7 +130,18 @@ def merged_network(
         tuple(pairs[pair.pair_id] for pair in network.pairs if pair.pair_id in pairs),
         merged_ties(network.within(set(stops)).ties, (previous.ties, adjusted.ties)),
         adjusted.memory,
+        _merged_control(previous, adjusted),
+        adjusted.frames or previous.frames,
     )
+
+
+def _merged_control(
+    previous: AdjustedNetwork, adjusted: AdjustedNetwork
+) -> tuple[AdjustedControl, ...]:
+    """The control of the whole traverse, that of stops adjusted anew as it is now."""
+    anew = {stop.stop for stop in adjusted.stops}
+    kept = tuple(one for one in previous.control if one.control.stop not in anew)
+    return (*kept, *adjusted.control)
 
 
 def _considered(
@@ -167,7 +194,8 @@ def _joint(stops: list[AdjustedStop]) -> np.ndarray:
 
 def _sensitivity(now: Linear, free: np.ndarray, fixed: np.ndarray) -> np.ndarray:
     """S of the poses of free stops (6 rows each) to those of held ones (6 columns each)."""
-    problem = Problem.of(now.observations, now.telemetry, np.zeros_like(now.held), now.used)
+    none = np.zeros_like(now.held)
+    problem = Problem.of(now.observations, now.telemetry, none, now.used, control=now.control)
     flat, _, _ = normal_equations(problem, now.state, None)
     unknowns, n = problem.unknowns, problem.unknowns.count
     N = np.zeros((n, n))

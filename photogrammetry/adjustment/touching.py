@@ -11,6 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from photogrammetry.adjustment.collinearity import State, misclosures, partials
+from photogrammetry.adjustment.control import FRAME_UNKNOWNS
+from photogrammetry.adjustment.control_equations import ROWS
 from photogrammetry.adjustment.linear import Linear
 from photogrammetry.adjustment.marginal import Chart, Marginal
 from photogrammetry.adjustment.priors import telemetry_misclosures, telemetry_partials
@@ -18,20 +20,24 @@ from photogrammetry.adjustment.priors import telemetry_misclosures, telemetry_pa
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Columns:
-    """Columns of a chart by number of stop and pair; the last one is for what is held."""
+    """Columns of a chart by number of stop, pair, frame; the last one is for what is held."""
 
     of_stop: np.ndarray
     of_pair: np.ndarray
+    of_frame: np.ndarray
     count: int
 
     @classmethod
-    def of(cls, chart: Chart, stops: int, pairs: int) -> Columns:
-        """Of a chart in a network with so many stops and pairs."""
-        count, n = chart.size, len(chart.stops)
+    def of(cls, chart: Chart, stops: int, pairs: int, frames: int = 0) -> Columns:
+        """Of a chart in a network with so many stops, pairs and control frames."""
+        count, n, m = chart.size, len(chart.stops), len(chart.frames)
         of_stop, of_pair = np.full((stops, 6), count), np.full((pairs, 3), count)
         of_stop[chart.stops] = np.arange(6 * n).reshape(n, 6)
-        of_pair[chart.pairs] = np.arange(6 * n, count).reshape(-1, 3)
-        return cls(of_stop, of_pair, count)
+        of_frame = np.full((frames, FRAME_UNKNOWNS), count)
+        end = count - FRAME_UNKNOWNS * m
+        of_pair[chart.pairs] = np.arange(6 * n, end).reshape(-1, 3)
+        of_frame[chart.frames] = np.arange(end, count).reshape(m, FRAME_UNKNOWNS)
+        return cls(of_stop, of_pair, of_frame, count)
 
 
 def tie_rows(network: Linear, rows: np.ndarray, columns: Columns) -> np.ndarray:
@@ -92,10 +98,32 @@ def pointing_rows(network: Linear, pairs: np.ndarray, columns: Columns) -> np.nd
     return dense * network.telemetry.pointing_weight
 
 
+def control_rows(network: Linear, k: int, columns: Columns) -> np.ndarray:
+    """Where control has the stop, in frames whose place stays unknown."""
+    control = network.control
+    if control is None:
+        return np.zeros((0, columns.count + 1))
+    l, (of_stop, of_frame) = control.whitened(network.state), control.partials(network.state)
+    mine = np.flatnonzero(control.used & (control.stop == k))
+    dense = np.zeros((len(mine), ROWS, columns.count + 1))
+    for row, n in enumerate(mine.tolist()):
+        frame = control.frame[n]
+        free = control.is_free[frame]
+        dense[row][:, columns.of_stop[k]] = of_stop[n]
+        dense[row][:, columns.of_frame[frame][free]] = of_frame[n][:, free]
+    dense[:, :, -1] = l[mine]
+    return dense[control.is_given[mine]]
+
+
 def inherited_rows(inherited: Marginal, state: State, columns: Columns) -> np.ndarray:
     """What the stop had inherited, in the columns of the chart."""
     A, l = inherited.rows(state)
-    at = np.concatenate([columns.of_stop[inherited.stops], columns.of_pair[inherited.pairs]], None)
+    parts = (
+        columns.of_stop[inherited.stops],
+        columns.of_pair[inherited.pairs],
+        columns.of_frame[inherited.frames],
+    )
+    at = np.concatenate(parts, None)
     dense = np.zeros((len(A), columns.count + 1))
     dense[:, at] = A
     dense[:, -1] = l

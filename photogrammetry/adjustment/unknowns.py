@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from photogrammetry.adjustment.control import FRAME_UNKNOWNS
 from photogrammetry.adjustment.observations import PAIR_UNKNOWNS, STOP_UNKNOWNS
 from photogrammetry.arrays import Float64
 
@@ -23,13 +24,29 @@ class Unknowns:
     pair_stop: np.ndarray
     per_pair: int
     """Unknowns of a pair: its pointing, or none where masts point as their labels say."""
+    frame_columns: np.ndarray
+    """(frames, 5) place inside the block of a control frame; -1 where certain. Blocks of frames
+    follow those of stops."""
 
     @classmethod
-    def of(cls, held: np.ndarray, pair_stop: np.ndarray, *, turning: bool = True) -> Unknowns:
-        """Number the unknowns of a network whose stops are held or free, and masts turn or not."""
+    def of(
+        cls,
+        held: np.ndarray,
+        pair_stop: np.ndarray,
+        *,
+        turning: bool = True,
+        frames: np.ndarray | None = None,
+    ) -> Unknowns:
+        """Number the unknowns of a network whose stops are held or free, and masts turn or not.
+
+        `frames` (n, 5) tells what is unknown of the places of control frames.
+        """
+        free = np.zeros((0, FRAME_UNKNOWNS), dtype=bool) if frames is None else frames
         pose, per_pair = np.where(held, 0, STOP_UNKNOWNS), PAIR_UNKNOWNS if turning else 0
         per_stop = np.bincount(pair_stop, minlength=len(held)).astype(np.int64)
-        sizes = (pose + per_pair * per_stop).astype(np.int64)
+        of_stops = (pose + per_pair * per_stop).astype(np.int64)
+        sizes = np.concatenate([of_stops, free.sum(axis=1).astype(np.int64)])
+        frame_columns = np.where(free, np.cumsum(free, axis=1) - 1, -1)
         stop_columns = np.where(held[:, None], -1, np.arange(STOP_UNKNOWNS))
         by_stop = np.argsort(pair_stop, kind="stable")
         slot = np.zeros(len(pair_stop), dtype=np.int64)
@@ -38,12 +55,17 @@ class Unknowns:
         first = pose[pair_stop] + PAIR_UNKNOWNS * slot
         pair_columns = np.where(turning, first[:, None] + np.arange(PAIR_UNKNOWNS), -1)
         offsets = np.concatenate([[0], np.cumsum(sizes)])[:-1]
-        return cls(sizes, offsets, stop_columns, pair_columns, pair_stop, per_pair)
+        return cls(sizes, offsets, stop_columns, pair_columns, pair_stop, per_pair, frame_columns)
 
     @property
     def count(self) -> int:
         """How many."""
         return int(self.sizes.sum())
+
+    @property
+    def frame_blocks(self) -> np.ndarray:
+        """Blocks of the control frames."""
+        return len(self.stop_columns) + np.arange(len(self.frame_columns))
 
     def columns(self, pair: np.ndarray) -> np.ndarray:
         """(…, 9) places inside the stop's block of the unknowns an observation by `pair` feels."""
@@ -55,9 +77,12 @@ class Unknowns:
         """Places of columns in the vector of unknowns; what is held goes to a bin at its end."""
         return np.where(local >= 0, self.offsets[blocks] + local, self.count)
 
-    def unpack(self, x: Float64[np.ndarray, " n"]) -> tuple[np.ndarray, np.ndarray]:
-        """Corrections (stops, 6), zero where held, and (pairs, 3)."""
+    def unpack(self, x: Float64[np.ndarray, " n"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Corrections (stops, 6), zero where held, (pairs, 3) and (frames, 5)."""
         padded = np.append(x, 0.0)
-        stops = np.arange(len(self.sizes))
-        of_stops = padded[self.places(stops[:, None], self.stop_columns)]
-        return of_stops, padded[self.places(self.pair_stop[:, None], self.pair_columns)]
+        stops = np.arange(len(self.stop_columns))
+        return (
+            padded[self.places(stops[:, None], self.stop_columns)],
+            padded[self.places(self.pair_stop[:, None], self.pair_columns)],
+            padded[self.places(self.frame_blocks[:, None], self.frame_columns)],
+        )

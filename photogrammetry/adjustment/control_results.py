@@ -1,0 +1,55 @@
+"""Control and its frames as the adjustment left them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from photogrammetry.adjustment.collinearity import State
+from photogrammetry.adjustment.control import FRAME_UNKNOWNS, AdjustedControl, AdjustedFrame
+from photogrammetry.adjustment.control_tests import ControlTests
+from photogrammetry.adjustment.problem import Problem
+from photogrammetry.adjustment.records import Network
+from photogrammetry.adjustment.residuals import UNCHECKED
+
+
+def adjusted_control(
+    network: Network, problem: Problem, state: State, tests: ControlTests
+) -> tuple[AdjustedControl, ...]:
+    """What became of every control observation."""
+    control = problem.control
+    if control is None:
+        return ()
+    off = np.where(control.is_given, control.misclosures(state), np.nan)
+    return tuple(
+        AdjustedControl(
+            one,
+            bool(control.used[k]),
+            off[k],
+            float(tests.length[k]) if tests.redundancy[k] > UNCHECKED else float("nan"),
+            float(tests.redundancy[k]),
+            _note(off[k], tests, k, used=bool(control.used[k])),
+        )
+        for k, one in enumerate(network.control)
+    )
+
+
+def _note(off: np.ndarray, tests: ControlTests, k: int, *, used: bool) -> str:
+    if not used:
+        return (
+            f"off by {off[0]:+.2f} m east and {off[1]:+.2f} m north, {tests.length[k]:.1f} "
+            f"standard deviations where {tests.gate[k]:.1f} may be chance"
+        )
+    return "" if tests.redundancy[k] > UNCHECKED else "nothing checks it"
+
+
+def adjusted_frames(
+    network: Network, problem: Problem, state: State, inverse: np.ndarray
+) -> tuple[AdjustedFrame, ...]:
+    """Where every control frame lies."""
+    unknowns = problem.unknowns
+    blocks = np.repeat(unknowns.frame_blocks[:, None], FRAME_UNKNOWNS, axis=1)
+    C = inverse[problem.pattern.indices(blocks, unknowns.frame_columns)]
+    return tuple(
+        AdjustedFrame(frame, state.frames[k], (C[k] + C[k].T) / 2)
+        for k, frame in enumerate(network.frames)
+    )
