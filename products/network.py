@@ -6,10 +6,14 @@ import json
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from photogrammetry.adjustment.documents import network_of_document
 from photogrammetry.adjustment.records import AdjustedNetwork
+from photogrammetry.body_fixed import map_from_lsl
 from photogrammetry.frames import Pose
 from photogrammetry.imagery import StopId
+from photogrammetry.traverse.records import Traverse
 from products.arrays import pose_of_document
 from products.model import ProductRef
 from products.store import ProductStore
@@ -48,6 +52,19 @@ def read_network(ref: ProductRef, store: ProductStore) -> NetworkProduct:
         links=tuple(document["links"]),
         report=document["network"]["reports"][-1],
         by_hand=tuple(document.get("by_hand", ())),
+    )
+
+
+def traverses(product: NetworkProduct) -> tuple[Traverse, Traverse]:
+    """The traverse of a network by telemetry, and as adjusted."""
+    stops = product.adjusted.stops
+    names = tuple(f"{stop.stop.site}/{stop.stop.drive}" for stop in stops)
+    sols = np.array([min(product.sols[stop.stop]) for stop in stops], dtype=np.int32)
+    told = np.array([product.telemetry[stop.stop].translation_m for stop in stops])
+    true = np.array([stop.lsl_from_rover.translation_m for stop in stops])
+    return (
+        Traverse("telemetry", names, sols, map_from_lsl(told)),
+        Traverse("adjusted", names, sols, map_from_lsl(true)),
     )
 
 

@@ -25,7 +25,7 @@ from typing import Any
 
 from products.disk import is_full
 from products.errors import ProductError, ProductNotFoundError, StoreFullError
-from products.model import ProductRef, Recipe
+from products.model import SUFFIX, ProductKind, ProductRef, Recipe, Scope
 
 _CHUNK = 1 << 20
 
@@ -78,6 +78,14 @@ class ProductStore:
     def has(self, ref: ProductRef) -> bool:
         """Whether the product has been made."""
         return (self._products / ref.file_name).is_file()
+
+    def versions(self, kind: ProductKind, scope: Scope) -> list[ProductRef]:
+        """All products of a kind and scope, latest or not, in the order in which they were made."""
+        suffix = SUFFIX[kind]
+        files = (self._products / str(kind) / scope.name).glob(f"*{suffix}")
+        digests = [file.name.removesuffix(suffix) for file in files]
+        found = [ProductRef(kind, scope, digest) for digest in digests if "." not in digest]
+        return sorted(found, key=lambda ref: (self.made_at(ref), ref.digest))
 
     def make(self, recipe: Recipe, write: Callable[[Path], None]) -> ProductRef:
         """Make the product of `recipe` with `write`, unless it is there already.

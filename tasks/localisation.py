@@ -20,17 +20,16 @@ import numpy as np
 from prefect import task
 from prefect.cache_policies import NO_CACHE
 
-from photogrammetry.body_fixed import map_from_lsl
 from photogrammetry.frames import LSL, FrameKind, Pose, site_frame
 from photogrammetry.imagery import StopId
 from photogrammetry.pds3.vector_files import Solution, VectorFile
 from photogrammetry.pds3.vector_writing import PlacedStop, places_text, vector_text
 from photogrammetry.traverse.differences import Difference, differences
 from photogrammetry.traverse.pictures import traverse_figure
-from photogrammetry.traverse.records import Traverse
 from products.arrays import finite, pose_document
 from products.crs import LandingPoint, lon_lat
 from products.model import ProductKind, ProductRef, Recipe, Scope, ScopeLevel
+from products.network import traverses
 from products.store import ProductStore
 from tasks.adjust import NetworkProduct, read_network
 from tasks.scopes import region_scope
@@ -107,19 +106,6 @@ def _contents(
     if len(product.adjusted.stops) >= FEWEST:
         yield ProductKind.TRAVERSE_TABLE, region, lambda: json.dumps(traverse_table(product))
         yield ProductKind.TRAVERSE_FIGURE, region, partial(_figure, product)
-
-
-def traverses(product: NetworkProduct) -> tuple[Traverse, Traverse]:
-    """The traverse of a network by telemetry, and as adjusted."""
-    stops = product.adjusted.stops
-    names = tuple(f"{stop.stop.site}/{stop.stop.drive}" for stop in stops)
-    sols = np.array([min(product.sols[stop.stop]) for stop in stops], dtype=np.int32)
-    told = np.array([product.telemetry[stop.stop].translation_m for stop in stops])
-    true = np.array([stop.lsl_from_rover.translation_m for stop in stops])
-    return (
-        Traverse("telemetry", names, sols, map_from_lsl(told)),
-        Traverse("adjusted", names, sols, map_from_lsl(true)),
-    )
 
 
 def traverse_table(product: NetworkProduct) -> dict[str, Any]:

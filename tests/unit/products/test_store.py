@@ -93,3 +93,13 @@ def test_provenance_tells_recipe_size_and_checksum(tmp_path):
 def test_a_product_that_was_not_made_is_named(tmp_path):
     with pytest.raises(ProductNotFoundError, match="dtm of mer2-site0010-drive0064 with digest"):
         ProductStore.open(tmp_path).path(recipe().ref)
+
+
+def test_all_versions_of_a_product_are_found(tmp_path):
+    store = ProductStore.open(tmp_path)
+    made = {store.make(recipe(cell_m), write_text) for cell_m in (0.04, 0.02)}
+    assert set(store.versions(ProductKind.DTM, SCOPE)) == made
+    assert store.versions(ProductKind.SLOPE, SCOPE) == []
+    network = Recipe(ProductKind.NETWORK, SCOPE)  # its file and its provenance both end in .json
+    assert store.versions(ProductKind.NETWORK, SCOPE) == []
+    assert [store.make(network, write_text)] == store.versions(ProductKind.NETWORK, SCOPE)

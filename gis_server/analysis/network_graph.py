@@ -1,0 +1,241 @@
+"""The image network as a graph: stops and pairs as nodes, the ties between them as edges.
+
+What is weak is said in the words of `photogrammetry.adjustment.weaknesses`: stops that only
+telemetry holds, links that rest on few ties, pairs that no tie joins to another.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from pydantic import BaseModel
+
+from gis_server.analysis.bodies import UNITS
+from gis_server.analysis.scene import Place
+from photogrammetry.adjustment.quality_records import QualityParams
+from photogrammetry.adjustment.records import BLUNDER, USED, AdjustedNetwork, AdjustedPair
+from photogrammetry.adjustment.weaknesses import Links, shared_ties, weaknesses
+from photogrammetry.terrain.ground import MAP_FROM_LSL
+from products.catalogue import ImageEntry
+from products.model import ProductRef
+from products.network import NetworkProduct
+
+MOST_PAIRS = 2000
+"""Pairs and single images that one answer draws."""
+
+
+class NetworkUsed(BaseModel):
+    """The adjusted network that is drawn."""
+
+    scope: str
+    digest: str
+
+
+class StopNode(BaseModel):
+    """A stop and what holds it."""
+
+    stop: str
+    label: str
+    sols: tuple[int, ...]
+    place: Place
+    pairs: int
+    """Stereo pairs and single images of the stop that are in the network."""
+    held_by: str
+    is_tied: bool
+    weak: list[str]
+    """Why it deserves a look; empty: it is well held."""
+
+
+class LinkEdge(BaseModel):
+    """Two stops and the tie points they share."""
+
+    one: str
+    other: str
+    ties: int
+    tried: str | None
+    """What came of the search for ties, in words; null: it was made on an earlier sol."""
+    weak: list[str]
+
+
+class Weak(BaseModel):
+    """A part of the network that deserves a look."""
+
+    what: str
+    why: str
+
+
+class NetworkGraph(BaseModel):
+    """All stops and the links between them."""
+
+    units: str = UNITS
+    network: NetworkUsed
+    summary: str
+    """The adjustment in one line."""
+    few_ties: int
+    """A link with fewer ties is weak."""
+    stops: list[StopNode]
+    links: list[LinkEdge]
+    weaknesses: list[Weak]
+
+
+class PairNode(BaseModel):
+    """A stereo pair, named by its left image, or an image without partner."""
+
+    id: str
+    stop: str
+    sol: int | None
+    instrument: str | None
+    azimuth_deg: float
+    elevation_deg: float
+    """Of its viewing direction."""
+    ties: int
+    """Observations that join it to others."""
+    blunders: int
+    weak: list[str]
+
+
+class PairEdge(BaseModel):
+    """Two pairs and the tie points they share."""
+
+    one: str
+    other: str
+    ties: int
+
+
+class PairGraph(BaseModel):
+    """The pairs of a stop, and the pairs of other stops that share ties with them."""
+
+    network: NetworkUsed
+    stop: str
+    pairs: list[PairNode]
+    edges: list[PairEdge]
+
+
+def network_graph(ref: ProductRef, network: NetworkProduct) -> NetworkGraph:
+    """The stops of a network and their links."""
+    adjusted, params = network.adjusted, QualityParams()
+    links = shared_ties(adjusted)
+    weak = [Weak(what=w.what, why=w.why) for w in weaknesses(adjusted, links, (), params)]
+    pairs = Counter(str(pair.stop) for pair in adjusted.pairs)
+    return NetworkGraph(
+        network=used(ref),
+        summary=str(network.report["summary"]),
+        few_ties=params.few_ties,
+        stops=[
+            StopNode(
+                stop=str(stop.stop),
+                label=f"{stop.stop.site}/{stop.stop.drive}",
+                sols=network.sols[stop.stop],
+                place=_place(stop.lsl_from_rover.translation_m),
+                pairs=pairs[str(stop.stop)],
+                held_by=stop.held_by,
+                is_tied=stop.is_tied or stop.held,
+                weak=_why(weak, str(stop.stop)),
+            )
+            for stop in adjusted.stops
+        ],
+        links=_links(links, network.links, weak, params.few_ties),
+        weaknesses=weak,
+    )
+
+
+def used(ref: ProductRef) -> NetworkUsed:
+    """What is said of a network."""
+    return NetworkUsed(scope=ref.scope.name, digest=ref.digest)
+
+
+def _links(
+    links: Links, tried: tuple[dict[str, Any], ...], weak: list[Weak], few: int
+) -> list[LinkEdge]:
+    """Links with ties, and those that were tried and found none."""
+    reasons = {(row["earlier"], row["later"]): str(row["reason"]) for row in tried}
+    counts = {(str(one), str(other)): count for (one, other), count in links.items()}
+    names = list(counts) + [
+        pair for pair in reasons if pair not in counts and pair[::-1] not in counts
+    ]
+    edges = []
+    for one, other in names:
+        ties = counts.get((one, other), 0)
+        why = _why(weak, f"link {one} - {other}")
+        if ties == 0:
+            why = [f"no tie was found that holds; {few} make a link"]
+        reason = reasons.get((one, other)) or reasons.get((other, one))
+        edges.append(LinkEdge(one=one, other=other, ties=ties, tried=reason, weak=why))
+    return edges
+
+
+def pair_graph(
+    ref: ProductRef, network: NetworkProduct, stop: str, entries: Mapping[str, ImageEntry]
+) -> PairGraph:
+    """The pairs of a stop with all they are tied to; `entries` by image identifier."""
+    adjusted = network.adjusted
+    own = {pair.pair_id for pair in adjusted.pairs if str(pair.stop) == stop}
+    edges = [
+        PairEdge(one=one, other=other, ties=count)
+        for (one, other), count in shared_by_pairs(adjusted).items()
+        if one in own or other in own
+    ]
+    shown = own | {name for edge in edges for name in (edge.one, edge.other)}
+    weak = [
+        Weak(what=w.what, why=w.why)
+        for w in weaknesses(adjusted, shared_ties(adjusted), (), QualityParams())
+    ]
+    blunders = _set_aside(adjusted)
+    nodes = [
+        _pair_node(pair, entries.get(pair.pair_id), blunders[pair.pair_id], weak)
+        for pair in adjusted.pairs
+        if pair.pair_id in shown
+    ]
+    return PairGraph(network=used(ref), stop=stop, pairs=nodes[:MOST_PAIRS], edges=edges)
+
+
+def shared_by_pairs(network: AdjustedNetwork) -> dict[tuple[str, str], int]:
+    """How many tie points each two pairs share, by used observations."""
+    ties, seen = network.ties, network.ties.observations
+    rows = np.flatnonzero(ties.status == USED)
+    met = np.unique(np.column_stack([seen.point[rows], seen.pair[rows]]), axis=0)
+    counts: dict[tuple[str, str], int] = {}
+    for lag in range(1, len(met)):
+        same = met[lag:, 0] == met[:-lag, 0]
+        if not same.any():
+            break
+        couples = np.column_stack([met[:-lag, 1], met[lag:, 1]])[same]
+        for (a, b), n in zip(*np.unique(couples, axis=0, return_counts=True), strict=True):
+            couple = (seen.pair_ids[a], seen.pair_ids[b])
+            counts[couple] = counts.get(couple, 0) + int(n)
+    return counts
+
+
+def _set_aside(network: AdjustedNetwork) -> Counter[str]:
+    ties, seen = network.ties, network.ties.observations
+    numbers = np.bincount(seen.pair[ties.status == BLUNDER], minlength=len(seen.pair_ids))
+    return Counter(dict(zip(seen.pair_ids, numbers.tolist(), strict=True)))
+
+
+def _pair_node(
+    pair: AdjustedPair, entry: ImageEntry | None, blunders: int, weak: list[Weak]
+) -> PairNode:
+    east, north, up = (MAP_FROM_LSL @ pair.lsl_from_pair.rotation[:, 2]).tolist()
+    return PairNode(
+        id=pair.pair_id,
+        stop=str(pair.stop),
+        sol=entry.sol if entry else None,
+        instrument=entry.instrument if entry else None,
+        azimuth_deg=round(float(np.degrees(np.arctan2(east, north))) % 360.0, 2),
+        elevation_deg=round(float(np.degrees(np.arcsin(np.clip(up, -1.0, 1.0)))), 2),
+        ties=pair.ties,
+        blunders=blunders,
+        weak=_why(weak, f"pair {pair.pair_id}"),
+    )
+
+
+def _why(weak: list[Weak], what: str) -> list[str]:
+    return [one.why for one in weak if one.what == what]
+
+
+def _place(in_lsl: np.ndarray) -> Place:
+    east, north, up = np.round(MAP_FROM_LSL @ in_lsl, 4).tolist()
+    return east + 0.0, north + 0.0, up + 0.0

@@ -1,0 +1,238 @@
+"""The adjustments of a mission, and how far one traverse lies from another.
+
+Every network that was ever made stays in the store: after each sol, after hand ties, after overall
+adjustments. Two of them, or one and telemetry, are compared stop by stop, as the paper does in its
+section 3.3: both traverses start at the same place, and differences accumulate along the way.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+from pydantic import BaseModel
+
+from gis_server.analysis.bodies import UNITS, number
+from gis_server.analysis.refusal import RefusedError
+from gis_server.analysis.scene import network_of
+from photogrammetry.adjustment.quality import ellipse
+from photogrammetry.adjustment.records import AdjustedStop
+from photogrammetry.traverse.differences import Differences, differences, shared
+from photogrammetry.traverse.records import Traverse
+from products.catalogue import Catalogue
+from products.errors import ProductNotFoundError
+from products.model import ProductKind, ProductRef
+from products.network import NetworkProduct, traverses
+from products.oriented import latest_network
+from products.store import ProductStore
+
+LATEST = "latest"
+TELEMETRY = "telemetry"
+_OVERALL = "-overall"
+_DIGITS = 4
+
+Place = tuple[float, float, float | None]
+"""(east, north, up)."""
+
+
+class Solution(BaseModel):
+    """One adjustment of the network."""
+
+    id: str
+    """Scope and digest: what the other questions are asked with."""
+    scope: str
+    digest: str
+    sol: int
+    is_overall: bool
+    """All stops were adjusted anew, not only those of the sol."""
+    is_latest: bool
+    """The map shows this one."""
+    made_at: str
+
+
+class TraverseRow(BaseModel):
+    """A stop by two solutions."""
+
+    stop: str
+    label: str
+    sol: int
+    distance_m: float
+    """Travelled up to here in plan, along the compared solution."""
+    place: Place
+    reference: Place
+    """Where the other solution has the stop."""
+    offset_m: Place
+    """Reference less place, both traverses starting at the same stop."""
+    horizontal_m: float
+    """Accumulated difference in plan."""
+    percent: float | None
+    """Of the distance; null at the start."""
+    leg_m: float | None
+    """What the last leg alone adds."""
+    sigma_up_m: float | None
+    reference_sigma_up_m: float | None
+    """Null for telemetry, which states none."""
+    ellipse_semi_major_m: float
+    ellipse_semi_minor_m: float
+    ellipse_azimuth_deg: float
+    held: bool
+    held_by: str
+
+
+class TraverseAnswer(BaseModel):
+    """Differences of a solution from a reference, in the order of the traverse."""
+
+    units: str = UNITS
+    solution: str
+    reference: str
+    """`telemetry`, or another solution."""
+    rows: list[TraverseRow]
+    end: int
+    """Number of the row that is last."""
+    worst: int
+    """Of the row with the greatest percentage, the first 20 m left out."""
+    farthest: int
+    """Of the row with the most metres."""
+    by_sol: list[int]
+    """Of the last stop of every sol."""
+
+
+def solutions(mission: str, catalogue: Catalogue, store: ProductStore) -> list[Solution]:
+    """All adjustments of a mission that the store holds, newest sol first."""
+    latest = latest_network(mission, catalogue)
+    prefix = f"{mission.lower()}-sol"
+    scopes = [ref.scope for ref in catalogue.pointers(ProductKind.NETWORK)]
+    found = [
+        _solution(ref, store, is_latest=ref == latest)
+        for scope in scopes
+        if scope.name.startswith(prefix)
+        for ref in store.versions(ProductKind.NETWORK, scope)
+    ]
+    return sorted(found, key=lambda one: (one.scope, one.made_at), reverse=True)
+
+
+def _solution(ref: ProductRef, store: ProductStore, *, is_latest: bool) -> Solution:
+    name = ref.scope.name
+    return Solution(
+        id=f"{name}/{ref.digest}",
+        scope=name,
+        digest=ref.digest,
+        sol=int(name.removesuffix(_OVERALL).rpartition("-sol")[2]),
+        is_overall=name.endswith(_OVERALL),
+        is_latest=is_latest,
+        made_at=_made_at(ref, store),
+    )
+
+
+@lru_cache(maxsize=4096)
+def _made_at(ref: ProductRef, store: ProductStore) -> str:
+    return store.made_at(ref)
+
+
+def network_named(
+    mission: str, asked: str, catalogue: Catalogue, store: ProductStore
+) -> tuple[ProductRef, NetworkProduct]:
+    """The network that a question names: `latest`, or scope and digest.
+
+    Raises:
+        ProductNotFoundError: there is none of that name.
+    """
+    if asked == LATEST:
+        ref = latest_network(mission, catalogue)
+        return ref, network_of(ref, store)
+    scope, _, digest = asked.partition("/")
+    of_mission = scope.startswith(f"{mission.lower()}-sol")
+    for ref in catalogue.pointers(ProductKind.NETWORK):
+        same = ProductRef(ref.kind, ref.scope, digest)
+        is_scope = of_mission and ref.scope.name == scope
+        if is_scope and same in store.versions(ProductKind.NETWORK, ref.scope):
+            return same, network_of(same, store)
+    raise ProductNotFoundError(
+        f"no adjustment {asked!r} of {mission} is in the store; /solutions lists them, "
+        f"{LATEST!r} is the one on the map"
+    )
+
+
+def compare(
+    named: tuple[ProductRef, NetworkProduct],
+    reference: tuple[ProductRef, NetworkProduct] | None,
+) -> TraverseAnswer:
+    """A solution against another one, or against telemetry.
+
+    Raises:
+        RefusedError: they have fewer than two stops in common.
+    """
+    told, adjusted = traverses(named[1])
+    other = told if reference is None else traverses(reference[1])[1]
+    common, adjusted = shared(other, adjusted)
+    if len(common) < 2:  # noqa: PLR2004 - a leg has two ends
+        raise RefusedError(
+            f"{_name(named)} and {_name(reference)} have {len(common)} stops in common; "
+            "a traverse is compared from two on"
+        )
+    found = differences(common, adjusted)
+    summary, by_sol = found.summary(), {row.stop for row in found.by_sol()}
+    sigmas = _sigmas(reference[1]) if reference else {}
+    return TraverseAnswer(
+        solution=_name(named),
+        reference=_name(reference),
+        rows=_rows(named[1], found, adjusted, common, sigmas),
+        end=len(common) - 1,
+        worst=found.stops.index(summary.worst.stop),
+        farthest=found.stops.index(summary.farthest.stop),
+        by_sol=[k for k, stop in enumerate(found.stops) if stop in by_sol],
+    )
+
+
+def _name(named: tuple[ProductRef, NetworkProduct] | None) -> str:
+    return TELEMETRY if named is None else f"{named[0].scope.name}/{named[0].digest}"
+
+
+def _label(stop: AdjustedStop) -> str:
+    return f"{stop.stop.site}/{stop.stop.drive}"
+
+
+def _sigmas(network: NetworkProduct) -> dict[str, float]:
+    return {_label(stop): float(stop.sigma_ned_m[2]) for stop in network.adjusted.stops}
+
+
+def _rows(
+    network: NetworkProduct,
+    found: Differences,
+    adjusted: Traverse,
+    reference: Traverse,
+    sigmas: dict[str, float],
+) -> list[TraverseRow]:
+    stops = {_label(stop): stop for stop in network.adjusted.stops}
+    legs = [None, *found.leg_m.tolist()]
+    rows = []
+    for k, label in enumerate(found.stops):
+        stop = stops[label]
+        (major, minor), azimuth = ellipse(stop)
+        rows.append(
+            TraverseRow(
+                stop=str(stop.stop),
+                label=label,
+                sol=int(found.sols[k]),
+                distance_m=round(float(found.distance_m[k]), _DIGITS),
+                place=_place(adjusted.places_m[k]),
+                reference=_place(reference.places_m[k]),
+                offset_m=_place(found.offset_m[k]),
+                horizontal_m=round(float(found.horizontal_m[k]), _DIGITS),
+                percent=number(float(found.percent[k]), 3),
+                leg_m=number(legs[k], _DIGITS),
+                sigma_up_m=round(float(stop.sigma_ned_m[2]), _DIGITS),
+                reference_sigma_up_m=number(sigmas.get(label), _DIGITS),
+                ellipse_semi_major_m=round(major, _DIGITS),
+                ellipse_semi_minor_m=round(minor, _DIGITS),
+                ellipse_azimuth_deg=round(azimuth, 1),
+                held=stop.held,
+                held_by=stop.held_by,
+            )
+        )
+    return rows
+
+
+def _place(enu: np.ndarray) -> Place:
+    east, north, up = (number(float(value) + 0.0, _DIGITS) for value in enu)
+    return east or 0.0, north or 0.0, up

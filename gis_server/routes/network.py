@@ -1,0 +1,104 @@
+"""The adjusted network: its solutions, how far they differ, its graph, and the ties of an image."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from fastapi import APIRouter, Query, Response
+
+from gis_server.analysis.image_ties import ImageTies, image_ties
+from gis_server.analysis.network_graph import NetworkGraph, PairGraph, network_graph, pair_graph
+from gis_server.analysis.solutions import (
+    LATEST,
+    TELEMETRY,
+    Solution,
+    TraverseAnswer,
+    compare,
+    network_named,
+    solutions,
+)
+from gis_server.routes.parameters import AGAIN, ImageName, MissionName
+from gis_server.services import ServicesOf
+from products.errors import ProductNotFoundError
+from products.oriented import OrientedMission
+from products.workspace import Workspace
+
+router = APIRouter(prefix="/api/missions/{mission}", tags=["network"])
+
+_NAME = r"[a-z0-9][a-z0-9_.-]{0,127}/[0-9a-f]{16}"
+SolutionName = Annotated[
+    str,
+    Query(pattern=rf"^({LATEST}|{_NAME})$", description=f"`{LATEST}`, or an id of /solutions"),
+]
+ReferenceName = Annotated[
+    str,
+    Query(pattern=rf"^({TELEMETRY}|{LATEST}|{_NAME})$", description=f"`{TELEMETRY}`, or an id"),
+]
+
+
+@router.get("/solutions")
+def all_solutions(mission: MissionName, services: ServicesOf, response: Response) -> list[Solution]:
+    """Every adjustment that the store holds, newest sol first."""
+    response.headers.update(AGAIN)
+    services.catalogue.mission(mission)
+    return solutions(mission, services.catalogue, services.store)
+
+
+@router.get("/traverse")
+def traverse(
+    mission: MissionName,
+    services: ServicesOf,
+    response: Response,
+    solution: SolutionName = LATEST,
+    reference: ReferenceName = TELEMETRY,
+) -> TraverseAnswer:
+    """Accumulated differences of a solution from telemetry or from another one, stop by stop."""
+    response.headers.update(AGAIN)
+    services.catalogue.mission(mission)
+    catalogue, store = services.catalogue, services.store
+    named = network_named(mission, solution, catalogue, store)
+    other = None if reference == TELEMETRY else network_named(mission, reference, catalogue, store)
+    return compare(named, other)
+
+
+@router.get("/network")
+def network(
+    mission: MissionName,
+    services: ServicesOf,
+    response: Response,
+    solution: SolutionName = LATEST,
+) -> NetworkGraph:
+    """Stops and the tie points they share, with what is weak."""
+    response.headers.update(AGAIN)
+    services.catalogue.mission(mission)
+    return network_graph(*network_named(mission, solution, services.catalogue, services.store))
+
+
+@router.get("/network/pairs")
+def pairs(
+    mission: MissionName,
+    stop: Annotated[str, Query(max_length=128)],
+    services: ServicesOf,
+    response: Response,
+    solution: SolutionName = LATEST,
+) -> PairGraph:
+    """The pairs of a stop and the tie points they share with any other pair."""
+    response.headers.update(AGAIN)
+    services.catalogue.mission(mission)
+    named = network_named(mission, solution, services.catalogue, services.store)
+    if stop not in {str(one.stop) for one in named[1].adjusted.stops}:
+        raise ProductNotFoundError(f"no stop {stop!r} is in that network; /network lists them")
+    entries = {entry.id: entry for entry in services.catalogue.images(mission)}
+    return pair_graph(*named, stop, entries)
+
+
+@router.get("/images/{image}/ties")
+def ties(
+    mission: MissionName, image: ImageName, services: ServicesOf, response: Response
+) -> ImageTies:
+    """The tie points of an image with their residuals, in pixels of the image as stored."""
+    response.headers.update(AGAIN)
+    services.catalogue.mission(mission)
+    workspace = Workspace(services.store, services.catalogue)
+    oriented = OrientedMission.latest(mission, workspace)
+    return image_ties(services.catalogue.image(image), oriented)
