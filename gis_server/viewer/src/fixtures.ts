@@ -53,6 +53,7 @@ export function rasterLayer(scope: string, kind: string): RasterLayer {
     maxzoom: 17,
     type: "raster",
     tiles: `/tiles/${scope}/${kind}/${FACTS.digest}/{z}/{x}/{y}.png`,
+    values: `/tiles/${scope}/${kind}/${FACTS.digest}/{z}/{x}/{y}.values`,
   };
 }
 

@@ -2,6 +2,10 @@
 
 import { scopeTitle } from "../page/format";
 import type { Bounds, Layer, Level } from "../server/records";
+import { LISTED, ON, OPACITY, STACK } from "./kinds";
+import type { RasterStyle } from "./raster-style";
+
+export { kindTitle } from "./kinds";
 
 export interface LayerGroup {
   readonly key: string;
@@ -13,163 +17,11 @@ export interface LayerGroup {
 export interface LayerState {
   readonly visible: boolean;
   readonly opacity: number;
+  /** How its values are drawn here; null: as the server draws them. */
+  readonly style: RasterStyle | null;
 }
-
-/** From the bottom of the map to its top: what a layer says lies above what the ground looks like. */
-const STACK = [
-  "orbital",
-  "far-hillshade",
-  "far-dtm",
-  "region-hillshade",
-  "hillshade",
-  "orthophoto",
-  "colour",
-  "sources",
-  "region-dtm",
-  "dtm",
-  "uncertainty",
-  "region-slope",
-  "slope",
-  "region-aspect",
-  "aspect",
-  "region-northerly-tilt",
-  "northerly-tilt",
-  "region-roughness",
-  "roughness",
-  "region-insolation",
-  "insolation",
-  "viewshed",
-  "region-hazard",
-  "hazard",
-  "region-seams",
-  "region-havens",
-  "havens",
-  "footprints",
-  "far-contours",
-  "region-contours",
-  "contours",
-  "pointing",
-  "tie-points",
-  "dips",
-  "mission-traverse",
-  "mission-stops",
-  "traverse",
-  "stops",
-];
-
-const LISTED = [
-  "stops",
-  "traverse",
-  "mission-traverse",
-  "mission-stops",
-  "contours",
-  "pointing",
-  "footprints",
-  "tie-points",
-  "dips",
-  "orthophoto",
-  "colour",
-  "sources",
-  "hillshade",
-  "dtm",
-  "slope",
-  "aspect",
-  "northerly-tilt",
-  "roughness",
-  "insolation",
-  "havens",
-  "viewshed",
-  "hazard",
-  "region-contours",
-  "region-hillshade",
-  "region-dtm",
-  "region-slope",
-  "region-aspect",
-  "region-northerly-tilt",
-  "region-roughness",
-  "region-insolation",
-  "region-havens",
-  "region-hazard",
-  "region-seams",
-  "far-contours",
-  "far-hillshade",
-  "far-dtm",
-  "orbital",
-];
 
 const LEVELS: readonly Level[] = ["region", "sol", "stop"];
-const ON = new Set([
-  "orbital",
-  "hillshade",
-  "orthophoto",
-  "contours",
-  "traverse",
-  "stops",
-  "mission-traverse",
-]);
-const OPACITY: Readonly<Record<string, number>> = {
-  orthophoto: 0.8,
-  sources: 0.6,
-  dtm: 0.6,
-  "far-dtm": 0.6,
-  "region-dtm": 0.6,
-  "region-slope": 0.6,
-  "region-aspect": 0.6,
-  "region-northerly-tilt": 0.6,
-  "region-roughness": 0.6,
-  "region-insolation": 0.6,
-  "region-hazard": 0.5,
-  "region-seams": 0.6,
-  slope: 0.6,
-  aspect: 0.6,
-  "northerly-tilt": 0.6,
-  roughness: 0.6,
-  insolation: 0.6,
-  viewshed: 0.5,
-  hazard: 0.5,
-};
-
-const KIND_TITLES: Readonly<Record<string, string>> = {
-  dtm: "Elevation (DTM)",
-  orthophoto: "Orthophoto",
-  slope: "Slope",
-  aspect: "Aspect",
-  "northerly-tilt": "Northerly tilt",
-  roughness: "Roughness",
-  insolation: "Insolation",
-  havens: "Winter havens",
-  viewshed: "Seen from the stop",
-  hazard: "Hazards to a rover",
-  hillshade: "Hillshade",
-  contours: "Contours",
-  "far-dtm": "Far elevation (DTM)",
-  "region-dtm": "Elevation (DTM)",
-  "region-hillshade": "Hillshade",
-  "region-slope": "Slope",
-  "region-aspect": "Aspect",
-  "region-northerly-tilt": "Northerly tilt",
-  "region-roughness": "Roughness",
-  "region-insolation": "Insolation",
-  "region-havens": "Winter havens",
-  "region-hazard": "Hazards to a rover",
-  "region-seams": "Disagreement of stops",
-  "region-contours": "Contours",
-  "far-hillshade": "Far hillshade",
-  "far-contours": "Far contours",
-  orbital: "Orbital image",
-  traverse: "Traverse",
-  "mission-traverse": "Whole traverse",
-  "mission-stops": "Stops of the whole traverse",
-  stops: "Stops",
-  footprints: "Image footprints",
-  pointing: "Pointing lines",
-  "tie-points": "Tie points",
-  dips: "Strike and dip",
-};
-
-export function kindTitle(kind: string): string {
-  return KIND_TITLES[kind] ?? kind.charAt(0).toUpperCase() + kind.slice(1).replaceAll("-", " ");
-}
 
 const rank = (order: readonly string[], kind: string) => {
   const place = order.indexOf(kind);
@@ -221,6 +73,7 @@ export function firstState(layer: Layer, all: readonly Layer[]): LayerState {
   return {
     visible: !wider && (ON.has(layer.kind) || (viewing && !hasGround)),
     opacity: OPACITY[layer.kind] ?? 1,
+    style: null,
   };
 }
 

@@ -7,11 +7,15 @@ import type BaseLayer from "ol/layer/Base";
 import TileLayer from "ol/layer/Tile";
 import OlVectorLayer from "ol/layer/Vector";
 import VectorSource from "ol/source/Vector";
+import type ImageTile from "ol/source/ImageTile";
 import XYZ from "ol/source/XYZ";
 import TileGrid from "ol/tilegrid/TileGrid";
 import { api, type FeatureCollection } from "../server/api";
 import { zIndex } from "./layers";
+import { PaintedTiles, styled } from "./painted-tiles";
 import type { LocalMap } from "./projection";
+import { hasValues, type RasterStyle } from "./raster-style";
+import type { SunPlace } from "./shading";
 import type { Layer, RasterLayer, TileMatrixSet, VectorLayer } from "../server/records";
 import { type DrawingState, drawingOf } from "./styles";
 
@@ -26,6 +30,8 @@ export interface Shown {
   readonly map: BaseLayer;
   /** Fetches what is fetched whole; once. */
   readonly load: () => Promise<FeatureSource | null>;
+  /** Draws the values here in a style of their own; null: as the server draws them. */
+  readonly restyle: (style: RasterStyle | null, sun: SunPlace) => void;
 }
 
 /** Features whose coordinates are map metres already, whatever the file says of its reference system. */
@@ -48,18 +54,30 @@ export function tileGrid(set: TileMatrixSet, layer: Pick<RasterLayer, "minzoom" 
 
 function raster(layer: RasterLayer, set: TileMatrixSet, map: LocalMap): Shown {
   const grid = tileGrid(set, layer);
-  const tiles = new TileLayer({
+  const pictures = new XYZ({
+    url: layer.tiles,
+    projection: map.projection,
+    tileGrid: grid,
+    interpolate: true,
+    transition: 120,
+  });
+  const tiles = new TileLayer<XYZ | ImageTile>({
     extent: [...layer.bounds],
     maxResolution: grid.getResolution(grid.getMinZoom()) * COARSEST_SHRINK,
-    source: new XYZ({
-      url: layer.tiles,
-      projection: map.projection,
-      tileGrid: grid,
-      interpolate: true,
-      transition: 120,
-    }),
+    source: pictures,
   });
-  return { layer, map: tiles, load: async () => null };
+  let painted: PaintedTiles | null = null;
+  const restyle = (style: RasterStyle | null, sun: SunPlace) => {
+    if (!style || !hasValues(layer)) {
+      if (tiles.getSource() !== pictures) tiles.setSource(pictures);
+      return;
+    }
+    const painting = styled(layer, style, sun, set);
+    if (painted) painted.repaint(painting);
+    else painted = new PaintedTiles(painting, grid, map);
+    if (tiles.getSource() !== painted) tiles.setSource(painted);
+  };
+  return { layer, map: tiles, load: async () => null, restyle };
 }
 
 function vector(layer: VectorLayer, state: DrawingState): Shown {
@@ -84,6 +102,7 @@ function vector(layer: VectorLayer, state: DrawingState): Shown {
       });
       return loading;
     },
+    restyle: () => undefined,
   };
 }
 

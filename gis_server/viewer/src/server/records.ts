@@ -63,6 +63,8 @@ interface LayerFacts {
 export interface RasterLayer extends LayerFacts {
   readonly type: "raster";
   readonly tiles: string;
+  /** Tiles of values; null for pictures and classes. */
+  readonly values: string | null;
 }
 
 export interface VectorLayer extends LayerFacts {

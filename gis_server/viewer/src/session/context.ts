@@ -6,9 +6,11 @@
 import type Feature from "ol/Feature";
 import type Geometry from "ol/geom/Geometry";
 import type { MapView } from "../map/map-view";
+import type { SunPlace } from "../map/shading";
 import type { DrawingState } from "../map/styles";
 import type { Shell } from "../page/shell";
 import type { Layer, MapPoint, Mission } from "../server/records";
+import type { Kept, LinkBook } from "./kept";
 import type { LayerBook } from "./layer-book";
 import type { Shortcuts } from "./shortcuts";
 import type { Signal } from "./signal";
@@ -48,6 +50,10 @@ export interface Context {
   readonly layers: LayerBook;
   readonly view: MapView;
   readonly drawing: DrawingState;
+  /** Where the sun stands in everything that is shaded here. */
+  readonly sun: Kept<SunPlace>;
+  /** What parts keep in the link to the view. */
+  readonly link: LinkBook;
   readonly waiting: Waiting;
   readonly keys: Shortcuts;
   readonly signals: Signals;

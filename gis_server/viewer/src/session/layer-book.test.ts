@@ -13,8 +13,11 @@ test("without a link layers are shown as they are at first", () => {
 });
 
 test("a link says what is on, and how strongly", () => {
-  const book = new LayerBook([hillshade, slope, stops], new Map([[slope.id, 0.3]]));
-  expect([...book.on]).toEqual([[slope.id, 0.3]]);
+  const book = new LayerBook(
+    [hillshade, slope, stops],
+    new Map([[slope.id, { opacity: 0.3, style: null }]]),
+  );
+  expect([...book.on]).toEqual([[slope.id, { opacity: 0.3, style: null }]]);
 });
 
 test("what changes is told, and only that layer changes", () => {
@@ -23,7 +26,7 @@ test("what changes is told, and only that layer changes", () => {
   book.changed.on(({ id }) => told.push(id));
   book.change(slope, { visible: true });
   expect(told).toEqual([slope.id]);
-  expect(book.state(slope)).toEqual({ visible: true, opacity: 0.6 });
+  expect(book.state(slope)).toEqual({ visible: true, opacity: 0.6, style: null });
   expect(book.state(hillshade).visible).toBe(true);
 });
 
@@ -40,4 +43,51 @@ test("the widest layers of a kind are those of the region where it has any", () 
   const near = vectorLayer(STOP, "stops");
   expect(new LayerBook([near, stops], null).widest("stops")).toEqual([stops]);
   expect(new LayerBook([near], null).widest("stops")).toEqual([near]);
+});
+
+const ids = (layers: readonly { id: string }[]) => layers.map(({ id }) => id);
+
+test("the uppermost layer is listed first, and layers change places with the next that is on", () => {
+  const book = new LayerBook([slope, hillshade, stops], null);
+  book.change(slope, { visible: true });
+  expect(ids(book.shown)).toEqual([stops.id, slope.id, hillshade.id]);
+  book.move(slope, -1);
+  expect(ids(book.shown)).toEqual([stops.id, hillshade.id, slope.id]);
+  expect(book.height(slope)).toBeLessThan(book.height(hillshade));
+  book.move(slope, -1);
+  expect(ids(book.shown)).toEqual([stops.id, hillshade.id, slope.id]);
+});
+
+test("a layer that is dropped over another lies right over it", () => {
+  const book = new LayerBook([slope, hillshade, stops], null);
+  book.change(slope, { visible: true });
+  book.place(hillshade, stops, 1);
+  expect(ids(book.shown)).toEqual([hillshade.id, stops.id, slope.id]);
+});
+
+test("a link keeps the order that was chosen by hand, and only that", () => {
+  const on = new Map([stops, slope, hillshade].map(({ id }) => [id, { opacity: 1, style: null }]));
+  expect(ids(new LayerBook([slope, hillshade, stops], on, true).shown)).toEqual([
+    hillshade.id,
+    slope.id,
+    stops.id,
+  ]);
+  expect(ids(new LayerBook([slope, hillshade, stops], on).shown)[0]).toBe(stops.id);
+});
+
+test("new products keep the order of layers", () => {
+  const book = new LayerBook([hillshade, stops], null);
+  book.move(stops, -1);
+  book.replace([hillshade, stops, slope]);
+  expect(ids(book.shown)).toEqual([hillshade.id, stops.id]);
+});
+
+test("one layer alone, or those of one sol, are drawn", () => {
+  const old = { ...hillshade, sols: [154] };
+  const book = new LayerBook([old, stops], null);
+  expect([old, stops].map((layer) => book.isDrawn(layer, 155))).toEqual([false, true]);
+  book.setSolo(old);
+  expect([old, stops].map((layer) => book.isDrawn(layer, null))).toEqual([true, false]);
+  book.change(old, { visible: false });
+  expect(book.solo).toBeNull();
 });

@@ -1,28 +1,41 @@
-/** The layers of a mission and how each is shown: the one place that knows. */
+/** The layers of a mission, how each is shown and which lies over which: the one place that knows. */
 
-import { firstState, type LayerState } from "../map/layers";
+import { firstState, type LayerState, zIndex } from "../map/layers";
 import type { Layer } from "../server/records";
 import { Signal } from "./signal";
 
-const OFF: LayerState = { visible: false, opacity: 1 };
+const OFF: LayerState = { visible: false, opacity: 1, style: null };
+/** Layers lie below this height on the map; highlights and marks above. */
+const TOP = 900;
+
+/** How a link says that layers are shown: from the bottom of the map to its top. */
+export type LinkedLayers = ReadonlyMap<string, Pick<LayerState, "opacity" | "style">>;
 
 export class LayerBook {
   /** A layer is shown otherwise than before. */
   readonly changed = new Signal<Layer>();
+  /** Other layers lie on top, or another one is shown alone. */
+  readonly rearranged = new Signal<void>();
   /** The server published: there are other layers, or other products behind them. */
   readonly replaced = new Signal<readonly Layer[]>();
   private readonly states = new Map<string, LayerState>();
   private list: readonly Layer[];
+  /** Ids of all layers from the bottom of the map to its top. */
+  private stack: readonly string[] = [];
+  private heights: ReadonlyMap<string, number> = new Map();
+  private byHand = false;
+  private soloed: string | null = null;
 
-  /** `on` is the opacity by id of the layers that are on; null leaves the choice to the book. */
-  constructor(layers: readonly Layer[], on: ReadonlyMap<string, number> | null) {
+  /** `on` is what a link says; null leaves the choice to the book. `stacked`: its order counts. */
+  constructor(layers: readonly Layer[], on: LinkedLayers | null, stacked = false) {
     this.list = layers;
     for (const layer of layers) {
       const first = firstState(layer, layers);
-      const opacity = on?.get(layer.id);
-      const asked = { visible: opacity !== undefined, opacity: opacity ?? first.opacity };
-      this.states.set(layer.id, on ? asked : first);
+      const said = on?.get(layer.id);
+      this.states.set(layer.id, on ? { ...first, ...said, visible: said !== undefined } : first);
     }
+    this.restack([...(stacked && on ? on.keys() : [])]);
+    this.byHand = stacked;
   }
 
   get all(): readonly Layer[] {
@@ -47,19 +60,98 @@ export class LayerBook {
   change(layer: Layer, part: Partial<LayerState>): void {
     this.states.set(layer.id, { ...this.state(layer), ...part });
     this.changed.emit(layer);
+    if (this.soloed === layer.id && !this.state(layer).visible) this.setSolo(null);
   }
 
-  /** Opacity by id of the layers that are on. */
-  get on(): ReadonlyMap<string, number> {
-    const visible = [...this.states].filter(([, state]) => state.visible);
-    return new Map(visible.map(([id, state]) => [id, state.opacity]));
+  /** Layers that are on, the uppermost first. */
+  get shown(): readonly Layer[] {
+    const layers = new Map(this.list.map((layer) => [layer.id, layer] as const));
+    return this.stack
+      .toReversed()
+      .map((id) => layers.get(id))
+      .filter((layer) => layer !== undefined)
+      .filter((layer) => this.state(layer).visible);
+  }
+
+  /** Height of a layer on the map, 0 at the bottom. */
+  height({ id }: Pick<Layer, "id">): number {
+    return this.heights.get(id) ?? 0;
+  }
+
+  /** Puts a layer that is on over the next one that is on (1), or below it (-1). */
+  move(layer: Layer, step: 1 | -1): void {
+    const shown = this.shown;
+    const other = shown[shown.findIndex(({ id }) => id === layer.id) - step];
+    if (other) this.place(layer, other, step);
+  }
+
+  /** Puts a layer right over another one (1), or right below it (-1). */
+  place(layer: Pick<Layer, "id">, beside: Pick<Layer, "id">, step: 1 | -1): void {
+    if (layer.id === beside.id) return;
+    const others = this.stack.filter((id) => id !== layer.id);
+    const at = others.indexOf(beside.id) + (step === 1 ? 1 : 0);
+    this.setStack(others.toSpliced(at, 0, layer.id));
+    this.byHand = true;
+    this.rearranged.emit();
+  }
+
+  /** Whether the order is another than the usual one. */
+  get isRearranged(): boolean {
+    return this.byHand;
+  }
+
+  /** The only layer to be drawn; null: all that are on. */
+  get solo(): string | null {
+    return this.soloed;
+  }
+
+  setSolo(layer: Layer | null): void {
+    this.soloed = layer?.id ?? null;
+    this.rearranged.emit();
+  }
+
+  /** Whether a layer is drawn when only products of a sol are looked at; null: of any. */
+  isDrawn(layer: Layer, sol: number | null): boolean {
+    if (this.soloed !== null && this.soloed !== layer.id) return false;
+    return this.state(layer).visible && isOf(layer, sol);
+  }
+
+  /** How the layers that are on are shown, from the bottom of the map to its top. */
+  get on(): LinkedLayers {
+    return new Map(
+      this.shown.toReversed().map((layer) => {
+        const { opacity, style } = this.state(layer);
+        return [layer.id, { opacity, style }] as const;
+      }),
+    );
   }
 
   /** Takes the server's new list. Layers keep how they are shown; new ones are shown as at first. */
   replace(layers: readonly Layer[]): void {
+    const order = this.byHand ? [...this.on.keys()] : [];
     this.list = layers;
     for (const layer of layers)
       if (!this.states.has(layer.id)) this.states.set(layer.id, firstState(layer, layers));
+    this.restack(order);
     this.replaced.emit(layers);
   }
+
+  /** The usual order, in which `first` take their places among themselves in the order given. */
+  private restack(first: readonly string[]): void {
+    const usual = this.list.toSorted((a, b) => zIndex(a) - zIndex(b)).map(({ id }) => id);
+    const known = new Set(usual);
+    const wanted = first.filter((id) => known.has(id));
+    const moved = new Set(wanted);
+    this.setStack(usual.map((id) => (moved.has(id) ? (wanted.shift() ?? id) : id)));
+  }
+
+  private setStack(ids: readonly string[]): void {
+    this.stack = ids;
+    this.heights = new Map(ids.map((id, place) => [id, (TOP * place) / ids.length] as const));
+  }
+}
+
+/** Whether a layer was seen on a sol; what belongs to no sol belongs to all. */
+export function isOf({ sols }: Pick<Layer, "sols">, sol: number | null): boolean {
+  return sol === null || sols.length === 0 || sols.includes(sol);
 }

@@ -1,4 +1,5 @@
 import { expect, test } from "vitest";
+import { PLAIN } from "../map/raster-style";
 import { formatPermalink, parsePermalink } from "./permalink";
 
 test("a link says what was on the screen", () => {
@@ -6,20 +7,31 @@ test("a link says what was on the screen", () => {
     mission: "MER2",
     place: { east: 12.5, north: -3.25, resolution: 0.02, rotationDeg: 45 },
     on: new Map([
-      ["mer2/stops", 1],
-      ["mer2-site0010-drive0064/slope", 0.35],
-    ]),
+      ["mer2/stops", { opacity: 1, style: null }],
+      ["mer2-site0010-drive0064/slope", { opacity: 0.35, style: null }],
+      ["mer2/dtm", { opacity: 0.6, style: { ...PLAIN, quantity: "tilt", floor: 5 } }],
+    ] as const),
+    ordered: true,
     sol: 156,
+    more: new Map([["sun", "sol:156,14.5"]]),
   };
   const text = formatPermalink(link);
   expect(text).toBe(
-    "#m=MER2&at=12.5,-3.25,0.02,45&on=mer2/stops,mer2-site0010-drive0064/slope*0.35&sol=156",
+    "#m=MER2&at=12.5,-3.25,0.02,45&on=mer2/stops,mer2-site0010-drive0064/slope*0.35,mer2/dtm*0.6~tilt::::5" +
+      "&order=1&sol=156&sun=sol:156,14.5",
   );
   expect(parsePermalink(text)).toEqual(link);
 });
 
 test("an empty link leaves all to the viewer", () => {
-  expect(parsePermalink("")).toEqual({ mission: null, place: null, on: null, sol: null });
+  expect(parsePermalink("")).toEqual({
+    mission: null,
+    place: null,
+    on: null,
+    ordered: false,
+    sol: null,
+    more: new Map(),
+  });
 });
 
 test("all layers off is not the same as nothing said", () => {
@@ -31,7 +43,10 @@ test.each(["#at=1,2", "#at=1,2,0", "#at=1,2,-3", "#at=a,b,c"])("%s is no place",
 });
 
 test("opacity stays between 0 and 1", () => {
-  expect([...(parsePermalink("#on=a*7,b*-1,c*x").on ?? [])]).toEqual([
+  const opacities = [...(parsePermalink("#on=a*7,b*-1,c*x").on ?? [])].map(
+    ([id, { opacity }]) => [id, opacity] as const,
+  );
+  expect(opacities).toEqual([
     ["a", 1],
     ["b", 0],
     ["c", 1],

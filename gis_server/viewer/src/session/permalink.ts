@@ -1,9 +1,14 @@
 /**
- * View and layers in the URL's fragment: `#m=mer2&at=12.5,-3.25,0.02&on=scope/kind,scope/kind*0.6&sol=156`.
+ * View and layers in the URL's fragment:
+ * `#m=mer2&at=12.5,-3.25,0.02&on=scope/kind,scope/kind*0.6,scope/kind~slope::0:25&order=1&sol=156`.
  *
  * `at` is east, north, metres a pixel, and the turn of the map in degrees if it is turned. Layers are named without their
- * digest, so a link shows the newest product.
+ * digest, so a link shows the newest product; behind `*` stands the opacity, behind `~` the style. With `order=1` they
+ * are listed as they lie, from the bottom to the top. All other keys belong to the part of the viewer that wrote them.
  */
+
+import { formatStyle, parseStyle } from "../map/raster-style";
+import type { LinkedLayers } from "./layer-book";
 
 export interface Place {
   readonly east: number;
@@ -15,10 +20,16 @@ export interface Place {
 export interface Permalink {
   readonly mission: string | null;
   readonly place: Place | null;
-  /** Opacity by id of the layers that are on; null if the link does not say. */
-  readonly on: ReadonlyMap<string, number> | null;
+  /** The layers that are on; null if the link does not say. */
+  readonly on: LinkedLayers | null;
+  /** Whether their order was chosen by hand. */
+  readonly ordered: boolean;
   readonly sol: number | null;
+  /** What the parts of the viewer keep, by their keys. */
+  readonly more: ReadonlyMap<string, string>;
 }
+
+const OWN = new Set(["m", "at", "on", "order", "sol"]);
 
 const tidy = (value: number, decimals: number) => String(Number(value.toFixed(decimals)));
 
@@ -31,16 +42,27 @@ function parsePlace(text: string | null): Place | null {
   return { east, north, resolution, rotationDeg };
 }
 
-function parseOn(text: string | null): ReadonlyMap<string, number> | null {
+function parseOn(text: string | null): LinkedLayers | null {
   if (text === null) return null;
   const entries = text.split(",").filter(Boolean);
   return new Map(
-    entries.map((entry): [string, number] => {
-      const [id = "", opacity] = entry.split("*");
+    entries.map((entry) => {
+      const [named = "", style = ""] = entry.split("~");
+      const [id = "", opacity] = named.split("*");
       const value = opacity === undefined ? 1 : Number(opacity);
-      return [id, Number.isFinite(value) ? Math.min(1, Math.max(0, value)) : 1];
+      const share = Number.isFinite(value) ? Math.min(1, Math.max(0, value)) : 1;
+      return [id, { opacity: share, style: parseStyle(style) }] as const;
     }),
   );
+}
+
+function formatOn(on: LinkedLayers): string {
+  const layers = [...on].map(([id, { opacity, style }]) => {
+    const strength = opacity < 1 ? `*${tidy(opacity, 2)}` : "";
+    const look = style ? formatStyle(style) : "";
+    return `${id}${strength}${look && `~${look}`}`;
+  });
+  return layers.join(",");
 }
 
 export function parsePermalink(fragment: string): Permalink {
@@ -50,11 +72,14 @@ export function parsePermalink(fragment: string): Permalink {
     mission: query.get("m"),
     place: parsePlace(query.get("at")),
     on: parseOn(query.get("on")),
+    ordered: query.get("order") === "1",
     sol: sol !== null && /^\d+$/.test(sol) ? Number(sol) : null,
+    more: new Map([...query].filter(([key]) => !OWN.has(key))),
   };
 }
 
-export function formatPermalink({ mission, place, on, sol }: Permalink): string {
+export function formatPermalink(link: Permalink): string {
+  const { mission, place, on, sol } = link;
   const parts: string[] = [];
   if (mission) parts.push(`m=${encodeURIComponent(mission)}`);
   if (place) {
@@ -62,10 +87,13 @@ export function formatPermalink({ mission, place, on, sol }: Permalink): string 
     if (Math.abs(place.rotationDeg) > 0.05) numbers.push(tidy(place.rotationDeg, 1));
     parts.push(`at=${numbers.join(",")}`);
   }
-  if (on) {
-    const layers = [...on].map(([id, opacity]) => (opacity < 1 ? `${id}*${tidy(opacity, 2)}` : id));
-    parts.push(`on=${layers.join(",")}`);
-  }
+  if (on) parts.push(`on=${formatOn(on)}`);
+  if (on && link.ordered) parts.push("order=1");
   if (sol !== null) parts.push(`sol=${sol}`);
+  for (const [key, value] of link.more) parts.push(`${key}=${readable(value)}`);
   return `#${parts.join("&")}`;
 }
+
+/** Escaped, but for what a fragment may hold as it is. */
+const readable = (value: string) =>
+  encodeURIComponent(value).replace(/%(2C|3A|2F)/g, (code) => decodeURIComponent(code));

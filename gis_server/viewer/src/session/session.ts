@@ -3,6 +3,7 @@
 import { firstBounds } from "../map/layers";
 import { MapView } from "../map/map-view";
 import { localMap } from "../map/projection";
+import { CARTOGRAPHERS_SUN } from "../map/shading";
 import type { Shell } from "../page/shell";
 import { cursorPart } from "../parts/cursor/part";
 import { furniturePart } from "../parts/furniture/part";
@@ -13,6 +14,7 @@ import { rulerPart } from "../parts/ruler/part";
 import { stopsPart } from "../parts/stops/part";
 import type { Layer, Mission } from "../server/records";
 import type { Context, Part, Signals } from "./context";
+import { Kept, LinkBook } from "./kept";
 import { LayerBook } from "./layer-book";
 import { formatPermalink, type Permalink } from "./permalink";
 import { Shortcuts } from "./shortcuts";
@@ -53,9 +55,11 @@ export class Session {
     this.context = {
       page,
       mission,
-      layers: new LayerBook(layers, link.on),
+      layers: new LayerBook(layers, link.on, link.ordered),
       view,
       drawing,
+      sun: new Kept(CARTOGRAPHERS_SUN),
+      link: new LinkBook(link.more),
       waiting: new Waiting(page, () => view.map.render()),
       keys: new Shortcuts(),
       signals: signals(),
@@ -73,11 +77,13 @@ export class Session {
   }
 
   private listen(): void {
-    const { view, waiting, signals, keys, layers, drawing } = this.context;
+    const { view, waiting, signals, keys, layers, link, drawing } = this.context;
     view.map.on("rendercomplete", () => waiting.settle());
     view.map.on("loadstart", () => waiting.unsettle());
     view.map.on("moveend", () => signals.view.emit());
     layers.changed.on(() => signals.view.emit());
+    layers.rearranged.on(() => signals.view.emit());
+    link.changed.on(() => signals.view.emit());
     layers.replaced.on((all) => view.setLayers(all));
     signals.view.on(() => this.writeLink());
     signals.sol.on((sol) => {
@@ -89,9 +95,15 @@ export class Session {
   }
 
   private writeLink(): void {
-    const { mission, view, layers, drawing } = this.context;
-    const { place } = view;
-    const link = { mission: mission.mission, place, on: layers.on, sol: drawing.sol };
-    history.replaceState(null, "", formatPermalink(link));
+    const { mission, view, layers, link, drawing } = this.context;
+    const address = formatPermalink({
+      mission: mission.mission,
+      place: view.place,
+      on: layers.on,
+      ordered: layers.isRearranged,
+      sol: drawing.sol,
+      more: link.all,
+    });
+    history.replaceState(null, "", address);
   }
 }

@@ -1,45 +1,124 @@
-/** Which layers the map shows, and the list in which they are chosen. */
+/** Which layers the map shows, how, and the lists in which that is chosen. */
 
+import { PLAIN } from "../../map/raster-style";
+import { rangeInView } from "../../map/stretch";
 import { h } from "../../page/dom";
 import { api } from "../../server/api";
-import type { Layer } from "../../server/records";
+import type { Layer, RasterLayer } from "../../server/records";
 import type { Context } from "../../session/context";
-import { type LayerPanel, layerPanel } from "./panel";
+import type { LayerActions } from "./actions";
+import { Flicker } from "./flicker";
+import "./layers.css";
+import { shownList } from "./shown-list";
+import { solFilter, solsOf } from "./sol-filter";
+import { layerTree } from "./tree";
 
 export function layersPart(context: Context): void {
-  const { layers, view, page, drawing, waiting } = context;
-  let panel: LayerPanel | null = null;
+  const { layers, view, page, drawing, sun, signals, waiting, alive } = context;
 
   const put = (layer: Layer) => {
     const shown = view.shown.get(layer.id);
+    if (!shown) return;
     const state = layers.state(layer);
-    shown?.map.setVisible(state.visible);
-    shown?.map.setOpacity(state.opacity);
-    if (state.visible && shown) waiting.run(async () => void (await shown.load()));
+    const isDrawn = layers.isDrawn(layer, drawing.sol);
+    shown.map.setVisible(isDrawn);
+    shown.map.setOpacity(state.opacity);
+    shown.map.setZIndex(layers.height(layer));
+    if (!isDrawn) return;
+    shown.restyle(state.style, sun.value);
+    waiting.run(async () => void (await shown.load()));
   };
-  const draw = () => {
-    panel = layerPanel(layers.all, (layer) => layers.state(layer), {
-      setVisible: (layer, visible) => layers.change(layer, { visible }),
-      setOpacity: (layer, opacity) => layers.change(layer, { opacity }),
-      zoomTo: (layer) => view.fit(layer.bounds),
-      showProvenance: (layer) => waiting.run(() => showProvenance(context, layer)),
-      setEllipseFactor: (factor) => {
-        drawing.ellipseFactor = factor;
-        view.redraw();
-      },
-    });
-    panel.setEllipseFactor(drawing.ellipseFactor);
-    page.layers.replaceChildren(panel.element);
+  const putAll = () => {
     for (const layer of layers.all) put(layer);
   };
+  const flicker = new Flicker((layer, visible) =>
+    view.shown.get(layer.id)?.map.setVisible(visible),
+  );
+  const onMap = shownList(actionsOf(context, flicker, () => list()));
+  const list = () => onMap.draw(layers.shown);
 
+  let tree = layerTree([], actionsOf(context, flicker, list));
+  let filter = solFilter([], () => undefined);
+  const draw = () => {
+    tree = layerTree(layers.all, actionsOf(context, flicker, list));
+    filter = solFilter(solsOf(layers.all), (sol) => signals.sol.emit(sol));
+    filter.set(drawing.sol);
+    tree.setSol(drawing.sol);
+    page.layers.replaceChildren(filter.element, onMap.element, tree.element);
+    list();
+    putAll();
+  };
+
+  let shown = "";
   layers.changed.on((layer) => {
-    panel?.set(layer.id, layers.state(layer));
+    tree.follow(layer);
+    onMap.follow(layer);
     put(layer);
+    const now = layers.shown.map(({ id }) => id).join();
+    if (now !== shown) list();
+    shown = now;
+    if (flicker.layer === layer.id && !layers.state(layer).visible) flicker.stop();
+  });
+  layers.rearranged.on(() => {
+    list();
+    putAll();
   });
   layers.replaced.on(draw);
-  context.signals.ellipses.on((factor) => panel?.setEllipseFactor(factor));
+  sun.changed.on(() => {
+    for (const layer of layers.shown)
+      if (layers.state(layer).style?.quantity === "relief") put(layer);
+  });
+  signals.sol.on((sol) => {
+    filter.set(sol);
+    tree.setSol(sol);
+    putAll();
+  });
+  signals.ellipses.on(() => layers.of("stops").forEach((layer) => tree.follow(layer)));
+  alive.addEventListener("abort", () => flicker.stop());
   draw();
+}
+
+function actionsOf(context: Context, flicker: Flicker, list: () => void): LayerActions {
+  const { layers, view, drawing, waiting } = context;
+  return {
+    stateOf: (layer) => layers.state(layer),
+    setVisible: (layer, visible) => layers.change(layer, { visible }),
+    setOpacity: (layer, opacity) => layers.change(layer, { opacity }),
+    setStyle: (layer, style) => layers.change(layer, { style }),
+    stretch: (layer) => waiting.run(() => stretch(context, layer)),
+    zoomTo: (layer) => view.fit(layer.bounds),
+    showProvenance: (layer) => waiting.run(() => showProvenance(context, layer)),
+    ellipseFactor: () => drawing.ellipseFactor,
+    setEllipseFactor: (factor) => {
+      drawing.ellipseFactor = factor;
+      view.redraw();
+    },
+    move: (layer, step) => layers.move(layer, step),
+    place: (layer, beside, step) => layers.place(layer, beside, step),
+    solo: () => layers.solo,
+    flickering: () => flicker.layer,
+    toggleSolo: (layer) => layers.setSolo(layers.solo === layer.id ? null : layer),
+    toggleFlicker: (layer) => {
+      flicker.toggle(layer);
+      list();
+      for (const one of layers.shown)
+        view.shown.get(one.id)?.map.setVisible(layers.isDrawn(one, drawing.sol));
+    },
+  };
+}
+
+async function stretch(context: Context, layer: RasterLayer): Promise<void> {
+  const { view, mission, layers, sun, waiting } = context;
+  const style = layers.state(layer).style ?? PLAIN;
+  const range = await rangeInView(
+    view.map,
+    mission.tile_matrix_set,
+    layer,
+    style.quantity,
+    sun.value,
+  );
+  if (!range) waiting.say("no value of this layer is on the screen");
+  else layers.change(layer, { style: { ...style, low: range[0], high: range[1] } });
 }
 
 async function showProvenance({ page }: Context, layer: Layer): Promise<void> {

@@ -1,6 +1,5 @@
 /** What is at a place: the line below the map follows the pointer, the tab tells of the clicked point. */
 
-import { zIndex } from "../../map/layers";
 import { h } from "../../page/dom";
 import { api } from "../../server/api";
 import type { Identified, MapPoint } from "../../server/records";
@@ -37,7 +36,7 @@ function followPointer({ page, view, layers, mission, waiting, signals, alive }:
   let asking: AbortController | null = null;
   const heightOf = (id: string) => {
     const layer = view.shown.get(id)?.layer;
-    return layer && layers.state(layer).visible ? zIndex(layer) : null;
+    return layer && layers.state(layer).visible ? layers.height(layer) : null;
   };
   const tell = (point: MapPoint, found: Identified | null) =>
     page.readout.replaceChildren(...readout(point, view.resolution, view.local, found, heightOf));

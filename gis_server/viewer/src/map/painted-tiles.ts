@@ -1,0 +1,86 @@
+/** Tiles of the map that are painted here, from values that the server sent. */
+
+import ImageTile from "ol/source/ImageTile";
+import type TileGrid from "ol/tilegrid/TileGrid";
+import type { RasterLayer, TileMatrixSet } from "../server/records";
+import { type Pen, pen, picture } from "./painting";
+import type { LocalMap } from "./projection";
+import { colouringOf, type RasterStyle } from "./raster-style";
+import { quantityOf, type SunPlace } from "./shading";
+import { SIDE, tileUrl, type ValueTile, valueTiles } from "./value-tiles";
+
+/** Values of the 256 x 256 cells of a tile; null where nothing was measured. */
+export type ValuesOf = (z: number, x: number, y: number) => Promise<Float32Array | null>;
+
+/** What tiles show, and a key that is another when they show something else. */
+export interface Painting {
+  readonly key: string;
+  readonly values: ValuesOf;
+  readonly pen: Pen;
+}
+
+export class PaintedTiles extends ImageTile {
+  constructor(
+    private painting: Painting,
+    grid: TileGrid,
+    { projection }: LocalMap,
+  ) {
+    super({
+      loader: (z, x, y) => this.paint(z, x, y),
+      projection,
+      tileGrid: grid,
+      transition: 0,
+      wrapX: false,
+    });
+    this.setKey(painting.key);
+  }
+
+  /** Paints anew; what is on the screen stays until the new tiles have come. */
+  repaint(painting: Painting): void {
+    if (painting.key === this.getKey()) return;
+    this.painting = painting;
+    this.setKey(painting.key);
+  }
+
+  private async paint(z: number, x: number, y: number): Promise<HTMLCanvasElement> {
+    const { values, pen: draw } = this.painting;
+    const found = await values(z, x, y);
+    return found ? picture(draw(found), SIDE) : empty();
+  }
+}
+
+function empty(): HTMLCanvasElement {
+  const canvas = document.createElement("canvas");
+  canvas.width = canvas.height = SIDE;
+  return canvas;
+}
+
+/** Tile of a layer's values. */
+export function valueTile(
+  layer: Pick<RasterLayer, "values">,
+  set: TileMatrixSet,
+  [z, x, y]: readonly [number, number, number],
+): Promise<ValueTile | null> {
+  if (!layer.values) throw new Error("only layers with values can be painted here");
+  return valueTiles.get(tileUrl(layer.values, z, x, y), set.cell_sizes[z] ?? Number.NaN);
+}
+
+/** A layer in a style of its own. */
+export function styled(
+  layer: RasterLayer,
+  style: RasterStyle,
+  sun: SunPlace,
+  set: TileMatrixSet,
+): Painting {
+  const { quantity } = style;
+  const colouring = colouringOf(layer, style);
+  const light = quantity === "relief" ? [sun.azimuthDeg, sun.elevationDeg] : [];
+  return {
+    key: JSON.stringify([layer.digest, quantity, colouring, light]),
+    pen: pen(colouring),
+    values: async (z, x, y) => {
+      const tile = await valueTile(layer, set, [z, x, y]);
+      return tile && quantityOf(tile, quantity, sun);
+    },
+  };
+}

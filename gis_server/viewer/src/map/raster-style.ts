@@ -1,0 +1,127 @@
+/**
+ * How a raster's values are drawn here, in place of the picture that the server draws.
+ *
+ * In a link a style is `quantity:ramp:low:high:floor`, where nothing stands for the default: `slope::0:25`,
+ * `tilt::::5` (only tilts of 5 degrees and more).
+ */
+
+import type { Layer, Legend, RasterLayer } from "../server/records";
+import { isRamp, RAMPS, type RampName } from "./ramps";
+
+/** What is drawn: the values themselves, or what follows from them where they are elevations. */
+export const QUANTITIES = ["value", "relief", "slope", "aspect", "tilt"] as const;
+export type Quantity = (typeof QUANTITIES)[number];
+
+export interface RasterStyle {
+  readonly quantity: Quantity;
+  /** Null: the quantity's own colours. */
+  readonly ramp: RampName | null;
+  /** Value at the first and at the last colour; null: the quantity's own. */
+  readonly low: number | null;
+  readonly high: number | null;
+  /** Values below are not drawn; null: all are. */
+  readonly floor: number | null;
+}
+
+export const PLAIN: RasterStyle = {
+  quantity: "value",
+  ramp: null,
+  low: null,
+  high: null,
+  floor: null,
+};
+
+/** Colours and range of values, as they are drawn. */
+export interface Colouring {
+  readonly colours: readonly string[];
+  readonly low: number;
+  readonly high: number;
+  readonly floor: number | null;
+  readonly unit: string;
+}
+
+interface Own {
+  readonly title: string;
+  readonly ramp: RampName;
+  readonly range: readonly [number, number];
+  readonly unit: string;
+}
+
+const OWN: Readonly<Record<Exclude<Quantity, "value">, Own>> = {
+  relief: { title: "Relief under the sun", ramp: "grey", range: [0, 1], unit: "" },
+  slope: { title: "Slope", ramp: "inferno", range: [0, 40], unit: "degree" },
+  aspect: { title: "Aspect", ramp: "twilight", range: [0, 360], unit: "degree" },
+  tilt: { title: "Northerly tilt", ramp: "redblue", range: [-20, 20], unit: "degree" },
+};
+
+export const quantityTitle = (quantity: Quantity) =>
+  quantity === "value" ? "Values" : OWN[quantity].title;
+
+const ELEVATIONS = new Set(["dtm", "region-dtm", "far-dtm"]);
+export const isElevation = ({ kind }: Pick<Layer, "kind">) => ELEVATIONS.has(kind);
+
+/** Whether the browser can draw it from its values. */
+export function hasValues(layer: Layer): layer is RasterLayer & { readonly values: string } {
+  return layer.type === "raster" && Boolean(layer.values);
+}
+
+export function isPlain(style: RasterStyle): boolean {
+  return formatStyle(style) === "";
+}
+
+export function colouringOf(layer: RasterLayer, style: RasterStyle): Colouring {
+  const own = style.quantity === "value" ? ownOf(layer) : OWN[style.quantity];
+  const low = style.low ?? own.range[0];
+  const high = style.high ?? own.range[1];
+  const legend = style.quantity === "value" ? (layer.legend?.stops ?? []) : [];
+  const colours = style.ramp
+    ? RAMPS[style.ramp]
+    : legend.length > 1
+      ? legend.map(([, colour]) => colour)
+      : RAMPS[own.ramp];
+  const top = high > low ? high : low + 1e-6;
+  return { colours, low, high: top, floor: style.floor, unit: own.unit };
+}
+
+function ownOf(layer: RasterLayer): Pick<Own, "ramp" | "range" | "unit"> {
+  const stops = layer.legend?.stops ?? [];
+  const ends = [stops[0]?.[0], stops.at(-1)?.[0]];
+  const [low, high] = ends[0] !== undefined && ends[1] !== undefined ? ends : [null, null];
+  const range: readonly [number, number] =
+    low !== null && high !== null && high !== undefined && low !== undefined
+      ? [low, high]
+      : (layer.range ?? [0, 1]);
+  return { ramp: "grey", range, unit: layer.legend?.unit ?? layer.unit ?? "" };
+}
+
+/** The legend that goes with a style; the server's own where nothing was changed. */
+export function legendFor(layer: RasterLayer, style: RasterStyle | null): Legend | null {
+  if (!style || isPlain(style)) return layer.legend;
+  return legendOfColours(colouringOf(layer, style));
+}
+
+export function legendOfColours({ colours, low, high, unit }: Colouring): Legend {
+  const last = Math.max(1, colours.length - 1);
+  const stops = colours.map((colour, k) => [low + ((high - low) * k) / last, colour] as const);
+  return { stops, unit };
+}
+
+const text = (value: number | null) => (value === null ? "" : String(Number(value.toPrecision(6))));
+
+/** Empty for the style that every layer has at first. */
+export function formatStyle({ quantity, ramp, low, high, floor }: RasterStyle): string {
+  const parts = [quantity === "value" ? "" : quantity, ramp ?? "", text(low), text(high)];
+  return [...parts, text(floor)].join(":").replace(/:+$/, "");
+}
+
+/** Null where the text says nothing that can be drawn. */
+export function parseStyle(link: string): RasterStyle | null {
+  const [quantity = "", ramp = "", ...numbers] = link.split(":");
+  const [low = null, high = null, floor = null] = numbers.map((part) =>
+    part !== "" && Number.isFinite(Number(part)) ? Number(part) : null,
+  );
+  const known = QUANTITIES.find((name) => name === (quantity || "value"));
+  if (!known) return null;
+  const style = { quantity: known, ramp: isRamp(ramp) ? ramp : null, low, high, floor };
+  return isPlain(style) ? null : style;
+}

@@ -1,0 +1,105 @@
+/** What colours and symbols of a layer mean. */
+
+import {
+  ADJUSTED,
+  CONTOUR,
+  ELLIPSE_FACTORS,
+  HAVEN,
+  TELEMETRY,
+  UNPAIRED,
+  VIEWING,
+} from "../../map/styles";
+import { h } from "../../page/dom";
+import { compact } from "../../page/format";
+import type { Legend, VectorLayer } from "../../server/records";
+
+const swatch = (style: string, text: string) =>
+  h("div", { class: "swatch" }, h("i", { style }), text);
+const stroke = (width: number, kind: string, colour: string) =>
+  `border-top:${width}px ${kind} ${colour}`;
+const legend = (...rows: HTMLElement[]) => h("div", { class: "legend" }, ...rows);
+
+/** Colours with the values they stand for, or classes with their names; null where there is nothing to tell. */
+export function colourLegend({ stops, unit, classes }: Legend): HTMLElement | null {
+  if (classes?.length)
+    return legend(
+      ...classes.map(({ name, colour }) =>
+        swatch(`background:${colour};width:14px;height:14px`, name),
+      ),
+    );
+  const first = stops[0];
+  const last = stops.at(-1);
+  if (!first || !last || first === last) return null;
+  const span = last[0] - first[0] || 1;
+  const parts = stops.map(([value, colour]) => {
+    const share = (100 * (value - first[0])) / span;
+    return `${colour} ${share.toFixed(1)}%`;
+  });
+  const ticks = [0, 0.25, 0.5, 0.75, 1].map((share) => compact(first[0] + share * span, 3));
+  return h(
+    "div",
+    { class: "legend" },
+    h("div", { class: "ramp", style: `background:linear-gradient(90deg, ${parts.join(", ")})` }),
+    h("div", { class: "ticks" }, ...ticks.map((tick) => h("span", {}, tick))),
+    unit ? h("div", { class: "unit" }, unit) : null,
+  );
+}
+
+const ways = (localised: string) =>
+  legend(
+    swatch(stroke(2.5, "solid", ADJUSTED), localised),
+    swatch(stroke(2, "dashed", TELEMETRY), "telemetry"),
+  );
+
+function stops(factor: number, setFactor: (factor: number) => void): HTMLElement {
+  const select = h(
+    "select",
+    { class: "ellipse-factor", onchange: () => setFactor(Number(select.value)) },
+    ...ELLIPSE_FACTORS.map((one) =>
+      h("option", { value: one, selected: one === factor }, `×${one}`),
+    ),
+  );
+  return legend(
+    swatch(`border:4px solid ${ADJUSTED};border-radius:50%;width:0`, "adjusted, 1σ error ellipse"),
+    swatch(`border:2px solid ${ADJUSTED};border-radius:50%;width:5px;height:5px`, "held fixed"),
+    swatch(`border:2px solid ${TELEMETRY};width:5px;height:5px`, "telemetry"),
+    h("label", { class: "inline" }, "ellipses drawn", select),
+  );
+}
+
+/** Symbols of a layer of features; ellipses are drawn `factor` times as large, until another is chosen. */
+export function symbolLegend(
+  { kind }: Pick<VectorLayer, "kind">,
+  factor: number,
+  setFactor: (factor: number) => void,
+): HTMLElement | null {
+  switch (kind) {
+    case "traverse":
+      return ways("adjusted");
+    case "mission-traverse":
+    case "mission-stops":
+      return ways("localised");
+    case "stops":
+      return stops(factor, setFactor);
+    case "contours":
+    case "region-contours":
+    case "far-contours":
+      return legend(
+        swatch(stroke(2, "solid", CONTOUR), "index contour, labelled"),
+        swatch(stroke(1, "solid", CONTOUR), "contour"),
+      );
+    case "havens":
+    case "region-havens":
+      return legend(
+        swatch(`border:2px solid ${HAVEN};width:12px;height:10px`, "room for a rover in winter"),
+      );
+    case "footprints":
+    case "pointing":
+      return legend(
+        swatch(stroke(1.5, "solid", VIEWING), "image with stereo partner"),
+        swatch(stroke(1.5, "dashed", UNPAIRED), "image without partner"),
+      );
+    default:
+      return null;
+  }
+}

@@ -1,0 +1,131 @@
+/** A layer in the tree: its switch, and behind it all that can be done with it. */
+
+import { kindTitle } from "../../map/layers";
+import { hasValues, legendFor } from "../../map/raster-style";
+import { button, facts, h, icon } from "../../page/dom";
+import { compact, metres, sols, time, unitSign } from "../../page/format";
+import type { Layer } from "../../server/records";
+import type { Following, LayerActions } from "./actions";
+import { colourLegend, symbolLegend } from "./legend";
+import { styleEditor } from "./style-editor";
+
+function legendOf(layer: Layer, actions: LayerActions): HTMLElement | null {
+  switch (layer.type) {
+    case "raster": {
+      const legend = legendFor(layer, actions.stateOf(layer).style);
+      return legend && colourLegend(legend);
+    }
+    case "vector":
+      return symbolLegend(layer, actions.ellipseFactor(), actions.setEllipseFactor);
+    default:
+      throw new Error(`unknown layer ${JSON.stringify(layer satisfies never)}`);
+  }
+}
+
+export function opacitySlider(layer: Layer, actions: LayerActions): HTMLInputElement {
+  const slider = h("input", {
+    type: "range",
+    min: 0,
+    max: 1,
+    step: 0.05,
+    "aria-label": `opacity of ${kindTitle(layer.kind)}, ${layer.scope}`,
+    oninput: () => actions.setOpacity(layer, Number(slider.value)),
+  });
+  slider.value = String(actions.stateOf(layer).opacity);
+  return slider;
+}
+
+function files(layer: Layer): HTMLElement[] {
+  const link = (href: string, name: string) =>
+    h("a", { class: "text download", href, download: true }, icon("down"), name);
+  if (layer.type === "raster") return [link(layer.download, "GeoTIFF")];
+  return [link(layer.download, "GeoJSON"), link(`${layer.download}.gpkg`, "GeoPackage")];
+}
+
+function details(layer: Layer, actions: LayerActions): Following {
+  const unit = unitSign(layer.unit);
+  const range = layer.range && `${compact(layer.range[0])} to ${compact(layer.range[1])}${unit}`;
+  const slider = opacitySlider(layer, actions);
+  const style = hasValues(layer) ? styleEditor(layer, actions) : null;
+  const legend = h("div", {}, legendOf(layer, actions));
+  const element = h(
+    "div",
+    { class: "details" },
+    h("label", { class: "inline opacity" }, "opacity", slider),
+    style?.element,
+    legend,
+    facts([
+      ["cell", layer.cell_m ? metres(layer.cell_m) : null],
+      ["values", range],
+      ["seen on", layer.sols.length > 0 ? sols(layer.sols) : null],
+      ["made", `${time(layer.made_at)} UTC`],
+      ["digest", h("code", {}, layer.digest)],
+    ]),
+    h(
+      "div",
+      { class: "actions" },
+      h(
+        "button",
+        { type: "button", class: "text provenance", onclick: () => actions.showProvenance(layer) },
+        icon("tree"),
+        "provenance",
+      ),
+      ...files(layer),
+    ),
+  );
+  const follow = () => {
+    slider.value = String(actions.stateOf(layer).opacity);
+    style?.follow();
+    const renewed = legendOf(layer, actions);
+    legend.replaceChildren(...(renewed ? [renewed] : []));
+  };
+  return { element, follow };
+}
+
+export function row(layer: Layer, actions: LayerActions): Following {
+  const name = kindTitle(layer.kind);
+  const box = h("input", {
+    type: "checkbox",
+    "aria-label": `show ${name}, ${layer.scope}`,
+    onchange: () => actions.setVisible(layer, box.checked),
+  });
+  let opened: Following | null = null;
+  const toggle = () => {
+    const open = more.getAttribute("aria-expanded") !== "true";
+    more.setAttribute("aria-expanded", String(open));
+    element.classList.toggle("open", open);
+    if (!open || opened) return;
+    opened = details(layer, actions);
+    element.append(opened.element);
+  };
+  const more = h(
+    "button",
+    {
+      type: "button",
+      class: "more",
+      "aria-expanded": "false",
+      "aria-label": `details of ${name}, ${layer.scope}`,
+      title: "style, legend, opacity, provenance, download",
+      onclick: toggle,
+    },
+    "▸",
+  );
+  const element = h(
+    "li",
+    { class: "layer", "data-layer": layer.id, "data-kind": layer.kind },
+    h(
+      "div",
+      { class: "line" },
+      h("label", { title: layer.title }, box, h("span", {}, name)),
+      layer.cell_m ? h("small", { title: "cell size" }, metres(layer.cell_m)) : null,
+      button(`zoom to ${name}`, "fit", () => actions.zoomTo(layer), { class: "ghost" }),
+      more,
+    ),
+  );
+  const follow = () => {
+    box.checked = actions.stateOf(layer).visible;
+    opened?.follow();
+  };
+  follow();
+  return { element, follow };
+}

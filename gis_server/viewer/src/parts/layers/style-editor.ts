@@ -1,0 +1,94 @@
+/** What of a raster's values is drawn, in which colours, and over which range. */
+
+import { RAMP_NAMES, type RampName } from "../../map/ramps";
+import {
+  colouringOf,
+  isElevation,
+  isPlain,
+  PLAIN,
+  QUANTITIES,
+  type Quantity,
+  quantityTitle,
+  type RasterStyle,
+} from "../../map/raster-style";
+import { h } from "../../page/dom";
+import type { RasterLayer } from "../../server/records";
+import type { Following, LayerActions } from "./actions";
+
+function choice<T extends string>(
+  name: string,
+  entries: readonly (readonly [T, string])[],
+  choose: (value: T) => void,
+): HTMLSelectElement {
+  const select = h(
+    "select",
+    { "aria-label": name, onchange: () => choose(select.value as T) },
+    ...entries.map(([value, title]) => h("option", { value }, title)),
+  );
+  return select;
+}
+
+function number(name: string, set: (value: number | null) => void): HTMLInputElement {
+  const input = h("input", {
+    type: "number",
+    step: "any",
+    "aria-label": name,
+    onchange: () => {
+      const value = input.value === "" ? Number.NaN : Number(input.value);
+      set(Number.isFinite(value) ? value : null);
+    },
+  });
+  return input;
+}
+
+const said = (value: number | null) => (value === null ? "" : String(Number(value.toPrecision(5))));
+
+export function styleEditor(layer: RasterLayer, actions: LayerActions): Following {
+  const style = () => actions.stateOf(layer).style ?? PLAIN;
+  const change = (part: Partial<RasterStyle>) => {
+    const next = { ...style(), ...part };
+    actions.setStyle(layer, isPlain(next) ? null : next);
+  };
+  const quantity = choice<Quantity>(
+    "what is drawn",
+    QUANTITIES.map((one) => [one, one === "value" ? "Elevation" : quantityTitle(one)]),
+    (one) => change({ ...PLAIN, quantity: one }), // another quantity has another range
+  );
+  const ramp = choice<RampName | "">(
+    "colours",
+    [["", "usual colours"], ...RAMP_NAMES.map((name) => [name, name] as const)],
+    (name) => change({ ramp: name || null }),
+  );
+  const low = number("lowest colour at", (value) => change({ low: value }));
+  const high = number("highest colour at", (value) => change({ high: value }));
+  const floor = number("hide values below", (value) => change({ floor: value }));
+  const stretch = h(
+    "button",
+    { type: "button", class: "text stretch", onclick: () => actions.stretch(layer) },
+    "stretch to view",
+  );
+  const reset = h(
+    "button",
+    { type: "button", class: "text", onclick: () => actions.setStyle(layer, null) },
+    "reset",
+  );
+  const follow = () => {
+    const now = style();
+    const shown = colouringOf(layer, now);
+    quantity.value = now.quantity;
+    ramp.value = now.ramp ?? "";
+    [low.value, high.value] = [said(shown.low), said(shown.high)];
+    floor.value = said(now.floor);
+    reset.hidden = isPlain(now);
+  };
+  follow();
+  const element = h(
+    "div",
+    { class: "style-editor" },
+    h("div", { class: "pair" }, isElevation(layer) ? quantity : null, ramp),
+    h("div", { class: "pair" }, low, h("span", { class: "dim" }, "to"), high),
+    h("label", { class: "inline" }, "hide below", floor),
+    h("div", { class: "actions" }, stretch, reset),
+  );
+  return { element, follow };
+}

@@ -1,0 +1,73 @@
+/** All layers: the region's, then those of every sol, then those of every stop. Rows are made when a group is opened. */
+
+import { groupLayers, type LayerGroup } from "../../map/layers";
+import { h } from "../../page/dom";
+import { sols } from "../../page/format";
+import type { Layer } from "../../server/records";
+import { isOf } from "../../session/layer-book";
+import type { Following, LayerActions } from "./actions";
+import { row } from "./row";
+
+export interface LayerTree {
+  readonly element: HTMLElement;
+  /** Shows in a layer's row what became of it. */
+  readonly follow: (layer: Layer) => void;
+  /** Lists only what was seen on a sol; null: all. */
+  readonly setSol: (sol: number | null) => void;
+}
+
+interface Group {
+  readonly element: HTMLDetailsElement;
+  readonly item: LayerGroup;
+  readonly rows: Map<string, Following>;
+  readonly setSol: (sol: number | null) => void;
+}
+
+function group(item: LayerGroup, open: boolean, actions: LayerActions): Group {
+  const days = item.level === "stop" ? sols(item.layers.flatMap((layer) => layer.sols)) : "";
+  const rows = new Map<string, Following>();
+  const list = h("ul");
+  let only: number | null = null;
+  const hide = () => {
+    for (const layer of item.layers) {
+      const made = rows.get(layer.id);
+      if (made) made.element.hidden = !isOf(layer, only);
+    }
+  };
+  const fill = () => {
+    if (!element.open || rows.size > 0) return;
+    for (const layer of item.layers) rows.set(layer.id, row(layer, actions));
+    list.append(...[...rows.values()].map((made) => made.element));
+    hide();
+  };
+  const element = h(
+    "details",
+    { class: "group", open, ontoggle: fill, "data-scope": item.key },
+    h("summary", {}, h("span", {}, item.title), days ? h("small", {}, days) : null),
+    list,
+  );
+  fill();
+  const setSol = (sol: number | null) => {
+    only = sol;
+    element.hidden = !item.layers.some((layer) => isOf(layer, sol));
+    hide();
+  };
+  return { element, item, rows, setSol };
+}
+
+export function layerTree(layers: readonly Layer[], actions: LayerActions): LayerTree {
+  const groups = groupLayers(layers).map((item) => {
+    const shown = item.layers.some((layer) => actions.stateOf(layer).visible);
+    return group(item, shown || item.level === "region", actions);
+  });
+  const owner = new Map(groups.flatMap((one) => one.item.layers.map(({ id }) => [id, one])));
+  const element = h("div", { class: "layers" }, ...groups.map((one) => one.element));
+  if (groups.length === 0) element.append(h("p", { class: "hint" }, "No layer is published yet."));
+  return {
+    element,
+    follow: ({ id }) => owner.get(id)?.rows.get(id)?.follow(),
+    setSol: (sol) => {
+      for (const one of groups) one.setSol(sol);
+    },
+  };
+}
