@@ -5,6 +5,14 @@ import type { Identified, ImageEntry, Layer, MapPoint, Mission, VectorLayer } fr
 /** The server answered, but not with what was asked for. */
 export class ApiError extends Error {
   override readonly name = "ApiError";
+
+  constructor(
+    message: string,
+    /** Of HTTP; null where the answer itself is not understood. */
+    readonly status: number | null = null,
+  ) {
+    super(message);
+  }
 }
 
 /** The server did not answer. */
@@ -22,9 +30,10 @@ export interface FeatureCollection {
   readonly features: readonly unknown[];
 }
 
-const of = (mission: string) => `/api/missions/${encodeURIComponent(mission)}`;
+/** Address of a mission. */
+export const of = (mission: string) => `/api/missions/${encodeURIComponent(mission)}`;
 
-function withQuery(path: string, query: Record<string, string | number | null | undefined>) {
+export function withQuery(path: string, query: Record<string, string | number | null | undefined>) {
   const known = Object.entries(query).filter(([, value]) => value !== null && value !== undefined);
   const text = new URLSearchParams(known.map(([key, value]) => [key, String(value)])).toString();
   return text ? `${path}?${text}` : path;
@@ -41,21 +50,47 @@ export const urls = {
   docs: () => "/docs",
 };
 
-async function get<T>(url: string, signal?: AbortSignal): Promise<T> {
+export function get<T>(url: string, signal?: AbortSignal): Promise<T> {
+  return ask<T>(url, signal ? { signal } : {});
+}
+
+/** Asks with a body, as JSON. */
+export function post<T>(url: string, body: unknown, signal?: AbortSignal): Promise<T> {
+  const headers = { "content-type": "application/json" };
+  return ask<T>(url, {
+    method: "POST",
+    headers,
+    body: JSON.stringify(body),
+    ...(signal ? { signal } : {}),
+  });
+}
+
+async function ask<T>(url: string, options: RequestInit): Promise<T> {
   let response: Response;
   try {
-    response = await fetch(url, signal ? { signal } : {});
+    response = await fetch(url, options);
   } catch (reason) {
-    if (signal?.aborted) throw reason;
+    if (options.signal?.aborted) throw reason;
     throw new UnreachableError(`the server does not answer ${url}; is "solmap serve" running?`);
   }
   if (!response.ok) {
-    const text = (await response.text()).slice(0, 300);
-    throw new ApiError(
-      `${url} was answered with ${response.status} ${response.statusText}: ${text}`,
-    );
+    const { status, statusText } = response;
+    const why = reasonIn(await response.text());
+    throw new ApiError(`${url} was answered with ${status} ${statusText}: ${why}`, status);
   }
   return (await response.json()) as T;
+}
+
+/** The sentence in an answer that refuses, or the beginning of the answer. */
+function reasonIn(text: string): string {
+  try {
+    const { detail } = JSON.parse(text) as { detail?: { what?: string } | string };
+    const what = typeof detail === "string" ? detail : detail?.what;
+    if (what) return what;
+  } catch {
+    // not JSON: shown as it came
+  }
+  return text.slice(0, 300);
 }
 
 /** A list, or the list that an object carries under `key`. */
