@@ -72,7 +72,9 @@ def adjust(
         fits &= ~_found_wrong(network.ties, start.ties)
     seen = sightings(observations, known.pointings, params)
     placed = root if inherited is None else is_held | is_known
-    initial = Initial(network.stop_ids, observations, telemetry, seen, state, fits, placed)
+    names, shown = network.stop_ids, frozenset(one.stop for one in network.control)
+    controlled = frozenset(k for k, stop in enumerate(names) if stop in shown)
+    initial = Initial(names, observations, telemetry, seen, state, fits, placed, controlled)
     findings, alone = diagnose(initial)
     if len(alone):
         rest = without_unchecked(network, observations, alone)

@@ -90,6 +90,11 @@ class Control:
         """Observations that count, those of frames too, without the unknowns of frames."""
         return int(self.is_given[self.used].sum())
 
+    @property
+    def is_datum(self) -> Bool[np.ndarray, " n"]:
+        """Which of it says where the map itself begins: never in doubt."""
+        return ~self.is_free[self.frame].any(axis=1)
+
     def using(self, used: np.ndarray) -> Control:
         """With other control set aside."""
         return replace(self, used=used)

@@ -34,6 +34,8 @@ def adjusted_control(
 
 
 def _note(off: np.ndarray, tests: ControlTests, k: int, *, used: bool) -> str:
+    if not used and tests.length[k] <= tests.gate[k]:
+        return "another one contradicts it, and nothing tells which of them is wrong"
     if not used:
         return (
             f"off by {off[0]:+.2f} m east and {off[1]:+.2f} m north, {tests.length[k]:.1f} "

@@ -7,8 +7,9 @@ what all other observations predict of it is tested as a whole,
     T^2 = l' [(I + (1 - w) A Z A') (I - w A Z A')]^-1 l             chi distributed
 
 which is v' Q_vv^-1 v for w = 1. Of a frame only the worst is taken out a round, for a wrong place
-bends what is near it; those that fit after all come back. Two places that contradict each other,
-where nothing else says which is wrong, have the same T and go together.
+bends what is near it; those that fit after all come back. Where one of two places that contradict
+each other was taken out and nothing else checks the other, nothing tells which of them is wrong: it
+goes too.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from scipy.special import gammaincc, gammainccinv
 
 from photogrammetry.adjustment.collinearity import State
 from photogrammetry.adjustment.control_equations import Control
-from photogrammetry.adjustment.normals import huber_weights
+from photogrammetry.adjustment.normals import control_weights
 from photogrammetry.adjustment.params import AdjustmentParams
 from photogrammetry.adjustment.problem import Problem
 from photogrammetry.adjustment.residuals import CERTAIN, UNCHECKED
@@ -28,8 +29,8 @@ from photogrammetry.arrays import Float64, PerPoint
 
 CHI_MEDIAN = {2: 1.177, 3: 1.538, 4: 1.832}
 """Median length of a standard normal vector of so many coordinates."""
-EVEN = 1e-3
-"""Tests that differ by a smaller part say the same: nothing tells the two apart."""
+ALONE = 0.05
+"""Where so little of an error shows that what is left of a frame is not checked by the rest."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,13 +45,14 @@ class ControlTests:
     """T beyond which it is a blunder."""
 
     def worst(self, control: Control) -> np.ndarray:
-        """Numbers of the worst blunder of every frame."""
-        wrong = control.used & (self.length > self.gate)
-        found = [np.arange(0)]
+        """Numbers of the worst blunder of every frame, and of what cannot be told from it."""
+        wrong = control.used & (self.length > self.gate) & ~control.is_datum
+        doubtful = control.used & (self.redundancy < ALONE) & ~control.is_datum
+        doubtful &= np.isin(control.frame, control.frame[~control.used])
+        found = [np.flatnonzero(doubtful)]
         for frame in np.unique(control.frame[wrong]):
             mine = wrong & (control.frame == frame)
-            worst = self.length[mine].max()
-            found.append(np.flatnonzero(mine & (self.length > (1.0 - EVEN) * worst)))
+            found.append(np.flatnonzero(mine)[[self.length[mine].argmax()]])
         return np.concatenate(found)
 
     def fitting(self, control: Control) -> np.ndarray:
@@ -79,9 +81,7 @@ def control_tests(
     l, (of_stop, of_frame) = control.whitened(state), control.partials(state)
     A = np.concatenate([of_frame, of_stop], axis=2)
     predicted = A @ inverse[places] @ A.mT
-    weight = control.used.astype(float)
-    if threshold is not None:
-        weight *= huber_weights(np.linalg.norm(l, axis=1), threshold)
+    weight = control_weights(control, l, threshold)
     w, unit = weight[:, None, None], np.eye(l.shape[1])
     Q = unit - w * predicted
     spread = (unit + (1.0 - w) * predicted) @ (Q + UNCHECKED * unit)

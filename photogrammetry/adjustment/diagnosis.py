@@ -15,6 +15,7 @@ wrong tie from a right one; that tie is set aside, and telemetry holds the stop.
 
 from __future__ import annotations
 
+from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
 
 import numpy as np
@@ -50,6 +51,12 @@ class Initial:
     """Which observations agree with the alignment."""
     placed: np.ndarray
     """Stops that are held, or that earlier observations join to the datum."""
+    controlled: frozenset[int] = frozenset()
+    """Stops whose place in an orbital image is known."""
+
+    def holder(self, stops: AbstractSet[int]) -> str:
+        """What holds stops that no tie joins to the datum."""
+        return "control and telemetry hold" if stops & self.controlled else "telemetry holds"
 
 
 def diagnose(network: Initial) -> tuple[tuple[Finding, ...], np.ndarray]:
@@ -174,14 +181,20 @@ def _detached(
         front += sorted(more)
     if len(block) > 1:
         names = ", ".join(str(network.names[k]) for k in sorted(block)[:3])
-        text = f"a block of {len(block)} stops ({names}) that no tie joins to the datum"
+        text = (
+            f"a block of {len(block)} stops ({names}) that no tie joins to the datum: "
+            f"{network.holder(block)} it"
+        )
         return [Finding(network.names[k], Lack.DETACHED, 0, 0, text) for k in sorted(block)], block
     k = waiting[0]
     lost = sum(len(rows) for rows, _ in promised.get(k, {}).values())
     if lost:
-        text = f"none of its {lost} ties agrees with telemetry or the others: telemetry holds it"
+        text = (
+            f"none of its {lost} ties agrees with telemetry or the others: {network.holder({k})} it"
+        )
         return [Finding(network.names[k], Lack.BLUNDERS, 0, 0, text)], block
-    return [Finding(network.names[k], Lack.NO_TIES, 0, 0, "no ties: telemetry holds it")], block
+    text = f"no ties: {network.holder({k})} it"
+    return [Finding(network.names[k], Lack.NO_TIES, 0, 0, text)], block
 
 
 def _same_places(network: Initial) -> list[Finding]:

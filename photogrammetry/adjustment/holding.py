@@ -41,10 +41,9 @@ class Holding:
         placed = _placed(control)
         near = [{*others, *(other for f in placed.get(k, ()) for other in _shown(placed, f))}
                 for k, others in enumerate(shared)]  # fmt: skip
-        reached: np.ndarray = np.logical_or(held, known)
+        reached = np.array(held | known)
         if control:
-            certain = ~control.is_free.any(axis=1)
-            reached[control.stop[control.used & certain[control.frame]]] = True
+            reached[control.stop[control.used & control.is_datum]] = True
         front = np.flatnonzero(reached).tolist()
         while front:
             for other in near[front.pop()]:

@@ -14,6 +14,7 @@ from photogrammetry.adjustment.elimination import EliminatedTies, eliminate
 from photogrammetry.adjustment.params import AdjustmentParams
 from photogrammetry.adjustment.priors import telemetry_misclosures, telemetry_partials
 from photogrammetry.adjustment.problem import LINK_TRIANGLE, Problem
+from photogrammetry.arrays import Float64
 
 CHI3_MEDIAN = 1.538
 """Median length of a standard normal vector of three coordinates."""
@@ -76,6 +77,17 @@ def control_lengths(control: Control, state: State) -> np.ndarray:
     return np.linalg.norm(control.whitened(state), axis=1)
 
 
+def control_weights(
+    control: Control, l: np.ndarray, threshold: float | None
+) -> Float64[np.ndarray, " n"]:
+    """Weight of the squared misclosures of control: none if set aside, less under Huber's loss."""
+    weight = control.used.astype(float)
+    if threshold is None:
+        return weight
+    less = huber_weights(np.linalg.norm(l, axis=1), threshold)
+    return np.where(control.is_datum, weight, weight * less)
+
+
 def cost_of(problem: Problem, at: Place, threshold: float | None) -> float:
     """The sum that is minimised; infinite where a point lies behind a camera."""
     state = at.state
@@ -88,8 +100,9 @@ def cost_of(problem: Problem, at: Place, threshold: float | None) -> float:
     known = problem.inherited.cost(state) if problem.inherited else 0.0
     if problem.control:
         control = problem.control
-        off = control_lengths(control, state)[control.used]
-        known += _loss(off, threshold) + float((control.prior_misclosures(state) ** 2).sum())
+        off, doubtful = control_lengths(control, state), control.used & ~control.is_datum
+        known += _loss(off[doubtful], threshold) + _loss(off[control.is_datum], None)
+        known += float((control.prior_misclosures(state) ** 2).sum())
     return images + float((links**2).sum() + (pointing**2).sum()) + known
 
 
@@ -180,9 +193,7 @@ def _add_control(
     if control is None or problem.control_places is None or problem.frame_places is None:
         return
     l, (of_stop, of_frame) = control.whitened(state), control.partials(state)
-    weight = control.used.astype(float)
-    if threshold is not None:
-        weight *= huber_weights(np.linalg.norm(l, axis=1), threshold)
+    weight = control_weights(control, l, threshold)
     A = np.concatenate([of_frame, of_stop], axis=2) * np.sqrt(weight)[:, None, None]
     l = l * np.sqrt(weight)[:, None]
     _add(flat, problem.control_places, A.mT @ A)

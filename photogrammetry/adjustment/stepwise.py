@@ -23,7 +23,7 @@ from dataclasses import replace
 import numpy as np
 
 from photogrammetry.adjustment.adjust import adjust, adjust_overall
-from photogrammetry.adjustment.control import AdjustedControl
+from photogrammetry.adjustment.control import AdjustedControl, ControlFrame
 from photogrammetry.adjustment.linear import Linear
 from photogrammetry.adjustment.loops import REACH
 from photogrammetry.adjustment.params import AdjustmentParams
@@ -41,6 +41,9 @@ from photogrammetry.arrays import Float64
 from photogrammetry.errors import AdjustmentError
 from photogrammetry.frames import Pose
 from photogrammetry.imagery import StopId
+
+LEAST_SHARE = 1e-6
+"""Of the variances of a frame's place, at least so much is its own."""
 
 
 def adjust_stepwise(
@@ -64,25 +67,42 @@ def adjust_stepwise(
     if not new or not old:
         raise AdjustmentError("a step along the traverse needs stops before it and new ones")
     held, window = _window(network, old, new)
-    part = _with_frames_as_left(network.within(window), previous)
+    part = _with_frames_as_left(network.within(window), previous, held)
     adjusted, report = adjust(part, held, params, previous, f"step to {new[-1]}")
     adjusted = _considered(adjusted, previous, part, held, params)
     return merged_network(previous, adjusted, network), report
 
 
-def _with_frames_as_left(network: Network, previous: AdjustedNetwork) -> Network:
-    """The network with its control frames where earlier steps left them, as well as they knew.
+def _with_frames_as_left(
+    network: Network, previous: AdjustedNetwork, held: AbstractSet[StopId]
+) -> Network:
+    """The network with its control frames where earlier steps left them.
 
-    Control of earlier stops that are estimated again serves twice then, as their ties do.
+    What a frame shares of the error of the stop held last, by which both were placed, is no error
+    of one against the other; `_sensitivity` takes it over with that of the stop. Control of earlier
+    stops that are estimated again serves twice, as their ties do.
     """
     left = {frame.frame.name: frame for frame in previous.frames}
-    frames = tuple(
-        replace(frame, place=left[frame.name].place, covariance=left[frame.name].covariance)
-        if frame.name in left
-        else frame
-        for frame in network.frames
-    )
-    return replace(network, frames=frames)
+    (datum,) = (stop for stop in previous.stops if stop.stop == _last(network, held))
+    frames = []
+    for frame in network.frames:
+        before = left.get(frame.name)
+        if before is None or frame.is_certain:
+            frames.append(frame)
+            continue
+        T = carried_frame(frame, datum.lsl_from_rover)
+        free = np.ix_(frame.is_free, frame.is_free)
+        values, vectors = np.linalg.eigh((before.covariance - T @ datum.covariance @ T.T)[free])
+        own = np.zeros_like(before.covariance)
+        least = LEAST_SHARE * np.diagonal(before.covariance[free])
+        own[free] = (vectors * np.maximum(values, 0.0)) @ vectors.T + np.diag(least)
+        frames.append(replace(frame, place=before.place, covariance=own))
+    return replace(network, frames=tuple(frames))
+
+
+def _last(network: Network, held: AbstractSet[StopId]) -> StopId:
+    """The last of the held stops along the traverse."""
+    return [stop for stop in network.stop_ids if stop in held][-1]
 
 
 def _window(
@@ -159,7 +179,10 @@ def _considered(
     moves = {
         part.stop_ids[k]: np.eye(6 * len(fixed))[6 * i : 6 * i + 6] for i, k in enumerate(fixed)
     }
-    S = _sensitivity(Linear.of(adjusted, part, params), np.array(free), np.array(fixed))
+    pose = datum[part.stop_ids[fixed[-1]]].lsl_from_rover
+    along = [carried_frame(frame, pose) for frame in part.frames]
+    now = Linear.of(adjusted, part, params)
+    S = _sensitivity(now, np.array(free), np.array(fixed), along)
     moves.update({part.stop_ids[k]: S[6 * i : 6 * i + 6] for i, k in enumerate(free)})
     taken_over = {stop: move @ C @ move.T for stop, move in moves.items()}
     poses = {stop.stop: stop.lsl_from_rover for stop in adjusted.stops}
@@ -192,7 +215,9 @@ def _joint(stops: list[AdjustedStop]) -> np.ndarray:
     return C
 
 
-def _sensitivity(now: Linear, free: np.ndarray, fixed: np.ndarray) -> np.ndarray:
+def _sensitivity(
+    now: Linear, free: np.ndarray, fixed: np.ndarray, frames: list[np.ndarray]
+) -> np.ndarray:
     """S of the poses of free stops (6 rows each) to those of held ones (6 columns each)."""
     none = np.zeros_like(now.held)
     problem = Problem.of(now.observations, now.telemetry, none, now.used, control=now.control)
@@ -202,12 +227,42 @@ def _sensitivity(now: Linear, free: np.ndarray, fixed: np.ndarray) -> np.ndarray
     for (s, t), block in problem.pattern.views(flat[: problem.pattern.length]).items():
         i, j = unknowns.offsets[s], unknowns.offsets[t]
         N[i : i + block.shape[0], j : j + block.shape[1]] = block
-    poses = unknowns.offsets[:, None] + unknowns.stop_columns
+    poses = unknowns.offsets[: len(now.held), None] + unknowns.stop_columns
+    _move_frames_along(N, problem, poses[fixed[-1]], frames)
     h = poses[fixed].ravel()
     f = np.setdiff1d(np.arange(n), h)
     S = np.zeros((n, len(h)))
     S[f] = -np.linalg.solve(N[np.ix_(f, f)], N[np.ix_(f, h)])
     return S[poses[free].ravel()]
+
+
+def _move_frames_along(
+    N: np.ndarray, problem: Problem, stop: np.ndarray, frames: list[np.ndarray]
+) -> None:
+    """Let what is known of control frames beforehand move along with a held stop."""
+    if problem.control is None:
+        return
+    unknowns = problem.unknowns
+    for block, columns, W, T in zip(
+        unknowns.frame_blocks, unknowns.frame_columns, problem.control.prior, frames, strict=True
+    ):
+        free = columns >= 0
+        own = unknowns.offsets[block] + columns[free]
+        cross = -(W.T @ W @ T)[free]
+        N[np.ix_(own, stop)] += cross
+        N[np.ix_(stop, own)] += cross.T
+
+
+def carried_frame(frame: ControlFrame, pose: Pose) -> Float64[np.ndarray, "5 6"]:
+    """How a motion of a stop (d, dc) moves a control frame that is carried along rigidly."""
+    east, north = frame.centre_m
+    n, e = north - pose.translation_m[0], east - pose.translation_m[1]
+    T = np.zeros((5, 6))
+    T[0, 4] = T[1, 3] = 1.0
+    T[0, 2], T[1, 2] = n, -e
+    T[2, 5], T[2, 0], T[2, 1] = -1.0, -e, n
+    T[3, 2] = -1.0
+    return T
 
 
 def _rigid(datum: Pose, pose: Pose) -> np.ndarray:

@@ -1,0 +1,288 @@
+"""Places of stops in orbital images whose own place is an unknown of the network."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from photogrammetry.adjustment.adjust import adjust_overall
+from photogrammetry.adjustment.collinearity import State
+from photogrammetry.adjustment.control import ControlFrame, StopControl
+from photogrammetry.adjustment.control_equations import Control
+from photogrammetry.adjustment.datum import MAP, with_control
+from photogrammetry.adjustment.modes import AdjustmentMode, advance
+from photogrammetry.adjustment.params import AdjustmentParams
+from photogrammetry.adjustment.records import select
+from photogrammetry.adjustment.rotations import rotation_of_vector
+from photogrammetry.adjustment.sequential import adjust_sequential, begin
+from photogrammetry.adjustment.smoothing import smoothed
+from photogrammetry.errors import AdjustmentError
+from photogrammetry.synthetic.control import simulate_control, with_first_attitude_unsure
+from photogrammetry.synthetic.networks import simulate_network
+
+SMALL = {"pairs_per_stop": 5, "inter_ties": 8, "intra_ties": 0}
+PARAMS = AdjustmentParams(window_stops=2)
+GAP = 3
+"""The stop that no image ties to those before it."""
+
+
+def simulated(seed, *, stops=8, shown=(0, 2, 4, 5, 7), gap=0, **control):
+    """A network with control, its truth, and the control with its truth."""
+    rng = np.random.default_rng(seed)
+    network, truth = simulate_network(rng, stops=stops, **SMALL)
+    network = with_first_attitude_unsure(rng, network)
+    if gap:
+        network = without_ties_across(network, gap)
+    orbit = simulate_control(rng, network, truth, shown, **control)
+    return with_control(network, [orbit.frame], orbit.control, PARAMS), truth, orbit
+
+
+def without_ties_across(network, gap):
+    """The network without tie points that stops before and after the gap share."""
+    order = {stop: k for k, stop in enumerate(network.stop_ids)}
+    after = np.array([order[pair.stop] >= gap for pair in network.pairs])[network.ties.pair]
+    seen = np.zeros((2, network.ties.point.max() + 1), dtype=bool)
+    seen[0, network.ties.point[~after]] = True
+    seen[1, network.ties.point[after]] = True
+    return replace(network, ties=select(network.ties, ~seen.all(axis=0)[network.ties.point]))
+
+
+def errors(adjusted, truth):
+    """Errors (stops, 6) of rotation and place."""
+    found = []
+    for stop, true in zip(adjusted.stops, truth.lsl_from_rover, strict=True):
+        pose = stop.lsl_from_rover
+        turn = pose.rotation @ true.rotation.T
+        vector = np.array(
+            [turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]
+        )
+        found.append([*vector / 2, *(pose.translation_m - true.translation_m)])
+    return np.array(found)
+
+
+def test_derivatives_agree_with_differences():
+    network, _, _ = simulated(1, shown=(1, 2), sigma_up_m=0.3, sigma_azimuth_deg=0.5)
+    control = Control.of(network)
+    rng = np.random.default_rng(2)
+    n = len(network.stops)
+    state = State(
+        rotation_of_vector(rng.normal(0, 0.5, (n, 3))), rng.normal(0, 20, (n, 3)),
+        np.zeros((0, 3)), np.zeros((0, 3)), rng.normal(0, 0.1, (2, 5)),
+    )  # fmt: skip
+    of_stop, of_frame = control.partials(state)
+    h = 1e-6
+    for c in range(11):
+        both = []
+        for sign in (1, -1):
+            turn, shift, dp = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((2, 5))
+            if c < 3:
+                turn[:, c] = sign * h
+            elif c < 6:
+                shift[:, c - 3] = sign * h
+            else:
+                dp[:, c - 6] = sign * h
+            moved = replace(
+                state, rotations=rotation_of_vector(turn) @ state.rotations,
+                centres=state.centres + shift, frames=state.frames + dp,
+            )  # fmt: skip
+            both.append(-control.whitened(moved))  # computed minus observed
+        slope = (both[0] - both[1]) / (2 * h)
+        wanted = of_stop[:, :, c] if c < 6 else of_frame[:, :, c - 6]
+        np.testing.assert_allclose(slope, wanted, rtol=1e-6, atol=1e-4)
+
+
+def test_the_place_of_the_image_is_found_with_that_of_the_stops():
+    network, truth, orbit = simulated(4)
+    adjusted, report = adjust_overall(network, PARAMS)
+    assert report.converged
+    assert report.control == 5
+    assert not report.control_refused
+    (found,) = (frame for frame in adjusted.frames if frame.frame.name == "orbit")
+    off = (found.place - orbit.place)[[0, 1, 3, 4]]  # no heights were seen
+    C = found.covariance[np.ix_([0, 1, 3, 4], [0, 1, 3, 4])]
+    assert off @ np.linalg.solve(C, off) < chi2.ppf(0.999, 4)
+    assert found.covariance[2, 2] == pytest.approx(orbit.frame.covariance[2, 2], rel=1e-6)
+    e = errors(adjusted, truth)
+    for k, stop in enumerate(adjusted.stops):
+        assert e[k] @ np.linalg.solve(stop.covariance, e[k]) < chi2.ppf(0.9999, 6)
+
+
+def test_with_control_the_first_stop_keeps_its_place_and_gives_up_its_azimuth():
+    """Its telemetry is turned by degrees; held, it would turn the traverse with it."""
+    network, truth, _ = simulated(4, sigma_m=0.02)
+    frame = ControlFrame.claimed("orbit", (0.0, 0.0), rotation_deg=0.02)
+    rng = np.random.default_rng(4)
+    orbit = simulate_control(rng, network, truth, range(8), frame=frame, sigma_m=0.02)
+    network = replace(network, control=(), frames=())
+    controlled = with_control(network, [frame], orbit.control, PARAMS)
+    held, _ = adjust_overall(network, PARAMS)
+    free, _ = adjust_overall(controlled, PARAMS)
+    place = network.stops[0].lsl_from_rover.translation_m
+    np.testing.assert_allclose(free.stops[0].lsl_from_rover.translation_m, place, atol=2e-3)
+    turned = np.degrees(np.abs(errors(held, truth)[-1, 2]))
+    assert turned > 1.0
+    assert np.degrees(np.abs(errors(free, truth)[-1, 2])) < 0.1
+    assert not free.stops[0].held
+    assert free.stops[0].held_by.startswith("the datum by its place")
+
+
+def test_a_gap_without_ties_is_bridged_by_control_on_both_sides():
+    network, truth, _ = simulated(6, shown=(0, 1, 2, 3, 5, 7), gap=GAP, sigma_azimuth_deg=0.3)
+    bare = replace(network, control=network.control[:1], frames=(MAP,))
+    alone, without = adjust_overall(bare, PARAMS)
+    adjusted, report = adjust_overall(network, PARAMS)
+    assert set(without.untied) == set(network.stop_ids[GAP:])
+    assert not report.untied
+    apart = [
+        np.linalg.norm(errors(one, truth)[GAP, 3:5] - errors(one, truth)[GAP - 1, 3:5])
+        for one in (alone, adjusted)
+    ]
+    assert apart[1] < 0.3  # what the image tells of either side: 0.1 m a coordinate
+    assert apart[0] > 2 * apart[1]
+    sigma = [one.stops[GAP].sigma_ned_m[:2].max() for one in (alone, adjusted)]
+    assert sigma[1] < 0.5 * sigma[0]
+    assert "control: its place in orbit" in adjusted.stops[GAP].held_by
+    told = {finding.stop: finding.text for finding in report.findings}
+    assert "control" in told[network.stop_ids[GAP]]
+
+
+def test_a_wrong_place_is_found_and_named_and_not_believed():
+    network, truth, orbit = simulated(7, shown=(0, 2, 3, 5, 6, 7))
+    wrong = orbit.control[3]
+    bent = tuple(
+        replace(one, north_m=one.north_m + 2.0) if one.is_same(wrong) else one
+        for one in network.control
+    )
+    without = tuple(one for one in network.control if not one.is_same(wrong))
+    adjusted, report = adjust_overall(replace(network, control=bent), PARAMS)
+    wanted, _ = adjust_overall(replace(network, control=without), PARAMS)
+    (refused,) = report.control_refused
+    assert refused.startswith(f"{wrong.stop} in orbit")
+    (found,) = (one for one in adjusted.control if not one.used)
+    assert found.residual[1] == pytest.approx(2.0, abs=0.5)  # noise, and the image that turns
+    assert f"REFUSED: {wrong.stop}" in str(report)
+    np.testing.assert_allclose(errors(adjusted, truth), errors(wanted, truth), atol=1e-5)
+    assert [one.control.stop for one in adjusted.control if not one.used] == [wrong.stop]
+
+
+def test_two_places_that_contradict_each_other_are_both_set_aside_where_nothing_tells():
+    """The image lies anywhere; each of its two places alone would fit."""
+    network, _, orbit = simulated(8, shown=(2, 6))
+    moved = replace(orbit.control[1], east_m=orbit.control[1].east_m + 30.0)
+    far = ControlFrame.claimed("orbit", orbit.frame.centre_m, shift_m=1e4, rotation_deg=0.1)
+    network = replace(
+        network,
+        frames=(MAP, far),
+        control=(*network.control[:1], orbit.control[0], moved),
+    )
+    _, report = adjust_overall(network, PARAMS)
+    assert len(report.control_refused) == 2
+    assert report.control == 0
+
+
+def test_stop_after_stop_is_the_simultaneous_solution_with_control_too():
+    network, _, _ = simulated(1, stops=9, shown=(1, 3, 4, 6, 8), sigma_azimuth_deg=0.5)
+    previous = None
+    for k, stop in enumerate(network.stop_ids):
+        part = network.within(set(network.stop_ids[: k + 1]))
+        previous, report = adjust_sequential(previous, part, [stop], PARAMS)
+    overall, together = adjust_overall(network, PARAMS)
+    assert report.redundancy == together.redundancy
+    assert previous.memory.frames == ("orbit",)
+    for a, b in zip(previous.stops[-2:], overall.stops[-2:], strict=True):
+        sigma = np.sqrt(np.diagonal(b.covariance))
+        off = a.lsl_from_rover.translation_m - b.lsl_from_rover.translation_m
+        assert (np.abs(off) / sigma[3:]).max() < 0.02
+        # linearised where stops left, while the first azimuth was known to two degrees only
+        np.testing.assert_allclose(np.sqrt(np.diagonal(a.covariance)), sigma, rtol=1e-2)
+    found, wanted = (
+        next(frame for frame in one.frames if frame.frame.name == "orbit")
+        for one in (previous, overall)
+    )
+    sigma = np.sqrt(np.diagonal(wanted.covariance))
+    assert (np.abs(found.place - wanted.place) / sigma).max() < 0.02
+    np.testing.assert_allclose(np.sqrt(np.diagonal(found.covariance)), sigma, rtol=1e-2)
+
+
+def test_linearised_at_one_place_what_control_says_of_earlier_stops_comes_back_exactly():
+    network, _, _ = simulated(2, stops=7, shown=(0, 1, 3, 6), sigma_up_m=0.2)
+    overall, _ = adjust_overall(network, PARAMS)
+    traverse, _ = begin(network, PARAMS)
+    back = smoothed(traverse, network, PARAMS)
+    assert len(traverse.departures) == 5
+    for a, b in zip(back.stops, overall.stops, strict=True):
+        sigma = np.sqrt(np.diagonal(b.covariance))
+        off = a.lsl_from_rover.translation_m - b.lsl_from_rover.translation_m
+        assert (np.abs(off) / sigma[3:]).max() < 1e-5
+        scale = np.outer(sigma, sigma)
+        assert (np.abs(a.covariance - b.covariance) / scale).max() < 1e-5
+
+
+def test_control_that_comes_later_reopens_the_traverse():
+    network, _, _ = simulated(3, shown=(1, 2, 5))
+    bare = replace(network, control=(), frames=())
+    before = None
+    for k, stop in enumerate(bare.stop_ids[:-1]):
+        part = bare.within(set(bare.stop_ids[: k + 1]))
+        before, _ = adjust_sequential(before, part, [stop], PARAMS)
+    after, report = adjust_sequential(before, network, network.stop_ids[-1:], PARAMS)
+    assert report.name.startswith("re-opened")
+    overall, _ = adjust_overall(network, PARAMS)
+    for a, b in zip(after.stops, overall.stops, strict=True):
+        sigma = np.maximum(b.sigma_ned_m, 1e-4)
+        off = a.lsl_from_rover.translation_m - b.lsl_from_rover.translation_m
+        assert (np.abs(off) / sigma).max() < 0.02
+
+
+def test_stepwise_places_new_stops_by_control_too():
+    network, truth, _ = simulated(5, shown=range(8), gap=GAP, sigma_azimuth_deg=0.3)
+    previous = None
+    for k, stop in enumerate(network.stop_ids):
+        part = network.within(set(network.stop_ids[: k + 1]))
+        previous, report = advance(AdjustmentMode.STEPWISE, previous, part, [stop], PARAMS)
+        assert report.converged
+    assert len(previous.control) == 9
+    e = errors(previous, truth)
+    for k, stop in enumerate(previous.stops):
+        # stepwise holds what it should not: sigmas are true to a factor only
+        assert e[k] @ np.linalg.solve(stop.covariance, e[k]) < 2 * chi2.ppf(0.9999, 6)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"covariance": np.eye(3)}, "gives 2 values, its covariance must be 2 x 2, not 3 x 3"),
+        ({"covariance": -np.eye(2)}, "standard deviations above zero"),
+        ({"covariance": np.array([[1.0, 0.5], [0.0, 1.0]])}, "symmetric"),
+    ],
+)
+def test_control_that_cannot_be_weighed_is_refused(change, message):
+    stop = simulate_network(np.random.default_rng(0), stops=1, **SMALL)[0].stop_ids[0]
+    with pytest.raises(AdjustmentError, match=message):
+        StopControl(**{"stop": stop, "frame": "orbit", "east_m": 1.0, "north_m": 2.0,
+                       "covariance": np.eye(2), **change})  # fmt: skip
+
+
+@pytest.mark.slow
+def test_stated_sigmas_are_true_with_control_and_a_gap():
+    """NEES of all stops of 60 networks, overall and stop by stop."""
+    networks, sums = 60, np.zeros(2)
+    last = np.zeros(2)
+    for seed in range(networks):
+        network, truth, _ = simulated(500 + seed, stops=6, shown=(0, 1, 3, 4, 5), gap=GAP)
+        overall, _ = adjust_overall(network, PARAMS)
+        step = None
+        for k, stop in enumerate(network.stop_ids):
+            part = network.within(set(network.stop_ids[: k + 1]))
+            step, _ = adjust_sequential(step, part, [stop], PARAMS)
+        for m, adjusted in enumerate((overall, step)):
+            e = errors(adjusted, truth)
+            each = [e[k] @ np.linalg.solve(s.covariance, e[k]) / 6
+                    for k, s in enumerate(adjusted.stops) if k]  # fmt: skip
+            sums[m] += np.mean(each)
+            last[m] += each[-1]
+    low, high = (chi2.ppf(q, 6 * networks) / (6 * networks) for q in (0.001, 0.999))
+    assert low < last[0] / networks < high
+    assert low < last[1] / networks < high
+    assert 0.85 < sums[0] / networks < 1.15  # errors of neighbours belong together
