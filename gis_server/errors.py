@@ -11,6 +11,7 @@ from fastapi.responses import JSONResponse
 from starlette.exceptions import HTTPException
 
 from gis_server.analysis.refusal import RefusedError
+from gis_server.rendering.looks import UnknownLookError
 from photogrammetry.errors import AdjustmentError, CameraError, MatchingError, TerrainError
 from products.errors import (
     OutsideCoverageError,
@@ -23,6 +24,7 @@ STATUS: dict[type[Exception], HTTPStatus] = {
     ProductNotFoundError: HTTPStatus.NOT_FOUND,
     OutsideCoverageError: HTTPStatus.NOT_FOUND,
     StoreFullError: HTTPStatus.INSUFFICIENT_STORAGE,
+    UnknownLookError: HTTPStatus.UNPROCESSABLE_ENTITY,
     ProductError: HTTPStatus.INTERNAL_SERVER_ERROR,
     RefusedError: HTTPStatus.UNPROCESSABLE_ENTITY,
     TerrainError: HTTPStatus.UNPROCESSABLE_ENTITY,
@@ -65,4 +67,8 @@ async def _refuse(_request: Request, error: Exception) -> JSONResponse:
     """What is wrong with a question, without what was sent: that may be no JSON, such as NaN."""
     found = error.errors() if isinstance(error, RequestValidationError) else []
     detail = [{name: row[name] for name in ("type", "loc", "msg")} for row in found]
-    return JSONResponse({"detail": detail}, status_code=HTTPStatus.UNPROCESSABLE_ENTITY)
+    return JSONResponse(
+        {"detail": detail},
+        status_code=HTTPStatus.UNPROCESSABLE_ENTITY,
+        headers={"Cache-Control": "no-store"},
+    )

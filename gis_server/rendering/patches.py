@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 import rasterio
 from rasterio.enums import Resampling
@@ -33,16 +34,29 @@ class Patch:
     """Stored values, rows by columns; nodata beyond the raster."""
     cell_m: float
     """Size of these cells: the tile's pixel, or the raster's cell where that is larger."""
-    rows: np.ndarray
-    """Row of `values` that every row of the tile shows."""
-    columns: np.ndarray
+    row_at: np.ndarray
+    """Where in `values` the middle of every row of the tile lies, counted from the corner."""
+    column_at: np.ndarray
+
+    @property
+    def is_repeated(self) -> bool:
+        """Whether a cell is more than one pixel."""
+        return bool(self.row_at[-1] - self.row_at[0] < len(self.row_at) - 1.5)
 
     def tile(self, computed: np.ndarray) -> np.ndarray:
         """What was computed of every cell (last two axes), as the tile shows it."""
-        if len(self.rows) == self.rows[-1] - self.rows[0] + 1:  # one cell is one pixel
-            rows, columns = slice(self.rows[0], self.rows[-1] + 1), self.columns
-            return computed[..., rows, columns[0] : columns[-1] + 1]
-        return computed[..., self.rows[:, None], self.columns[None, :]]
+        rows, columns = self.row_at.astype(int), self.column_at.astype(int)
+        if self.is_repeated:
+            return computed[..., rows[:, None], columns[None, :]]
+        return computed[..., rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+
+    def interpolated(self, computed: np.ndarray) -> np.ndarray:
+        """What was computed of every cell, bilinear between the middles of cells."""
+        if not self.is_repeated:
+            return self.tile(computed)
+        at = np.meshgrid(self.column_at - 0.5, self.row_at - 0.5)
+        columns, rows = (axis.astype(np.float32) for axis in at)
+        return cv2.remap(computed, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
 
 
 def read_patch(
@@ -70,24 +84,17 @@ def read_patch(
     step = min(ratio, 1.0)  # tiles and grids share a lattice: what is left over is rounding
     row = round((grid.north - north) / grid.cell_m / step) * step
     col = round((west - grid.west) / grid.cell_m / step) * step
+    pixels = np.arange(-border, BLOCK + border) + 0.5
     if ratio < 1.0 - 1e-9:
-        rows, columns = (_cells_shown(origin, ratio, border) for origin in (row, col))
-        own = _own_cells(dataset, band, rows, columns, margin)
-        cell_m = grid.cell_m
-    else:
-        around, cell_m = margin + border, address.cell_m
-        rows = columns = np.arange(BLOCK + 2 * border) - border
-        own = _larger_cells(
-            dataset,
-            band,
-            (row / ratio - around, col / ratio - around),
-            ratio,
-            how,
-            BLOCK + 2 * around,
-        )
-    if own is None:
-        return None
-    return Patch(own, cell_m, rows - rows[0] + margin, columns - columns[0] + margin)
+        row_at, column_at = row + pixels * ratio, col + pixels * ratio
+        own, top, left = _own_cells(dataset, band, row_at, column_at, margin)
+        return None if own is None else Patch(own, grid.cell_m, row_at - top, column_at - left)
+    around = margin + border
+    corner = (row / ratio - around, col / ratio - around)
+    larger = _larger_cells(dataset, band, corner, ratio, how, BLOCK + 2 * around)
+    return (
+        None if larger is None else Patch(larger, address.cell_m, pixels + around, pixels + around)
+    )
 
 
 def read_tile(
@@ -101,25 +108,24 @@ def read_tile(
     return None if patch is None else patch.tile(patch.values)
 
 
-def _cells_shown(origin: float, ratio: float, border: int) -> np.ndarray:
-    """The raster's row or column under every pixel; pixels are `ratio` cells wide, less than 1."""
-    pixels = np.arange(-border, BLOCK + border) + 0.5
-    return np.floor(origin + pixels * ratio).astype(int)
-
-
 def _own_cells(
-    dataset: rasterio.DatasetReader, band: int, rows: np.ndarray, columns: np.ndarray, margin: int
-) -> np.ndarray | None:
-    """The raster's own cells from the first to the last row and column, and a margin."""
-    top, left = int(rows[0]) - margin, int(columns[0]) - margin
-    shape = int(rows[-1]) + margin + 1 - top, int(columns[-1]) + margin + 1 - left
-    first_row, last_row = max(0, top), min(top + shape[0], dataset.height)
-    first_col, last_col = max(0, left), min(left + shape[1], dataset.width)
+    dataset: rasterio.DatasetReader,
+    band: int,
+    row_at: np.ndarray,
+    column_at: np.ndarray,
+    margin: int,
+) -> tuple[np.ndarray | None, int, int]:
+    """The raster's own cells under some pixels, with a margin, and their first row and column."""
+    top, left = math.floor(row_at[0]) - margin, math.floor(column_at[0]) - margin
+    bottom, right = math.floor(row_at[-1]) + margin + 1, math.floor(column_at[-1]) + margin + 1
+    first_row, last_row = max(0, top), min(bottom, dataset.height)
+    first_col, last_col = max(0, left), min(right, dataset.width)
     if first_row >= last_row or first_col >= last_col:
-        return None
+        return None, top, left
     window = Window(first_col, first_row, last_col - first_col, last_row - first_row)
     part = dataset.read(band, window=window)
-    return _placed(dataset, part, shape, first_row - top, first_col - left)
+    shape = (bottom - top, right - left)
+    return _placed(dataset, part, shape, first_row - top, first_col - left), top, left
 
 
 def _larger_cells(

@@ -19,14 +19,15 @@ _UP = 2
 _INDEXED, _TRUE_COLOUR = 3, 2
 
 
-def indexed_png(indices: np.ndarray, palette: np.ndarray) -> bytes:
+def indexed_png(indices: np.ndarray, palette: np.ndarray, opacity: bytes = b"\x00") -> bytes:
     """Encode a picture of palette indices; index 0 is transparent.
 
     Args:
         indices: uint8, rows by columns.
         palette: uint8, 256 rows of red, green and blue.
+        opacity: Of the first indices, 0 to 255; those that follow are opaque.
     """
-    transparent = _chunk(b"tRNS", b"\x00")
+    transparent = _chunk(b"tRNS", opacity)
     return _png(indices[:, :, None], _INDEXED, _chunk(b"PLTE", palette.tobytes()) + transparent)
 
 

@@ -1,56 +1,46 @@
-"""How each kind of raster is coloured, and the legend that says so.
+"""How each kind of raster is coloured, what else is drawn of it, and the legend that says so.
 
-A style turns values into palette indices: 0 is transparent (not measured), 1 to 255 run from the
-low to the high end of its range. The range is fixed where the quantity has one of its own (slope,
-aspect, hillshade), so that a colour means the same on every sol, and the layer's otherwise.
-
-Colours: viridis and inferno rise in lightness and read well without colour vision; aspect is cyclic
-(twilight), so that 359 and 1 degrees look alike.
+The range of a style is fixed where the quantity has one of its own (slope, aspect, hillshade), so
+that a colour means the same on every sol, and the layer's otherwise. What is drawn of a terrain
+model beside its elevation is computed for every tile (`rendering.shading`).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
+from gis_server.rendering.colours import GREY, INFERNO, RED_BLUE, TWILIGHT, VIRIDIS, Ramp
 from products.classes import HAZARDS, SIGHTS
 from products.cog import RasterClass
 from products.errors import ProductNotFoundError
 from products.model import Layer, ProductKind
 
-_LEVELS = 254
-"""Steps between index 1 and index 255."""
-
-
-def _ramp(colours: str) -> tuple[str, ...]:
-    return tuple(colours.split())
-
-
-GREY = ("#000000", "#ffffff")
-VIRIDIS = _ramp("#440154 #472d7b #3b528b #2c728e #21918c #28ae80 #5ec962 #addc30 #fde725")
-INFERNO = _ramp("#000004 #210c4a #57106e #8a226a #bc3754 #e45a31 #f98e09 #f9cb35 #fcffa4")
-RED_BLUE = _ramp("#67001f #b2182b #d6604d #f4a582 #f7f7f7 #92c5de #4393c3 #2166ac #053061")
-TWILIGHT = _ramp("#e2d9e2 #95b5c7 #6276ba #592a8f #2f1436 #741e4f #b25652 #cca389 #e2d9e2")
+DEFAULT = "default"
+"""The style of a kind that is drawn unless another is asked for."""
 
 
 @dataclass(frozen=True, slots=True)
 class Style:
-    """Colours of a kind of raster."""
+    """Colours of a quantity."""
 
-    colours: tuple[str, ...]
-    """Evenly spaced over the range, `#rrggbb`."""
+    colours: Ramp
     range: tuple[float, float] | None = None
     """Values at the first and last colour; None for the layer's own."""
     unit: str = ""
     has_legend: bool = True
-    band: int = 1
+    band: str = ""
+    """Name of the band that is drawn; the first by default."""
     is_classes: bool = False
     """Values are classes, whose colours and names the file itself has; nothing is averaged."""
     classes: tuple[RasterClass, ...] = ()
     """The classes of a kind that always has the same, for the legend."""
     is_colour: bool = False
     """Three bands are shown as red, green and blue, as they are."""
+    title: str = ""
+    """What it shows, where that is not what the layer is called."""
 
 
 STYLES = {
@@ -81,40 +71,54 @@ STYLES = {
 }
 """Slopes end at 40 degrees: loose ground is no steeper, and no rover climbs it."""
 
-
+ELEVATIONS = (ProductKind.DTM, ProductKind.FAR_DTM, ProductKind.REGION_DTM)
 PICTURES = {ProductKind.ORTHOPHOTO, ProductKind.ORBITAL, ProductKind.COLOUR} | {
     kind for kind, style in STYLES.items() if style.is_classes
 }
 """Kinds of eight bits; all others are rasters of 32-bit floats and have tiles of values."""
 
+_NORTH_FACING = Style(RED_BLUE, (-20.0, 20.0), "degree", title="Slopes that face north")
+_OF_TERRAIN = {
+    "hillshade": Style(GREY, (0.0, 1.0), has_legend=False, title="Hillshade"),
+    "shaded-relief": Style(VIRIDIS, unit="m", title="Elevation, shaded"),
+    "slope": Style(INFERNO, (0.0, 40.0), "degree", title="Slope"),
+    "aspect": Style(TWILIGHT, (0.0, 360.0), "degree", title="Aspect"),
+    "northerly-tilt": Style(RED_BLUE, (-20.0, 20.0), "degree", title="Tilt towards north"),
+    "north-facing": _NORTH_FACING,
+    "uncertainty": Style(
+        INFERNO, (0.0, 0.5), "m", band="standard_deviation", title="Standard deviation of elevation"
+    ),
+    "contours": Style(("#8c4a12",), has_legend=False, title="Contours"),
+}
+_OF_SLOPE = {
+    "uncertainty": Style(
+        INFERNO,
+        (0.0, 5.0),
+        "degree",
+        band="standard_deviation",
+        title="Standard deviation of slope",
+    )
+}
+_MORE = {
+    **dict.fromkeys(ELEVATIONS, _OF_TERRAIN),
+    ProductKind.SLOPE: _OF_SLOPE,
+    ProductKind.REGION_SLOPE: _OF_SLOPE,
+    ProductKind.NORTHERLY_TILT: {"north-facing": _NORTH_FACING},
+    ProductKind.REGION_NORTHERLY_TILT: {"north-facing": _NORTH_FACING},
+}
 
-def style_of(kind: ProductKind) -> Style:
-    """The style of a kind of raster.
+
+def styles_of(kind: ProductKind) -> dict[str, Style]:
+    """All styles of a kind of raster by name, the default first.
 
     Raises:
         ProductNotFoundError: products of that kind are not drawn as tiles.
     """
     try:
-        return STYLES[kind]
+        return {DEFAULT: STYLES[kind], **_MORE.get(kind, {})}
     except KeyError:
         drawn = ", ".join(STYLES)
         raise ProductNotFoundError(f"{kind} has no tiles; {drawn} have") from None
-
-
-def palette_of(style: Style) -> np.ndarray:
-    """256 rows of red, green and blue; row 0 is never seen."""
-    anchors = np.array([_rgb(colour) for colour in style.colours], dtype=np.float64)
-    at = np.linspace(0.0, 1.0, len(anchors))
-    where = np.concatenate([[0.0], np.linspace(0.0, 1.0, _LEVELS + 1)])
-    channels = [np.interp(where, at, anchors[:, channel]) for channel in range(3)]
-    return np.rint(np.column_stack(channels)).astype(np.uint8)
-
-
-def _rgb(colour: str) -> tuple[int, ...]:
-    return tuple(int(colour[i : i + 2], 16) for i in (1, 3, 5))
-
-
-PALETTES = {kind: palette_of(style) for kind, style in STYLES.items()}
 
 
 def range_of(style: Style, layer: Layer) -> tuple[float, float]:
@@ -123,22 +127,9 @@ def range_of(style: Style, layer: Layer) -> tuple[float, float]:
     return (low, high) if high > low else (low - 0.5, low + 0.5)
 
 
-def indices_of(values: np.ndarray, low: float, high: float) -> np.ndarray:
-    """Palette indices of float values; NaN becomes 0.
-
-    Stored 8-bit pictures are palette indices already and pass through.
-    """
-    if values.dtype == np.uint8:
-        return values
-    steps = (values - np.float32(low)) * np.float32(_LEVELS / (high - low)) + np.float32(1.5)
-    measured = np.isfinite(steps)
-    np.clip(steps, 1.0, 255.0, out=steps)
-    return np.where(measured, steps, 0.0).astype(np.uint8)
-
-
-def legend_of(layer: Layer) -> dict[str, object] | None:
-    """Value and colour along the range, for kinds whose colours need explaining."""
-    style = STYLES.get(layer.ref.kind)
+def legend_of(layer: Layer, style: Style | None = None) -> dict[str, Any] | None:
+    """Value and colour along the range, for what needs explaining; by default the kind's style."""
+    style = style or STYLES.get(layer.ref.kind)
     if style is None or not style.has_legend:
         return None
     if style.is_classes:

@@ -10,6 +10,7 @@ from fastapi import APIRouter, Header, Query, Response
 from gis_server.rendering.deflate import gunzipped
 from gis_server.rendering.floats import MEDIA_TYPE
 from gis_server.rendering.tiles import render_tile, render_values
+from gis_server.routes.looks import AskedLook
 from gis_server.routes.parameters import FOREVER, Address, LayerPath
 from gis_server.services import ServicesOf
 
@@ -18,9 +19,14 @@ BandName = Annotated[str, Query(pattern=r"^[a-z_]{0,64}$", description="the firs
 
 
 @router.get("/tiles/{scope}/{kind}/{digest}/{z}/{x}/{y}.png", response_class=Response)
-def tile(layer: LayerPath, address: Address, services: ServicesOf) -> Response:
-    """One tile of 256 x 256 pixels, transparent where nothing was measured."""
-    body = render_tile(layer, address, services.store, services.pool)
+def tile(
+    layer: LayerPath, address: Address, services: ServicesOf, asked: Annotated[AskedLook, Query()]
+) -> Response:
+    """One tile of 256 x 256 pixels, transparent where nothing was measured.
+
+    Which styles a layer has says `GET /api/layers/{scope}/{kind}/{digest}/styles`.
+    """
+    body = render_tile(layer, address, services.store, services.pool, asked.look)
     return Response(body, media_type="image/png", headers=FOREVER)
 
 

@@ -13,7 +13,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from gis_server.rendering.styles import STYLES, indices_of, palette_of
+from gis_server.rendering.colours import indices_of, palette_of
+from gis_server.rendering.styles import STYLES
 from photogrammetry.arrays import Classes, Picture, Raster
 from photogrammetry.synthetic.world import WorldParams, make_world
 from photogrammetry.terrain.coarse import coarsened
@@ -102,7 +103,7 @@ def _over(light: np.ndarray, colour: np.ndarray, known: np.ndarray) -> Picture:
 def _ramp(light: np.ndarray, kind: ProductKind, values: np.ndarray) -> Picture:
     style = STYLES[kind]
     low, high = style.range or np.nanpercentile(values, (1, 99))
-    colour = palette_of(style)[indices_of(values, float(low), float(high))]
+    colour = palette_of(style.colours)[indices_of(values, float(low), float(high))]
     return _over(light, colour, np.isfinite(values))
 
 

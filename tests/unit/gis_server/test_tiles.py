@@ -5,10 +5,10 @@ import pytest
 from fastapi.testclient import TestClient
 
 from gis_server.app import create_app
+from gis_server.rendering.colours import TWILIGHT, indices_of, palette_of
 from gis_server.rendering.patches import read_tile
 from gis_server.rendering.png import indexed_png
 from gis_server.rendering.readers import RasterPool
-from gis_server.rendering.styles import PALETTES, indices_of
 from gis_server.rendering.tiles import empty_tile, render_tile
 from products.model import ProductKind
 from products.pictures import source_colour, write_pieces, write_sources
@@ -110,7 +110,7 @@ def test_the_orthophoto_gets_brighter_to_the_east_by_what_was_measured(client, w
 
 
 def test_directions_just_west_and_just_east_of_north_look_alike():
-    colours = PALETTES[ProductKind.ASPECT][indices_of(np.float32([[1.0, 359.0]]), 0.0, 360.0)]
+    colours = palette_of(TWILIGHT)[indices_of(np.float32([[1.0, 359.0]]), 0.0, 360.0)]
     assert np.abs(np.diff(colours[0].astype(int), axis=0)).max() <= 4
 
 

@@ -1,0 +1,186 @@
+"""How a tile is painted: one function for every way in which a raster becomes a picture."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import rasterio
+from rasterio.enums import Resampling
+
+from gis_server.rendering.colours import indices_of, palette_of, stretched
+from gis_server.rendering.contour_lines import contour_cover, contour_margin, interval_of
+from gis_server.rendering.looks import Look
+from gis_server.rendering.patches import Patch, read_patch, read_tile
+from gis_server.rendering.png import colour_png, indexed_png
+from gis_server.rendering.shading import (
+    OF_TERRAIN,
+    gradient_of,
+    hillshade,
+    margin_of,
+    north_facing,
+)
+from gis_server.rendering.styles import ELEVATIONS, PICTURES, STYLES, Style, range_of
+from products.errors import ProductNotFoundError
+from products.model import Layer, ProductKind
+from products.raster import band_names
+from products.tiling import TileAddress
+
+_NOT_AVERAGED = {ProductKind.ASPECT, ProductKind.REGION_ASPECT} | {
+    kind for kind, style in STYLES.items() if style.is_classes
+}
+_SHADOW = 0.3
+"""What is left of a colour where no sun falls."""
+_AS_IT_IS = 128
+"""Shade that leaves a colour as it is; the brightest is twice that."""
+_COVER = bytes(range(256))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Canvas:
+    """A tile to paint: of which layer, where, how, and from what."""
+
+    layer: Layer
+    address: TileAddress
+    look: Look
+    style: Style
+    dataset: rasterio.DatasetReader
+
+    @property
+    def cell_m(self) -> float:
+        """Size of the cells that a patch of this tile has."""
+        return max(self.address.cell_m, float(self.dataset.transform.a))
+
+    def patch(self, margin: int, border: int = 0) -> Patch | None:
+        """The cells of the style's band."""
+        band = band_index(self.layer, self.dataset, self.style.band)
+        how = averaging(self.layer.ref.kind)
+        return read_patch(self.dataset, self.address, band, how, margin=margin, border=border)
+
+    def coloured(self, values: np.ndarray) -> bytes | None:
+        """The picture of the values of every pixel; None where none is known."""
+        indices = indices_of(values, *range_of(self.style, self.layer))
+        return indexed_png(indices, palette_of(self.style.colours)) if indices.any() else None
+
+
+def averaging(kind: ProductKind) -> Resampling:
+    """How cells become larger pixels: directions run in a circle and classes have no mean."""
+    return Resampling.nearest if kind in _NOT_AVERAGED else Resampling.average
+
+
+def band_index(layer: Layer, dataset: rasterio.DatasetReader, name: str) -> int:
+    """The number of a band; the first where no name is given.
+
+    Raises:
+        ProductNotFoundError: there is no such band.
+    """
+    if not name:
+        return 1
+    names = band_names(dataset)
+    if name not in names:
+        raise ProductNotFoundError(f"{layer.id} has no band {name}; it has {', '.join(names)}")
+    return names.index(name) + 1
+
+
+def painter_of(layer: Layer, look: Look, style: Style) -> Callable[[Canvas], bytes | None]:
+    """How a layer is painted in a style; a painter returns None where nothing was measured."""
+    kind = layer.ref.kind
+    if style.is_colour:
+        return _paint_colour
+    if kind in PICTURES:
+        return _paint_classes if style.is_classes else _paint_picture
+    if kind in ELEVATIONS:
+        return _OF_TERRAIN.get(look.style, _paint_values)
+    return _paint_values
+
+
+def _paint_colour(canvas: Canvas) -> bytes | None:
+    """Red, green and blue as they are; transparent where all are 0."""
+    bands = [read_tile(canvas.dataset, canvas.address, band) for band in (1, 2, 3)]
+    known = [band for band in bands if band is not None]
+    if len(known) < len(bands) or not any(band.any() for band in known):
+        return None
+    return colour_png(np.stack(known, axis=-1))
+
+
+def _paint_classes(canvas: Canvas) -> bytes | None:
+    """Classes in the colours that their file gives them."""
+    codes = read_tile(canvas.dataset, canvas.address, how=Resampling.nearest)
+    if codes is None or not codes.any():
+        return None
+    colours = canvas.dataset.colormap(1)
+    return indexed_png(codes, np.array([colours[code][:3] for code in range(256)], np.uint8))
+
+
+def _paint_picture(canvas: Canvas) -> bytes | None:
+    """Eight bits are indices already: colours and stretch are matters of the palette alone."""
+    grey = read_tile(canvas.dataset, canvas.address)
+    if grey is None or not grey.any():
+        return None
+    palette = palette_of(canvas.style.colours)
+    if canvas.style.range is not None:
+        scale, offset = canvas.dataset.scales[0], canvas.dataset.offsets[0]
+        low, high = ((end - offset) / scale for end in canvas.style.range)
+        palette = stretched(palette, low, high)
+    return indexed_png(grey, palette)
+
+
+def _paint_values(canvas: Canvas) -> bytes | None:
+    """The values of a band."""
+    patch = canvas.patch(margin=0)
+    if patch is None:
+        return None
+    values = patch.tile(patch.values)
+    if canvas.look.style == "north-facing":
+        values = north_facing(values, canvas.look)
+    return canvas.coloured(values)
+
+
+def _paint_terrain(canvas: Canvas) -> bytes | None:
+    """What follows from the gradient."""
+    half = margin_of(canvas.look, canvas.cell_m)
+    patch = canvas.patch(half)
+    if patch is None:
+        return None
+    gradient = gradient_of(patch.values, patch.cell_m, half)
+    inner = np.ascontiguousarray(patch.tile(gradient))
+    return canvas.coloured(OF_TERRAIN[canvas.look.style](inner, canvas.look))
+
+
+def _paint_shaded(canvas: Canvas) -> bytes | None:
+    """Elevation in colour under the sun; level ground keeps its colour."""
+    patch = canvas.patch(1)
+    if patch is None:
+        return None
+    indices = indices_of(patch.tile(patch.values), *range_of(canvas.style, canvas.layer))
+    if not indices.any():
+        return None
+    light = hillshade(patch.tile(gradient_of(patch.values, patch.cell_m, 1)), canvas.look)
+    level = max(math.sin(math.radians(canvas.look.elevation_deg)), _SHADOW)
+    shares = _SHADOW + (1 - _SHADOW) / level * np.where(np.isnan(light), np.float32(level), light)
+    shades = cv2.convertScaleAbs(shares, alpha=_AS_IT_IS)
+    colours = palette_of(canvas.style.colours)[indices]
+    shown = cv2.multiply(colours, cv2.merge([shades] * 3), scale=1.0 / _AS_IT_IS)
+    np.maximum(shown, 1, out=shown)  # black would be transparent
+    shown[indices == 0] = 0
+    return colour_png(shown)
+
+
+def _paint_contours(canvas: Canvas) -> bytes | None:
+    """Lines of equal elevation."""
+    patch = canvas.patch(contour_margin(canvas.cell_m), border=1)
+    if patch is None:
+        return None
+    cover = contour_cover(patch, interval_of(canvas.layer, canvas.look))
+    palette = np.broadcast_to(palette_of(canvas.style.colours)[1], (256, 3))
+    return indexed_png(cover, palette, _COVER) if cover.any() else None
+
+
+_OF_TERRAIN = {
+    **dict.fromkeys(OF_TERRAIN, _paint_terrain),
+    "shaded-relief": _paint_shaded,
+    "contours": _paint_contours,
+}
