@@ -63,6 +63,36 @@ PAGE = """<!doctype html>
 {{ left_out(quality.weaknesses) }}
 {% else %}<p>None found.</p>{% endif %}
 
+{% if quality.control %}
+<h2>Control</h2>
+<table>
+<tr><th>lies in</th><th class="n">off east, m</th><th class="n">north, m</th>
+  <th class="n">1 sigma, m</th><th class="n">turned, degrees</th><th class="n">1 sigma</th>
+  <th class="n">scale</th><th class="n">1 sigma</th></tr>
+{% for frame in quality.frames %}
+<tr><td>{{ frame.name }}</td><td class="n">{{ n(frame.shift_m[0], 2) }}</td>
+  <td class="n">{{ n(frame.shift_m[1], 2) }}</td>
+  <td class="n">{{ n(frame.sigma_shift_m[0], 2) }}, {{ n(frame.sigma_shift_m[1], 2) }}</td>
+  <td class="n">{{ n(frame.rotation_deg, 3) }}</td>
+  <td class="n">{{ n(frame.sigma_rotation_deg, 3) }}</td>
+  <td class="n">{{ n(1 + frame.scale, 5) }}</td><td class="n">{{ n(frame.sigma_scale, 5) }}</td>
+</tr>
+{% endfor %}
+</table>
+<div class="scroll"><table>
+<tr><th>stop</th><th>lies in</th><th class="n">residual east, m</th><th class="n">north, m</th>
+  <th class="n">in its own sigmas</th><th class="n">redundancy</th><th>verdict</th></tr>
+{% for one in quality.control %}
+<tr><td class="id">{{ one.stop }}</td><td>{{ one.frame }}</td>
+  <td class="n">{{ n(one.residual_m[0], 2) }}</td><td class="n">{{ n(one.residual_m[1], 2) }}</td>
+  <td class="n">{{ n(one.test, 1) }}</td><td class="n">{{ n(one.redundancy, 2) }}</td>
+  <td>{{ "used" if one.used else "set aside" }}{{ ": " ~ one.note if one.note }}</td></tr>
+{% endfor %}
+</table></div>
+<p class="note">Places of stops in orbital images or measured by hand. An image's own place is an
+unknown of the adjustment: by how much its georeference is off, about its centre.</p>
+{% endif %}
+
 {% if findings %}
 <h2>What images do not determine</h2>
 <table>

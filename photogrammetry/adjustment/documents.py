@@ -11,6 +11,12 @@ from typing import Any
 
 import numpy as np
 
+from photogrammetry.adjustment.control_documents import (
+    adjusted_control_document,
+    adjusted_control_of_document,
+    adjusted_frame_document,
+    adjusted_frame_of_document,
+)
 from photogrammetry.adjustment.memory_documents import memory_document, memory_of_document
 from photogrammetry.adjustment.records import (
     AdjustedNetwork,
@@ -37,6 +43,8 @@ def network_document(
         "pairs": [_pair_document(pair) for pair in network.pairs],
         "ties": _ties_document(network.ties),
         "memory": memory_document(network.memory) if network.memory else None,
+        "control": [adjusted_control_document(one) for one in network.control],
+        "control_frames": [adjusted_frame_document(frame) for frame in network.frames],
         "reports": [report_document(report) for report in reports],
     }
 
@@ -58,6 +66,8 @@ def network_of_document(document: Document) -> AdjustedNetwork:
             tuple(_pair_of(pair) for pair in document["pairs"]),
             _ties_of(document["ties"]),
             memory_of_document(document["memory"]) if document.get("memory") else None,
+            tuple(adjusted_control_of_document(one) for one in document.get("control", ())),
+            tuple(adjusted_frame_of_document(one) for one in document.get("control_frames", ())),
         )
     except KeyError as error:
         raise AdjustmentError(f"the document of an adjusted network lacks {error}") from error
@@ -88,6 +98,8 @@ def report_document(report: AdjustmentReport) -> Document:
         "pairs": report.pairs,
         "ties": {str(kind): count for kind, count in report.ties.items()},
         "blunders": report.blunders,
+        "control": report.control,
+        "control_refused": list(report.control_refused),
         "before": agreement(report.before),
         "after": agreement(report.after),
         "untied": [_stop_id_document(stop) for stop in report.untied],

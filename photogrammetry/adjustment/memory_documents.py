@@ -23,13 +23,15 @@ def memory_document(memory: Memory) -> Document:
         "spent": memory.spent,
         "surplus": memory.surplus,
         "grounded": list(memory.grounded),
+        "frames": list(memory.frames),
+        "frame_places": memory.frame_places.tolist(),
     }
 
 
 def memory_of_document(document: Document) -> Memory:
     """The memory that `memory_document` wrote."""
     stops, right = document["stops"], np.array(document["right"], dtype=np.float64)
-    pairs = document["pairs"]
+    pairs, frames = document["pairs"], document.get("frames", [])
     return Memory(
         tuple(StopId(**stop) for stop in document["window"]),
         tuple(StopId(**stop) for stop in stops),
@@ -37,11 +39,13 @@ def memory_of_document(document: Document) -> Memory:
         _array(document, "rotations", -1, 3, 3),
         _array(document, "centres", -1, 3),
         _array(document, "pointings", -1, 3),
-        _array(document, "root", len(right), 6 * len(stops) + 3 * len(pairs)),
+        _array(document, "root", len(right), 6 * len(stops) + 3 * len(pairs) + 5 * len(frames)),
         right,
         document["spent"],
         document["surplus"],
         tuple(document["grounded"]),
+        tuple(frames),
+        _array(document, "frame_places", -1, 5) if frames else np.zeros((0, 5)),
     )
 
 

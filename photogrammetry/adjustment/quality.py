@@ -13,6 +13,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from photogrammetry.adjustment.camera_residuals import camera_residuals
+from photogrammetry.adjustment.control_quality import control_quality, frame_quality
 from photogrammetry.adjustment.quality_records import (
     Blunder,
     PairCamera,
@@ -62,6 +63,8 @@ def quality(
         blunders=blunders(network),
         links=links,
         weaknesses=weaknesses(network, links, residuals, params),
+        control=control_quality(network),
+        frames=frame_quality(network),
     )
 
 

@@ -137,6 +137,39 @@ class StopQuality:
 
 
 @dataclass(frozen=True, slots=True)
+class ControlQuality:
+    """What became of the place of a stop in a control frame."""
+
+    stop: StopId
+    frame: str
+    used: bool
+    """Or set aside as a blunder."""
+    residual_m: tuple[float, float]
+    """Observed minus adjusted, east and north."""
+    test: float | None
+    """Length of the residual in its own standard deviations; None where nothing checks it."""
+    redundancy: float
+    """Share of an error that shows in the residual."""
+    note: str
+
+
+@dataclass(frozen=True, slots=True)
+class FrameQuality:
+    """Where an orbital image, or another control frame, lies on the map after adjustment."""
+
+    name: str
+    shift_m: Triple
+    """East, north and up, by which its georeference is off about its centre."""
+    sigma_shift_m: Triple
+    rotation_deg: float
+    """Counter-clockwise."""
+    sigma_rotation_deg: float
+    scale: float
+    """Change of scale."""
+    sigma_scale: float
+
+
+@dataclass(frozen=True, slots=True)
 class Weakness:
     """A part of the network that deserves a look, with the reason."""
 
@@ -158,6 +191,9 @@ class Quality:
     links: dict[tuple[StopId, StopId], int] = field(default_factory=dict)
     """Tie points that two stops share."""
     weaknesses: tuple[Weakness, ...] = ()
+    control: tuple[ControlQuality, ...] = ()
+    """Of every stop that lies in a control frame; the datum is not among them."""
+    frames: tuple[FrameQuality, ...] = ()
 
 
 def quality_document(value: Any) -> Any:  # noqa: ANN401 - a record, or what one holds

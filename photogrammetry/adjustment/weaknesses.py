@@ -11,6 +11,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from photogrammetry.adjustment.datum import MAP
 from photogrammetry.adjustment.quality_records import (
     CameraResiduals,
     QualityParams,
@@ -30,6 +31,7 @@ def weaknesses(
 ) -> tuple[Weakness, ...]:
     """All that is weak, the gravest first."""
     return (
+        *_doubtful_control(network),
         *_stops_on_telemetry(network),
         *_thin_links(links, params),
         *_unchecked_stops(network, params),
@@ -59,6 +61,15 @@ def shared_ties(network: AdjustedNetwork) -> Links:
             link = (order[a], order[b])
             counts[link] = counts.get(link, 0) + int(n)
     return dict(sorted(counts.items(), key=lambda link: [numbers[stop] for stop in link[0]]))
+
+
+def _doubtful_control(network: AdjustedNetwork) -> Iterator[Weakness]:
+    for one in network.control:
+        where = f"{one.control.stop} in {one.control.frame}"
+        if not one.used:
+            yield Weakness(where, f"its place was set aside: {one.note}")
+        elif one.note and one.control.frame != MAP.name:
+            yield Weakness(where, f"its place is believed, but {one.note}")
 
 
 def _stops_on_telemetry(network: AdjustedNetwork) -> Iterator[Weakness]:

@@ -1,5 +1,6 @@
 """Places of stops in orbital images whose own place is an unknown of the network."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -11,6 +12,7 @@ from photogrammetry.adjustment.collinearity import State
 from photogrammetry.adjustment.control import ControlFrame, StopControl
 from photogrammetry.adjustment.control_equations import Control
 from photogrammetry.adjustment.datum import MAP, with_control
+from photogrammetry.adjustment.documents import network_document, network_of_document
 from photogrammetry.adjustment.modes import AdjustmentMode, advance
 from photogrammetry.adjustment.params import AdjustmentParams
 from photogrammetry.adjustment.records import select
@@ -247,6 +249,17 @@ def test_stepwise_places_new_stops_by_control_too():
     for k, stop in enumerate(previous.stops):
         # stepwise holds what it should not: sigmas are true to a factor only
         assert e[k] @ np.linalg.solve(stop.covariance, e[k]) < 2 * chi2.ppf(0.9999, 6)
+
+
+def test_a_network_with_control_comes_back_from_its_document_bit_for_bit():
+    network, _, _ = simulated(2, stops=5, shown=(0, 1, 3), sigma_azimuth_deg=0.5)
+    adjusted = begin(network, PARAMS)[0].window
+    document = json.dumps(network_document(adjusted))
+    back = network_of_document(json.loads(document))
+    assert json.dumps(network_document(back)) == document
+    assert back.memory.frames == ("orbit",)
+    both = zip(back.control, adjusted.control, strict=True)
+    assert [one.control.is_same(other.control) for one, other in both] == [True] * 4
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from photogrammetry.adjustment.adjust import adjust_overall
+from photogrammetry.adjustment.datum import with_control
 from photogrammetry.adjustment.documents import report_document
 from photogrammetry.adjustment.params import AdjustmentParams
 from photogrammetry.adjustment.quality import quality
@@ -15,6 +16,7 @@ from photogrammetry.adjustment.quality_records import (
     quality_document,
 )
 from photogrammetry.adjustment.records import Lack, select
+from photogrammetry.synthetic.control import simulate_control
 from photogrammetry.synthetic.networks import LINES, simulate_network
 from tasks.report_page import report_page
 
@@ -58,3 +60,18 @@ def test_a_network_that_images_determine_has_no_such_section(network):
     page, report = page_of(network)
     assert not report.findings
     assert "What images do not determine" not in page
+
+
+def test_control_stands_in_the_report_with_the_wrong_one_named(network):
+    rng = np.random.default_rng(3)
+    truth = simulate_network(rng, stops=3, pairs_per_stop=6, inter_ties=8, intra_ties=0)[1]
+    orbit = simulate_control(rng, network, truth, range(3))
+    wrong = replace(orbit.control[1], east_m=orbit.control[1].east_m + 8.0)
+    control = (orbit.control[0], wrong, orbit.control[2])
+    frame = replace(orbit.frame, covariance=orbit.frame.covariance / 1e4)
+    frame = replace(frame, place=orbit.place)  # well known, so that three places check each other
+    page, _ = page_of(with_control(network, [frame], control, AdjustmentParams()))
+    section = page.split("<h2>Control</h2>")[1].split("<h2>")[0]
+    assert section.count("set aside: off by +8.") + section.count("set aside: off by +7.") == 1
+    assert f"<b>{wrong.stop} in orbit</b>: its place was set aside" in page
+    assert "control: its place in orbit" in page.split("<h2>Stops</h2>")[1]
