@@ -39,7 +39,7 @@ from photogrammetry.adjustment.records import (
     select,
 )
 from photogrammetry.adjustment.result import Outcome, assembled
-from photogrammetry.adjustment.sightings import Sightings, sightings
+from photogrammetry.adjustment.sightings import Overview, Sightings, sightings
 from photogrammetry.arrays import Float64
 from photogrammetry.errors import AdjustmentError
 from photogrammetry.imagery import StopId, TieKind, TiePoints
@@ -67,14 +67,14 @@ def adjust(
     known, is_known = _known(network, telemetry, observations, start)
     root = is_held if is_held.any() or inherited else np.arange(len(is_held)) == 0
     before = carried(known, telemetry, root, is_known)
-    state, fits = initialise(observations, telemetry, root, params, known, is_known)
+    overview = Overview.of(observations, known.pointings, len(root), params)
+    state, fits = initialise(observations, telemetry, root, params, known, is_known, overview)
     if start:
         fits &= ~_found_wrong(network.ties, start.ties)
-    seen = sightings(observations, known.pointings, params)
     placed = root if inherited is None else is_held | is_known
     names, shown = network.stop_ids, frozenset(one.stop for one in network.control)
     controlled = frozenset(k for k, stop in enumerate(names) if stop in shown)
-    initial = Initial(names, observations, telemetry, seen, state, fits, placed, controlled)
+    initial = Initial(names, observations, telemetry, overview, state, fits, placed, controlled)
     findings, alone = diagnose(initial)
     if len(alone):
         rest = without_unchecked(network, observations, alone)
@@ -86,8 +86,8 @@ def adjust(
     if control:
         state = replace(state, frames=_frame_places(control, state, network, start))
     beginning = Start(observations, telemetry, is_held, state, used, inherited, control)
-    outcome = estimate(beginning, params)
-    agreement = _agreement(outcome, before, seen, params)
+    outcome = estimate(beginning, params).with_all_points(params)
+    agreement = _agreement(outcome, before, overview.seen, params)
     return with_findings(assembled(network, is_held, outcome, agreement, name), findings)
 
 

@@ -22,10 +22,9 @@ import numpy as np
 
 from photogrammetry.adjustment.alignment import RigidPoints
 from photogrammetry.adjustment.collinearity import Observations, State
-from photogrammetry.adjustment.loops import Couple, shared_sightings
 from photogrammetry.adjustment.priors import Telemetry
 from photogrammetry.adjustment.records import Finding, Lack
-from photogrammetry.adjustment.sightings import Sightings, best_sightings
+from photogrammetry.adjustment.sightings import Couple, Overview
 from photogrammetry.imagery import StopId
 
 FULL = 6
@@ -45,7 +44,7 @@ class Initial:
     names: tuple[StopId, ...]
     observations: Observations
     telemetry: Telemetry
-    seen: Sightings
+    overview: Overview
     state: State
     fits: np.ndarray
     """Which observations agree with the alignment."""
@@ -61,8 +60,7 @@ class Initial:
 
 def diagnose(network: Initial) -> tuple[tuple[Finding, ...], np.ndarray]:
     """What is not determined, and the rows of ties that nothing checks."""
-    best = best_sightings(network.observations, network.seen, len(network.names))
-    couples = shared_sightings(network.observations, best)
+    couples = network.overview.couples
     fitting = _by_stop(_fitting(couples, network.fits))
     promised = _by_stop(couples)
     findings: list[Finding] = []
@@ -139,7 +137,7 @@ def _known_better(
     network: Initial, k: int, ours: np.ndarray, theirs: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Eigenvalues (ascending) and eigenvectors of the alignment's normals in telemetry's sigmas."""
-    state, seen = network.state, network.seen
+    state, seen = network.state, network.overview.seen
     stop = network.observations.stop_of(theirs)
     R = state.rotations[stop]
     points = RigidPoints(
@@ -161,9 +159,9 @@ def _telemetry_sigmas(telemetry: Telemetry, k: int) -> np.ndarray:
 
 def _is_spread(network: Initial, k: int, ours: np.ndarray) -> bool:
     """Whether points lie so far off their line that the turn about it needs no closer look."""
-    points = network.seen.points[ours]
+    points = network.overview.seen.points[ours]
     spread = np.linalg.eigvalsh(np.cov(points.T, bias=True) * len(points))
-    sigma = np.sqrt(np.median(network.seen.size[ours]))
+    sigma = np.sqrt(np.median(network.overview.seen.size[ours]))
     return bool(sigma / np.sqrt(max(spread[1], 1e-12)) < 0.5 / network.telemetry.weight[k, 0])
 
 

@@ -14,12 +14,11 @@ from photogrammetry.adjustment.collinearity import Observations, State
 from photogrammetry.adjustment.control_equations import Control
 from photogrammetry.adjustment.control_tests import ControlTests, control_tests, stand_out
 from photogrammetry.adjustment.marginal import Marginal
-from photogrammetry.adjustment.normals import lengths, whitened
+from photogrammetry.adjustment.normals import Place
 from photogrammetry.adjustment.params import AdjustmentParams
 from photogrammetry.adjustment.priors import Telemetry
-from photogrammetry.adjustment.residuals import Residuals, point_covariances, residuals
-from photogrammetry.adjustment.result import Outcome
-from photogrammetry.adjustment.sightings import sightings, with_points
+from photogrammetry.adjustment.residuals import Residuals, residuals
+from photogrammetry.adjustment.result import Outcome, with_points_seen_alone
 from photogrammetry.adjustment.snooping import reinstated, suspects
 from photogrammetry.adjustment.solver import Linearised, Problem, Solution, linearise, solve
 from photogrammetry.arrays import Bool
@@ -106,12 +105,15 @@ class _Judged:
 
 def estimate(start: Start, params: AdjustmentParams) -> Outcome:
     """Estimate all unknowns, and which observations are blunders."""
-    problem, state, used, iterations = start.problem(start.used), start.state, start.used, 0
+    problem, used, iterations = start.problem(start.used), start.used, 0
+    at: State | Place = start.state
     for step in STEPS:
         for further in reversed(range(params.max_rounds)):
-            solution = solve(problem, state, params, robust=step.robust)
-            state, iterations = solution.state, iterations + solution.iterations
-            if step.robust and not _stand_out(problem, solution, used, params):
+            aside = bool((~used & start.observations.is_stereo).any())
+            to_the_end = aside or start.control is not None
+            solution = solve(problem, at, params, robust=step.robust, to_the_end=to_the_end)
+            at, iterations = solution.at or solution.state, iterations + solution.iterations
+            if step.robust and not (aside or _stand_out(problem, solution, params)):
                 break
             threshold = params.huber if step.robust else None
             judged = _Judged.of(problem, solution, params, threshold)
@@ -119,32 +121,28 @@ def estimate(start: Start, params: AdjustmentParams) -> Outcome:
             if not ((len(wrong) or len(refuted)) and further):
                 start = start.with_control(judged.fitting if step.robust else refuted[:0])
                 used, problem = _with_fitting(start, judged, used, params, step)
+                at = at if problem is judged.problem else solution.state
                 break
             start = start.with_control(refuted, used=False)
             used = _changed(used, wrong, to=False)
-            problem = start.problem(used)
-    final = replace(solution, state=_placed(judged.problem, state, used, params), at=None, now=None)
+            problem, at = start.problem(used), solution.state
     return Outcome(
         start.observations,
         judged.problem,
-        replace(final, iterations=iterations),
+        replace(solution, iterations=iterations, at=None, now=None),
         used,
         judged.found,
-        point_covariances(judged.problem, state, judged.now.ties, judged.inverse),
+        judged.now.ties,
         judged.inverse,
         judged.placed,
     )
 
 
-def _stand_out(
-    problem: Problem, solution: Solution, used: np.ndarray, params: AdjustmentParams
-) -> bool:
-    """Whether any observation is so far off that others could hide behind it, or is set aside."""
-    aside = ~used & problem.observations.is_stereo
-    l = solution.at.l if solution.at else whitened(problem, solution.state)
+def _stand_out(problem: Problem, solution: Solution, params: AdjustmentParams) -> bool:
+    """Whether anything is so far off that others could hide behind it."""
     if problem.control and stand_out(problem.control, solution.state, params):
         return True
-    return bool(aside.any() or (lengths(l) > params.critical_value).any())
+    return solution.stands_out(problem, params)
 
 
 def _with_fitting(
@@ -154,7 +152,7 @@ def _with_fitting(
     before = start.problem(used) if len(judged.fitting) and step.robust else judged.problem
     if not step.robust or used.all():
         return used, before
-    state = _placed(judged.problem, judged.state, used, params)
+    state = with_points_seen_alone(judged.problem, judged.state, used, params)
     back = reinstated(
         judged.problem, state, judged.now.ties, judged.found, used, judged.inverse, params
     )
@@ -168,12 +166,3 @@ def _changed(used: np.ndarray, rows: np.ndarray, *, to: bool) -> np.ndarray:
     used = used.copy()
     used[rows] = to
     return used
-
-
-def _placed(problem: Problem, state: State, used: np.ndarray, params: AdjustmentParams) -> State:
-    """The state with the points that were not in the adjustment placed by their best sighting."""
-    observations, inside = problem.observations, problem.anchor >= 0
-    rest = observations.select(np.flatnonzero(used & ~inside[observations.point]))
-    seen = sightings(rest, state.pointings, params)
-    alone = with_points(state, rest, seen, np.ones(len(rest), dtype=bool))
-    return replace(state, points=np.where(inside[:, None], state.points, alone.points))

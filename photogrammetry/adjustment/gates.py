@@ -20,9 +20,6 @@ from photogrammetry.adjustment.collinearity import Observations
 from photogrammetry.adjustment.params import AdjustmentParams
 from photogrammetry.adjustment.residuals import CERTAIN, Residuals
 
-LOOSE = 1.0
-"""Tests below this are no sign of a blunder whatever the share of blunders."""
-
 
 def gates(
     observations: Observations, found: Residuals, used: np.ndarray, params: AdjustmentParams
@@ -30,12 +27,13 @@ def gates(
     """Gate of the test of every observation, by spread and blunders of its kind."""
     T, measured = found.test.copy(), (observations.weight > 0).sum(axis=1)
     aside, joining = ~used & observations.is_stereo, _joins_stops(observations)
+    loose = _quantile(params.false_share, 3)  # no sign of a blunder whatever their share
     gate = np.full(len(T), np.inf)
     for of_kind in (joining, ~joining):
         tested = of_kind & (found.test > 0)
         spread = found.spread(of_kind)
         T[of_kind] /= spread
-        p = np.sort(_chance(T[tested & (T > LOOSE)], 3))
+        p = np.sort(_chance(T[tested & (loose < T)], 3))
         set_aside = int((aside & of_kind).sum())
         share = _share_of_blunders(p, int(tested.sum()), set_aside, params.false_share)
         if spread > 1.0:  # sigmas or model are not what was stated, and tails tell nothing

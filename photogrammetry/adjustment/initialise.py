@@ -30,32 +30,28 @@ from photogrammetry.adjustment.priors import (
     telemetry_partials,
 )
 from photogrammetry.adjustment.rotations import rotation_of_vector
-from photogrammetry.adjustment.sightings import (
-    Sightings,
-    best_sightings,
-    sightings,
-    with_points,
-)
+from photogrammetry.adjustment.sightings import Overview, Sightings, with_points
 
 UNCHECKED_TIES = 3
 """So many ties place a stop without checking one another; telemetry must not contradict them."""
 
 
-def initialise(
+def initialise(  # noqa: PLR0913, PLR0917 - the network, where it stands, and what is seen of it
     observations: Observations,
     telemetry: Telemetry,
     held: np.ndarray,
     params: AdjustmentParams,
     known: State,
     is_known: np.ndarray,
+    overview: Overview | None = None,
 ) -> tuple[State, np.ndarray]:
     """Poses of all stops, points, and which observations fit (False: grossly off).
 
     Stops that `is_known` or `held` keep the pose they have in `known`; the others are aligned.
     """
-    seen = sightings(observations, known.pointings, params)
+    overview = overview or Overview.of(observations, known.pointings, len(held), params)
+    seen, best = overview.seen, overview.best
     state, fits = known, np.ones(len(observations), dtype=bool)
-    best = best_sightings(observations, seen, len(held))
     rows_of_stop = np.split(
         np.argsort(observations.stop, kind="stable"),
         np.cumsum(np.bincount(observations.stop, minlength=len(held)))[:-1],
@@ -77,7 +73,7 @@ def initialise(
         fresh |= observations.stop_of(earlier[points]) < k - REACH
         fresh &= fits[ours]
         earlier[points[fresh]] = ours[fresh]
-    state, astray = closed_loops(state, observations, telemetry, held, seen, best, params)
+    state, astray = closed_loops(state, telemetry, held, overview, params)
     fits[astray] = False
     return with_points(state, observations, seen, fits), fits
 

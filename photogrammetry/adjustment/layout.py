@@ -25,6 +25,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import groupby
 
 import numpy as np
 
@@ -213,7 +214,8 @@ def _joined(kinds: list[Kind], unknowns: Unknowns) -> list[Kind]:
 
 def _seen_by_stop(kind: Kind, unknowns: Unknowns) -> np.ndarray:
     """From how many pairs of each of its stops a point of a kind is seen."""
-    return np.unique(unknowns.pair_stop[kind[1][0]], return_counts=True)[1]
+    stops = unknowns.pair_stop[kind[1][0]].tolist()
+    return np.array([len(list(own)) for _, own in groupby(stops)])
 
 
 def _products(seen: np.ndarray) -> int:
@@ -234,9 +236,10 @@ def _kinds(observations: Observations, rows: np.ndarray, unknowns: Unknowns) -> 
     new = np.ones(len(pairs), dtype=bool)
     new[1:] = (pairs[1:] != pairs[:-1]).any(axis=1)
     stops = unknowns.pair_stop[pairs[new]]
-    kinds, kind = np.unique(stops[:, 1:] != stops[:, :-1], axis=0, return_inverse=True)
+    packed = np.packbits(stops[:, 1:] != stops[:, :-1], axis=1)
+    kinds, kind = np.unique(packed.view(f"V{packed.shape[1]}")[:, 0], return_inverse=True)
     for number in range(len(kinds)):
-        mine = (kind.ravel() == number)[np.cumsum(new) - 1]
+        mine = (kind == number)[np.cumsum(new) - 1]
         yield rows[mine], pairs[mine], np.flatnonzero(new[mine])
 
 

@@ -11,31 +11,27 @@ from __future__ import annotations
 import numpy as np
 
 from photogrammetry.adjustment.alignment import HALF, RigidPoints, rigid_motion
-from photogrammetry.adjustment.collinearity import Observations, State
+from photogrammetry.adjustment.collinearity import State
 from photogrammetry.adjustment.params import AdjustmentParams
 from photogrammetry.adjustment.pose_graph import Edges, relaxed
 from photogrammetry.adjustment.priors import Telemetry
-from photogrammetry.adjustment.sightings import Sightings
+from photogrammetry.adjustment.sightings import Couple, Overview
 
 REACH = 3
 """Stops back to which ties of neighbours reach (m-2, m-3); beyond, they close loops."""
 LOOP_TIES = 5
 """Ties that make a loop: three place a stop, and two more agree with them by no chance."""
 
-Couple = tuple[int, int]
 
-
-def closed_loops(  # noqa: PLR0913, PLR0917 - the network, and what was seen in it
+def closed_loops(
     state: State,
-    observations: Observations,
     telemetry: Telemetry,
     held: np.ndarray,
-    seen: Sightings,
-    best: list[np.ndarray],
+    overview: Overview,
     params: AdjustmentParams,
 ) -> tuple[State, np.ndarray]:
     """The state with its loops closed, and the observations that contradict it."""
-    couples = shared_sightings(observations, best)
+    seen, couples = overview.seen, overview.couples
     if not any(b - a > REACH for a, b in couples):
         return state, np.zeros(0, dtype=np.int64)
     found: list[tuple[int, int, np.ndarray, np.ndarray, np.ndarray]] = []
@@ -63,35 +59,6 @@ def closed_loops(  # noqa: PLR0913, PLR0917 - the network, and what was seen in 
         state, weights = relaxed(state, telemetry, held, edges)
         astray += [rows for k, rows in loops.items() if weights[k] <= HALF]
     return state, _only_of_loops(np.concatenate(astray), couples)
-
-
-def shared_sightings(
-    observations: Observations, best: list[np.ndarray]
-) -> dict[Couple, tuple[np.ndarray, np.ndarray]]:
-    """Rows of the points that two stops both saw, by stops (a < b), in ascending order."""
-    rows = np.concatenate([*best, np.zeros(0, dtype=np.int64)])
-    stops = np.repeat(np.arange(len(best)), [len(ours) for ours in best])
-    order = np.lexsort((stops, observations.point[rows]))
-    rows, stops = rows[order], stops[order]
-    points = observations.point[rows]
-    first, second = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
-    for lag in range(1, len(rows)):
-        same = np.flatnonzero(points[lag:] == points[:-lag])
-        if not len(same):
-            break
-        first.append(same)
-        second.append(same + lag)
-    a, b = np.concatenate(first), np.concatenate(second)
-    order = np.lexsort((stops[b], stops[a]))
-    a, b = a[order], b[order]
-    if not len(a):
-        return {}
-    couples, begin = np.unique(np.column_stack([stops[a], stops[b]]), axis=0, return_index=True)
-    ends = np.append(begin[1:], len(a))
-    return {
-        (couple[0], couple[1]): (rows[a[i:j]], rows[b[i:j]])
-        for couple, i, j in zip(couples.tolist(), begin.tolist(), ends.tolist(), strict=True)
-    }
 
 
 def _as_aligned(

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import chi2
 
 from photogrammetry.adjustment.collinearity import (
     Observations,
+    State,
     misclosures,
     pair_orientations,
 )
 from photogrammetry.adjustment.control_results import adjusted_control, adjusted_frames
 from photogrammetry.adjustment.control_tests import ControlTests
 from photogrammetry.adjustment.datum import MAP
+from photogrammetry.adjustment.elimination import EliminatedTies
 from photogrammetry.adjustment.holding import Holding
+from photogrammetry.adjustment.params import AdjustmentParams
 from photogrammetry.adjustment.problem import Problem
 from photogrammetry.adjustment.records import (
     BLUNDER,
@@ -29,8 +32,14 @@ from photogrammetry.adjustment.records import (
     Consistency,
     Network,
 )
-from photogrammetry.adjustment.residuals import Residuals, joint_covariances, single_sightings
+from photogrammetry.adjustment.residuals import (
+    Residuals,
+    joint_covariances,
+    point_covariances,
+    single_sightings,
+)
 from photogrammetry.adjustment.rotations import cross_matrix, left_jacobian, rotation_of_vector
+from photogrammetry.adjustment.sightings import sightings, with_points
 from photogrammetry.adjustment.solver import Solution
 from photogrammetry.frames import LSL, Pose
 from photogrammetry.imagery import TieKind, TiePoints
@@ -50,10 +59,28 @@ class Outcome:
     solution: Solution
     used: np.ndarray
     residuals: Residuals
-    point_covariances: np.ndarray
+    ties: tuple[EliminatedTies, ...]
+    """As they were linearised last."""
     inverse: np.ndarray
+    """Of the normal equations, on their pattern."""
     placed: ControlTests
     """Tests of control."""
+
+    def with_all_points(self, params: AdjustmentParams) -> Outcome:
+        """The same with the places of points that one pair alone sees."""
+        state = with_points_seen_alone(self.problem, self.solution.state, self.used, params)
+        return replace(self, solution=replace(self.solution, state=state))
+
+
+def with_points_seen_alone(
+    problem: Problem, state: State, used: np.ndarray, params: AdjustmentParams
+) -> State:
+    """The state with points that are in no adjustment where their best sighting has them."""
+    observations, inside = problem.observations, problem.anchor >= 0
+    rest = observations.select(np.flatnonzero(used & ~inside[observations.point]))
+    seen = sightings(rest, state.pointings, params)
+    alone = with_points(state, rest, seen, np.ones(len(rest), dtype=bool))
+    return replace(state, points=np.where(inside[:, None], state.points, alone.points))
 
 
 def assembled(
@@ -180,7 +207,7 @@ def _ties(network: Network, outcome: Outcome, factor: float, joint: np.ndarray) 
         observations.point[observations.is_stereo], minlength=observations.points
     )
     status = np.where(used, USED, np.where(has_stereo[observations.point] > 0, BLUNDER, UNUSED))
-    covariances = outcome.point_covariances * factor
+    covariances = factor * point_covariances(outcome.problem, state, outcome.ties, outcome.inverse)
     alone = used & observations.is_stereo
     alone[outcome.problem.rows] = False
     rows = np.flatnonzero(alone)
@@ -199,16 +226,16 @@ def _ties(network: Network, outcome: Outcome, factor: float, joint: np.ndarray) 
 
 def _kinds(observations: Observations, used: np.ndarray) -> tuple[TieKind, ...]:
     """What each point joins, by its used observations."""
-
-    def distinct(of: np.ndarray) -> np.ndarray:
-        seen = np.unique(np.column_stack([observations.point[used], of[used]]), axis=0)
-        return np.bincount(seen[:, 0], minlength=observations.points)
-
-    stops, pairs = distinct(observations.stop), distinct(observations.pair)
-    return tuple(
-        TieKind.CROSS_SITE if s > 1 else TieKind.INTER_STEREO if p > 1 else TieKind.INTRA_STEREO
-        for s, p in zip(stops.tolist(), pairs.tolist(), strict=True)
-    )
+    point = observations.point[used]
+    several = []
+    for of in (observations.stop[used], observations.pair[used]):
+        one = np.zeros(observations.points, dtype=of.dtype)
+        one[point] = of  # that of one of its observations
+        differ = np.zeros(observations.points, dtype=bool)
+        differ[point[of != one[point]]] = True
+        several.append(differ)
+    stops, pairs = several
+    return tuple(map(KINDS.__getitem__, np.where(stops, 2, pairs.astype(np.int64)).tolist()))
 
 
 def merged_ties(observations: TiePoints, parts: tuple[AdjustedTies, ...]) -> AdjustedTies:

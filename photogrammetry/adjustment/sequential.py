@@ -149,14 +149,14 @@ def late_ties(traverse: Traverse, network: Network, new_stops: Iterable[StopId])
 
 def _part(network: Network, staying: tuple[StopId, ...], new: tuple[StopId, ...]) -> Network:
     """The window and the new stops, without tie points that stops which have left saw too."""
-    inside = {*staying, *new}
-    part = network.within(inside)
-    of_pair = {pair.pair_id: pair.stop for pair in network.pairs}
-    gone = np.array([of_pair[name] not in inside for name in network.ties.pair_ids], dtype=bool)
-    if not gone.any():
-        return part
-    spent = np.unique(network.ties.point[gone[network.ties.pair]])
-    return replace(part, ties=select(part.ties, ~np.isin(part.ties.point, spent)))
+    part, ties = network.within({*staying, *new}), network.ties
+    inside = {pair.pair_id for pair in part.pairs}
+    stays = np.array([name in inside for name in ties.pair_ids], dtype=bool)[ties.pair]
+    spent = np.zeros(int(ties.point.max(initial=-1)) + 1, dtype=bool)
+    spent[ties.point[~stays]] = True
+    kept = select(ties, stays & ~spent[ties.point])
+    _, numbers = np.unique(kept.point, return_inverse=True)  # arrays as long as the part, not more
+    return replace(part, ties=replace(kept, point=numbers.astype(np.int32)))
 
 
 def _shortened(

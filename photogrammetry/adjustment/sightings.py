@@ -62,6 +62,60 @@ def best_sightings(observations: Observations, seen: Sightings, stops: int) -> l
     return [best[a:b] for a, b in pairwise(ends.tolist())]
 
 
+Couple = tuple[int, int]
+"""Two stops, the earlier one first."""
+
+
+def shared_sightings(
+    observations: Observations, best: list[np.ndarray]
+) -> dict[Couple, tuple[np.ndarray, np.ndarray]]:
+    """Rows of the points that two stops both saw, by stops (a < b), in ascending order."""
+    rows = np.concatenate([*best, np.zeros(0, dtype=np.int64)])
+    stops = np.repeat(np.arange(len(best)), [len(ours) for ours in best])
+    order = np.lexsort((stops, observations.point[rows]))
+    rows, stops = rows[order], stops[order]
+    points = observations.point[rows]
+    first, second = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
+    for lag in range(1, len(rows)):
+        same = np.flatnonzero(points[lag:] == points[:-lag])
+        if not len(same):
+            break
+        first.append(same)
+        second.append(same + lag)
+    a, b = np.concatenate(first), np.concatenate(second)
+    order = np.lexsort((stops[b], stops[a]))
+    a, b = a[order], b[order]
+    if not len(a):
+        return {}
+    codes = stops[a] * len(best) + stops[b]
+    begin = np.flatnonzero(np.diff(codes, prepend=-1))
+    ends = np.append(begin[1:], len(a))
+    return {
+        divmod(code, len(best)): (rows[a[i:j]], rows[b[i:j]])
+        for code, i, j in zip(codes[begin].tolist(), begin.tolist(), ends.tolist(), strict=True)
+    }
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Overview:
+    """All sightings of a network, the best ones, and what stops share."""
+
+    seen: Sightings
+    best: list[np.ndarray]
+    """As of `best_sightings`."""
+    couples: dict[Couple, tuple[np.ndarray, np.ndarray]]
+    """As of `shared_sightings`."""
+
+    @classmethod
+    def of(
+        cls, observations: Observations, pointings: np.ndarray, stops: int, params: AdjustmentParams
+    ) -> Overview:
+        """Of a network of so many stops."""
+        seen = sightings(observations, pointings, params)
+        best = best_sightings(observations, seen, stops)
+        return cls(seen, best, shared_sightings(observations, best))
+
+
 def with_points(
     state: State, observations: Observations, seen: Sightings, used: np.ndarray
 ) -> State:
