@@ -21,7 +21,6 @@ from photogrammetry.terrain.ground import MAP_FROM_LSL
 from photogrammetry.terrain.hardware import BODIES
 from photogrammetry.terrain.oriented_image import OrientedImage, Pointing, StopPose
 from products.catalogue import Catalogue, ImageEntry
-from products.errors import ProductNotFoundError
 from products.images import image_record
 from products.model import ProductKind, ProductRef
 from products.network import NetworkProduct, read_network
@@ -73,8 +72,8 @@ class SceneStops(BaseModel):
     """All stops of a mission, in the order of the traverse."""
 
     units: str = UNITS
-    network: str
-    """Digest of the adjusted network."""
+    network: str | None
+    """Digest of the adjusted network; null while none has been adjusted."""
     body: Body | None
     """Null for a rover whose measures are not known."""
     stops: list[SceneStop]
@@ -100,27 +99,19 @@ class SceneCameras(BaseModel):
     """The cameras of one stop."""
 
     units: str = UNITS
-    network: str
+    network: str | None
     cameras: list[SceneCamera]
 
 
-def latest_network(mission: str, catalogue: Catalogue) -> ProductRef:
-    """The network of a mission's last sol.
-
-    Raises:
-        ProductNotFoundError: none has been adjusted.
-    """
+def latest_network(mission: str, catalogue: Catalogue) -> ProductRef | None:
+    """The network of a mission's last sol; None while none has been adjusted."""
     of_mission = f"{mission.lower()}-sol"
     found = [
         ref
         for ref in catalogue.pointers(ProductKind.NETWORK)
         if ref.scope.name.startswith(of_mission)
     ]
-    if not found:
-        raise ProductNotFoundError(
-            f"no network of {mission} has been adjusted, so no stop is known"
-        )
-    return max(found, key=lambda ref: ref.scope.name)
+    return max(found, key=lambda ref: ref.scope.name, default=None)
 
 
 @lru_cache(maxsize=_NETWORKS)

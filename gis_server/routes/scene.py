@@ -27,6 +27,8 @@ def stops(mission: MissionName, services: ServicesOf, response: Response) -> Sce
     response.headers.update(AGAIN)
     services.catalogue.mission(mission)
     ref = latest_network(mission, services.catalogue)
+    if ref is None:
+        return SceneStops(network=None, body=None, stops=[])
     return scene_stops(ref, network_of(ref, services.store))
 
 
@@ -41,6 +43,8 @@ def cameras(
     response.headers.update(AGAIN)
     services.catalogue.mission(mission)
     ref = latest_network(mission, services.catalogue)
+    if ref is None:
+        return SceneCameras(network=None, cameras=[])
     workspace = Workspace(services.store, services.catalogue)
     entries = services.catalogue.images(mission, stop)
     return scene_cameras(ref, network_of(ref, services.store), entries, workspace)

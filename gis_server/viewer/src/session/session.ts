@@ -11,6 +11,7 @@ import { imagesPart } from "../parts/images/part";
 import { layersPart } from "../parts/layers/part";
 import { pointPart } from "../parts/point/part";
 import { rulerPart } from "../parts/ruler/part";
+import { scenePart } from "../parts/scene/part";
 import { stopsPart } from "../parts/stops/part";
 import type { Layer, Mission } from "../server/records";
 import type { Context, Part, Signals } from "./context";
@@ -30,6 +31,7 @@ const PARTS: readonly Part[] = [
   pointPart,
   imagesPart,
   stopsPart,
+  scenePart,
 ];
 
 const signals = (): Signals => ({

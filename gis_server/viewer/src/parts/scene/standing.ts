@@ -1,0 +1,41 @@
+/** Looking around from where the rover's cameras were: at mast height, ahead. */
+
+import type { Body, SceneStop } from "../../server/scene";
+import { headingDeg, onMap, sum, sunDirection } from "./geometry";
+import { mastHead } from "./rover";
+import type { Stage } from "./stage";
+
+/** What is "orbited" lies so near to the eye that orbiting is looking around. */
+const NEAR_M = 0.02;
+const WIDE_DEG = 60;
+const [LEAST_DEG, MOST_DEG] = [10, 100];
+const STANDING_M = 1.5;
+const DIP_DEG = -12;
+
+/** Goes there; the answer goes back to flying around. */
+export function standAt(stage: Stage, stop: SceneStop, body: Body | null): () => void {
+  const { camera, controls, renderer } = stage;
+  const eye = onMap(stop, body ? mastHead(body) : [0, 0, -STANDING_M]);
+  const ahead = sunDirection(headingDeg(stop), DIP_DEG);
+  const before = { fov: camera.fov, speed: controls.rotateSpeed };
+  camera.fov = WIDE_DEG;
+  controls.rotateSpeed = -0.3;
+  controls.enableZoom = controls.enablePan = false;
+  const zoom = (event: WheelEvent) => {
+    event.preventDefault();
+    const wider = camera.fov * Math.exp(event.deltaY / 800);
+    camera.fov = Math.min(MOST_DEG, Math.max(LEAST_DEG, wider));
+    camera.updateProjectionMatrix();
+    stage.ask();
+  };
+  renderer.domElement.addEventListener("wheel", zoom, { passive: false });
+  camera.updateProjectionMatrix();
+  stage.look(eye, sum(eye, ahead, NEAR_M));
+  return () => {
+    renderer.domElement.removeEventListener("wheel", zoom);
+    camera.fov = before.fov;
+    controls.rotateSpeed = before.speed;
+    controls.enableZoom = controls.enablePan = true;
+    camera.updateProjectionMatrix();
+  };
+}

@@ -1,0 +1,254 @@
+/** The 3D view: ground, traverse, rover, cameras and tie points, and the cursor that it shares with the map. */
+
+import { Group, type Points } from "three";
+import type { SunPlace } from "../../map/shading";
+import { h } from "../../page/dom";
+import { fixed } from "../../page/format";
+import { type Model, type Place3, type SceneStops, sceneApi } from "../../server/scene";
+import type { Context } from "../../session/context";
+import { type Board, type Choices, controls } from "./controls";
+import { dots } from "./drawings";
+import { middle, sum } from "./geometry";
+import { takeInHand } from "./hand";
+import { Marker } from "./marker";
+import { MAST, roverModel, stand } from "./rover";
+import { Route } from "./route";
+import "./scene.css";
+import { Sights } from "./sights";
+import { Stage } from "./stage";
+import { standAt } from "./standing";
+import { Terrain } from "./terrain";
+import { tiePlaces } from "./ties";
+
+const TIE = "#7a4dd8";
+/** Unit direction from the middle to the eye at first: the south, 40 degrees high. */
+const FROM: Place3 = [0, -0.766, 0.643];
+
+/** The ground of every stop: tiles where there are, else one file. */
+function groundOf(models: readonly Model[]): readonly Model[] {
+  const tiled = new Set(models.filter(({ kind }) => kind === "tileset").map(({ scope }) => scope));
+  return models.filter(
+    ({ kind, scope }) => kind === "tileset" || (kind === "model" && !tiled.has(scope)),
+  );
+}
+
+export class SceneView {
+  readonly element: HTMLElement;
+  private readonly host = h("div", { class: "scene-view" });
+  private readonly said = h("output", { class: "scene-place" }, "loading the ground");
+  private readonly stage: Stage;
+  private readonly terrain: Terrain;
+  private readonly marker: Marker;
+  private readonly sights: Sights;
+  private readonly route: Route;
+  private readonly rover = new Group();
+  private readonly choices: Readonly<Choices>;
+  private readonly closing = new AbortController();
+  private readonly size: number;
+  private views: Terrain | null = null;
+  private ties: Points | null = null;
+  private leave: (() => void) | null = null;
+
+  constructor(
+    private readonly context: Context,
+    private readonly models: readonly Model[],
+    private readonly stops: SceneStops,
+  ) {
+    const { origin, size } = middle(groundOf(models));
+    this.size = size;
+    this.stage = new Stage(this.host, origin);
+    this.terrain = this.newTerrain();
+    this.marker = new Marker(this.stage, this.terrain);
+    this.sights = new Sights(this.stage, this.terrain);
+    this.route = new Route(stops.stops, origin);
+    this.route.enlarge(context.drawing.ellipseFactor);
+    const { traverse, ellipsoids } = this.route;
+    this.stage.world.add(traverse, ellipsoids, this.rover, this.sights.group);
+    if (stops.body) this.rover.add(roverModel(stops.body));
+    const names = stops.stops.map((s) => [s.stop, `stop ${s.site}/${s.drive}`] as const);
+    const board = controls(names, context.sun.value, {
+      lit: (sun) => context.sun.set(sun),
+      changed: (_, name) => this.changed(name),
+      overview: () => this.overview(),
+      stand: () => this.stand(),
+      fullScreen: () => void this.element.requestFullscreen(),
+    });
+    this.choices = board.choices;
+    this.shine(board);
+    this.host.append(this.said);
+    this.element = h("div", { class: "scene", "data-settled": "false" }, this.host, board.element);
+    this.stage.onFrame = () => {
+      this.terrain.update(this.stage.camera, this.stage.renderer);
+      this.views?.update(this.stage.camera, this.stage.renderer);
+    };
+    this.terrain.add(groundOf(models));
+    this.listen();
+    this.chooseStop();
+    this.overview();
+  }
+
+  dispose(): void {
+    this.closing.abort();
+    this.context.signals.cursor.emit(null);
+    this.terrain.dispose();
+    this.views?.dispose();
+    this.stage.dispose();
+  }
+
+  /** The sun that shades the map lights the ground as well. */
+  private shine({ putSun }: Board): void {
+    const { sun } = this.context;
+    const light = ({ azimuthDeg, elevationDeg }: SunPlace) =>
+      this.stage.lightFrom(azimuthDeg, elevationDeg);
+    const moved = (place: SunPlace) => {
+      putSun(place);
+      light(place);
+    };
+    light(sun.value);
+    this.closing.signal.addEventListener("abort", sun.changed.on(moved));
+  }
+
+  private newTerrain(): Terrain {
+    const terrain = new Terrain(
+      this.stage.origin,
+      this.stage.ask,
+      () => this.settled(),
+      (reason) => this.context.waiting.say(`a model cannot be shown: ${reason.message}`),
+    );
+    this.stage.world.add(terrain.group);
+    return terrain;
+  }
+
+  private settled(): void {
+    if (!this.terrain.isSettled || (this.views && !this.views.isSettled)) return;
+    this.element.dataset["settled"] = "true";
+    this.element.dataset["triangles"] = String(this.terrain.triangles);
+    this.said.textContent = "";
+    this.sights.draw();
+  }
+
+  private changed(name: keyof Choices): void {
+    const { stage, choices } = this;
+    switch (name) {
+      case "stop":
+        return this.chooseStop();
+      case "look":
+        this.terrain.look = choices.look;
+        return;
+      case "exaggeration":
+        stage.exaggeration = choices.exaggeration;
+        return;
+      case "anaglyph":
+        stage.isAnaglyph = choices.anaglyph;
+        return;
+      case "ties":
+        return this.showTies();
+      case "views":
+        return this.showViews();
+      default:
+        this.showParts();
+    }
+  }
+
+  private showParts(): void {
+    this.rover.visible = this.choices.rover;
+    this.sights.group.visible = this.choices.cameras;
+    this.route.traverse.visible = this.choices.traverse;
+    this.route.ellipsoids.visible = this.choices.ellipsoids;
+    this.stage.ask();
+  }
+
+  /** The stop whose rover and cameras are shown: the chosen one, else the last. */
+  private get stop() {
+    const { stops } = this.stops;
+    return stops.find(({ stop }) => stop === this.choices.stop) ?? stops.at(-1);
+  }
+
+  private chooseStop(): void {
+    const { stop, closing, context } = this;
+    this.terrain.show(this.choices.stop);
+    if (!stop) return;
+    const [east, north, up] = this.stage.origin;
+    const at = this.stage.drawn(stop.place);
+    at.set(stop.place[0] - east, stop.place[1] - north, stop.place[2] - up);
+    for (const part of this.rover.children) stand(part, stop, at);
+    this.showParts();
+    context.waiting.run(async () => {
+      const { mission } = context.mission;
+      const cameras = await sceneApi.cameras(mission, stop.stop, closing.signal);
+      if (this.stop === stop) this.sights.show(cameras);
+    });
+  }
+
+  private overview(): void {
+    this.leave?.();
+    const { origin } = this.stage;
+    this.stage.look(sum(origin, FROM, this.stage.distanceFor(this.size)), origin);
+  }
+
+  private stand(): void {
+    const { stop } = this;
+    if (!stop) return;
+    this.leave?.();
+    const release = standAt(this.stage, stop, this.stops.body);
+    const mast = this.rover.getObjectByName(MAST);
+    if (mast) mast.visible = false;
+    this.leave = () => {
+      release();
+      if (mast) mast.visible = true;
+      this.leave = null;
+    };
+  }
+
+  private showViews(): void {
+    this.views ??= this.newTerrain();
+    this.views.group.visible = this.choices.views;
+    if (this.choices.views && this.views.group.children.length === 0) {
+      this.element.dataset["settled"] = "false";
+      this.views.add(this.models.filter(({ kind }) => kind === "view-model"));
+    }
+    this.stage.ask();
+  }
+
+  private showTies(): void {
+    if (this.ties) this.ties.visible = this.choices.ties;
+    else
+      this.context.waiting.run(async () => {
+        const places = await tiePlaces(this.context.layers);
+        this.ties = dots(places, this.stage.origin, TIE, 3);
+        this.stage.world.add(this.ties);
+        this.stage.ask();
+      });
+    this.stage.ask();
+  }
+
+  private listen(): void {
+    const { signals } = this.context;
+    const stops = [
+      signals.pointer.on((pointed) => void this.marker.at(pointed?.point ?? null)),
+      signals.cursor.on((point) => void this.marker.at(point)),
+      signals.image.on((image) => this.sights.choose(image)),
+      signals.ellipses.on((factor) => this.route.enlarge(factor)),
+    ];
+    this.closing.signal.addEventListener("abort", () => stops.forEach((stop) => stop()));
+    const hand = {
+      over: (place: Place3 | null) => this.tell(place),
+      image: (id: string) => signals.image.emit(id),
+      leave: () => {
+        const isStanding = this.leave !== null;
+        if (isStanding) this.overview();
+        return isStanding;
+      },
+      isStanding: () => this.leave !== null,
+    };
+    takeInHand(this.stage, this.terrain, this.sights, hand, this.closing.signal);
+  }
+
+  private tell(place: Place3 | null): void {
+    const [east, north, up] = place ?? [];
+    this.said.textContent = place
+      ? `east ${fixed(east, 2)}  north ${fixed(north, 2)}  elevation ${fixed(up, 2)} m`
+      : "";
+    this.context.signals.cursor.emit(place ? [place[0], place[1]] : null);
+  }
+}
