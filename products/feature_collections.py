@@ -56,9 +56,10 @@ def _differences(
     """From where telemetry has a stop to where the adjustment puts it."""
     places: dict[str, dict[str, Feature]] = {}
     for one in features:
-        places.setdefault(one.properties["stop"], {})[one.properties["solution"]] = one
+        known = one.properties
+        places.setdefault(known.get("stop", ""), {})[known.get("solution", "")] = one
     for stop, both in places.items():
-        if len(both) == 2:  # noqa: PLR2004 - telemetry and adjusted
+        if {"telemetry", "adjusted"} <= set(both):
             told, adjusted = both["telemetry"], both["adjusted"]
             east, north, up = (adjusted.points - told.points)[0].tolist()
             known = {name: adjusted.properties[name] for name in ("stop", "site", "drive", "sols")}
@@ -75,8 +76,9 @@ def _differences(
 def _cameras(features: Iterable[Feature], images: Mapping[str, ImageEntry]) -> Iterable[Feature]:
     """Where images were taken from: pointing lines start in the camera."""
     for one in features:
-        if one.id in images:
-            yield Feature("Point", one.points[:1], image_properties(images[one.id]), one.id)
+        entry = images.get(one.id or "")
+        if entry:
+            yield Feature("Point", one.points[:1], image_properties(entry), one.id)
 
 
 def _with_times(features: Iterable[Feature], images: Mapping[str, ImageEntry]) -> Iterable[Feature]:

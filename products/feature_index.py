@@ -43,7 +43,7 @@ CREATE TABLE IF NOT EXISTS features(
     properties TEXT NOT NULL, first_sol INTEGER, last_sol INTEGER, first TEXT, last TEXT);
 CREATE INDEX IF NOT EXISTS features_of_layer ON features(layer, id);
 CREATE INDEX IF NOT EXISTS features_by_name ON features(name);
-CREATE VIRTUAL TABLE IF NOT EXISTS boxes USING rtree(id, west, east, south, north);
+CREATE VIRTUAL TABLE IF NOT EXISTS boxes USING rtree(id, west, east, south, north, +layer);
 """
 _TYPES: dict[type, str] = {
     bool: "boolean",
@@ -53,6 +53,12 @@ _TYPES: dict[type, str] = {
     list: "array",
     dict: "object",
 }
+_VERSION = 2
+"""Of the tables, raised when they change."""
+_FORGET_ALL = f"""
+DROP TABLE IF EXISTS layers; DROP TABLE IF EXISTS features; DROP TABLE IF EXISTS boxes;
+PRAGMA user_version={_VERSION};
+"""
 _WAIT_S = 60.0
 """For another process that fills the index."""
 
@@ -70,6 +76,9 @@ class FeatureIndex:
         index = cls(path)
         with index._connection() as connection:
             connection.execute("PRAGMA journal_mode=WAL")
+            (version,) = connection.execute("PRAGMA user_version").fetchone()
+            if version != _VERSION:  # it can be made again from the products
+                connection.executescript(_FORGET_ALL)
             connection.executescript(_SCHEMA)
         return index
 
@@ -113,9 +122,9 @@ class FeatureIndex:
                 ),
             )
             connection.executemany(
-                "INSERT INTO boxes VALUES(?,?,?,?,?)",
+                "INSERT INTO boxes VALUES(?,?,?,?,?,?)",
                 (
-                    (last + k, box[0], box[2], box[1], box[3])
+                    (last + k, box[0], box[2], box[1], box[3], number)
                     for k, box in enumerate(boxes.tolist(), 1)
                     if not math.isnan(box[0])  # it has no place
                 ),
@@ -137,10 +146,7 @@ class FeatureIndex:
             return self.extent(selection.keys).count
         with self._connection(selection.keys, selection.area) as connection:
             where, values = condition_of(selection)
-            (count,) = connection.execute(
-                f"SELECT count(*) FROM {where}",  # noqa: S608 - of our own words
-                values,
-            ).fetchone()
+            (count,) = connection.execute(f"SELECT count(*) {where}", values).fetchone()
         return int(count)
 
     def fields(self, keys: Sequence[str], of_first: int = 100) -> dict[str, str]:
@@ -157,8 +163,8 @@ class FeatureIndex:
         with self._connection(selection.keys, selection.area) as connection:
             where, values = condition_of(selection)
             rows = connection.execute(
-                f"SELECT {COLUMNS} FROM features f WHERE f.id IN "  # noqa: S608 - as above
-                f"(SELECT f.id FROM {where} ORDER BY f.id LIMIT ? OFFSET ?) ORDER BY f.id",
+                f"SELECT {COLUMNS} FROM features f WHERE f.id IN "  # noqa: S608 - our own words
+                f"(SELECT id {where} ORDER BY id LIMIT ? OFFSET ?) ORDER BY f.id",
                 (*values, limit, offset),
             ).fetchall()
         return [feature_of(row) for row in rows]

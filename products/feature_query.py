@@ -85,19 +85,33 @@ class Meets:
 
 
 def condition_of(selection: Selection) -> tuple[str, list[Any]]:
-    """What follows FROM, and its values; it asks the table `asked` and the function `meets`."""
-    tables, terms = "features f", ["f.layer IN (SELECT number FROM asked)"]
+    """FROM and what follows, and its values; it asks the table `asked` and the function `meets`.
+
+    An area alone is answered by the boxes; features are looked up only for what boxes do not say.
+    """
+    terms, values = _beside(selection)
+    if not selection.area:
+        terms.insert(0, "f.layer IN (SELECT number FROM asked)")
+        return f"FROM features f WHERE {' AND '.join(terms)}", values
+    west, south, east, north = selection.area.shape.bounds
+    near = "b.west <= ? AND b.east >= ? AND b.south <= ? AND b.north >= ?"
+    values = [east, west, north, south, *values]
+    west, south, east, north = selection.area.inner
+    inside = (
+        "(b.west >= ? AND b.east <= ? AND b.south >= ? AND b.north <= ?) "
+        "OR meets((SELECT s.shape FROM features s WHERE s.id = b.id))"
+    )
+    values[4:4] = [west, east, south, north]
+    join = " JOIN features f USING (id)" if terms else ""
+    terms = ["b.layer IN (SELECT number FROM asked)", *terms]
+    here = f"SELECT b.id AS id, b.layer AS layer FROM boxes b WHERE {near} AND ({inside})"  # noqa: S608
+    return f"FROM ({here}) b{join} WHERE {' AND '.join(terms)}", values
+
+
+def _beside(selection: Selection) -> tuple[list[str], list[Any]]:
+    """What is asked of features beside where they are."""
+    terms: list[str] = []
     values: list[Any] = []
-    if selection.area:
-        tables = "boxes b CROSS JOIN features f ON f.id = b.id"
-        west, south, east, north = selection.area.shape.bounds
-        terms.append("b.west <= ? AND b.east >= ? AND b.south <= ? AND b.north >= ?")
-        values += [east, west, north, south]
-        west, south, east, north = selection.area.inner
-        terms.append(
-            "((b.west >= ? AND b.east <= ? AND b.south >= ? AND b.north <= ?) OR meets(f.shape))"
-        )
-        values += [west, east, south, north]
     for span, first, last in (
         (selection.sols, "f.first_sol", "f.last_sol"),
         (selection.times, "f.first", "f.last"),
@@ -110,7 +124,7 @@ def condition_of(selection: Selection) -> tuple[str, list[Any]]:
     for name, value in selection.equal.items():
         terms.append("CAST(json_extract(f.properties, ?) AS TEXT) = ?")
         values += [f'$."{name}"', value]
-    return f"{tables} WHERE {' AND '.join(terms)}", values
+    return terms, values
 
 
 def feature_of(row: tuple[Any, ...]) -> IndexedFeature:

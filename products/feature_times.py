@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime
+from functools import lru_cache
 from typing import Any
 
 from products.catalogue import ImageEntry
@@ -51,6 +52,7 @@ def times_of(images: Iterable[ImageEntry]) -> Times | None:
     return (known[0], known[-1]) if known else None
 
 
+@lru_cache(maxsize=65536)  # an image is behind many features
 def moment(text: str) -> str:
     """A moment in the form that all of the index have: UTC with milliseconds.
 

@@ -22,7 +22,8 @@ import shapely
 from products.catalogue import Catalogue, ImageEntry
 from products.errors import ProductError
 from products.feature_collections import COLLECTIONS, CollectionOf, image_properties
-from products.feature_index import FeatureIndex, IndexedFeature
+from products.feature_index import FeatureIndex
+from products.feature_query import IndexedFeature
 from products.feature_times import FeatureTimes, times_of
 from products.model import Layer, ScopeLevel
 from products.store import ProductStore
@@ -50,6 +51,8 @@ class MissionFeatures:
     catalogue: Catalogue
     index: FeatureIndex
     _filling: threading.Lock = field(default_factory=threading.Lock)
+    _known: dict[tuple[str, str], tuple[int, list[str]]] = field(default_factory=dict)
+    """By collection and mission: a version of the catalogue, and what `keys` answers to it."""
 
     @classmethod
     def open(cls, store: ProductStore, catalogue: Catalogue) -> MissionFeatures:
@@ -64,10 +67,13 @@ class MissionFeatures:
 
     def keys(self, collection: CollectionOf, mission: str) -> list[str]:
         """The layers of a collection in the index, which holds all of them when this returns."""
-        parts = list(self._parts(collection, mission))
-        if self.index.missing(part.key for part in parts):
-            self._fill(collection, mission, parts)
-        return [part.key for part in parts]
+        asked, version = (collection.id, mission), self.catalogue.version()
+        if asked not in self._known or self._known[asked][0] != version:
+            parts = list(self._parts(collection, mission))
+            if self.index.missing(part.key for part in parts):
+                self._fill(collection, mission, parts)
+            self._known[asked] = version, [part.key for part in parts]
+        return self._known[asked][1]
 
     def fill(self, mission: str) -> None:
         """Take everything that has been published of a mission into the index."""

@@ -6,6 +6,7 @@ necessary: the default CRS, also of extents, is longitude and latitude of Mars, 
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from typing import Annotated, Any
@@ -130,7 +131,7 @@ def items(
 ) -> Response:
     """The features of a collection: a page of them, or as a file all that meet the conditions."""
     entry = services.catalogue.mission(mission)
-    asked = query.read(base, _fields(known, mission, services))
+    asked = query.read(base, lambda: _fields(known, mission, services))
     found, matched = _found(known, entry, services, asked)
     page = _placed(found, known, entry, asked.crs, query.request)
     headers = {**AGAIN, "Content-Crs": f"<{uri_of(asked.crs, base)}>"}
@@ -161,7 +162,7 @@ def item(
 ) -> Response:
     """One feature."""
     entry = services.catalogue.mission(mission)
-    asked = query.read(base, {})
+    asked = query.read(base, dict)
     keys = services.features.keys(known, mission)
     one = services.features.index.named(keys, feature)
     if one is None:
@@ -176,7 +177,7 @@ def item(
     headers = {**AGAIN, "Content-Crs": f"<{uri_of(asked.crs, base)}>"}
     if form_of(query.request, query.request.query_params.get("f")) is Format.HTML:
         return Response(feature_page(known, page, links), headers=headers, media_type=HTML)
-    linked = JSONResponse({"links": links}).body.decode()
+    linked = json.dumps({"links": links})
     text = f"{feature_text(page)[0][:-1]},{linked[1:]}"
     return Response(text, headers=headers, media_type=GEOJSON)
 
@@ -190,7 +191,8 @@ def _found(
 ) -> tuple[list[IndexedFeature], int]:
     """The features of the page, and how many there are on all pages."""
     index, keys = services.features.index, services.features.keys(known, entry.mission)
-    selection = asked.selection(keys, entry.landing, index.extent(keys))
+    extent = index.extent(keys)
+    selection = asked.selection(keys, entry.landing, extent, all_placed=not known.all_images)
     if selection is None:
         return [], 0
     return index.page(selection, asked.limit, asked.offset), index.count(selection)

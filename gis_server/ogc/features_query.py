@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -38,15 +38,31 @@ class Asked:
     offset: int
     equal: Mapping[str, str]
 
-    def selection(self, keys: list[str], landing: LandingPoint, extent: Extent) -> Selection | None:
-        """The features asked for; None where there cannot be any."""
+    def selection(
+        self, keys: list[str], landing: LandingPoint, extent: Extent, *, all_placed: bool
+    ) -> Selection | None:
+        """The features asked for; None where there cannot be any.
+
+        An area that holds all of them, each of which has a place, need not be looked for.
+        """
         area = None
         if self.box is not None:
             here = extent.bounds
             area = area_of(self.box, self.box_crs, landing, here) if here else None
-            if area is None:
+            if area is None or here is None:
                 return None
+            if all_placed and _holds(area.inner, here):
+                area = None
         return Selection(keys, area, self.sols, self.times, self.equal)
+
+
+def _holds(outer: Bounds, inner: Bounds) -> bool:
+    return (
+        outer[0] <= inner[0]
+        and outer[1] <= inner[1]
+        and inner[2] <= outer[2]
+        and inner[3] <= outer[3]
+    )
 
 
 def form_of(request: Request, f: str | None) -> Format:
@@ -79,7 +95,7 @@ class FeaturesQuery:
         self.request = request
         self._told = (f, bbox, bbox_crs, crs, datetime, sol, limit, offset)
 
-    def read(self, base: str, fields: Mapping[str, str]) -> Asked:
+    def read(self, base: str, fields: Callable[[], Mapping[str, str]]) -> Asked:
         """Check them all against what is spoken and what properties there are."""
         f, bbox, bbox_crs, crs, datetime, sol, limit, offset = self._told
         form = form_of(self.request, f)
@@ -99,11 +115,11 @@ class FeaturesQuery:
         )
 
 
-def _equal(request: Request, fields: Mapping[str, str]) -> dict[str, str]:
+def _equal(request: Request, known: Callable[[], Mapping[str, str]]) -> dict[str, str]:
+    others = {name: value for name, value in request.query_params.items() if name not in _KNOWN}
+    fields = known() if others else {}
     wanted = {}
-    for name, value in request.query_params.items():
-        if name in _KNOWN:
-            continue
+    for name, value in others.items():
         if name not in fields:
             raise HTTPException(
                 400,

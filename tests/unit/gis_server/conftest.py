@@ -69,10 +69,11 @@ class SmallWorld:
         self.catalogue.publish(layers=[layer])
         return layer
 
-    def publish_features(self, kind: ProductKind, features: list[Feature]) -> Layer:
-        ref = self.store.make(
-            Recipe(kind, REGION), lambda path: write_features(path, features, LANDING)
-        )
+    def publish_features(
+        self, kind: ProductKind, features: list[Feature], version: int = 0
+    ) -> Layer:
+        recipe = Recipe(kind, REGION, params=(version,))
+        ref = self.store.make(recipe, lambda path: write_features(path, features, LANDING))
         boxes = np.array([feature.bounds for feature in features])
         bounds = (*boxes[:, :2].min(axis=0).tolist(), *boxes[:, 2:].max(axis=0).tolist())
         layer = Layer(

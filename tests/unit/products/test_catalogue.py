@@ -91,7 +91,9 @@ def test_an_event_tells_of_every_layer_that_moved_and_of_none_that_did_not(catal
     catalogue.publish(layers=[a_layer()])
     catalogue.publish(layers=[a_layer()])
     events = catalogue.events_since(0)
-    assert [event.document for event in events] == [{"layers": [f"{STOP.name}/dtm"]}]
+    assert [event.document for event in events] == [
+        {"mission": "MER2", "layers": [f"{STOP.name}/dtm"]}
+    ]
     assert catalogue.events_since(events[-1].id) == []
 
 

@@ -1,0 +1,69 @@
+"""What has happened in a store, in order: browsers are told of it while they look.
+
+Events are rows that are only appended, in the transaction that made them true, and forgotten when
+there are many newer ones. Who was away asks for those after the last it has seen; where these are
+gone already, `is_gone` says so and everything is to be asked anew.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any
+
+import sqlalchemy as sa
+
+from products.catalogue_tables import TABLES
+
+KEPT = 10_000
+"""Events; a downlink makes some hundred."""
+LAYERS_PUBLISHED, IMAGES_INGESTED, MISSION_CHANGED = (
+    "layers.published",
+    "images.ingested",
+    "mission.changed",
+)
+RUN_CHANGED, EDITS_CHANGED = "run.changed", "edits.changed"
+EVENTS = sa.Table(
+    "events",
+    TABLES,
+    sa.Column("id", sa.Integer, primary_key=True, autoincrement=True),
+    sa.Column("kind", sa.String, nullable=False),
+    sa.Column("document", sa.JSON, nullable=False),
+    sa.Column("at", sa.String, nullable=False),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """Something the browser wants to hear about."""
+
+    id: int
+    kind: str
+    document: dict[str, Any]
+    at: str
+    """UTC, ISO 8601."""
+
+
+def append(connection: sa.Connection, kind: str, document: dict[str, Any]) -> None:
+    """Add an event to what else its transaction does."""
+    at = datetime.now(UTC).isoformat(timespec="milliseconds")
+    added = connection.execute(EVENTS.insert().values(kind=kind, document=document, at=at))
+    (number,) = added.inserted_primary_key or (0,)
+    connection.execute(EVENTS.delete().where(EVENTS.c.id <= number - KEPT))
+
+
+def events_since(connection: sa.Connection, event_id: int) -> list[Event]:
+    """Events after `event_id`, oldest first."""
+    query = sa.select(EVENTS).where(EVENTS.c.id > event_id).order_by(EVENTS.c.id)
+    return [Event(*row) for row in connection.execute(query)]
+
+
+def last_event(connection: sa.Connection) -> int:
+    """The number of the newest event; 0 before the first."""
+    return connection.execute(sa.select(sa.func.max(EVENTS.c.id))).scalar_one() or 0
+
+
+def is_gone(connection: sa.Connection, event_id: int) -> bool:
+    """Whether events after `event_id` have been forgotten already."""
+    oldest = connection.execute(sa.select(sa.func.min(EVENTS.c.id))).scalar_one()
+    return oldest is not None and event_id + 1 < oldest

@@ -1,0 +1,81 @@
+"""OGC API Features and STAC as real clients meet them: GDAL, OWSLib and pystac over HTTP."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pyogrio
+import pytest
+from pyproj import CRS, Transformer
+
+from products.crs import MARS, local_crs
+from products.vector import read_features
+from products.workspace import Workspace
+from tests.support.large_mission import LANDING, write_mission
+from tests.support.live_server import serving
+
+
+@pytest.fixture(scope="module")
+def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("mission")
+    write_mission(folder, stops=6, images=60, tie_points=2500)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def server(root: Path) -> Iterator[str]:
+    with serving(root) as address:
+        yield address
+
+
+def places_of(root: Path, kind: str) -> np.ndarray:
+    """(east, north) of the points of a layer, as they were written."""
+    workspace = Workspace.open(root)
+    layer = next(one for one in workspace.catalogue.layers("MER2") if str(one.ref.kind) == kind)
+    features = read_features(workspace.store.path(layer.ref)).features
+    return np.array([one.points[0, :2] for one in features])
+
+
+def test_gdal_lists_the_collections_as_layers(server):
+    listed = pyogrio.list_layers(f"OAPIF:{server}/ogc/MER2")
+    names = set(listed[:, 0])
+    assert {"traverse-adjusted", "stops", "images", "footprints", "tie-points", "contours"} <= names
+    assert not {name for name in names if "." in name}  # rasters are no layers of features
+
+
+def test_gdal_reads_every_page_and_every_feature_falls_on_its_place_on_mars(server, root):
+    frame = pyogrio.read_dataframe(f"OAPIF:{server}/ogc/MER2", layer="tie-points")
+    assert CRS(frame.crs).equals(CRS(MARS), ignore_axis_order=True)
+    assert len(frame) == 2500
+    on_map = frame.to_crs(local_crs(LANDING)).geometry
+    found = np.column_stack([on_map.x, on_map.y])[np.argsort(frame["id"].astype(int))]
+    # nine decimals of a degree are 0.06 mm
+    np.testing.assert_allclose(found, places_of(root, "tie-points"), atol=2e-4)
+
+
+def test_gdal_asks_for_a_box_and_gets_what_lies_in_it(server, root):
+    places = places_of(root, "tie-points")
+    centre = places.mean(axis=0)
+    local = local_crs(LANDING)
+    carry = Transformer.from_crs(local, local.geodetic_crs, always_xy=True).transform
+    west, south = carry(*(centre - 10.0))
+    east, north = carry(*(centre + 10.0))
+    source = f"OAPIF:{server}/ogc/MER2"
+    frame = pyogrio.read_dataframe(source, layer="tie-points", bbox=(west, south, east, north))
+    lon, lat = carry(places[:, 0], places[:, 1])
+    inside = (lon >= west) & (lon <= east) & (lat >= south) & (lat <= north)
+    assert 0 < inside.sum() < len(places)
+    assert len(frame) == inside.sum()
+
+
+def test_owslib_reads_collections_and_items(server):
+    ogcapi = pytest.importorskip("owslib.ogcapi.features", reason="OWSLib is not installed")
+    client = ogcapi.Features(f"{server}/ogc/MER2/")
+    assert "stops" in client.feature_collections()
+    page = client.collection_items("stops", limit=4)
+    assert (page["numberMatched"], page["numberReturned"]) == (6, 4)
+    one = client.collection_item("stops", page["features"][0]["id"])
+    assert one["geometry"] == page["features"][0]["geometry"]
+    assert client.collection_queryables("stops")["properties"]["stop"]["type"] == "string"
