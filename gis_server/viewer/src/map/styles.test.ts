@@ -3,7 +3,7 @@ import LineString from "ol/geom/LineString";
 import Point from "ol/geom/Point";
 import type Style from "ol/style/Style";
 import { expect, test } from "vitest";
-import { stopRows } from "../parts/stops/panel";
+import { stopRows } from "../parts/traverse/stop-table";
 import {
   ADJUSTED,
   type DrawingState,

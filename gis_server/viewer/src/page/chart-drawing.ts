@@ -6,11 +6,11 @@ import {
   isNumber,
   linear,
   linePath,
-  nearest,
   type Scale,
   tickDecimals,
   tickStep,
   ticks,
+  valueAt,
 } from "./chart-scale";
 import { type ChartOptions, edge, type Series } from "./chart-series";
 import { h } from "./dom";
@@ -108,10 +108,9 @@ function dots({ xs, ys, colour }: Series, x: Scale, y: Scale): SVGElement[] {
 export function cursorMarks(series: readonly Series[], { x, y }: Scales, at: number): SVGElement[] {
   const line = svg("path", { d: `M${x(at)},${y(y.domain[1])}V${y(y.domain[0])}` });
   const marks = series.flatMap(({ xs, ys, colour }) => {
-    const k = nearest(xs, at);
-    const [where, value] = [xs[k], ys[k]];
-    if (!isNumber(where) || !isNumber(value)) return [];
-    return [svg("circle", { cx: x(where), cy: y(value), r: 4.5, fill: "none", stroke: colour })];
+    const value = valueAt(xs, ys, at);
+    if (value === null) return [];
+    return [svg("circle", { cx: x(at), cy: y(value), r: 4.5, fill: "none", stroke: colour })];
   });
   return [line, ...marks];
 }

@@ -4,10 +4,10 @@ import {
   extentOf,
   linear,
   linePath,
-  nearest,
   tickDecimals,
   tickStep,
   ticks,
+  valueAt,
   widened,
 } from "./chart-scale";
 
@@ -47,7 +47,10 @@ test("a level line still gets an axis", () => {
   expect(widened([5, 5], 0.1, 0.2)).toEqual([4.88, 5.12]);
 });
 
-test("the nearest value is found, gaps are passed over", () => {
-  expect(nearest([0, null, 4, 9], 3)).toBe(2);
-  expect(nearest([null], 3)).toBe(-1);
+test("between corners a line has the value of its leg, and none in gaps or beyond its ends", () => {
+  const [xs, ys] = [
+    [0, 10, 20, 30, 40],
+    [0, 5, null, 2, 2],
+  ];
+  expect([0, 4, 10, 15, 35, 41].map((x) => valueAt(xs, ys, x))).toEqual([0, 2, 5, null, 2, null]);
 });

@@ -93,12 +93,16 @@ export function bandPath(xs: Values, low: Values, high: Values, x: Scale, y: Sca
     .join("");
 }
 
-/** Number of the value nearest to `wanted`; -1 where there is none. */
-export function nearest(values: Values, wanted: number): number {
-  let [best, least] = [-1, Number.POSITIVE_INFINITY];
-  values.forEach((value, k) => {
-    const off = isNumber(value) ? Math.abs(value - wanted) : Number.POSITIVE_INFINITY;
-    if (off < least) [best, least] = [k, off];
-  });
-  return best;
+/** Value of a line at a place on the x axis, between its corners; null in gaps and beyond its ends. */
+export function valueAt(xs: Values, ys: Values, wanted: number): number | null {
+  for (const run of runs([xs, ys]))
+    for (const [i, k] of run.entries()) {
+      const [x, y] = [xs[k] ?? 0, ys[k] ?? 0];
+      if (x === wanted) return y;
+      const before = run[i - 1];
+      if (before === undefined) continue;
+      const [x0, y0] = [xs[before] ?? 0, ys[before] ?? 0];
+      if (x0 < wanted && wanted < x) return y0 + ((wanted - x0) / (x - x0)) * (y - y0);
+    }
+  return null;
 }

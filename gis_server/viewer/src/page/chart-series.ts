@@ -1,6 +1,6 @@
 /** What a chart shows, where its axes end, what it tells in words, and where keys move its cursor. */
 
-import { extentOf, type Interval, isNumber, nearest, type Values, widened } from "./chart-scale";
+import { extentOf, type Interval, isNumber, type Values, valueAt, widened } from "./chart-scale";
 import { fixed } from "./format";
 
 export interface Series {
@@ -44,11 +44,11 @@ export function domains(series: readonly Series[]): { x: Interval; y: Interval }
   return { x: x[0] === x[1] ? [x[0], x[0] + 1] : x, y: widened(y, 0.06, 0.01) };
 }
 
-/** What every series says nearest to a place on the x axis. */
+/** What every series says at a place on the x axis. */
 export function told({ series, y }: ChartOptions, x: number): string {
   const one = ({ name, xs, ys, sigma }: Series) => {
-    const k = nearest(xs, x);
-    const [value, band] = [ys[k], sigma?.[k]];
+    const value = valueAt(xs, ys, x);
+    const band = sigma && valueAt(xs, sigma, x);
     if (!isNumber(value)) return `${name} not measured`;
     const plusMinus = isNumber(band) ? ` ± ${fixed(band, y.decimals)}` : "";
     return `${name} ${fixed(value, y.decimals)}${plusMinus} ${y.unit}`;

@@ -12,7 +12,7 @@ import { layersPart } from "../parts/layers/part";
 import { pointPart } from "../parts/point/part";
 import { rulerPart } from "../parts/ruler/part";
 import { scenePart } from "../parts/scene/part";
-import { stopsPart } from "../parts/stops/part";
+import { traversePart } from "../parts/traverse/part";
 import type { Layer, Mission } from "../server/records";
 import type { Context, Part, Signals } from "./context";
 import { Kept, LinkBook } from "./kept";
@@ -30,7 +30,7 @@ const PARTS: readonly Part[] = [
   cursorPart,
   pointPart,
   imagesPart,
-  stopsPart,
+  traversePart,
   scenePart,
 ];
 

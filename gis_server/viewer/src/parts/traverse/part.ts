@@ -1,30 +1,40 @@
-/** The tab of stops, and how large their error ellipses are drawn. */
+/** The tab of the traverse: how far telemetry strayed from it, its vertical profile, and its stops. */
 
 import type Feature from "ol/Feature";
 import type Geometry from "ol/geom/Geometry";
+import "./traverse.css";
 import { ellipseFactor } from "../../map/styles";
+import { h } from "../../page/dom";
 import type { MapPoint } from "../../server/records";
 import type { Context } from "../../session/context";
-import { type StopRow, stopPanel, stopRows } from "./panel";
+import { Comparison } from "./comparison";
+import { type StopRow, stopPanel, stopRows } from "./stop-table";
 
 /** Width of the ground shown around a stop that was asked for, metres. */
 const STOP_VIEW_M = 24;
 
-export function stopsPart(context: Context): void {
+export function traversePart(context: Context): void {
   const { page, view, layers, waiting } = context;
-  const panel = page.addTab("stops", "Stops");
+  const panel = page.addTab("stops", "Traverse");
   const zoomTo = ([east, north]: MapPoint) => {
     const half = STOP_VIEW_M / 2;
     view.fit([east - half, north - half, east + half, north + half]);
   };
+  const stops = h("div");
+  const comparison = new Comparison(context, zoomTo);
+  panel.replaceChildren(comparison.element, h("h3", {}, "Stops"), stops);
   const load = async () => {
     const features = await view.featuresOf(layers.widest("stops"));
     const rows = stopRows(features);
-    panel.replaceChildren(stopPanel(rows, zoomTo));
+    stops.replaceChildren(stopPanel(rows, zoomTo));
     sizeEllipses(context, features, rows);
   };
-  layers.replaced.on(() => waiting.run(load));
-  waiting.run(load);
+  const loadAll = () => {
+    waiting.run(load);
+    waiting.run(() => comparison.load());
+  };
+  layers.replaced.on(loadAll);
+  loadAll();
 }
 
 function sizeEllipses(

@@ -1,0 +1,169 @@
+/** Two solutions of the traverse side by side: which ones, their table, their vectors on the map, their profile. */
+
+import { h } from "../../page/dom";
+import { saveText } from "../../page/save";
+import { ApiError } from "../../server/api";
+import { network, type Solution, type TraverseAnswer } from "../../server/network";
+import type { MapPoint } from "../../server/records";
+import type { Context } from "../../session/context";
+import {
+  differencesCsv,
+  differenceTable,
+  solutionTitle,
+  summaryText,
+  TELEMETRY_NAME,
+} from "./differences";
+import { LinkedProfile } from "./linked-profile";
+import { DifferenceVectors, FACTORS, vectorFactor } from "./vectors";
+
+const LATEST = "latest";
+const NONE = "No adjustment has been made yet: there is nothing to compare telemetry with.";
+
+export class Comparison {
+  readonly element = h("div", { class: "comparison" });
+  private readonly vectors: DifferenceVectors;
+  private readonly profile: LinkedProfile;
+  private readonly table = h("div");
+  private solutions: readonly Solution[] = [];
+  private answer: TraverseAnswer | null = null;
+  private solution = LATEST;
+  private reference = TELEMETRY_NAME;
+  private bySol = false;
+  private hasVectors = false;
+  private factor = 1;
+
+  constructor(
+    private readonly context: Context,
+    private readonly zoomTo: (at: MapPoint) => void,
+  ) {
+    this.vectors = new DifferenceVectors(context.view.map);
+    this.profile = new LinkedProfile(context);
+    context.alive.addEventListener("abort", () => this.vectors.dispose());
+  }
+
+  /** Asks for the solutions and compares the chosen two. A mission without adjustment says so. */
+  async load(): Promise<void> {
+    try {
+      this.solutions = await network.solutions(this.context.mission.mission);
+      await this.compare();
+    } catch (reason) {
+      const isNone = reason instanceof ApiError && [404, 422].includes(reason.status ?? 0);
+      if (!isNone) throw reason;
+      this.answer = null;
+      this.element.replaceChildren(h("p", { class: "hint" }, NONE));
+      this.show();
+    }
+  }
+
+  private async compare(): Promise<void> {
+    const { mission } = this.context.mission;
+    this.answer = await network.traverse(mission, this.solution, this.reference);
+    this.factor = vectorFactor(this.answer);
+    this.draw(this.answer);
+    this.show();
+    if (this.profile.isOpen) this.profile.open(this.answer);
+  }
+
+  private choose(part: "solution" | "reference", value: string): void {
+    this[part] = value;
+    this.context.waiting.run(() => this.compare());
+  }
+
+  private show(): void {
+    this.vectors.show(this.hasVectors ? this.answer : null, this.factor);
+  }
+
+  private draw(answer: TraverseAnswer): void {
+    const openProfile = () => this.profile.open(answer);
+    const csv = () => saveText("differences.csv", "text/csv", differencesCsv(answer));
+    this.drawTable(answer);
+    this.element.replaceChildren(
+      this.selects(),
+      h("p", { class: "summary" }, summaryText(answer)),
+      this.switches(answer),
+      h(
+        "div",
+        { class: "actions" },
+        h(
+          "button",
+          { type: "button", class: "text profile", onclick: openProfile },
+          "vertical profile",
+        ),
+        h("button", { type: "button", class: "text csv", onclick: csv }, "CSV"),
+      ),
+      this.table,
+    );
+  }
+
+  private drawTable(answer: TraverseAnswer): void {
+    const goTo = ({ place }: { place: readonly [number, number, number | null] }) =>
+      this.zoomTo([place[0], place[1]]);
+    this.table.replaceChildren(differenceTable(answer, this.bySol, goTo));
+  }
+
+  private selects(): HTMLElement {
+    const option = (value: string, title: string, chosen: string) =>
+      h("option", { value, selected: value === chosen }, title);
+    const named = (chosen: string) =>
+      this.solutions.map((one) => option(one.id, solutionTitle(one, this.solutions), chosen));
+    const solution = h(
+      "select",
+      { class: "solution", onchange: () => this.choose("solution", solution.value) },
+      option(LATEST, "latest adjustment", this.solution),
+      ...named(this.solution),
+    );
+    const reference = h(
+      "select",
+      { class: "reference", onchange: () => this.choose("reference", reference.value) },
+      option(TELEMETRY_NAME, "telemetry", this.reference),
+      ...named(this.reference),
+    );
+    return h(
+      "div",
+      { class: "solutions" },
+      h("label", {}, h("span", {}, "solution"), solution),
+      h("label", {}, h("span", {}, "against"), reference),
+    );
+  }
+
+  private switches(answer: TraverseAnswer): HTMLElement {
+    const bySol = h("input", {
+      type: "checkbox",
+      class: "by-sol",
+      checked: this.bySol,
+      onchange: () => {
+        this.bySol = bySol.checked;
+        this.drawTable(answer);
+      },
+    });
+    const vectors = h("input", {
+      type: "checkbox",
+      class: "vectors",
+      checked: this.hasVectors,
+      onchange: () => {
+        this.hasVectors = vectors.checked;
+        this.show();
+      },
+    });
+    const factor = h(
+      "select",
+      {
+        "aria-label": "length of difference vectors",
+        onchange: () => {
+          this.factor = Number(factor.value);
+          this.show();
+        },
+      },
+      ...FACTORS.map((one) =>
+        h("option", { value: one, selected: one === this.factor }, `× ${one}`),
+      ),
+    );
+    return h(
+      "div",
+      { class: "switches" },
+      h("label", {}, bySol, "by sol"),
+      h("label", {}, vectors, "vectors on the map"),
+      factor,
+    );
+  }
+}

@@ -1,0 +1,94 @@
+/** The table of accumulated differences (Di et al. 2008, section 3.3): metres, percent of the distance, their maximum. */
+
+import { h } from "../../page/dom";
+import { fixed, metres } from "../../page/format";
+import type { Solution, TraverseAnswer, TraverseRow } from "../../server/network";
+
+export const TELEMETRY_NAME = "telemetry";
+
+/** `sol 157`, `sol 157, overall`; with the time it was made where several are of one sol. */
+export function solutionTitle(one: Solution, all: readonly Solution[]): string {
+  const name = `sol ${one.sol}${one.is_overall ? ", overall" : ""}`;
+  const twins = all.filter(
+    ({ sol, is_overall }) => sol === one.sol && is_overall === one.is_overall,
+  );
+  const made = twins.length > 1 ? `, made ${one.made_at.slice(0, 16).replace("T", " ")}` : "";
+  return `${name}${made}${one.is_latest ? " (on the map)" : ""}`;
+}
+
+const percent = (row: TraverseRow) => (row.percent === null ? "–" : `${fixed(row.percent, 2)} %`);
+
+/** What the paper reports of a traverse, in one sentence. */
+export function summaryText(answer: TraverseAnswer): string {
+  const [end, worst] = [answer.rows[answer.end], answer.rows[answer.worst]];
+  if (!end || !worst) return "";
+  const at = (row: TraverseRow) => `${metres(row.horizontal_m)}, ${percent(row)}`;
+  return (
+    `After ${fixed(end.distance_m, 1)} m ${answer.reference === TELEMETRY_NAME ? "telemetry" : "the other solution"} ` +
+    `is off by ${at(end)}; at most by ${at(worst)} at ${worst.label}.`
+  );
+}
+
+/** Rows of all stops, or of the last stop of every sol. */
+export function rowsOf(answer: TraverseAnswer, bySol: boolean): readonly TraverseRow[] {
+  if (!bySol) return answer.rows;
+  return answer.by_sol.flatMap((k) => answer.rows[k] ?? []);
+}
+
+const COLUMNS = ["stop", "sol", "distance", "off by", "percent", "height"] as const;
+
+export function differenceTable(
+  answer: TraverseAnswer,
+  bySol: boolean,
+  goTo: (row: TraverseRow) => void,
+): HTMLElement {
+  const marks = new Map([
+    [answer.rows[answer.worst], "most percent"],
+    [answer.rows[answer.farthest], "most metres"],
+  ]);
+  const line = (row: TraverseRow) =>
+    h(
+      "tr",
+      { "data-row": row.label, class: marks.has(row) ? "most" : "", title: marks.get(row) ?? null },
+      h(
+        "td",
+        {},
+        h("button", { type: "button", class: "link", onclick: () => goTo(row) }, row.label),
+      ),
+      h("td", { class: "number" }, String(row.sol)),
+      h("td", { class: "number" }, fixed(row.distance_m, 1)),
+      h("td", { class: "number" }, fixed(row.horizontal_m, 3)),
+      h("td", { class: "number" }, percent(row)),
+      h("td", { class: "number" }, fixed(row.offset_m[2], 3)),
+    );
+  return h(
+    "table",
+    { class: "values differences" },
+    h("thead", {}, h("tr", {}, ...COLUMNS.map((name) => h("th", { scope: "col" }, name)))),
+    h("tbody", {}, ...rowsOf(answer, bySol).map(line)),
+  );
+}
+
+/** The differences as a table for spreadsheets. */
+export function differencesCsv({ rows, solution, reference }: TraverseAnswer): string {
+  const head =
+    "stop,sol,distance_m,horizontal_m,percent,east_m,north_m,up_m,leg_m,east,north,elevation_m,sigma_up_m,solution,reference";
+  const lines = rows.map((row) =>
+    [
+      row.label,
+      row.sol,
+      row.distance_m,
+      row.horizontal_m,
+      row.percent,
+      ...row.offset_m,
+      row.leg_m,
+      ...row.place,
+      row.sigma_up_m,
+      solution,
+      reference,
+    ]
+      .map((value) => value ?? "")
+      .join(","),
+  );
+  return [head, ...lines, ""].join("\n");
+}
