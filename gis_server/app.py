@@ -15,7 +15,18 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from config.settings import Settings
 from gis_server.errors import install_error_table
 from gis_server.ogc import features, landing
-from gis_server.routes import analysis, images, layers, missions, models, pages, scene, styles, tiles
+from gis_server.routes import (
+    analysis,
+    images,
+    layers,
+    missions,
+    models,
+    pages,
+    projection,
+    scene,
+    styles,
+    tiles,
+)
 from gis_server.services import open_services
 
 _HEADERS = {
@@ -100,6 +111,7 @@ def create_app(store_root: Path, viewer_dist: Path | None = None) -> FastAPI:
         models,
         scene,
         analysis,
+        projection,
         styles,
         tiles,
         images,

@@ -25,5 +25,8 @@ class CameraModel(Protocol):
     def rays(self, image_points: ImagePoints) -> Directions:
         """Unit directions from the camera through image points."""
 
+    def ray_origins(self, image_points: ImagePoints) -> ObjectPoints:
+        """Where these rays start, metres: at the centre, unless the entrance pupil moves."""
+
     def moved(self, target_from_model: Pose) -> CameraModel:
         """The same camera, expressed in the target frame of a pose."""

@@ -1,0 +1,173 @@
+"""The ground at a point of an image, and how sure its place is.
+
+Where the pixel was matched, the place is that of its parallax in the pair. Elsewhere the ray
+
+    X = C + t r
+
+is walked over the terrain until it first passes below it; with the plane n of the ground there, an
+error e of the ray at X and an error dh of the elevation move the place by
+
+    dX = T e + r (n_up / (r.n)) dh,        T = I - r n' / (r.n).
+
+Either way the place is given with the covariance against the stop that it was measured from: the
+pair's own, or the one whose terrain model was met. What that stop does not know of itself is added
+where the place is wanted against the held stop (see `oriented_image`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from photogrammetry.arrays import Float64, PerPoint, Vector3
+from photogrammetry.cameras.epipolar import EpipolarPair
+from photogrammetry.frames import Pose
+from photogrammetry.terrain.ground import MAP_FROM_LSL
+from photogrammetry.terrain.ground_samples import MapPoints
+from photogrammetry.terrain.oriented_image import OrientedImage, StopPose, between
+from photogrammetry.terrain.plane_fit import Covariance3
+
+UP = np.array([0.0, 0.0, -1.0])
+"""In the LSL."""
+GRAZING = 0.02
+"""Cosine to the normal below which a ray runs along the ground: one degree."""
+WIDEST_GAP_M = 0.5
+"""Longest stretch of unseen ground that a ray may go under within: see `SightParams.max_gap_m`."""
+HALVINGS = 20
+
+Elevations = Callable[[MapPoints], PerPoint]
+"""Elevation at (east, north); NaN where the ground is not known."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GroundPoint:
+    """A place on the ground, in the LSL, metres."""
+
+    point: Vector3
+    covariance: Covariance3
+    """Against `frame`."""
+    frame: StopPose
+    """The stop that it was measured from."""
+    normal: Vector3 | None = None
+    """Of the ground, pointing up, where it is known."""
+
+    @property
+    def on_map(self) -> Vector3:
+        """(east, north, up)."""
+        return MAP_FROM_LSL @ self.point
+
+    @property
+    def total_covariance(self) -> Covariance3:
+        """Against the held stop, in (east, north, up)."""
+        total = self.covariance + self.frame.at(self.point)
+        return MAP_FROM_LSL @ total @ MAP_FROM_LSL.T
+
+
+def by_parallax(
+    image: OrientedImage,
+    geometry: EpipolarPair,
+    lsl_from_pair: Pose,
+    left: Float64[np.ndarray, " 2"],
+    parallax_px: float,
+    sigmas_px: tuple[float, float],
+) -> GroundPoint:
+    """The place of a matched pixel.
+
+    Args:
+        image: The image that was pointed at, for its stop and pointing.
+        geometry: That of its pair.
+        lsl_from_pair: Where the pair is, pointing corrected.
+        left: The point in the left epipolar image.
+        parallax_px: Its parallax.
+        sigmas_px: Standard deviations of the point and of the parallax.
+    """
+    one, parallax = left[None], np.array([parallax_px])
+    point = lsl_from_pair.apply(geometry.triangulate(one, parallax))[0]
+    turn = lsl_from_pair.rotation
+    own = turn @ geometry.covariances(one, parallax, *sigmas_px)[0] @ turn.T
+    return GroundPoint(point, own + image.pointing_at(point), image.pose)
+
+
+def first_meeting(
+    start: Vector3, ray: Vector3, elevations: Elevations, reach_m: float, step_m: float
+) -> float | None:
+    """Distance along a ray in the LSL at which it first passes below the ground; None if it never.
+
+    Where the ground on the way below was not seen over a longer stretch than `WIDEST_GAP_M`, where
+    it meets cannot be said, and the answer is None.
+    """
+    start, ray = MAP_FROM_LSL @ start, MAP_FROM_LSL @ ray
+    flat = max(float(np.hypot(*ray[:2])), 1e-6)
+    along = np.arange(0.0, reach_m, step_m) / flat
+
+    def height(t: PerPoint) -> PerPoint:
+        points = start + t[:, None] * ray
+        return points[:, 2] - elevations(points[:, :2])
+
+    over = height(along)
+    known = np.flatnonzero(np.isfinite(over))
+    under = known[over[known] <= 0]
+    if not len(under) or under[0] == known[0]:
+        return None
+    after = int(under[0])
+    before = int(known[np.searchsorted(known, after) - 1])
+    if (along[after] - along[before]) * flat > WIDEST_GAP_M + step_m:
+        return None
+    low, high = float(along[before]), float(along[after])
+    for _ in range(HALVINGS if after - before == 1 else 0):
+        middle = (low + high) / 2
+        above = height(np.array([middle]))[0]
+        if not np.isfinite(above):
+            break
+        low, high = (middle, high) if above > 0 else (low, middle)
+    return (low + high) / 2
+
+
+def on_terrain(
+    image: OrientedImage,
+    point: Vector3,
+    ray: Vector3,
+    ground: tuple[Vector3, float, StopPose],
+    sigma_px: float,
+    pixel: float,
+) -> GroundPoint:
+    """The place where a ray meets a terrain model.
+
+    Args:
+        image: The image the ray belongs to.
+        point: Where it meets, in the LSL.
+        ray: Its direction.
+        ground: Normal of the ground in the LSL, standard deviation of its elevation against its
+            stop, and that stop.
+        sigma_px: Standard deviation of the image point.
+        pixel: Angle of a pixel, radians.
+    """
+    normal, sigma_m, frame = ground
+    cosine = float(ray @ normal)
+    cosine = np.copysign(max(abs(cosine), GRAZING), cosine)
+    distance = float(np.linalg.norm(point - image.camera.centre))
+    across = (sigma_px * pixel * distance) ** 2 * (np.eye(3) - np.outer(ray, ray))
+    error = across + image.pointing_at(point) + between(frame, image.pose, point)
+    T = np.eye(3) - np.outer(ray, normal) / cosine
+    lift = float(normal @ UP) / cosine * sigma_m
+    covariance = T @ error @ T.T + lift**2 * np.outer(ray, ray)
+    return GroundPoint(point, covariance, frame, normal)
+
+
+def normal_at(place: Float64[np.ndarray, " 2"], elevations: Elevations, half_m: float) -> Vector3:
+    """Unit normal, in the LSL and pointing up, of the ground around a place on the map.
+
+    Of the plane that fits a square of readings best; upright where too little is known.
+    """
+    steps = np.linspace(-half_m, half_m, 5)
+    east, north = (axis.ravel() for axis in np.meshgrid(steps, steps))
+    heights = elevations(place + np.column_stack([east, north]))
+    known = np.isfinite(heights)
+    if known.sum() < 6:  # noqa: PLR2004 - twice the unknowns of a plane
+        return UP.copy()
+    design = np.column_stack([np.ones(known.sum()), east[known], north[known]])
+    _, to_east, to_north = np.linalg.lstsq(design, heights[known])[0]
+    normal = np.array([-to_north, -to_east, -1.0])
+    return normal / np.linalg.norm(normal)

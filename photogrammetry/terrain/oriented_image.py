@@ -1,0 +1,199 @@
+"""Images placed on the map, and how sure their place is.
+
+An image looks from its stop, whose pose in the LSL is known with the covariance C_s of a rotation
+vector d about the stop's centre c and a shift dc, through a camera on a mast whose pointing turned
+it about the mast head v by an error m with the covariance C_m. What a stop carries along moves at
+the point X by dc + d x (X - c), so that it is known there with
+
+    C_s(X) = J C_s J',    J = | -[X - c]   I |,       C_m(X) = [X - v] C_m [X - v]' by pointing.
+
+A ground point known with C_X that is seen with the derivatives P of the image by the point lies in
+the image within
+
+    C_u = P (C_X + C_rel(X) + C_m(X)) P'.
+
+C_rel is what two stops do not share. Covariances of stops are against the held stop, and of two of
+them only each by itself is kept. As in the stepwise adjustment, the one that is known worse is
+taken to carry the error of the better one rigidly, and C_rel is the positive part of the difference
+of both at X; within a stop it is nothing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation as ScipyRotation
+
+from photogrammetry.arrays import Flags, Float64, ImagePoints, Vector3
+from photogrammetry.cameras.model import CameraModel
+from photogrammetry.errors import TerrainError
+from photogrammetry.frames import LSL, Pose
+from photogrammetry.imagery import RoverImage, StopId
+from photogrammetry.terrain.plane_fit import Covariance3
+from photogrammetry.terrain.records import PoseCovariance
+
+ImagePlace = Float64[np.ndarray, " 2"]
+"""(sample, line)."""
+Covariance2 = Float64[np.ndarray, "2 2"]
+STEP_M = 1e-4
+"""Step of numerical derivatives over the distance of a point, metres a metre."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StopPose:
+    """Where a stop is in the LSL, and how sure that is."""
+
+    stop: StopId
+    lsl_from_rover: Pose
+    covariance: PoseCovariance
+
+    def at(self, point_in_lsl: Vector3) -> Covariance3:
+        """Covariance of what the stop carries along, at a point."""
+        J = np.hstack([-cross(point_in_lsl - self.lsl_from_rover.translation_m), np.eye(3)])
+        return J @ self.covariance @ J.T
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pointing:
+    """How the mast turned a camera off its label, as a rotation vector in the rover frame."""
+
+    turn: Vector3
+    covariance: Covariance3
+
+    @classmethod
+    def of_label(cls, sigma: float) -> Pointing:
+        """The label's own pointing, `sigma` radians an axis sure."""
+        return cls(np.zeros(3), sigma**2 * np.eye(3))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OrientedImage:
+    """An image whose camera is given in the LSL."""
+
+    id: str
+    pose: StopPose
+    camera: CameraModel
+    """In the LSL, its pointing corrected."""
+    size: tuple[int, int]
+    """(samples, lines)."""
+    pivot_in_lsl: Vector3
+    """The mast head that pointing errors turn the camera about."""
+    pointing_covariance: Covariance3
+    """Of a rotation vector in the LSL."""
+
+    @classmethod
+    def of(cls, image: RoverImage, pose: StopPose, pointing: Pointing) -> OrientedImage:
+        """An image as it was pointed from where its stop is."""
+        if pose.stop != image.stop or pose.lsl_from_rover.target != LSL:
+            raise TerrainError(f"{image.id} was taken at {image.stop}, not at {pose.stop}")
+        pivot = as_pivot(image)
+        camera = as_pointed(image, pointing.turn).camera.moved(pose.lsl_from_rover)
+        turn = pose.lsl_from_rover.rotation
+        return cls(
+            image.id,
+            pose,
+            camera,
+            (image.samples, image.lines),
+            pose.lsl_from_rover.apply(pivot[None])[0],
+            turn @ pointing.covariance @ turn.T,
+        )
+
+    def pointing_at(self, point_in_lsl: Vector3) -> Covariance3:
+        """Covariance of what turns with the camera, by its pointing alone, at a point."""
+        lever = cross(point_in_lsl - self.pivot_in_lsl)
+        return lever @ self.pointing_covariance @ lever.T
+
+    def ray(self, image_point: ImagePlace) -> tuple[Vector3, Vector3]:
+        """Where the ray through an image point starts, and its direction, in the LSL."""
+        wanted = image_point[None]
+        return self.camera.ray_origins(wanted)[0].copy(), self.camera.rays(wanted)[0]
+
+    def shows(self, image_point: ImagePlace) -> bool:
+        """Whether a point lies on the image, its outermost half pixels included."""
+        return bool(shown(image_point[None], self.size)[0])
+
+
+def shown(image_points: ImagePoints, size: tuple[int, int]) -> Flags:
+    """Which points lie on an image of (samples, lines), its outermost half pixels included."""
+    first, last = np.array([-0.5, -0.5]), np.array(size) - 0.5
+    return ((image_points >= first) & (image_points <= last)).all(axis=1)  # NaN is not
+
+
+def as_pivot(image: RoverImage) -> Vector3:
+    """What pointing errors turn an image's camera about, in the rover frame."""
+    return image.camera.centre if image.mast_in_rover is None else np.array(image.mast_in_rover)
+
+
+def as_pointed(image: RoverImage, pointing: Vector3) -> RoverImage:
+    """An image whose camera looks where its mast had really pointed it."""
+    rover, pivot = image.stop.frame, as_pivot(image)
+    turn = ScipyRotation.from_rotvec(pointing).as_matrix()
+    return replace(image, camera=image.camera.moved(Pose(rover, rover, turn, pivot - turn @ pivot)))
+
+
+def cross(vector: Vector3) -> Covariance3:
+    """[v] with [v] w = v x w."""
+    x, y, z = vector
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+def between(one: StopPose, other: StopPose, point_in_lsl: Vector3) -> Covariance3:
+    """Covariance, at a point, of what two stops do not share."""
+    if one.stop == other.stop:
+        return np.zeros((3, 3))
+    first, second = one.at(point_in_lsl), other.at(point_in_lsl)
+    difference = second - first if np.trace(second) > np.trace(first) else first - second
+    variances, axes = np.linalg.eigh((difference + difference.T) / 2)
+    return (axes * np.maximum(variances, 0.0)) @ axes.T
+
+
+def partials(camera: CameraModel, point: Vector3) -> Float64[np.ndarray, "2 3"]:
+    """Derivatives of the image of a point by the point, pixels a metre."""
+    step = STEP_M * max(float(np.linalg.norm(point - camera.centre)), 1e-3)
+    steps = step * np.eye(3)
+    return (camera.project(point + steps) - camera.project(point - steps)).T / (2 * step)
+
+
+def in_image(image: OrientedImage, point: Vector3, covariance: Covariance3) -> Covariance2:
+    """Covariance, pixels squared, of the image of a point known so against the image's stop."""
+    P = partials(image.camera, point)
+    return P @ (covariance + image.pointing_at(point)) @ P.T
+
+
+def in_images_of(
+    image: OrientedImage, point: Vector3, own: Covariance3, frame: StopPose
+) -> Covariance2:
+    """The same of a point known with `own` against another stop."""
+    return in_image(image, point, own + between(frame, image.pose, point))
+
+
+@dataclass(frozen=True, slots=True)
+class Ellipse:
+    """A standard error ellipse; nine in ten are within 2.15 times its size."""
+
+    semi_major: float
+    semi_minor: float
+    angle: float
+    """Radians of the major axis, from the first axis towards the second."""
+
+    @classmethod
+    def of(cls, covariance: Covariance2) -> Ellipse:
+        """The ellipse of a covariance."""
+        variances, axes = np.linalg.eigh(covariance)
+        minor, major = np.sqrt(np.maximum(variances, 0.0)).tolist()
+        first, second = axes[:, 1]
+        return cls(major, minor, float(np.arctan2(second, first) % np.pi))
+
+
+def epipolar_curve(
+    from_image: OrientedImage,
+    image_point: ImagePlace,
+    into: OrientedImage,
+    ranges_m: Float64[np.ndarray, " n"],
+) -> tuple[Float64[np.ndarray, "k 2"], Float64[np.ndarray, " k"]]:
+    """Where a ray of one image runs in another, and at which range; only what the other shows."""
+    start, ray = from_image.ray(image_point)
+    seen = into.camera.project(start + ranges_m[:, None] * ray)
+    on_it = shown(seen, into.size)
+    return seen[on_it], ranges_m[on_it]

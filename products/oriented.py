@@ -1,0 +1,173 @@
+"""Images as the latest adjusted network has them: placed, pointed, and matched with a partner."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from photogrammetry.adjustment.params import AdjustmentParams
+from photogrammetry.adjustment.records import AdjustedPair
+from photogrammetry.cameras.epipolar import EpipolarPair
+from photogrammetry.cameras.model import CameraModel
+from photogrammetry.imagery import Eye, RoverImage, StopId
+from photogrammetry.matching.dense import DenseMatches
+from photogrammetry.matching.vertical_parallax import turned_in_place
+from photogrammetry.terrain.oriented_image import OrientedImage, Pointing, StopPose
+from products.arrays import read_dense, read_matches, read_right_turn
+from products.catalogue import Catalogue, ImageEntry
+from products.errors import ProductNotFoundError
+from products.images import image_record
+from products.model import ProductKind, ProductRef, Scope, ScopeLevel
+from products.network import NetworkProduct, read_network
+from products.store import ProductStore
+from products.workspace import Workspace
+
+_NETWORKS = 2
+_MATCHED = 8
+"""Pairs whose dense matches are kept in memory, some 8 MB each."""
+_POINTED = float(np.radians(AdjustmentParams().pointing_deg))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MatchedEyes:
+    """The pair that an image belongs to, and what was matched in it."""
+
+    pair_id: str
+    geometry: EpipolarPair
+    left: CameraModel
+    """Of the image as stored, in the rover frame, by its label."""
+    right: CameraModel
+    dense: DenseMatches
+
+    def camera(self, eye: str) -> CameraModel:
+        """The camera of one eye."""
+        return self.right if eye == Eye.RIGHT else self.left
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OrientedMission:
+    """The images of a mission by its latest network."""
+
+    ref: ProductRef
+    """The network."""
+    network: NetworkProduct
+    stops: Mapping[StopId, StopPose]
+    """Where the stops are, in the order of the traverse."""
+    pairs: Mapping[str, AdjustedPair]
+    """Adjusted pairs and single images, by identifier."""
+    workspace: Workspace
+
+    @classmethod
+    def latest(cls, mission: str, workspace: Workspace) -> OrientedMission:
+        """The mission as it was adjusted last.
+
+        Raises:
+            ProductNotFoundError: it has not been adjusted yet.
+        """
+        ref = latest_network(mission, workspace.catalogue)
+        return cls(ref, *_network(workspace.store.root, ref), workspace)
+
+    def pair_of(self, entry: ImageEntry) -> AdjustedPair | None:
+        """The adjusted pair, or single image, that an image is part of."""
+        return self.pairs.get(entry.id) or self.pairs.get(entry.partner or "")
+
+    def record(self, entry: ImageEntry) -> RoverImage:
+        """The image's label; the right camera of a pair as matching found it to stand."""
+        image = image_record(entry, self.workspace)
+        matches = self._matches(entry) if entry.eye == Eye.RIGHT else None
+        turn = _right_turn(self.workspace.store.path(matches)) if matches else None
+        if turn is None:
+            return image
+        camera = turned_in_place(image.camera, image.stop.frame, np.array(turn))
+        return replace(image, camera=camera)
+
+    def oriented(self, entry: ImageEntry) -> OrientedImage:
+        """The image on the map.
+
+        Raises:
+            ProductNotFoundError: its stop is not in the network.
+        """
+        pose = self.stops.get(entry.stop_id)
+        if pose is None:
+            raise ProductNotFoundError(
+                f"{entry.id} was taken at {entry.stop}, which the latest network of "
+                f"{entry.mission} does not hold; run the sol it was taken on"
+            )
+        pair = self.pair_of(entry)
+        pointing = (
+            Pointing(pair.pointing, pair.pointing_covariance)
+            if pair
+            else Pointing.of_label(_POINTED)
+        )
+        return OrientedImage.of(self.record(entry), pose, pointing)
+
+    def eyes(self, entry: ImageEntry) -> MatchedEyes | None:
+        """The matched pair that an image is part of; None for one without partner or matches."""
+        matches = self._matches(entry)
+        if matches is None or entry.partner is None:
+            return None
+        digest = self.workspace.catalogue.latest(matches.scope.name, ProductKind.PARALLAX)
+        if digest is None:
+            return None
+        other = self.workspace.catalogue.image(entry.partner)
+        left, right = (entry, other) if entry.eye == Eye.LEFT else (other, entry)
+        store = self.workspace.store
+        parallax = ProductRef(ProductKind.PARALLAX, matches.scope, digest)
+        return MatchedEyes(
+            left.id,
+            _geometry(store.path(matches)),
+            self.record(left).camera,
+            self.record(right).camera,
+            _dense(store.path(parallax)),
+        )
+
+    def _matches(self, entry: ImageEntry) -> ProductRef | None:
+        pair_id = entry.id if entry.eye == Eye.LEFT else entry.partner
+        scope = Scope(ScopeLevel.PAIR, (pair_id or "").lower())
+        digest = self.workspace.catalogue.latest(scope.name, ProductKind.MATCHES)
+        return None if digest is None else ProductRef(ProductKind.MATCHES, scope, digest)
+
+
+def latest_network(mission: str, catalogue: Catalogue) -> ProductRef:
+    """The network that was published last: names sort by sol, an overall one after its sol's.
+
+    Raises:
+        ProductNotFoundError: there is none.
+    """
+    prefix = f"{mission.lower()}-sol"
+    refs = [r for r in catalogue.pointers(ProductKind.NETWORK) if r.scope.name.startswith(prefix)]
+    if not refs:
+        raise ProductNotFoundError(
+            f"no network of {mission} has been adjusted yet, so no image has a place; run a sol"
+        )
+    return max(refs, key=lambda ref: ref.scope.name)
+
+
+@lru_cache(maxsize=_NETWORKS)
+def _network(
+    root: Path, ref: ProductRef
+) -> tuple[NetworkProduct, dict[StopId, StopPose], dict[str, AdjustedPair]]:
+    """A network, read once: it never changes."""
+    network = read_network(ref, ProductStore(root))
+    adjusted = network.adjusted
+    stops = {s.stop: StopPose(s.stop, s.lsl_from_rover, s.covariance) for s in adjusted.stops}
+    return network, stops, {pair.pair_id: pair for pair in adjusted.pairs}
+
+
+@lru_cache(maxsize=1024)
+def _geometry(path: Path) -> EpipolarPair:
+    return read_matches(path)[0]
+
+
+@lru_cache(maxsize=1024)
+def _right_turn(path: Path) -> tuple[float, float, float] | None:
+    return read_right_turn(path)
+
+
+@lru_cache(maxsize=_MATCHED)
+def _dense(path: Path) -> DenseMatches:
+    return read_dense(path)
