@@ -75,6 +75,10 @@ class ControlFrame:
         return not any(self.is_free)
 
 
+MAP = ControlFrame.claimed("the map", (0.0, 0.0), shift_m=0.0, rotation_deg=0.0, scale=0.0)
+"""The frame of the datum: see `datum`."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class StopControl:
     """Where a stop lies in a control frame, and how well that is known."""

@@ -25,6 +25,7 @@ import numpy as np
 from photogrammetry.adjustment.collinearity import State
 from photogrammetry.adjustment.control import (
     FRAME_UNKNOWNS,
+    MAP,
     AdjustedControl,
     AdjustedFrame,
     StopControl,
@@ -55,6 +56,8 @@ class Control:
     prior: Float64[np.ndarray, "frames 5 5"]
     """Whitens what is known of the place of each frame beforehand."""
     is_free: Bool[np.ndarray, "frames 5"]
+    is_datum: Bool[np.ndarray, " n"]
+    """Which of it says where the map itself begins: never in doubt."""
 
     @classmethod
     def of(cls, network: Network) -> Control:
@@ -79,6 +82,7 @@ class Control:
             np.array([frame.place for frame in network.frames]).reshape(-1, FRAME_UNKNOWNS),
             prior,
             np.array([f.is_free for f in network.frames], dtype=bool).reshape(-1, FRAME_UNKNOWNS),
+            np.array([one.frame == MAP.name for one in control], dtype=bool),
         )
 
     def __len__(self) -> int:
@@ -89,11 +93,6 @@ class Control:
     def surplus(self) -> int:
         """Observations that count, those of frames too, without the unknowns of frames."""
         return int(self.is_given[self.used].sum())
-
-    @property
-    def is_datum(self) -> Bool[np.ndarray, " n"]:
-        """Which of it says where the map itself begins: never in doubt."""
-        return ~self.is_free[self.frame].any(axis=1)
 
     def using(self, used: np.ndarray) -> Control:
         """With other control set aside."""

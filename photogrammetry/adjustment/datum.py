@@ -20,13 +20,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from photogrammetry.adjustment.control import ControlFrame, StopControl
+from photogrammetry.adjustment.control import MAP, ControlFrame, StopControl
 from photogrammetry.adjustment.params import AdjustmentParams
 from photogrammetry.adjustment.records import AdjustedNetwork, Network
 from photogrammetry.imagery import StopId
 
-MAP = ControlFrame.claimed("the map", (0.0, 0.0), shift_m=0.0, rotation_deg=0.0, scale=0.0)
-"""The control frame whose place is certain."""
 PLACE_SIGMA_M = 1e-3
 """So closely the first stop keeps the place that defines the map."""
 
@@ -80,3 +78,6 @@ def _datum(network: Network, params: AdjustmentParams) -> StopControl:
         sigma.append(float(np.radians(params.azimuth_step_deg)))
     C = np.diag(np.square(sigma))
     return StopControl(first.stop, MAP.name, east, north, C, -down, azimuth_deg)
+
+
+__all__ = ["MAP", "held_stops", "says_otherwise", "with_control"]

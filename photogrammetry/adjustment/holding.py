@@ -43,7 +43,8 @@ class Holding:
                 for k, others in enumerate(shared)]  # fmt: skip
         reached = np.array(held | known)
         if control:
-            reached[control.stop[control.used & control.is_datum]] = True
+            free = control.is_free[control.frame]
+            reached[control.stop[control.used & np.logical_not(free.any(axis=1))]] = True
         front = np.flatnonzero(reached).tolist()
         while front:
             for other in near[front.pop()]:

@@ -1,0 +1,186 @@
+"""Control that a person measured: the records, and the text they are read from.
+
+A row says where a stop lies on another map, an orbital image as a rule. Two formats hold the same
+columns: CSV with a line of names at its head, and GeoJSON, a FeatureCollection of points with the
+other columns as properties and [longitude, latitude] as geometry.
+
+    stop                        `mer2-site0010-drive0064`, or `10/64` (site and drive)
+    longitude, latitude         of the place in the image, degrees of Mars, east and planetocentric
+    or east_m, north_m          the same in metres of the local map
+    sigma_m                     standard deviation of either coordinate
+    map_east_m, map_north_m     the place is not the rover's but that of this point of the rover's
+                                map, a rock or crater rim that the stop sees
+    up_m, sigma_up_m            height in the local map
+    azimuth_deg, sigma_azimuth_deg    of the rover's x axis in the image, clockwise from north
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from photogrammetry.errors import AdjustmentError
+from photogrammetry.imagery import StopId
+
+COLUMNS = (
+    "stop",
+    "longitude",
+    "latitude",
+    "east_m",
+    "north_m",
+    "sigma_m",
+    "map_east_m",
+    "map_north_m",
+    "up_m",
+    "sigma_up_m",
+    "azimuth_deg",
+    "sigma_azimuth_deg",
+    "note",
+)
+NUMBERS = COLUMNS[1:-1]
+TOGETHER = (
+    ("longitude", "latitude"),
+    ("east_m", "north_m"),
+    ("map_east_m", "map_north_m"),
+    ("up_m", "sigma_up_m"),
+    ("azimuth_deg", "sigma_azimuth_deg"),
+)
+"""Columns of which a row gives both or neither."""
+STOP = re.compile(r"(?:[a-z0-9]+-site0*(\d+)-drive0*(\d+)|(\d+)\s*/\s*(\d+))", re.IGNORECASE)
+
+
+@dataclass(frozen=True, slots=True)
+class ControlRow:
+    """Where one stop, or a point that it sees, lies on another map."""
+
+    stop: StopId
+    place: tuple[float, float]
+    """(east, north) in metres, or (longitude, latitude) in degrees."""
+    in_degrees: bool
+    sigma_m: float
+    map_point: tuple[float, float] | None = None
+    """(east, north) of the same place on the rover's map; None: the rover's own."""
+    up: tuple[float, float] | None = None
+    """Height of the rover and its standard deviation, metres."""
+    azimuth: tuple[float, float] | None = None
+    """Azimuth of the rover and its standard deviation, degrees."""
+
+
+def parse_control(text: str, mission: str, source: str) -> tuple[ControlRow, ...]:
+    """Read a file of control; GeoJSON where it starts with a brace, CSV otherwise.
+
+    Raises:
+        AdjustmentError: names the file, the row (first below the names: 1), and what is wrong.
+    """
+    text = text.removeprefix("\ufeff")
+    rows = _geojson_rows(text, source) if text.lstrip().startswith("{") else _csv_rows(text, source)
+    found = []
+    for number, row in rows:
+        where = f"{source}, row {number}"
+        try:
+            found.append(_row(row, mission))
+        except AdjustmentError as error:
+            raise AdjustmentError(f"{where}: {error}") from error
+    return tuple(found)
+
+
+def _csv_rows(text: str, source: str) -> Iterator[tuple[int, Mapping[str, Any]]]:
+    if not text.strip():
+        return  # an emptied file takes all of it back
+    try:
+        lines = list(csv.reader(io.StringIO(text), strict=True))
+    except csv.Error as error:
+        raise AdjustmentError(f"{source}: this is no CSV: {error}") from error
+    names = [name.strip().lower() for name in lines[0]]
+    unknown = [name for name in names if name not in COLUMNS]
+    if "stop" not in names or unknown:
+        raise AdjustmentError(
+            f"{source}: the first line should name the columns, of {', '.join(COLUMNS)}; "
+            + (f"{unknown[0]!r} is none of them" if unknown else "'stop' is missing")
+        )
+    for number, values in enumerate(lines[1:], 1):
+        if any(value.strip() for value in values):
+            if len(values) != len(names):
+                raise AdjustmentError(
+                    f"{source}, row {number}: {len(values)} values for {len(names)} columns"
+                )
+            yield number, dict(zip(names, (value.strip() for value in values), strict=True))
+
+
+def _geojson_rows(text: str, source: str) -> Iterator[tuple[int, Mapping[str, Any]]]:
+    try:
+        features = json.loads(text)["features"]
+        rows = [
+            ({**feature["properties"]}, feature["geometry"]["type"],
+             feature["geometry"]["coordinates"])
+            for feature in features
+        ]  # fmt: skip
+    except (ValueError, KeyError, TypeError) as error:
+        raise AdjustmentError(f"{source}: a FeatureCollection of points is expected") from error
+    for number, (row, kind, place) in enumerate(rows, 1):
+        if kind != "Point" or len(place) < 2:  # noqa: PLR2004 - longitude and latitude
+            raise AdjustmentError(f"{source}, row {number}: a Point is expected, not a {kind}")
+        row.update(longitude=place[0], latitude=place[1])
+        yield number, row
+
+
+def _row(row: Mapping[str, Any], mission: str) -> ControlRow:
+    values = {name: _number(name, row.get(name)) for name in NUMBERS}
+    for pair in TOGETHER:
+        if (values[pair[0]] is None) != (values[pair[1]] is None):
+            raise AdjustmentError(f"{pair[0]} and {pair[1]} are given together or not at all")
+    in_degrees = values["longitude"] is not None
+    if in_degrees == (values["east_m"] is not None):
+        raise AdjustmentError("give the place as longitude and latitude, or as east_m and north_m")
+    for name in ("sigma_m", "sigma_up_m", "sigma_azimuth_deg"):
+        value = values[name]
+        if value is not None and value <= 0:
+            raise AdjustmentError(f"{name} must be above zero, not {value:g}")
+    sigma_m = values["sigma_m"]
+    if sigma_m is None:
+        raise AdjustmentError("sigma_m is missing: how well is the place known, in metres?")
+    place = _both(values, "longitude", "latitude") or _both(values, "east_m", "north_m")
+    if place is None:
+        raise AdjustmentError("the place is missing")
+    return ControlRow(
+        _stop(str(row.get("stop") or ""), mission),
+        place,
+        in_degrees,
+        sigma_m,
+        _both(values, "map_east_m", "map_north_m"),
+        _both(values, "up_m", "sigma_up_m"),
+        _both(values, "azimuth_deg", "sigma_azimuth_deg"),
+    )
+
+
+def _number(name: str, value: object) -> float | None:
+    if value is None or value == "":
+        return None
+    try:
+        number = float(str(value))
+    except ValueError as error:
+        raise AdjustmentError(f"{name} should be a number, not {value!r}") from error
+    if not math.isfinite(number):
+        raise AdjustmentError(f"{name} should be finite, not {value!r}")
+    return number
+
+
+def _both(values: Mapping[str, float | None], one: str, other: str) -> tuple[float, float] | None:
+    a, b = values[one], values[other]
+    return None if a is None or b is None else (a, b)
+
+
+def _stop(name: str, mission: str) -> StopId:
+    found = STOP.fullmatch(name.strip())
+    if found is None:
+        raise AdjustmentError(
+            f"{name!r} is no stop: {mission.lower()}-site0010-drive0064 or 10/64 is expected"
+        )
+    site, drive = (int(part) for part in found.groups() if part is not None)
+    return StopId(mission, site, drive)
