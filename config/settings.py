@@ -27,3 +27,18 @@ class Settings(BaseSettings):
     """TOML file of the archive's addresses, for those with a mirror of their own."""
     instruments: Path = Path(__file__).parent / "instruments"
     """Folder of TOML files with inverse tables and flat fields, one a mission."""
+    inbox: Path | None = None
+    """Folder that downlinks arrive in; `solmap up` watches it."""
+    downlink_cron: str = "30 */6 * * *"
+    """When the inbox is processed whether or not files came: after every downlink window, UTC."""
+    overall_cron: str = "0 3 * * 0"
+    """When all stops of every mission are adjusted together, UTC."""
+    engine_port: int = 4200
+    """Port of Prefect's server and its run pages; it listens on this machine only."""
+
+    @property
+    def environment(self) -> dict[str, str]:
+        """The environment variables that give another process the same settings."""
+        prefix = self.model_config["env_prefix"]
+        given = {name: value for name, value in self.model_dump().items() if value is not None}
+        return {f"{prefix}{name.upper()}": str(value) for name, value in given.items()}

@@ -17,9 +17,10 @@ from rich.markup import escape
 from config.settings import Settings
 from flows.console import errors, fail, out, progress_shown, show_rows
 from flows.dip_commands import app as dip
-from flows.engine import prepare_engine
+from flows.engine_server import start_engine
 from flows.orbital_commands import app as orbital
 from flows.traverse_commands import app as traverse
+from flows.up_commands import up
 
 if TYPE_CHECKING:
     from flows.fetch import FetchReport
@@ -33,6 +34,7 @@ app = typer.Typer(
 app.add_typer(traverse, name="traverse")
 app.add_typer(orbital, name="orbital")
 app.add_typer(dip, name="dip")
+app.command()(up)
 
 StoreOption = Annotated[
     Path | None, typer.Option("--store", help="Folder of products. [env: SOLMAP_STORE]")
@@ -56,15 +58,16 @@ def run(
     if not downlink.is_dir():
         fail(f"{downlink} is no folder; name the folder that the downlink's files lie in")
     root = _store(store)
-    prepare_engine(root)
     from config.errors import ConfigError  # noqa: PLC0415
-    from flows.downlink import process_downlink  # noqa: PLC0415 - after the engine's settings
     from products.errors import ProductError  # noqa: PLC0415
 
     try:
+        start_engine(root)
         with progress_shown():
+            from flows.downlink import process_downlink  # noqa: PLC0415 - Prefect is ready now
+
             report = process_downlink(downlink.resolve(), root, pipeline or Settings().pipeline)
-    except (ConfigError, ProductError) as error:
+    except (ConfigError, ProductError, TimeoutError) as error:
         fail(str(error))
     for line in report.warnings:
         errors.print(f"[yellow]warning[/yellow] {line}", highlight=False)
@@ -91,15 +94,16 @@ def adjust(
     if not overall:
         fail("say --overall: sol by sol a mission is adjusted by `solmap run`")
     root = _store(store)
-    prepare_engine(root)
     from config.errors import ConfigError  # noqa: PLC0415
-    from flows.overall import readjust  # noqa: PLC0415 - after the engine's settings
     from products.errors import ProductError  # noqa: PLC0415
 
     try:
+        start_engine(root)
         with progress_shown():
+            from flows.overall import readjust  # noqa: PLC0415 - Prefect is ready now
+
             report = readjust(mission.upper(), root, pipeline or Settings().pipeline)
-    except (ConfigError, ProductError) as error:
+    except (ConfigError, ProductError, TimeoutError) as error:
         fail(str(error))
     for line in report.failures:
         errors.print("[red]failed[/red] " + escape(line), highlight=False)
@@ -250,13 +254,14 @@ def fetch(
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Only say what there is.")] = False,
 ) -> None:
     """Bring the stereo pairs of some sols here from the archive; a second call goes on."""
-    prepare_engine(out_dir / ".fetch")
     from config.errors import ConfigError  # noqa: PLC0415
-    from flows.fetch import fetch_archive  # noqa: PLC0415 - after the engine's settings
     from tasks.fetch.errors import FetchError  # noqa: PLC0415
 
     try:
+        start_engine(out_dir / ".fetch")
         with progress_shown():
+            from flows.fetch import fetch_archive  # noqa: PLC0415 - Prefect is ready now
+
             report = fetch_archive(
                 mission,
                 sols,
@@ -265,7 +270,7 @@ def fetch(
                 dry_run=dry_run,
                 archive_file=archive,
             )
-    except (ConfigError, FetchError) as error:
+    except (ConfigError, FetchError, TimeoutError) as error:
         fail(str(error))
     _end(report)
 

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
-from prefect import flow
+from prefect import flow, get_run_logger
 
 from config.errors import ConfigError
 from config.landing import landing_site
 from config.pipeline import load_pipeline
 from config.radiometry import load_radiometry
 from config.settings import Settings
+from flows.artifacts import leave_report
 from flows.mission_layers import draw_mission
 from flows.overall import overall_sols, process_overall
 from flows.progress import report as report_progress
@@ -21,6 +23,7 @@ from flows.sol_inputs import SolReport, Standing
 from photogrammetry.adjustment.modes import AdjustmentMode
 from photogrammetry.errors import PhotogrammetryError
 from products.errors import ProductError, StoreFullError
+from products.locks import turn
 from products.workspace import Workspace
 from tasks.ingest import Delivery, ingest_downlink
 
@@ -51,8 +54,18 @@ class DownlinkReport:
 
 
 @flow(name="downlink", flow_run_name="{downlink}")
-def process_downlink(downlink: Path, store: Path, pipeline: str = "default") -> DownlinkReport:
-    """Take a folder of rover images to published layers; what was made before is looked up."""
+def process_downlink(
+    downlink: Path, store: Path, pipeline: str = "default", settle_s: float = 0.0
+) -> DownlinkReport:
+    """Take a folder of rover images to published layers; what was made before is looked up.
+
+    Args:
+        downlink: Folder of images with their labels, and of vector files.
+        store: Folder of products and catalogue.
+        pipeline: Name of a shipped pipeline, or path of a TOML file.
+        settle_s: Files that changed less than so many seconds ago may still be arriving: they are
+            left for the next run.
+    """
     report = DownlinkReport()
     load_pipeline(pipeline)  # refuse wrong settings before the work starts
     radiometry = load_radiometry(Settings().instruments)
@@ -62,11 +75,18 @@ def process_downlink(downlink: Path, store: Path, pipeline: str = "default") -> 
         workspace,
         radiometry,
         lambda done, total: report_progress("ingest files", done, total),
+        settle_s,
     )
     _take_down(delivery, downlink, report)
     for mission in delivery.missions:
-        _process_mission(mission, workspace, pipeline, report)
+        with turn(workspace.store.root, mission, partial(_say_waiting, mission)):
+            _process_mission(mission, workspace, pipeline, report)
+    leave_report(report)
     return report
+
+
+def _say_waiting(mission: str) -> None:
+    get_run_logger().info("another run works on %s; this one waits for it to end", mission)
 
 
 def _take_down(delivery: Delivery, downlink: Path, report: DownlinkReport) -> None:

@@ -11,6 +11,7 @@ from flows.region import map_regions
 from flows.sol import RUNNER, map_what_moved
 from flows.sol_inputs import SolReport, Standing, gather_all
 from products.errors import ProductNotFoundError
+from products.locks import turn
 from products.model import ProductKind, ProductRef
 from products.workspace import Workspace
 from tasks.scopes import is_of_mission, is_overall, sol_of
@@ -40,6 +41,11 @@ def readjust(mission: str, store: Path, pipeline: str = "default") -> SolReport:
         ProductNotFoundError: no sol of the mission has been processed.
     """
     workspace = Workspace.open(store)
+    with turn(workspace.store.root, mission):
+        return _readjust(mission, workspace, pipeline)
+
+
+def _readjust(mission: str, workspace: Workspace, pipeline: str) -> SolReport:
     networks = [ref for ref in _networks(mission, workspace) if not is_overall(ref.scope)]
     if not networks:
         raise ProductNotFoundError(
@@ -47,7 +53,7 @@ def readjust(mission: str, store: Path, pipeline: str = "default") -> SolReport:
         )
     last = max(networks, key=lambda ref: ref.scope.name)
     sol, standing = sol_of(last.scope), standing_of(last, workspace)
-    report = process_overall(mission, sol, store, pipeline, standing)
+    report = process_overall(mission, sol, workspace.store.root, pipeline, standing)
     if report.standing is not None:
         draw_mission(mission, report.standing.network, workspace, pipeline)
         report.notes += map_regions(mission, workspace, pipeline)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -43,6 +44,18 @@ def files_of(downlink: Path) -> list[Path]:
         if path.suffix.lower() not in PICTURE_SUFFIXES
         or (path.parent, path.stem.lower()) not in shown
     ]
+
+
+def is_settled(file: Path, settle_s: float) -> bool:
+    """Whether a file, and the label beside it, have not changed for so many seconds.
+
+    A date in the future is a clock that goes wrong, and no file that still arrives.
+    """
+    if settle_s <= 0.0:
+        return True
+    now = time.time()
+    ages = (now - part.stat().st_mtime for part in (file, *_labels_beside(file)) if part.exists())
+    return all(age >= settle_s or age < 0.0 for age in ages)
 
 
 def file_bytes(path: Path) -> bytes:

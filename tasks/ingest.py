@@ -25,7 +25,13 @@ from photogrammetry.pds3.vector_files import parse_vector_file
 from products.catalogue import ImageEntry, Outcome
 from products.model import ProductKind, ProductRef
 from products.workspace import Workspace
-from tasks.downlink_files import VECTOR_SUFFIXES, file_bytes, files_of, image_bytes
+from tasks.downlink_files import (
+    VECTOR_SUFFIXES,
+    file_bytes,
+    files_of,
+    image_bytes,
+    is_settled,
+)
 from tasks.hand_ties import is_hand_ties, take_hand_ties
 from tasks.images import image_record
 from tasks.intake import Intake, TakenImage, keep_file
@@ -55,13 +61,14 @@ def ingest_downlink(
     workspace: Workspace,
     radiometry: Mapping[str, Radiometry] | None = None,
     progress: Callable[[int, int], None] = lambda _done, _total: None,
+    settle_s: float = 0.0,
 ) -> Delivery:
     """Take every image and vector file below a folder into the store and catalogue.
 
     Images of earlier downlinks are read again where `radiometry` (by spacecraft) has changed for
-    them.
+    them. Files that changed less than `settle_s` seconds ago are left: they may still be arriving.
     """
-    files = files_of(downlink)
+    files = [file for file in files_of(downlink) if is_settled(file, settle_s)]
     known = {entry.id: entry for entry in workspace.catalogue.images()}
     intake = Intake(workspace.store, radiometry or {}, known)
     taken: list[Taken] = []

@@ -1,0 +1,84 @@
+"""Prefect's server as a child process, for as long as the process that needs it.
+
+Prefect would start one by itself, but a run that is killed would leave that one behind.
+"""
+
+from __future__ import annotations
+
+import atexit
+import os
+import socket
+import sys
+import time
+import urllib.request
+from pathlib import Path
+
+from flows.children import Child
+from flows.engine import prepare_engine
+
+_START_S = 300.0
+"""Its database is made at the first start, and a loaded machine takes its time."""
+_RUN_ONLY = {"PREFECT_UI_ENABLED": "false"}
+"""A run that nobody can look at longer than it lasts needs no pages."""
+
+
+def address(port: int) -> str:
+    """Where the server of a port is found."""
+    return f"http://127.0.0.1:{port}"
+
+
+def engine_child(store: Path, port: int, *, has_pages: bool) -> Child:
+    """The server of a store, not started yet. It listens on this machine only."""
+    command = (sys.executable, "-m", "prefect", "server", "start", "--host", "127.0.0.1")
+    extra = {} if has_pages else _RUN_ONLY
+    return Child("engine", (*command, "--port", str(port)), extra, store / "logs" / "engine.log")
+
+
+def await_engine(child: Child, port: int) -> None:
+    """Wait until the server answers.
+
+    Raises:
+        TimeoutError: it does not, or it ended.
+    """
+    end = time.monotonic() + _START_S
+    while not _answers(f"{address(port)}/api/health"):
+        if time.monotonic() > end or not child.is_alive:
+            raise TimeoutError(
+                f"Prefect's server does not answer at {address(port)}; is the port taken? Its log "
+                f"is {child.log}"
+            )
+        time.sleep(0.2)
+
+
+def start_engine(store: Path) -> None:
+    """Have a server until this process ends; call before the first import of a flow.
+
+    The one that `PREFECT_API_URL` names is used where it is set. The server is stopped after
+    Prefect has sent what it still had to say: what is registered last at exit is called first.
+
+    Raises:
+        TimeoutError: it does not start.
+    """
+    prepare_engine(store)
+    if os.environ.get("PREFECT_API_URL"):
+        return
+    port = _free_port()
+    child = engine_child(store, port, has_pages=False)
+    child.start()
+    atexit.register(child.stop)
+    await_engine(child, port)
+    os.environ["PREFECT_API_URL"] = f"{address(port)}/api"
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def _answers(url: str) -> bool:
+    try:
+        with urllib.request.urlopen(url, timeout=2) as answer:  # noqa: S310 - our own server
+            return bool(answer.status == 200)  # noqa: PLR2004 - HTTP's OK
+    except OSError:
+        return False

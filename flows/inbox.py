@@ -1,0 +1,115 @@
+"""The folder that downlinks arrive in: what lies there whole, and what has not been processed yet.
+
+A file is whole when its size and date have not changed for a while. Names that transfer programs
+use for what is still on its way (`.x`, `x.part`, `x.tmp`) are passed over.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+_ON_THE_WAY = (".part", ".partial", ".tmp", ".filepart", ".crdownload")
+
+
+@dataclass(frozen=True, slots=True)
+class FileState:
+    """What tells whether a file still changes."""
+
+    size: int
+    modified_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class InboxParams:
+    """How an inbox is watched."""
+
+    settle_s: float = 20.0
+    """A file that has not changed for so long is whole."""
+    patience_s: float = 600.0
+    """Whole files wait so long for those that still arrive, then they are processed without."""
+
+
+@dataclass(slots=True)
+class Inbox:
+    """A watched folder.
+
+    What was processed is kept in a file, so that a restart processes nothing twice, and what was
+    being processed when everything died once more.
+    """
+
+    folder: Path
+    memory: Path
+    params: InboxParams
+    _seen: dict[str, tuple[FileState, float]] = field(default_factory=dict)
+    """Every file as last seen, and since when it has been so."""
+    _waiting_since: float | None = None
+
+    def look(self, now: float | None = None) -> str | None:
+        """Look once; the name of a delivery that should be processed now, or None.
+
+        Args:
+            now: Seconds of a clock that only goes forward.
+        """
+        at = time.monotonic() if now is None else now
+        self._note(at)
+        whole = {
+            name: state
+            for name, (state, since) in self._seen.items()
+            if at - since >= self.params.settle_s
+        }
+        delivery = _digest(whole)
+        if not whole or delivery == self._processed():
+            self._waiting_since = None
+            return None
+        if self._waiting_since is None:
+            self._waiting_since = at
+        all_here = len(whole) == len(self._seen)
+        if not all_here and at - self._waiting_since < self.params.patience_s:
+            return None
+        return delivery
+
+    def processed(self, delivery: str) -> None:
+        """Remember that a delivery was processed."""
+        draft = self.memory.with_suffix(".draft")
+        draft.write_text(json.dumps({"delivery": delivery}))
+        draft.replace(self.memory)
+        self._waiting_since = None
+
+    def _processed(self) -> str | None:
+        try:
+            return str(json.loads(self.memory.read_text())["delivery"])
+        except (OSError, ValueError, KeyError, TypeError):
+            return None  # nothing was yet, or nobody can say: processing again is safe
+
+    def _note(self, at: float) -> None:
+        found: dict[str, tuple[FileState, float]] = {}
+        for path in _files(self.folder):
+            try:
+                facts = path.stat()
+            except OSError:
+                continue  # taken away while we looked
+            state = FileState(facts.st_size, facts.st_mtime_ns)
+            name = str(path.relative_to(self.folder))
+            before = self._seen.get(name)
+            found[name] = before if before and before[0] == state else (state, at)
+        self._seen = found
+
+
+def _files(folder: Path) -> Iterator[Path]:
+    """Files below a folder but those on their way; labels beside images count too."""
+    for path in folder.rglob("*"):
+        hidden = any(part.startswith(".") for part in path.relative_to(folder).parts)
+        if not hidden and path.suffix.lower() not in _ON_THE_WAY and path.is_file():
+            yield path
+
+
+def _digest(files: dict[str, FileState]) -> str:
+    digest = hashlib.sha256()
+    for name, state in sorted(files.items()):
+        digest.update(f"{name}\0{state.size}\0{state.modified_ns}\n".encode())
+    return digest.hexdigest()[:16]

@@ -1,0 +1,46 @@
+"""Flows over everything that is in a store: for schedules, which know no mission by name."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from prefect import flow
+
+from flows.overall import readjust
+from flows.region import map_regions
+from products.locks import turn
+from products.workspace import Workspace
+
+
+@flow(name="overall-adjustment", flow_run_name="overall-adjustment")
+def adjust_all(store: Path, pipeline: str = "default", mission: str | None = None) -> list[str]:
+    """Adjust all stops of every mission, or of one, together; map again what moved.
+
+    Returns:
+        Notes, a line each; failures begin with the mission and `failed`.
+    """
+    notes: list[str] = []
+    for name in _missions(store, mission):
+        report = readjust(name, store, pipeline)
+        notes += [f"{name}: {note}" for note in report.notes]
+        notes += [f"{name} failed: {line}" for line in report.failures]
+    return notes
+
+
+@flow(name="refresh-region", flow_run_name="refresh-region")
+def refresh_regions(
+    store: Path, pipeline: str = "default", mission: str | None = None
+) -> list[str]:
+    """Join the stops of every mission, or of one, to regions anew where any of them changed."""
+    workspace = Workspace.open(store)
+    notes: list[str] = []
+    for name in _missions(store, mission):
+        with turn(workspace.store.root, name):
+            notes += [f"{name}: {line}" for line in map_regions(name, workspace, pipeline)]
+    return notes
+
+
+def _missions(store: Path, mission: str | None) -> list[str]:
+    if mission is not None:
+        return [mission.upper()]
+    return [entry.mission for entry in Workspace.open(store).catalogue.missions()]

@@ -1,0 +1,86 @@
+"""Runs asked of Prefect's server, and what became of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from typing import cast
+from uuid import UUID
+
+from prefect.client.orchestration import SyncPrefectClient, get_client
+from prefect.client.schemas.filters import (
+    FlowRunFilter,
+    FlowRunFilterExpectedStartTime,
+    FlowRunFilterState,
+    FlowRunFilterStateName,
+    FlowRunFilterStateType,
+)
+from prefect.client.schemas.objects import FlowRun, StateType
+from prefect.client.schemas.sorting import FlowRunSort
+from prefect.deployments import run_deployment
+from prefect.states import Crashed
+from prefect.types import DateTime
+
+from flows.deployments import DOWNLINK
+
+_TAKEN = [StateType.RUNNING, StateType.PENDING, StateType.CANCELLING]
+
+
+@dataclass(frozen=True, slots=True)
+class Submitted:
+    """A run that was asked for, and the delivery that it processes."""
+
+    run: UUID
+    name: str
+    delivery: str
+
+
+def submit_inbox(delivery: str, settle_s: float) -> Submitted:
+    """Have the inbox processed; files that changed less than `settle_s` ago are left for later."""
+    answer = run_deployment(
+        DOWNLINK, parameters={"settle_s": settle_s}, timeout=0, as_subflow=False
+    )
+    run = cast("FlowRun", answer)  # outside of an event loop it is no coroutine
+    return Submitted(run.id, run.name, delivery)
+
+
+def state_of(submitted: Submitted) -> str | None:
+    """How a run ended, like COMPLETED or CRASHED; None while it has not."""
+    with _client() as client:
+        state = client.read_flow_run(submitted.run).state
+    return state.type.value if state is not None and state.is_final() else None
+
+
+def bury_the_dead() -> int:
+    """Say of all runs that claim to be running that they crashed; how many there were.
+
+    For the moment at which no scheduler runs: then none of them does.
+    """
+    with _client() as client:
+        sort = FlowRunSort.START_TIME_ASC
+        dead = client.read_flow_runs(flow_run_filter=_of_types(_TAKEN), sort=sort, limit=200)
+        for run in dead:
+            message = "solmap ended while this ran; the next run continues"
+            client.set_flow_run_state(run.id, Crashed(message=message), force=True)
+    return len(dead)
+
+
+def is_stuck(late_s: float) -> bool:
+    """Whether a run is late by so much while none is running: the scheduler takes none."""
+    before = cast("DateTime", datetime.now(UTC) - timedelta(seconds=late_s))
+    late = FlowRunFilter(
+        state=FlowRunFilterState(name=FlowRunFilterStateName(any_=["Late"])),
+        expected_start_time=FlowRunFilterExpectedStartTime(before_=before),
+    )
+    with _client() as client:
+        return bool(client.count_flow_runs(flow_run_filter=late)) and not client.count_flow_runs(
+            flow_run_filter=_of_types(_TAKEN)
+        )
+
+
+def _of_types(types: list[StateType]) -> FlowRunFilter:
+    return FlowRunFilter(state=FlowRunFilterState(type=FlowRunFilterStateType(any_=types)))
+
+
+def _client() -> SyncPrefectClient:
+    return get_client(sync_client=True)

@@ -1,0 +1,146 @@
+"""Everything on one machine: Prefect's server, the scheduled flows, the map, and the watched inbox.
+
+`solmap up` starts them as children that never outlive it, starts those that die again, hands the
+inbox over when files have come whole, and stops all of it in order.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from httpx import HTTPError
+
+from config.settings import Settings
+from flows.children import Child
+from flows.engine import prepare_engine
+from flows.engine_server import address, await_engine, engine_child
+from flows.inbox import Inbox, InboxParams
+
+if TYPE_CHECKING:
+    from flows.submitted import Submitted
+
+LOOK_EVERY_S = 2.0
+_STUCK_S = 300.0
+"""A run that is so late while none runs: the scheduler takes no run any more."""
+
+
+@dataclass(slots=True)
+class Machine:
+    """What `solmap up` runs, and says."""
+
+    settings: Settings
+    say: Callable[[str], None]
+    params: InboxParams = field(default_factory=InboxParams)
+    _children: dict[str, Child] = field(default_factory=dict)
+    _inbox: Inbox | None = None
+    _running: Submitted | None = None
+    _looked_for_stuck_at: float = 0.0
+    _trouble: str = ""
+
+    @property
+    def store(self) -> Path:
+        """Folder of products and catalogue."""
+        return self.settings.store
+
+    @property
+    def engine_url(self) -> str:
+        """Address of Prefect's server and run pages."""
+        return address(self.settings.engine_port)
+
+    def start(self) -> None:
+        """Start all children in the order in which they need each other.
+
+        Raises:
+            TimeoutError: Prefect's server does not answer.
+        """
+        os.environ["PREFECT_API_URL"] = f"{self.engine_url}/api"
+        os.environ.update(self.settings.environment)
+        prepare_engine(self.store)
+        engine = engine_child(self.store, self.settings.engine_port, has_pages=True)
+        self._keep(engine)
+        await_engine(engine, self.settings.engine_port)
+        from flows import submitted  # noqa: PLC0415 - after the engine's settings
+
+        if dead := submitted.bury_the_dead():
+            self.say(f"{dead} runs had died with the last `solmap up`; what they made is kept")
+        self._child("scheduler", sys.executable, "-m", "flows.deployments")
+        self._child("map", sys.executable, "-m", "flows.cli", "serve", *self._address())
+        if self.settings.inbox is not None:
+            self.settings.inbox.mkdir(parents=True, exist_ok=True)
+            memory = self.store / "inbox.json"
+            self._inbox = Inbox(self.settings.inbox.resolve(), memory, self.params)
+
+    def tend(self) -> None:
+        """Look after everything once: the children, the inbox, runs that nobody takes."""
+        for child in self._children.values():
+            if said := child.revive():
+                self.say(said)
+                if child.name == "scheduler":
+                    self._running = None  # it died with the scheduler; the inbox asks again
+        try:
+            self._tend_inbox()
+            self._tend_scheduler()
+        except (OSError, HTTPError) as error:  # the engine starts again, or the inbox is away
+            self._complain(f"{type(error).__name__}: {error}; tried again until it works")
+        else:
+            self._trouble = ""
+
+    def stop(self) -> None:
+        """Stop the map, the scheduler with its runs, then the engine."""
+        for child in reversed(self._children.values()):
+            child.stop()
+
+    def _complain(self, trouble: str) -> None:
+        """Say what is wrong, once while it stays the same."""
+        if trouble != self._trouble:
+            self.say(trouble)
+        self._trouble = trouble
+
+    def _child(self, name: str, *command: str) -> None:
+        child = Child(name, command, {"PYTHONUNBUFFERED": "1"}, self.store / "logs" / f"{name}.log")
+        self._keep(child)
+
+    def _keep(self, child: Child) -> None:
+        self._children[child.name] = child
+        child.start()
+
+    def _address(self) -> tuple[str, ...]:
+        return "--host", self.settings.host, "--port", str(self.settings.port)
+
+    def _tend_inbox(self) -> None:
+        if self._inbox is None:
+            return
+        from flows import submitted  # noqa: PLC0415 - after the engine's settings
+
+        if self._running is not None:
+            ended = submitted.state_of(self._running)
+            if ended is None:
+                return
+            self.say(f"the inbox was processed: {ended.lower()}")
+            if ended != "CRASHED":
+                self._inbox.processed(self._running.delivery)
+            self._running = None
+        delivery = self._inbox.look()
+        if delivery is not None:
+            self._running = submitted.submit_inbox(delivery, self.params.settle_s)
+            self.say(f"files came: run {self._running.name}, see {self.engine_url}/runs")
+
+    def _tend_scheduler(self) -> None:
+        now = time.monotonic()
+        if now - self._looked_for_stuck_at < _STUCK_S / 5:
+            return
+        self._looked_for_stuck_at = now
+        from flows import submitted  # noqa: PLC0415 - after the engine's settings
+
+        scheduler = self._children["scheduler"]
+        if scheduler.is_alive and submitted.is_stuck(_STUCK_S):
+            self.say("runs are late and none is taken: the scheduler is started again")
+            scheduler.stop()
+            self._children.pop("scheduler")
+            self._child("scheduler", *scheduler.command)

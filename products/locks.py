@@ -1,0 +1,44 @@
+"""Turns: who may change the latest products of a mission while others wait.
+
+The kernel gives a lock back when its holder ends, however it ends.
+"""
+
+from __future__ import annotations
+
+import fcntl
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+
+@contextmanager
+def turn(root: Path, name: str, on_wait: Callable[[], None] = lambda: None) -> Iterator[None]:
+    """Hold the turn called `name` in the store at `root`; wait for it where another holds it.
+
+    Args:
+        root: Folder of the store.
+        name: What is changed, like a mission.
+        on_wait: Called once where there is something to wait for.
+    """
+    folder = root / "locks"
+    folder.mkdir(parents=True, exist_ok=True)
+    with (folder / f"{name.lower()}.lock").open("w") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            on_wait()
+            fcntl.flock(file, fcntl.LOCK_EX)
+        yield
+
+
+@contextmanager
+def alone(path: Path) -> Iterator[bool]:
+    """Whether this process is the only one to hold the lock file at `path`; never waits."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("a") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            yield False
+        else:
+            yield True

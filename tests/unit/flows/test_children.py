@@ -1,0 +1,102 @@
+"""Processes that belong to another: real ones."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from flows.children import Child
+
+SLEEPER = (sys.executable, "-c", "import time; time.sleep(60)")
+STUBBORN = (
+    sys.executable,
+    "-c",
+    "import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN); print('up', flush=True);"
+    "time.sleep(60)",
+)
+PARENT = """
+import sys, time
+from pathlib import Path
+from flows.children import Child
+child = Child("sleeper", (sys.executable, "-c", "import time; time.sleep(60)"), {{}}, Path({log!r}))
+child.start()
+print(child.process.pid, flush=True)
+time.sleep(60)
+"""
+
+
+def runs(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
+
+
+def until(holds, seconds=15.0):
+    end = time.monotonic() + seconds
+    while not holds():
+        assert time.monotonic() < end, "it did not come to that"
+        time.sleep(0.05)
+
+
+def child_of(tmp_path, command) -> Child:
+    return Child("test", command, {}, tmp_path / "logs" / "test.log")
+
+
+def test_a_stopped_child_is_gone_and_stays_so(tmp_path):
+    child = child_of(tmp_path, SLEEPER)
+    child.start()
+    assert child.is_alive
+    child.stop()
+    assert not child.is_alive
+    assert child.revive() is None
+    assert not child.is_alive
+
+
+def test_a_child_that_does_not_listen_is_killed(tmp_path):
+    child = child_of(tmp_path, STUBBORN)
+    child.start()
+    until(lambda: "up" in child.log.read_text())
+    child.stop(patience_s=0.5)
+    assert child.process.returncode == -signal.SIGKILL
+
+
+def test_a_child_that_died_is_started_again_and_said_so(tmp_path):
+    child = child_of(tmp_path, SLEEPER)
+    child.start()
+    first = child.process.pid
+    os.kill(first, signal.SIGKILL)
+    until(lambda: not child.is_alive)
+    assert "ended with -9" in child.revive()
+    until(lambda: child.revive() is None and child.is_alive)
+    assert child.process.pid != first
+    child.stop()
+
+
+def test_a_child_that_dies_again_and_again_is_given_longer_and_longer(tmp_path):
+    child = child_of(tmp_path, (sys.executable, "-c", "raise SystemExit(3)"))
+    child.start()
+    pauses = []
+    while len(pauses) < 3:
+        until(lambda: not child.is_alive)
+        if said := child.revive():
+            pauses.append(said)
+        time.sleep(0.02)
+    assert [said.split(" in ")[1].split(" s")[0] for said in pauses] == ["1", "2", "4"]
+    child.stop()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells children of their parent")
+def test_no_child_outlives_a_parent_that_was_killed(tmp_path):
+    script = PARENT.format(log=str(tmp_path / "log"))
+    command = (sys.executable, "-c", script)
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as parent:
+        pid = int(parent.stdout.readline())
+        assert runs(pid)
+        parent.kill()
+    until(lambda: not runs(pid))

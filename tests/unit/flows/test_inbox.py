@@ -1,0 +1,103 @@
+"""What a watched folder hands over, and when."""
+
+import json
+
+import pytest
+
+from flows.inbox import Inbox, InboxParams
+
+PARAMS = InboxParams(settle_s=10.0, patience_s=60.0)
+
+
+@pytest.fixture
+def folder(tmp_path):
+    folder = tmp_path / "inbox"
+    folder.mkdir()
+    return folder
+
+
+@pytest.fixture
+def inbox(folder, tmp_path):
+    return Inbox(folder, tmp_path / "inbox.json", PARAMS)
+
+
+def test_an_empty_folder_hands_nothing_over(inbox):
+    assert inbox.look(0.0) is None
+    assert inbox.look(100.0) is None
+
+
+def test_a_file_is_handed_over_when_it_has_settled(inbox, folder):
+    (folder / "a.img").write_bytes(b"1")
+    assert inbox.look(0.0) is None
+    assert inbox.look(9.0) is None
+    assert inbox.look(10.0) is not None
+
+
+def test_a_file_that_grows_is_waited_for(inbox, folder):
+    file = folder / "a.img"
+    for at in range(0, 50, 5):
+        file.write_bytes(b"1" * (at + 1))
+        assert inbox.look(float(at)) is None
+    assert inbox.look(60.0) is not None
+
+
+def test_whole_files_wait_for_those_that_still_arrive_but_not_for_ever(inbox, folder):
+    (folder / "a.img").write_bytes(b"1")
+    growing = folder / "b.img"
+    handed = []
+    for at in range(0, 100, 5):
+        growing.write_bytes(b"1" * (at + 1))
+        if inbox.look(float(at)):
+            handed.append(at)
+    assert handed[0] == 70  # whole at 10, and 60 of patience
+
+
+def test_what_was_processed_is_not_handed_over_again_even_by_another_watcher(
+    inbox, folder, tmp_path
+):
+    (folder / "a.img").write_bytes(b"1")
+    inbox.look(0.0)
+    delivery = inbox.look(20.0)
+    inbox.processed(delivery)
+    assert inbox.look(30.0) is None
+    later = Inbox(folder, tmp_path / "inbox.json", PARAMS)
+    later.look(0.0)
+    assert later.look(20.0) is None
+
+
+def test_a_late_file_or_a_changed_one_makes_another_delivery(inbox, folder):
+    (folder / "a.img").write_bytes(b"1")
+    inbox.look(0.0)
+    first = inbox.look(20.0)
+    inbox.processed(first)
+    (folder / "a.lbl").write_bytes(b"PDS_VERSION_ID = PDS3")  # a label counts as well
+    inbox.look(30.0)
+    second = inbox.look(41.0)
+    assert second not in {None, first}
+    inbox.processed(second)
+    (folder / "a.img").write_bytes(b"12")
+    inbox.look(50.0)
+    assert inbox.look(61.0) not in {None, first, second}
+
+
+@pytest.mark.parametrize("name", [".a.img.x7", "a.img.part", "a.img.tmp", ".rsync/a.img"])
+def test_files_on_their_way_are_passed_over(inbox, folder, name):
+    file = folder / name
+    file.parent.mkdir(exist_ok=True)
+    file.write_bytes(b"1")
+    inbox.look(0.0)
+    assert inbox.look(20.0) is None
+
+
+@pytest.mark.parametrize("memory", ["", "{", "[]", json.dumps({"delivery": 3})])
+def test_a_broken_memory_only_means_to_process_again(folder, tmp_path, memory):
+    (tmp_path / "inbox.json").write_text(memory)
+    inbox = Inbox(folder, tmp_path / "inbox.json", PARAMS)
+    (folder / "a.img").write_bytes(b"1")
+    inbox.look(0.0)
+    assert inbox.look(20.0) is not None
+
+
+def test_a_folder_that_went_away_hands_nothing_over(inbox, folder):
+    folder.rmdir()
+    assert inbox.look(0.0) is None
