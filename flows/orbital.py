@@ -2,17 +2,27 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from config.landing import landing_site
 from config.settings import Settings
+from photogrammetry.imagery import StopId
 from photogrammetry.orbital.registration import RegistrationParams
+from photogrammetry.orbital.search import SearchParams
 from photogrammetry.terrain.grid import union
 from products.catalogue import MissionEntry
+from products.control import read_control, refused_stops
 from products.errors import ProductNotFoundError
-from products.model import Layer, ProductKind, ScopeLevel
+from products.model import Layer, ProductKind, ProductRef, ScopeLevel
+from products.store import ProductStore
 from products.workspace import Workspace
+from tasks.control import (
+    FrameParams,
+    MappedWith,
+    control_by_image,
+)
 from tasks.orbital import (
     StopMap,
     draw_base,
@@ -21,48 +31,97 @@ from tasks.orbital import (
     take_orbital,
 )
 from tasks.publish import publish
+from tasks.scopes import is_of_mission, stop_of
 
 
-def add_orbital(file: Path, mission: str, root: Path, *, registered: bool = True) -> str:
+@dataclass(frozen=True, slots=True)
+class OrbitalWish:
+    """What is wanted of an orbital image."""
+
+    registered: bool = True
+    """Find its place, rather than trust its georeference."""
+    reach_m: float = SearchParams().reach_m
+    """How far off its georeference, or a stop, may be."""
+    control: FrameParams | None = field(default_factory=FrameParams)
+    """Find every stop in it on its own, as control for the adjustment; None: do not."""
+
+
+def add_orbital(
+    file: Path, mission: str, root: Path, wish: OrbitalWish | None = None
+) -> tuple[str, ...]:
     """Register an orbital image to a mission's stops and publish it as base layer; what came of it.
 
     Raises:
         ProductError: the file cannot be read or lies elsewhere; or no stop is mapped.
     """
-    workspace = Workspace.open(root)
+    workspace, wish = Workspace.open(root), wish or OrbitalWish()
     store = workspace.store
     site = landing_site(mission, Settings().landing_sites)
     layers = [layer for layer in workspace.catalogue.layers() if layer.mission == mission]
-    stops = _stops(layers)
+    stops = _stops(layers, mission)
     if not stops:
         raise ProductNotFoundError(f"no stop of {mission} is mapped; `solmap run` its downlink")
     image = take_orbital(file, store)
-    registration = None
-    said = f"{file.name} lies where it claims to"
-    if registered:
-        params = RegistrationParams()
-        registration = register_orbital.fn(image, stops, params, site.landing, store)
-        said = f"{file.name}: {_said(read_registration(registration, store))}"
+    pointers, registration = [image], None
+    said = [f"{file.name} lies where it claims to"]
+    if wish.registered:
+        params = RegistrationParams(SearchParams(reach_m=wish.reach_m))
+        maps = list(stops.values())
+        registration = register_orbital.fn(image, maps, params, site.landing, store)
+        pointers.append(registration)
+        said = [f"{file.name}: {_said(read_registration(registration, store))}"]
+        standing = latest_standing(mission, workspace)
+        if standing is not None and wish.control is not None:
+            how = (params, wish.control)
+            control = control_by_image.fn(image, stops, standing, how, site.landing, store)
+            pointers.append(control)
+            said += _control_said(control, stops, store)
     around = union(layer.bounds for layer in layers if layer.ref.kind is ProductKind.DTM)
     base = draw_base.fn(mission, image, registration, around, site.landing, store)
     sols = tuple(sorted({sol for layer in layers for sol in layer.sols}))
     entry = MissionEntry(mission, site.title, site.landing, None)
-    pointers = [image] if registration is None else [image, registration]
     publish.fn(entry, [(base, sols)], pointers, (), workspace)
-    return said
+    return tuple(said)
 
 
-def _stops(layers: list[Layer]) -> list[StopMap]:
+def latest_standing(mission: str, workspace: Workspace) -> MappedWith | None:
+    """The latest network of a mission with what its stops are mapped with, if there is one."""
+    networks = [
+        ref
+        for ref in workspace.catalogue.pointers(ProductKind.NETWORK)
+        if is_of_mission(ref.scope, mission)
+    ]
+    if not networks:
+        return None
+    last, kind = max(networks, key=lambda ref: ref.scope.name), ProductKind.ORIENTATIONS
+    digest = workspace.catalogue.latest(last.scope.name, kind)
+    return MappedWith(last, ProductRef(kind, last.scope, digest)) if digest else None
+
+
+def _control_said(
+    control: ProductRef, stops: dict[StopId, StopMap], store: ProductStore
+) -> list[str]:
+    """What came of finding every stop on its own."""
+    _, found = read_control(control, store)
+    lines = [
+        f"found on their own: {len(found)} of {len(stops)} stops; `solmap adjust --overall` weighs "
+        "their places in"
+    ]
+    refused = refused_stops(control, store)
+    return lines + [f"{stop} not found: {reason}" for stop, reason in refused.items()]
+
+
+def _stops(layers: list[Layer], mission: str) -> dict[StopId, StopMap]:
     by_stop = {
         kind: {layer.ref.scope: layer.ref for layer in layers if layer.ref.kind is kind}
         for kind in (ProductKind.DTM, ProductKind.ORTHOPHOTO)
     }
     dtms, pictures = by_stop.values()
-    return [
-        StopMap(dtm, pictures[scope])
+    return {
+        stop_of(scope, mission): StopMap(dtm, pictures[scope])
         for scope, dtm in sorted(dtms.items())
         if scope in pictures and scope.level is ScopeLevel.STOP
-    ]
+    }
 
 
 def _said(found: dict[str, Any]) -> str:

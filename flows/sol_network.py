@@ -13,6 +13,7 @@ from photogrammetry.matching.hand_ties import HandTie
 from products.arrays import read_right_turn
 from products.model import ProductRef
 from tasks.adjust import NetworkParams, NetworkStep, adjust_network
+from tasks.control import control_of
 from tasks.hand_ties import all_wishes, concerning
 from tasks.match import MatchParams, match_stereo_pair
 from tasks.pairs import PairProducts, pairs_of
@@ -96,6 +97,7 @@ def adjust_stops(
         links=tuple(links.values()),
         singles=singles,
         hand=_hand_ties(inputs, matched),
+        control=control_of(inputs.mission.mission, inputs.workspace),
     )
     params = NetworkParams(config.tracks, config.adjustment)
     done, undone = settled(

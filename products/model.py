@@ -78,6 +78,8 @@ class ProductKind(StrEnum):
     ORBITAL_IMAGE = "orbital-image"
     ORBITAL_REGISTRATION = "orbital-registration"
     ORBITAL = "orbital"
+    CONTROL_FILE = "control-file"
+    CONTROL = "control"
     STOPS = "stops"
     FOOTPRINTS = "footprints"
     POINTING = "pointing"
@@ -142,6 +144,8 @@ SUFFIX = {
     ProductKind.ORBITAL_IMAGE: ".tif",
     ProductKind.ORBITAL_REGISTRATION: ".json",
     ProductKind.ORBITAL: ".tif",
+    ProductKind.CONTROL_FILE: ".txt",
+    ProductKind.CONTROL: ".json",
     ProductKind.STOPS: ".geojson",
     ProductKind.FOOTPRINTS: ".geojson",
     ProductKind.POINTING: ".geojson",
@@ -204,6 +208,8 @@ LEVEL = {
     ProductKind.ROVER_VECTORS: ScopeLevel.REGION,
     ProductKind.ORBITAL_IMAGE: ScopeLevel.REGION,
     ProductKind.ORBITAL_REGISTRATION: ScopeLevel.REGION,
+    ProductKind.CONTROL_FILE: ScopeLevel.REGION,
+    ProductKind.CONTROL: ScopeLevel.REGION,
 }
 """The level of the products that stages hand to each other."""
 

@@ -15,6 +15,7 @@ from typing import Any
 from prefect import task
 from prefect.cache_policies import NO_CACHE
 
+from photogrammetry.adjustment.datum import with_control
 from photogrammetry.adjustment.documents import network_document
 from photogrammetry.adjustment.modes import AdjustmentMode, advance
 from photogrammetry.adjustment.params import AdjustmentParams
@@ -30,6 +31,7 @@ from photogrammetry.matching.hand_ties import HandTie
 from photogrammetry.matching.ties import Ties
 from photogrammetry.matching.tracks import TrackParams, build_tie_points
 from products.arrays import pose_document, read_mast, read_matches, read_ties
+from products.control import read_control
 from products.model import ProductKind, ProductRef, Recipe
 from products.network import NetworkProduct, read_network
 from products.store import ProductStore
@@ -72,6 +74,8 @@ class NetworkStep:
     """Ties of images without a stereo partner, by stop."""
     hand: tuple[HandTie, ...] = ()
     """What people want added, vetoed or moved, as far as it concerns these pairs."""
+    control: tuple[ProductRef, ...] = ()
+    """Where stops lie in orbital images, or where people measured them to lie."""
 
     @property
     def inputs(self) -> tuple[ProductRef, ...]:
@@ -84,6 +88,7 @@ class NetworkStep:
             *self.links,
             *self.singles,
             *(pair.parallax for pair in self.pairs if pair.files.id in named),
+            *self.control,
         )
 
 
@@ -141,7 +146,7 @@ def _network(
     matches = [matches for _, _, matches in read]
     matches += [StereoMatches.none(body.pair_id) for body in alone]
     ties = [*joining.ties, *(some.ties for some in singles)]
-    return Network(
+    network = Network(
         stops=tuple(
             StopPrior(stop.stop, stop.lsl_from_rover, stop.attitude_measured_by, stop.sols)
             for stop in step.stops
@@ -153,6 +158,11 @@ def _network(
         + tuple(alone),
         ties=build_tie_points(matches, ties, params.tracks),
     )
+    for ref in step.control:
+        frame, control = read_control(ref, store)
+        if control:
+            network = with_control(network, [frame], control, params.adjustment)
+    return network
 
 
 def _document(

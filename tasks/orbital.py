@@ -16,7 +16,7 @@ from prefect.cache_policies import NO_CACHE
 
 from photogrammetry.orbital.mosaic import ground_map
 from photogrammetry.orbital.placing import placed
-from photogrammetry.orbital.records import Correction, OrbitalImage
+from photogrammetry.orbital.records import Correction, OrbitalImage, Registration
 from photogrammetry.orbital.registration import RegistrationParams, register
 from photogrammetry.terrain.grid import FINEST_CELL_M, Bounds, MapGrid, union
 from products.arrays import finite
@@ -63,20 +63,7 @@ def register_orbital(
     recipe = Recipe(ProductKind.ORBITAL_REGISTRATION, image.scope, inputs, (params, landing))
 
     def write(path: Path) -> None:
-        crs = local_crs(landing)
-        dtms = [store.path(stop.dtm) for stop in stops]
-        bounds = union([foreign_bounds(dtm, crs)[0] for dtm in dtms])
-        claimed, cell_m = foreign_bounds(store.path(image), crs)
-        grid = grid_around(bounds, cell_m)
-        ground = ground_map(
-            grid,
-            (read_foreign(dtm, grid, crs) for dtm in dtms),
-            (read_foreign(store.path(stop.orthophoto), grid, crs) for stop in stops),
-        )
-        shown = grid_around(_widened(bounds, 2 * params.search.reach_m, claimed), cell_m)
-        found = register(
-            ground, OrbitalImage(shown, read_foreign(store.path(image), shown, crs)), params
-        )
+        found, cell_m = registered(image, stops, params, landing, store)
         document = {
             "explained": found.explained,
             "runner_up": found.runner_up,
@@ -88,6 +75,29 @@ def register_orbital(
         path.write_text(json.dumps(document))
 
     return store.make(recipe, write)
+
+
+def registered(
+    image: ProductRef,
+    stops: Sequence[StopMap],
+    params: RegistrationParams,
+    landing: LandingPoint,
+    store: ProductStore,
+) -> tuple[Registration, float]:
+    """What comes of registering an image to the map of some stops, and the side of its cells."""
+    crs = local_crs(landing)
+    dtms = [store.path(stop.dtm) for stop in stops]
+    bounds = union([foreign_bounds(dtm, crs)[0] for dtm in dtms])
+    claimed, cell_m = foreign_bounds(store.path(image), crs)
+    grid = grid_around(bounds, cell_m)
+    ground = ground_map(
+        grid,
+        (read_foreign(dtm, grid, crs) for dtm in dtms),
+        (read_foreign(store.path(stop.orthophoto), grid, crs) for stop in stops),
+    )
+    shown = grid_around(_widened(bounds, 2 * params.search.reach_m, claimed), cell_m)
+    picture = OrbitalImage(shown, read_foreign(store.path(image), shown, crs))
+    return register(ground, picture, params), cell_m
 
 
 @task(cache_policy=NO_CACHE, task_run_name="base-{image.scope}")

@@ -25,6 +25,12 @@ def stop_scope(stop: StopId) -> Scope:
     return Scope(ScopeLevel.STOP, str(stop))
 
 
+def stop_of(scope: Scope, mission: str) -> StopId:
+    """The stop that `stop_scope` named."""
+    site, drive = scope.name.rpartition("-site")[2].split("-drive")
+    return StopId(mission, int(site), int(drive))
+
+
 def sol_scope(mission: str, sol: int) -> Scope:
     """One sol: `mer2-sol0156`."""
     return Scope(ScopeLevel.SOL, f"{mission.lower()}-sol{sol:04d}")
