@@ -17,6 +17,7 @@ from gis_server.errors import install_error_table
 from gis_server.ogc import features, landing
 from gis_server.routes import (
     analysis,
+    events,
     images,
     layers,
     missions,
@@ -116,6 +117,7 @@ def create_app(store_root: Path, viewer_dist: Path | None = None) -> FastAPI:
         tiles,
         images,
         landing,
+        events,
         features,
         pages,
     ):

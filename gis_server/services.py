@@ -10,6 +10,7 @@ from typing import Annotated
 
 from fastapi import Depends, Request
 
+from gis_server.live import EventTail
 from gis_server.rendering.readers import RasterPool
 from products.catalogue import Catalogue
 from products.mission_features import MissionFeatures
@@ -31,6 +32,8 @@ class Services:
     for dozens of its tiles."""
     features: MissionFeatures
     """All features of a mission, out of an index."""
+    tail: EventTail
+    """What happens in the store, for those who listen."""
 
 
 def open_services(root: Path) -> Services:
@@ -38,7 +41,8 @@ def open_services(root: Path) -> Services:
     store, catalogue = ProductStore.open(root), Catalogue.open(root)
     remembered = lru_cache(maxsize=_LAYERS)(catalogue.layer)
     features = MissionFeatures.open(store, catalogue)
-    return Services(store, catalogue, RasterPool(), remembered, features)
+    tail = EventTail(catalogue.engine)
+    return Services(store, catalogue, RasterPool(), remembered, features, tail)
 
 
 def _services(request: Request) -> Services:

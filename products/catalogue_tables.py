@@ -50,6 +50,14 @@ OUTCOMES = sa.Table(
     sa.Column("document", sa.JSON, nullable=False),
 )
 
+RUNS = sa.Table(
+    "runs",
+    TABLES,
+    sa.Column("id", sa.String, primary_key=True),
+    sa.Column("started_at", sa.String, nullable=False, index=True),
+    sa.Column("document", sa.JSON, nullable=False),
+)
+
 
 def engine_of(path: Path, url: str | None = None) -> sa.Engine:
     """A database in a file, or at a URL."""

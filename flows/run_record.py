@@ -1,0 +1,84 @@
+"""The record that a flow keeps of itself, for whoever watches the map.
+
+with recorded("downlink", downlink.name, workspace) as record:
+    ...                       # what `flows.progress` reports is written down
+    record.say(report.warnings)
+    record.fail_if(report.failures)
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+
+from sqlalchemy.exc import SQLAlchemyError
+
+from flows.progress import Step, listening
+from products.runs import Run, RunBook, RunState
+from products.workspace import Workspace
+
+log = logging.getLogger(__name__)
+_AT_MOST_EVERY_S = 0.5
+"""A stage of many quick parts is not written down part by part."""
+
+
+class RunRecord:
+    """The record of a run; that it cannot be written never stops the run."""
+
+    def __init__(self, run: Run, book: RunBook) -> None:
+        self._run, self._book = run, book
+        self._written_at = 0.0
+        self._has_failed = False
+        self._write()
+
+    @property
+    def name(self) -> str:
+        """What the run is called."""
+        return self._run.id
+
+    def step(self, step: Step) -> None:
+        """Note how far a stage is."""
+        is_new = step.stage != self._run.stage or step.done == step.total
+        self._run = self._run.at(step.stage, step.done, step.total)
+        if is_new or time.monotonic() - self._written_at > _AT_MOST_EVERY_S:
+            self._write()
+
+    def say(self, lines: Sequence[str]) -> None:
+        """Add lines for people."""
+        if lines:
+            self._run = self._run.said(lines)
+            self._write()
+
+    def fail_if(self, failures: Sequence[str]) -> None:
+        """Add what went wrong; where anything did, the run ends as failed."""
+        self._has_failed = self._has_failed or bool(failures)
+        self.say([f"failed: {line}" for line in failures])
+
+    def end(self) -> None:
+        """The run is over."""
+        state = RunState.FAILED if self._has_failed else RunState.SUCCEEDED
+        self._run = self._run.ended(state)
+        self._write()
+
+    def _write(self) -> None:
+        self._written_at = time.monotonic()
+        try:
+            self._book.write(self._run)
+        except SQLAlchemyError as error:
+            log.warning("how far %s is could not be noted: %s", self._run.id, error)
+
+
+@contextmanager
+def recorded(kind: str, subject: str, workspace: Workspace) -> Iterator[RunRecord]:
+    """Keep a record of the run inside the block; an exception ends it as failed."""
+    record = RunRecord(Run.start(kind, subject), RunBook(workspace.catalogue.engine))
+    try:
+        with listening(record.step):
+            yield record
+    except BaseException as error:
+        record.fail_if([f"{type(error).__name__}: {error}"])
+        raise
+    finally:
+        record.end()

@@ -1,0 +1,115 @@
+"""Live events: what processes write into the catalogue, handed on to every browser that listens.
+
+Any process may publish. Each server looks four times a second whether the database has changed,
+which SQLite answers from memory (`PRAGMA data_version`), reads the new events once, and hands them
+to the queues of its listeners. Nobody looks while nobody listens. A listener that does not keep up
+is told to ask everything anew rather than held in memory.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+from collections.abc import AsyncIterator
+from dataclasses import dataclass, field
+
+import sqlalchemy as sa
+from anyio.to_thread import run_sync
+from sqlalchemy.exc import SQLAlchemyError
+
+from products.events import Event, events_since, is_gone, last_event
+
+log = logging.getLogger(__name__)
+LOOK_EVERY_S = 0.25
+MOST_LISTENERS = 500
+"""Each holds a connection and a queue."""
+_QUEUE = 256
+"""Events that a listener may be behind."""
+
+
+class TooManyListenersError(Exception):
+    """Every place for listeners is taken."""
+
+
+@dataclass(slots=True, eq=False)
+class EventTail:
+    """The end of the table of events, watched for the listeners of this process."""
+
+    engine: sa.Engine
+    most: int = MOST_LISTENERS
+    _listeners: set[asyncio.Queue[Event | None]] = field(default_factory=set)
+    _task: asyncio.Task[None] | None = None
+    _last: int = 0
+
+    @contextlib.asynccontextmanager
+    async def listening(self) -> AsyncIterator[asyncio.Queue[Event | None]]:
+        """A queue of new events; None in it says that events were left out.
+
+        Raises:
+            TooManyListenersError: all places are taken.
+        """
+        if len(self._listeners) >= self.most:
+            raise TooManyListenersError(f"{self.most} browsers listen already; try again later")
+        queue: asyncio.Queue[Event | None] = asyncio.Queue(_QUEUE)
+        if self._task is None:
+            self._last = await run_sync(self._newest)
+            self._task = asyncio.create_task(self._watch())
+        self._listeners.add(queue)
+        try:
+            yield queue
+        finally:
+            self._listeners.discard(queue)
+            if not self._listeners and self._task is not None:
+                self._task.cancel()
+                self._task = None
+
+    async def missed(self, event_id: int) -> list[Event] | None:
+        """Events after `event_id`, or None where some of them have been forgotten."""
+        return await run_sync(self._missed, event_id)
+
+    async def newest(self) -> int:
+        """The number of the last event."""
+        return await run_sync(self._newest)
+
+    async def _watch(self) -> None:
+        with self.engine.connect() as connection:
+            seen = -1
+            while True:
+                try:
+                    version, fresh = await run_sync(self._look, connection, seen)
+                    seen = version
+                    for event in fresh:
+                        self._hand_on(event)
+                except SQLAlchemyError as error:
+                    log.warning("events could not be read, tried again: %s", error)
+                await asyncio.sleep(LOOK_EVERY_S)
+
+    def _hand_on(self, event: Event) -> None:
+        self._last = event.id
+        for queue in self._listeners:
+            if queue.full():
+                while not queue.empty():
+                    queue.get_nowait()
+                queue.put_nowait(None)
+            else:
+                queue.put_nowait(event)
+
+    def _look(self, connection: sa.Connection, seen: int) -> tuple[int, list[Event]]:
+        """The version of the database, and events where it is not the one `seen`."""
+        version = seen + 1
+        if self.engine.dialect.name == "sqlite":
+            version = connection.exec_driver_sql("PRAGMA data_version").scalar_one()
+        fresh = [] if version == seen else events_since(connection, self._last)
+        connection.rollback()  # holds no snapshot meanwhile
+        return version, fresh
+
+    def _newest(self) -> int:
+        with self.engine.connect() as connection:
+            return last_event(connection)
+
+    def _missed(self, event_id: int) -> list[Event] | None:
+        with self.engine.connect() as connection:
+            if is_gone(connection, event_id):
+                return None
+            return events_since(connection, event_id)

@@ -1,0 +1,85 @@
+"""Live updates: server-sent events of what is published, and of runs."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterable, AsyncIterator
+from typing import Annotated
+
+from fastapi import APIRouter, Depends, Header, HTTPException, Query
+from fastapi.sse import EventSourceResponse, ServerSentEvent
+
+from gis_server.live import TooManyListenersError
+from gis_server.services import ServicesOf
+from products.events import Event
+
+router = APIRouter(prefix="/api", tags=["live"])
+_RETRY_MS = 2000
+RELOAD = "reload"
+"""Events were missed that cannot be told any more: ask everything anew."""
+Mission = Annotated[
+    str | None, Query(max_length=64, description="leave out the events of other missions")
+]
+Number = Annotated[int | None, Query(ge=0, description="the last event that was seen")]
+SeenHeader = Annotated[str | None, Header(alias="Last-Event-ID", max_length=20)]
+
+
+async def _queue(services: ServicesOf) -> AsyncIterator[asyncio.Queue[Event | None]]:
+    try:
+        async with services.tail.listening() as queue:
+            yield queue
+    except TooManyListenersError as error:
+        raise HTTPException(503, str(error), headers={"Retry-After": "30"}) from error
+
+
+Queue = Annotated[asyncio.Queue[Event | None], Depends(_queue)]
+
+
+@router.get("/events", response_class=EventSourceResponse)
+async def events(
+    queue: Queue,
+    services: ServicesOf,
+    mission: Mission = None,
+    since: Number = None,
+    last_event_id: SeenHeader = None,
+) -> AsyncIterable[ServerSentEvent]:
+    """What happens in the store, as it happens: `layers.published`, `run.changed` and others.
+
+    Every event has a number; who comes back with the last one it has seen (`Last-Event-ID`, which
+    browsers send by themselves, or `since`) is told what it has missed. `reload` says that this
+    is not known any more. A line without meaning every 15 s keeps the connection open.
+    """
+    seen = _seen(since, last_event_id)
+    missed = [] if seen is None else await services.tail.missed(seen)
+    reached = await services.tail.newest() if seen is None or missed is None else seen
+    yield ServerSentEvent(event="hello", data={}, id=str(reached), retry=_RETRY_MS)
+    if missed is None:
+        yield ServerSentEvent(event=RELOAD, data={}, id=str(reached))
+    for event in missed or ():
+        reached = event.id
+        if _concerns(event, mission):
+            yield _sent(event)
+    while True:
+        fresh = await queue.get()
+        if fresh is None:
+            reached = await services.tail.newest()
+            yield ServerSentEvent(event=RELOAD, data={}, id=str(reached))
+        elif fresh.id > reached:
+            reached = fresh.id
+            if _concerns(fresh, mission):
+                yield _sent(fresh)
+
+
+def _seen(since: int | None, header: str | None) -> int | None:
+    """The header is newer than the address that a browser connects to again."""
+    return int(header) if header and header.isascii() and header.isdigit() else since
+
+
+def _concerns(event: Event, mission: str | None) -> bool:
+    return mission is None or event.document.get("mission", mission) == mission
+
+
+def _sent(event: Event) -> ServerSentEvent:
+    return ServerSentEvent(
+        event=event.kind, data={**event.document, "at": event.at}, id=str(event.id)
+    )

@@ -1,0 +1,138 @@
+"""Live updates over a real connection: two browsers, another process that publishes."""
+
+from __future__ import annotations
+
+import json
+import queue
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import httpx
+import numpy as np
+import pytest
+
+from products.catalogue import Catalogue
+from tests.support.live_server import serving
+
+_TELL = """
+import sys, time
+from pathlib import Path
+from products.catalogue import Catalogue
+catalogue = Catalogue.open(Path(sys.argv[1]))
+for number in range(int(sys.argv[2])):
+    catalogue.tell("run.changed", {"number": number, "sent": time.time()})
+    time.sleep(0.1)
+"""
+
+
+@pytest.fixture
+def root(tmp_path: Path) -> Path:
+    Catalogue.open(tmp_path)
+    return tmp_path
+
+
+@contextmanager
+def listening(address: str, **headers: str) -> Iterator[queue.Queue]:
+    """Events as (kind, id, data, time of arrival), as they come."""
+    heard: queue.Queue = queue.Queue()
+    client = httpx.Client(timeout=httpx.Timeout(20.0))
+    response = client.send(client.build_request("GET", address, headers=headers), stream=True)
+    assert response.status_code == 200
+    assert response.headers["content-type"].startswith("text/event-stream")
+
+    def listen() -> None:
+        fields: dict[str, str] = {}
+        try:
+            for line in response.iter_lines():
+                name, colon, value = line.partition(": ")
+                if colon and name:
+                    fields[name] = value
+                elif not line and "event" in fields:
+                    data = json.loads(fields["data"])
+                    heard.put((fields["event"], int(fields["id"]), data, time.time()))
+                    fields = {}
+        except (httpx.HTTPError, httpx.StreamError, OSError):
+            pass  # the test has ended
+
+    thread = threading.Thread(target=listen, daemon=True)
+    thread.start()
+    try:
+        yield heard
+    finally:
+        response.close()
+        client.close()
+        thread.join(5)
+
+
+def tell(root: Path, count: int) -> None:
+    subprocess.run([sys.executable, "-c", _TELL, str(root), str(count)], check=True)
+
+
+def numbers(heard: queue.Queue, count: int) -> list[int]:
+    return [heard.get(timeout=10)[2]["number"] for _ in range(count)]
+
+
+def test_two_listeners_hear_every_event_of_another_process_in_order_and_soon(root):
+    with (
+        serving(root) as server,
+        listening(f"{server}/api/events") as first,
+        listening(f"{server}/api/events") as second,
+    ):
+        assert first.get(timeout=10)[0] == second.get(timeout=10)[0] == "hello"
+        tell(root, 20)
+        delays = []
+        for heard in (first, second):
+            events = [heard.get(timeout=10) for _ in range(20)]
+            assert [event[2]["number"] for event in events] == list(range(20))
+            assert [event[1] for event in events] == list(range(1, 21))
+            delays += [arrived - data["sent"] for _, _, data, arrived in events]
+    # a look is due every 0.25 s; the rest is room for a busy machine
+    assert np.median(delays) < 1.0, f"median {np.median(delays):.3f} s"
+    print(f"delay median {np.median(delays):.3f} s, worst {max(delays):.3f} s")  # noqa: T201
+
+
+def test_who_comes_back_is_told_what_it_missed(root):
+    with serving(root) as server:
+        tell(root, 6)
+        with listening(f"{server}/api/events", **{"Last-Event-ID": "2"}) as heard:
+            assert heard.get(timeout=10)[:2] == ("hello", 2)
+            assert numbers(heard, 4) == [2, 3, 4, 5]
+            tell(root, 1)
+            assert numbers(heard, 1) == [0]
+        with listening(f"{server}/api/events?since=6") as heard:
+            assert numbers_after_hello(heard) == [0]
+
+
+def numbers_after_hello(heard: queue.Queue) -> list[int]:
+    assert heard.get(timeout=10)[0] == "hello"
+    return numbers(heard, 1)
+
+
+def test_events_of_other_missions_are_left_out_when_one_is_named(root):
+    catalogue = Catalogue.open(root)
+    with serving(root) as server, listening(f"{server}/api/events?mission=MER2") as heard:
+        heard.get(timeout=10)
+        for mission in ("MER1", "MER2"):
+            catalogue.tell("layers.published", {"mission": mission, "layers": []})
+        catalogue.tell("run.changed", {"id": "a"})  # of no mission
+        told = [heard.get(timeout=10) for _ in range(2)]
+    assert [event[0] for event in told] == ["layers.published", "run.changed"]
+    assert told[0][2]["mission"] == "MER2"
+
+
+def test_who_missed_what_is_forgotten_is_told_to_ask_everything_anew(root):
+    catalogue = Catalogue.open(root)
+    from products.events import EVENTS  # noqa: PLC0415
+
+    for _ in range(5):
+        catalogue.tell("run.changed", {})
+    with catalogue.engine.begin() as connection:
+        connection.execute(EVENTS.delete().where(EVENTS.c.id < 4))
+    address = "/api/events?since=1"
+    with serving(root) as server, listening(f"{server}{address}") as heard:
+        assert [heard.get(timeout=10)[:2] for _ in range(2)] == [("hello", 5), ("reload", 5)]

@@ -1,0 +1,67 @@
+"""A flow's record of itself: what it reports is written down, and how it ends."""
+
+import pytest
+from sqlalchemy.exc import OperationalError
+
+from flows.progress import report
+from flows.run_record import recorded
+from products.runs import RunBook, RunState
+from products.workspace import Workspace
+
+
+@pytest.fixture
+def workspace(tmp_path):
+    return Workspace.open(tmp_path)
+
+
+def kept(workspace):
+    (run,) = RunBook(workspace.catalogue.engine).runs()
+    return run
+
+
+def test_progress_is_written_down_while_it_happens(workspace):
+    with recorded("downlink", "sol156", workspace) as record:
+        report("match pairs", 2, 7)
+        record.say(["an image has no partner"])
+        run = kept(workspace)
+        assert (run.state, run.stage, run.done, run.total) == (
+            RunState.RUNNING,
+            "match pairs",
+            2,
+            7,
+        )
+    assert kept(workspace).state is RunState.SUCCEEDED
+    assert kept(workspace).lines == ("an image has no partner",)
+
+
+def test_a_run_with_failures_ends_as_failed(workspace):
+    with recorded("downlink", "sol156", workspace) as record:
+        record.fail_if([])
+        record.fail_if(["sol 156: the network is singular"])
+    assert kept(workspace).state is RunState.FAILED
+    assert kept(workspace).lines == ("failed: sol 156: the network is singular",)
+
+
+def test_an_exception_ends_the_run_and_is_named(workspace):
+    with pytest.raises(ValueError, match="no such folder"), recorded("downlink", "x", workspace):
+        raise ValueError("no such folder")
+    assert kept(workspace).state is RunState.FAILED
+    assert kept(workspace).lines == ("failed: ValueError: no such folder",)
+
+
+def test_many_quick_parts_are_not_written_one_by_one(workspace):
+    with recorded("downlink", "sol156", workspace):
+        for done in range(1, 1001):
+            report("ingest files", done, 1000)
+    assert workspace.catalogue.version() < 20
+    assert kept(workspace).done == 1000
+
+
+def test_a_record_that_cannot_be_written_does_not_stop_the_run(workspace, monkeypatch, caplog):
+    def refuse(_book, _run):
+        raise OperationalError("write", {}, Exception("database is locked"))
+
+    monkeypatch.setattr(RunBook, "write", refuse)
+    with recorded("downlink", "sol156", workspace):
+        report("match pairs", 1, 1)
+    assert "database is locked" in caplog.text

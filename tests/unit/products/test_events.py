@@ -1,0 +1,46 @@
+"""Events are told in order, once each, and forgotten when there are many newer ones."""
+
+import pytest
+
+from products import events
+from products.catalogue import Catalogue
+
+
+@pytest.fixture
+def catalogue(tmp_path):
+    return Catalogue.open(tmp_path)
+
+
+def test_events_come_in_their_order_after_the_last_seen(catalogue):
+    for number in range(5):
+        catalogue.tell("run.changed", {"number": number})
+    told = catalogue.events_since(2)
+    assert [event.id for event in told] == [3, 4, 5]
+    assert [event.document["number"] for event in told] == [2, 3, 4]
+    assert catalogue.version() == 5
+    assert catalogue.events_since(5) == []
+
+
+def test_old_events_are_forgotten_and_who_missed_them_is_told_so(catalogue, monkeypatch):
+    monkeypatch.setattr(events, "KEPT", 10)
+    for number in range(25):
+        catalogue.tell("run.changed", {"number": number})
+    assert [event.id for event in catalogue.events_since(0)] == list(range(16, 26))
+    with catalogue.engine.connect() as connection:
+        assert events.is_gone(connection, 14)
+        assert not events.is_gone(connection, 15)
+        assert not events.is_gone(connection, 25)
+
+
+def test_numbers_go_on_when_a_new_process_opens_the_catalogue(catalogue, tmp_path):
+    catalogue.tell("run.changed", {})
+    again = Catalogue.open(tmp_path)
+    again.tell("run.changed", {})
+    assert [event.id for event in catalogue.events_since(0)] == [1, 2]
+
+
+def test_a_transaction_that_fails_tells_nothing(catalogue):
+    with catalogue.engine.connect() as connection:
+        events.append(connection, "run.changed", {})
+        connection.rollback()
+    assert catalogue.version() == 0

@@ -1,0 +1,58 @@
+"""Runs are kept, told of, and known to be lost when their process is gone."""
+
+import dataclasses
+import subprocess
+import sys
+
+import pytest
+
+from products.catalogue import Catalogue
+from products.errors import ProductNotFoundError
+from products.runs import Run, RunBook, RunState
+
+
+@pytest.fixture
+def catalogue(tmp_path):
+    return Catalogue.open(tmp_path)
+
+
+@pytest.fixture
+def book(catalogue):
+    return RunBook(catalogue.engine)
+
+
+def test_a_run_is_read_as_it_was_written(book):
+    run = Run.start("downlink", "sol156").at("match pairs", 3, 10).said(["one image is broken"])
+    book.write(run)
+    assert book.run(run.id) == run
+    book.write(run.ended(RunState.SUCCEEDED))
+    (kept,) = book.runs()
+    assert kept.state is RunState.SUCCEEDED
+    assert kept.ended_at is not None
+
+
+def test_every_change_of_a_run_is_an_event(book, catalogue):
+    run = Run.start("downlink", "sol156")
+    book.write(run)
+    book.write(run.at("match pairs", 1, 2))
+    told = catalogue.events_since(0)
+    assert [event.kind for event in told] == ["run.changed"] * 2
+    assert told[1].document["stage"] == "match pairs"
+    assert (told[1].document["done"], told[1].document["total"]) == (1, 2)
+
+
+def test_a_run_whose_process_is_gone_is_lost(book):
+    gone = subprocess.Popen([sys.executable, "-c", ""])
+    gone.wait()
+    run = Run.start("downlink", "sol156")
+    host = run.process.rpartition("-")[0]
+    book.write(dataclasses.replace(run, process=f"{host}-{gone.pid}"))
+    assert book.run(run.id).state is RunState.LOST
+    elsewhere = dataclasses.replace(run, id="other", process=f"another-host-{gone.pid}")
+    book.write(elsewhere)
+    assert book.run("other").state is RunState.RUNNING  # nothing is known of it
+
+
+def test_an_unknown_run_is_named(book):
+    with pytest.raises(ProductNotFoundError, match="no run 'x' is known"):
+        book.run("x")
