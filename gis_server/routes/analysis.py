@@ -5,6 +5,18 @@ from __future__ import annotations
 from fastapi import APIRouter, Response
 
 from gis_server.analysis.ground import Ground
+from gis_server.analysis.measures import (
+    AreaAnswer,
+    AreaQuestion,
+    LineAnswer,
+    LineQuestion,
+    VolumeAnswer,
+    VolumeQuestion,
+    measured_area,
+    measured_line,
+    measured_volume,
+)
+from gis_server.analysis.planes import PlaneAnswer, PlaneQuestion, fitted_plane
 from gis_server.analysis.profiles import (
     ProfileAnswer,
     ProfileQuestion,
@@ -12,6 +24,8 @@ from gis_server.analysis.profiles import (
     profile_answer,
     profile_csv,
 )
+from gis_server.analysis.refusal import RefusedError
+from gis_server.analysis.zonal import ZonalAnswer, ZonalQuestion, zonal
 from gis_server.routes.missions import map_layers
 from gis_server.routes.parameters import MissionName
 from gis_server.services import Services, ServicesOf
@@ -43,3 +57,40 @@ def profile_table(
         media_type="text/csv; charset=utf-8",
         headers={"content-disposition": 'attachment; filename="profile.csv"'},
     )
+
+
+@router.post("/measure-line")
+def line(mission: MissionName, question: LineQuestion, services: ServicesOf) -> LineAnswer:
+    """Length on the map and along the ground, azimuths, and the slope between both ends."""
+    landing = services.catalogue.mission(mission).landing
+    return measured_line(question, ground_of(mission, question.layer, services), landing)
+
+
+@router.post("/measure-area")
+def area(mission: MissionName, question: AreaQuestion, services: ServicesOf) -> AreaAnswer:
+    """Area on the map and of the ground."""
+    return measured_area(question, ground_of(mission, question.layer, services))
+
+
+@router.post("/volume")
+def volume(mission: MissionName, question: VolumeQuestion, services: ServicesOf) -> VolumeAnswer:
+    """Volume of the ground over or below a base, with its standard deviation."""
+    return measured_volume(question, ground_of(mission, question.layer, services))
+
+
+@router.post("/plane-fit")
+def plane_fit(mission: MissionName, question: PlaneQuestion, services: ServicesOf) -> PlaneAnswer:
+    """Strike and dip, with errors, of the plane through picked points or a polygon of ground."""
+    return fitted_plane(question, ground_of(mission, question.layer, services))
+
+
+@router.post("/zonal")
+def zonal_statistics(
+    mission: MissionName, question: ZonalQuestion, services: ServicesOf
+) -> ZonalAnswer:
+    """Statistics of a raster layer over a polygon."""
+    services.catalogue.mission(mission)
+    for layer in map_layers(mission, services):
+        if layer.id == question.layer:
+            return zonal(question, layer, services.store, services.pool)
+    raise RefusedError(f"{question.layer} is no layer of {mission}; /layers lists them")

@@ -1,0 +1,249 @@
+"""Lines, areas and volumes: questions, answers and what lies between."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import BaseModel, Field
+
+from gis_server.analysis.bodies import (
+    UNITS,
+    LayerAsked,
+    LayerUsed,
+    Line,
+    Polygon,
+    Question,
+    number,
+    numbers,
+)
+from gis_server.analysis.ground import BEST, Ground
+from gis_server.analysis.refusal import RefusedError
+from photogrammetry.terrain.ground_samples import NOWHERE, GroundSamples, MapPoints
+from photogrammetry.terrain.measure import (
+    measure_line,
+    places_inside,
+    polygon_of,
+    rise_between,
+    steepening,
+)
+from photogrammetry.terrain.profile import stations
+from photogrammetry.terrain.volume import Base, volume
+from products.crs import LandingPoint, lon_lat
+
+_STEEP_PLACES = 40_000
+_RIM_STEP_M = 0.1
+_STRETCH_M = 100.0
+"""Length over which the direction of the meridian is found."""
+
+
+class LineQuestion(Question):
+    """A line on the map."""
+
+    line: Line
+    layer: LayerAsked = BEST
+    step_m: Annotated[float, Field(gt=0, le=1000)] = 0.5
+    """Of the length along the ground: with shorter steps noise makes lines longer."""
+
+
+class RiseBody(BaseModel):
+    """From the first place of the line to its last."""
+
+    map_distance_m: float
+    straight_m: float
+    rise_m: float
+    sigma_rise_m: float
+    slope_deg: float
+    sigma_slope_deg: float
+    azimuth_deg: float
+    """Clockwise from the map's north."""
+    true_azimuth_deg: float
+    """Clockwise from the meridian of the first place."""
+
+
+class LineAnswer(BaseModel):
+    """Length and directions of a line."""
+
+    units: str = UNITS
+    map_length_m: float
+    surface_length_m: float
+    """Along the ground; over ground that was not measured, as on the map."""
+    step_m: float
+    measured_share: float
+    leg_length_m: list[float | None]
+    leg_azimuth_deg: list[float | None]
+    ends: RiseBody | None
+    """null: an end has no elevation, or the line is closed."""
+    layers: list[LayerUsed]
+
+
+class AreaQuestion(Question):
+    """A polygon on the map."""
+
+    polygon: Polygon
+    layer: LayerAsked = BEST
+
+
+class AreaAnswer(BaseModel):
+    """Size of a polygon."""
+
+    units: str = UNITS
+    map_area_m2: float
+    surface_area_m2: float | None
+    """Of the ground, by its slope over half a metre; gaps as the mean of the rest."""
+    perimeter_m: float
+    """On the map."""
+    centre: tuple[float, float]
+    """(east, north) of the centroid."""
+    elevation_mean_m: float | None
+    elevation_min_m: float | None
+    elevation_max_m: float | None
+    measured_share: float
+    cell_m: float
+    """At which the ground was read."""
+    layers: list[LayerUsed]
+
+
+class VolumeQuestion(AreaQuestion):
+    """A polygon on the map, and what its volume is taken against."""
+
+    base: Literal["rim", "level", "lowest"] = "rim"
+    """rim: the plane that fits the ground along the outline; level: `elevation_m`; lowest: a level
+    plane at the lowest ground of the outline."""
+    elevation_m: Annotated[float, Field(ge=-1e5, le=1e5)] | None = None
+
+
+class VolumeAnswer(BaseModel):
+    """The volume between the ground and a base."""
+
+    units: str = UNITS
+    above_m3: float
+    below_m3: float
+    net_m3: float
+    sigma_net_m3: float
+    map_area_m2: float
+    measured_share: float
+    highest_m: float
+    """Of the ground over the base."""
+    lowest_m: float
+    base: str
+    base_elevation_m: float
+    """At the polygon's centroid."""
+    base_slope_deg: float
+    cell_m: float
+    layers: list[LayerUsed]
+
+
+def measured_line(question: LineQuestion, ground: Ground, landing: LandingPoint) -> LineAnswer:
+    """Length, directions and rise of a line."""
+    corners = np.array(question.line)
+    along = stations(corners, question.step_m)
+    read = ground.at(along.places)
+    found = measure_line(corners, along, read)
+    return LineAnswer(
+        map_length_m=round(found.map_length_m, 4),
+        surface_length_m=round(found.surface_length_m, 4),
+        step_m=question.step_m,
+        measured_share=round(found.measured_share, 4),
+        leg_length_m=numbers(found.leg_length_m),
+        leg_azimuth_deg=numbers(np.degrees(found.leg_azimuth), 3),
+        ends=_ends(corners[[0, -1]], ground.at(corners[[0, -1]]), landing),
+        layers=used_in(read, ground),
+    )
+
+
+def _ends(places: MapPoints, read: GroundSamples, landing: LandingPoint) -> RiseBody | None:
+    if not np.isfinite(read.elevation).all() or (places[0] == places[1]).all():
+        return None
+    rise = rise_between(places, read)
+    east, north = places[1] - places[0]
+    return RiseBody(
+        map_distance_m=round(rise.map_length_m, 4),
+        straight_m=round(rise.straight_m, 4),
+        rise_m=round(rise.rise_m, 4),
+        sigma_rise_m=round(float(np.nan_to_num(rise.sigma_rise_m)), 4),
+        slope_deg=round(math.degrees(rise.slope), 3),
+        sigma_slope_deg=round(math.degrees(float(np.nan_to_num(rise.sigma_slope))), 3),
+        azimuth_deg=round(math.degrees(math.atan2(east, north)) % 360.0, 3),
+        true_azimuth_deg=round(true_azimuth(places, landing), 3),
+    )
+
+
+def true_azimuth(places: MapPoints, landing: LandingPoint) -> float:
+    """Degrees from the meridian of the first place to the direction of the second."""
+    step = places[1] - places[0]
+    ahead = places[0] + step * (_STRETCH_M / np.hypot(*step))
+    (lon, lon_on), (lat, lat_on) = lon_lat(landing, *np.stack([places[0], ahead], axis=1))
+    across = (lon_on - lon) * math.cos(math.radians((lat + lat_on) / 2))
+    return math.degrees(math.atan2(across, lat_on - lat)) % 360.0
+
+
+def measured_area(question: AreaQuestion, ground: Ground) -> AreaAnswer:
+    """Area of a polygon on the map and on the ground."""
+    polygon = polygon_of(np.array(question.polygon))
+    places, cell = places_inside(polygon, ground.finest_cell_m, _STEEP_PLACES)
+    read = ground.at(places)
+    steep = steepening(places, ground.elevation, 0.25)
+    known = read.elevation[np.isfinite(read.elevation)]
+    surface = polygon.area * float(np.nanmean(steep)) if np.isfinite(steep).any() else None
+    return AreaAnswer(
+        map_area_m2=round(polygon.area, 4),
+        surface_area_m2=number(surface),
+        perimeter_m=round(polygon.length, 4),
+        centre=(round(polygon.centroid.x, 4), round(polygon.centroid.y, 4)),
+        elevation_mean_m=number(float(known.mean())) if len(known) else None,
+        elevation_min_m=number(float(known.min())) if len(known) else None,
+        elevation_max_m=number(float(known.max())) if len(known) else None,
+        measured_share=round(len(known) / len(places), 4),
+        cell_m=round(cell, 6),
+        layers=used_in(read, ground),
+    )
+
+
+def measured_volume(question: VolumeQuestion, ground: Ground) -> VolumeAnswer:
+    """The volume of a polygon's ground against a base."""
+    polygon = polygon_of(np.array(question.polygon))
+    places, cell = places_inside(polygon, ground.finest_cell_m)
+    base = _base(question, ground)
+    read = ground.at(places)
+    found = volume(places, read, base, polygon.area)
+    centre = np.array([[polygon.centroid.x, polygon.centroid.y]])
+    return VolumeAnswer(
+        above_m3=round(found.above_m3, 6),
+        below_m3=round(found.below_m3, 6),
+        net_m3=round(found.net_m3, 6),
+        sigma_net_m3=round(found.sigma_m3, 6),
+        map_area_m2=round(found.area_m2, 4),
+        measured_share=round(found.measured_share, 4),
+        highest_m=round(found.highest_m, 4),
+        lowest_m=round(found.lowest_m, 4),
+        base=question.base,
+        base_elevation_m=round(float(base.at(centre)[0]), 4),
+        base_slope_deg=round(math.degrees(math.atan(np.hypot(*base.parameters[1:]))), 3),
+        cell_m=round(cell, 6),
+        layers=used_in(read, ground),
+    )
+
+
+def _base(question: VolumeQuestion, ground: Ground) -> Base:
+    if question.base == "level":
+        if question.elevation_m is None:
+            raise RefusedError("a level base needs its elevation: give `elevation_m`")
+        return Base.level(question.elevation_m)
+    ring = np.array([*question.polygon, question.polygon[0]])
+    length = float(np.hypot(*np.diff(ring, axis=0).T).sum())
+    step = max(_RIM_STEP_M, length / 2000)
+    along = stations(ring, step)
+    read = ground.at(along.places)
+    if question.base == "rim":
+        return Base.fitted(along.places, read, step)
+    if not np.isfinite(read.elevation).any():
+        raise RefusedError("no ground of the outline was measured: draw it on mapped ground")
+    return Base.level(float(np.nanmin(read.elevation)))
+
+
+def used_in(read: GroundSamples, ground: Ground) -> list[LayerUsed]:
+    """The terrain models that places were read from."""
+    numbers_used = np.unique(read.source[read.source != NOWHERE]).tolist()
+    return [LayerUsed.of(ground.models[k]) for k in numbers_used]

@@ -1,0 +1,139 @@
+"""Strike and dip of a plane through places on the ground."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated
+
+import numpy as np
+from pydantic import BaseModel, Field
+
+from gis_server.analysis.bodies import (
+    MOST_CORNERS,
+    UNITS,
+    Corner,
+    LayerAsked,
+    LayerUsed,
+    MetresHere,
+    Polygon,
+    Question,
+)
+from gis_server.analysis.ground import BEST, Ground, cell_of
+from gis_server.analysis.measures import used_in
+from gis_server.analysis.refusal import RefusedError
+from photogrammetry.arrays import Covariances3
+from photogrammetry.errors import TerrainError
+from photogrammetry.terrain.attitude import attitude
+from photogrammetry.terrain.ground_samples import NOWHERE, GroundSamples, MapPoints
+from photogrammetry.terrain.measure import places_inside, polygon_of
+from photogrammetry.terrain.plane_fit import PlaneFit, fit_plane
+from photogrammetry.terrain.volume import CORRELATION_M
+
+_MOST_POINTS = 2500
+_LEAST_SIGMA_M = 0.002
+"""Standard deviation of an elevation that a model calls surer: a fraction of its steps."""
+
+Picked = Corner | tuple[MetresHere, MetresHere, Annotated[float, Field(ge=-1e5, le=1e5)]]
+"""(east, north), on the ground, or (east, north, elevation)."""
+
+
+class PlaneQuestion(Question):
+    """Places that a plane is to go through: picked points, or a polygon of ground."""
+
+    points: Annotated[list[Picked], Field(min_length=3, max_length=MOST_CORNERS)] | None = None
+    polygon: Polygon | None = None
+    layer: LayerAsked = BEST
+    sigma_m: Annotated[float, Field(gt=0, le=10)] = 0.02
+    """Standard deviation, each way, of points that come with their elevation."""
+
+
+class PlaneAnswer(BaseModel):
+    """A plane and how sure it is."""
+
+    units: str = UNITS
+    dip_deg: float
+    sigma_dip_deg: float
+    strike_deg: float | None
+    """Looking along it the plane falls to the right; null: the plane is level as far as can be
+    told."""
+    sigma_strike_deg: float | None
+    dip_direction_deg: float | None
+    said_of_strike: str | None
+    """Why there is none."""
+    centre: tuple[float, float, float]
+    """(east, north, elevation) on the plane."""
+    normal: tuple[float, float, float]
+    """Unit vector (east, north, up)."""
+    rms_m: float
+    """Distance of the points from the plane, root mean square."""
+    sigma0: float
+    """Scatter of the points over what their standard deviations claim."""
+    points: int
+    layers: list[LayerUsed]
+
+
+def fitted_plane(question: PlaneQuestion, ground: Ground) -> PlaneAnswer:
+    """The likeliest plane through the places of a question.
+
+    Raises:
+        TerrainError: they hold no plane.
+    """
+    if (question.points is None) == (question.polygon is None):
+        raise RefusedError("a plane goes through `points` or a `polygon`: give one of them")
+    places, heights = _places(question, ground)
+    read = ground.at(places)
+    on_ground = np.isnan(heights)
+    heights = np.where(on_ground, read.elevation, heights)
+    known = np.isfinite(heights)
+    points = np.column_stack([places, heights])[known]
+    covariances = _covariances(question, read, on_ground, ground)[known]
+    plane = fit_plane(points, covariances)
+    used = read if on_ground.any() else GroundSamples.none(0)
+    return _answer(plane, used_in(used, ground))
+
+
+def _places(question: PlaneQuestion, ground: Ground) -> tuple[MapPoints, np.ndarray]:
+    """Places and their elevations, NaN where these are the ground's."""
+    if question.points is not None:
+        places = np.array([point[:2] for point in question.points])
+        told = [point[2] if len(point) > 2 else math.nan for point in question.points]  # noqa: PLR2004
+        return places, np.array(told)
+    spacing = max(CORRELATION_M, ground.finest_cell_m)  # nearer points repeat each other's error
+    inside, _ = places_inside(polygon_of(np.array(question.polygon)), spacing, _MOST_POINTS)
+    return inside, np.full(len(inside), np.nan)
+
+
+def _covariances(
+    question: PlaneQuestion, read: GroundSamples, on_ground: np.ndarray, ground: Ground
+) -> Covariances3:
+    """Of every point: what it is off by itself, and on the map by a part of its cell."""
+    cells = np.array([cell_of(layer) for layer in ground.models])
+    aside = cells[np.where(read.source == NOWHERE, 0, read.source)] / math.sqrt(12.0)
+    up = np.maximum(np.nan_to_num(read.own_sigma_m), _LEAST_SIGMA_M)
+    sigmas = np.column_stack([aside, aside, up])
+    sigmas[~on_ground] = question.sigma_m
+    return sigmas[:, :, None] ** 2 * np.eye(3)
+
+
+def _answer(plane: PlaneFit, layers: list[LayerUsed]) -> PlaneAnswer:
+    east, north, up = plane.normal.tolist()
+    try:
+        found, why = attitude(plane), None
+    except TerrainError as error:
+        found, why = None, str(error)
+    level = float(np.sqrt(max(np.linalg.eigvalsh(plane.covariance)[-1], 0.0)))
+    centre = plane.centre.round(4).tolist()
+    return PlaneAnswer(
+        dip_deg=round(math.degrees(math.atan2(math.hypot(east, north), up)), 3),
+        sigma_dip_deg=round(math.degrees(found.sigma_dip if found else level), 3),
+        strike_deg=round(math.degrees(found.strike), 2) if found else None,
+        sigma_strike_deg=round(math.degrees(found.sigma_strike), 2) if found else None,
+        dip_direction_deg=round(math.degrees(found.dip_direction), 2) if found else None,
+        said_of_strike=why,
+        centre=(centre[0], centre[1], centre[2]),
+        normal=(round(east, 6), round(north, 6), round(up, 6)),
+        rms_m=round(plane.rms_m, 4),
+        sigma0=round(plane.sigma0, 3),
+        points=plane.points,
+        layers=layers,
+    )

@@ -1,0 +1,126 @@
+"""Volumes between the ground and a base.
+
+With the ground h and the base b at the cells of area a inside a polygon,
+
+    V+ = a sum max(h - b, 0)        V- = a sum max(b - h, 0)        V = V+ - V-
+
+Cells that were not measured count with the mean of the others, and the share of measured ones is
+told. The variance of V comes from three parts,
+
+    (A s_p)^2                 the part of the elevations that the poses shift together,
+    A a_c mean(s_o^2)         their own errors, which places within an area a_c share,
+    j' C j                    the base, where it was fitted: j = (A, A mean e, A mean n).
+
+A base that was fitted to the rim of the same model lies as high or low as the ground, so that the
+first part falls away.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from photogrammetry.arrays import Float64, PerPoint, Vector3
+from photogrammetry.errors import TerrainError
+from photogrammetry.terrain.ground_samples import GroundSamples, MapPoints
+
+CORRELATION_M = 0.15
+"""Side of the square within which places share their error: see `SurfaceParams`."""
+LEAST_RIM = 6
+"""Places of the rim that a base is fitted to: twice its unknowns."""
+LEAST_SHARE = 0.5
+"""Part of the polygon that must have been measured."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Base:
+    """A plane b = p_0 + p_1 (e - e_0) + p_2 (n - n_0)."""
+
+    origin: Float64[np.ndarray, " 2"]
+    parameters: Vector3
+    covariance: Float64[np.ndarray, "3 3"]
+    floats: bool
+    """Whether it rises and falls with the model's poses, as one that was fitted to it does."""
+
+    @classmethod
+    def level(cls, elevation_m: float) -> Base:
+        """A level base at an elevation."""
+        return cls(np.zeros(2), np.array([elevation_m, 0.0, 0.0]), np.zeros((3, 3)), floats=False)
+
+    @classmethod
+    def fitted(cls, places: MapPoints, ground: GroundSamples, spacing_m: float) -> Base:
+        """The plane of least squares through the ground at places of a rim, `spacing_m` apart.
+
+        Raises:
+            TerrainError: too few of them have an elevation, or they lie along a line.
+        """
+        known = np.isfinite(ground.elevation)
+        if known.sum() < LEAST_RIM:
+            raise TerrainError(
+                f"{known.sum()} places of the rim have an elevation and {LEAST_RIM} are needed: "
+                "draw the polygon around measured ground, or give an elevation of the base"
+            )
+        origin = places[known].mean(axis=0)
+        design = np.column_stack([np.ones(known.sum()), places[known] - origin])
+        if np.linalg.matrix_rank(design) < design.shape[1]:
+            raise TerrainError("the measured places of the rim lie on a line: they hold no plane")
+        inverse = np.linalg.inv(design.T @ design)
+        parameters = inverse @ design.T @ ground.elevation[known]
+        left = ground.elevation[known] - design @ parameters
+        variance = float(left @ left) / max(known.sum() - 3, 1)
+        shared = max(1.0, CORRELATION_M / spacing_m)
+        return cls(origin, parameters, shared * variance * inverse, floats=True)
+
+    def at(self, places: MapPoints) -> PerPoint:
+        """Elevation of the base."""
+        return self.parameters[0] + (places - self.origin) @ self.parameters[1:]
+
+
+@dataclass(frozen=True, slots=True)
+class Volume:
+    """What lies between ground and base."""
+
+    above_m3: float
+    below_m3: float
+    net_m3: float
+    sigma_m3: float
+    """Of the net volume."""
+    area_m2: float
+    measured_share: float
+    highest_m: float
+    """Ground over the base."""
+    lowest_m: float
+    """Ground below the base, as a number that is not positive where there is any."""
+
+
+def volume(places: MapPoints, ground: GroundSamples, base: Base, area_m2: float) -> Volume:
+    """The volume over `area_m2`, whose ground was read at the centres of equal cells.
+
+    Raises:
+        TerrainError: too little of the area was measured.
+    """
+    height = ground.elevation - base.at(places)
+    known = np.isfinite(height)
+    share = float(known.mean())
+    if share < LEAST_SHARE:
+        raise TerrainError(
+            f"{share:.0%} of the polygon was measured and {LEAST_SHARE:.0%} is needed for a volume"
+        )
+    h = height[known]
+    shift = 0.0 if base.floats else float(np.nan_to_num(ground.pose_sigma_m[known]).mean())
+    own = float(np.mean(np.nan_to_num(ground.own_sigma_m[known]) ** 2))
+    j = area_m2 * np.array([1.0, *(places[known] - base.origin).mean(axis=0)])
+    variance = (area_m2 * shift) ** 2 + area_m2 * CORRELATION_M**2 * own
+    variance += float(j @ base.covariance @ j)
+    above, below = (area_m2 * float(np.maximum(sign * h, 0.0).mean()) for sign in (1.0, -1.0))
+    return Volume(
+        above,
+        below,
+        above - below,
+        float(np.sqrt(variance)),
+        area_m2,
+        share,
+        float(h.max()),
+        float(h.min()),
+    )

@@ -1,0 +1,148 @@
+import math
+
+import numpy as np
+import pytest
+
+from gis_server.analysis.measures import true_azimuth
+from products.crs import LandingPoint, lon_lat
+from products.model import ProductKind
+from tests.unit.gis_server.conftest import STOP, elevation_at, ref_of
+
+API = "/api/missions/MER2"
+SQUARE = [[0, 0], [10, 0], [10, 10], [0, 10]]
+STEEPNESS = math.hypot(0.1, 0.05)
+
+
+def ask(client, what, **question):
+    answer = client.post(f"{API}/{what}", json=question)
+    assert answer.status_code == 200, answer.text
+    return answer.json()
+
+
+def test_a_line_has_its_length_rise_and_azimuth(client, world):
+    body = ask(client, "measure-line", line=[[0, 0], [6, 8], [6, 0]])
+    assert body["map_length_m"] == pytest.approx(18.0)
+    assert body["leg_azimuth_deg"] == pytest.approx(
+        [math.degrees(math.atan2(6, 8)), 180.0], abs=1e-3
+    )
+    climbs = math.hypot(10, 1.0) + math.hypot(8, 0.4)
+    assert body["surface_length_m"] == pytest.approx(climbs, abs=2e-3)
+    ends = body["ends"]
+    assert ends["rise_m"] == pytest.approx(0.6, abs=1e-3)
+    assert ends["sigma_rise_m"] == pytest.approx(0.02 * math.sqrt(2), abs=1e-3)
+    assert ends["slope_deg"] == pytest.approx(math.degrees(math.atan(0.1)), abs=0.01)
+    assert ends["azimuth_deg"] == 90.0
+    assert body["layers"][0]["digest"] == ref_of(world, ProductKind.DTM).digest
+
+
+def test_an_end_without_elevation_has_no_rise(client):
+    assert ask(client, "measure-line", line=[[-39, 0], [0, 0]])["ends"] is None
+    assert ask(client, "measure-line", line=[[0, 0], [5, 5], [0, 0]])["ends"] is None
+
+
+def test_the_true_azimuth_is_that_of_the_meridian():
+    landing = LandingPoint("far south", 10.0, -60.0, 3.39e6, "a test")
+    assert true_azimuth(np.array([[0.0, 0.0], [3.0, 4.0]]), landing) == pytest.approx(
+        math.degrees(math.atan2(3, 4)), abs=2e-3
+    )
+    places = np.array([[8000.0, 0.0], [8000.0, 10.0]])
+    longitude = lon_lat(landing, 8000.0, 0.0)[0][0]
+    expected = -(longitude - 10.0) * math.sin(math.radians(-60.0))  # convergence of meridians
+    assert (true_azimuth(places, landing) + 180) % 360 - 180 == pytest.approx(-expected, abs=0.01)
+
+
+def test_an_area_is_larger_on_the_slope(client):
+    body = ask(client, "measure-area", polygon=SQUARE)
+    assert body["map_area_m2"] == pytest.approx(100.0)
+    assert body["surface_area_m2"] == pytest.approx(100 * math.hypot(1, STEEPNESS), rel=1e-4)
+    assert body["perimeter_m"] == pytest.approx(40.0)
+    assert body["centre"] == [5.0, 5.0]
+    assert body["elevation_mean_m"] == pytest.approx(elevation_at(5, 5), abs=1e-3)
+    assert body["measured_share"] == 1.0
+
+
+def test_a_plane_has_no_volume_over_its_rim_and_one_over_a_level(client):
+    assert ask(client, "volume", polygon=SQUARE)["net_m3"] == pytest.approx(0.0, abs=0.02)
+    level = ask(client, "volume", polygon=SQUARE, base="level", elevation_m=elevation_at(5, 5) - 1)
+    assert level["net_m3"] == pytest.approx(100.0, abs=0.05)
+    assert level["above_m3"] - level["below_m3"] == pytest.approx(level["net_m3"], abs=1e-5)
+    assert level["sigma_net_m3"] > 0
+    lowest = ask(client, "volume", polygon=SQUARE, base="lowest")
+    assert lowest["below_m3"] == pytest.approx(0.0, abs=0.01)
+    assert lowest["base_elevation_m"] == pytest.approx(elevation_at(0, 0), abs=0.01)
+
+
+def test_a_polygon_and_points_of_the_slope_give_its_strike_and_dip(client):
+    for question in ({"polygon": SQUARE}, {"points": [[0, 0], [9, 1], [2, 8], [7, 7]]}):
+        body = ask(client, "plane-fit", **question)
+        assert body["dip_deg"] == pytest.approx(math.degrees(math.atan(STEEPNESS)), abs=0.05)
+        downhill = math.degrees(math.atan2(-0.1, -0.05)) % 360
+        assert body["dip_direction_deg"] == pytest.approx(downhill, abs=0.5)
+        assert (body["dip_direction_deg"] - body["strike_deg"]) % 360 == pytest.approx(90, abs=0.01)
+        assert body["sigma_dip_deg"] > 0
+        assert len(body["layers"]) == 1
+
+
+def test_points_with_their_own_elevation_need_no_ground(client):
+    points = [[0, 0, 1.0], [10, 0, 1.0], [10, 10, 1.0], [0, 10, 1.001]]
+    body = ask(client, "plane-fit", points=points, sigma_m=0.01)
+    assert body["strike_deg"] is None
+    assert "level as far as can be told" in body["said_of_strike"]
+    assert body["layers"] == []
+
+
+def test_statistics_of_a_layer_over_a_polygon(client):
+    body = ask(client, "zonal", polygon=SQUARE, layer=f"{STOP.name}/dtm")
+    assert body["unit"] == "m"
+    assert body["mean"] == pytest.approx(elevation_at(5, 5), abs=2e-3)
+    assert body["percentiles"]["50"] == pytest.approx(elevation_at(5, 5), abs=0.02)
+    assert body["count"] == pytest.approx(100 / 0.0064, rel=0.02)
+    assert body["max"] == pytest.approx(elevation_at(10, 10), abs=0.02)
+    aspect = ask(client, "zonal", polygon=SQUARE, layer=f"{STOP.name}/aspect")
+    assert aspect["is_direction"]
+    assert aspect["mean"] == pytest.approx(90.0, abs=0.01)
+
+
+def test_classes_over_a_polygon_come_with_their_area(client):
+    box = [[0, -5], [10, -5], [10, 5], [0, 5]]
+    body = ask(client, "zonal", polygon=box, layer=f"{STOP.name}/hazard")
+    areas = {row["name"]: row["area_m2"] for row in body["classes"]}
+    assert areas == pytest.approx({"traversable": 50.0, "too steep": 50.0}, rel=0.03)
+    assert body["mean"] is None
+
+
+def test_a_polygon_off_the_layer_holds_nothing(client):
+    far = [[1000, 1000], [1010, 1000], [1010, 1010]]
+    body = ask(client, "zonal", polygon=far, layer=f"{STOP.name}/dtm")
+    assert (body["count"], body["mean"]) == (0, None)
+
+
+@pytest.mark.parametrize(
+    ("what", "question", "told"),
+    [
+        ("volume", {"polygon": [[0, 0], [10, 10], [10, 0], [0, 10]]}, "crossing"),
+        ("volume", {"polygon": SQUARE, "base": "level"}, "elevation_m"),
+        ("volume", {"polygon": [[-40, 0], [-31, 0], [-31, 9]]}, "rim"),
+        ("volume", {"polygon": SQUARE, "base": "bottom"}, "rim"),
+        ("measure-area", {"polygon": [[0, 0], [1, 1]]}, "at least 3"),
+        ("measure-area", {"polygon": [[0, 0], [1, 1], [2, 2]]}, "crossing"),
+        ("measure-area", {"polygon": [[0, 0], [1e-5, 0], [0, 1e-5]]}, "larger"),
+        ("plane-fit", {}, "one of them"),
+        ("plane-fit", {"points": [[0, 0], [1, 0], [2, 0]]}, "line"),
+        ("plane-fit", {"points": [[-39, 0], [-39, 1], [-38, 0]]}, "3 points"),
+        ("zonal", {"polygon": SQUARE, "layer": "nothing"}, "no layer"),
+        ("zonal", {"polygon": SQUARE, "layer": "mer2/stops"}, "no raster"),
+        ("measure-line", {"line": [[0, 0], [3000, 0]], "step_m": 0.001}, "stations"),
+    ],
+)
+def test_what_cannot_be_measured_is_refused_in_words(client, what, question, told):
+    answer = client.post(f"{API}/{what}", json=question)
+    assert answer.status_code == 422
+    assert told in answer.text
+
+
+def test_an_enormous_polygon_is_answered_without_harm(client):
+    huge = [[-1e6, -1e6], [1e6, -1e6], [1e6, 1e6], [-1e6, 1e6]]
+    body = ask(client, "measure-area", polygon=huge)
+    assert body["map_area_m2"] == pytest.approx(4e12)
+    assert client.post(f"{API}/volume", json={"polygon": huge}).status_code == 422
