@@ -149,6 +149,7 @@ def serve(
         host=address,
         port=listening_port,
         log_level="warning",
+        timeout_graceful_shutdown=2,  # browsers that listen for events never hang up
     )
 
 

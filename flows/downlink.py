@@ -18,6 +18,7 @@ from flows.mission_layers import draw_mission
 from flows.overall import overall_sols, process_overall
 from flows.progress import report as report_progress
 from flows.region import map_regions
+from flows.run_record import recorded
 from flows.sol import process_sol
 from flows.sol_inputs import SolReport, Standing
 from photogrammetry.adjustment.modes import AdjustmentMode
@@ -70,17 +71,20 @@ def process_downlink(
     load_pipeline(pipeline)  # refuse wrong settings before the work starts
     radiometry = load_radiometry(Settings().instruments)
     workspace = Workspace.open(store)
-    delivery = ingest_downlink(
-        downlink,
-        workspace,
-        radiometry,
-        lambda done, total: report_progress("ingest files", done, total),
-        settle_s,
-    )
-    _take_down(delivery, downlink, report)
-    for mission in delivery.missions:
-        with turn(workspace.store.root, mission, partial(_say_waiting, mission)):
-            _process_mission(mission, workspace, pipeline, report)
+    with recorded("downlink", downlink.name, workspace) as record:
+        delivery = ingest_downlink(
+            downlink,
+            workspace,
+            radiometry,
+            lambda done, total: report_progress("ingest files", done, total),
+            settle_s,
+        )
+        _take_down(delivery, downlink, report)
+        for mission in delivery.missions:
+            with turn(workspace.store.root, mission, partial(_say_waiting, mission)):
+                _process_mission(mission, workspace, pipeline, report)
+        record.say([*report.warnings, *str(report).splitlines()])
+        record.fail_if(report.failures)
     leave_report(report)
     return report
 

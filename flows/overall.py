@@ -8,6 +8,7 @@ from prefect import flow
 
 from flows.mission_layers import draw_mission
 from flows.region import map_regions
+from flows.run_record import recorded
 from flows.sol import RUNNER, map_what_moved
 from flows.sol_inputs import SolReport, Standing, gather_all
 from products.errors import ProductNotFoundError
@@ -41,8 +42,14 @@ def readjust(mission: str, store: Path, pipeline: str = "default") -> SolReport:
         ProductNotFoundError: no sol of the mission has been processed.
     """
     workspace = Workspace.open(store)
-    with turn(workspace.store.root, mission):
-        return _readjust(mission, workspace, pipeline)
+    with (
+        turn(workspace.store.root, mission),
+        recorded("overall adjustment", mission, workspace) as record,
+    ):
+        report = _readjust(mission, workspace, pipeline)
+        record.say(report.notes)
+        record.fail_if(report.failures)
+        return report
 
 
 def _readjust(mission: str, workspace: Workspace, pipeline: str) -> SolReport:

@@ -8,6 +8,7 @@ from prefect import flow
 
 from flows.overall import readjust
 from flows.region import map_regions
+from flows.run_record import recorded
 from products.locks import turn
 from products.workspace import Workspace
 
@@ -35,8 +36,10 @@ def refresh_regions(
     workspace = Workspace.open(store)
     notes: list[str] = []
     for name in _missions(store, mission):
-        with turn(workspace.store.root, name):
-            notes += [f"{name}: {line}" for line in map_regions(name, workspace, pipeline)]
+        with turn(workspace.store.root, name), recorded("region", name, workspace) as record:
+            seams = map_regions(name, workspace, pipeline)
+            record.say(seams)
+            notes += [f"{name}: {line}" for line in seams]
     return notes
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import logging
+import sqlite3
 from collections.abc import Iterable, Sequence
 from typing import Literal
 
@@ -9,12 +11,15 @@ from prefect import task
 from prefect.cache_policies import NO_CACHE
 
 from products.catalogue import MissionEntry, Outcome
+from products.mission_features import MissionFeatures
 from products.model import Layer, ProductKind, ProductRef
 from products.models import extent_of_model
 from products.raster import summarise
 from products.vector import read_features
 from products.workspace import Workspace
 from tasks.stac import update_stac
+
+log = logging.getLogger(__name__)
 
 TITLES = {
     ProductKind.DTM: "Elevation",
@@ -103,7 +108,16 @@ def publish(
         missions=[mission], layers=described, pointers=pointers, outcomes=outcomes
     )
     update_stac(mission, described, workspace)
+    _index(mission.mission, workspace)
     return described
+
+
+def _index(mission: str, workspace: Workspace) -> None:
+    """Read the new features into the index now, so that no visitor of the map waits for it."""
+    try:
+        MissionFeatures.open(workspace.store, workspace.catalogue).fill(mission)
+    except sqlite3.Error as error:  # the server fills it when it is asked
+        log.warning("the index of features of %s is not up to date: %s", mission, error)
 
 
 def layer_of(mission: str, ref: ProductRef, sols: tuple[int, ...], workspace: Workspace) -> Layer:
