@@ -7,6 +7,7 @@ import { CARTOGRAPHERS_SUN } from "../map/shading";
 import type { Shell } from "../page/shell";
 import { cursorPart } from "../parts/cursor/part";
 import { furniturePart } from "../parts/furniture/part";
+import { imageViewPart } from "../parts/image-view/part";
 import { imagesPart } from "../parts/images/part";
 import { layersPart } from "../parts/layers/part";
 import { pointPart } from "../parts/point/part";
@@ -30,6 +31,7 @@ const PARTS: readonly Part[] = [
   cursorPart,
   pointPart,
   imagesPart,
+  imageViewPart,
   traversePart,
   scenePart,
 ];

@@ -1,0 +1,44 @@
+/** Original images beside the map: whichever is asked for, with the cursor of the map in it and its own on the map. */
+
+import "./image-view.css";
+import { api } from "../../server/api";
+import type { ImageEntry } from "../../server/records";
+import type { Context } from "../../session/context";
+import { ImageViewer } from "./viewer";
+
+export function imageViewPart(context: Context): void {
+  const { page, signals, mission, layers, waiting, view } = context;
+  let viewer: ImageViewer | null = null;
+  let known: Promise<ReadonlyMap<string, ImageEntry>> | null = null;
+
+  const images = () => {
+    known ??= api
+      .images(mission.mission, {})
+      .then((all) => new Map(all.map((image) => [image.id, image] as const)));
+    return known;
+  };
+  const open = async (id: string) => {
+    const image = (await images()).get(id);
+    if (!image) return; // the list of images says so
+    viewer ??= new ImageViewer(context);
+    const current = viewer;
+    if (!page.beside.element.contains(current.element))
+      page.beside.open("Image", current.element, () => {
+        current.close();
+        viewer = null;
+      });
+    page.beside.element.querySelector("h2")?.replaceChildren(id);
+    await current.open(image);
+  };
+
+  signals.image.on((id) => waiting.run(() => open(id)));
+  signals.pointer.on((pointed) => {
+    if (pointed && !view.isClaimed) viewer?.mark(pointed.point);
+  });
+  signals.cursor.on((point) => {
+    if (point) viewer?.mark(point);
+  });
+  layers.replaced.on(() => {
+    known = null;
+  });
+}

@@ -1,0 +1,210 @@
+/** An image on a canvas: zoomed by wheel and keys, moved by dragging, stretched, and drawn over. */
+
+import { h } from "../../page/dom";
+import { drawOverlay, type Overlay } from "./overlay";
+import { applied, lookUp, NO_STRETCH, type Stretch } from "./stretch";
+import {
+  centred,
+  fitted,
+  type ImagePoint,
+  isInside,
+  panned,
+  type ScreenPoint,
+  type Size,
+  toImage,
+  type Viewport,
+  zoomed,
+} from "./viewport";
+
+/** From this magnification on pixels are shown as the squares they are. */
+const SHARP_FROM = 3;
+const CLICK_PX = 4;
+const PAN_PX = 60;
+const WHEEL_STEP = 1.0015;
+
+export interface PictureListener {
+  /** The pointer is at a place of the image; null: it is not over the image. */
+  readonly hover: (at: ImagePoint | null, screen: ScreenPoint) => void;
+  readonly click: (at: ImagePoint) => void;
+  readonly moved: (viewport: Viewport) => void;
+}
+
+export class Picture {
+  readonly element = h("canvas", { class: "picture", tabindex: 0, role: "application" });
+  viewport: Viewport = { scale: 1, left: 0, top: 0 };
+  private raw: ImageData | null = null;
+  private shown: OffscreenCanvas | null = null;
+  private overlay: Overlay = { ties: [], residualFactor: 0, cross: null };
+  private isWhole = true;
+  private frame = 0;
+  private grabbed: { readonly x: number; readonly y: number; isDrag: boolean } | null = null;
+
+  constructor(private readonly listener: PictureListener) {
+    const { element } = this;
+    element.addEventListener("wheel", (event) => this.wheel(event), { passive: false });
+    element.addEventListener("pointerdown", (event) => this.down(event));
+    element.addEventListener("pointermove", (event) => this.move(event));
+    element.addEventListener("pointerup", (event) => this.up(event));
+    element.addEventListener("pointerleave", () => listener.hover(null, [0, 0]));
+    element.addEventListener("keydown", (event) => this.key(event));
+    new ResizeObserver(() => this.resized()).observe(element);
+  }
+
+  /** Samples and lines of the image that is shown. */
+  get size(): Size {
+    return this.raw ? [this.raw.width, this.raw.height] : [1, 1];
+  }
+
+  get pixels(): Uint8ClampedArray {
+    return this.raw?.data ?? new Uint8ClampedArray();
+  }
+
+  /** Shows another image, whole. */
+  async load(url: string, name: string): Promise<void> {
+    const image = h("img", { src: url });
+    await image.decode();
+    const canvas = new OffscreenCanvas(image.naturalWidth, image.naturalHeight);
+    const paper = canvas.getContext("2d", { willReadFrequently: true });
+    paper?.drawImage(image, 0, 0);
+    this.raw = paper?.getImageData(0, 0, canvas.width, canvas.height) ?? null;
+    this.element.setAttribute("aria-label", `image ${name}; arrows move it, plus and minus zoom`);
+    this.stretch(NO_STRETCH);
+    this.fit();
+  }
+
+  /** Grey value of a pixel; null outside. */
+  grey([sample, line]: ImagePoint): number | null {
+    if (!this.raw || !isInside([sample, line], this.size)) return null;
+    return this.raw.data[4 * (Math.round(line) * this.raw.width + Math.round(sample))] ?? null;
+  }
+
+  stretch(stretch: Stretch): void {
+    if (!this.raw) return;
+    const { width, height, data } = this.raw;
+    const canvas = new OffscreenCanvas(width, height);
+    const pixels = new Uint8ClampedArray(applied(data, lookUp(stretch)));
+    canvas.getContext("2d")?.putImageData(new ImageData(pixels, width, height), 0, 0);
+    this.shown = canvas;
+    this.redraw();
+  }
+
+  put(part: Partial<Overlay>): void {
+    this.overlay = { ...this.overlay, ...part };
+    this.redraw();
+  }
+
+  fit(): void {
+    this.isWhole = true;
+    this.set(fitted(this.size, this.room));
+  }
+
+  /** Brings a point into the middle, at least so large that pixels are seen. */
+  centre(point: ImagePoint, scale = Math.max(this.viewport.scale, 2)): void {
+    this.isWhole = false;
+    this.set(centred(point, scale, this.size, this.room));
+  }
+
+  zoom(factor: number, about: ScreenPoint = [this.room[0] / 2, this.room[1] / 2]): void {
+    this.isWhole = false;
+    this.set(zoomed(this.viewport, factor, about, this.size, this.room));
+  }
+
+  private get room(): Size {
+    return [Math.max(this.element.clientWidth, 1), Math.max(this.element.clientHeight, 1)];
+  }
+
+  private set(viewport: Viewport): void {
+    this.viewport = viewport;
+    this.listener.moved(viewport);
+    this.redraw();
+  }
+
+  private pan(dx: number, dy: number): void {
+    this.isWhole = false;
+    this.set(panned(this.viewport, dx, dy, this.size, this.room));
+  }
+
+  private resized(): void {
+    if (this.isWhole) this.fit();
+    else this.pan(0, 0);
+  }
+
+  private at({ clientX, clientY }: MouseEvent): ScreenPoint {
+    const box = this.element.getBoundingClientRect();
+    return [clientX - box.left, clientY - box.top];
+  }
+
+  private wheel(event: WheelEvent): void {
+    event.preventDefault();
+    this.zoom(WHEEL_STEP ** -event.deltaY, this.at(event));
+  }
+
+  private down(event: PointerEvent): void {
+    this.element.setPointerCapture(event.pointerId);
+    this.grabbed = { x: event.clientX, y: event.clientY, isDrag: false };
+  }
+
+  private move(event: PointerEvent): void {
+    const screen = this.at(event);
+    if (this.grabbed) {
+      const off = Math.hypot(event.clientX - this.grabbed.x, event.clientY - this.grabbed.y);
+      if (off > CLICK_PX) this.grabbed.isDrag = true;
+      if (this.grabbed.isDrag) this.pan(event.movementX, event.movementY);
+      return;
+    }
+    const at = toImage(this.viewport, screen);
+    this.listener.hover(isInside(at, this.size) ? at : null, screen);
+  }
+
+  private up(event: PointerEvent): void {
+    const isClick = this.grabbed && !this.grabbed.isDrag;
+    this.grabbed = null;
+    const at = toImage(this.viewport, this.at(event));
+    if (isClick && isInside(at, this.size)) this.listener.click(at);
+  }
+
+  private key(event: KeyboardEvent): void {
+    const act = KEYS[event.key];
+    if (!act || event.ctrlKey || event.metaKey || event.altKey) return;
+    event.preventDefault();
+    event.stopPropagation();
+    act(this);
+  }
+
+  /** For the keys alone. */
+  step(dx: number, dy: number): void {
+    this.pan(dx * PAN_PX, dy * PAN_PX);
+  }
+
+  private redraw(): void {
+    cancelAnimationFrame(this.frame);
+    this.frame = requestAnimationFrame(() => this.draw());
+  }
+
+  private draw(): void {
+    const { element, shown, viewport } = this;
+    const paper = element.getContext("2d");
+    if (!paper || !shown) return;
+    const ratio = window.devicePixelRatio || 1;
+    const [width, height] = this.room;
+    if (element.width !== Math.round(width * ratio)) element.width = Math.round(width * ratio);
+    if (element.height !== Math.round(height * ratio)) element.height = Math.round(height * ratio);
+    paper.setTransform(ratio, 0, 0, ratio, 0, 0);
+    paper.clearRect(0, 0, width, height);
+    paper.imageSmoothingEnabled = viewport.scale < SHARP_FROM;
+    paper.imageSmoothingQuality = "high";
+    const { scale, left, top } = viewport;
+    paper.drawImage(shown, left, top, shown.width * scale, shown.height * scale);
+    drawOverlay(paper, viewport, this.overlay);
+  }
+}
+
+const KEYS: Readonly<Record<string, (picture: Picture) => void>> = {
+  ArrowLeft: (picture) => picture.step(1, 0),
+  ArrowRight: (picture) => picture.step(-1, 0),
+  ArrowUp: (picture) => picture.step(0, 1),
+  ArrowDown: (picture) => picture.step(0, -1),
+  "+": (picture) => picture.zoom(1.5),
+  "-": (picture) => picture.zoom(1 / 1.5),
+  "0": (picture) => picture.fit(),
+};

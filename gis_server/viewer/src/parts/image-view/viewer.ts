@@ -1,0 +1,178 @@
+/** One image in the dock: its picture, its ties, and the place that map and image show each other. */
+
+import { h } from "../../page/dom";
+import { fixed } from "../../page/format";
+import { type ImageTie, network } from "../../server/network";
+import { type ImageToGround, projection, type Seen } from "../../server/projection";
+import type { ImageEntry, MapPoint } from "../../server/records";
+import type { Context } from "../../session/context";
+import { isRefusal, Latest } from "../../session/latest";
+import { type Controls, controls } from "./controls";
+import { tieAt, tieText } from "./overlay";
+import { Picture } from "./picture";
+import { Strip } from "./strip";
+import { percentileStretch } from "./stretch";
+import type { ImagePoint, ScreenPoint } from "./viewport";
+
+const REST_MS = 90;
+
+export class ImageViewer {
+  readonly element: HTMLElement;
+  private readonly picture: Picture;
+  private readonly tools: Controls;
+  private readonly strip: Strip;
+  private readonly status = h("p", { class: "image-status", role: "status" });
+  private readonly questions: Latest;
+  private image: ImageEntry | null = null;
+  private ties: readonly ImageTie[] = [];
+  private isPointing = false;
+
+  constructor(private readonly context: Context) {
+    const { signals, waiting } = context;
+    this.questions = new Latest(REST_MS, (reason) => waiting.fail(reason));
+    this.picture = new Picture({
+      hover: (at, screen) => this.hover(at, screen),
+      click: (at) => this.click(at),
+      moved: ({ scale }) => (this.element.dataset["scale"] = scale.toFixed(4)),
+    });
+    this.tools = controls({
+      fit: () => this.picture.fit(),
+      zoom: (factor) => this.picture.zoom(factor),
+      stretch: (stretch) => this.picture.stretch(stretch),
+      automatic: (share) => percentileStretch(this.picture.pixels, share),
+      showTies: () => this.drawTies(),
+      residualFactor: () => this.drawTies(),
+    });
+    this.strip = new Strip((image) => signals.image.emit(image));
+    this.element = h(
+      "div",
+      { class: "image-view" },
+      this.tools.element,
+      this.picture.element,
+      this.status,
+      this.strip.element,
+    );
+    this.status.textContent = "";
+  }
+
+  /** Shows an image, whole and unstretched. */
+  async open(image: ImageEntry): Promise<void> {
+    this.image = image;
+    this.element.dataset["image"] = image.id;
+    this.ties = [];
+    this.drawTies();
+    this.picture.put({ cross: null });
+    this.tools.reset();
+    if (image.browse) await this.picture.load(image.browse, image.id);
+    await this.loadTies(image);
+  }
+
+  close(): void {
+    this.questions.stop();
+    this.image = null;
+    this.context.signals.cursor.emit(null);
+  }
+
+  /** Marks a place of the map in the image, and in all that show it. */
+  mark(point: MapPoint | null): void {
+    if (this.isPointing || !this.image) return;
+    if (!point) {
+      this.questions.stop();
+      return;
+    }
+    const { mission } = this.context.mission;
+    this.questions.ask(async (signal) => {
+      const { images } = await projection.toImages(mission, point, signal);
+      this.showSeen(images);
+    });
+  }
+
+  private showSeen(images: readonly Seen[]): void {
+    const { image } = this;
+    const here = images.find((seen) => seen.image === image?.id);
+    this.strip.show(images, image?.id ?? null);
+    const cross = here
+      ? { point: [here.sample, here.line] as const, ellipse: here.ellipse, sight: here.sight }
+      : null;
+    this.picture.put({ cross });
+    this.element.dataset["cross"] = here ? `${here.sample},${here.line},${here.sight}` : "";
+    this.status.textContent = here ? crossText(here) : "The place on the map is not in this image.";
+  }
+
+  private async loadTies(image: ImageEntry): Promise<void> {
+    try {
+      const { ties } = await network.ties(this.context.mission.mission, image.id);
+      if (this.image?.id !== image.id) return;
+      this.ties = ties;
+    } catch (reason) {
+      if (!isRefusal(reason)) throw reason; // an image of no network has no ties
+    }
+    this.drawTies();
+  }
+
+  private drawTies(): void {
+    const { hasTies, factor } = this.tools;
+    this.picture.put({ ties: hasTies ? this.ties : [], residualFactor: factor });
+    this.tools.tellTies(` ${this.ties.length}`);
+    this.element.dataset["ties"] = String(hasTies ? this.ties.length : 0);
+  }
+
+  private hover(at: ImagePoint | null, screen: ScreenPoint): void {
+    this.isPointing = at !== null;
+    const { image } = this;
+    if (!at || !image) {
+      this.questions.stop();
+      this.context.signals.cursor.emit(null);
+      return;
+    }
+    const tie = this.tools.hasTies ? tieAt(this.ties, this.picture.viewport, screen) : null;
+    const start = `sample ${fixed(at[0], 1)}, line ${fixed(at[1], 1)}, grey ${this.picture.grey(at) ?? "–"}`;
+    this.status.textContent = tie ? tieText(tie) : start;
+    const { mission } = this.context.mission;
+    this.questions.ask(async (signal) => {
+      const found = await projection.toGround(mission, image.id, at, signal);
+      if (!tie) this.status.textContent = `${start}: ${groundText(found)}`;
+      await this.followed(found, signal);
+    });
+  }
+
+  /** The place on the map and in all other images, while the pointer is on this one. */
+  private async followed({ ground }: ImageToGround, signal: AbortSignal): Promise<void> {
+    const point: MapPoint | null = ground && [ground.east, ground.north];
+    this.context.signals.cursor.emit(point);
+    if (!point) return;
+    const { images } = await projection.toImages(this.context.mission.mission, point, signal);
+    this.strip.show(images, this.image?.id ?? null);
+  }
+
+  private click(at: ImagePoint): void {
+    const { image } = this;
+    if (!image) return;
+    const { mission, waiting, signals } = this.context;
+    waiting.run(async () => {
+      const { ground } = await projection.toGround(mission.mission, image.id, at);
+      if (ground) signals.identify.emit([ground.east, ground.north]);
+      else waiting.say("This pixel shows no ground that was mapped.");
+    });
+  }
+}
+
+export function groundText({ ground, told_by }: ImageToGround): string {
+  if (!ground) return "no mapped ground";
+  const { east, north, elevation_m, sigma_east_m, sigma_north_m } = ground;
+  const sigma = Math.hypot(sigma_east_m, sigma_north_m);
+  const by = told_by === "parallax" ? "matched" : "on the terrain";
+  return `N ${fixed(north, 2)}, E ${fixed(east, 2)}, up ${fixed(elevation_m, 2)} m ± ${fixed(sigma, 2)} m (${by})`;
+}
+
+export function crossText({ sample, line, sight, range_m, told_by }: Seen): string {
+  const place = `sample ${fixed(sample, 1)}, line ${fixed(line, 1)}, ${fixed(range_m, 1)} m away`;
+  switch (sight) {
+    case "visible":
+      return `The place on the map: ${place}.`;
+    case "hidden":
+      return `Occluded (${told_by}): the place would be at ${place}, but other ground hides it.`;
+    default:
+      return `The place on the map: ${place}; nothing tells whether it is in sight.`;
+  }
+}

@@ -1,0 +1,78 @@
+/** Between map and images, as the server's camera models have it. Image points are of the image as stored. */
+
+import { get, of, withQuery } from "./api";
+import type { MapPoint } from "./records";
+
+export interface PixelEllipse {
+  readonly semi_major_px: number;
+  readonly semi_minor_px: number;
+  /** Of the major axis, from the direction of samples towards that of lines. */
+  readonly angle_deg: number;
+}
+
+export interface Ground {
+  readonly east: number;
+  readonly north: number;
+  readonly elevation_m: number;
+  readonly sigma_east_m: number;
+  readonly sigma_north_m: number;
+  readonly sigma_up_m: number;
+}
+
+export type Sight = "visible" | "hidden" | "unknown";
+
+export interface Seen {
+  readonly image: string;
+  readonly stop: string;
+  readonly sol: number;
+  readonly instrument: string;
+  readonly eye: string;
+  readonly sample: number;
+  readonly line: number;
+  readonly ellipse: PixelEllipse;
+  readonly range_m: number;
+  readonly incidence_deg: number | null;
+  readonly sight: Sight;
+  readonly told_by: string;
+  readonly browse: string;
+}
+
+export interface GroundToImage {
+  readonly ground: Ground;
+  /** Those that see the place first, then the nearest. */
+  readonly images: readonly Seen[];
+}
+
+export interface ImageToGround {
+  readonly image: string;
+  readonly sample: number;
+  readonly line: number;
+  /** null: the ray meets no known ground. */
+  readonly ground: Ground | null;
+  readonly told_by: string;
+}
+
+export const projection = {
+  toImages: (mission: string, [east, north]: MapPoint, signal?: AbortSignal) =>
+    get<GroundToImage>(
+      withQuery(`${of(mission)}/ground-to-image`, {
+        east: east.toFixed(4),
+        north: north.toFixed(4),
+      }),
+      signal,
+    ),
+  toGround: (
+    mission: string,
+    image: string,
+    [sample, line]: readonly [number, number],
+    signal?: AbortSignal,
+  ) =>
+    get<ImageToGround>(
+      withQuery(`${of(mission)}/image-to-ground`, {
+        image,
+        sample: sample.toFixed(3),
+        line: line.toFixed(3),
+      }),
+      signal,
+    ),
+};

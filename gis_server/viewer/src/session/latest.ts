@@ -1,0 +1,34 @@
+/** Questions that follow the pointer: only the last one asked is answered, and not before the pointer rests. */
+
+import { ApiError } from "../server/api";
+
+export class Latest {
+  private timer: ReturnType<typeof setTimeout> | undefined;
+  private asking: AbortController | null = null;
+
+  /** `fail` hears of what went wrong, except that the server had no answer to this question. */
+  constructor(
+    private readonly restMs: number,
+    private readonly fail: (reason: unknown) => void,
+  ) {}
+
+  ask(work: (signal: AbortSignal) => Promise<void>): void {
+    this.stop();
+    const asking = new AbortController();
+    this.asking = asking;
+    this.timer = setTimeout(() => {
+      work(asking.signal).catch((reason: unknown) => {
+        if (!asking.signal.aborted && !isRefusal(reason)) this.fail(reason);
+      });
+    }, this.restMs);
+  }
+
+  stop(): void {
+    clearTimeout(this.timer);
+    this.asking?.abort();
+  }
+}
+
+/** Whether the server said that there is nothing to answer. */
+export const isRefusal = (reason: unknown): boolean =>
+  reason instanceof ApiError && (reason.status === 404 || reason.status === 422);
