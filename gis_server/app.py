@@ -14,7 +14,8 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from config.settings import Settings
 from gis_server.errors import install_error_table
-from gis_server.ogc import features, landing
+from gis_server.ogc import features, landing, wmts
+from gis_server.ogc import tiles as ogc_tiles
 from gis_server.routes import (
     analysis,
     events,
@@ -119,6 +120,8 @@ def create_app(store_root: Path, viewer_dist: Path | None = None) -> FastAPI:
         landing,
         events,
         features,
+        ogc_tiles,
+        wmts,
         pages,
     ):
         app.include_router(module.router)

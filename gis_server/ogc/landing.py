@@ -7,12 +7,13 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Path, Query, Request, Response
 from fastapi.responses import JSONResponse
 
-from gis_server.ogc import features
+from gis_server.ogc import features, tiles, wmts
 from gis_server.ogc.crs import Crs, crs_named
 from gis_server.ogc.features_query import form_of
 from gis_server.ogc.formats import Format
 from gis_server.ogc.html import link_list, page, paragraph, table
 from gis_server.ogc.links import HTML, JSON, BaseOf, link
+from gis_server.ogc.tilesets import collection_document
 from gis_server.routes.parameters import AGAIN, MissionName
 from gis_server.services import ServicesOf
 from products.crs import MARS, local_crs
@@ -22,7 +23,7 @@ from products.feature_collections import BY_ID
 router = APIRouter(prefix="/ogc/{mission}", tags=["ogc"])
 _COMMON = "http://www.opengis.net/spec/ogcapi-common-1/1.0/conf"
 CONFORMANCE = (f"{_COMMON}/core", f"{_COMMON}/json", f"{_COMMON}/html")
-_PARTS = (features,)
+_PARTS = (features, tiles, wmts)
 """Each has `CONFORMANCE`, `landing_links` and `collections`."""
 _OPENAPI = "application/vnd.oai.openapi+json;version=3.1"
 AsFormat = Annotated[str | None, Query(description="json or html")]
@@ -100,9 +101,12 @@ def collection(
 ) -> Response:
     """One collection."""
     entry = services.catalogue.mission(mission)
-    if collection not in BY_ID:
+    if collection in BY_ID:
+        body = features.collection(BY_ID[collection], entry, services, base)
+    elif "." in collection:
+        body = collection_document(tiles.raster_named(collection, mission, services), entry, base)
+    else:
         raise ProductNotFoundError(f"no collection {collection!r}; there are {', '.join(BY_ID)}")
-    body = features.collection(BY_ID[collection], entry, services, base)
     if form_of(request, f) is Format.HTML:
         said = paragraph(body.get("description", ""))
         return _page(page(body["title"], said, link_list(body["links"])))
