@@ -23,6 +23,8 @@ import { tiePlaces } from "./ties";
 const TIE = "#7a4dd8";
 /** Unit direction from the middle to the eye at first: the south, 40 degrees high. */
 const FROM: Place3 = [0, -0.766, 0.643];
+/** Distance from which a stop is looked at. */
+const NEAR_M = 9;
 
 /** The ground of every stop: tiles where there are, else one file. */
 function groundOf(models: readonly Model[]): readonly Model[] {
@@ -121,6 +123,7 @@ export class SceneView {
 
   private settled(): void {
     if (!this.terrain.isSettled || (this.views && !this.views.isSettled)) return;
+    if (!this.element.dataset["triangles"]) this.overview(); // now there is ground to look at
     this.element.dataset["settled"] = "true";
     this.element.dataset["triangles"] = String(this.terrain.triangles);
     this.said.textContent = "";
@@ -131,7 +134,8 @@ export class SceneView {
     const { stage, choices } = this;
     switch (name) {
       case "stop":
-        return this.chooseStop();
+        this.chooseStop();
+        return this.goTo(choices.stop);
       case "look":
         this.terrain.look = choices.look;
         return;
@@ -180,10 +184,19 @@ export class SceneView {
     });
   }
 
+  /** Looks at a stop from near by; without one, at all. */
+  private goTo(stop: string | null): void {
+    const place = stop === null ? null : this.stop?.place;
+    if (!place) return this.overview();
+    this.leave?.();
+    this.stage.look(sum(place, FROM, NEAR_M), place);
+  }
+
   private overview(): void {
     this.leave?.();
     const { origin } = this.stage;
-    this.stage.look(sum(origin, FROM, this.stage.distanceFor(this.size)), origin);
+    const middle = this.marker.ground([origin[0], origin[1]]) ?? origin;
+    this.stage.look(sum(middle, FROM, this.stage.distanceFor(this.size)), middle);
   }
 
   private stand(): void {

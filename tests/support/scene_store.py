@@ -1,0 +1,241 @@
+"""The bowl in three dimensions: a store with 3D tiles, an adjusted network and labelled images.
+
+Every stop stands level on the bowl; the rover heads north at the first stop and 30 degrees further
+to the east at each of the next. The last stop has a pair of images, with labels as flown.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+
+import cv2
+import numpy as np
+
+from photogrammetry.adjustment.documents import network_document
+from photogrammetry.adjustment.records import AdjustedNetwork, AdjustedStop, AdjustedTies
+from photogrammetry.frames import LSL, Pose, rotation_of_roll_pitch_yaw, site_frame
+from photogrammetry.imagery import Eye, StopId, TiePoints
+from photogrammetry.synthetic.edr import Exposure, edr_bytes
+from photogrammetry.synthetic.lighting import Sun
+from photogrammetry.synthetic.rig import CAMERAS, Instrument, Pointing
+from photogrammetry.terrain.levels import TilesetParams
+from photogrammetry.terrain.model3d import ModelParams
+from products.arrays import pose_document
+from products.catalogue import ImageEntry, MissionEntry
+from products.model import Layer, ProductKind, ProductRef, Recipe, Scope, ScopeLevel
+from products.models import extent_of_model
+from products.pictures import write_orthophoto
+from products.raster import write_dtm
+from products.vector import Feature
+from products.workspace import Workspace
+from tests.support.bowl_store import (
+    CRS,
+    GRID,
+    LANDING,
+    STOPS,
+    Shop,
+    chequers,
+    dtm,
+    elevation_at,
+    stop_features,
+)
+
+ABOVE_GROUND_M = 0.294
+POINTING = Pointing(math.radians(20.0), math.radians(-25.0))
+SOL = 156
+SEMI_AXES_M = (0.3, 0.2, 0.1)
+"""North, east and down deviations of stops that the datum does not hold."""
+LAST = STOPS[-1][0]
+
+
+def stop_id(index: int) -> StopId:
+    _, site, drive, *_ = STOPS[index]
+    return StopId("MER2", site, drive)
+
+
+def heading(index: int) -> float:
+    return math.radians(30.0 * index)
+
+
+def place_of(index: int) -> tuple[float, float, float]:
+    """(east, north, up) of the rover's origin."""
+    east, north = STOPS[index][3]
+    return east, north, elevation_at(east, north) + ABOVE_GROUND_M
+
+
+def lsl_from_rover(index: int, moved: tuple[float, float] = (0.0, 0.0)) -> Pose:
+    east, north, up = place_of(index)
+    place = np.array([north + moved[1], east + moved[0], -up])
+    turn = rotation_of_roll_pitch_yaw(0.0, 0.0, heading(index))
+    return Pose(LSL, stop_id(index).frame, turn, place)
+
+
+def network() -> AdjustedNetwork:
+    nothing = np.zeros(0)
+    empty = TiePoints((), *(np.zeros(0, dtype=np.int32),) * 2, np.zeros((0, 2)), *(nothing,) * 4)
+    numbers = np.zeros(0, dtype=np.int32), *(np.zeros((0, 3)),) * 3
+    ties = AdjustedTies(empty, np.zeros((0, 3)), np.zeros((0, 3, 3)), (), *numbers)
+    stops = []
+    for index in range(len(STOPS)):
+        deviations = np.zeros(6) if index == 0 else np.array([0.001] * 3 + list(SEMI_AXES_M))
+        stops.append(
+            AdjustedStop(
+                stop_id(index),
+                lsl_from_rover(index),
+                np.diag(deviations**2),
+                held=index == 0,
+                is_tied=True,
+                held_by="a test",
+            )
+        )
+    return AdjustedNetwork(tuple(stops), (), ties)
+
+
+def exposure(eye: Eye) -> Exposure:
+    """An image of the last stop, four pixels averaged to one."""
+    index = len(STOPS) - 1
+    stop = stop_id(index)
+    level = Pose(
+        site_frame(stop.site),
+        stop.frame,
+        rotation_of_roll_pitch_yaw(0.0, 0.0, heading(index)),
+        np.zeros(3),
+    )
+    in_mast = CAMERAS[Instrument.NAVCAM, eye].in_mast.averaged(4, 4, correct_half_pixel=False)
+    return Exposure(
+        stop=stop,
+        sol=SOL,
+        local_solar_hour=12.0,
+        solar_longitude=1.0,
+        sun=Sun(math.radians(315.0), math.radians(45.0)),
+        site_from_rover=level,
+        instrument=Instrument.NAVCAM,
+        eye=eye,
+        pointing=POINTING,
+        camera=in_mast.moved(POINTING.rover_from_mast(stop)),
+        clock=140_200_000,
+        pma=1,
+        sequence="P1600",
+        averaging=4,
+    )
+
+
+def picture(eye: Eye) -> np.ndarray:
+    """Vertical bars, 8 pixels to the left in the right image: parallax 8 everywhere."""
+    sample = np.arange(256) + (8 if eye is Eye.RIGHT else 0)
+    bars = 120 + 80 * np.sign(np.sin(sample / 256 * 2 * math.pi * 7.3))
+    return np.tile(bars, (256, 1))
+
+
+def fill_scene(workspace: Workspace) -> None:
+    shop = Shop(workspace)
+    shop.raster(ProductKind.DTM, lambda path: write_dtm(path, dtm(), CRS))
+    shop.raster(ProductKind.ORTHOPHOTO, _orthophoto)
+    shop.vectors(ProductKind.STOPS, list(stop_features()))
+    shop.vectors(ProductKind.TIE_POINTS, [_tie(k) for k in range(40)])
+    fill_network(workspace)
+    _publish_models(workspace)
+
+
+def fill_network(workspace: Workspace) -> None:
+    """Only the mission, its network and the images of the last stop."""
+    workspace.catalogue.publish(missions=[MissionEntry("MER2", "Spirit", LANDING, None)])
+    _publish_network(workspace)
+    _publish_images(workspace)
+
+
+def _orthophoto(path) -> None:
+    write_orthophoto(path, GRID, chequers(), CRS, stretch=(0.0, 254.0))
+
+
+def _tie(number: int) -> Feature:
+    turn = 2 * math.pi * number / 40
+    east, north = 10 * math.sin(turn), 10 * math.cos(turn)
+    at = np.array([[east, north, elevation_at(east, north)]])
+    return Feature("Point", at, {"kind": "inter-stereo", "residual_px": 0.1}, str(number))
+
+
+def _publish_network(workspace: Workspace) -> None:
+    document = {
+        "mission": "MER2",
+        "sol": SOL,
+        "stops": [
+            {
+                "mission": "MER2",
+                "site": site,
+                "drive": drive,
+                "sols": [155],
+                "telemetry": pose_document(
+                    lsl_from_rover(k, (telemetry[0] - at[0], telemetry[1] - at[1]))
+                ),
+            }
+            for k, (_, site, drive, at, telemetry) in enumerate(STOPS)
+        ],
+        "network": network_document(network()) | {"reports": [{}]},
+        "reports": [],
+        "links": [],
+    }
+    recipe = Recipe(ProductKind.NETWORK, Scope(ScopeLevel.SOL, f"mer2-sol{SOL:04d}"))
+    ref = workspace.store.make(recipe, lambda path: path.write_text(json.dumps(document)))
+    workspace.catalogue.publish(pointers=[ref])
+
+
+def _publish_images(workspace: Workspace) -> None:
+    names = {eye: exposure(eye).product_id for eye in (Eye.LEFT, Eye.RIGHT)}
+    for eye, name in names.items():
+        scope = Scope(ScopeLevel.IMAGE, name.lower())
+        grey = picture(eye)
+        pixels = (grey * 8).astype(np.int32)
+        body = cv2.imencode(".png", grey.astype(np.uint8))[1].tobytes()
+        made = [
+            workspace.store.make(Recipe(kind, scope), lambda path, data=data: _keep(path, data))
+            for kind, data in (
+                (ProductKind.IMAGE, edr_bytes(exposure(eye), pixels)),
+                (ProductKind.BROWSE, body),
+            )
+        ]
+        stop = stop_id(len(STOPS) - 1)
+        other = names[Eye.RIGHT if eye is Eye.LEFT else Eye.LEFT]
+        entry = ImageEntry(
+            id=name,
+            mission="MER2",
+            stop=str(stop),
+            site=stop.site,
+            drive=stop.drive,
+            sol=SOL,
+            instrument="NAVCAM",
+            eye=str(eye),
+            product_type="EDN",
+            start_time=None,
+            local_solar_time=None,
+            partner=other,
+            unpaired_because=None,
+            ref=made[0],
+            browse=made[1],
+        )
+        workspace.catalogue.publish(images=[entry])
+
+
+def _keep(path, data: bytes) -> None:
+    path.write_bytes(data)
+
+
+def _publish_models(workspace: Workspace) -> None:
+    from tasks.model3d import model_terrain, tile_terrain  # noqa: PLC0415 - slow to import
+
+    store, scope = workspace.store, Scope(ScopeLevel.STOP, LAST)
+    ground = store.make(Recipe(ProductKind.DTM, scope), lambda path: write_dtm(path, dtm(), CRS))
+    image = store.make(Recipe(ProductKind.ORTHOPHOTO, scope), _orthophoto)
+    tiles = TilesetParams(texture_px=512, draco=True)
+    for ref in (
+        tile_terrain.fn(ground, image, tiles, LANDING, store),
+        model_terrain.fn(ground, image, ModelParams(max_texture_px=1024), LANDING, store),
+    ):
+        workspace.catalogue.publish(layers=[_layer(ref, workspace)])
+
+
+def _layer(ref: ProductRef, workspace: Workspace) -> Layer:
+    bounds, values = extent_of_model(workspace.store.path(ref))
+    made_at = workspace.store.made_at(ref)
+    return Layer(ref, "MER2", str(ref.kind), "model", bounds, None, "m", values, (SOL,), made_at)

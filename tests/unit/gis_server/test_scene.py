@@ -1,0 +1,91 @@
+"""What the server says of stops and cameras in space, against a network made by hand."""
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fastapi.testclient import TestClient
+
+from gis_server.app import create_app
+from photogrammetry.imagery import Eye
+from photogrammetry.synthetic.rig import CAMERAS, Instrument
+from photogrammetry.terrain.ground import MAP_FROM_LSL
+from products.catalogue import MissionEntry
+from products.workspace import Workspace
+from tests.support.bowl_store import LANDING, STOPS
+from tests.support.scene_store import (
+    LAST,
+    POINTING,
+    SEMI_AXES_M,
+    exposure,
+    fill_network,
+    heading,
+    lsl_from_rover,
+    place_of,
+)
+
+ROUNDED_M = 6e-5
+"""Places are told to a tenth of a millimetre."""
+
+
+@pytest.fixture(scope="module")
+def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[TestClient]:
+    root: Path = tmp_path_factory.mktemp("scene")
+    fill_network(Workspace.open(root))
+    with TestClient(create_app(root)) as client:
+        yield client
+
+
+def test_stops_are_where_and_as_the_network_has_them(client):
+    answer = client.get("/api/missions/MER2/scene/stops").json()
+    assert [stop["stop"] for stop in answer["stops"]] == [name for name, *_ in STOPS]
+    for index, stop in enumerate(answer["stops"]):
+        np.testing.assert_allclose(stop["place"], place_of(index), atol=ROUNDED_M)
+        east, north = STOPS[index][4]
+        np.testing.assert_allclose(stop["telemetry"][:2], (east, north), atol=ROUNDED_M)
+        ahead = np.array(stop["map_from_rover"]) @ [1.0, 0.0, 0.0]
+        expected = math.sin(heading(index)), math.cos(heading(index)), 0.0
+        np.testing.assert_allclose(ahead, expected, atol=1e-8)
+        assert stop["held"] == (index == 0)
+    assert answer["body"]["half_width_m"] == 1.15  # Spirit's panels span 2.3 m
+
+
+def test_the_ellipsoid_has_the_deviations_of_the_place_as_semi_axes(client):
+    first, second, _ = client.get("/api/missions/MER2/scene/stops").json()["stops"]
+    assert first["ellipsoid"]["semi_axes_m"] == [0.0, 0.0, 0.0]
+    assert second["ellipsoid"]["semi_axes_m"] == list(SEMI_AXES_M)
+    # Its largest deviation is to the north, then to the east, then upwards.
+    north, east, up = np.abs(second["ellipsoid"]["directions"])
+    np.testing.assert_allclose(north, (0, 1, 0), atol=1e-6)
+    np.testing.assert_allclose(east, (1, 0, 0), atol=1e-6)
+    np.testing.assert_allclose(up, (0, 0, 1), atol=1e-6)
+
+
+@pytest.mark.parametrize("eye", [Eye.LEFT, Eye.RIGHT])
+def test_cameras_look_where_their_labels_and_the_network_say(client, eye):
+    cameras = client.get(f"/api/missions/MER2/scene/cameras?stop={LAST}").json()["cameras"]
+    (told,) = (camera for camera in cameras if camera["eye"] == str(eye))
+    made = exposure(eye)
+    # Labels of averaged images are half a pixel off, and their reader puts that right.
+    averaged = CAMERAS[Instrument.NAVCAM, eye].in_mast.averaged(4, 4)
+    in_rover = averaged.moved(POINTING.rover_from_mast(made.stop))
+    camera = in_rover.moved(lsl_from_rover(len(STOPS) - 1))
+    np.testing.assert_allclose(told["centre"], MAP_FROM_LSL @ camera.centre, atol=2e-4)
+    corners = np.array([[-0.5, -0.5], [255.5, -0.5], [255.5, 255.5], [-0.5, 255.5]])
+    expected = camera.rays(corners) @ MAP_FROM_LSL.T
+    np.testing.assert_allclose(told["corners"], expected, atol=1e-4)
+    assert told["image"] == made.product_id
+
+
+def test_a_mission_without_network_has_no_stop_yet(tmp_path):
+    Workspace.open(tmp_path).catalogue.publish(
+        missions=[MissionEntry("MER1", "Opportunity", LANDING, None)]
+    )
+    with TestClient(create_app(tmp_path)) as client:
+        stops = client.get("/api/missions/MER1/scene/stops").json()
+        cameras = client.get("/api/missions/MER1/scene/cameras?stop=mer1-site0001-drive0000").json()
+        assert client.get("/api/missions/MSL/scene/stops").status_code == 404
+    assert (stops["network"], stops["stops"], stops["body"]) == (None, [], None)
+    assert cameras["cameras"] == []
