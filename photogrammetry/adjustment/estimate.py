@@ -120,8 +120,8 @@ def estimate(start: Start, params: AdjustmentParams) -> Outcome:
             wrong, refuted = suspects(problem, judged.found, used, params), judged.refuted
             if not ((len(wrong) or len(refuted)) and further):
                 start = start.with_control(judged.fitting if step.robust else refuted[:0])
-                used, problem = _with_fitting(start, judged, used, params, step)
-                at = at if problem is judged.problem else solution.state
+                used, problem, state = _with_fitting(start, judged, used, params, step)
+                at = at if problem is judged.problem else state
                 break
             start = start.with_control(refuted, used=False)
             used = _changed(used, wrong, to=False)
@@ -147,19 +147,22 @@ def _stand_out(problem: Problem, solution: Solution, params: AdjustmentParams) -
 
 def _with_fitting(
     start: Start, judged: _Judged, used: np.ndarray, params: AdjustmentParams, step: Step
-) -> tuple[np.ndarray, Problem]:
-    """With what was set aside and fits after all, as long as blunders are looked for robustly."""
+) -> tuple[np.ndarray, Problem, State]:
+    """With what was set aside and fits after all, as long as blunders are looked for robustly.
+
+    Its points were in no adjustment while stops moved, and are placed anew.
+    """
     before = start.problem(used) if len(judged.fitting) and step.robust else judged.problem
     if not step.robust or used.all():
-        return used, before
+        return used, before, judged.state
     state = with_points_seen_alone(judged.problem, judged.state, used, params)
     back = reinstated(
         judged.problem, state, judged.now.ties, judged.found, used, judged.inverse, params
     )
     if not len(back):
-        return used, before
+        return used, before, judged.state
     used = _changed(used, back, to=True)
-    return used, start.problem(used)
+    return used, start.problem(used), state
 
 
 def _changed(used: np.ndarray, rows: np.ndarray, *, to: bool) -> np.ndarray:

@@ -336,3 +336,14 @@ def test_a_pair_of_a_stop_that_is_missing_is_named():
 def test_a_standard_deviation_of_zero_is_refused():
     with pytest.raises(AdjustmentError, match=r"tilt_deg must be above zero.*`held`"):
         AdjustmentParams(tilt_deg=0.0)
+
+
+def test_a_tie_that_comes_back_starts_where_it_is_seen_now(params):
+    """Its stops moved by metres while it was set aside; started from there it lay behind them."""
+    network, _ = simulate_network(
+        np.random.default_rng(0), stops=40, pairs_per_stop=6, inter_ties=4, intra_ties=0,
+        spacing_m=26.0, blunders=0.03,
+    )  # fmt: skip
+    _, report = adjust_overall(network, params)
+    assert report.converged
+    assert report.sigma0 == pytest.approx(1.0, abs=0.05)
