@@ -16,6 +16,7 @@ from rich.markup import escape
 
 from config.settings import Settings
 from flows.console import errors, fail, out, progress_shown, show_rows
+from flows.control_commands import app as control
 from flows.dip_commands import app as dip
 from flows.engine_server import start_engine
 from flows.orbital_commands import app as orbital
@@ -33,6 +34,7 @@ app = typer.Typer(
 
 app.add_typer(traverse, name="traverse")
 app.add_typer(orbital, name="orbital")
+app.add_typer(control, name="control")
 app.add_typer(dip, name="dip")
 app.command()(up)
 
