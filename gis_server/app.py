@@ -18,6 +18,7 @@ from gis_server.ogc import features, landing, wmts
 from gis_server.ogc import tiles as ogc_tiles
 from gis_server.routes import (
     analysis,
+    downloads,
     events,
     images,
     layers,
@@ -26,6 +27,7 @@ from gis_server.routes import (
     pages,
     projection,
     scene,
+    stac,
     styles,
     tiles,
 )
@@ -78,7 +80,7 @@ class CompressText:
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Choose by the address: tiles, models, downloads and images are never compressed."""
         path = scope.get("path", "")
-        raw = path.startswith(("/tiles/", "/models/", "/download/", "/images/"))
+        raw = path.startswith(("/tiles/", "/models/", "/download/", "/products/", "/images/"))
         await (self.plain if raw else self.compressing)(scope, receive, send)
 
 
@@ -118,6 +120,8 @@ def create_app(store_root: Path, viewer_dist: Path | None = None) -> FastAPI:
         tiles,
         images,
         landing,
+        downloads,
+        stac,
         events,
         features,
         ogc_tiles,

@@ -18,7 +18,7 @@ from products.model import SUFFIX
 from products.vector import read_features
 
 router = APIRouter(tags=["layers"])
-_MEDIA_TYPES = {
+MEDIA_TYPES = {
     ".tif": "image/tiff; application=geotiff; profile=cloud-optimized",
     ".geojson": "application/geo+json",
     ".glb": "model/gltf-binary",
@@ -71,7 +71,7 @@ def download(layer: LayerPath, services: ServicesOf) -> FileResponse:
     suffix = SUFFIX[layer.ref.kind]
     return FileResponse(
         services.store.path(layer.ref),
-        media_type=_MEDIA_TYPES.get(suffix, "application/octet-stream"),
+        media_type=MEDIA_TYPES.get(suffix, "application/octet-stream"),
         filename=f"{layer.ref.scope.name}_{layer.ref.kind}_{layer.ref.digest}{suffix}",
         headers=FOREVER,
     )

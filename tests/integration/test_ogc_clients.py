@@ -7,12 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pyogrio
+import pystac
 import pytest
 from pyproj import CRS, Transformer
 
 from products.crs import MARS, local_crs
 from products.vector import read_features
 from products.workspace import Workspace
+from tasks.stac import update_stac
 from tests.support.large_mission import LANDING, write_mission
 from tests.support.live_server import serving
 
@@ -21,6 +23,9 @@ from tests.support.live_server import serving
 def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("mission")
     write_mission(folder, stops=6, images=60, tie_points=2500)
+    workspace = Workspace.open(folder)
+    (mission,) = workspace.catalogue.missions()
+    update_stac(mission, workspace.catalogue.layers("MER2"), workspace)
     return folder
 
 
@@ -79,3 +84,20 @@ def test_owslib_reads_collections_and_items(server):
     one = client.collection_item("stops", page["features"][0]["id"])
     assert one["geometry"] == page["features"][0]["geometry"]
     assert client.collection_queryables("stops")["properties"]["stop"]["type"] == "string"
+
+
+def test_pystac_walks_from_the_catalogue_to_files_that_gdal_opens(server):
+    catalogue = pystac.Catalog.from_file(f"{server}/stac/catalog.json")
+    (mission,) = catalogue.get_children()
+    assert mission.id == "MER2"
+    items = list(catalogue.get_items(recursive=True))
+    assert len(items) == 11  # five of the mission, contours of six stops
+    for item in items:
+        assert item.properties["ssys:targets"] == ["Mars"]
+        assert item.get_collection().id == "MER2"
+    stops = next(item for item in items if item.id == "mer2-stops")
+    frame = pyogrio.read_dataframe(f"/vsicurl/{stops.assets['data'].get_absolute_href()}")
+    assert len(frame) == 12
+    west, south, east, north = stops.bbox
+    assert (frame.geometry.x.between(west - 1e-6, east + 1e-6)).all()
+    assert (frame.geometry.y.between(south - 1e-6, north + 1e-6)).all()
