@@ -25,7 +25,7 @@ def add(
     mission: Mission = "MER2",
     store: StoreOption = None,
     shift_sigma: ShiftSigma = 50.0,
-    rotation_sigma: RotationSigma = 0.5,
+    rotation_sigma: RotationSigma = 0.1,
     scale_sigma: Annotated[float, typer.Option(help="The same of its scale")] = 1e-3,
 ) -> None:
     """Take measured places of stops as control; a file of the same name before counts no more.

@@ -30,7 +30,7 @@ def add(  # noqa: PLR0913 - options
         float, typer.Option(help="How far off it, or a stop, may be, metres", min=1.0, max=200.0)
     ] = 12.0,
     shift_sigma: ShiftSigma = 50.0,
-    rotation_sigma: RotationSigma = 0.5,
+    rotation_sigma: RotationSigma = 0.1,
     *,
     as_claimed: Annotated[
         bool, typer.Option("--as-claimed", help="Trust its georeference; register nothing.")

@@ -44,7 +44,10 @@ class FrameParams:
 
     shift_m: float = 50.0
     """An image that was laid on older maps by hand; one that was controlled is good to some 5 m."""
-    rotation_deg: float = 0.5
+    rotation_deg: float = 0.1
+    """Orthoimages of HiRISE and CTX are off by a few metres over kilometres. An uncontrolled mosaic
+    may be turned by more than a degree (Di et al. 2008, section 4): say so, for beyond that the map
+    is turned with it rather than the image."""
     scale: float = 1e-3
 
     def __post_init__(self) -> None:
