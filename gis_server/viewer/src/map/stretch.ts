@@ -1,11 +1,12 @@
 /** The range that spreads a layer's colours over what is on the screen. */
 
+import { getIntersection, isEmpty } from "ol/extent";
 import type OlMap from "ol/Map";
 import type { RasterLayer, TileMatrixSet } from "../server/records";
 import { tileGrid } from "./map-layers";
-import { valueTile } from "./painted-tiles";
-import type { Quantity } from "./raster-style";
-import { quantityOf, type SunPlace } from "./shading";
+import { styled, type ValuesOf } from "./painted-tiles";
+import type { RasterStyle } from "./raster-style";
+import type { SunPlace } from "./shading";
 import { SIDE } from "./value-tiles";
 
 /** Shares of the cells that the first and the last colour leave out. */
@@ -21,27 +22,53 @@ export function spread(values: number[], cut = CUT): readonly [number, number] |
   return low === undefined || high === undefined || !(high > low) ? null : [low, high];
 }
 
-/** Addresses of the tiles that a view shows of a layer. */
-export function tilesInView(
+type Place = readonly [z: number, x: number, y: number];
+type Ground = Pick<RasterLayer, "minzoom" | "maxzoom" | "bounds">;
+
+/** A sample of the values that a view shows, NaN among them where nothing was measured. */
+export async function sampleView(
   map: OlMap,
   set: TileMatrixSet,
-  layer: Pick<RasterLayer, "minzoom" | "maxzoom" | "bounds">,
-): [z: number, x: number, y: number][] {
-  const grid = tileGrid(set, layer);
+  layer: Ground,
+  values: ValuesOf,
+): Promise<number[]> {
   const view = map.getView();
-  const extent = view.calculateExtent(map.getSize());
-  const [west, south, east, north] = layer.bounds;
-  const seen = [
-    Math.max(west, extent[0] ?? west),
-    Math.max(south, extent[1] ?? south),
-    Math.min(east, extent[2] ?? east),
-    Math.min(north, extent[3] ?? north),
-  ];
-  if ((seen[0] ?? 0) >= (seen[2] ?? 0) || (seen[1] ?? 0) >= (seen[3] ?? 0)) return [];
+  const seen = getIntersection(view.calculateExtent(map.getSize()), [...layer.bounds]);
+  if (isEmpty(seen)) return [];
+  const grid = tileGrid(set, layer);
+  const places: Place[] = [];
   const z = grid.getZForResolution(view.getResolution() ?? 1);
-  const found: [number, number, number][] = [];
-  grid.forEachTileCoord(seen, z, ([tz = 0, x = 0, y = 0]) => found.push([tz, x, y]));
+  grid.forEachTileCoord(seen, z, ([tz = 0, x = 0, y = 0]) => places.push([tz, x, y]));
+  const found: number[] = [];
+  const take = async (place: Place) => {
+    const tile = await values(...place);
+    if (tile) sample(tile, windowOf(seen, grid.getTileCoordExtent([...place])), found);
+  };
+  await Promise.all(places.map(take));
   return found;
+}
+
+/** Rows and columns of a tile that lie in what is seen. */
+interface Window {
+  readonly rows: readonly [number, number];
+  readonly columns: readonly [number, number];
+}
+
+function windowOf(seen: readonly number[], tile: readonly number[]): Window {
+  const [west = 0, south = 0, east = 0, north = 0] = seen;
+  const [left = 0, bottom = 0, right = 0, top = 0] = tile;
+  const [column, row] = [(right - left) / SIDE, (top - bottom) / SIDE];
+  const within = (at: number) => Math.min(SIDE, Math.max(0, Math.round(at)));
+  return {
+    rows: [within((top - north) / row), within((top - south) / row)],
+    columns: [within((west - left) / column), within((east - left) / column)],
+  };
+}
+
+function sample(tile: Float32Array, { rows, columns }: Window, into: number[]): void {
+  for (let row = rows[0]; row < rows[1]; row += STEP)
+    for (let column = columns[0]; column < columns[1]; column += STEP)
+      into.push(tile[row * SIDE + column] as number);
 }
 
 /** Range of a quantity over what is on the screen; null where nothing of it is known. */
@@ -49,18 +76,8 @@ export async function rangeInView(
   map: OlMap,
   set: TileMatrixSet,
   layer: RasterLayer,
-  quantity: Quantity,
+  style: RasterStyle,
   sun: SunPlace,
 ): Promise<readonly [number, number] | null> {
-  const addresses = tilesInView(map, set, layer);
-  const tiles = await Promise.all(addresses.map((address) => valueTile(layer, set, address)));
-  const values: number[] = [];
-  for (const tile of tiles) if (tile) sample(quantityOf(tile, quantity, sun), values);
-  return spread(values);
-}
-
-export function sample(tile: Float32Array, into: number[]): void {
-  for (let row = 0; row < SIDE; row += STEP)
-    for (let column = 0; column < SIDE; column += STEP)
-      into.push(tile[row * SIDE + column] as number);
+  return spread(await sampleView(map, set, layer, styled(layer, style, sun, set).values));
 }

@@ -11,6 +11,7 @@ export interface Shell {
   readonly map: HTMLElement;
   readonly layers: HTMLElement;
   readonly missionBox: HTMLElement;
+  readonly searchBox: HTMLElement;
   readonly toolbar: HTMLElement;
   readonly readout: HTMLElement;
   readonly scale: HTMLElement;
@@ -49,6 +50,7 @@ export function shell(root: HTMLElement): Shell {
   const map = h("div", { class: "map", tabindex: 0, role: "application", "aria-label": "map" });
   const layers = h("div", { class: "scroll" });
   const missionBox = h("div", { class: "mission" });
+  const searchBox = h("div", {});
   const toolbar = h("div", { class: "toolbar", role: "toolbar", "aria-label": "map tools" });
   const readout = h("div", { class: "readout", "aria-live": "off" });
   const scale = h("div", { class: "scale" });
@@ -70,6 +72,7 @@ export function shell(root: HTMLElement): Shell {
       {},
       h("h1", {}, "solmap"),
       missionBox,
+      searchBox,
       h("a", { class: "text", href: urls.docs() }, "API"),
       button("light or dark", "sun", toggleTheme, { class: "ghost" }),
     ),
@@ -89,6 +92,7 @@ export function shell(root: HTMLElement): Shell {
     map,
     layers,
     missionBox,
+    searchBox,
     toolbar,
     readout,
     scale,
@@ -104,7 +108,7 @@ export function shell(root: HTMLElement): Shell {
       right.clear();
       beside.close();
       below.close();
-      for (const element of [map, layers, toolbar, north, scale, readout])
+      for (const element of [map, layers, searchBox, toolbar, north, scale, readout])
         element.replaceChildren();
       for (const element of [ruler, tip]) element.hidden = true;
     },

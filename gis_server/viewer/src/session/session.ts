@@ -13,6 +13,8 @@ import { layersPart } from "../parts/layers/part";
 import { pointPart } from "../parts/point/part";
 import { rulerPart } from "../parts/ruler/part";
 import { scenePart } from "../parts/scene/part";
+import { searchPart } from "../parts/search/part";
+import { swipePart } from "../parts/swipe/part";
 import { traversePart } from "../parts/traverse/part";
 import type { Layer, Mission } from "../server/records";
 import type { Context, Part, Signals } from "./context";
@@ -26,6 +28,7 @@ import { Waiting } from "./waiting";
 /** In the order of their tabs and tools on the page. */
 const PARTS: readonly Part[] = [
   layersPart,
+  searchPart,
   furniturePart,
   rulerPart,
   cursorPart,
@@ -33,6 +36,7 @@ const PARTS: readonly Part[] = [
   imagesPart,
   imageViewPart,
   traversePart,
+  swipePart,
   scenePart,
 ];
 

@@ -26,6 +26,9 @@ export class Shortcuts {
     if (event.ctrlKey || event.metaKey || event.altKey) return;
     const isTyping = TYPING.includes((event.target as HTMLElement).tagName);
     if (isTyping && event.key !== "Escape") return;
-    for (const { key, run } of this.list) if (key === event.key) run();
+    const meant = this.list.filter(({ key }) => key === event.key);
+    // The letter is not typed into a box that the shortcut enters.
+    if (meant.length > 0 && event.key !== "Escape") event.preventDefault();
+    for (const { run } of meant) run();
   };
 }

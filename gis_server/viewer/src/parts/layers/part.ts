@@ -110,13 +110,7 @@ function actionsOf(context: Context, flicker: Flicker, list: () => void): LayerA
 async function stretch(context: Context, layer: RasterLayer): Promise<void> {
   const { view, mission, layers, sun, waiting } = context;
   const style = layers.state(layer).style ?? PLAIN;
-  const range = await rangeInView(
-    view.map,
-    mission.tile_matrix_set,
-    layer,
-    style.quantity,
-    sun.value,
-  );
+  const range = await rangeInView(view.map, mission.tile_matrix_set, layer, style, sun.value);
   if (!range) waiting.say("no value of this layer is on the screen");
   else layers.change(layer, { style: { ...style, low: range[0], high: range[1] } });
 }

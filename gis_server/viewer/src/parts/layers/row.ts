@@ -4,9 +4,10 @@ import { kindTitle } from "../../map/layers";
 import { hasValues, legendFor } from "../../map/raster-style";
 import { button, facts, h, icon } from "../../page/dom";
 import { compact, metres, sols, time, unitSign } from "../../page/format";
+import { colourLegend } from "../../page/legend";
 import type { Layer } from "../../server/records";
 import type { Following, LayerActions } from "./actions";
-import { colourLegend, symbolLegend } from "./legend";
+import { symbolLegend } from "./legend";
 import { styleEditor } from "./style-editor";
 
 function legendOf(layer: Layer, actions: LayerActions): HTMLElement | null {

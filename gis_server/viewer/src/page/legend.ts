@@ -1,0 +1,35 @@
+/** What colours mean: a strip of them with values, or a swatch for each class. */
+
+import type { Legend } from "../server/records";
+import { h } from "./dom";
+import { compact } from "./format";
+
+export const swatch = (style: string, text: string) =>
+  h("div", { class: "swatch" }, h("i", { style }), text);
+export const legend = (...rows: HTMLElement[]) => h("div", { class: "legend" }, ...rows);
+
+/** Colours with the values they stand for, or classes with their names; null where there is nothing to tell. */
+export function colourLegend({ stops, unit, classes }: Legend): HTMLElement | null {
+  if (classes?.length)
+    return legend(
+      ...classes.map(({ name, colour }) =>
+        swatch(`background:${colour};width:14px;height:14px`, name),
+      ),
+    );
+  const first = stops[0];
+  const last = stops.at(-1);
+  if (!first || !last || first === last) return null;
+  const span = last[0] - first[0] || 1;
+  const parts = stops.map(([value, colour]) => {
+    const share = (100 * (value - first[0])) / span;
+    return `${colour} ${share.toFixed(1)}%`;
+  });
+  const ticks = [0, 0.25, 0.5, 0.75, 1].map((share) => compact(first[0] + share * span, 3));
+  return h(
+    "div",
+    { class: "legend" },
+    h("div", { class: "ramp", style: `background:linear-gradient(90deg, ${parts.join(", ")})` }),
+    h("div", { class: "ticks" }, ...ticks.map((tick) => h("span", {}, tick))),
+    unit ? h("div", { class: "unit" }, unit) : null,
+  );
+}

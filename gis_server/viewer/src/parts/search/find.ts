@@ -1,0 +1,120 @@
+/** What can be gone to by name, and which of it a few letters mean. */
+
+import { fixed } from "../../page/format";
+import type { MapPoint } from "../../server/records";
+
+/** Where a find leads. Stops are named by their scope. */
+export type Goal =
+  | { readonly to: "sol"; readonly sol: number }
+  | { readonly to: "site"; readonly site: number }
+  | { readonly to: "stop"; readonly stop: string }
+  | { readonly to: "image"; readonly image: string; readonly stop: string }
+  | { readonly to: "place"; readonly point: MapPoint };
+
+export interface Entry {
+  readonly title: string;
+  readonly detail: string;
+  /** Lower case: what it may be called. */
+  readonly names: readonly string[];
+  readonly goal: Goal;
+}
+
+export interface StopFacts {
+  readonly stop: string;
+  readonly site: number;
+  readonly drive: number;
+}
+
+export interface ImageFacts extends StopFacts {
+  readonly id: string;
+  readonly sol: number;
+  readonly instrument: string;
+}
+
+const MOST = 40;
+
+const unique = <T>(values: readonly T[]) => [...new Set(values)];
+const byNumber = (a: number, b: number) => a - b;
+
+function stopEntry({ stop, site, drive }: StopFacts): Entry {
+  return {
+    title: `Site ${site} · drive ${drive}`,
+    detail: "stop",
+    names: [`${site}/${drive}`, `site ${site} drive ${drive}`, `stop ${site}/${drive}`, stop],
+    goal: { to: "stop", stop },
+  };
+}
+
+/** Everything that can be found, sols first and images last. */
+export function entriesOf(
+  sols: readonly number[],
+  stops: readonly StopFacts[],
+  images: readonly ImageFacts[],
+): readonly Entry[] {
+  const places = new Map([...images, ...stops].map((one) => [one.stop, one] as const));
+  const known = [...places.values()].sort((a, b) => a.site - b.site || a.drive - b.drive);
+  const days = unique([...sols, ...images.map(({ sol }) => sol)]).sort(byNumber);
+  const sites = unique(known.map(({ site }) => site)).sort(byNumber);
+  return [
+    ...days.map(
+      (sol): Entry => ({
+        title: `Sol ${sol}`,
+        detail: "sol",
+        names: [`sol ${sol}`, `sol${sol}`, String(sol)],
+        goal: { to: "sol", sol },
+      }),
+    ),
+    ...sites.map(
+      (site): Entry => ({
+        title: `Site ${site}`,
+        detail: "site",
+        names: [`site ${site}`, `site${site}`],
+        goal: { to: "site", site },
+      }),
+    ),
+    ...known.map(stopEntry),
+    ...images.map(
+      (image): Entry => ({
+        title: image.id,
+        detail: `sol ${image.sol} · ${image.instrument}`,
+        names: [image.id.toLowerCase()],
+        goal: { to: "image", image: image.id, stop: image.stop },
+      }),
+    ),
+  ];
+}
+
+/** 0: it is its name; 1: a name begins so; 2: a word in a name begins so; 3: it is somewhere in a name. */
+function fit(names: readonly string[], query: string): number | null {
+  if (names.includes(query)) return 0;
+  if (names.some((name) => name.startsWith(query))) return 1;
+  if (names.some((name) => name.includes(` ${query}`))) return 2;
+  return names.some((name) => name.includes(query)) ? 3 : null;
+}
+
+/** `12.5 -3`: metres to the east and to the north. */
+function placeIn(query: string): Entry | null {
+  const numbers = query.split(/[\s,;]+/).map(Number);
+  const [east, north] = numbers;
+  if (numbers.length !== 2 || !numbers.every(Number.isFinite)) return null;
+  if (east === undefined || north === undefined) return null;
+  return {
+    title: `east ${fixed(east, 2)} m, north ${fixed(north, 2)} m`,
+    detail: "place on the map",
+    names: [],
+    goal: { to: "place", point: [east, north] },
+  };
+}
+
+/** The entries that the letters mean, the best first. */
+export function find(entries: readonly Entry[], text: string, most = MOST): readonly Entry[] {
+  const query = text.trim().toLowerCase().replace(/\s+/g, " ");
+  if (!query) return [];
+  const ranks: Entry[][] = [[], [], [], []];
+  for (const entry of entries) {
+    const rank = fit(entry.names, query);
+    if (rank !== null) ranks[rank]?.push(entry);
+  }
+  const place = placeIn(query);
+  return [...(place ? [place] : []), ...ranks.flat()].slice(0, most);
+}

@@ -1,0 +1,108 @@
+/** The tab in which two layers are chosen and compared. */
+
+import { colouringOfDifference, type Pair } from "../../map/difference";
+import { kindTitle } from "../../map/layers";
+import { legendOfColours } from "../../map/raster-style";
+import type { Statistics } from "../../map/statistics";
+import { h } from "../../page/dom";
+import { compact, scopeTitle, unitSign } from "../../page/format";
+import { colourLegend } from "../../page/legend";
+import type { Layer } from "../../server/records";
+import { type Comparison, type Mode, MODES } from "./comparison";
+
+const TITLES: Readonly<Record<Mode, string>> = {
+  swipe: "Swipe",
+  difference: "Difference",
+};
+
+export const layerName = ({ kind, scope }: Layer) => `${kindTitle(kind)} · ${scopeTitle(scope)}`;
+
+export interface ComparisonActions {
+  readonly change: (part: Partial<Comparison>) => void;
+  readonly stop: () => void;
+}
+
+function choice(
+  name: string,
+  layers: readonly Layer[],
+  chosen: string,
+  choose: (id: string) => void,
+): HTMLElement {
+  const select = h(
+    "select",
+    { "aria-label": name, onchange: () => choose(select.value) },
+    ...layers.map((layer) =>
+      h("option", { value: layer.id, selected: layer.id === chosen }, layerName(layer)),
+    ),
+  );
+  return h("label", { class: "inline" }, h("b", {}, name), select);
+}
+
+/** `running` is what is compared now, if anything is; `offered` what would be. */
+export function comparisonPanel(
+  layers: readonly Layer[],
+  offered: Comparison | null,
+  running: boolean,
+  actions: ComparisonActions,
+): HTMLElement {
+  if (!offered) return h("p", { class: "hint" }, "Two rasters are needed to compare anything.");
+  const modes = MODES.map((mode) =>
+    h(
+      "button",
+      {
+        type: "button",
+        class: "mode",
+        "data-mode": mode,
+        "aria-pressed": String(running && offered.mode === mode),
+        onclick: () =>
+          running && offered.mode === mode ? actions.stop() : actions.change({ mode }),
+      },
+      TITLES[mode],
+    ),
+  );
+  return h(
+    "div",
+    { class: "comparison" },
+    choice("A", layers, offered.a, (a) => actions.change({ a })),
+    choice("B", layers, offered.b, (b) => actions.change({ b })),
+    h("div", { class: "modes", role: "group", "aria-label": "how to compare" }, ...modes),
+    h(
+      "p",
+      { class: "hint" },
+      "Swipe: A to the left of the divider, B to the right. Difference: A less B on every cell. " +
+        "To let a layer flicker use its button in the list on the left.",
+    ),
+  );
+}
+
+/** Legend of a difference, what can be set of it, and what it amounts to. */
+export function differenceBox(
+  pair: Pair,
+  most: number,
+  found: Statistics | null,
+  setMost: (most: number | null) => void,
+): HTMLElement {
+  const colouring = colouringOfDifference(pair, most);
+  const unit = unitSign(colouring.unit);
+  const input = h("input", {
+    type: "number",
+    class: "compact-number",
+    step: "any",
+    min: 0,
+    value: Number(most.toPrecision(3)),
+    "aria-label": "difference at the ends of the colours",
+    onchange: () => setMost(Number(input.value) > 0 ? Number(input.value) : null),
+  });
+  const amounts = found
+    ? `mean ${compact(found.mean, 3)}${unit}, σ ${compact(found.sigma, 3)}${unit} on the screen`
+    : "the two have no ground in common on the screen";
+  return h(
+    "div",
+    { class: "difference" },
+    h("h3", {}, "A less B"),
+    colourLegend(legendOfColours(colouring)),
+    h("label", { class: "inline" }, "colours to ±", input, unit),
+    h("p", { class: "amounts" }, amounts),
+    h("p", { class: "here", role: "status" }),
+  );
+}

@@ -1,0 +1,289 @@
+"""The layers of the viewer in a real browser: order, style, sols, search, swipe and difference."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from products.model import Layer, ProductKind, Recipe, Scope, ScopeLevel
+from products.raster import summarise, write_dtm
+from products.workspace import Workspace
+from tests.support.bowl_store import CRS, GRID, STOPS, dtm, fill
+from tests.support.browsing import (
+    Server,
+    at,
+    colour_at,
+    look,
+    pixel_of,
+    ready,
+    screenshot,
+    until,
+)
+
+STOP = STOPS[2][0]
+STOP_SOL = 156
+VIRIDIS = ((0x44, 0x01, 0x54), (0xFD, 0xE7, 0x25))
+
+
+def moved(east, north):
+    """How much higher the model of the stop lies than that of the region, metres."""
+    return 0.1 + 0.01 * east + 0.0 * north
+
+
+@pytest.fixture(scope="module")
+def url(tmp_path_factory) -> Iterator[str]:
+    """Address of a server over the bowl, and a second model of it from one stop."""
+    root = tmp_path_factory.mktemp("layers") / "store"
+    workspace = Workspace.open(root)
+    fill(workspace)
+    publish_model_of_a_stop(workspace)
+    with Server(root) as server:
+        yield server.url
+
+
+def publish_model_of_a_stop(workspace: Workspace) -> None:
+    east, north = GRID.centres()
+    known = dtm()
+    height = (known.elevation + moved(east[None, :], north[:, None])).astype(np.float32)
+    model = replace(known, elevation=height)
+    recipe = Recipe(ProductKind.DTM, Scope(ScopeLevel.STOP, STOP))
+    ref = workspace.store.make(recipe, lambda path: write_dtm(path, model, CRS))
+    grid, bands = summarise(workspace.store.path(ref))
+    facts = (grid.bounds, grid.cell_m, "m", bands[0].range, (STOP_SOL,))
+    layer = Layer(ref, "MER2", "a model", "raster", *facts, workspace.store.made_at(ref))
+    workspace.catalogue.publish(layers=[layer])
+
+
+def shown_order(page) -> list[str]:
+    rows = page.locator("ul.shown li")
+    return [row.get_attribute("data-layer") for row in rows.all()]
+
+
+def test_a_layer_moves_over_the_next_one_and_the_link_keeps_that(page, url):
+    resolution = 0.1
+    look(page, url + at(resolution, "mer2/hillshade,mer2/orthophoto"))
+    assert shown_order(page) == ["mer2/orthophoto", "mer2/hillshade"]
+    place = pixel_of(page, 2.0, 2.0, resolution)
+    assert np.abs(colour_at(screenshot(page, "over"), place) - 91).max() <= 3
+    page.get_by_role("button", name="Hillshade: up").click()
+    assert shown_order(page) == ["mer2/hillshade", "mer2/orthophoto"]
+    page.wait_for_timeout(200)
+    lit = 255 * math.sqrt(0.5)  # the bottom of the bowl is nearly level
+    assert np.abs(colour_at(screenshot(page, "under"), place) - lit).max() <= 8
+    assert "order=1" in page.url
+    page.reload()
+    ready(page)
+    assert shown_order(page) == ["mer2/hillshade", "mer2/orthophoto"]
+
+
+def test_a_dragged_layer_lies_where_it_was_dropped(page, url):
+    look(page, url + at(0.1, "mer2/hillshade,mer2/orthophoto,mer2/slope"))
+    assert shown_order(page) == ["mer2/slope", "mer2/orthophoto", "mer2/hillshade"]
+    rows = page.locator("ul.shown li")
+    box = rows.nth(0).bounding_box()
+    rows.nth(2).drag_to(rows.nth(0), target_position={"x": 40, "y": box["height"] * 0.25})
+    assert shown_order(page) == ["mer2/hillshade", "mer2/slope", "mer2/orthophoto"]
+
+
+def test_one_layer_is_shown_alone_and_another_click_brings_back_all(page, url):
+    resolution = 0.1
+    look(page, url + at(resolution, "mer2/hillshade,mer2/orthophoto"))
+    place = pixel_of(page, 2.0, 2.0, resolution)
+    alone = page.get_by_role("button", name="Hillshade alone")
+    alone.click()
+    page.wait_for_timeout(300)
+    assert colour_at(screenshot(page, "solo"), place).mean() > 150
+    assert alone.get_attribute("aria-pressed") == "true"
+    alone.click()
+    page.wait_for_timeout(300)
+    assert colour_at(screenshot(page, "all"), place).mean() == pytest.approx(91, abs=3)
+
+
+def test_a_flickering_layer_comes_and_goes(page, url):
+    resolution = 0.1
+    look(page, url + at(resolution, "mer2/hillshade,mer2/orthophoto"))
+    place = pixel_of(page, 2.0, 2.0, resolution)
+    page.get_by_role("button", name="Orthophoto: flicker").click()
+    seen = set()
+    for _ in range(12):
+        page.wait_for_timeout(150)
+        seen.add(bool(colour_at(screenshot(page, "flicker"), place).mean() > 150))
+    assert seen == {True, False}
+
+
+def test_slope_drawn_here_is_slope_drawn_by_the_server(page, url):
+    resolution = 0.16
+    look(page, url + at(resolution, "mer2/slope"))
+    there = screenshot(page, "slope-there").astype(int)
+    look(page, url + at(resolution, "mer2/dtm~slope"))
+    here = screenshot(page, "slope-here").astype(int)
+    apart = []
+    for east in np.arange(-30.0, 30.1, 2.5):
+        for north in np.arange(-20.0, 20.1, 2.5):
+            x, y = (round(value) for value in pixel_of(page, east, north, resolution))
+            apart.append(np.abs(here[y, x] - there[y, x]).max())
+    assert np.percentile(apart, 95) <= 12  # 254 steps over 40 degrees; the centre is steep there
+
+
+def test_relief_drawn_here_has_no_seams(page, url):
+    resolution = 0.08
+    look(page, url + at(resolution, "mer2/dtm~relief"))
+    picture = screenshot(page, "relief").astype(int)
+    # Tiles meet at multiples of 20.48 m: across these lines the light changes slowly.
+    for east in (-20.48, 0.0, 20.48):
+        x, _ = pixel_of(page, east, 0.0, resolution)
+        for north in np.arange(-15.0, 15.1, 1.5):
+            y = round(pixel_of(page, 0.0, north, resolution)[1])
+            row = picture[y, round(x) - 4 : round(x) + 5, 0]
+            assert np.abs(np.diff(row)).max() <= 2
+    level = colour_at(picture, pixel_of(page, 0.3, 0.3, resolution))
+    assert np.abs(level - 255 * math.sin(math.radians(45))).max() <= 3
+
+
+def test_colours_stretch_to_what_is_asked_and_the_legend_says_so(page, url):
+    resolution = 0.1
+    look(page, url + at(resolution, "mer2/dtm"))
+    row = page.locator('li[data-layer="mer2/dtm"].layer')
+    row.locator(".more").click()
+    row.get_by_label("lowest colour at").fill("1")
+    row.get_by_label("highest colour at").fill("4")
+    row.get_by_label("highest colour at").press("Enter")
+    ready(page)
+    assert row.locator(".ticks span").all_inner_texts() == ["1", "1.75", "2.5", "3.25", "4"]
+    page.wait_for_timeout(300)
+    picture = screenshot(page, "stretch")
+    for radius, colour in ((5.0, VIRIDIS[0]), (30.0, VIRIDIS[1])):
+        shown = colour_at(picture, pixel_of(page, radius, 0.0, resolution))
+        assert np.abs(shown - colour).max() <= 4
+    assert "mer2/dtm~::1:4" in page.url
+    page.reload()
+    ready(page)
+    page.locator('li[data-layer="mer2/dtm"].layer .more').click()
+    assert page.get_by_label("highest colour at").input_value() == "4"
+
+
+NOTHING = np.array([0xCF, 0xCB, 0xC4])
+"""Colour of the page where no layer is, `--ground` of the light page."""
+
+
+def test_values_below_a_floor_are_not_drawn(page, url):
+    resolution = 0.1
+    look(page, url + at(resolution, "mer2/dtm*1~tilt::::10"))
+    picture = screenshot(page, "floor")
+    # To the south of the middle the ground falls to the north, by 10 degrees at 8.8 m.
+    hidden = colour_at(picture, pixel_of(page, 0.0, -7.0, resolution))
+    drawn = colour_at(picture, pixel_of(page, 0.0, -12.0, resolution))
+    assert np.abs(hidden - NOTHING).max() <= 2
+    assert np.abs(drawn - NOTHING).max() > 20
+
+
+def test_colours_spread_over_what_is_on_the_screen(page, url):
+    look(page, url + at(0.02, "mer2/dtm", 20.0, 0.0))
+    row = page.locator('li[data-layer="mer2/dtm"].layer')
+    row.locator(".more").click()
+    row.get_by_text("stretch to view").click()
+    until(page, lambda: "~" in page.url)
+    low = float(row.get_by_label("lowest colour at").input_value())
+    high = float(row.get_by_label("highest colour at").input_value())
+    assert 1.7 < low < 2.6
+    assert 5.5 < high < 7.7
+
+
+def test_the_sol_slider_of_layers_hides_what_was_not_seen_then(page, url):
+    look(page, url + at(0.1, f"mer2/orthophoto,{STOP}/dtm"))
+    assert page.locator(f'details[data-scope="{STOP}"]').is_visible()
+    page.get_by_label("sol of layers").press("ArrowRight")
+    assert page.locator(f'details[data-scope="{STOP}"]').is_hidden()
+    assert "sol=155" in page.url
+    page.get_by_label("sol of layers").press("ArrowRight")
+    assert page.locator(f'details[data-scope="{STOP}"]').is_visible()
+
+
+def centre(page) -> tuple[float, float]:
+    east, north = page.url.split("at=")[1].split("&")[0].split(",")[:2]
+    return float(east), float(north)
+
+
+def test_search_goes_to_a_stop_and_to_an_image(page, url):
+    look(page, url + at(0.1))
+    page.locator("div.map").click(position={"x": 300, "y": 600})
+    page.keyboard.press("/")
+    page.keyboard.type("10/102")
+    page.wait_for_selector("#search-list li")
+    screenshot(page, "search")
+    page.keyboard.press("Enter")
+    until(page, lambda: math.dist(centre(page), (2.0, -3.0)) < 0.5)  # bars make it off centre
+    page.keyboard.press("/")
+    page.keyboard.type("2n1402")
+    found = page.locator("#search-list li span").all_inner_texts()
+    assert len(found) == 5
+    page.keyboard.press("ArrowDown")
+    page.keyboard.press("Enter")
+    page.wait_for_selector(f'[data-image="{found[1]}"]')
+    page.keyboard.press("/")
+    page.keyboard.type("sol 156")
+    page.keyboard.press("Enter")
+    until(page, lambda: "sol=156" in page.url)
+
+
+def test_the_divider_has_one_layer_on_either_side(page, url):
+    resolution = 0.1
+    look(page, url + at(resolution, "mer2/hillshade,mer2/orthophoto") + compare("swipe"))
+    left, right = (pixel_of(page, east, 2.0, resolution) for east in (-6.0, 2.0))
+    picture = screenshot(page, "swipe")
+    assert np.abs(colour_at(picture, left) - 91).max() <= 3  # the orthophoto, A
+    assert colour_at(picture, right).mean() > 160  # the hillshade, B
+    line = page.locator(".divider")
+    box = line.bounding_box()
+    page.mouse.move(box["x"] + box["width"] / 2, 500)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 120, 500, steps=4)
+    page.mouse.up()
+    page.wait_for_timeout(300)
+    assert np.abs(colour_at(screenshot(page, "swiped"), right) - 91).max() <= 3
+    share = float(page.url.split("compare=swipe,")[1].split("&")[0].split(",")[2])
+    assert share == pytest.approx(0.5 + 112.5 / 664, abs=0.01)
+    before = int(line.get_attribute("aria-valuenow"))
+    line.press("ArrowLeft")
+    assert int(line.get_attribute("aria-valuenow")) == before - 2
+
+
+def compare(mode: str, a: str = "mer2/orthophoto", b: str = "mer2/hillshade") -> str:
+    return f"&compare={mode},{a},{b}"
+
+
+def test_the_difference_of_two_models_is_what_was_put_between_them(page, url):
+    resolution = 0.1
+    pair = compare("difference", f"{STOP}/dtm", "mer2/dtm")
+    look(page, url + at(resolution) + pair + ",0.4")
+    page.locator('[data-tab="compare"]').click()
+    picture = screenshot(page, "difference")
+    assert page.locator(".difference .ticks span").all_inner_texts() == [
+        "−0.4",
+        "−0.2",
+        "0",
+        "0.2",
+        "0.4",
+    ]
+    same = colour_at(picture, pixel_of(page, -10.0, 5.0, resolution))
+    higher = colour_at(picture, pixel_of(page, 25.0, 5.0, resolution))
+    lower = colour_at(picture, pixel_of(page, -31.0, 5.0, resolution))
+    assert np.abs(same - 0xF7).max() <= 4
+    assert higher[0] > higher[2] + 60
+    assert lower[2] > lower[0] + 30
+    page.mouse.move(*pixel_of(page, 25.0, 5.0, resolution))
+    until(page, lambda: "here" in page.locator(".here").inner_text())
+    here = float(page.locator(".here").inner_text().split()[1])
+    assert here == pytest.approx(moved(25.0, 5.0), abs=0.01)
+    assert "mean" in page.locator(".amounts").inner_text()
+
+
+def test_a_difference_of_metres_and_degrees_is_refused(page, url):
+    look(page, url + at(0.1) + compare("difference", "mer2/dtm", "mer2/slope"))
+    page.locator('[data-tab="compare"]').click()
+    assert "choose two of one unit" in page.locator(".refused").inner_text()
+    assert "compare" not in page.url
