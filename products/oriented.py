@@ -77,13 +77,7 @@ class OrientedMission:
 
     def record(self, entry: ImageEntry) -> RoverImage:
         """The image's label; the right camera of a pair as matching found it to stand."""
-        image = image_record(entry, self.workspace)
-        matches = self._matches(entry) if entry.eye == Eye.RIGHT else None
-        turn = _right_turn(self.workspace.store.path(matches)) if matches else None
-        if turn is None:
-            return image
-        camera = turned_in_place(image.camera, image.stop.frame, np.array(turn))
-        return replace(image, camera=camera)
+        return record_of(entry, self.workspace)
 
     def oriented(self, entry: ImageEntry) -> OrientedImage:
         """The image on the map.
@@ -107,29 +101,51 @@ class OrientedMission:
 
     def eyes(self, entry: ImageEntry) -> MatchedEyes | None:
         """The matched pair that an image is part of; None for one without partner or matches."""
-        matches = self._matches(entry)
-        if matches is None or entry.partner is None:
-            return None
-        digest = self.workspace.catalogue.latest(matches.scope.name, ProductKind.PARALLAX)
-        if digest is None:
-            return None
-        other = self.workspace.catalogue.image(entry.partner)
-        left, right = (entry, other) if entry.eye == Eye.LEFT else (other, entry)
-        store = self.workspace.store
-        parallax = ProductRef(ProductKind.PARALLAX, matches.scope, digest)
-        return MatchedEyes(
-            left.id,
-            _geometry(store.path(matches)),
-            self.record(left).camera,
-            self.record(right).camera,
-            _dense(store.path(parallax)),
-        )
+        return matched_eyes(entry, self.workspace)
 
-    def _matches(self, entry: ImageEntry) -> ProductRef | None:
-        pair_id = entry.id if entry.eye == Eye.LEFT else entry.partner
-        scope = Scope(ScopeLevel.PAIR, (pair_id or "").lower())
-        digest = self.workspace.catalogue.latest(scope.name, ProductKind.MATCHES)
-        return None if digest is None else ProductRef(ProductKind.MATCHES, scope, digest)
+
+def record_of(entry: ImageEntry, workspace: Workspace) -> RoverImage:
+    """An image's label; the right camera of a pair as matching found it to stand."""
+    image = image_record(entry, workspace)
+    matches = matches_of(entry, workspace) if entry.eye == Eye.RIGHT else None
+    turn = _right_turn(workspace.store.path(matches)) if matches else None
+    if turn is None:
+        return image
+    camera = turned_in_place(image.camera, image.stop.frame, np.array(turn))
+    return replace(image, camera=camera)
+
+
+def matches_of(entry: ImageEntry, workspace: Workspace) -> ProductRef | None:
+    """What was matched in the pair that an image is part of; None where nothing was."""
+    pair_id = entry.id if entry.eye == Eye.LEFT else entry.partner
+    scope = Scope(ScopeLevel.PAIR, (pair_id or "").lower())
+    digest = workspace.catalogue.latest(scope.name, ProductKind.MATCHES)
+    return None if digest is None else ProductRef(ProductKind.MATCHES, scope, digest)
+
+
+def geometry_of(matches: ProductRef, workspace: Workspace) -> EpipolarPair:
+    """The geometry that a pair was matched in."""
+    return _geometry(workspace.store.path(matches))
+
+
+def matched_eyes(entry: ImageEntry, workspace: Workspace) -> MatchedEyes | None:
+    """The matched pair that an image is part of; None for one without partner or matches."""
+    matches = matches_of(entry, workspace)
+    if matches is None or entry.partner is None:
+        return None
+    digest = workspace.catalogue.latest(matches.scope.name, ProductKind.PARALLAX)
+    if digest is None:
+        return None
+    other = workspace.catalogue.image(entry.partner)
+    left, right = (entry, other) if entry.eye == Eye.LEFT else (other, entry)
+    parallax = ProductRef(ProductKind.PARALLAX, matches.scope, digest)
+    return MatchedEyes(
+        left.id,
+        geometry_of(matches, workspace),
+        record_of(left, workspace).camera,
+        record_of(right, workspace).camera,
+        _dense(workspace.store.path(parallax)),
+    )
 
 
 def latest_network(mission: str, catalogue: Catalogue) -> ProductRef:

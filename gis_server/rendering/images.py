@@ -1,0 +1,216 @@
+"""The rover's images as pictures of eight bits: raw, stretched, as matching sees them, in stereo.
+
+Pictures are cut into tiles of 256 pixels: at the highest zoom a pixel of the tile is one of the
+picture, each zoom below halves it, and zoom 0 is one tile. Grey values are kept in memory, so that
+tiles and stretches of one image cost little; nothing is written.
+
+An anaglyph holds the left image in red and the right one in green and blue. Ground whose parallax
+equals the shift falls together in both, and lies in the plane of the screen.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+
+import cv2
+import numpy as np
+
+from gis_server.rendering.kept import Kept
+from photogrammetry.arrays import GreyImage, Picture
+from photogrammetry.imagery import Eye
+from photogrammetry.matching.resampling import resample
+from products.catalogue import ImageEntry
+from products.errors import OutsideCoverageError, ProductNotFoundError
+from products.images import ImageFile, image_file, read_product_image
+from products.oriented import geometry_of, matches_of, record_of
+from products.workspace import Workspace
+
+TILE = 256
+_DEPTHS = (255.0, 4095.0, 65535.0)
+"""Largest values of 8, 12 and 16 bits."""
+_KEPT = Kept(256 << 20)
+"""Some thirty Navcam pairs with their smaller copies."""
+
+
+class Style(StrEnum):
+    """How an image is shown."""
+
+    RAW = "raw"
+    """Values as they were sent, the whole range of their bits."""
+    STRETCHED = "stretched"
+    """Radiometrically corrected values between two percentiles, or between two values."""
+    LINEARISED = "linearised"
+    """Resampled with its partner so that rows correspond: what matching sees."""
+    ANAGLYPH = "anaglyph"
+    """Both linearised images of a pair, for red and cyan glasses."""
+
+
+@dataclass(frozen=True, slots=True)
+class Stretch:
+    """From grey values to brightness."""
+
+    low_percent: float = 1.0
+    high_percent: float = 99.0
+    black: float | None = None
+    """Value shown as black, instead of the low percentile."""
+    white: float | None = None
+    gamma: float = 1.0
+    shift_px: float = 0.0
+    """Of an anaglyph: the parallax that falls together."""
+
+
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """An image in a style: the grey planes it is made of, by what tells them apart."""
+
+    style: Style
+    planes: tuple[tuple[ImageEntry, str], ...]
+    """Red, green and blue are made of two, grey of one; with the digest of what made them."""
+    workspace: Workspace
+
+    @classmethod
+    def of(cls, entry: ImageEntry, style: Style, workspace: Workspace) -> Shown:
+        """An image in a style.
+
+        Raises:
+            ProductNotFoundError: it has no partner, or was not matched, and the style needs it.
+        """
+        if style in (Style.RAW, Style.STRETCHED):
+            return cls(style, ((entry, entry.ref.digest),), workspace)
+        matches = matches_of(entry, workspace)
+        if matches is None or entry.partner is None:
+            why = entry.unpaired_because or "its pair has not been matched"
+            raise ProductNotFoundError(f"{entry.id} is not to be had {style}: {why}")
+        made_by = f"{entry.ref.digest}-{matches.digest}"
+        if style is Style.LINEARISED:
+            return cls(style, ((entry, made_by),), workspace)
+        other = workspace.catalogue.image(entry.partner)
+        both = (entry, other) if entry.eye == Eye.LEFT else (other, entry)
+        return cls(style, tuple((eye, made_by) for eye in both), workspace)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(samples, lines) of the picture."""
+        lines, samples = self._plane(0).shape
+        return samples, lines
+
+    @property
+    def max_zoom(self) -> int:
+        """Zoom at which a pixel of a tile is one of the picture."""
+        return max(0, math.ceil(math.log2(max(self.size) / TILE)))
+
+    def picture(self, stretch: Stretch) -> Picture:
+        """The whole picture."""
+        samples, lines = self.size
+        return self._drawn((0, 0, samples, lines), 0, stretch)
+
+    def tile(self, zoom: int, column: int, row: int, stretch: Stretch) -> Picture:
+        """A tile of the picture; smaller at its right and lower edge.
+
+        Raises:
+            OutsideCoverageError: the picture has no such tile.
+        """
+        halvings = self.max_zoom - zoom
+        lines, samples = (math.ceil(n / 2 ** max(halvings, 0)) for n in self.size[::-1])
+        left, top = column * TILE, row * TILE
+        if halvings < 0 or left >= samples or top >= lines:
+            raise OutsideCoverageError(
+                f"the picture has zooms 0 to {self.max_zoom}, and at zoom {zoom} no tile "
+                f"{column}, {row}"
+            )
+        box = (left, top, min(left + TILE, samples), min(top + TILE, lines))
+        return self._drawn(box, halvings, stretch)
+
+    def _drawn(self, box: tuple[int, int, int, int], halvings: int, stretch: Stretch) -> Picture:
+        left, top, right, bottom = box
+        pictures = []
+        for number in range(len(self.planes)):
+            level = self._level(number, halvings)
+            shift = round(number * stretch.shift_px / 2**halvings)
+            columns = np.arange(left, right) - shift
+            inside = (columns >= 0) & (columns < level.shape[1])
+            part = level[top:bottom][:, np.clip(columns, 0, level.shape[1] - 1)]
+            bright = _brightness(part, *self._ends(number, stretch), stretch.gamma)
+            pictures.append(np.where(inside, bright, np.uint8(0)))
+        if len(pictures) == 1:
+            return pictures[0]
+        return np.stack([pictures[0], pictures[1], pictures[1]], axis=-1)
+
+    def _key(self, number: int) -> tuple[str, str, str]:
+        """Of grey values: both styles of linearised images share theirs."""
+        entry, made_by = self.planes[number]
+        flat = self.style in (Style.RAW, Style.STRETCHED)
+        return entry.id, made_by, str(self.style) if flat else str(Style.LINEARISED)
+
+    def _plane(self, number: int) -> GreyImage:
+        entry = self.planes[number][0]
+
+        def made() -> GreyImage:
+            if self.style is Style.RAW:
+                return _raw(entry, self.workspace)
+            return _grey(entry, self.style, self.workspace)
+
+        return _KEPT.get(self._key(number), made)
+
+    def _level(self, number: int, halvings: int) -> GreyImage:
+        if halvings == 0:
+            return self._plane(number)
+
+        def halved() -> GreyImage:
+            larger = self._level(number, halvings - 1)
+            size = (math.ceil(larger.shape[1] / 2), math.ceil(larger.shape[0] / 2))
+            return cv2.resize(larger, size, interpolation=cv2.INTER_AREA)
+
+        return _KEPT.get((*self._key(number), halvings), halved)
+
+    def _ends(self, number: int, stretch: Stretch) -> tuple[float, float]:
+        """The values shown as black and as white."""
+        if self.style is Style.RAW:
+            largest = float(np.nanmax(self._plane(number), initial=0.0))
+            return 0.0, next((depth for depth in _DEPTHS if largest <= depth), largest)
+
+        def found() -> np.ndarray:
+            values = self._plane(number)
+            known = values[np.isfinite(values)]
+            percent = [stretch.low_percent, stretch.high_percent]
+            return np.percentile(known, percent) if len(known) else np.array([0.0, 1.0])
+
+        key = (*self._key(number), stretch.low_percent, stretch.high_percent)
+        low, high = _KEPT.get(key, found).tolist()
+        low = low if stretch.black is None else stretch.black
+        return low, high if stretch.white is None else stretch.white
+
+
+def _raw(entry: ImageEntry, workspace: Workspace) -> GreyImage:
+    """Values as stored; tables and flat fields are not used."""
+    return read_product_image(ImageFile(entry.ref), workspace.store).pixels
+
+
+def _grey(entry: ImageEntry, style: Style, workspace: Workspace) -> GreyImage:
+    """Grey values, NaN where the image was not measured."""
+    read = read_product_image(image_file(entry), workspace.store)
+    if style is Style.STRETCHED:
+        return np.where(read.mask, read.pixels, np.float32(np.nan))
+    matches = matches_of(entry, workspace)
+    assert matches is not None  # noqa: S101 - asked of before
+    camera = record_of(entry, workspace).camera
+    geometry = geometry_of(matches, workspace)
+    image, mask = resample(read.pixels, read.mask, camera, geometry, Eye(entry.eye))
+    return np.where(mask, image, np.float32(np.nan))
+
+
+def _brightness(values: np.ndarray, low: float, high: float, gamma: float) -> Picture:
+    """Bytes between black and white; black where nothing was measured."""
+    scaled = (values - np.float32(low)) / np.float32(max(high - low, 1e-6))
+    scaled = np.clip(np.nan_to_num(scaled, nan=0.0), 0.0, 1.0)
+    if gamma != 1.0:
+        scaled = scaled ** np.float32(1.0 / gamma)
+    return np.rint(scaled * np.float32(255.0)).astype(np.uint8)
+
+
+def png_of(picture: Picture) -> bytes:
+    """A picture of grey, or of red, green and blue, as PNG."""
+    colours = picture if picture.ndim == 2 else picture[:, :, ::-1]  # noqa: PLR2004 - OpenCV's order
+    return cv2.imencode(".png", colours, [cv2.IMWRITE_PNG_COMPRESSION, 3])[1].tobytes()
