@@ -151,11 +151,14 @@ def test_a_click_on_a_camera_opens_its_image(scene):
     dense = cv2.boxFilter(teal.astype(np.float32), -1, (9, 9))
     row, column = np.unravel_index(np.argmax(dense), dense.shape)
     scene.mouse.click(float(column), float(row))
-    scene.wait_for_selector("section.image, [data-image]")
-    opened = scene.locator("section.image").first.get_attribute("data-image")
-    assert opened in {"2N140200000EDN1100P1600L0M1", "2N140200000EDN1100P1600R0M1"}
+    card = scene.locator(".scene-card .link")
+    assert card.inner_text() in {"2N140200000EDN1100P1600L0M1", "2N140200000EDN1100P1600R0M1"}
     chosen = settled_picture(scene, "camera-chosen")
     assert (np.abs(chosen - [255, 212, 0]).max(axis=2) < 40).sum() > 30
+    name = card.inner_text()
+    card.click()
+    scene.wait_for_selector("section.image")
+    assert scene.locator("section.image").get_attribute("data-image") == name
 
 
 def test_standing_at_the_stop_one_looks_where_the_rover_headed(scene):

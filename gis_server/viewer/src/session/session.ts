@@ -14,6 +14,7 @@ import { pointPart } from "../parts/point/part";
 import { rulerPart } from "../parts/ruler/part";
 import { scenePart } from "../parts/scene/part";
 import { searchPart } from "../parts/search/part";
+import { stereoPart } from "../parts/stereo/part";
 import { swipePart } from "../parts/swipe/part";
 import { traversePart } from "../parts/traverse/part";
 import type { Layer, Mission } from "../server/records";
@@ -38,6 +39,7 @@ const PARTS: readonly Part[] = [
   traversePart,
   swipePart,
   scenePart,
+  stereoPart,
 ];
 
 const signals = (): Signals => ({

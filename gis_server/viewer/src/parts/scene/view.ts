@@ -38,6 +38,7 @@ export class SceneView {
   readonly element: HTMLElement;
   private readonly host = h("div", { class: "scene-view" });
   private readonly said = h("output", { class: "scene-place" }, "loading the ground");
+  private readonly card = h("div", { class: "scene-card", hidden: true });
   private readonly stage: Stage;
   private readonly terrain: Terrain;
   private readonly marker: Marker;
@@ -77,7 +78,7 @@ export class SceneView {
     });
     this.choices = board.choices;
     this.shine(board);
-    this.host.append(this.said);
+    this.host.append(this.said, this.card);
     this.element = h("div", { class: "scene", "data-settled": "false" }, this.host, board.element);
     this.stage.onFrame = () => {
       this.terrain.update(this.stage.camera, this.stage.renderer);
@@ -246,7 +247,7 @@ export class SceneView {
     this.closing.signal.addEventListener("abort", () => stops.forEach((stop) => stop()));
     const hand = {
       over: (place: Place3 | null) => this.tell(place),
-      image: (id: string) => signals.image.emit(id),
+      image: (id: string) => this.choose(id),
       leave: () => {
         const isStanding = this.leave !== null;
         if (isStanding) this.overview();
@@ -255,6 +256,17 @@ export class SceneView {
       isStanding: () => this.leave !== null,
     };
     takeInHand(this.stage, this.terrain, this.sights, hand, this.closing.signal);
+  }
+
+  /** Names an image whose camera was clicked; to open it takes the place of this view. */
+  private choose(id: string): void {
+    this.sights.choose(id);
+    const open = () => this.context.signals.image.emit(id);
+    this.card.hidden = false;
+    this.card.replaceChildren(
+      h("img", { src: `/images/${encodeURIComponent(id)}/browse.png`, alt: "" }),
+      h("button", { type: "button", class: "link", "data-image": id, onclick: open }, id),
+    );
   }
 
   private tell(place: Place3 | null): void {

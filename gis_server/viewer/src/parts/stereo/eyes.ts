@@ -1,0 +1,114 @@
+/** Drawing of both eyes' pictures on a canvas: red and cyan, side by side, or one after the other. */
+
+import type { PairPictures } from "../../server/stereo";
+import { bestParallax, type Grey, type Sight } from "./fuse";
+
+export type Way = "anaglyph" | "parallel" | "crossed" | "wiggle";
+
+const RED = "#ff0000";
+const CYAN = "#00ffff";
+/** Pictures are compared at this width; their parallax is at most that share of it. */
+const COARSE_PX = 128;
+const MOST = 0.45;
+/** Rows that are compared: the sky says nothing. */
+const [TOP, BOTTOM] = [0.3, 0.95];
+
+function pen(canvas: HTMLCanvasElement): CanvasRenderingContext2D {
+  const context = canvas.getContext("2d", { willReadFrequently: false });
+  if (!context) throw new Error("this browser draws no pictures on a canvas");
+  return context;
+}
+
+function canvasOf(width: number, height: number): HTMLCanvasElement {
+  const canvas = document.createElement("canvas");
+  [canvas.width, canvas.height] = [width, height];
+  return canvas;
+}
+
+function tinted(picture: ImageBitmap, colour: string): HTMLCanvasElement {
+  const canvas = canvasOf(picture.width, picture.height);
+  const context = pen(canvas);
+  context.drawImage(picture, 0, 0);
+  context.globalCompositeOperation = "multiply";
+  context.fillStyle = colour;
+  context.fillRect(0, 0, canvas.width, canvas.height);
+  return canvas;
+}
+
+function coarse(picture: ImageBitmap): Grey {
+  const [top, bottom] = [TOP * picture.height, BOTTOM * picture.height];
+  const width = Math.min(COARSE_PX, picture.width);
+  const height = Math.max(1, Math.round(((bottom - top) * width) / picture.width));
+  const context = pen(canvasOf(width, height));
+  context.drawImage(picture, 0, top, picture.width, bottom - top, 0, 0, width, height);
+  const { data } = context.getImageData(0, 0, width, height);
+  return { width, height, values: data.filter((_, k) => k % 4 === 1) };
+}
+
+export class Eyes {
+  readonly width: number;
+  readonly height: number;
+  readonly isLinearised: boolean;
+  /** The parallax that most of the picture has, in its pixels. */
+  readonly parallax: number;
+  private readonly red: HTMLCanvasElement;
+  private readonly cyan: HTMLCanvasElement;
+
+  constructor(private readonly pictures: PairPictures) {
+    const { left, right, isLinearised } = pictures;
+    [this.width, this.height] = [left.width, left.height];
+    this.isLinearised = isLinearised;
+    const [a, b] = [coarse(left), coarse(right)];
+    const found = bestParallax(a, b, Math.round(MOST * a.width));
+    this.parallax = Math.round((found * left.width) / a.width);
+    this.red = tinted(left, RED);
+    this.cyan = tinted(right, CYAN);
+  }
+
+  /** `phase` tells which eye's turn it is where they take turns. */
+  draw(canvas: HTMLCanvasElement, way: Way, sight: Sight, nudge: number, phase: 0 | 1): void {
+    const context = pen(canvas);
+    const { width, height } = canvas;
+    context.globalCompositeOperation = "source-over";
+    context.fillStyle = "#000";
+    context.fillRect(0, 0, width, height);
+    context.imageSmoothingEnabled = sight.scale < 2;
+    const { left, right } = this.pictures;
+    const put = (picture: CanvasImageSource, middle: number, shift: number) => {
+      const x = middle + (shift - sight.x) * sight.scale;
+      const y = height / 2 - sight.y * sight.scale;
+      context.drawImage(picture, x, y, this.width * sight.scale, this.height * sight.scale);
+    };
+    switch (way) {
+      case "anaglyph":
+        put(this.red, width / 2, 0);
+        context.globalCompositeOperation = "lighter";
+        put(this.cyan, width / 2, nudge);
+        return;
+      case "wiggle":
+        put(phase ? right : left, width / 2, phase ? nudge : 0);
+        return;
+      case "parallel":
+      case "crossed": {
+        const [first, second] = way === "parallel" ? [left, right] : [right, left];
+        const shiftOf = (picture: ImageBitmap) => (picture === right ? nudge : 0);
+        [first, second].forEach((picture, half) => {
+          context.save();
+          context.beginPath();
+          context.rect((half * width) / 2, 0, width / 2, height);
+          context.clip();
+          put(picture, ((2 * half + 1) * width) / 4, shiftOf(picture));
+          context.restore();
+        });
+        return;
+      }
+      default:
+        throw new Error(`unknown way ${JSON.stringify(way satisfies never)}`);
+    }
+  }
+
+  dispose(): void {
+    this.pictures.left.close();
+    this.pictures.right.close();
+  }
+}

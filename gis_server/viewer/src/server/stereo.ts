@@ -1,0 +1,34 @@
+/** Pictures of a stereo pair: made epipolar where the pair was matched, else as they are browsed. */
+
+import { ApiError } from "./api";
+import type { ImageEntry } from "./records";
+
+export interface PairPictures {
+  readonly left: ImageBitmap;
+  readonly right: ImageBitmap;
+  /** Rows of both correspond exactly. */
+  readonly isLinearised: boolean;
+}
+
+async function picture(url: string, signal: AbortSignal): Promise<ImageBitmap | null> {
+  const response = await fetch(url, { signal });
+  return response.ok ? createImageBitmap(await response.blob()) : null;
+}
+
+const both = (left: string, right: string, signal: AbortSignal) =>
+  Promise.all([picture(left, signal), picture(right, signal)]);
+
+export async function pairPictures(
+  left: ImageEntry,
+  right: ImageEntry,
+  signal: AbortSignal,
+): Promise<PairPictures> {
+  const linearised = ({ id }: ImageEntry) => `/images/${encodeURIComponent(id)}/linearised.png`;
+  const [a, b] = await both(linearised(left), linearised(right), signal);
+  if (a && b) return { left: a, right: b, isLinearised: true };
+  if (left.browse && right.browse) {
+    const [c, d] = await both(left.browse, right.browse, signal);
+    if (c && d) return { left: c, right: d, isLinearised: false };
+  }
+  throw new ApiError(`the pair ${left.id} and ${right.id} has no pictures to look at`);
+}

@@ -1,0 +1,122 @@
+"""Stereo pairs in a real browser: bars that stand 8 pixels apart in the two pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from products.workspace import Workspace
+from tests.support.browsing import Server, look, screenshot
+from tests.support.scene_store import fill_scene
+
+PARALLAX_PX = 8
+
+
+@pytest.fixture(scope="module")
+def pair_url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    root: Path = tmp_path_factory.mktemp("stereo") / "store"
+    fill_scene(Workspace.open(root))
+    with Server(root) as server:
+        yield server.url
+
+
+@pytest.fixture
+def stereo(page, pair_url):
+    look(page, pair_url)
+    page.get_by_role("button", name="stereo pair (2)").click()
+    page.wait_for_selector('.stereo[data-settled="true"]', timeout=30_000)
+    return page
+
+
+def part(page, name: str) -> np.ndarray:
+    """Red, green, blue of the middle of the canvas."""
+    page.wait_for_timeout(100)
+    box = page.locator(".stereo-view canvas").bounding_box()
+    x, y = round(box["x"]), round(box["y"] + 0.4 * box["height"])
+    height = round(0.2 * box["height"])
+    picture = screenshot(page, f"stereo-{name}").astype(int)
+    return picture[y : y + height, x : x + round(box["width"])]
+
+
+def put(page, nudge: int) -> None:
+    page.locator('.stereo input[name="nudge"]').fill(str(nudge))
+
+
+def coloured(picture: np.ndarray) -> float:
+    """Share of pixels that only one eye sees so."""
+    return float((np.abs(picture[..., 0] - picture[..., 1]) > 40).mean())
+
+
+def test_eyes_fuse_what_has_the_parallax_on_the_screen(stereo):
+    assert int(stereo.locator('.stereo input[name="nudge"]').input_value()) == PARALLAX_PX
+    inside = np.s_[:, 40:-40]  # beside it one eye sees the picture's edge
+    fused = part(stereo, "fused")[inside]
+    put(stereo, 0)
+    apart = part(stereo, "apart")[inside]
+    assert coloured(fused) < 0.03
+    # Every 17.5 pixels a bar ends, and 8 of these differ.
+    assert coloured(apart) == pytest.approx(8 / 17.5, abs=0.08)
+
+
+def test_arrow_keys_move_one_picture_against_the_other(stereo):
+    canvas = stereo.locator(".stereo-view canvas")
+    canvas.press("ArrowLeft")
+    canvas.press("Shift+ArrowRight")
+    value = int(stereo.locator('.stereo input[name="nudge"]').input_value())
+    assert value == PARALLAX_PX - 1 + 10
+    assert stereo.locator(".stereo-controls output.number").inner_text() == f"{value} px"
+
+
+def test_side_by_side_either_eye_has_its_half(stereo):
+    stereo.locator('.stereo select[name="way"]').select_option("parallel")
+    picture = part(stereo, "parallel").mean(axis=2)
+    half = picture.shape[1] // 2
+    inside = np.s_[:, 24 : half - 24]
+    left, right = picture[:, :half][inside], picture[:, half : 2 * half][inside]
+    assert np.corrcoef(left.ravel(), right.ravel())[0, 1] > 0.9  # bars meet at this parallax
+    put(stereo, 0)
+    picture = part(stereo, "parallel-0").mean(axis=2)
+    left, right = picture[:, :half][inside], picture[:, half : 2 * half][inside]
+    assert np.corrcoef(left.ravel(), right.ravel())[0, 1] < 0.5
+
+
+def test_one_after_the_other_moves_what_is_off_the_screen_only(stereo):
+    stereo.locator('.stereo select[name="way"]').select_option("wiggle")
+    put(stereo, 0)
+    seen = []
+    for k in range(8):
+        stereo.wait_for_timeout(97)
+        seen.append(part(stereo, f"wiggle-{k}"))
+    steps = [np.abs(a - b).mean() for a, b in pairwise(seen)]
+    assert max(steps) > 20
+    put(stereo, PARALLAX_PX)
+    inside = np.s_[:, 40:-40]
+    seen = [part(stereo, f"still-{k}")[inside] for k in range(6)]
+    assert max(np.abs(a - seen[0]).mean() for a in seen) < 3
+
+
+def test_the_wheel_comes_nearer(stereo):
+    def bars(picture: np.ndarray) -> int:
+        bright = picture.mean(axis=(0, 2)) > 128
+        return int(np.abs(np.diff(bright.astype(int))).sum())
+
+    before = bars(part(stereo, "far"))
+    box = stereo.locator(".stereo-view canvas").bounding_box()
+    stereo.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    stereo.mouse.wheel(0, -280)
+    assert bars(part(stereo, "near")) == pytest.approx(before / 2, abs=2)
+
+
+def test_the_pair_is_that_of_the_image_that_was_opened(page, pair_url):
+    look(page, pair_url)
+    page.locator('[data-tab="images"]').click()
+    page.locator(".images button").nth(1).click()
+    page.get_by_role("button", name="stereo pair (2)").click()
+    page.wait_for_selector('.stereo[data-settled="true"]', timeout=30_000)
+    label = page.locator(".stereo-view canvas").get_attribute("aria-label")
+    assert label == "stereo pair 2N140200000EDN1100P1600L0M1 and 2N140200000EDN1100P1600R0M1"
+    assert "was not matched" in page.locator(".stereo .hint").inner_text()
