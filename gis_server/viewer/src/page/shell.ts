@@ -5,6 +5,8 @@ import { type Dock, dock } from "./dock";
 import { button, h } from "./dom";
 import { tabs } from "./tabs";
 
+const TOAST_MS = 6000;
+
 export type Theme = "light" | "dark";
 
 export interface Shell {
@@ -31,6 +33,8 @@ export interface Shell {
   /** Shows a message across the top, with a button; null takes it away. */
   banner(message: string | null, retry?: () => void): void;
   dialog(title: string, content: Node): void;
+  /** Says something that needs no answer; it goes away by itself. */
+  toast(message: string): void;
 }
 
 function toggleTheme(): void {
@@ -57,6 +61,7 @@ export function shell(root: HTMLElement): Shell {
   const north = h("div", { class: "north" });
   const ruler = h("div", { class: "ruler", role: "status", hidden: true });
   const tip = h("div", { class: "tip", hidden: true });
+  const toast = h("div", { class: "toast", role: "status" });
   const notice = h("div", { class: "banner", role: "alert", hidden: true });
   const right = tabs();
   const beside = dock("beside");
@@ -80,7 +85,7 @@ export function shell(root: HTMLElement): Shell {
     h(
       "main",
       {},
-      h("div", { class: "field-of-map" }, map, toolbar, north, scale, ruler, tip, notice),
+      h("div", { class: "field-of-map" }, map, toolbar, north, scale, ruler, tip, toast, notice),
       beside.element,
       below.element,
     ),
@@ -116,6 +121,11 @@ export function shell(root: HTMLElement): Shell {
       notice.hidden = message === null;
       notice.replaceChildren(h("span", {}, message ?? ""));
       if (retry) notice.append(h("button", { type: "button", onclick: retry }, "Try again"));
+    },
+    toast(message) {
+      const line = h("div", {}, message);
+      toast.append(line);
+      setTimeout(() => line.remove(), TOAST_MS);
     },
     dialog(title, content) {
       dialog.replaceChildren(

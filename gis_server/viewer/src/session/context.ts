@@ -9,6 +9,7 @@ import type { MapView } from "../map/map-view";
 import type { SunPlace } from "../map/shading";
 import type { DrawingState } from "../map/styles";
 import type { Shell } from "../page/shell";
+import type { Happening } from "../server/events";
 import type { Layer, MapPoint, Mission } from "../server/records";
 import type { Kept, LinkBook } from "./kept";
 import type { LayerBook } from "./layer-book";
@@ -40,6 +41,8 @@ export interface Signals {
   readonly sol: Signal<number | null>;
   /** Error ellipses are drawn so many times as large. */
   readonly ellipses: Signal<number>;
+  /** The server told that something happened in the store. */
+  readonly happened: Signal<Happening>;
   /** The view moved, or layers were switched: the link to it is another. */
   readonly view: Signal<void>;
 }

@@ -10,6 +10,7 @@ import { furniturePart } from "../parts/furniture/part";
 import { imageViewPart } from "../parts/image-view/part";
 import { imagesPart } from "../parts/images/part";
 import { layersPart } from "../parts/layers/part";
+import { livePart } from "../parts/live/part";
 import { pointPart } from "../parts/point/part";
 import { rulerPart } from "../parts/ruler/part";
 import { scenePart } from "../parts/scene/part";
@@ -40,6 +41,7 @@ const PARTS: readonly Part[] = [
   swipePart,
   scenePart,
   stereoPart,
+  livePart,
 ];
 
 const signals = (): Signals => ({
@@ -51,6 +53,7 @@ const signals = (): Signals => ({
   identify: new Signal(),
   sol: new Signal(),
   ellipses: new Signal(),
+  happened: new Signal(),
   view: new Signal(),
 });
 

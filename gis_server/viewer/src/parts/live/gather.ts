@@ -1,0 +1,32 @@
+/** Calls that come in bursts, gathered to one. */
+
+/** A call that waits until nothing more has come for a while, then works on all that came. */
+export function gathered<T>(
+  quiet_ms: number,
+  work: (all: readonly T[]) => void,
+): { add: (one: T) => void; cancel: () => void } {
+  let waiting: T[] = [];
+  let timer: ReturnType<typeof setTimeout> | undefined;
+  const go = () => {
+    const all = waiting;
+    waiting = [];
+    work(all);
+  };
+  return {
+    add(one) {
+      waiting.push(one);
+      clearTimeout(timer);
+      timer = setTimeout(go, quiet_ms);
+    },
+    cancel: () => clearTimeout(timer),
+  };
+}
+
+/** What was published, in words: kinds and scopes, not every product. */
+export function publishedText(ids: readonly string[]): string {
+  const unique = [...new Set(ids)];
+  const scopes = new Set(unique.map((id) => id.slice(0, id.lastIndexOf("/"))));
+  const layers = unique.length === 1 ? "1 layer" : `${unique.length} layers`;
+  const places = scopes.size === 1 ? [...scopes][0] : `${scopes.size} places`;
+  return `${layers} of ${places} published`;
+}

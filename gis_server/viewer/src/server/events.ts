@@ -1,0 +1,68 @@
+/** What the server tells as it happens (`/api/events`), and how it is heard. */
+
+import { of, withQuery } from "./api";
+
+/** Every kind there is; documents carry what is listed, and `at`. */
+export interface Happenings {
+  "layers.published": { readonly mission: string; readonly layers: readonly string[] };
+  "images.ingested": { readonly mission: string; readonly images: number };
+  "mission.changed": { readonly mission: string };
+  "run.changed": {
+    readonly id: string;
+    readonly kind: string;
+    readonly subject: string;
+    readonly state: string;
+    readonly stage: string | null;
+    readonly done: number;
+    readonly total: number;
+  };
+  "edits.changed": { readonly mission: string };
+  /** Events were missed: everything is to be asked anew. */
+  reload: Readonly<Record<string, never>>;
+}
+export type Kind = keyof Happenings;
+export type Happening = {
+  [K in Kind]: { readonly kind: K; readonly document: Happenings[K] };
+}[Kind];
+
+const KINDS: readonly Kind[] = [
+  "layers.published",
+  "images.ingested",
+  "mission.changed",
+  "run.changed",
+  "edits.changed",
+  "reload",
+];
+
+export const eventsUrl = (mission: string) => withQuery("/api/events", { mission });
+export const runsUrl = () => "/api/runs";
+export const editsUrl = (mission: string) => `${of(mission)}/edits`;
+
+/**
+ * Listens until `alive` ends. The browser connects again by itself and says which event it has heard last; where the
+ * server answers with an error it gives up, and is started again here.
+ */
+export function listen(mission: string, alive: AbortSignal, hear: (one: Happening) => void): void {
+  let source: EventSource | null = null;
+  let again: ReturnType<typeof setTimeout> | undefined;
+  const open = () => {
+    source = new EventSource(eventsUrl(mission));
+    for (const kind of KINDS) {
+      source.addEventListener(kind, ({ data }) => {
+        const document: unknown = JSON.parse(String(data));
+        hear({ kind, document } as Happening);
+      });
+    }
+    source.onerror = () => {
+      if (source?.readyState !== EventSource.CLOSED) return;
+      again = setTimeout(open, AGAIN_MS);
+    };
+  };
+  alive.addEventListener("abort", () => {
+    clearTimeout(again);
+    source?.close();
+  });
+  open();
+}
+
+const AGAIN_MS = 10_000;

@@ -1,0 +1,104 @@
+"""What is published while the map is open appears by itself."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from products.model import Layer, ProductKind, Recipe
+from products.raster import summarise, write_raster
+from products.workspace import Workspace
+from tests.support.bowl_store import CRS, GRID, REGION, fill
+from tests.support.browsing import (
+    Server,
+    at,
+    colour_at,
+    look,
+    pixel_of,
+    ready,
+    screenshot,
+    until,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Value:
+    """What tells one product from the next."""
+
+    value: float
+
+
+@pytest.fixture
+def workspace(tmp_path) -> Workspace:
+    workspace = Workspace.open(tmp_path / "store")
+    fill(workspace)
+    return workspace
+
+
+@pytest.fixture
+def live(workspace) -> Iterator[str]:
+    with Server(workspace.store.root) as server:
+        yield server.url
+
+
+def publish(workspace: Workspace, kind: ProductKind, value: float) -> None:
+    """A raster that is `value` everywhere."""
+    band = np.full(GRID.shape, value, np.float32)
+    store = workspace.store
+    recipe = Recipe(kind, REGION, params=Value(value))
+    ref = store.make(
+        recipe, lambda path: write_raster(path, GRID, {str(kind): band}, CRS, unit="degree")
+    )
+    grid, _ = summarise(store.path(ref))
+    layer = Layer(
+        ref,
+        "MER2",
+        str(kind),
+        "raster",
+        grid.bounds,
+        grid.cell_m,
+        "degree",
+        (0.0, 30.0),
+        (155,),
+        store.made_at(ref),
+    )
+    workspace.catalogue.publish(layers=[layer])
+
+
+def test_a_new_layer_is_listed_without_a_reload(page, workspace, live):
+    look(page, live)
+    assert page.locator('li.layer[data-kind="roughness"]').count() == 0
+    page.evaluate("window.stillTheSame = true")
+    publish(workspace, ProductKind.ROUGHNESS, 3.0)
+    until(page, lambda: page.locator('li.layer[data-kind="roughness"]').count() == 1)
+    assert "1 layer of mer2 published" in page.locator(".toast").inner_text()
+    assert page.evaluate("window.stillTheSame")
+
+
+def test_a_layer_made_anew_is_drawn_anew_and_stays_as_it_was_shown(page, workspace, live):
+    resolution = 0.1
+    look(page, live + at(resolution, "mer2/slope"))
+    place = pixel_of(page, 12.0, 12.0, resolution)
+    before = colour_at(screenshot(page, "live-before"), place)
+    publish(workspace, ProductKind.SLOPE, 29.0)
+    until(page, lambda: page.locator(".toast div").count() > 0)
+    ready(page)
+    until(
+        page,
+        lambda: np.abs(colour_at(screenshot(page, "live-after"), place) - before).max() > 40,
+    )
+    assert page.locator('li.layer[data-kind="slope"] input[type="checkbox"]').is_checked()
+    assert "on=mer2%2Fslope" in page.url or "on=mer2/slope" in page.url
+
+
+def test_who_was_away_is_told_what_was_missed(page, workspace, live):
+    look(page, live)
+    page.context.set_offline(offline=True)
+    publish(workspace, ProductKind.ROUGHNESS, 3.0)
+    page.wait_for_timeout(500)
+    assert page.locator('li.layer[data-kind="roughness"]').count() == 0
+    page.context.set_offline(offline=False)
+    until(page, lambda: page.locator('li.layer[data-kind="roughness"]').count() == 1)
