@@ -13,7 +13,14 @@ import { type Shown, show } from "./map-layers";
 import type { Place } from "../session/permalink";
 import type { LocalMap } from "./projection";
 import type { Bounds, Layer, MapPoint, Mission } from "../server/records";
-import { type Draw, type DrawingState, drawHighlight, drawMark, pointFeature } from "./styles";
+import {
+  type Draw,
+  type DrawingState,
+  drawHighlight,
+  drawMark,
+  drawMeasure,
+  pointFeature,
+} from "./styles";
 
 const TOUCH_PX = 5;
 const PADDING_PX = [56, 40, 72, 40];
@@ -34,6 +41,7 @@ export class MapView {
   private readonly highlight = overlay(drawHighlight, 1000);
   private readonly mark = overlay(drawMark, 1001);
   private readonly cursor = overlay(drawMark, 1003);
+  private readonly picked = overlay(drawMeasure, 1002);
   private claims = 0;
 
   constructor(
@@ -49,7 +57,7 @@ export class MapView {
       target,
       controls: defaultControls({ zoom: false, rotate: false, attribution: false }),
       interactions: defaultInteractions(), // the map fills the page: the wheel needs no click first
-      layers: [this.highlight, this.mark, this.cursor].map(({ layer }) => layer),
+      layers: [this.highlight, this.mark, this.picked, this.cursor].map(({ layer }) => layer),
       view: new View({
         projection: local.projection,
         constrainOnlyCenter: true,
@@ -161,6 +169,12 @@ export class MapView {
   setMark(point: MapPoint | null): void {
     this.mark.source.clear();
     if (point) this.mark.source.addFeature(pointFeature(point));
+  }
+
+  /** Places that were picked one by one, and are not used yet. */
+  setPicked(points: readonly MapPoint[]): void {
+    this.picked.source.clear();
+    this.picked.source.addFeatures(points.map(pointFeature));
   }
 
   /** The place that another part points at. */

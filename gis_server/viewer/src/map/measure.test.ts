@@ -1,5 +1,5 @@
 import { expect, test } from "vitest";
-import { measure, measuredText } from "./measure";
+import { measure, measuredText, polygonArea } from "./measure";
 
 test("three, four, five", () => {
   const found = measure([
@@ -30,4 +30,16 @@ test("a double click adds no leg", () => {
 
 test("before the second point there is only advice", () => {
   expect(measuredText(measure([[1, 1]]))).toMatch(/click the first point/);
+});
+
+test("the area of a polygon does not depend on where it lies or which way round it is drawn", () => {
+  const square: [number, number][] = [
+    [1e5, 2e5],
+    [1e5 + 3, 2e5],
+    [1e5 + 3, 2e5 + 4],
+    [1e5, 2e5 + 4],
+  ];
+  expect(polygonArea(square)).toBe(12);
+  expect(polygonArea([...square].reverse())).toBe(12);
+  expect(polygonArea(square.slice(0, 2))).toBe(0);
 });

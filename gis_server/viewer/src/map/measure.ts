@@ -33,3 +33,14 @@ export function measuredText({ length_m, leg_m, azimuth_deg }: Measured): string
   const leg = leg_m < length_m ? `, last leg ${metres(leg_m, 4)}` : "";
   return `${metres(length_m, 4)}${leg}, azimuth ${fixed(azimuth_deg, 1)}°`;
 }
+
+/** Area of a polygon on the map, square metres, by Gauss's formula; its corners may go either way round. */
+export function polygonArea(corners: readonly MapPoint[]): number {
+  const [e0, n0] = corners[0] ?? [0, 0]; // near the corners, where products lose no digits
+  let twice = 0;
+  corners.forEach(([east, north], k) => {
+    const [e, n] = corners[(k + 1) % corners.length] ?? [east, north];
+    twice += (east - e0) * (n - n0) - (e - e0) * (north - n0);
+  });
+  return Math.abs(twice) / 2;
+}

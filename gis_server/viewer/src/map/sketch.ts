@@ -26,6 +26,8 @@ export interface SketchListener {
 
 const TYPES = { point: "Point", line: "LineString", area: "Polygon", box: "Circle" } as const;
 const Z_INDEX = 1004;
+/** The map waits so long to tell a click from a double-click: the last one here is not to be heard as one. */
+const CLICK_MS = 300;
 
 const place = ([east = 0, north = 0]: readonly number[]): MapPoint => [east, north];
 
@@ -53,9 +55,17 @@ export class Sketch {
     private readonly view: MapView,
     shape: Shape,
     { change, end }: SketchListener,
+    /** Corners at which a line or area ends by itself. */
+    most?: number,
   ) {
     const box = shape === "box" ? { geometryFunction: createBox() } : {};
-    this.draw = new Draw({ source: this.source, type: TYPES[shape], style: drawMeasure, ...box });
+    this.draw = new Draw({
+      source: this.source,
+      type: TYPES[shape],
+      style: drawMeasure,
+      ...box,
+      ...(most ? { maxPoints: most } : {}),
+    });
     this.draw.on("drawstart", ({ feature }) => {
       this.source.clear();
       const tell = () => change?.(cornersOf(feature.getGeometry()));
@@ -77,9 +87,14 @@ export class Sketch {
     this.draw.finishDrawing();
   }
 
+  /** Takes away the shape that was finished. */
+  clear(): void {
+    this.source.clear();
+  }
+
   stop(): void {
     this.view.map.removeInteraction(this.draw);
     this.view.map.removeLayer(this.layer);
-    this.release();
+    setTimeout(this.release, CLICK_MS);
   }
 }

@@ -1,4 +1,4 @@
-/** What the server measures on the ground: profiles, and later areas, volumes and planes. */
+/** What the server measures on the ground: profiles, lines, areas, volumes and planes. */
 
 import { of, post } from "./api";
 import type { MapPoint } from "./records";
@@ -28,7 +28,74 @@ export interface Profile {
   readonly layers: readonly LayerUsed[];
 }
 
+export interface Rise {
+  readonly map_distance_m: number;
+  readonly straight_m: number;
+  readonly rise_m: number;
+  readonly sigma_rise_m: number;
+  readonly slope_deg: number;
+  readonly sigma_slope_deg: number;
+  readonly azimuth_deg: number;
+  readonly true_azimuth_deg: number;
+}
+
+export interface LineMeasured {
+  readonly map_length_m: number;
+  readonly surface_length_m: number;
+  readonly measured_share: number;
+  /** null: an end was not measured. */
+  readonly ends: Rise | null;
+  readonly layers: readonly LayerUsed[];
+}
+
+export interface AreaMeasured {
+  readonly map_area_m2: number;
+  readonly surface_area_m2: number | null;
+  readonly perimeter_m: number;
+  readonly elevation_mean_m: number | null;
+  readonly elevation_min_m: number | null;
+  readonly elevation_max_m: number | null;
+  readonly measured_share: number;
+  readonly layers: readonly LayerUsed[];
+}
+
+export interface VolumeMeasured {
+  readonly above_m3: number;
+  readonly below_m3: number;
+  readonly net_m3: number;
+  readonly sigma_net_m3: number;
+  readonly map_area_m2: number;
+  readonly measured_share: number;
+  readonly highest_m: number;
+  readonly lowest_m: number;
+  readonly base_elevation_m: number;
+  readonly base_slope_deg: number;
+  readonly layers: readonly LayerUsed[];
+}
+
+export interface PlaneMeasured {
+  readonly dip_deg: number;
+  readonly sigma_dip_deg: number;
+  readonly strike_deg: number | null;
+  readonly sigma_strike_deg: number | null;
+  readonly dip_direction_deg: number | null;
+  readonly said_of_strike: string | null;
+  readonly rms_m: number;
+  readonly points: number;
+  readonly layers: readonly LayerUsed[];
+}
+
+export type VolumeBase = "rim" | "lowest";
+
 export const measuring = {
   profile: (mission: string, line: readonly MapPoint[], signal?: AbortSignal) =>
     post<Profile>(`${of(mission)}/profile`, { line }, signal),
+  line: (mission: string, line: readonly MapPoint[]) =>
+    post<LineMeasured>(`${of(mission)}/measure-line`, { line }),
+  area: (mission: string, polygon: readonly MapPoint[]) =>
+    post<AreaMeasured>(`${of(mission)}/measure-area`, { polygon }),
+  volume: (mission: string, polygon: readonly MapPoint[], base: VolumeBase) =>
+    post<VolumeMeasured>(`${of(mission)}/volume`, { polygon, base }),
+  plane: (mission: string, points: readonly MapPoint[]) =>
+    post<PlaneMeasured>(`${of(mission)}/plane-fit`, { points }),
 };

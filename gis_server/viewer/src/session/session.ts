@@ -11,11 +11,11 @@ import { imageViewPart } from "../parts/image-view/part";
 import { imagesPart } from "../parts/images/part";
 import { layersPart } from "../parts/layers/part";
 import { livePart } from "../parts/live/part";
+import { measurePart } from "../parts/measure/part";
 import { pointPart } from "../parts/point/part";
-import { rulerPart } from "../parts/ruler/part";
 import { scenePart } from "../parts/scene/part";
-import { searchPart } from "../parts/search/part";
 import { stereoPart } from "../parts/stereo/part";
+import { searchPart } from "../parts/search/part";
 import { swipePart } from "../parts/swipe/part";
 import { traversePart } from "../parts/traverse/part";
 import type { Layer, Mission } from "../server/records";
@@ -32,12 +32,12 @@ const PARTS: readonly Part[] = [
   layersPart,
   searchPart,
   furniturePart,
-  rulerPart,
   cursorPart,
   pointPart,
   imagesPart,
   imageViewPart,
   traversePart,
+  measurePart,
   swipePart,
   scenePart,
   stereoPart,

@@ -1,5 +1,5 @@
 import { expect, test } from "vitest";
-import type { MapPoint } from "../../server/records";
+import type { MapPoint } from "../server/records";
 import { distances, nearestOn, placeAt } from "./along";
 
 const line: MapPoint[] = [

@@ -1,6 +1,6 @@
 /** A line on the map by the distance along it, and back. */
 
-import type { MapPoint } from "../../server/records";
+import type { MapPoint } from "../server/records";
 
 export interface Along {
   readonly distance_m: number;

@@ -1,0 +1,88 @@
+/** The profile of a drawn line in the dock below the map: elevation or slope, tied to the map's cursor both ways. */
+
+import { chart, type ChartOptions } from "../../page/chart";
+import { h } from "../../page/dom";
+import { fixed } from "../../page/format";
+import type { Profile } from "../../server/measure";
+import type { MapPoint } from "../../server/records";
+import type { Context } from "../../session/context";
+import { LineLink } from "../../session/line-link";
+
+type Shown = "elevation" | "slope";
+const COLOUR = "#c2571b";
+
+/** What the chart of a profile shows. */
+export function profileOptions(profile: Profile, shown: Shown): Omit<ChartOptions, "onCursor"> {
+  const { distance_m: xs, layers, slope_baseline_m } = profile;
+  const known = profile.elevation_m.filter((value) => value !== null);
+  const from = layers.length > 0 ? `From ${layers.map(({ id }) => id).join(", ")}. ` : "";
+  const [low, high] = [Math.min(...known), Math.max(...known)];
+  const range =
+    known.length > 0
+      ? `Elevation ${fixed(low, 2)} to ${fixed(high, 2)} m. `
+      : "Nothing was measured here. ";
+  const x = { title: "distance", unit: "m", decimals: 2 };
+  const share = `${fixed((100 * known.length) / Math.max(1, xs.length), 0)} % measured; the band is one sigma.`;
+  if (shown === "slope")
+    return {
+      title: "Slope along the line",
+      summary: `${from}Slope over ${slope_baseline_m} m, positive uphill. ${share}`,
+      x,
+      y: { title: "slope", unit: "°", decimals: 1 },
+      series: [
+        {
+          name: "slope",
+          colour: COLOUR,
+          xs,
+          ys: profile.slope_deg,
+          sigma: profile.slope_sigma_deg,
+        },
+      ],
+    };
+  return {
+    title: "Profile of the ground",
+    summary: `${from}${range}${share}`,
+    x,
+    y: { title: "elevation", unit: "m", decimals: 3 },
+    series: [
+      { name: "elevation", colour: COLOUR, xs, ys: profile.elevation_m, sigma: profile.sigma_m },
+    ],
+  };
+}
+
+export class GroundProfile {
+  private readonly link: LineLink;
+  private line: readonly MapPoint[] = [];
+  private readonly room = h("div", { class: "ground-profile-chart" });
+  private shown: Shown = "elevation";
+
+  constructor(private readonly context: Context) {
+    this.link = new LineLink(context);
+  }
+
+  open(title: string, corners: readonly MapPoint[], profile: Profile): void {
+    this.line = corners;
+    const select = h(
+      "select",
+      {
+        "aria-label": "what the profile shows",
+        onchange: () => {
+          this.shown = select.value === "slope" ? "slope" : "elevation";
+          this.draw(profile);
+        },
+      },
+      ...(["elevation", "slope"] as const).map((name) =>
+        h("option", { value: name, selected: name === this.shown }, name),
+      ),
+    );
+    const body = h("div", { class: "ground-profile" }, select, this.room);
+    this.context.page.below.open(title, body, () => this.link.off());
+    this.draw(profile);
+  }
+
+  private draw(profile: Profile): void {
+    const drawn = chart({ ...profileOptions(profile, this.shown), onCursor: this.link.tell });
+    this.link.on(this.line, drawn);
+    this.room.replaceChildren(drawn.element);
+  }
+}

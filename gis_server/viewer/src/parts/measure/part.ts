@@ -1,0 +1,197 @@
+/** Measuring on the map: a kind is chosen, a shape drawn, and the server says what it measures on the ground. */
+
+import "./measure.css";
+import { measure, polygonArea } from "../../map/measure";
+import { Sketch } from "../../map/sketch";
+import { button } from "../../page/dom";
+import { saveText } from "../../page/save";
+import type { MapPoint } from "../../server/records";
+import type { Context } from "../../session/context";
+import { isRefusal } from "../../session/latest";
+import { boundsOf, DrawnMeasurements } from "./drawn";
+import { type Measurement, measurementsCsv, measurementsGeojson, profilesCsv } from "./export";
+import { GroundProfile } from "./ground-profile";
+import { type Found, MODES, type Mode } from "./modes";
+import { measurePanel } from "./panel";
+
+export function measurePart(context: Context): void {
+  const { page, keys, alive } = context;
+  const panel = page.addTab("measure", "Measure");
+  const tool = button("measure (m)", "ruler", () => measuring.toggle(), {
+    class: "measure",
+    "aria-pressed": "false",
+  });
+  const measuring = new Measuring(context, panel, tool);
+  page.addTool(tool);
+  keys.add("m", "measure a distance", () => measuring.toggle());
+  keys.add("Escape", "stop measuring", () => measuring.stop());
+  document.addEventListener("keydown", (event) => drawingKey(event, measuring), { signal: alive });
+  alive.addEventListener("abort", () => measuring.dispose());
+}
+
+/** Enter and Backspace belong to the drawing, except where they press a button or edit a text. */
+function drawingKey({ key, target }: KeyboardEvent, measuring: Measuring): void {
+  if ((target as HTMLElement).closest("button, input, select, textarea, summary, a")) return;
+  if (key === "Enter") measuring.finish();
+  if (key === "Backspace") measuring.undo();
+}
+
+class Measuring {
+  private readonly drawn: DrawnMeasurements;
+  private readonly profile: GroundProfile;
+  private all: readonly Measurement[] = [];
+  private mode: Mode | null = null;
+  private sketch: Sketch | null = null;
+  private picked: readonly MapPoint[] = [];
+  private count = 0;
+
+  constructor(
+    private readonly context: Context,
+    private readonly panel: HTMLElement,
+    private readonly tool: HTMLElement,
+  ) {
+    this.drawn = new DrawnMeasurements(context.view.map);
+    this.profile = new GroundProfile(context);
+    this.draw();
+  }
+
+  toggle(): void {
+    const [first] = MODES;
+    if (this.mode) this.stop();
+    else if (first) this.start(first);
+  }
+
+  start(mode: Mode): void {
+    this.stop();
+    this.mode = mode;
+    const { page, view } = this.context;
+    page.ruler.hidden = false;
+    this.tool.setAttribute("aria-pressed", "true");
+    this.tell([]);
+    const end = (corners: readonly MapPoint[]) => this.ended(corners);
+    const change = (corners: readonly MapPoint[]) => this.tell(corners);
+    this.sketch = new Sketch(view, mode.shape, { change, end }, mode.most);
+    page.showTab("measure");
+    this.draw();
+  }
+
+  stop(): void {
+    if (!this.mode) return;
+    this.sketch?.stop();
+    this.sketch = null;
+    this.mode = null;
+    this.picked = [];
+    this.context.page.ruler.hidden = true;
+    this.tool.setAttribute("aria-pressed", "false");
+    this.draw();
+  }
+
+  undo(): void {
+    if (this.mode?.shape !== "point") this.sketch?.undo();
+    else this.pick(this.picked.slice(0, -1));
+  }
+
+  finish(): void {
+    if (this.mode?.shape !== "point" || this.picked.length < this.mode.least) return;
+    const points = this.picked;
+    this.pick([]);
+    this.find(this.mode, points);
+  }
+
+  dispose(): void {
+    this.sketch?.stop();
+    this.drawn.dispose();
+  }
+
+  private tell(corners: readonly MapPoint[]): void {
+    this.context.page.ruler.textContent = this.mode?.live(corners) ?? "";
+  }
+
+  private pick(points: readonly MapPoint[]): void {
+    this.picked = points;
+    this.tell(points);
+    this.context.view.setPicked(points);
+  }
+
+  private ended(corners: readonly MapPoint[]): void {
+    const { mode } = this;
+    if (!mode) return;
+    if (mode.shape === "point") {
+      this.pick([...this.picked, ...corners]);
+      return;
+    }
+    this.tell(corners);
+    this.find(mode, withoutRepeats(corners));
+  }
+
+  private find(mode: Mode, corners: readonly MapPoint[]): void {
+    if (corners.length < mode.least) return;
+    const { mission, waiting } = this.context;
+    waiting.run(async () => {
+      const found = await orPlanar(mode, corners, mode.find(mission.mission, corners));
+      this.sketch?.clear();
+      this.count += 1;
+      const one = { number: this.count, mode, corners, found };
+      this.all = [...this.all, one];
+      this.draw();
+      if (found.profile) this.openProfile(one);
+    });
+  }
+
+  private openProfile({ number, corners, found }: Measurement): void {
+    if (found.profile) this.profile.open(`Profile ${number}`, corners, found.profile);
+  }
+
+  private draw(): void {
+    const { view, mission } = this.context;
+    this.drawn.show(this.all);
+    const panel = measurePanel(this.all, this.mode, {
+      finish: () => this.finish(),
+      start: (mode) => (mode === this.mode ? this.stop() : this.start(mode)),
+      zoomTo: ({ corners }) => view.fit(boundsOf(corners)),
+      remove: (one) => {
+        this.all = this.all.filter((other) => other !== one);
+        this.draw();
+      },
+      openProfile: (one) => this.openProfile(one),
+      saveCsv: () => saveText("measurements.csv", "text/csv", measurementsCsv(this.all)),
+      saveProfiles: () => saveText("profiles.csv", "text/csv", profilesCsv(this.all)),
+      saveGeojson: () => {
+        const text = measurementsGeojson(this.all, mission, view.local);
+        saveText("measurements.geojson", "application/geo+json", text);
+      },
+    });
+    this.panel.replaceChildren(panel);
+  }
+}
+
+/** Without corners that stand where the one before does: a double-click sets two. */
+export function withoutRepeats(corners: readonly MapPoint[]): MapPoint[] {
+  return corners.filter(([east, north], k) => {
+    const before = corners[k - 1];
+    return !before || before[0] !== east || before[1] !== north;
+  });
+}
+
+/** Where there is no ground to measure, lengths and areas on the map are known all the same. */
+async function orPlanar(
+  mode: Mode,
+  corners: readonly MapPoint[],
+  asked: Promise<Found>,
+): Promise<Found> {
+  try {
+    return await asked;
+  } catch (reason) {
+    if (!isRefusal(reason) || !["distance", "area"].includes(mode.key)) throw reason;
+    const { length_m, azimuth_deg } = measure(corners);
+    const note = "No ground was mapped here: what is said holds on the map.";
+    const quantities =
+      mode.key === "area"
+        ? [{ name: "area on the map", value: polygonArea(corners), unit: "m²" as const }]
+        : [
+            { name: "length on the map", value: length_m, unit: "m" as const },
+            { name: "azimuth of the last leg", value: azimuth_deg, unit: "°" as const },
+          ];
+    return { quantities, main: 0, layers: [], note };
+  }
+}
