@@ -19,6 +19,7 @@ from gis_server.ogc import tiles as ogc_tiles
 from gis_server.routes import (
     analysis,
     downloads,
+    edits,
     events,
     images,
     layers,
@@ -26,12 +27,14 @@ from gis_server.routes import (
     models,
     pages,
     projection,
+    runs,
     scene,
     stac,
     styles,
     tiles,
 )
 from gis_server.services import open_services
+from gis_server.small_bodies import SmallBodies
 
 _HEADERS = {
     "Content-Security-Policy": (
@@ -123,6 +126,8 @@ def create_app(store_root: Path, viewer_dist: Path | None = None) -> FastAPI:
         downloads,
         stac,
         events,
+        edits,
+        runs,
         features,
         ogc_tiles,
         wmts,
@@ -130,6 +135,7 @@ def create_app(store_root: Path, viewer_dist: Path | None = None) -> FastAPI:
     ):
         app.include_router(module.router)
     pages.install_pages(app, viewer_dist or pages.SHIPPED_VIEWER)
+    app.add_middleware(SmallBodies)
     app.add_middleware(CompressText)
     app.add_middleware(SecurityHeaders)
     return app

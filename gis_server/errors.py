@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Mapping
 from http import HTTPStatus
 
 from fastapi import FastAPI, Request
@@ -33,6 +33,10 @@ STATUS: dict[type[Exception], HTTPStatus] = {
     AdjustmentError: HTTPStatus.UNPROCESSABLE_ENTITY,
 }
 HINT = {
+    HTTPStatus.UNAUTHORIZED: "reading takes no token; `solmap token add` makes one for writing",
+    HTTPStatus.FORBIDDEN: "reading takes no token; `solmap token add` makes one for writing",
+    HTTPStatus.CONFLICT: "read what is there now, and ask again",
+    HTTPStatus.SERVICE_UNAVAILABLE: "try again a little later",
     HTTPStatus.BAD_REQUEST: "/docs says what can be asked, and how",
     HTTPStatus.NOT_FOUND: "GET /api/missions lists what is published, /docs what can be asked",
     HTTPStatus.INSUFFICIENT_STORAGE: "free some space on the disk of the store",
@@ -40,12 +44,22 @@ HINT = {
     HTTPStatus.INTERNAL_SERVER_ERROR: "make the product again; its provenance names the recipe",
 }
 
+_ASKED_WRONGLY = (
+    HTTPStatus.BAD_REQUEST,
+    HTTPStatus.UNAUTHORIZED,
+    HTTPStatus.FORBIDDEN,
+    HTTPStatus.NOT_FOUND,
+    HTTPStatus.CONFLICT,
+    HTTPStatus.SERVICE_UNAVAILABLE,
+)
+"""What endpoints answer by themselves."""
+
 
 def install_error_table(app: FastAPI) -> None:
     """Have every error of the table answered as `detail`: what, where and what to try."""
     for kind, status in STATUS.items():
         app.add_exception_handler(kind, _answer(status))
-    for status in (HTTPStatus.NOT_FOUND, HTTPStatus.BAD_REQUEST):
+    for status in _ASKED_WRONGLY:
         app.add_exception_handler(status, _answer(status))
     app.add_exception_handler(RequestValidationError, _refuse)
 
@@ -57,7 +71,7 @@ def _answer(status: HTTPStatus) -> Callable[[Request, Exception], Awaitable[JSON
         return JSONResponse(
             {"code": status.phrase, "description": what, "detail": detail},
             status_code=status,
-            headers={"Cache-Control": "no-store"},
+            headers={**_headers(error), "Cache-Control": "no-store"},
         )
 
     return answer
@@ -72,3 +86,8 @@ async def _refuse(_request: Request, error: Exception) -> JSONResponse:
         status_code=HTTPStatus.UNPROCESSABLE_ENTITY,
         headers={"Cache-Control": "no-store"},
     )
+
+
+def _headers(error: Exception) -> Mapping[str, str]:
+    """What an error wants said in the head of its answer."""
+    return (error.headers or {}) if isinstance(error, HTTPException) else {}

@@ -12,9 +12,13 @@ from fastapi import Depends, Request
 
 from gis_server.live import EventTail
 from gis_server.rendering.readers import RasterPool
+from products.access import TokenBook
 from products.catalogue import Catalogue
+from products.edits import EditLog
 from products.mission_features import MissionFeatures
 from products.model import Layer, ProductKind
+from products.run_requests import RequestBook
+from products.runs import RunBook
 from products.store import ProductStore
 
 _LAYERS = 1024
@@ -34,6 +38,10 @@ class Services:
     """All features of a mission, out of an index."""
     tail: EventTail
     """What happens in the store, for those who listen."""
+    tokens: TokenBook
+    edits: EditLog
+    runs: RunBook
+    requests: RequestBook
 
 
 def open_services(root: Path) -> Services:
@@ -41,8 +49,18 @@ def open_services(root: Path) -> Services:
     store, catalogue = ProductStore.open(root), Catalogue.open(root)
     remembered = lru_cache(maxsize=_LAYERS)(catalogue.layer)
     features = MissionFeatures.open(store, catalogue)
-    tail = EventTail(catalogue.engine)
-    return Services(store, catalogue, RasterPool(), remembered, features, tail)
+    return Services(
+        store=store,
+        catalogue=catalogue,
+        pool=RasterPool(),
+        layer=remembered,
+        features=features,
+        tail=EventTail(catalogue.engine),
+        tokens=TokenBook.of(store.root),
+        edits=EditLog.of(store.root),
+        runs=RunBook(catalogue.engine),
+        requests=RequestBook.of(store.root),
+    )
 
 
 def _services(request: Request) -> Services:

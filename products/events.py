@@ -22,7 +22,7 @@ LAYERS_PUBLISHED, IMAGES_INGESTED, MISSION_CHANGED = (
     "images.ingested",
     "mission.changed",
 )
-RUN_CHANGED, EDITS_CHANGED = "run.changed", "edits.changed"
+RUN_CHANGED, EDITS_CHANGED, REQUESTS_CHANGED = "run.changed", "edits.changed", "requests.changed"
 EVENTS = sa.Table(
     "events",
     TABLES,

@@ -1,0 +1,202 @@
+"""Edits of ties and annotations: a log that is read by all and appended to by analysts."""
+
+from __future__ import annotations
+
+import json
+from typing import Annotated, Any, Literal
+
+from fastapi import APIRouter, HTTPException, Path, Query, Response
+from pydantic import BaseModel, ConfigDict, Field
+
+from gis_server.access import Analyst
+from gis_server.routes.parameters import AGAIN, MissionName
+from gis_server.services import Services, ServicesOf
+from photogrammetry.matching.hand_ties import parse_hand_ties
+from products.edits import Edit, EditConflictError, EditKind
+from products.events import EDITS_CHANGED
+from products.tiling import HALF_SIDE_M
+
+router = APIRouter(prefix="/api/missions/{mission}", tags=["edits"])
+Number = Annotated[int, Path(ge=1)]
+Note = Annotated[str, Field(max_length=2000, description="why")]
+Pixel = Annotated[float, Field(ge=-1.0, le=1e5, allow_inf_nan=False)]
+Name = Annotated[str, Field(max_length=128, pattern=r"^[A-Za-z0-9_.-]*$")]
+Metres = Annotated[float, Field(ge=-HALF_SIDE_M, le=HALF_SIDE_M, allow_inf_nan=False)]
+Place = tuple[Metres, Metres] | tuple[Metres, Metres, Metres]
+_MOST_POINTS = 10_000
+
+
+class TieEdit(BaseModel):
+    """A tie to add, veto or move; the columns of a file of hand ties (`solmap ties`)."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    action: Literal["add", "veto", "move"]
+    first_image: Name
+    first_sample: Pixel | None = None
+    first_line: Pixel | None = None
+    first_right_sample: Pixel | None = None
+    first_right_line: Pixel | None = None
+    second_image: Name = ""
+    second_sample: Pixel | None = None
+    second_line: Pixel | None = None
+    second_right_sample: Pixel | None = None
+    second_right_line: Pixel | None = None
+    sigma_px: Annotated[float, Field(gt=0.0, le=100.0)] | None = None
+    tolerance_px: Annotated[float, Field(gt=0.0, le=100.0)] | None = None
+    note: Note = ""
+
+
+class Point(BaseModel):
+    """A place, metres of the local map: east, north and up if known."""
+
+    type: Literal["Point"]
+    coordinates: Place
+
+
+class Line(BaseModel):
+    """A line through places."""
+
+    type: Literal["LineString"]
+    coordinates: Annotated[list[Place], Field(min_length=2, max_length=_MOST_POINTS)]
+
+
+class Ring(BaseModel):
+    """An area: closed rings, the outer first."""
+
+    type: Literal["Polygon"]
+    coordinates: Annotated[
+        list[Annotated[list[Place], Field(min_length=4, max_length=_MOST_POINTS)]],
+        Field(min_length=1, max_length=100),
+    ]
+
+
+class Annotation(BaseModel):
+    """A place, line or area with a text."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    geometry: Annotated[Point | Line | Ring, Field(discriminator="type")]
+    text: Annotated[str, Field(min_length=1, max_length=4000)]
+    colour: Annotated[str, Field(pattern=r"^#[0-9a-f]{6}$")] | None = None
+    note: Note = ""
+
+
+class Undo(BaseModel):
+    """Why an edit is taken back."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    note: Note = ""
+
+
+class EditBody(BaseModel):
+    """A row of the log."""
+
+    id: int
+    kind: EditKind
+    document: dict[str, Any]
+    author: str
+    at: str
+    note: str
+    undoes: int | None
+    counts: bool
+    """Whether nobody has taken it back; ties that count are carried out by the next run."""
+
+
+@router.get("/edits")
+def edits(
+    mission: MissionName,
+    services: ServicesOf,
+    response: Response,
+    kind: EditKind | None = None,
+    counting: Annotated[bool, Query(description="leave out what was taken back")] = False,  # noqa: FBT002
+) -> list[EditBody]:
+    """Everything that was ever edited, oldest first."""
+    response.headers.update(AGAIN)
+    services.catalogue.mission(mission)
+    return [
+        _body(edit)
+        for edit in services.edits.edits(mission)
+        if (kind is None or edit.kind is kind) and (edit.counts or not counting)
+    ]
+
+
+@router.post("/edits/ties", status_code=201)
+def edit_tie(mission: MissionName, edit: TieEdit, services: ServicesOf, who: Analyst) -> EditBody:
+    """Wish for a tie to be added, vetoed or moved by the next run."""
+    services.catalogue.mission(mission)
+    wish = edit.model_dump(exclude={"note"}, exclude_none=True)
+    document = {"features": [{"properties": wish}]}
+    (tie,) = parse_hand_ties(json.dumps(document), "edit")  # MatchingError answers 422
+    for point in (tie.first, tie.second):
+        if point.image:
+            _must_know(point.image, mission, services, is_stop=point.is_stop)
+    return _told(services.edits.append(mission, EditKind.TIE, wish, who.name, edit.note), services)
+
+
+@router.post("/edits/annotations", status_code=201)
+def annotate(
+    mission: MissionName, annotation: Annotation, services: ServicesOf, who: Analyst
+) -> EditBody:
+    """Write a text at a place."""
+    services.catalogue.mission(mission)
+    document = annotation.model_dump(exclude={"note"}, exclude_none=True)
+    edit = services.edits.append(mission, EditKind.ANNOTATION, document, who.name, annotation.note)
+    return _told(edit, services)
+
+
+@router.post("/edits/{number}/undo", status_code=201)
+def undo(
+    mission: MissionName, number: Number, reason: Undo, services: ServicesOf, who: Analyst
+) -> EditBody:
+    """Take an edit back; it stays in the log. Taking that back makes it count again."""
+    services.catalogue.mission(mission)
+    try:
+        edit = services.edits.undo(mission, number, who.name, reason.note)
+    except EditConflictError as error:
+        raise HTTPException(409, str(error)) from error
+    return _told(edit, services)
+
+
+@router.get("/annotations")
+def list_annotations(
+    mission: MissionName, services: ServicesOf, response: Response
+) -> dict[str, Any]:
+    """The annotations that count, as GeoJSON in metres of the local map."""
+    response.headers.update(AGAIN)
+    services.catalogue.mission(mission)
+    found = services.edits.counting(EditKind.ANNOTATION, mission)
+    return {"type": "FeatureCollection", "features": [_feature(edit) for edit in found]}
+
+
+def _feature(edit: Edit) -> dict[str, Any]:
+    known = {name: value for name, value in edit.document.items() if name != "geometry"}
+    said = {"author": edit.author, "at": edit.at, "note": edit.note}
+    return {
+        "type": "Feature",
+        "id": str(edit.id),
+        "geometry": edit.document["geometry"],
+        "properties": {**known, **said},
+    }
+
+
+def _must_know(name: str, mission: str, services: Services, *, is_stop: bool) -> None:
+    """Refuse images and stops that the mission does not have: a slip would wait for ever."""
+    known = (
+        bool(services.catalogue.images(mission, stop=name))
+        if is_stop
+        else services.catalogue.image(name).mission == mission
+    )
+    if not known:
+        raise HTTPException(422, f"{mission} has no {'stop' if is_stop else 'image'} {name}")
+
+
+def _told(edit: Edit, services: Services) -> EditBody:
+    document = {"mission": edit.mission, "edit": edit.id, "kind": str(edit.kind)}
+    services.catalogue.tell(EDITS_CHANGED, document)
+    return _body(edit)
+
+
+def _body(edit: Edit) -> EditBody:
+    return EditBody.model_validate(edit, from_attributes=True)

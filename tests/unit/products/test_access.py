@@ -1,0 +1,57 @@
+"""Tokens open what their role allows until they end; their secrets are not kept."""
+
+import pytest
+
+from products.access import Role, TokenBook
+from products.errors import ProductNotFoundError
+
+
+@pytest.fixture
+def book(tmp_path):
+    return TokenBook.of(tmp_path)
+
+
+def test_a_token_is_known_by_its_text_and_by_nothing_else(book):
+    token, text = book.add("Ada", Role.ANALYST)
+    assert book.holder(text) == token
+    assert (token.name, token.role) == ("Ada", Role.ANALYST)
+    for wrong in ("", "solmap", text[:-1], text + "x", text.replace(token.id, "00000000"), "a_b_c"):
+        assert book.holder(wrong) is None
+
+
+def test_the_secret_is_nowhere_in_the_file_and_the_file_is_its_owners(book):
+    _, text = book.add("Ada", Role.ANALYST)
+    assert text.rpartition("_")[2].encode() not in book.path.read_bytes()
+    assert book.path.stat().st_mode & 0o077 == 0
+
+
+def test_a_revoked_token_opens_nothing_and_stays_listed(book):
+    token, text = book.add("Ada", Role.OPERATOR)
+    _, other = book.add("Ben", Role.VIEWER)
+    assert book.revoke(token.id).revoked_at is not None
+    assert book.holder(text) is None
+    assert book.holder(other) is not None
+    assert [one.is_valid for one in book.tokens()] == [False, True]
+
+
+def test_a_token_ends_by_itself(book):
+    _, text = book.add("Ada", Role.ANALYST, days=0)
+    assert book.holder(text) is None
+    _, text = book.add("Ada", Role.ANALYST, days=1)
+    assert book.holder(text) is not None
+
+
+def test_a_store_without_tokens_has_no_file_of_them(book):
+    assert book.tokens() == []
+    assert book.holder("solmap_a_b") is None
+    assert not book.path.exists()
+
+
+def test_an_unknown_token_cannot_be_revoked(book):
+    with pytest.raises(ProductNotFoundError, match="solmap token list"):
+        book.revoke("00000000")
+
+
+def test_roles_include_those_before_them():
+    assert Role.VIEWER < Role.ANALYST < Role.OPERATOR
+    assert Role.named(str(Role.OPERATOR)) is Role.OPERATOR
