@@ -220,6 +220,32 @@ def simulate(
     out.print(f"{files} files in {out_dir}; {out_dir / 'truth'} is for judging only")
 
 
+@app.command("simulate-mission")
+def simulate_mission(
+    store: StoreOption = None,
+    stops: Annotated[int, typer.Option(help="Number of stops", min=2, max=500)] = 500,
+    distance: Annotated[float, typer.Option(help="Metres driven", min=1.0)] = 7000.0,
+    gaps: Annotated[int, typer.Option(help="Places where images tie nothing", min=0)] = 10,
+    control: Annotated[int, typer.Option(help="Stops to an orbital tie; 0: none", min=0)] = 10,
+    seed: Annotated[int, typer.Option(help="Repeats a mission bit for bit")] = 1,
+) -> None:
+    """Fill an empty store with a simulated mission of many stops and no images, for the map."""
+    root = _store(store)
+    from photogrammetry.errors import PhotogrammetryError  # noqa: PLC0415
+    from photogrammetry.synthetic.mission import MissionPlan  # noqa: PLC0415
+
+    try:
+        plan = MissionPlan(stops=stops, distance_m=distance, gaps=gaps, control_every=control)
+        start_engine(root)
+        with progress_shown():
+            from flows.simulated_mission import simulate_into  # noqa: PLC0415 - Prefect is ready now
+
+            told = simulate_into(root, plan, seed)
+    except PhotogrammetryError as error:
+        fail(str(error))
+    out.print(told, highlight=False)
+
+
 @app.command()
 def judge(
     truth: Annotated[Path, typer.Argument(help="Folder `truth` of a simulated downlink")],

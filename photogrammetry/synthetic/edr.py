@@ -97,6 +97,15 @@ def edr_bytes(exposure: Exposure, pixels: Int32[np.ndarray, "lines samples"]) ->
     return _label(values, record_bytes, side) + pixels.astype(">i2").tobytes()
 
 
+def label_bytes(exposure: Exposure) -> bytes:
+    """The file of one image without its pixels: a label that says all but what was seen."""
+    record_bytes = 2 * FULL_FRAME // exposure.averaging
+    side = FULL_FRAME // exposure.averaging
+    nothing = np.zeros((1, 1), dtype=np.int32)
+    sizes = {"lines": side, "record_bytes": record_bytes}
+    return _label(_values(exposure) | _statistics(nothing) | sizes, record_bytes, side)
+
+
 def _label(values: Mapping[str, object], record_bytes: int, image_records: int) -> bytes:
     """The label filled in and padded to whole records, which it counts itself."""
     template = resources.files("photogrammetry.synthetic").joinpath("edr.lbl").read_text("ascii")

@@ -10,6 +10,8 @@ of an adjustment can be put to the test.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -27,6 +29,8 @@ LINES = 1024
 FOCAL_PX = 1236.0
 BASE_M = 0.2
 MAST_M = 1.5
+ELEVATION_DEG = -18.0
+"""That all pairs of a panorama look at."""
 RANGE_M = 60.0
 """Farthest tie point: a parallax of about four pixels."""
 
@@ -43,6 +47,8 @@ class TelemetryErrors:
     azimuth_fine_deg: float = 1.0
     mean_slip: float = 0.0
     """Fraction of each drive by which the wheels turned too far."""
+    drive_slips: tuple[float, ...] = ()
+    """The same of every single drive, if not of all alike."""
 
     @classmethod
     def assumed_by(cls, params: AdjustmentParams) -> TelemetryErrors:
@@ -70,6 +76,16 @@ class NetworkTruth:
     """What it added to sample, line and parallax."""
 
 
+def numbered_stop(k: int) -> StopId:
+    """The name of a stop by its number: fifty to a site."""
+    return StopId("TEST", 1 + k // 50, 10 * (k % 50))
+
+
+def numbered_pair(stop: int, k: int) -> str:
+    """The name of a pair by the number of its stop and its own."""
+    return f"S{stop:04d}P{k:02d}"
+
+
 def simulate_network(  # noqa: PLR0913 - one keyword for each thing that a test may vary
     rng: np.random.Generator,
     *,
@@ -87,6 +103,9 @@ def simulate_network(  # noqa: PLR0913 - one keyword for each thing that a test 
     loop: bool = False,
     laps: int = 1,
     fine_every: int = 0,
+    untied: AbstractSet[int] = frozenset(),
+    stop_name: Callable[[int], StopId] = numbered_stop,
+    pair_name: Callable[[int, int], str] = numbered_pair,
 ) -> tuple[Network, NetworkTruth]:
     """A traverse and what telemetry and matching would say of it.
 
@@ -106,15 +125,26 @@ def simulate_network(  # noqa: PLR0913 - one keyword for each thing that a test 
         loop: bend the traverse into a circle, so that the last stops meet the first ones again.
         laps: times that a loop is driven; each stop is tied to the one a lap before.
         fine_every: the azimuth is measured at every so many stops (FINE); 0: never.
+        untied: drives that images do not bridge, by the number of the stop that they end at.
+        stop_name: of a stop by its number.
+        pair_name: of a pair by the number of its stop, and its own in the panorama.
     """
     errors = errors or TelemetryErrors()
-    truth = _traverse(rng, stops, spacing_m, laps if loop else 0)
+    truth = _traverse(rng, [stop_name(k) for k in range(stops)], spacing_m, laps if loop else 0)
     telemetry = _telemetry(rng, truth, errors, noise, fine_every)
-    pairs = tuple(p for k in range(stops) for p in _panorama(truth[k].source, k, pairs_per_stop))
+    pairs = tuple(
+        pair
+        for k in range(stops)
+        for pair in _panorama(stop_name(k), [pair_name(k, i) for i in range(pairs_per_stop)])
+    )
     pointings = rng.normal(0, np.radians(errors.pointing_deg) * noise, (len(pairs), 3))
     views = [_true_view(truth, pairs, pointings, k, pairs_per_stop) for k in range(len(pairs))]
     wanted = _wanted(
-        rng, truth, (cross_ties, far_cross_ties, inter_ties, intra_ties), laps if loop else 0
+        rng,
+        truth,
+        (cross_ties, far_cross_ties, inter_ties, intra_ties),
+        laps if loop else 0,
+        untied,
     )
     points, seen = _observed(views, wanted, pairs_per_stop)
     left, parallax = _measured(pairs, views, points, seen)
@@ -133,14 +163,10 @@ def simulate_network(  # noqa: PLR0913 - one keyword for each thing that a test 
         np.full(len(seen), sigma_px),
     )
     priors = tuple(
-        StopPrior(_stop_id(k), pose, "FINE" if _is_fine(k, fine_every) else "COARSE", (k + 1,))
+        StopPrior(stop_name(k), pose, "FINE" if _is_fine(k, fine_every) else "COARSE", (k + 1,))
         for k, pose in enumerate(telemetry)
     )
     return Network(priors, pairs, ties), NetworkTruth(truth, pointings, points, wrong, wrong_px)
-
-
-def _stop_id(k: int) -> StopId:
-    return StopId("TEST", 1 + k // 50, 10 * (k % 50))
 
 
 def _is_fine(k: int, fine_every: int) -> bool:
@@ -154,9 +180,10 @@ def _height(xy: Float64[np.ndarray, "n 2"]) -> PerPoint:
 
 
 def _traverse(
-    rng: np.random.Generator, stops: int, spacing_m: float, laps: int
+    rng: np.random.Generator, names: list[StopId], spacing_m: float, laps: int
 ) -> tuple[Pose, ...]:
     """True poses; the first at the origin, level up to the ground's tilt. No laps: open."""
+    stops = len(names)
     turn = np.full(stops, 2 * np.pi * laps / stops) if laps else rng.normal(0, 0.2, stops)
     heading = rng.uniform(-np.pi, np.pi) + np.cumsum(turn)
     steps = spacing_m * rng.uniform(0.8, 1.2, stops)[:, None]
@@ -169,7 +196,7 @@ def _traverse(
     return tuple(
         Pose(
             LSL,
-            _stop_id(k).frame,
+            names[k].frame,
             rotation_of_roll_pitch_yaw(float(tilts[k, 0]), float(tilts[k, 1]), float(heading[k])),
             np.array([*xy[k], down[k]]),
         )
@@ -191,7 +218,8 @@ def _telemetry(
         length = float(np.linalg.norm(step))
         # the standard deviation that an adjustment derives from the *reported* length
         sigma = noise * (errors.slip * length + errors.position_floor_m)
-        reported = step * (1 + errors.mean_slip * noise) + rng.normal(0, sigma, 3)
+        slip = errors.drive_slips[k - 1] if errors.drive_slips else errors.mean_slip
+        reported = step * (1 + slip * noise) + rng.normal(0, sigma, 3)
         azimuth += rng.normal(0, np.radians(errors.azimuth_step_deg) * noise)
         if _is_fine(k, fine_every):
             azimuth = rng.normal(0, np.radians(errors.azimuth_fine_deg) * noise)
@@ -202,11 +230,11 @@ def _telemetry(
     return poses
 
 
-def _panorama(rover: Frame, stop: int, count: int) -> list[PairGeometry]:
+def _panorama(stop: StopId, names: list[str]) -> list[PairGeometry]:
     """Nominal pairs of a panorama: evenly turned, 18 degrees down."""
-    pairs = []
-    for k in range(count):
-        azimuth, elevation = 2 * np.pi * k / count, np.radians(-18.0)
+    pairs, rover = [], stop.frame
+    for k, name in enumerate(names):
+        azimuth, elevation = 2 * np.pi * k / len(names), np.radians(ELEVATION_DEG)
         forward = np.array(
             [
                 np.cos(elevation) * np.cos(azimuth),
@@ -222,7 +250,7 @@ def _panorama(rover: Frame, stop: int, count: int) -> list[PairGeometry]:
             Pose(rover, frame, rotation, origin), BASE_M, FOCAL_PX, (511.5, 511.5), LINES, LINES
         )
         mast = (0.3, 0.0, -MAST_M + 0.15)
-        pairs.append(PairGeometry(f"S{stop:04d}P{k:02d}", _stop_id(stop), shape, mast))
+        pairs.append(PairGeometry(name, stop, shape, mast))
     return pairs
 
 
@@ -255,6 +283,7 @@ def _wanted(
     truth: tuple[Pose, ...],
     counts: tuple[int, int, int, int],
     laps: int,
+    untied: AbstractSet[int],
 ) -> list[_Wanted]:
     cross, far, inter, intra = counts
     centres = np.array([pose.translation_m for pose in truth])
@@ -264,6 +293,8 @@ def _wanted(
         revisit = ((n // laps, cross),) if laps > 1 and k + n // laps < n else ()
         for lag, count in ((1, cross), (2, far), *revisit):
             other = (k + lag) % n if laps else k + lag
+            if not untied.isdisjoint(range(k + 1, other + 1)):
+                continue
             if count and other < n and other != k:
                 middle = (centres[k] + centres[other]) / 2
                 spread = 0.35 * float(np.linalg.norm(centres[k] - centres[other])) + 2.0

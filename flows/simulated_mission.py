@@ -1,0 +1,73 @@
+"""Write a store of a simulated mission: traverse, stops, ties and footprints, without images."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from prefect import flow
+
+from config.landing import landing_site
+from config.pipeline import load_pipeline
+from config.settings import Settings
+from flows.mission_layers import draw_mission
+from flows.progress import report
+from photogrammetry.errors import PhotogrammetryError
+from photogrammetry.synthetic.mission import MissionPlan
+from photogrammetry.synthetic.mission_images import MISSION
+from products.catalogue import MissionEntry, Outcome
+from products.model import ProductRef
+from products.workspace import Workspace
+from tasks.publish import publish
+from tasks.report import report_quality
+from tasks.simulated_mission import (
+    NO_PIXELS,
+    SimulationParams,
+    adjust_simulated,
+    keep_labels,
+    simulated,
+    write_truth,
+)
+
+TRUTH = "truth.json"
+
+
+@flow(name="simulate-mission", flow_run_name="{seed}")
+def simulate_into(store: Path, plan: MissionPlan, seed: int, pipeline: str = "default") -> str:
+    """Simulate a mission and publish it; one line of what it holds.
+
+    Raises:
+        PhotogrammetryError: the store holds a mission already.
+    """
+    workspace = Workspace.open(store)
+    config = load_pipeline(pipeline)
+    params = SimulationParams(plan, seed, config.adjustment)
+    _refuse_other_missions(workspace)
+    mission = simulated(params)
+    keep_labels(mission, plan, workspace, lambda done, count: report("keep labels", done, count))
+    network = adjust_simulated(mission, params, workspace)
+    write_truth(mission, workspace.store.root / TRUTH)
+    _publish(network, workspace, pipeline)
+    ties = len(mission.truth.points)
+    images = 2 * len(mission.network.pairs)
+    return (
+        f"{plan.stops} stops, {images} images, {ties} ties, {mission.along_m[-1]:.0f} m; "
+        f"{len(mission.untied)} drives without ties"
+    )
+
+
+def _publish(network: ProductRef, workspace: Workspace, pipeline: str) -> None:
+    site = landing_site(MISSION, Settings().landing_sites)
+    told = report_quality(network, (), load_pipeline(pipeline).quality, workspace.store)
+    entry = MissionEntry(MISSION, f"{site.title} (simulated)", site.landing, None)
+    done = Outcome.now(network.scope.name, ("simulated: there are no images",))
+    publish(entry, [], [network, *told], [done], workspace)
+    draw_mission(MISSION, network, workspace, pipeline)
+
+
+def _refuse_other_missions(workspace: Workspace) -> None:
+    images = workspace.catalogue.images(MISSION)
+    if any(NO_PIXELS not in image.notes for image in images):
+        raise PhotogrammetryError(
+            f"{workspace.store.root} holds images of {MISSION}: a simulated mission must not mix "
+            "with a real one; name an empty store"
+        )
