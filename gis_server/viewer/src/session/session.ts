@@ -12,6 +12,7 @@ import { imagesPart } from "../parts/images/part";
 import { layersPart } from "../parts/layers/part";
 import { livePart } from "../parts/live/part";
 import { measurePart } from "../parts/measure/part";
+import { networkPart } from "../parts/network/part";
 import { pointPart } from "../parts/point/part";
 import { scenePart } from "../parts/scene/part";
 import { stereoPart } from "../parts/stereo/part";
@@ -38,6 +39,7 @@ const PARTS: readonly Part[] = [
   imageViewPart,
   traversePart,
   measurePart,
+  networkPart,
   swipePart,
   scenePart,
   stereoPart,

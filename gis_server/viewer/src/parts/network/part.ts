@@ -1,0 +1,117 @@
+/** The image network: what it hangs on in words in its tab, and as a graph beside the map. */
+
+import "./network.css";
+import { h } from "../../page/dom";
+import { scopeTitle } from "../../page/format";
+import { type LinkEdge, type NetworkGraph, network } from "../../server/network";
+import type { Context } from "../../session/context";
+import { isRefusal } from "../../session/latest";
+import { linkText, pairsDrawing, stopsDrawing } from "./drawing";
+import { zoomable } from "./zoomable";
+
+const NONE = "No adjustment has been made yet: there is no network.";
+const MOST_LINKS = 300;
+
+export function networkPart(context: Context): void {
+  const { page, waiting, layers, signals, mission } = context;
+  const panel = page.addTab("network", "Network");
+  const body = h("div", { class: "network-body" });
+  let graph: NetworkGraph | null = null;
+  let isOpen = false;
+
+  const put = (drawing: SVGSVGElement, caption: Node[]) =>
+    body.replaceChildren(h("div", { class: "network-caption" }, ...caption), zoomable(drawing));
+  const showStops = () => {
+    if (!graph) return;
+    const legend = `Circles: stops as on the map with their number of pairs; lines: ties they share, red where fewer than ${graph.few_ties}. Choose a stop for its pairs.`;
+    put(stopsDrawing(graph, showPairs), [h("small", {}, legend)]);
+  };
+  function showPairs(stop: string): void {
+    waiting.run(async () => {
+      const pairs = await network.pairs(mission.mission, stop);
+      const back = h(
+        "button",
+        { type: "button", class: "text back", onclick: showStops },
+        "all stops",
+      );
+      const text = `${scopeTitle(stop)}: pairs in the direction they look, outside those of other stops. Choose one for its image.`;
+      put(
+        pairsDrawing(pairs, (image) => signals.image.emit(image)),
+        [back, h("small", {}, text)],
+      );
+    });
+  }
+  const open = () => {
+    if (!isOpen)
+      page.beside.open("Image network", body, () => {
+        isOpen = false;
+      });
+    isOpen = true;
+    showStops();
+  };
+  const load = async () => {
+    try {
+      graph = await network.graph(mission.mission);
+      panel.replaceChildren(networkPanel(graph, open, context));
+      if (isOpen) showStops();
+    } catch (reason) {
+      if (!isRefusal(reason)) throw reason;
+      panel.replaceChildren(h("p", { class: "hint" }, NONE));
+    }
+  };
+  layers.replaced.on(() => waiting.run(load));
+  waiting.run(load);
+}
+
+function networkPanel(graph: NetworkGraph, open: () => void, { view }: Context): HTMLElement {
+  const places = new Map(graph.stops.map(({ stop, place }) => [stop, place] as const));
+  const labels = new Map(graph.stops.map(({ stop, label }) => [stop, label] as const));
+  const goTo = ({ one, other }: LinkEdge) => {
+    const [a, b] = [places.get(one), places.get(other)];
+    if (!a || !b) return;
+    const [west, east] = [Math.min(a[0], b[0]), Math.max(a[0], b[0])];
+    const [south, north] = [Math.min(a[1], b[1]), Math.max(a[1], b[1])];
+    view.fit([west, south, east, north]);
+  };
+  const row = (link: LinkEdge) =>
+    h(
+      "tr",
+      { class: link.weak.length > 0 ? "weak" : "", title: linkText(link) },
+      h(
+        "td",
+        {},
+        h(
+          "button",
+          { type: "button", class: "link", onclick: () => goTo(link) },
+          `${labels.get(link.one) ?? link.one} – ${labels.get(link.other) ?? link.other}`,
+        ),
+      ),
+      h("td", { class: "number" }, String(link.ties)),
+      h("td", {}, link.weak[0] ?? ""),
+    );
+  const weakFirst = [...graph.links].sort(
+    (a, b) => b.weak.length - a.weak.length || a.ties - b.ties,
+  );
+  const weak = graph.weaknesses.map(({ what, why }) => h("li", {}, h("b", {}, what), ` ${why}`));
+  return h(
+    "div",
+    { class: "network-panel" },
+    h("p", {}, graph.summary),
+    h(
+      "div",
+      { class: "actions" },
+      h("button", { type: "button", class: "text graph", onclick: open }, "show the graph"),
+    ),
+    h("h3", {}, `What is weak (${weak.length})`),
+    weak.length > 0
+      ? h("ul", { class: "weaknesses" }, ...weak)
+      : h("p", { class: "hint" }, "Nothing: every stop and pair is held by ties enough."),
+    h("h3", {}, `Links between stops (${graph.links.length})`),
+    h(
+      "table",
+      { class: "values links" },
+      h("thead", {}, h("tr", {}, ...["stops", "ties", ""].map((name) => h("th", {}, name)))),
+      h("tbody", {}, ...weakFirst.slice(0, MOST_LINKS).map(row)),
+    ),
+  );
+}
