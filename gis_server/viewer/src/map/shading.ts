@@ -8,7 +8,7 @@
  */
 
 import type { Quantity } from "./raster-style";
-import { SIDE, STRIDE, type ValueTile } from "./value-tiles";
+import { SIDE, type ValueTile } from "./value-tiles";
 
 /** Where the sun stands in the sky, degrees; azimuth clockwise from north. */
 export interface SunPlace {
@@ -25,7 +25,7 @@ const DEG = 180 / Math.PI;
 export function quantityOf(tile: ValueTile, quantity: Quantity, sun: SunPlace): Float32Array {
   switch (quantity) {
     case "value":
-      return inner(tile.values);
+      return inner(tile);
     case "relief":
       return relief(tile, sun);
     case "slope":
@@ -42,12 +42,9 @@ export function quantityOf(tile: ValueTile, quantity: Quantity, sun: SunPlace): 
   }
 }
 
-function inner(values: Float32Array): Float32Array {
+function inner(tile: ValueTile): Float32Array {
   const found = new Float32Array(SIDE * SIDE);
-  for (let row = 0; row < SIDE; row += 1) {
-    const from = (row + 1) * STRIDE + 1;
-    found.set(values.subarray(from, from + SIDE), row * SIDE);
-  }
+  for (let row = 0; row < SIDE; row += 1) found.set(tile.row(row), row * SIDE);
   return found;
 }
 
@@ -76,6 +73,6 @@ function relief({ gradients }: ValueTile, { azimuthDeg, elevationDeg }: SunPlace
 
 /** Cell by cell difference; NaN where one of the two is not known. */
 export function difference(a: ValueTile, b: ValueTile): Float32Array {
-  const [first, second] = [inner(a.values), inner(b.values)];
+  const [first, second] = [inner(a), inner(b)];
   return first.map((value, at) => value - (second[at] as number));
 }

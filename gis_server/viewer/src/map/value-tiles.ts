@@ -30,6 +30,12 @@ export class ValueTile {
     return this.values[(row + 1) * STRIDE + column + 1] ?? Number.NaN;
   }
 
+  /** The 256 values of a row, from the west. */
+  row(row: number): Float32Array {
+    const from = (row + 1) * STRIDE + 1;
+    return this.values.subarray(from, from + SIDE);
+  }
+
   get gradients(): Gradients {
     this.slopes ??= gradientsOf(this.values, this.cell_m);
     return this.slopes;

@@ -12,11 +12,11 @@ import { imagesPart } from "../parts/images/part";
 import { layersPart } from "../parts/layers/part";
 import { livePart } from "../parts/live/part";
 import { measurePart } from "../parts/measure/part";
-import { networkPart } from "../parts/network/part";
 import { pointPart } from "../parts/point/part";
 import { scenePart } from "../parts/scene/part";
 import { stereoPart } from "../parts/stereo/part";
 import { searchPart } from "../parts/search/part";
+import { sunPart } from "../parts/sun/part";
 import { swipePart } from "../parts/swipe/part";
 import { traversePart } from "../parts/traverse/part";
 import type { Layer, Mission } from "../server/records";
@@ -39,8 +39,8 @@ const PARTS: readonly Part[] = [
   imageViewPart,
   traversePart,
   measurePart,
-  networkPart,
   swipePart,
+  sunPart,
   scenePart,
   stereoPart,
   livePart,
