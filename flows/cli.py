@@ -20,6 +20,7 @@ from flows.control_commands import app as control
 from flows.dip_commands import app as dip
 from flows.engine_server import start_engine
 from flows.orbital_commands import app as orbital
+from flows.token_commands import app as token
 from flows.traverse_commands import app as traverse
 from flows.up_commands import up
 
@@ -36,6 +37,7 @@ app.add_typer(traverse, name="traverse")
 app.add_typer(orbital, name="orbital")
 app.add_typer(control, name="control")
 app.add_typer(dip, name="dip")
+app.add_typer(token, name="token")
 app.command()(up)
 
 StoreOption = Annotated[

@@ -26,6 +26,7 @@ from photogrammetry.errors import PhotogrammetryError
 from products.errors import ProductError, StoreFullError
 from products.locks import turn
 from products.workspace import Workspace
+from tasks.hand_ties import take_edits
 from tasks.ingest import Delivery, ingest_downlink
 
 
@@ -80,6 +81,7 @@ def process_downlink(
             settle_s,
         )
         _take_down(delivery, downlink, report)
+        take_edits(workspace)
         for mission in delivery.missions:
             with turn(workspace.store.root, mission, partial(_say_waiting, mission)):
                 _process_mission(mission, workspace, pipeline, report)

@@ -15,6 +15,7 @@ from products.errors import ProductNotFoundError
 from products.locks import turn
 from products.model import ProductKind, ProductRef
 from products.workspace import Workspace
+from tasks.hand_ties import take_edits
 from tasks.scopes import is_of_mission, is_overall, sol_of
 
 
@@ -46,6 +47,7 @@ def readjust(mission: str, store: Path, pipeline: str = "default") -> SolReport:
         turn(workspace.store.root, mission),
         recorded("overall adjustment", mission, workspace) as record,
     ):
+        take_edits(workspace)
         report = _readjust(mission, workspace, pipeline)
         record.say(report.notes)
         record.fail_if(report.failures)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from typing import cast
@@ -42,6 +43,12 @@ def submit_inbox(delivery: str, settle_s: float) -> Submitted:
     )
     run = cast("FlowRun", answer)  # outside of an event loop it is no coroutine
     return Submitted(run.id, run.name, delivery)
+
+
+def submit(deployment: str, parameters: Mapping[str, object]) -> str:
+    """Ask for a run of a deployment; its name."""
+    answer = run_deployment(deployment, parameters=dict(parameters), timeout=0, as_subflow=False)
+    return cast("FlowRun", answer).name
 
 
 def state_of(submitted: Submitted) -> str | None:

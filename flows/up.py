@@ -85,6 +85,7 @@ class Machine:
                     self._running = None  # it died with the scheduler; the inbox asks again
         try:
             self._tend_inbox()
+            self._tend_requests()
             self._tend_scheduler()
         except (OSError, HTTPError) as error:  # the engine starts again, or the inbox is away
             self._complain(f"{type(error).__name__}: {error}; tried again until it works")
@@ -130,6 +131,13 @@ class Machine:
         if delivery is not None:
             self._running = submitted.submit_inbox(delivery, self.params.settle_s)
             self.say(f"files came: run {self._running.name}, see {self.engine_url}/runs")
+
+    def _tend_requests(self) -> None:
+        """Hand what people asked for on the map to the scheduler."""
+        from flows.requests import submit_requests  # noqa: PLC0415 - after the engine's settings
+
+        for line in submit_requests(self.store, has_inbox=self._inbox is not None):
+            self.say(line)
 
     def _tend_scheduler(self) -> None:
         now = time.monotonic()

@@ -7,6 +7,7 @@ concern its images, so that a new row remakes what it touches and nothing else.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import replace
 
@@ -16,14 +17,19 @@ from photogrammetry.matching.hand_editing import Edited, HandBody, edited
 from photogrammetry.matching.hand_ties import HandTie, parse_hand_ties
 from photogrammetry.matching.ties import Ties
 from products.arrays import read_matches, read_parallax, read_right_turn
+from products.edits import EditKind, EditLog
 from products.model import ProductKind, ProductRef
 from products.store import ProductStore
 from products.workspace import Workspace
 from tasks.intake import keep_file
 from tasks.pairs import PairProducts, read_pair, with_right_turned
+from tasks.scopes import file_scope
 
 SUFFIXES = (".ties.csv", ".ties.geojson")
 """What files of hand ties end in when they come with a downlink."""
+
+EDITS_FILE = "map-edits.ties.geojson"
+"""The file of hand ties that the edits on the map become."""
 
 
 def is_hand_ties(name: str) -> bool:
@@ -48,6 +54,21 @@ def wishes_in(data: bytes, name: str) -> tuple[HandTie, ...]:
     except UnicodeDecodeError as error:
         raise MatchingError(f"{name}: hand ties are text in UTF-8, but {error}") from error
     return parse_hand_ties(text, name)
+
+
+def take_edits(workspace: Workspace) -> None:
+    """Take the edits of ties that people made on the map into the store, as a file of hand ties.
+
+    Edits that were taken back are not in it; where all were, it is empty and wishes for nothing.
+    """
+    edits = EditLog.of(workspace.store.root).counting(EditKind.TIE)
+    digest = workspace.catalogue.latest(file_scope(EDITS_FILE).name, ProductKind.HAND_TIES)
+    if not edits and digest is None:
+        return
+    rows = [{"properties": {**edit.document, "note": edit.note}} for edit in edits]
+    document = {"type": "FeatureCollection", "features": rows}
+    ref = take_hand_ties(EDITS_FILE, json.dumps(document).encode(), workspace.store)
+    workspace.catalogue.publish(pointers=[ref])
 
 
 def all_wishes(workspace: Workspace) -> tuple[HandTie, ...]:

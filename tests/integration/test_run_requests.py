@@ -1,0 +1,57 @@
+"""What people ask for on the map is submitted once, or refused with a reason."""
+
+import httpx
+import pytest
+
+from flows import requests
+from products.catalogue import Catalogue
+from products.run_requests import RequestBook, RequestKind, RequestState
+
+
+@pytest.fixture
+def submitted(monkeypatch):
+    asked = []
+
+    def submit(deployment, parameters):
+        asked.append((deployment, dict(parameters)))
+        return "wise-lynx"
+
+    monkeypatch.setattr(requests, "submit", submit)
+    return asked
+
+
+def test_requests_become_runs_of_their_deployments(tmp_path, submitted):
+    book, catalogue = RequestBook.of(tmp_path), Catalogue.open(tmp_path)
+    book.ask(RequestKind.OVERALL, "MER2", "Ada")
+    book.ask(RequestKind.DOWNLINK, None, "Ada")
+    lines = requests.submit_requests(tmp_path, has_inbox=True)
+    assert lines[0] == "Ada asked for overall adjustment: taken, wise-lynx"
+    assert submitted == [
+        ("overall-adjustment/weekly", {"mission": "MER2"}),
+        ("downlink/inbox", {}),
+    ]
+    assert book.waiting() == []
+    assert requests.submit_requests(tmp_path, has_inbox=True) == []
+    assert [event.kind for event in catalogue.events_since(0)] == ["requests.changed"] * 2
+
+
+def test_a_downlink_without_an_inbox_is_refused(tmp_path, submitted):
+    book = RequestBook.of(tmp_path)
+    book.ask(RequestKind.DOWNLINK, None, "Ada")
+    requests.submit_requests(tmp_path, has_inbox=False)
+    (asked,) = book.requests()
+    assert asked.state is RequestState.REFUSED
+    assert "no inbox is watched" in asked.answer
+    assert submitted == []
+
+
+def test_a_request_waits_while_the_scheduler_does_not_answer(tmp_path, monkeypatch):
+    def refuse(_deployment, _parameters):
+        raise httpx.ConnectError("refused")
+
+    monkeypatch.setattr(requests, "submit", refuse)
+    book = RequestBook.of(tmp_path)
+    book.ask(RequestKind.REGION, None, "Ada")
+    with pytest.raises(httpx.ConnectError):
+        requests.submit_requests(tmp_path, has_inbox=False)
+    assert len(book.waiting()) == 1

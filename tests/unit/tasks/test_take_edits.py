@@ -1,0 +1,60 @@
+"""Edits of ties made on the map become a file of hand ties, which the next run carries out."""
+
+import pytest
+
+from photogrammetry.matching.hand_ties import HandAction
+from products.edits import EditKind, EditLog
+from products.workspace import Workspace
+from tasks.hand_ties import all_wishes, take_edits
+
+VETO = {"action": "veto", "first_image": "A", "second_image": "B"}
+ADD = {
+    "action": "add",
+    "first_image": "A",
+    "first_sample": 1.5,
+    "first_line": 2.5,
+    "second_image": "C",
+    "second_sample": 3.5,
+    "second_line": 4.5,
+    "sigma_px": 0.5,
+}
+
+
+@pytest.fixture
+def workspace(tmp_path):
+    return Workspace.open(tmp_path)
+
+
+def test_a_store_without_edits_gets_no_file(workspace):
+    take_edits(workspace)
+    assert all_wishes(workspace) == ()
+    assert workspace.catalogue.version() == 0
+
+
+def test_edits_are_wishes_until_they_are_taken_back(workspace):
+    log = EditLog.of(workspace.store.root)
+    log.append("MER2", EditKind.TIE, VETO, "Ada", "another rock")
+    added = log.append("MER2", EditKind.TIE, ADD, "Ada")
+    log.append("MER2", EditKind.ANNOTATION, {"text": "no tie"}, "Ada")
+    take_edits(workspace)
+    veto, add = all_wishes(workspace)
+    assert (veto.action, add.action) == (HandAction.VETO, HandAction.ADD)
+    assert (add.first.point, add.second.point, add.sigma_px) == ((1.5, 2.5), (3.5, 4.5), 0.5)
+    log.undo("MER2", added.id, "Ben")
+    take_edits(workspace)
+    assert all_wishes(workspace) == (veto,)
+    log.undo("MER2", 1, "Ben")
+    take_edits(workspace)
+    assert all_wishes(workspace) == ()
+
+
+def test_files_of_hand_ties_stay_beside_the_edits(workspace):
+    from tasks.hand_ties import take_hand_ties  # noqa: PLC0415
+
+    ref = take_hand_ties(
+        "mine.ties.csv", b"action,first_image,second_image\nveto,X,Y\n", workspace.store
+    )
+    workspace.catalogue.publish(pointers=[ref])
+    EditLog.of(workspace.store.root).append("MER2", EditKind.TIE, VETO, "Ada")
+    take_edits(workspace)
+    assert {wish.first.image for wish in all_wishes(workspace)} == {"A", "X"}
