@@ -5,6 +5,7 @@ import io
 import json
 from datetime import datetime
 
+import jsonschema
 import numpy as np
 import pyogrio
 import pytest
@@ -286,3 +287,77 @@ def test_a_new_layer_is_served_at_once(own_world):
         later = Feature("Polygon", square, {}, "later")
         own_world.publish_features(ProductKind.HAVENS, [later], version=1)
         assert [one["id"] for one in features(client, "havens")] == ["later"]
+
+
+def listed(items, **more):
+    return {"type": "array", "items": items, **more}
+
+
+def record(required, **members):
+    return {"type": "object", "required": required, "properties": members}
+
+
+TEXT, WHOLE, NUMBER = {"type": "string"}, {"type": "integer", "minimum": 0}, {"type": "number"}
+LINKS = listed(record(["href", "rel", "type"], href=TEXT, rel=TEXT, type=TEXT, title=TEXT))
+PLACE = listed(NUMBER, minItems=2)
+GEOMETRY = {
+    "oneOf": [
+        {"type": "null"},
+        record(["type", "coordinates"], type={"const": "Point"}, coordinates=PLACE),
+        record(
+            ["type", "coordinates"],
+            type={"const": "LineString"},
+            coordinates=listed(PLACE, minItems=2),
+        ),
+        record(
+            ["type", "coordinates"],
+            type={"const": "Polygon"},
+            coordinates=listed(listed(PLACE, minItems=4)),
+        ),
+    ]
+}
+FEATURE = record(
+    ["type", "geometry", "properties"],
+    type={"const": "Feature"},
+    geometry=GEOMETRY,
+    properties={"type": "object"},
+    id=TEXT,
+    links=LINKS,
+)
+EXTENT = record(
+    ["spatial"],
+    spatial=record(["bbox"], bbox=listed(listed(NUMBER, minItems=4, maxItems=4), minItems=1)),
+    temporal=record(["interval"], interval=listed(listed(TEXT, minItems=2, maxItems=2))),
+)
+COLLECTION = record(
+    ["id", "links"], id=TEXT, title=TEXT, links=LINKS, extent=EXTENT, crs=listed(TEXT, minItems=1)
+)
+DOCUMENTS = {
+    "": record(["links"], title=TEXT, description=TEXT, links=LINKS),
+    "/conformance": record(["conformsTo"], conformsTo=listed(TEXT, minItems=1)),
+    "/collections": record(["links", "collections"], links=LINKS, collections=listed(COLLECTION)),
+    "/collections/stops": COLLECTION,
+    "/collections/images/items": record(
+        ["type", "features", "links", "numberMatched", "numberReturned", "timeStamp"],
+        type={"const": "FeatureCollection"},
+        features=listed(FEATURE),
+        links=LINKS,
+        numberMatched=WHOLE,
+        numberReturned=WHOLE,
+        timeStamp=TEXT,
+    ),
+    "/collections/footprints/items": record(["features"], features=listed(FEATURE)),
+    "/collections/stops/items/a": FEATURE,
+}
+
+
+@pytest.mark.parametrize("path", DOCUMENTS)
+def test_documents_have_the_members_that_the_standard_asks_for(client, path):
+    jsonschema.validate(get(client, path).json(), DOCUMENTS[path])
+
+
+def test_errors_have_a_code_and_a_description(client):
+    for path, status in (("/collections/none", 404), ("/collections/stops/items?limit=0", 400)):
+        answer = client.get(f"/ogc/MER2{path}")
+        assert answer.status_code == status
+        jsonschema.validate(answer.json(), record(["code"], code=TEXT, description=TEXT))
