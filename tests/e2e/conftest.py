@@ -11,6 +11,8 @@ import pytest
 from products.workspace import Workspace
 from tests.support.bowl_store import fill
 from tests.support.browsing import Server, open_browser, open_page
+from tests.support.stereo_viewer import fill as fill_with_images
+from tests.unit.gis_server.stereo.stereo_store import StereoStore
 
 
 @dataclass(frozen=True)
@@ -73,4 +75,17 @@ def url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     root = tmp_path_factory.mktemp("viewer") / "store"
     fill(Workspace.open(root))
     with Server(root) as server:
+        yield server.url
+
+
+@pytest.fixture(scope="session")
+def true_images(tmp_path_factory: pytest.TempPathFactory) -> StereoStore:
+    """A store whose images, poses and ground are known."""
+    return fill_with_images(tmp_path_factory.mktemp("images") / "store")
+
+
+@pytest.fixture(scope="session")
+def images_url(true_images: StereoStore) -> Iterator[str]:
+    """Address of a server over the store of true images."""
+    with Server(true_images.workspace.store.root) as server:
         yield server.url

@@ -1,0 +1,138 @@
+"""The traverse in the viewer: differences from telemetry and an older solution are known."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+
+import numpy as np
+import pytest
+
+from photogrammetry.terrain.ground import MAP_FROM_LSL
+from products.oriented import OrientedMission
+from tests.support.browsing import colour_at, look, pixel_of, ready, screenshot, until
+from tests.support.stereo_viewer import OLDER_STEP_NED_M
+
+RESOLUTION = 0.02
+VECTOR = (0x8A, 0x4F, 0xFF)
+
+
+@pytest.fixture(scope="module")
+def places(true_images):
+    """(east, north, up) of the stops as adjusted, and by telemetry."""
+    network = OrientedMission.latest("MER2", true_images.workspace).network
+    stops = network.adjusted.stops
+    adjusted = [MAP_FROM_LSL @ stop.lsl_from_rover.translation_m for stop in stops]
+    told = [MAP_FROM_LSL @ network.telemetry[stop.stop].translation_m for stop in stops]
+    return np.array(adjusted), np.array(told)
+
+
+@pytest.fixture
+def traverse(page, images_url):
+    look(page, f"{images_url}/#m=MER2&at=0,0,{RESOLUTION}&on=")
+    page.locator('[data-tab="stops"]').click()
+    page.wait_for_selector(".differences")
+    ready(page)
+    return page
+
+
+def cells(page, label):
+    return page.locator(f'[data-row="{label}"] td').all_inner_texts()
+
+
+def last_label(page):
+    return page.locator("[data-row]").last.get_attribute("data-row")
+
+
+def number(text):
+    return float(text.replace("−", "-").rstrip(" %"))
+
+
+def test_accumulated_differences_are_told_in_metres_and_percent(traverse, places):
+    adjusted, told = places
+    _, sol, distance, off, percent, height = cells(traverse, last_label(traverse))
+    way = math.hypot(*(adjusted[1] - adjusted[0])[:2])
+    away = (told[1] - told[0]) - (adjusted[1] - adjusted[0])
+    assert sol == "156"
+    assert number(distance) == pytest.approx(way, abs=0.06)
+    assert number(off) == pytest.approx(math.hypot(*away[:2]), abs=6e-4)
+    assert number(percent) == pytest.approx(100 * math.hypot(*away[:2]) / way, abs=0.006)
+    assert number(height) == pytest.approx(away[2], abs=6e-4)
+    summary = traverse.locator(".comparison .summary").inner_text()
+    assert f"{100 * math.hypot(*away[:2]) / way:.2f} %" in summary
+    screenshot(traverse, "traverse_table")
+
+
+def test_an_older_solution_is_compared_with_the_latest(traverse):
+    choices = traverse.locator("select.reference option").all_inner_texts()
+    older = next(k for k, text in enumerate(choices) if "made" in text and "on the map" not in text)
+    traverse.locator("select.reference").select_option(index=older)
+    step = math.hypot(*OLDER_STEP_NED_M[:2])
+    until(traverse, lambda: cells(traverse, last_label(traverse))[3] == f"{step:.3f}")
+    height = number(cells(traverse, last_label(traverse))[5])
+    assert height == pytest.approx(-OLDER_STEP_NED_M[2], abs=6e-4)  # down is down
+
+
+def test_difference_vectors_point_to_where_telemetry_has_the_stop(traverse, places):
+    adjusted, told = places
+    before = screenshot(traverse, "vectors_off")
+    traverse.locator("input.vectors").check()
+    traverse.get_by_label("length of difference vectors").select_option("1")
+    traverse.wait_for_timeout(300)
+    after = screenshot(traverse, "vectors_on")
+    away = (told[1] - told[0]) - (adjusted[1] - adjusted[0])
+    for share in (0.3, 0.6):
+        x, y = pixel_of(traverse, *(adjusted[1] + share * away)[:2], RESOLUTION)
+        patch = np.s_[round(y) - 2 : round(y) + 3, round(x) - 2 : round(x) + 3]
+        off = np.abs(after[patch].astype(int) - VECTOR).sum(axis=-1)
+        assert off.min() < 60
+        assert np.abs(before[patch].astype(int) - VECTOR).sum(axis=-1).min() > 150
+
+
+def test_the_vertical_profile_and_the_map_share_one_cursor(traverse, places):
+    adjusted, _ = places
+    traverse.locator(".comparison .profile").click()
+    traverse.wait_for_selector('.below path[data-series="adjusted"]')
+    readout = traverse.locator(".below .chart-readout")
+    way = math.hypot(*(adjusted[1] - adjusted[0])[:2])
+    middle = (adjusted[0] + adjusted[1]) / 2
+    # From the map to the profile.
+    traverse.mouse.move(*pixel_of(traverse, middle[0], middle[1], RESOLUTION))
+    until(traverse, lambda: readout.inner_text() != "")
+    assert number(readout.inner_text().split(" m:")[0]) == pytest.approx(way / 2, abs=0.1)
+    told = readout.inner_text().split("adjusted ")[1]
+    assert number(told.split(" ± ")[0]) == pytest.approx(middle[2], abs=0.02)
+    # From the profile to the map: the cross is where the rover was.
+    before = screenshot(traverse, "profile_before")
+    chart = traverse.get_by_role("slider", name="Vertical profile of the traverse")
+    chart.focus()
+    chart.press("End")
+    until(traverse, lambda: readout.inner_text().startswith(f"{way:.1f}"))
+    traverse.wait_for_timeout(300)
+    after = screenshot(traverse, "profile_cursor")
+    x, y = pixel_of(traverse, adjusted[1][0], adjusted[1][1], RESOLUTION)
+    arm = np.s_[round(y) - 10 : round(y) - 5, round(x) - 3 : round(x) + 4]
+    assert np.abs(after[arm].astype(int) - before[arm]).max() > 60
+    # The ground below it was mapped too.
+    assert traverse.locator('.below path[data-series="ground below"]').count() == 1
+
+
+def test_the_differences_are_handed_out_as_a_table(traverse, places):
+    with traverse.expect_download() as download:
+        traverse.locator(".comparison .csv").click()
+    rows = list(csv.DictReader(io.StringIO(download.value.path().read_text())))
+    assert len(rows) == 2
+    found = [float(rows[1][name]) for name in ("east", "north", "elevation_m")]
+    np.testing.assert_allclose(found, places[0][1], atol=1e-4)
+    assert rows[1]["reference"] == "telemetry"
+
+
+def test_solutions_have_the_colours_of_the_paper(page, images_url, places):
+    look(page, f"{images_url}/#m=MER2&at=0,0,{RESOLUTION}&on=mer2/traverse")
+    adjusted, _ = places
+    picture = screenshot(page, "traverse_colours")
+    middle = (adjusted[0] + adjusted[1]) / 2
+    red, green, blue = colour_at(picture, pixel_of(page, middle[0], middle[1], RESOLUTION))
+    assert red > 200
+    assert max(green, blue) < 100
