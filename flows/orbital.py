@@ -24,6 +24,7 @@ from tasks.control import (
     control_by_image,
 )
 from tasks.orbital import (
+    Compare,
     StopMap,
     draw_base,
     read_registration,
@@ -44,6 +45,8 @@ class OrbitalWish:
     """How far off its georeference, or a stop, may be."""
     control: FrameParams | None = field(default_factory=FrameParams)
     """Find every stop in it on its own, as control for the adjustment; None: do not."""
+    heights: bool = False
+    """It is a terrain model: it gives control, and no picture."""
 
 
 def add_orbital(
@@ -65,7 +68,8 @@ def add_orbital(
     pointers, registration = [image], None
     said = [f"{file.name} lies where it claims to"]
     if wish.registered:
-        params = RegistrationParams(SearchParams(reach_m=wish.reach_m))
+        search = SearchParams(reach_m=wish.reach_m)
+        params = Compare(RegistrationParams(search), heights=wish.heights)
         maps = list(stops.values())
         registration = register_orbital.fn(image, maps, params, site.landing, store)
         pointers.append(registration)
@@ -76,10 +80,13 @@ def add_orbital(
             control = control_by_image.fn(image, stops, standing, how, site.landing, store)
             pointers.append(control)
             said += _control_said(control, stops, store)
+    entry = MissionEntry(mission, site.title, site.landing, None)
+    if wish.heights:
+        publish.fn(entry, [], pointers, (), workspace)
+        return tuple(said)
     around = union(layer.bounds for layer in layers if layer.ref.kind is ProductKind.DTM)
     base = draw_base.fn(mission, image, registration, around, site.landing, store)
     sols = tuple(sorted({sol for layer in layers for sol in layer.sols}))
-    entry = MissionEntry(mission, site.title, site.landing, None)
     publish.fn(entry, [(base, sols)], pointers, (), workspace)
     return tuple(said)
 
@@ -133,6 +140,12 @@ def _said(found: dict[str, Any]) -> str:
     return (
         f"moved by {correction['east_m']:+.2f} m east and {correction['north_m']:+.2f} m north "
         f"(1 sigma {east:.2f} and {north:.2f} m), turned by {correction['rotation_deg']:+.3f} "
-        f"degrees ({turn * 57.29578:.3f}); it explains {found['explained']:.0%} of the image, "
-        f"the best other place {found['runner_up']:.0%}"
+        f"degrees ({turn * 57.29578:.3f}){_raised(correction)}; it explains "
+        f"{found['explained']:.0%} of the image, the best other place {found['runner_up']:.0%}"
     )
+
+
+def _raised(correction: dict[str, Any]) -> str:
+    if correction.get("up_m") is None:
+        return ""
+    return f", raised by {correction['up_m']:+.2f} m ({correction['sigma_up_m']:.2f})"

@@ -35,6 +35,9 @@ def add(  # noqa: PLR0913 - options
     as_claimed: Annotated[
         bool, typer.Option("--as-claimed", help="Trust its georeference; register nothing.")
     ] = False,
+    heights: Annotated[
+        bool, typer.Option("--dtm", help="It is a terrain model: heights are compared.")
+    ] = False,
     no_control: Annotated[
         bool, typer.Option("--no-control", help="Do not find the stops in it one by one.")
     ] = False,
@@ -46,7 +49,7 @@ def add(  # noqa: PLR0913 - options
 
     try:
         frame = None if no_control else FrameParams(shift_sigma, rotation_sigma)
-        wish = OrbitalWish(registered=not as_claimed, reach_m=reach, control=frame)
+        wish = OrbitalWish(registered=not as_claimed, reach_m=reach, control=frame, heights=heights)
         said = add_orbital(file, mission.upper(), store or Settings().store, wish)
     except (ProductError, OSError) as error:
         fail(str(error))

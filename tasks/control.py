@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +21,6 @@ from photogrammetry.adjustment.records import AdjustedNetwork
 from photogrammetry.errors import AdjustmentError
 from photogrammetry.frames import Pose
 from photogrammetry.imagery import StopId
-from photogrammetry.orbital.registration import RegistrationParams
 from photogrammetry.orbital.stop_places import stop_in_image
 from products.control import control_product, read_control
 from products.crs import LandingPoint, east_north
@@ -31,7 +30,7 @@ from products.network import read_network
 from products.store import ProductStore
 from products.workspace import Workspace
 from tasks.intake import keep_file, write_bytes
-from tasks.orbital import StopMap, registered
+from tasks.orbital import Compare, StopMap, registered
 from tasks.orientations import MappedStop, read_orientations
 
 
@@ -58,13 +57,20 @@ class FrameParams:
                     f"{name} is a standard deviation: zero (certain) or more, not {value}"
                 )
 
-    def frame(self, name: str, places: Sequence[StopControl]) -> ControlFrame:
-        """The frame, turned about the middle of what it shows."""
+    def frame(
+        self, name: str, places: Sequence[StopControl], up_m: Sequence[float] = ()
+    ) -> ControlFrame:
+        """The frame, turned about the middle of what it shows.
+
+        `up_m`: how its heights differ from the rover's, for they are above another level.
+        """
         middle = np.mean([one.values[:2] for one in places], axis=0) if places else np.zeros(2)
         centre = float(middle[0]), float(middle[1])
-        return ControlFrame.claimed(
+        frame = ControlFrame.claimed(
             name, centre, shift_m=self.shift_m, rotation_deg=self.rotation_deg, scale=self.scale
         )
+        level = np.array([0.0, 0.0, np.mean(up_m) if len(up_m) else 0.0, 0.0, 0.0])
+        return replace(frame, place=level)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,19 +86,21 @@ def control_by_image(
     image: ProductRef,
     stops: dict[StopId, StopMap],
     standing: MappedWith,
-    params: tuple[RegistrationParams, FrameParams],
+    params: tuple[Compare, FrameParams],
     landing: LandingPoint,
     store: ProductStore,
 ) -> ProductRef:
     """Find every stop on its own in an orbital image."""
     maps = tuple(ref for stop in stops.values() for ref in (stop.dtm, stop.orthophoto))
     inputs = (image, standing.network, standing.orientations, *maps)
-    recipe = Recipe(ProductKind.CONTROL, image.scope, inputs, (*params, landing))
+    settings = (*params[0].settings, params[1], landing)
+    recipe = Recipe(ProductKind.CONTROL, image.scope, inputs, settings)
 
     def write(path: Path) -> None:
         adjusted = read_network(standing.network, store).adjusted
         mapped = read_orientations(standing.orientations, store)
         found: list[StopControl] = []
+        up_m: list[float] = []
         refused: dict[str, str] = {}
         for stop, own in stops.items():
             outcome, _ = registered(image, [own], params[0], landing, store)
@@ -100,8 +108,9 @@ def control_by_image(
                 refused[str(stop)] = outcome.reason
             else:
                 pose = _mapped_pose(stop, adjusted, mapped)
+                up_m += [outcome.correction.up_m] if outcome.correction.up_m else []
                 found.append(stop_in_image(stop, pose, outcome.correction, image.scope.name))
-        frame = params[1].frame(image.scope.name, found)
+        frame = params[1].frame(image.scope.name, found, up_m)
         path.write_text(json.dumps(control_product(frame, found, refused)))
 
     return store.make(recipe, write)

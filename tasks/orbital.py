@@ -6,7 +6,7 @@ import dataclasses
 import json
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +14,15 @@ import numpy as np
 from prefect import task
 from prefect.cache_policies import NO_CACHE
 
+from photogrammetry.orbital.elevations import register_elevations
 from photogrammetry.orbital.mosaic import ground_map
 from photogrammetry.orbital.placing import placed
-from photogrammetry.orbital.records import Correction, OrbitalImage, Registration
+from photogrammetry.orbital.records import (
+    Correction,
+    OrbitalDtm,
+    OrbitalImage,
+    Registration,
+)
 from photogrammetry.orbital.registration import RegistrationParams, register
 from photogrammetry.terrain.grid import FINEST_CELL_M, Bounds, MapGrid, union
 from products.arrays import finite
@@ -42,6 +48,20 @@ class StopMap:
     orthophoto: ProductRef
 
 
+@dataclass(frozen=True, slots=True)
+class Compare:
+    """How an orbital image is compared with the rover's map."""
+
+    registration: RegistrationParams = field(default_factory=RegistrationParams)
+    heights: bool = False
+    """It is a terrain model: heights are compared with heights."""
+
+    @property
+    def settings(self) -> tuple[RegistrationParams | str, ...]:
+        """What a recipe depends on."""
+        return (self.registration, *(("heights",) if self.heights else ()))
+
+
 def take_orbital(file: Path, store: ProductStore) -> ProductRef:
     """Keep an orbital image as it came."""
     data = file.read_bytes()
@@ -54,13 +74,14 @@ def take_orbital(file: Path, store: ProductStore) -> ProductRef:
 def register_orbital(
     image: ProductRef,
     stops: Sequence[StopMap],
-    params: RegistrationParams,
+    params: Compare,
     landing: LandingPoint,
     store: ProductStore,
 ) -> ProductRef:
-    """Find where an orbital image lies on what the stops mapped."""
+    """Find where an orbital image, or terrain model, lies on what the stops mapped."""
     inputs = (image, *(ref for stop in stops for ref in (stop.dtm, stop.orthophoto)))
-    recipe = Recipe(ProductKind.ORBITAL_REGISTRATION, image.scope, inputs, (params, landing))
+    settings = (*params.settings, landing)
+    recipe = Recipe(ProductKind.ORBITAL_REGISTRATION, image.scope, inputs, settings)
 
     def write(path: Path) -> None:
         found, cell_m = registered(image, stops, params, landing, store)
@@ -80,7 +101,7 @@ def register_orbital(
 def registered(
     image: ProductRef,
     stops: Sequence[StopMap],
-    params: RegistrationParams,
+    params: Compare,
     landing: LandingPoint,
     store: ProductStore,
 ) -> tuple[Registration, float]:
@@ -95,9 +116,13 @@ def registered(
         (read_foreign(dtm, grid, crs) for dtm in dtms),
         (read_foreign(store.path(stop.orthophoto), grid, crs) for stop in stops),
     )
-    shown = grid_around(_widened(bounds, 2 * params.search.reach_m, claimed), cell_m)
-    picture = OrbitalImage(shown, read_foreign(store.path(image), shown, crs))
-    return register(ground, picture, params), cell_m
+    reach_m = params.registration.search.reach_m
+    shown = grid_around(_widened(bounds, 2 * reach_m, claimed), cell_m)
+    values = read_foreign(store.path(image), shown, crs)
+    if params.heights:
+        model = OrbitalDtm(shown, values)
+        return register_elevations(ground, model, params.registration), cell_m
+    return register(ground, OrbitalImage(shown, values), params.registration), cell_m
 
 
 @task(cache_policy=NO_CACHE, task_run_name="base-{image.scope}")
@@ -146,6 +171,8 @@ def read_correction(ref: ProductRef, store: ProductStore) -> Correction | None:
         found["rotation_deg"],
         (found["centre_m"][0], found["centre_m"][1]),
         np.array(found["covariance"]),
+        found.get("up_m"),
+        found.get("sigma_up_m"),
     )
 
 

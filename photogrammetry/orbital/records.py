@@ -18,13 +18,21 @@ class OrbitalImage:
     grid: MapGrid
     brightness: Raster
     """NaN where it shows nothing."""
-    elevation: Raster | None = None
-    """Of an orbital terrain model on the same cells, if there is one; NaN where unknown."""
 
     def __post_init__(self) -> None:
         _check("brightness", self.brightness, self.grid)
-        if self.elevation is not None:
-            _check("elevation", self.elevation, self.grid)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OrbitalDtm:
+    """A georeferenced orbital terrain model on the local map, where it claims to lie."""
+
+    grid: MapGrid
+    elevation: Raster
+    """Metres above any level; NaN where unknown."""
+
+    def __post_init__(self) -> None:
+        _check("elevation", self.elevation, self.grid)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,6 +62,9 @@ class Correction:
     centre_m: tuple[float, float]
     covariance: Float64[np.ndarray, "3 3"]
     """Of (east m, north m, rotation rad)."""
+    up_m: float | None = None
+    """By which heights of an orbital terrain model must be raised; None for images."""
+    sigma_up_m: float | None = None
 
     @property
     def sigma_m(self) -> tuple[float, float]:
@@ -71,6 +82,14 @@ class Correction:
         centre = np.asarray(self.centre_m)
         turned = (points_m - centre) @ np.array([[c, -s], [s, c]]).T
         return turned + centre + [self.east_m, self.north_m]
+
+    def claimed(self, points_m: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n 2"]:
+        """Where the orbital image puts what truly lies at points: `apply` undone."""
+        c, s = np.cos(np.radians(self.rotation_deg)), np.sin(np.radians(self.rotation_deg))
+        centre = np.asarray(self.centre_m)
+        return (points_m - centre - [self.east_m, self.north_m]) @ np.array(
+            [[c, -s], [s, c]]
+        ) + centre
 
 
 @dataclass(frozen=True, slots=True, eq=False)

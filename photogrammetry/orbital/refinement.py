@@ -74,7 +74,7 @@ def refine(
             found = found + step
         if np.abs(step * scale).max() < CONVERGED:
             residuals = value[use] + design @ solved
-            covariance = _covariance(design, residuals, east[use], north[use])
+            covariance = clustered_covariance(design, residuals, east[use], north[use])
             return found, covariance + np.diag((MODEL_CELLS / scale) ** 2)
     raise OrbitalError("the map does not come to rest in the orbital image: no place for it")
 
@@ -125,15 +125,16 @@ def _looked_up(picture: np.ndarray, sample: np.ndarray, line: np.ndarray) -> np.
     return found.ravel()[: len(sample)].astype(np.float64)
 
 
-def _covariance(
+def clustered_covariance(
     design: Float64[np.ndarray, "cells unknowns"],
     residuals: Float64[np.ndarray, " cells"],
     east: np.ndarray,
     north: np.ndarray,
+    cluster_m: float = CLUSTER_M,
 ) -> Float64[np.ndarray, "3 3"]:
     """Cluster-robust covariance of the first three unknowns (Liang and Zeger 1986)."""
     bread = np.linalg.inv(design.T @ design)
-    squares = np.column_stack([np.floor(east / CLUSTER_M), np.floor(north / CLUSTER_M)])
+    squares = np.column_stack([np.floor(east / cluster_m), np.floor(north / cluster_m)])
     _, cluster = np.unique(squares, axis=0, return_inverse=True)
     scores = np.zeros((cluster.max() + 1, design.shape[1]))
     np.add.at(scores, cluster.ravel(), design * residuals[:, None])

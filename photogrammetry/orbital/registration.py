@@ -14,16 +14,17 @@ place is worse than none.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from photogrammetry.arrays import Mask
 from photogrammetry.errors import OrbitalError
-from photogrammetry.orbital.predictors import local_contrast, predictors
+from photogrammetry.orbital.predictors import Contrast, Predicted, local_contrast, predictors
 from photogrammetry.orbital.records import Correction, GroundMap, OrbitalImage, Registration
 from photogrammetry.orbital.refinement import refine
-from photogrammetry.orbital.search import SearchParams, search
+from photogrammetry.orbital.search import Landscape, SearchParams, search
 from photogrammetry.terrain.grid import MapGrid
 
 
@@ -58,22 +59,43 @@ def register(
             f"cells of {ground.grid.cell_m} m on the ground, {image.grid.cell_m} m in the image: "
             "resample the rover's map to the image's cells"
         )
-    predicted, contrast = predictors(ground), local_contrast(image)
+    method = Method(search, refine, lambda best, other: best >= params.least_lead * other)
+    return best_place(predictors(ground), local_contrast(image), params, method)
+
+
+Place = tuple[float, float, float]
+"""(east m, north m, rotation deg) by which the map lies off in the image."""
+
+
+@dataclass(frozen=True, slots=True)
+class Method:
+    """How images, or heights, are compared."""
+
+    search: Callable[[Predicted, Contrast, SearchParams], Landscape]
+    refine: Callable[[Predicted, Contrast, Place], tuple[np.ndarray, np.ndarray]]
+    leads: Callable[[float, float], bool]
+    """Whether the best place explains clearly more than the best other one."""
+
+
+def best_place(
+    predicted: Predicted, contrast: Contrast, params: RegistrationParams, method: Method
+) -> Registration:
+    """Where what a map predicts lies in what an image shows, if it can be told."""
     try:
-        landscape = search(predicted, contrast, params.search)
+        landscape = method.search(predicted, contrast, params.search)
         explained, east, north, rotation_deg = landscape.best()
-        found, covariance = refine(predicted, contrast, (east, north, rotation_deg))
+        found, covariance = method.refine(predicted, contrast, (east, north, rotation_deg))
         halves = [
-            search(predicted.within(half), contrast, params.search).best()
-            for half in _halves(ground.grid, params.half_square_m)
+            method.search(predicted.within(half), contrast, params.search).best()
+            for half in _halves(predicted.grid, params.half_square_m)
         ]
     except OrbitalError as error:
         return Registration(None, str(error), 0.0, 0.0, float("nan"))
     runner_up = landscape.runner_up(params.other_place_m)
     apart_m = float(np.hypot(*np.subtract(halves[0][1:3], halves[1][1:3])))
     fit = _Fit(explained, runner_up, apart_m, found, covariance)
-    reason = _doubt(fit, ground.grid.cell_m, params)
-    correction = None if reason else _correction(fit, ground.grid)
+    reason = _doubt(fit, predicted.grid.cell_m, params, method)
+    correction = None if reason else _correction(fit, predicted.grid)
     return Registration(correction, reason, explained, runner_up, apart_m)
 
 
@@ -105,9 +127,9 @@ def _halves(grid: MapGrid, square_m: float) -> tuple[Mask, Mask]:
     return light, ~light
 
 
-def _doubt(fit: _Fit, cell_m: float, params: RegistrationParams) -> str:
+def _doubt(fit: _Fit, cell_m: float, params: RegistrationParams, method: Method) -> str:
     """Why the place is not believed; empty if it is."""
-    if fit.explained < params.least_lead * fit.runner_up:
+    if not method.leads(fit.explained, fit.runner_up):
         return (
             f"cannot tell: the best place explains {fit.explained:.1%} of the image's contrast, "
             f"another one {fit.runner_up:.1%}"
@@ -116,6 +138,8 @@ def _doubt(fit: _Fit, cell_m: float, params: RegistrationParams) -> str:
         return f"cannot tell: both halves of the ground find places {fit.apart_m:.1f} m apart"
     if np.hypot(*fit.found[:2]) > params.search.reach_m:
         return f"cannot tell: the best place lies beyond {params.search.reach_m} m"
+    if abs(np.degrees(fit.found[2])) > params.search.reach_deg:
+        return f"cannot tell: the best place is turned by more than {params.search.reach_deg} deg"
     sigma_m = float(np.sqrt(np.diagonal(fit.covariance)[:2].max()))
     if sigma_m > params.largest_sigma_cells * cell_m:
         return f"cannot tell: the place is only known to {sigma_m:.2f} m"

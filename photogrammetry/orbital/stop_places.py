@@ -9,8 +9,9 @@ so the rover itself, at x with azimuth A, lies in the image at
 
     p = c + R' (x - c - t)          azimuth A + rotation
 
-with the covariance of (t, rotation) carried over. The place depends on how the map lies about the
-rover, and no longer on where the adjustment had put both.
+with the covariance of (t, rotation) carried over, and in an orbital terrain model its height too.
+The place depends on how the map lies about the rover, and no longer on where the adjustment had put
+both.
 """
 
 from __future__ import annotations
@@ -48,11 +49,17 @@ def stop_in_image(
     J[:2, 2] = np.array([[-s, c], [-c, -s]]) @ arm
     J[2, 2] = 1.0
     C = J @ correction.covariance @ J.T
+    up_m = None
+    if correction.up_m is not None and correction.sigma_up_m is not None:
+        up_m = float(-lsl_from_rover.translation_m[2] - correction.up_m)
+        C = np.insert(np.insert(C, 2, 0.0, axis=0), 2, 0.0, axis=1)
+        C[2, 2] = correction.sigma_up_m**2
     return StopControl(
         stop,
         frame,
         float(place[0]),
         float(place[1]),
         (C + C.T) / 2,
-        azimuth_deg=float((azimuth + 180.0) % 360.0 - 180.0),
+        up_m,
+        float((azimuth + 180.0) % 360.0 - 180.0),
     )

@@ -1,6 +1,6 @@
 """Rover maps and orbital images of simulated ground whose true place is known.
 
-    python -m tests.support.orbital_scenes [--scenes 30] [--first-seed 100]
+    python -m tests.support.orbital_scenes [--scenes 30] [--first-seed 100] [--dtm]
 
 A scene is a landscape as `solmap simulate` draws it, seen from orbit under one sun (cells of 0.25
 m, noise, its georeference wrong by up to 8 m and 2 degrees) and by a rover under another: what
@@ -18,7 +18,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from photogrammetry.orbital.records import GroundMap, OrbitalImage, Registration
+from photogrammetry.orbital.elevations import register_elevations
+from photogrammetry.orbital.records import GroundMap, OrbitalDtm, OrbitalImage, Registration
 from photogrammetry.orbital.registration import register
 from photogrammetry.synthetic.lattice import Window
 from photogrammetry.synthetic.lighting import Sun, lit
@@ -77,6 +78,55 @@ def scene(seed: int) -> Scene:
     )
 
 
+@dataclass(frozen=True)
+class DtmScene:
+    """A rover's map, an orbital terrain model, and how that must be moved and raised."""
+
+    name: str
+    ground: GroundMap
+    model: OrbitalDtm
+    east_m: float
+    north_m: float
+    rotation_deg: float
+    up_m: float
+
+
+def dtm_scene(seed: int, cell_m: float = 1.0) -> DtmScene:
+    """The scene of a seed with an orbital terrain model: smooth, noisy, on another level."""
+    rng = np.random.default_rng(seed)
+    kind = sorted(TERRAINS)[seed % len(TERRAINS)]
+    patch = Terrain(seed, kind).patch(Window.around(LEVEL, 0.0, 0.0, HALF_M))
+    shift, rotation_deg = rng.uniform(-8, 8, 2), float(rng.uniform(-2, 2))
+    up_m = float(rng.uniform(-2000, 2000))
+    cells = int(80 / cell_m)
+    grid = MapGrid(-40.0, 40.0, cell_m, cells, cells)
+    fine = MapGrid(-40.0, 40.0, CELL_M, 320, 320)
+    truth = _resampled(patch.elevation, patch.window, fine)
+    seen = _seen(truth, fine, rng)
+    east, north = fine.centres()
+    range_m = np.hypot(east[None, :], north[:, None])
+    noise = cv2.GaussianBlur(rng.normal(size=fine.shape), (0, 0), 2.0) * 7.0
+    known = np.where(seen, truth + noise * (0.004 + 0.0001 * range_m**2), np.nan)
+    blocks = known.reshape(cells, 320 // cells, cells, 320 // cells)
+    share = np.isfinite(blocks).mean(axis=(1, 3))
+    with np.errstate(invalid="ignore"):
+        mean = np.nansum(blocks, axis=(1, 3)) / np.isfinite(blocks).sum(axis=(1, 3))
+    elevation = np.where(share > 0.5, mean, np.nan).astype(np.float32)
+    wide = MapGrid(-60.0, 60.0, cell_m, int(120 / cell_m), int(120 / cell_m))
+    heights = _resampled(patch.elevation, patch.window, wide, rotation_deg, shift)
+    heights = cv2.GaussianBlur(heights, (0, 0), 1.0)  # a stereo matcher's window
+    heights += 0.1 * cv2.GaussianBlur(rng.normal(size=wide.shape), (0, 0), 1.5) * 5.3 - up_m
+    return DtmScene(
+        f"{kind}{seed}",
+        GroundMap(grid, elevation, elevation),
+        OrbitalDtm(wide, heights.astype(np.float32)),
+        float(shift[0]),
+        float(shift[1]),
+        rotation_deg,
+        up_m,
+    )
+
+
 def _sun(rng: np.random.Generator) -> tuple[float, float]:
     return float(rng.uniform(0, 2 * np.pi)), float(np.radians(rng.uniform(25, 65)))
 
@@ -122,23 +172,30 @@ def main() -> None:
     arguments = argparse.ArgumentParser()
     arguments.add_argument("--scenes", type=int, default=30)
     arguments.add_argument("--first-seed", type=int, default=100)
+    arguments.add_argument("--dtm", action="store_true", help="terrain models rather than images")
     given = arguments.parse_args()
     for seed in range(given.first_seed, given.first_seed + given.scenes):
-        one = scene(seed)
+        one = dtm_scene(seed) if given.dtm else scene(seed)
         start = time.process_time()
-        found = register(one.ground, one.image)
+        if isinstance(one, DtmScene):
+            found = register_elevations(one.ground, one.model)
+        else:
+            found = register(one.ground, one.image)
         spent_s = time.process_time() - start
         fit = f"[{found.explained:.2f}, elsewhere {found.runner_up:.2f}] {spent_s:.1f} s\n"
         sys.stdout.write(f"{one.name:12} {_said(found, one)} {fit}")
 
 
-def _said(found: Registration, one: Scene) -> str:
+def _said(found: Registration, one: Scene | DtmScene) -> str:
     if found.correction is None:
         return f"no answer: {found.reason}"
     east, north = found.correction.east_m - one.east_m, found.correction.north_m - one.north_m
     turn = found.correction.rotation_deg - one.rotation_deg
     sigma_m, sigma_deg = found.correction.sigma_m[0], found.correction.sigma_rotation_deg
-    return f"off {east:+.3f} {north:+.3f} m ({sigma_m:.3f}), {turn:+.4f} deg ({sigma_deg:.4f})"
+    up = ""
+    if isinstance(one, DtmScene) and found.correction.up_m is not None:
+        up = f", up {found.correction.up_m - one.up_m:+.3f} m ({found.correction.sigma_up_m:.3f})"
+    return f"off {east:+.3f} {north:+.3f} m ({sigma_m:.3f}), {turn:+.4f} deg ({sigma_deg:.4f}){up}"
 
 
 if __name__ == "__main__":

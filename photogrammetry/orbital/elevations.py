@@ -1,0 +1,224 @@
+"""Lay an orbital terrain model on the rover's own: heights compared with heights.
+
+No sun is in heights, so what is said of `registration` is simpler here: the orbital heights are
+predicted by the rover's, and by a plane, for either model may lean. Judged is what the rover's
+heights explain beyond the plane,
+
+    explained = (R^2 with heights and plane - R^2 with the plane) / (1 - R^2 with the plane)
+
+and they must come out as large as the rover's, not twice as large and not upside down. Orbital
+models are smooth over several of their cells, so places count as different ones from farther on,
+and the halves of the ground are larger squares. What remains at the place, the median difference of
+heights, is the level that the orbital model refers to.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from photogrammetry.arrays import Float64
+from photogrammetry.errors import OrbitalError
+from photogrammetry.orbital.predictors import Contrast, Predicted, smoothed
+from photogrammetry.orbital.records import Correction, GroundMap, OrbitalDtm, Registration
+from photogrammetry.orbital.refinement import (
+    CONVERGED,
+    ITERATIONS,
+    LEAST_SHOWN,
+    clustered_covariance,
+)
+from photogrammetry.orbital.registration import Method, Place, RegistrationParams, best_place
+from photogrammetry.orbital.search import Landscape, SearchParams, lookup, samples_of, search
+from photogrammetry.terrain.grid import MapGrid
+
+OTHER_PLACE_CELLS = 8.0
+"""Places so far apart are different ones."""
+MATCHED_CELLS = 1.0
+"""Over so many cells a model from stereo matching is smooth."""
+SMOOTH_CELLS = 2.0
+"""Over so many it is smoothed here: slopes of its noise would hide those of the ground."""
+CLUSTER_CELLS = 10.0
+"""Side of the squares whose residuals may depend on each other: twice as wide as what both models
+are smoothed over."""
+MODEL_CELLS = 0.35
+"""Standard deviation, in cells, of what ground that is seen in part only pulls either coordinate
+(RMS over simulated scenes), and the map's edge by a rotation."""
+LEAST_CONTRAST = 2.5
+"""By how much more stays unexplained at any other place: of smooth ground much is explained
+anywhere near."""
+MOSTLY_SEEN = 0.9
+"""Share of its surroundings that must be seen for a cell to count: means of slopes that are seen in
+part only are off."""
+LEAST_RELIEF, MOST_RELIEF = 0.5, 1.5
+"""Height of what the orbital model shows, as a part of what the rover sees of it."""
+MAD_TO_SIGMA = 1.4826
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Heights:
+    """What both models have at the same places."""
+
+    ground: Float64[np.ndarray, " n"]
+    orbital: Float64[np.ndarray, " n"]
+    relief: float
+    """Relief of the orbital model, as a part of the rover's."""
+    squares: int
+    """How many squares of ground they are from: neighbours belong together."""
+
+
+def register_elevations(
+    ground: GroundMap, model: OrbitalDtm, params: RegistrationParams | None = None
+) -> Registration:
+    """Find where an orbital terrain model lies on the rover's map, and how high.
+
+    Raises:
+        OrbitalError: the rasters have cells of different size.
+    """
+    params, cell_m = params or RegistrationParams(), model.grid.cell_m
+    if abs(ground.grid.cell_m / cell_m - 1) > 1e-6:  # noqa: PLR2004 - rounding
+        raise OrbitalError(
+            f"cells of {ground.grid.cell_m} m on the ground, {cell_m} m in the orbital model: "
+            "resample the rover's map to the model's cells"
+        )
+    wide_m = OTHER_PLACE_CELLS * cell_m
+    params = replace(
+        params,
+        other_place_m=max(params.other_place_m, wide_m),
+        half_square_m=max(params.half_square_m, wide_m),
+    )
+    predicted, contrast = _predicted(ground), _shown(model)
+    method = Method(_beyond_plane, _refined, _leads)
+    found = best_place(predicted, contrast, params, method)
+    if found.correction is None:
+        return found
+    both = _compared(ground, model, predicted, found.correction)
+    if not LEAST_RELIEF < both.relief < MOST_RELIEF:
+        reason = f"cannot tell: heights fit best with {both.relief:.2f} times the rover's relief"
+        return replace(found, correction=None, reason=reason)
+    return replace(found, correction=_with_height(found.correction, both))
+
+
+def _predicted(ground: GroundMap) -> Predicted:
+    """Heights as smooth as an orbital model has them, and a plane."""
+    sigma_cells = float(np.hypot(MATCHED_CELLS, SMOOTH_CELLS))
+    own = smoothed(ground.elevation.astype(np.float64), sigma_cells, MOSTLY_SEEN)
+    planes = np.broadcast_arrays(*_mesh(ground.grid))
+    known = np.isfinite(own)
+    stack = np.where(known, np.stack([own - np.nanmean(own), *planes]), 0.0)
+    return Predicted(ground.grid, stack, known)
+
+
+def _shown(model: OrbitalDtm) -> Contrast:
+    """Orbital heights above their mean."""
+    above = smoothed(
+        model.elevation.astype(np.float64) - np.nanmean(model.elevation), SMOOTH_CELLS, MOSTLY_SEEN
+    )
+    seen = np.isfinite(above)
+    return Contrast(model.grid, np.where(seen, above, 0.0).astype(np.float32), seen)
+
+
+def _beyond_plane(predicted: Predicted, contrast: Contrast, params: SearchParams) -> Landscape:
+    """What heights explain beyond the plane."""
+    both = search(predicted, contrast, params)
+    plane = search(replace(predicted, stack=predicted.stack[1:]), contrast, params).explained
+    with np.errstate(invalid="ignore", divide="ignore"):
+        beyond = (both.explained - plane) / (1.0 - plane)
+    return replace(both, explained=beyond)
+
+
+def _leads(best: float, other: float) -> bool:
+    """Whether what stays unexplained is clearly less than at any other place."""
+    return 1.0 - other >= LEAST_CONTRAST * (1.0 - best)
+
+
+def _refined(
+    predicted: Predicted, contrast: Contrast, start: Place
+) -> tuple[Float64[np.ndarray, " 3"], Float64[np.ndarray, "3 3"]]:
+    """The place to a fraction of a cell, by least squares on the slopes of the rover's heights.
+
+    Those of the orbital model would not do: they are the steeper the noisier it is, and Gauss-
+    Newton's steps the shorter.
+    """
+    grid, known = predicted.grid, predicted.known
+    own = np.where(known, predicted.stack[0], np.nan)
+    d_south, d_east = np.gradient(own, grid.cell_m)
+    use = np.isfinite(d_south) & np.isfinite(d_east)
+    east, north = (c[use] for c in np.broadcast_arrays(*_mesh(grid)))
+    g_e, g_n, own = d_east[use], -d_south[use], own[use]
+    middle = east.mean(), north.mean()
+    west, south, right, top = grid.bounds
+    arm_e, arm_n = east - (west + right) / 2, north - (south + top) / 2
+    plane = [east - middle[0], north - middle[1], np.ones(len(own))]
+    found = np.array([start[0], start[1], np.radians(start[2])])
+    scale = np.array([1.0, 1.0, np.hypot(np.ptp(east), np.ptp(north)) / 2]) / grid.cell_m
+    values = np.where(contrast.known, contrast.values, np.nan)
+    for _ in range(ITERATIONS):
+        at = lookup(grid, float(np.degrees(found[2])), east + found[0], north + found[1])
+        off = looked_up(values, contrast.grid, np.column_stack(at)) - own
+        seen = np.isfinite(off)
+        if seen.mean() < LEAST_SHOWN:
+            break
+        design = np.column_stack([g_e, g_n, g_e * arm_n - g_n * arm_e, *plane])[seen]
+        solved, *_ = np.linalg.lstsq(design, -off[seen], rcond=None)
+        found = found + solved[:3]
+        if np.abs(solved[:3] * scale).max() < CONVERGED:
+            residuals = off[seen] + design @ solved
+            wide_m = CLUSTER_CELLS * grid.cell_m
+            C = clustered_covariance(design, residuals, east[seen], north[seen], wide_m)
+            return found, C + np.diag((MODEL_CELLS / scale) ** 2)
+    raise OrbitalError("the map does not come to rest in the orbital model: no place for it")
+
+
+def _mesh(grid: MapGrid) -> tuple[np.ndarray, np.ndarray]:
+    east, north = grid.centres()
+    return east[None, :], north[:, None]
+
+
+def _compared(
+    ground: GroundMap, model: OrbitalDtm, predicted: Predicted, correction: Correction
+) -> _Heights:
+    """Both models at the cells that the rover saw, the orbital one moved by the correction."""
+    grid, rows_cols = ground.grid, np.nonzero(predicted.known)
+    east = grid.west + (rows_cols[1] + 0.5) * grid.cell_m
+    north = grid.north - (rows_cols[0] + 0.5) * grid.cell_m
+    places = correction.claimed(np.column_stack([east, north]))
+    heights = looked_up(model.elevation, model.grid, places)
+    both = np.isfinite(heights)
+    layers = np.column_stack([*predicted.stack[:, predicted.known][:, both], np.ones(both.sum())])
+    fitted, *_ = np.linalg.lstsq(layers, heights[both], rcond=None)
+    relief = float(fitted[0])
+    wide_m = CLUSTER_CELLS * grid.cell_m
+    squares = np.unique(np.floor(np.column_stack([east, north])[both] / wide_m), axis=0)
+    return _Heights(
+        ground.elevation[predicted.known][both].astype(np.float64),
+        heights[both],
+        relief,
+        len(squares),
+    )
+
+
+def looked_up(
+    raster: np.ndarray, grid: MapGrid, places: Float64[np.ndarray, "n 2"]
+) -> Float64[np.ndarray, " n"]:
+    """Values of a raster at places (east, north); NaN beyond it."""
+    sample, line = samples_of(grid, places[:, 0], places[:, 1])
+    found = np.full(len(places), np.nan)
+    for begin in range(0, len(places), 30_000):  # OpenCV takes pictures of fewer than 32768 rows
+        part = slice(begin, begin + 30_000)
+        found[part] = cv2.remap(
+            raster.astype(np.float32), sample[part, None], line[part, None], cv2.INTER_LINEAR,
+            borderMode=cv2.BORDER_CONSTANT, borderValue=float("nan"),
+        )[:, 0]  # fmt: skip
+    return found
+
+
+def _with_height(correction: Correction, both: _Heights) -> Correction:
+    """The median difference of heights, and how sure it is: by squares of ground, not by cells."""
+    off = both.ground - both.orbital
+    up_m = float(np.median(off))
+    spread = MAD_TO_SIGMA * float(np.median(np.abs(off - up_m)))
+    # sqrt(pi / 2): a median knows less than a mean
+    sigma_m = spread * np.sqrt(np.pi / 2 / max(both.squares, 1))
+    return replace(correction, up_m=up_m, sigma_up_m=max(float(sigma_m), 1e-3))

@@ -1,0 +1,69 @@
+"""Orbital terrain models whose true place and level are known: found, or honestly not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from photogrammetry.errors import OrbitalError
+from photogrammetry.orbital.elevations import register_elevations
+from photogrammetry.orbital.records import OrbitalDtm
+from photogrammetry.terrain.grid import MapGrid
+from tests.support.orbital_scenes import dtm_scene
+
+
+@pytest.fixture(scope="module")
+def crater():
+    return dtm_scene(105)
+
+
+def error(found, one):
+    """East, north (m), rotation (rad), and the same in stated standard deviations."""
+    c = found.correction
+    turn = np.radians(c.rotation_deg - one.rotation_deg)
+    off = np.array([c.east_m - one.east_m, c.north_m - one.north_m, turn])
+    return off, off / np.sqrt(np.diagonal(c.covariance))
+
+
+def test_a_terrain_model_is_laid_on_the_rovers_and_raised_to_its_level(crater):
+    found = register_elevations(crater.ground, crater.model)
+    assert found.reason == ""
+    off, in_sigmas = error(found, crater)
+    assert np.hypot(*off[:2]) < 1.0  # a cell
+    assert np.abs(in_sigmas).max() < 3.0
+    assert found.correction.up_m == pytest.approx(crater.up_m, abs=0.1)
+
+
+def test_heights_upside_down_are_refused(crater):
+    upside = replace(crater.model, elevation=-crater.model.elevation)
+    found = register_elevations(crater.ground, upside)
+    assert found.correction is None
+    assert found.reason
+
+
+def test_heights_of_elsewhere_are_refused(crater):
+    found = register_elevations(crater.ground, dtm_scene(106).model)
+    assert found.correction is None
+
+
+def test_cells_of_another_size_are_refused(crater):
+    grid = MapGrid(-60.0, 60.0, 2.0, 60, 60)
+    model = OrbitalDtm(grid, np.zeros((60, 60), np.float32))
+    with pytest.raises(OrbitalError, match="resample"):
+        register_elevations(crater.ground, model)
+
+
+@pytest.mark.slow
+def test_of_ninety_scenes_none_is_laid_wrongly_and_sigmas_are_true():
+    told, levels = [], []
+    for seed in (*range(100, 130), *range(200, 260)):
+        one = dtm_scene(seed)
+        found = register_elevations(one.ground, one.model)
+        if found.correction is not None:
+            told.append(error(found, one)[1])
+            levels.append(found.correction.up_m - one.up_m)
+    assert len(told) >= 30
+    assert np.abs(told).max() < 3.5
+    rms = np.sqrt(np.square(told).mean(axis=0))
+    assert ((rms > 0.7) & (rms < 1.3)).all()
+    assert np.abs(levels).max() < 0.15

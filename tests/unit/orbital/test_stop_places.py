@@ -1,0 +1,48 @@
+"""Where a stop lies in an image that its map was registered to."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from photogrammetry.frames import LSL, Pose, rotation_of_roll_pitch_yaw
+from photogrammetry.imagery import StopId
+from photogrammetry.orbital.records import Correction
+from photogrammetry.orbital.stop_places import stop_in_image
+
+STOP = StopId("MER2", 10, 64)
+COVARIANCE = np.array([[4e-2, 1e-2, 1e-3], [1e-2, 9e-2, -2e-3], [1e-3, -2e-3, 1e-3]])
+
+
+def pose(east, north, up, azimuth_deg):
+    rotation = rotation_of_roll_pitch_yaw(0.0, 0.0, float(np.radians(azimuth_deg)))
+    return Pose(LSL, STOP.frame, rotation, np.array([north, east, -up]))
+
+
+def test_the_correction_carries_the_place_in_the_image_back_to_the_stop():
+    correction = Correction(4.0, -3.0, 1.5, (10.0, 20.0), COVARIANCE)
+    control = stop_in_image(STOP, pose(33.0, 12.0, 1.0, 50.0), correction, "orbit")
+    back = correction.apply(np.array([[control.east_m, control.north_m]]))
+    np.testing.assert_allclose(back, [[33.0, 12.0]], atol=1e-9)
+    np.testing.assert_allclose(control.azimuth_deg, 51.5)
+    assert control.up_m is None
+
+
+def test_its_covariance_is_that_of_differences():
+    place = pose(33.0, 12.0, 1.0, 50.0)
+    correction = Correction(4.0, -3.0, 1.5, (10.0, 20.0), COVARIANCE)
+    control = stop_in_image(STOP, place, correction, "orbit")
+    h = 1e-6
+    J = np.zeros((3, 3))
+    for k, name in enumerate(("east_m", "north_m", "rotation_deg")):
+        step = np.degrees(h) if k == 2 else h
+        moved = replace(correction, **{name: getattr(correction, name) + step})
+        other = stop_in_image(STOP, place, moved, "orbit")
+        J[:, k] = (other.values - control.values)[[0, 1, 3]] / h
+    np.testing.assert_allclose(control.covariance, J @ COVARIANCE @ J.T, rtol=1e-4, atol=1e-9)
+
+
+def test_a_terrain_model_gives_its_height_too():
+    correction = Correction(4.0, -3.0, 1.5, (10.0, 20.0), COVARIANCE, -1900.0, 0.05)
+    control = stop_in_image(STOP, pose(33.0, 12.0, 1.0, 50.0), correction, "orbit")
+    assert control.up_m == 1901.0
+    np.testing.assert_allclose(control.covariance[2], [0.0, 0.0, 0.05**2, 0.0])

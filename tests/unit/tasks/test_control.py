@@ -1,0 +1,119 @@
+"""Measured control becomes a product, and enters the next network."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from photogrammetry.adjustment.adjust import adjust_overall
+from photogrammetry.adjustment.datum import with_control
+from photogrammetry.adjustment.documents import network_document
+from photogrammetry.adjustment.params import AdjustmentParams
+from photogrammetry.adjustment.records import select
+from photogrammetry.errors import AdjustmentError
+from photogrammetry.synthetic.networks import simulate_network
+from products.arrays import pose_document
+from products.catalogue import MissionEntry
+from products.control import read_control
+from products.crs import LandingPoint, lon_lat
+from products.errors import ProductError
+from products.model import ProductKind, Recipe, Scope, ScopeLevel
+from products.network import read_network
+from products.workspace import Workspace
+from tasks.control import FrameParams, control_of, take_control
+from tasks.publish import publish
+
+LANDING = LandingPoint("somewhere", 175.47, -14.57, 3_396_190.0, "chosen")
+EXACT = FrameParams(0.0, 0.0, 0.0)
+
+
+@pytest.fixture(scope="module")
+def network():
+    return simulate_network(
+        np.random.default_rng(3), stops=3, pairs_per_stop=5, inter_ties=6, intra_ties=0
+    )
+
+
+@pytest.fixture
+def stored(network, tmp_path):
+    """A store with the adjusted network."""
+    workspace = Workspace.open(tmp_path / "store")
+    adjusted, report = adjust_overall(network[0], AdjustmentParams())
+    document = {
+        "mission": "TEST",
+        "sol": 3,
+        "stops": [
+            {"mission": s.stop.mission, "site": s.stop.site, "drive": s.stop.drive, "sols": [1],
+             "telemetry": pose_document(s.lsl_from_rover)}
+            for s in network[0].stops
+        ],
+        "network": network_document(adjusted, [report]),
+        "reports": [],
+        "links": [],
+    }  # fmt: skip
+    recipe = Recipe(ProductKind.NETWORK, Scope(ScopeLevel.SOL, "test-sol0003"))
+    ref = workspace.store.make(recipe, lambda path: path.write_text(json.dumps(document)) and None)
+    return workspace, ref
+
+
+def taken(stored, text, params=None, name="by_hand.csv"):
+    workspace, ref = stored
+    data = text.encode()
+    return take_control(name, data, ref, params or FrameParams(), LANDING, workspace.store)
+
+
+def test_places_in_degrees_are_laid_on_the_local_map(stored):
+    lon, lat = lon_lat(LANDING, 21.5, -8.25)
+    text = f"stop,longitude,latitude,sigma_m\n1/10,{lon[0]:.12f},{lat[0]:.12f},0.5\n"
+    frame, (control,) = read_control(taken(stored, text), stored[0].store)
+    assert (control.east_m, control.north_m) == pytest.approx((21.5, -8.25), abs=1e-4)
+    assert frame.name == "by_hand-csv"
+    np.testing.assert_allclose(frame.centre_m, [21.5, -8.25], atol=1e-4)
+
+
+def test_a_point_that_the_stop_sees_places_the_stop_as_well_as_north_is_known(stored):
+    workspace, ref = stored
+    stop = read_network(ref, workspace.store).adjusted.stops[1]
+    north, east, _ = stop.lsl_from_rover.translation_m
+    text = (
+        "stop,east_m,north_m,sigma_m,map_east_m,map_north_m\n"
+        f"1/10,104.0,203.0,0.5,{east + 20.0},{north}\n"
+    )
+    ref = taken(stored, text, FrameParams(rotation_deg=1.0))
+    _, (control,) = read_control(ref, workspace.store)
+    assert (control.east_m, control.north_m) == pytest.approx((84.0, 203.0))
+    sigma = np.hypot(0.5, 20.0 * np.radians(1.0))
+    np.testing.assert_allclose(np.sqrt(np.diagonal(control.covariance)), sigma)
+
+
+def test_a_stop_that_is_not_in_the_network_is_refused_with_those_that_are(stored):
+    with pytest.raises(AdjustmentError, match=r"by_hand.csv: test-site0009-drive0001 is not in"):
+        taken(stored, "stop,east_m,north_m,sigma_m\n9/1,1,2,3\n")
+
+
+def test_a_negative_standard_deviation_of_the_frame_is_refused():
+    with pytest.raises(ProductError, match="shift_m is a standard deviation: zero"):
+        FrameParams(shift_m=-1.0)
+
+
+def test_published_control_counts_for_its_mission_and_moves_the_next_network(network, stored):
+    workspace, _ = stored
+    net, truth = network
+    north, east, _ = truth.lsl_from_rover[2].translation_m
+    ref = taken(stored, f"stop,east_m,north_m,sigma_m\n1/20,{east + 3.0},{north},0.001\n", EXACT)
+    entry = MissionEntry("TEST", "test", LANDING, None)
+    publish.fn(entry, [], [ref], (), workspace)
+    assert control_of("TEST", workspace) == (ref,)
+    assert control_of("MER2", workspace) == ()
+    frame, control = read_control(ref, workspace.store)
+    loose = replace(net, ties=without_ties(net))
+    moved, _ = adjust_overall(
+        with_control(loose, [frame], control, AdjustmentParams()), AdjustmentParams()
+    )
+    assert moved.stops[2].lsl_from_rover.translation_m[1] == pytest.approx(east + 3.0, abs=0.05)
+
+
+def without_ties(net):
+    """No ties: telemetry and control alone."""
+    return select(net.ties, np.zeros(len(net.ties), dtype=bool))
