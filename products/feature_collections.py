@@ -8,23 +8,20 @@ comes from, so that it is read anew only when that has changed.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
+from typing import Literal
 
-import numpy as np
-
-from products.catalogue import ImageEntry
+from products.feature_drawing import (
+    Draw,
+    as_they_are,
+    cameras,
+    differences,
+    of_solution,
+    profile,
+    with_times,
+)
 from products.model import ProductKind
-from products.vector import Feature, Geometry
-
-Draw = Callable[[Iterable[Feature], Mapping[str, ImageEntry]], Iterable[Feature]]
-
-
-def _as_they_are(
-    features: Iterable[Feature], _images: Mapping[str, ImageEntry]
-) -> Iterable[Feature]:
-    return features
+from products.vector import Geometry
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,65 +31,15 @@ class CollectionOf:
     id: str
     title: str
     description: str
-    geometry: Geometry
+    geometry: Geometry | Literal["Unknown"]
     kinds: tuple[ProductKind, ...]
-    draw: Draw = _as_they_are
+    draw: Draw = as_they_are
     shows_images: bool = False
     """Whether a feature stands for an image, whose identifier it bears."""
     all_images: bool = False
     """Whether images without a feature are in it too, without a place."""
-
-
-def _of_solution(solution: str) -> Draw:
-    def draw(features: Iterable[Feature], _images: Mapping[str, ImageEntry]) -> Iterable[Feature]:
-        return [one for one in features if one.properties.get("solution") == solution]
-
-    return draw
-
-
-def _differences(
-    features: Iterable[Feature], _images: Mapping[str, ImageEntry]
-) -> Iterable[Feature]:
-    """From where telemetry has a stop to where the adjustment puts it."""
-    places: dict[str, dict[str, Feature]] = {}
-    for one in features:
-        known = one.properties
-        places.setdefault(known.get("stop", ""), {})[known.get("solution", "")] = one
-    for stop, both in places.items():
-        if {"telemetry", "adjusted"} <= set(both):
-            told, adjusted = both["telemetry"], both["adjusted"]
-            east, north, up = (adjusted.points - told.points)[0].tolist()
-            known = {name: adjusted.properties[name] for name in ("stop", "site", "drive", "sols")}
-            offsets = {
-                "east_m": round(east, 4),
-                "north_m": round(north, 4),
-                "up_m": round(up, 4),
-                "horizontal_m": round(float(np.hypot(east, north)), 4),
-            }
-            line = np.vstack([told.points, adjusted.points])
-            yield Feature("LineString", line, known | offsets, id=stop)
-
-
-def _cameras(features: Iterable[Feature], images: Mapping[str, ImageEntry]) -> Iterable[Feature]:
-    """Where images were taken from: pointing lines start in the camera."""
-    for one in features:
-        entry = images.get(one.id or "")
-        if entry:
-            yield Feature("Point", one.points[:1], image_properties(entry), one.id)
-
-
-def _with_times(features: Iterable[Feature], images: Mapping[str, ImageEntry]) -> Iterable[Feature]:
-    for one in features:
-        entry = images.get(one.id or "")
-        known = {"start_time": entry.start_time} if entry else {}
-        yield replace(one, properties={**one.properties, **known})
-
-
-def image_properties(entry: ImageEntry) -> dict[str, Any]:
-    """What is known of an image."""
-    names = ("mission", "stop", "site", "drive", "sol", "instrument", "eye", "product_type")
-    times = ("start_time", "local_solar_time", "partner", "unpaired_because")
-    return {"image": entry.id, **{name: getattr(entry, name) for name in names + times}}
+    is_written: bool = False
+    """Whether people write it on the map; it comes from the log of edits and no layer."""
 
 
 COLLECTIONS = (
@@ -102,7 +49,7 @@ COLLECTIONS = (
         "Where the rover went by the bundle adjustment",
         "LineString",
         (ProductKind.TRAVERSE,),
-        _of_solution("adjusted"),
+        of_solution("adjusted"),
     ),
     CollectionOf(
         "traverse-telemetry",
@@ -110,7 +57,7 @@ COLLECTIONS = (
         "Where the rover itself believed to be",
         "LineString",
         (ProductKind.TRAVERSE,),
-        _of_solution("telemetry"),
+        of_solution("telemetry"),
     ),
     CollectionOf(
         "traverse-differences",
@@ -118,7 +65,15 @@ COLLECTIONS = (
         "From each stop by telemetry to the same stop as adjusted, metres east, north and up",
         "LineString",
         (ProductKind.STOPS,),
-        _differences,
+        differences,
+    ),
+    CollectionOf(
+        "traverse-profile",
+        "Profile of the traverse",
+        "Stops with the distance driven to them and their elevation by telemetry and as adjusted",
+        "Point",
+        (ProductKind.STOPS,),
+        profile,
     ),
     CollectionOf(
         "stops",
@@ -126,7 +81,7 @@ COLLECTIONS = (
         "Stops with standard deviations, 1-sigma error ellipse and what holds them",
         "Point",
         (ProductKind.STOPS,),
-        _of_solution("adjusted"),
+        of_solution("adjusted"),
     ),
     CollectionOf(
         "stops-telemetry",
@@ -134,7 +89,7 @@ COLLECTIONS = (
         "Stops where telemetry has them",
         "Point",
         (ProductKind.STOPS,),
-        _of_solution("telemetry"),
+        of_solution("telemetry"),
     ),
     CollectionOf(
         "mission-traverse",
@@ -156,7 +111,7 @@ COLLECTIONS = (
         "Every image, where its camera stood; no place where its stop has none yet",
         "Point",
         (ProductKind.POINTING,),
-        _cameras,
+        cameras,
         shows_images=True,
         all_images=True,
     ),
@@ -166,7 +121,7 @@ COLLECTIONS = (
         "The ground that an image shows, taken for level",
         "Polygon",
         (ProductKind.FOOTPRINTS,),
-        _with_times,
+        with_times,
         shows_images=True,
     ),
     CollectionOf(
@@ -175,7 +130,7 @@ COLLECTIONS = (
         "From the camera to the ground in the middle of its image",
         "LineString",
         (ProductKind.POINTING,),
-        _with_times,
+        with_times,
         shows_images=True,
     ),
     CollectionOf(
@@ -219,6 +174,14 @@ COLLECTIONS = (
         "Planar facets with strike, dip and their standard deviations",
         "Point",
         (ProductKind.DIPS,),
+    ),
+    CollectionOf(
+        "annotations",
+        "Annotations",
+        "What people wrote on the map",
+        "Unknown",
+        (),
+        is_written=True,
     ),
 )
 BY_ID = {collection.id: collection for collection in COLLECTIONS}

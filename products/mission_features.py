@@ -18,13 +18,16 @@ from pathlib import Path
 from tempfile import gettempdir
 
 import shapely
+import shapely.geometry
 
 from products.catalogue import Catalogue, ImageEntry
+from products.edits import Edit, EditKind, EditLog
 from products.errors import ProductError
-from products.feature_collections import COLLECTIONS, CollectionOf, image_properties
+from products.feature_collections import COLLECTIONS, CollectionOf
+from products.feature_drawing import image_properties
 from products.feature_index import FeatureIndex
 from products.feature_query import IndexedFeature
-from products.feature_times import FeatureTimes, times_of
+from products.feature_times import FeatureTimes, moment, times_of
 from products.model import Layer, ScopeLevel
 from products.store import ProductStore
 from products.vector import Feature, read_features
@@ -40,7 +43,8 @@ class Part:
     key: str
     """Names its version in the index."""
     family: str
-    layer: Layer
+    layer: Layer | None
+    """None: people wrote it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,6 +74,8 @@ class MissionFeatures:
         asked, version = (collection.id, mission), self.catalogue.version()
         if asked not in self._known or self._known[asked][0] != version:
             parts = list(self._parts(collection, mission))
+            if collection.is_written:
+                parts = [self._written(collection, mission)]
             if self.index.missing(part.key for part in parts):
                 self._fill(collection, mission, parts)
             self._known[asked] = version, [part.key for part in parts]
@@ -80,13 +86,23 @@ class MissionFeatures:
         for collection in COLLECTIONS:
             self.keys(collection, mission)
 
+    def _written(self, collection: CollectionOf, mission: str) -> Part:
+        """What people wrote, up to now."""
+        edits = EditLog.of(self.store.root).edits(mission)
+        family = f"{collection.id}/{mission}"
+        return Part(f"{family}/{edits[-1].id if edits else 0}", family, None)
+
     def _fill(self, collection: CollectionOf, mission: str, parts: list[Part]) -> None:
         with self._filling:
             missing = set(self.index.missing(part.key for part in parts))
             images = {entry.id: entry for entry in self.catalogue.images(mission)}
             for part in parts:
                 if part.key in missing:
-                    rows = list(self._rows(collection, part.layer, images))
+                    rows = (
+                        self._rows(collection, part.layer, images)
+                        if part.layer
+                        else self._annotations(mission)
+                    )
                     self.index.put(part.key, part.family, rows)
 
     def _parts(self, collection: CollectionOf, mission: str) -> Iterator[Part]:
@@ -95,6 +111,11 @@ class MissionFeatures:
             family = f"{collection.id}/{layer.id}"
             sols = ",".join(map(str, layer.sols))
             yield Part(f"{family}/{layer.ref.digest}/{sols}{images}", family, layer)
+
+    def _annotations(self, mission: str) -> Iterator[IndexedFeature]:
+        """The annotations that count. When one was written is when it is of."""
+        for edit in EditLog.of(self.store.root).counting(EditKind.ANNOTATION, mission):
+            yield _annotation(edit)
 
     def _rows(
         self, collection: CollectionOf, layer: Layer, images: Mapping[str, ImageEntry]
@@ -116,6 +137,15 @@ class MissionFeatures:
             for entry in images.values():
                 if entry.id not in seen:
                     yield _unplaced(entry)
+
+
+def _annotation(edit: Edit) -> IndexedFeature:
+    shape = shapely.geometry.shape(edit.document["geometry"])
+    said = {"text": edit.document["text"], "colour": edit.document.get("colour")}
+    told = {**said, "author": edit.author, "at": edit.at, "note": edit.note}
+    at = moment(edit.at)
+    text = json.dumps(told, ensure_ascii=False)
+    return IndexedFeature(str(edit.id), shapely.to_wkb(shape), text, None, (at, at))
 
 
 def _row(name: str, feature: Feature, layer: Layer, times: FeatureTimes) -> IndexedFeature:

@@ -136,7 +136,8 @@ def as_file(page: Placed, form: Format, layer: str) -> bytes:
     names = list(dict.fromkeys(name for row in rows for name in row))
     shapes = page.shapes(Crs.LOCAL if page.crs is Crs.LOCAL else Crs.LON_LAT)
     known = [shape for shape in shapes if shape is not None]
-    kind = known[0].geom_type if known else "Unknown"
+    kinds = {shape.geom_type for shape in known}
+    kind = kinds.pop() if len(kinds) == 1 else "Unknown"
     crs = local_crs(page.landing) if page.crs is Crs.LOCAL else CRS.from_user_input(MARS)
     options = {} if len(known) == len(shapes) or form is Format.GPKG else {"SPATIAL_INDEX": "NO"}
     with TemporaryDirectory() as folder:

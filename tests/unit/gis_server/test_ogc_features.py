@@ -14,6 +14,7 @@ from pyproj import CRS, Transformer
 
 from gis_server.app import create_app
 from products.crs import MARS, local_crs
+from products.edits import EditKind, EditLog
 from products.model import ProductKind
 from products.vector import Feature
 from tests.unit.gis_server.conftest import LANDING, STOP
@@ -228,6 +229,38 @@ def test_differences_join_telemetry_and_adjusted(client):
     known = one["properties"]
     assert (known["east_m"], known["north_m"], known["up_m"]) == (0.5, -1.0, -0.1)
     assert known["horizontal_m"] == pytest.approx(np.hypot(0.5, 1.0), abs=1e-4)
+
+
+def test_the_profile_has_both_elevations_by_the_way_driven(client):
+    (one,) = features(client, "traverse-profile")
+    known = one["properties"]
+    assert (known["distance_m"], known["elevation_telemetry_m"]) == (0.0, 6.1)
+    assert known["elevation_adjusted_m"] == 6.0
+
+
+def test_annotations_are_features_as_soon_as_they_are_written(own_world):
+    log = EditLog.of(own_world.root)
+
+    def annotate(kind, coordinates):
+        shape = {"type": kind, "coordinates": coordinates}
+        document = {"geometry": shape, "text": "layered rock"}
+        edit = log.append("MER2", EditKind.ANNOTATION, document, "Ada")
+        own_world.catalogue.tell("edits.changed", {"mission": "MER2"})
+        return edit
+
+    with TestClient(create_app(own_world.root)) as client:
+        assert features(client, "annotations") == []
+        point = annotate("Point", [3.0, 4.0])
+        annotate("LineString", [[0.0, 0.0], [5.0, 5.0]])
+        found = features(client, "annotations", crs=f"{BASE}/crs/local")
+        assert [one["geometry"]["type"] for one in found] == ["Point", "LineString"]
+        assert found[0]["geometry"]["coordinates"] == [3.0, 4.0]
+        assert found[0]["properties"]["author"] == "Ada"
+        files = [get(client, "/collections/annotations/items", f=form) for form in ("gpkg", "fgb")]
+        assert all(answer.content for answer in files)
+        log.undo("MER2", point.id, "Ben")
+        own_world.catalogue.tell("edits.changed", {"mission": "MER2"})
+        assert len(features(client, "annotations")) == 1
 
 
 def test_images_stand_where_their_camera_stood_and_lead_to_their_files(client):
