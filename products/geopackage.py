@@ -21,7 +21,7 @@ from products.vector import Feature, FeatureCollection
 
 
 def write_geopackage(path: Path, collection: FeatureCollection, layer: str) -> None:
-    """Write features as one layer of a GeoPackage.
+    """Write features as one layer of a GeoPackage; beside those that the file has already.
 
     Raises:
         ProductError: there is no feature, or their geometries are not all of one kind.

@@ -70,6 +70,8 @@ class ProductKind(StrEnum):
     TRAVERSE = "traverse"
     TRAVERSE_TABLE = "traverse-table"
     TRAVERSE_FIGURE = "traverse-figure"
+    TRAVERSE_PICTURE = "traverse-picture"
+    TRAVERSE_PACKAGE = "traverse-package"
     PLACES = "places"
     SITE_VECTORS = "site-vectors"
     ROVER_VECTORS = "rover-vectors"
@@ -136,6 +138,8 @@ SUFFIX = {
     ProductKind.TRAVERSE: ".geojson",
     ProductKind.TRAVERSE_TABLE: ".json",
     ProductKind.TRAVERSE_FIGURE: ".svg",
+    ProductKind.TRAVERSE_PICTURE: ".png",
+    ProductKind.TRAVERSE_PACKAGE: ".gpkg",
     ProductKind.PLACES: ".csv",
     ProductKind.SITE_VECTORS: ".svf",
     ProductKind.ROVER_VECTORS: ".rvf",
@@ -203,6 +207,8 @@ LEVEL = {
     ProductKind.REPORT: ScopeLevel.SOL,
     ProductKind.TRAVERSE_TABLE: ScopeLevel.REGION,
     ProductKind.TRAVERSE_FIGURE: ScopeLevel.REGION,
+    ProductKind.TRAVERSE_PICTURE: ScopeLevel.REGION,
+    ProductKind.TRAVERSE_PACKAGE: ScopeLevel.REGION,
     ProductKind.PLACES: ScopeLevel.REGION,
     ProductKind.SITE_VECTORS: ScopeLevel.REGION,
     ProductKind.ROVER_VECTORS: ScopeLevel.REGION,

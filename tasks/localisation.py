@@ -1,7 +1,8 @@
 """Localise: what the adjusted traverse says of telemetry, and the traverse for other tools.
 
 After every adjustment: a table of accumulated differences with the vertical profile (JSON), the
-same as a figure (SVG), a PLACES table, and site and rover vector files with the adjusted solution.
+same as a figure (SVG, PNG), lines, stops and error ellipses (GeoPackage), a PLACES table, and site
+and rover vector files with the adjusted solution.
 Sites keep the offsets of telemetry, which are names for places; rovers are given in them where the
 adjustment puts them, so both files together give the adjusted stop in the LSL.
 """
@@ -17,9 +18,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 from prefect import task
 from prefect.cache_policies import NO_CACHE
 
+from photogrammetry.adjustment.records import AdjustedStop
+from photogrammetry.figures import png, svg
 from photogrammetry.frames import LSL, FrameKind, Pose, site_frame
 from photogrammetry.imagery import StopId
 from photogrammetry.pds3.vector_files import Solution, VectorFile
@@ -34,11 +38,12 @@ from products.store import ProductStore
 from tasks.adjust import NetworkProduct, read_network
 from tasks.scopes import region_scope
 from tasks.telemetry import Telemetry
+from tasks.traverse_package import PLAN, write_package
 
 FEWEST = 2
 """Stops of a traverse that can be compared: a leg has two ends."""
-PLAN = np.array([4, 3])
-"""East and north in a stop's covariance, which holds turns before (north, east, down)."""
+FORMAT = 2
+"""Of the table: raised when its fields change."""
 
 
 @task(cache_policy=NO_CACHE, task_run_name="localise-{network.scope}")
@@ -52,11 +57,20 @@ def localise(
     product = read_network(network, store)
     frames = SiteFrames.of(telemetry, {stop.stop.site for stop in product.adjusted.stops})
     clocks = {known.stop: known.first_clock for known in telemetry.stops}
-    params = landing, frames.document(), sorted((str(stop), at) for stop, at in clocks.items())
-    return [
+    params = (
+        FORMAT,
+        landing,
+        frames.document(),
+        sorted((str(stop), at) for stop, at in clocks.items()),
+    )
+    made = [
         store.make(Recipe(kind, scope, (network,), params), partial(_write, content))
         for kind, scope, content in _contents(product, frames, clocks, landing)
     ]
+    recipe = Recipe(
+        ProductKind.TRAVERSE_PACKAGE, region_scope(product.mission), (network,), landing
+    )
+    return [*made, store.make(recipe, partial(write_package, product, landing))]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,7 +119,8 @@ def _contents(
         yield ProductKind.ROVER_VECTORS, scope, partial(rover_vectors, product, site, pose)
     if len(product.adjusted.stops) >= FEWEST:
         yield ProductKind.TRAVERSE_TABLE, region, lambda: json.dumps(traverse_table(product))
-        yield ProductKind.TRAVERSE_FIGURE, region, partial(_figure, product)
+        yield ProductKind.TRAVERSE_FIGURE, region, partial(_figure, product, svg)
+        yield ProductKind.TRAVERSE_PICTURE, region, partial(_figure, product, png)
 
 
 def traverse_table(product: NetworkProduct) -> dict[str, Any]:
@@ -129,11 +144,24 @@ def traverse_table(product: NetworkProduct) -> dict[str, Any]:
                 "elevation_m": round(float(found.offset_m[k, 2]), 3),
                 "telemetry_enu_m": np.round(telemetry.places_m[k], 4).tolist(),
                 "adjusted_enu_m": np.round(adjusted.places_m[k], 4).tolist(),
-                "sigma_up_m": round(float(product.adjusted.stops[k].sigma_ned_m[2]), 4),
-                "held_by": product.adjusted.stops[k].held_by,
+                "percent": finite(round(float(found.percent[k]), 3)),
+                **_certainty(product.adjusted.stops[k]),
             }
             for k, (name, sol) in enumerate(zip(found.stops, found.sols, strict=True))
         ],
+    }
+
+
+def _certainty(stop: AdjustedStop) -> dict[str, Any]:
+    """How well a stop is known, and what holds it."""
+    north, east, down = np.round(stop.sigma_ned_m, 4).tolist()
+    azimuth_deg = float(np.degrees(np.sqrt(max(stop.covariance[2, 2], 0.0))))
+    return {
+        "sigma_east_m": east,
+        "sigma_north_m": north,
+        "sigma_up_m": down,
+        "sigma_azimuth_deg": round(azimuth_deg, 4),
+        "held_by": stop.held_by,
     }
 
 
@@ -142,10 +170,10 @@ def _row(difference: Difference) -> dict[str, Any]:
     return {k: finite(round(v, 3) if isinstance(v, float) else v) for k, v in fields.items()}
 
 
-def _figure(product: NetworkProduct) -> bytes:
+def _figure(product: NetworkProduct, form: Callable[[Figure], bytes]) -> bytes:
     telemetry, adjusted = traverses(product)
     plan = np.array([stop.covariance[np.ix_(PLAN, PLAN)] for stop in product.adjusted.stops])
-    return traverse_figure(telemetry, adjusted, differences(telemetry, adjusted), plan)
+    return traverse_figure(telemetry, adjusted, differences(telemetry, adjusted), plan, form)
 
 
 def placed_stops(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -25,14 +27,16 @@ def traverse_figure(
     corrected: Traverse,
     found: Differences,
     plan_covariances: Float64[np.ndarray, "points 2 2"] | None = None,
+    form: Callable[[Figure], bytes] = svg,
 ) -> bytes:
-    """Map, profile and differences of two traverses of the same stops, as SVG.
+    """Map, profile and differences of two traverses of the same stops, as SVG or PNG.
 
     Args:
         telemetry: What the rover believed.
         corrected: Where it was.
         found: Their differences.
         plan_covariances: Of (east, north) of the corrected stops, square metres.
+        form: `svg` or `png` of `photogrammetry.figures`.
     """
     figure = Figure(figsize=(9.0, 10.0), layout="constrained")
     plan, profile, apart = figure.subplots(3, 1, height_ratios=(3, 1.4, 1.4))
@@ -40,7 +44,7 @@ def traverse_figure(
     _plan(plan, started, corrected, plan_covariances)
     _profile(profile, started, corrected, found)
     _apart(apart, found)
-    return svg(figure)
+    return form(figure)
 
 
 def _plan(

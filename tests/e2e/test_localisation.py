@@ -3,7 +3,9 @@
 import json
 
 import numpy as np
+import pyogrio
 import pytest
+import shapely
 from typer.testing import CliRunner
 
 from flows.cli import app
@@ -54,6 +56,26 @@ def test_the_table_says_how_far_telemetry_was_off(mapped, handed_out):
     assert table["end"]["elevation_m"] == pytest.approx(-off[2], abs=2e-3)
     assert table["end"]["distance_m"] == pytest.approx(np.hypot(*driven[:2]), abs=2e-3)
     assert (handed_out / "MER2_traverse.svg").stat().st_size > 1000
+    assert (handed_out / "MER2_traverse.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_geopackage_has_lines_stops_and_ellipses_on_the_local_map(mapped, handed_out):
+    file = handed_out / "MER2_traverse.gpkg"
+    assert {name for name, _ in pyogrio.list_layers(file)} == {
+        "traverse", "stops", "error_ellipses"
+    }  # fmt: skip
+    rows = position_rows(mapped.workspace)
+    stops = pyogrio.raw.read(file, layer="stops")
+    assert len(stops[2]) == 2 * len(rows)
+    fields = dict(zip(stops[0]["fields"].tolist(), stops[3], strict=True))
+    places = shapely.get_coordinates(shapely.from_wkb(stops[2]), include_z=True)
+    found = places[(fields["solution"] == "adjusted") & (fields["drive"] != 0)]
+    north, east, down = rows[-1]["adjusted_ned_m"]
+    np.testing.assert_allclose(found, [[east, north, -down]], atol=1e-3)
+    ellipses = shapely.from_wkb(pyogrio.raw.read(file, layer="error_ellipses")[2])
+    sigma = rows[-1]["sigma_ned_m"][:2]
+    assert shapely.contains(ellipses[-1], shapely.Point(east, north))
+    assert ellipses[-1].area <= 9 * np.pi * (sigma[0] ** 2 + sigma[1] ** 2)
 
 
 def test_a_store_without_the_mission_says_so(mapped, tmp_path):
