@@ -17,6 +17,7 @@ from gis_server.errors import install_error_table
 from gis_server.ogc import features, landing, wmts
 from gis_server.ogc import tiles as ogc_tiles
 from gis_server.routes import (
+    account,
     analysis,
     downloads,
     edits,
@@ -25,6 +26,7 @@ from gis_server.routes import (
     layers,
     missions,
     models,
+    network,
     pages,
     projection,
     runs,
@@ -119,6 +121,7 @@ def create_app(store_root: Path, viewer_dist: Path | None = None) -> FastAPI:
         scene,
         analysis,
         projection,
+        network,
         styles,
         tiles,
         images,
@@ -126,6 +129,7 @@ def create_app(store_root: Path, viewer_dist: Path | None = None) -> FastAPI:
         downloads,
         stac,
         events,
+        account,
         edits,
         runs,
         features,

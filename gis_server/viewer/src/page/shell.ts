@@ -14,6 +14,8 @@ export interface Shell {
   readonly layers: HTMLElement;
   readonly missionBox: HTMLElement;
   readonly searchBox: HTMLElement;
+  /** At the end of the head: help, who has signed in. */
+  readonly accountBox: HTMLElement;
   readonly toolbar: HTMLElement;
   readonly readout: HTMLElement;
   readonly scale: HTMLElement;
@@ -33,6 +35,7 @@ export interface Shell {
   /** Shows a message across the top, with a button; null takes it away. */
   banner(message: string | null, retry?: () => void): void;
   dialog(title: string, content: Node): void;
+  closeDialog(): void;
   /** Says something that needs no answer; it goes away by itself. */
   toast(message: string): void;
 }
@@ -55,6 +58,7 @@ export function shell(root: HTMLElement): Shell {
   const layers = h("div", { class: "scroll" });
   const missionBox = h("div", { class: "mission" });
   const searchBox = h("div", {});
+  const accountBox = h("div", { class: "account" });
   const toolbar = h("div", { class: "toolbar", role: "toolbar", "aria-label": "map tools" });
   const readout = h("div", { class: "readout", "aria-live": "off" });
   const scale = h("div", { class: "scale" });
@@ -79,6 +83,7 @@ export function shell(root: HTMLElement): Shell {
       missionBox,
       searchBox,
       h("a", { class: "text", href: urls.docs() }, "API"),
+      accountBox,
       button("light or dark", "sun", toggleTheme, { class: "ghost" }),
     ),
     h("aside", { class: "left", "aria-label": "layers" }, layers),
@@ -98,6 +103,7 @@ export function shell(root: HTMLElement): Shell {
     layers,
     missionBox,
     searchBox,
+    accountBox,
     toolbar,
     readout,
     scale,
@@ -113,7 +119,7 @@ export function shell(root: HTMLElement): Shell {
       right.clear();
       beside.close();
       below.close();
-      for (const element of [map, layers, searchBox, toolbar, north, scale, readout])
+      for (const element of [map, layers, searchBox, accountBox, toolbar, north, scale, readout])
         element.replaceChildren();
       for (const element of [ruler, tip]) element.hidden = true;
     },
@@ -127,6 +133,7 @@ export function shell(root: HTMLElement): Shell {
       toast.append(line);
       setTimeout(() => line.remove(), TOAST_MS);
     },
+    closeDialog: () => dialog.close(),
     dialog(title, content) {
       dialog.replaceChildren(
         h(

@@ -1,5 +1,6 @@
 /** The one module that knows the server's URLs. */
 
+import { authorization } from "./token";
 import type { Identified, ImageEntry, Layer, MapPoint, Mission, VectorLayer } from "./records";
 
 /** The server answered, but not with what was asked for. */
@@ -51,12 +52,12 @@ export const urls = {
 };
 
 export function get<T>(url: string, signal?: AbortSignal): Promise<T> {
-  return ask<T>(url, signal ? { signal } : {});
+  return ask<T>(url, { headers: authorization(), ...(signal ? { signal } : {}) });
 }
 
 /** Asks with a body, as JSON. */
 export function post<T>(url: string, body: unknown, signal?: AbortSignal): Promise<T> {
-  const headers = { "content-type": "application/json" };
+  const headers = { "content-type": "application/json", ...authorization() };
   return ask<T>(url, {
     method: "POST",
     headers,

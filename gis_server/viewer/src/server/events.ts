@@ -1,6 +1,6 @@
 /** What the server tells as it happens (`/api/events`), and how it is heard. */
 
-import { of, withQuery } from "./api";
+import { withQuery } from "./api";
 
 /** Every kind there is; documents carry what is listed, and `at`. */
 export interface Happenings {
@@ -16,7 +16,8 @@ export interface Happenings {
     readonly done: number;
     readonly total: number;
   };
-  "edits.changed": { readonly mission: string };
+  "edits.changed": { readonly mission: string; readonly edit: number; readonly kind: string };
+  "requests.changed": { readonly request: number; readonly state: string };
   /** Events were missed: everything is to be asked anew. */
   reload: Readonly<Record<string, never>>;
 }
@@ -31,12 +32,11 @@ const KINDS: readonly Kind[] = [
   "mission.changed",
   "run.changed",
   "edits.changed",
+  "requests.changed",
   "reload",
 ];
 
 export const eventsUrl = (mission: string) => withQuery("/api/events", { mission });
-export const runsUrl = () => "/api/runs";
-export const editsUrl = (mission: string) => `${of(mission)}/edits`;
 
 /**
  * Listens until `alive` ends. The browser connects again by itself and says which event it has heard last; where the

@@ -9,6 +9,7 @@ import type { MapView } from "../map/map-view";
 import type { SunPlace } from "../map/shading";
 import type { DrawingState } from "../map/styles";
 import type { Shell } from "../page/shell";
+import type { Account } from "../server/account";
 import type { Happening } from "../server/events";
 import type { Layer, MapPoint, Mission } from "../server/records";
 import type { Kept, LinkBook } from "./kept";
@@ -57,6 +58,8 @@ export interface Context {
   readonly sun: Kept<SunPlace>;
   /** What parts keep in the link to the view. */
   readonly link: LinkBook;
+  /** Who has signed in; null: nobody, and nothing can be written. */
+  readonly account: Kept<Account | null>;
   readonly waiting: Waiting;
   readonly keys: Shortcuts;
   readonly signals: Signals;

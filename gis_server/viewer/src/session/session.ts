@@ -5,20 +5,26 @@ import { MapView } from "../map/map-view";
 import { localMap } from "../map/projection";
 import { CARTOGRAPHERS_SUN } from "../map/shading";
 import type { Shell } from "../page/shell";
+import { accountPart } from "../parts/account/part";
+import { annotationsPart } from "../parts/annotations/part";
 import { cursorPart } from "../parts/cursor/part";
 import { furniturePart } from "../parts/furniture/part";
+import { helpPart } from "../parts/help/part";
 import { imageViewPart } from "../parts/image-view/part";
 import { imagesPart } from "../parts/images/part";
 import { layersPart } from "../parts/layers/part";
 import { livePart } from "../parts/live/part";
 import { measurePart } from "../parts/measure/part";
+import { networkPart } from "../parts/network/part";
 import { pointPart } from "../parts/point/part";
+import { runsPart } from "../parts/runs/part";
 import { scenePart } from "../parts/scene/part";
 import { stereoPart } from "../parts/stereo/part";
 import { searchPart } from "../parts/search/part";
 import { sunPart } from "../parts/sun/part";
 import { swipePart } from "../parts/swipe/part";
 import { traversePart } from "../parts/traverse/part";
+import type { Account } from "../server/account";
 import type { Layer, Mission } from "../server/records";
 import type { Context, Part, Signals } from "./context";
 import { Kept, LinkBook } from "./kept";
@@ -39,10 +45,15 @@ const PARTS: readonly Part[] = [
   imageViewPart,
   traversePart,
   measurePart,
+  networkPart,
   swipePart,
   sunPart,
   scenePart,
   stereoPart,
+  annotationsPart,
+  runsPart,
+  helpPart,
+  accountPart,
   livePart,
 ];
 
@@ -75,6 +86,7 @@ export class Session {
       drawing,
       sun: new Kept(CARTOGRAPHERS_SUN),
       link: new LinkBook(link.more),
+      account: new Kept<Account | null>(null),
       waiting: new Waiting(page, () => view.map.render()),
       keys: new Shortcuts(),
       signals: signals(),

@@ -1,0 +1,85 @@
+/** The tab of runs, drawn from what is known of them. */
+
+import { h } from "../../page/dom";
+import { time } from "../../page/format";
+import { type Report, type Run, type Runs, WISHES, type Wish } from "../../server/runs";
+import { durationText, requestText, share, stageText } from "./progress";
+
+const WISH_TEXTS: Readonly<Record<Wish, string>> = {
+  downlink: "Process the inbox",
+  "overall adjustment": "Adjust all stops",
+  region: "Join the regions",
+};
+
+export interface RunActions {
+  readonly open: (run: Run) => void;
+  readonly openReport: (report: Report) => void;
+  readonly ask: (wish: Wish) => void;
+}
+
+function bar(run: Run): HTMLElement | null {
+  const part = share(run);
+  if (run.state !== "running" || part === null) return null;
+  return h("progress", { max: 1, value: part, "aria-label": `${run.kind}: ${stageText(run)}` });
+}
+
+function row(run: Run, actions: RunActions): HTMLElement {
+  const title = `${run.kind}${run.subject ? `: ${run.subject}` : ""}`;
+  return h(
+    "li",
+    { class: `run ${run.state}`, "data-run": run.id, "data-state": run.state },
+    h("button", { type: "button", class: "link", onclick: () => actions.open(run) }, title),
+    h("small", {}, `${run.state} · ${time(run.started_at)} UTC · ${durationText(run, Date.now())}`),
+    h("span", { class: "stage" }, stageText(run)),
+    bar(run),
+  );
+}
+
+function wishes(mayAsk: boolean, actions: RunActions): HTMLElement {
+  if (!mayAsk) return h("p", { class: "hint" }, "Sign in as an operator to start runs from here.");
+  return h(
+    "div",
+    { class: "wishes" },
+    ...WISHES.map((wish) =>
+      h(
+        "button",
+        { type: "button", class: "primary", "data-wish": wish, onclick: () => actions.ask(wish) },
+        WISH_TEXTS[wish],
+      ),
+    ),
+  );
+}
+
+export function runsPanel(known: Runs, mayAsk: boolean, actions: RunActions): HTMLElement {
+  const waiting = known.requests.filter(({ state }) => state !== "taken").slice(0, 5);
+  const reports = known.reports.map((report) =>
+    h(
+      "li",
+      {},
+      h(
+        "button",
+        {
+          type: "button",
+          class: "link",
+          "data-report": report.scope,
+          onclick: () => actions.openReport(report),
+        },
+        report.scope,
+      ),
+    ),
+  );
+  return h(
+    "div",
+    { class: "runs" },
+    wishes(mayAsk, actions),
+    ...waiting.map((request) => h("p", { class: "request" }, requestText(request))),
+    h("h3", {}, "Runs"),
+    known.runs.length > 0
+      ? h("ul", { class: "plain" }, ...known.runs.map((run) => row(run, actions)))
+      : h("p", { class: "hint" }, "Nothing has run on this store yet."),
+    h("h3", {}, "Quality of adjustments"),
+    reports.length > 0
+      ? h("ul", { class: "plain" }, ...reports)
+      : h("p", { class: "hint" }, "No adjustment has been published yet."),
+  );
+}

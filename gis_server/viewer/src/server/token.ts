@@ -1,0 +1,15 @@
+/** The token that writes are signed with: kept until the tab is closed, sent to nobody but our own server. */
+
+const KEY = "solmap-token";
+
+export const token = {
+  read: (): string | null => sessionStorage.getItem(KEY),
+  keep: (text: string): void => sessionStorage.setItem(KEY, text),
+  forget: (): void => sessionStorage.removeItem(KEY),
+};
+
+/** Header of a request that writes; none while nobody has signed in. */
+export function authorization(): Record<string, string> {
+  const text = token.read();
+  return text ? { authorization: `Bearer ${text}` } : {};
+}

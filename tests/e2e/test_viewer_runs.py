@@ -1,0 +1,131 @@
+"""Runs, notes and signing in: what people write on the map, what the pipeline says of itself."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+from products.access import Role, TokenBook
+from products.edits import EditKind, EditLog
+from products.model import ProductKind, Recipe
+from products.run_requests import RequestBook
+from products.runs import Run, RunBook, RunState
+from products.workspace import Workspace
+from tests.support.bowl_store import REGION, fill
+from tests.support.browsing import Server, at, look, pixel_of, ready, screenshot, until
+
+RESOLUTION = 0.1
+
+
+@pytest.fixture
+def workspace(tmp_path) -> Workspace:
+    workspace = Workspace.open(tmp_path / "store")
+    fill(workspace)
+    return workspace
+
+
+@pytest.fixture
+def live(workspace) -> Iterator[str]:
+    with Server(workspace.store.root) as server:
+        yield server.url
+
+
+def sign_in(page, workspace, role: Role) -> None:
+    _, text = TokenBook.of(workspace.store.root).add("Ann", role)
+    page.get_by_role("button", name="Sign in").click()
+    page.locator('dialog input[type="password"]').fill(text)
+    page.locator('dialog button[type="submit"]').click()
+    until(page, lambda: f"Ann ({role})" in page.locator(".account").inner_text())
+
+
+def test_a_run_is_followed_while_it_goes_on(page, workspace, live):
+    look(page, live)
+    page.locator('[data-tab="runs"]').click()
+    book = RunBook(workspace.catalogue.engine)
+    run = Run.start("downlink", "sol 156").at("match pairs", 3, 12)
+    book.write(run)
+    row = page.locator(f'[data-run="{run.id}"]')
+    until(page, lambda: row.count() == 1)
+    assert "match pairs, 3 of 12" in row.inner_text()
+    assert float(row.locator("progress").get_attribute("value")) == 0.25
+    book.write(run.at("adjust", 1, 2))
+    until(page, lambda: "adjust, 1 of 2" in row.inner_text())
+    screenshot(page, "runs")
+    book.write(run.said(["failed: one pair has no common light"]).ended(RunState.FAILED))
+    until(page, lambda: row.get_attribute("data-state") == "failed")
+    row.get_by_role("button").click()
+    assert "no common light" in page.locator("dialog pre").inner_text()
+
+
+def test_a_quality_report_opens_in_the_page(page, workspace, live):
+    body = b"<!doctype html><title>q</title><h1>sigma0 0.97</h1>"
+    recipe = Recipe(ProductKind.REPORT, REGION)
+    report = workspace.store.make(recipe, lambda path: path.write_bytes(body))
+    workspace.catalogue.publish(pointers=[report])
+    look(page, live)
+    page.locator('[data-tab="runs"]').click()
+    page.locator('[data-report="mer2"]').click()
+    inner = page.frame_locator("dialog iframe").locator("h1")
+    until(page, lambda: inner.count() == 1)
+    assert inner.inner_text() == "sigma0 0.97"
+
+
+def test_only_an_operator_asks_for_runs_and_once(page, workspace, live):
+    look(page, live)
+    page.locator('[data-tab="runs"]').click()
+    assert page.locator("[data-wish]").count() == 0
+    sign_in(page, workspace, Role.OPERATOR)
+    page.locator('[data-wish="region"]').click()
+    until(page, lambda: page.locator(".request").count() == 1)
+    assert "region of MER2, asked for by Ann" in page.locator(".request").inner_text()
+    ready(page)
+    page.locator('[data-wish="region"]').click()
+    ready(page)
+    assert len(RequestBook.of(workspace.store.root).requests()) == 1
+
+
+def test_a_wrong_token_is_said_to_be_so_and_not_kept(page, workspace, live):
+    TokenBook.of(workspace.store.root).add("Ann", Role.ANALYST)
+    look(page, live)
+    page.get_by_role("button", name="Sign in").click()
+    page.locator('dialog input[type="password"]').fill("solmap_a_b")
+    page.locator('dialog button[type="submit"]').click()
+    until(page, lambda: "unknown, revoked" in page.locator("dialog .trouble").inner_text())
+    page.reload()
+    ready(page)
+    assert page.locator(".account").inner_text().count("Sign in") == 1
+
+
+def test_a_note_is_written_seen_by_others_and_taken_back(page, browser, workspace, live):
+    other = browser.new_page()
+    look(other, live)
+    other.locator('[data-tab="notes"]').click()
+    look(page, live + at(RESOLUTION, "mer2/hillshade"))
+    page.locator('[data-tab="notes"]').click()
+    assert page.locator("[data-shape]").count() == 0
+    sign_in(page, workspace, Role.ANALYST)
+    page.locator('[data-shape="point"]').click()
+    x, y = pixel_of(page, 6.0, -4.0, RESOLUTION)
+    page.mouse.click(x, y)
+    page.locator("dialog textarea").fill("layered rock")
+    page.locator('dialog button[type="submit"]').click()
+    until(page, lambda: page.locator("[data-note]").count() == 1)
+    (edit,) = EditLog.of(workspace.store.root).edits("MER2")
+    assert edit.kind is EditKind.ANNOTATION
+    assert edit.document["geometry"]["coordinates"] == pytest.approx([6.0, -4.0], abs=0.06)
+    assert edit.author == "Ann"
+    until(other, lambda: "layered rock" in other.locator("[data-note]").inner_text())
+    screenshot(page, "note")
+    page.get_by_role("button", name="take the note back").click()
+    until(page, lambda: page.locator("[data-note]").count() == 0)
+    until(other, lambda: other.locator("[data-note]").count() == 0)
+    assert len(EditLog.of(workspace.store.root).edits("MER2")) == 2
+    other.close()
+
+
+def test_the_keys_are_listed_on_a_key(page, live):
+    look(page, live)
+    page.keyboard.press("?")
+    listed = page.locator("dialog kbd").all_inner_texts()
+    assert {"?", "f", "n", "m", "Esc"} <= set(listed)
