@@ -77,3 +77,40 @@ def export(
         fail(f"no adjusted traverse of {mission.upper()} is in the store: run its downlink first")
     for file in made:
         out.print(str(file), highlight=False)
+
+
+@app.command("georeference")
+def hang(
+    file: Annotated[
+        Path, typer.Argument(help="CSV: name, mosaic_x_m, mosaic_y_m, east_m, north_m")
+    ],
+    *,
+    affine: Annotated[bool, typer.Option("--affine", help="Six parameters, not four.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
+) -> None:
+    """Hang an uncontrolled mosaic on points of the track: turn, scale, and what remains."""
+    from flows.mosaic import hang_mosaic  # noqa: PLC0415 - slow to import
+    from photogrammetry.errors import PhotogrammetryError  # noqa: PLC0415
+
+    try:
+        found = hang_mosaic(file, affine=affine)
+    except (PhotogrammetryError, OSError) as error:
+        fail(str(error))
+    if as_json:
+        show_rows([found.document()], [], as_json)
+        return
+    show_rows(found.rows(), list(found.rows()[0]), as_json)
+    out.print(found.summary, highlight=False)
+
+
+@app.command("simulate-mosaic")
+def simulate_points(
+    file: Annotated[Path, typer.Argument(help="Where to write the points, CSV")],
+    seed: Annotated[int, typer.Option(help="Repeats the points")] = 1,
+    rotation: Annotated[float, typer.Option(help="Of the mosaic against the map, degrees")] = 1.3,
+) -> None:
+    """Points of a track in a simulated mosaic, with the answer to them beside (.truth.json)."""
+    from flows.mosaic import write_simulated  # noqa: PLC0415 - slow to import
+
+    truth = write_simulated(file, seed, rotation)
+    out.print(f"{file}; the answer is in {truth}", highlight=False)
