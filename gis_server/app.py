@@ -35,6 +35,7 @@ from gis_server.routes import (
     styles,
     tiles,
 )
+from gis_server.routes.shortcut import TileShortcut
 from gis_server.services import open_services
 from gis_server.small_bodies import SmallBodies
 
@@ -141,6 +142,7 @@ def create_app(store_root: Path, viewer_dist: Path | None = None) -> FastAPI:
     pages.install_pages(app, viewer_dist or pages.SHIPPED_VIEWER)
     app.add_middleware(SmallBodies)
     app.add_middleware(CompressText)
+    app.add_middleware(TileShortcut, services=services)
     app.add_middleware(SecurityHeaders)
     return app
 

@@ -1,4 +1,4 @@
-"""Map tiles."""
+"""Map tiles: pictures and values."""
 
 from __future__ import annotations
 
@@ -9,10 +9,13 @@ from fastapi import APIRouter, Header, Query, Response
 
 from gis_server.rendering.deflate import gunzipped
 from gis_server.rendering.floats import MEDIA_TYPE
+from gis_server.rendering.looks import Look
 from gis_server.rendering.tiles import render_tile, render_values
 from gis_server.routes.looks import AskedLook
 from gis_server.routes.parameters import FOREVER, Address, LayerPath
-from gis_server.services import ServicesOf
+from gis_server.services import Services, ServicesOf
+from products.model import Layer
+from products.tiling import TileAddress
 
 router = APIRouter(tags=["tiles"])
 BandName = Annotated[str, Query(pattern=r"^[a-z_]{0,64}$", description="the first by default")]
@@ -26,8 +29,7 @@ def tile(
 
     Which styles a layer has says `GET /api/layers/{scope}/{kind}/{digest}/styles`.
     """
-    body = render_tile(layer, address, services.store, services.pool, asked.look)
-    return Response(body, media_type="image/png", headers=FOREVER)
+    return picture_of(layer, address, services, asked.look)
 
 
 @router.get("/tiles/{scope}/{kind}/{digest}/{z}/{x}/{y}.values", response_class=Response)
@@ -42,6 +44,19 @@ def values(
 
     The format stands in the documentation of the stage "Serve".
     """
+    return values_of(layer, address, services, accept_encoding, band)
+
+
+def picture_of(layer: Layer, address: TileAddress, services: Services, look: Look) -> Response:
+    """The answer with the picture of a tile."""
+    body = render_tile(layer, address, services.store, services.pool, look)
+    return Response(body, media_type="image/png", headers=FOREVER)
+
+
+def values_of(
+    layer: Layer, address: TileAddress, services: Services, accept_encoding: str, band: str = ""
+) -> Response:
+    """The answer with the values of a tile, compressed if the client can undo that."""
     body = render_values(layer, address, services.store, services.pool, band)
     headers = {**FOREVER, "Vary": "Accept-Encoding"}
     if body is None:

@@ -1,15 +1,21 @@
-"""CPU of a map tile: ours beside rio-tiler's reader and encoder on the same files in the same run.
+"""Tiles: processor time and latency, beside TiTiler and beside files drawn before.
 
-rio-tiler is what TiTiler serves tiles with: it opens the file, reads the tile through the tile
-matrix set of the site, colours it and encodes it, as it does here. Ours keeps the file open. Both
-get the same random tiles of a product 50 m wide.
+Three servers of one process each get the same random tiles of a product 50 m wide, at its own zoom
+and three below it, over one kept connection and over eight: ours; TiTiler, which opens the file for
+every tile (and is spared the search for the name of a CRS that has none); and Starlette sending
+files that were drawn before, which no server that draws can beat. TiTiler's hillshade takes no heed
+of the size of a cell, but is as much work. Beside that, our drawing alone is held against
+rio-tiler's, which TiTiler draws with.
 """
 
 from __future__ import annotations
 
+import importlib.util
 import itertools
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from urllib.parse import urlencode
 
 import cv2
 import morecantile
@@ -18,15 +24,19 @@ import pytest
 from rio_tiler.colormap import cmap
 from rio_tiler.io import Reader
 
+from gis_server.rendering.looks import Look
 from gis_server.rendering.readers import RasterPool
 from gis_server.rendering.tiles import render_tile
 from photogrammetry.terrain.grid import BLOCK, MapGrid
+from products.catalogue import Catalogue, MissionEntry
 from products.crs import LandingPoint, local_crs
 from products.model import Layer, ProductKind, Recipe, Scope, ScopeLevel
 from products.pictures import write_orthophoto
 from products.raster import summarise, write_raster
 from products.store import ProductStore
 from products.tiling import TileAddress, tile_matrix_set, zoom_of
+from tests.support.tile_load import Load, load
+from tests.support.tile_servers import Server, running
 
 LANDING = LandingPoint("Columbia Memorial Station", 175.4729, -14.5692, 3_393_000.0, "a test")
 CELL_M = 0.02
@@ -37,6 +47,7 @@ TILES = 32
 
 @dataclass(frozen=True)
 class Served:
+    root: Path
     store: ProductStore
     layers: dict[ProductKind, Layer]
     addresses: list[TileAddress]
@@ -44,7 +55,8 @@ class Served:
 
 @pytest.fixture(scope="module")
 def served(tmp_path_factory: pytest.TempPathFactory) -> Served:
-    store = ProductStore.open(tmp_path_factory.mktemp("tiles"))
+    root = tmp_path_factory.mktemp("tiles")
+    store = ProductStore.open(root)
     rng = np.random.default_rng(7)
     shape = GRID.shape
     rough = sum(
@@ -70,7 +82,9 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Served:
         TileAddress.holding(*rng.uniform(-24.0, 24.0, 2), zoom)
         for zoom in itertools.islice(itertools.cycle(range(own - 3, own + 1)), TILES)
     ]
-    return Served(store, layers, addresses)
+    mission = MissionEntry("MER2", "Spirit", LANDING, None)
+    Catalogue.open(root).publish(missions=[mission], layers=list(layers.values()))
+    return Served(root, store, layers, addresses)
 
 
 def _layer(store: ProductStore, kind: ProductKind, field: np.ndarray) -> Layer:
@@ -131,3 +145,111 @@ def _note(benchmark, size: int) -> None:
     benchmark.extra_info["tiles/s"] = round(TILES / benchmark.stats["median"])
     benchmark.extra_info["ms/tile"] = round(1e3 * benchmark.stats["median"] / TILES, 2)
     benchmark.extra_info["kB/tile"] = round(size / TILES / 1e3, 1)
+
+
+ASKED = 80
+"""Tiles of a round over HTTP."""
+PICTURES = {
+    "orthophoto": (ProductKind.ORTHOPHOTO, Look(), {}),
+    "colour relief": (ProductKind.DTM, Look(), {"colormap_name": "viridis"}),
+    "hillshade made once": (ProductKind.HILLSHADE, Look(), {}),
+    "hillshade on the fly": (
+        ProductKind.DTM,
+        Look("hillshade"),
+        {"algorithm": "hillshade", "buffer": "3"},
+    ),
+}
+"""Kind, our look, and what TiTiler is asked for."""
+SERVERS = ("ours", "titiler", "files")
+HAS_TITILER = importlib.util.find_spec("titiler") is not None
+NEEDS_TITILER = pytest.mark.skipif(not HAS_TITILER, reason="`make peers` installs TiTiler")
+
+
+@pytest.fixture(scope="module")
+def addresses() -> list[TileAddress]:
+    rng = np.random.default_rng(8)
+    own = zoom_of(CELL_M)
+    zooms = itertools.islice(itertools.cycle(range(own - 3, own + 1)), ASKED)
+    return [TileAddress.holding(*rng.uniform(-24.0, 24.0, 2), zoom) for zoom in zooms]
+
+
+@pytest.fixture(scope="module")
+def servers(served: Served, addresses: list[TileAddress]) -> Iterator[dict[str, Server]]:
+    pool = RasterPool()
+    for picture, (kind, look, _) in PICTURES.items():
+        for address in addresses:
+            path = served.root / "drawn" / _file_of(picture, address)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(render_tile(served.layers[kind], address, served.store, pool, look))
+    with running("ours", served.root) as ours, running("files", served.root) as files:
+        if not HAS_TITILER:
+            yield {"ours": ours, "files": files}
+            return
+        with running("titiler", served.root) as titiler:
+            yield {"ours": ours, "files": files, "titiler": titiler}
+
+
+def _file_of(picture: str, address: TileAddress) -> str:
+    place = f"{address.zoom}/{address.column}/{address.row}.png"
+    return f"{picture.replace(' ', '-')}/{place}"
+
+
+def _path(server: str, picture: str, served: Served, address: TileAddress) -> str:
+    kind, look, asked = PICTURES[picture]
+    layer = served.layers[kind]
+    place = f"{address.zoom}/{address.column}/{address.row}.png"
+    match server:
+        case "ours":
+            style = "" if look == Look() else f"?style={look.style}"
+            return f"/tiles/{layer.ref.scope.name}/{kind}/{layer.ref.digest}/{place}{style}"
+        case "files":
+            return f"/{_file_of(picture, address)}"
+        case _:
+            query = {"url": str(served.store.path(layer.ref)), **asked}
+            low, high = layer.range or (0.0, 1.0)
+            if kind != ProductKind.ORTHOPHOTO and "algorithm" not in asked:
+                query["rescale"] = f"{low},{high}"
+            return f"/tiles/local/{place}?{urlencode(query)}"
+
+
+@pytest.mark.parametrize("server", [pytest.param("titiler", marks=NEEDS_TITILER), "ours", "files"])
+@pytest.mark.parametrize("picture", PICTURES)
+def test_tiles_over_http(benchmark, served, servers, addresses, server, picture):
+    benchmark.group = f"{ASKED} tiles over HTTP: {picture}"
+    at = servers[server]
+    paths = [_path(server, picture, served, address) for address in addresses]
+    loads: list[Load] = []
+    benchmark.pedantic(
+        lambda: loads.append(load(at.port, at.pid, paths)), rounds=2, warmup_rounds=1
+    )
+    best = min(loads[1:], key=lambda one: one.cpu_s)
+    many = load(at.port, at.pid, paths, connections=8)
+    benchmark.extra_info.update(best.figures)
+    benchmark.extra_info["tiles/s, 8 connections"] = many.figures["tiles/s"]
+
+
+@pytest.mark.slow
+def test_an_orthophoto_takes_no_more_than_one_and_a_half_files(served, servers, addresses):
+    cost = {name: _cost(name, "orthophoto", served, servers, addresses) for name in SERVERS[::2]}
+    assert cost["ours"] <= 1.5 * cost["files"], f"{cost} s of processor for {ASKED} tiles"
+
+
+@pytest.mark.slow
+@NEEDS_TITILER
+@pytest.mark.parametrize("picture", list(PICTURES)[1:])
+def test_what_is_computed_takes_a_fifth_of_titiler(served, servers, addresses, picture):
+    cost = {name: _cost(name, picture, served, servers, addresses) for name in SERVERS[:2]}
+    assert 5.0 * cost["ours"] <= cost["titiler"], f"{cost} s of processor for {ASKED} tiles"
+
+
+def _cost(
+    server: str,
+    picture: str,
+    served: Served,
+    servers: dict[str, Server],
+    addresses: list[TileAddress],
+) -> float:
+    """Processor time of a round, the least of three: other work shares the machine."""
+    paths = [_path(server, picture, served, address) for address in addresses]
+    at = servers[server]
+    return min(load(at.port, at.pid, paths).cpu_s for _ in range(4))
