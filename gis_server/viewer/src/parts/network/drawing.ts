@@ -20,7 +20,7 @@ function pressable(element: SVGElement, name: string, act: Act): SVGElement {
   return element;
 }
 
-function edge(from: Spot, to: Spot, ties: number, isWeak: boolean, text: string): SVGElement {
+function edge(from: Spot, to: Spot, ties: number, classes: string, text: string): SVGElement {
   const line = svg("line", {
     x1: from.x,
     y1: from.y,
@@ -31,7 +31,7 @@ function edge(from: Spot, to: Spot, ties: number, isWeak: boolean, text: string)
   });
   const [x, y] = [(from.x + to.x) / 2, (from.y + to.y) / 2];
   const count = svg("text", { x, y, class: "edge-count" }, String(ties));
-  return svg("g", { class: isWeak ? "edge weak" : "edge" }, svg("title", {}, text), line, count);
+  return svg("g", { class: classes }, svg("title", {}, text), line, count);
 }
 
 export const linkText = ({ one, other, ties, tried, weak }: LinkEdge): string =>
@@ -53,21 +53,27 @@ export function stopsDrawing(graph: NetworkGraph, open: (stop: string) => void):
   const edges = graph.links.flatMap((link) => {
     const [from, to] = [spots.get(link.one), spots.get(link.other)];
     if (!from || !to) return [];
-    const drawn = edge(from, to, link.ties, link.weak.length > 0, linkText(link));
+    const drawn = edge(
+      from,
+      to,
+      link.ties,
+      link.weak.length > 0 ? "edge weak" : "edge",
+      linkText(link),
+    );
     drawn.setAttribute("data-link", `${link.one} ${link.other}`);
     return [drawn];
   });
   const node = (stop: StopNode) => {
     const { x, y } = spots.get(stop.stop) ?? { x: 0, y: 0 };
     const isWeak = stop.weak.length > 0 || !stop.is_tied;
-    const name = `stop ${stop.label}, ${stop.pairs} pairs, ${[stop.held_by, ...stop.weak].join("; ")}`;
+    const name = `${stop.label} ${stop.pairs} pairs; ${[stop.held_by, ...stop.weak].join("; ")}`;
     const drawn = svg(
       "g",
       { class: isWeak ? "node weak" : "node", "data-stop-node": stop.stop },
-      svg("title", {}, name),
-      svg("circle", { cx: x, cy: y, r: 26 }),
-      svg("text", { x, y: y - 38 }, stop.label),
-      svg("text", { x, y: y + 8, class: "inside" }, String(stop.pairs)),
+      svg("circle", { cx: x, cy: y }),
+      svg("text", { x, y, dy: "-1.4em" }, stop.label),
+      " ", // else the name would be read as 10/012
+      svg("text", { x, y, dy: "0.35em", class: "inside" }, String(stop.pairs)),
     );
     return pressable(drawn, name, () => open(stop.stop));
   };
@@ -81,20 +87,19 @@ export function pairsDrawing(graph: PairGraph, open: (image: string) => void): S
   const edges = graph.edges.flatMap(({ one, other, ties }) => {
     const [from, to] = [spots.get(one), spots.get(other)];
     return from && to
-      ? [edge(from, to, ties, false, `${one} and ${other} share ${ties} ties`)]
+      ? [edge(from, to, ties, "edge pair-edge", `${one} and ${other} share ${ties} ties`)]
       : [];
   });
   const node = (pair: PairNode) => {
     const { x, y } = spots.get(pair.id) ?? { x: 0, y: 0 };
     const own = pair.stop === graph.stop ? "" : ` of ${pair.stop}`;
-    const name = `pair ${pair.id}${own}: ${pair.ties} ties, ${pair.blunders} set aside ${pair.weak.join("; ")}`;
+    const name = `${shortName(pair)}, pair ${pair.id}${own}: ${pair.ties} ties, ${pair.blunders} set aside ${pair.weak.join("; ")}`;
     const classes = ["node", "pair", own ? "foreign" : "", pair.weak.length > 0 ? "weak" : ""];
     const drawn = svg(
       "g",
       { class: classes.join(" "), "data-pair": pair.id },
-      svg("title", {}, name),
-      svg("circle", { cx: x, cy: y, r: 17 }),
-      svg("text", { x, y: y - 26, class: "small" }, shortName(pair)),
+      svg("circle", { cx: x, cy: y }),
+      svg("text", { x, y, dy: "-1.2em", class: "small" }, shortName(pair)),
     );
     return pressable(drawn, name, () => open(pair.id));
   };

@@ -110,7 +110,11 @@ function networkPanel(graph: NetworkGraph, open: () => void, { view }: Context):
     h(
       "table",
       { class: "values links" },
-      h("thead", {}, h("tr", {}, ...["stops", "ties", ""].map((name) => h("th", {}, name)))),
+      h(
+        "thead",
+        {},
+        h("tr", {}, ...["stops", "ties", "weak because"].map((name) => h("th", {}, name))),
+      ),
       h("tbody", {}, ...weakFirst.slice(0, MOST_LINKS).map(row)),
     ),
   );
