@@ -8,7 +8,9 @@ import pytest
 from typer.testing import CliRunner
 
 from flows.cli import app
+from photogrammetry.body_fixed import MARS_RADIUS_M
 from photogrammetry.errors import TraverseError
+from photogrammetry.traverse.tables import parse_mission_table
 from products.crs import LandingPoint
 from products.model import ProductKind
 from products.vector import read_features
@@ -90,6 +92,31 @@ def test_the_comparison_of_spirit_is_one_command(shared_data, tmp_path):
     assert rows["end"]["elevation_m"] is None  # the table has none
     assert rows["end"]["percent"] == pytest.approx(3.77, abs=0.01)
     assert figure.read_bytes().startswith(b"<?xml")
+
+
+def test_the_layers_of_spirit_lie_on_the_degrees_that_other_tables_give(shared_data, tmp_path):
+    """Written from the path table; read beside the tables of drives and sites, to a millimetre."""
+    folder = shared_data / "traverse" / "mer_spirit"
+    files = [folder / "MERA-MER2-Spirit_traverse_path.csv"]
+    store = Workspace.open(tmp_path / "store").store
+    traverses = read_traverses(files, "MER2", LANDING)
+    stops = draw_mission_traverse("MER2", traverses, files, LANDING, store)[1]
+    written = {
+        f["id"].removesuffix("-localised"): f["geometry"]["coordinates"][:2]
+        for f in json.loads(store.path(stops).read_text())["features"]
+        if f["id"].endswith("-localised")
+    }
+    metre = np.radians(1.0) * MARS_RADIUS_M * np.array([np.cos(np.radians(-14.57)), 1.0])
+    for name, fewest in (("drives.geojson", 500), ("sites.csv", 100)):
+        other = parse_mission_table((folder / name).read_text(), name)
+        apart_m = [
+            float(np.hypot(*((np.array(written[stop]) - place) * metre)))
+            for stop, place in zip(other.stops, other.localised_deg, strict=True)
+            if stop in written
+        ]
+        assert len(apart_m) >= fewest
+        assert np.median(apart_m) < 1e-3
+        assert np.quantile(apart_m, 0.99) < 1e-2  # some stops stand at several places
 
 
 def test_a_file_that_is_no_traverse_ends_with_one_line(tmp_path):
