@@ -33,6 +33,7 @@ from gis_server.routes import (
     scene,
     stac,
     styles,
+    ties,
     tiles,
 )
 from gis_server.routes.shortcut import TileShortcut
@@ -121,6 +122,7 @@ def create_app(store_root: Path, viewer_dist: Path | None = None) -> FastAPI:
         models,
         scene,
         analysis,
+        ties,
         projection,
         network,
         styles,

@@ -89,8 +89,8 @@ def profile_answer(question: ProfileQuestion, found: Profile, ground: Ground) ->
 
 def profile_csv(answer: ProfileAnswer) -> str:
     """The stations as a table; the layer's id and digest stand in every row."""
-    columns = ("distance_m", "east", "north", "elevation_m", "sigma_m", "pose_sigma_m")
-    columns += ("slope_deg", "slope_sigma_deg")
+    ground = ("distance_m", "east", "north", "elevation_m", "sigma_m", "pose_sigma_m")
+    columns = (*ground, "slope_deg", "slope_sigma_deg")
     text = io.StringIO()
     table = csv.writer(text, lineterminator="\n")
     table.writerow((*columns, "layer", "digest"))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import rasterio
@@ -85,7 +86,7 @@ def zonal(
     polygon = polygon_of(np.array(question.polygon))
     with pool.reading(store.path(layer.ref)) as dataset:
         zone = _read(dataset, polygon)
-    common = {
+    common: dict[str, Any] = {
         "unit": layer.unit,
         "count": len(zone.values),
         "measured_share": round(len(zone.values) / max(zone.cells, 1), 4),
@@ -125,7 +126,7 @@ def _read(dataset: rasterio.DatasetReader, polygon: shapely.Polygon) -> _Zone:
     return _Zone(true, round(polygon.area / (cell * cell)), cell, classes)
 
 
-def _numbers(values: PerPoint) -> dict[str, float | dict[str, float]]:
+def _numbers(values: PerPoint) -> dict[str, Any]:
     percentiles = np.percentile(values, _PERCENT).round(6).tolist()
     return {
         "mean": round(float(values.mean()), 6),
@@ -136,7 +137,7 @@ def _numbers(values: PerPoint) -> dict[str, float | dict[str, float]]:
     }
 
 
-def _directions(degrees: PerPoint) -> dict[str, float]:
+def _directions(degrees: PerPoint) -> dict[str, Any]:
     """Mean direction and circular standard deviation, degrees (Mardia and Jupp 2000, 2.3)."""
     mean = np.exp(1j * np.radians(degrees)).mean()
     length = min(max(abs(mean), 1e-12), 1.0)

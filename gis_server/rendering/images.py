@@ -183,6 +183,15 @@ class Shown:
         return low, high if stretch.white is None else stretch.white
 
 
+def linearised(entry: ImageEntry, workspace: Workspace) -> GreyImage:
+    """The image as matching sees it, NaN where it was not measured.
+
+    Raises:
+        ProductNotFoundError: it has no partner, or was not matched.
+    """
+    return Shown.of(entry, Style.LINEARISED, workspace)._plane(0)  # noqa: SLF001 - of this module
+
+
 def _raw(entry: ImageEntry, workspace: Workspace) -> GreyImage:
     """Values as stored; tables and flat fields are not used."""
     return read_product_image(ImageFile(entry.ref), workspace.store).pixels

@@ -72,8 +72,10 @@ def test_questions_without_answer_are_refused_in_words(client, question, told):
 
 @pytest.mark.parametrize("number", ["NaN", "Infinity", "-Infinity", "1e999"])
 def test_numbers_that_are_none_are_refused(client, number):
-    answer = client.post(URL, content=f'{{"line": [[0, 0], [{number}, 1]]}}')
+    text = f'{{"line": [[0, 0], [{number}, 1]]}}'
+    answer = client.post(URL, content=text, headers={"content-type": "application/json"})
     assert answer.status_code == 422
+    assert "finite" in answer.text
 
 
 def test_an_unknown_mission_has_no_profile(client):

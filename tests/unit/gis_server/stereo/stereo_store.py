@@ -33,12 +33,13 @@ from photogrammetry.synthetic.scene import Shot, World
 from photogrammetry.synthetic.traverse import TraverseParams
 from photogrammetry.synthetic.world import RenderJob, WorldParams, make_world, true_parallax
 from photogrammetry.terrain.grid import MapGrid
+from photogrammetry.terrain.ground_samples import bilinear
 from photogrammetry.terrain.records import Dtm, GroundClass
 from products.arrays import pose_document, write_dense, write_matches
 from products.catalogue import ImageEntry, MissionEntry
 from products.crs import LandingPoint, local_crs
 from products.model import Layer, ProductKind, ProductRef, Recipe, Scope, ScopeLevel
-from products.raster import summarise, write_dtm
+from products.raster import read_dtm, summarise, write_dtm
 from products.workspace import Workspace
 from tasks.match import geometry_of
 
@@ -66,6 +67,21 @@ class StereoStore:
     @cached_property
     def entries(self) -> list[ImageEntry]:
         return self.workspace.catalogue.images("MER2")
+
+    @cached_property
+    def truth(self) -> list[tuple[MapGrid, np.ndarray]]:
+        """The true ground around the stops, a cell every 4 cm."""
+        layers = [la for la in self.workspace.catalogue.layers("MER2") if la.type == "raster"]
+        read = [read_dtm(self.workspace.store.path(layer.ref)) for layer in layers]
+        return [(dtm.grid, dtm.elevation) for dtm in read]
+
+    def elevation(self, places: np.ndarray) -> np.ndarray:
+        """The true elevation at (east, north); NaN away from the stops."""
+        found = np.full(len(places), np.nan)
+        for grid, elevation in self.truth:
+            known = bilinear(elevation, grid, places)
+            found = np.where(np.isfinite(found), found, known)
+        return found
 
     def shot(self, image_id: str) -> tuple[Shot, Eye]:
         """What an image was taken as."""

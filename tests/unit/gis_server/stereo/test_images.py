@@ -10,6 +10,8 @@ from photogrammetry.matching.resampling import resample
 from photogrammetry.pds3.reading import read_image
 from products.oriented import geometry_of, matches_of, record_of
 
+pytestmark = pytest.mark.slow  # a world is rendered first
+
 
 def left_of(stereo):
     return next(entry for entry in stereo.entries if entry.eye == "left")

@@ -1,0 +1,121 @@
+"""A point that a person picked in two stops' images, measured to a fraction of a pixel.
+
+The facet of ground around the first point carries its patch into the second image, as it is
+believed to be oriented (`local_surface`), and the patch is moved to where the person put it. Within
+reach of there it is looked for by correlation and measured by least squares (`conjugates`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from photogrammetry.arrays import Float64, ParallaxMap
+from photogrammetry.cameras.epipolar import EpipolarPair
+from photogrammetry.errors import MatchingError
+from photogrammetry.frames import Pose
+from photogrammetry.matching.conjugates import ConjugateParams, View, common_grids, find_conjugates
+from photogrammetry.matching.local_surface import mapped, parallax_planes, plane_homographies
+
+LARGEST_REACH_PX = 40.0
+LEAST_REACH = 2
+"""Cells: a peak needs neighbours."""
+
+
+@dataclass(frozen=True, slots=True)
+class PickParams:
+    """How a picked point is measured."""
+
+    facet: ConjugateParams = field(
+        default_factory=lambda: ConjugateParams(
+            half_px=10, threshold=0.7, ambiguity=0.85, sigma_floor_px=0.25
+        )
+    )
+    """A hand is less sure than a tie that geometry has confirmed: what is found must be unique."""
+    reach_px: float = 6.0
+    """To each side of the picked place: as far as a hand misses on a screen."""
+
+    def __post_init__(self) -> None:
+        if not 0 < self.reach_px <= LARGEST_REACH_PX:
+            raise MatchingError(
+                f"a picked point is looked for within {LARGEST_REACH_PX:g} pixels, not "
+                f"{self.reach_px:g}"
+            )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PickedView:
+    """The left epipolar image of a pair, and where the pair is."""
+
+    view: View
+    geometry: EpipolarPair
+    parallax: ParallaxMap
+    lsl_from_pair: Pose
+
+
+@dataclass(frozen=True, slots=True)
+class PickedPlace:
+    """Where the point lies in the second left epipolar image."""
+
+    place: tuple[float, float]
+    sigma_px: float
+    """Root mean square over both axes."""
+    correlation: float
+
+
+def measured_pick(
+    first: PickedView,
+    second: PickedView,
+    point: Float64[np.ndarray, " 2"],
+    start: Float64[np.ndarray, " 2"],
+    params: PickParams,
+) -> PickedPlace:
+    """The conjugate of a point of the first image near a place of the second.
+
+    Raises:
+        MatchingError: the ground around the point is not known, or nothing there looks alike.
+    """
+    maps = _map(first, second, point, params)
+    at, _ = mapped(maps, point[None])
+    if not np.isfinite(at).all():
+        raise MatchingError(
+            "the ground at the first point is behind the second camera: are these images of one "
+            "place?"
+        )
+    move = np.eye(3)
+    move[:2, 2] = start - at[0]
+    reach = _cells(move @ maps, point, params.reach_px)
+    found = find_conjugates(first.view, second.view, point[None], move @ maps, reach, params.facet)
+    if not found.found[0]:
+        raise MatchingError(
+            f"nothing within {params.reach_px:g} pixels of the second point looks like the first "
+            "one and like nothing else beside it: pick nearer, or keep the points as they are"
+        )
+    place = found.points[0]
+    return PickedPlace(
+        (float(place[0]), float(place[1])), float(found.sigma_px[0]), float(found.correlation[0])
+    )
+
+
+def _cells(
+    maps: Float64[np.ndarray, "1 3 3"], point: Float64[np.ndarray, " 2"], reach_px: float
+) -> int:
+    """Cells of the common grid that a reach in pixels of the second image comes to."""
+    grid = common_grids(point[None], maps)
+    _, derivative = mapped(maps @ grid, np.zeros((1, 2)))
+    width = np.linalg.norm(derivative[0], axis=0).max()
+    return max(LEAST_REACH, int(np.ceil(reach_px / width))) if np.isfinite(width) else LEAST_REACH
+
+
+def _map(
+    first: PickedView, second: PickedView, point: Float64[np.ndarray, " 2"], params: PickParams
+) -> Float64[np.ndarray, "1 3 3"]:
+    planes = parallax_planes(first.parallax, point[None], params.facet.half_px)
+    if not (planes.found[0] and planes.parallax_px[0] > 0):
+        raise MatchingError(
+            "the ground around the first point was not matched, so how it looks from the other "
+            "stop is unknown; pick a point on matched ground"
+        )
+    between = second.lsl_from_pair.inverse @ first.lsl_from_pair
+    return plane_homographies(first.geometry, second.geometry, between, point[None], planes)
