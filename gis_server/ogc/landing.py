@@ -13,6 +13,7 @@ from gis_server.ogc.features_query import form_of
 from gis_server.ogc.formats import Format
 from gis_server.ogc.html import link_list, page, paragraph, table
 from gis_server.ogc.links import HTML, JSON, BaseOf, link
+from gis_server.ogc.maps import raster_named
 from gis_server.ogc.tilesets import collection_document
 from gis_server.routes.parameters import AGAIN, MissionName
 from gis_server.services import ServicesOf
@@ -104,7 +105,7 @@ def collection(
     if collection in BY_ID:
         body = features.collection(BY_ID[collection], entry, services, base)
     elif "." in collection:
-        body = collection_document(tiles.raster_named(collection, mission, services), entry, base)
+        body = collection_document(raster_named(collection, mission, services), entry, base)
     else:
         raise ProductNotFoundError(f"no collection {collection!r}; there are {', '.join(BY_ID)}")
     if form_of(request, f) is Format.HTML:

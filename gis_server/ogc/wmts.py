@@ -16,7 +16,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Query, Request, Response
 
 from gis_server.ogc.links import BaseOf, Link, link
-from gis_server.ogc.tiles import (
+from gis_server.ogc.maps import (
     Known,
     Matrix,
     Raster,
