@@ -181,8 +181,13 @@ def stop_features() -> Iterator[Feature]:
             "ellipse_semi_minor_m": 0.02 * index,
             "ellipse_azimuth_deg": 60.0,
         }
-        yield Feature("Point", np.array([telemetry]), {**known, "solution": "telemetry"})
-        yield Feature("Point", np.array([adjusted]), {**known, **sure, "solution": "adjusted"})
+        yield Feature("Point", on_ground(telemetry), {**known, "solution": "telemetry"})
+        yield Feature("Point", on_ground(adjusted), {**known, **sure, "solution": "adjusted"})
+
+
+def on_ground(place: tuple[float, float]) -> np.ndarray:
+    """One point: east, north and up."""
+    return np.array([[*place, elevation_at(*place)]])
 
 
 def contours() -> Iterator[Feature]:

@@ -8,6 +8,7 @@ import type { Shell } from "../page/shell";
 import { accountPart } from "../parts/account/part";
 import { annotationsPart } from "../parts/annotations/part";
 import { cursorPart } from "../parts/cursor/part";
+import { downloadsPart } from "../parts/downloads/part";
 import { furniturePart } from "../parts/furniture/part";
 import { helpPart } from "../parts/help/part";
 import { imageViewPart } from "../parts/image-view/part";
@@ -48,6 +49,7 @@ const PARTS: readonly Part[] = [
   networkPart,
   swipePart,
   sunPart,
+  downloadsPart,
   scenePart,
   stereoPart,
   annotationsPart,

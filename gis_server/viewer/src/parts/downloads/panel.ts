@@ -1,0 +1,202 @@
+/** The tab of downloads: the map as a picture, files of layers, parts of them, models, addresses. */
+
+import { kindTitle } from "../../map/layers";
+import { h, icon } from "../../page/dom";
+import { metres, scopeTitle } from "../../page/format";
+import {
+  type Address,
+  clipUrl,
+  type Collection,
+  FEATURE_FORMATS,
+  type ModelFile,
+} from "../../server/downloads";
+import type { Bounds, Layer } from "../../server/records";
+import { type Paper, PAPERS } from "./sheet";
+
+const nameOf = ({ kind, scope }: Pick<Layer, "kind" | "scope">) =>
+  `${kindTitle(kind)} · ${scopeTitle(scope)}`;
+
+const file = (href: string, name: string) =>
+  h("a", { class: "text download", href, download: true }, icon("down"), name);
+
+function section(title: string, open: boolean, ...content: (HTMLElement | null)[]): HTMLElement {
+  return h("details", { class: "downloads-section", open }, h("summary", {}, title), ...content);
+}
+
+function rows(entries: readonly (readonly [string, readonly HTMLElement[]])[]): HTMLElement {
+  return h(
+    "ul",
+    { class: "files" },
+    ...entries.map(([name, links]) =>
+      h("li", {}, h("span", {}, name), h("span", { class: "links" }, ...links)),
+    ),
+  );
+}
+
+export interface PictureWish {
+  readonly paper: Paper;
+  readonly dpi: number;
+  readonly scale: number;
+  readonly title: string;
+  readonly credit: string;
+}
+
+/** `first` is what is offered. */
+export function pictureBox(first: PictureWish, take: (wish: PictureWish) => void): HTMLElement {
+  const input = (name: string, value: string | number, type = "text") =>
+    h("input", {
+      type,
+      value,
+      "aria-label": name,
+      class: type === "number" ? "compact-number" : "wide",
+    });
+  const paper = h(
+    "select",
+    { "aria-label": "paper", onchange: () => show() },
+    ...Object.entries(PAPERS).map(([key, { title }]) => h("option", { value: key }, title)),
+  );
+  const [dpi, scale] = [
+    input("dots an inch", first.dpi, "number"),
+    input("scale, 1 to", first.scale, "number"),
+  ];
+  const [title, credit] = [input("title", first.title), input("credit", first.credit)];
+  const ofPaper = h("div", { class: "inline" }, "1 :", scale, dpi, "dpi");
+  const show = () => {
+    ofPaper.hidden = paper.value === "screen";
+  };
+  show();
+  const wish = (): PictureWish => ({
+    paper: paper.value as Paper,
+    dpi: Math.max(30, Number(dpi.value) || first.dpi),
+    scale: Number(scale.value) > 0 ? Number(scale.value) : first.scale,
+    title: title.value,
+    credit: credit.value,
+  });
+  return h(
+    "div",
+    { class: "map-picture" },
+    h("label", { class: "inline" }, "size", paper),
+    ofPaper,
+    h("label", { class: "inline" }, "title", title),
+    h("label", { class: "inline" }, "credit", credit),
+    h(
+      "button",
+      { type: "button", class: "mode png", onclick: () => take(wish()) },
+      "PNG of the map",
+    ),
+  );
+}
+
+function layerFiles(layers: readonly Layer[]): HTMLElement {
+  if (layers.length === 0) return h("p", { class: "hint" }, "No layer is on the map.");
+  return rows(
+    layers.map((layer) => [
+      nameOf(layer),
+      layer.type === "raster"
+        ? [file(layer.download, "GeoTIFF")]
+        : [file(layer.download, "GeoJSON"), file(`${layer.download}.gpkg`, "GeoPackage")],
+    ]),
+  );
+}
+
+function clips(layers: readonly Layer[], box: Bounds | null, draw: () => void): HTMLElement {
+  const begin = h("button", { type: "button", class: "mode box", onclick: draw }, "Draw a box");
+  if (!box) return h("div", {}, begin);
+  const [west, south, east, north] = box;
+  const inside = layers.filter(
+    ({ bounds }) => bounds[0] < east && bounds[2] > west && bounds[1] < north && bounds[3] > south,
+  );
+  return h(
+    "div",
+    {},
+    begin,
+    h("p", { class: "hint" }, `${metres(east - west)} × ${metres(north - south)}`),
+    rows(
+      inside.map((layer) => [
+        nameOf(layer),
+        layer.type === "raster"
+          ? [file(clipUrl(layer, box), "GeoTIFF")]
+          : [file(clipUrl(layer, box), "GeoJSON"), file(clipUrl(layer, box, "gpkg"), "GeoPackage")],
+      ]),
+    ),
+  );
+}
+
+function addressRow(
+  { title, service, url, how }: Address,
+  copy: (text: string) => void,
+): HTMLElement {
+  const text = h("input", {
+    type: "text",
+    readonly: true,
+    value: url,
+    class: "wide",
+    "aria-label": `address: ${service}, ${title}`,
+  });
+  return h(
+    "li",
+    { title: how },
+    h("span", {}, `${service}: ${title}`),
+    h(
+      "span",
+      { class: "inline" },
+      text,
+      h("button", { type: "button", class: "text", onclick: () => copy(url) }, "copy"),
+    ),
+    h("small", {}, how),
+  );
+}
+
+export interface Offered {
+  readonly shown: readonly Layer[];
+  readonly box: Bounds | null;
+  readonly collections: readonly Collection[];
+  readonly models: readonly ModelFile[];
+  readonly addresses: readonly Address[];
+}
+
+export interface DownloadActions {
+  readonly drawBox: () => void;
+  readonly copy: (text: string) => void;
+}
+
+const MODEL_FORMATS: Readonly<Record<string, string>> = { tileset: "3D Tiles", model: "glTF" };
+
+export function filesPanel(offered: Offered, actions: DownloadActions): HTMLElement {
+  const { shown, box, collections, models, addresses } = offered;
+  return h(
+    "div",
+    {},
+    section("Layers on the map", true, layerFiles(shown)),
+    section("Parts of them", true, clips(shown, box, actions.drawBox)),
+    section(
+      "Features of the mission",
+      false,
+      rows(
+        collections.map(({ title, items }) => [
+          title,
+          FEATURE_FORMATS.map(([form, name]) =>
+            h("a", { class: "text", href: `${items}?f=${form}`, download: true }, name),
+          ),
+        ]),
+      ),
+    ),
+    section(
+      "Models in three dimensions",
+      false,
+      models.length === 0
+        ? h("p", { class: "hint" }, "No model is published yet.")
+        : rows(
+            models.map((model) => [
+              nameOf(model),
+              [file(model.download, MODEL_FORMATS[model.kind] ?? "glTF")],
+            ]),
+          ),
+    ),
+    section(
+      "Addresses for QGIS, GDAL and others",
+      false,
+      h("ul", { class: "files" }, ...addresses.map((one) => addressRow(one, actions.copy))),
+    ),
+  );
+}

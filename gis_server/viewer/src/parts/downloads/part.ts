@@ -1,0 +1,137 @@
+/** Everything that can be taken away: files, parts of them, addresses, and the map as a picture. */
+
+import { kindTitle } from "../../map/layers";
+import { legendFor } from "../../map/raster-style";
+import { Sketch } from "../../map/sketch";
+import { h } from "../../page/dom";
+import { fixed, scopeTitle } from "../../page/format";
+import { saveBytes } from "../../page/save";
+import { downloads } from "../../server/downloads";
+import type { Bounds, Layer, Legend, MapPoint } from "../../server/records";
+import type { Context } from "../../session/context";
+import "./downloads.css";
+import { filesPanel, type Offered, pictureBox, type PictureWish } from "./panel";
+import { withDensity } from "./png";
+import { drawSheet, type SheetTexts } from "./sheet-drawing";
+import { roundScale, sheetOf } from "./sheet";
+import { snapshot } from "./snapshot";
+
+export function downloadsPart(context: Context): void {
+  const { page, layers, view, mission, waiting, keys, alive } = context;
+  const tab = page.addTab("downloads", "Download");
+  const files = h("div");
+  let offered: Offered = {
+    shown: layers.shown,
+    box: null,
+    collections: [],
+    models: [],
+    addresses: [],
+  };
+  let sketch: Sketch | null = null;
+
+  const stop = () => {
+    sketch?.stop();
+    sketch = null;
+  };
+  const drawBox = () => {
+    stop();
+    sketch = new Sketch(view, "box", {
+      end: (corners) => {
+        show({ box: boundsOf(corners) });
+        stop();
+      },
+    });
+  };
+  const copy = (text: string) =>
+    waiting.run(async () => {
+      await navigator.clipboard?.writeText(text);
+    });
+  const show = (part: Partial<Offered>) => {
+    offered = { ...offered, ...part };
+    files.replaceChildren(filesPanel(offered, { drawBox, copy }));
+  };
+  /** Each list by itself: what is missing of one is said, and the others are there. */
+  const load = () => {
+    const { mission: name } = mission;
+    waiting.run(async () => show({ collections: await downloads.collections(name) }));
+    waiting.run(async () => show({ models: await downloads.models(name) }));
+    waiting.run(async () => show({ addresses: await downloads.addresses(name) }));
+  };
+  const picture = (wish: PictureWish) => waiting.run(() => takePicture(context, wish));
+  let isLoaded = false;
+  // Only who opens the tab asks for what is in it.
+  new IntersectionObserver((entries) => {
+    if (isLoaded || !entries.some(({ isIntersecting }) => isIntersecting)) return;
+    isLoaded = true;
+    load();
+  }).observe(files);
+  layers.changed.on(() => show({ shown: layers.shown }));
+  layers.rearranged.on(() => show({ shown: layers.shown }));
+  layers.replaced.on(() => {
+    isLoaded = false;
+    show({ shown: layers.shown });
+  });
+  keys.add("Escape", "stop drawing a box", stop);
+  alive.addEventListener("abort", stop);
+  tab.replaceChildren(pictureBox(firstWish(context), picture), files);
+  show({});
+}
+
+function boundsOf(corners: readonly MapPoint[]): Bounds {
+  const [easts, norths] = [corners.map(([east]) => east), corners.map(([, north]) => north)];
+  return [Math.min(...easts), Math.min(...norths), Math.max(...easts), Math.max(...norths)];
+}
+
+function firstWish({ mission, view }: Context): PictureWish {
+  const { scale } = sheetOf("screen", 96, 1, [1, 1], view.resolution);
+  return {
+    paper: "screen",
+    dpi: 200,
+    scale: roundScale(scale),
+    title: mission.title,
+    credit: "NASA/JPL-Caltech; map: solmap",
+  };
+}
+
+async function takePicture(context: Context, wish: PictureWish): Promise<void> {
+  const { view, mission, waiting } = context;
+  const [width = 1, height = 1] = view.map.getSize() ?? [];
+  try {
+    const sheet = sheetOf(wish.paper, wish.dpi, wish.scale, [width, height], view.resolution);
+    const map = await snapshot(view, sheet);
+    const whole = drawSheet(map, sheet, textsOf(context, wish));
+    const blob = await new Promise<Blob | null>((done) => whole.toBlob(done, "image/png"));
+    if (!blob) throw new Error("the browser made no picture: take a smaller one");
+    const bytes = withDensity(new Uint8Array(await blob.arrayBuffer()), sheet.dpi);
+    saveBytes(`${mission.mission}_map.png`, "image/png", bytes);
+  } catch (reason) {
+    waiting.say(reason instanceof Error ? reason.message : String(reason));
+  }
+}
+
+function textsOf({ view, layers, mission, drawing }: Context, wish: PictureWish): SheetTexts {
+  const { east, north, rotationDeg } = view.place;
+  const [lon, lat] = view.local.toLonLat([east, north]);
+  const drawn = layers.shown.filter((layer) => layers.isDrawn(layer, drawing.sol));
+  const names = [...new Set(drawn.map(({ kind }) => kindTitle(kind)))].join(", ");
+  return {
+    title: wish.title,
+    lines: [
+      `centre: north ${fixed(north, 2)} m, east ${fixed(east, 2)} m of ${mission.landing.name} (${fixed(lat, 6)}°, ${fixed(lon, 6)}° E)`,
+      names,
+      `${wish.credit}, ${new Date().toISOString().slice(0, 10)}`,
+    ],
+    legends: drawn.flatMap((layer) => {
+      const legend = legendOf(layer, layers.state(layer).style);
+      return legend ? [[titleOf(layer), legend] as const] : [];
+    }),
+    rotationDeg,
+  };
+}
+
+const titleOf = ({ kind, scope, level }: Layer) =>
+  level === "region" ? kindTitle(kind) : `${kindTitle(kind)}, ${scopeTitle(scope)}`;
+
+function legendOf(layer: Layer, style: Parameters<typeof legendFor>[1]): Legend | null {
+  return layer.type === "raster" ? legendFor(layer, style) : null;
+}
