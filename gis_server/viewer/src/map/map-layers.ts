@@ -6,11 +6,14 @@ import type Geometry from "ol/geom/Geometry";
 import type BaseLayer from "ol/layer/Base";
 import TileLayer from "ol/layer/Tile";
 import OlVectorLayer from "ol/layer/Vector";
+import VectorImageLayer from "ol/layer/VectorImage";
+import { tile as tileStrategy } from "ol/loadingstrategy";
 import VectorSource from "ol/source/Vector";
 import type ImageTile from "ol/source/ImageTile";
 import XYZ from "ol/source/XYZ";
 import TileGrid from "ol/tilegrid/TileGrid";
 import { api, type FeatureCollection } from "../server/api";
+import { coarsest } from "./extent-of-need";
 import { zIndex } from "./layers";
 import { PaintedTiles, styled } from "./painted-tiles";
 import type { LocalMap } from "./projection";
@@ -28,7 +31,7 @@ export type FeatureSource = VectorSource<Feature<Geometry>>;
 export interface Shown {
   readonly layer: Layer;
   readonly map: BaseLayer;
-  /** Fetches what is fetched whole; once. */
+  /** Fetches what is fetched whole, once; what comes piece by piece comes when it is looked at. */
   readonly load: () => Promise<FeatureSource | null>;
   /** Draws the values here in a style of their own; null: as the server draws them. */
   readonly restyle: (style: RasterStyle | null, sun: SunPlace) => void;
@@ -80,21 +83,66 @@ function raster(layer: RasterLayer, set: TileMatrixSet, map: LocalMap): Shown {
   return { layer, map: tiles, load: async () => null, restyle };
 }
 
-function vector(layer: VectorLayer, state: DrawingState): Shown {
-  const source: FeatureSource = new VectorSource<Feature<Geometry>>();
+/** Kinds with so many features that they are kept as a picture while the map moves. */
+const MANY = new Set(["footprints", "pointing", "tie-points"]);
+/** Kinds that are few and followed with the eye: drawn anew in every frame. */
+const FEW = new Set(["stops", "traverse"]);
+const LABELLED = new Set(["contours", "region-contours", "far-contours", "stops"]);
+/** Kinds that are fetched piece by piece, in squares of the map, and the side of these. */
+const PIECES: Readonly<Record<string, number>> = { "tie-points": 128 };
+
+/** A source that fetches the squares in view. */
+function inPieces(layer: VectorLayer, side: number, set: TileMatrixSet): FeatureSource {
+  const [west, south, east, north] = set.extent;
+  const squares = new TileGrid({
+    extent: [west, south, east, north],
+    origin: [west, north],
+    resolutions: [side / set.tile_size],
+    tileSize: set.tile_size,
+  });
+  const source: FeatureSource = new VectorSource<Feature<Geometry>>({
+    strategy: tileStrategy(squares),
+    loader: (extent, _resolution, _projection, success, failure) => {
+      const [w = 0, s = 0, e = 0, n = 0] = extent;
+      api
+        .features(layer, [w, s, e, n])
+        .then((found) => {
+          const features = readFeatures(found);
+          source.addFeatures(features);
+          success?.(features);
+        })
+        .catch(() => {
+          source.removeLoadedExtent(extent); // asked for again when it is next looked at
+          failure?.();
+        });
+    },
+  });
+  return source;
+}
+
+function vectorMap(layer: VectorLayer, source: FeatureSource, state: DrawingState): BaseLayer {
+  const maxResolution = coarsest(layer) * (1 + 1e-9); // OpenLayers leaves the limit itself out
+  const drawn = { source, style: drawingOf(layer.kind, state), maxResolution };
+  if (MANY.has(layer.kind)) return new VectorImageLayer({ ...drawn, imageRatio: 1.5 });
+  return new OlVectorLayer({
+    ...drawn,
+    declutter: LABELLED.has(layer.kind),
+    updateWhileInteracting: FEW.has(layer.kind),
+    renderBuffer: 200,
+  });
+}
+
+function vector(layer: VectorLayer, set: TileMatrixSet, state: DrawingState): Shown {
+  const side = PIECES[layer.kind];
+  const source = side ? inPieces(layer, side, set) : new VectorSource<Feature<Geometry>>();
   let loading: Promise<FeatureSource> | null = null;
   const load = async () => {
-    source.addFeatures(readFeatures(await api.features(layer)));
+    if (!side) source.addFeatures(readFeatures(await api.features(layer)));
     return source;
   };
   return {
     layer,
-    map: new OlVectorLayer({
-      source,
-      style: drawingOf(layer.kind, state),
-      declutter: ["contours", "region-contours", "far-contours", "stops"].includes(layer.kind),
-      updateWhileInteracting: true,
-    }),
+    map: vectorMap(layer, source, state),
     load: () => {
       loading ??= load().catch((reason: unknown) => {
         loading = null;
@@ -117,7 +165,7 @@ function build(layer: Layer, set: TileMatrixSet, map: LocalMap, state: DrawingSt
     case "raster":
       return raster(layer, set, map);
     case "vector":
-      return vector(layer, state);
+      return vector(layer, set, state);
     default:
       throw new Error(`unknown layer ${JSON.stringify(layer satisfies never)}`);
   }

@@ -9,7 +9,8 @@ import OlMap from "ol/Map";
 import type MapBrowserEvent from "ol/MapBrowserEvent";
 import VectorSource from "ol/source/Vector";
 import View from "ol/View";
-import { type Shown, show } from "./map-layers";
+import { isNeeded } from "./extent-of-need";
+import { type FeatureSource, type Shown, show } from "./map-layers";
 import type { Place } from "../session/permalink";
 import type { LocalMap } from "./projection";
 import type { Bounds, Layer, MapPoint, Mission } from "../server/records";
@@ -17,12 +18,15 @@ import {
   type Draw,
   type DrawingState,
   drawHighlight,
+  drawingOf,
   drawMark,
   drawMeasure,
   pointFeature,
 } from "./styles";
+import { nearest } from "./touch";
 
 const TOUCH_PX = 5;
+const TOUCHABLE = new Set(["stops", "footprints", "pointing"]);
 const PADDING_PX = [56, 40, 72, 40];
 
 function overlay(style: Draw, zIndex: number) {
@@ -142,23 +146,31 @@ export class MapView {
 
   /** The uppermost stop, footprint or pointing line near a pixel. */
   touched(pixel: number[]): Touched | null {
-    const kinds = new Set(["stops", "footprints", "pointing"]);
-    const owner = new Map([...this.shown.values()].map((item) => [item.map, item.layer] as const));
-    let hit: Touched | null = null;
-    this.map.forEachFeatureAtPixel(
-      pixel,
-      (feature, from) => {
-        const layer = owner.get(from);
-        if (!layer || !("clone" in feature)) return false;
-        hit = { feature: feature as Feature<Geometry>, layer };
-        return true;
-      },
-      {
-        hitTolerance: TOUCH_PX,
-        layerFilter: (candidate) => kinds.has(owner.get(candidate)?.kind ?? ""),
-      },
+    const at = this.map.getCoordinateFromPixel(pixel);
+    const within = TOUCH_PX * this.resolution;
+    const shown = [...this.shown.values()].filter((item) => this.isTouchable(item));
+    shown.sort((a, b) => (b.map.getZIndex() ?? 0) - (a.map.getZIndex() ?? 0));
+    for (const { layer, map } of shown) {
+      const source = (map as OlVectorLayer).getSource() as FeatureSource | null;
+      const draw = drawingOf(layer.kind, this.drawing);
+      const isDrawn = (feature: Feature<Geometry>) => Boolean(draw(feature, this.resolution));
+      const feature = source && at ? nearest(source, at, within, isDrawn) : null;
+      if (feature) return { feature, layer };
+    }
+    return null;
+  }
+
+  private isTouchable({ layer, map }: Shown): boolean {
+    if (!TOUCHABLE.has(layer.kind) || !map.getVisible()) return false;
+    return this.resolution <= map.getMaxResolution();
+  }
+
+  /** Whether the map as it stands shows anything of a layer. */
+  shows(layer: Layer): boolean {
+    const [west = 0, south = 0, east = 0, north = 0] = this.view.calculateExtent(
+      this.map.getSize(),
     );
-    return hit;
+    return isNeeded(layer, [west, south, east, north], this.resolution);
   }
 
   setHighlight(features: readonly Feature<Geometry>[]): void {

@@ -171,11 +171,12 @@ function drawContour(feature: FeatureLike, resolution: number): Style[] {
 export const isUnpaired = (feature: FeatureLike) =>
   Boolean(feature.get("unpaired_because")) || feature.get("unpaired") === true;
 
+const PAIRED = new Style({ stroke: line(VIEWING, 1) });
+const ALONE = new Style({ stroke: line(UNPAIRED, 1.2, [3, 3]) });
+
 function drawViewing(feature: FeatureLike, state: DrawingState): Style | undefined {
   if (state.sol !== null && number(feature.get("sol")) !== state.sol) return undefined;
-  return isUnpaired(feature)
-    ? new Style({ stroke: line(UNPAIRED, 1.2, [3, 3]) })
-    : new Style({ stroke: line(VIEWING, 1) });
+  return isUnpaired(feature) ? ALONE : PAIRED;
 }
 
 const TIE = new Style({

@@ -1,7 +1,15 @@
 /** The one module that knows the server's URLs. */
 
 import { authorization } from "./token";
-import type { Identified, ImageEntry, Layer, MapPoint, Mission, VectorLayer } from "./records";
+import type {
+  Bounds,
+  Identified,
+  ImageEntry,
+  Layer,
+  MapPoint,
+  Mission,
+  VectorLayer,
+} from "./records";
 
 /** The server answered, but not with what was asked for. */
 export class ApiError extends Error {
@@ -112,7 +120,9 @@ export const api = {
     list<ImageEntry>(await get(urls.images(mission, filter), signal), "images"),
   identify: (mission: string, at: MapPoint, signal?: AbortSignal) =>
     get<Identified>(urls.identify(mission, at), signal),
-  features: (layer: VectorLayer) => get<FeatureCollection>(layer.features),
+  /** All features of a layer, or those that meet some bounds. */
+  features: (layer: VectorLayer, bounds?: Bounds) =>
+    get<FeatureCollection>(withQuery(layer.features, { bbox: bounds?.join(",") })),
   provenance: (layer: Layer) => get<unknown>(layer.provenance),
   isAlive: async () => {
     try {

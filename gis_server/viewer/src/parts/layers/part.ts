@@ -1,5 +1,6 @@
 /** Which layers the map shows, how, and the lists in which that is chosen. */
 
+import type { Shown } from "../../map/map-layers";
 import { PLAIN } from "../../map/raster-style";
 import { rangeInView } from "../../map/stretch";
 import { h } from "../../page/dom";
@@ -16,6 +17,17 @@ import { layerTree } from "./tree";
 export function layersPart(context: Context): void {
   const { layers, view, page, drawing, sun, signals, waiting, alive } = context;
 
+  const here = new WeakSet<Shown>();
+  /** Fetches what a layer has in view, once. */
+  const fetchIn = (shown: Shown) => {
+    const { layer, map } = shown;
+    if (here.has(shown) || layer.type !== "vector" || !map.getVisible() || !view.shows(layer))
+      return;
+    waiting.run(async () => {
+      await shown.load();
+      here.add(shown);
+    });
+  };
   const put = (layer: Layer) => {
     const shown = view.shown.get(layer.id);
     if (!shown) return;
@@ -26,7 +38,7 @@ export function layersPart(context: Context): void {
     shown.map.setZIndex(layers.height(layer));
     if (!isDrawn) return;
     shown.restyle(state.style, sun.value);
-    waiting.run(async () => void (await shown.load()));
+    fetchIn(shown);
   };
   const putAll = () => {
     for (const layer of layers.all) put(layer);
@@ -64,6 +76,7 @@ export function layersPart(context: Context): void {
     putAll();
   });
   layers.replaced.on(draw);
+  view.map.on("moveend", () => view.shown.forEach(fetchIn));
   sun.changed.on(() => {
     for (const layer of layers.shown)
       if (layers.state(layer).style?.quantity === "relief") put(layer);
