@@ -8,6 +8,7 @@ Products never change, so an open one never goes stale.
 from __future__ import annotations
 
 import contextlib
+import os
 import threading
 from collections import OrderedDict
 from collections.abc import Iterator
@@ -18,6 +19,10 @@ from rasterio.errors import RasterioError
 
 from products.errors import ProductError
 from products.raster import open_raster
+
+# Of a machine's memory GDAL would take a twentieth for blocks. The variable counts megabytes and is
+# read once; set as an option from Python the same number would count bytes.
+os.environ.setdefault("GDAL_CACHEMAX", "256")
 
 
 class RasterPool:

@@ -94,6 +94,8 @@ class MapLayer(BaseModel):
     tiles: str | None
     values: str | None
     """Tiles of values, for shading in the browser."""
+    styles: str | None
+    """What `style` of a tile may be, with legends."""
     features: str | None
     legend: Legend | None
     download: str
@@ -201,6 +203,7 @@ def layer_body(layer: Layer) -> MapLayer:
         made_at=layer.made_at,
         tiles=f"/tiles/{place}/{{z}}/{{x}}/{{y}}.png" if style else None,
         values=_values_of(layer, place) if style else None,
+        styles=f"/api/layers/{place}/styles" if style else None,
         features=f"/api/layers/{place}/features.geojson" if is_vector else None,
         legend=Legend.model_validate(legend) if (legend := legend_of(layer)) else None,
         download=f"/download/{place}",

@@ -341,3 +341,14 @@ def test_contours_that_would_be_too_many_are_refused(client, world):
     assert "contours between" in answer.text
     assert contours_of(client, world, interval="nan").status_code == 422
     assert contours_of(client, world, bbox="900,900,901,901").json()["features"] == []
+
+
+def test_a_layer_of_the_map_says_where_its_styles_are_listed(client):
+    layers = client.get("/api/missions/MER2/layers").json()
+    for layer in layers:
+        assert (layer["styles"] is None) == (layer["tiles"] is None)
+        if layer["styles"]:
+            listed = client.get(layer["styles"]).json()["styles"]
+            assert listed[0]["style"] == "default"
+            for style in listed:
+                assert (style["legend"] is None) or set(style["legend"]) >= {"stops", "unit"}
