@@ -1,0 +1,103 @@
+"""What can be seen from where: viewsheds as areas, picture and GeoTIFF, and lines of sight."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Annotated
+
+from fastapi import APIRouter, Depends, Query, Request, Response
+
+from gis_server.analysis.ground import BEST
+from gis_server.analysis.sight import (
+    FARTHEST_M,
+    Seen,
+    SightAnswer,
+    ViewshedAnswer,
+    line_of_sight,
+    seen_from,
+    viewshed_answer,
+    viewshed_png,
+)
+from gis_server.routes.analysis import ground_of
+from gis_server.routes.parameters import AGAIN, Metres, MissionName
+from gis_server.services import ServicesOf
+from photogrammetry.terrain.viewshed import ViewshedParams
+from products.classes import SIGHTS
+from products.crs import local_crs
+from products.raster import write_classes
+
+router = APIRouter(prefix="/api/missions/{mission}", tags=["analysis"])
+_USUAL = ViewshedParams()
+Height = Annotated[float, Query(ge=0, le=100, description="above the ground, metres")]
+LayerId = Annotated[str, Query(max_length=200, description="a terrain model, or `best`")]
+Unseen = Annotated[
+    float, Query(ge=0, le=FARTHEST_M, description="longest unmapped stretch that is looked over")
+]
+
+
+def _seen(  # noqa: PLR0913 - the query
+    *,
+    mission: MissionName,
+    services: ServicesOf,
+    east: Metres,
+    north: Metres,
+    mast_m: Height = _USUAL.eye_height_m,
+    target_m: Height = _USUAL.target_height_m,
+    radius_m: Annotated[float, Query(gt=0, le=FARTHEST_M)] = 50.0,
+    max_unseen_m: Unseen = _USUAL.max_unseen_m,
+    elevation: Annotated[float | None, Query(ge=-1e5, le=1e5)] = None,
+    layer: LayerId = BEST,
+) -> Seen:
+    params = ViewshedParams(mast_m, target_m, max_unseen_m, radius_m)
+    ground = ground_of(mission, layer, services)
+    return seen_from((east, north), elevation, params, ground)
+
+
+SeenHere = Annotated[Seen, Depends(_seen)]
+"""The viewshed that a query asks for."""
+
+
+@router.get("/viewshed")
+def viewshed(seen: SeenHere, request: Request, response: Response) -> ViewshedAnswer:
+    """The ground that can be seen from an eye on a mast: areas, and what is visible as GeoJSON."""
+    response.headers.update(AGAIN)
+    return viewshed_answer(seen, request.url.query, request.url.path)
+
+
+@router.get("/viewshed.png", response_class=Response)
+def viewshed_picture(seen: SeenHere) -> Response:
+    """The same as a picture on the bounds that /viewshed tells: visible blue, hidden brown."""
+    return Response(viewshed_png(seen), media_type="image/png", headers=AGAIN)
+
+
+@router.get("/viewshed.tif", response_class=Response)
+def viewshed_geotiff(mission: MissionName, seen: SeenHere, services: ServicesOf) -> Response:
+    """The same as a GeoTIFF of classes in the local CRS."""
+    crs = local_crs(services.catalogue.mission(mission).landing)
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "viewshed.tif"
+        write_classes(path, seen.grid, seen.sight, crs, name="sight", classes=SIGHTS)
+        body = path.read_bytes()
+    disposition = {"content-disposition": 'attachment; filename="viewshed.tif"'}
+    return Response(body, media_type="image/tiff", headers={**AGAIN, **disposition})
+
+
+@router.get("/line-of-sight")
+def sight(  # noqa: PLR0913 - the query
+    *,
+    mission: MissionName,
+    services: ServicesOf,
+    east: Metres,
+    north: Metres,
+    to_east: Metres,
+    to_north: Metres,
+    eye_m: Height = _USUAL.eye_height_m,
+    target_m: Height = _USUAL.target_height_m,
+    max_unseen_m: Unseen = _USUAL.max_unseen_m,
+    layer: LayerId = BEST,
+) -> SightAnswer:
+    """Whether a target can be seen from an eye, with the ground between and what is in the way."""
+    ground = ground_of(mission, layer, services)
+    ends = (east, north), (to_east, to_north)
+    return line_of_sight(*ends, (eye_m, target_m), max_unseen_m, ground)
