@@ -104,6 +104,7 @@ def create_app(store_root: Path, viewer_dist: Path | None = None) -> FastAPI:
     @asynccontextmanager
     async def lifespan(_app: FastAPI) -> AsyncIterator[None]:
         yield
+        services.tail.close()
         services.pool.close()
         services.catalogue.engine.dispose()
 

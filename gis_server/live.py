@@ -39,6 +39,8 @@ class EventTail:
     engine: sa.Engine
     most: int = MOST_LISTENERS
     _listeners: set[asyncio.Queue[Event | None]] = field(default_factory=set)
+    _wanted: asyncio.Event = field(default_factory=asyncio.Event)
+    """Set while anybody listens."""
     _task: asyncio.Task[None] | None = None
     _last: int = 0
 
@@ -52,17 +54,18 @@ class EventTail:
         if len(self._listeners) >= self.most:
             raise TooManyListenersError(f"{self.most} browsers listen already; try again later")
         queue: asyncio.Queue[Event | None] = asyncio.Queue(_QUEUE)
-        if self._task is None:
+        if not self._listeners:
             self._last = await run_sync(self._newest)
+        if self._task is None:
             self._task = asyncio.create_task(self._watch())
         self._listeners.add(queue)
+        self._wanted.set()
         try:
             yield queue
         finally:
             self._listeners.discard(queue)
-            if not self._listeners and self._task is not None:
-                self._task.cancel()
-                self._task = None
+            if not self._listeners:
+                self._wanted.clear()
 
     async def missed(self, event_id: int) -> list[Event] | None:
         """Events after `event_id`, or None where some of them have been forgotten."""
@@ -72,18 +75,30 @@ class EventTail:
         """The number of the last event."""
         return await run_sync(self._newest)
 
+    def close(self) -> None:
+        """Watch no more: the server ends."""
+        if self._task is not None:
+            self._task.cancel()
+
     async def _watch(self) -> None:
-        with self.engine.connect() as connection:
-            seen = -1
-            while True:
-                try:
-                    version, fresh = await run_sync(self._look, connection, seen)
-                    seen = version
-                    for event in fresh:
-                        self._hand_on(event)
-                except SQLAlchemyError as error:
-                    log.warning("events could not be read, tried again: %s", error)
+        """Follow the table whenever anybody listens, whatever goes wrong meanwhile."""
+        while True:
+            await self._wanted.wait()
+            try:
+                with self.engine.connect() as connection:
+                    await self._follow(connection)
+            except SQLAlchemyError as error:
+                log.warning("events could not be read, tried again: %s", error)
                 await asyncio.sleep(LOOK_EVERY_S)
+
+    async def _follow(self, connection: sa.Connection) -> None:
+        """Hand on what is new, until nobody listens."""
+        seen = -1
+        while self._listeners:
+            seen, fresh = await run_sync(self._look, connection, seen)
+            for event in fresh:
+                self._hand_on(event)
+            await asyncio.sleep(LOOK_EVERY_S)
 
     def _hand_on(self, event: Event) -> None:
         self._last = event.id

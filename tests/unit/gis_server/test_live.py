@@ -3,6 +3,7 @@
 import asyncio
 
 import pytest
+import sqlalchemy as sa
 
 from gis_server.live import EventTail, TooManyListenersError
 from products.catalogue import Catalogue
@@ -41,11 +42,44 @@ def test_a_listener_that_does_not_keep_up_is_told_so_and_holds_no_memory(catalog
 
 
 def test_nobody_looks_at_the_database_while_nobody_listens(catalogue):
+    looks = []
+    sa.event.listen(catalogue.engine, "before_cursor_execute", lambda *told: looks.append(told[2]))
+
     async def come_and_go():
         tail = EventTail(catalogue.engine)
         async with tail.listening():
-            pass
-        await asyncio.sleep(0.05)
-        return len(asyncio.all_tasks())
+            await asyncio.sleep(0.6)
+        await asyncio.sleep(0.4)
+        before = len(looks)
+        await asyncio.sleep(0.8)
+        return before, len(looks)
 
-    assert asyncio.run(come_and_go()) == 1  # this one
+    before, after = asyncio.run(come_and_go())
+    assert before >= 3
+    assert after == before
+
+
+def test_many_listeners_may_come_and_go_and_the_next_still_hears(catalogue):
+    async def crowd():
+        tail = EventTail(catalogue.engine)
+        for _ in range(60):  # more than the pool has connections
+            async with tail.listening():
+                await asyncio.sleep(0.001)
+        async with tail.listening() as queue:
+            catalogue.tell("run.changed", {"number": 7})
+            return await asyncio.wait_for(queue.get(), 5.0)
+
+    assert asyncio.run(crowd()).document == {"number": 7}
+
+
+def test_what_happened_while_nobody_listened_is_not_told_as_new(catalogue):
+    async def late():
+        tail = EventTail(catalogue.engine)
+        async with tail.listening():
+            pass
+        catalogue.tell("run.changed", {"number": 1})
+        async with tail.listening() as queue:
+            catalogue.tell("run.changed", {"number": 2})
+            return await asyncio.wait_for(queue.get(), 5.0)
+
+    assert asyncio.run(late()).document == {"number": 2}
