@@ -85,6 +85,8 @@ class ProductStore:
         files = (self._products / str(kind) / scope.name).glob(f"*{suffix}")
         digests = [file.name.removesuffix(suffix) for file in files]
         found = [ProductRef(kind, scope, digest) for digest in digests if "." not in digest]
+        if len(found) < 2:  # noqa: PLR2004 - one needs no order, and no reading
+            return found
         return sorted(found, key=lambda ref: (self.made_at(ref), ref.digest))
 
     def make(self, recipe: Recipe, write: Callable[[Path], None]) -> ProductRef:

@@ -7,7 +7,8 @@ telemetry holds, links that rest on few ties, pairs that no tie joins to another
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -114,11 +115,23 @@ class PairGraph(BaseModel):
     edges: list[PairEdge]
 
 
+@lru_cache(maxsize=4)
+def _assessed(network: NetworkProduct) -> tuple[Links, tuple[Weak, ...]]:
+    """Links and weaknesses of a network, remembered: it never changes."""
+    links = shared_ties(network.adjusted)
+    found = weaknesses(network.adjusted, links, (), QualityParams())
+    return links, tuple(Weak(what=one.what, why=one.why) for one in found)
+
+
+@lru_cache(maxsize=4)
+def _shared_by_pairs(network: NetworkProduct) -> dict[tuple[str, str], int]:
+    return shared_by_pairs(network.adjusted)
+
+
 def network_graph(ref: ProductRef, network: NetworkProduct) -> NetworkGraph:
     """The stops of a network and their links."""
     adjusted, params = network.adjusted, QualityParams()
-    links = shared_ties(adjusted)
-    weak = [Weak(what=w.what, why=w.why) for w in weaknesses(adjusted, links, (), params)]
+    links, weak = _assessed(network)
     pairs = Counter(str(pair.stop) for pair in adjusted.pairs)
     return NetworkGraph(
         network=used(ref),
@@ -138,7 +151,7 @@ def network_graph(ref: ProductRef, network: NetworkProduct) -> NetworkGraph:
             for stop in adjusted.stops
         ],
         links=_links(links, network.links, weak, params.few_ties),
-        weaknesses=weak,
+        weaknesses=list(weak),
     )
 
 
@@ -148,7 +161,7 @@ def used(ref: ProductRef) -> NetworkUsed:
 
 
 def _links(
-    links: Links, tried: tuple[dict[str, Any], ...], weak: list[Weak], few: int
+    links: Links, tried: tuple[dict[str, Any], ...], weak: Sequence[Weak], few: int
 ) -> list[LinkEdge]:
     """Links with ties, and those that were tried and found none."""
     reasons = {(row["earlier"], row["later"]): str(row["reason"]) for row in tried}
@@ -175,14 +188,11 @@ def pair_graph(
     own = {pair.pair_id for pair in adjusted.pairs if str(pair.stop) == stop}
     edges = [
         PairEdge(one=one, other=other, ties=count)
-        for (one, other), count in shared_by_pairs(adjusted).items()
+        for (one, other), count in _shared_by_pairs(network).items()
         if one in own or other in own
     ]
     shown = own | {name for edge in edges for name in (edge.one, edge.other)}
-    weak = [
-        Weak(what=w.what, why=w.why)
-        for w in weaknesses(adjusted, shared_ties(adjusted), (), QualityParams())
-    ]
+    _, weak = _assessed(network)
     blunders = _set_aside(adjusted)
     nodes = [
         _pair_node(pair, entries.get(pair.pair_id), blunders[pair.pair_id], weak)
@@ -216,7 +226,7 @@ def _set_aside(network: AdjustedNetwork) -> Counter[str]:
 
 
 def _pair_node(
-    pair: AdjustedPair, entry: ImageEntry | None, blunders: int, weak: list[Weak]
+    pair: AdjustedPair, entry: ImageEntry | None, blunders: int, weak: Sequence[Weak]
 ) -> PairNode:
     east, north, up = (MAP_FROM_LSL @ pair.lsl_from_pair.rotation[:, 2]).tolist()
     return PairNode(
@@ -232,7 +242,7 @@ def _pair_node(
     )
 
 
-def _why(weak: list[Weak], what: str) -> list[str]:
+def _why(weak: Sequence[Weak], what: str) -> list[str]:
     return [one.why for one in weak if one.what == what]
 
 

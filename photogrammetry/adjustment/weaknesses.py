@@ -87,15 +87,18 @@ def _thin_links(links: Links, params: QualityParams) -> Iterator[Weakness]:
 
 def _unchecked_stops(network: AdjustedNetwork, params: QualityParams) -> Iterator[Weakness]:
     ties = network.ties
-    used = (ties.status == USED) & (ties.redundancy > 0).any(axis=1)
-    stop_of = {pair.pair_id: pair.stop for pair in network.pairs}
-    of_row = np.array([str(stop_of.get(name, "")) for name in ties.observations.pair_ids])
-    for stop in network.stops:
-        rows = used & (of_row[ties.observations.pair] == str(stop.stop)) if len(of_row) else used
-        mean = float(ties.redundancy[rows].mean()) if rows.any() else np.nan
-        if mean < params.thin_redundancy:
-            why = f"its {int(rows.sum())} tied observations have a mean redundancy of {mean:.2f}"
-            yield Weakness(str(stop.stop), f"{why}: blunders could hide")
+    numbers = {stop.stop: k for k, stop in enumerate(network.stops)}
+    of_pair = {pair.pair_id: numbers.get(pair.stop, -1) for pair in network.pairs}
+    stops = np.array([of_pair.get(name, -1) for name in ties.observations.pair_ids], dtype=np.int64)
+    rows = np.flatnonzero((ties.status == USED) & (ties.redundancy > 0).any(axis=1))
+    rows = rows[stops[ties.observations.pair[rows]] >= 0]
+    stop = stops[ties.observations.pair[rows]]
+    counts = np.bincount(stop, minlength=len(numbers))
+    sums = np.bincount(stop, ties.redundancy[rows].mean(axis=1), minlength=len(numbers))
+    means = sums / np.maximum(counts, 1)
+    for k in np.flatnonzero((counts > 0) & (means < params.thin_redundancy)).tolist():
+        why = f"its {counts[k]} tied observations have a mean redundancy of {means[k]:.2f}"
+        yield Weakness(str(network.stops[k].stop), f"{why}: blunders could hide")
 
 
 def _doubtful_pairs(network: AdjustedNetwork, params: QualityParams) -> Iterator[Weakness]:
