@@ -3,7 +3,7 @@
 Layers are GeoJSON files, one for each scope: reading them for every request would take seconds. The
 index is a table of all their features beside an R*Tree of their boxes (SQLite's own), filled once
 for each version of a layer under a key of its own. It holds nothing that could not be made again
-from the products: it may be deleted at any time.
+from the products: it may be deleted while nothing runs.
 
 Shapes are well-known binary in metres of the local map, (east, north) or (east, north, up). The
 R*Tree keeps boxes in single precision, rounded outwards; whether a shape meets the area asked for
@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import logging
 import math
 import sqlite3
 from collections.abc import Iterable, Iterator, Sequence
@@ -34,6 +35,7 @@ from products.feature_query import (
     feature_of,
 )
 
+log = logging.getLogger(__name__)
 _SCHEMA = """
 CREATE TABLE IF NOT EXISTS layers(
     number INTEGER PRIMARY KEY, key TEXT NOT NULL UNIQUE, family TEXT NOT NULL,
@@ -71,16 +73,27 @@ class FeatureIndex:
 
     @classmethod
     def open(cls, path: Path) -> FeatureIndex:
-        """Open or found the index."""
+        """Open or found the index; one that is damaged is made anew."""
         path.parent.mkdir(parents=True, exist_ok=True)
         index = cls(path)
-        with index._connection() as connection:
+        try:
+            index._prepare()
+        except sqlite3.OperationalError:  # it cannot be written, or another holds it too long
+            raise
+        except sqlite3.DatabaseError as error:
+            log.warning("%s is damaged and made anew: %s", path.name, error)
+            for file in path.parent.glob(f"{path.name}*"):
+                file.unlink(missing_ok=True)
+            index._prepare()
+        return index
+
+    def _prepare(self) -> None:
+        with self._connection() as connection:
             connection.execute("PRAGMA journal_mode=WAL")
             (version,) = connection.execute("PRAGMA user_version").fetchone()
             if version != _VERSION:  # it can be made again from the products
                 connection.executescript(_FORGET_ALL)
             connection.executescript(_SCHEMA)
-        return index
 
     def missing(self, keys: Iterable[str]) -> list[str]:
         """The layers that are not in it yet."""

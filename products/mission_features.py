@@ -11,6 +11,7 @@ from __future__ import annotations
 import hashlib
 import json
 import logging
+import sqlite3
 import threading
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -64,7 +65,7 @@ class MissionFeatures:
         name = "features.sqlite"
         try:
             index = FeatureIndex.open(store.root / FOLDER / name)
-        except OSError:
+        except (OSError, sqlite3.OperationalError):
             digest = hashlib.sha256(str(store.root).encode()).hexdigest()[:16]
             index = FeatureIndex.open(Path(gettempdir()) / f"solmap-{digest}" / name)
         return cls(store, catalogue, index)

@@ -104,6 +104,14 @@ def test_an_index_of_earlier_tables_is_made_anew(index):
     assert again.count(Selection(["a/1"], Area.of_box((-1.0, -1.0, 1.0, 1.0)))) == 1
 
 
+def test_a_damaged_index_is_made_anew(index, caplog):
+    for file in index.path.parent.iterdir():
+        file.write_bytes(b"no database" * 1000)
+    again = FeatureIndex.open(index.path)
+    assert again.missing(["a/1"]) == ["a/1"]
+    assert "is damaged and made anew" in caplog.text
+
+
 coordinates = st.floats(-5_000, 5_000, width=32)
 
 
