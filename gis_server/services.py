@@ -22,6 +22,8 @@ from products.runs import RunBook
 from products.store import ProductStore
 
 _LAYERS = 1024
+_OPEN = 64
+"""Rasters kept open: to identify a place asks some fifty layers, and opening one takes 10 ms."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,7 +54,7 @@ def open_services(root: Path) -> Services:
     return Services(
         store=store,
         catalogue=catalogue,
-        pool=RasterPool(),
+        pool=RasterPool(idle=_OPEN),
         layer=remembered,
         features=features,
         tail=EventTail(catalogue.engine),

@@ -181,18 +181,20 @@ def viewshed_png(seen: Seen) -> bytes:
     return indexed_png(seen.sight, palette, b"\x00\xa0\xa0")
 
 
-def line_of_sight(
-    eye: tuple[float, float],
-    target: tuple[float, float],
-    heights_m: tuple[float, float],
-    max_unseen_m: float,
-    ground: Ground,
-) -> SightAnswer:
+@dataclass(frozen=True, slots=True)
+class End:
+    """One end of a line of sight."""
+
+    place: tuple[float, float]
+    elevation_m: float | None
+    """Of the ground; None: the map's."""
+    height_m: float
+    """Above it."""
+
+
+def line_of_sight(eye: End, target: End, max_unseen_m: float, ground: Ground) -> SightAnswer:
     """Whether a target above one place can be seen from an eye above another."""
-    ends = [
-        _above(place, None, height, ground)
-        for place, height in zip((eye, target), heights_m, strict=True)
-    ]
+    ends = [_above(e.place, e.elevation_m, e.height_m, ground) for e in (eye, target)]
     length = float(np.hypot(*(ends[1] - ends[0])[:2]))
     if not 0 < length <= FARTHEST_M:
         raise RefusedError(

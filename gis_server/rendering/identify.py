@@ -27,13 +27,15 @@ _NEARBY = (ProductKind.STOPS, ProductKind.TIE_POINTS, ProductKind.POINTING)
 
 @dataclass(frozen=True, slots=True)
 class LayerValue:
-    """The value of a raster's first band, true and in its unit."""
+    """The value of a raster's first band, true and in its unit, and those of the others."""
 
     layer: Layer
     value: float
     sigma: float | None
     label: str | None = None
     """What the value stands for, where it is a class."""
+    bands: dict[str, float] = field(default_factory=dict)
+    """What all bands hold, the first among them, where they hold anything."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,7 +110,8 @@ def _value(
     if not math.isfinite(first):
         return []
     label = classes.get(round(first))
-    return [LayerValue(layer, first, sigma if math.isfinite(sigma) else None, label)]
+    known = {name: value for name, value in bands.items() if math.isfinite(value)}
+    return [LayerValue(layer, first, sigma if math.isfinite(sigma) else None, label, known)]
 
 
 def _features(layer: Layer, east: float, north: float, store: ProductStore) -> list[FeatureFound]:

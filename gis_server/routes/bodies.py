@@ -134,6 +134,8 @@ class ValueHere(BaseModel):
     unit: str | None
     label: str | None
     """What the value stands for, where it is a class: an image's name, a kind of ground."""
+    bands: dict[str, float] = {}
+    """All bands of the layer by name, such as standard deviation and observations."""
 
 
 class FeatureHere(BaseModel):
@@ -250,6 +252,7 @@ def _value_body(value: LayerValue) -> ValueHere:
         value=value.value,
         sigma=value.sigma,
         label=value.label,
+        bands=value.bands,
         unit=layer.unit,
     )
 

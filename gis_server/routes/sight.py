@@ -11,6 +11,7 @@ from fastapi import APIRouter, Depends, Query, Request, Response
 from gis_server.analysis.ground import BEST
 from gis_server.analysis.sight import (
     FARTHEST_M,
+    End,
     Seen,
     SightAnswer,
     ViewshedAnswer,
@@ -30,6 +31,9 @@ from products.raster import write_classes
 router = APIRouter(prefix="/api/missions/{mission}", tags=["analysis"])
 _USUAL = ViewshedParams()
 Height = Annotated[float, Query(ge=0, le=100, description="above the ground, metres")]
+Elevation = Annotated[
+    float | None, Query(ge=-1e5, le=1e5, description="of the ground, where the map knows none")
+]
 LayerId = Annotated[str, Query(max_length=200, description="a terrain model, or `best`")]
 Unseen = Annotated[
     float, Query(ge=0, le=FARTHEST_M, description="longest unmapped stretch that is looked over")
@@ -46,7 +50,7 @@ def _seen(  # noqa: PLR0913 - the query
     target_m: Height = _USUAL.target_height_m,
     radius_m: Annotated[float, Query(gt=0, le=FARTHEST_M)] = 50.0,
     max_unseen_m: Unseen = _USUAL.max_unseen_m,
-    elevation: Annotated[float | None, Query(ge=-1e5, le=1e5)] = None,
+    elevation: Elevation = None,
     layer: LayerId = BEST,
 ) -> Seen:
     params = ViewshedParams(mast_m, target_m, max_unseen_m, radius_m)
@@ -94,10 +98,13 @@ def sight(  # noqa: PLR0913 - the query
     to_north: Metres,
     eye_m: Height = _USUAL.eye_height_m,
     target_m: Height = _USUAL.target_height_m,
+    elevation: Elevation = None,
+    to_elevation: Elevation = None,
     max_unseen_m: Unseen = _USUAL.max_unseen_m,
     layer: LayerId = BEST,
 ) -> SightAnswer:
     """Whether a target can be seen from an eye, with the ground between and what is in the way."""
     ground = ground_of(mission, layer, services)
-    ends = (east, north), (to_east, to_north)
-    return line_of_sight(*ends, (eye_m, target_m), max_unseen_m, ground)
+    eye = End((east, north), elevation, eye_m)
+    target = End((to_east, to_north), to_elevation, target_m)
+    return line_of_sight(eye, target, max_unseen_m, ground)

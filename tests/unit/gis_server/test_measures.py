@@ -146,3 +146,13 @@ def test_an_enormous_polygon_is_answered_without_harm(client):
     body = ask(client, "measure-area", polygon=huge)
     assert body["map_area_m2"] == pytest.approx(4e12)
     assert client.post(f"{API}/volume", json={"polygon": huge}).status_code == 422
+
+
+def test_identify_tells_every_band_of_every_layer(client):
+    place = client.get(f"{API}/identify", params={"east": 3, "north": 4}).json()
+    layers = {layer["id"]: layer for layer in place["layers"]}
+    dtm = layers[f"{STOP.name}/dtm"]["bands"]
+    assert dtm["elevation"] == pytest.approx(elevation_at(3, 4), abs=0.01)
+    assert dtm["standard_deviation"] == pytest.approx(0.02)
+    assert dtm["observations"] == 3.0
+    assert layers[f"{STOP.name}/slope"]["bands"] == {"value": 20.0}

@@ -104,6 +104,14 @@ def test_a_line_of_sight_over_a_plane_is_free_and_over_a_wall_is_not(client, wal
     assert high["sight"] == "visible"
 
 
+def test_an_end_on_unmapped_ground_takes_an_elevation(client):
+    query = {"east": 0, "north": 0, "to_east": -33, "to_north": 0, "to_elevation": 2.0}
+    body = ask(client, "line-of-sight", **query)
+    assert body["target_elevation_m"] == pytest.approx(2.1)
+    assert body["unseen_m"] == pytest.approx(3.0, abs=0.1)
+    assert ask(client, "viewshed", east=-39, north=0, elevation=4, radius_m=5)["visible_m2"] == 0
+
+
 @pytest.mark.parametrize(
     ("what", "query", "told"),
     [
