@@ -30,6 +30,7 @@ export function facts(rows: readonly (readonly [string, Child])[]): HTMLElement 
 }
 
 const ICONS = {
+  ties: "M3 5a2 2 0 1 0 0-.1M13 13a2 2 0 1 0 0-.1M4.5 6.5l7 5",
   plus: "M8 3v10M3 8h10",
   minus: "M3 8h10",
   fit: "M2 6V2h4M10 2h4v4M14 10v4h-4M6 14H2v-4",

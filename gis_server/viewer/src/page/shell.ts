@@ -24,6 +24,8 @@ export interface Shell {
   readonly tip: HTMLElement;
   /** Room beside the map, for what is looked at together with it: images, the 3D view. */
   readonly beside: Dock;
+  /** Room over the map, for work that needs all of it: the tie-point editor. */
+  readonly bench: Dock;
   /** Room below the map: profiles. */
   readonly below: Dock;
   /** Adds a tab on the right; the panel it shows. */
@@ -70,6 +72,7 @@ export function shell(root: HTMLElement): Shell {
   const right = tabs();
   const beside = dock("beside");
   const below = dock("below");
+  const bench = dock("bench");
   const dialog = h("dialog", { class: "dialog" });
   dialog.addEventListener("click", (event) => {
     if (event.target === dialog) dialog.close();
@@ -93,6 +96,7 @@ export function shell(root: HTMLElement): Shell {
       h("div", { class: "field-of-map" }, map, toolbar, north, scale, ruler, tip, toast, notice),
       beside.element,
       below.element,
+      bench.element,
     ),
     h("aside", { class: "right", "aria-label": "what is here" }, right.bar, right.panels),
     h("footer", {}, readout),
@@ -112,6 +116,7 @@ export function shell(root: HTMLElement): Shell {
     tip,
     beside,
     below,
+    bench,
     addTab: right.add,
     showTab: right.show,
     addTool: (tool) => toolbar.append(tool),
@@ -119,6 +124,7 @@ export function shell(root: HTMLElement): Shell {
       right.clear();
       beside.close();
       below.close();
+      bench.close();
       for (const element of [map, layers, searchBox, accountBox, toolbar, north, scale, readout])
         element.replaceChildren();
       for (const element of [ruler, tip]) element.hidden = true;

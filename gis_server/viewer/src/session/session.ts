@@ -9,6 +9,7 @@ import { accountPart } from "../parts/account/part";
 import { annotationsPart } from "../parts/annotations/part";
 import { cursorPart } from "../parts/cursor/part";
 import { downloadsPart } from "../parts/downloads/part";
+import { editorPart } from "../parts/editor/part";
 import { furniturePart } from "../parts/furniture/part";
 import { helpPart } from "../parts/help/part";
 import { imageViewPart } from "../parts/image-view/part";
@@ -52,6 +53,7 @@ const PARTS: readonly Part[] = [
   downloadsPart,
   scenePart,
   stereoPart,
+  editorPart,
   annotationsPart,
   runsPart,
   helpPart,

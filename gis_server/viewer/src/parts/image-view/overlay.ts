@@ -11,6 +11,8 @@ export const TIE_COLOURS: Readonly<Record<string, string>> = {
 };
 export const BLUNDER = "#ff4a4a";
 const CURSOR = "#ffd400";
+const CURVE = "#7cc7ff";
+const PICK = "#ff7a1a";
 const REACH_PX = 7;
 
 export interface Cross {
@@ -24,6 +26,10 @@ export interface Overlay {
   /** Residuals are drawn so many times as long; 0: not. */
   readonly residualFactor: number;
   readonly cross: Cross | null;
+  /** Where a point of another image may lie in this one. */
+  readonly curve?: readonly ImagePoint[];
+  /** Points that a person picked. */
+  readonly picks?: readonly ImagePoint[];
 }
 
 export const colourOf = ({ kind, status }: ImageTie): string =>
@@ -54,10 +60,42 @@ export function tieAt(
 export function drawOverlay(
   paper: CanvasRenderingContext2D,
   viewport: Viewport,
-  { ties, residualFactor, cross }: Overlay,
+  { ties, residualFactor, cross, curve = [], picks = [] }: Overlay,
 ): void {
   for (const tie of ties) drawTie(paper, viewport, tie, residualFactor);
+  if (curve.length > 1) drawCurve(paper, viewport, curve);
   if (cross) drawCross(paper, viewport, cross);
+  for (const pick of picks) drawPick(paper, viewport, pick);
+}
+
+function drawCurve(
+  paper: CanvasRenderingContext2D,
+  viewport: Viewport,
+  curve: readonly ImagePoint[],
+): void {
+  cased(paper, CURVE, 1.2, () => {
+    for (const [k, point] of curve.entries()) {
+      const [x, y] = toScreen(viewport, point);
+      if (k === 0) paper.moveTo(x, y);
+      else paper.lineTo(x, y);
+    }
+  });
+}
+
+/** A small open cross: the pixel that is meant stays in sight. */
+function drawPick(paper: CanvasRenderingContext2D, viewport: Viewport, pick: ImagePoint): void {
+  const [x, y] = toScreen(viewport, pick);
+  cased(paper, PICK, 1.6, () => {
+    for (const [dx, dy] of [
+      [1, 1],
+      [1, -1],
+      [-1, 1],
+      [-1, -1],
+    ] as const) {
+      paper.moveTo(x + 3 * dx, y + 3 * dy);
+      paper.lineTo(x + 11 * dx, y + 11 * dy);
+    }
+  });
 }
 
 /** A dark line below a bright one is seen on any ground. */
