@@ -85,10 +85,6 @@ class Control:
             np.array([one.frame == MAP.name for one in control], dtype=bool),
         )
 
-    def __len__(self) -> int:
-        """How many stops' places, used or not."""
-        return len(self.stop)
-
     @property
     def surplus(self) -> int:
         """Observations that count, those of frames too, without the unknowns of frames."""
@@ -103,7 +99,7 @@ class Control:
         p, R, c = state.frames[self.frame], state.rotations[self.stop], state.centres[self.stop]
         centre = self.centres[self.frame]
         arm, b, a = self.values[:, :2] - centre, p[:, 3], p[:, 4]
-        l = np.empty((len(self), ROWS))
+        l = np.empty((len(self.stop), ROWS))
         l[:, 0] = centre[:, 0] + arm[:, 0] * (1 + a) - arm[:, 1] * b + p[:, 0] - c[:, 1]
         l[:, 1] = centre[:, 1] + arm[:, 1] * (1 + a) + arm[:, 0] * b + p[:, 1] - c[:, 0]
         l[:, 2] = self.values[:, 2] + p[:, 2] + c[:, 2]
@@ -118,7 +114,7 @@ class Control:
     def partials(self, state: State) -> tuple[np.ndarray, np.ndarray]:
         """Whitened derivatives (n, 4, 6) of what is computed by (d, dc), and (n, 4, 5) by dp."""
         R, p = state.rotations[self.stop], state.frames[self.frame]
-        of_stop, of_frame = np.zeros((len(self), ROWS, 6)), np.zeros((len(self), ROWS, 5))
+        of_stop, of_frame = np.zeros((len(self.stop), ROWS, 6)), np.zeros((len(self.stop), ROWS, 5))
         of_stop[:, 0, 4] = of_stop[:, 1, 3] = 1.0
         of_stop[:, 2, 5] = -1.0
         level = R[:, 0, 0] ** 2 + R[:, 1, 0] ** 2

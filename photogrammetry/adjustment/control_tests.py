@@ -75,7 +75,7 @@ def control_tests(
 ) -> ControlTests:
     """Tests of all control at a solution; `threshold` is that of the robust loss."""
     control, places = problem.control, problem.control_places
-    if control is None or places is None or not len(control):
+    if control is None or places is None or not len(control.stop):
         none = np.zeros(0)
         return ControlTests(none, none, none)
     l, (of_stop, of_frame) = control.whitened(state), control.partials(state)

@@ -68,6 +68,18 @@ def says_otherwise(network: Network, adjusted: AdjustedNetwork, stops: AbstractS
     return not all(any(one.is_same(other) for other in then) for one in now)
 
 
+def with_remembered_frames(network: Network, adjusted: AdjustedNetwork) -> Network:
+    """The network with the control frames that stops which have left spoke of, if it lacks some.
+
+    Control may be taken back; what it said of stops that have left stays until they are adjusted
+    overall.
+    """
+    names = {frame.name for frame in network.frames}
+    spoken = set(adjusted.memory.frames) - names if adjusted.memory else set()
+    lost = tuple(one.frame for one in adjusted.frames if one.frame.name in spoken)
+    return replace(network, frames=(*network.frames, *lost)) if lost else network
+
+
 def _datum(network: Network, params: AdjustmentParams) -> StopControl:
     first = network.stops[0]
     pose = first.lsl_from_rover
@@ -80,4 +92,4 @@ def _datum(network: Network, params: AdjustmentParams) -> StopControl:
     return StopControl(first.stop, MAP.name, east, north, C, -down, azimuth_deg)
 
 
-__all__ = ["MAP", "held_stops", "says_otherwise", "with_control"]
+__all__ = ["MAP", "held_stops", "says_otherwise", "with_control", "with_remembered_frames"]

@@ -19,7 +19,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from photogrammetry.adjustment.adjust import adjust, adjust_overall
-from photogrammetry.adjustment.datum import held_stops, says_otherwise
+from photogrammetry.adjustment.datum import (
+    held_stops,
+    says_otherwise,
+    with_remembered_frames,
+)
 from photogrammetry.adjustment.linear import Linear
 from photogrammetry.adjustment.marginal import Marginal
 from photogrammetry.adjustment.params import AdjustmentParams
@@ -94,7 +98,7 @@ def adjust_sequential(
     if (late or changed) and complete:
         traverse, report = reopened(previous, network, params)
         return traverse.window, report
-    traverse, report = extend(before, network, new, params)
+    traverse, report = extend(before, with_remembered_frames(network, previous), new, params)
     told = [f"{late} ties reach back beyond the window and were left out"] if late else []
     told += ["control of stops that have left the window is new or changed"] if changed else []
     if told:

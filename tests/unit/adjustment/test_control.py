@@ -237,6 +237,23 @@ def test_control_that_comes_later_reopens_the_traverse():
         assert (np.abs(off) / sigma).max() < 0.02
 
 
+def test_control_that_is_taken_back_leaves_what_it_said_of_stops_that_have_left():
+    network, _, _ = simulated(3, stops=6, shown=(0, 1, 2))
+    before = None
+    for k, stop in enumerate(network.stop_ids[:-1]):
+        part = network.within(set(network.stop_ids[: k + 1]))
+        before, _ = adjust_sequential(before, part, [stop], PARAMS)
+    assert before.memory.frames == ("orbit",)
+    bare = replace(network, control=(), frames=())
+    recent = bare.within(set(network.stop_ids[-3:]))
+    recent = replace(recent, stops=bare.stops)  # all stops, the pairs of the window alone
+    after, report = adjust_sequential(before, recent, network.stop_ids[-1:], PARAMS)
+    assert report.converged
+    assert "control of stops that have left the window is new or changed" in report.message
+    assert "adjust overall" in report.message
+    assert len(after.stops) == 6
+
+
 def test_stepwise_places_new_stops_by_control_too():
     network, truth, _ = simulated(5, shown=range(8), gap=GAP, sigma_azimuth_deg=0.3)
     previous = None
