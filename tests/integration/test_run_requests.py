@@ -2,6 +2,7 @@
 
 import httpx
 import pytest
+from prefect.exceptions import ObjectNotFound
 
 from flows import requests
 from products.catalogue import Catalogue
@@ -43,6 +44,17 @@ def test_a_downlink_without_an_inbox_is_refused(tmp_path, submitted):
     assert asked.state is RequestState.REFUSED
     assert "no inbox is watched" in asked.answer
     assert submitted == []
+
+
+def test_a_request_waits_while_the_scheduler_has_not_begun(tmp_path, monkeypatch):
+    def unknown(_deployment, _parameters):
+        raise ObjectNotFound(http_exc=Exception("404"))
+
+    monkeypatch.setattr(requests, "submit", unknown)
+    book = RequestBook.of(tmp_path)
+    book.ask(RequestKind.REGION, None, "Ada")
+    assert requests.submit_requests(tmp_path, has_inbox=False) == []
+    assert len(book.waiting()) == 1
 
 
 def test_a_request_waits_while_the_scheduler_does_not_answer(tmp_path, monkeypatch):
