@@ -29,7 +29,7 @@ export function quantityOf(tile: ValueTile, quantity: Quantity, sun: SunPlace): 
     case "relief":
       return relief(tile, sun);
     case "slope":
-      return derive(tile, (east, north) => Math.atan(Math.hypot(east, north)) * DEG);
+      return derive(tile, (east, north) => Math.atan(Math.sqrt(east * east + north * north)) * DEG);
     case "aspect":
       return derive(tile, (east, north) => (Math.atan2(-east, -north) * DEG + 360) % 360);
     case "tilt":
@@ -53,7 +53,10 @@ function derive(
   rule: (east: number, north: number) => number,
 ): Float32Array {
   const { east, north } = gradients;
-  return Float32Array.from(east, (rise, at) => rule(rise, north[at] as number));
+  const found = new Float32Array(east.length);
+  for (let at = 0; at < found.length; at += 1)
+    found[at] = rule(east[at] as number, north[at] as number);
+  return found;
 }
 
 function relief({ gradients }: ValueTile, { azimuthDeg, elevationDeg }: SunPlace): Float32Array {

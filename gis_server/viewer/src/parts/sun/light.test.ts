@@ -1,8 +1,9 @@
 import { expect, test } from "vitest";
 import { clock, DARK, formatLight, formatSky, parseLight, parseSky, type Sky } from "./light";
 
-test.each(["", "relief", "relief,shadow,tilt:5", "shadow,slope:12.5"])("%s comes back", (text) =>
-  expect(formatLight(parseLight(text))).toBe(text),
+test.each(["", "relief", "relief*0.35,tilt:-3", "relief,shadow,tilt:5", "shadow,slope:12.5"])(
+  "%s comes back",
+  (text) => expect(formatLight(parseLight(text))).toBe(text),
 );
 
 test("what is not understood shows nothing", () => {

@@ -1,10 +1,12 @@
-/** What is shown under the sun, and its text in the link: `live=relief,shadow,tilt:5` and `sun=sol:156,14.5` or `sun=315,45`. */
+/** What is shown under the sun, and its text in the link: `live=relief*0.6,shadow,tilt:5` and `sun=sol:156,14.5` or `sun=315,45`. */
 
 import type { SunPlace } from "../../map/shading";
 
 export interface Light {
   /** Relief under the sun, over all pictures. */
   readonly relief: boolean;
+  /** How strongly the relief covers what lies below it, 0 to 1. */
+  readonly strength: number;
   readonly shadow: boolean;
   /** Only ground that tilts to the north by so many degrees and more; null: not shown. */
   readonly tiltDeg: number | null;
@@ -12,11 +14,17 @@ export interface Light {
   readonly slopeDeg: number | null;
 }
 
-export const DARK: Light = { relief: false, shadow: false, tiltDeg: null, slopeDeg: null };
+export const DARK: Light = {
+  relief: false,
+  strength: 1,
+  shadow: false,
+  tiltDeg: null,
+  slopeDeg: null,
+};
 
-export function formatLight({ relief, shadow, tiltDeg, slopeDeg }: Light): string {
+export function formatLight({ relief, strength, shadow, tiltDeg, slopeDeg }: Light): string {
   const parts = [
-    relief && "relief",
+    relief && (strength < 1 ? `relief*${tidy(strength, 2)}` : "relief"),
     shadow && "shadow",
     tiltDeg !== null && `tilt:${tiltDeg}`,
     slopeDeg !== null && `slope:${slopeDeg}`,
@@ -31,8 +39,11 @@ export function parseLight(text: string | null): Light {
     const value = found === undefined ? Number.NaN : Number(found.slice(name.length + 1));
     return Number.isFinite(value) ? Math.min(89, Math.max(-89, value)) : null;
   };
+  const relief = parts.find((part) => part === "relief" || part.startsWith("relief*"));
+  const strength = Number(relief?.split("*")[1] ?? 1);
   return {
-    relief: parts.includes("relief"),
+    relief: relief !== undefined,
+    strength: strength >= 0 && strength <= 1 ? strength : 1,
     shadow: parts.includes("shadow"),
     tiltDeg: angle("tilt"),
     slopeDeg: angle("slope"),

@@ -2,7 +2,7 @@
 
 import TileLayer from "ol/layer/Tile";
 import { tileGrid } from "../../map/map-layers";
-import { PaintedTiles, styled } from "../../map/painted-tiles";
+import { PaintedTiles, type Painting, styled } from "../../map/painted-tiles";
 import { hasValues, PLAIN, type RasterStyle } from "../../map/raster-style";
 import type { SunPlace } from "../../map/shading";
 import { ShadowLayer } from "../../map/shadow-layer";
@@ -40,7 +40,14 @@ export class Overlays {
       this.painted.delete(name);
     }
     let height = this.base();
-    for (const [name, style] of styles) this.paint(ground, name, style, sun, (height += 0.01));
+    for (const [name, style] of styles) {
+      height += 0.01;
+      const opacity = name === "relief" ? light.strength : TINT;
+      this.paint(ground, name, styled(ground, style, sun, mission.tile_matrix_set), [
+        height,
+        opacity,
+      ]);
+    }
     if (!light.shadow) this.dropShadow();
     else if (this.shadow) this.shadow.setSun(sun);
     else {
@@ -59,16 +66,15 @@ export class Overlays {
   private paint(
     ground: RasterLayer,
     name: string,
-    style: RasterStyle,
-    sun: SunPlace,
-    height: number,
+    painting: Painting,
+    [height, opacity]: readonly [number, number],
   ): void {
     const { view, mission } = this.context;
-    const painting = styled(ground, style, sun, mission.tile_matrix_set);
     const there = this.painted.get(name);
     if (there) {
       there.getSource()?.repaint(painting);
       there.setZIndex(height);
+      there.setOpacity(opacity);
       return;
     }
     const source = new PaintedTiles(
@@ -76,7 +82,6 @@ export class Overlays {
       tileGrid(mission.tile_matrix_set, ground),
       view.local,
     );
-    const opacity = name === "relief" ? 1 : TINT;
     const layer = new TileLayer({ source, extent: [...ground.bounds], opacity, zIndex: height });
     this.painted.set(name, layer);
     view.map.addLayer(layer);

@@ -98,10 +98,12 @@ export function sunPanel(
     class: "compact-number",
     min: 0,
     step: 1,
+    value: firstSol ?? 0,
     "aria-label": "sol of the sun",
     onchange: () => time({ sol: Math.max(0, Math.round(Number(sol.value))) }),
   });
   const hours = slider("local true solar time", 0, 24, 1 / 12, (value) => time({ hours: value }));
+  hours.value = "12";
   const azimuth = slider("azimuth of the sun", 0, 360, 1, (azimuthDeg) => place({ azimuthDeg }));
   const elevation = slider("elevation of the sun", 0, 90, 0.5, (elevationDeg) =>
     place({ elevationDeg }),
@@ -113,6 +115,9 @@ export function sunPanel(
     h("div"),
   ];
   const relief = box("relief under this sun", (on) => light({ relief: on }));
+  const strength = slider("strength of the relief", 0, 1, 0.05, (value) =>
+    light({ strength: value }),
+  );
   const shadow = box("shadows that the ground throws", (on) => light({ shadow: on }));
   const tilt = threshold("ground that tilts north", 5, (tiltDeg) => light({ tiltDeg }));
   const slope = threshold("ground that is steep", 15, (slopeDeg) => light({ slopeDeg }));
@@ -142,7 +147,7 @@ export function sunPanel(
     h("label", { class: "inline" }, h("span", {}, "elevation"), elevation, elevationText),
     told,
     h("h3", {}, "On the map"),
-    relief.element,
+    h("div", { class: "inline" }, relief.element, strength),
     shadow.element,
     tilt.element,
     slope.element,
@@ -169,6 +174,8 @@ export function sunPanel(
       ]),
     );
     relief.input.checked = now.light.relief;
+    strength.value = String(now.light.strength);
+    strength.hidden = !now.light.relief;
     shadow.input.checked = now.light.shadow;
     tilt.put(now.light.tiltDeg);
     slope.put(now.light.slopeDeg);
