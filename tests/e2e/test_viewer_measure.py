@@ -91,6 +91,17 @@ def test_strike_and_dip_are_those_of_the_plane_through_the_points(measuring):
     assert value(item, "strike")[0] == pytest.approx((downhill - 90) % 360, abs=1.5)
 
 
+def test_the_statistics_of_a_layer_are_those_of_its_values_in_the_outline(measuring):
+    measuring.locator('[data-mode="zone"]').click()
+    measuring.get_by_label("layer", exact=True).select_option("mer2/dtm")
+    measuring.keyboard.press("Escape")
+    item = draw(measuring, "zone", [(-10.0, -10.0), (10.0, -10.0), (10.0, 10.0), (-10.0, 10.0)])
+    assert value(item, "mean")[0] == pytest.approx(200.0 / 300.0, abs=0.02)
+    assert value(item, "greatest")[0] == pytest.approx(2.0, abs=0.05)
+    # Half of the square is nearer to its middle than sqrt(200 / pi) = 7.98 m.
+    assert value(item, "median")[0] == pytest.approx(200.0 / math.pi / 100.0, abs=0.02)
+
+
 def test_a_profile_and_the_map_share_one_cursor(measuring):
     draw(measuring, "profile", [(-20.0, 0.0), (20.0, 0.0)])
     caption = measuring.locator(".below figcaption").inner_text()

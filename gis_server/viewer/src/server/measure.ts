@@ -85,6 +85,25 @@ export interface PlaneMeasured {
   readonly layers: readonly LayerUsed[];
 }
 
+/** Statistics of a raster layer over a polygon, in the layer's own unit. */
+export interface ZoneMeasured {
+  readonly unit: string | null;
+  readonly count: number;
+  readonly measured_share: number;
+  readonly mean: number | null;
+  readonly std: number | null;
+  readonly min: number | null;
+  readonly max: number | null;
+  /** By percent. */
+  readonly percentiles: Readonly<Record<string, number>>;
+  readonly classes: readonly {
+    readonly name: string;
+    readonly area_m2: number;
+    readonly share: number;
+  }[];
+  readonly layers: readonly LayerUsed[];
+}
+
 export type VolumeBase = "rim" | "lowest";
 
 export const measuring = {
@@ -96,6 +115,8 @@ export const measuring = {
     post<AreaMeasured>(`${of(mission)}/measure-area`, { polygon }),
   volume: (mission: string, polygon: readonly MapPoint[], base: VolumeBase) =>
     post<VolumeMeasured>(`${of(mission)}/volume`, { polygon, base }),
+  zone: (mission: string, polygon: readonly MapPoint[], layer: string) =>
+    post<ZoneMeasured>(`${of(mission)}/zonal`, { polygon, layer }),
   plane: (mission: string, points: readonly MapPoint[]) =>
     post<PlaneMeasured>(`${of(mission)}/plane-fit`, { points }),
 };

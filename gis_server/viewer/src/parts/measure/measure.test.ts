@@ -6,8 +6,8 @@ import { boundsOf } from "./drawn";
 import { type Measurement, measurementsCsv, measurementsGeojson, profilesCsv } from "./export";
 import { profileOptions } from "./ground-profile";
 import { MODES } from "./modes";
-import { withoutRepeats } from "./part";
-import { lineQuantities, quantityText } from "./quantities";
+import { withoutRepeats } from "./corners";
+import { lineQuantities, quantityText, zoneQuantities } from "./quantities";
 
 const LAYER = { id: "mer2/dtm", kind: "dtm", digest: "0123", cell_m: 0.08 };
 const FOUND = {
@@ -124,4 +124,26 @@ test("the second click of a double-click is no corner", () => {
 
 test("a measurement is gone to by the box around it", () => {
   expect(boundsOf([...CORNERS, [-3, 4]])).toEqual([-3, 0, 15, 20]);
+});
+
+const ZONE = {
+  unit: "degree",
+  count: 100,
+  measured_share: 0.5,
+  mean: 12,
+  std: 3,
+  min: 1,
+  max: 30,
+  percentiles: { "5.0": 2, "50.0": 11, "95.0": 25 },
+  classes: [],
+  layers: [LAYER],
+};
+
+test("statistics carry the unit of the layer, and classes their shares", () => {
+  const told = zoneQuantities(ZONE).map((one) => `${one.name} ${quantityText(one)}`);
+  expect(told).toContain("mean 12.00°");
+  expect(told).toContain("median 11.00°");
+  expect(told.at(-1)).toBe("ground measured 50 %");
+  const classes = [{ name: "rock", area_m2: 2, share: 0.25 }];
+  expect(zoneQuantities({ ...ZONE, classes })).toEqual([{ name: "rock", value: 25, unit: "%" }]);
 });

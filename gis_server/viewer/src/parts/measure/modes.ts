@@ -11,6 +11,7 @@ import {
   planeQuantities,
   type Quantity,
   volumeQuantities,
+  zoneQuantities,
 } from "./quantities";
 
 /** What was found on the ground that was drawn. */
@@ -23,7 +24,7 @@ export interface Found {
   readonly profile?: Profile;
 }
 
-export type ModeKey = "distance" | "profile" | "slope" | "area" | "volume" | "plane";
+export type ModeKey = "distance" | "profile" | "slope" | "area" | "volume" | "plane" | "zone";
 
 export interface Mode {
   readonly key: ModeKey;
@@ -35,7 +36,13 @@ export interface Mode {
   readonly hint: string;
   /** What is told while the shape grows. */
   readonly live: (corners: readonly MapPoint[]) => string;
-  readonly find: (mission: string, corners: readonly MapPoint[]) => Promise<Found>;
+  /** Whether a raster layer is to be chosen for it. */
+  readonly asksLayer?: boolean;
+  readonly find: (
+    mission: string,
+    corners: readonly MapPoint[],
+    layer: string | null,
+  ) => Promise<Found>;
 }
 
 const nameOf = (quantities: readonly Quantity[], name: string) =>
@@ -137,6 +144,19 @@ export const MODES: readonly Mode[] = [
       const answer = await measuring.plane(mission, corners);
       const quantities = planeQuantities(answer);
       return found(quantities, "dip", answer.layers, { note: answer.said_of_strike });
+    },
+  },
+  {
+    key: "zone",
+    title: "Statistics",
+    shape: "area",
+    least: 3,
+    hint: "Choose a layer and outline an area: mean, spread and percentiles of the layer in it.",
+    live: area,
+    asksLayer: true,
+    find: async (mission, corners, layer) => {
+      const answer = await measuring.zone(mission, corners, layer ?? "");
+      return found(zoneQuantities(answer), "mean", answer.layers);
     },
   },
 ];

@@ -10,6 +10,10 @@ export interface PanelActions {
   readonly start: (mode: Mode) => void;
   /** Ends points that were picked one by one. */
   readonly finish: () => void;
+  /** Raster layers that can be asked: id and title. */
+  readonly layers: readonly (readonly [id: string, title: string])[];
+  readonly layer: string | null;
+  readonly chooseLayer: (id: string) => void;
   readonly zoomTo: (one: Measurement) => void;
   readonly remove: (one: Measurement) => void;
   readonly openProfile: (one: Measurement) => void;
@@ -36,6 +40,15 @@ export function modeButtons(active: Mode | null, start: (mode: Mode) => void): H
     { class: "measure-modes", role: "group", "aria-label": "measure" },
     ...MODES.map(one),
   );
+}
+
+function layerChoice({ layers, layer, chooseLayer }: PanelActions): HTMLElement {
+  const select = h(
+    "select",
+    { class: "measured-layer", "aria-label": "layer", onchange: () => chooseLayer(select.value) },
+    ...layers.map(([id, title]) => h("option", { value: id, selected: id === layer }, title)),
+  );
+  return select;
 }
 
 function item(one: Measurement, actions: PanelActions): HTMLElement {
@@ -102,6 +115,7 @@ export function measurePanel(
       { class: "hint" },
       active?.hint ?? "Choose what to measure, then draw it on the map. Esc stops.",
     ),
+    active?.asksLayer ? layerChoice(actions) : null,
     active?.shape === "point"
       ? h(
           "button",

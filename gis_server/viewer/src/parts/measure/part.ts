@@ -1,17 +1,18 @@
 /** Measuring on the map: a kind is chosen, a shape drawn, and the server says what it measures on the ground. */
 
 import "./measure.css";
-import { measure, polygonArea } from "../../map/measure";
+import { kindTitle } from "../../map/layers";
 import { Sketch } from "../../map/sketch";
 import { button } from "../../page/dom";
+import { scopeTitle } from "../../page/format";
 import { saveText } from "../../page/save";
 import type { MapPoint } from "../../server/records";
 import type { Context } from "../../session/context";
-import { isRefusal } from "../../session/latest";
+import { orPlanar, withoutRepeats } from "./corners";
 import { boundsOf, DrawnMeasurements } from "./drawn";
 import { type Measurement, measurementsCsv, measurementsGeojson, profilesCsv } from "./export";
 import { GroundProfile } from "./ground-profile";
-import { type Found, MODES, type Mode } from "./modes";
+import { MODES, type Mode } from "./modes";
 import { measurePanel } from "./panel";
 
 export function measurePart(context: Context): void {
@@ -44,6 +45,7 @@ class Measuring {
   private sketch: Sketch | null = null;
   private picked: readonly MapPoint[] = [];
   private count = 0;
+  private layer: string | null = null;
 
   constructor(
     private readonly context: Context,
@@ -128,7 +130,7 @@ class Measuring {
     if (corners.length < mode.least) return;
     const { mission, waiting } = this.context;
     waiting.run(async () => {
-      const found = await orPlanar(mode, corners, mode.find(mission.mission, corners));
+      const found = await orPlanar(mode, corners, mode.find(mission.mission, corners, this.layer));
       this.sketch?.clear();
       this.count += 1;
       const one = { number: this.count, mode, corners, found };
@@ -143,10 +145,17 @@ class Measuring {
   }
 
   private draw(): void {
-    const { view, mission } = this.context;
+    const { view, mission, layers } = this.context;
+    const rasters = layers.all.filter(({ type }) => type === "raster");
+    if (!rasters.some(({ id }) => id === this.layer)) this.layer = rasters[0]?.id ?? null;
     this.drawn.show(this.all);
     const panel = measurePanel(this.all, this.mode, {
       finish: () => this.finish(),
+      layers: rasters.map((one) => [one.id, `${kindTitle(one.kind)}, ${scopeTitle(one.scope)}`]),
+      layer: this.layer,
+      chooseLayer: (id) => {
+        this.layer = id;
+      },
       start: (mode) => (mode === this.mode ? this.stop() : this.start(mode)),
       zoomTo: ({ corners }) => view.fit(boundsOf(corners)),
       remove: (one) => {
@@ -162,36 +171,5 @@ class Measuring {
       },
     });
     this.panel.replaceChildren(panel);
-  }
-}
-
-/** Without corners that stand where the one before does: a double-click sets two. */
-export function withoutRepeats(corners: readonly MapPoint[]): MapPoint[] {
-  return corners.filter(([east, north], k) => {
-    const before = corners[k - 1];
-    return !before || before[0] !== east || before[1] !== north;
-  });
-}
-
-/** Where there is no ground to measure, lengths and areas on the map are known all the same. */
-async function orPlanar(
-  mode: Mode,
-  corners: readonly MapPoint[],
-  asked: Promise<Found>,
-): Promise<Found> {
-  try {
-    return await asked;
-  } catch (reason) {
-    if (!isRefusal(reason) || !["distance", "area"].includes(mode.key)) throw reason;
-    const { length_m, azimuth_deg } = measure(corners);
-    const note = "No ground was mapped here: what is said holds on the map.";
-    const quantities =
-      mode.key === "area"
-        ? [{ name: "area on the map", value: polygonArea(corners), unit: "m²" as const }]
-        : [
-            { name: "length on the map", value: length_m, unit: "m" as const },
-            { name: "azimuth of the last leg", value: azimuth_deg, unit: "°" as const },
-          ];
-    return { quantities, main: 0, layers: [], note };
   }
 }

@@ -7,9 +7,12 @@ import type {
   LineMeasured,
   PlaneMeasured,
   VolumeMeasured,
+  ZoneMeasured,
 } from "../../server/measure";
 
 export type Unit = "m" | "m²" | "m³" | "°" | "%" | "";
+
+const OWN_UNITS: Readonly<Record<string, Unit>> = { m: "m", degree: "°", metre: "m" };
 
 export interface Quantity {
   readonly name: string;
@@ -84,6 +87,34 @@ export const planeQuantities = (found: PlaneMeasured): Quantity[] => [
   { name: "off the plane, rms", value: found.rms_m, unit: "m" },
   { name: "points", value: found.points, unit: "" },
 ];
+
+/** Percentiles that a reader looks for, and what they are called. */
+const TOLD_PERCENTILES = [
+  ["5", "5 % are below"],
+  ["50", "median"],
+  ["95", "95 % are below"],
+] as const;
+
+export function zoneQuantities(found: ZoneMeasured): Quantity[] {
+  const unit = OWN_UNITS[found.unit ?? ""] ?? "";
+  if (found.classes.length > 0)
+    return found.classes.map(({ name, share }) => ({ name, value: 100 * share, unit: "%" }));
+  const one = (name: string, value: number | null | undefined): Quantity[] =>
+    value === null || value === undefined ? [] : [{ name, value, unit }];
+  return [
+    ...one("mean", found.mean),
+    ...one("standard deviation", found.std),
+    ...one("least", found.min),
+    ...TOLD_PERCENTILES.flatMap(([percent, name]) => one(name, percentile(found, percent))),
+    ...one("greatest", found.max),
+    { name: "cells", value: found.count, unit: "" },
+    measured(found.measured_share),
+  ];
+}
+
+/** The server names percentiles `5` or `5.0`. */
+const percentile = ({ percentiles }: ZoneMeasured, percent: string) =>
+  Object.entries(percentiles).find(([name]) => Number(name) === Number(percent))?.[1];
 
 /** Terrain models that were asked, shortest way to say it. */
 export const sourcesText = (layers: readonly LayerUsed[]): string =>

@@ -1,0 +1,37 @@
+/** Corners as they were clicked, and what is known of them where there is no ground to measure. */
+
+import { measure, polygonArea } from "../../map/measure";
+import type { MapPoint } from "../../server/records";
+import { isRefusal } from "../../session/latest";
+import type { Found, Mode } from "./modes";
+
+/** Without corners that stand where the one before does: a double-click sets two. */
+export function withoutRepeats(corners: readonly MapPoint[]): MapPoint[] {
+  return corners.filter(([east, north], k) => {
+    const before = corners[k - 1];
+    return !before || before[0] !== east || before[1] !== north;
+  });
+}
+
+/** Where there is no ground to measure, lengths and areas on the map are known all the same. */
+export async function orPlanar(
+  mode: Mode,
+  corners: readonly MapPoint[],
+  asked: Promise<Found>,
+): Promise<Found> {
+  try {
+    return await asked;
+  } catch (reason) {
+    if (!isRefusal(reason) || !["distance", "area"].includes(mode.key)) throw reason;
+    const { length_m, azimuth_deg } = measure(corners);
+    const note = "No ground was mapped here: what is said holds on the map.";
+    const quantities =
+      mode.key === "area"
+        ? [{ name: "area on the map", value: polygonArea(corners), unit: "m²" as const }]
+        : [
+            { name: "length on the map", value: length_m, unit: "m" as const },
+            { name: "azimuth of the last leg", value: azimuth_deg, unit: "°" as const },
+          ];
+    return { quantities, main: 0, layers: [], note };
+  }
+}
