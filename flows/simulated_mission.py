@@ -15,7 +15,7 @@ from photogrammetry.errors import PhotogrammetryError
 from photogrammetry.synthetic.mission import MissionPlan
 from photogrammetry.synthetic.mission_images import MISSION
 from products.catalogue import MissionEntry, Outcome
-from products.model import ProductRef
+from products.model import ProductKind, ProductRef
 from products.workspace import Workspace
 from tasks.publish import publish
 from tasks.report import report_quality
@@ -24,6 +24,7 @@ from tasks.simulated_mission import (
     SimulationParams,
     adjust_simulated,
     keep_labels,
+    network_recipe,
     simulated,
     write_truth,
 )
@@ -36,12 +37,12 @@ def simulate_into(store: Path, plan: MissionPlan, seed: int, pipeline: str = "de
     """Simulate a mission and publish it; one line of what it holds.
 
     Raises:
-        PhotogrammetryError: the store holds a mission already.
+        PhotogrammetryError: the store holds another mission.
     """
     workspace = Workspace.open(store)
     config = load_pipeline(pipeline)
     params = SimulationParams(plan, seed, config.adjustment)
-    _refuse_other_missions(workspace)
+    _refuse_other_missions(workspace, network_recipe(params).ref)
     mission = simulated(params)
     keep_labels(mission, plan, workspace, lambda done, count: report("keep labels", done, count))
     network = adjust_simulated(mission, params, workspace)
@@ -64,10 +65,12 @@ def _publish(network: ProductRef, workspace: Workspace, pipeline: str) -> None:
     draw_mission(MISSION, network, workspace, pipeline)
 
 
-def _refuse_other_missions(workspace: Workspace) -> None:
+def _refuse_other_missions(workspace: Workspace, network: ProductRef) -> None:
+    """A store holds one mission of a name: what is simulated must not mix with anything else."""
     images = workspace.catalogue.images(MISSION)
-    if any(NO_PIXELS not in image.notes for image in images):
+    others = [one for one in workspace.catalogue.pointers(ProductKind.NETWORK) if one != network]
+    if others or any(NO_PIXELS not in image.notes for image in images):
         raise PhotogrammetryError(
-            f"{workspace.store.root} holds images of {MISSION}: a simulated mission must not mix "
-            "with a real one; name an empty store"
+            f"{workspace.store.root} holds another mission {MISSION}, with {len(images)} images: "
+            "a simulated one must not mix with it; name an empty store"
         )

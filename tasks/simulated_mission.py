@@ -117,7 +117,6 @@ def adjust_simulated(
     mission: SimulatedMission, params: SimulationParams, workspace: Workspace
 ) -> ProductRef:
     """Adjust the mission overall, with the control that it has."""
-    sol = len(mission.network.stops)
 
     def write(path: Path) -> None:
         network = mission.network
@@ -127,7 +126,7 @@ def adjust_simulated(
         adjusted, report = adjust_overall(network, params.adjustment)
         document = {
             "mission": MISSION,
-            "sol": sol,
+            "sol": params.plan.stops,
             "stops": _stops(mission),
             "network": network_document(adjusted, [report]),
             "reports": [str(report)],
@@ -136,8 +135,13 @@ def adjust_simulated(
         }
         path.write_text(json.dumps(document))
 
-    scope = network_scope(MISSION, sol, AdjustmentMode.OVERALL)
-    return workspace.store.make(Recipe(ProductKind.NETWORK, scope, params=params), write)
+    return workspace.store.make(network_recipe(params), write)
+
+
+def network_recipe(params: SimulationParams) -> Recipe:
+    """All that determines the network."""
+    scope = network_scope(MISSION, params.plan.stops, AdjustmentMode.OVERALL)
+    return Recipe(ProductKind.NETWORK, scope, params=params)
 
 
 def _stops(mission: SimulatedMission) -> list[dict[str, Any]]:
