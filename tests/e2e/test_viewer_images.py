@@ -7,7 +7,7 @@ import pytest
 
 from photogrammetry.terrain.ground import MAP_FROM_LSL
 from products.oriented import OrientedMission
-from tests.support.browsing import field, look, pixel_of, ready, screenshot, until
+from tests.support.browsing import ROOT, field, look, pixel_of, ready, screenshot, until
 from tests.support.stereo_viewer import RESIDUAL_PX
 
 RESOLUTION = 0.03
@@ -192,3 +192,32 @@ def test_the_graph_shows_what_stops_and_pairs_share(page, images_url, entry):
     screenshot(page, "network_pairs")
     page.locator(f'[data-pair="{entry.id}"]').press("Enter")
     page.wait_for_selector(f'.image-view[data-image="{entry.id}"]')
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_image_graph_and_profile_have_no_serious_accessibility_issue(viewer, scheme):
+    axe = ROOT / "gis_server" / "viewer" / "node_modules" / "axe-core" / "axe.min.js"
+    if not axe.is_file():
+        pytest.skip("axe-core is not installed: run `npm ci` in gis_server/viewer")
+    viewer.emulate_media(color_scheme=scheme)
+    viewer.evaluate(axe.read_text())  # by the driver: the page's own policy lets no text run
+    found = grave_issues(viewer)
+    viewer.locator('[data-tab="stops"]').click()
+    viewer.locator(".comparison .profile").click()
+    viewer.wait_for_selector(".below .chart-line")
+    found += grave_issues(viewer)
+    viewer.locator('[data-tab="network"]').click()
+    viewer.locator("button.graph").click()
+    viewer.wait_for_selector("[data-stop-node]")
+    assert found + grave_issues(viewer) == []
+
+
+def grave_issues(page) -> list[str]:
+    page.wait_for_timeout(200)
+    found = page.evaluate("async () => (await axe.run({ resultTypes: ['violations'] })).violations")
+    return [
+        f"{issue['id']}: {node['target']}: {node['failureSummary']}"
+        for issue in found
+        if issue["impact"] in ("serious", "critical")
+        for node in issue["nodes"]
+    ]
