@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import lru_cache
 from http import HTTPStatus
 from typing import Annotated, Any
 
@@ -61,8 +62,7 @@ def collections(_mission: MissionEntry, _services: Services, _base: str) -> list
 @router.get("/1.0.0/WMTSCapabilities.xml", response_class=Response)
 def document(mission: MissionName, services: ServicesOf, base: BaseOf) -> Response:
     """All layers, their styles and the tile matrix set."""
-    entry = services.catalogue.mission(mission)
-    body = capabilities(entry, rasters(mission, services), base)
+    body = _capabilities(mission, services, base, services.catalogue.version())
     return Response(body, media_type=_XML, headers=AGAIN)
 
 
@@ -97,6 +97,13 @@ def by_parameters(
     except _RequestError as error:
         body = exception_report(error.code, error.text, error.locator)
         return Response(body, HTTPStatus.BAD_REQUEST, {"Cache-Control": "no-store"}, _XML)
+
+
+@lru_cache(maxsize=4)
+def _capabilities(mission: str, services: Services, base: str, _version: int) -> bytes:
+    """Written anew when something has been published: of 5500 layers it takes seconds."""
+    entry = services.catalogue.mission(mission)
+    return capabilities(entry, rasters(mission, services), base)
 
 
 def _tile(mission: str, asked: Mapping[str, str], services: Services, known: str) -> Response:

@@ -17,11 +17,13 @@ from products.catalogue import MissionEntry
 from products.crs import local_proj4
 from products.model import Layer
 from products.stac_items import degrees
-from products.tiling import CELL_SIZES, EXTENT, HALF_SIDE_M
+from products.tiling import CELL_SIZES, EXTENT, HALF_SIDE_M, whole_zoom_of
 
 _WMTS, _OWS = "http://www.opengis.net/wmts/1.0", "http://www.opengis.net/ows/1.1"
 _XLINK = "http://www.w3.org/1999/xlink"
 _PIXEL_M = 0.00028
+_ZOOMS_OUT = 3
+"""Zooms below that at which a layer fills one tile that it is offered at."""
 for _prefix, _name in (("", _WMTS), ("ows", _OWS), ("xlink", _XLINK)):
     ET.register_namespace(_prefix, _name)
 
@@ -81,7 +83,7 @@ def _layer(contents: ET.Element, layer: Layer, mission: MissionEntry, base: str)
     link = ET.SubElement(found, f"{{{_WMTS}}}TileMatrixSetLink")
     _wmts(link, "TileMatrixSet", tms_id(mission.landing))
     limits = ET.SubElement(link, f"{{{_WMTS}}}TileMatrixSetLimits")
-    for zoom in range(finest(layer) + 1):
+    for zoom in range(max(0, whole_zoom_of(layer.bounds) - _ZOOMS_OUT), finest(layer) + 1):
         limit = ET.SubElement(limits, f"{{{_WMTS}}}TileMatrixLimits")
         for name, value in limits_at(zoom, layer.bounds).items():
             _wmts(limit, name[0].upper() + name[1:], str(value))
