@@ -27,8 +27,11 @@ from products.store import ProductStore
 from products.workspace import Workspace
 
 _NETWORKS = 2
-_MATCHED = 8
+_MATCHED = 20
 """Pairs whose dense matches are kept in memory, some 8 MB each."""
+_IMAGES = 4096
+"""Oriented images that are remembered, 4 kB each: a network and an image never change."""
+_ORIENTED: dict[tuple[Path, ProductRef, ImageEntry], OrientedImage] = {}
 _POINTED = float(np.radians(AdjustmentParams().pointing_deg))
 
 
@@ -85,6 +88,15 @@ class OrientedMission:
         Raises:
             ProductNotFoundError: its stop is not in the network.
         """
+        key = (self.workspace.store.root, self.ref, entry)
+        known = _ORIENTED.get(key)
+        if known is None:
+            known = _ORIENTED[key] = self._oriented(entry)
+            while len(_ORIENTED) > _IMAGES:
+                _ORIENTED.pop(next(iter(_ORIENTED)), None)
+        return known
+
+    def _oriented(self, entry: ImageEntry) -> OrientedImage:
         pose = self.stops.get(entry.stop_id)
         if pose is None:
             raise ProductNotFoundError(
@@ -92,11 +104,9 @@ class OrientedMission:
                 f"{entry.mission} does not hold; run the sol it was taken on"
             )
         pair = self.pair_of(entry)
-        pointing = (
-            Pointing(pair.pointing, pair.pointing_covariance)
-            if pair
-            else Pointing.of_label(_POINTED)
-        )
+        if pair is None:
+            return OrientedImage.of(self.record(entry), pose, Pointing.of_label(_POINTED))
+        pointing = Pointing(pair.pointing, pair.pointing_covariance)
         return OrientedImage.of(self.record(entry), pose, pointing)
 
     def eyes(self, entry: ImageEntry) -> MatchedEyes | None:

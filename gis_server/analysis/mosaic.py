@@ -74,4 +74,5 @@ def _read(
     how = Resampling.average if ratio > 1 else Resampling.nearest
     read = dataset.read(wanted, window=window, out_shape=(len(wanted), *shape), resampling=how)
     sigma = read[1] if len(read) > 1 else np.zeros(shape, np.float32)
-    return read[0], np.nan_to_num(sigma, nan=np.float32(1e6))
+    unsure: Raster = np.where(np.isfinite(sigma), sigma, np.float32(1e6))
+    return read[0], unsure

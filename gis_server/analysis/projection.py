@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -154,17 +155,29 @@ def seen_in(entry: ImageEntry, target: GroundPoint, mission: OrientedMission) ->
     )
 
 
-def with_sight(seen: Seen, target: GroundPoint, mission: OrientedMission, ground: Ground) -> Seen:
-    """The same with whether the image sees it.
+def with_sight(
+    seen: Sequence[Seen], target: GroundPoint, mission: OrientedMission, ground: Ground
+) -> list[Seen]:
+    """The same with whether each image sees it.
 
     What hides it, by the parallax its pair was matched with or by the terrain between, hides it.
+    The terrain is read once for all images.
     """
-    by_pair, linearised = _by_pair(seen, target, mission)
+    by_pair = [_by_pair(one, target, mission) for one in seen]
+    asked = [k for k, (sight, _) in enumerate(by_pair) if sight is not Sight.HIDDEN]
+    between = dict(zip(asked, _by_terrain([seen[k] for k in asked], target, ground), strict=True))
+    return [
+        _told(one, sight, between.get(k), linearised)
+        for k, (one, (sight, linearised)) in enumerate(zip(seen, by_pair, strict=True))
+    ]
+
+
+def _told(
+    seen: Seen, by_pair: Sight, between: Sight | None, linearised: tuple[float, float] | None
+) -> Seen:
     sight, told_by = by_pair, "parallax"
-    if by_pair is not Sight.HIDDEN:
-        between = _by_terrain(seen.image, target, ground)
-        if between is Sight.HIDDEN or by_pair is Sight.UNKNOWN:
-            sight, told_by = between, "terrain"
+    if between is not None and (between is Sight.HIDDEN or by_pair is Sight.UNKNOWN):
+        sight, told_by = between, "terrain"
     told_by = told_by if sight is not Sight.UNKNOWN else "nothing"
     return replace(seen, sight=sight, told_by=told_by, linearised=linearised)
 
@@ -188,12 +201,19 @@ def _by_pair(
     return sight, (float(left[0, 0] - shift), float(left[0, 1]))
 
 
-def _by_terrain(image: OrientedImage, target: GroundPoint, ground: Ground) -> Sight:
-    eye, place = MAP_FROM_LSL @ image.camera.centre, target.on_map
+def _by_terrain(seen: Sequence[Seen], target: GroundPoint, ground: Ground) -> list[Sight]:
+    if not seen:
+        return []
     sigma = float(np.sqrt(max(target.covariance[2, 2], 0.0)))
-    aim = place + np.array([0.0, 0.0, max(LIFT_M, 2 * sigma)])
-    places = places_between(eye, aim, ground.finest_cell_m)
-    return sight_line(eye, aim, places, ground.elevation(places), SIGHT.max_unseen_m).sight
+    aim = target.on_map + np.array([0.0, 0.0, max(LIFT_M, 2 * sigma)])
+    eyes = [MAP_FROM_LSL @ one.image.camera.centre for one in seen]
+    ways = [places_between(eye, aim, ground.finest_cell_m) for eye in eyes]
+    heights = ground.elevation(np.concatenate(ways))
+    parts = np.split(heights, np.cumsum([len(way) for way in ways])[:-1])
+    return [
+        sight_line(eye, aim, way, part, SIGHT.max_unseen_m).sight
+        for eye, way, part in zip(eyes, ways, parts, strict=True)
+    ]
 
 
 def ground_at(

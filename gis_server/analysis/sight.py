@@ -194,16 +194,16 @@ class End:
 
 def line_of_sight(eye: End, target: End, max_unseen_m: float, ground: Ground) -> SightAnswer:
     """Whether a target above one place can be seen from an eye above another."""
-    ends = [_above(e.place, e.elevation_m, e.height_m, ground) for e in (eye, target)]
-    length = float(np.hypot(*(ends[1] - ends[0])[:2]))
+    start, end = (_above(e.place, e.elevation_m, e.height_m, ground) for e in (eye, target))
+    length = float(np.hypot(*(end - start)[:2]))
     if not 0 < length <= FARTHEST_M:
         raise RefusedError(
             f"a line of sight is longer than 0 m and no longer than {FARTHEST_M:g} m; this one has "
             f"{length:.1f} m"
         )
-    places = places_between(*ends, max(ground.finest_cell_m, length / _MOST_STATIONS))
+    places = places_between(start, end, max(ground.finest_cell_m, length / _MOST_STATIONS))
     read = ground.at(places)
-    found = sight_line(*ends, places, read.elevation, max_unseen_m)
+    found = sight_line(start, end, places, read.elevation, max_unseen_m)
     where = found.obstruction
     return SightAnswer(
         sight=_TOLD[found.sight],
@@ -217,8 +217,8 @@ def line_of_sight(eye: End, target: End, max_unseen_m: float, ground: Ground) ->
         ),
         obstruction_distance_m=None if where is None else number(float(found.distance_m[where])),
         unseen_m=round(found.unseen_m, 3),
-        eye_elevation_m=round(float(ends[0][2]), 4),
-        target_elevation_m=round(float(ends[1][2]), 4),
+        eye_elevation_m=round(float(start[2]), 4),
+        target_elevation_m=round(float(end[2]), 4),
         map_distance_m=round(length, 4),
         distance_m=numbers(found.distance_m),
         ground_m=numbers(found.ground_m),

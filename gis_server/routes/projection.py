@@ -71,7 +71,7 @@ def ground_to_image(  # noqa: PLR0913 - the parameters of the question
     target, layers = _target((east, north), elevation, known, ground)
     entries = images_within(known, mission, (east, north), within_m)
     seen = [found for entry in entries if (found := seen_in(entry, target, known))]
-    told = [with_sight(found, target, known, ground) for found in seen]
+    told = with_sight(seen, target, known, ground)
     order = {"visible": 0, "unknown": 1, "hidden": 2}
     bodies = [seen_body(found) for found in told]
     bodies.sort(key=lambda body: (order[body.sight], body.range_m))
@@ -123,16 +123,13 @@ def image_to_image(  # noqa: PLR0913 - the parameters of the question
     found = ground_at(entry, (sample, line), sigma_px, known, ground)
     others = _others(mission, entry, found, stop, within_m, known)
     one = known.oriented(entry)
-    images, curves = [], {}
-    for other in others:
-        curve = curve_in(one, (sample, line), known.oriented(other))
-        seen = seen_in(other, found.ground, known) if found else None
-        if found and seen:
-            images.append(predicted_body(with_sight(seen, found.ground, known, ground), curve))
-        elif not found and len(curve[0]):
-            curves[other.id] = curve_body(curve)
+    curves = {other.id: curve_in(one, (sample, line), known.oriented(other)) for other in others}
+    seen = [s for other in others if found and (s := seen_in(other, found.ground, known))]
+    told = with_sight(seen, found.ground, known, ground) if found else []
+    images = [predicted_body(place, curves[place.entry.id]) for place in told]
+    alone = {} if found else {name: curve_body(c) for name, c in curves.items() if len(c[0])}
     images.sort(key=lambda body: (body.sight == "hidden", body.range_m))
-    return ImageToImage(**_pixel(entry, (sample, line), found, known), images=images, curves=curves)
+    return ImageToImage(**_pixel(entry, (sample, line), found, known), images=images, curves=alone)
 
 
 def _known(mission: str, layer: str, services: Services) -> tuple[OrientedMission, Ground]:

@@ -117,7 +117,10 @@ class OrientedImage:
 def shown(image_points: ImagePoints, size: tuple[int, int]) -> Flags:
     """Which points lie on an image of (samples, lines), its outermost half pixels included."""
     first, last = np.array([-0.5, -0.5]), np.array(size) - 0.5
-    inside: Flags = ((image_points >= first) & (image_points <= last)).all(axis=1)  # NaN is not
+    inside: Flags = np.logical_and.reduce(
+        (image_points >= first) & (image_points <= last),
+        axis=1,  # NaN is not
+    )
     return inside
 
 

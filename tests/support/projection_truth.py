@@ -91,7 +91,7 @@ def _judge_in(other, found, truth, world, rows) -> None:
     square = (along / seen.ellipse.semi_major) ** 2 + (across / seen.ellipse.semi_minor) ** 2
     rows["px"].append(np.linalg.norm(off))
     rows["ratio"].append(square)
-    told = with_sight(seen, found.ground, mission, ground).sight
+    told = with_sight([seen], found.ground, mission, ground)[0].sight
     ray = truth - camera.centre
     distance = np.linalg.norm(ray)
     met = first_meeting(camera.centre, ray / distance, surface, distance + 5.0, 0.02)
