@@ -1,6 +1,7 @@
-import { afterEach, expect, test, vi } from "vitest";
+import { afterEach, beforeEach, expect, test, vi } from "vitest";
 import { ApiError, api, UnreachableError, urls } from "./api";
 
+beforeEach(() => vi.stubGlobal("sessionStorage", { getItem: () => null }));
 afterEach(() => vi.unstubAllGlobals());
 
 const answer = (status: number, body: unknown) =>
