@@ -228,6 +228,8 @@ def test_search_goes_to_a_stop_and_to_an_image(page, url):
     page.keyboard.type("sol 156")
     page.keyboard.press("Enter")
     until(page, lambda: "sol=156" in page.url)
+    assert page.locator("input.sol").input_value() == "2"  # the images' own slider follows
+    assert page.get_by_label("sol of layers").input_value() == "2"
 
 
 def test_the_divider_has_one_layer_on_either_side(page, url):

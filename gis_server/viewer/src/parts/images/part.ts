@@ -99,6 +99,11 @@ function filters(
       signals.sol.emit(sol);
     },
   });
+  const forget = signals.sol.on((sol) => {
+    if (!slider.isConnected) return forget();
+    slider.value = String(sol === null ? 0 : days.indexOf(sol) + 1);
+    name.textContent = nameOf(sol);
+  });
   const stops = h(
     "select",
     { "aria-label": "stop", onchange: () => setStop(stops.value || null) },

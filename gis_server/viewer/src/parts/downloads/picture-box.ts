@@ -1,0 +1,58 @@
+/** What the picture of the map is to be: its size and scale, its title and whose it is. */
+
+import { h } from "../../page/dom";
+import { type Paper, PAPERS } from "./sheet";
+
+export interface PictureWish {
+  readonly paper: Paper;
+  readonly dpi: number;
+  readonly scale: number;
+  readonly title: string;
+  readonly credit: string;
+}
+
+/** `first` is what is offered. */
+export function pictureBox(first: PictureWish, take: (wish: PictureWish) => void): HTMLElement {
+  const input = (name: string, value: string | number, type = "text") =>
+    h("input", {
+      type,
+      value,
+      "aria-label": name,
+      class: type === "number" ? "compact-number" : "wide",
+    });
+  const paper = h(
+    "select",
+    { "aria-label": "paper", onchange: () => show() },
+    ...Object.entries(PAPERS).map(([key, { title }]) => h("option", { value: key }, title)),
+  );
+  const [dpi, scale] = [
+    input("dots an inch", first.dpi, "number"),
+    input("scale, 1 to", first.scale, "number"),
+  ];
+  const [title, credit] = [input("title", first.title), input("credit", first.credit)];
+  const ofPaper = h("div", { class: "inline" }, "1 :", scale, dpi, "dpi");
+  const show = () => {
+    ofPaper.hidden = paper.value === "screen";
+  };
+  show();
+  const wish = (): PictureWish => ({
+    paper: paper.value as Paper,
+    dpi: Math.max(30, Number(dpi.value) || first.dpi),
+    scale: Number(scale.value) > 0 ? Number(scale.value) : first.scale,
+    title: title.value,
+    credit: credit.value,
+  });
+  return h(
+    "div",
+    { class: "map-picture" },
+    h("label", { class: "inline" }, "size", paper),
+    ofPaper,
+    h("label", { class: "inline" }, "title", title),
+    h("label", { class: "inline" }, "credit", credit),
+    h(
+      "button",
+      { type: "button", class: "mode png", onclick: () => take(wish()) },
+      "PNG of the map",
+    ),
+  );
+}
