@@ -1,7 +1,7 @@
 """A mission with many stops in a real browser: what is asked for, and how fluent the map is.
 
-No test asserts a time, for it depends on who else uses the machine. What is printed (`pytest -s`) is
-the rate of frames while the map is dragged and zoomed, and the processor time of the page's main
+No test asserts a time, for it depends on who else uses the machine. What is printed (`pytest -s`)
+is the rate of frames while the map is dragged and zoomed, and the processor time of the page's main
 thread a frame, which holds whoever else is busy. SOLMAP_LARGE=folder takes a store of 500 stops,
 10,000 images and 150,000 tie points, made there if it is not; otherwise it is a tenth of that.
 """

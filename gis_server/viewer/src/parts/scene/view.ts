@@ -8,23 +8,19 @@ import { type Model, type Place3, type SceneStops, sceneApi } from "../../server
 import type { Context } from "../../session/context";
 import { type Board, type Choices, controls } from "./controls";
 import { dots } from "./drawings";
-import { middle, sum } from "./geometry";
+import { Flight } from "./flight";
+import { middle } from "./geometry";
 import { takeInHand } from "./hand";
 import { Marker } from "./marker";
-import { MAST, roverModel, stand } from "./rover";
+import { roverModel, stand } from "./rover";
 import { Route } from "./route";
 import "./scene.css";
 import { Sights } from "./sights";
 import { Stage } from "./stage";
-import { standAt } from "./standing";
 import { Terrain } from "./terrain";
 import { tiePlaces } from "./ties";
 
 const TIE = "#7a4dd8";
-/** Unit direction from the middle to the eye at first: the south, 40 degrees high. */
-const FROM: Place3 = [0, -0.766, 0.643];
-/** Distance from which a stop is looked at. */
-const NEAR_M = 9;
 
 /** The ground of every stop: tiles where there are, else one file. */
 function groundOf(models: readonly Model[]): readonly Model[] {
@@ -47,10 +43,9 @@ export class SceneView {
   private readonly rover = new Group();
   private readonly choices: Readonly<Choices>;
   private readonly closing = new AbortController();
-  private readonly size: number;
+  private readonly flight: Flight;
   private views: Terrain | null = null;
   private ties: Points | null = null;
-  private leave: (() => void) | null = null;
 
   constructor(
     private readonly context: Context,
@@ -58,11 +53,11 @@ export class SceneView {
     private readonly stops: SceneStops,
   ) {
     const { origin, size } = middle(groundOf(models));
-    this.size = size;
     this.stage = new Stage(this.host, origin);
     this.terrain = this.newTerrain();
     this.marker = new Marker(this.stage, this.terrain);
     this.sights = new Sights(this.stage, this.terrain);
+    this.flight = new Flight(this.stage, this.marker, this.rover, size);
     this.route = new Route(stops.stops, origin);
     this.route.enlarge(context.drawing.ellipseFactor);
     const { traverse, ellipsoids } = this.route;
@@ -72,8 +67,8 @@ export class SceneView {
     const board = controls(names, context.sun.value, {
       lit: (sun) => context.sun.set(sun),
       changed: (_, name) => this.changed(name),
-      overview: () => this.overview(),
-      stand: () => this.stand(),
+      overview: () => this.flight.over(),
+      stand: () => this.stop && this.flight.stand(this.stop, stops.body),
       fullScreen: () => void this.element.requestFullscreen(),
     });
     this.choices = board.choices;
@@ -87,7 +82,7 @@ export class SceneView {
     this.terrain.add(groundOf(models));
     this.listen();
     this.chooseStop();
-    this.overview();
+    this.flight.over();
   }
 
   dispose(): void {
@@ -124,7 +119,7 @@ export class SceneView {
 
   private settled(): void {
     if (!this.terrain.isSettled || (this.views && !this.views.isSettled)) return;
-    if (!this.element.dataset["triangles"]) this.overview(); // now there is ground to look at
+    if (!this.element.dataset["triangles"]) this.flight.over(); // now there is ground to look at
     this.element.dataset["settled"] = "true";
     this.element.dataset["triangles"] = String(this.terrain.triangles);
     this.said.textContent = "";
@@ -136,7 +131,9 @@ export class SceneView {
     switch (name) {
       case "stop":
         this.chooseStop();
-        return this.goTo(choices.stop);
+        if (choices.stop && this.stop) this.flight.near(this.stop);
+        else this.flight.over();
+        return;
       case "look":
         this.terrain.look = choices.look;
         return;
@@ -185,35 +182,6 @@ export class SceneView {
     });
   }
 
-  /** Looks at a stop from near by; without one, at all. */
-  private goTo(stop: string | null): void {
-    const place = stop === null ? null : this.stop?.place;
-    if (!place) return this.overview();
-    this.leave?.();
-    this.stage.look(sum(place, FROM, NEAR_M), place);
-  }
-
-  private overview(): void {
-    this.leave?.();
-    const { origin } = this.stage;
-    const middle = this.marker.ground([origin[0], origin[1]]) ?? origin;
-    this.stage.look(sum(middle, FROM, this.stage.distanceFor(this.size)), middle);
-  }
-
-  private stand(): void {
-    const { stop } = this;
-    if (!stop) return;
-    this.leave?.();
-    const release = standAt(this.stage, stop, this.stops.body);
-    const mast = this.rover.getObjectByName(MAST);
-    if (mast) mast.visible = false;
-    this.leave = () => {
-      release();
-      if (mast) mast.visible = true;
-      this.leave = null;
-    };
-  }
-
   private showViews(): void {
     this.views ??= this.newTerrain();
     this.views.group.visible = this.choices.views;
@@ -248,12 +216,8 @@ export class SceneView {
     const hand = {
       over: (place: Place3 | null) => this.tell(place),
       image: (id: string) => this.choose(id),
-      leave: () => {
-        const isStanding = this.leave !== null;
-        if (isStanding) this.overview();
-        return isStanding;
-      },
-      isStanding: () => this.leave !== null,
+      leave: () => this.flight.leave(),
+      isStanding: () => this.flight.isStanding,
     };
     takeInHand(this.stage, this.terrain, this.sights, hand, this.closing.signal);
   }
