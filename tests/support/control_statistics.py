@@ -1,10 +1,10 @@
 """Are sigmas true with control? `python -m tests.support.control_statistics --networks 60`.
 
 Traverses of six stops, 5 pairs and 8 inter-stereo ties a stop, no tie across the third link; an
-orbital image (10 m, 0.5 degrees, 0.1 % off) shows five stops to 0.1 m; the first attitude is as wrong
-as telemetry says. Printed are e' C^-1 e / 6 of all stops but the first and of the last (1 where the
-stated covariances are true), and the plan error of the last stop by telemetry increments and image
-ties alone, and with control.
+orbital image (10 m, 0.5 degrees, 0.1 % off) shows five stops to 0.1 m; the first attitude is as
+wrong as telemetry says. Printed are e' C^-1 e / 6 of all stops but the first and of the last (1
+where the stated covariances are true), and the plan error across the link without ties: by
+telemetry alone, and with control.
 """
 
 # ruff: noqa: T201 - a script that reports what it does
