@@ -4,21 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from prefect import task
 from prefect.cache_policies import NO_CACHE
-from scipy.spatial.transform import Rotation
 
 from photogrammetry.adjustment.records import USED, AdjustedStop
-from photogrammetry.arrays import Vector3
 from photogrammetry.body_fixed import map_from_lsl
 from photogrammetry.frames import Pose
 from photogrammetry.imagery import RoverImage
 from photogrammetry.terrain.footprints import FootprintParams, Ground, footprint, pointing_line
+from photogrammetry.terrain.oriented_image import as_pointed
 from products.catalogue import ImageEntry
 from products.crs import LandingPoint
 from products.model import ProductKind, ProductRef, Recipe
@@ -178,18 +176,6 @@ def tie_point_features(network: NetworkProduct) -> Iterator[Feature]:
             "sigma_m": round(sigma_m, 4),
         }
         yield Feature("Point", map_from_lsl(point[None]), properties, id=str(number))
-
-
-def as_pointed(image: RoverImage, pointing: Vector3) -> RoverImage:
-    """An image whose camera looks where the adjustment found that its mast had pointed it.
-
-    `pointing` is a rotation vector in the rover frame, about the mast head.
-    """
-    rover = image.stop.frame
-    pivot = image.camera.centre if image.mast_in_rover is None else np.array(image.mast_in_rover)
-    turn = Rotation.from_rotvec(pointing).as_matrix()
-    moved = Pose(rover, rover, turn, pivot - turn @ pivot)
-    return replace(image, camera=image.camera.moved(moved))
 
 
 def footprint_feature(

@@ -130,7 +130,10 @@ def as_pivot(image: RoverImage) -> Vector3:
 
 
 def as_pointed(image: RoverImage, pointing: Vector3) -> RoverImage:
-    """An image whose camera looks where its mast had really pointed it."""
+    """An image whose camera looks where the adjustment found that its mast had pointed it.
+
+    `pointing` is a rotation vector in the rover frame, about the mast head.
+    """
     rover, pivot = image.stop.frame, as_pivot(image)
     turn = ScipyRotation.from_rotvec(pointing).as_matrix()
     return replace(image, camera=image.camera.moved(Pose(rover, rover, turn, pivot - turn @ pivot)))

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from photogrammetry.adjustment.modes import AdjustmentMode
+from photogrammetry.terrain.oriented_image import as_pointed
 from products.model import ProductKind, Recipe
 from products.workspace import Workspace
 from tasks.adjust import NetworkParams, NetworkStep, adjust_network, read_network
@@ -14,7 +15,6 @@ from tasks.images import image_record, image_records
 from tasks.ingest import ingest_downlink
 from tasks.singles import MonoParams, read_singles, singles_notes, singles_of, tie_singles
 from tasks.telemetry import read_telemetry
-from tasks.vectors import as_pointed
 
 
 @pytest.fixture(scope="module")
