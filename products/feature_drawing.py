@@ -47,35 +47,57 @@ def _in_both(features: Iterable[Feature]) -> Iterator[tuple[Feature, Feature]]:
 def differences(
     features: Iterable[Feature], _images: Mapping[str, ImageEntry]
 ) -> Iterable[Feature]:
-    """From where telemetry has a stop to where the adjustment puts it."""
+    """From where telemetry has a stop to where the adjustment puts it.
+
+    `up_m` is null, and the line without elevations, where either place has none.
+    """
     for telemetry, adjusted in _in_both(features):
-        east, north, up = (adjusted.points - telemetry.points)[0].tolist()
+        line = _joined(telemetry, adjusted)
+        east, north, *up = (line[1] - line[0]).tolist()
         known = {name: adjusted.properties.get(name) for name in _STOP}
         offsets = {
             "east_m": round(east, 4),
             "north_m": round(north, 4),
-            "up_m": round(up, 4),
+            "up_m": round(up[0], 4) if up else None,
             "horizontal_m": round(float(np.hypot(east, north)), 4),
         }
-        line = np.vstack([telemetry.points, adjusted.points])
         yield Feature("LineString", line, known | offsets, id=known["stop"])
 
 
 def profile(features: Iterable[Feature], _images: Mapping[str, ImageEntry]) -> Iterable[Feature]:
-    """Stops along the adjusted traverse with the elevations of both solutions."""
+    """Stops along the adjusted traverse with the elevations of both solutions.
+
+    An elevation that is not known is null; a step to or from such a stop counts as its length on
+    the map.
+    """
     along, last = 0.0, None
     for telemetry, adjusted in _in_both(features):
         if last is not None:
-            along += float(np.linalg.norm(adjusted.points[0] - last))
-        last = adjusted.points[0]
+            along += float(np.linalg.norm(np.diff(_joined(last, adjusted), axis=0)))
+        last = adjusted
         known = {name: adjusted.properties.get(name) for name in _STOP}
         heights = {
             "distance_m": round(along, 3),
-            "elevation_adjusted_m": round(float(adjusted.points[0, 2]), 4),
-            "elevation_telemetry_m": round(float(telemetry.points[0, 2]), 4),
+            "elevation_adjusted_m": _elevation_m(adjusted),
+            "elevation_telemetry_m": _elevation_m(telemetry),
             "sigma_m": adjusted.properties.get("sigma_down_m"),
         }
         yield Feature("Point", adjusted.points, known | heights, id=known["stop"])
+
+
+def _joined(start: Feature, end: Feature) -> np.ndarray:
+    """Two places in rows of (east, north, up), or of (east, north) where either has no elevation.
+
+    Metres of the local map.
+    """
+    known = min(start.points.shape[1], end.points.shape[1])
+    return np.vstack([start.points[:1, :known], end.points[:1, :known]])
+
+
+def _elevation_m(place: Feature) -> float | None:
+    """Metres above the tangent plane at the landing point; None where it is not known."""
+    known = place.points[0, 2:].tolist()
+    return round(known[0], 4) if known else None
 
 
 def cameras(features: Iterable[Feature], images: Mapping[str, ImageEntry]) -> Iterable[Feature]:

@@ -238,6 +238,30 @@ def test_the_profile_has_both_elevations_by_the_way_driven(client):
     assert known["elevation_adjusted_m"] == 6.0
 
 
+def test_stops_without_elevations_have_differences_and_a_profile_on_the_map(own_world):
+    places = {"first": [(0.0, 0.0), (0.0, 0.0, 1.0)], "second": [(3.0, 4.0, 2.0), (6.0, 8.0)]}
+    own_world.publish_features(
+        ProductKind.STOPS,
+        [
+            Feature(
+                "Point", np.array([place]), {"stop": stop, "solution": solution}, stop[0] + str(k)
+            )
+            for stop, both in places.items()
+            for k, (solution, place) in enumerate(zip(("telemetry", "adjusted"), both, strict=True))
+        ],
+        version=1,
+    )
+    with TestClient(create_app(own_world.root)) as client:
+        second = features(client, "traverse-differences", crs=f"{BASE}/crs/local")[1]
+        assert second["geometry"]["coordinates"] == [[3.0, 4.0], [6.0, 8.0]]
+        assert second["properties"]["up_m"] is None
+        assert second["properties"]["horizontal_m"] == 5.0
+        known = [one["properties"] for one in features(client, "traverse-profile")]
+        assert [one["distance_m"] for one in known] == [0.0, 10.0]
+        assert [one["elevation_telemetry_m"] for one in known] == [None, 2.0]
+        assert [one["elevation_adjusted_m"] for one in known] == [1.0, None]
+
+
 def test_annotations_are_features_as_soon_as_they_are_written(own_world):
     log = EditLog.of(own_world.root)
 
