@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from photogrammetry.adjustment.rotations import cross_matrix, rotation_of_vector
+from photogrammetry.adjustment.sightings import inverses
 from photogrammetry.arrays import Float64
 
 GROWTH = 2.0
@@ -45,7 +46,7 @@ class RigidPoints:
         self, R: Float64[np.ndarray, "3 3"], t: Float64[np.ndarray, " 3"]
     ) -> tuple[np.ndarray, np.ndarray]:
         """X - (R Y + t), and the inverse of its covariance."""
-        return self.X - self.Y @ R.T - t, np.linalg.inv(self.S_X + R @ self.S_Y @ R.T)
+        return self.X - self.Y @ R.T - t, inverses(self.S_X + R @ self.S_Y @ R.T)
 
     def standardised(self, R: np.ndarray, t: np.ndarray) -> Float64[np.ndarray, " n"]:
         """Misfit of every point in its own standard deviations."""
@@ -62,7 +63,7 @@ class RigidPoints:
             [-cross_matrix(turned), np.broadcast_to(np.eye(3), (len(e), 3, 3))], axis=2
         )
         PA = P @ A * weights[:, None, None]
-        return np.einsum("nij,nik->jk", A, PA), np.einsum("nij,ni->j", PA, e)
+        return A.reshape(-1, 6).T @ PA.reshape(-1, 6), e.ravel() @ PA.reshape(-1, 6)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

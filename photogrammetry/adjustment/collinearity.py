@@ -209,6 +209,14 @@ class Partials:
         """By (d, dc) of a stop `arm` away: a' [arm] = (a x arm)', a a row of `by_point`."""
         return np.concatenate([crossed_rows(self.by_point, arm), -self.by_point], axis=1)
 
+    def by_row(
+        self, views: Views, stop: np.ndarray
+    ) -> tuple[Float64[np.ndarray, "m 3 9"], Float64[np.ndarray, "m 3 3"]]:
+        """By (d, dc, dm) and by dX, observation by observation; `stop` is that of each."""
+        by_stop = self.by_stop(views.arm(self.X, stop))
+        by_orientation = np.concatenate([by_stop, self.by_pointing], axis=1)
+        return by_orientation.transpose(2, 0, 1).copy(), self.by_point.transpose(2, 0, 1).copy()
+
 
 def misclosures(
     state: State, observations: Observations, rows: np.ndarray
@@ -223,10 +231,18 @@ def partials(
 ) -> tuple[Float64[np.ndarray, "m 3 9"], Float64[np.ndarray, "m 3 3"]]:
     """Derivatives of (x, y, p) by (d, dc, dm) of the observation's stop and pair, and by dX."""
     sights, views = Sights.of(observations, rows), Views.of(state, observations)
-    A = views.partials(replace(sights, weight=np.ones_like(sights.weight)))
-    by_stop = A.by_stop(views.arm(A.X, observations.stop_of(rows)))
-    by_orientation = np.concatenate([by_stop, A.by_pointing], axis=1)
-    return by_orientation.transpose(2, 0, 1).copy(), A.by_point.transpose(2, 0, 1).copy()
+    return views.partials(replace(sights, weight=np.ones_like(sights.weight))).by_row(
+        views, observations.stop_of(rows)
+    )
+
+
+def whitened_equations(
+    state: State, observations: Observations, rows: np.ndarray
+) -> tuple[Float64[np.ndarray, "m 3"], Float64[np.ndarray, "m 3 9"], Float64[np.ndarray, "m 3 3"]]:
+    """Misclosures of some observations and the derivatives as of `partials`, times the weights."""
+    sights, views = Sights.of(observations, rows), Views.of(state, observations)
+    l = views.misclosures(sights) * sights.weight
+    return l.T.copy(), *views.partials(sights).by_row(views, observations.stop_of(rows))
 
 
 __all__ = [
@@ -242,4 +258,5 @@ __all__ = [
     "partials",
     "triangulated",
     "triangulated_in_pair",
+    "whitened_equations",
 ]

@@ -174,19 +174,26 @@ class Marginal:
         """Numbers of the pairs that it couples."""
         return self.chart.pairs
 
-    def cost(self, state: State) -> float:
-        """The sum of squares at a state, of all observations that are gone."""
-        off = self.root @ self.chart.coordinates(state) - self.right
+    def cost_at(self, z: Float64[np.ndarray, " n"]) -> float:
+        """The sum of squares at some coordinates, of all observations that are gone."""
+        off = self.root @ z - self.right
         return self.spent + float(off @ off)
 
     def rows(self, state: State) -> tuple[np.ndarray, np.ndarray]:
         """Its observation equations A x = l for corrections in the LSL, at a state."""
-        z = self.chart.coordinates(state)
+        return self.rows_at(state, self.chart.coordinates(state))
+
+    def rows_at(
+        self, state: State, z: Float64[np.ndarray, " n"]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The same where the coordinates of the state are known."""
         return self.root @ self.chart.partials_at(state, z), self.right - self.root @ z
 
-    def normals(self, state: State) -> tuple[np.ndarray, np.ndarray]:
-        """Its normal matrix and right-hand side for corrections in the LSL, at a state."""
-        A, l = self.rows(state)
+    def normals_at(
+        self, state: State, z: Float64[np.ndarray, " n"]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Its normal matrix and right-hand side there."""
+        A, l = self.rows_at(state, z)
         return A.T @ A, A.T @ l
 
     @property

@@ -30,6 +30,10 @@ class Place:
     views: Views
     l: np.ndarray
     """(3, m) misclosures of the rows in the adjustment times their weights."""
+    links: np.ndarray
+    """(stops, 6) misclosures of telemetry times their weights."""
+    z: np.ndarray
+    """Coordinates of what is inherited, see `marginal`."""
 
     @classmethod
     def of(cls, problem: Problem, state: State) -> Place:
@@ -39,7 +43,9 @@ class Place:
             part = slice(begin, begin + CACHED)
             sights = problem.sights.part(part)
             np.multiply(views.misclosures(sights), sights.weight, out=l[:, part])
-        return cls(state, views, l)
+        links = telemetry_misclosures(state, problem.telemetry) * problem.link_weight
+        known = problem.inherited
+        return cls(state, views, l, links, known.chart.coordinates(state) if known else np.zeros(0))
 
 
 def whitened(problem: Problem, state: State) -> np.ndarray:
@@ -95,15 +101,14 @@ def cost_of(problem: Problem, at: Place, threshold: float | None) -> float:
     if not np.isfinite(images):
         return np.inf
     telemetry = problem.telemetry
-    links = telemetry_misclosures(state, telemetry) * problem.link_weight
     pointing = state.pointings * telemetry.pointing_weight if telemetry.masts_turn else np.zeros(0)
-    known = problem.inherited.cost(state) if problem.inherited else 0.0
+    known = problem.inherited.cost_at(at.z) if problem.inherited else 0.0
     if problem.control:
         control = problem.control
         off, doubtful = control_lengths(control, state), control.used & ~control.is_datum
         known += _loss(off[doubtful], threshold) + _loss(off[control.is_datum], None)
         known += float((control.prior_misclosures(state) ** 2).sum())
-    return images + float((links**2).sum() + (pointing**2).sum()) + known
+    return images + float(np.vdot(at.links, at.links) + np.vdot(pointing, pointing)) + known
 
 
 def _loss(t: np.ndarray, threshold: float | None) -> float:
@@ -126,8 +131,8 @@ def _reduced(
 ) -> tuple[np.ndarray, np.ndarray, tuple[EliminatedTies, ...]]:
     """The same, the lower triangle of the matrix alone."""
     flat, right, ties = added(problem, _eliminated(problem, at, threshold))
-    _add_telemetry(problem, at.state, flat, right)
-    _add_inherited(problem, at.state, flat, right)
+    _add_telemetry(problem, at, flat, right)
+    _add_inherited(problem, at, flat, right)
     _add_control(problem, at.state, flat, right, threshold)
     flat[-1] = right[-1] = 0.0
     return flat, right, ties
@@ -135,10 +140,12 @@ def _reduced(
 
 def _eliminated(problem: Problem, at: Place, threshold: float | None) -> Iterator[EliminatedTies]:
     """The groups of a problem, freed of their points."""
-    end = 0
+    end, small = 0, len(problem.sights) <= CACHED
+    together = at.views.partials(problem.sights) if small else None
     for group in problem.groups:
         part = slice(end, end := end + group.rows.size)
-        l, A = at.l[:, part], at.views.partials(problem.sights.part(part))
+        l = at.l[:, part]
+        A = together.of(part) if together else at.views.partials(problem.sights.part(part))
         if threshold is not None:
             root = np.sqrt(huber_weights(lengths(l), threshold))
             l, A = l * root, A.weighted(root)
@@ -159,28 +166,26 @@ def added(
     return flat, right, tuple(ties)
 
 
-def _add_telemetry(problem: Problem, state: State, flat: np.ndarray, right: np.ndarray) -> None:
+def _add_telemetry(problem: Problem, at: Place, flat: np.ndarray, right: np.ndarray) -> None:
     """Add tilt, azimuth, increments and mast pointing."""
-    weight = problem.link_weight
-    l = telemetry_misclosures(state, problem.telemetry) * weight
-    A = telemetry_partials(state, problem.telemetry) * weight[:, :, None]
+    A = telemetry_partials(at.state, problem.telemetry) * problem.link_weight[:, :, None]
     _add(flat, problem.link_places, (A.swapaxes(1, 2) @ A)[:, *LINK_TRIANGLE])
-    _add(right, problem.link_right, (l[:, None, :] @ A)[:, 0])
+    _add(right, problem.link_right, (at.links[:, None, :] @ A)[:, 0])
     if not problem.telemetry.masts_turn:
         return
     unknowns, w2 = problem.unknowns, problem.telemetry.pointing_weight**2
     stop = unknowns.pair_stop
     own = problem.pattern.start(stop, stop)[:, None]
     flat[own + unknowns.pair_columns * (unknowns.sizes[stop][:, None] + 1)] += w2
-    right[unknowns.offsets[stop][:, None] + unknowns.pair_columns] -= w2 * state.pointings
+    right[unknowns.offsets[stop][:, None] + unknowns.pair_columns] -= w2 * at.state.pointings
 
 
-def _add_inherited(problem: Problem, state: State, flat: np.ndarray, right: np.ndarray) -> None:
+def _add_inherited(problem: Problem, at: Place, flat: np.ndarray, right: np.ndarray) -> None:
     """Add what observations that have left said."""
     if problem.inherited is None:
         return
     places, right_places = problem.inherited_places
-    N, n = problem.inherited.normals(state)
+    N, n = problem.inherited.normals_at(at.state, at.z)
     _add(flat, places, N)
     _add(right, right_places, n)
 

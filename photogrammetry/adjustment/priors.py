@@ -90,40 +90,40 @@ class Telemetry:
         return np.maximum(np.arange(len(self.centres)) - 1, 0)
 
 
-def azimuth_corrections(
-    rotations: Float64[np.ndarray, "stops 3 3"], telemetry: Telemetry
-) -> tuple[Float64[np.ndarray, " stops"], Float64[np.ndarray, "stops 3"]]:
-    """Azimuth minus telemetry azimuth of every stop, radians, and its derivative by d."""
-    M = _changes(rotations, telemetry)
+def _azimuths(M: Float64[np.ndarray, "stops 3 3"]) -> Float64[np.ndarray, " stops"]:
+    """The twists of changes M about z."""
+    return np.arctan2(M[:, 1, 0] - M[:, 0, 1], M[:, 0, 0] + M[:, 1, 1])
+
+
+def _slopes(M: Float64[np.ndarray, "stops 3 3"]) -> Float64[np.ndarray, "stops 3"]:
+    """Derivatives of the twists by d."""
     p, q = M[:, 1, 0] - M[:, 0, 1], M[:, 0, 0] + M[:, 1, 1]
     size = np.maximum(p**2 + q**2, np.finfo(float).tiny)
-    slope = np.column_stack(
-        [
-            (-M[:, 2, 0] * q + M[:, 2, 1] * p) / size,
-            (-M[:, 2, 1] * q - M[:, 2, 0] * p) / size,
-            np.ones(len(M)),
-        ]
-    )
-    return np.arctan2(p, q), slope
+    slopes = np.ones((len(M), 3))
+    slopes[:, 0] = (-M[:, 2, 0] * q + M[:, 2, 1] * p) / size
+    slopes[:, 1] = (-M[:, 2, 1] * q - M[:, 2, 0] * p) / size
+    return slopes
 
 
 def telemetry_misclosures(state: State, telemetry: Telemetry) -> Float64[np.ndarray, "stops 6"]:
     """Observed minus computed, not weighted."""
-    before = telemetry.before
-    down = _changes(state.rotations, telemetry)[:, 2, :2]
-    azimuth, _ = azimuth_corrections(state.rotations, telemetry)
+    before, M = telemetry.before, _changes(state.rotations, telemetry)
+    azimuth = _azimuths(M)
     change = np.where(telemetry.is_fine, azimuth, azimuth - azimuth[before])
     step = _in_rover(state.rotations[before], state.centres - state.centres[before])
     measured = _in_rover(telemetry.rotations[before], telemetry.centres - telemetry.centres[before])
-    turn = -np.arctan2(np.sin(change), np.cos(change))
-    return np.column_stack([-down, turn, measured - step])
+    l = np.empty((len(M), ROWS))
+    l[:, :2] = -M[:, 2, :2]
+    l[:, 2] = -np.arctan2(np.sin(change), np.cos(change))
+    np.subtract(measured, step, out=l[:, 3:])
+    return l
 
 
 def telemetry_partials(state: State, telemetry: Telemetry) -> Float64[np.ndarray, "stops 6 12"]:
     """Derivatives of the six by (d_, dc_) of the stop before and (d, dc) of the stop."""
     before = telemetry.before
     M = _changes(state.rotations, telemetry)
-    _, slope = azimuth_corrections(state.rotations, telemetry)
+    slope = _slopes(M)
     to_rover = state.rotations[before].swapaxes(1, 2)
     A = np.zeros((len(before), ROWS, 12))
     A[:, :2, 6], A[:, :2, 7] = M[:, 1, :2], -M[:, 0, :2]

@@ -14,41 +14,51 @@ from photogrammetry.arrays import Bool, Float64
 
 SERIES = 1e-3
 """Below this angle the series of the trigonometric terms is exact to rounding."""
+_LEAST = 1e-300
+"""An angle that stands for none."""
+_UNIT = np.eye(3)
+_AXES = np.array([[0, 0, 0, 0, 0, -1, 0, 1, 0],
+                  [0, 0, 1, 0, 0, 0, -1, 0, 0],
+                  [0, -1, 0, 1, 0, 0, 0, 0, 0]], dtype=np.float64)  # fmt: skip
+"""Cross product matrices of the axes, row by row."""
 
 
 def cross_matrix(vectors: Float64[np.ndarray, "*n 3"]) -> Float64[np.ndarray, "*n 3 3"]:
     """[v] with [v] w = v x w."""
-    matrices = np.zeros((*vectors.shape, 3))
-    x, y, z = vectors[..., 0], vectors[..., 1], vectors[..., 2]
-    matrices[..., 0, 1], matrices[..., 0, 2] = -z, y
-    matrices[..., 1, 0], matrices[..., 1, 2] = z, -x
-    matrices[..., 2, 0], matrices[..., 2, 1] = -y, x
-    return matrices
+    return (vectors @ _AXES).reshape(*vectors.shape, 3)
 
 
 def rotation_of_vector(vectors: Float64[np.ndarray, "*n 3"]) -> Float64[np.ndarray, "*n 3 3"]:
     """Exp(m)."""
-    t = np.linalg.norm(vectors, axis=-1)[..., None, None]
-    half = np.sinc(t / (2 * np.pi))
-    m, square = cross_matrix(vectors), _square(vectors, t)
-    return np.eye(3) + np.sinc(t / np.pi) * m + 0.5 * half**2 * square
+    t = _lengths(vectors)
+    sinc_half = np.sin(t / 2) / (t / 2)  # sin t / t and (1 - cos t) / t^2 follow from it
+    rotations = sinc_half * np.cos(t / 2) * cross_matrix(vectors)
+    rotations += 0.5 * sinc_half**2 * _square(vectors, t)
+    rotations += _UNIT
+    return rotations
 
 
 def left_jacobian(vectors: Float64[np.ndarray, "*n 3"]) -> Float64[np.ndarray, "*n 3 3"]:
     """J, which carries a change of the rotation vector to a rotation applied from the left."""
-    t = np.linalg.norm(vectors, axis=-1)[..., None, None]
-    m, square = cross_matrix(vectors), _square(vectors, t)
-    small = t < SERIES
-    safe = np.where(small, 1.0, t)
-    third = np.where(small, 1 / 6 - t**2 / 120, (safe - np.sin(safe)) / safe**3)
-    return np.eye(3) + 0.5 * np.sinc(t / (2 * np.pi)) ** 2 * m + third * square
+    t = _lengths(vectors)
+    sinc_half, safe = np.sin(t / 2) / (t / 2), np.maximum(t, SERIES)
+    third = np.where(t < SERIES, 1 / 6 - t**2 / 120, (safe - np.sin(safe)) / safe**3)
+    jacobians = 0.5 * sinc_half**2 * cross_matrix(vectors)
+    jacobians += third * _square(vectors, t)
+    jacobians += _UNIT
+    return jacobians
+
+
+def _lengths(vectors: Float64[np.ndarray, "*n 3"]) -> Float64[np.ndarray, "*n 1 1"]:
+    """Lengths, of which none is zero, so that one may divide by them."""
+    return np.maximum(np.sqrt(np.vecdot(vectors, vectors)), _LEAST)[..., None, None]
 
 
 def _square(
     vectors: Float64[np.ndarray, "*n 3"], t: Float64[np.ndarray, "*n 1 1"]
 ) -> Float64[np.ndarray, "*n 3 3"]:
     """[m]^2 = m m' - t^2 I."""
-    return vectors[..., :, None] * vectors[..., None, :] - t**2 * np.eye(3)
+    return vectors[..., :, None] * vectors[..., None, :] - t**2 * _UNIT
 
 
 def along_arcs(

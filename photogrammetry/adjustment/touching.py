@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.adjustment.collinearity import State, misclosures, partials
+from photogrammetry.adjustment.collinearity import State, whitened_equations
 from photogrammetry.adjustment.control import FRAME_UNKNOWNS
 from photogrammetry.adjustment.control_equations import ROWS
 from photogrammetry.adjustment.linear import Linear
@@ -42,11 +42,8 @@ class Columns:
 
 def tie_rows(network: Linear, rows: np.ndarray, columns: Columns) -> np.ndarray:
     """Whitened observation equations of tie points, freed of the points."""
-    observations, state = network.observations, network.state
-    weight = observations.weight[rows]
-    l = misclosures(state, observations, rows) * weight
-    A_o, A_t = partials(state, observations, rows)
-    A_o, A_t = A_o * weight[:, :, None], A_t * weight[:, :, None]
+    observations = network.observations
+    l, A_o, A_t = whitened_equations(network.state, observations, rows)
     order = np.argsort(observations.point[rows], kind="stable")
     _, first, counts = np.unique(
         observations.point[rows[order]], return_index=True, return_counts=True
