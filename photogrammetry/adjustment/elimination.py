@@ -28,6 +28,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from photogrammetry.adjustment.collinearity import STOP_UNKNOWNS, Partials, Views
+from photogrammetry.adjustment.componentwise import cross
 from photogrammetry.adjustment.layout import TieGroup
 
 UNFELT = 1e-13
@@ -63,6 +64,27 @@ class EliminatedTies:
             np.einsum("rn,rjn->jn", row, others, out=N[at : at + i + 1])
         first = self.group.first
         return N if len(first) == n else np.add.reduceat(N, first, axis=1)
+
+    def relative_cofactors(self, triangle: np.ndarray) -> np.ndarray:
+        """(relative, relative, signatures) T Z T' from the lower triangle of the felt Z."""
+        row, column = np.indices((self.group.felt, self.group.felt))
+        row, column = np.maximum(row, column), np.minimum(row, column)
+        Z = triangle[row * (row + 1) // 2 + column]
+        return self._relative(self._relative(Z).swapaxes(0, 1))
+
+    def _relative(self, rows: np.ndarray) -> np.ndarray:
+        """T rows (felt, ..., signatures): see `layout`; of one stop, no pose is felt."""
+        group, end = self.group, self.group.relative
+        relative = rows[:end].copy()
+        if not group.slots[-1]:
+            return relative
+        turn, shift = rows[end : end + 3], rows[end + 3 :]
+        for slot in range(1, group.slots[-1] + 1):
+            at = STOP_UNKNOWNS * (slot - 1)
+            arm = (self.centres[group.stops[:, slot]] - self.centres[group.stops[:, 0]]).T
+            relative[at : at + 3] -= turn
+            relative[at + 3 : at + 6] -= shift + cross(turn, arm)
+        return relative
 
     @property
     def A(self) -> np.ndarray:  # noqa: N802 - the letter of the equations

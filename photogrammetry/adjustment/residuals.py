@@ -15,10 +15,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from photogrammetry.adjustment.collinearity import Observations, State, partials
+from photogrammetry.adjustment.componentwise import Matrices, Vectors, turned
 from photogrammetry.adjustment.elimination import EliminatedTies, inverse_of
 from photogrammetry.adjustment.problem import Problem
 from photogrammetry.adjustment.rotations import cross_matrix
-from photogrammetry.adjustment.sightings import inverses
+from photogrammetry.adjustment.sightings import inverses_by_component
 from photogrammetry.matching.robust import MAD_TO_SIGMA
 
 UNCHECKED = 1e-6
@@ -53,33 +54,44 @@ def residuals(problem: Problem, ties: tuple[EliminatedTies, ...], inverse: np.nd
     observations = problem.observations
     n = len(observations)
     w, r, T = np.full((n, 3), np.nan), np.zeros((n, 3)), np.zeros(n)
-    for tie in ties:
-        counts = tie.group.counts.T
-        C, rows = cofactors(problem, tie, inverse)[counts], tie.group.rows.T[counts]
-        v = tie.b.reshape(*counts.shape, 3)[counts]
-        q = np.clip(np.diagonal(C, axis1=1, axis2=2), 0.0, 1.0)
+    for tie, places in zip(ties, problem.places, strict=True):
+        counts = tie.group.counts
+        C, rows = cofactors(tie, inverse[places])[:, :, counts], tie.group.rows[counts]
+        v = tie.free[:, -1].reshape(3, *counts.shape)[:, counts]
+        q = np.clip(C[range(3), range(3)], 0.0, 1.0)
         with np.errstate(divide="ignore", invalid="ignore"):
-            w[rows] = np.where(q > UNCHECKED, v / np.sqrt(q), np.nan)
-        r[rows], T[rows] = q, _tests(v, C)
+            w[rows] = np.where(q > UNCHECKED, v / np.sqrt(q), np.nan).T
+        r[rows], T[rows] = q.T, _tests(v, C)
     unmeasured = observations.weight == 0
     w[unmeasured], r[unmeasured] = np.nan, 0.0
     return Residuals(w, r, T)
 
 
-def cofactors(problem: Problem, tie: EliminatedTies, inverse: np.ndarray) -> np.ndarray:
-    """Q_vv of the three coordinates of each observation of a group, (n, k, 3, 3)."""
-    group = tie.group
-    Z = inverse[problem.pattern.indices(group.blocks, group.local)]
-    relative = (tie.T @ Z @ tie.T.mT)[group.signature]
-    shape = (group.points, group.seen, 3, -1)
-    A, Q = tie.A.reshape(shape), tie.Q.reshape(shape)
-    return np.eye(3) - Q @ Q.mT - (tie.A @ relative).reshape(shape) @ A.mT
+def cofactors(tie: EliminatedTies, triangle: np.ndarray) -> np.ndarray:
+    """Q_vv of the three coordinates of each observation of a group, (3, 3, k, n).
+
+    `triangle` are the cofactors of its felt columns, row by row of the lower triangle, by
+    signature.
+    """
+    group, shape = tie.group, (3, tie.group.seen, -1, tie.group.points)
+    Z = tie.relative_cofactors(triangle)
+    if Z.shape[2] < group.points:
+        Z = np.take(Z, group.signature, axis=2)
+    A, Q = tie.free[:, : group.relative], tie.basis.reshape(3, 3, group.seen, -1)
+    AZ = np.einsum("rcn,cdn->rdn", A, Z)
+    C = np.einsum("aicn,bicn->abin", AZ.reshape(shape), A.reshape(shape))
+    C += np.einsum("dain,dbin->abin", Q, Q)
+    np.negative(C, out=C)
+    C[range(3), range(3)] += 1.0
+    return C
 
 
-def _tests(v: np.ndarray, C: np.ndarray) -> np.ndarray:
-    """T of residuals (n, 3); what nothing checks has no residual and does not count."""
-    weighted = inverses(C + UNCHECKED * np.eye(3)) @ v[:, :, None]
-    return np.sqrt(np.maximum((v * weighted[:, :, 0]).sum(axis=1), 0.0))
+def _tests(v: Vectors, C: Matrices) -> np.ndarray:
+    """T of residuals; what nothing checks has no residual and does not count."""
+    sure = C.copy()
+    sure[range(3), range(3)] += UNCHECKED
+    weighted = turned(inverses_by_component(sure), v)
+    return np.sqrt(np.maximum(np.einsum("cn,cn->n", v, weighted), 0.0))
 
 
 def point_covariances(
