@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -15,8 +16,13 @@ from photogrammetry.frames import Pose
 from photogrammetry.imagery import StopId
 from photogrammetry.traverse.records import Traverse
 from products.arrays import pose_of_document
-from products.model import ProductRef
+from products.catalogue import Catalogue
+from products.errors import ProductNotFoundError
+from products.model import ProductKind, ProductRef
 from products.store import ProductStore
+
+_NETWORKS = 4
+"""Networks that are remembered; a large one takes seconds to read."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,6 +59,36 @@ def read_network(ref: ProductRef, store: ProductStore) -> NetworkProduct:
         report=document["network"]["reports"][-1],
         by_hand=tuple(document.get("by_hand", ())),
     )
+
+
+@lru_cache(maxsize=_NETWORKS)
+def network_of(ref: ProductRef, store: ProductStore) -> NetworkProduct:
+    """A network, remembered: a product never changes."""
+    return read_network(ref, store)
+
+
+def published_networks(mission: str, catalogue: Catalogue) -> list[ProductRef]:
+    """The published networks of a mission, the latest last.
+
+    Names sort by sol, an overall adjustment after that of its sol.
+    """
+    prefix = f"{mission.lower()}-sol"
+    refs = [r for r in catalogue.pointers(ProductKind.NETWORK) if r.scope.name.startswith(prefix)]
+    return sorted(refs, key=lambda ref: ref.scope.name)
+
+
+def latest_network(mission: str, catalogue: Catalogue) -> ProductRef:
+    """The network of a mission that was published last.
+
+    Raises:
+        ProductNotFoundError: there is none.
+    """
+    refs = published_networks(mission, catalogue)
+    if not refs:
+        raise ProductNotFoundError(
+            f"no network of {mission} has been adjusted yet, so no image has a place; run a sol"
+        )
+    return refs[-1]
 
 
 def traverses(product: NetworkProduct) -> tuple[Traverse, Traverse]:

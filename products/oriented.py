@@ -18,12 +18,11 @@ from photogrammetry.matching.dense import DenseMatches
 from photogrammetry.matching.vertical_parallax import turned_in_place
 from photogrammetry.terrain.oriented_image import OrientedImage, Pointing, StopPose
 from products.arrays import read_dense, read_matches, read_right_turn
-from products.catalogue import Catalogue, ImageEntry
+from products.catalogue import ImageEntry
 from products.errors import ProductNotFoundError
 from products.images import image_record
 from products.model import ProductKind, ProductRef, Scope, ScopeLevel
-from products.network import NetworkProduct, read_network
-from products.store import ProductStore
+from products.network import NetworkProduct, latest_network, network_of
 from products.workspace import Workspace
 
 _NETWORKS = 2
@@ -72,7 +71,8 @@ class OrientedMission:
             ProductNotFoundError: it has not been adjusted yet.
         """
         ref = latest_network(mission, workspace.catalogue)
-        return cls(ref, *_network(workspace.store.root, ref), workspace)
+        network = network_of(ref, workspace.store)
+        return cls(ref, network, *_placed(network), workspace)
 
     def pair_of(self, entry: ImageEntry) -> AdjustedPair | None:
         """The adjusted pair, or single image, that an image is part of."""
@@ -158,30 +158,14 @@ def matched_eyes(entry: ImageEntry, workspace: Workspace) -> MatchedEyes | None:
     )
 
 
-def latest_network(mission: str, catalogue: Catalogue) -> ProductRef:
-    """The network that was published last: names sort by sol, an overall one after its sol's.
-
-    Raises:
-        ProductNotFoundError: there is none.
-    """
-    prefix = f"{mission.lower()}-sol"
-    refs = [r for r in catalogue.pointers(ProductKind.NETWORK) if r.scope.name.startswith(prefix)]
-    if not refs:
-        raise ProductNotFoundError(
-            f"no network of {mission} has been adjusted yet, so no image has a place; run a sol"
-        )
-    return max(refs, key=lambda ref: ref.scope.name)
-
-
 @lru_cache(maxsize=_NETWORKS)
-def _network(
-    root: Path, ref: ProductRef
-) -> tuple[NetworkProduct, dict[StopId, StopPose], dict[str, AdjustedPair]]:
-    """A network, read once: it never changes."""
-    network = read_network(ref, ProductStore(root))
+def _placed(
+    network: NetworkProduct,
+) -> tuple[dict[StopId, StopPose], dict[str, AdjustedPair]]:
+    """Stops in the order of the traverse, and pairs by identifier, of a network."""
     adjusted = network.adjusted
     stops = {s.stop: StopPose(s.stop, s.lsl_from_rover, s.covariance) for s in adjusted.stops}
-    return network, stops, {pair.pair_id: pair for pair in adjusted.pairs}
+    return stops, {pair.pair_id: pair for pair in adjusted.pairs}
 
 
 @lru_cache(maxsize=1024)

@@ -15,7 +15,7 @@ import numpy as np
 from pydantic import BaseModel
 
 from gis_server.analysis.bodies import UNITS
-from gis_server.analysis.scene import Place
+from gis_server.analysis.scene import Place, on_map
 from photogrammetry.adjustment.quality_records import QualityParams
 from photogrammetry.adjustment.records import BLUNDER, USED, AdjustedNetwork, AdjustedPair
 from photogrammetry.adjustment.weaknesses import Links, shared_ties, weaknesses
@@ -142,7 +142,7 @@ def network_graph(ref: ProductRef, network: NetworkProduct) -> NetworkGraph:
                 stop=str(stop.stop),
                 label=f"{stop.stop.site}/{stop.stop.drive}",
                 sols=network.sols[stop.stop],
-                place=_place(stop.lsl_from_rover.translation_m),
+                place=on_map(stop.lsl_from_rover.translation_m),
                 pairs=pairs[str(stop.stop)],
                 held_by=stop.held_by,
                 is_tied=stop.is_tied or stop.held,
@@ -244,8 +244,3 @@ def _pair_node(
 
 def _why(weak: Sequence[Weak], what: str) -> list[str]:
     return [one.why for one in weak if one.what == what]
-
-
-def _place(in_lsl: np.ndarray) -> Place:
-    east, north, up = np.round(MAP_FROM_LSL @ in_lsl, 4).tolist()
-    return east + 0.0, north + 0.0, up + 0.0

@@ -8,7 +8,6 @@ standard deviations of the stop's place as semi-axes, against the stop that the 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from functools import lru_cache
 
 import numpy as np
 from pydantic import BaseModel
@@ -20,18 +19,15 @@ from photogrammetry.imagery import RoverImage, StopId
 from photogrammetry.terrain.ground import MAP_FROM_LSL
 from photogrammetry.terrain.hardware import BODIES
 from photogrammetry.terrain.oriented_image import OrientedImage, Pointing, StopPose
-from products.catalogue import Catalogue, ImageEntry
+from products.catalogue import ImageEntry
 from products.images import image_record
-from products.model import ProductKind, ProductRef
-from products.network import NetworkProduct, read_network
-from products.store import ProductStore
+from products.model import ProductRef
+from products.network import NetworkProduct
 from products.workspace import Workspace
 
 Place = tuple[float, float, float]
 """(east, north, up)."""
 _DIGITS = 4
-_NETWORKS = 4
-"""Networks that are remembered; a large one takes seconds to read."""
 
 
 class Ellipsoid(BaseModel):
@@ -103,23 +99,6 @@ class SceneCameras(BaseModel):
     cameras: list[SceneCamera]
 
 
-def latest_network(mission: str, catalogue: Catalogue) -> ProductRef | None:
-    """The network of a mission's last sol; None while none has been adjusted."""
-    of_mission = f"{mission.lower()}-sol"
-    found = [
-        ref
-        for ref in catalogue.pointers(ProductKind.NETWORK)
-        if ref.scope.name.startswith(of_mission)
-    ]
-    return max(found, key=lambda ref: ref.scope.name, default=None)
-
-
-@lru_cache(maxsize=_NETWORKS)
-def network_of(ref: ProductRef, store: ProductStore) -> NetworkProduct:
-    """A network, remembered: a product never changes."""
-    return read_network(ref, store)
-
-
 def scene_stops(ref: ProductRef, network: NetworkProduct) -> SceneStops:
     """The stops of a network."""
     box = BODIES.get(network.mission)
@@ -151,8 +130,8 @@ def _stop(stop: AdjustedStop, network: NetworkProduct) -> SceneStop:
         drive=known.drive,
         sols=network.sols[known],
         held=stop.held,
-        place=_on_map(stop.lsl_from_rover.translation_m),
-        telemetry=_on_map(network.telemetry[known].translation_m),
+        place=on_map(stop.lsl_from_rover.translation_m),
+        telemetry=on_map(network.telemetry[known].translation_m),
         map_from_rover=_rows(MAP_FROM_LSL @ stop.lsl_from_rover.rotation, 8),
         ellipsoid=_ellipsoid(stop),
     )
@@ -185,13 +164,14 @@ def _camera(entry: ImageEntry, image: OrientedImage) -> SceneCamera:
         instrument=entry.instrument,
         eye=entry.eye,
         partner=entry.partner,
-        centre=_on_map(image.camera.centre),
+        centre=on_map(image.camera.centre),
         corners=(upper_left, upper_right, lower_right, lower_left),
         axis=axis,
     )
 
 
-def _on_map(place_in_lsl: Vector3) -> Place:
+def on_map(place_in_lsl: Vector3) -> Place:
+    """A place of the LSL on the map, to a tenth of a millimetre."""
     return _numbers(MAP_FROM_LSL @ place_in_lsl, _DIGITS)
 
 

@@ -14,7 +14,6 @@ from pydantic import BaseModel
 
 from gis_server.analysis.bodies import UNITS, number
 from gis_server.analysis.refusal import RefusedError
-from gis_server.analysis.scene import network_of
 from photogrammetry.adjustment.quality import ellipse
 from photogrammetry.adjustment.records import AdjustedStop
 from photogrammetry.traverse.differences import Differences, differences, shared
@@ -22,8 +21,13 @@ from photogrammetry.traverse.records import Traverse
 from products.catalogue import Catalogue
 from products.errors import ProductNotFoundError
 from products.model import ProductKind, ProductRef
-from products.network import NetworkProduct, traverses
-from products.oriented import latest_network
+from products.network import (
+    NetworkProduct,
+    latest_network,
+    network_of,
+    published_networks,
+    traverses,
+)
 from products.store import ProductStore
 
 LATEST = "latest"
@@ -100,13 +104,10 @@ class TraverseAnswer(BaseModel):
 def solutions(mission: str, catalogue: Catalogue, store: ProductStore) -> list[Solution]:
     """All adjustments of a mission that the store holds, newest sol first."""
     latest = latest_network(mission, catalogue)
-    prefix = f"{mission.lower()}-sol"
-    scopes = [ref.scope for ref in catalogue.pointers(ProductKind.NETWORK)]
     found = [
         _solution(ref, store, is_latest=ref == latest)
-        for scope in scopes
-        if scope.name.startswith(prefix)
-        for ref in store.versions(ProductKind.NETWORK, scope)
+        for published in published_networks(mission, catalogue)
+        for ref in store.versions(ProductKind.NETWORK, published.scope)
     ]
     return sorted(found, key=lambda one: (one.scope, one.made_at), reverse=True)
 
@@ -141,11 +142,9 @@ def network_named(
         ref = latest_network(mission, catalogue)
         return ref, network_of(ref, store)
     scope, _, digest = asked.partition("/")
-    of_mission = scope.startswith(f"{mission.lower()}-sol")
-    for ref in catalogue.pointers(ProductKind.NETWORK):
+    for ref in published_networks(mission, catalogue):
         same = ProductRef(ref.kind, ref.scope, digest)
-        is_scope = of_mission and ref.scope.name == scope
-        if is_scope and same in store.versions(ProductKind.NETWORK, ref.scope):
+        if ref.scope.name == scope and same in store.versions(ref.kind, ref.scope):
             return same, network_of(same, store)
     raise ProductNotFoundError(
         f"no adjustment {asked!r} of {mission} is in the store; /solutions lists them, "

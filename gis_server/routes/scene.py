@@ -9,13 +9,12 @@ from fastapi import APIRouter, Query, Response
 from gis_server.analysis.scene import (
     SceneCameras,
     SceneStops,
-    latest_network,
-    network_of,
     scene_cameras,
     scene_stops,
 )
 from gis_server.routes.parameters import AGAIN, MissionName
 from gis_server.services import ServicesOf
+from products.network import network_of, published_networks
 from products.workspace import Workspace
 
 router = APIRouter(prefix="/api/missions/{mission}/scene", tags=["models"])
@@ -26,10 +25,10 @@ def stops(mission: MissionName, services: ServicesOf, response: Response) -> Sce
     """Places, attitudes and error ellipsoids of all stops, as last adjusted."""
     response.headers.update(AGAIN)
     services.catalogue.mission(mission)
-    ref = latest_network(mission, services.catalogue)
-    if ref is None:
+    published = published_networks(mission, services.catalogue)
+    if not published:
         return SceneStops(network=None, body=None, stops=[])
-    return scene_stops(ref, network_of(ref, services.store))
+    return scene_stops(published[-1], network_of(published[-1], services.store))
 
 
 @router.get("/cameras")
@@ -42,9 +41,10 @@ def cameras(
     """Projection centres and viewing rays of the images of a stop, their pointing corrected."""
     response.headers.update(AGAIN)
     services.catalogue.mission(mission)
-    ref = latest_network(mission, services.catalogue)
-    if ref is None:
+    published = published_networks(mission, services.catalogue)
+    if not published:
         return SceneCameras(network=None, cameras=[])
     workspace = Workspace(services.store, services.catalogue)
     entries = services.catalogue.images(mission, stop)
-    return scene_cameras(ref, network_of(ref, services.store), entries, workspace)
+    network = network_of(published[-1], services.store)
+    return scene_cameras(published[-1], network, entries, workspace)

@@ -16,7 +16,7 @@ import numpy as np
 from photogrammetry.pds3.reading import read_image
 from photogrammetry.terrain.footprints import FootprintParams
 from products.model import Layer, ProductKind, ProductRef, Recipe, Scope, ScopeLevel
-from products.oriented import latest_network
+from products.network import latest_network
 from products.vector import read_features
 from tasks.vectors import draw_vectors
 from tests.unit.gis_server.stereo.stereo_store import LANDING, StereoStore, build_stereo_store
