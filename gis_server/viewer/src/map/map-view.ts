@@ -26,7 +26,9 @@ import {
 import { nearest } from "./touch";
 
 const TOUCH_PX = 5;
-const TOUCHABLE = new Set(["stops", "footprints", "pointing"]);
+/** Kinds of which a click opens something. */
+export const CLICKABLE: ReadonlySet<string> = new Set(["stops", "footprints", "pointing"]);
+const TOUCHABLE: ReadonlySet<string> = new Set([...CLICKABLE, "tie-points"]);
 const PADDING_PX = [56, 40, 72, 40];
 
 function overlay(style: Draw, zIndex: number) {
@@ -144,11 +146,11 @@ export class MapView {
     for (const item of this.shown.values()) if (item.layer.type === "vector") item.map.changed();
   }
 
-  /** The uppermost stop, footprint or pointing line near a pixel. */
-  touched(pixel: number[]): Touched | null {
+  /** The uppermost stop, tie point, pointing line or footprint near a pixel. */
+  touched(pixel: number[], kinds = TOUCHABLE): Touched | null {
     const at = this.map.getCoordinateFromPixel(pixel);
     const within = TOUCH_PX * this.resolution;
-    const shown = [...this.shown.values()].filter((item) => this.isTouchable(item));
+    const shown = [...this.shown.values()].filter((item) => this.isTouchable(item, kinds));
     shown.sort((a, b) => (b.map.getZIndex() ?? 0) - (a.map.getZIndex() ?? 0));
     for (const { layer, map } of shown) {
       const source = (map as OlVectorLayer).getSource() as FeatureSource | null;
@@ -160,8 +162,8 @@ export class MapView {
     return null;
   }
 
-  private isTouchable({ layer, map }: Shown): boolean {
-    if (!TOUCHABLE.has(layer.kind) || !map.getVisible()) return false;
+  private isTouchable({ layer, map }: Shown, kinds: ReadonlySet<string>): boolean {
+    if (!kinds.has(layer.kind) || !map.getVisible()) return false;
     return this.resolution <= map.getMaxResolution();
   }
 

@@ -17,6 +17,7 @@ import Stroke from "ol/style/Stroke";
 import Style from "ol/style/Style";
 import Text from "ol/style/Text";
 import { drawDip } from "./dip-style";
+import { drawTie } from "./tie-style";
 import { compact } from "../page/format";
 import type { MapPoint } from "../server/records";
 
@@ -168,7 +169,7 @@ function drawContour(feature: FeatureLike, resolution: number): Style[] {
   return [style];
 }
 
-export const isUnpaired = (feature: FeatureLike) =>
+const isUnpaired = (feature: FeatureLike) =>
   Boolean(feature.get("unpaired_because")) || feature.get("unpaired") === true;
 
 const PAIRED = new Style({ stroke: line(VIEWING, 1) });
@@ -179,10 +180,6 @@ function drawViewing(feature: FeatureLike, state: DrawingState): Style | undefin
   return isUnpaired(feature) ? ALONE : PAIRED;
 }
 
-const TIE = new Style({
-  image: new CircleStyle({ radius: 2, fill: new Fill({ color: "#7a4dd8" }) }),
-  stroke: line("#7a4dd8", 1),
-});
 const dot = (color: string) =>
   new Style({ image: new CircleStyle({ radius: 2, fill: new Fill({ color }) }) });
 const [PLACE, BELIEVED] = [dot(ADJUSTED), dot(TELEMETRY)];
@@ -216,7 +213,7 @@ export function drawingOf(kind: string, state: DrawingState): Draw {
     case "pointing":
       return (feature) => drawViewing(feature, state);
     case "tie-points":
-      return () => TIE;
+      return drawTie;
     case "dips":
       return drawDip;
     default:

@@ -1,20 +1,17 @@
 /** The pointer over the map: what it touches, and the cursor that other parts see. */
 
-import type Feature from "ol/Feature";
-import type Geometry from "ol/geom/Geometry";
-import { isUnpaired } from "../../map/styles";
+import { CLICKABLE } from "../../map/map-view";
 import { h } from "../../page/dom";
-import { scopeTitle } from "../../page/format";
-import type { Layer } from "../../server/records";
 import type { Context, Pointed } from "../../session/context";
+import { type Tip, tipOf } from "./tip";
 
 export function cursorPart({ page, view, signals, alive }: Context): void {
   const over = (pointed: Pointed) => {
     const { touched, pixel } = pointed;
-    page.map.style.cursor = touched ? "pointer" : "";
+    page.map.style.cursor = touched && CLICKABLE.has(touched.layer.kind) ? "pointer" : "";
     page.tip.hidden = !touched;
     if (touched) {
-      page.tip.replaceChildren(...tipOf(touched.feature, touched.layer));
+      page.tip.replaceChildren(...lines(tipOf(touched.layer, touched.feature.getProperties())));
       placeTip(page.tip, page.map, pixel);
     }
     signals.pointer.emit(pointed);
@@ -26,7 +23,11 @@ export function cursorPart({ page, view, signals, alive }: Context): void {
   });
   view.onClick((event, point) => {
     page.tip.hidden = true;
-    signals.click.emit({ point, pixel: event.pixel, touched: view.touched(event.pixel) });
+    signals.click.emit({
+      point,
+      pixel: event.pixel,
+      touched: view.touched(event.pixel, CLICKABLE),
+    });
   });
   page.map.addEventListener(
     "pointerleave",
@@ -46,14 +47,7 @@ function placeTip(tip: HTMLElement, map: HTMLElement, [x = 0, y = 0]: readonly n
   tip.style.transform = `translate(${Math.max(4, left)}px, ${Math.max(4, top)}px)`;
 }
 
-function tipOf(feature: Feature<Geometry>, layer: Layer): Node[] {
-  const image = feature.get("image");
-  if (typeof image === "string") {
-    const reason = feature.get("unpaired_because");
-    const alone = isUnpaired(feature) ? `without partner: ${reason ?? "no reason recorded"}` : "";
-    const facts = `sol ${feature.get("sol") ?? "?"} · ${feature.get("instrument") ?? ""} ${feature.get("eye") ?? ""}`;
-    return [h("b", {}, image), h("span", {}, facts), ...(alone ? [h("em", {}, alone)] : [])];
-  }
-  const stop = String(feature.get("stop") ?? layer.title);
-  return [h("b", {}, scopeTitle(stop)), h("span", {}, String(feature.get("solution") ?? ""))];
+function lines({ title, facts, caution }: Tip): Node[] {
+  const told = facts.map((fact) => h("span", {}, fact));
+  return [h("b", {}, title), ...told, ...(caution ? [h("em", {}, caution)] : [])];
 }

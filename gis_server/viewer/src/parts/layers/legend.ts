@@ -9,6 +9,7 @@ import {
   UNPAIRED,
   VIEWING,
 } from "../../map/styles";
+import { NO_RESIDUAL, RESIDUALS } from "../../map/tie-style";
 import { h } from "../../page/dom";
 import { legend, swatch } from "../../page/legend";
 import type { VectorLayer } from "../../server/records";
@@ -36,6 +37,14 @@ function stops(factor: number, setFactor: (factor: number) => void): HTMLElement
     h("label", { class: "inline" }, "ellipses drawn", select),
   );
 }
+
+const ties = () =>
+  legend(
+    ...[...RESIDUALS, NO_RESIDUAL].map(({ colour, radius, title }) => {
+      const side = `${2 * radius + 2}px`;
+      return swatch(`background:${colour};border-radius:50%;width:${side};height:${side}`, title);
+    }),
+  );
 
 /** Symbols of a layer of features; ellipses are drawn `factor` times as large, until another is chosen. */
 export function symbolLegend(
@@ -69,6 +78,8 @@ export function symbolLegend(
         swatch(stroke(1.5, "solid", VIEWING), "image with stereo partner"),
         swatch(stroke(1.5, "dashed", UNPAIRED), "image without partner"),
       );
+    case "tie-points":
+      return ties();
     default:
       return null;
   }

@@ -3,7 +3,7 @@
 import { measure, polygonArea } from "../../map/measure";
 import type { MapPoint } from "../../server/records";
 import { isRefusal } from "../../session/latest";
-import type { Found, Mode } from "./modes";
+import type { Found, Mode } from "./mode";
 
 /** Without corners that stand where the one before does: a double-click sets two. */
 export function withoutRepeats(corners: readonly MapPoint[]): MapPoint[] {

@@ -4,9 +4,13 @@ import Feature from "ol/Feature";
 import type Geometry from "ol/geom/Geometry";
 import LineString from "ol/geom/LineString";
 import MultiPoint from "ol/geom/MultiPoint";
+import Point from "ol/geom/Point";
 import Polygon from "ol/geom/Polygon";
+import ImageLayer from "ol/layer/Image";
 import OlVectorLayer from "ol/layer/Vector";
 import type OlMap from "ol/Map";
+import ImageStatic from "ol/source/ImageStatic";
+import type Projection from "ol/proj/Projection";
 import VectorSource from "ol/source/Vector";
 import CircleStyle from "ol/style/Circle";
 import Fill from "ol/style/Fill";
@@ -15,11 +19,14 @@ import Style from "ol/style/Style";
 import Text from "ol/style/Text";
 import type { Bounds, MapPoint } from "../../server/records";
 import type { Measurement } from "./export";
+import type { Picture } from "./mode";
 import { quantityText } from "./quantities";
 
 const Z_INDEX = 995;
+const PICTURE_Z_INDEX = 990;
 const INK = "#101113";
 const LINE = "#ffffff";
+const IN_THE_WAY = "#d4141c";
 
 export function mainText({ found }: Measurement): string {
   const main = found.quantities[found.main];
@@ -43,6 +50,16 @@ export function boundsOf(corners: readonly MapPoint[]): Bounds {
   return [Math.min(...easts), Math.min(...norths), Math.max(...easts), Math.max(...norths)];
 }
 
+/** A ring around the ground that is in the way. */
+function inTheWay(mark: MapPoint): Style {
+  const ring = new CircleStyle({
+    radius: 7,
+    fill: new Fill({ color: IN_THE_WAY }),
+    stroke: new Stroke({ color: LINE, width: 2 }),
+  });
+  return new Style({ geometry: new Point([...mark]), image: ring, zIndex: 1 });
+}
+
 function styles(measurement: Measurement): Style[] {
   const text = new Text({
     text: `${measurement.number}  ${mainText(measurement)}`,
@@ -57,7 +74,9 @@ function styles(measurement: Measurement): Style[] {
     fill: new Fill({ color: LINE }),
     stroke: new Stroke({ color: INK, width: 1.5 }),
   });
+  const { mark } = measurement.found;
   return [
+    ...(mark ? [inTheWay(mark)] : []),
     new Style({ stroke: new Stroke({ color: INK, width: 4.5 }) }),
     new Style({
       stroke: new Stroke({ color: LINE, width: 2 }),
@@ -69,8 +88,19 @@ function styles(measurement: Measurement): Style[] {
   ];
 }
 
+function pictureLayer({ url, bounds }: Picture, projection: Projection): ImageLayer<ImageStatic> {
+  const source = new ImageStatic({
+    url,
+    imageExtent: [...bounds],
+    projection,
+    interpolate: false, // classes have no values between them
+  });
+  return new ImageLayer({ source, zIndex: PICTURE_Z_INDEX });
+}
+
 export class DrawnMeasurements {
   private readonly source = new VectorSource<Feature<Geometry>>();
+  private readonly pictures = new Map<Picture, ImageLayer<ImageStatic>>();
   private readonly layer = new OlVectorLayer({ source: this.source, zIndex: Z_INDEX });
 
   constructor(private readonly map: OlMap) {
@@ -84,9 +114,26 @@ export class DrawnMeasurements {
       feature.setStyle(styles(one));
       this.source.addFeature(feature);
     }
+    this.showPictures(all.flatMap(({ found }) => found.picture ?? []));
+  }
+
+  /** Lays pictures over the layers, and takes those away whose measurement is gone. */
+  private showPictures(wanted: readonly Picture[]): void {
+    for (const [picture, layer] of this.pictures) {
+      if (wanted.includes(picture)) continue;
+      this.map.removeLayer(layer);
+      this.pictures.delete(picture);
+    }
+    for (const picture of wanted) {
+      if (this.pictures.has(picture)) continue;
+      const layer = pictureLayer(picture, this.map.getView().getProjection());
+      this.pictures.set(picture, layer);
+      this.map.addLayer(layer);
+    }
   }
 
   dispose(): void {
+    this.showPictures([]);
     this.map.removeLayer(this.layer);
   }
 }

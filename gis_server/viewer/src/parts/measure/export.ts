@@ -2,7 +2,7 @@
 
 import type { LocalMap } from "../../map/projection";
 import type { MapPoint, Mission } from "../../server/records";
-import type { Found, Mode } from "./modes";
+import type { Found, Mode } from "./mode";
 
 export interface Measurement {
   readonly number: number;
@@ -24,8 +24,16 @@ const row = (cells: readonly (string | number | null | undefined)[]) =>
 /** One line a quantity, and one a corner. */
 export function measurementsCsv(all: readonly Measurement[]): string {
   const lines = all.flatMap(({ number, mode, corners, found }) => [
-    ...found.quantities.map(({ name, value, sigma, unit }) =>
-      row([number, mode.key, name, value, sigma, unit, found.layers.map(({ id }) => id).join(" ")]),
+    ...found.quantities.map(({ name, value, word, sigma, unit }) =>
+      row([
+        number,
+        mode.key,
+        name,
+        word ?? value,
+        sigma,
+        unit,
+        found.layers.map(({ id }) => id).join(" "),
+      ]),
     ),
     ...corners.flatMap(([east, north], k) => [
       row([number, mode.key, `east of point ${k + 1}`, east, null, "m", null]),
@@ -86,8 +94,8 @@ export function measurementsGeojson(
     properties: {
       measured: mode.key,
       ...Object.fromEntries(
-        found.quantities.flatMap(({ name, value, sigma, unit }) => [
-          [unit ? `${name}, ${unit}` : name, value],
+        found.quantities.flatMap(({ name, value, word, sigma, unit }) => [
+          [unit ? `${name}, ${unit}` : name, word ?? value],
           ...(sigma === undefined ? [] : [[`sigma of ${name}, ${unit}`, sigma]]),
         ]),
       ),

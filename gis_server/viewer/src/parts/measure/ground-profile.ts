@@ -8,11 +8,12 @@ import type { MapPoint } from "../../server/records";
 import type { Context } from "../../session/context";
 import { LineLink } from "../../session/line-link";
 
+type Drawn = Omit<ChartOptions, "onCursor">;
 type Shown = "elevation" | "slope";
 const COLOUR = "#c2571b";
 
 /** What the chart of a profile shows. */
-export function profileOptions(profile: Profile, shown: Shown): Omit<ChartOptions, "onCursor"> {
+export function profileOptions(profile: Profile, shown: Shown): Drawn {
   const { distance_m: xs, layers, slope_baseline_m } = profile;
   const known = profile.elevation_m.filter((value) => value !== null);
   const from = layers.length > 0 ? `From ${layers.map(({ id }) => id).join(", ")}. ` : "";
@@ -80,8 +81,20 @@ export class GroundProfile {
     this.draw(profile);
   }
 
+  /** Opens a chart that has only one thing to show. */
+  openChart(title: string, corners: readonly MapPoint[], options: Drawn): void {
+    this.line = corners;
+    const body = h("div", { class: "ground-profile" }, this.room);
+    this.context.page.below.open(title, body, () => this.link.off());
+    this.drawChart(options);
+  }
+
   private draw(profile: Profile): void {
-    const drawn = chart({ ...profileOptions(profile, this.shown), onCursor: this.link.tell });
+    this.drawChart(profileOptions(profile, this.shown));
+  }
+
+  private drawChart(options: Drawn): void {
+    const drawn = chart({ ...options, onCursor: this.link.tell });
     this.link.on(this.line, drawn);
     this.room.replaceChildren(drawn.element);
   }

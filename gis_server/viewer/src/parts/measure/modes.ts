@@ -1,64 +1,18 @@
 /** The kinds of measurement: what is drawn for each, and what the server makes of it. */
 
 import { measure, measuredText, polygonArea } from "../../map/measure";
-import type { Shape } from "../../map/sketch";
 import { fixed } from "../../page/format";
-import { type LayerUsed, measuring, type Profile } from "../../server/measure";
+import { measuring } from "../../server/measure";
 import type { MapPoint } from "../../server/records";
+import { found, type Found, type Mode } from "./mode";
 import {
   areaQuantities,
   lineQuantities,
   planeQuantities,
-  type Quantity,
   volumeQuantities,
   zoneQuantities,
 } from "./quantities";
-
-/** What was found on the ground that was drawn. */
-export interface Found {
-  readonly quantities: readonly Quantity[];
-  /** Number of the quantity that stands for all. */
-  readonly main: number;
-  readonly layers: readonly LayerUsed[];
-  readonly note?: string | null;
-  readonly profile?: Profile;
-}
-
-export type ModeKey = "distance" | "profile" | "slope" | "area" | "volume" | "plane" | "zone";
-
-export interface Mode {
-  readonly key: ModeKey;
-  readonly title: string;
-  readonly shape: Shape;
-  /** Corners that are needed, and at which a line ends by itself. */
-  readonly least: number;
-  readonly most?: number;
-  readonly hint: string;
-  /** What is told while the shape grows. */
-  readonly live: (corners: readonly MapPoint[]) => string;
-  /** Whether a raster layer is to be chosen for it. */
-  readonly asksLayer?: boolean;
-  readonly find: (
-    mission: string,
-    corners: readonly MapPoint[],
-    layer: string | null,
-  ) => Promise<Found>;
-}
-
-const nameOf = (quantities: readonly Quantity[], name: string) =>
-  Math.max(
-    0,
-    quantities.findIndex((one) => one.name === name),
-  );
-
-function found(
-  quantities: readonly Quantity[],
-  main: string,
-  layers: readonly LayerUsed[],
-  more: Partial<Found> = {},
-): Found {
-  return { quantities, main: nameOf(quantities, main), layers, ...more };
-}
+import { SIGHT_MODES } from "./sight-modes";
 
 const length = (corners: readonly MapPoint[]) => measuredText(measure(corners));
 const area = (corners: readonly MapPoint[]) =>
@@ -154,9 +108,10 @@ export const MODES: readonly Mode[] = [
     hint: "Choose a layer and outline an area: mean, spread and percentiles of the layer in it.",
     live: area,
     asksLayer: true,
-    find: async (mission, corners, layer) => {
+    find: async (mission, corners, { layer }) => {
       const answer = await measuring.zone(mission, corners, layer ?? "");
       return found(zoneQuantities(answer), "mean", answer.layers);
     },
   },
+  ...SIGHT_MODES,
 ];

@@ -3,7 +3,9 @@
 import { button, h } from "../../page/dom";
 import type { Measurement } from "./export";
 import { mainText } from "./drawn";
-import { MODES, type Mode } from "./modes";
+import type { Mode } from "./mode";
+import { MODES } from "./modes";
+import type { ChosenNumbers } from "./numbers";
 import { quantityText, sourcesText } from "./quantities";
 
 export interface PanelActions {
@@ -14,6 +16,7 @@ export interface PanelActions {
   readonly layers: readonly (readonly [id: string, title: string])[];
   readonly layer: string | null;
   readonly chooseLayer: (id: string) => void;
+  readonly numbers: ChosenNumbers;
   readonly zoomTo: (one: Measurement) => void;
   readonly remove: (one: Measurement) => void;
   readonly openProfile: (one: Measurement) => void;
@@ -74,7 +77,7 @@ function item(one: Measurement, actions: PanelActions): HTMLElement {
       h(
         "div",
         { class: "actions" },
-        found.profile
+        found.profile || found.chart
           ? h(
               "button",
               {
@@ -90,6 +93,9 @@ function item(one: Measurement, actions: PanelActions): HTMLElement {
           { type: "button", class: "text", onclick: () => actions.zoomTo(one) },
           "go there",
         ),
+        found.picture
+          ? h("a", { class: "link", href: found.picture.geotiff, download: "" }, "GeoTIFF")
+          : null,
         button(`remove measurement ${number}`, "close", () => actions.remove(one), {
           class: "ghost remove",
         }),
@@ -116,7 +122,8 @@ export function measurePanel(
       active?.hint ?? "Choose what to measure, then draw it on the map. Esc stops.",
     ),
     active?.asksLayer ? layerChoice(actions) : null,
-    active?.shape === "point"
+    active?.asksNumbers ? actions.numbers.fields(active) : null,
+    active?.shape === "point" && active.most !== 1
       ? h(
           "button",
           { type: "button", class: "text finish", onclick: actions.finish },

@@ -12,7 +12,9 @@ import { orPlanar, withoutRepeats } from "./corners";
 import { boundsOf, DrawnMeasurements } from "./drawn";
 import { type Measurement, measurementsCsv, measurementsGeojson, profilesCsv } from "./export";
 import { GroundProfile } from "./ground-profile";
-import { MODES, type Mode } from "./modes";
+import type { Mode } from "./mode";
+import { MODES } from "./modes";
+import { ChosenNumbers } from "./numbers";
 import { measurePanel } from "./panel";
 
 export function measurePart(context: Context): void {
@@ -46,6 +48,7 @@ class Measuring {
   private picked: readonly MapPoint[] = [];
   private count = 0;
   private layer: string | null = null;
+  private readonly numbers = new ChosenNumbers();
 
   constructor(
     private readonly context: Context,
@@ -120,6 +123,7 @@ class Measuring {
     if (!mode) return;
     if (mode.shape === "point") {
       this.pick([...this.picked, ...corners]);
+      if (this.picked.length === mode.most) this.finish();
       return;
     }
     this.tell(corners);
@@ -130,18 +134,21 @@ class Measuring {
     if (corners.length < mode.least) return;
     const { mission, waiting } = this.context;
     waiting.run(async () => {
-      const found = await orPlanar(mode, corners, mode.find(mission.mission, corners, this.layer));
+      const asked = { layer: this.layer, numbers: this.numbers.of(mode) };
+      const found = await orPlanar(mode, corners, mode.find(mission.mission, corners, asked));
       this.sketch?.clear();
       this.count += 1;
       const one = { number: this.count, mode, corners, found };
       this.all = [...this.all, one];
       this.draw();
-      if (found.profile) this.openProfile(one);
+      if (found.profile || found.chart) this.openProfile(one);
     });
   }
 
   private openProfile({ number, corners, found }: Measurement): void {
     if (found.profile) this.profile.open(`Profile ${number}`, corners, found.profile);
+    else if (found.chart)
+      this.profile.openChart(`${found.chart.title} ${number}`, corners, found.chart);
   }
 
   private draw(): void {
@@ -153,11 +160,12 @@ class Measuring {
       finish: () => this.finish(),
       layers: rasters.map((one) => [one.id, `${kindTitle(one.kind)}, ${scopeTitle(one.scope)}`]),
       layer: this.layer,
+      numbers: this.numbers,
       chooseLayer: (id) => {
         this.layer = id;
       },
       start: (mode) => (mode === this.mode ? this.stop() : this.start(mode)),
-      zoomTo: ({ corners }) => view.fit(boundsOf(corners)),
+      zoomTo: ({ corners, found }) => view.fit(found.picture?.bounds ?? boundsOf(corners)),
       remove: (one) => {
         this.all = this.all.filter((other) => other !== one);
         this.draw();

@@ -17,6 +17,8 @@ const OWN_UNITS: Readonly<Record<string, Unit>> = { m: "m", degree: "°", metre:
 export interface Quantity {
   readonly name: string;
   readonly value: number | null;
+  /** What is told in the place of a number. */
+  readonly word?: string;
   readonly sigma?: number | null;
   readonly unit: Unit;
 }
@@ -24,7 +26,8 @@ export interface Quantity {
 const DECIMALS: Readonly<Record<Unit, number>> = { m: 3, "m²": 3, "m³": 3, "°": 2, "%": 0, "": 0 };
 
 /** `12.346 ± 0.020 m`; a dash for what was not measured. */
-export function quantityText({ value, sigma, unit }: Quantity): string {
+export function quantityText({ value, word, sigma, unit }: Quantity): string {
+  if (word) return word;
   if (value === null) return "–";
   const decimals = DECIMALS[unit];
   const sign = unit === "°" ? "°" : unit ? ` ${unit}` : "";

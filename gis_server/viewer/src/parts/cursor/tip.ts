@@ -1,0 +1,48 @@
+/** What is told beside the pointer of the feature that it touches. */
+
+import { fixed, metres, scopeTitle } from "../../page/format";
+
+export interface Tip {
+  readonly title: string;
+  readonly facts: readonly string[];
+  /** What is to be noticed. */
+  readonly caution?: string;
+}
+
+type Properties = Readonly<Record<string, unknown>>;
+const number = (value: unknown): number | null => (typeof value === "number" ? value : null);
+
+/** A tie point: its kind, residual, standard deviation, and the pairs it joins by their left images. */
+export function tieTip({ kind, residual_px, sigma_m, pairs }: Properties): Tip {
+  const [residual, sigma] = [number(residual_px), number(sigma_m)];
+  const images = Array.isArray(pairs) ? pairs.map(String) : [];
+  return {
+    title: `tie point${kind ? ` · ${String(kind)}` : ""}`,
+    facts: [
+      residual === null ? "residual not known" : `residual ${fixed(residual, 3)} px (rms)`,
+      ...(sigma === null ? [] : [`σ of its place ${metres(sigma, 3)}`]),
+      ...images,
+    ],
+  };
+}
+
+export function imageTip(properties: Properties): Tip {
+  const { image, sol, instrument, eye, unpaired_because: reason, unpaired } = properties;
+  const facts = [`sol ${sol ?? "?"} · ${instrument ?? ""} ${eye ?? ""}`];
+  const title = String(image);
+  if (!reason && unpaired !== true) return { title, facts };
+  return { title, facts, caution: `without partner: ${reason ?? "no reason recorded"}` };
+}
+
+/** Of any feature of a layer. */
+export function tipOf(
+  layer: { readonly kind: string; readonly title: string },
+  of: Properties,
+): Tip {
+  if (layer.kind === "tie-points") return tieTip(of);
+  if (typeof of.image === "string") return imageTip(of);
+  return {
+    title: scopeTitle(String(of.stop ?? layer.title)),
+    facts: [String(of.solution ?? "")],
+  };
+}

@@ -1,0 +1,90 @@
+/** What a kind of measurement is, and what it finds. */
+
+import type { Shape } from "../../map/sketch";
+import type { ChartOptions } from "../../page/chart";
+import type { LayerUsed, Profile } from "../../server/measure";
+import type { Bounds, MapPoint } from "../../server/records";
+import type { Quantity } from "./quantities";
+
+/** A picture that lies on the map. */
+export interface Picture {
+  readonly url: string;
+  readonly bounds: Bounds;
+  /** The same as a GeoTIFF. */
+  readonly geotiff: string;
+}
+
+/** What was found on the ground that was drawn. */
+export interface Found {
+  readonly quantities: readonly Quantity[];
+  /** Number of the quantity that stands for all. */
+  readonly main: number;
+  readonly layers: readonly LayerUsed[];
+  readonly note?: string | null;
+  readonly profile?: Profile;
+  /** Another chart along what was drawn. */
+  readonly chart?: Omit<ChartOptions, "onCursor">;
+  /** A place to be noticed. */
+  readonly mark?: MapPoint | null;
+  readonly picture?: Picture;
+}
+
+export type ModeKey =
+  | "distance"
+  | "profile"
+  | "slope"
+  | "area"
+  | "volume"
+  | "plane"
+  | "zone"
+  | "sight"
+  | "viewshed";
+
+/** A number in metres that is asked before it is drawn. */
+export interface NumberAsked {
+  readonly key: string;
+  readonly title: string;
+  readonly usual: number;
+  readonly least: number;
+  readonly most: number;
+  readonly step: number;
+}
+
+/** What was chosen besides the corners. */
+export interface Asked {
+  readonly layer: string | null;
+  readonly numbers: Readonly<Record<string, number>>;
+}
+
+export interface Mode {
+  readonly key: ModeKey;
+  readonly title: string;
+  readonly shape: Shape;
+  /** Corners that are needed, and at which a line or a choice of points ends by itself. */
+  readonly least: number;
+  readonly most?: number;
+  readonly hint: string;
+  /** What is told while the shape grows. */
+  readonly live: (corners: readonly MapPoint[]) => string;
+  /** Whether a raster layer is to be chosen for it. */
+  readonly asksLayer?: boolean;
+  readonly asksNumbers?: readonly NumberAsked[];
+  readonly find: (mission: string, corners: readonly MapPoint[], asked: Asked) => Promise<Found>;
+}
+
+/** What was found, of which the quantity `main` stands for all. */
+export function found(
+  quantities: readonly Quantity[],
+  main: string,
+  layers: readonly LayerUsed[],
+  more: Partial<Found> = {},
+): Found {
+  const at = quantities.findIndex((one) => one.name === main);
+  return { quantities, main: Math.max(0, at), layers, ...more };
+}
+
+/** A number as it was chosen, within what may be asked; else the usual one. */
+export function chosenNumber({ usual, least, most }: NumberAsked, chosen?: number): number {
+  if (chosen === undefined || !Number.isFinite(chosen)) return usual;
+  return Math.min(most, Math.max(least, chosen));
+}

@@ -1,0 +1,136 @@
+/** What can be seen: a line of sight between two places, and the ground that is seen from one. */
+
+import { measure, measuredText } from "../../map/measure";
+import { fixed } from "../../page/format";
+import { sight, type SightLine, type Viewshed } from "../../server/sight";
+import type { MapPoint } from "../../server/records";
+import { found, type Found, type Mode, type NumberAsked } from "./mode";
+import type { Quantity } from "./quantities";
+
+const GROUND = "#c2571b";
+const LINE = "#1769e0";
+
+const height = (key: string, title: string, usual: number): NumberAsked => ({
+  key,
+  title,
+  usual,
+  least: 0,
+  most: 100,
+  step: 0.1,
+});
+/** As the server assumes: the mast of MER, and a stone. */
+const EYE = height("eye_m", "eye above the ground", 1.5);
+const TARGET = height("target_m", "target above the ground", 0.1);
+const RADIUS: NumberAsked = {
+  key: "radius_m",
+  title: "radius",
+  usual: 50,
+  least: 1,
+  most: 2000,
+  step: 1,
+};
+
+export const SIGHT_WORDS = { visible: "free", hidden: "blocked", unknown: "not known" } as const;
+
+export function sightQuantities(line: SightLine): Quantity[] {
+  const { obstruction, obstruction_distance_m, clearance_m } = line;
+  const inTheWay: Quantity[] = obstruction
+    ? [
+        { name: "blocked after", value: obstruction_distance_m, unit: "m" },
+        { name: "blocked at east", value: obstruction[0], unit: "m" },
+        { name: "blocked at north", value: obstruction[1], unit: "m" },
+        { name: "elevation there", value: obstruction[2], unit: "m" },
+      ]
+    : [];
+  return [
+    { name: "line of sight", value: null, word: SIGHT_WORDS[line.sight], unit: "" },
+    { name: "least height over the ground", value: clearance_m, unit: "m" },
+    ...inTheWay,
+    { name: "longest unmapped stretch", value: line.unseen_m, unit: "m" },
+    { name: "length on the map", value: line.map_distance_m, unit: "m" },
+  ];
+}
+
+/** The ground below a line of sight, and the line. */
+export function sightChart(line: SightLine): NonNullable<Found["chart"]> {
+  const { distance_m: xs, sight: seen, clearance_m } = line;
+  const room =
+    clearance_m === null
+      ? "No ground is mapped on the way."
+      : `It runs ${fixed(Math.abs(clearance_m), 2)} m ${clearance_m < 0 ? "below" : "above"} the ground that is most in the way.`;
+  return {
+    title: "Line of sight",
+    summary: `The line of sight is ${SIGHT_WORDS[seen]}. ${room}`,
+    x: { title: "distance", unit: "m", decimals: 2 },
+    y: { title: "elevation", unit: "m", decimals: 3 },
+    series: [
+      { name: "ground", colour: GROUND, xs, ys: line.ground_m },
+      { name: "line of sight", colour: LINE, xs, ys: line.line_m, isDashed: true },
+    ],
+  };
+}
+
+function sightFound(line: SightLine): Found {
+  const { obstruction } = line;
+  const mark: MapPoint | null = obstruction && [obstruction[0], obstruction[1]];
+  const note =
+    line.sight === "unknown" ? "Too long a stretch of the way was never seen to say it." : null;
+  const quantities = sightQuantities(line);
+  return found(quantities, "line of sight", line.layers, { chart: sightChart(line), mark, note });
+}
+
+export const viewshedQuantities = (seen: Viewshed): Quantity[] => [
+  { name: "ground seen", value: seen.visible_m2, unit: "m²" },
+  { name: "ground hidden", value: seen.hidden_m2, unit: "m²" },
+  { name: "not known", value: seen.unknown_m2, unit: "m²" },
+  { name: "elevation of the eye", value: seen.eye_elevation_m, unit: "m" },
+  { name: "radius", value: seen.radius_m, unit: "m" },
+  { name: "cell", value: seen.cell_m, unit: "m" },
+];
+
+function viewshedFound(seen: Viewshed): Found {
+  const { picture: url, bounds, geotiff } = seen;
+  return found(viewshedQuantities(seen), "ground seen", seen.layers, {
+    note: "On the map: blue is seen, brown is hidden; of ground without colour nothing is known.",
+    picture: { url, bounds, geotiff },
+  });
+}
+
+export const SIGHT_MODES: readonly Mode[] = [
+  {
+    key: "sight",
+    title: "Line of sight",
+    shape: "line",
+    least: 2,
+    most: 2,
+    hint: "Click where the eye is, then what it looks at: whether the ground between is in the way.",
+    live: (corners) => measuredText(measure(corners)),
+    asksNumbers: [EYE, TARGET],
+    find: async (mission, corners, { numbers }) => {
+      const [eye, target] = corners;
+      if (!eye || !target) throw new Error("a line of sight has two ends");
+      const [eye_m, target_m] = [numbers.eye_m ?? EYE.usual, numbers.target_m ?? TARGET.usual];
+      return sightFound(await sight.line(mission, eye, target, eye_m, target_m));
+    },
+  },
+  {
+    key: "viewshed",
+    title: "Viewshed",
+    shape: "point",
+    least: 1,
+    most: 1,
+    hint: "Click where a mast stands: the ground that is seen from its top is laid over the map.",
+    live: () => "click a place, Esc stops",
+    asksNumbers: [{ ...EYE, key: "mast_m", title: "mast above the ground" }, TARGET, RADIUS],
+    find: async (mission, corners, { numbers }) => {
+      const [place] = corners;
+      if (!place) throw new Error("a viewshed is of a place");
+      const query = {
+        mast_m: numbers.mast_m ?? EYE.usual,
+        target_m: numbers.target_m ?? TARGET.usual,
+        radius_m: numbers.radius_m ?? RADIUS.usual,
+      };
+      return viewshedFound(await sight.viewshed(mission, place, query));
+    },
+  },
+];

@@ -1,0 +1,72 @@
+"""A store for tests of what can be seen: a dome over which the horizon is known in closed form.
+
+The ground is z = -d^2 / 100 at distance d metres from the landing point. An eye at height h above
+its top sees targets of height t as far as 10 (sqrt(h) + sqrt(t)) metres. A strip in the east was
+not mapped. Tie points lie in a row, each with its own residual.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from photogrammetry.terrain.records import Dtm
+from products.catalogue import MissionEntry
+from products.model import ProductKind
+from products.pictures import write_orthophoto
+from products.raster import write_dtm
+from products.vector import Feature
+from products.workspace import Workspace
+from tests.support.bowl_store import CRS, GRID, LANDING, Shop, surface
+
+STRIP = (20.0, 28.0)
+"""East, metres: nothing is known between."""
+RESIDUALS_PX = (0.01, 0.05, 0.2, 0.5, 2.0, 26.0, None)
+TIE_SPACING_M = 5.0
+TIE_NORTH_M = 8.0
+
+
+def tie_place(number: int) -> tuple[float, float]:
+    """East and north of a tie point."""
+    return (number - 3) * TIE_SPACING_M, TIE_NORTH_M
+
+
+def horizon_m(eye_m: float, target_m: float) -> float:
+    """How far an eye above the top sees targets."""
+    return 10.0 * (math.sqrt(eye_m) + math.sqrt(target_m))
+
+
+def dome() -> Dtm:
+    ground = -surface()
+    east, _ = GRID.centres()
+    ground[:, (east > STRIP[0]) & (east < STRIP[1])] = np.nan
+    seen = np.isfinite(ground)
+    sigma = np.where(seen, 0.02, np.nan).astype(np.float32)
+    return Dtm(GRID, ground, sigma, np.where(seen, 3, 0).astype(np.float32), seen.astype(np.uint8))
+
+
+def ties() -> list[Feature]:
+    known = {"kind": "cross-site", "pairs": ["2N1400L0M1", "2N1401L0M1"], "sigma_m": 0.0312}
+    return [
+        Feature(
+            "Point",
+            np.array([[*tie_place(number), 0.0]]),
+            {**known, "residual_px": residual},
+            id=str(number),
+        )
+        for number, residual in enumerate(RESIDUALS_PX)
+    ]
+
+
+def fill(workspace: Workspace) -> None:
+    shop, model = Shop(workspace), dome()
+    mission = MissionEntry("MER2", "Spirit, Gusev crater", LANDING, "LSL starts at the lander.")
+    workspace.catalogue.publish(missions=[mission])
+    shop.raster(ProductKind.DTM, lambda path: write_dtm(path, model, CRS))
+    grey = np.where(np.isfinite(model.elevation), 128.0, np.nan).astype(np.float32)
+    shop.raster(
+        ProductKind.ORTHOPHOTO,
+        lambda path: write_orthophoto(path, GRID, grey, CRS, stretch=(0.0, 254.0)),
+    )
+    shop.vectors(ProductKind.TIE_POINTS, ties())
