@@ -13,7 +13,8 @@ from typing import Annotated
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from products.model import Layer
+from photogrammetry.terrain.viewshed import Sight
+from products.model import Layer, ProductRef
 from products.tiling import HALF_SIDE_M
 
 UNITS = (
@@ -22,6 +23,9 @@ UNITS = (
 )
 MOST_CORNERS = 1000
 """Corners of a line or polygon that is drawn by a person."""
+
+SIGHT_NAMES = {Sight.VISIBLE: "visible", Sight.HIDDEN: "hidden", Sight.UNKNOWN: "unknown"}
+"""What answers say of lines of sight."""
 
 MetresHere = Annotated[float, Field(ge=-HALF_SIDE_M, le=HALF_SIDE_M, allow_inf_nan=False)]
 """A coordinate of the local map."""
@@ -65,6 +69,18 @@ class LayerUsed(BaseModel):
             cell_m=layer.cell_m,
             made_at=layer.made_at,
         )
+
+
+class NetworkUsed(BaseModel):
+    """The adjusted network that an answer was computed from."""
+
+    scope: str
+    digest: str
+
+    @classmethod
+    def of(cls, ref: ProductRef) -> NetworkUsed:
+        """What is said of a network."""
+        return cls(scope=ref.scope.name, digest=ref.digest)
 
 
 def numbers(values: Iterable[float] | np.ndarray, digits: int = 4) -> list[float | None]:

@@ -10,8 +10,7 @@ from __future__ import annotations
 import numpy as np
 from pydantic import BaseModel
 
-from gis_server.analysis.bodies import UNITS
-from gis_server.analysis.network_graph import NetworkUsed, used
+from gis_server.analysis.bodies import UNITS, NetworkUsed, number
 from photogrammetry.adjustment.records import BLUNDER, UNUSED, USED, AdjustedTies
 from photogrammetry.arrays import Float64, ImagePoints, Int32
 from photogrammetry.cameras.epipolar import EpipolarPair
@@ -19,11 +18,9 @@ from photogrammetry.cameras.model import CameraModel
 from photogrammetry.cameras.single import single_image
 from photogrammetry.imagery import Eye, RoverImage
 from photogrammetry.terrain.ground import MAP_FROM_LSL
-from products.arrays import read_matches
 from products.catalogue import ImageEntry
-from products.model import ProductKind, ProductRef, Scope, ScopeLevel
 from products.network import NetworkProduct
-from products.oriented import OrientedMission
+from products.oriented import OrientedMission, geometry_of, matches_of
 
 _FAR_M = 1e4
 """How far away a point that has no place is taken to lie."""
@@ -77,7 +74,7 @@ def image_ties(entry: ImageEntry, mission: OrientedMission) -> ImageTies:
     geometry = _geometry(entry, image, mission) if len(rows) else None
     return ImageTies(
         image=entry.id,
-        network=used(mission.ref),
+        network=NetworkUsed.of(mission.ref),
         samples=image.samples,
         lines=image.lines,
         ties=[] if geometry is None else _ties(rows, ties, geometry, image),
@@ -93,14 +90,11 @@ def _rows_of(pair_id: str, network: NetworkProduct) -> np.ndarray:
 
 def _geometry(entry: ImageEntry, image: RoverImage, mission: OrientedMission) -> EpipolarPair:
     """The epipolar geometry that the image's ties were measured in."""
-    pair_id = entry.id if entry.eye != Eye.RIGHT else entry.partner
-    scope = Scope(ScopeLevel.PAIR, (pair_id or "").lower())
-    digest = mission.workspace.catalogue.latest(scope.name, ProductKind.MATCHES)
-    if digest is None or entry.partner is None:
+    matches = matches_of(entry, mission.workspace) if entry.partner else None
+    if matches is None:
         size = image.samples, image.lines
         return single_image(image.camera, size, image.stop.frame, image.stop.frame)
-    ref = ProductRef(ProductKind.MATCHES, scope, digest)
-    return read_matches(mission.workspace.store.path(ref))[0]
+    return geometry_of(matches, mission.workspace)
 
 
 def in_stored_image(
@@ -156,28 +150,24 @@ def _tie(
     ties: AdjustedTies,
     others: dict[int, list[tuple[int, str]]],
 ) -> ImageTie:
-    number = int(ties.observations.point[row])
+    index = int(ties.observations.point[row])
     standardised = np.abs(ties.standardised[row])
-    point = MAP_FROM_LSL @ ties.points[number]
+    point = MAP_FROM_LSL @ ties.points[index]
     is_placed = bool(np.isfinite(point).all())
-    variance = float(np.trace(ties.covariances[number]))
+    variance = float(np.trace(ties.covariances[index]))
     east, north, up = np.round(np.nan_to_num(point), 4).tolist()
     return ImageTie(
-        point=number,
-        kind=str(ties.kinds[number]),
+        point=index,
+        kind=str(ties.kinds[index]),
         sample=round(float(observed[0]), 3),
         line=round(float(observed[1]), 3),
-        residual_sample_px=_number(residual[0], 4),
-        residual_line_px=_number(residual[1], 4),
-        standardised=_number(np.nanmax(standardised), 3)
+        residual_sample_px=number(residual[0]),
+        residual_line_px=number(residual[1]),
+        standardised=number(float(np.nanmax(standardised)), 3)
         if np.isfinite(standardised).any()
         else None,
         status=_STATUS[int(ties.status[row])],
-        pairs=[pair for other, pair in others.get(number, []) if other != row],
+        pairs=[pair for other, pair in others.get(index, []) if other != row],
         place=(east, north, up) if is_placed else None,
-        sigma_m=_number(np.sqrt(max(variance, 0.0)), 4) if np.isfinite(variance) else None,
+        sigma_m=number(np.sqrt(max(variance, 0.0)) if np.isfinite(variance) else None),
     )
-
-
-def _number(value: float, digits: int) -> float | None:
-    return round(float(value), digits) if np.isfinite(value) else None

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel
 
-from gis_server.analysis.bodies import UNITS
+from gis_server.analysis.bodies import UNITS, NetworkUsed
 from gis_server.analysis.scene import Place, on_map
 from photogrammetry.adjustment.quality_records import QualityParams
 from photogrammetry.adjustment.records import BLUNDER, USED, AdjustedNetwork, AdjustedPair
@@ -26,13 +26,6 @@ from products.network import NetworkProduct
 
 MOST_PAIRS = 2000
 """Pairs and single images that one answer draws."""
-
-
-class NetworkUsed(BaseModel):
-    """The adjusted network that is drawn."""
-
-    scope: str
-    digest: str
 
 
 class StopNode(BaseModel):
@@ -134,7 +127,7 @@ def network_graph(ref: ProductRef, network: NetworkProduct) -> NetworkGraph:
     links, weak = _assessed(network)
     pairs = Counter(str(pair.stop) for pair in adjusted.pairs)
     return NetworkGraph(
-        network=used(ref),
+        network=NetworkUsed.of(ref),
         summary=str(network.report["summary"]),
         few_ties=params.few_ties,
         stops=[
@@ -153,11 +146,6 @@ def network_graph(ref: ProductRef, network: NetworkProduct) -> NetworkGraph:
         links=_links(links, network.links, weak, params.few_ties),
         weaknesses=list(weak),
     )
-
-
-def used(ref: ProductRef) -> NetworkUsed:
-    """What is said of a network."""
-    return NetworkUsed(scope=ref.scope.name, digest=ref.digest)
 
 
 def _links(
@@ -199,7 +187,7 @@ def pair_graph(
         for pair in adjusted.pairs
         if pair.pair_id in shown
     ]
-    return PairGraph(network=used(ref), stop=stop, pairs=nodes[:MOST_PAIRS], edges=edges)
+    return PairGraph(network=NetworkUsed.of(ref), stop=stop, pairs=nodes[:MOST_PAIRS], edges=edges)
 
 
 def shared_by_pairs(network: AdjustedNetwork) -> dict[tuple[str, str], int]:

@@ -7,8 +7,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import BaseModel, Field
 
-from gis_server.analysis.bodies import UNITS, Question
-from gis_server.analysis.projection_bodies import NetworkUsed
+from gis_server.analysis.bodies import UNITS, NetworkUsed, Question
 from gis_server.analysis.refusal import RefusedError
 from gis_server.rendering.images import linearised
 from photogrammetry.arrays import Float64, ImagePoints

@@ -11,17 +11,13 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel
 
-from gis_server.analysis.bodies import UNITS, LayerUsed, number, numbers
+from gis_server.analysis.bodies import SIGHT_NAMES, UNITS, LayerUsed, NetworkUsed, number, numbers
 from gis_server.analysis.projection import Found, Seen
 from photogrammetry.arrays import Float64, ImagePoints
 from photogrammetry.terrain.ground import MAP_FROM_LSL
 from photogrammetry.terrain.ground_point import GroundPoint
 from photogrammetry.terrain.oriented_image import Ellipse
-from photogrammetry.terrain.viewshed import Sight
 from products.catalogue import ImageEntry
-from products.model import ProductRef
-
-_SIGHTS = {Sight.VISIBLE: "visible", Sight.HIDDEN: "hidden", Sight.UNKNOWN: "unknown"}
 
 
 class EllipseBody(BaseModel):
@@ -31,18 +27,6 @@ class EllipseBody(BaseModel):
     semi_minor_px: float
     angle_deg: float
     """Of the major axis, from the direction of samples towards that of lines (clockwise)."""
-
-
-class NetworkUsed(BaseModel):
-    """The adjusted network that places the images."""
-
-    scope: str
-    digest: str
-
-    @classmethod
-    def of(cls, ref: ProductRef) -> NetworkUsed:
-        """What is said of a network."""
-        return cls(scope=ref.scope.name, digest=ref.digest)
 
 
 class GroundBody(BaseModel):
@@ -210,7 +194,7 @@ def _seen(seen: Seen) -> dict[str, Any]:
         ),
         "range_m": round(seen.range_m, 4),
         "incidence_deg": number(incidence, 2),
-        "sight": _SIGHTS[seen.sight],
+        "sight": SIGHT_NAMES[seen.sight],
         "told_by": seen.told_by,
         "linearised_sample": number(sample, 3),
         "linearised_line": number(line, 3),

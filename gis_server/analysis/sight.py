@@ -11,7 +11,7 @@ import rasterio.features
 from affine import Affine
 from pydantic import BaseModel
 
-from gis_server.analysis.bodies import UNITS, LayerUsed, number, numbers
+from gis_server.analysis.bodies import SIGHT_NAMES, UNITS, LayerUsed, number, numbers
 from gis_server.analysis.ground import Ground
 from gis_server.analysis.measures import used_in
 from gis_server.analysis.mosaic import mosaic
@@ -29,7 +29,6 @@ MOST_CELLS = 1_500_000
 FARTHEST_M = 2000.0
 MOST_POLYGONS = 500
 _MOST_STATIONS = 2000
-_TOLD = {Sight.VISIBLE: "visible", Sight.HIDDEN: "hidden", Sight.UNKNOWN: "unknown"}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -206,7 +205,7 @@ def line_of_sight(eye: End, target: End, max_unseen_m: float, ground: Ground) ->
     found = sight_line(start, end, places, read.elevation, max_unseen_m)
     where = found.obstruction
     return SightAnswer(
-        sight=_TOLD[found.sight],
+        sight=SIGHT_NAMES[found.sight],
         clearance_m=number(found.clearance_m),
         obstruction=None
         if where is None

@@ -6,16 +6,22 @@ import threading
 from collections import OrderedDict
 from collections.abc import Collection
 from pathlib import Path
-from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import BaseModel, Field
 from scipy.spatial.transform import Rotation
 
-from gis_server.analysis.bodies import UNITS, Question, number, numbers
-from gis_server.analysis.picks import ImageHere, PixelHere, left_entry
-from gis_server.analysis.projection_bodies import NetworkUsed
+from gis_server.analysis.bodies import NetworkUsed, number, numbers
+from gis_server.analysis.picks import left_entry
 from gis_server.analysis.refusal import RefusedError
+from gis_server.analysis.trial_bodies import (
+    StopChange,
+    TiePoint,
+    TieResidual,
+    TieWish,
+    TrialAnswer,
+    TrialQuestion,
+    TrialReport,
+)
 from photogrammetry.adjustment.params import AdjustmentParams
 from photogrammetry.adjustment.preview import Preview, Veto, as_it_stands, part_of, preview
 from photogrammetry.adjustment.records import (
@@ -29,19 +35,12 @@ from photogrammetry.adjustment.records import (
 )
 from photogrammetry.imagery import StopId
 from photogrammetry.matching.hand_editing import HandBody, edited, epipolar_point
-from photogrammetry.matching.hand_ties import (
-    SIGMA_PX,
-    TOLERANCE_PX,
-    HandAction,
-    HandPoint,
-    HandTie,
-)
-from photogrammetry.matching.ties import Ties
+from photogrammetry.matching.hand_ties import HandAction, HandPoint, HandTie
+from photogrammetry.matching.ties import Ties, joined
 from photogrammetry.terrain.ground import MAP_FROM_LSL
 from products.model import ProductRef
 from products.oriented import OrientedMission, geometry_of, matches_of
 
-_MOST_TIES = 500
 _MOST_STANDING = 4
 """Pairs of stops that are remembered as they stand, a few megabytes each."""
 _STANDING: OrderedDict[
@@ -50,92 +49,6 @@ _STANDING: OrderedDict[
 ] = OrderedDict()
 _LOCK = threading.Lock()
 _STATUS = {USED: "used", BLUNDER: "blunder"}
-
-
-class TiePoint(Question):
-    """A point of an image as stored; of a pair, of its left image, with or without the right."""
-
-    image: ImageHere
-    sample: PixelHere | None = None
-    line: PixelHere | None = None
-    right_sample: PixelHere | None = None
-    right_line: PixelHere | None = None
-
-
-class TieWish(Question):
-    """A row of a file of hand ties."""
-
-    action: Literal["add", "veto", "move"] = "add"
-    first: TiePoint
-    second: TiePoint
-    sigma_px: Annotated[float, Field(gt=0, le=100)] = SIGMA_PX
-    tolerance_px: Annotated[float, Field(gt=0, le=100)] = TOLERANCE_PX
-
-
-class TrialQuestion(Question):
-    """Hand ties between images of two stops."""
-
-    ties: Annotated[list[TieWish], Field(min_length=1, max_length=_MOST_TIES)]
-
-
-class TieResidual(BaseModel):
-    """How well a hand tie fits: observed minus computed, in epipolar pixels of each pair."""
-
-    tie: int
-    """Its number in the question."""
-    status: str
-    """used; blunder: it contradicts the others and was set aside."""
-    residual_px: float | None
-    """Length of both images' residuals together, root mean square of a coordinate."""
-    first: list[float | None]
-    """(sample, line, parallax)."""
-    second: list[float | None]
-    largest_standardised: float | None
-    """Largest residual over its own standard deviation: above 4 it is a blunder."""
-
-
-class StopChange(BaseModel):
-    """By how much the second stop moves, and how sure it is."""
-
-    east_m: float
-    north_m: float
-    up_m: float
-    turn_deg: float
-    """Angle of the rotation between both solutions."""
-    azimuth_deg: float
-    """Clockwise."""
-    sigma_east_m: float
-    sigma_north_m: float
-    sigma_up_m: float
-
-
-class TrialReport(BaseModel):
-    """What an adjustment found."""
-
-    summary: str
-    is_usable: bool
-    sigma0: float | None
-    redundancy: int
-    blunders: int
-    cross_site_ties: int
-
-
-class TrialAnswer(BaseModel):
-    """What hand ties would do."""
-
-    units: str = UNITS
-    held_stop: str
-    moved_stop: str
-    change: StopChange
-    """By the hand ties alone."""
-    before: TrialReport
-    after: TrialReport
-    ties: list[TieResidual]
-    notes: list[str]
-    """Ties that could not be carried out, and why."""
-    vetoed: int
-    """Automatic observations dropped."""
-    network: NetworkUsed
 
 
 def tried(question: TrialQuestion, mission: OrientedMission) -> TrialAnswer:
@@ -221,16 +134,7 @@ def _placed(
         notes += outcome.notes
         made += outcome.ties
         numbers_made += [k] * len(outcome.ties)
-    hand = Ties.none(tuple(bodies))
-    for some in made:
-        columns = Ties.__dataclass_fields__.keys() - {"pair_ids"}
-        hand = Ties(
-            hand.pair_ids,
-            **{
-                name: np.concatenate([getattr(hand, name), getattr(some, name)]) for name in columns
-            },
-        )
-    return hand, numbers_made, notes
+    return joined(made, tuple(bodies)), numbers_made, notes
 
 
 def _veto(wish: HandTie, bodies: dict[str, HandBody]) -> Veto | None:

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import numpy as np
 from fastapi import APIRouter, Query
 
-from gis_server.analysis.bodies import LayerUsed
+from gis_server.analysis.bodies import LayerUsed, NetworkUsed
 from gis_server.analysis.ground import BEST, Ground
 from gis_server.analysis.projection import (
     Found,
@@ -24,7 +24,6 @@ from gis_server.analysis.projection_bodies import (
     GroundToImage,
     ImageToGround,
     ImageToImage,
-    NetworkUsed,
     curve_body,
     ground_body,
     layers_used,

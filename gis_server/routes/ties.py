@@ -5,7 +5,8 @@ from __future__ import annotations
 from fastapi import APIRouter
 
 from gis_server.analysis.picks import RefineAnswer, RefineQuestion, refined_pick
-from gis_server.analysis.trial import TrialAnswer, TrialQuestion, tried
+from gis_server.analysis.trial import tried
+from gis_server.analysis.trial_bodies import TrialAnswer, TrialQuestion
 from gis_server.routes.parameters import MissionName
 from gis_server.services import Services, ServicesOf
 from products.oriented import OrientedMission
