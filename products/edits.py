@@ -9,18 +9,15 @@ itself refuses anything else: taking one back is an edit too, and so is taking t
 from __future__ import annotations
 
 import json
-import sqlite3
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
+from products.edit_database import FILE, transaction
 from products.errors import ProductError, ProductNotFoundError
 
-FILE = "edits.sqlite"
 _SCHEMA = """
 CREATE TABLE IF NOT EXISTS edits(
     id INTEGER PRIMARY KEY AUTOINCREMENT, mission TEXT NOT NULL, kind TEXT NOT NULL,
@@ -104,7 +101,7 @@ class EditLog:
         """All edits, or those of a mission, in their order; also those that count no more."""
         if not self.path.is_file():
             return []
-        with self._connection() as connection:
+        with transaction(self.path, _SCHEMA) as connection:
             rows = connection.execute(
                 "SELECT id, mission, kind, document, author, at, note, undoes FROM edits "
                 "WHERE ? IS NULL OR mission = ? ORDER BY id",
@@ -131,7 +128,7 @@ class EditLog:
     ) -> Edit:
         at = datetime.now(UTC).isoformat(timespec="milliseconds")
         row = (mission, str(kind), json.dumps(document), author, at, note, undoes)
-        with self._connection() as connection:
+        with transaction(self.path, _SCHEMA) as connection:
             added = connection.execute(
                 "INSERT INTO edits(mission, kind, document, author, at, note, undoes) "
                 "VALUES(?,?,?,?,?,?,?)",
@@ -139,17 +136,6 @@ class EditLog:
             )
             number = added.lastrowid or 0
         return _edit((number, *row), counts=True)
-
-    @contextmanager
-    def _connection(self) -> Iterator[sqlite3.Connection]:
-        connection = sqlite3.connect(self.path, timeout=30.0)
-        try:
-            with connection:
-                connection.execute("PRAGMA journal_mode=WAL")
-                connection.executescript(_SCHEMA)
-                yield connection
-        finally:
-            connection.close()
 
 
 def _edit(row: tuple[Any, ...], counts: bool) -> Edit:  # noqa: FBT001 - a fact of the row

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import sqlite3
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from enum import StrEnum
 from pathlib import Path
 
-from products.edits import FILE
+from products.edit_database import FILE, transaction
 
 _SCHEMA = """CREATE TABLE IF NOT EXISTS requests(
     id INTEGER PRIMARY KEY AUTOINCREMENT, kind TEXT NOT NULL, mission TEXT, author TEXT NOT NULL,
@@ -66,7 +63,7 @@ class RequestBook:
 
     def ask(self, kind: RequestKind, mission: str | None, author: str) -> RunRequest:
         """Add a request, unless the same is waiting already; the one that waits."""
-        with self._connection() as connection:
+        with transaction(self.path, _SCHEMA) as connection:
             connection.execute("BEGIN IMMEDIATE")
             same = connection.execute(
                 f"SELECT {_COLUMNS} FROM requests "  # noqa: S608 - our own words
@@ -86,7 +83,7 @@ class RequestBook:
         """The newest first."""
         if not self.path.is_file():
             return []
-        with self._connection() as connection:
+        with transaction(self.path, _SCHEMA) as connection:
             rows = connection.execute(
                 f"SELECT {_COLUMNS} FROM requests ORDER BY id DESC LIMIT ?",  # noqa: S608
                 (limit,),
@@ -100,21 +97,10 @@ class RequestBook:
 
     def answer(self, number: int, state: RequestState, answer: str) -> None:
         """Say what became of a request."""
-        with self._connection() as connection:
+        with transaction(self.path, _SCHEMA) as connection:
             connection.execute(
                 "UPDATE requests SET state = ?, answer = ? WHERE id = ?", (state, answer, number)
             )
-
-    @contextmanager
-    def _connection(self) -> Iterator[sqlite3.Connection]:
-        connection = sqlite3.connect(self.path, timeout=30.0)
-        try:
-            with connection:
-                connection.execute("PRAGMA journal_mode=WAL")
-                connection.execute(_SCHEMA)
-                yield connection
-        finally:
-            connection.close()
 
 
 def _request(row: tuple[int, str, str | None, str, str, str, str | None]) -> RunRequest:
