@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
 from prefect import task
 from prefect.cache_policies import NO_CACHE
 
-from photogrammetry.terrain.contours import Contour, ContourParams
+from photogrammetry.terrain.contours import ContourParams
 from photogrammetry.terrain.contours import trace_contours as trace
+from products.contour_features import contour_feature
 from products.crs import LandingPoint
 from products.model import ProductKind, ProductRef, Recipe
 from products.raster import read_dtm
 from products.store import ProductStore
-from products.vector import Feature, write_features
+from products.vector import write_features
 
 
 @task(cache_policy=NO_CACHE, task_run_name="contours-{dtm.kind}-{dtm.scope}")
@@ -26,17 +26,8 @@ def trace_contours(
     def write(path: Path) -> None:
         terrain = read_dtm(store.path(dtm))
         contours = trace(terrain.elevation, terrain.grid, params)
-        write_features(path, map(_feature, contours), landing)
+        write_features(path, map(contour_feature, contours), landing)
 
     kind = dtm.mapped_as(ProductKind.CONTOURS)
     recipe = Recipe(kind, dtm.scope, (dtm,), (params, landing))
     return store.make(recipe, write)
-
-
-def _feature(contour: Contour) -> Feature:
-    up = np.full(len(contour.points), contour.elevation_m)
-    return Feature(
-        "LineString",
-        np.column_stack([contour.points, up]),
-        {"elevation_m": contour.elevation_m, "is_index": contour.is_index},
-    )

@@ -6,7 +6,6 @@ from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 
-import numpy as np
 from rasterio.windows import Window
 
 from gis_server.rendering.looks import UnknownLookError
@@ -18,6 +17,7 @@ from photogrammetry.terrain.contours import (
     trace_contours,
 )
 from photogrammetry.terrain.grid import Bounds
+from products.contour_features import contour_feature
 from products.model import Layer, ProductKind
 from products.raster import grid_of
 from products.store import ProductStore
@@ -53,7 +53,7 @@ def contours_in(
         return []
     own = RegionContourParams() if layer.ref.kind == ProductKind.REGION_DTM else ContourParams()
     traced = _traced(path, window, replace(own, interval_m=interval_m), pool)
-    return [_feature(contour) for contour in traced]
+    return [contour_feature(contour) for contour in traced]
 
 
 def _window(
@@ -85,12 +85,3 @@ def _traced(
         elevation = dataset.read(1, window=Window(col, row, cols, rows))
         grid = grid_of(dataset).part(row, col, rows, cols)
     return trace_contours(elevation, grid, params)
-
-
-def _feature(contour: Contour) -> Feature:
-    up = np.full(len(contour.points), contour.elevation_m)
-    return Feature(
-        "LineString",
-        np.column_stack([contour.points, up]),
-        {"elevation_m": contour.elevation_m, "is_index": contour.is_index},
-    )
