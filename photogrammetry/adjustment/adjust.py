@@ -17,7 +17,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from photogrammetry.adjustment.collinearity import Observations, State, misclosures
+from photogrammetry.adjustment.collinearity import Observations, State, are_in_front
 from photogrammetry.adjustment.consistency import comparisons, consistency
 from photogrammetry.adjustment.control_equations import Control, frame_places, known_used
 from photogrammetry.adjustment.datum import held_stops
@@ -81,7 +81,7 @@ def adjust(
         again = adjust(rest, held, params, start, name, inherited)
         return completed(again, network, findings)
     state = with_rays_intersected(state, observations, fits)
-    used = fits & np.isfinite(misclosures(state, observations, np.arange(len(fits)))).all(axis=1)
+    used = fits & are_in_front(state, observations)
     control = _control(network, start)
     if control:
         state = replace(state, frames=_frame_places(control, state, network, start))

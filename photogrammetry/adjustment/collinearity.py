@@ -226,6 +226,14 @@ def misclosures(
     return Views.of(state, observations).misclosures(sights).T.copy()
 
 
+def are_in_front(state: State, observations: Observations) -> Bool[np.ndarray, " n"]:
+    """Which observations have their point before the camera, so that there are misclosures."""
+    rotations, origins = pair_orientations(state, observations)
+    j, axes = observations.pair, rotations[:, :, 2]
+    depth = np.vecdot(axes[j], state.points[observations.point] - origins[j])
+    return depth > 0
+
+
 def partials(
     state: State, observations: Observations, rows: np.ndarray
 ) -> tuple[Float64[np.ndarray, "m 3 9"], Float64[np.ndarray, "m 3 3"]]:
@@ -253,6 +261,7 @@ __all__ = [
     "Sights",
     "State",
     "Views",
+    "are_in_front",
     "misclosures",
     "pair_orientations",
     "partials",

@@ -13,6 +13,8 @@ others are as good as stated: where s is above one the gate stays with alpha.
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 from scipy.special import gammaincc, gammainccinv
 
@@ -61,6 +63,7 @@ def _chance(T: np.ndarray, coordinates: int) -> np.ndarray:
     return gammaincc(coordinates / 2, np.square(T) / 2)
 
 
+@cache
 def _quantile(alpha: float, coordinates: int) -> float:
     """What noise alone exceeds with probability alpha."""
     return float(np.sqrt(2 * gammainccinv(coordinates / 2, alpha)))

@@ -78,7 +78,7 @@ class Problem:
         }
         for group in groups:
             if group.slots[-1]:
-                cliques.update(map(tuple, np.unique(group.stops, axis=0).tolist()))
+                cliques.update(map(tuple, group.stops.tolist()))
         if inherited:
             frames = unknowns.frame_blocks[inherited.frames]
             cliques.add((*inherited.stops.tolist(), *frames.tolist()))

@@ -144,7 +144,7 @@ class Network:
 
 def select(ties: TiePoints, rows: np.ndarray) -> TiePoints:
     """Some observations of the ties; points keep their numbers, unused pairs are dropped."""
-    used = np.unique(ties.pair[rows])
+    used = np.flatnonzero(np.bincount(ties.pair[rows], minlength=len(ties.pair_ids)))
     renumber = np.zeros(len(ties.pair_ids), dtype=np.int32)
     renumber[used] = np.arange(len(used), dtype=np.int32)
     return TiePoints(

@@ -78,7 +78,7 @@ def cofactors(tie: EliminatedTies, triangle: np.ndarray) -> np.ndarray:
     if Z.shape[2] < group.points:
         Z = np.take(Z, group.signature, axis=2)
     A, Q = tie.free[:, : group.relative], tie.basis.reshape(3, 3, group.seen, -1)
-    AZ = np.einsum("rcn,cdn->rdn", A, Z)
+    AZ = (A.transpose(2, 0, 1).copy() @ Z.transpose(2, 0, 1).copy()).transpose(1, 2, 0).copy()
     C = np.einsum("aicn,bicn->abin", AZ.reshape(shape), A.reshape(shape))
     C += np.einsum("dain,dbin->abin", Q, Q)
     np.negative(C, out=C)

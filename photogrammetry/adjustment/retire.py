@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import qr
+from scipy.linalg import get_lapack_funcs
 
 from photogrammetry.adjustment.collinearity import STOP_UNKNOWNS, Observations, State
 from photogrammetry.adjustment.linear import Linear
@@ -25,6 +25,10 @@ from photogrammetry.adjustment.touching import (
     tie_rows,
 )
 from photogrammetry.arrays import Float64
+
+_geqrf = get_lapack_funcs("geqrf", dtype=np.float64)
+BLOCK = 32
+"""Columns that are triangulated together."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,9 +61,14 @@ def neighbours(network: Linear, k: int) -> tuple[np.ndarray, np.ndarray, np.ndar
     if inherited:
         stops = np.concatenate([stops, inherited.stops])
         pairs = np.concatenate([pairs, inherited.pairs])
-    stops, pairs = np.union1d(stops, following), np.unique(pairs)
+    stops, pairs = _numbers(np.concatenate([stops, following])), _numbers(pairs)
     stays = (stops != k) & ~network.held[stops]
     return rows, stops[stays], pairs[observations.pair_stop[pairs] != k]
+
+
+def _numbers(found: np.ndarray) -> np.ndarray:
+    """Which numbers occur, ascending."""
+    return np.flatnonzero(np.bincount(found))
 
 
 def retire(network: Linear, k: int) -> tuple[Conditional, Marginal]:
@@ -111,10 +120,11 @@ def _triangulated(
     staying = np.setdiff1d(np.arange(chart.size), leaving)
     posed, in_z = STOP_UNKNOWNS * len(chart.stops), A[:, :-1].copy()  # pointings are their own z
     J = chart.partials(state)[:posed, :posed]
-    in_z[:, :posed] = np.linalg.solve(J.T, A[:, :posed].T).T
-    full = np.column_stack([in_z[:, leaving], in_z[:, staying], A[:, -1]])
-    (R,) = qr(full, mode="r", check_finite=False, overwrite_a=True)
+    in_z[:, :posed] = A[:, :posed] @ np.linalg.inv(J)
     s, n = len(leaving), chart.size
+    full = np.empty((len(A), n + 1), order="F")
+    full[:, :s], full[:, s:n], full[:, n] = in_z[:, leaving], in_z[:, staying], A[:, -1]
+    R = np.triu(_geqrf(full, lwork=BLOCK * (n + 1), overwrite_a=True)[0][: n + 1])
     conditional = Conditional(chart, leaving, R[:s, :s], R[:s, s:n], R[:s, n])
     spent = float(R[n, n] ** 2) if len(R) > n else 0.0
     return conditional, np.ascontiguousarray(R[s:n, s:n]), R[s:n, n].copy(), spent

@@ -73,7 +73,7 @@ def along_arcs(
     """
     drive, change = np.diff(centres, axis=0), np.diff(shift, axis=0)
     mean = (turn[1:] + turn[:-1]) / 2
-    rest = drive + change - np.cross(mean, drive)
+    rest = drive + change - (cross_matrix(mean) @ drive[:, :, None])[:, :, 0]
     arc = (rotation_of_vector(mean) @ rest[:, :, None])[:, :, 0] - drive - change
     off = np.concatenate([np.zeros((1, 3)), np.cumsum(arc, axis=0)])
     stays = np.flatnonzero(held)

@@ -159,8 +159,10 @@ def _part(network: Network, staying: tuple[StopId, ...], new: tuple[StopId, ...]
     spent = np.zeros(int(ties.point.max(initial=-1)) + 1, dtype=bool)
     spent[ties.point[~stays]] = True
     kept = select(ties, stays & ~spent[ties.point])
-    _, numbers = np.unique(kept.point, return_inverse=True)  # arrays as long as the part, not more
-    return replace(part, ties=replace(kept, point=numbers.astype(np.int32)))
+    there = np.zeros(len(spent), dtype=bool)
+    there[kept.point] = True
+    numbers = np.cumsum(there, dtype=np.int32) - 1  # arrays as long as the part, not more
+    return replace(part, ties=replace(kept, point=numbers[kept.point]))
 
 
 def _shortened(

@@ -75,7 +75,7 @@ def best_sightings(observations: Observations, seen: Sightings, stops: int) -> l
     """For each stop its observations that may align, the best one of each point."""
     rows = np.flatnonzero(seen.usable)
     stop, point = observations.stop[rows], observations.point[rows]
-    order = np.lexsort((seen.size[rows], point, stop))
+    order = np.lexsort((seen.size[rows], stop.astype(np.int64) * observations.points + point))
     rows, stop, point = rows[order], stop[order], point[order]
     first = np.ones(len(rows), dtype=bool)
     first[1:] = (point[1:] != point[:-1]) | (stop[1:] != stop[:-1])
