@@ -91,24 +91,9 @@ class EliminatedTies:
         return relative
 
     @property
-    def A(self) -> np.ndarray:  # noqa: N802 - the letter of the equations
-        """(n, 3k, relative) P A_o, observation by observation."""
-        return self._by_observation(self.free[:, : self.group.relative].transpose(2, 0, 1))
-
-    @property
-    def b(self) -> np.ndarray:
-        """(n, 3k) P l."""
-        return self._by_observation(self.free[:, -1].T)
-
-    @property
     def A1(self) -> np.ndarray:  # noqa: N802 - the letter of the equations
         """(n, 3, relative) Q' A_o."""
         return self.along[:, : self.group.relative].transpose(2, 0, 1).copy()
-
-    @property
-    def Q(self) -> np.ndarray:  # noqa: N802 - the letter of the equations
-        """(n, 3k, 3), observation by observation."""
-        return self._by_observation(self.basis.transpose(2, 1, 0))
 
     @property
     def R(self) -> np.ndarray:  # noqa: N802 - the letter of the equations
@@ -119,11 +104,6 @@ class EliminatedTies:
     def T(self) -> np.ndarray:  # noqa: N802 - the letter of the equations
         """(signatures, relative, absolute)."""
         return self.group.to_relative(self.centres)
-
-    def _by_observation(self, rows: np.ndarray) -> np.ndarray:
-        """Rows (n, 3 coordinates of k observations, ...) with the coordinates innermost."""
-        n, k = self.group.points, self.group.seen
-        return rows.reshape(n, 3, k, -1).swapaxes(1, 2).reshape(rows.shape)
 
 
 def eliminate(group: TieGroup, l: np.ndarray, A: Partials, views: Views) -> EliminatedTies:

@@ -183,9 +183,7 @@ class Marginal:
         """Its observation equations A x = l for corrections in the LSL, at a state."""
         return self.rows_at(state, self.chart.coordinates(state))
 
-    def rows_at(
-        self, state: State, z: Float64[np.ndarray, " n"]
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def rows_at(self, state: State, z: Float64[np.ndarray, " n"]) -> tuple[np.ndarray, np.ndarray]:
         """The same where the coordinates of the state are known."""
         return self.root @ self.chart.partials_at(state, z), self.right - self.root @ z
 

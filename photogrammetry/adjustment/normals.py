@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -30,9 +30,9 @@ class Place:
     views: Views
     l: np.ndarray
     """(3, m) misclosures of the rows in the adjustment times their weights."""
-    links: np.ndarray
+    links: np.ndarray = field(default_factory=lambda: np.zeros((0, 6)))
     """(stops, 6) misclosures of telemetry times their weights."""
-    z: np.ndarray
+    z: np.ndarray = field(default_factory=lambda: np.zeros(0))
     """Coordinates of what is inherited, see `marginal`."""
 
     @classmethod

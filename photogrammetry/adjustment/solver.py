@@ -89,9 +89,8 @@ def solve(
         length2 = float(x @ now.right[:-1])
         correction = Correction.of(problem, at, now.ties, x)
         at, cost, shortened = _step(problem, at, cost, correction, params, threshold)
-        if threshold is not None:
-            if (closer := huber_threshold(problem, at, params)) < threshold:
-                threshold, cost = closer, cost_of(problem, at, closer)
+        if threshold is not None and (closer := huber_threshold(problem, at, params)) < threshold:
+            threshold, cost = closer, cost_of(problem, at, closer)
         foretold = length2 * length2 < (tolerance if robust else FORETOLD * tolerance) * before
         short = robust or length2 < SAME * tolerance
         if length2 < tolerance or (foretold and short and not shortened):

@@ -145,9 +145,10 @@ def shifts_of_tests(network: Network, truth: NetworkTruth, overall: AdjustedNetw
     inverse = linear.factor.inverse()
     size = (truth.blunders_px * now.observations.weight)[:, :, None]
     shifts = [np.zeros(0)]
-    for tie in linear.ties:
+    for tie, places in zip(linear.ties, problem.places, strict=True):
         g = size[tie.group.rows.T]
-        shifts.append((g.mT @ cofactors(problem, tie, inverse) @ g).ravel())
+        C = cofactors(tie, inverse[places]).transpose(3, 2, 0, 1)
+        shifts.append((g.mT @ C @ g).ravel())
     return np.sqrt(np.maximum(np.concatenate(shifts), 0.0))
 
 
