@@ -1,74 +1,22 @@
-"""What can be seen: viewsheds and lines of sight."""
+"""Lines of sight: whether one place can be seen from another."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
-import rasterio.features
-from affine import Affine
 from pydantic import BaseModel
 
 from gis_server.analysis.bodies import SIGHT_NAMES, UNITS, LayerUsed, number, numbers
 from gis_server.analysis.ground import Ground
 from gis_server.analysis.measures import used_in
-from gis_server.analysis.mosaic import mosaic
 from gis_server.analysis.refusal import RefusedError
-from gis_server.rendering.png import indexed_png
-from photogrammetry.arrays import Classes, Vector3
-from photogrammetry.terrain.grid import Bounds, MapGrid
+from photogrammetry.arrays import Vector3
 from photogrammetry.terrain.sight_line import places_between, sight_line
-from photogrammetry.terrain.viewshed import Sight, ViewshedParams, viewshed
-from products.classes import SIGHTS
-from products.model import Layer
 
-MOST_CELLS = 1_500_000
-"""Cells of a viewshed, a second of work; of larger areas the cells are doubled."""
 FARTHEST_M = 2000.0
-MOST_POLYGONS = 500
+"""Longest line of sight, and largest radius of a viewshed."""
 _MOST_STATIONS = 2000
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Seen:
-    """The ground that can be seen from a place."""
-
-    eye: Vector3
-    """(east, north, up)."""
-    params: ViewshedParams
-    sight: Classes
-    grid: MapGrid
-    layers: list[Layer]
-
-
-class ViewshedAnswer(BaseModel):
-    """The ground that can be seen from a place, as areas, polygons and pictures."""
-
-    units: str = UNITS
-    east: float
-    north: float
-    eye_elevation_m: float
-    mast_m: float
-    target_m: float
-    """Height of what is looked at above the ground."""
-    radius_m: float
-    cell_m: float
-    max_unseen_m: float
-    """Longest stretch of unseen ground over which a target counts as visible."""
-    visible_m2: float
-    hidden_m2: float
-    unknown_m2: float
-    """Within the radius: not mapped, or behind a long unmapped stretch."""
-    bounds: Bounds
-    """(west, south, east, north) of the picture and the GeoTIFF."""
-    picture: str
-    geotiff: str
-    polygons: dict[str, Any]
-    """GeoJSON in metres of the local map: what is visible, largest first."""
-    polygons_left_out: int
-    layers: list[LayerUsed]
 
 
 class SightAnswer(BaseModel):
@@ -93,93 +41,6 @@ class SightAnswer(BaseModel):
     layers: list[LayerUsed]
 
 
-def seen_from(
-    place: tuple[float, float], elevation: float | None, params: ViewshedParams, ground: Ground
-) -> Seen:
-    """The viewshed of an eye on a mast above a place."""
-    eye = _above(place, elevation, params.eye_height_m, ground)
-    reach, cell = params.radius_m, max(params.cell_m, ground.finest_cell_m)
-    while (2 * reach / cell) ** 2 > MOST_CELLS:
-        cell *= 2
-    box = (place[0] - reach, place[1] - reach, place[0] + reach, place[1] + reach)
-    grid = MapGrid.covering(box, cell)
-    heights, layers = mosaic(ground, grid)
-    return Seen(
-        eye, replace(params, cell_m=cell), viewshed(heights, grid, eye, params), grid, layers
-    )
-
-
-def _above(
-    place: tuple[float, float], elevation: float | None, height_m: float, ground: Ground
-) -> Vector3:
-    if elevation is None:
-        found = float(ground.elevation(np.array([place]))[0])
-        if not np.isfinite(found):
-            raise RefusedError(
-                f"the ground at east {place[0]:.2f}, north {place[1]:.2f} has no elevation: stand "
-                "on mapped ground, or give its elevation"
-            )
-        elevation = found
-    return np.array([*place, elevation + height_m])
-
-
-def viewshed_answer(seen: Seen, query: str, address: str) -> ViewshedAnswer:
-    """The viewshed as it is sent; pictures are had with the same query."""
-    cell, grid = seen.grid.cell_m**2, seen.grid
-    east, north = grid.centres()
-    away = np.hypot(east[None, :] - seen.eye[0], north[:, None] - seen.eye[1])
-    within = seen.sight[away <= seen.params.radius_m]
-    areas = {kind: float(np.count_nonzero(within == kind)) * cell for kind in Sight}
-    polygons = sorted(_polygons(seen), key=lambda polygon: -polygon["properties"]["area_m2"])
-    return ViewshedAnswer(
-        east=float(seen.eye[0]),
-        north=float(seen.eye[1]),
-        eye_elevation_m=round(float(seen.eye[2]), 4),
-        mast_m=seen.params.eye_height_m,
-        target_m=seen.params.target_height_m,
-        radius_m=seen.params.radius_m,
-        cell_m=grid.cell_m,
-        max_unseen_m=seen.params.max_unseen_m,
-        visible_m2=round(areas[Sight.VISIBLE], 3),
-        hidden_m2=round(areas[Sight.HIDDEN], 3),
-        unknown_m2=round(areas[Sight.UNKNOWN], 3),
-        bounds=grid.bounds,
-        picture=f"{address}.png?{query}",
-        geotiff=f"{address}.tif?{query}",
-        polygons={"type": "FeatureCollection", "features": polygons[:MOST_POLYGONS]},
-        polygons_left_out=max(0, len(polygons) - MOST_POLYGONS),
-        layers=[LayerUsed.of(layer) for layer in seen.layers],
-    )
-
-
-def _polygons(seen: Seen) -> Iterator[dict[str, Any]]:
-    """What is visible, patch by patch."""
-    visible = (seen.sight == Sight.VISIBLE).astype(np.uint8)
-    grid = seen.grid
-    place = Affine(grid.cell_m, 0.0, grid.west, 0.0, -grid.cell_m, grid.north)
-    for geometry, _ in rasterio.features.shapes(visible, mask=visible > 0, transform=place):
-        rings = [[[round(x, 3), round(y, 3)] for x, y in r] for r in geometry["coordinates"]]
-        area = _area(rings[0]) - sum(_area(hole) for hole in rings[1:])
-        yield {
-            "type": "Feature",
-            "properties": {"sight": "visible", "area_m2": round(area, 3)},
-            "geometry": {"type": "Polygon", "coordinates": rings},
-        }
-
-
-def _area(ring: list[list[float]]) -> float:
-    x, y = np.array(ring).T
-    return abs(float(np.sum(x[:-1] * y[1:] - x[1:] * y[:-1]))) / 2
-
-
-def viewshed_png(seen: Seen) -> bytes:
-    """The viewshed as a picture on its bounds; unknown ground is transparent."""
-    palette = np.zeros((256, 3), np.uint8)
-    for kind in SIGHTS:
-        palette[kind.value] = tuple(bytes.fromhex(kind.colour.removeprefix("#")))
-    return indexed_png(seen.sight, palette, b"\x00\xa0\xa0")
-
-
 @dataclass(frozen=True, slots=True)
 class End:
     """One end of a line of sight."""
@@ -193,7 +54,7 @@ class End:
 
 def line_of_sight(eye: End, target: End, max_unseen_m: float, ground: Ground) -> SightAnswer:
     """Whether a target above one place can be seen from an eye above another."""
-    start, end = (_above(e.place, e.elevation_m, e.height_m, ground) for e in (eye, target))
+    start, end = (raised(e.place, e.elevation_m, e.height_m, ground) for e in (eye, target))
     length = float(np.hypot(*(end - start)[:2]))
     if not 0 < length <= FARTHEST_M:
         raise RefusedError(
@@ -224,3 +85,22 @@ def line_of_sight(eye: End, target: End, max_unseen_m: float, ground: Ground) ->
         line_m=numbers(found.line_m),
         layers=used_in(read, ground),
     )
+
+
+def raised(
+    place: tuple[float, float], elevation: float | None, height_m: float, ground: Ground
+) -> Vector3:
+    """(east, north, up) of what is so high above the ground, the map's where none is given.
+
+    Raises:
+        RefusedError: the map has no elevation there.
+    """
+    if elevation is None:
+        found = float(ground.elevation(np.array([place]))[0])
+        if not np.isfinite(found):
+            raise RefusedError(
+                f"the ground at east {place[0]:.2f}, north {place[1]:.2f} has no elevation: stand "
+                "on mapped ground, or give its elevation"
+            )
+        elevation = found
+    return np.array([*place, elevation + height_m])

@@ -9,13 +9,10 @@ from typing import Annotated
 from fastapi import APIRouter, Depends, Query, Request, Response
 
 from gis_server.analysis.ground import BEST
-from gis_server.analysis.sight import (
-    FARTHEST_M,
-    End,
+from gis_server.analysis.sight import FARTHEST_M, End, SightAnswer, line_of_sight
+from gis_server.analysis.viewsheds import (
     Seen,
-    SightAnswer,
     ViewshedAnswer,
-    line_of_sight,
     seen_from,
     viewshed_answer,
     viewshed_png,

@@ -13,6 +13,8 @@ from photogrammetry.imagery import Eye
 from photogrammetry.synthetic.rig import CAMERAS, Instrument
 from photogrammetry.terrain.ground import MAP_FROM_LSL
 from products.catalogue import MissionEntry
+from products.network import latest_network, network_of
+from products.oriented import OrientedMission
 from products.workspace import Workspace
 from tests.support.bowl_store import LANDING, STOPS
 from tests.support.scene_store import (
@@ -89,3 +91,11 @@ def test_a_mission_without_network_has_no_stop_yet(tmp_path):
         assert client.get("/api/missions/MSL/scene/stops").status_code == 404
     assert (stops["network"], stops["stops"], stops["body"]) == (None, [], None)
     assert cameras["cameras"] == []
+
+
+def test_a_network_is_read_once_for_scene_and_images(tmp_path):
+    workspace = Workspace.open(tmp_path)
+    fill_network(workspace)
+    ref = latest_network("MER2", workspace.catalogue)
+    oriented = OrientedMission.latest("MER2", workspace)
+    assert oriented.network is network_of(ref, workspace.store)
