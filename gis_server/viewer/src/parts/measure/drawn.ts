@@ -17,13 +17,15 @@ import Fill from "ol/style/Fill";
 import Stroke from "ol/style/Stroke";
 import Style from "ol/style/Style";
 import Text from "ol/style/Text";
+import { zIndex } from "../../map/layers";
 import type { Bounds, MapPoint } from "../../server/records";
 import type { Measurement } from "./export";
 import type { Picture } from "./mode";
 import { quantityText } from "./quantities";
 
 const Z_INDEX = 995;
-const PICTURE_Z_INDEX = 990;
+/** Over the rasters, below the symbols, as layers are stacked at first. */
+const PICTURE_Z_INDEX = zIndex({ kind: "footprints", level: "region" }) - 1;
 const INK = "#101113";
 const LINE = "#ffffff";
 const IN_THE_WAY = "#d4141c";
