@@ -13,6 +13,8 @@ from tests.support.bowl_store import LANDING, elevation_at
 from tests.support.browsing import at, colour_at, look, pixel_of, ready, screenshot, until
 
 RESOLUTION = 0.1
+CLICKED = ("slope", "plane", "sight", "viewshed")
+"""Shapes that a single click ends; the others end with a double-click."""
 
 
 @pytest.fixture
@@ -29,7 +31,7 @@ def draw(page, mode, places):
         page.mouse.click(*pixel_of(page, east, north, RESOLUTION))
         page.wait_for_timeout(350)  # two quick clicks would end the shape
     last = pixel_of(page, *places[-1], RESOLUTION)
-    (page.mouse.click if mode in ("slope", "plane") else page.mouse.dblclick)(*last)
+    (page.mouse.click if mode in CLICKED else page.mouse.dblclick)(*last)
     if mode == "plane":
         page.keyboard.press("Enter")
     page.wait_for_selector(f'[data-measured="{mode}"]')
@@ -100,6 +102,26 @@ def test_the_statistics_of_a_layer_are_those_of_its_values_in_the_outline(measur
     assert value(item, "greatest")[0] == pytest.approx(2.0, abs=0.05)
     # Half of the square is nearer to its middle than sqrt(200 / pi) = 7.98 m.
     assert value(item, "median")[0] == pytest.approx(200.0 / math.pi / 100.0, abs=0.02)
+
+
+def test_in_a_bowl_every_place_sees_every_other(measuring):
+    item = draw(measuring, "sight", [(-25.0, 10.0), (25.0, -5.0)])
+    assert item.locator('[data-quantity="line of sight"] td').inner_text() == "free"
+    length = math.hypot(50.0, 15.0)
+    assert value(item, "length on the map")[0] == pytest.approx(length, abs=2 * RESOLUTION)
+    # The ground hangs below a line of length l by s (l - s) / 100 at s metres from the eye, which
+    # is 1.5 m higher than the ground, the target 0.1 m: least at the target's end.
+    end = 0.3 + 0.08  # nearer ground carries the target; and a station
+    least = 0.1 + end * 1.4 / length + end * (length - end) / 100.0
+    clearance = value(item, "least height over the ground")[0]
+    assert clearance == pytest.approx(least, abs=0.06)
+    measuring.keyboard.press("Escape")
+    item = draw(measuring, "viewshed", [(5.0, 0.0)])  # 50 m around it lies all of the bowl
+    seen = value(item, "ground seen")[0]
+    assert seen == pytest.approx(math.pi * 38.0**2, rel=0.01)  # nothing was mapped beyond 38 m
+    assert value(item, "ground hidden")[0] == 0.0
+    not_known = math.pi * (50.0**2 - 38.0**2)
+    assert value(item, "not known")[0] == pytest.approx(not_known, rel=0.01)
 
 
 def test_a_profile_and_the_map_share_one_cursor(measuring):
