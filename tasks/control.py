@@ -139,12 +139,12 @@ def take_control(
     Raises:
         AdjustmentError: it cannot be read, or names a stop that is not in the network.
     """
-    mission = read_network(network, store).mission
+    standing = read_network(network, store)
+    mission, adjusted = standing.mission, standing.adjusted
     try:
         rows = parse_control(data.decode("utf-8"), mission, name)
     except UnicodeDecodeError as error:
         raise AdjustmentError(f"{name}: control is text in UTF-8, but {error}") from error
-    adjusted = read_network(network, store).adjusted
     found = [_measured(row, adjusted, params, landing, name) for row in rows]
     file = keep_file(ProductKind.CONTROL_FILE, name, data, store)
     inputs = (file, *((network,) if any(row.map_point for row in rows) else ()))
