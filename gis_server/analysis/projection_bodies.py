@@ -12,7 +12,8 @@ import numpy as np
 from pydantic import BaseModel
 
 from gis_server.analysis.bodies import SIGHT_NAMES, UNITS, LayerUsed, NetworkUsed, number, numbers
-from gis_server.analysis.projection import Found, Seen
+from gis_server.analysis.pixel_ground import Found
+from gis_server.analysis.projection import Seen
 from photogrammetry.arrays import Float64, ImagePoints
 from photogrammetry.terrain.ground import MAP_FROM_LSL
 from photogrammetry.terrain.ground_point import GroundPoint

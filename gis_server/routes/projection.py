@@ -9,17 +9,9 @@ from fastapi import APIRouter, Query
 
 from gis_server.analysis.bodies import LayerUsed, NetworkUsed
 from gis_server.analysis.ground import BEST, Ground
-from gis_server.analysis.projection import (
-    Found,
-    curve_in,
-    frame_of,
-    ground_at,
-    images_within,
-    point_on_map,
-    seen_in,
-    stop_named,
-    with_sight,
-)
+from gis_server.analysis.map_places import frame_of, images_within, point_on_map, stop_named
+from gis_server.analysis.pixel_ground import Found, curve_in, ground_at
+from gis_server.analysis.projection import seen_in, with_sight
 from gis_server.analysis.projection_bodies import (
     GroundToImage,
     ImageToGround,

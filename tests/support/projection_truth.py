@@ -15,7 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from gis_server.analysis.ground import BEST, Ground
-from gis_server.analysis.projection import ground_at, seen_in, with_sight
+from gis_server.analysis.pixel_ground import ground_at
+from gis_server.analysis.projection import seen_in, with_sight
 from gis_server.rendering.readers import RasterPool
 from photogrammetry.terrain.ground import MAP_FROM_LSL
 from photogrammetry.terrain.ground_point import first_meeting
