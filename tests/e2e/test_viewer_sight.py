@@ -18,7 +18,7 @@ from tests.support.browsing import (
     screenshot,
     until,
 )
-from tests.support.dome_store import STRIP, fill, horizon_m, tie_place
+from tests.support.dome_store import LOOKED_FROM, STRIP, fill, horizon_m, tie_place
 
 RESOLUTION = 0.1
 CLASSES = ("2b5fc7", "3fa7d6", "7fd6a2", "f2e05b", "f58a2a", "d4141c", "8d8d8d")
@@ -176,3 +176,13 @@ def test_a_tie_point_under_the_pointer_tells_residual_kind_and_images(page, dome
     screenshot(page, f"ties_tip_{number}")
     page.mouse.move(*pixel_of(page, 0.0, -10.0, RESOLUTION))
     until(page, lambda: not tip.is_visible())
+
+
+def test_a_click_on_a_tie_point_goes_to_the_pointing_line_below(page, dome_url):
+    look(page, dome_url + at(RESOLUTION, "mer2/orthophoto,mer2/pointing,mer2/tie-points"))
+    spot = pixel_of(page, *tie_place(LOOKED_FROM), RESOLUTION)
+    page.mouse.move(*spot)
+    until(page, lambda: "tie point" in page.locator(".tip").inner_text())
+    page.mouse.click(*spot)
+    page.wait_for_selector(".beside h2", state="visible")
+    assert "2N14000000" in page.locator(".beside").inner_text()

@@ -18,13 +18,15 @@ from products.pictures import write_orthophoto
 from products.raster import write_dtm
 from products.vector import Feature
 from products.workspace import Workspace
-from tests.support.bowl_store import CRS, GRID, LANDING, Shop, surface
+from tests.support.bowl_store import CRS, GRID, LANDING, Shop, surface, viewing
 
 STRIP = (20.0, 28.0)
 """East, metres: nothing is known between."""
 RESIDUALS_PX = (0.01, 0.05, 0.2, 0.5, 2.0, 26.0, None)
 TIE_SPACING_M = 5.0
 TIE_NORTH_M = 8.0
+LOOKED_FROM = 3
+"""The tie point at which a pointing line begins."""
 
 
 def tie_place(number: int) -> tuple[float, float]:
@@ -62,7 +64,10 @@ def ties() -> list[Feature]:
 def fill(workspace: Workspace) -> None:
     shop, model = Shop(workspace), dome()
     mission = MissionEntry("MER2", "Spirit, Gusev crater", LANDING, "LSL starts at the lander.")
-    workspace.catalogue.publish(missions=[mission])
+    entry = shop.image(0, "left", 0)
+    workspace.catalogue.publish(missions=[mission], images=[entry])
+    _, line = viewing(entry, 0, tie_place(LOOKED_FROM))
+    shop.vectors(ProductKind.POINTING, [line])
     shop.raster(ProductKind.DTM, lambda path: write_dtm(path, model, CRS))
     grey = np.where(np.isfinite(model.elevation), 128.0, np.nan).astype(np.float32)
     shop.raster(
