@@ -68,6 +68,7 @@ export function wishOf({ first, second }: PlannedTie): TieWish {
 /** What least squares states of itself is too small: neighbouring pixels share their errors. */
 const LEAST_PX = 0.1;
 const SAME_PX = 0.5;
-const pixel = ({ image, sample, line }: Pick): PixelOf => ({ image, sample, line });
+/** A pick as the server knows it. */
+export const pixel = ({ image, sample, line }: Pick): PixelOf => ({ image, sample, line });
 const isSame = (a: Pick, b: Pick) =>
   a.image === b.image && Math.hypot(a.sample - b.sample, a.line - b.line) < SAME_PX;

@@ -15,6 +15,7 @@ import type { ImagePoint } from "../image-view/viewport";
 import {
   type Draft,
   EMPTY,
+  pixel,
   planned,
   wishes,
   wishOf,
@@ -199,7 +200,7 @@ export class Editor {
   private async refine(): Promise<void> {
     const { first, second } = this.draft;
     if (!first || !second) return;
-    const found = await ties.refine(this.mission, first, second);
+    const found = await ties.refine(this.mission, pixel(first), pixel(second));
     const said = found.found
       ? `Measured ${found.moved_px.toFixed(2)} px from the pick, correlation ${(found.correlation ?? 0).toFixed(2)}.`
       : `Not measured: ${found.said ?? "it was not found"}. The pick stays as it is.`;
