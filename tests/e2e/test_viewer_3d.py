@@ -16,6 +16,8 @@ from tests.support.bowl_store import STOPS, elevation_at
 from tests.support.browsing import Server, at, look, pixel_of, ready, screenshot
 from tests.support.scene_store import fill_scene, heading, place_of
 
+pytestmark = pytest.mark.slow  # draws in three dimensions without a graphics card
+
 TOLERANCE_M = 0.12
 """Triangles two levels above the finest: 8 cm; what is read: 1 cm; a pixel on a slope: the rest."""
 NUMBER = re.compile(r"east (\S+)\s+north (\S+)\s+elevation (\S+) m")

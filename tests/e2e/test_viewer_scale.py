@@ -20,6 +20,8 @@ import pytest
 from tests.support.browsing import Server
 from tests.support.large_mission import write_mission
 
+pytestmark = pytest.mark.slow  # fills a store of a long mission
+
 STOPS, IMAGES, TIES = (
     (500, 10_000, 150_000) if os.environ.get("SOLMAP_LARGE") else (50, 1_000, 15_000)
 )
