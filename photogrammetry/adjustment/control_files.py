@@ -16,17 +16,14 @@ other columns as properties and [longitude, latitude] as geometry.
 
 from __future__ import annotations
 
-import csv
-import io
-import json
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 from photogrammetry.errors import AdjustmentError
 from photogrammetry.imagery import StopId
+from photogrammetry.row_files import Row, RowFormat
 
 COLUMNS = (
     "stop",
@@ -52,6 +49,7 @@ TOGETHER = (
     ("azimuth_deg", "sigma_azimuth_deg"),
 )
 """Columns of which a row gives both or neither."""
+FORMAT = RowFormat(COLUMNS, "stop", AdjustmentError, has_places=True)
 STOP = re.compile(r"(?:[a-z0-9]+-site0*(\d+)-drive0*(\d+)|(\d+)\s*/\s*(\d+))", re.IGNORECASE)
 
 
@@ -78,59 +76,12 @@ def parse_control(text: str, mission: str, source: str) -> tuple[ControlRow, ...
     Raises:
         AdjustmentError: names the file, the row (first below the names: 1), and what is wrong.
     """
-    text = text.removeprefix("\ufeff")
-    rows = _geojson_rows(text, source) if text.lstrip().startswith("{") else _csv_rows(text, source)
-    found = []
-    for number, row in rows:
-        where = f"{source}, row {number}"
-        try:
-            found.append(_row(row, mission))
-        except AdjustmentError as error:
-            raise AdjustmentError(f"{where}: {error}") from error
-    return tuple(found)
-
-
-def _csv_rows(text: str, source: str) -> Iterator[tuple[int, Mapping[str, Any]]]:
     if not text.strip():
-        return  # an emptied file takes all of it back
-    try:
-        lines = list(csv.reader(io.StringIO(text), strict=True))
-    except csv.Error as error:
-        raise AdjustmentError(f"{source}: this is no CSV: {error}") from error
-    names = [name.strip().lower() for name in lines[0]]
-    unknown = [name for name in names if name not in COLUMNS]
-    if "stop" not in names or unknown:
-        raise AdjustmentError(
-            f"{source}: the first line should name the columns, of {', '.join(COLUMNS)}; "
-            + (f"{unknown[0]!r} is none of them" if unknown else "'stop' is missing")
-        )
-    for number, values in enumerate(lines[1:], 1):
-        if any(value.strip() for value in values):
-            if len(values) != len(names):
-                raise AdjustmentError(
-                    f"{source}, row {number}: {len(values)} values for {len(names)} columns"
-                )
-            yield number, dict(zip(names, (value.strip() for value in values), strict=True))
+        return ()  # an emptied file takes all of it back
+    return FORMAT.parse(text, source, lambda row, _: _row(row, mission))
 
 
-def _geojson_rows(text: str, source: str) -> Iterator[tuple[int, Mapping[str, Any]]]:
-    try:
-        features = json.loads(text)["features"]
-        rows = [
-            ({**feature["properties"]}, feature["geometry"]["type"],
-             feature["geometry"]["coordinates"])
-            for feature in features
-        ]  # fmt: skip
-    except (ValueError, KeyError, TypeError) as error:
-        raise AdjustmentError(f"{source}: a FeatureCollection of points is expected") from error
-    for number, (row, kind, place) in enumerate(rows, 1):
-        if kind != "Point" or len(place) < 2:  # noqa: PLR2004 - longitude and latitude
-            raise AdjustmentError(f"{source}, row {number}: a Point is expected, not a {kind}")
-        row.update(longitude=place[0], latitude=place[1])
-        yield number, row
-
-
-def _row(row: Mapping[str, Any], mission: str) -> ControlRow:
+def _row(row: Row, mission: str) -> ControlRow:
     values = {name: _number(name, row.get(name)) for name in NUMBERS}
     for pair in TOGETHER:
         if (values[pair[0]] is None) != (values[pair[1]] is None):

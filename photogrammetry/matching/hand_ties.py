@@ -17,16 +17,12 @@ may add, are not read.
 
 from __future__ import annotations
 
-import csv
-import io
-import json
 import math
-from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any
 
 from photogrammetry.errors import MatchingError
+from photogrammetry.row_files import Row, RowFormat
 
 POINTS = ("sample", "line", "right_sample", "right_line")
 COLUMNS = (
@@ -36,6 +32,7 @@ COLUMNS = (
     "tolerance_px",
     "note",
 )
+FORMAT = RowFormat(COLUMNS, "action", MatchingError, may_end_short=True)
 SIGMA_PX = 1.0
 """Of a point placed by hand, where the file does not say."""
 TOLERANCE_PX = 3.0
@@ -113,55 +110,10 @@ def parse_hand_ties(text: str, source: str) -> tuple[HandTie, ...]:
     Raises:
         MatchingError: names the file, the row (the first below the names is 1), and what is wrong.
     """
-    text = text.removeprefix("\ufeff")
-    rows = _geojson_rows(text, source) if text.lstrip().startswith("{") else _csv_rows(text, source)
-    ties = []
-    for number, row in rows:
-        where = f"{source}, row {number}"
-        try:
-            ties.append(_tie(row, where))
-        except MatchingError as error:
-            raise MatchingError(f"{where}: {error}") from error
-    return tuple(ties)
+    return FORMAT.parse(text, source, _tie)
 
 
-def _csv_rows(text: str, source: str) -> Iterator[tuple[int, Mapping[str, Any]]]:
-    try:
-        lines = list(csv.reader(io.StringIO(text), strict=True))
-    except csv.Error as error:
-        raise MatchingError(f"{source}: this is no CSV: {error}") from error
-    names = [name.strip().lower() for name in lines[0]] if lines else []
-    if "action" not in names:
-        raise MatchingError(
-            f"{source}: the first line should name the columns ({', '.join(COLUMNS[:4])}, ...), "
-            f"but is {','.join(names)[:60]!a}"
-        )
-    for number, values in enumerate(lines[1:], 1):
-        if any(value.strip() for value in values):
-            if len(values) > len(names):
-                raise MatchingError(
-                    f"{source}, row {number}: {len(values)} values for {len(names)} columns"
-                )
-            yield number, dict(zip(names, (value.strip() for value in values), strict=False))
-
-
-def _geojson_rows(text: str, source: str) -> Iterator[tuple[int, Mapping[str, Any]]]:
-    try:
-        document = json.loads(text)
-        features = document["features"]
-        rows = [feature["properties"] for feature in features]
-    except (ValueError, KeyError, TypeError, RecursionError) as error:
-        raise MatchingError(
-            f"{source}: should be a GeoJSON FeatureCollection whose features have properties: "
-            f"{type(error).__name__} {error}"
-        ) from error
-    for number, row in enumerate(rows, 1):
-        if not isinstance(row, dict):
-            raise MatchingError(f"{source}, row {number}: a feature without properties")
-        yield number, {str(name).lower(): value for name, value in row.items()}
-
-
-def _tie(row: Mapping[str, Any], where: str) -> HandTie:
+def _tie(row: Row, where: str) -> HandTie:
     strange = sorted(set(row) - set(COLUMNS))
     if strange:
         raise MatchingError(f"no column is called {strange[0]!a}; there are {', '.join(COLUMNS)}")
@@ -178,21 +130,21 @@ def _tie(row: Mapping[str, Any], where: str) -> HandTie:
     )
 
 
-def _point(row: Mapping[str, Any], side: str) -> HandPoint:
+def _point(row: Row, side: str) -> HandPoint:
     image = str(row.get(f"{side}_image") or "").strip().upper()
     if "-DRIVE" in image:
         image = image.lower()  # a stop
     return HandPoint(image, _place(row, f"{side}_"), _place(row, f"{side}_right_"))
 
 
-def _place(row: Mapping[str, Any], prefix: str) -> tuple[float, float] | None:
+def _place(row: Row, prefix: str) -> tuple[float, float] | None:
     sample, line = (_number(row, f"{prefix}{what}", math.nan) for what in ("sample", "line"))
     if math.isnan(sample) != math.isnan(line):
         raise MatchingError(f"{prefix}sample and {prefix}line go together; one of them is empty")
     return None if math.isnan(sample) else (sample, line)
 
 
-def _number(row: Mapping[str, Any], name: str, otherwise: float) -> float:
+def _number(row: Row, name: str, otherwise: float) -> float:
     value = row.get(name)
     if value is None or value == "":
         return otherwise

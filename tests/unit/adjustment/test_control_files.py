@@ -54,6 +54,10 @@ def test_an_emptied_file_holds_nothing():
         (f"{HEAD}\n10/64,1,,1", "east_m and north_m are given together"),
         (f"{HEAD},longitude,latitude\n10/64,1,2,1,175,-14", "as longitude and latitude, or as"),
         (f"{HEAD}\n10/64,nan,2,1", "east_m should be finite"),
+        (
+            '{"features": [{"properties": {}, "geometry": {"type": "LineString"}}]}',
+            "row 1: a Point is expected as geometry",
+        ),
         ('{"features": 3}', "a FeatureCollection of points is expected"),
     ],
 )

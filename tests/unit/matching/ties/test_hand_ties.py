@@ -90,7 +90,7 @@ HEAD = "action,first_image,first_sample,first_line,second_image,second_sample,se
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("", r"f: the first line should name the columns \(action, .* but is ''"),
+        ("", "f: the first line should name the columns, of action, .* 'action' is missing"),
         ("image,x,y\n", "f: the first line should name the columns"),
         (HEAD + "join,A,1,2,B,3,4", "f, row 1: action should be add, veto or move, not 'join'"),
         (HEAD + "add,A,1,2,B,3,", "row 1: second_sample and second_line go together"),
@@ -103,10 +103,14 @@ HEAD = "action,first_image,first_sample,first_line,second_image,second_sample,se
         (HEAD + "veto,A,,,B,3,4", "row 1: a veto with a point in the second image takes one"),
         (HEAD + "add,A,1,2,B,3,4,5", "row 1: 8 values for 7 columns"),
         (HEAD + "add,mer2-site0010-drive0000,1,2,B,3,4", "mer2-site0010-drive0000 is a stop"),
-        ("action,colour\nveto,red", "row 1: no column is called 'colour'; there are action,"),
-        ('{"type": "FeatureCollection"}', "f: should be a GeoJSON FeatureCollection"),
+        ("action,colour\nveto,red", "f: the first line should name .*; 'colour' is none of them"),
+        ('{"type": "FeatureCollection"}', "f: a FeatureCollection of features with properties"),
+        (
+            geojson({"action": "veto", "colour": 1}),
+            "row 1: no column is called 'colour'; there are",
+        ),
         ('{"features": [{"properties": null}]}', "f, row 1: a feature without properties"),
-        ("{broken", "f: should be a GeoJSON FeatureCollection"),
+        ("{broken", "f: a FeatureCollection of features with properties"),
     ],
 )
 def test_what_is_wrong_is_said_in_one_line(text, said):
