@@ -25,7 +25,7 @@ from typing import Any
 
 from products.disk import is_full
 from products.errors import ProductError, ProductNotFoundError, StoreFullError
-from products.model import SUFFIX, ProductKind, ProductRef, Recipe, Scope
+from products.model import LEVEL, SUFFIX, ProductKind, ProductRef, Recipe, Scope, ScopeLevel
 
 _CHUNK = 1 << 20
 
@@ -89,6 +89,21 @@ class ProductStore:
             return found
         return sorted(found, key=lambda ref: (self.made_at(ref), ref.digest))
 
+    def refs(self) -> Iterator[ProductRef]:
+        """Every product there is, latest or not, in the order of their names."""
+        for kind in sorted(ProductKind):
+            suffix = SUFFIX[kind]
+            for file in sorted((self._products / str(kind)).glob(f"*/*{suffix}")):
+                digest = file.name.removesuffix(suffix)
+                if "." not in digest:  # provenance may end like a product
+                    yield ProductRef(kind, _scope(kind, file), digest)
+
+    def remove(self, ref: ProductRef) -> None:
+        """Have a product no longer; it may be gone already. Its provenance goes after it."""
+        path = self._products / ref.file_name
+        path.unlink(missing_ok=True)
+        path.with_name(_provenance_name(path)).unlink(missing_ok=True)
+
     def make(self, recipe: Recipe, write: Callable[[Path], None]) -> ProductRef:
         """Make the product of `recipe` with `write`, unless it is there already.
 
@@ -148,6 +163,15 @@ class ProductStore:
             process = folder.name.removeprefix(mine).split("-")[0]
             if process.isdigit() and not Path(f"/proc/{process}").exists():
                 shutil.rmtree(folder, ignore_errors=True)
+
+
+def _scope(kind: ProductKind, product: Path) -> Scope:
+    """What a product is about; where its kind does not say the level, its provenance does."""
+    level = LEVEL.get(kind)
+    if level is None:
+        notes = json.loads(product.with_name(_provenance_name(product)).read_text())
+        level = ScopeLevel(notes["recipe"]["scope"]["level"])
+    return Scope(level, product.parent.name)
 
 
 def _provenance_name(product: Path) -> str:

@@ -103,3 +103,26 @@ def test_all_versions_of_a_product_are_found(tmp_path):
     network = Recipe(ProductKind.NETWORK, SCOPE)  # its file and its provenance both end in .json
     assert store.versions(ProductKind.NETWORK, SCOPE) == []
     assert [store.make(network, write_text)] == store.versions(ProductKind.NETWORK, SCOPE)
+
+
+def test_every_product_is_listed_as_it_was_made(tmp_path):
+    store = ProductStore.open(tmp_path)
+    region = Scope(ScopeLevel.REGION, "mer2")
+    recipes = [
+        recipe(),
+        recipe(0.02),
+        Recipe(ProductKind.NETWORK, Scope(ScopeLevel.SOL, "mer2-sol0156")),
+        Recipe(ProductKind.REGION_DTM, region),
+    ]
+    made = {store.make(each, write_text) for each in recipes}
+    assert set(store.refs()) == made
+    assert len(list(store.refs())) == len(made)
+
+
+def test_a_product_is_removed_with_its_provenance(tmp_path):
+    store = ProductStore.open(tmp_path)
+    gone, kept = (store.make(recipe(cell_m), write_text) for cell_m in (0.04, 0.02))
+    for _ in range(2):
+        store.remove(gone)
+    assert list(store.refs()) == [kept]
+    assert len([path for path in tmp_path.rglob("*") if path.is_file()]) == 2
