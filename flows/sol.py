@@ -94,7 +94,7 @@ def _publish(
         (*report.failures, *report.notes),
         is_failure=bool(report.failures),
     )
-    published = publish.fn(
+    published = publish(
         inputs.mission,
         [(ref, sols[stop]) for stop, refs in layers.items() for ref in refs],
         (*made, *_stages(matched.values())),

@@ -15,3 +15,7 @@ class OutsideCoverageError(ProductError):
 
 class StoreFullError(ProductError):
     """The disk of the store is full; nothing already made is lost."""
+
+
+class StoreAwayError(ProductError):
+    """The store or its catalogue does not answer now; trying again may help."""

@@ -12,9 +12,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from prefect import task
-from prefect.cache_policies import NO_CACHE
-
 from photogrammetry.adjustment.datum import with_control
 from photogrammetry.adjustment.documents import network_document
 from photogrammetry.adjustment.modes import AdjustmentMode, advance
@@ -39,6 +36,7 @@ from tasks.hand_ties import carried_out, names_in, wanted
 from tasks.pairs import PairProducts
 from tasks.scopes import network_scope
 from tasks.singles import read_singles
+from tasks.stage import stage
 from tasks.telemetry import TelemetryStop
 from tasks.tie import TelemetryPose
 
@@ -92,7 +90,7 @@ class NetworkStep:
         )
 
 
-@task(cache_policy=NO_CACHE, task_run_name="adjust-sol{step.sol}")
+@stage(task_run_name="adjust-sol{step.sol}")
 def adjust_network(step: NetworkStep, params: NetworkParams, store: ProductStore) -> ProductRef:
     """Adjust the network of a mission up to a sol."""
 

@@ -8,8 +8,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from prefect import task
-from prefect.cache_policies import NO_CACHE
 
 from photogrammetry.arrays import GreyImage
 from photogrammetry.imagery import Eye, RoverImage
@@ -26,6 +24,7 @@ from products.store import ProductStore
 from products.workspace import Workspace
 from tasks.images import ImageFile, image_file, image_record, read_product_image
 from tasks.orthophoto import write_rendering
+from tasks.stage import stage
 from tasks.views import OrientedPair, read_views
 
 CAMERA = "PANCAM"
@@ -85,7 +84,7 @@ def _preference(image: RoverImage, left: RoverImage) -> tuple[bool, int, str]:
     return image.product_type == left.product_type, image.samples * image.lines, image.id
 
 
-@task(cache_policy=NO_CACHE, task_run_name="colour-{dtm.scope}")
+@stage(task_run_name="colour-{dtm.scope}")
 def render_colour(
     dtm: ProductRef,
     frames: tuple[ColourFrame, ...],

@@ -4,9 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from prefect import task
-from prefect.cache_policies import NO_CACHE
-
 from photogrammetry.terrain.contours import ContourParams
 from photogrammetry.terrain.contours import trace_contours as trace
 from products.contour_features import contour_feature
@@ -15,9 +12,10 @@ from products.model import ProductKind, ProductRef, Recipe
 from products.raster import read_dtm
 from products.store import ProductStore
 from products.vector import write_features
+from tasks.stage import stage
 
 
-@task(cache_policy=NO_CACHE, task_run_name="contours-{dtm.kind}-{dtm.scope}")
+@stage(task_run_name="contours-{dtm.kind}-{dtm.scope}")
 def trace_contours(
     dtm: ProductRef, params: ContourParams, landing: LandingPoint, store: ProductStore
 ) -> ProductRef:

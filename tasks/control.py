@@ -12,8 +12,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from prefect import task
-from prefect.cache_policies import NO_CACHE
 
 from photogrammetry.adjustment.control import ControlFrame, StopControl
 from photogrammetry.adjustment.control_files import ControlRow, parse_control
@@ -32,6 +30,7 @@ from products.workspace import Workspace
 from tasks.intake import keep_file, write_bytes
 from tasks.orbital import Compare, StopMap, registered
 from tasks.orientations import MappedStop, read_orientations
+from tasks.stage import stage
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +80,7 @@ class MappedWith:
     orientations: ProductRef
 
 
-@task(cache_policy=NO_CACHE, task_run_name="control-{image.scope}")
+@stage(task_run_name="control-{image.scope}")
 def control_by_image(
     image: ProductRef,
     stops: dict[StopId, StopMap],

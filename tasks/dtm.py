@@ -4,9 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from prefect import task
-from prefect.cache_policies import NO_CACHE
-
 from photogrammetry.imagery import StopId
 from photogrammetry.terrain.dtm import DtmParams
 from photogrammetry.terrain.dtm import build_dtm as model_terrain
@@ -16,10 +13,11 @@ from products.provenance import provenance_tags
 from products.raster import write_dtm
 from products.store import ProductStore
 from tasks.scopes import stop_scope
+from tasks.stage import stage
 from tasks.views import OrientedPair, inputs_of, read_views
 
 
-@task(cache_policy=NO_CACHE, task_run_name="dtm-{stop}")
+@stage(task_run_name="dtm-{stop}")
 def build_dtm(
     stop: StopId,
     pairs: tuple[OrientedPair, ...],

@@ -4,9 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from prefect import task
-from prefect.cache_policies import NO_CACHE
-
 from photogrammetry.terrain.hazard import HazardParams, hazards
 from products.classes import HAZARDS
 from products.crs import LandingPoint, local_crs
@@ -14,9 +11,10 @@ from products.model import ProductKind, ProductRef, Recipe
 from products.provenance import provenance_tags
 from products.raster import read_dtm, write_classes
 from products.store import ProductStore
+from tasks.stage import stage
 
 
-@task(cache_policy=NO_CACHE, task_run_name="hazard-{dtm.kind}-{dtm.scope}")
+@stage(task_run_name="hazard-{dtm.kind}-{dtm.scope}")
 def map_hazards(
     dtm: ProductRef, params: HazardParams, landing: LandingPoint, store: ProductStore
 ) -> ProductRef:

@@ -14,9 +14,6 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from prefect import task
-from prefect.cache_policies import NO_CACHE
-
 from photogrammetry.errors import PhotogrammetryError
 from photogrammetry.imagery import RoverImage
 from photogrammetry.pds3.partners import find_stereo_pairs
@@ -35,6 +32,7 @@ from tasks.downlink_files import (
 from tasks.hand_ties import is_hand_ties, take_hand_ties
 from tasks.images import image_record
 from tasks.intake import Intake, TakenImage, keep_file
+from tasks.stage import stage
 
 Taken = Outcome | ProductRef | TakenImage
 """What became of a file: a fault, a vector file or hand ties, or an image in the store."""
@@ -55,7 +53,7 @@ class Delivery:
         return tuple(dict.fromkeys(image.stop.mission for image in self.images))
 
 
-@task(cache_policy=NO_CACHE, task_run_name="ingest-{downlink}")
+@stage(task_run_name="ingest-{downlink}")
 def ingest_downlink(
     downlink: Path,
     workspace: Workspace,

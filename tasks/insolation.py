@@ -7,8 +7,6 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
-from prefect import task
-from prefect.cache_policies import NO_CACHE
 
 from photogrammetry.body_fixed import planetographic
 from photogrammetry.terrain.havens import Haven, HavenParams, winter_havens
@@ -20,9 +18,10 @@ from products.provenance import provenance_tags
 from products.raster import read_dtm, write_raster
 from products.store import ProductStore
 from products.vector import Feature, write_features
+from tasks.stage import stage
 
 
-@task(cache_policy=NO_CACHE, task_run_name="insolation-{dtm.kind}-{dtm.scope}")
+@stage(task_run_name="insolation-{dtm.kind}-{dtm.scope}")
 def map_insolation(
     dtm: ProductRef,
     params: InsolationParams,

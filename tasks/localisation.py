@@ -19,8 +19,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from prefect import task
-from prefect.cache_policies import NO_CACHE
 
 from photogrammetry.adjustment.records import AdjustedStop
 from photogrammetry.figures import png, svg
@@ -37,6 +35,7 @@ from products.network import traverses
 from products.store import ProductStore
 from tasks.adjust import NetworkProduct, read_network
 from tasks.scopes import region_scope
+from tasks.stage import stage
 from tasks.telemetry import Telemetry
 from tasks.traverse_package import PLAN, write_package
 
@@ -46,7 +45,7 @@ FORMAT = 2
 """Of the table: raised when its fields change."""
 
 
-@task(cache_policy=NO_CACHE, task_run_name="localise-{network.scope}")
+@stage(task_run_name="localise-{network.scope}")
 def localise(
     network: ProductRef,
     telemetry: Telemetry,

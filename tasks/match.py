@@ -6,9 +6,6 @@ from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 
-from prefect import task
-from prefect.cache_policies import NO_CACHE
-
 from photogrammetry.cameras.epipolar import EpipolarPair, epipolar_pair
 from photogrammetry.imagery import RoverImage
 from photogrammetry.matching.dense import DenseParams, match_densely_with_sigma
@@ -32,6 +29,7 @@ from tasks.pairs import (
     with_right_turned,
 )
 from tasks.scopes import pair_scope
+from tasks.stage import stage
 
 Turn = tuple[float, float, float]
 """A rotation vector in the rover frame, radians."""
@@ -45,7 +43,7 @@ class MatchParams:
     dense: DenseParams = field(default_factory=DenseParams)
 
 
-@task(cache_policy=NO_CACHE, task_run_name="match-{pair.id}")
+@stage(task_run_name="match-{pair.id}")
 def match_stereo_pair(pair: PairFiles, params: MatchParams, store: ProductStore) -> PairProducts:
     """Match one stereo pair: interest points for the network, dense parallax for the terrain."""
 

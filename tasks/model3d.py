@@ -5,8 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from prefect import task
-from prefect.cache_policies import NO_CACHE
 
 from photogrammetry.terrain.levels import DrawnTile, TilesetParams, drawn_tiles
 from photogrammetry.terrain.model3d import (
@@ -24,9 +22,10 @@ from products.raster import read_dtm
 from products.store import ProductStore
 from products.textures import read_texture
 from products.tiles3d import TEXELS, TilesetWriter
+from tasks.stage import stage
 
 
-@task(cache_policy=NO_CACHE, task_run_name="model-{dtm.scope}")
+@stage(task_run_name="model-{dtm.scope}")
 def model_terrain(
     dtm: ProductRef,
     orthophoto: ProductRef,
@@ -51,7 +50,7 @@ def model_terrain(
     return store.make(recipe, write)
 
 
-@task(cache_policy=NO_CACHE, task_run_name="tileset-{dtm.scope}")
+@stage(task_run_name="tileset-{dtm.scope}")
 def tile_terrain(
     dtm: ProductRef,
     orthophoto: ProductRef,

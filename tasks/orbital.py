@@ -11,8 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from prefect import task
-from prefect.cache_policies import NO_CACHE
 
 from photogrammetry.orbital.elevations import register_elevations
 from photogrammetry.orbital.mosaic import ground_map
@@ -35,6 +33,7 @@ from products.provenance import provenance_tags
 from products.store import ProductStore
 from tasks.intake import ContentDigest, write_bytes
 from tasks.scopes import file_scope, region_scope
+from tasks.stage import stage
 
 MARGIN_M = 500.0
 """An orbital image is drawn that far around what is mapped: what lies ahead, and a horizon."""
@@ -70,7 +69,7 @@ def take_orbital(file: Path, store: ProductStore) -> ProductRef:
     return store.make(recipe, lambda draft: write_bytes(draft, data))
 
 
-@task(cache_policy=NO_CACHE, task_run_name="register-{image.scope}")
+@stage(task_run_name="register-{image.scope}")
 def register_orbital(
     image: ProductRef,
     stops: Sequence[StopMap],
@@ -125,7 +124,7 @@ def registered(
     return register(ground, OrbitalImage(shown, values), params.registration), cell_m
 
 
-@task(cache_policy=NO_CACHE, task_run_name="base-{image.scope}")
+@stage(task_run_name="base-{image.scope}")
 def draw_base(
     mission: str,
     image: ProductRef,

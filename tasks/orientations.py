@@ -14,14 +14,12 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from prefect import task
-from prefect.cache_policies import NO_CACHE
-
 from photogrammetry.adjustment.movement import ReissueParams, ground_shift_m
 from photogrammetry.adjustment.records import AdjustedPair
 from products.model import ProductKind, ProductRef, Recipe
 from products.store import ProductStore
 from tasks.adjust import read_network
+from tasks.stage import stage
 from tasks.views import Orientation
 
 
@@ -37,7 +35,7 @@ class MappedStop:
     """Whether it is mapped with other orientations than by the network before."""
 
 
-@task(cache_policy=NO_CACHE, task_run_name="orientations-{network.scope}")
+@stage(task_run_name="orientations-{network.scope}")
 def choose_orientations(
     network: ProductRef, previous: ProductRef | None, params: ReissueParams, store: ProductStore
 ) -> ProductRef:

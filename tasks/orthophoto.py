@@ -8,8 +8,6 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
-from prefect import task
-from prefect.cache_policies import NO_CACHE
 
 from photogrammetry.arrays import Classes
 from photogrammetry.terrain.mosaic import NO_SOURCE
@@ -20,10 +18,11 @@ from products.pictures import Piece, write_pieces, write_sources
 from products.provenance import provenance_tags
 from products.raster import read_dtm
 from products.store import ProductStore
+from tasks.stage import stage
 from tasks.views import OrientedPair, inputs_of, read_views
 
 
-@task(cache_policy=NO_CACHE, task_run_name="orthophoto-{dtm.scope}")
+@stage(task_run_name="orthophoto-{dtm.scope}")
 def render_orthophoto(
     dtm: ProductRef,
     pairs: tuple[OrientedPair, ...],

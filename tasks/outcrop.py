@@ -5,8 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from prefect import task
-from prefect.cache_policies import NO_CACHE
 
 from photogrammetry.imagery import StopId
 from photogrammetry.terrain.facets import Facet, FacetParams, find_facets
@@ -18,10 +16,11 @@ from products.models import notes_of
 from products.store import ProductStore
 from products.vector import Feature, write_features
 from tasks.scopes import stop_scope
+from tasks.stage import stage
 from tasks.views import OrientedPair, inputs_of, read_views
 
 
-@task(cache_policy=NO_CACHE, task_run_name="view-model-{stop}")
+@stage(task_run_name="view-model-{stop}")
 def model_views(
     stop: StopId,
     pairs: tuple[OrientedPair, ...],
@@ -49,7 +48,7 @@ def model_views(
     return store.make(recipe, write)
 
 
-@task(cache_policy=NO_CACHE, task_run_name="dips-{stop}")
+@stage(task_run_name="dips-{stop}")
 def map_dips(
     stop: StopId,
     pairs: tuple[OrientedPair, ...],

@@ -7,9 +7,6 @@ import sqlite3
 from collections.abc import Iterable, Sequence
 from typing import Literal
 
-from prefect import task
-from prefect.cache_policies import NO_CACHE
-
 from products.catalogue import MissionEntry, Outcome
 from products.mission_features import MissionFeatures
 from products.model import Layer, ProductKind, ProductRef
@@ -18,6 +15,7 @@ from products.raster import summarise
 from products.vector import read_features
 from products.workspace import Workspace
 from tasks.stac import update_stac
+from tasks.stage import stage
 
 log = logging.getLogger(__name__)
 
@@ -94,7 +92,7 @@ RASTERS = {
 MODELS = {ProductKind.MODEL, ProductKind.VIEW_MODEL, ProductKind.TILESET}
 
 
-@task(cache_policy=NO_CACHE, task_run_name="publish")
+@stage(task_run_name="publish")
 def publish(
     mission: MissionEntry,
     layers: Sequence[tuple[ProductRef, tuple[int, ...]]],

@@ -10,8 +10,6 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from prefect import task
-from prefect.cache_policies import NO_CACHE
 
 from photogrammetry.arrays import PerPoint, Picture
 from photogrammetry.cameras.epipolar import EpipolarPair
@@ -34,6 +32,7 @@ from products.raster import read_dtm
 from products.store import ProductStore
 from tasks.pairs import PairProducts, read_matched_pair
 from tasks.scopes import pair_scope
+from tasks.stage import stage
 
 MAX_WIDTH = 1536
 """Of a picture, pixels: a screen's width."""
@@ -45,7 +44,7 @@ FROM_ABOVE = (
 )
 
 
-@task(cache_policy=NO_CACHE, task_run_name="picture-{pair.files.id}")
+@stage(task_run_name="picture-{pair.files.id}")
 def picture_pair(pair: PairProducts, params: SparseParams, store: ProductStore) -> ProductRef:
     """What was matched in a pair: points, matches by residual, dense parallax, parallax curve."""
 
@@ -61,7 +60,7 @@ def picture_pair(pair: PairProducts, params: SparseParams, store: ProductStore) 
     )
 
 
-@task(cache_policy=NO_CACHE, task_run_name="picture-{dtm.scope}")
+@stage(task_run_name="picture-{dtm.scope}")
 def picture_terrain(dtm: ProductRef, store: ProductStore) -> ProductRef:
     """The relief of a terrain model, and how its cells came by their elevation."""
 

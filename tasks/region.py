@@ -9,8 +9,6 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
-from prefect import task
-from prefect.cache_policies import NO_CACHE
 
 from photogrammetry.terrain.ground import MAP_FROM_LSL
 from photogrammetry.terrain.region import RegionParams
@@ -21,9 +19,10 @@ from products.raster import grid_of, open_raster
 from products.region import RegionFiles, RegionSource, read_seams, write_region
 from products.store import ProductStore
 from tasks.scopes import part_scope
+from tasks.stage import stage
 
 
-@task(cache_policy=NO_CACHE, task_run_name="region-{mission}")
+@stage(task_run_name="region-{mission}")
 def fuse_region(
     mission: str,
     stops: Sequence[ProductRef],

@@ -7,9 +7,6 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from prefect import task
-from prefect.cache_policies import NO_CACHE
-
 from photogrammetry.adjustment.quality import quality
 from photogrammetry.adjustment.quality_pictures import (
     growth_picture,
@@ -29,11 +26,12 @@ from products.store import ProductStore
 from tasks.adjust import NetworkProduct, read_network
 from tasks.pairs import PairProducts
 from tasks.report_page import report_page
+from tasks.stage import stage
 
 FORMAT = "solmap quality 1"
 
 
-@task(cache_policy=NO_CACHE, task_run_name="report-{network.scope}")
+@stage(task_run_name="report-{network.scope}")
 def report_quality(
     network: ProductRef, pairs: tuple[PairProducts, ...], params: QualityParams, store: ProductStore
 ) -> list[ProductRef]:

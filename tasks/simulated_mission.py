@@ -13,8 +13,6 @@ from typing import Any
 
 import cv2
 import numpy as np
-from prefect import task
-from prefect.cache_policies import NO_CACHE
 
 from photogrammetry.adjustment.adjust import adjust_overall
 from photogrammetry.adjustment.datum import with_control
@@ -30,6 +28,7 @@ from products.model import ProductKind, ProductRef, Recipe
 from products.workspace import Workspace
 from tasks.intake import ContentDigest, write_bytes
 from tasks.scopes import image_scope, network_scope, region_scope
+from tasks.stage import stage
 
 NO_PIXELS = "simulated: there are no pixels"
 
@@ -49,7 +48,7 @@ def simulated(params: SimulationParams) -> SimulatedMission:
     return simulate_mission(np.random.default_rng(params.seed), params.plan, names=names)
 
 
-@task(cache_policy=NO_CACHE, task_run_name="labels")
+@stage(task_run_name="labels")
 def keep_labels(
     mission: SimulatedMission,
     plan: MissionPlan,
@@ -112,7 +111,7 @@ def _no_picture(workspace: Workspace) -> ProductRef:
     return workspace.store.make(recipe, write)
 
 
-@task(cache_policy=NO_CACHE, task_run_name="network")
+@stage(task_run_name="network")
 def adjust_simulated(
     mission: SimulatedMission, params: SimulationParams, workspace: Workspace
 ) -> ProductRef:
@@ -157,7 +156,7 @@ def _stops(mission: SimulatedMission) -> list[dict[str, Any]]:
     ]
 
 
-@task(cache_policy=NO_CACHE, task_run_name="truth")
+@stage(task_run_name="truth")
 def write_truth(mission: SimulatedMission, path: Path) -> None:
     """Write where stops truly are, for judging only."""
     drives = [None, *mission.slips.tolist()]

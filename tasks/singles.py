@@ -13,9 +13,6 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from prefect import task
-from prefect.cache_policies import NO_CACHE
-
 from photogrammetry.adjustment.records import PairGeometry
 from photogrammetry.cameras.single import single_image
 from photogrammetry.imagery import Eye, RoverImage, StopId
@@ -41,6 +38,7 @@ from products.workspace import Workspace
 from tasks.images import ImageFile, image_file, image_record, read_product_image
 from tasks.pairs import PairProducts, pair_frame, read_matched_pair
 from tasks.quicklook import write_sheet
+from tasks.stage import stage
 
 ON_THE_MAST = frozenset({"NAVCAM", "PANCAM", "MASTCAM"})
 """Cameras whose pointing the mast's motors tell, and ties correct."""
@@ -90,7 +88,7 @@ def without_repeats(entries: Iterable[ImageEntry], workspace: Workspace) -> list
     return kept
 
 
-@task(cache_policy=NO_CACHE, task_run_name="tie-singles-{stop}")
+@stage(task_run_name="tie-singles-{stop}")
 def tie_singles(
     stop: StopId,
     singles: Sequence[SingleFile],

@@ -6,9 +6,6 @@ from collections.abc import Callable, Mapping
 from functools import cache
 from pathlib import Path
 
-from prefect import task
-from prefect.cache_policies import NO_CACHE
-
 from photogrammetry.arrays import Raster
 from photogrammetry.terrain.grid import MapGrid
 from photogrammetry.terrain.relief import Relief, mapped_relief
@@ -25,6 +22,7 @@ from products.model import ProductKind, ProductRef, Recipe
 from products.provenance import provenance_tags
 from products.raster import read_dtm, write_raster
 from products.store import ProductStore
+from tasks.stage import stage
 
 Bands = Mapping[str, Raster]
 RELIEF: Mapping[ProductKind, tuple[str, Callable[[Relief], Bands]]] = {
@@ -42,7 +40,7 @@ RELIEF: Mapping[ProductKind, tuple[str, Callable[[Relief], Bands]]] = {
 """What is mapped of the planes over one baseline: kind, unit and bands."""
 
 
-@task(cache_policy=NO_CACHE, task_run_name="relief-{dtm.kind}-{dtm.scope}")
+@stage(task_run_name="relief-{dtm.kind}-{dtm.scope}")
 def map_relief(
     dtm: ProductRef, params: SlopeParams, landing: LandingPoint, store: ProductStore
 ) -> tuple[ProductRef, ...]:
@@ -66,7 +64,7 @@ def map_relief(
     return tuple(made(kind, *what) for kind, what in RELIEF.items())
 
 
-@task(cache_policy=NO_CACHE, task_run_name="hillshade-{dtm.kind}-{dtm.scope}")
+@stage(task_run_name="hillshade-{dtm.kind}-{dtm.scope}")
 def shade_relief(
     dtm: ProductRef, params: HillshadeParams, landing: LandingPoint, store: ProductStore
 ) -> ProductRef:

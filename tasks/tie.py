@@ -9,8 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from prefect import task
-from prefect.cache_policies import NO_CACHE
 
 from photogrammetry.imagery import StopId
 from photogrammetry.matching.cross_site import (
@@ -27,6 +25,7 @@ from products.store import ProductStore
 from tasks.pairs import PairProducts, read_matched_stop
 from tasks.quicklook import write_link_picture, write_ties_picture
 from tasks.scopes import stop_scope
+from tasks.stage import stage
 from tasks.telemetry import TelemetryStop
 
 
@@ -57,7 +56,7 @@ class TelemetryPose:
         return cls(tuple(pose.rotation.ravel().tolist()), tuple(pose.translation_m.tolist()))
 
 
-@task(cache_policy=NO_CACHE, task_run_name="tie-{stop.stop}")
+@stage(task_run_name="tie-{stop.stop}")
 def tie_stop(
     stop: StopProducts, telemetry: TelemetryStop, params: InterStereoParams, store: ProductStore
 ) -> ProductRef:
@@ -82,7 +81,7 @@ def tie_stop(
     return ties
 
 
-@task(cache_policy=NO_CACHE, task_run_name="link-{earlier.stop}-{later.stop}")
+@stage(task_run_name="link-{earlier.stop}-{later.stop}")
 def link_stops(
     earlier: StopProducts,
     later: StopProducts,

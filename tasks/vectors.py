@@ -8,8 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from prefect import task
-from prefect.cache_policies import NO_CACHE
 
 from photogrammetry.adjustment.records import USED, AdjustedStop
 from photogrammetry.body_fixed import map_from_lsl
@@ -25,12 +23,13 @@ from products.workspace import Workspace
 from tasks.adjust import NetworkProduct, read_network
 from tasks.images import image_record
 from tasks.scopes import region_scope
+from tasks.stage import stage
 
 WHEELS_M = 0.294
 """The ground below the rover origin when it stands level (VICAR's default ground plane)."""
 
 
-@task(cache_policy=NO_CACHE, task_run_name="vectors-{mission}")
+@stage(task_run_name="vectors-{mission}")
 def draw_vectors(
     mission: str,
     network: ProductRef,

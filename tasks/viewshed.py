@@ -6,8 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from prefect import task
-from prefect.cache_policies import NO_CACHE
 
 from photogrammetry.terrain.viewshed import ViewshedParams, viewshed_of_stop
 from products.classes import SIGHTS
@@ -16,6 +14,7 @@ from products.model import ProductKind, ProductRef, Recipe
 from products.provenance import provenance_tags
 from products.raster import read_dtm, write_classes
 from products.store import ProductStore
+from tasks.stage import stage
 from tasks.views import OrientedPair
 
 
@@ -36,7 +35,7 @@ def highest_camera(pairs: tuple[OrientedPair, ...]) -> Eye:
     return Eye(round(east, 4), round(north, 4), round(-down, 4))
 
 
-@task(cache_policy=NO_CACHE, task_run_name="viewshed-{dtm.scope}")
+@stage(task_run_name="viewshed-{dtm.scope}")
 def map_viewshed(
     dtm: ProductRef, eye: Eye, params: ViewshedParams, landing: LandingPoint, store: ProductStore
 ) -> ProductRef:

@@ -8,8 +8,6 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
-from prefect import task
-from prefect.cache_policies import NO_CACHE
 
 from photogrammetry.arrays import Vector3
 from photogrammetry.imagery import Eye, StereoMatches, StopId
@@ -27,6 +25,7 @@ from products.raster import write_dtm
 from products.store import ProductStore
 from tasks.images import read_product_image
 from tasks.scopes import pair_scope, stop_scope
+from tasks.stage import stage
 from tasks.views import OrientedPair, inputs_of
 
 
@@ -92,7 +91,7 @@ class _Outlook:
         return cls(pair, pose.translation_m, pose.rotation @ ray / np.linalg.norm(ray))
 
 
-@task(cache_policy=NO_CACHE, task_run_name="wide-{one.orientation.pair_id}")
+@stage(task_run_name="wide-{one.orientation.pair_id}")
 def match_wide_pair(
     one: OrientedPair, other: OrientedPair, params: WideParams, store: ProductStore
 ) -> WidePair:
@@ -155,7 +154,7 @@ def read_wide_view(pair: WidePair, store: ProductStore) -> TerrainView:
     )
 
 
-@task(cache_policy=NO_CACHE, task_run_name="far-dtm-{stop}")
+@stage(task_run_name="far-dtm-{stop}")
 def build_far_dtm(
     stop: StopId,
     pairs: tuple[WidePair, ...],

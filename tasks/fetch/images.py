@@ -7,9 +7,6 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
 
-from prefect import task
-from prefect.cache_policies import NO_CACHE
-
 from photogrammetry.errors import LabelError
 from photogrammetry.pds3.index_pairs import IndexEntry
 from photogrammetry.pds3.label import MAX_LABEL_BYTES
@@ -18,6 +15,7 @@ from tasks.fetch.errors import DiskError, FetchError, WrongContentError
 from tasks.fetch.partial import PartialFile
 from tasks.fetch.transfer import Transfer
 from tasks.fetch.volume import Volume, local_name
+from tasks.stage import stage
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +28,7 @@ class Arrival:
     failure: str = ""
 
 
-@task(cache_policy=NO_CACHE, task_run_name="images-{volume.name}")
+@stage(task_run_name="images-{volume.name}")
 def fetch_images(
     entries: Sequence[IndexEntry],
     volume: Volume,

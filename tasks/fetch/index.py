@@ -7,9 +7,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from prefect import task
-from prefect.cache_policies import NO_CACHE
-
 from photogrammetry.errors import LabelError
 from photogrammetry.pds3.index_pairs import IndexFindings, IndexSelection, find_in_index
 from photogrammetry.pds3.index_table import (
@@ -22,6 +19,7 @@ from photogrammetry.pds3.label import MAX_LABEL_BYTES
 from tasks.fetch.errors import DiskError, FetchError, WrongContentError
 from tasks.fetch.transfer import Transfer
 from tasks.fetch.volume import Volume
+from tasks.stage import stage
 
 INDEX = "edrindex"
 CHUNK_BYTES = 1 << 16
@@ -47,7 +45,7 @@ class Index:
         return find_in_index(self.rows(), selection)
 
 
-@task(cache_policy=NO_CACHE, task_run_name="index-{folder}")
+@stage(task_run_name="index-{folder}")
 def fetch_index(
     volume: Volume,
     folder: Path,

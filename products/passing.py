@@ -1,0 +1,64 @@
+"""What can pass: faults of disks, networks and databases that trying again may get past.
+
+A network file system that hangs for a moment or a database that another process holds is gone at
+the next attempt. Images that cannot be matched, settings that are wrong and a disk that is full are
+not: the same call would fail in the same way.
+"""
+
+from __future__ import annotations
+
+import errno
+import sqlite3
+
+from sqlalchemy.exc import DBAPIError, OperationalError
+
+from products.errors import StoreAwayError
+
+PASSING = {
+    errno.EIO,
+    errno.EREMOTEIO,
+    errno.ESTALE,
+    errno.EAGAIN,
+    errno.EBUSY,
+    errno.EINTR,
+    errno.ENFILE,
+    errno.EMFILE,
+    errno.EPIPE,
+    errno.ETIMEDOUT,
+    errno.ECONNRESET,
+    errno.ECONNABORTED,
+    errno.ECONNREFUSED,
+    errno.ENETDOWN,
+    errno.ENETUNREACH,
+    errno.ENETRESET,
+    errno.EHOSTDOWN,
+    errno.EHOSTUNREACH,
+}
+"""Numbers of errors of the system that a later attempt may not meet."""
+_PASSING_SQLITE = {sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED, sqlite3.SQLITE_IOERR}
+_PRIMARY_CODE = 0xFF
+"""The rest of an error code of SQLite is detail."""
+_FULL_DISK = "53100"
+"""PostgreSQL's code of it."""
+
+
+def can_pass(error: BaseException) -> bool:
+    """Whether trying again may help against an error."""
+    if isinstance(error, StoreAwayError):
+        return True
+    if isinstance(error, sqlite3.Error):
+        code: int = getattr(error, "sqlite_errorcode", 0)
+        return code & _PRIMARY_CODE in _PASSING_SQLITE
+    if isinstance(error, DBAPIError):
+        return _database_is_away(error)
+    if isinstance(error, OSError):
+        return error.errno in PASSING or isinstance(error, TimeoutError | ConnectionError)
+    return False
+
+
+def _database_is_away(error: DBAPIError) -> bool:
+    """Whether the connection was lost, or another transaction was in the way."""
+    if isinstance(error.orig, sqlite3.Error):
+        return can_pass(error.orig)
+    is_full = getattr(error.orig, "sqlstate", None) == _FULL_DISK
+    return (isinstance(error, OperationalError) or error.connection_invalidated) and not is_full

@@ -1,0 +1,75 @@
+"""What trying again may help against, and what it cannot."""
+
+import errno
+import sqlite3
+from pathlib import Path
+
+import pytest
+import sqlalchemy as sa
+from sqlalchemy.exc import OperationalError
+
+from photogrammetry.errors import MatchingError
+from products.errors import ProductError, StoreAwayError, StoreFullError
+from products.passing import can_pass
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        OSError(errno.EIO, "Input/output error"),
+        OSError(errno.ESTALE, "Stale file handle"),
+        BlockingIOError(errno.EAGAIN, "Resource temporarily unavailable"),
+        ConnectionResetError(errno.ECONNRESET, "Connection reset by peer"),
+        TimeoutError("no answer"),
+        StoreAwayError("the bucket does not answer"),
+    ],
+)
+def test_what_a_disk_or_network_may_do_better_next_time_can_pass(error: Exception) -> None:
+    assert can_pass(error)
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        MatchingError("no texture"),
+        ProductError("broken"),
+        StoreFullError("the disk is full"),
+        OSError(errno.ENOSPC, "No space left on device"),
+        OSError(errno.EDQUOT, "Disk quota exceeded"),
+        FileNotFoundError(errno.ENOENT, "No such file or directory"),
+        PermissionError(errno.EACCES, "Permission denied"),
+        OSError("no number at all"),
+        MemoryError(),
+        ValueError("a mistake"),
+        KeyboardInterrupt(),
+    ],
+)
+def test_what_would_fail_in_the_same_way_cannot_pass(error: BaseException) -> None:
+    assert not can_pass(error)
+
+
+def test_a_locked_database_can_pass_and_a_missing_table_cannot(tmp_path: Path) -> None:
+    url = f"sqlite:///{tmp_path / 'catalogue.sqlite'}"
+    engine = sa.create_engine(url, connect_args={"timeout": 0.05})
+    with sqlite3.connect(tmp_path / "catalogue.sqlite") as holder:
+        holder.execute("CREATE TABLE kept(number)")
+        holder.commit()
+        holder.execute("BEGIN EXCLUSIVE")
+        with engine.connect() as other, pytest.raises(OperationalError, match="locked") as locked:
+            other.execute(sa.text("SELECT * FROM kept"))
+        holder.rollback()
+    with engine.connect() as other, pytest.raises(OperationalError, match="no such") as missing:
+        other.execute(sa.text("SELECT * FROM lost"))
+    holder.close()
+    engine.dispose()
+    assert can_pass(locked.value)
+    assert not can_pass(missing.value)
+
+
+def test_a_database_without_room_cannot_pass(tmp_path: Path) -> None:
+    small = sqlite3.connect(tmp_path / "small.sqlite")
+    small.execute("PRAGMA max_page_count = 2")
+    with pytest.raises(sqlite3.OperationalError, match="full") as full:
+        small.execute("CREATE TABLE a(b)").execute("CREATE TABLE c(d)")
+    small.close()
+    assert not can_pass(full.value)
