@@ -22,9 +22,10 @@ With q the quaternion of the label, R(q) is JPL's matrix (named frame into its r
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
+from math import isfinite
 
 import numpy as np
 from scipy.spatial.transform import Rotation as ScipyRotation
@@ -99,22 +100,33 @@ def roll_pitch_yaw_of_rotation(rotation: Rotation) -> tuple[float, float, float]
     return float(roll), float(pitch), float(yaw)
 
 
-def frozen(values: Iterable[float] | np.ndarray, shape: tuple[int, ...], what: str) -> np.ndarray:
+def frozen(
+    values: Iterable[float] | np.ndarray, shape: tuple[int, ...], what: str | Callable[[], str]
+) -> np.ndarray:
     """A read-only float64 copy of `values`, checked to be finite and of the given shape."""
     array = np.array(values, dtype=np.float64)
-    if array.shape != shape or not np.isfinite(array).all():
-        raise FrameError(f"{what} must be {shape} finite numbers, not {array.tolist()}")
-    array.flags.writeable = False
+    if array.shape != shape or not all(map(isfinite, array.ravel().tolist())):
+        name = what if isinstance(what, str) else what()
+        raise FrameError(f"{name} must be {shape} finite numbers, not {array.tolist()}")
+    array.setflags(write=False)
     return array
 
 
-_UNIT = np.eye(3)
+ORTHONORMAL = 1e-9
+"""How far scalar products of a rotation's rows may be from zero and one."""
 
 
-def _determinant(matrix: Rotation) -> float:
-    """Of one small matrix, sooner than by elimination."""
+def _is_proper_rotation(matrix: Rotation) -> bool:
+    """Whether rows are orthonormal and right-handed; networks have poses by the thousand."""
     (a, b, c), (d, e, f), (g, h, i) = matrix.tolist()
-    return a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
+    off = max(
+        abs(a * a + b * b + c * c - 1.0), abs(d * d + e * e + f * f - 1.0),
+        abs(g * g + h * h + i * i - 1.0), abs(a * d + b * e + c * f),
+        abs(a * g + b * h + c * i), abs(d * g + e * h + f * i),
+    )  # fmt: skip
+    return (
+        off <= ORTHONORMAL and a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g) > 0
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -127,12 +139,14 @@ class Pose:
     translation_m: Vector3
 
     def __post_init__(self) -> None:
-        name = f"{self.target}_from_{self.source}"
-        rotation = frozen(self.rotation, (3, 3), f"the rotation of {name}")
-        if np.abs(rotation @ rotation.T - _UNIT).max() > 1e-9 or _determinant(rotation) < 0:  # noqa: PLR2004
-            raise FrameError(f"the rotation of {name} is not a proper rotation matrix")
+        def named(part: str) -> str:
+            return f"the {part} of {self.target}_from_{self.source}"
+
+        rotation = frozen(self.rotation, (3, 3), lambda: named("rotation"))
+        if not _is_proper_rotation(rotation):
+            raise FrameError(f"{named('rotation')} is not a proper rotation matrix")
         object.__setattr__(self, "rotation", rotation)
-        translation_m = frozen(self.translation_m, (3,), f"the translation of {name}")
+        translation_m = frozen(self.translation_m, (3,), lambda: named("translation"))
         object.__setattr__(self, "translation_m", translation_m)
 
     @classmethod
