@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from pydantic import Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from config import archive, landing
@@ -16,6 +17,9 @@ class Settings(BaseSettings):
 
     store: Path = Path("solmap-store")
     """Folder of products and catalogue."""
+    catalogue_url: str | None = Field(default=None, repr=False)
+    """Database of the catalogue, as `postgresql+psycopg://user:password@host/database`; SQLite in
+    the store's folder where there is none. It may hold a password: it is shown nowhere."""
     host: str = "127.0.0.1"
     """Address the server listens on; the default serves this machine only."""
     port: int = 8765

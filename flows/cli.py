@@ -15,7 +15,7 @@ import typer
 from rich.markup import escape
 
 from config.settings import Settings
-from flows.console import errors, fail, out, progress_shown, show_rows
+from flows.console import errors, fail, out, progress_shown, show_rows, workspace_of
 from flows.control_commands import app as control
 from flows.dip_commands import app as dip
 from flows.engine_server import start_engine
@@ -161,9 +161,8 @@ def serve(
 def positions(store: StoreOption = None, *, as_json: JsonOption = False) -> None:
     """Where the rover stood: telemetry and adjusted position of every stop, in the LSL."""
     from flows.listing import position_rows  # noqa: PLC0415
-    from products.workspace import Workspace  # noqa: PLC0415
 
-    rows = position_rows(Workspace.open(_store(store)))
+    rows = position_rows(workspace_of(_store(store)))
     show_rows(
         rows, ["stop", "telemetry_ned_m", "adjusted_ned_m", "sigma_ned_m", "held_by"], as_json
     )
@@ -173,9 +172,8 @@ def positions(store: StoreOption = None, *, as_json: JsonOption = False) -> None
 def products(store: StoreOption = None, *, as_json: JsonOption = False) -> None:
     """Every published product and the file it lies in."""
     from flows.listing import product_rows  # noqa: PLC0415
-    from products.workspace import Workspace  # noqa: PLC0415
 
-    rows = product_rows(Workspace.open(_store(store)))
+    rows = product_rows(workspace_of(_store(store)))
     show_rows(rows, ["kind", "scope", "cell_m", "path"], as_json)
 
 
@@ -183,9 +181,8 @@ def products(store: StoreOption = None, *, as_json: JsonOption = False) -> None:
 def status(store: StoreOption = None, *, as_json: JsonOption = False) -> None:
     """How the last processing of every file and sol ended."""
     from flows.listing import outcome_rows  # noqa: PLC0415
-    from products.workspace import Workspace  # noqa: PLC0415
 
-    rows = outcome_rows(Workspace.open(_store(store)))
+    rows = outcome_rows(workspace_of(_store(store)))
     show_rows(rows, ["subject", "ended", "notes"], as_json)
 
 
@@ -199,9 +196,8 @@ def report(
 ) -> None:
     """How good every adjustment is: the page and the figures of its quality report."""
     from flows.report import report_rows  # noqa: PLC0415
-    from products.workspace import Workspace  # noqa: PLC0415
 
-    rows = report_rows(Workspace.open(_store(store)), mission)
+    rows = report_rows(workspace_of(_store(store)), mission)
     show_rows(rows, ["adjustment", "made_at", "page"], as_json)
     if show and rows:
         typer.launch(rows[-1]["page"])
@@ -258,9 +254,8 @@ def judge(
     """State the errors of positions and terrain against a simulated world's truth."""
     from flows.judgement import judge_positions, judge_terrain, true_stops  # noqa: PLC0415
     from flows.listing import position_rows  # noqa: PLC0415
-    from products.workspace import Workspace  # noqa: PLC0415
 
-    workspace = Workspace.open(_store(store))
+    workspace = workspace_of(_store(store))
     positions_judged = judge_positions(position_rows(workspace), true_stops(truth))
     terrain_judged = judge_terrain(workspace, truth)
     if as_json:

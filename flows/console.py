@@ -6,14 +6,19 @@ import json
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any, NoReturn
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import typer
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from flows.progress import Step, listening
+
+if TYPE_CHECKING:
+    from products.workspace import Workspace
 
 WIDE = 200
 """Columns of a table that goes to a file or a pipe: nothing is cut off."""
@@ -66,6 +71,17 @@ def fail(message: str) -> NoReturn:
     """Say what is wrong, and end the command with 1."""
     errors.print(f"[red]error[/red] {message}", highlight=False)
     raise typer.Exit(1)
+
+
+def workspace_of(store: Path) -> Workspace:
+    """The store and catalogue for a command; one that cannot be opened ends it."""
+    from config.workspace import open_workspace  # noqa: PLC0415 - `solmap --help` answers at once
+    from products.errors import ProductError  # noqa: PLC0415
+
+    try:
+        return open_workspace(store)
+    except ProductError as error:
+        fail(escape(str(error)))
 
 
 def show_rows(rows: list[dict[str, Any]], columns: list[str], as_json: bool) -> None:  # noqa: FBT001

@@ -7,11 +7,11 @@ from typing import Any
 
 from config.landing import landing_site
 from config.settings import Settings
+from config.workspace import open_workspace
 from flows.orbital import latest_standing
 from products.catalogue import MissionEntry
 from products.control import read_control
 from products.errors import ProductNotFoundError
-from products.workspace import Workspace
 from tasks.control import FrameParams, control_of, take_control
 from tasks.publish import publish
 
@@ -23,7 +23,7 @@ def add_control(file: Path, mission: str, root: Path, params: FrameParams) -> st
         AdjustmentError: the file is broken, or names a stop that is not known.
         ProductNotFoundError: no network of the mission is in the store.
     """
-    workspace = Workspace.open(root)
+    workspace = open_workspace(root)
     site = landing_site(mission, Settings().landing_sites)
     standing = latest_standing(mission, workspace)
     if standing is None:
@@ -41,7 +41,7 @@ def add_control(file: Path, mission: str, root: Path, params: FrameParams) -> st
 
 def control_rows(mission: str, root: Path) -> list[dict[str, Any]]:
     """Every place of a stop that counts as control."""
-    workspace = Workspace.open(root)
+    workspace = open_workspace(root)
     rows = []
     for ref in control_of(mission, workspace):
         frame, control = read_control(ref, workspace.store)

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from config.settings import Settings
-from flows.console import fail, show_rows
+from flows.console import fail, show_rows, workspace_of
 
 app = typer.Typer(help="Strike and dip of planes.", no_args_is_help=True)
 
@@ -35,9 +35,8 @@ def ground(
     from photogrammetry.errors import PhotogrammetryError  # noqa: PLC0415
     from photogrammetry.terrain.cell_plane import CellPlaneParams  # noqa: PLC0415
     from products.errors import ProductError  # noqa: PLC0415
-    from products.workspace import Workspace  # noqa: PLC0415
 
-    workspace = Workspace.open(store or Settings().store)
+    workspace = workspace_of(store or Settings().store)
     try:
         found = dip_of_ground(stop, _corners(corner), CellPlaneParams(), workspace)
     except (PhotogrammetryError, ProductError) as error:
@@ -59,9 +58,8 @@ def rocks(
     from flows.dips import dips_of_rocks  # noqa: PLC0415
     from photogrammetry.errors import PhotogrammetryError  # noqa: PLC0415
     from products.errors import ProductError  # noqa: PLC0415
-    from products.workspace import Workspace  # noqa: PLC0415
 
-    workspace = Workspace.open(store or Settings().store)
+    workspace = workspace_of(store or Settings().store)
     try:
         params = load_pipeline(pipeline).models.facets
         rows = dips_of_rocks(stop, params, workspace)

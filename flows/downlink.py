@@ -13,6 +13,7 @@ from config.landing import landing_site
 from config.pipeline import load_pipeline
 from config.radiometry import load_radiometry
 from config.settings import Settings
+from config.workspace import open_workspace
 from flows.artifacts import leave_report
 from flows.mission_layers import draw_mission
 from flows.overall import overall_sols, process_overall
@@ -71,7 +72,7 @@ def process_downlink(
     report = DownlinkReport()
     load_pipeline(pipeline)  # refuse wrong settings before the work starts
     radiometry = load_radiometry(Settings().instruments)
-    workspace = Workspace.open(store)
+    workspace = open_workspace(store)
     with recorded("downlink", downlink.name, workspace) as record:
         delivery = ingest_downlink(
             downlink,

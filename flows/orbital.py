@@ -8,6 +8,7 @@ from typing import Any
 
 from config.landing import landing_site
 from config.settings import Settings
+from config.workspace import open_workspace
 from photogrammetry.imagery import StopId
 from photogrammetry.orbital.registration import RegistrationParams
 from photogrammetry.orbital.search import SearchParams
@@ -57,7 +58,7 @@ def add_orbital(
     Raises:
         ProductError: the file cannot be read or lies elsewhere; or no stop is mapped.
     """
-    workspace, wish = Workspace.open(root), wish or OrbitalWish()
+    workspace, wish = open_workspace(root), wish or OrbitalWish()
     store = workspace.store
     site = landing_site(mission, Settings().landing_sites)
     layers = [layer for layer in workspace.catalogue.layers() if layer.mission == mission]

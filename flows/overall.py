@@ -6,6 +6,7 @@ from pathlib import Path
 
 from prefect import flow
 
+from config.workspace import open_workspace
 from flows.mission_layers import draw_mission
 from flows.region import map_regions
 from flows.run_record import recorded
@@ -42,7 +43,7 @@ def readjust(mission: str, store: Path, pipeline: str = "default") -> SolReport:
     Raises:
         ProductNotFoundError: no sol of the mission has been processed.
     """
-    workspace = Workspace.open(store)
+    workspace = open_workspace(store)
     with (
         turn(workspace.store.root, mission),
         recorded("overall adjustment", mission, workspace) as record,

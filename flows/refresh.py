@@ -6,11 +6,11 @@ from pathlib import Path
 
 from prefect import flow
 
+from config.workspace import open_workspace
 from flows.overall import readjust
 from flows.region import map_regions
 from flows.run_record import recorded
 from products.locks import turn
-from products.workspace import Workspace
 
 
 @flow(name="overall-adjustment", flow_run_name="overall-adjustment")
@@ -33,7 +33,7 @@ def refresh_regions(
     store: Path, pipeline: str = "default", mission: str | None = None
 ) -> list[str]:
     """Join the stops of every mission, or of one, to regions anew where any of them changed."""
-    workspace = Workspace.open(store)
+    workspace = open_workspace(store)
     notes: list[str] = []
     for name in _missions(store, mission):
         with turn(workspace.store.root, name), recorded("region", name, workspace) as record:
@@ -46,4 +46,4 @@ def refresh_regions(
 def _missions(store: Path, mission: str | None) -> list[str]:
     if mission is not None:
         return [mission.upper()]
-    return [entry.mission for entry in Workspace.open(store).catalogue.missions()]
+    return [entry.mission for entry in open_workspace(store).catalogue.missions()]

@@ -7,9 +7,9 @@ from pathlib import Path
 
 from prefect.exceptions import ObjectNotFound
 
+from config.workspace import open_catalogue
 from flows.deployments import DOWNLINK, OVERALL, REGION
 from flows.submitted import submit
-from products.catalogue import Catalogue
 from products.events import REQUESTS_CHANGED
 from products.run_requests import RequestBook, RequestKind, RequestState, RunRequest
 
@@ -33,7 +33,7 @@ def submit_requests(store: Path, *, has_inbox: bool) -> list[str]:
             state, answer = _submitted(asked, has_inbox=has_inbox)
             book.answer(asked.id, state, answer)
             document = {"request": asked.id, "state": str(state), "answer": answer}
-            Catalogue.open(store).tell(REQUESTS_CHANGED, document)
+            open_catalogue(store).tell(REQUESTS_CHANGED, document)
             lines.append(f"{asked.author} asked for {asked.kind}: {state}, {answer}")
     return lines
 

@@ -9,6 +9,7 @@ from prefect import flow
 from config.landing import landing_site
 from config.pipeline import load_pipeline
 from config.settings import Settings
+from config.workspace import open_workspace
 from flows.mission_layers import draw_mission
 from flows.progress import report
 from photogrammetry.errors import PhotogrammetryError
@@ -39,7 +40,7 @@ def simulate_into(store: Path, plan: MissionPlan, seed: int, pipeline: str = "de
     Raises:
         PhotogrammetryError: the store holds another mission.
     """
-    workspace = Workspace.open(store)
+    workspace = open_workspace(store)
     config = load_pipeline(pipeline)
     params = SimulationParams(plan, seed, config.adjustment)
     _refuse_other_missions(workspace, network_recipe(params).ref)

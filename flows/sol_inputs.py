@@ -10,6 +10,7 @@ from typing import Any
 from config.landing import landing_site
 from config.pipeline import PipelineConfig, load_pipeline
 from config.settings import Settings
+from config.workspace import open_workspace
 from photogrammetry.adjustment.modes import AdjustmentMode
 from photogrammetry.imagery import StopId
 from photogrammetry.matching.neighbours import link_candidates
@@ -149,7 +150,7 @@ class _Known:
 
     @classmethod
     def of(cls, mission: str, sol: int, store: Path, pipeline: str) -> _Known:
-        workspace = Workspace.open(store)
+        workspace = open_workspace(store)
         site = landing_site(mission, Settings().landing_sites)
         entries = tuple(e for e in workspace.catalogue.images(mission) if e.sol <= sol)
         records = image_records(entries, workspace)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from config.workspace import open_workspace
 from photogrammetry.matching.hand_ties import HandAction
 from products.catalogue import Outcome
-from products.workspace import Workspace
 from tasks.downlink_files import file_bytes
 from tasks.hand_ties import names_in, take_hand_ties, wishes_in
 
@@ -35,7 +35,7 @@ def take_ties_file(file: Path, root: Path) -> TakenTies:
     """
     data = file_bytes(file)
     wishes = wishes_in(data, file.name)
-    workspace = Workspace.open(root)
+    workspace = open_workspace(root)
     ref = take_hand_ties(file.name, data, workspace.store)
     entries = workspace.catalogue.images()
     known = {entry.id for entry in entries} | {entry.stop for entry in entries}

@@ -11,6 +11,7 @@ from typing import Any
 
 from config.landing import landing_site
 from config.settings import Settings
+from config.workspace import open_workspace
 from photogrammetry.traverse.differences import Difference, Differences, differences
 from photogrammetry.traverse.georeference import georeference
 from photogrammetry.traverse.pictures import traverse_figure
@@ -18,7 +19,6 @@ from photogrammetry.traverse.records import Traverse
 from products.arrays import finite
 from products.catalogue import MissionEntry
 from products.model import ProductKind
-from products.workspace import Workspace
 from tasks.mission_traverse import draw_mission_traverse, read_traverses
 from tasks.publish import publish
 from tasks.scopes import region_scope
@@ -87,7 +87,7 @@ def compare_files(
 
 def import_files(files: Sequence[Path], mission: str, root: Path) -> str:
     """Publish the traverses that files give as layers of a mission; one line on what they are."""
-    workspace = Workspace.open(root)
+    workspace = open_workspace(root)
     site = landing_site(mission, Settings().landing_sites)
     traverses = read_traverses(files, mission, site.landing)
     layers = draw_mission_traverse(mission, traverses, files, site.landing, workspace.store)
@@ -100,7 +100,7 @@ def import_files(files: Sequence[Path], mission: str, root: Path) -> str:
 
 def export_files(folder: Path, mission: str, root: Path) -> list[Path]:
     """Copy what tells of a mission's adjusted traverse into a folder, named as operations do."""
-    workspace = Workspace.open(root)
+    workspace = open_workspace(root)
     made = []
     for kind, name in FILE_NAMES.items():
         for ref in workspace.catalogue.pointers(kind):

@@ -92,14 +92,17 @@ class CompressText:
         await (self.plain if raw else self.compressing)(scope, receive, send)
 
 
-def create_app(store_root: Path, viewer_dist: Path | None = None) -> FastAPI:
+def create_app(
+    store_root: Path, viewer_dist: Path | None = None, catalogue_url: str | None = None
+) -> FastAPI:
     """The server of the store at `store_root`.
 
     Args:
         store_root: Folder of products and catalogue; it may be filled while being served.
         viewer_dist: Folder of the built viewer; the one shipped by default.
+        catalogue_url: Database of the catalogue; SQLite in the store's folder where there is none.
     """
-    services = open_services(store_root)
+    services = open_services(store_root, catalogue_url)
 
     @asynccontextmanager
     async def lifespan(_app: FastAPI) -> AsyncIterator[None]:
@@ -154,4 +157,5 @@ def create_app(store_root: Path, viewer_dist: Path | None = None) -> FastAPI:
 
 def create_app_from_settings() -> FastAPI:
     """The server of the store that the environment names (`SOLMAP_STORE`)."""
-    return create_app(Settings().store)
+    settings = Settings()
+    return create_app(settings.store, catalogue_url=settings.catalogue_url)

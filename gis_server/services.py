@@ -46,9 +46,9 @@ class Services:
     requests: RequestBook
 
 
-def open_services(root: Path) -> Services:
-    """Open the store at `root` for reading."""
-    store, catalogue = ProductStore.open(root), Catalogue.open(root)
+def open_services(root: Path, catalogue_url: str | None = None) -> Services:
+    """Open the store at `root` for reading, with its catalogue there or at a database URL."""
+    store, catalogue = ProductStore.open(root), Catalogue.open(root, catalogue_url)
     remembered = lru_cache(maxsize=_LAYERS)(catalogue.layer)
     features = MissionFeatures.open(store, catalogue)
     return Services(

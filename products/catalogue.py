@@ -31,11 +31,13 @@ from products.catalogue_tables import (
     MISSIONS,
     OUTCOMES,
     TABLES,
-    engine_of,
+    count_ingested,
     keys_of,
     point,
     put,
+    times_ingested,
 )
+from products.database import engine_of, found_tables, writing
 from products.errors import ProductNotFoundError
 from products.events import (
     IMAGES_INGESTED,
@@ -59,9 +61,13 @@ class Catalogue:
 
     @classmethod
     def open(cls, root: Path, url: str | None = None) -> Catalogue:
-        """Open or found the catalogue of the store at `root`, or at a database URL."""
+        """Open or found the catalogue of the store at `root`, or at a database URL.
+
+        Raises:
+            ProductError: the URL cannot be used, or its database does not answer.
+        """
         engine = engine_of(root / "catalogue.sqlite", url)
-        TABLES.create_all(engine)
+        found_tables(engine, TABLES)
         return cls(engine)
 
     def missions(self) -> list[MissionEntry]:
@@ -107,15 +113,10 @@ class Catalogue:
 
     def images_version(self, mission: str) -> str:
         """Changes whenever an image of a mission is ingested, anew or for the first time."""
-        rowid = sa.literal_column("rowid", sa.Integer)
-        query = (
-            sa.select(sa.func.count(), sa.func.max(rowid))
-            .select_from(IMAGES)
-            .where(IMAGES.c.mission == mission)
-        )
+        query = sa.select(sa.func.count()).select_from(IMAGES).where(IMAGES.c.mission == mission)
         with self.engine.connect() as connection:
-            count, last = connection.execute(query).one()
-        return f"{count}-{last or 0}"
+            count = connection.execute(query).scalar_one()
+            return f"{count}-{times_ingested(connection, mission)}"
 
     def layers(
         self, mission: str | None = None, kinds: Collection[ProductKind] | None = None
@@ -190,7 +191,7 @@ class Catalogue:
 
     def tell(self, kind: str, document: dict[str, Any]) -> None:
         """Append an event that belongs to no other change of the catalogue."""
-        with self.engine.begin() as connection:
+        with writing(self.engine) as connection:
             append(connection, kind, document)
 
     def publish(
@@ -203,7 +204,7 @@ class Catalogue:
         outcomes: Iterable[Outcome] = (),
     ) -> None:
         """Publish all of it in one transaction; `pointers` are products that are no map layers."""
-        with self.engine.begin() as connection:
+        with writing(self.engine) as connection:
             for entry in missions:
                 if put(connection, MISSIONS, {"mission": entry.mission}, document_of(entry)):
                     append(connection, MISSION_CHANGED, {"mission": entry.mission})
@@ -226,6 +227,7 @@ def _put_images(connection: sa.Connection, images: Sequence[ImageEntry]) -> None
         if put(connection, IMAGES, {"id": image.id}, document_of(image), **columns):
             counts[image.mission] = counts.get(image.mission, 0) + 1
     for mission, count in counts.items():
+        count_ingested(connection, mission, count)
         append(connection, IMAGES_INGESTED, {"mission": mission, "images": count})
 
 

@@ -3,74 +3,67 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 from typing import Any
 
 import sqlalchemy as sa
-from sqlalchemy.engine.interfaces import DBAPIConnection
 
+from products.database import Text, upsert
 from products.model import ProductRef
 
 TABLES = sa.MetaData()
 MISSIONS = sa.Table(
     "missions",
     TABLES,
-    sa.Column("mission", sa.String, primary_key=True),
+    sa.Column("mission", Text, primary_key=True),
     sa.Column("document", sa.JSON, nullable=False),
 )
 IMAGES = sa.Table(
     "images",
     TABLES,
-    sa.Column("id", sa.String, primary_key=True),
-    sa.Column("mission", sa.String, nullable=False, index=True),
-    sa.Column("stop", sa.String, nullable=False, index=True),
+    sa.Column("id", Text, primary_key=True),
+    sa.Column("mission", Text, nullable=False, index=True),
+    sa.Column("stop", Text, nullable=False, index=True),
     sa.Column("sol", sa.Integer, nullable=False, index=True),
     sa.Column("document", sa.JSON, nullable=False),
 )
 LAYERS = sa.Table(
     "layers",
     TABLES,
-    sa.Column("scope", sa.String, primary_key=True),
-    sa.Column("kind", sa.String, primary_key=True),
-    sa.Column("digest", sa.String, primary_key=True),
-    sa.Column("mission", sa.String, nullable=False, index=True),
+    sa.Column("scope", Text, primary_key=True),
+    sa.Column("kind", Text, primary_key=True),
+    sa.Column("digest", Text, primary_key=True),
+    sa.Column("mission", Text, nullable=False, index=True),
     sa.Column("document", sa.JSON, nullable=False),
 )
 LATEST = sa.Table(
     "latest",
     TABLES,
-    sa.Column("scope", sa.String, primary_key=True),
-    sa.Column("kind", sa.String, primary_key=True),
-    sa.Column("digest", sa.String, nullable=False),
+    sa.Column("scope", Text, primary_key=True),
+    sa.Column("kind", Text, primary_key=True),
+    sa.Column("digest", Text, nullable=False),
 )
 OUTCOMES = sa.Table(
     "outcomes",
     TABLES,
-    sa.Column("subject", sa.String, primary_key=True),
+    sa.Column("subject", Text, primary_key=True),
     sa.Column("document", sa.JSON, nullable=False),
 )
 
 RUNS = sa.Table(
     "runs",
     TABLES,
-    sa.Column("id", sa.String, primary_key=True),
-    sa.Column("started_at", sa.String, nullable=False, index=True),
+    sa.Column("id", Text, primary_key=True),
+    sa.Column("started_at", Text, nullable=False, index=True),
     sa.Column("document", sa.JSON, nullable=False),
 )
 
-
-def engine_of(path: Path, url: str | None = None) -> sa.Engine:
-    """A database in a file, or at a URL."""
-    engine = sa.create_engine(url or f"sqlite:///{path}")
-    if engine.dialect.name == "sqlite":
-        sa.event.listen(engine, "connect", _configure)
-    return engine
-
-
-def _configure(connection: DBAPIConnection, _record: object) -> None:
-    """Readers never wait for a writer, and two writers wait for each other."""
-    for pragma in ("journal_mode=WAL", "busy_timeout=30000", "synchronous=NORMAL"):
-        connection.cursor().execute(f"PRAGMA {pragma}")
+INGESTED = sa.Table(
+    "ingested",
+    TABLES,
+    sa.Column("mission", Text, primary_key=True),
+    sa.Column("times", sa.Integer, nullable=False),
+)
+"""How often images of a mission were taken in, anew or for the first time."""
 
 
 def keys_of(ref: ProductRef) -> dict[str, str]:
@@ -90,8 +83,7 @@ def put(
     before = connection.execute(sa.select(table.c.document).where(where)).scalar_one_or_none()
     if before is not None and before == json.loads(json.dumps(document)):
         return False
-    connection.execute(table.delete().where(where))
-    connection.execute(table.insert().values(**keys, **columns, document=document))
+    upsert(connection, table, keys, {**columns, "document": document})
     return True
 
 
@@ -102,6 +94,17 @@ def point(connection: sa.Connection, ref: ProductRef) -> bool:
     before = connection.execute(sa.select(LATEST.c.digest).where(where)).scalar_one_or_none()
     if before == ref.digest:
         return False
-    connection.execute(LATEST.delete().where(where))
-    connection.execute(LATEST.insert().values(**keys, digest=ref.digest))
+    upsert(connection, LATEST, keys, {"digest": ref.digest})
     return True
+
+
+def count_ingested(connection: sa.Connection, mission: str, images: int) -> None:
+    """Count images that were taken in, so that others see that there are some."""
+    before = times_ingested(connection, mission)
+    upsert(connection, INGESTED, {"mission": mission}, {"times": before + images})
+
+
+def times_ingested(connection: sa.Connection, mission: str) -> int:
+    """How many images of a mission were ever taken in."""
+    query = sa.select(INGESTED.c.times).where(INGESTED.c.mission == mission)
+    return connection.execute(query).scalar_one_or_none() or 0

@@ -1,5 +1,8 @@
 """What has happened in a store, in order: browsers are told of it while they look.
 
+Their numbers are in the order in which the transactions ended, for these take turns
+(`products.database.writing`): who has seen number 7 will never be told of a 6 later.
+
 Events are rows that are only appended, in the transaction that made them true, and forgotten when
 there are many newer ones. Who was away asks for those after the last it has seen; where these are
 gone already, `is_gone` says so and everything is to be asked anew.
@@ -14,6 +17,7 @@ from typing import Any
 import sqlalchemy as sa
 
 from products.catalogue_tables import TABLES
+from products.database import Text
 
 KEPT = 10_000
 """Events; a downlink makes some hundred."""
@@ -27,9 +31,9 @@ EVENTS = sa.Table(
     "events",
     TABLES,
     sa.Column("id", sa.Integer, primary_key=True, autoincrement=True),
-    sa.Column("kind", sa.String, nullable=False),
+    sa.Column("kind", Text, nullable=False),
     sa.Column("document", sa.JSON, nullable=False),
-    sa.Column("at", sa.String, nullable=False),
+    sa.Column("at", Text, nullable=False),
 )
 
 

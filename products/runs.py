@@ -21,6 +21,7 @@ from typing import Any
 import sqlalchemy as sa
 
 from products.catalogue_tables import RUNS, put
+from products.database import writing
 from products.errors import ProductNotFoundError
 from products.events import RUN_CHANGED, append
 
@@ -96,7 +97,7 @@ class RunBook:
             name: getattr(run, name)
             for name in ("id", "kind", "subject", "state", "stage", "done", "total")
         }
-        with self.engine.begin() as connection:
+        with writing(self.engine) as connection:
             columns = {"started_at": run.started_at}
             put(connection, RUNS, {"id": run.id}, dataclasses.asdict(run), **columns)
             append(connection, RUN_CHANGED, {**told, "state": str(run.state)})

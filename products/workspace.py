@@ -17,7 +17,7 @@ class Workspace:
     catalogue: Catalogue
 
     @classmethod
-    def open(cls, root: Path) -> Workspace:
-        """Open or found the workspace at `root`."""
+    def open(cls, root: Path, catalogue_url: str | None = None) -> Workspace:
+        """Open or found the workspace at `root`, with its catalogue there or at a database URL."""
         store = ProductStore.open(root)
-        return cls(store, Catalogue.open(store.root))
+        return cls(store, Catalogue.open(store.root, catalogue_url))

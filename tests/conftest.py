@@ -67,3 +67,25 @@ def engine(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 
     with prefect_test_harness(server_startup_timeout=120):
         yield
+
+
+@pytest.fixture(scope="session")
+def postgres() -> Iterator[Any]:
+    """A PostgreSQL server; skips where it is not installed."""
+    from tests.support.postgres import NoPostgresError, running_postgres  # noqa: PLC0415
+
+    try:
+        with running_postgres() as server:
+            yield server
+    except NoPostgresError as error:
+        pytest.skip(str(error))
+
+
+@pytest.fixture(params=["SQLite", "PostgreSQL"])
+def catalogue_url(request: pytest.FixtureRequest) -> str | None:
+    """Where a catalogue may lie: in its store's folder, or in a database of PostgreSQL."""
+    if request.param == "SQLite":
+        return None
+    server = request.getfixturevalue("postgres")
+    url: str = server.database()
+    return url

@@ -10,8 +10,8 @@ from products.catalogue import Catalogue
 
 
 @pytest.fixture
-def catalogue(tmp_path):
-    return Catalogue.open(tmp_path)
+def catalogue(tmp_path, catalogue_url):
+    return Catalogue.open(tmp_path, catalogue_url)
 
 
 def test_there_are_places_for_so_many_listeners_and_they_become_free_again(catalogue):

@@ -50,8 +50,8 @@ def an_image(name: str = "2N1", sol: int = 156) -> ImageEntry:
 
 
 @pytest.fixture
-def catalogue(tmp_path):
-    opened = Catalogue.open(tmp_path)
+def catalogue(tmp_path, catalogue_url):
+    opened = Catalogue.open(tmp_path, catalogue_url)
     yield opened
     opened.engine.dispose()
 

@@ -7,8 +7,8 @@ from products.catalogue import Catalogue
 
 
 @pytest.fixture
-def catalogue(tmp_path):
-    return Catalogue.open(tmp_path)
+def catalogue(tmp_path, catalogue_url):
+    return Catalogue.open(tmp_path, catalogue_url)
 
 
 def test_events_come_in_their_order_after_the_last_seen(catalogue):
@@ -32,9 +32,9 @@ def test_old_events_are_forgotten_and_who_missed_them_is_told_so(catalogue, monk
         assert not events.is_gone(connection, 25)
 
 
-def test_numbers_go_on_when_a_new_process_opens_the_catalogue(catalogue, tmp_path):
+def test_numbers_go_on_when_a_new_process_opens_the_catalogue(catalogue, tmp_path, catalogue_url):
     catalogue.tell("run.changed", {})
-    again = Catalogue.open(tmp_path)
+    again = Catalogue.open(tmp_path, catalogue_url)
     again.tell("run.changed", {})
     assert [event.id for event in catalogue.events_since(0)] == [1, 2]
 

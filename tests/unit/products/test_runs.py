@@ -12,8 +12,8 @@ from products.runs import Run, RunBook, RunState
 
 
 @pytest.fixture
-def catalogue(tmp_path):
-    return Catalogue.open(tmp_path)
+def catalogue(tmp_path, catalogue_url):
+    return Catalogue.open(tmp_path, catalogue_url)
 
 
 @pytest.fixture

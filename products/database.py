@@ -1,0 +1,118 @@
+"""Databases: SQLite in the store's folder, or PostgreSQL at a URL; one way to write to either.
+
+SQLite lets one writer in at a time. PostgreSQL would let many, but then numbers of events are drawn
+in another order than their transactions end, and who asks for events "after number 7" misses a 6
+that is committed later. So writers take turns there too (an advisory lock that ends with the
+transaction, whatever becomes of its process): numbers are in the order of commits, and what a
+writer reads stays true until it has written. Readers wait for nobody.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import sqlalchemy as sa
+from sqlalchemy.dialects import postgresql, sqlite
+from sqlalchemy.engine.interfaces import DBAPIConnection
+from sqlalchemy.exc import ArgumentError, NoSuchModuleError, OperationalError
+
+from products.errors import ProductError, StoreAwayError
+
+Text = sa.String().with_variant(postgresql.VARCHAR(collation="C"), "postgresql")
+"""Text that both sort by its bytes, whatever the language of the database."""
+_WRITES = "solmap_writes"
+_TURN = 0x501_3A9
+"""Number of the writers' turn among PostgreSQL's advisory locks; other programs have others."""
+_WAIT_S = 30
+"""For another writer."""
+_CONNECT_S = 10
+_SPARE = 20
+"""Connections beside the pool's five, while so many requests are answered at once."""
+
+
+def engine_of(path: Path, url: str | None = None) -> sa.Engine:
+    """A database in a file, or at a URL; one pool of connections for all who ask for a URL."""
+    return _shared_engine(url) if url else _engine(f"sqlite:///{path}")
+
+
+@lru_cache(maxsize=16)
+def _shared_engine(url: str) -> sa.Engine:
+    return _engine(url)
+
+
+def _engine(url: str) -> sa.Engine:
+    try:
+        dialect = sa.make_url(url).get_dialect().name
+        if dialect == "sqlite":
+            engine = sa.create_engine(url)
+            sa.event.listen(engine, "connect", _configure)
+            sa.event.listen(engine, "begin", _begin)
+            return engine
+        if dialect != "postgresql":
+            raise ProductError(f"the catalogue cannot lie in {dialect}; {_URLS}")
+        asked = {"connect_timeout": _CONNECT_S}
+        return sa.create_engine(
+            url, pool_pre_ping=True, max_overflow=_SPARE, connect_args=asked, hide_parameters=True
+        )
+    except (ArgumentError, NoSuchModuleError, ModuleNotFoundError) as error:
+        raise ProductError(f"the catalogue's URL cannot be used: {error}; {_URLS}") from error
+
+
+_URLS = "say SOLMAP_CATALOGUE_URL=postgresql+psycopg://user:password@host/database, or leave it out"
+
+
+def found_tables(engine: sa.Engine, tables: sa.MetaData) -> None:
+    """Make the tables that are not there yet; processes that start together take turns.
+
+    Raises:
+        StoreAwayError: the database does not answer.
+    """
+    try:
+        if set(tables.tables) <= set(sa.inspect(engine).get_table_names()):
+            return  # also where nothing may be written
+        with writing(engine) as connection:
+            tables.create_all(connection)
+    except OperationalError as error:
+        if engine.dialect.name == "sqlite":
+            raise
+        where = engine.url.render_as_string(hide_password=True)
+        raise StoreAwayError(
+            f"the catalogue's database {where} does not answer: {str(error.orig).strip()}; "
+            "is it running, and is SOLMAP_CATALOGUE_URL right?"
+        ) from error
+
+
+@contextmanager
+def writing(engine: sa.Engine) -> Iterator[sa.Connection]:
+    """A transaction that writes, alone among writers from its first statement on."""
+    with engine.connect().execution_options(**{_WRITES: True}) as connection, connection.begin():
+        if connection.dialect.name == "postgresql":
+            connection.exec_driver_sql(f"SET LOCAL lock_timeout = '{_WAIT_S}s'")
+            connection.execute(sa.select(sa.func.pg_advisory_xact_lock(_TURN)))
+        yield connection
+
+
+def upsert(
+    connection: sa.Connection, table: sa.Table, keys: dict[str, Any], values: dict[str, Any]
+) -> None:
+    """Insert a row, or replace the values of the one with these keys."""
+    dialect = postgresql if connection.dialect.name == "postgresql" else sqlite
+    added = dialect.insert(table).values(**keys, **values)
+    connection.execute(added.on_conflict_do_update(index_elements=list(keys), set_=values))
+
+
+def _configure(connection: DBAPIConnection, _record: object) -> None:
+    """Readers never wait for a writer, and two writers wait for each other."""
+    connection.isolation_level = None  # `_begin` says when a transaction begins
+    for pragma in ("journal_mode=WAL", f"busy_timeout={1000 * _WAIT_S}", "synchronous=NORMAL"):
+        connection.cursor().execute(f"PRAGMA {pragma}")
+
+
+def _begin(connection: sa.Connection) -> None:
+    """One who will write takes the turn at once: to find out later that it is gone is too late."""
+    writes = connection.get_execution_options().get(_WRITES)
+    connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")

@@ -1,0 +1,164 @@
+"""A catalogue in PostgreSQL: many processes write at once, and readers see all of it or nothing."""
+
+import subprocess
+import sys
+import threading
+import time
+
+import pytest
+import sqlalchemy as sa
+
+from products import events
+from products.catalogue import Catalogue
+from products.database import writing
+from products.errors import ProductError, StoreAwayError
+from tests.unit.products.test_catalogue import MISSION, a_layer, an_image
+
+pytestmark = pytest.mark.timeout(120)
+WRITER = """
+import sys
+from pathlib import Path
+from products.catalogue import Catalogue
+from tests.unit.products.test_catalogue import a_layer, an_image
+root, url, name = Path(sys.argv[1]), sys.argv[2] or None, sys.argv[3]
+catalogue = Catalogue.open(root, url)
+print("open", flush=True)
+sys.stdin.readline()
+for number in range(25):
+    digest = f"{name}{number:02d}".ljust(16, "0")
+    catalogue.publish(images=[an_image(f"{name}{number}"), an_image("shared")],
+                      layers=[a_layer(digest)])
+"""
+
+
+def test_two_processes_publish_at_once_and_nothing_is_lost(tmp_path, catalogue_url):
+    command = (sys.executable, "-c", WRITER, str(tmp_path), catalogue_url or "")
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+    writers = [subprocess.Popen((*command, name), **pipes) for name in "ab"]
+    for writer in writers:
+        assert writer.stdout.readline() == "open\n"  # they found the tables at the same time
+    for writer in writers:
+        writer.communicate("go\n")
+        assert writer.returncode == 0
+    catalogue = Catalogue.open(tmp_path, catalogue_url)
+    assert len(catalogue.images()) == 51
+    told = catalogue.events_since(0)
+    moved = [event for event in told if event.kind == events.LAYERS_PUBLISHED]
+    assert len(moved) == 50
+    assert [event.id for event in told] == list(range(1, len(told) + 1))
+
+
+def test_who_reads_events_while_others_write_misses_none(tmp_path, catalogue_url):
+    catalogue = Catalogue.open(tmp_path, catalogue_url)
+    seen, done = [], threading.Event()
+
+    def write(number: int) -> None:
+        for step in range(15):
+            with writing(catalogue.engine) as connection:
+                events.append(connection, "test", {"writer": number, "step": step})
+                time.sleep(0.002 * (number % 3))  # others end before those who began earlier
+
+    def follow() -> None:
+        while True:
+            ended = done.is_set()
+            since = seen[-1] if seen else 0
+            seen.extend(event.id for event in catalogue.events_since(since))
+            if ended:
+                return
+
+    follower = threading.Thread(target=follow)
+    writers = [threading.Thread(target=write, args=(number,)) for number in range(4)]
+    for thread in (follower, *writers):
+        thread.start()
+    for thread in writers:
+        thread.join()
+    done.set()
+    follower.join()
+    assert len(seen) == 60
+    assert seen == [event.id for event in catalogue.events_since(0)]
+
+
+def test_an_event_written_first_is_committed_first(postgres, tmp_path):
+    catalogue = Catalogue.open(tmp_path, postgres.database())
+    late = threading.Thread(target=catalogue.tell, args=("second", {}))
+    with writing(catalogue.engine) as connection:
+        events.append(connection, "first", {})
+        late.start()
+        time.sleep(0.3)  # without turns the second would be there now, under a higher number
+        assert catalogue.events_since(0) == []
+    late.join()
+    assert [event.kind for event in catalogue.events_since(0)] == ["first", "second"]
+
+
+def test_readers_wait_for_no_writer_and_see_nothing_of_what_is_not_whole(tmp_path, catalogue_url):
+    catalogue = Catalogue.open(tmp_path, catalogue_url)
+    catalogue.publish(missions=[MISSION], layers=[a_layer()])
+    with writing(catalogue.engine) as connection:
+        connection.execute(sa.text("DELETE FROM latest"))
+        started = time.monotonic()
+        assert catalogue.layers() == [a_layer()]
+        assert time.monotonic() - started < 5.0
+    assert catalogue.layers() == []
+
+
+def test_images_ingested_anew_change_the_version_of_a_mission(tmp_path, catalogue_url):
+    catalogue = Catalogue.open(tmp_path, catalogue_url)
+    versions = [catalogue.images_version("MER2")]
+    for images in ([an_image("1")], [an_image("1", sol=157)], [an_image("2")]):
+        catalogue.publish(images=images)
+        versions.append(catalogue.images_version("MER2"))
+    assert len(set(versions)) == 4
+    catalogue.publish(images=[an_image("2")])  # says nothing new
+    assert catalogue.images_version("MER2") == versions[-1]
+
+
+def test_names_are_sorted_by_their_bytes_in_both(tmp_path, catalogue_url):
+    catalogue = Catalogue.open(tmp_path, catalogue_url)
+    names = ["a_1", "B1", "a-2", "A3", "ä"]
+    catalogue.publish(images=[an_image(name) for name in names])
+    assert [image.id for image in catalogue.images()] == ["A3", "B1", "a-2", "a_1", "ä"]
+
+
+def test_a_connection_that_the_server_dropped_is_made_anew(postgres, tmp_path):
+    catalogue = Catalogue.open(tmp_path, postgres.database())
+    catalogue.publish(missions=[MISSION])
+    postgres.stop()
+    with pytest.raises(sa.exc.OperationalError):
+        catalogue.missions()
+    postgres.start()
+    assert catalogue.missions() == [MISSION]
+
+
+def test_a_database_that_is_away_is_named_without_its_password(tmp_path):
+    url = "postgresql+psycopg://maps:secret@127.0.0.1:1/solmap"
+    with pytest.raises(StoreAwayError, match="does not answer") as caught:
+        Catalogue.open(tmp_path, url)
+    assert "127.0.0.1:1/solmap" in str(caught.value)
+    assert "secret" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("url", "message"),
+    [
+        ("somewhere", "cannot be used"),
+        ("oracle://host/db", "cannot lie in oracle"),
+        ("nosuch://host/db", "cannot be used"),
+    ],
+)
+def test_a_url_that_cannot_be_used_says_what_one_looks_like(tmp_path, url, message):
+    with pytest.raises(ProductError, match=message) as caught:
+        Catalogue.open(tmp_path, url)
+    assert "SOLMAP_CATALOGUE_URL=postgresql+psycopg://" in str(caught.value)
+
+
+def test_a_command_on_a_database_that_is_away_ends_with_one_line(tmp_path):
+    asked = subprocess.run(
+        (sys.executable, "-m", "flows.cli", "status", "--store", str(tmp_path / "store")),
+        env={"PATH": "", "SOLMAP_CATALOGUE_URL": "postgresql+psycopg://x:y@127.0.0.1:1/z"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert asked.returncode == 1
+    assert "does not answer" in asked.stderr
+    assert "Traceback" not in asked.stderr
