@@ -35,8 +35,9 @@ from products.pictures import write_orthophoto
 from products.raster import summarise, write_raster
 from products.store import ProductStore
 from products.tiling import TileAddress, tile_matrix_set, zoom_of
+from tests.support.live_server import Server
 from tests.support.tile_load import Load, load
-from tests.support.tile_servers import Server, running
+from tests.support.tile_servers import running
 
 LANDING = LandingPoint("Columbia Memorial Station", 175.4729, -14.5692, 3_393_000.0, "a test")
 CELL_M = 0.02

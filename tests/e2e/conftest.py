@@ -78,6 +78,21 @@ def url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
         yield server.url
 
 
+@pytest.fixture
+def workspace(tmp_path: Path) -> Workspace:
+    """The store of the bowl, for a test that changes it."""
+    workspace = Workspace.open(tmp_path / "store")
+    fill(workspace)
+    return workspace
+
+
+@pytest.fixture
+def live(workspace: Workspace) -> Iterator[str]:
+    """Address of a server over `workspace`."""
+    with Server(workspace.store.root) as server:
+        yield server.url
+
+
 @pytest.fixture(scope="session")
 def true_images(tmp_path_factory: pytest.TempPathFactory) -> StereoStore:
     """A store whose images, poses and ground are known."""

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-import pytest
 
 from products.model import Layer, ProductKind, Recipe
 from products.raster import summarise, write_raster
 from products.workspace import Workspace
-from tests.support.bowl_store import CRS, GRID, REGION, fill
+from tests.support.bowl_store import CRS, GRID, REGION
 from tests.support.browsing import (
-    Server,
     at,
     colour_at,
     look,
@@ -29,19 +26,6 @@ class Value:
     """What tells one product from the next."""
 
     value: float
-
-
-@pytest.fixture
-def workspace(tmp_path) -> Workspace:
-    workspace = Workspace.open(tmp_path / "store")
-    fill(workspace)
-    return workspace
-
-
-@pytest.fixture
-def live(workspace) -> Iterator[str]:
-    with Server(workspace.store.root) as server:
-        yield server.url
 
 
 def publish(workspace: Workspace, kind: ProductKind, value: float) -> None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import pytest
 
 from products.access import Role, TokenBook
@@ -11,24 +9,10 @@ from products.edits import EditKind, EditLog
 from products.model import ProductKind, Recipe
 from products.run_requests import RequestBook
 from products.runs import Run, RunBook, RunState
-from products.workspace import Workspace
-from tests.support.bowl_store import REGION, fill
-from tests.support.browsing import Server, at, look, pixel_of, ready, screenshot, until
+from tests.support.bowl_store import REGION
+from tests.support.browsing import at, look, pixel_of, ready, screenshot, until
 
 RESOLUTION = 0.1
-
-
-@pytest.fixture
-def workspace(tmp_path) -> Workspace:
-    workspace = Workspace.open(tmp_path / "store")
-    fill(workspace)
-    return workspace
-
-
-@pytest.fixture
-def live(workspace) -> Iterator[str]:
-    with Server(workspace.store.root) as server:
-        yield server.url
 
 
 def sign_in(page, workspace, role: Role) -> None:

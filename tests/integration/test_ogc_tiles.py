@@ -5,10 +5,7 @@ from __future__ import annotations
 import io
 import json
 import shutil
-import socket
 import subprocess
-import sys
-import time
 import urllib.error
 import urllib.parse
 import urllib.request
@@ -26,6 +23,7 @@ from rasterio.windows import from_bounds
 from products.crs import local_crs
 from products.model import ProductKind
 from products.tiling import CELL_SIZES, TileAddress, zoom_of
+from tests.support.live_server import serving
 from tests.unit.gis_server.conftest import (
     CELL_M,
     GRID,
@@ -43,10 +41,6 @@ OWN_ZOOM = zoom_of(CELL_M)
 INSIDE = TileAddress.holding(5.0, 5.0, OWN_ZOOM)
 TMS = "Columbia-Memorial-Station"
 ORTHOPHOTO = f"{STOP.name}.orthophoto"
-_SERVE = (
-    "import sys, pathlib, uvicorn; from gis_server.app import create_app; "
-    "uvicorn.run(create_app(pathlib.Path(sys.argv[1])), port=int(sys.argv[2]), log_level='warning')"
-)
 
 
 @pytest.fixture(scope="module")
@@ -56,29 +50,8 @@ def world(tmp_path_factory: pytest.TempPathFactory) -> SmallWorld:
 
 @pytest.fixture(scope="module")
 def server(world: SmallWorld) -> Iterator[str]:
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    process = subprocess.Popen([sys.executable, "-c", _SERVE, str(world.root), str(port)])
-    address = f"http://127.0.0.1:{port}"
-    try:
-        deadline = time.monotonic() + 60.0
-        while not _is_ready(address):
-            assert process.poll() is None, "the server ended before it was ready"
-            assert time.monotonic() < deadline, "the server is not ready after a minute"
-            time.sleep(0.1)
+    with serving(world.root) as address:
         yield address
-    finally:
-        process.terminate()
-        process.wait(timeout=30)
-
-
-def _is_ready(address: str) -> bool:
-    try:
-        with urllib.request.urlopen(f"{address}/healthz", timeout=5) as answer:
-            return answer.status == 200
-    except OSError:
-        return False
 
 
 @pytest.fixture

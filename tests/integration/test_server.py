@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import json
-import socket
-import subprocess
-import sys
 import time
 import urllib.request
 from collections.abc import Iterator
@@ -26,15 +23,12 @@ from products.model import Layer, ProductKind, Recipe, Scope, ScopeLevel
 from products.raster import write_raster
 from products.store import ProductStore
 from products.vector import Feature, write_features
+from tests.support.live_server import serving
 
 LANDING = LandingPoint("Columbia Memorial Station", 175.4729, -14.5692, 3_393_000.0, "a test")
 GRID = MapGrid.covering((-60.0, -60.0, 60.0, 60.0), 0.08)
 REGION = Scope(ScopeLevel.REGION, "mer2")
 STOP_AT = (12.5, -7.25)
-_SERVE = (
-    "import sys, pathlib, uvicorn; from gis_server.app import create_app; "
-    "uvicorn.run(create_app(pathlib.Path(sys.argv[1])), port=int(sys.argv[2]), log_level='warning')"
-)
 
 
 def elevation() -> np.ndarray:
@@ -71,29 +65,8 @@ def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def server(root: Path) -> Iterator[str]:
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    process = subprocess.Popen([sys.executable, "-c", _SERVE, str(root), str(port)])
-    address = f"http://127.0.0.1:{port}"
-    try:
-        deadline = time.monotonic() + 60.0
-        while not _is_ready(address):
-            assert process.poll() is None, "the server ended before it was ready"
-            assert time.monotonic() < deadline, "the server is not ready after a minute"
-            time.sleep(0.1)
+    with serving(root) as address:
         yield address
-    finally:
-        process.terminate()
-        process.wait(timeout=30)
-
-
-def _is_ready(address: str) -> bool:
-    try:
-        with urllib.request.urlopen(f"{address}/healthz", timeout=5) as answer:
-            return answer.status == 200
-    except OSError:
-        return False
 
 
 def layers(server: str) -> dict[str, dict]:

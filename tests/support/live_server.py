@@ -1,14 +1,16 @@
-"""The server as a process of its own, for clients that only speak HTTP."""
+"""A server as a process of its own, for clients that only speak HTTP."""
 
 from __future__ import annotations
 
 import contextlib
+import os
 import socket
 import subprocess
 import sys
 import time
 import urllib.request
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 _SERVE = (
@@ -18,21 +20,40 @@ _SERVE = (
 )
 
 
+@dataclass(frozen=True, slots=True)
+class Server:
+    """A running server."""
+
+    port: int
+    pid: int
+
+    @property
+    def address(self) -> str:
+        return f"http://127.0.0.1:{self.port}"
+
+
 @contextlib.contextmanager
 def serving(root: Path) -> Iterator[str]:
     """The address of a server of the store at `root`, which ends with the block."""
+    with running([sys.executable, "-c", _SERVE, str(root)]) as server:
+        yield server.address
+
+
+@contextlib.contextmanager
+def running(command: list[str], environment: Mapping[str, str] | None = None) -> Iterator[Server]:
+    """The server that `command`, with a free port as its last word, starts; it answers /healthz."""
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    process = subprocess.Popen([sys.executable, "-c", _SERVE, str(root), str(port)])
-    address = f"http://127.0.0.1:{port}"
+    process = subprocess.Popen([*command, str(port)], env={**os.environ, **(environment or {})})
+    server = Server(port, process.pid)
     try:
-        deadline = time.monotonic() + 60.0
-        while not _is_ready(address):
-            assert process.poll() is None, "the server ended before it was ready"
-            assert time.monotonic() < deadline, "the server is not ready after a minute"
+        deadline = time.monotonic() + 120.0
+        while not _is_ready(server.address):
+            assert process.poll() is None, f"{command} ended before it was ready"
+            assert time.monotonic() < deadline, f"{command} is not ready after two minutes"
             time.sleep(0.1)
-        yield address
+        yield server
     finally:
         process.terminate()
         process.wait(timeout=30)

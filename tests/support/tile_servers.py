@@ -6,53 +6,23 @@ python -m tests.support.tile_servers ours|titiler|files ROOT PORT
 from __future__ import annotations
 
 import contextlib
-import os
-import socket
-import subprocess
 import sys
-import time
-import urllib.request
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from tests.support import live_server
+from tests.support.live_server import Server
+
 ROOT = Path(__file__).parents[2]
-
-
-@dataclass(frozen=True)
-class Server:
-    port: int
-    pid: int
 
 
 @contextlib.contextmanager
 def running(name: str, root: Path) -> Iterator[Server]:
     """One of the servers as a process of its own, of one worker."""
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    command = [sys.executable, "-m", "tests.support.tile_servers", name, str(root), str(port)]
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
-    process = subprocess.Popen(command, cwd=ROOT, env=environment)
-    try:
-        deadline = time.monotonic() + 120.0
-        while not _listens(port):
-            assert process.poll() is None, f"{name} ended before it was ready"
-            assert time.monotonic() < deadline, f"{name} is not ready after two minutes"
-            time.sleep(0.2)
-        yield Server(port, process.pid)
-    finally:
-        process.terminate()
-        process.wait(timeout=30)
-
-
-def _listens(port: int) -> bool:
-    try:
-        with urllib.request.urlopen(f"http://127.0.0.1:{port}/healthz", timeout=5):
-            return True
-    except OSError:
-        return False
+    command = [sys.executable, "-m", "tests.support.tile_servers", name, str(root)]
+    with live_server.running(command, {"PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}) as server:
+        yield server
 
 
 def _ours(root: Path) -> Any:
