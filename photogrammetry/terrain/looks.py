@@ -81,8 +81,8 @@ class Look:
             base_m=view.geometry.base_m,
             centre_px=view.geometry.centre_px,
             sides=_sides(view) @ rotation.T,
-            bands=tuple(_pyramid(band, view.mask) for band in bands or (view.image,)),
-            fade=_fade(view.mask),
+            bands=tuple(pyramid_of(band, view.mask) for band in bands or (view.image,)),
+            fade=fade_of(view.mask),
             nearest=np.where(np.isfinite(view.parallax), view.parallax, 0).astype(np.float32),
         )
 
@@ -117,10 +117,10 @@ class Look:
         line = Y * enlarged + np.float32(self.centre_px[1])
         parallax = enlarged * np.float32(self.base_m)
         farthest = parallax * (1 + np.float32(cell_m) * nearness) + np.float32(tolerance_px)
-        hidden = _sampled(self.nearest, sample, line, cv2.INTER_NEAREST) > farthest
+        hidden = looked_up(self.nearest, sample, line, cv2.INTER_NEAREST) > farthest
         square = ground[0] ** 2 + ground[1] ** 2 + ground[2] ** 2
         facing = -(ground[0] * normal[0] + ground[1] * normal[1] + ground[2] * normal[2])
-        fade = _sampled(self.fade, *_coarser(sample, line), cv2.INTER_LINEAR)
+        fade = looked_up(self.fade, *coarser(sample, line), cv2.INTER_LINEAR)
         shown = (np.float32(NEAREST_M) < Z) & (fade > 0)
         facing = np.maximum(facing, GRAZING * np.sqrt(square))
         density = np.float32(self.focal_px**2) * facing / (square * np.sqrt(square))
@@ -133,13 +133,13 @@ class Look:
         """Grey values at image points, averaged over 2^level pixels, or over none."""
         pyramid = self.bands[band]
         if level is None:
-            return _sampled(pyramid[0], sample, line, cv2.INTER_LINEAR)
+            return looked_up(pyramid[0], sample, line, cv2.INTER_LINEAR)
         level = np.clip(level, 0, LEVELS - 1)
         grey = np.zeros_like(sample)
         for number in range(int(level.min()), int(np.ceil(level.max())) + 1):
             share = np.maximum(0, 1 - np.abs(level - np.float32(number)))
             scale = np.float32(0.5**number)
-            values = _sampled(pyramid[number], sample * scale, line * scale, cv2.INTER_LINEAR)
+            values = looked_up(pyramid[number], sample * scale, line * scale, cv2.INTER_LINEAR)
             cv2.accumulateProduct(values, share, grey)
         return grey
 
@@ -154,7 +154,7 @@ def _sides(view: TerrainView) -> Float64[np.ndarray, "5 3"]:
     return normals / np.linalg.norm(normals, axis=1, keepdims=True)
 
 
-def _fade(mask: Mask) -> Float32[np.ndarray, "coarse_lines coarse_samples"]:
+def fade_of(mask: Mask) -> Float32[np.ndarray, "coarse_lines coarse_samples"]:
     """Distance from unusable pixels over half the image, in pixels `COARSER` times as wide."""
     lines, samples = (size // COARSER for size in mask.shape)
     whole = mask[: lines * COARSER, : samples * COARSER]
@@ -165,13 +165,13 @@ def _fade(mask: Mask) -> Float32[np.ndarray, "coarse_lines coarse_samples"]:
     return (np.clip(inside - FADE_FROM_PX, 0, half) / half).astype(np.float32)
 
 
-def _coarser(sample: Raster, line: Raster) -> tuple[Raster, Raster]:
+def coarser(sample: Raster, line: Raster) -> tuple[Raster, Raster]:
     """Image points in an image with pixels `COARSER` times as wide."""
     scale, shift = np.float32(1 / COARSER), np.float32(0.5 / COARSER - 0.5)
     return sample * scale + shift, line * scale + shift
 
 
-def _pyramid(image: GreyImage, mask: Mask) -> Pyramid:
+def pyramid_of(image: GreyImage, mask: Mask) -> Pyramid:
     """The image at every level; unusable pixels have its mean, for they are never shown."""
     level = cv2.mean(image, mask.astype(np.uint8))[0]
     pyramid = [image if mask.all() else np.where(mask, image, np.float32(level))]
@@ -180,7 +180,7 @@ def _pyramid(image: GreyImage, mask: Mask) -> Pyramid:
     return tuple(pyramid)
 
 
-def _sampled(
+def looked_up(
     image: Float32[np.ndarray, "lines samples"], sample: Raster, line: Raster, how: int
 ) -> Raster:
     """The image at these points; 0 outside."""

@@ -1,0 +1,186 @@
+"""The panorama: what a stop's images show all around, levelled, in azimuth and elevation.
+
+The images of a mast are not taken from one place: its head swings a camera around by some
+decimetres. Every direction from the panorama's centre, the mean of the projection centres, is
+therefore carried to the ground that is seen there (see `sight_ranges`) and from it into the images
+by their camera models and adjusted orientations; the sky is far away. Where several images show
+it, each counts with
+
+    w = (fade d^2)^k,     d = finest pixel / own pixel,
+
+by its distance to the border of the image (`looks.fade_of`) and its resolution, so that all but one
+die off within some ten pixels: no seam, no ghost. Brightness is balanced as the orthophoto's
+(`balance`). Every image is looked up at the level of its pyramid that is as coarse as the panorama.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from photogrammetry.arrays import Float64, ObjectPoints, Raster, Vector3
+from photogrammetry.errors import TerrainError
+from photogrammetry.imagery import Eye
+from photogrammetry.terrain.angle_grid import NODE, AngleGrid, direction
+from photogrammetry.terrain.balance import balance
+from photogrammetry.terrain.ground import MAP_FROM_LSL
+from photogrammetry.terrain.mosaic import NO_SOURCE, Sources
+from photogrammetry.terrain.panorama_image import PanoramaImage, enlarged
+from photogrammetry.terrain.records import Dtm
+from photogrammetry.terrain.sight_ranges import SightRanges, StandingPlane, sight_ranges
+
+SAMPLES = 1 << 16
+"""Directions in which brightness is compared, at most: of a full circle, every sixteenth pixel."""
+
+
+@dataclass(frozen=True, slots=True)
+class PanoramaParams:
+    """How to draw a panorama."""
+
+    eye: Eye = Eye.LEFT
+    pixel_deg: float = 0.0
+    """Width of a pixel; 0: that of the coarsest images, which are those that show all around."""
+    block_px: int = 512
+    sharpness: float = 8.0
+    """Exponent k: an image that shows a direction a quarter worse counts for a tenth."""
+    most_pixels: int = 1 << 26
+    """Pixels are made wider where there would be more: 64 million are twice a full circle from pole
+    to pole with Navcam's pixels."""
+    stretch_percent: tuple[float, float] = (0.5, 99.5)
+    """Percentiles of the brightness that become black and white."""
+
+    def __post_init__(self) -> None:
+        if self.block_px < NODE or self.block_px % NODE or self.pixel_deg < 0:
+            raise TerrainError(
+                f"a panorama's blocks are multiples of {NODE} pixels and its pixels not below zero "
+                f"degrees, not {self.block_px} and {self.pixel_deg}"
+            )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PanoramaBlock:
+    """A piece of a panorama; its first pixel lies at (row, col) of the whole."""
+
+    row: int
+    col: int
+    brightness: Raster
+    """Balanced; NaN where no image shows it."""
+    sources: Sources
+    """At nodes: the image that counts most; `NO_SOURCE` where there is none."""
+    ranges: SightRanges
+    """At nodes."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Panorama:
+    """A panorama about to be drawn."""
+
+    grid: AngleGrid
+    centre: Vector3
+    """North, east, down: the mean of the projection centres, metres in the LSL."""
+    images: tuple[PanoramaImage, ...]
+    """Balanced."""
+    plane: StandingPlane
+    dtm: Dtm | None
+    params: PanoramaParams
+    stretch: tuple[float, float]
+    gains: Float64[np.ndarray, "images 2"]
+
+    def nodes(self, row: int, col: int, rows: int, cols: int) -> tuple[ObjectPoints, SightRanges]:
+        """Places of the ground, in the LSL, at the nodes of a window and one beyond each way."""
+        azimuths, elevations = self.grid.node_angles(row, col, rows, cols)
+        ranges = sight_ranges(
+            MAP_FROM_LSL @ self.centre, azimuths, elevations, self.plane, self.dtm
+        )
+        away = direction(azimuths[None, :], elevations[:, None]) * ranges.range_m[..., None]
+        return away.reshape(-1, 3) + self.centre, ranges
+
+    def blocks(self) -> Iterator[PanoramaBlock]:
+        """The blocks in which any image shows something, row by row."""
+        side = self.params.block_px
+        for col in range(0, self.grid.cols, side):
+            cols = min(side, self.grid.cols - col)
+            ground, ranges = self.nodes(0, col, self.grid.rows, cols)
+            places = ground.reshape(*ranges.range_m.shape, 3)
+            for row in range(0, self.grid.rows, side):
+                rows = min(side, self.grid.rows - row)
+                part = np.s_[row // NODE : (row + rows) // NODE + 1]
+                block = self._block((rows, cols), places[part])
+                if block is not None:
+                    inner = np.s_[row // NODE : (row + rows) // NODE, : cols // NODE]
+                    seen = SightRanges(ranges.range_m[inner], ranges.is_measured[inner])
+                    yield PanoramaBlock(row, col, *block, seen)
+
+    def _block(self, shape: tuple[int, int], places: np.ndarray) -> tuple[Raster, Sources] | None:
+        total, weight = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
+        best = np.zeros(shape, np.float32)
+        source = np.full(shape, NO_SOURCE, np.uint16)
+        finest = min(image.pixel_deg for image in self.images)
+        for number, image in enumerate(self.images):
+            seen = enlarged(image, places, shape)
+            if seen is None:
+                continue
+            grey, fade = image.drawn(*seen, self.grid.cell_deg)
+            worth = fade * np.float32((finest / image.pixel_deg) ** 2)
+            source[worth > best] = number
+            np.maximum(best, worth, out=best)
+            share = worth ** np.float32(self.params.sharpness)
+            total += share * grey
+            weight += share
+        if not best.any():
+            return None
+        shown = weight > 0
+        brightness = np.where(shown, total / np.where(shown, weight, 1), np.float32(np.nan))
+        return brightness, source[::NODE, ::NODE]
+
+
+def panorama(
+    images: Sequence[PanoramaImage],
+    plane: StandingPlane,
+    params: PanoramaParams,
+    dtm: Dtm | None = None,
+) -> Panorama:
+    """The panorama of all that some images of a stop show, to be drawn block by block.
+
+    Raises:
+        TerrainError: there is no image.
+    """
+    if not images:
+        raise TerrainError("a panorama of no image; ingest one of this eye, or choose the other")
+    spans = [image.span for image in images]
+    elevations = min(low for _, (low, _) in spans), max(high for _, (_, high) in spans)
+    pixel_deg = params.pixel_deg or max(image.pixel_deg for image in images)
+    grid = AngleGrid.covering([azimuths for azimuths, _ in spans], elevations, pixel_deg)
+    if grid.rows * grid.cols > params.most_pixels:
+        wider = pixel_deg * math.sqrt(grid.rows * grid.cols / params.most_pixels)
+        grid = AngleGrid.covering([azimuths for azimuths, _ in spans], elevations, wider)
+    centre = np.mean([image.camera.centre for image in images], axis=0)
+    gains = np.tile([1.0, 0.0], (len(images), 1))
+    draft = Panorama(grid, centre, tuple(images), plane, dtm, params, (0.0, 1.0), gains)
+    brightness = _samples(draft)
+    gains = balance(brightness)
+    even = brightness * gains[:, :1] + gains[:, 1:]
+    seen = even[np.isfinite(even)]
+    low, high = np.percentile(seen, params.stretch_percent) if seen.size else (0.0, 1.0)
+    return replace(
+        draft,
+        images=tuple(image.balanced(*own) for image, own in zip(images, gains, strict=True)),
+        stretch=(float(low), float(max(high, low + 1e-6))),
+        gains=gains,
+    )
+
+
+def _samples(draft: Panorama) -> np.ndarray:
+    """Brightness of every image at a lattice of directions; NaN where it does not show them."""
+    every = max(1, math.isqrt(draft.grid.rows * draft.grid.cols // SAMPLES) // NODE)
+    ground, ranges = draft.nodes(0, 0, draft.grid.rows, draft.grid.cols)
+    places = ground.reshape(*ranges.range_m.shape, 3)[::every, ::every].reshape(-1, 3)
+    found = []
+    for image in draft.images:
+        sample, line = (part[None].astype(np.float32) for part in image.points(places).T)
+        grey, fade = image.drawn(sample, line, every * NODE / 2 * draft.grid.cell_deg)
+        found.append(np.where(fade[0] > 0, grey[0], np.float32(np.nan)))
+    return np.stack(found).astype(np.float32)

@@ -1,0 +1,121 @@
+"""How well neighbouring images of a panorama meet: the shift between them where both show it.
+
+Small patches that two images both show are drawn from each alone, on the panorama's pixels. The
+middle of one is looked for in the other by normalised cross-correlation; a parabola through the
+peak gives fractions of a pixel. What is left is what pointing, camera models and the ground between
+them do not explain.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import cv2
+import numpy as np
+
+from photogrammetry.terrain.angle_grid import NODE
+from photogrammetry.terrain.panorama import Panorama
+from photogrammetry.terrain.panorama_image import PanoramaImage, enlarged
+
+PATCHES_ACROSS = 16
+"""Of an image: neighbours in a panorama share a fifth of it."""
+LEAST_PATCH, LARGEST_PATCH = 32, 64
+"""Sides, pixels."""
+MOST_PATCHES = 12
+"""Patches that two images are compared in."""
+INSIDE = 0.1
+"""Fade that a patch must have in both images: a twentieth of the image off its border."""
+LEAST_CORRELATION = 0.8
+"""Bare sand and sky correlate with nothing."""
+
+
+@dataclass(frozen=True, slots=True)
+class Seam:
+    """Two images and how far apart they show the same things."""
+
+    first: str
+    second: str
+    patches: int
+    shift_px: float
+    """Median length of the shifts, pixels of the panorama."""
+
+
+@dataclass(frozen=True, slots=True)
+class Registration:
+    """The seams of a panorama."""
+
+    seams: tuple[Seam, ...]
+    median_px: float
+    """Over all patches; NaN where no two images overlap."""
+    p90_px: float
+
+
+def registration(made: Panorama) -> Registration:
+    """Compare every two images of a panorama where both show the same directions."""
+    side = min(image.size[0] // PATCHES_ACROSS for image in made.images)
+    side = int(np.clip(side - side % (2 * NODE), LEAST_PATCH, LARGEST_PATCH))
+    ground, ranges = made.nodes(0, 0, made.grid.rows, made.grid.cols)
+    places = ground.reshape(*ranges.range_m.shape, 3)
+    half = side // NODE // 2
+    rows, cols = (np.arange(half, count - half, half) for count in places.shape[:2])
+    middles = places[np.ix_(rows, cols)].reshape(-1, 3)
+    inside = np.stack([_fades(image, middles) > INSIDE for image in made.images])
+    seams: list[Seam] = []
+    lengths: list[float] = []
+    for first, second in combinations(range(len(made.images)), 2):
+        shared = np.flatnonzero(inside[first] & inside[second])
+        chosen = shared[:: max(1, len(shared) // MOST_PATCHES)][:MOST_PATCHES].tolist()
+        shifts = []
+        for row, col in ((rows[n // len(cols)], cols[n % len(cols)]) for n in chosen):
+            patch = places[row - half : row + half + 1, col - half : col + half + 1]
+            shift = _shift(made, (first, second), patch, side)
+            shifts += [] if shift is None else [shift]
+        if shifts:
+            names = made.images[first].id, made.images[second].id
+            seams.append(Seam(*names, len(shifts), float(np.median(shifts))))
+            lengths += shifts
+    if not lengths:
+        return Registration((), float("nan"), float("nan"))
+    middle, high = np.percentile(lengths, (50, 90)).tolist()
+    return Registration(tuple(seams), middle, high)
+
+
+def _fades(image: PanoramaImage, places: np.ndarray) -> np.ndarray:
+    sample, line = (part[None].astype(np.float32) for part in image.points(places).T)
+    fade: np.ndarray = image.drawn(sample, line, image.pixel_deg)[1][0]
+    return fade
+
+
+def _shift(made: Panorama, numbers: tuple[int, int], places: np.ndarray, side: int) -> float | None:
+    """Length of the shift between two images in a patch; None where they show no texture."""
+    drawn = []
+    for image in (made.images[number] for number in numbers):
+        seen = enlarged(image, places, (side, side))
+        if seen is None:
+            return None
+        grey, fade = image.drawn(*seen, made.grid.cell_deg)
+        if not (fade > 0).all():
+            return None
+        drawn.append(grey)
+    border = side // 4
+    middle = drawn[0][border:-border, border:-border]
+    return _peak(cv2.matchTemplate(drawn[1], middle, cv2.TM_CCOEFF_NORMED), border)
+
+
+def _peak(correlation: np.ndarray, border: int) -> float | None:
+    """Distance of the peak from the middle; None where it is weak or at the border."""
+    row, col = np.unravel_index(np.argmax(correlation), correlation.shape)
+    last = len(correlation) - 1
+    if not (0 < row < last and 0 < col < last) or correlation[row, col] < LEAST_CORRELATION:
+        return None
+    down = _vertex(correlation[row - 1 : row + 2, col])
+    across = _vertex(correlation[row, col - 1 : col + 2])
+    return float(np.hypot(row + down - border, col + across - border))
+
+
+def _vertex(values: np.ndarray) -> float:
+    """Where the parabola through three values has its highest point."""
+    before, here, after = values.tolist()
+    curvature = before - 2 * here + after
+    return 0.0 if curvature >= 0 else 0.5 * (before - after) / curvature
