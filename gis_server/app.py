@@ -36,6 +36,7 @@ from gis_server.routes import (
     styles,
     ties,
     tiles,
+    versions,
 )
 from gis_server.routes.shortcut import TileShortcut
 from gis_server.services import open_services
@@ -124,6 +125,7 @@ def create_app(
     for module in (
         missions,
         layers,
+        versions,
         models,
         scene,
         analysis,

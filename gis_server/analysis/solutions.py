@@ -32,7 +32,7 @@ from products.store import ProductStore
 
 LATEST = "latest"
 TELEMETRY = "telemetry"
-_OVERALL = "-overall"
+OVERALL = "-overall"
 _DIGITS = 4
 
 Place = tuple[float, float, float | None]
@@ -118,8 +118,8 @@ def _solution(ref: ProductRef, store: ProductStore, *, is_latest: bool) -> Solut
         id=f"{name}/{ref.digest}",
         scope=name,
         digest=ref.digest,
-        sol=int(name.removesuffix(_OVERALL).rpartition("-sol")[2]),
-        is_overall=name.endswith(_OVERALL),
+        sol=int(name.removesuffix(OVERALL).rpartition("-sol")[2]),
+        is_overall=name.endswith(OVERALL),
         is_latest=is_latest,
         made_at=_made_at(ref, store),
     )
