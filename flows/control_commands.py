@@ -7,16 +7,13 @@ from typing import Annotated
 
 import typer
 
-from config.settings import Settings
 from flows.console import fail, out, show_rows
+from flows.options import StoreOption, store_of
 from flows.orbital_commands import RotationSigma, ShiftSigma
 
 app = typer.Typer(help="Places of stops in orbital images, as control.", no_args_is_help=True)
 
 Mission = Annotated[str, typer.Option(help="MER2 (Spirit), MER1 (Opportunity) ...")]
-StoreOption = Annotated[
-    Path | None, typer.Option("--store", help="Folder of products. [env: SOLMAP_STORE]")
-]
 
 
 @app.command()
@@ -40,7 +37,7 @@ def add(
 
     try:
         params = FrameParams(shift_sigma, rotation_sigma, scale_sigma)
-        said = add_control(file, mission.upper(), store or Settings().store, params)
+        said = add_control(file, mission.upper(), store_of(store), params)
     except (PhotogrammetryError, ProductError, OSError) as error:
         fail(str(error))
     out.print(said, highlight=False)
@@ -56,6 +53,6 @@ def show(
     """Every place that counts as control, by registration or by hand."""
     from flows.control import control_rows  # noqa: PLC0415 - slow to import
 
-    rows = control_rows(mission.upper(), store or Settings().store)
+    rows = control_rows(mission.upper(), store_of(store))
     columns = ["frame", "stop", "east_m", "north_m", "sigma_m", "up_m", "azimuth_deg"]
     show_rows(rows, columns, as_json)

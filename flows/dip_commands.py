@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from config.settings import Settings
 from flows.console import fail, show_rows, workspace_of
+from flows.options import JsonOption, StoreOption, store_of
 
 app = typer.Typer(help="Strike and dip of planes.", no_args_is_help=True)
 
 Stop = Annotated[str, typer.Argument(help="As `solmap positions` names it")]
-StoreOption = Annotated[
-    Path | None, typer.Option("--store", help="Folder of products. [env: SOLMAP_STORE]")
-]
-JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
 ANGLES = ["strike_deg", "sigma_strike_deg", "dip_deg", "sigma_dip_deg"]
 
 
@@ -36,7 +31,7 @@ def ground(
     from photogrammetry.terrain.cell_plane import CellPlaneParams  # noqa: PLC0415
     from products.errors import ProductError  # noqa: PLC0415
 
-    workspace = workspace_of(store or Settings().store)
+    workspace = workspace_of(store_of(store))
     try:
         found = dip_of_ground(stop, _corners(corner), CellPlaneParams(), workspace)
     except (PhotogrammetryError, ProductError) as error:
@@ -59,7 +54,7 @@ def rocks(
     from photogrammetry.errors import PhotogrammetryError  # noqa: PLC0415
     from products.errors import ProductError  # noqa: PLC0415
 
-    workspace = workspace_of(store or Settings().store)
+    workspace = workspace_of(store_of(store))
     try:
         params = load_pipeline(pipeline).models.facets
         rows = dips_of_rocks(stop, params, workspace)

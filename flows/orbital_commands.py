@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from config.settings import Settings
 from flows.console import fail, out
+from flows.options import store_of
 
 app = typer.Typer(help="Orbital images under the rover's map.", no_args_is_help=True)
 
@@ -50,7 +50,7 @@ def add(  # noqa: PLR0913 - options
     try:
         frame = None if no_control else FrameParams(shift_sigma, rotation_sigma)
         wish = OrbitalWish(registered=not as_claimed, reach_m=reach, control=frame, heights=heights)
-        said = add_orbital(file, mission.upper(), store or Settings().store, wish)
+        said = add_orbital(file, mission.upper(), store_of(store), wish)
     except (ProductError, OSError) as error:
         fail(str(error))
     for line in said:

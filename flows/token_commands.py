@@ -7,20 +7,16 @@ from typing import Annotated
 
 import typer
 
-from config.settings import Settings
 from flows.console import fail, out, show_rows
+from flows.options import StoreOption, store_of
 from products.access import Role, TokenBook
 from products.errors import ProductNotFoundError
 
 app = typer.Typer(help="Tokens: who may edit ties, annotate and start runs.", no_args_is_help=True)
 
-StoreOption = Annotated[
-    Path | None, typer.Option("--store", help="Folder of products. [env: SOLMAP_STORE]")
-]
-
 
 def _book(store: Path | None) -> TokenBook:
-    root = store or Settings().store
+    root = store_of(store)
     if not root.is_dir():
         fail(f"{root} is no store; `solmap run` makes one")
     return TokenBook.of(root)

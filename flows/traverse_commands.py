@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from config.settings import Settings
 from flows.console import errors, fail, out, show_rows
+from flows.options import StoreOption, store_of
 
 app = typer.Typer(help="Where the rover really was.", no_args_is_help=True)
 
@@ -17,9 +17,6 @@ Files = Annotated[
     typer.Argument(help="Traverse tables, .svf, .rvf, PLACES tables, locations.xml of one mission"),
 ]
 Mission = Annotated[str, typer.Option(help="MER2 (Spirit), MER1 (Opportunity), MSL ...")]
-StoreOption = Annotated[
-    Path | None, typer.Option("--store", help="Folder of products. [env: SOLMAP_STORE]")
-]
 COLUMNS = ["where", "stop", "sol", "distance_m", "horizontal_m", "percent", "elevation_m"]
 
 
@@ -57,7 +54,7 @@ def take(files: Files, mission: Mission = "MER2", store: StoreOption = None) -> 
     from products.errors import ProductError  # noqa: PLC0415
 
     try:
-        taken = import_files(files, mission.upper(), store or Settings().store)
+        taken = import_files(files, mission.upper(), store_of(store))
     except (PhotogrammetryError, ProductError, OSError) as error:
         fail(str(error))
     out.print(taken, highlight=False)
@@ -72,7 +69,7 @@ def export(
     """Hand out the adjusted traverse: PLACES table, vector files, differences, figure."""
     from flows.traverse import export_files  # noqa: PLC0415 - slow to import
 
-    made = export_files(folder, mission.upper(), store or Settings().store)
+    made = export_files(folder, mission.upper(), store_of(store))
     if not made:
         fail(f"no adjusted traverse of {mission.upper()} is in the store: run its downlink first")
     for file in made:

@@ -11,13 +11,12 @@ import typer
 
 from config.settings import Settings
 from flows.console import fail, out
+from flows.options import StoreOption
 from products.locks import alone
 
 
 def up(
-    store: Annotated[
-        Path | None, typer.Option("--store", help="Folder of products. [env: SOLMAP_STORE]")
-    ] = None,
+    store: StoreOption = None,
     inbox: Annotated[
         Path | None, typer.Option(help="Folder that downlinks arrive in. [env: SOLMAP_INBOX]")
     ] = None,

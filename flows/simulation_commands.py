@@ -1,0 +1,75 @@
+"""Commands that make worlds with known truth, and judge what was made of them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from flows.console import fail, out, progress_shown, show_rows, workspace_of
+from flows.engine_server import start_engine
+from flows.options import JsonOption, StoreOption, store_of
+
+
+def simulate(
+    out_dir: Annotated[Path, typer.Argument(help="Folder to write the downlink to")],
+    stops: Annotated[int, typer.Option(help="Number of stops", min=1, max=100)] = 2,
+    seed: Annotated[int, typer.Option(help="Repeats a world bit for bit")] = 1,
+    terrain: Annotated[str, typer.Option(help="plains, hills or crater")] = "hills",
+) -> None:
+    """Make a synthetic downlink with known truth: PDS3 images, vector files and the truth."""
+    from flows.simulation import write_downlink  # noqa: PLC0415
+
+    with progress_shown():
+        files = write_downlink(out_dir, stops=stops, seed=seed, terrain=terrain)
+    out.print(f"{files} files in {out_dir}; {out_dir / 'truth'} is for judging only")
+
+
+def simulate_mission(
+    store: StoreOption = None,
+    stops: Annotated[int, typer.Option(help="Number of stops", min=2, max=500)] = 500,
+    distance: Annotated[float, typer.Option(help="Metres driven", min=1.0)] = 7000.0,
+    gaps: Annotated[int, typer.Option(help="Places where images tie nothing", min=0)] = 10,
+    control: Annotated[int, typer.Option(help="Stops to an orbital tie; 0: none", min=0)] = 10,
+    seed: Annotated[int, typer.Option(help="Repeats a mission bit for bit")] = 1,
+) -> None:
+    """Fill an empty store with a simulated mission of many stops and no images, for the map."""
+    root = store_of(store)
+    from photogrammetry.errors import PhotogrammetryError  # noqa: PLC0415
+    from photogrammetry.synthetic.mission import MissionPlan  # noqa: PLC0415
+
+    try:
+        plan = MissionPlan(stops=stops, distance_m=distance, gaps=gaps, control_every=control)
+        start_engine(root)
+        with progress_shown():
+            from flows.simulated_mission import simulate_into  # noqa: PLC0415 - Prefect is ready now
+
+            told = simulate_into(root, plan, seed)
+    except PhotogrammetryError as error:
+        fail(str(error))
+    out.print(told, highlight=False)
+
+
+def judge(
+    truth: Annotated[Path, typer.Argument(help="Folder `truth` of a simulated downlink")],
+    store: StoreOption = None,
+    *,
+    as_json: JsonOption = False,
+) -> None:
+    """State the errors of positions and terrain against a simulated world's truth."""
+    from flows.judgement import judge_positions, judge_terrain, true_stops  # noqa: PLC0415
+    from flows.listing import position_rows  # noqa: PLC0415
+
+    workspace = workspace_of(store_of(store))
+    positions_judged = judge_positions(position_rows(workspace), true_stops(truth))
+    terrain_judged = judge_terrain(workspace, truth)
+    if as_json:
+        show_rows([{"positions": positions_judged, "terrain": terrain_judged}], [], as_json)
+        return
+    show_rows(positions_judged, list(positions_judged[0]) if positions_judged else [], as_json)
+    show_rows(terrain_judged, list(terrain_judged[0]) if terrain_judged else [], as_json)
+
+
+COMMANDS = (simulate, simulate_mission, judge)
+"""As the command line has them."""
