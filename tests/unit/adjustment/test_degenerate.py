@@ -173,3 +173,18 @@ def test_no_pose_is_nonsense_without_being_named(seed, kept, wrong):
     nees = e @ np.linalg.solve(stop.covariance, e)
     assert nees < chi2.ppf(1 - 1e-5, 6)  # one in 8,000 runs of this test by chance
     assert (thin.stop_ids[2] in lacks(report)) or kept > 2
+
+
+def test_a_stop_whose_ties_have_range_in_one_pair_only_is_adjusted(params):
+    network = simulate_network(
+        np.random.default_rng(2), stops=1, far_cross_ties=0, inter_ties=8, intra_ties=2
+    )[0]
+    ties = network.ties
+    first_seen = np.unique(ties.point, return_index=True)[1]
+    parallax = np.full_like(ties.parallax_px, np.nan)
+    parallax[first_seen] = ties.parallax_px[first_seen]
+    adjusted, report = adjust_overall(
+        replace(network, ties=replace(ties, parallax_px=parallax)), params
+    )
+    assert report.converged
+    assert np.isfinite(report.sigma0)
