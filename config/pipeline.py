@@ -36,6 +36,7 @@ from photogrammetry.terrain.insolation import InsolationParams
 from photogrammetry.terrain.levels import TilesetParams
 from photogrammetry.terrain.model3d import ModelParams
 from photogrammetry.terrain.orthophoto import OrthophotoParams
+from photogrammetry.terrain.panorama import PanoramaParams
 from photogrammetry.terrain.region import RegionParams
 from photogrammetry.terrain.surface import HillshadeParams, SlopeParams
 from photogrammetry.terrain.view_model import ViewModelParams
@@ -70,6 +71,14 @@ class Models:
     tiles: TilesetParams = field(default_factory=TilesetParams)
     views: ViewModelParams = field(default_factory=ViewModelParams)
     facets: FacetParams = field(default_factory=FacetParams)
+
+
+@dataclass(frozen=True, slots=True)
+class Panoramas:
+    """Whether the images of a stop are joined to a panorama, and how."""
+
+    enabled: bool = True
+    drawing: PanoramaParams = field(default_factory=PanoramaParams)
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,6 +117,7 @@ class PipelineConfig:
     hazard: HazardParams = field(default_factory=HazardParams)
     footprints: FootprintParams = field(default_factory=FootprintParams)
     models: Models = field(default_factory=Models)
+    panoramas: Panoramas = field(default_factory=Panoramas)
     wide: FarGround = field(default_factory=FarGround)
     region: Region = field(default_factory=Region)
 

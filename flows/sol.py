@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
 
 from prefect import flow
-from prefect.futures import PrefectFuture
-from prefect.task_runners import TaskRunner, ThreadPoolTaskRunner
 
 from flows.outcomes import settled
 from flows.sol_inputs import SolInputs, SolReport, Standing, gather
 from flows.sol_maps import map_stops
 from flows.sol_models import model_stops
 from flows.sol_network import adjust_stops, match_pairs
+from flows.sol_panoramas import draw_panoramas
 from flows.sol_wide import map_far_ground
 from photogrammetry.adjustment.movement import ReissueParams
 from photogrammetry.imagery import StopId
@@ -28,15 +26,8 @@ from tasks.report import report_quality
 from tasks.scopes import network_scope
 from tasks.telemetry import why_unplaced
 
-RUNNER: TaskRunner[PrefectFuture[Any]] = ThreadPoolTaskRunner(max_workers=2)  # type: ignore[assignment]
-"""Two tasks at a time: each works on arrays of some hundred megabytes."""
 
-
-@flow(
-    name="sol",
-    flow_run_name="{mission}-sol{sol}",
-    task_runner=RUNNER,
-)
+@flow(name="sol", flow_run_name="{mission} sol {sol}")
 def process_sol(
     mission: str, sol: int, store: Path, pipeline: str, previous: Standing | None = None
 ) -> SolReport:
@@ -70,11 +61,15 @@ def map_what_moved(inputs: SolInputs, previous: Standing | None, report: SolRepo
     layers = map_stops(inputs, orientations, matched, report)
     for stop, models in model_stops(inputs, orientations, matched, layers, report).items():
         layers[stop].extend(models)
+    panoramas = draw_panoramas(inputs, orientations, matched, layers, report)
+    for stop, (panorama, _) in panoramas.items():
+        layers.setdefault(stop, []).append(panorama)
     for stop, far in map_far_ground(inputs, report.standing, matched, report).items():
         layers.setdefault(stop, []).extend(far)
     stated, failed = settled(f"sol {inputs.sol}: report the quality", {network.scope: quality})
     report.blame("report", failed)
     made = [network, orientations, *(ref for refs in stated.values() for ref in refs)]
+    made += [ground for _, ground in panoramas.values()]
     _publish(inputs, made, layers, matched, report)
 
 

@@ -53,6 +53,8 @@ class ProductKind(StrEnum):
     VIEW_MODEL = "view-model"
     TILESET = "tileset"
     DIPS = "dips"
+    PANORAMA = "panorama"
+    PANORAMA_GROUND = "panorama-ground"
     FAR_DTM = "far-dtm"
     FAR_HILLSHADE = "far-hillshade"
     FAR_CONTOURS = "far-contours"
@@ -121,6 +123,8 @@ SUFFIX = {
     ProductKind.VIEW_MODEL: ".glb",
     ProductKind.TILESET: ".3tz",
     ProductKind.DIPS: ".geojson",
+    ProductKind.PANORAMA: ".tif",
+    ProductKind.PANORAMA_GROUND: ".tif",
     ProductKind.FAR_DTM: ".tif",
     ProductKind.FAR_HILLSHADE: ".tif",
     ProductKind.FAR_CONTOURS: ".geojson",
@@ -201,6 +205,7 @@ LEVEL = {
     ProductKind.TIES: ScopeLevel.STOP,
     ProductKind.LINKS: ScopeLevel.STOP,
     ProductKind.HAND_TIES: ScopeLevel.REGION,
+    ProductKind.PANORAMA_GROUND: ScopeLevel.STOP,
     ProductKind.NETWORK: ScopeLevel.SOL,
     ProductKind.ORIENTATIONS: ScopeLevel.SOL,
     ProductKind.QUALITY: ScopeLevel.SOL,
@@ -309,8 +314,8 @@ class Layer:
     ref: ProductRef
     mission: str
     title: str
-    type: Literal["raster", "vector", "model"]
-    """Models are not on the map: they are in three dimensions, and looked at elsewhere."""
+    type: Literal["raster", "vector", "model", "panorama"]
+    """Models and panoramas are not on the map: they are looked at elsewhere."""
     bounds: tuple[float, float, float, float]
     cell_m: float | None
     unit: str | None

@@ -11,6 +11,7 @@ from products.catalogue import MissionEntry, Outcome
 from products.mission_features import MissionFeatures
 from products.model import Layer, ProductKind, ProductRef
 from products.models import extent_of_model
+from products.panorama import place_of_panorama
 from products.raster import summarise
 from products.vector import read_features
 from products.workspace import Workspace
@@ -38,6 +39,7 @@ TITLES = {
     ProductKind.VIEW_MODEL: "Model of what pairs see",
     ProductKind.TILESET: "Terrain as 3D tiles",
     ProductKind.DIPS: "Strike and dip",
+    ProductKind.PANORAMA: "Panorama",
     ProductKind.FAR_DTM: "Far elevation",
     ProductKind.FAR_HILLSHADE: "Far hillshade",
     ProductKind.FAR_CONTOURS: "Far contours",
@@ -128,6 +130,8 @@ def layer_of(mission: str, ref: ProductRef, sols: tuple[int, ...], workspace: Wo
         grid, bands = summarise(path)
         bounds, cell_m = grid.bounds, grid.cell_m
         unit, value_range = bands[0].unit or None, bands[0].range
+    elif ref.kind is ProductKind.PANORAMA:
+        bounds, unit = place_of_panorama(path), "degree"
     elif ref.kind in MODELS:
         bounds, value_range = extent_of_model(path)
         unit = "m"
@@ -147,7 +151,9 @@ def layer_of(mission: str, ref: ProductRef, sols: tuple[int, ...], workspace: Wo
     )
 
 
-def _type_of(kind: ProductKind) -> Literal["raster", "vector", "model"]:
+def _type_of(kind: ProductKind) -> Literal["raster", "vector", "model", "panorama"]:
     if kind in RASTERS:
         return "raster"
+    if kind is ProductKind.PANORAMA:
+        return "panorama"
     return "model" if kind in MODELS else "vector"

@@ -82,8 +82,8 @@ def _cut(layer: Layer, source: Path, bounds: Bounds, where: tuple[Path, str]) ->
         path = folder / f"{name}.tif"
         clip_raster(source, path, bounds)
         return path
-    if layer.type == "model":
-        raise ProductError(f"{layer.id} is a model in three dimensions: it is handed out whole")
+    if layer.type != "vector":
+        raise ProductError(f"{layer.id} is no map but a {layer.type}: it is handed out whole")
     part = clip_features(read_features(source), bounds)
     path = folder / f"{name}.{form}"
     if form == "gpkg":

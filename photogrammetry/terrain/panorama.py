@@ -177,10 +177,10 @@ def _samples(draft: Panorama) -> np.ndarray:
     """Brightness of every image at a lattice of directions; NaN where it does not show them."""
     every = max(1, math.isqrt(draft.grid.rows * draft.grid.cols // SAMPLES) // NODE)
     ground, ranges = draft.nodes(0, 0, draft.grid.rows, draft.grid.cols)
-    places = ground.reshape(*ranges.range_m.shape, 3)[::every, ::every].reshape(-1, 3)
+    places = ground.reshape(*ranges.range_m.shape, 3)[::every, ::every]
     found = []
     for image in draft.images:
-        sample, line = (part[None].astype(np.float32) for part in image.points(places).T)
+        sample, line = image.lattice(places)
         grey, fade = image.drawn(sample, line, every * NODE / 2 * draft.grid.cell_deg)
-        found.append(np.where(fade[0] > 0, grey[0], np.float32(np.nan)))
+        found.append(np.where(fade > 0, grey, np.float32(np.nan)).ravel())
     return np.stack(found).astype(np.float32)

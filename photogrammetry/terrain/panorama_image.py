@@ -80,6 +80,12 @@ class PanoramaImage:
             found[ahead] = np.nan_to_num(self.camera.project(ground[ahead]), nan=NOWHERE_PX)
         return found
 
+    def lattice(self, places: Float64[np.ndarray, "down across 3"]) -> tuple[Raster, Raster]:
+        """Sample and line of a lattice of places in the LSL."""
+        points = self.points(places.reshape(-1, 3)).astype(np.float32)
+        sample, line = points.T.reshape(2, *places.shape[:2])
+        return sample, line
+
     def drawn(self, sample: Raster, line: Raster, pixel_deg: float) -> tuple[Raster, Raster]:
         """Brightness and fade at image points, for a picture with pixels that wide."""
         level = round(math.log2(max(1.0, pixel_deg / self.pixel_deg)))
@@ -99,12 +105,12 @@ def enlarged(
         places: (down, across, 3) of the ground at the nodes and one beyond each way, LSL.
         shape: Rows and columns of the block.
     """
-    points = image.points(places.reshape(-1, 3))
+    sample, line = image.lattice(places)
     samples, lines = image.size
-    within = (points > -NODE * NODE) & (points < np.array([samples, lines]) + NODE * NODE)
-    if not within.all(axis=1).any():
+    near = NODE * NODE
+    within = (sample > -near) & (sample < samples + near) & (line > -near) & (line < lines + near)
+    if not within.any():
         return None
-    sample, line = points.T.reshape(2, *places.shape[:2]).astype(np.float32)
     turn = np.array([[1 / NODE, 0, 0], [0, 1 / NODE, 0]], np.float32)
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     size = shape[::-1]

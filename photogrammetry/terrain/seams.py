@@ -59,7 +59,7 @@ def registration(made: Panorama) -> Registration:
     places = ground.reshape(*ranges.range_m.shape, 3)
     half = side // NODE // 2
     rows, cols = (np.arange(half, count - half, half) for count in places.shape[:2])
-    middles = places[np.ix_(rows, cols)].reshape(-1, 3)
+    middles = places[np.ix_(rows, cols)]
     inside = np.stack([_fades(image, middles) > INSIDE for image in made.images])
     seams: list[Seam] = []
     lengths: list[float] = []
@@ -82,8 +82,7 @@ def registration(made: Panorama) -> Registration:
 
 
 def _fades(image: PanoramaImage, places: np.ndarray) -> np.ndarray:
-    sample, line = (part[None].astype(np.float32) for part in image.points(places).T)
-    fade: np.ndarray = image.drawn(sample, line, image.pixel_deg)[1][0]
+    fade: np.ndarray = image.drawn(*image.lattice(places), image.pixel_deg)[1].ravel()
     return fade
 
 
