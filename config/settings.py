@@ -2,12 +2,22 @@
 
 from __future__ import annotations
 
+from enum import StrEnum
 from pathlib import Path
 
 from pydantic import Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from config import archive, landing
+
+
+class TaskRunnerName(StrEnum):
+    """What carries out the tasks of a flow."""
+
+    THREADS = "threads"
+    """Of the flow's own process."""
+    DASK = "dask"
+    """Workers of a Dask cluster."""
 
 
 class Settings(BaseSettings):
@@ -37,6 +47,13 @@ class Settings(BaseSettings):
     """When the inbox is processed whether or not files came: after every downlink window, UTC."""
     overall_cron: str = "0 3 * * 0"
     """When all stops of every mission are adjusted together, UTC."""
+    task_runner: TaskRunnerName = TaskRunnerName.THREADS
+    """What carries out the work on pairs, stops and maps."""
+    task_workers: int = Field(default=2, ge=1)
+    """Tasks at a time: each works on arrays of some hundred megabytes. For Dask without an address,
+    processes on this machine."""
+    dask_address: str | None = None
+    """Scheduler of a Dask cluster whose workers reach the store, as `tcp://host:8786`."""
     engine_port: int = 4200
     """Port of Prefect's server and its run pages; it listens on this machine only."""
 

@@ -20,6 +20,7 @@ from flows.overall import overall_sols, process_overall
 from flows.progress import report as report_progress
 from flows.region import map_regions
 from flows.run_record import recorded
+from flows.runners import on_workers
 from flows.sol import process_sol
 from flows.sol_inputs import SolReport, Standing
 from photogrammetry.adjustment.modes import AdjustmentMode
@@ -128,7 +129,9 @@ def _process_mission(
     for sol in sols:
         for flow_of_sol in (process_sol, process_overall) if sol in overall else (process_sol,):
             try:
-                done = flow_of_sol(mission, sol, workspace.store.root, pipeline, standing)
+                done = on_workers(flow_of_sol)(
+                    mission, sol, workspace.store.root, pipeline, standing
+                )
             except StoreFullError:
                 raise
             except Exception as error:  # noqa: BLE001 - one bad sol never stops a downlink

@@ -10,7 +10,8 @@ from config.workspace import open_workspace
 from flows.mission_layers import draw_mission
 from flows.region import map_regions
 from flows.run_record import recorded
-from flows.sol import RUNNER, map_what_moved
+from flows.runners import on_workers
+from flows.sol import map_what_moved
 from flows.sol_inputs import SolReport, Standing, gather_all
 from products.errors import ProductNotFoundError
 from products.locks import turn
@@ -20,11 +21,7 @@ from tasks.hand_ties import take_edits
 from tasks.scopes import is_of_mission, is_overall, sol_of
 
 
-@flow(
-    name="overall",
-    flow_run_name="{mission}-overall-sol{sol}",
-    task_runner=RUNNER,
-)
+@flow(name="overall", flow_run_name="{mission}-overall-sol{sol}")
 def process_overall(
     mission: str, sol: int, store: Path, pipeline: str, previous: Standing | None = None
 ) -> SolReport:
@@ -63,7 +60,7 @@ def _readjust(mission: str, workspace: Workspace, pipeline: str) -> SolReport:
         )
     last = max(networks, key=lambda ref: ref.scope.name)
     sol, standing = sol_of(last.scope), standing_of(last, workspace)
-    report = process_overall(mission, sol, workspace.store.root, pipeline, standing)
+    report = on_workers(process_overall)(mission, sol, workspace.store.root, pipeline, standing)
     if report.standing is not None:
         draw_mission(mission, report.standing.network, workspace, pipeline)
         report.notes += map_regions(mission, workspace, pipeline)

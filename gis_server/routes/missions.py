@@ -69,5 +69,6 @@ def identify_place(
 
 
 def map_layers(mission: str, services: Services) -> list[Layer]:
-    """The latest layers that are on the map: models in three dimensions are looked at elsewhere."""
-    return [layer for layer in services.catalogue.layers(mission) if layer.type != "model"]
+    """The latest layers that are on the map: models and panoramas are looked at elsewhere."""
+    latest = services.catalogue.layers(mission)
+    return [layer for layer in latest if layer.type in {"raster", "vector"}]

@@ -18,7 +18,7 @@ from dataclasses import replace
 import numpy as np
 
 from photogrammetry.adjustment.collinearity import Observations, State, are_in_front
-from photogrammetry.adjustment.consistency import comparisons, consistency
+from photogrammetry.adjustment.consistency import Comparisons, consistency
 from photogrammetry.adjustment.control_equations import Control, frame_places, known_used
 from photogrammetry.adjustment.datum import held_stops
 from photogrammetry.adjustment.diagnosis import Initial, diagnose
@@ -110,11 +110,11 @@ def _agreement(
 ) -> tuple[dict[TieKind, Consistency], dict[TieKind, Consistency]]:
     """How well sightings agree before and after the adjustment."""
     observations, used, after = outcome.observations, outcome.used, outcome.solution.state
-    compared = comparisons(observations, used)
+    compared = Comparisons.of(observations, used)
     now = sightings(observations, after.pointings, params)
     return (
-        consistency(observations, before, seen, used, compared),
-        consistency(observations, after, now, used, compared),
+        consistency(observations, before, seen, compared),
+        consistency(observations, after, now, compared),
     )
 
 

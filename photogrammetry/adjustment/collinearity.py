@@ -151,6 +151,10 @@ class Views:
         )
         return cls(table, observations.pair_stop, state.centres.T, state.points.T.copy())
 
+    def at(self, points: Float64[np.ndarray, "3 points"]) -> Views:
+        """The same with the points elsewhere."""
+        return Views(self.pairs, self.stop, self.centres, points)
+
     def misclosures(self, sights: Sights) -> Vectors:
         """Observed minus computed (x, y, p), pixels; NaN behind the camera."""
         of_pair = np.take(self.pairs[:16], sights.pair, axis=1)

@@ -10,61 +10,79 @@ where the point is seen from more than one stop (3-D: from these two), inter-ste
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from photogrammetry.adjustment.collinearity import Observations, State, misclosures
+from photogrammetry.adjustment.collinearity import Observations, Sights, State, Views
 from photogrammetry.adjustment.records import Consistency
-from photogrammetry.adjustment.sightings import Sightings, in_lsl, with_points
+from photogrammetry.adjustment.sightings import Sightings, in_lsl, means
+from photogrammetry.arrays import Bool
 from photogrammetry.imagery import TieKind
 
 
-def comparisons(observations: Observations, used: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+@dataclass(frozen=True, slots=True, eq=False)
+class Comparisons:
     """Every two used stereo observations of one point in different pairs."""
-    rows = np.flatnonzero(used & observations.is_stereo)
-    rows = rows[np.argsort(observations.point[rows], kind="stable")]
-    points = observations.point[rows]
-    first, second = [], []
-    for lag in range(1, len(rows)):
-        same = np.flatnonzero(points[lag:] == points[:-lag])
-        if not len(same):
-            break
-        first.append(rows[same])
-        second.append(rows[same + lag])
-    if not first:
-        return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
-    a, b = np.concatenate(first), np.concatenate(second)
-    differ = observations.pair[a] != observations.pair[b]
-    return a[differ], b[differ]
+
+    rows: np.ndarray
+    """Observations that are compared, those of a point together."""
+    first: np.ndarray
+    """Places in `rows` of the one, and of the other."""
+    second: np.ndarray
+    across: Bool[np.ndarray, " m"]
+    """Whether the two are of different stops."""
+    of_cross: Bool[np.ndarray, " n"]
+    """Whether the point of an observation is seen from several stops."""
+
+    @classmethod
+    def of(cls, observations: Observations, used: Bool[np.ndarray, " k"]) -> Comparisons:
+        """Of the observations in use."""
+        rows = np.flatnonzero(used & observations.is_stereo)
+        rows = rows[np.argsort(observations.point[rows], kind="stable")]
+        point, pair = observations.point[rows], observations.pair[rows]
+        apart = [np.zeros((2, 0), dtype=np.int64)]
+        for lag in range(1, len(rows)):
+            same = np.flatnonzero(point[lag:] == point[:-lag])
+            if not len(same):
+                break
+            apart.append(np.stack([same, same + lag]))
+        both = np.concatenate(apart, axis=1)
+        a, b = both[:, pair[both[0]] != pair[both[1]]]
+        stop = observations.pair_stop[pair]
+        across = stop[a] != stop[b]
+        is_compared, is_cross = np.zeros((2, observations.points), dtype=bool)
+        is_compared[point[a]] = True
+        is_cross[point[a[across]]] = True
+        stays = is_compared[point]
+        place = np.cumsum(stays) - 1
+        return cls(rows[stays], place[a], place[b], across, is_cross[point[stays]])
 
 
 def consistency(
-    observations: Observations,
-    state: State,
-    seen: Sightings,
-    used: np.ndarray,
-    compared: tuple[np.ndarray, np.ndarray],
+    observations: Observations, state: State, seen: Sightings, compared: Comparisons
 ) -> dict[TieKind, Consistency]:
-    """Agreement of the used observations at a state, by kind of tie; see `comparisons`."""
-    a, b = compared
-    apart_m = np.linalg.norm(
-        in_lsl(state, observations, seen, a) - in_lsl(state, observations, seen, b), axis=1
-    )
-    across = observations.stop[a] != observations.stop[b]
-    is_cross = np.zeros(observations.points, dtype=bool)
-    is_cross[observations.point[a[across]]] = True
-    is_compared = np.zeros(observations.points, dtype=bool)
-    is_compared[observations.point[a]] = True
-    fused = with_points(state, observations, seen, used & is_compared[observations.point])
-    rows = np.unique(np.concatenate([a, b]))
-    off_px = np.linalg.norm(misclosures(fused, observations, rows)[:, :2], axis=1)
-    cross_rows = is_cross[observations.point[rows]]
+    """Agreement of the used observations at a state, by kind of tie."""
+    rows, across, of_cross = compared.rows, compared.across, compared.of_cross
+    place = in_lsl(state, observations, seen, rows)
+    apart_m = _lengths(place[:, compared.first] - place[:, compared.second])
+    fused = np.full((3, observations.points), np.nan)
+    numbers, mean = means(state, observations, seen, rows, place)
+    fused[:, numbers] = mean
+    views = Views.of(state, observations).at(fused)
+    off_px = _lengths(views.misclosures(Sights.of(observations, rows))[:2])
     return {
         kind: Consistency(int(apart.sum()), _mean(off_px[off]), _mean(apart_m[apart]))
         for kind, apart, off in (
-            (TieKind.INTER_STEREO, ~across, ~cross_rows),
-            (TieKind.CROSS_SITE, across, cross_rows),
+            (TieKind.INTER_STEREO, ~across, ~of_cross),
+            (TieKind.CROSS_SITE, across, of_cross),
         )
     }
+
+
+def _lengths(vectors: np.ndarray) -> np.ndarray:
+    """Of vectors, component by component."""
+    return np.sqrt(np.einsum("cn,cn->n", vectors, vectors))
 
 
 def _mean(values: np.ndarray) -> float:

@@ -150,26 +150,26 @@ def with_points(
     number = observations.point[rows]
     place = in_lsl(state, observations, seen, rows)
     points = np.full((observations.points, 3), np.nan)
-    points[number] = place
+    points[number] = place.T
     several = np.bincount(number, minlength=observations.points)[number] > 1
     if several.any():
-        mean_of, mean = _weighted_means(state, observations, seen, rows[several], place[several])
-        points[mean_of] = mean
+        mean_of, mean = means(state, observations, seen, rows[several], place[:, several])
+        points[mean_of] = mean.T
     return replace(state, points=points)
 
 
-def in_lsl(
-    state: State, observations: Observations, seen: Sightings, rows: np.ndarray
-) -> Float64[np.ndarray, "m 3"]:
+def in_lsl(state: State, observations: Observations, seen: Sightings, rows: np.ndarray) -> Vectors:
     """Where some sightings have their points, in the LSL."""
-    stop = observations.stop[rows]
+    stop = observations.stop_of(rows)
     R = np.take(by_component(state.rotations), stop, axis=2)
-    return state.centres[stop] + turned(R, seen.points[rows].T.copy()).T
+    place = turned(R, seen.points[rows].T.copy())
+    place += np.take(state.centres.T, stop, axis=1)
+    return place
 
 
-def _weighted_means(
-    state: State, observations: Observations, seen: Sightings, rows: np.ndarray, place: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def means(
+    state: State, observations: Observations, seen: Sightings, rows: np.ndarray, place: Vectors
+) -> tuple[np.ndarray, Vectors]:
     """Numbers of the points that some sightings see, and the weighted mean place of each."""
     R = np.take(by_component(state.rotations), observations.stop_of(rows), axis=2)
     S = by_component(seen.covariances[rows])
@@ -179,11 +179,12 @@ def _weighted_means(
     there[number] = True
     numbers = np.flatnonzero(there)
     of = (np.cumsum(there) - 1)[number]
-    equations = np.concatenate([P.reshape(9, -1), turned(P, place.T.copy())])
+    equations = np.concatenate([P.reshape(9, -1), turned(P, place)])
     n = len(numbers)
     at = (of + n * np.arange(12)[:, None]).ravel()
     sums = np.bincount(at, equations.ravel(), minlength=12 * n).reshape(12, n)
-    return numbers, turned(inverses_by_component(sums[:9].reshape(3, 3, n)), sums[9:]).T
+    sums = sums.astype(np.float64, copy=False)  # of no sightings numpy counts in integers
+    return numbers, turned(inverses_by_component(sums[:9].reshape(3, 3, n)), sums[9:])
 
 
 def inverses(S: Covariances3) -> Covariances3:

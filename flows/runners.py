@@ -1,0 +1,69 @@
+"""Where the tasks of a flow run: threads of this process, or workers of a Dask cluster.
+
+A task takes and gives references, parameters and the store's address, a few kilobytes that travel;
+whoever carries it out opens the store itself. So workers need no memory in common, only the store.
+"""
+
+from __future__ import annotations
+
+import atexit
+import os
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
+
+from prefect.task_runners import ThreadPoolTaskRunner
+
+from config.errors import ConfigError
+from config.settings import Settings, TaskRunnerName
+
+if TYPE_CHECKING:
+    from distributed import LocalCluster
+    from prefect import Flow
+    from prefect.futures import PrefectFuture
+    from prefect.task_runners import TaskRunner
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+def on_workers(flow: Flow[P, R]) -> Flow[P, R]:
+    """The flow, its tasks carried out as the settings say.
+
+    Raises:
+        ConfigError: Dask is wanted but not installed.
+    """
+    return flow.with_options(task_runner=_runner(Settings()))
+
+
+def _runner(settings: Settings) -> TaskRunner[PrefectFuture[Any]]:
+    if settings.task_runner is TaskRunnerName.THREADS:
+        return ThreadPoolTaskRunner(max_workers=settings.task_workers)  # type: ignore[return-value]
+    try:
+        from prefect_dask import DaskTaskRunner  # noqa: PLC0415 - an extra
+    except ImportError as error:
+        raise ConfigError(
+            "SOLMAP_TASK_RUNNER=dask needs prefect-dask: install solmap[cluster], or leave it out"
+        ) from error
+    address = settings.dask_address or _own_cluster(settings.task_workers).scheduler_address
+    runner: TaskRunner[PrefectFuture[Any]] = DaskTaskRunner(address=address)
+    return runner
+
+
+@lru_cache(maxsize=1)
+def _own_cluster(workers: int) -> LocalCluster:
+    """Worker processes of this one, until it ends; they notice when it is killed.
+
+    One for all sols: a worker takes seconds to start.
+    """
+    from distributed import LocalCluster  # noqa: PLC0415 - an extra
+
+    cluster = LocalCluster(
+        n_workers=workers,
+        threads_per_worker=1,
+        processes=True,
+        host="127.0.0.1",
+        dashboard_address="127.0.0.1:0",
+        local_directory=os.environ.get("PREFECT_HOME"),
+    )
+    atexit.register(cluster.close)
+    return cluster
