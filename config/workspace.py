@@ -10,12 +10,16 @@ from products.workspace import Workspace
 
 
 def open_workspace(root: Path) -> Workspace:
-    """Open or found the store at `root`, with its catalogue where `SOLMAP_CATALOGUE_URL` says.
+    """Open or found the store at `root`.
+
+    Its catalogue lies where `SOLMAP_CATALOGUE_URL` says, its products where `SOLMAP_STORE_URL`.
 
     Raises:
-        ProductError: the folder cannot be written, or the catalogue's database does not answer.
+        ProductError: the folder cannot be written, or the catalogue's database or the object store
+            does not answer.
     """
-    return Workspace.open(root, Settings().catalogue_url)
+    settings = Settings()
+    return Workspace.open(root, settings.catalogue_url, settings.elsewhere)
 
 
 def open_catalogue(root: Path) -> Catalogue:

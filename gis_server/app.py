@@ -41,6 +41,7 @@ from gis_server.routes import (
 from gis_server.routes.shortcut import TileShortcut
 from gis_server.services import open_services
 from gis_server.small_bodies import SmallBodies
+from products.shelves import Elsewhere
 
 _HEADERS = {
     "Content-Security-Policy": (
@@ -94,7 +95,10 @@ class CompressText:
 
 
 def create_app(
-    store_root: Path, viewer_dist: Path | None = None, catalogue_url: str | None = None
+    store_root: Path,
+    viewer_dist: Path | None = None,
+    catalogue_url: str | None = None,
+    elsewhere: Elsewhere | None = None,
 ) -> FastAPI:
     """The server of the store at `store_root`.
 
@@ -102,8 +106,9 @@ def create_app(
         store_root: Folder of products and catalogue; it may be filled while being served.
         viewer_dist: Folder of the built viewer; the one shipped by default.
         catalogue_url: Database of the catalogue; SQLite in the store's folder where there is none.
+        elsewhere: Where products lie if not in the store's folder.
     """
-    services = open_services(store_root, catalogue_url)
+    services = open_services(store_root, catalogue_url, elsewhere)
 
     @asynccontextmanager
     async def lifespan(_app: FastAPI) -> AsyncIterator[None]:
@@ -160,4 +165,6 @@ def create_app(
 def create_app_from_settings() -> FastAPI:
     """The server of the store that the environment names (`SOLMAP_STORE`)."""
     settings = Settings()
-    return create_app(settings.store, catalogue_url=settings.catalogue_url)
+    return create_app(
+        settings.store, catalogue_url=settings.catalogue_url, elsewhere=settings.elsewhere
+    )

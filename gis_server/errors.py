@@ -17,6 +17,7 @@ from products.errors import (
     OutsideCoverageError,
     ProductError,
     ProductNotFoundError,
+    StoreAwayError,
     StoreFullError,
 )
 
@@ -24,6 +25,7 @@ STATUS: dict[type[Exception], HTTPStatus] = {
     ProductNotFoundError: HTTPStatus.NOT_FOUND,
     OutsideCoverageError: HTTPStatus.NOT_FOUND,
     StoreFullError: HTTPStatus.INSUFFICIENT_STORAGE,
+    StoreAwayError: HTTPStatus.SERVICE_UNAVAILABLE,
     UnknownLookError: HTTPStatus.UNPROCESSABLE_ENTITY,
     ProductError: HTTPStatus.INTERNAL_SERVER_ERROR,
     RefusedError: HTTPStatus.UNPROCESSABLE_ENTITY,

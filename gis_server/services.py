@@ -19,6 +19,7 @@ from products.mission_features import MissionFeatures
 from products.model import Layer, ProductKind
 from products.run_requests import RequestBook
 from products.runs import RunBook
+from products.shelves import Elsewhere
 from products.store import ProductStore
 
 _LAYERS = 1024
@@ -46,9 +47,11 @@ class Services:
     requests: RequestBook
 
 
-def open_services(root: Path, catalogue_url: str | None = None) -> Services:
-    """Open the store at `root` for reading, with its catalogue there or at a database URL."""
-    store, catalogue = ProductStore.open(root), Catalogue.open(root, catalogue_url)
+def open_services(
+    root: Path, catalogue_url: str | None = None, elsewhere: Elsewhere | None = None
+) -> Services:
+    """Open the store at `root` for reading; catalogue and products may lie elsewhere."""
+    store, catalogue = ProductStore.open(root, elsewhere), Catalogue.open(root, catalogue_url)
     remembered = lru_cache(maxsize=_LAYERS)(catalogue.layer)
     features = MissionFeatures.open(store, catalogue)
     return Services(

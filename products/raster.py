@@ -10,7 +10,7 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any, get_args
 
 import numpy as np
@@ -18,19 +18,27 @@ import rasterio
 from pyproj import CRS
 from rasterio.enums import ColorInterp
 from rasterio.errors import RasterioError, RasterioIOError
+from rasterio.session import DummySession
 from rasterio.windows import Window
 
 from photogrammetry.arrays import Classes, Raster
 from photogrammetry.terrain.grid import MapGrid
 from photogrammetry.terrain.records import Dtm
 from products.cog import Band, Halving, Kind, Notes, RasterClass, new_cog
-from products.errors import ProductError, ProductNotFoundError
+from products.errors import ProductError, ProductNotFoundError, StoreAwayError
 
 _DIRECTIONS = {"aspect"}
 """Bands whose values run in a circle."""
 _DTM_UNITS = {"elevation": "m", "standard_deviation": "m", "observations": "", "class": ""}
 _POSE_DEVIATION = "pose_deviation"
 """Band of a DTM whose poses are not taken for true: the part of the deviation that cells share."""
+_IN_PLACE = {
+    "GDAL_DISABLE_READDIR_ON_OPEN": "EMPTY_DIR",
+    "GDAL_INGESTED_BYTES_AT_OPEN": "32768",
+}
+"""Nothing lies beside a product that GDAL might look for, and its header is had in one request."""
+_AWAY = ("CURL error", "HTTP response code: 5", "HTTP error code: 5", "timed out", "503", "500")
+"""What GDAL says of a server that does not answer."""
 _LOOK = 1 << 20
 """Cells that are looked at for a summary: an overview of at most this many."""
 
@@ -118,19 +126,40 @@ def _stacked(
     return stack
 
 
-def open_raster(path: Path) -> rasterio.DatasetReader:
-    """Open a raster for reading.
+def open_raster(address: Path | str) -> rasterio.DatasetReader:
+    """Open a raster for reading: a file, or by GDAL's address of an object.
 
     Raises:
         ProductNotFoundError: there is no such file.
+        StoreAwayError: the object store does not answer.
         ProductError: it cannot be read as a raster.
     """
     try:
-        return rasterio.open(path)
+        if isinstance(address, Path):
+            return rasterio.open(address)
+        with rasterio.Env(DummySession(), **_IN_PLACE):
+            return rasterio.open(address)
     except RasterioIOError as error:
-        if not path.is_file():
-            raise ProductNotFoundError(f"{path.name} is not there") from error
-        raise ProductError(f"{path.name} cannot be read as a raster: {error}") from error
+        name = PurePosixPath(address).name
+        if (
+            not Path(address).is_file()
+            if isinstance(address, Path)
+            else "key does not" in str(error)
+        ):
+            raise ProductNotFoundError(
+                f"{name} is not there; run the flow that makes it"
+            ) from error
+        if isinstance(address, str) and any(word in str(error) for word in _AWAY):
+            raise StoreAwayError(f"the store of {name} does not answer: {error}") from error
+        raise ProductError(f"{name} cannot be read as a raster: {error}") from error
+
+
+def unreadable(address: Path | str, error: RasterioError) -> ProductError:
+    """What to say of an open raster that a part could not be read of."""
+    name = PurePosixPath(address).name
+    if isinstance(address, str):  # which of the two GDAL does not say
+        return StoreAwayError(f"the store of {name} does not answer, or it is broken: {error}")
+    return ProductError(f"{name} is broken: {error}; make it again")
 
 
 def grid_of(dataset: rasterio.DatasetReader) -> MapGrid:
@@ -150,7 +179,7 @@ def read_raster(path: Path) -> tuple[MapGrid, dict[str, np.ndarray]]:
         try:
             stack = dataset.read()
         except RasterioError as error:
-            raise ProductError(f"{path.name} is broken: {error}; make it again") from error
+            raise unreadable(path, error) from error
         return grid_of(dataset), dict(zip(band_names(dataset), stack, strict=True))
 
 

@@ -4,16 +4,14 @@
     stac/<mission>/collection.json                         one mission
     stac/<mission>/<scope>-<kind>.json                     one layer: an item, at its latest version
 
-Links are relative, so the folder of the store may be moved or served as it is. Every file is
-written beside and renamed.
+Links are relative, so the folder of the store may be moved or served as it is. The catalogue lies
+where the products lie; every file is replaced by a whole one.
 """
 
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Iterable, Sequence
-from pathlib import Path
 from typing import Any
 
 import pystac
@@ -31,32 +29,27 @@ def write_items(
     layers: Iterable[tuple[Layer, Taken]], mission: MissionEntry, store: ProductStore
 ) -> None:
     """Write or replace the items of layers."""
-    folder = store.root / FOLDER / mission.mission
     for layer, taken in layers:
         item = item_of(layer, mission, taken, store)
-        _write(
-            folder / f"{item.id}.json", item.to_dict(include_self_link=False, transform_hrefs=False)
-        )
+        document = item.to_dict(include_self_link=False, transform_hrefs=False)
+        _write(f"{mission.mission}/{item.id}.json", document, store)
 
 
 def write_catalogue(
     missions: Sequence[MissionEntry], layers: Sequence[Layer], taken: Taken, store: ProductStore
 ) -> None:
     """Write the catalogue of all missions and the collection of the one whose layers these are."""
-    root = store.root / FOLDER
     catalogue = pystac.Catalog("solmap", "Maps made from the stereo images of Mars rovers")
     catalogue.clear_links()
     catalogue.add_link(_link("root", "catalog.json"))
     for mission in missions:
         catalogue.add_link(_link("child", f"{mission.mission}/collection.json", mission.title))
-    _write(root / "catalog.json", catalogue.to_dict(include_self_link=False, transform_hrefs=False))
+    _write("catalog.json", catalogue.to_dict(include_self_link=False, transform_hrefs=False), store)
     name = layers[0].mission
     entry = next(mission for mission in missions if mission.mission == name)
     collection = _collection(entry, layers, taken)
-    _write(
-        root / name / "collection.json",
-        collection.to_dict(include_self_link=False, transform_hrefs=False),
-    )
+    document = collection.to_dict(include_self_link=False, transform_hrefs=False)
+    _write(f"{name}/collection.json", document, store)
 
 
 def _collection(mission: MissionEntry, layers: Sequence[Layer], taken: Taken) -> pystac.Collection:
@@ -89,8 +82,6 @@ def _link(rel: str, href: str, title: str | None = None) -> pystac.Link:
     return pystac.Link(rel, href, pystac.MediaType.JSON, title)
 
 
-def _write(path: Path, document: dict[str, Any]) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    draft = path.with_name(f".{path.name}.{os.getpid()}")
-    draft.write_text(json.dumps(document, indent=1, ensure_ascii=False))
-    draft.replace(path)
+def _write(name: str, document: dict[str, Any], store: ProductStore) -> None:
+    text = json.dumps(document, indent=1, ensure_ascii=False)
+    store.write_document(f"{FOLDER}/{name}", text)

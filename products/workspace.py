@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from products.catalogue import Catalogue
+from products.shelves import Elsewhere
 from products.store import ProductStore
 
 
@@ -17,7 +18,9 @@ class Workspace:
     catalogue: Catalogue
 
     @classmethod
-    def open(cls, root: Path, catalogue_url: str | None = None) -> Workspace:
-        """Open or found the workspace at `root`, with its catalogue there or at a database URL."""
-        store = ProductStore.open(root)
+    def open(
+        cls, root: Path, catalogue_url: str | None = None, elsewhere: Elsewhere | None = None
+    ) -> Workspace:
+        """Open or found the workspace at `root`; catalogue and products may lie elsewhere."""
+        store = ProductStore.open(root, elsewhere)
         return cls(store, Catalogue.open(store.root, catalogue_url))

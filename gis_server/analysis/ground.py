@@ -89,7 +89,7 @@ class Ground:
 
     def _asked(self, layer: Layer, number: int, places: MapPoints, inside: Flags) -> GroundSamples:
         values = np.full((len(_BANDS), len(places)), np.nan)
-        with self.pool.reading(self.store.path(layer.ref)) as dataset:
+        with self.pool.reading(self.store.address(layer.ref)) as dataset:
             values[:, inside] = sampled(dataset, _BANDS, places[inside])
         known = np.isfinite(values[0])
         return GroundSamples(

@@ -34,7 +34,7 @@ def mosaic(ground: Ground, grid: MapGrid) -> tuple[Raster, list[Layer]]:
             continue
         if cell_of(layer) < former:  # a finer model speaks wherever it has measured
             former, best[:] = cell_of(layer), np.inf
-        with ground.pool.reading(ground.store.path(layer.ref)) as dataset:
+        with ground.pool.reading(ground.store.address(layer.ref)) as dataset:
             height, sigma = _read(dataset, grid, part)
         rows, cols = part
         better = np.isfinite(height) & (sigma < best[rows, cols])

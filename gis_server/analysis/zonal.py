@@ -84,7 +84,7 @@ def zonal(
     if layer.type != "raster":
         raise RefusedError(f"{layer.id} is no raster: statistics over a polygon are of rasters")
     polygon = polygon_of(np.array(question.polygon))
-    with pool.reading(store.path(layer.ref)) as dataset:
+    with pool.reading(store.address(layer.ref)) as dataset:
         zone = _read(dataset, polygon)
     common: dict[str, Any] = {
         "unit": layer.unit,

@@ -47,20 +47,20 @@ def contours_in(
             f"contours between {low:.1f} and {high:.1f} m; ask for one above "
             f"{(high - low) / _MOST_LEVELS:.2g} m"
         )
-    path = store.path(layer.ref)
-    window = _window(layer, bounds, path, pool)
+    address = store.address(layer.ref)
+    window = _window(layer, bounds, address, pool)
     if window is None:
         return []
     own = RegionContourParams() if layer.ref.kind == ProductKind.REGION_DTM else ContourParams()
-    traced = _traced(path, window, replace(own, interval_m=interval_m), pool)
+    traced = _traced(address, window, replace(own, interval_m=interval_m), pool)
     return [contour_feature(contour) for contour in traced]
 
 
 def _window(
-    layer: Layer, bounds: Bounds | None, path: Path, pool: RasterPool
+    layer: Layer, bounds: Bounds | None, address: Path | str, pool: RasterPool
 ) -> tuple[int, int, int, int] | None:
     """First row and column, and rows and columns, of the cells inside some bounds."""
-    with pool.reading(path) as dataset:
+    with pool.reading(address) as dataset:
         grid = grid_of(dataset)
     west, south, east, north = bounds or grid.bounds
     top, left = (grid.north - north) / grid.cell_m, (west - grid.west) / grid.cell_m
@@ -78,10 +78,10 @@ def _window(
 
 @lru_cache(maxsize=8)
 def _traced(
-    path: Path, window: tuple[int, int, int, int], params: ContourParams, pool: RasterPool
+    address: Path | str, window: tuple[int, int, int, int], params: ContourParams, pool: RasterPool
 ) -> tuple[Contour, ...]:
     row, col, rows, cols = window
-    with pool.reading(path) as dataset:
+    with pool.reading(address) as dataset:
         elevation = dataset.read(1, window=Window(col, row, cols, rows))
         grid = grid_of(dataset).part(row, col, rows, cols)
     return trace_contours(elevation, grid, params)

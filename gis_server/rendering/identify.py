@@ -100,7 +100,7 @@ def _near(bounds: tuple[float, float, float, float], east: float, north: float) 
 def _value(
     layer: Layer, east: float, north: float, store: ProductStore, pool: RasterPool
 ) -> list[LayerValue]:
-    with pool.reading(store.path(layer.ref)) as dataset:
+    with pool.reading(store.address(layer.ref)) as dataset:
         bands = values_in(dataset, east, north)
         classes = class_names(dataset)
     if not bands:

@@ -17,8 +17,7 @@ from pathlib import Path
 import rasterio
 from rasterio.errors import RasterioError
 
-from products.errors import ProductError
-from products.raster import open_raster
+from products.raster import open_raster, unreadable
 
 # Of a machine's memory GDAL would take a twentieth for blocks. The variable counts megabytes and is
 # read once; set as an option from Python the same number would count bytes.
@@ -31,27 +30,28 @@ class RasterPool:
     def __init__(self, idle: int = 16) -> None:
         """Keep at most `idle` datasets open while nobody reads them."""
         self._limit = idle
-        self._idle: OrderedDict[int, tuple[Path, rasterio.DatasetReader]] = OrderedDict()
+        self._idle: OrderedDict[int, tuple[Path | str, rasterio.DatasetReader]] = OrderedDict()
         self._lock = threading.Lock()
 
     @contextlib.contextmanager
-    def reading(self, path: Path) -> Iterator[rasterio.DatasetReader]:
-        """Borrow an open dataset of `path`.
+    def reading(self, address: Path | str) -> Iterator[rasterio.DatasetReader]:
+        """Borrow an open dataset of a file or object.
 
         Raises:
             ProductNotFoundError: the file is not there.
+            StoreAwayError: the object store does not answer.
             ProductError: it cannot be read.
         """
-        dataset = self._take(path) or open_raster(path)
+        dataset = self._take(address) or open_raster(address)
         try:
             yield dataset
         except RasterioError as error:
             dataset.close()
-            raise ProductError(f"{path.name} is broken: {error}; make it again") from error
+            raise unreadable(address, error) from error
         except BaseException:
             dataset.close()
             raise
-        self._give(path, dataset)
+        self._give(address, dataset)
 
     def close(self) -> None:
         """Close what is idle."""
@@ -60,16 +60,16 @@ class RasterPool:
                 dataset.close()
             self._idle.clear()
 
-    def _take(self, path: Path) -> rasterio.DatasetReader | None:
+    def _take(self, address: Path | str) -> rasterio.DatasetReader | None:
         with self._lock:
             for key in reversed(self._idle):
-                if self._idle[key][0] == path:
+                if self._idle[key][0] == address:
                     return self._idle.pop(key)[1]
         return None
 
-    def _give(self, path: Path, dataset: rasterio.DatasetReader) -> None:
+    def _give(self, address: Path | str, dataset: rasterio.DatasetReader) -> None:
         with self._lock:
-            self._idle[id(dataset)] = (path, dataset)
+            self._idle[id(dataset)] = (address, dataset)
             surplus = len(self._idle) - self._limit
             evicted = [self._idle.popitem(last=False)[1][1] for _ in range(surplus)]
         for old in evicted:

@@ -41,7 +41,7 @@ def render_tile(
     paint = painter_of(layer, look, style)
     if not overlap(layer.bounds, address.bounds):
         return empty_tile()
-    with pool.reading(store.path(layer.ref)) as dataset:
+    with pool.reading(store.address(layer.ref)) as dataset:
         return paint(Canvas(layer, address, look, style, dataset)) or empty_tile()
 
 
@@ -78,7 +78,7 @@ def render_values(
         raise ProductNotFoundError(f"{layer.id} is a picture: ask for its tiles as .png")
     if not overlap(layer.bounds, address.bounds):
         return None
-    with pool.reading(store.path(layer.ref)) as dataset:
+    with pool.reading(store.address(layer.ref)) as dataset:
         index = band_index(layer, dataset, band)
         patch = read_patch(dataset, address, index, averaging(layer.ref.kind), border=1)
     if patch is None:

@@ -6,10 +6,11 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from fastapi import APIRouter, Response
+from fastapi import APIRouter, Request, Response
 from fastapi.responses import FileResponse, JSONResponse
 
 from gis_server.rendering.features import features_in
+from gis_server.routes.files import product_response
 from gis_server.routes.parameters import FOREVER, Bounds, LayerPath
 from gis_server.services import ServicesOf
 from products.errors import ProductNotFoundError
@@ -66,12 +67,9 @@ def geopackage(layer: LayerPath, services: ServicesOf) -> Response:
 
 @router.head("/download/{scope}/{kind}/{digest}", include_in_schema=False)
 @router.get("/download/{scope}/{kind}/{digest}", response_class=FileResponse)
-def download(layer: LayerPath, services: ServicesOf) -> FileResponse:
+def download(layer: LayerPath, services: ServicesOf, request: Request) -> Response:
     """The layer's file, whole or by ranges: GeoTIFF in the local CRS, GeoJSON in Mars degrees."""
     suffix = SUFFIX[layer.ref.kind]
-    return FileResponse(
-        services.store.path(layer.ref),
-        media_type=MEDIA_TYPES.get(suffix, "application/octet-stream"),
-        filename=f"{layer.ref.scope.name}_{layer.ref.kind}_{layer.ref.digest}{suffix}",
-        headers=FOREVER,
-    )
+    media_type = MEDIA_TYPES.get(suffix, "application/octet-stream")
+    name = f"{layer.ref.scope.name}_{layer.ref.kind}_{layer.ref.digest}{suffix}"
+    return product_response(layer.ref, services.store, request, media_type, name)

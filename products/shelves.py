@@ -1,0 +1,159 @@
+"""Where the bytes of a store lie: a folder here, or an object store (`products.objects`).
+
+Names are paths below the store, `products/dtm/<scope>/<digest>.tif`, the same in both. Whatever
+can be seen under a name is whole.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from products.errors import ProductError
+
+_CHUNK = 1 << 20
+_URL = "products.url"
+"""File in the store's folder that says where its products lie, if not beside it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Elsewhere:
+    """An object store that products lie in."""
+
+    url: str
+    """As `s3://bucket/prefix`."""
+    cache_gb: float = 20.0
+    """Of copies to keep on this machine."""
+
+
+class Shelf(Protocol):
+    """What the store asks of the place where its bytes lie."""
+
+    def has(self, name: str) -> bool:
+        """Whether there is a file of this name."""
+        ...
+
+    def path(self, name: str) -> Path | None:
+        """A file on this machine with the same bytes; None where there is none of this name."""
+        ...
+
+    def address(self, name: str) -> Path | str:
+        """What GDAL opens to read parts of the file where it lies; nothing is asked or fetched."""
+        ...
+
+    def read(self, name: str) -> bytes | None:
+        """A small file, whole; None where there is none."""
+        ...
+
+    def size(self, name: str) -> int | None:
+        """How many bytes the file has; None where there is none."""
+        ...
+
+    def chunks(self, name: str, start: int, end: int) -> Iterator[bytes]:
+        """The bytes from `start` up to `end` in order, a few at a time."""
+        ...
+
+    def take(self, file: Path, name: str, *, once: bool) -> None:
+        """Move a whole file here under a name; with `once` one that is there already may stay."""
+        ...
+
+    def names(self, folder: str) -> Iterator[str]:
+        """All names below a folder, in no order."""
+        ...
+
+    def remove(self, name: str) -> None:
+        """Have the file no longer; it may be gone already."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class FolderShelf:
+    """A folder on a disk; files come in by renaming, so drafts lie on the same disk."""
+
+    root: Path
+
+    def has(self, name: str) -> bool:
+        """Whether there is a file of this name."""
+        return (self.root / name).is_file()
+
+    def path(self, name: str) -> Path | None:
+        """The file itself."""
+        return self.root / name if self.has(name) else None
+
+    def address(self, name: str) -> Path:
+        """The file itself."""
+        return self.root / name
+
+    def read(self, name: str) -> bytes | None:
+        """A small file, whole."""
+        try:
+            return (self.root / name).read_bytes()
+        except FileNotFoundError:
+            return None
+
+    def size(self, name: str) -> int | None:
+        """How many bytes the file has."""
+        return (self.root / name).stat().st_size if self.has(name) else None
+
+    def chunks(self, name: str, start: int, end: int) -> Iterator[bytes]:
+        """The bytes from `start` up to `end` in order."""
+        with (self.root / name).open("rb") as file:
+            file.seek(start)
+            while start < end and (chunk := file.read(min(_CHUNK, end - start))):
+                start += len(chunk)
+                yield chunk
+
+    def take(self, file: Path, name: str, *, once: bool) -> None:  # noqa: ARG002 - same bytes
+        """Have the file's bytes on the disk, then its name."""
+        with file.open("rb") as opened:
+            os.fsync(opened.fileno())
+        target = self.root / name
+        target.parent.mkdir(parents=True, exist_ok=True)
+        file.replace(target)
+
+    def names(self, folder: str) -> Iterator[str]:
+        """All names below a folder."""
+        for path in (self.root / folder).rglob("*"):
+            if path.is_file():
+                yield path.relative_to(self.root).as_posix()
+
+    def remove(self, name: str) -> None:
+        """Have the file no longer."""
+        (self.root / name).unlink(missing_ok=True)
+
+
+def elsewhere_of(root: Path, asked: Elsewhere | None) -> Elsewhere | None:
+    """Where the products of a store lie: at the URL that is asked for, or where they lay before.
+
+    Raises:
+        ProductError: the store has its products in another place.
+    """
+    file = root / _URL
+    before = file.read_text().strip() if file.is_file() else None
+    if asked is None:
+        return None if before is None else Elsewhere(before)
+    if asked.url == before:
+        return asked
+    if before is not None:
+        raise ProductError(
+            f"the products of {root} lie at {before}, not at {asked.url}; set "
+            f"SOLMAP_STORE_URL={before}, or copy them there and remove {file}"
+        )
+    if any(FolderShelf(root).names("products")):
+        raise ProductError(
+            f"{root} holds products of its own; copy its folders products/ and stac/ to "
+            f"{asked.url} with a tool of the object store and remove them here, or name another "
+            "folder"
+        )
+    return asked
+
+
+def remember(elsewhere: Elsewhere, root: Path) -> None:
+    """Note where the products of a store lie."""
+    if elsewhere_of(root, None) != elsewhere:
+        draft = root / f".{_URL}.{os.getpid()}"
+        draft.write_text(f"{elsewhere.url}\n")
+        draft.replace(root / _URL)
