@@ -1,22 +1,94 @@
-"""What a run leaves on its page: the outcome of every sol as a table, and where to look."""
+"""What a run leaves on its page: sols and adjustments as tables, pictures, and where to look."""
 
 from __future__ import annotations
 
+import json
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from prefect.artifacts import create_markdown_artifact, create_table_artifact
+from prefect.artifacts import (
+    create_image_artifact,
+    create_link_artifact,
+    create_markdown_artifact,
+    create_table_artifact,
+)
+
+from config.settings import Settings
+from products.model import SUFFIX, ProductKind, ProductRef, Scope
+from products.workspace import Workspace
+from tasks.scopes import region_scope
 
 if TYPE_CHECKING:
     from flows.downlink import DownlinkReport
     from flows.sol_inputs import SolReport
 
+_LAST = 60
+"""Sols in a table: a mission of years has more than a page can hold."""
 
-def leave_report(report: DownlinkReport) -> None:
+
+def leave_report(report: DownlinkReport, workspace: Workspace) -> None:
     """Leave the outcome of a downlink on the page of the run."""
     if report.sols:
-        rows = [_row(sol) for sol in report.sols]
+        rows = [_row(sol) for sol in report.sols[-_LAST:]]
         create_table_artifact(rows, key="sols", description="Every sol that was processed")
+    leave_adjustments(report.sols, workspace)
     create_markdown_artifact(_text(report), key="downlink", description="How the downlink went")
+
+
+def leave_adjustments(sols: Sequence[SolReport], workspace: Workspace) -> None:
+    """Leave how good the adjustments are, the picture of each traverse, and links to all of it."""
+    rows = [row for sol in sols[-_LAST:] if (row := _adjustment(sol, workspace))]
+    if rows:
+        create_table_artifact(rows, key="adjustments", description="How good every adjustment is")
+    address = Settings().map_url
+    for mission in dict.fromkeys(sol.mission for sol in sols):
+        name = mission.lower()
+        _leave_picture(mission, workspace)
+        last = [row["report"] for row in rows if row["mission"] == mission][-1:]
+        for page in last:
+            create_link_artifact(page, "Quality of the last adjustment", key=f"report-{name}")
+    create_link_artifact(f"{address}/", "The map", key="map", description="All layers")
+
+
+def _leave_picture(mission: str, workspace: Workspace) -> None:
+    """The traverse as telemetry and as the adjustment have it."""
+    scope, kind = region_scope(mission), ProductKind.TRAVERSE_PICTURE
+    digest = workspace.catalogue.latest(scope.name, kind)
+    if digest is not None:
+        text = "The traverse: telemetry and adjusted"
+        address = _address(ProductRef(kind, scope, digest))
+        create_image_artifact(address, key=f"traverse-{mission.lower()}", description=text)
+
+
+def _adjustment(sol: SolReport, workspace: Workspace) -> dict[str, Any] | None:
+    """The figures of the adjustment that a sol ended with, and the address of its report."""
+    if sol.standing is None:
+        return None
+    scope = sol.standing.network.scope
+    quality = _latest(scope, ProductKind.QUALITY, workspace)
+    page = _latest(scope, ProductKind.REPORT, workspace)
+    if quality is None or page is None:
+        return None
+    told = json.loads(workspace.store.path(quality).read_text())["adjustment"]
+    figures = ("name", "converged", "sigma0", "redundancy", "stops", "pairs", "blunders")
+    ties = ", ".join(f"{count} {kind}" for kind, count in told["ties"].items())
+    return {
+        "mission": sol.mission,
+        "sol": sol.sol,
+        **{name: told[name] for name in figures},
+        "ties": ties,
+        "report": f"{Settings().map_url}/reports/{page.scope.name}/{page.digest}.html",
+    }
+
+
+def _latest(scope: Scope, kind: ProductKind, workspace: Workspace) -> ProductRef | None:
+    digest = workspace.catalogue.latest(scope.name, kind)
+    return ProductRef(kind, scope, digest) if digest else None
+
+
+def _address(ref: ProductRef) -> str:
+    file = f"{ref.kind}/{ref.scope.name}/{ref.digest}{SUFFIX[ref.kind]}"
+    return f"{Settings().map_url}/products/{file}"
 
 
 def _row(sol: SolReport) -> dict[str, Any]:

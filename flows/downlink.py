@@ -19,6 +19,7 @@ from flows.mission_layers import draw_mission
 from flows.overall import overall_sols, process_overall
 from flows.progress import report as report_progress
 from flows.region import map_regions
+from flows.run_names import downlink_name, folder_name, rename_run
 from flows.run_record import recorded
 from flows.runners import on_workers
 from flows.sol import process_sol
@@ -57,7 +58,7 @@ class DownlinkReport:
         return "\n".join(lines)
 
 
-@flow(name="downlink", flow_run_name="{downlink}")
+@flow(name="downlink", flow_run_name=folder_name)
 def process_downlink(
     downlink: Path, store: Path, pipeline: str = "default", settle_s: float = 0.0
 ) -> DownlinkReport:
@@ -83,13 +84,15 @@ def process_downlink(
             settle_s,
         )
         _take_down(delivery, downlink, report)
+        if delivery.images:
+            rename_run(downlink_name(delivery.images))
         take_edits(workspace)
         for mission in delivery.missions:
             with turn(workspace.store.root, mission, partial(_say_waiting, mission)):
                 _process_mission(mission, workspace, pipeline, report)
         record.say([*report.warnings, *str(report).splitlines()])
         record.fail_if(report.failures)
-    leave_report(report)
+    leave_report(report, workspace)
     return report
 
 

@@ -63,7 +63,7 @@ class FetchReport:
         return f"{found}; {self.fetched} images fetched ({size:.1f} MB), {here}{failed}"
 
 
-@flow(name="fetch-archive", flow_run_name="{mission}-sols-{sols}")
+@flow(name="fetch-archive", flow_run_name="fetch {mission} sol {sols}")
 def fetch_archive(
     mission: str,
     sols: str,
@@ -78,9 +78,9 @@ def fetch_archive(
     Args:
         mission: MER1 or MER2.
         sols: 155, 155-157, or several of these with commas between.
-        instruments: navcam, pancam, hazcam, front_hazcam, rear_hazcam.
-        out_dir: where to.
-        dry_run: only say what there is.
+        instruments: Any of navcam, pancam, hazcam, front_hazcam, rear_hazcam.
+        out_dir: Folder to bring the images to.
+        dry_run: Only say what there is.
         archive_file: TOML file of addresses; the settings name it otherwise.
 
     Raises:

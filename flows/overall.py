@@ -7,6 +7,7 @@ from pathlib import Path
 from prefect import flow
 
 from config.workspace import open_workspace
+from flows.artifacts import leave_adjustments
 from flows.mission_layers import draw_mission
 from flows.region import map_regions
 from flows.run_record import recorded
@@ -21,7 +22,7 @@ from tasks.hand_ties import take_edits
 from tasks.scopes import is_of_mission, is_overall, sol_of
 
 
-@flow(name="overall", flow_run_name="{mission}-overall-sol{sol}")
+@flow(name="overall", flow_run_name="{mission} overall to sol {sol}")
 def process_overall(
     mission: str, sol: int, store: Path, pipeline: str, previous: Standing | None = None
 ) -> SolReport:
@@ -33,9 +34,14 @@ def process_overall(
     return report
 
 
-@flow(name="adjust", flow_run_name="{mission}")
+@flow(name="adjust", flow_run_name="overall adjustment {mission}")
 def readjust(mission: str, store: Path, pipeline: str = "default") -> SolReport:
     """The overall adjustment of everything that is published of a mission.
+
+    Args:
+        mission: As its labels have it: MER2.
+        store: Folder of products and catalogue.
+        pipeline: Name of a shipped pipeline, or path of a TOML file.
 
     Raises:
         ProductNotFoundError: no sol of the mission has been processed.
@@ -49,7 +55,8 @@ def readjust(mission: str, store: Path, pipeline: str = "default") -> SolReport:
         report = _readjust(mission, workspace, pipeline)
         record.say(report.notes)
         record.fail_if(report.failures)
-        return report
+    leave_adjustments([report], workspace)
+    return report
 
 
 def _readjust(mission: str, workspace: Workspace, pipeline: str) -> SolReport:

@@ -9,13 +9,19 @@ from prefect import flow
 from config.workspace import open_workspace
 from flows.overall import readjust
 from flows.region import map_regions
+from flows.run_names import mission_name
 from flows.run_record import recorded
 from products.locks import turn
 
 
-@flow(name="overall-adjustment", flow_run_name="overall-adjustment")
+@flow(name="overall-adjustment", flow_run_name=mission_name)
 def adjust_all(store: Path, pipeline: str = "default", mission: str | None = None) -> list[str]:
     """Adjust all stops of every mission, or of one, together; map again what moved.
+
+    Args:
+        store: Folder of products and catalogue.
+        pipeline: Name of a shipped pipeline, or path of a TOML file.
+        mission: As its labels have it: MER2; every mission where none is given.
 
     Returns:
         Notes, a line each; failures begin with the mission and `failed`.
@@ -28,11 +34,17 @@ def adjust_all(store: Path, pipeline: str = "default", mission: str | None = Non
     return notes
 
 
-@flow(name="refresh-region", flow_run_name="refresh-region")
+@flow(name="refresh-region", flow_run_name=mission_name)
 def refresh_regions(
     store: Path, pipeline: str = "default", mission: str | None = None
 ) -> list[str]:
-    """Join the stops of every mission, or of one, to regions anew where any of them changed."""
+    """Join the stops of every mission, or of one, to regions anew where any of them changed.
+
+    Args:
+        store: Folder of products and catalogue.
+        pipeline: Name of a shipped pipeline, or path of a TOML file.
+        mission: As its labels have it: MER2; every mission where none is given.
+    """
     workspace = open_workspace(store)
     notes: list[str] = []
     for name in _missions(store, mission):
