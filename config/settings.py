@@ -9,6 +9,7 @@ from pydantic import Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from config import archive, landing
+from products.shelves import Elsewhere
 
 
 class TaskRunnerName(StrEnum):
@@ -30,9 +31,17 @@ class Settings(BaseSettings):
     catalogue_url: str | None = Field(default=None, repr=False)
     """Database of the catalogue, as `postgresql+psycopg://user:password@host/database`; SQLite in
     the store's folder where there is none. It may hold a password: it is shown nowhere."""
+    store_url: str | None = None
+    """Object store of the products, as `s3://bucket/prefix`, with keys and endpoint by the usual
+    `AWS_*` variables; the store's folder where there is none."""
+    store_cache_gb: float = 20.0
+    """Copies of such products that this machine keeps at most."""
     host: str = "127.0.0.1"
     """Address the server listens on; the default serves this machine only."""
     port: int = 8765
+    cors_origins: str = ""
+    """Other sites whose pages may ask this server, as `https://a.example https://b.example`;
+    none by default."""
     public_url: str | None = None
     """Address that people reach the map at, for links to it: `https://maps.example.org`."""
     pipeline: str = "default"
@@ -58,6 +67,11 @@ class Settings(BaseSettings):
     """Scheduler of a Dask cluster whose workers reach the store, as `tcp://host:8786`."""
     engine_port: int = 4200
     """Port of Prefect's server and its run pages; it listens on this machine only."""
+
+    @property
+    def elsewhere(self) -> Elsewhere | None:
+        """Where products lie if not in the store's folder."""
+        return Elsewhere(self.store_url, self.store_cache_gb) if self.store_url else None
 
     @property
     def map_url(self) -> str:
