@@ -40,6 +40,20 @@ def product(A: Matrices, B: Matrices) -> Matrices:
     return C
 
 
+def crosses(v: Vectors) -> Matrices:
+    """[v] of many vectors, with [v] w = v x w."""
+    x, y, z = v
+    none = np.zeros_like(x)
+    return np.stack([none, -z, y, z, none, -x, -y, x, none]).reshape(3, 3, -1)
+
+
+def inverted(A: Matrices) -> Matrices:
+    """Inverses of many matrices: cofactors over the determinant."""
+    of_rows = np.stack([cross(A[1], A[2]), cross(A[2], A[0]), cross(A[0], A[1])], axis=1)
+    of_rows /= np.einsum("im,im->m", of_rows[:, 0], A[0])
+    return of_rows
+
+
 def crossed_rows(rows: Matrices, v: Vectors) -> Matrices:
     """Every row of many matrices times v, as vectors."""
     return cross(rows.swapaxes(0, 1), v).swapaxes(0, 1)

@@ -24,6 +24,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -71,9 +72,7 @@ class EliminatedTies:
 
     def relative_cofactors(self, triangle: np.ndarray) -> np.ndarray:
         """(relative, relative, signatures) T Z T' from the lower triangle of the felt Z."""
-        row, column = np.indices((self.group.felt, self.group.felt))
-        row, column = np.maximum(row, column), np.minimum(row, column)
-        Z = triangle[row * (row + 1) // 2 + column]
+        Z = squared(triangle, self.group.felt)
         return self._relative(self._relative(Z).swapaxes(0, 1))
 
     def _relative(self, rows: np.ndarray) -> np.ndarray:
@@ -91,19 +90,25 @@ class EliminatedTies:
         return relative
 
     @property
-    def A1(self) -> np.ndarray:  # noqa: N802 - the letter of the equations
-        """(n, 3, relative) Q' A_o."""
-        return self.along[:, : self.group.relative].transpose(2, 0, 1).copy()
+    def is_felt(self) -> np.ndarray:
+        """(n) whether the images feel a point in every direction."""
+        return (self.triangle[range(3), range(3)] > 0).all(axis=0)
 
-    @property
-    def R(self) -> np.ndarray:  # noqa: N802 - the letter of the equations
-        """(n, 3, 3)."""
-        return self.triangle.transpose(2, 0, 1).copy()
+    def freed(self, right: np.ndarray) -> np.ndarray:
+        """R^-1 right (3, ..., n); nothing along what the images do not feel."""
+        return _back_substitute(self.triangle, right)
 
-    @property
-    def T(self) -> np.ndarray:  # noqa: N802 - the letter of the equations
-        """(signatures, relative, absolute)."""
-        return self.group.to_relative(self.centres)
+
+def squared(triangle: np.ndarray, count: int) -> np.ndarray:
+    """(count, count, n) symmetric matrices of which the lower triangles are given row by row."""
+    return triangle[_places_in_triangle(count)]
+
+
+@cache
+def _places_in_triangle(count: int) -> np.ndarray:
+    row, column = np.indices((count, count))
+    row, column = np.maximum(row, column), np.minimum(row, column)
+    return row * (row + 1) // 2 + column
 
 
 def eliminate(group: TieGroup, l: np.ndarray, A: Partials, views: Views) -> EliminatedTies:
@@ -173,8 +178,7 @@ def place_points(ties: EliminatedTies, x: np.ndarray) -> np.ndarray:
     """
     if x.shape[1] < ties.group.points:
         x = x[:, ties.group.signature]
-    right = ties.along[:, -1] - np.einsum("dcn,cn->dn", ties.along[:, :-1], x)
-    return _back_substitute(ties.triangle, right)
+    return ties.freed(ties.along[:, -1] - np.einsum("dcn,cn->dn", ties.along[:, :-1], x))
 
 
 def _back_substitute(R: np.ndarray, right: np.ndarray) -> np.ndarray:
@@ -187,12 +191,3 @@ def _back_substitute(R: np.ndarray, right: np.ndarray) -> np.ndarray:
         known = sum((R[i, j] * x[j] for j in range(i + 1, 3)), np.zeros_like(right[i]))
         np.divide(right[i] - known, R[i, i], out=x[i], where=R[i, i] > 0)
     return x
-
-
-def inverse_of(R: np.ndarray) -> np.ndarray:
-    """R^-1 of many upper triangles (n, 3, 3); NaN where images do not feel some direction."""
-    by_component = R.transpose(1, 2, 0)
-    units = np.broadcast_to(np.eye(3)[:, :, None], by_component.shape)
-    inverse = _back_substitute(by_component, units).transpose(2, 0, 1).copy()
-    inverse[(np.diagonal(R, axis1=1, axis2=2) <= 0).any(axis=1)] = np.nan
-    return inverse

@@ -19,6 +19,7 @@ import numpy as np
 from scipy.special import gammaincc, gammainccinv
 
 from photogrammetry.adjustment.collinearity import Observations
+from photogrammetry.adjustment.observations import seen_differently
 from photogrammetry.adjustment.params import AdjustmentParams
 from photogrammetry.adjustment.residuals import CERTAIN, Residuals
 
@@ -71,8 +72,5 @@ def _quantile(alpha: float, coordinates: int) -> float:
 
 def _joins_stops(observations: Observations) -> np.ndarray:
     """Which observations are of points that several stops see."""
-    one = np.zeros(observations.points, dtype=observations.pair_stop.dtype)
-    one[observations.point] = observations.stop  # of one of its observations
-    joins = np.zeros(observations.points, dtype=bool)
-    joins[observations.point[observations.stop != one[observations.point]]] = True
-    return joins[observations.point]
+    point = observations.point
+    return seen_differently(point, observations.stop, observations.points)[point]

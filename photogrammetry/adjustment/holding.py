@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,6 +10,7 @@ import numpy as np
 from photogrammetry.adjustment.collinearity import Observations
 from photogrammetry.adjustment.control_equations import Control
 from photogrammetry.adjustment.datum import MAP
+from photogrammetry.adjustment.observations import seen_differently
 from photogrammetry.adjustment.records import Network
 from photogrammetry.arrays import Bool
 
@@ -36,8 +38,10 @@ class Holding:
     ) -> Holding:
         """Of the used observations of a network; `held` is the datum, `known` is joined to it."""
         shared: tuple[dict[int, int], ...] = tuple({} for _ in held)
-        for a, b, count in _couples(observations.point[used], observations.stop[used]):
-            shared[a][b] = shared[b][a] = shared[a].get(b, 0) + count
+        stop, point = observations.stop[used], observations.point[used]
+        joins = seen_differently(point, stop, observations.points)[point]
+        for (a, b), count in _couples(point[joins], stop[joins], len(held)).items():
+            shared[a][b] = shared[b][a] = count
         placed = _placed(control)
         near = [{*others, *(other for f in placed.get(k, ()) for other in _shown(placed, f))}
                 for k, others in enumerate(shared)]  # fmt: skip
@@ -84,16 +88,15 @@ def _shown(placed: dict[int, list[int]], frame: int) -> list[int]:
     return [stop for stop, frames in placed.items() if frame in frames]
 
 
-def _couples(point: np.ndarray, stop: np.ndarray) -> list[tuple[int, int, int]]:
-    """Every two stops (a < b) with points that both saw, and how many; some come in parts."""
-    seen = np.unique(np.column_stack([point, stop]), axis=0)
-    couples: list[tuple[int, int, int]] = []
-    for lag in range(1, len(seen)):
-        same = seen[lag:, 0] == seen[:-lag, 0]
+def _couples(point: np.ndarray, stop: np.ndarray, stops: int) -> Counter[tuple[int, int]]:
+    """Every two stops (a < b) with points that both saw, and how many."""
+    point, stop = np.divmod(np.unique(point.astype(np.int64) * stops + stop), stops)
+    couples: Counter[tuple[int, int]] = Counter()
+    for lag in range(1, len(point)):
+        same = point[lag:] == point[:-lag]
         if not same.any():
             break
-        both, counts = np.unique(
-            np.column_stack([seen[:-lag, 1], seen[lag:, 1]])[same], axis=0, return_counts=True
-        )
-        couples += [(a, b, n) for (a, b), n in zip(both.tolist(), counts.tolist(), strict=True)]
+        both, counts = np.unique(stop[:-lag][same] * stops + stop[lag:][same], return_counts=True)
+        for code, count in zip(both.tolist(), counts.tolist(), strict=True):
+            couples[divmod(code, stops)] += count
     return couples

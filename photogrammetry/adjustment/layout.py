@@ -25,12 +25,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 from itertools import groupby
 
 import numpy as np
 
 from photogrammetry.adjustment.observations import PAIR_UNKNOWNS, STOP_UNKNOWNS, Observations
-from photogrammetry.adjustment.rotations import cross_matrix
 from photogrammetry.adjustment.unknowns import Unknowns
 from photogrammetry.errors import AdjustmentError
 
@@ -119,9 +119,7 @@ class TieGroup:
     @property
     def column_slots(self) -> np.ndarray:
         """Which of the point's stops every absolute column belongs to."""
-        others = np.repeat(np.arange(1, self.slots[-1] + 1), STOP_UNKNOWNS)
-        pairs = np.repeat(self.slots, self.per_pair)
-        return np.concatenate([others, pairs, np.zeros(STOP_UNKNOWNS, dtype=np.int64)])
+        return _column_slots(self.slots, self.per_pair)
 
     @property
     def blocks(self) -> np.ndarray:
@@ -134,29 +132,36 @@ class TieGroup:
 
         Of two columns the row is that of the later stop, or of the later unknown of one stop.
         """
-        slots = self.column_slots[: self.felt]
-        is_pair = np.zeros(self.felt, dtype=bool)
-        is_pair[self.posed : self.relative] = True
-        place = np.arange(self.felt) + self.felt * (is_pair + 2 * slots)
-        i, j = np.tril_indices(self.felt)
-        swapped = place[i] < place[j]
-        return np.where(swapped, j, i), np.where(swapped, i, j)
+        return _triangle(self.slots, self.per_pair)
+
+    @property
+    def is_shared(self) -> bool:
+        """Whether several points share a signature."""
+        return len(self.first) < self.points
 
     @property
     def signature(self) -> np.ndarray:
         """Signature of every point."""
         return np.repeat(np.arange(len(self.first)), np.diff(self.first, append=self.points))
 
-    def to_relative(self, centres: np.ndarray) -> np.ndarray:
-        """(signatures, relative, absolute): relative coordinates of absolute ones."""
-        n, count = len(self.stops), self.relative
-        T = np.tile(np.eye(count, self.local.shape[1]), (n, 1, 1))
-        for slot in range(1, self.slots[-1] + 1):
-            at = STOP_UNKNOWNS * (slot - 1)
-            arm = centres[self.stops[:, slot]] - centres[self.stops[:, 0]]
-            T[:, at : at + 6, count:] = -np.eye(6)
-            T[:, at + 3 : at + 6, count : count + 3] = cross_matrix(arm)
-        return T
+
+@cache
+def _column_slots(slots: tuple[int, ...], per_pair: int) -> np.ndarray:
+    others = np.repeat(np.arange(1, slots[-1] + 1), STOP_UNKNOWNS)
+    return np.concatenate([others, np.repeat(slots, per_pair), np.zeros(STOP_UNKNOWNS, np.int64)])
+
+
+@cache
+def _triangle(slots: tuple[int, ...], per_pair: int) -> tuple[np.ndarray, np.ndarray]:
+    posed = STOP_UNKNOWNS * slots[-1]
+    relative = posed + per_pair * len(slots)
+    felt = relative + (STOP_UNKNOWNS if slots[-1] else 0)
+    is_pair = np.zeros(felt, dtype=bool)
+    is_pair[posed:relative] = True
+    place = np.arange(felt) + felt * (is_pair + 2 * _column_slots(slots, per_pair)[:felt])
+    i, j = np.tril_indices(felt)
+    swapped = place[i] < place[j]
+    return np.where(swapped, j, i), np.where(swapped, i, j)
 
 
 def tie_groups(
@@ -167,10 +172,13 @@ def tie_groups(
     Raises:
         AdjustmentError: a point was measured twice in one pair.
     """
-    rows = np.flatnonzero(used)
-    pair, point = observations.pair[rows], observations.point[rows]
-    rows = rows[np.lexsort((pair, unknowns.pair_stop[pair], point))]
-    pair, point = observations.pair[rows], observations.point[rows]
+    often = np.bincount(observations.point[used], minlength=observations.points) > 1
+    rows = np.flatnonzero(used & often[observations.point])
+    pair, point = observations.pair[rows], observations.point[rows].astype(np.int64)
+    along = np.empty(len(unknowns.pair_stop), dtype=np.int64)  # place of a pair, stop by stop
+    along[np.argsort(unknowns.pair_stop, kind="stable")] = np.arange(len(along))
+    order = np.argsort(point * len(along) + along[pair])
+    rows, pair, point = rows[order], pair[order], point[order]
     twice = np.flatnonzero((pair[1:] == pair[:-1]) & (point[1:] == point[:-1]))
     if len(twice):
         raise AdjustmentError(
@@ -181,7 +189,7 @@ def tie_groups(
     counts = np.diff(begin, append=len(point))
     kinds = [
         kind
-        for k in np.unique(counts[counts > 1])[::-1].tolist()
+        for k in np.flatnonzero(np.bincount(counts))[::-1].tolist()
         for kind in _kinds(observations, rows[begin[counts == k][:, None] + np.arange(k)], unknowns)
     ]
     return tuple(group for kind in _joined(kinds, unknowns) for group in _groups(*kind, unknowns))
@@ -237,6 +245,9 @@ def _kinds(observations: Observations, rows: np.ndarray, unknowns: Unknowns) -> 
     new[1:] = (pairs[1:] != pairs[:-1]).any(axis=1)
     stops = unknowns.pair_stop[pairs[new]]
     packed = np.packbits(stops[:, 1:] != stops[:, :-1], axis=1)
+    if (packed == packed[0]).all():
+        yield rows, pairs, np.flatnonzero(new)
+        return
     kinds, kind = np.unique(packed.view(f"V{packed.shape[1]}")[:, 0], return_inverse=True)
     for number in range(len(kinds)):
         mine = (kind == number)[np.cumsum(new) - 1]

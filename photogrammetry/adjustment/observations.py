@@ -107,6 +107,15 @@ class Observations:
         return (self.weight[:, 2] > 0) & (self.measured[:, 2] > 0)
 
 
+def seen_differently(point: np.ndarray, of: np.ndarray, points: int) -> Flags:
+    """Which points have observations `of` different stops, or pairs."""
+    one = np.zeros(points, dtype=of.dtype)
+    one[point] = of  # of one of its observations
+    differ = np.zeros(points, dtype=bool)
+    differ[point[of != one[point]]] = True
+    return differ
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class State:
     """All unknowns, as they stand."""

@@ -14,11 +14,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.adjustment.collinearity import Observations, State, partials
-from photogrammetry.adjustment.componentwise import Matrices, Vectors, turned
-from photogrammetry.adjustment.elimination import EliminatedTies, inverse_of
+from photogrammetry.adjustment.collinearity import Observations, Sights, State, Views
+from photogrammetry.adjustment.componentwise import (
+    Matrices,
+    Vectors,
+    crosses,
+    inverted,
+    product,
+    turned,
+)
+from photogrammetry.adjustment.elimination import EliminatedTies, squared
 from photogrammetry.adjustment.problem import Problem
-from photogrammetry.adjustment.rotations import cross_matrix
 from photogrammetry.adjustment.sightings import inverses_by_component
 from photogrammetry.matching.robust import MAD_TO_SIGMA
 
@@ -103,18 +109,32 @@ def point_covariances(
     for points outside the adjustment.
     """
     C = np.full((problem.observations.points, 3, 3), np.nan)
-    for tie in ties:
-        group, number = tie.group, tie.group.signature
-        Z = inverse[problem.pattern.indices(group.blocks, group.local)][number]
+    for tie, places in zip(ties, problem.places, strict=True):
+        group, felt = tie.group, tie.group.felt
         numbers = problem.observations.point[group.rows[0]]
-        R_inverse = inverse_of(tie.R)
-        G = -R_inverse @ tie.A1 @ tie.T[number]
-        G[:, :, -6:-3] -= cross_matrix(
-            state.points[numbers] - state.centres[group.stops[number, 0]]
-        )
-        G[:, :, -3:] += np.eye(3)
-        C[numbers] = R_inverse @ R_inverse.mT + G @ Z @ G.mT
+        base = group.stops[group.signature, 0] if group.is_shared else group.stops[:, 0]
+        arm = (state.points[numbers] - state.centres[base]).T
+        G = np.zeros((3, group.local.shape[1], group.points))
+        np.negative(tie.freed(tie.along[:, :felt]), out=G[:, :felt])
+        G[:, -6:-3] -= crosses(arm)
+        G[range(3), range(-3, 0)] += 1.0
+        own = tie.freed(np.broadcast_to(np.eye(3)[:, :, None], tie.triangle.shape))
+        own[:, :, ~tie.is_felt] = np.nan
+        by_point = G.transpose(2, 0, 1).copy()
+        Z = _base_and_felt(problem, tie, inverse, places)
+        carried = by_point @ (Z[group.signature] if group.is_shared else Z) @ by_point.mT
+        C[numbers] = carried + np.einsum("idn,jdn->nij", own, own)
     return C
+
+
+def _base_and_felt(
+    problem: Problem, tie: EliminatedTies, inverse: np.ndarray, places: np.ndarray
+) -> np.ndarray:
+    """Cofactors of all absolute columns of a group, signature by signature."""
+    group = tie.group
+    if group.felt < group.local.shape[1]:
+        return inverse[problem.pattern.indices(group.blocks, group.local)]
+    return squared(inverse[places], group.felt).transpose(2, 0, 1)
 
 
 def joint_covariances(problem: Problem, inverse: np.ndarray) -> np.ndarray:
@@ -129,10 +149,12 @@ def single_sightings(
     observations: Observations, state: State, rows: np.ndarray, joint: np.ndarray
 ) -> np.ndarray:
     """Covariance of points placed by one stereo observation each."""
-    A_o, A_t = partials(state, observations, rows)
-    back = np.linalg.inv(A_t)
-    C = np.zeros((len(rows), 3, 3))
-    diagonal = 1.0 / observations.weight[rows] ** 2
-    C[:, range(3), range(3)] = diagonal
-    total = C + A_o @ joint[observations.pair[rows]] @ A_o.swapaxes(1, 2)
-    return back @ total @ back.swapaxes(1, 2)
+    sights, views = Sights.of(observations, rows), Views.of(state, observations)
+    A = views.partials(sights)  # a point moves by back (noise - A_o x), whatever the weights
+    back, arm = inverted(A.by_point), views.arm(A.X, observations.stop_of(rows))
+    G = np.empty((3, 9, len(rows)))
+    G[:, :3], G[:, 3:6] = crosses(arm), -np.eye(3)[:, :, None]
+    G[:, 6:] = product(back, A.by_pointing)
+    by_row = G.transpose(2, 0, 1).copy()
+    carried = by_row @ joint[observations.pair[rows]] @ by_row.mT
+    return carried + np.einsum("idn,jdn->nij", back, back)

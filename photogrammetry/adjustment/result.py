@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, replace
+from itertools import compress
 
 import numpy as np
 from scipy.stats import chi2
@@ -18,6 +20,7 @@ from photogrammetry.adjustment.control_tests import ControlTests
 from photogrammetry.adjustment.datum import MAP
 from photogrammetry.adjustment.elimination import EliminatedTies
 from photogrammetry.adjustment.holding import Holding
+from photogrammetry.adjustment.observations import seen_differently
 from photogrammetry.adjustment.params import AdjustmentParams
 from photogrammetry.adjustment.problem import Problem
 from photogrammetry.adjustment.records import (
@@ -100,8 +103,8 @@ def assembled(
     ties = _ties(network, outcome, factor, covariances)
     control = adjusted_control(network, outcome.problem, outcome.solution.state, outcome.placed)
     placed = np.isfinite(ties.points).all(axis=1)
-    kinds = np.array([str(kind) for kind in ties.kinds])
-    seen = np.bincount(outcome.observations.point[outcome.used], minlength=len(kinds)) > 0
+    seen = np.bincount(outcome.observations.point[outcome.used], minlength=len(placed)) > 0
+    counts = Counter(compress(ties.kinds, (placed & seen).tolist()))
     report = AdjustmentReport(
         name=name,
         converged=outcome.solution.converged,
@@ -110,7 +113,7 @@ def assembled(
         redundancy=redundancy,
         stops=len(stops),
         pairs=len(pairs),
-        ties={k: int((kinds[placed & seen] == str(k)).sum()) for k in TieKind},
+        ties={kind: counts[kind] for kind in TieKind},
         blunders=int((ties.status == BLUNDER).sum()),
         before=agreement[0],
         after=agreement[1],
@@ -226,15 +229,9 @@ def _ties(network: Network, outcome: Outcome, factor: float, joint: np.ndarray) 
 
 def _kinds(observations: Observations, used: np.ndarray) -> tuple[TieKind, ...]:
     """What each point joins, by its used observations."""
-    point = observations.point[used]
-    several = []
-    for of in (observations.stop[used], observations.pair[used]):
-        one = np.zeros(observations.points, dtype=of.dtype)
-        one[point] = of  # that of one of its observations
-        differ = np.zeros(observations.points, dtype=bool)
-        differ[point[of != one[point]]] = True
-        several.append(differ)
-    stops, pairs = several
+    point, count = observations.point[used], observations.points
+    stops = seen_differently(point, observations.stop[used], count)
+    pairs = seen_differently(point, observations.pair[used], count)
     return tuple(map(KINDS.__getitem__, np.where(stops, 2, pairs.astype(np.int64)).tolist()))
 
 

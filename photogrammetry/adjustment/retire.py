@@ -45,7 +45,14 @@ class Conditional:
     @property
     def staying(self) -> np.ndarray:
         """Columns of the chart that stayed."""
-        return np.setdiff1d(np.arange(self.chart.size), self.leaving)
+        return _others(self.chart.size, self.leaving)
+
+
+def _others(count: int, some: np.ndarray) -> np.ndarray:
+    """The numbers below `count` that are not among some."""
+    rest = np.ones(count, dtype=bool)
+    rest[some] = False
+    return np.flatnonzero(rest)
 
 
 def neighbours(network: Linear, k: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -110,20 +117,18 @@ def _frames(network: Linear, k: int) -> np.ndarray:
 
 def _coordinates(observations: Observations, rows: np.ndarray) -> int:
     """Coordinates measured in some rows, beyond those that their points take up."""
-    return int((observations.weight[rows] > 0).sum()) - 3 * len(np.unique(observations.point[rows]))
+    return int((observations.weight[rows] > 0).sum()) - 3 * len(_numbers(observations.point[rows]))
 
 
 def _triangulated(
     chart: Chart, state: State, A: np.ndarray, leaving: np.ndarray
 ) -> tuple[Conditional, np.ndarray, np.ndarray, float]:
     """Conditional, and root, right-hand side and spent sum of squares of the marginal."""
-    staying = np.setdiff1d(np.arange(chart.size), leaving)
-    posed, in_z = STOP_UNKNOWNS * len(chart.stops), A[:, :-1].copy()  # pointings are their own z
-    J = chart.partials(state)[:posed, :posed]
-    in_z[:, :posed] = A[:, :posed] @ np.linalg.inv(J)
+    posed, columns = STOP_UNKNOWNS * len(chart.stops), A.T.copy()
+    J = chart.partials(state)[:posed, :posed]  # pointings are their own z
+    columns[:posed] = np.linalg.solve(J.T, columns[:posed])
     s, n = len(leaving), chart.size
-    full = np.empty((len(A), n + 1), order="F")
-    full[:, :s], full[:, s:n], full[:, n] = in_z[:, leaving], in_z[:, staying], A[:, -1]
+    full = columns[np.concatenate([leaving, _others(n, leaving), [n]])].T
     R = np.triu(_geqrf(full, lwork=BLOCK * (n + 1), overwrite_a=True)[0][: n + 1])
     conditional = Conditional(chart, leaving, R[:s, :s], R[:s, s:n], R[:s, n])
     spent = float(R[n, n] ** 2) if len(R) > n else 0.0

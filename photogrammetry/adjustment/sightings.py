@@ -169,7 +169,7 @@ def in_lsl(state: State, observations: Observations, seen: Sightings, rows: np.n
 
 def means(
     state: State, observations: Observations, seen: Sightings, rows: np.ndarray, place: Vectors
-) -> tuple[np.ndarray, Vectors]:
+) -> tuple[np.ndarray, Float64[np.ndarray, "3 points"]]:
     """Numbers of the points that some sightings see, and the weighted mean place of each."""
     R = np.take(by_component(state.rotations), observations.stop_of(rows), axis=2)
     S = by_component(seen.covariances[rows])

@@ -43,26 +43,25 @@ class Columns:
 def tie_rows(network: Linear, rows: np.ndarray, columns: Columns) -> np.ndarray:
     """Whitened observation equations of tie points, freed of the points."""
     observations = network.observations
-    l, A_o, A_t = whitened_equations(network.state, observations, rows)
     order = np.argsort(observations.point[rows], kind="stable")
-    _, first, counts = np.unique(
-        observations.point[rows[order]], return_index=True, return_counts=True
-    )
+    rows = rows[order]
+    l, A_o, A_t = whitened_equations(network.state, observations, rows)
+    pair, point = observations.pair[rows], observations.point[rows]
+    places = np.hstack([columns.of_stop[observations.pair_stop[pair]], columns.of_pair[pair]])
+    first = np.flatnonzero(np.diff(point, prepend=-1))
+    counts = np.diff(first, append=len(rows))
     parts = [np.zeros((0, columns.count + 1))]
-    for k in np.unique(counts).tolist():
-        members = order[first[counts == k][:, None] + np.arange(k)]
+    for k in np.flatnonzero(np.bincount(counts)).tolist():
+        members = first[counts == k][:, None] + np.arange(k)
         n = len(members)
         free = np.linalg.qr(A_t[members].reshape(n, 3 * k, 3), mode="complete")[0][:, :, 3:]
-        dense = np.zeros((n, 3 * k, columns.count + 1))
-        for i in range(k):
-            pair = observations.pair[rows[members[:, i]]]
-            at = np.column_stack(
-                [columns.of_stop[observations.pair_stop[pair]], columns.of_pair[pair]]
-            )
-            part = dense[:, 3 * i : 3 * i + 3]
-            np.put_along_axis(part, np.repeat(at[:, None], 3, axis=1), A_o[members[:, i]], axis=2)
-        dense[:, :, -1] = l[members].reshape(n, 3 * k)  # over the bin of what is held
-        parts.append((free.swapaxes(1, 2) @ dense).reshape(-1, columns.count + 1))
+        dense = np.zeros((n, k, 3, columns.count + 1))
+        point, seen, row = np.ogrid[:n, :k, :3]
+        at = places[members][:, :, None]
+        dense[point[..., None], seen[..., None], row[..., None], at] = A_o[members]
+        dense[..., -1] = l[members]  # over the bin of what is held
+        by_point = dense.reshape(n, 3 * k, -1)
+        parts.append((free.mT @ by_point).reshape(-1, columns.count + 1))
     return np.concatenate(parts)
 
 
