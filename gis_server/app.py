@@ -32,6 +32,7 @@ from gis_server.routes import (
     runs,
     scene,
     sight,
+    panoramas,
     stac,
     styles,
     ties,
@@ -66,6 +67,16 @@ class SecurityHeaders:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass the request on and put the headers on the answer."""
+_SHARED: dict[str, list[str]] = {
+    "allow_methods": ["GET", "HEAD", "POST"],
+    "allow_headers": ["Authorization", "Content-Type", "Range", "If-None-Match", "Last-Event-ID"],
+    "expose_headers": ["ETag", "Content-Range", "Link", "OGC-NumberMatched"],
+}
+"""What pages of other sites may do where `origins` names these; without cookies, there are none."""
+
+
+_PACKED = ("/tiles/", "/models/", "/download/", "/products/", "/images/", "/panoramas/")
+"""What is served below these is compressed already, or asked for by ranges."""
 
         async def with_headers(message: Message) -> None:
             if message["type"] == "http.response.start":
@@ -90,7 +101,7 @@ class CompressText:
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Choose by the address: tiles, models, downloads and images are never compressed."""
         path = scope.get("path", "")
-        raw = path.startswith(("/tiles/", "/models/", "/download/", "/products/", "/images/"))
+        raw = path.startswith(_PACKED)
         await (self.plain if raw else self.compressing)(scope, receive, send)
 
 
@@ -165,6 +176,8 @@ def create_app(
 def create_app_from_settings() -> FastAPI:
     """The server of the store that the environment names (`SOLMAP_STORE`)."""
     settings = Settings()
+        panoramas,
+        metrics,
     return create_app(
         settings.store, catalogue_url=settings.catalogue_url, elsewhere=settings.elsewhere
     )

@@ -1,0 +1,159 @@
+"""Panoramas of the stops: which there are, their tiles, and the way between them and the map."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated
+
+import numpy as np
+from fastapi import APIRouter, Path, Query, Response
+from pydantic import BaseModel
+
+from gis_server.analysis.ground import BEST
+from gis_server.analysis.map_places import point_on_map
+from gis_server.analysis.panoramas import (
+    DirectionSeen,
+    PanoramaAsked,
+    PlaceSeen,
+    facts_of,
+    tile_of,
+)
+from gis_server.rendering.png import indexed_png
+from gis_server.routes.analysis import ground_of
+from gis_server.routes.parameters import AGAIN, FOREVER, Digest, Metres, MissionName, ScopeName
+from gis_server.services import Services, ServicesOf
+from products.model import Layer, ProductKind
+from products.oriented import OrientedMission
+from products.workspace import Workspace
+
+router = APIRouter(tags=["panoramas"])
+TILE = 256
+_GREYS = np.repeat(np.arange(256, dtype=np.uint8)[:, None], 3, axis=1)
+_MAX_ZOOM = 16
+
+
+class PanoramaBody(BaseModel):
+    """A panorama: azimuth across and elevation down, both linear in pixels, degrees."""
+
+    id: str
+    scope: str
+    digest: str
+    title: str
+    sols: tuple[int, ...]
+    made_at: str
+    eye: str
+    images: tuple[str, ...]
+    centre: tuple[float, float, float]
+    """East, north and elevation that it is seen from, metres."""
+    west_deg: float
+    """Azimuth of its left edge, clockwise from north."""
+    top_deg: float
+    """Elevation of its upper edge above the horizon."""
+    cell_deg: float
+    rows: int
+    cols: int
+    registration_px: float | None
+    """Median shift between neighbouring images where both show the same, pixels."""
+    tiles: str
+    tile_size: int
+    max_zoom: int
+    """At which a pixel of a tile is one of the panorama; each zoom below halves it."""
+    download: str
+    provenance: str
+
+
+@router.get("/api/missions/{mission}/panoramas")
+def panoramas(mission: MissionName, services: ServicesOf, response: Response) -> list[PanoramaBody]:
+    """The latest panorama of every stop."""
+    response.headers.update(AGAIN)
+    services.catalogue.mission(mission)
+    layers = services.catalogue.layers(mission)
+    return [_body(layer, services) for layer in layers if layer.type == "panorama"]
+
+
+@router.get("/panoramas/{scope}/{digest}/{z}/{x}/{y}.png", response_class=Response)
+def tile(
+    scope: ScopeName,
+    digest: Digest,
+    z: Annotated[int, Path(ge=0, le=_MAX_ZOOM)],
+    x: Annotated[int, Path(ge=0, le=10_000)],
+    y: Annotated[int, Path(ge=0, le=10_000)],
+    services: ServicesOf,
+) -> Response:
+    """One tile of a panorama, for deep zoom; zoom 0 is the whole in one tile."""
+    layer = services.layer(scope, ProductKind.PANORAMA, digest)
+    with services.pool.reading(services.store.address(layer.ref)) as dataset:
+        deepest = _max_zoom(dataset.height, dataset.width)
+        grey = tile_of(dataset, 1 << max(0, deepest - z), x, y, TILE)
+    return Response(indexed_png(grey, _GREYS), media_type="image/png", headers=FOREVER)
+
+
+@router.get("/api/missions/{mission}/panoramas/{scope}/{digest}/direction")
+def ask_direction(
+    mission: MissionName,
+    scope: ScopeName,
+    digest: Digest,
+    services: ServicesOf,
+    azimuth: Annotated[float, Query(ge=-720, le=720, allow_inf_nan=False)],
+    elevation: Annotated[float, Query(ge=-90, le=90, allow_inf_nan=False)],
+) -> DirectionSeen:
+    """The ground in a direction, degrees, and the pixel of the image that shows it."""
+    asked = _asked(scope, digest, services)
+    oriented = OrientedMission.latest(mission, Workspace(services.store, services.catalogue))
+    return asked.direction(azimuth, elevation, oriented)
+
+
+@router.get("/api/missions/{mission}/panoramas/{scope}/{digest}/place")
+def ask_place(  # noqa: PLR0913, PLR0917 - the address
+    mission: MissionName,
+    scope: ScopeName,
+    digest: Digest,
+    services: ServicesOf,
+    east: Metres,
+    north: Metres,
+    elevation: Metres | None = None,
+) -> PlaceSeen:
+    """In which direction a place of the map is seen, and whether nearer ground hides it."""
+    asked = _asked(scope, digest, services)
+    if elevation is None:
+        oriented = OrientedMission.latest(mission, Workspace(services.store, services.catalogue))
+        point, _ = point_on_map((east, north), oriented, ground_of(mission, BEST, services))
+        elevation = float(point.on_map[2])
+    return asked.place(np.array([east, north, elevation]))
+
+
+def _asked(scope: str, digest: str, services: Services) -> PanoramaAsked:
+    layer = services.layer(scope, ProductKind.PANORAMA, digest)
+    return PanoramaAsked.of(layer, services.store, services.pool)
+
+
+def _max_zoom(rows: int, cols: int) -> int:
+    return max(0, math.ceil(math.log2(max(rows, cols) / TILE)))
+
+
+def _body(layer: Layer, services: Services) -> PanoramaBody:
+    facts, ref = facts_of(layer, services.store, services.pool), layer.ref
+    place = f"{ref.scope.name}/{ref.kind}/{ref.digest}"
+    east, north, up = facts.centre.tolist()
+    return PanoramaBody(
+        id=layer.id,
+        scope=ref.scope.name,
+        digest=ref.digest,
+        title=layer.title,
+        sols=layer.sols,
+        made_at=layer.made_at,
+        eye=facts.eye,
+        images=facts.images,
+        centre=(east, north, up),
+        west_deg=facts.grid.west_deg,
+        top_deg=facts.grid.top_deg,
+        cell_deg=facts.grid.cell_deg,
+        rows=facts.grid.rows,
+        cols=facts.grid.cols,
+        registration_px=facts.registration.get("median_px"),
+        tiles=f"/panoramas/{ref.scope.name}/{ref.digest}/{{z}}/{{x}}/{{y}}.png",
+        tile_size=TILE,
+        max_zoom=_max_zoom(*facts.grid.shape),
+        download=f"/download/{place}",
+        provenance=f"/api/layers/{place}/provenance",
+    )

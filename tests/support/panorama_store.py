@@ -1,0 +1,39 @@
+"""Panoramas of the store of true images: their orientations are the true ones."""
+
+from __future__ import annotations
+
+from photogrammetry.imagery import Eye
+from photogrammetry.terrain.panorama import PanoramaParams
+from products.model import ProductKind
+from products.network import latest_network, network_of
+from products.oriented import matches_of
+from products.workspace import Workspace
+from tasks.panorama import draw_panorama, oriented_frames
+from tasks.publish import layer_of
+from tasks.views import Orientation
+
+SOL = 156
+
+
+def publish_panoramas(workspace: Workspace, eye: Eye = Eye.LEFT) -> None:
+    """Draw the panorama of every stop and publish it."""
+    network = network_of(latest_network("MER2", workspace.catalogue), workspace.store)
+    layers, grounds = [], []
+    for stop in (one.stop for one in network.adjusted.stops):
+        entries = workspace.catalogue.images("MER2", str(stop))
+        matches = {
+            entry.id if entry.eye == Eye.LEFT else entry.partner: matches_of(entry, workspace)
+            for entry in entries
+        }
+        poses = [Orientation.of(pair) for pair in network.adjusted.pairs if pair.stop == stop]
+        frames = oriented_frames(entries, matches, poses, eye, workspace)
+        dtm = next(
+            layer.ref
+            for layer in workspace.catalogue.layers("MER2")
+            if (layer.ref.kind, layer.ref.scope.name) == (ProductKind.DTM, str(stop))
+        )
+        params = PanoramaParams(eye=eye)
+        picture, ground = draw_panorama.fn(stop, frames, dtm, params, workspace.store)
+        layers.append(layer_of("MER2", picture, (SOL,), workspace))
+        grounds.append(ground)
+    workspace.catalogue.publish(layers=layers, pointers=grounds)
