@@ -67,13 +67,6 @@ class SecurityHeaders:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass the request on and put the headers on the answer."""
-_SHARED: dict[str, list[str]] = {
-    "allow_methods": ["GET", "HEAD", "POST"],
-    "allow_headers": ["Authorization", "Content-Type", "Range", "If-None-Match", "Last-Event-ID"],
-    "expose_headers": ["ETag", "Content-Range", "Link", "OGC-NumberMatched"],
-}
-"""What pages of other sites may do where `origins` names these; without cookies, there are none."""
-
 
 _PACKED = ("/tiles/", "/models/", "/download/", "/products/", "/images/", "/panoramas/")
 """What is served below these is compressed already, or asked for by ranges."""
@@ -177,7 +170,6 @@ def create_app_from_settings() -> FastAPI:
     """The server of the store that the environment names (`SOLMAP_STORE`)."""
     settings = Settings()
         panoramas,
-        metrics,
     return create_app(
         settings.store, catalogue_url=settings.catalogue_url, elsewhere=settings.elsewhere
     )
