@@ -62,7 +62,9 @@ def shared_pixel(url: str, mission: str, image: str, stop: str, size: Point) -> 
     for x, y in zip(*(grid.ravel() for grid in np.broadcast_arrays(*steps)), strict=True):
         pixel = (round(x * size[0]), round(y * size[1]))
         query = {"image": image, "sample": pixel[0], "line": pixel[1], "stop": stop}
-        answer = httpx.get(f"{url}/api/missions/{mission}/image-to-image", params=query)
+        answer = httpx.get(
+            f"{url}/api/missions/{mission}/image-to-image", params=query, timeout=60.0
+        )
         if answer.status_code != 200:
             continue
         seen = [one for one in answer.json()["images"] if one["eye"] == "left"]

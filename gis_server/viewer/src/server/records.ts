@@ -58,6 +58,8 @@ interface LayerFacts {
   readonly legend: Legend | null;
   readonly download: string;
   readonly provenance: string;
+  /** Said of an earlier version that was brought in; the latest has none. */
+  readonly version?: string;
 }
 
 export interface RasterLayer extends LayerFacts {

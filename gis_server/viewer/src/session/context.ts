@@ -42,6 +42,8 @@ export interface Signals {
   readonly sol: Signal<number | null>;
   /** Error ellipses are drawn so many times as large. */
   readonly ellipses: Signal<number>;
+  /** Two layers are to be compared, by their ids. */
+  readonly compare: Signal<{ mode: "swipe" | "difference"; a: string; b: string }>;
   /** The server told that something happened in the store. */
   readonly happened: Signal<Happening>;
   /** The view moved, or layers were switched: the link to it is another. */

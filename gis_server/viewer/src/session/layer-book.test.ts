@@ -91,3 +91,28 @@ test("one layer alone, or those of one sol, are drawn", () => {
   book.change(old, { visible: false });
   expect(book.solo).toBeNull();
 });
+
+test("an earlier version lies right over the latest, looks like it, and goes away again", () => {
+  const book = new LayerBook([slope, hillshade, stops], null);
+  book.change(hillshade, { opacity: 0.4 });
+  const version = { ...hillshade, id: `${hillshade.id}@0123456789abcdef`, version: "sol 154" };
+  book.bring(version);
+  expect(book.all.map(({ id }) => id)).not.toContain(version.id);
+  expect(book.state(version)).toEqual({ visible: false, opacity: 0.4, style: null });
+  book.change(version, { visible: true });
+  expect(ids(book.shown)).toEqual([stops.id, version.id, hillshade.id]);
+  book.replace([slope, hillshade, stops]);
+  expect(ids(book.shown)).toEqual([stops.id, version.id, hillshade.id]);
+  book.dismiss(version);
+  expect(ids(book.shown)).toEqual([stops.id, hillshade.id]);
+});
+
+test("a version that a link has on is awaited until it is brought", () => {
+  const id = `${hillshade.id}@0123456789abcdef`;
+  const linked = new Map([[id, { opacity: 0.5, style: null }]]);
+  const book = new LayerBook([hillshade], linked);
+  expect(book.awaited).toEqual([id]);
+  book.bring({ ...hillshade, id });
+  expect(book.awaited).toEqual([]);
+  expect(book.state({ id })).toEqual({ visible: true, opacity: 0.5, style: null });
+});

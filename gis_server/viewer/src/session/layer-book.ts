@@ -18,6 +18,9 @@ export class LayerBook {
   readonly rearranged = new Signal<void>();
   /** The server published: there are other layers, or other products behind them. */
   readonly replaced = new Signal<readonly Layer[]>();
+  /** An earlier version of a layer was brought in, or one was dismissed. */
+  readonly versionsChanged = new Signal<void>();
+  private readonly versions = new Map<string, Layer>();
   private readonly states = new Map<string, LayerState>();
   private list: readonly Layer[];
   /** Ids of all layers from the bottom of the map to its top. */
@@ -27,7 +30,12 @@ export class LayerBook {
   private soloed: string | null = null;
 
   /** `on` is what a link says; null leaves the choice to the book. `stacked`: its order counts. */
-  constructor(layers: readonly Layer[], on: LinkedLayers | null, stacked = false) {
+  constructor(
+    layers: readonly Layer[],
+    private readonly linked: LinkedLayers | null,
+    stacked = false,
+  ) {
+    const on = linked;
     this.list = layers;
     for (const layer of layers) {
       const first = firstState(layer, layers);
@@ -38,8 +46,42 @@ export class LayerBook {
     this.byHand = stacked;
   }
 
+  /** The latest of every layer. */
   get all(): readonly Layer[] {
     return this.list;
+  }
+
+  /** The latest, and the earlier versions that were brought in. */
+  get every(): readonly Layer[] {
+    return [...this.list, ...this.versions.values()];
+  }
+
+  /** Ids in the link that are none of the server's list: of earlier versions. */
+  get awaited(): readonly string[] {
+    return [...(this.linked?.keys() ?? [])].filter((id) => !this.states.has(id));
+  }
+
+  /** Takes an earlier version among the layers, right over the latest one; shown as the link says, or like that. */
+  bring(version: Layer): void {
+    if (this.versions.has(version.id)) return;
+    const latest = this.list.find(
+      ({ kind, scope }) => kind === version.kind && scope === version.scope,
+    );
+    const like = latest ? this.state(latest) : OFF;
+    const said = this.linked?.get(version.id);
+    this.versions.set(version.id, version);
+    if (!this.states.has(version.id))
+      this.states.set(version.id, { ...like, ...said, visible: said !== undefined });
+    const at = latest ? this.stack.indexOf(latest.id) + 1 : this.stack.length;
+    this.setStack(this.stack.toSpliced(at, 0, version.id));
+    this.versionsChanged.emit();
+  }
+
+  dismiss(version: Layer): void {
+    if (!this.versions.delete(version.id)) return;
+    this.states.delete(version.id);
+    this.setStack(this.stack.filter((id) => id !== version.id));
+    this.versionsChanged.emit();
   }
 
   of(kind: string): readonly Layer[] {
@@ -65,7 +107,7 @@ export class LayerBook {
 
   /** Layers that are on, the uppermost first. */
   get shown(): readonly Layer[] {
-    const layers = new Map(this.list.map((layer) => [layer.id, layer] as const));
+    const layers = new Map(this.every.map((layer) => [layer.id, layer] as const));
     return this.stack
       .toReversed()
       .map((id) => layers.get(id))
@@ -138,7 +180,7 @@ export class LayerBook {
 
   /** The usual order, in which `first` take their places among themselves in the order given. */
   private restack(first: readonly string[]): void {
-    const usual = this.list.toSorted((a, b) => zIndex(a) - zIndex(b)).map(({ id }) => id);
+    const usual = this.every.toSorted((a, b) => zIndex(a) - zIndex(b)).map(({ id }) => id);
     const known = new Set(usual);
     const wanted = first.filter((id) => known.has(id));
     const moved = new Set(wanted);

@@ -70,6 +70,7 @@ const signals = (): Signals => ({
   identify: new Signal(),
   sol: new Signal(),
   ellipses: new Signal(),
+  compare: new Signal(),
   happened: new Signal(),
   view: new Signal(),
 });
@@ -115,7 +116,11 @@ export class Session {
     layers.changed.on(() => signals.view.emit());
     layers.rearranged.on(() => signals.view.emit());
     link.changed.on(() => signals.view.emit());
-    layers.replaced.on((all) => view.setLayers(all));
+    layers.replaced.on(() => view.setLayers(layers.every));
+    layers.versionsChanged.on(() => {
+      view.setLayers(layers.every);
+      signals.view.emit();
+    });
     signals.view.on(() => this.writeLink());
     signals.sol.on((sol) => {
       drawing.sol = sol;

@@ -3,6 +3,7 @@
 import type { LayerState } from "../../map/layers";
 import type { RasterStyle } from "../../map/raster-style";
 import type { Layer, RasterLayer } from "../../server/records";
+import type { LayerVersions } from "../../server/versions";
 
 export interface LayerActions {
   readonly stateOf: (layer: Layer) => LayerState;
@@ -23,6 +24,18 @@ export interface LayerActions {
   readonly flickering: () => string | null;
   readonly toggleSolo: (layer: Layer) => void;
   readonly toggleFlicker: (layer: Layer) => void;
+  /** Versions of a layer, newest first, from some number on. */
+  readonly versions: (layer: Layer, from: number) => Promise<LayerVersions>;
+  readonly isThere: (version: Layer) => boolean;
+  /** Puts an earlier version on the map; and takes it off again. */
+  readonly bring: (version: Layer) => void;
+  readonly dismiss: (version: Layer) => void;
+  /** Compares an earlier version with the latest one. */
+  readonly compare: (
+    version: Layer,
+    latest: Layer,
+    how: "swipe" | "difference" | "flicker",
+  ) => void;
 }
 
 /** Something in a list that follows what becomes of its layer. */

@@ -6,7 +6,9 @@ import { rangeInView } from "../../map/stretch";
 import { h } from "../../page/dom";
 import { api } from "../../server/api";
 import type { Layer, RasterLayer } from "../../server/records";
+import { isVersion, versions } from "../../server/versions";
 import type { Context } from "../../session/context";
+import { bringVersions } from "../../session/versions";
 import type { LayerActions } from "./actions";
 import { Flicker } from "./flicker";
 import "./layers.css";
@@ -41,7 +43,7 @@ export function layersPart(context: Context): void {
     fetchIn(shown);
   };
   const putAll = () => {
-    for (const layer of layers.all) put(layer);
+    for (const layer of layers.every) put(layer);
   };
   const flicker = new Flicker((layer, visible) =>
     view.shown.get(layer.id)?.map.setVisible(visible),
@@ -76,6 +78,12 @@ export function layersPart(context: Context): void {
     putAll();
   });
   layers.replaced.on(draw);
+  layers.versionsChanged.on(() => {
+    list();
+    putAll();
+  });
+  if (layers.awaited.some(isVersion))
+    waiting.run(() => bringVersions(context, layers.awaited.filter(isVersion)));
   view.map.on("moveend", () => view.shown.forEach(fetchIn));
   sun.changed.on(() => {
     for (const layer of layers.shown)
@@ -92,7 +100,17 @@ export function layersPart(context: Context): void {
 }
 
 function actionsOf(context: Context, flicker: Flicker, list: () => void): LayerActions {
-  const { layers, view, drawing, waiting } = context;
+  const { layers, view, drawing, waiting, signals } = context;
+  const toggleFlicker = (layer: Layer) => {
+    flicker.toggle(layer);
+    list();
+    for (const one of layers.shown)
+      view.shown.get(one.id)?.map.setVisible(layers.isDrawn(one, drawing.sol));
+  };
+  const bring = (version: Layer) => {
+    layers.bring(version);
+    layers.change(version, { visible: true });
+  };
   return {
     stateOf: (layer) => layers.state(layer),
     setVisible: (layer, visible) => layers.change(layer, { visible }),
@@ -111,11 +129,20 @@ function actionsOf(context: Context, flicker: Flicker, list: () => void): LayerA
     solo: () => layers.solo,
     flickering: () => flicker.layer,
     toggleSolo: (layer) => layers.setSolo(layers.solo === layer.id ? null : layer),
-    toggleFlicker: (layer) => {
-      flicker.toggle(layer);
-      list();
-      for (const one of layers.shown)
-        view.shown.get(one.id)?.map.setVisible(layers.isDrawn(one, drawing.sol));
+    toggleFlicker,
+    versions: (layer, from) => versions.list(layer, from),
+    isThere: ({ id }) => layers.every.some((one) => one.id === id),
+    bring,
+    dismiss: (version) => layers.dismiss(version),
+    compare: (version, latest, how) => {
+      bring(version);
+      if (how !== "flicker") {
+        signals.compare.emit({ mode: how, a: latest.id, b: version.id });
+        return;
+      }
+      layers.change(latest, { visible: true });
+      layers.place(version, latest, 1);
+      if (flicker.layer !== version.id) toggleFlicker(version);
     },
   };
 }

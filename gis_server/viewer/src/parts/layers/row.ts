@@ -9,6 +9,7 @@ import type { Layer } from "../../server/records";
 import type { Following, LayerActions } from "./actions";
 import { symbolLegend } from "./legend";
 import { styleEditor } from "./style-editor";
+import { versionsOf } from "./versions";
 
 function legendOf(layer: Layer, actions: LayerActions): HTMLElement | null {
   switch (layer.type) {
@@ -73,6 +74,7 @@ function details(layer: Layer, actions: LayerActions): Following {
       ),
       ...files(layer),
     ),
+    versionsOf(layer, actions),
   );
   const follow = () => {
     slider.value = String(actions.stateOf(layer).opacity);

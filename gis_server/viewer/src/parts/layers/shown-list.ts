@@ -68,7 +68,8 @@ function entry(layer: Layer, actions: LayerActions): HTMLElement {
   return element;
 }
 
-const layerPlace = ({ scope, level }: Layer) => (level === "region" ? "" : scopeTitle(scope));
+const layerPlace = ({ scope, level, version }: Layer) =>
+  [...(level === "region" ? [] : [scopeTitle(scope)]), ...(version ? [version] : [])].join(" · ");
 
 /** Puts the focus on the same tool of the same layer again. */
 function keepFocus(list: HTMLElement, redraw: () => void): void {

@@ -15,7 +15,8 @@ const TITLES: Readonly<Record<Mode, string>> = {
   difference: "Difference",
 };
 
-export const layerName = ({ kind, scope }: Layer) => `${kindTitle(kind)} · ${scopeTitle(scope)}`;
+export const layerName = ({ kind, scope, version }: Layer) =>
+  [kindTitle(kind), scopeTitle(scope), ...(version ? [version] : [])].join(" · ");
 
 export interface ComparisonActions {
   readonly change: (part: Partial<Comparison>) => void;
@@ -70,7 +71,8 @@ export function comparisonPanel(
       "p",
       { class: "hint" },
       "Swipe: A to the left of the divider, B to the right. Difference: A less B on every cell. " +
-        "To let a layer flicker use its button in the list on the left.",
+        "To let a layer flicker use its button in the list on the left. Earlier versions of a layer are listed " +
+        "with its details there.",
     ),
   );
 }

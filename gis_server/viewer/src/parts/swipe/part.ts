@@ -2,6 +2,8 @@
 
 import { h } from "../../page/dom";
 import type { Context } from "../../session/context";
+import { bringVersions } from "../../session/versions";
+import { isVersion } from "../../server/versions";
 import type { Layer } from "../../server/records";
 import { type Comparison, firstPair, formatComparison, parseComparison } from "./comparison";
 import { showDifference } from "./difference";
@@ -21,7 +23,7 @@ export type Show = (
 ) => () => void;
 
 export function swipePart(context: Context): void {
-  const { page, layers, link, keys, alive } = context;
+  const { page, layers, link, keys, signals, waiting, alive } = context;
   const panel = page.addTab("compare", "Compare");
   const box = h("div");
   let running = parseComparison(link.read(KEY));
@@ -34,7 +36,7 @@ export function swipePart(context: Context): void {
     );
   };
   const draw = () => {
-    const rasters = layers.all.filter(({ type }) => type === "raster");
+    const rasters = layers.every.filter(({ type }) => type === "raster");
     const names = rasters.toSorted((a, b) =>
       layerName(a).localeCompare(layerName(b), "en", { numeric: true }),
     );
@@ -51,7 +53,7 @@ export function swipePart(context: Context): void {
     undo();
     undo = () => undefined;
     box.replaceChildren();
-    const pair = running && pairOf(layers.all, running);
+    const pair = running && pairOf(layers.every, running);
     if (!running || !pair) return;
     const show = running.mode === "swipe" ? showSwipe : showDifference;
     const remember = (part: Partial<Comparison>) => running && keep({ ...running, ...part });
@@ -82,6 +84,25 @@ export function swipePart(context: Context): void {
   layers.changed.on(() => {
     if (!running) draw();
   });
+  layers.versionsChanged.on(() => {
+    const isWhole = running && pairOf(layers.every, running);
+    if (running && !isWhole && !isComing) keep(null);
+    begin();
+    draw();
+  });
+  signals.compare.on((asked) => {
+    keep({ ...asked, at: 0.5, most: null });
+    begin();
+    draw();
+    page.showTab("compare");
+  });
+  const linked = running ? [running.a, running.b].filter(isVersion) : [];
+  let isComing = linked.length > 0;
+  if (isComing)
+    waiting.run(async () => {
+      await bringVersions(context, linked);
+      isComing = false;
+    });
   keys.add("c", "compare two layers: swipe", () => {
     if (running) stop();
     else change({ mode: "swipe" });

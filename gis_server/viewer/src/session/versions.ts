@@ -1,0 +1,18 @@
+/** Earlier versions that a link or a list asks for come among the layers. */
+
+import { versions } from "../server/versions";
+import type { Context } from "./context";
+
+/** Fetches the versions that are not there yet; one that is gone is said and left out. */
+export async function bringVersions(
+  { layers, waiting }: Pick<Context, "layers" | "waiting">,
+  ids: readonly string[],
+): Promise<void> {
+  const missing = ids.filter((id) => !layers.every.some((layer) => layer.id === id));
+  for (const id of missing)
+    try {
+      layers.bring((await versions.one(id)).layer);
+    } catch (reason) {
+      waiting.fail(reason);
+    }
+}
