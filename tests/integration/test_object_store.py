@@ -1,0 +1,395 @@
+"""Products in an object store: what is made, read and served, and what happens when it fails."""
+
+from __future__ import annotations
+
+import json
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fastapi.testclient import TestClient
+
+from gis_server.app import create_app
+from products.errors import ProductError, ProductNotFoundError, StoreAwayError
+from products.model import Layer, ProductKind, Recipe, Scope, ScopeLevel
+from products.shelves import Elsewhere
+from products.store import ProductStore
+from products.tiles3d import TilesetWriter
+from products.tiling import TileAddress
+from products.workspace import Workspace
+from tasks.stac import update_stac
+from tests.support.bowl_store import GRID, REGION, fill
+from tests.support.object_store import (
+    NoObjectStoreError,
+    ObjectStore,
+    Wire,
+    environment,
+    environment_of,
+    forget_copies,
+    running_object_store,
+    wire_to,
+)
+
+LARGE = 40 << 20
+"""Bytes of a product that is sent in parts."""
+IMAGE = Scope(ScopeLevel.IMAGE, "2n140")
+MAKER = """
+import sys
+from pathlib import Path
+from products.model import ProductKind, Recipe, Scope, ScopeLevel
+from products.shelves import Elsewhere
+from products.store import ProductStore
+
+store = ProductStore.open(Path(sys.argv[1]), Elsewhere(sys.argv[2]))
+first, count = int(sys.argv[3]), int(sys.argv[4])
+print("ready", flush=True)
+for number in range(first, first + count):
+    size = 20_000_000 if number % 2 else 3_000_000
+    recipe = Recipe(ProductKind.IMAGE, Scope(ScopeLevel.IMAGE, "2n140"), params=(number,))
+    store.make(recipe, lambda path: path.write_bytes(number.to_bytes(4, "little") * (size // 4)))
+    print(number, flush=True)
+"""
+
+
+@pytest.fixture(scope="module")
+def objects(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ObjectStore]:
+    """An S3 server, and the environment that leads to it; skips where there is none."""
+    try:
+        with (
+            running_object_store(tmp_path_factory.mktemp("s3")) as store,
+            environment(**environment_of(store.address)),
+        ):
+            yield store
+    except NoObjectStoreError as error:
+        pytest.skip(str(error))
+
+
+@pytest.fixture
+def url(objects: ObjectStore, request: pytest.FixtureRequest) -> str:
+    """The URL of an empty prefix in a bucket of its own."""
+    return objects.bucket(f"b{abs(hash(request.node.name)):x}")
+
+
+@pytest.fixture
+def wire(objects: ObjectStore) -> Iterator[Wire]:
+    """A way to the server that can be cut; the environment leads there."""
+    with wire_to(objects) as found, environment(**environment_of(found.address)):
+        yield found
+
+
+@dataclass(frozen=True)
+class Worlds:
+    """The same maps in a folder and in an object store."""
+
+    here: Workspace
+    there: Workspace
+
+    def clients(self) -> tuple[TestClient, TestClient]:
+        here = TestClient(create_app(self.here.store.root))
+        return here, TestClient(
+            create_app(self.there.store.root, elsewhere=self.there.store.elsewhere)
+        )
+
+
+@pytest.fixture(scope="module")
+def worlds(objects: ObjectStore, tmp_path_factory: pytest.TempPathFactory) -> Worlds:
+    url = objects.bucket("worlds")
+    here = Workspace.open(tmp_path_factory.mktemp("here"))
+    there = Workspace.open(tmp_path_factory.mktemp("there"), elsewhere=Elsewhere(url))
+    for workspace in (here, there):
+        build(workspace)
+    return Worlds(here, there)
+
+
+def build(workspace: Workspace) -> None:
+    fill(workspace)
+    tileset = workspace.store.make(Recipe(ProductKind.TILESET, REGION), write_tileset)
+    layer = Layer(
+        tileset, "MER2", "3D", "model", GRID.bounds, None, None, None, (155,), "2026-01-01"
+    )
+    workspace.catalogue.publish(layers=[layer])
+    mission = workspace.catalogue.mission("MER2")
+    update_stac(mission, workspace.catalogue.layers("MER2", [ProductKind.DTM]), workspace)
+
+
+def write_tileset(path: Path) -> None:
+    from photogrammetry.terrain.levels import TilePlace  # noqa: PLC0415
+
+    with TilesetWriter(path, {}) as writer:
+        for place in (TilePlace(0, 0, 0), TilePlace(1, 0, 0)):
+            points = np.array([[0.0, 0.0, 0.0], [10.0, -10.0, 1.0]])
+            writer.add(place, f"tile {place}".encode() * 1000, points, 0.1)
+
+
+def image(number: int) -> Recipe:
+    return Recipe(ProductKind.IMAGE, IMAGE, params=(number,))
+
+
+def writing(body: bytes):
+    return lambda path: path.write_bytes(body)
+
+
+def files_below(folder: Path) -> list[Path]:
+    return [path for path in folder.rglob("*") if path.is_file()]
+
+
+def test_the_same_products_byte_for_byte_and_none_in_the_folder(worlds):
+    here, there = worlds.here.store, worlds.there.store
+    refs = list(here.refs())
+    assert len(refs) > 20
+    assert list(there.refs()) == refs
+    forget_copies(there.root)
+    for ref in refs:
+        assert there.path(ref).read_bytes() == here.path(ref).read_bytes()
+        one, other = here.provenance(ref), there.provenance(ref)
+        assert (one["recipe"], one["sha256"]) == (other["recipe"], other["sha256"])
+    assert files_below(there.root / "products") == []
+    assert files_below(there.root / "stac") == []
+
+
+def questions(layers: list[Layer]) -> Iterator[str]:
+    """Addresses of everything that is served of some layers."""
+    for layer in layers:
+        ref = layer.ref
+        place = f"{ref.scope.name}/{ref.kind}/{ref.digest}"
+        yield f"/download/{place}"
+        if layer.type == "raster":
+            yield f"/download/{place}/clip?bbox=-5,-5,5,5"
+            for zoom in (14, 16, 18):
+                at = TileAddress.holding(3.0, -4.0, zoom)
+                yield f"/tiles/{place}/{zoom}/{at.column}/{at.row}.png"
+        elif layer.type == "vector":
+            yield f"/api/layers/{place}/features.geojson"
+        else:
+            yield f"/models/{ref.scope.name}/tileset/{ref.digest}/tileset.json"
+            yield f"/models/{ref.scope.name}/tileset/{ref.digest}/1/0-0.glb"
+    yield from ("/api/missions/MER2/identify?east=3&north=-4", "/stac/catalog.json")
+    yield "/api/missions/MER2/tileset.json"
+
+
+def test_the_server_answers_the_same_out_of_the_object_store(worlds):
+    here, there = worlds.clients()
+    forget_copies(worlds.there.store.root)
+    layers = worlds.here.catalogue.layers("MER2")
+    asked = list(questions(layers))
+    for address in asked:
+        one, other = here.get(address), there.get(address)
+        assert one.status_code == other.status_code == 200, address
+        assert one.content == other.content, address
+    assert len(asked) > 30
+
+
+def test_tiles_are_read_in_place_by_a_few_requests(worlds, objects):
+    _, there = worlds.clients()
+    forget_copies(worlds.there.store.root)
+    dtm = next(x for x in worlds.there.catalogue.layers("MER2") if x.ref.kind is ProductKind.DTM)
+    at = TileAddress.holding(3.0, -4.0, 18)
+    place = f"{dtm.ref.scope.name}/{dtm.ref.kind}/{dtm.ref.digest}"
+    before = len(objects.requests)
+    for _ in range(5):
+        assert there.get(f"/tiles/{place}/18/{at.column}/{at.row}.png").status_code == 200
+    assert len(objects.requests) - before <= 6
+    assert files_below(worlds.there.store.root / "cache") == []
+
+
+@pytest.mark.parametrize(
+    "range_", ["bytes=0-99", "bytes=100-", "bytes=-50", "bytes=0-", "bytes=5-1,7-9", "lines=1-2"]
+)
+def test_parts_of_a_download_are_those_of_the_file(worlds, range_):
+    here, there = worlds.clients()
+    dtm = next(x for x in worlds.there.catalogue.layers("MER2") if x.ref.kind is ProductKind.DTM)
+    address = f"/download/{dtm.ref.scope.name}/{dtm.ref.kind}/{dtm.ref.digest}"
+    whole = here.get(address).content
+    answer = there.get(address, headers={"range": range_})
+    first, _, last = answer.headers.get("content-range", f"bytes 0-{len(whole) - 1}/").partition(
+        "-"
+    )
+    part = whole[int(first.split()[1]) : int(last.split("/")[0]) + 1]
+    assert answer.content == part
+    assert answer.headers["content-length"] == str(len(part))
+    beyond = there.get(address, headers={"range": f"bytes={len(whole)}-"})
+    assert (beyond.status_code, beyond.headers["content-range"]) == (416, f"bytes */{len(whole)}")
+
+
+@pytest.mark.parametrize("inside", ["..%2f..%2fcatalogue.sqlite", "../catalogue.sqlite", "%2e%2e"])
+def test_no_path_of_an_address_reaches_folder_or_bucket(worlds, inside):
+    _, there = worlds.clients()
+    for address in ("/download/mer2/dtm/{}", "/stac/{}/collection.json", "/stac/mer2/{}.json"):
+        assert there.get(address.format(inside)).status_code in (404, 422)
+
+
+def test_versions_and_removal(url, tmp_path):
+    store = ProductStore.open(tmp_path, Elsewhere(url))
+    made = [store.make(image(n), writing(b"label")) for n in range(3)]
+    assert set(store.versions(ProductKind.IMAGE, IMAGE)) == set(made)
+    for _ in range(2):
+        store.remove(made[0])
+    assert set(store.refs()) == set(made[1:])
+    with pytest.raises(ProductNotFoundError, match="is not in the store; run the flow"):
+        store.path(made[0])
+    with pytest.raises(ProductNotFoundError, match="is not in the store; run the flow"):
+        store.provenance(made[0])
+
+
+def test_a_store_that_another_process_is_handed_works_there(url, tmp_path):
+    store = ProductStore.open(tmp_path, Elsewhere(url))
+    ref = store.make(image(1), writing(b"label"))
+    handed = pickle.loads(pickle.dumps(store))  # noqa: S301 - our own
+    assert handed.path(ref).read_bytes() == b"label"
+
+
+def test_where_the_products_lie_is_remembered_and_not_mistaken(url, tmp_path):
+    ref = ProductStore.open(tmp_path, Elsewhere(url)).make(image(1), writing(b"label"))
+    assert ProductStore.open(tmp_path).has(ref)
+    with pytest.raises(ProductError, match=f"lie at {url}, not at s3://other/maps"):
+        ProductStore.open(tmp_path, Elsewhere("s3://other/maps"))
+    local = tmp_path / "local"
+    ProductStore.open(local).make(image(1), writing(b"label"))
+    with pytest.raises(ProductError, match="holds products of its own"):
+        ProductStore.open(local, Elsewhere(url))
+
+
+def test_two_makers_of_one_product_keep_one(url, tmp_path):
+    stores = [ProductStore.open(tmp_path / str(n), Elsewhere(url)) for n in range(4)]
+    together, made = threading.Barrier(len(stores)), []
+
+    def write(path: Path) -> None:
+        together.wait(timeout=30)  # nobody has sent anything yet
+        path.write_bytes(b"label" * 1000)
+
+    makers = [
+        threading.Thread(target=lambda s=s: made.append(s.make(image(1), write))) for s in stores
+    ]
+    for maker in makers:
+        maker.start()
+    for maker in makers:
+        maker.join()
+    assert made == [image(1).ref] * len(stores)
+    assert list(stores[0].refs()) == [image(1).ref]
+    assert all(store.path(image(1).ref).read_bytes() == b"label" * 1000 for store in stores)
+
+
+def is_whole(store: ProductStore, number: int) -> bool:
+    ref = image(number).ref
+    body = store.path(ref).read_bytes()
+    return body == number.to_bytes(4, "little") * (len(body) // 4) and (
+        len(body) == store.provenance(ref)["bytes"]
+    )
+
+
+def kill_makers(url: str, root: Path, kills: int) -> tuple[int, int]:
+    """Kill makers at random moments: products whole, and processes killed, in the end."""
+    rng = np.random.default_rng(9)
+    killed = 0
+    command = [sys.executable, "-c", MAKER, str(root / "maker"), url]
+    for turn in range(kills):
+        with subprocess.Popen(
+            [*command, str(4 * turn), "4"], stdout=subprocess.PIPE, text=True
+        ) as maker:
+            assert maker.stdout is not None
+            maker.stdout.readline()
+            time.sleep(rng.uniform(0.0, 1.2))
+            maker.send_signal(signal.SIGKILL)
+        killed += maker.returncode == -signal.SIGKILL
+        seen = ProductStore.open(root / f"reader{turn}", Elsewhere(url))
+        assert all(
+            is_whole(seen, n) for n in range(4 * turn, 4 * turn + 4) if seen.has(image(n).ref)
+        )
+    subprocess.run([*command, "0", str(4 * kills)], check=True, stdout=subprocess.DEVNULL)
+    store = ProductStore.open(root / "judge", Elsewhere(url))
+    assert list(files_below(root / "maker" / "drafts")) == []
+    return sum(is_whole(store, number) for number in range(4 * kills)), killed
+
+
+def test_a_maker_killed_while_it_sends_leaves_nothing_half(url, tmp_path):
+    whole, killed = kill_makers(url, tmp_path, 3)
+    assert (whole, killed > 0) == (12, True)
+
+
+@pytest.mark.slow
+def test_makers_killed_often_leave_nothing_half(url, tmp_path):
+    whole, killed = kill_makers(url, tmp_path, 40)
+    assert whole == 160
+    assert killed > 20
+
+
+def test_a_way_cut_while_a_large_product_is_sent_shows_nothing_of_it(url, wire, tmp_path):
+    store = ProductStore.open(tmp_path, Elsewhere(url))
+    wire.cut_after = LARGE // 2
+    with pytest.raises(StoreAwayError, match=r"object store s3://.* does not answer"):
+        store.make(image(1), writing(os.urandom(LARGE)))
+    wire.mend()
+    assert not store.has(image(1).ref)
+    assert list(store.refs()) == []
+    store.make(image(1), writing(b"x" * LARGE))
+    forget_copies(tmp_path)
+    assert store.path(image(1).ref).stat().st_size == LARGE
+
+
+def test_a_slow_way_is_waited_for(url, wire, tmp_path):
+    store = ProductStore.open(tmp_path, Elsewhere(url))
+    wire.pause_s = 0.5
+    ref = store.make(image(1), writing(b"label"))
+    forget_copies(tmp_path)
+    assert store.path(ref).read_bytes() == b"label"
+
+
+def test_the_server_says_that_the_store_is_away_and_goes_on_when_it_is_back(worlds, wire):
+    elsewhere = worlds.there.store.elsewhere
+    client = TestClient(create_app(worlds.there.store.root, elsewhere=replace(elsewhere)))
+    forget_copies(worlds.there.store.root)
+    layers = worlds.here.catalogue.layers("MER2")
+    asked = [address for address in questions(layers) if address.startswith(("/tiles", "/down"))]
+    wire.cut()
+    for address in (asked[0], next(x for x in asked if x.startswith("/tiles"))):
+        answer = client.get(address)
+        assert answer.status_code == 503, (address, answer.text)
+        assert "does not answer" in answer.json()["detail"]["what"]
+    wire.mend()
+    assert {client.get(address).status_code for address in asked} == {200}
+
+
+def test_an_object_store_that_is_away_is_named(url, wire, tmp_path):
+    wire.cut()
+    with pytest.raises(StoreAwayError, match=r"127.0.0.1:\d+ does not answer.*AWS_ENDPOINT_URL"):
+        ProductStore.open(tmp_path, Elsewhere(url))
+
+
+@pytest.mark.usefixtures("objects")
+def test_a_bucket_that_is_missing_is_named(tmp_path):
+    with pytest.raises(
+        ProductError, match=r"there is no bucket nowhere at http.*; make it, or set"
+    ):
+        ProductStore.open(tmp_path, Elsewhere("s3://nowhere/maps"))
+
+
+def test_keys_that_do_not_open_the_bucket_are_named(url, objects, tmp_path):
+    objects.ask("POST", "moto-api/reset-auth", b"0")
+    try:
+        with pytest.raises(ProductError, match=r"does not open s3://.*AWS_ACCESS_KEY_ID"):
+            ProductStore.open(tmp_path, Elsewhere(url))
+    finally:
+        objects.ask("POST", "moto-api/reset-auth", b"inf")
+
+
+@pytest.mark.parametrize("wrong", ["http://a/b", "s3:///prefix", "bucket/prefix", "gs://a/b"])
+def test_an_address_that_is_none_of_an_object_store_is_refused(wrong, tmp_path):
+    with pytest.raises(ProductError, match="say SOLMAP_STORE_URL=s3://bucket/prefix"):
+        ProductStore.open(tmp_path, Elsewhere(wrong))
+
+
+def test_documents_are_replaced_whole(url, tmp_path):
+    store = ProductStore.open(tmp_path, Elsewhere(url))
+    assert store.document("stac/catalog.json") is None
+    for number in range(2):
+        store.write_document("stac/catalog.json", json.dumps({"number": number}))
+    assert json.loads(store.document("stac/catalog.json") or "") == {"number": 1}
