@@ -38,6 +38,7 @@ from gis_server.routes import (
     ties,
     tiles,
     versions,
+    start,
 )
 from gis_server.routes.shortcut import TileShortcut
 from gis_server.services import open_services
@@ -151,6 +152,7 @@ def create_app(
         events,
         account,
         edits,
+        start,
         runs,
         features,
         ogc_tiles,

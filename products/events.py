@@ -10,6 +10,7 @@ gone already, `is_gone` says so and everything is to be asked anew.
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any
@@ -62,9 +63,12 @@ def events_since(connection: sa.Connection, event_id: int) -> list[Event]:
     return [Event(*row) for row in connection.execute(query)]
 
 
-def last_event(connection: sa.Connection) -> int:
-    """The number of the newest event; 0 before the first."""
-    return connection.execute(sa.select(sa.func.max(EVENTS.c.id))).scalar_one() or 0
+def last_event(connection: sa.Connection, kinds: Collection[str] = ()) -> int:
+    """The number of the newest event, of any kind or of some; 0 before the first."""
+    query = sa.select(EVENTS.c.id).order_by(EVENTS.c.id.desc()).limit(1)
+    if kinds:
+        query = query.where(EVENTS.c.kind.in_(kinds))
+    return connection.execute(query).scalar_one_or_none() or 0
 
 
 def is_gone(connection: sa.Connection, event_id: int) -> bool:

@@ -28,10 +28,7 @@ router = APIRouter(prefix="/api/missions", tags=["missions"])
 def missions(services: ServicesOf, response: Response) -> list[Mission]:
     """All missions, where their maps lie on Mars and how these are cut into tiles."""
     response.headers.update(AGAIN)
-    return [
-        mission_body(entry, services.catalogue.layers(entry.mission))
-        for entry in services.catalogue.missions()
-    ]
+    return missions_of(services)
 
 
 @router.get("/{mission}/layers")
@@ -66,6 +63,14 @@ def identify_place(
     layers = map_layers(mission, services)
     found = identify(layers, east, north, services.store, services.pool)
     return place_body(landing, east, north, found)
+
+
+def missions_of(services: Services) -> list[Mission]:
+    """All missions of the store."""
+    return [
+        mission_body(entry, services.catalogue.layers(entry.mission))
+        for entry in services.catalogue.missions()
+    ]
 
 
 def map_layers(mission: str, services: Services) -> list[Layer]:

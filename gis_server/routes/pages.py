@@ -6,9 +6,9 @@ from pathlib import Path
 
 from fastapi import APIRouter, FastAPI
 from fastapi.responses import HTMLResponse, Response
-from fastapi.staticfiles import StaticFiles
 
 from gis_server.services import ServicesOf
+from gis_server.viewer_files import ViewerFiles
 
 router = APIRouter()
 SHIPPED_VIEWER = Path(__file__).parents[1] / "viewer" / "dist"
@@ -54,7 +54,7 @@ def install_pages(app: FastAPI, viewer_dist: Path) -> None:
         include_in_schema=False,
     )
     if (viewer_dist / "index.html").is_file():
-        app.mount("/", StaticFiles(directory=viewer_dist, html=True), name="viewer")
+        app.mount("/", ViewerFiles(directory=viewer_dist, html=True), name="viewer")
     else:
         app.add_api_route("/", lambda: HTMLResponse(_UNBUILT), include_in_schema=False)
 

@@ -33,22 +33,16 @@ class App {
   }
 
   private async load(link: Permalink): Promise<void> {
-    const missions = await api.missions();
+    const begin = await api.start();
+    const { missions } = begin;
     const mission = missions.find((item) => item.mission === link.mission) ?? missions[0];
     if (!mission) {
       throw new ApiError(
         "the store holds no mission yet: run `solmap run DOWNLINK_DIR --store STORE`",
       );
     }
-    await this.show(mission, missions, link);
-  }
-
-  private async show(
-    mission: Mission,
-    missions: readonly Mission[],
-    link: Permalink,
-  ): Promise<void> {
-    const layers = await api.layers(mission.mission);
+    const { mission: name } = mission;
+    const layers = begin.mission === name ? begin.layers : await api.layers(name);
     this.session?.dispose();
     this.page.missionBox.replaceChildren(...this.heading(mission, missions));
     document.title = `${mission.title} – solmap`;

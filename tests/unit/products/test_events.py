@@ -44,3 +44,16 @@ def test_a_transaction_that_fails_tells_nothing(catalogue):
         events.append(connection, "run.changed", {})
         connection.rollback()
     assert catalogue.version() == 0
+
+
+def test_the_progress_of_runs_publishes_nothing(catalogue, monkeypatch):
+    monkeypatch.setattr(events, "KEPT", 10)
+    catalogue.tell(events.LAYERS_PUBLISHED, {})
+    before = catalogue.published()
+    catalogue.tell(events.RUN_CHANGED, {})
+    assert catalogue.published() == before
+    catalogue.tell(events.IMAGES_INGESTED, {})
+    assert catalogue.published() > before
+    for _ in range(20):  # until what was published is forgotten: nobody takes new for old then
+        catalogue.tell(events.RUN_CHANGED, {})
+    assert catalogue.published() == catalogue.version()

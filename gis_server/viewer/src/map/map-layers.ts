@@ -10,12 +10,12 @@ import VectorImageLayer from "ol/layer/VectorImage";
 import { tile as tileStrategy } from "ol/loadingstrategy";
 import VectorSource from "ol/source/Vector";
 import type ImageTile from "ol/source/ImageTile";
-import XYZ from "ol/source/XYZ";
 import TileGrid from "ol/tilegrid/TileGrid";
 import { api, type FeatureCollection } from "../server/api";
 import { coarsest } from "./extent-of-need";
 import { zIndex } from "./layers";
 import { PaintedTiles, styled } from "./painted-tiles";
+import { pictureTiles } from "./picture-tiles";
 import type { LocalMap } from "./projection";
 import { hasValues, type RasterStyle } from "./raster-style";
 import type { SunPlace } from "./shading";
@@ -57,14 +57,8 @@ export function tileGrid(set: TileMatrixSet, layer: Pick<RasterLayer, "minzoom" 
 
 function raster(layer: RasterLayer, set: TileMatrixSet, map: LocalMap): Shown {
   const grid = tileGrid(set, layer);
-  const pictures = new XYZ({
-    url: layer.tiles,
-    projection: map.projection,
-    tileGrid: grid,
-    interpolate: true,
-    transition: 120,
-  });
-  const tiles = new TileLayer<XYZ | ImageTile>({
+  const pictures = pictureTiles(layer.tiles, grid, map);
+  const tiles = new TileLayer<ImageTile>({
     extent: [...layer.bounds],
     maxResolution: grid.getResolution(grid.getMinZoom()) * COARSEST_SHRINK,
     source: pictures,

@@ -5,10 +5,11 @@ import type Feature from "ol/Feature";
 import type Geometry from "ol/geom/Geometry";
 import { defaults as defaultInteractions } from "ol/interaction/defaults";
 import OlVectorLayer from "ol/layer/Vector";
-import OlMap from "ol/Map";
+import type OlMap from "ol/Map";
 import type MapBrowserEvent from "ol/MapBrowserEvent";
 import VectorSource from "ol/source/Vector";
 import View from "ol/View";
+import { CalmMap, TILES_ON_THEIR_WAY } from "./calm-map";
 import { isNeeded } from "./extent-of-need";
 import { type FeatureSource, type Shown, show } from "./map-layers";
 import type { Place } from "../session/permalink";
@@ -59,8 +60,9 @@ export class MapView {
   ) {
     const set = mission.tile_matrix_set;
     const finest = set.cell_sizes.at(-1) ?? 0.01;
-    this.map = new OlMap({
+    this.map = new CalmMap({
       target,
+      maxTilesLoading: TILES_ON_THEIR_WAY,
       controls: defaultControls({ zoom: false, rotate: false, attribution: false }),
       interactions: defaultInteractions(), // the map fills the page: the wheel needs no click first
       layers: [this.highlight, this.mark, this.picked, this.cursor].map(({ layer }) => layer),

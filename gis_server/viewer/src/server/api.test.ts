@@ -29,7 +29,7 @@ test("a server that does not answer is told from one that refuses", async () => 
   vi.stubGlobal("fetch", async () => {
     throw new TypeError("Failed to fetch");
   });
-  await expect(api.missions()).rejects.toThrow(UnreachableError);
+  await expect(api.layers("MER2")).rejects.toThrow(UnreachableError);
   answer(404, { detail: "no mission MERX" });
   await expect(api.layers("MERX")).rejects.toThrow(/404.*no mission MERX/);
   await expect(api.layers("MERX")).rejects.toThrow(ApiError);
@@ -37,5 +37,5 @@ test("a server that does not answer is told from one that refuses", async () => 
 
 test("something else than a list is an error that shows it", async () => {
   answer(200, { detail: "hello" });
-  await expect(api.missions()).rejects.toThrow(/expected a list of missions.*hello/);
+  await expect(api.layers("MER2")).rejects.toThrow(/expected a list of layers.*hello/);
 });

@@ -7,7 +7,7 @@ import type {
   ImageEntry,
   Layer,
   MapPoint,
-  Mission,
+  Start,
   VectorLayer,
 } from "./records";
 
@@ -50,7 +50,7 @@ export function withQuery(path: string, query: Record<string, string | number | 
 
 export const urls = {
   health: () => "/healthz",
-  missions: () => "/api/missions",
+  start: () => "/api/start",
   layers: (mission: string) => `${of(mission)}/layers`,
   identify: (mission: string, [east, north]: MapPoint) =>
     withQuery(`${of(mission)}/identify`, { east: east.toFixed(4), north: north.toFixed(4) }),
@@ -114,7 +114,8 @@ function list<T>(
 }
 
 export const api = {
-  missions: async () => list<Mission>(await get(urls.missions()), "missions"),
+  /** All missions and the layers of one; the page asks for it before its script has come. */
+  start: () => ask<Start>(urls.start(), {}),
   layers: async (mission: string) => list<Layer>(await get(urls.layers(mission)), "layers"),
   images: async (mission: string, filter: ImageFilter, signal?: AbortSignal) =>
     list<ImageEntry>(await get(urls.images(mission, filter), signal), "images"),

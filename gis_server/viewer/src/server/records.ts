@@ -77,6 +77,14 @@ export interface VectorLayer extends LayerFacts {
 /** Told apart by `type`. */
 export type Layer = RasterLayer | VectorLayer;
 
+/** What the first view of the map needs. */
+export interface Start {
+  readonly missions: readonly Mission[];
+  /** The mission whose layers these are; null if the store holds none. */
+  readonly mission: string | null;
+  readonly layers: readonly Layer[];
+}
+
 export interface ImageEntry {
   readonly id: string;
   readonly stop: string;

@@ -5,27 +5,11 @@ import { MapView } from "../map/map-view";
 import { localMap } from "../map/projection";
 import { CARTOGRAPHERS_SUN } from "../map/shading";
 import type { Shell } from "../page/shell";
-import { accountPart } from "../parts/account/part";
-import { annotationsPart } from "../parts/annotations/part";
 import { cursorPart } from "../parts/cursor/part";
-import { downloadsPart } from "../parts/downloads/part";
-import { editorPart } from "../parts/editor/part";
 import { furniturePart } from "../parts/furniture/part";
-import { helpPart } from "../parts/help/part";
-import { imageViewPart } from "../parts/image-view/part";
-import { imagesPart } from "../parts/images/part";
 import { layersPart } from "../parts/layers/part";
-import { livePart } from "../parts/live/part";
-import { measurePart } from "../parts/measure/part";
-import { networkPart } from "../parts/network/part";
 import { pointPart } from "../parts/point/part";
-import { runsPart } from "../parts/runs/part";
-import { scenePart } from "../parts/scene/part";
-import { stereoPart } from "../parts/stereo/part";
 import { searchPart } from "../parts/search/part";
-import { sunPart } from "../parts/sun/part";
-import { swipePart } from "../parts/swipe/part";
-import { traversePart } from "../parts/traverse/part";
 import type { Account } from "../server/account";
 import type { Layer, Mission } from "../server/records";
 import type { Context, Part, Signals } from "./context";
@@ -36,30 +20,10 @@ import { Shortcuts } from "./shortcuts";
 import { Signal } from "./signal";
 import { Waiting } from "./waiting";
 
-/** In the order of their tabs and tools on the page. */
-const PARTS: readonly Part[] = [
-  layersPart,
-  searchPart,
-  furniturePart,
-  cursorPart,
-  pointPart,
-  imagesPart,
-  imageViewPart,
-  traversePart,
-  measurePart,
-  networkPart,
-  swipePart,
-  sunPart,
-  downloadsPart,
-  scenePart,
-  stereoPart,
-  editorPart,
-  annotationsPart,
-  runsPart,
-  helpPart,
-  accountPart,
-  livePart,
-];
+/** What the map itself needs, in the order of tabs and tools on the page; `later-parts` follow when it is drawn. */
+const PARTS: readonly Part[] = [layersPart, searchPart, furniturePart, cursorPart, pointPart];
+/** The rest of the page comes after so long even where the map is not drawn: the server is slow, or the page hidden. */
+const LATEST_MS = 4000;
 
 const signals = (): Signals => ({
   pointer: new Signal(),
@@ -101,6 +65,18 @@ export class Session {
     else view.fit(firstBounds(layers) ?? mission.bounds, 0);
     this.listen();
     for (const part of PARTS) part(this.context);
+    void this.addLaterParts();
+  }
+
+  private async addLaterParts(): Promise<void> {
+    const { waiting, alive } = this.context;
+    const late = new Promise((resolve) => setTimeout(resolve, LATEST_MS));
+    await Promise.race([waiting.painted, late]);
+    waiting.run(async () => {
+      const { LATER_PARTS } = await import("./later-parts");
+      if (alive.aborted) return;
+      for (const part of LATER_PARTS) part(this.context);
+    });
   }
 
   dispose(): void {

@@ -3,14 +3,24 @@
 import type { Shell } from "../page/shell";
 import { ApiError, UnreachableError } from "../server/api";
 
+/** Mark in the browser's timeline of the moment when the first view of the map was drawn. */
+const MAP_PAINTED = "map painted";
+
 export class Waiting {
+  /** The first view of the map is drawn, with all that it shows. */
+  readonly painted: Promise<void>;
+  private paint: (() => void) | null = null;
   private pending = 0;
   private isAway = false;
 
   constructor(
     private readonly page: Shell,
     private readonly onDone: () => void,
-  ) {}
+  ) {
+    this.painted = new Promise((resolve) => {
+      this.paint = resolve;
+    });
+  }
 
   /** Runs what needs the server; what goes wrong is said on the banner. */
   run(work: () => Promise<void>): void {
@@ -48,8 +58,13 @@ export class Waiting {
     document.documentElement.dataset["ready"] = "false";
   }
 
-  /** The map is drawn; if nothing is awaited either, all is there. */
+  /** The map is drawn; if nothing is awaited either, all is there: at first that of the map, then the rest. */
   settle(): void {
-    if (this.pending === 0) document.documentElement.dataset["ready"] = "true";
+    if (this.pending > 0) return;
+    if (this.paint) {
+      performance.mark(MAP_PAINTED);
+      this.paint();
+      this.paint = null;
+    } else document.documentElement.dataset["ready"] = "true";
   }
 }

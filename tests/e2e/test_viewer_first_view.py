@@ -1,0 +1,66 @@
+"""The first view of the map asks for what it shows; the rest of the page comes when it is drawn."""
+
+from __future__ import annotations
+
+import urllib.request
+from pathlib import PurePosixPath
+
+import pytest
+
+from tests.support.browsing import DIST
+from tests.support.first_view import first_view
+
+
+@pytest.fixture(scope="module")
+def view(browser, url):
+    first_view(browser, url)  # the server has read its files
+    return first_view(browser, url)
+
+
+def test_what_the_map_shows_is_all_that_is_asked_for_before_it_is_drawn(view):
+    page = [path for path in view.first_asked if path.startswith("/assets/")]
+    data = [path for path in view.first_asked if path.startswith("/api/")]
+    tiles = [path for path in view.first_asked if path.startswith("/tiles/")]
+    assert sorted(PurePosixPath(path).suffix for path in page) == [".css", ".js"]
+    assert data[0] == "/api/start"
+    shown = {"stops", "traverse", "contours"}
+    assert {path.split("/")[4] for path in data[1:]} == shown
+    assert len(data) == 1 + len(shown)
+    assert {path.split("/")[3] for path in tiles} == {"hillshade", "orthophoto"}
+    assert len(view.first_asked) == len(page) + len(data) + len(tiles)
+
+
+def test_tiles_are_of_the_view_and_each_is_asked_for_once(view):
+    tiles = [one["path"] for one in view.asked if one["path"].startswith("/tiles/")]
+    assert len(tiles) == len(set(tiles))
+    assert len(tiles) <= 2 * 4 * 4  # two layers, a map of 664 x 732 pixels, tiles of 256
+
+
+def test_the_rest_of_the_page_comes_after_the_map(view):
+    later = [one["path"] for one in view.asked if one["start"] >= view.painted_ms]
+    assert any("later-parts" in path for path in later)
+    assert any(path.endswith("/images") for path in later)
+
+
+def test_the_first_view_takes_less_than_a_second_of_processor(view):
+    # The clock depends on who else uses the machine; on an idle one: docs/benchmarks.md.
+    assert view.main_thread_ms < 1000
+
+
+def test_script_and_style_come_compressed_by_the_build_and_are_kept_forever(view, url):
+    for path in (path for path in view.first_asked if path.startswith("/assets/")):
+        for encoding, suffix in (("br, gzip", ".br"), ("gzip", ".gz")):
+            request = urllib.request.Request(url + path, headers={"Accept-Encoding": encoding})
+            with urllib.request.urlopen(request) as answer:
+                body = answer.read()
+                assert "immutable" in answer.headers["cache-control"]
+                assert answer.headers["vary"] == "Accept-Encoding"
+            assert body == (DIST / f"{path[1:]}{suffix}").read_bytes()
+        with urllib.request.urlopen(url + path) as plain:
+            assert "content-encoding" not in plain.headers
+            assert plain.read() == (DIST / path[1:]).read_bytes()
+
+
+def test_the_page_itself_is_asked_for_again(url):
+    with urllib.request.urlopen(url) as answer:
+        assert answer.headers["cache-control"] == "no-cache"

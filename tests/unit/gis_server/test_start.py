@@ -1,0 +1,42 @@
+"""One answer begins the map; it is written anew when something is published, and only then."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from http import HTTPStatus
+
+from fastapi.testclient import TestClient
+
+from gis_server.app import create_app
+from gis_server.routes import start
+
+
+def test_the_map_begins_with_all_missions_and_the_layers_of_the_first(client):
+    begin = client.get("/api/start").json()
+    assert begin["missions"] == client.get("/api/missions").json()
+    assert begin["mission"] == begin["missions"][0]["mission"]
+    assert begin["layers"] == client.get(f"/api/missions/{begin['mission']}/layers").json()
+
+
+def test_who_has_the_answer_already_is_told_so_until_something_is_published(own_world):
+    with TestClient(create_app(own_world.root)) as client:
+        again = {"If-None-Match": client.get("/api/start").headers["etag"]}
+        assert client.get("/api/start", headers=again).status_code == HTTPStatus.NOT_MODIFIED
+        layer = own_world.catalogue.layers("MER2")[0]
+        own_world.catalogue.publish(layers=[replace(layer, title="renamed")])
+        fresh = client.get("/api/start", headers=again)
+        assert fresh.status_code == HTTPStatus.OK
+        assert "renamed" in {one["title"] for one in fresh.json()["layers"]}
+
+
+def test_the_progress_of_runs_does_not_have_it_written_again(own_world, monkeypatch):
+    with TestClient(create_app(own_world.root)) as client:
+        begin = client.get("/api/start").content
+        monkeypatch.setattr(start, "missions_of", _never)
+        own_world.catalogue.tell("run.changed", {"id": "a"})
+        own_world.catalogue.tell("edits.changed", {"mission": "MER2"})
+        assert client.get("/api/start").content == begin
+
+
+def _never(_services):
+    raise AssertionError("the answer is written again though nothing was published")
