@@ -47,6 +47,7 @@ const ICONS = {
   flicker: "M2 2h8v8H2zM6 6h8v8H6z",
   search: "M7 2.5a4.5 4.5 0 1 0 0 9 4.5 4.5 0 0 0 0-9zM10.5 10.5 14 14",
   swipe: "M8 1v14M5 5 2 8l3 3M11 5l3 3-3 3",
+  panorama: "M1.5 4q6.5 2.5 13 0v8q-6.5-2.5-13 0zM1.5 9.5l3-2 3 2.5 3.5-3.5 3.5 3",
   tree: "M3 3h4v3H3zM9 10h4v3H9zM5 6v5.5h4",
 } as const;
 

@@ -1,0 +1,186 @@
+/** Panoramas of the stops below the map: which one, what is under the pointer, and the cursor shared with the map. */
+
+import Feature from "ol/Feature";
+import LineString from "ol/geom/LineString";
+import VectorLayer from "ol/layer/Vector";
+import VectorSource from "ol/source/Vector";
+import Stroke from "ol/style/Stroke";
+import Style from "ol/style/Style";
+import { h } from "../../page/dom";
+import { fixed, scopeTitle } from "../../page/format";
+import { type Panorama, panoramaApi } from "../../server/panorama";
+import type { MapPoint } from "../../server/records";
+import type { Context } from "../../session/context";
+import { Latest } from "../../session/latest";
+import { type Direction, rayEnd } from "./angles";
+import "./panorama.css";
+import { Strip } from "./strip";
+
+const REST_MS = 60;
+const RAY_M = 100;
+const RAY_HEIGHT = 1004;
+
+const ray = [
+  new Style({ stroke: new Stroke({ color: "rgba(0, 0, 0, 0.7)", width: 4 }) }),
+  new Style({ stroke: new Stroke({ color: "#ffd400", width: 2, lineDash: [8, 5] }) }),
+];
+
+export class PanoramaView {
+  readonly element: HTMLElement;
+  private readonly host = h("div", { class: "panorama-host" });
+  private readonly said = h("output", { class: "panorama-said" });
+  private readonly facts = h("small", {});
+  private readonly rays = new VectorSource<Feature<LineString>>();
+  private readonly layer = new VectorLayer({ source: this.rays, style: ray, zIndex: RAY_HEIGHT });
+  private readonly asking: Latest;
+  private readonly stopListening: readonly (() => void)[];
+  private strip: Strip | null = null;
+  private isOwn = false;
+
+  constructor(
+    private readonly context: Context,
+    private readonly panoramas: readonly Panorama[],
+  ) {
+    const { view, signals, waiting } = context;
+    this.asking = new Latest(REST_MS, (reason) => waiting.say(String(reason)));
+    const select = h(
+      "select",
+      { name: "panorama", "aria-label": "stop", onchange: () => this.show(select.value) },
+      ...panoramas.map(({ id, scope }) => h("option", { value: id }, scopeTitle(scope))),
+    );
+    const whole = h(
+      "button",
+      { type: "button", class: "plain", name: "whole", onclick: () => this.strip?.whole() },
+      "whole",
+    );
+    this.element = h(
+      "div",
+      { class: "panorama", "data-settled": "false" },
+      h("div", { class: "panorama-bar" }, select, whole, this.facts, this.said),
+      this.host,
+    );
+    view.map.addLayer(this.layer);
+    this.stopListening = [
+      signals.pointer.on((pointed) => this.follow(pointed?.point ?? null)),
+      signals.cursor.on((point) => this.follow(point)),
+    ];
+    const first = nearest(panoramas, view.place);
+    if (first) {
+      select.value = first.id;
+      this.show(first.id);
+    }
+  }
+
+  dispose(): void {
+    this.asking.stop();
+    for (const stop of this.stopListening) stop();
+    this.context.view.map.removeLayer(this.layer);
+    this.strip?.dispose();
+    this.context.signals.cursor.emit(null);
+  }
+
+  private show(id: string): void {
+    const panorama = this.panoramas.find((one) => one.id === id);
+    if (!panorama) return;
+    this.strip?.dispose();
+    this.rays.clear();
+    this.element.dataset["settled"] = "false";
+    this.element.dataset["panorama"] = panorama.id;
+    const strip = new Strip(panorama, {
+      hover: (direction) => this.over(direction),
+      click: (direction) => this.open(direction),
+      drawn: () => {
+        this.element.dataset["settled"] = "true";
+      },
+    });
+    this.strip = strip;
+    this.host.replaceChildren(strip.element);
+    requestAnimationFrame(() => strip.whole());
+    const seams =
+      panorama.registration_px === null
+        ? ""
+        : `, images meet to ${fixed(panorama.registration_px, 2)} px`;
+    this.facts.replaceChildren(
+      `${panorama.images.length} images, ${panorama.eye} eye${seams} `,
+      h("a", { class: "text", href: panorama.download }, "file"),
+    );
+  }
+
+  /** Says what is in a direction, and shows it on the map: the ray, and the ground where it meets that. */
+  private over(direction: Direction | null): void {
+    const { mission } = this.context;
+    this.rays.clear();
+    if (!direction || !this.strip) {
+      this.asking.stop();
+      this.said.textContent = "";
+      this.emit(null);
+      return;
+    }
+    const { panorama } = this.strip;
+    const [azimuth, elevation] = direction;
+    const told = `azimuth ${fixed(azimuth, 2)}\u00b0  elevation ${fixed(elevation, 2)}\u00b0`;
+    const [east, north] = panorama.centre;
+    this.said.textContent = told;
+    this.drawRay([east, north], rayEnd([east, north], azimuth, RAY_M));
+    this.asking.ask(async (signal) => {
+      const seen = await panoramaApi.direction(mission.mission, panorama, direction, signal);
+      const { ground, shown } = seen;
+      const where = ground
+        ? `  \u00b7  east ${fixed(ground.east, 2)}  north ${fixed(ground.north, 2)}  elevation ${fixed(ground.up, 2)} m, ${fixed(ground.distance_m, 2)} m away`
+        : "";
+      this.said.textContent = `${told}${where}${shown ? `  \u00b7  ${shown.image}` : ""}`;
+      this.element.dataset["ground"] = ground ? `${ground.east},${ground.north}` : "";
+      if (ground) this.drawRay([east, north], [ground.east, ground.north]);
+      this.emit(ground ? [ground.east, ground.north] : null);
+    });
+  }
+
+  /** The cursor of this view, which it does not follow itself. */
+  private emit(point: MapPoint | null): void {
+    this.isOwn = true;
+    this.context.signals.cursor.emit(point);
+    this.isOwn = false;
+  }
+
+  private drawRay(from: MapPoint, to: MapPoint): void {
+    this.rays.clear();
+    this.rays.addFeature(new Feature(new LineString([[...from], [...to]])));
+  }
+
+  /** Marks a place that the map points at where it is seen. */
+  private follow(point: MapPoint | null): void {
+    const { strip, isOwn } = this;
+    if (isOwn || !strip) return;
+    if (!point) {
+      strip.put(null);
+      return;
+    }
+    const { mission } = this.context.mission;
+    this.asking.ask(async (signal) => {
+      const seen = await panoramaApi.place(mission, strip.panorama, point, signal);
+      strip.put(seen.inside ? [seen.azimuth_deg, seen.elevation_deg] : null, seen.hidden === true);
+      const sight =
+        seen.hidden === null ? "" : seen.hidden ? ", behind nearer ground" : ", in sight";
+      this.element.dataset["marked"] = `${seen.azimuth_deg},${seen.elevation_deg}`;
+      this.said.textContent = `azimuth ${fixed(seen.azimuth_deg, 2)}\u00b0  elevation ${fixed(seen.elevation_deg, 2)}\u00b0  ${fixed(seen.distance_m, 2)} m away${sight}`;
+    });
+  }
+
+  private open(direction: Direction): void {
+    const { waiting, mission, signals } = this.context;
+    const { strip } = this;
+    if (!strip) return;
+    waiting.run(async () => {
+      const seen = await panoramaApi.direction(mission.mission, strip.panorama, direction);
+      if (seen.shown) signals.image.emit(seen.shown.image);
+    });
+  }
+}
+
+function nearest(
+  panoramas: readonly Panorama[],
+  { east, north }: { readonly east: number; readonly north: number },
+): Panorama | undefined {
+  const apart = ({ centre }: Panorama) => Math.hypot(centre[0] - east, centre[1] - north);
+  return panoramas.toSorted((a, b) => apart(a) - apart(b))[0];
+}
