@@ -56,6 +56,8 @@ def settled(
             result = future.result(raise_on_failure=False)
         except UnfinishedRun:  # never ran: what it waited for failed
             failures[key] = ""
+        except Exception as error:  # noqa: BLE001 - its worker was killed, again and again
+            failures[key] = f"{type(error).__name__}: {error}"
         else:
             if isinstance(result, StoreFullError):
                 raise result

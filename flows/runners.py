@@ -9,7 +9,7 @@ from __future__ import annotations
 import atexit
 import os
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar, cast
 
 from prefect.task_runners import ThreadPoolTaskRunner
 
@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from prefect import Flow
     from prefect.futures import PrefectFuture
     from prefect.task_runners import TaskRunner
+
+    Runner = TaskRunner[PrefectFuture[Any]]
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -35,29 +37,32 @@ def on_workers(flow: Flow[P, R]) -> Flow[P, R]:
     return flow.with_options(task_runner=_runner(Settings()))
 
 
-def _runner(settings: Settings) -> TaskRunner[PrefectFuture[Any]]:
+def _runner(settings: Settings) -> Runner:
     if settings.task_runner is TaskRunnerName.THREADS:
-        return ThreadPoolTaskRunner(max_workers=settings.task_workers)  # type: ignore[return-value]
+        return cast("Runner", ThreadPoolTaskRunner(max_workers=settings.task_workers))
     try:
-        from prefect_dask import DaskTaskRunner  # noqa: PLC0415 - an extra
+        from prefect_dask.task_runners import DaskTaskRunner  # noqa: PLC0415 - an extra
     except ImportError as error:
         raise ConfigError(
             "SOLMAP_TASK_RUNNER=dask needs prefect-dask: install solmap[cluster], or leave it out"
         ) from error
-    address = settings.dask_address or _own_cluster(settings.task_workers).scheduler_address
-    runner: TaskRunner[PrefectFuture[Any]] = DaskTaskRunner(address=address)
-    return runner
+    address = settings.dask_address or own_cluster(settings.task_workers).scheduler_address
+    return cast("Runner", DaskTaskRunner(address=address))
 
 
 @lru_cache(maxsize=1)
-def _own_cluster(workers: int) -> LocalCluster:
+def own_cluster(workers: int) -> LocalCluster:
     """Worker processes of this one, until it ends; they notice when it is killed.
 
     One for all sols: a worker takes seconds to start.
     """
+    import dask  # noqa: PLC0415 - an extra
     from distributed import LocalCluster  # noqa: PLC0415 - an extra
 
-    cluster = LocalCluster(
+    # Whoever watches a worker starts it again. Dask would give up one that is away for 15 s, and
+    # wait for ever when none is left.
+    dask.config.set({"distributed.deploy.lost-worker-timeout": "24 hours"})
+    cluster = LocalCluster(  # type: ignore[no-untyped-call]
         n_workers=workers,
         threads_per_worker=1,
         processes=True,

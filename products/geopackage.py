@@ -2,7 +2,8 @@
 
 GeoJSON (`products.vector`) is how features are kept; a GeoPackage is made from it when it is asked
 for. It carries the local CRS itself, so that nothing need be said of degrees on Mars, and
-elevations as the third coordinate. Properties that are lists are written as JSON.
+elevations as the third coordinate. Properties that are lists are written as JSON. It holds no date
+of its own making: equal features give equal bytes, as of every product.
 """
 
 from __future__ import annotations
@@ -12,12 +13,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyogrio
 import pyogrio.raw
 import shapely
 
 from products.crs import local_crs
 from products.errors import ProductError
 from products.vector import Feature, FeatureCollection
+
+_DATE = {"OGR_CURRENT_DATE": "2004-01-04T04:35:00.000Z"}
+"""For the column `last_change`, which the format asks for: when Spirit landed."""
 
 
 def write_geopackage(path: Path, collection: FeatureCollection, layer: str) -> None:
@@ -35,6 +40,7 @@ def write_geopackage(path: Path, collection: FeatureCollection, layer: str) -> N
         )
     solid = any(feature.points.shape[1] == 3 for feature in features)  # noqa: PLR2004 - with up
     names = list(dict.fromkeys(name for feature in features for name in feature.properties))
+    pyogrio.set_gdal_config_options(_DATE)  # at every write: a long run is known to lose it
     pyogrio.raw.write(
         path,
         geometry=np.array([shapely.to_wkb(_shape(f)) for f in features], dtype=object),

@@ -1,0 +1,80 @@
+"""Tasks on worker processes of a real Dask cluster: same results, same words, nothing in common."""
+
+import os
+
+import pytest
+
+from products.store import ProductStore
+from tests.support.engine_overhead import run_on, stages
+
+pytest.importorskip("prefect_dask", reason="prefect-dask is not installed (solmap[cluster])")
+pytestmark = [pytest.mark.timeout(300), pytest.mark.usefixtures("engine")]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _one_cluster():
+    """The cluster that flows keep ends with these tests."""
+    yield
+    from flows.runners import own_cluster  # noqa: PLC0415 - imports Prefect
+
+    if own_cluster.cache_info().currsize:
+        own_cluster(2).close()
+        own_cluster.cache_clear()
+
+
+def outcome(engine: str, store: ProductStore):
+    """What comes of good tasks, of one that fails, and of one that waits for it."""
+    from flows.outcomes import promised, settled  # noqa: PLC0415 - imports Prefect
+    from flows.progress import listening  # noqa: PLC0415
+
+    task, steps = stages(), []
+
+    def body():
+        bad = task["broken"].submit(7, store)
+        good = {f"good {number}": task["nothing"].submit(number, store) for number in range(6)}
+        later = task["nothing"].submit(promised(bad), store)
+        with listening(steps.append):
+            return settled("try", {**good, "bad": bad, "later": later})
+
+    done, failed = run_on(engine, body)
+    return done, failed, steps
+
+
+def test_workers_give_the_same_results_and_say_the_same_of_failures(tmp_path):
+    store = ProductStore.open(tmp_path / "store")
+    here, failed_here, told_here = outcome("threads", store)
+    there, failed_there, told_there = outcome("dask", store)
+    assert failed_here == failed_there
+    assert failed_there["bad"].startswith("ProductNotFoundError: dtm of stop7")
+    assert failed_there["later"] == ""  # its cause has been said
+    assert {key: value[0] for key, value in there.items()} == {
+        key: value[0] for key, value in here.items()
+    }
+    assert {value[1] for value in here.values()} == {os.getpid()}
+    assert os.getpid() not in {value[1] for value in there.values()}
+    assert told_there == told_here  # progress arrives as it does from threads
+    assert [(step.done, step.total) for step in told_there] == [(n, 8) for n in range(1, 9)]
+
+
+def test_a_full_disk_stops_the_flow_on_workers_too():
+    from flows.outcomes import settled  # noqa: PLC0415 - imports Prefect
+    from products.errors import StoreFullError  # noqa: PLC0415
+
+    task = stages()["full"]
+    with pytest.raises(StoreFullError, match="the disk is full"):
+        run_on("dask", lambda: settled("fill", {"full": task.submit()}))
+
+
+@pytest.mark.slow
+def test_a_worker_that_is_killed_again_and_again_is_one_failure(tmp_path):
+    from flows.outcomes import settled  # noqa: PLC0415 - imports Prefect
+
+    store, task = ProductStore.open(tmp_path / "store"), stages()
+
+    def body():
+        futures = {"kill": task["kill"].submit(), "good": task["nothing"].submit(1, store)}
+        return settled("kill", futures)
+
+    done, failed = run_on("dask", body)
+    assert list(done) == ["good"]
+    assert failed["kill"].startswith("KilledWorker: ")
