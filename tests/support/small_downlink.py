@@ -1,0 +1,43 @@
+"""Downlinks small enough to be processed hundreds of times: thumbnails and coarse maps.
+
+The pictures are those of a simulated traverse averaged over 4 x 4 pixels, as the rovers sent them
+when the link was short; the pipeline maps them with cells of decimetres. Every stage takes part.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from photogrammetry.synthetic.traverse import TraverseParams
+from photogrammetry.synthetic.world import WorldParams, simulate_downlink
+
+COARSE = """\
+[dtm]
+cell_m = 0.16
+[orthophoto]
+cell_m = 0.16
+[region.fusion]
+cell_m = 0.16
+[wide]
+enabled = true
+[models]
+dips_of_facets = true
+"""
+"""A pipeline of all stages, on cells that thumbnails fill."""
+
+
+def write_small_downlink(folder: Path, *, stops: int = 2, pairs: int = 3, seed: int = 3) -> Path:
+    """Write a traverse of one stop a sol, two or three metres apart; the folder."""
+    traverse = TraverseParams(stops=stops, spacing_m=(2.0, 3.0))
+    world = WorldParams("hills", traverse, pairs=pairs, averaging=4)
+    for file in simulate_downlink(world, seed):
+        path = folder / file.path
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(file.data)
+    return folder
+
+
+def write_coarse_pipeline(path: Path) -> Path:
+    """Write the pipeline to a file; its path."""
+    path.write_text(COARSE)
+    return path
