@@ -7,6 +7,8 @@ Where nobody has a token nothing can be written at all.
 
 from __future__ import annotations
 
+import time
+from collections import deque
 from typing import Annotated
 
 from fastapi import Depends, HTTPException, Request
@@ -17,6 +19,33 @@ from products.access import Role, Token
 
 _BEARER = HTTPBearer(auto_error=False, description="a token of `solmap token add`")
 _CHALLENGE = {"WWW-Authenticate": "Bearer"}
+MOST_WRONG, WITHIN_S = 20, 60.0
+"""Wrong tokens that are told apart from one address in so many seconds."""
+
+
+class WrongTokens:
+    """Counts wrong tokens by the address they came from, and has guessers wait.
+
+    Right tokens are taken all the while: whoever shares an address with a guesser can write.
+    """
+
+    def __init__(self) -> None:
+        self._came: dict[str, deque[float]] = {}
+
+    def wait_s(self, host: str) -> float:
+        """Note a wrong token; for how long none of this address is looked at again, or zero."""
+        now = time.monotonic()
+        for other in [key for key, times in self._came.items() if now - times[-1] > WITHIN_S]:
+            del self._came[other]
+        times = self._came.setdefault(host, deque(maxlen=MOST_WRONG))
+        is_over = len(times) == MOST_WRONG and now - times[0] < WITHIN_S
+        if is_over:
+            return WITHIN_S - (now - times[0])
+        times.append(now)
+        return 0.0
+
+
+_WRONG = WrongTokens()
 
 
 def _holder(
@@ -27,7 +56,8 @@ def _holder(
     """Whose token a request shows.
 
     Raises:
-        HTTPException: 403 where nobody can have one, 401 where it shows none or a wrong one.
+        HTTPException: 403 where nobody can have one, 401 where it shows none or a wrong one, 429
+            where many wrong ones came from there.
     """
     if not any(token.is_valid for token in services.tokens.tokens()):
         raise HTTPException(
@@ -43,6 +73,13 @@ def _holder(
         )
     token = services.tokens.holder(shown.credentials)
     if token is None:
+        wait_s = _WRONG.wait_s(request.client.host if request.client else "")
+        if wait_s:
+            raise HTTPException(
+                429,
+                f"more than {MOST_WRONG} wrong tokens came in {WITHIN_S:.0f} s from your address",
+                {"Retry-After": str(int(wait_s) + 1)},
+            )
         raise HTTPException(
             401, "this token is unknown, revoked or has ended; ask for another", _CHALLENGE
         )

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
 from importlib.metadata import version
 from pathlib import Path
 
 from fastapi import FastAPI
 from starlette.datastructures import MutableHeaders
+from starlette.middleware.cors import CORSMiddleware
 from starlette.middleware.gzip import DEFAULT_EXCLUDED_CONTENT_TYPES, GZipMiddleware
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from config.settings import Settings
 from gis_server.errors import install_error_table
+from gis_server.metrics import Measured, Metrics
 from gis_server.ogc import features, landing, wmts
 from gis_server.ogc import tiles as ogc_tiles
+from gis_server.openapi import complete
 from gis_server.routes import (
     account,
     analysis,
@@ -24,21 +27,22 @@ from gis_server.routes import (
     events,
     images,
     layers,
+    metrics,
     missions,
     models,
     network,
     pages,
+    panoramas,
     projection,
     runs,
     scene,
     sight,
-    panoramas,
     stac,
+    start,
     styles,
     ties,
     tiles,
     versions,
-    start,
 )
 from gis_server.routes.shortcut import TileShortcut
 from gis_server.services import open_services
@@ -54,10 +58,19 @@ _HEADERS = {
     "X-Content-Type-Options": "nosniff",
     "Referrer-Policy": "same-origin",
     "Cross-Origin-Opener-Policy": "same-origin",
+    "X-Frame-Options": "DENY",
+    "Permissions-Policy": (
+        "camera=(), microphone=(), geolocation=(), payment=(), usb=(), serial=(), bluetooth=(), "
+        "midi=(), display-capture=()"
+    ),
 }
 """Nothing from elsewhere is loaded, nobody embeds the map, no other origin is let in (no CORS).
 `wasm-unsafe-eval` lets the decoder of compressed 3D models, which is served from here, be compiled
 in a worker; it allows no JavaScript from text. Pictures inside models are read as blobs."""
+
+
+_PACKED = ("/tiles/", "/models/", "/download/", "/products/", "/images/", "/panoramas/")
+"""What is served below these is compressed already, or asked for by ranges."""
 
 
 class SecurityHeaders:
@@ -68,9 +81,6 @@ class SecurityHeaders:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass the request on and put the headers on the answer."""
-
-_PACKED = ("/tiles/", "/models/", "/download/", "/products/", "/images/", "/panoramas/")
-"""What is served below these is compressed already, or asked for by ranges."""
 
         async def with_headers(message: Message) -> None:
             if message["type"] == "http.response.start":
@@ -104,6 +114,7 @@ def create_app(
     viewer_dist: Path | None = None,
     catalogue_url: str | None = None,
     elsewhere: Elsewhere | None = None,
+    origins: Sequence[str] = (),
 ) -> FastAPI:
     """The server of the store at `store_root`.
 
@@ -112,6 +123,7 @@ def create_app(
         viewer_dist: Folder of the built viewer; the one shipped by default.
         catalogue_url: Database of the catalogue; SQLite in the store's folder where there is none.
         elsewhere: Where products lie if not in the store's folder.
+        origins: Other sites whose pages may ask this server.
     """
     services = open_services(store_root, catalogue_url, elsewhere)
 
@@ -131,8 +143,10 @@ def create_app(
         lifespan=lifespan,
     )
     app.state.services = services
+    app.state.metrics = Metrics(services)
     install_error_table(app)
     for module in (
+        start,
         missions,
         layers,
         versions,
@@ -152,26 +166,39 @@ def create_app(
         events,
         account,
         edits,
-        start,
         runs,
         features,
         ogc_tiles,
         wmts,
+        panoramas,
+        metrics,
         pages,
     ):
         app.include_router(module.router)
+    complete(app)
     pages.install_pages(app, viewer_dist or pages.SHIPPED_VIEWER)
     app.add_middleware(SmallBodies)
     app.add_middleware(CompressText)
-    app.add_middleware(TileShortcut, services=services)
+    app.add_middleware(TileShortcut, services=services, metrics=app.state.metrics)
+    if origins:
+        app.add_middleware(
+            CORSMiddleware,  # without cookies: there are none
+            allow_origins=list(origins),
+            allow_methods=["GET", "HEAD", "POST"],
+            allow_headers=["Authorization", "Content-Type", "Range", "If-None-Match"],
+            expose_headers=["ETag", "Content-Range", "Link", "OGC-NumberMatched"],
+        )
     app.add_middleware(SecurityHeaders)
+    app.add_middleware(Measured, metrics=app.state.metrics)
     return app
 
 
 def create_app_from_settings() -> FastAPI:
     """The server of the store that the environment names (`SOLMAP_STORE`)."""
     settings = Settings()
-        panoramas,
     return create_app(
-        settings.store, catalogue_url=settings.catalogue_url, elsewhere=settings.elsewhere
+        settings.store,
+        catalogue_url=settings.catalogue_url,
+        elsewhere=settings.elsewhere,
+        origins=settings.cors_origins.split(),
     )

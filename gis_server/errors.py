@@ -9,6 +9,7 @@ from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from starlette.exceptions import HTTPException
+from starlette.routing import compile_path
 
 from gis_server.analysis.refusal import RefusedError
 from gis_server.rendering.looks import UnknownLookError
@@ -33,11 +34,13 @@ STATUS: dict[type[Exception], HTTPStatus] = {
     CameraError: HTTPStatus.UNPROCESSABLE_ENTITY,
     MatchingError: HTTPStatus.UNPROCESSABLE_ENTITY,
     AdjustmentError: HTTPStatus.UNPROCESSABLE_ENTITY,
+    OverflowError: HTTPStatus.UNPROCESSABLE_ENTITY,
 }
 HINT = {
     HTTPStatus.UNAUTHORIZED: "reading takes no token; `solmap token add` makes one for writing",
     HTTPStatus.FORBIDDEN: "reading takes no token; `solmap token add` makes one for writing",
     HTTPStatus.CONFLICT: "read what is there now, and ask again",
+    HTTPStatus.TOO_MANY_REQUESTS: "wait as long as Retry-After says",
     HTTPStatus.SERVICE_UNAVAILABLE: "try again a little later",
     HTTPStatus.BAD_REQUEST: "/docs says what can be asked, and how",
     HTTPStatus.NOT_FOUND: "GET /api/missions lists what is published, /docs what can be asked",
@@ -52,6 +55,8 @@ _ASKED_WRONGLY = (
     HTTPStatus.FORBIDDEN,
     HTTPStatus.NOT_FOUND,
     HTTPStatus.CONFLICT,
+    HTTPStatus.UNPROCESSABLE_ENTITY,
+    HTTPStatus.TOO_MANY_REQUESTS,
     HTTPStatus.SERVICE_UNAVAILABLE,
 )
 """What endpoints answer by themselves."""
@@ -64,6 +69,8 @@ def install_error_table(app: FastAPI) -> None:
     for status in _ASKED_WRONGLY:
         app.add_exception_handler(status, _answer(status))
     app.add_exception_handler(RequestValidationError, _refuse)
+    app.add_exception_handler(HTTPStatus.METHOD_NOT_ALLOWED, _name_methods)
+    app.add_exception_handler(Exception, _fail)
 
 
 def _answer(status: HTTPStatus) -> Callable[[Request, Exception], Awaitable[JSONResponse]]:
@@ -77,6 +84,27 @@ def _answer(status: HTTPStatus) -> Callable[[Request, Exception], Awaitable[JSON
         )
 
     return answer
+
+
+async def _name_methods(request: Request, _error: Exception) -> JSONResponse:
+    """Which methods an address has, of all its routes: a file server would answer with its own."""
+    described = request.app.openapi()["paths"].items()
+    fitting = [ways for path, ways in described if compile_path(path)[0].match(request.url.path)]
+    methods = sorted({way.upper() for ways in fitting for way in ways}) or ["GET", "HEAD"]
+    status = HTTPStatus.METHOD_NOT_ALLOWED
+    what = f"{request.method} is not among the methods of this address: {', '.join(methods)}"
+    detail = {"what": what, "where": request.url.path, "what to try": HINT[HTTPStatus.BAD_REQUEST]}
+    body = {"code": status.phrase, "description": what, "detail": detail}
+    return JSONResponse(body, status_code=status, headers={"Allow": ", ".join(methods)})
+
+
+async def _fail(request: Request, _error: Exception) -> JSONResponse:
+    """What nobody thought of: the log has it whole, and who asks learns no inside of the server."""
+    status = HTTPStatus.INTERNAL_SERVER_ERROR
+    what = "the server failed; its log says how"
+    detail = {"what": what, "where": request.url.path, "what to try": "tell who runs the server"}
+    body = {"code": status.phrase, "description": what, "detail": detail}
+    return JSONResponse(body, status_code=status, headers={"Cache-Control": "no-store"})
 
 
 async def _refuse(_request: Request, error: Exception) -> JSONResponse:

@@ -67,6 +67,11 @@ class EventTail:
             if not self._listeners:
                 self._wanted.clear()
 
+    @property
+    def listeners(self) -> int:
+        """How many listen now."""
+        return len(self._listeners)
+
     async def missed(self, event_id: int) -> list[Event] | None:
         """Events after `event_id`, or None where some of them have been forgotten."""
         return await run_sync(self._missed, event_id)

@@ -17,6 +17,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import gettempdir
+from typing import Any
 
 import shapely
 import shapely.geometry
@@ -116,7 +117,10 @@ class MissionFeatures:
     def _annotations(self, mission: str) -> Iterator[IndexedFeature]:
         """The annotations that count. When one was written is when it is of."""
         for edit in EditLog.of(self.store.root).counting(EditKind.ANNOTATION, mission):
-            yield _annotation(edit)
+            try:
+                yield _annotation(edit)
+            except (ValueError, shapely.errors.ShapelyError) as error:
+                log.warning("annotation %d has no shape and is left out: %s", edit.id, error)
 
     def _rows(
         self, collection: CollectionOf, layer: Layer, images: Mapping[str, ImageEntry]
@@ -141,12 +145,28 @@ class MissionFeatures:
 
 
 def _annotation(edit: Edit) -> IndexedFeature:
-    shape = shapely.geometry.shape(edit.document["geometry"])
+    shape = _drawn(edit.document["geometry"])
     said = {"text": edit.document["text"], "colour": edit.document.get("colour")}
     told = {**said, "author": edit.author, "at": edit.at, "note": edit.note}
     at = moment(edit.at)
     text = json.dumps(told, ensure_ascii=False)
     return IndexedFeature(str(edit.id), shapely.to_wkb(shape), text, None, (at, at))
+
+
+def _drawn(geometry: Mapping[str, Any]) -> shapely.Geometry:
+    """The shape of an annotation, without elevations unless every place of it has one."""
+    try:
+        return shapely.geometry.shape(geometry)
+    except ValueError:  # some places have one and others have none
+        level = {**geometry, "coordinates": _level(geometry["coordinates"])}
+        return shapely.geometry.shape(level)
+
+
+def _level(part: Any) -> Any:  # noqa: ANN401 - places, or lists of them
+    """Places as (east, north), whatever else is known of them."""
+    if isinstance(part[0], int | float):
+        return part[:2]
+    return [_level(one) for one in part]
 
 
 def _row(name: str, feature: Feature, layer: Layer, times: FeatureTimes) -> IndexedFeature:

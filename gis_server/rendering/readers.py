@@ -32,6 +32,17 @@ class RasterPool:
         self._limit = idle
         self._idle: OrderedDict[int, tuple[Path | str, rasterio.DatasetReader]] = OrderedDict()
         self._lock = threading.Lock()
+        self._found = [0, 0]
+
+    @property
+    def waiting(self) -> int:
+        """How many are open and idle."""
+        return len(self._idle)
+
+    @property
+    def lookups(self) -> tuple[int, int]:
+        """How often a dataset was open already, and how often not."""
+        return self._found[0], self._found[1]
 
     @contextlib.contextmanager
     def reading(self, address: Path | str) -> Iterator[rasterio.DatasetReader]:
@@ -64,7 +75,9 @@ class RasterPool:
         with self._lock:
             for key in reversed(self._idle):
                 if self._idle[key][0] == address:
+                    self._found[0] += 1
                     return self._idle.pop(key)[1]
+            self._found[1] += 1
         return None
 
     def _give(self, address: Path | str, dataset: rasterio.DatasetReader) -> None:

@@ -9,7 +9,7 @@ from fastapi import APIRouter, HTTPException, Path, Query, Response
 from pydantic import BaseModel, ConfigDict, Field
 
 from gis_server.access import Analyst
-from gis_server.routes.parameters import AGAIN, MissionName
+from gis_server.routes.parameters import AGAIN, LARGEST_ID, MissionName
 from gis_server.services import Services, ServicesOf
 from photogrammetry.matching.hand_ties import parse_hand_ties
 from products.edits import Edit, EditConflictError, EditKind
@@ -17,7 +17,7 @@ from products.events import EDITS_CHANGED
 from products.tiling import HALF_SIDE_M
 
 router = APIRouter(prefix="/api/missions/{mission}", tags=["edits"])
-Number = Annotated[int, Path(ge=1)]
+Number = Annotated[int, Path(ge=1, le=LARGEST_ID)]
 Note = Annotated[str, Field(max_length=2000, description="why")]
 Pixel = Annotated[float, Field(ge=-1.0, le=1e5, allow_inf_nan=False)]
 Name = Annotated[str, Field(max_length=128, pattern=r"^[A-Za-z0-9_.-]*$")]

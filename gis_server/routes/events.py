@@ -10,6 +10,7 @@ from fastapi import APIRouter, Depends, Header, HTTPException, Query
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 
 from gis_server.live import TooManyListenersError
+from gis_server.routes.parameters import LARGEST_ID
 from gis_server.services import ServicesOf
 from products.events import Event
 
@@ -20,7 +21,9 @@ RELOAD = "reload"
 Mission = Annotated[
     str | None, Query(max_length=64, description="leave out the events of other missions")
 ]
-Number = Annotated[int | None, Query(ge=0, description="the last event that was seen")]
+Number = Annotated[
+    int | None, Query(ge=0, le=LARGEST_ID, description="the last event that was seen")
+]
 SeenHeader = Annotated[str | None, Header(alias="Last-Event-ID", max_length=20)]
 
 

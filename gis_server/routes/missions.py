@@ -17,7 +17,7 @@ from gis_server.routes.bodies import (
     mission_body,
     place_body,
 )
-from gis_server.routes.parameters import AGAIN, Metres, MissionName
+from gis_server.routes.parameters import AGAIN, LAST_SOL, Metres, MissionName
 from gis_server.services import Services, ServicesOf
 from products.model import Layer
 
@@ -44,7 +44,7 @@ def images(
     mission: MissionName,
     services: ServicesOf,
     response: Response,
-    sol: Annotated[int | None, Query(ge=0)] = None,
+    sol: Annotated[int | None, Query(ge=0, le=LAST_SOL)] = None,
     stop: Annotated[str | None, Query(max_length=128)] = None,
 ) -> list[Image]:
     """The images of a mission, sol or stop, with partner or why there is none."""

@@ -21,6 +21,11 @@ Metres = Annotated[
     Query(ge=-HALF_SIDE_M, le=HALF_SIDE_M, allow_inf_nan=False, description="metres, local map"),
 ]
 
+LAST_SOL = 1_000_000
+"""Larger numbers are no sols; a catalogue counts in 64 bits."""
+LARGEST_ID = 2**63 - 1
+"""Of rows of a database."""
+
 FOREVER = {"Cache-Control": "public, max-age=31536000, immutable"}
 """The digest in the address changes with the content."""
 AGAIN = {"Cache-Control": "no-cache"}
@@ -37,8 +42,8 @@ LayerPath = Annotated[Layer, Depends(_layer)]
 
 def _address(
     z: Annotated[int, Path(ge=0, le=MAX_ZOOM)],
-    x: Annotated[int, Path(ge=0)],
-    y: Annotated[int, Path(ge=0)],
+    x: Annotated[int, Path(ge=0, le=LARGEST_ID)],
+    y: Annotated[int, Path(ge=0, le=LARGEST_ID)],
 ) -> TileAddress:
     return TileAddress(z, x, y)
 

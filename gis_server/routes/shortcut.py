@@ -18,6 +18,7 @@ from pydantic import ValidationError
 from starlette.datastructures import Headers
 from starlette.types import ASGIApp, Receive, Scope, Send
 
+from gis_server.metrics import Metrics
 from gis_server.rendering.looks import Look, UnknownLookError
 from gis_server.routes.looks import AskedLook
 from gis_server.routes.tiles import picture_of, values_of
@@ -40,8 +41,8 @@ _THREADS = 1
 class TileShortcut:
     """Answers well-formed addresses of tiles by itself and passes everything else on."""
 
-    def __init__(self, app: ASGIApp, services: Services) -> None:
-        self.app, self.services = app, services
+    def __init__(self, app: ASGIApp, services: Services, metrics: Metrics) -> None:
+        self.app, self.services, self.metrics = app, services, metrics
         self.limiter = CapacityLimiter(_THREADS)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -61,10 +62,11 @@ class TileShortcut:
         try:
             layer = self.services.layer(name, ProductKind(kind), digest)
             address = TileAddress(int(zoom), int(column), int(row))
-            if form == "values":
-                encoding = Headers(scope=scope).get("accept-encoding", "")
-                return values_of(layer, address, self.services, encoding)
-            return picture_of(layer, address, self.services, _look_of(query))
+            with self.metrics.drawing(form):
+                if form == "values":
+                    encoding = Headers(scope=scope).get("accept-encoding", "")
+                    return values_of(layer, address, self.services, encoding)
+                return picture_of(layer, address, self.services, _look_of(query))
         except (ProductError, UnknownLookError, ValidationError, ValueError):
             return None
 

@@ -1,0 +1,132 @@
+"""The description of the API at /openapi.json, completed by what routes do not say themselves.
+
+Which refusals a question may meet, in which form an answer comes that is no JSON, and parameters of
+paths that are read by hand. Programs and tests hold the server to it.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from http import HTTPStatus
+from typing import Any
+
+from fastapi import FastAPI
+
+JSON, HTML, GEOJSON, PNG = "application/json", "text/html", "application/geo+json", "image/png"
+_FILES = (
+    "image/tiff",
+    GEOJSON,
+    "application/geopackage+sqlite3",
+    "model/gltf-binary",
+    "application/vnd.maxar.archive.3tz+zip",
+    "application/octet-stream",
+)
+FORMS: tuple[tuple[str, tuple[str, ...]], ...] = (
+    (r"\.png$|/map/tiles/\{tms\}/\{zoom\}/\{row\}/\{column\}$", (PNG,)),
+    (r"\.values$", ("application/vnd.solmap.values",)),
+    (r"^/api/.*\.geojson$", (GEOJSON,)),
+    (r"^/download/.*\.gpkg$", ("application/geopackage+sqlite3",)),
+    (r"^/stac/\{mission\}/\{item\}\.json$", (GEOJSON,)),
+    (r"^/download/|^/products/.*\{suffix\}$|/original$", _FILES),
+    (r"^/models/", (JSON, "model/gltf-binary")),
+    (r"\.csv$", ("text/csv",)),
+    (r"\.tif$", ("image/tiff",)),
+    (r"^/api/.*(\.html|/report)$", (HTML,)),
+    (r"^/metrics$", ("text/plain",)),
+    (r"WMTSCapabilities\.xml$", ("application/xml",)),
+    (r"/wmts$", ("application/xml", PNG)),
+    (r"/items(/\{feature\})?$", (GEOJSON, HTML, "application/flatgeobuf", "text/csv")),
+    (r"/queryables$", ("application/schema+json",)),
+    (r"/crs/\{name\}$", (JSON, "text/plain", HTML)),
+    (r"^/ogc/\{mission\}(/conformance|/collections(/\{collection\})?)?$", (JSON, HTML)),
+)
+"""Media types of the answers at addresses: the first that fits, else what the route says."""
+
+_PROBLEM = "#/components/schemas/Problem"
+_REFUSED = {"anyOf": [{"$ref": _PROBLEM}, {"$ref": "#/components/schemas/HTTPValidationError"}]}
+_PROBLEM_SCHEMA = {
+    "title": "Problem",
+    "type": "object",
+    "required": ["code", "description"],
+    "properties": {
+        "code": {"type": "string", "description": "the status in words"},
+        "description": {"type": "string", "description": "what is wrong"},
+        "detail": {
+            "type": "object",
+            "description": "what, where, and what to try",
+            "additionalProperties": {"type": "string"},
+        },
+    },
+}
+
+
+def complete(app: FastAPI) -> None:
+    """Have the app describe itself in full, in the way that FastAPI leaves open for that."""
+    drawn = app.openapi
+
+    def described() -> dict[str, Any]:
+        if app.openapi_schema is None:
+            app.openapi_schema = _completed(drawn())
+        return app.openapi_schema
+
+    app.openapi = described  # type: ignore[method-assign]
+
+
+def _completed(document: dict[str, Any]) -> dict[str, Any]:
+    document["components"]["schemas"]["Problem"] = _PROBLEM_SCHEMA
+    for path, operations in document["paths"].items():
+        for operation in operations.values():
+            operation.setdefault("parameters", []).extend(_unsaid(path, operation))
+            _put_forms(path, operation)
+            for status in _refusals(path, operation):
+                operation["responses"][str(int(status))] = _refusal(status)
+            if path.endswith("/wmts"):  # which has a report of exceptions of its own
+                operation["responses"]["400"]["content"]["application/xml"] = {}
+    return document
+
+
+def _unsaid(path: str, operation: dict[str, Any]) -> Iterator[dict[str, Any]]:
+    """Parameters in the path that no dependency declares."""
+    said = {one["name"] for one in operation.get("parameters", ()) if one["in"] == "path"}
+    for name in re.findall(r"\{(\w+)\}", path):
+        if name not in said:
+            text = {"type": "string", "maxLength": 128}
+            yield {"name": name, "in": "path", "required": True, "schema": text}
+
+
+def _put_forms(path: str, operation: dict[str, Any]) -> None:
+    forms = next((forms for pattern, forms in FORMS if re.search(pattern, path)), None)
+    answer = operation["responses"].get("200")
+    if forms is None or answer is None:
+        return
+    schema = answer.get("content", {}).get(JSON, {}).get("schema", {})
+    answer["content"] = {form: {"schema": schema} if "json" in form else {} for form in forms}
+    if forms[0] == PNG or ".values" in path:
+        operation["responses"]["304"] = {"description": "The client has it already"}
+    if ".values" in path:
+        operation["responses"]["204"] = {"description": "Nothing was measured there"}
+    if forms == _FILES:
+        operation["responses"]["206"] = {"description": "The range that was asked for"}
+        operation["responses"]["416"] = {"description": "There is no such range"}
+
+
+def _refusals(path: str, operation: dict[str, Any]) -> Iterator[HTTPStatus]:
+    if operation["parameters"]:
+        yield HTTPStatus.BAD_REQUEST
+        yield HTTPStatus.UNPROCESSABLE_ENTITY
+    if "{" in path or operation.get("requestBody") or path.startswith("/stac/"):
+        yield HTTPStatus.NOT_FOUND
+    if operation.get("requestBody"):
+        yield from (HTTPStatus.BAD_REQUEST, HTTPStatus.UNPROCESSABLE_ENTITY)
+        yield HTTPStatus.REQUEST_ENTITY_TOO_LARGE
+        yield HTTPStatus.CONFLICT
+    if operation.get("security"):
+        yield from (HTTPStatus.UNAUTHORIZED, HTTPStatus.FORBIDDEN, HTTPStatus.TOO_MANY_REQUESTS)
+    yield HTTPStatus.SERVICE_UNAVAILABLE
+
+
+def _refusal(status: HTTPStatus) -> dict[str, Any]:
+    is_invalid = status == HTTPStatus.UNPROCESSABLE_ENTITY
+    schema = _REFUSED if is_invalid else {"$ref": _PROBLEM}
+    return {"description": status.phrase, "content": {JSON: {"schema": schema}}}
