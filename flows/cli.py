@@ -21,6 +21,7 @@ from flows.dip_commands import app as dip
 from flows.engine_server import start_engine
 from flows.options import JsonOption, StoreOption, store_of
 from flows.orbital_commands import app as orbital
+from flows.prune_commands import prune
 from flows.token_commands import app as token
 from flows.traverse_commands import app as traverse
 from flows.up_commands import up
@@ -37,6 +38,7 @@ app.add_typer(control, name="control")
 app.add_typer(dip, name="dip")
 app.add_typer(token, name="token")
 app.command()(up)
+app.command()(prune)
 
 
 @app.command()

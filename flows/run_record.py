@@ -16,6 +16,7 @@ from contextlib import contextmanager
 from sqlalchemy.exc import SQLAlchemyError
 
 from flows.progress import Step, listening
+from products.logs import keep_logs, noted
 from products.runs import Run, RunBook, RunState
 from products.workspace import Workspace
 
@@ -72,12 +73,19 @@ class RunRecord:
 
 @contextmanager
 def recorded(kind: str, subject: str, workspace: Workspace) -> Iterator[RunRecord]:
-    """Keep a record of the run inside the block; an exception ends it as failed."""
+    """Keep a record of the run inside the block; an exception ends it as failed.
+
+    Nothing is pruned meanwhile.
+    """
+    keep_logs(workspace.store.root, "flows")
     record = RunRecord(Run.start(kind, subject), RunBook(workspace.catalogue.engine))
     try:
-        with listening(record.step):
+        with listening(record.step), noted(run=record.name, flow=kind, of=subject):
+            log.info("%s of %s begins", kind, subject)
             yield record
+            log.info("%s of %s ends", kind, subject)
     except BaseException as error:
+        log.exception("%s of %s stopped", kind, subject)
         record.fail_if([f"{type(error).__name__}: {error}"])
         raise
     finally:

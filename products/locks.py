@@ -32,6 +32,21 @@ def turn(root: Path, name: str, on_wait: Callable[[], None] = lambda: None) -> I
 
 
 @contextmanager
+def working(root: Path) -> Iterator[None]:
+    """Make products in the store at `root`: nothing is pruned meanwhile; waits for a pruning."""
+    file = runs_lock(root)
+    file.parent.mkdir(parents=True, exist_ok=True)
+    with file.open("a") as opened:
+        fcntl.flock(opened, fcntl.LOCK_SH)
+        yield
+
+
+def runs_lock(root: Path) -> Path:
+    """The lock file that runs share, and that whoever prunes holds alone."""
+    return root / "locks" / "runs.lock"
+
+
+@contextmanager
 def alone(path: Path) -> Iterator[bool]:
     """Whether this process is the only one to hold the lock file at `path`; never waits."""
     path.parent.mkdir(parents=True, exist_ok=True)

@@ -1,0 +1,131 @@
+"""What pruning removes, and what it never does."""
+
+from datetime import timedelta
+from pathlib import Path
+
+import pytest
+
+from products.errors import ProductError
+from products.locks import working
+from products.model import Layer, ProductKind, ProductRef, Recipe, Scope, ScopeLevel
+from products.pruning import PruningParams, prunable, prune
+from products.workspace import Workspace
+
+STOP = Scope(ScopeLevel.STOP, "mer2-site0010-drive0000")
+PAIR = Scope(ScopeLevel.PAIR, "2n1")
+NOW = PruningParams(versions=1, youngest=timedelta(0))
+
+
+@pytest.fixture
+def workspace(tmp_path: Path) -> Workspace:
+    return Workspace.open(tmp_path / "store")
+
+
+def made(workspace: Workspace, kind: ProductKind, scope: Scope, *inputs: ProductRef, n: int = 0):
+    recipe = Recipe(kind, scope, inputs, (n,))
+    return workspace.store.make(recipe, lambda path: path.write_text(f"{kind} {n}"))
+
+
+def publish(workspace: Workspace, *refs: ProductRef) -> None:
+    layers = [
+        Layer(ref, "MER2", "A map", "raster", (0, 0, 1, 1), 1.0, None, None, (155,), "2026")
+        for ref in refs
+    ]
+    workspace.catalogue.publish(layers=layers)
+
+
+def gone(workspace: Workspace, params: PruningParams = NOW) -> set[ProductRef]:
+    told = [one.ref for one in prunable(workspace, params)]
+    removed = [one.ref for one in prune(workspace, params)]
+    assert removed == told
+    assert not any(workspace.store.has(ref) for ref in removed)
+    return set(removed)
+
+
+@pytest.fixture
+def mapped(workspace: Workspace) -> dict[str, ProductRef]:
+    """A map that was made again from other parameters, and what both were made from."""
+    matches = made(workspace, ProductKind.MATCHES, PAIR)
+    old = made(workspace, ProductKind.DTM, STOP, matches, n=1)
+    old_slope = made(workspace, ProductKind.SLOPE, STOP, old)
+    publish(workspace, old, old_slope)
+    dtm = made(workspace, ProductKind.DTM, STOP, matches, n=2)
+    slope = made(workspace, ProductKind.SLOPE, STOP, dtm)
+    publish(workspace, dtm, slope)
+    return {
+        "matches": matches,
+        "old": old,
+        "old_slope": old_slope,
+        "dtm": dtm,
+        "slope": slope,
+    }
+
+
+def test_superseded_versions_go_and_what_the_published_were_made_from_stays(workspace, mapped):
+    assert gone(workspace) == {mapped["old"], mapped["old_slope"]}
+    published = [layer.ref for layer in workspace.catalogue.layers()]
+    assert set(published) == {mapped["dtm"], mapped["slope"]}
+    assert all(workspace.store.path(ref).is_file() for ref in published)
+    assert workspace.store.has(mapped["matches"])
+    with pytest.raises(ProductError, match="has been published"):
+        workspace.catalogue.layer(STOP.name, ProductKind.DTM, mapped["old"].digest)
+    assert gone(workspace) == set()
+
+
+def test_as_many_versions_stay_as_are_asked_for(workspace, mapped):
+    assert gone(workspace, PruningParams(versions=2, youngest=timedelta(0))) == set()
+    assert mapped["old"].digest != mapped["dtm"].digest
+
+
+@pytest.mark.usefixtures("mapped")
+def test_what_is_young_stays_with_what_it_was_made_from(workspace):
+    assert gone(workspace, PruningParams(versions=1, youngest=timedelta(days=1))) == set()
+
+
+def test_pictures_of_what_is_needed_stay_and_those_of_what_is_not_go(workspace, mapped):
+    stale = made(workspace, ProductKind.QUICKLOOK, STOP, mapped["old"])
+    fresh = made(workspace, ProductKind.QUICKLOOK, STOP, mapped["dtm"])
+    removed = gone(workspace)
+    assert stale in removed
+    assert fresh not in removed
+
+
+def test_what_a_parameter_names_is_needed(workspace):
+    ties = made(workspace, ProductKind.CONTROL_FILE, Scope(ScopeLevel.REGION, "file"))
+    recipe = Recipe(ProductKind.NETWORK, Scope(ScopeLevel.SOL, "mer2-sol0155"), (), (ties,))
+    network = workspace.store.make(recipe, lambda path: path.write_text("network"))
+    workspace.catalogue.publish(pointers=[network])
+    assert gone(workspace) == set()
+
+
+def test_nothing_is_pruned_while_a_run_goes_on(workspace, mapped):
+    root = workspace.store.root
+    with (
+        working(root),
+        working(root),
+        pytest.raises(ProductError, match="prune when it has ended"),
+    ):
+        prune(workspace, NOW)
+    assert workspace.store.has(mapped["old"])
+    assert mapped["old"] in gone(workspace)
+
+
+def test_a_pruning_that_was_killed_is_ended_by_the_next(workspace, mapped, monkeypatch):
+    removed: list[ProductRef] = []
+
+    def killed(_store: object, ref: ProductRef) -> None:
+        removed.append(ref)
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(type(workspace.store), "remove", killed)
+        with pytest.raises(KeyboardInterrupt):
+            prune(workspace, NOW)
+    for layer in workspace.catalogue.layers():
+        assert workspace.store.path(layer.ref).is_file()
+    assert gone(workspace) == {mapped["old"], mapped["old_slope"]}
+
+
+def test_impossible_wishes_are_refused():
+    with pytest.raises(ProductError, match="at least one version"):
+        PruningParams(versions=0)
