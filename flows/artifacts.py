@@ -96,7 +96,7 @@ def _row(sol: SolReport) -> dict[str, Any]:
         "mission": sol.mission,
         "sol": sol.sol,
         "layers": sol.layers,
-        "failures": len(sol.failures),
+        "failures": "; ".join(sol.failures),
         "notes": "; ".join(sol.notes),
     }
 

@@ -15,6 +15,7 @@ from config.radiometry import load_radiometry
 from config.settings import Settings
 from config.workspace import open_workspace
 from flows.artifacts import leave_report
+from flows.failures import isolated, mended
 from flows.mission_layers import draw_mission
 from flows.overall import overall_sols, process_overall
 from flows.progress import report as report_progress
@@ -25,12 +26,12 @@ from flows.runners import on_workers
 from flows.sol import process_sol
 from flows.sol_inputs import SolReport, Standing
 from photogrammetry.adjustment.modes import AdjustmentMode
-from photogrammetry.errors import PhotogrammetryError
-from products.errors import ProductError, StoreFullError
 from products.locks import turn
+from products.model import Scope
 from products.workspace import Workspace
 from tasks.hand_ties import take_edits
 from tasks.ingest import Delivery, ingest_downlink
+from tasks.scopes import network_scope
 
 
 @dataclass(slots=True)
@@ -88,8 +89,13 @@ def process_downlink(
             rename_run(downlink_name(delivery.images))
         take_edits(workspace)
         for mission in delivery.missions:
-            with turn(workspace.store.root, mission, partial(_say_waiting, mission)):
+            told = f"{mission}: {{}}"
+            with (
+                turn(workspace.store.root, mission, partial(_say_waiting, mission)),
+                isolated(mission.lower(), workspace, report.failures, told),
+            ):
                 _process_mission(mission, workspace, pipeline, report)
+                mended(mission.lower(), workspace)
         record.say([*report.warnings, *str(report).splitlines()])
         record.fail_if(report.failures)
     leave_report(report, workspace)
@@ -131,47 +137,41 @@ def _process_mission(
     standing: Standing | None = None
     for sol in sols:
         for flow_of_sol in (process_sol, process_overall) if sol in overall else (process_sol,):
-            try:
+            subject = _scope_of(flow_of_sol, mission, sol).name
+            told = f"{mission} sol {sol}: {{}}"
+            with isolated(subject, workspace, report.failures, told):
                 done = on_workers(flow_of_sol)(
                     mission, sol, workspace.store.root, pipeline, standing
                 )
-            except StoreFullError:
-                raise
-            except Exception as error:  # noqa: BLE001 - one bad sol never stops a downlink
-                report.failures.append(f"{mission} sol {sol}: {_cause(error)}")
-                continue
-            report.sols.append(done)
-            report.failures += [f"{mission} sol {sol}: {line}" for line in done.failures]
-            standing = done.standing or standing
+                report.sols.append(done)
+                report.failures += [f"{mission} sol {sol}: {line}" for line in done.failures]
+                standing = done.standing or standing
     if standing is not None:
         _draw(mission, standing, workspace, pipeline, report)
         _map_regions(mission, workspace, pipeline, report)
 
 
+def _scope_of(flow_of_sol: object, mission: str, sol: int) -> Scope:
+    is_overall = flow_of_sol is process_overall
+    mode = AdjustmentMode.OVERALL if is_overall else AdjustmentMode.SEQUENTIAL
+    return network_scope(mission, sol, mode)
+
+
 def _draw(
     mission: str, standing: Standing, workspace: Workspace, pipeline: str, report: DownlinkReport
 ) -> None:
-    try:
+    subject, told = f"{mission.lower()}-layers", f"{mission}: its layers could not be drawn: {{}}"
+    with isolated(subject, workspace, report.failures, told):
         note = draw_mission(mission, standing.network, workspace, pipeline)
-    except StoreFullError:
-        raise
-    except Exception as error:  # noqa: BLE001 - the other missions are still to be drawn
-        report.failures.append(f"{mission}: its layers could not be drawn: {_cause(error)}")
-    else:
         report.warnings += [f"{mission}: {note}"] if note else []
+        mended(subject, workspace)
 
 
 def _map_regions(mission: str, workspace: Workspace, pipeline: str, report: DownlinkReport) -> None:
-    try:
+    subject, told = (
+        f"{mission.lower()}-regions",
+        f"{mission}: its regions could not be mapped: {{}}",
+    )
+    with isolated(subject, workspace, report.failures, told):
         report.seams += map_regions(mission, workspace, pipeline)
-    except StoreFullError:
-        raise
-    except Exception as error:  # noqa: BLE001 - the stops have their maps
-        report.failures.append(f"{mission}: its regions could not be mapped: {_cause(error)}")
-
-
-def _cause(error: Exception) -> str:
-    """Our own errors speak for themselves; others are named. The traceback is on the run page."""
-    if isinstance(error, PhotogrammetryError | ProductError | ConfigError):
-        return str(error)
-    return f"{type(error).__name__}: {error}"
+        mended(subject, workspace)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from prefect import flow
 
+from flows.failures import keep
 from flows.outcomes import settled
 from flows.sol_inputs import SolInputs, SolReport, Standing, gather
 from flows.sol_maps import map_stops
@@ -38,8 +39,10 @@ def process_sol(
     report.notes += [f"{e.id} is unpaired: {e.unpaired_because}" for e in inputs.unpaired]
     of_sol = inputs.workspace.catalogue.images(mission, sol=sol)
     report.notes += [f"{image.id}: {note}" for image in of_sol for note in image.notes]
-    if inputs.touched:  # else none of the sol's stops can be placed
+    if inputs.touched:
         map_what_moved(inputs, previous, report)
+    else:  # none of the sol's stops can be placed
+        keep(_outcome(inputs, report), inputs.workspace)
     return report
 
 
@@ -48,6 +51,7 @@ def map_what_moved(inputs: SolInputs, previous: Standing | None, report: SolRepo
     matched = match_pairs(inputs, report)
     network = adjust_stops(inputs, previous, matched, report)
     if network is None:
+        keep(_outcome(inputs, report), inputs.workspace)
         return
     orientations = choose_orientations(
         network,
@@ -84,19 +88,23 @@ def _publish(
     if report.standing is not None:
         report.notes += _findings(inputs, report.standing)
     sols = {stop.stop: stop.sols for stop in inputs.telemetry.stops}
-    outcome = Outcome.now(
-        network_scope(report.mission, inputs.sol, inputs.mode).name,
-        (*report.failures, *report.notes),
-        is_failure=bool(report.failures),
-    )
     published = publish(
         inputs.mission,
         [(ref, sols[stop]) for stop, refs in layers.items() for ref in refs],
         (*made, *_stages(matched.values())),
-        [outcome],
+        [_outcome(inputs, report)],
         inputs.workspace,
     )
     report.layers = len(published)
+
+
+def _outcome(inputs: SolInputs, report: SolReport) -> Outcome:
+    """How the sol ended, for `solmap status`."""
+    return Outcome.now(
+        network_scope(report.mission, inputs.sol, inputs.mode).name,
+        (*report.failures, *report.notes),
+        is_failure=bool(report.failures),
+    )
 
 
 def _findings(inputs: SolInputs, standing: Standing) -> list[str]:

@@ -9,10 +9,15 @@ from __future__ import annotations
 
 import errno
 import sqlite3
+import time
+from collections.abc import Callable
+from typing import TypeVar
 
 from sqlalchemy.exc import DBAPIError, OperationalError
 
 from products.errors import StoreAwayError
+
+T = TypeVar("T")
 
 PASSING = {
     errno.EIO,
@@ -40,6 +45,22 @@ _PRIMARY_CODE = 0xFF
 """The rest of an error code of SQLite is detail."""
 _FULL_DISK = "53100"
 """PostgreSQL's code of it."""
+
+
+def persistently(call: Callable[[], T], pauses_s: tuple[float, ...] = (0.5, 2.0, 8.0)) -> T:
+    """What a call gives; where something that can pass is in its way, it is tried again.
+
+    For parts of a stage that have a fate of their own, like the files of a downlink; a stage as a
+    whole is tried again by the engine.
+    """
+    for pause_s in pauses_s:
+        try:
+            return call()
+        except Exception as error:
+            if not can_pass(error):
+                raise
+            time.sleep(pause_s)
+    return call()
 
 
 def can_pass(error: BaseException) -> bool:

@@ -21,6 +21,7 @@ from photogrammetry.pds3.radiometry import Radiometry
 from photogrammetry.pds3.vector_files import parse_vector_file
 from products.catalogue import ImageEntry, Outcome
 from products.model import ProductKind, ProductRef
+from products.passing import persistently
 from products.workspace import Workspace
 from tasks.downlink_files import (
     VECTOR_SUFFIXES,
@@ -90,13 +91,17 @@ def ingest_downlink(
 
 def _take(path: Path, intake: Intake) -> Taken:
     try:
-        if path.suffix.lower() in VECTOR_SUFFIXES:
-            return _take_vectors(path, intake)
-        if is_hand_ties(path.name):
-            return take_hand_ties(path.name, file_bytes(path), intake.store)
-        return intake.take(path.name, image_bytes(path))
+        return persistently(lambda: _taken(path, intake))
     except (PhotogrammetryError, OSError) as error:
         return _fault(path.name, str(error))
+
+
+def _taken(path: Path, intake: Intake) -> ProductRef | TakenImage:
+    if path.suffix.lower() in VECTOR_SUFFIXES:
+        return _take_vectors(path, intake)
+    if is_hand_ties(path.name):
+        return take_hand_ties(path.name, file_bytes(path), intake.store)
+    return intake.take(path.name, image_bytes(path))
 
 
 def _read_anew(intake: Intake, delivered: set[str]) -> Iterator[Taken]:

@@ -2,7 +2,8 @@
 
 import errno
 import os
-from collections.abc import Callable
+import subprocess
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,9 @@ from photogrammetry.errors import MatchingError
 from products.errors import StoreFullError
 from products.model import ProductKind, ProductRef, Recipe, Scope, ScopeLevel
 from products.store import ProductStore
+from products.workspace import Workspace
+from tests.support.small_downlink import write_coarse_pipeline, write_small_downlink
+from tests.support.store_checks import faults
 
 pytestmark = pytest.mark.usefixtures("engine")
 RECIPE = Recipe(ProductKind.SLOPE, Scope(ScopeLevel.STOP, "mer2-site0001-drive0002"))
@@ -96,3 +100,85 @@ def run(store: ProductStore, attempts: list[int], write: Callable[[Path], object
         return make.with_options(retry_delay_seconds=0).submit("a").result()
 
     return make_it()
+
+
+def test_a_broken_pair_and_a_broken_sol_stop_nothing_else_and_are_told_everywhere(
+    tmp_path: Path,
+) -> None:
+    from flows.downlink import process_downlink  # noqa: PLC0415 - after the engine's settings
+    from flows.listing import outcome_rows  # noqa: PLC0415
+
+    downlink = write_small_downlink(tmp_path / "downlink", pairs=2)
+    pipeline = str(write_coarse_pipeline(tmp_path / "coarse.toml"))
+    store = tmp_path / "store"
+    pair = min(file.name for file in (downlink / "sol0156").rglob("*l0m1.img"))
+    pair_id = pair.removesuffix(".img")
+    broken = [store / "products/network/mer2-sol0155", store / "products/matches" / pair_id]
+    for place in broken:  # a file where a folder should be: no product can be kept there
+        place.parent.mkdir(parents=True, exist_ok=True)
+        place.write_text("")
+
+    report = process_downlink(downlink, store, pipeline)
+    rows = {row["subject"]: row for row in outcome_rows(Workspace.open(store))}
+    assert [row["ended"] for row in (rows["mer2-sol0155"], rows["mer2-sol0156"])] == ["failed"] * 2
+    assert "adjust sol 155: FileExistsError" in " ".join(rows["mer2-sol0155"]["notes"])
+    assert f"match {pair_id.upper()}: FileExistsError" in " ".join(rows["mer2-sol0156"]["notes"])
+    assert all("FileExistsError" in line for line in report.failures)
+    kinds = {str(layer.ref.kind) for layer in Workspace.open(store).catalogue.layers()}
+    assert {"dtm", "orthophoto", "stops"} <= kinds
+    assert "FileExistsError" in page_of_last_run()
+
+    for place in broken:
+        place.unlink()
+    again = process_downlink(downlink, store, pipeline)
+    assert again.succeeded
+    rows = {row["subject"]: row for row in outcome_rows(Workspace.open(store))}
+    assert not [row for row in rows.values() if row["ended"] == "failed"]
+
+
+def page_of_last_run() -> str:
+    """What the page of the last downlink says: the text of its artifact and of its failed tasks."""
+    from prefect.client.orchestration import get_client  # noqa: PLC0415 - after its settings
+    from prefect.client.schemas.filters import ArtifactFilter, ArtifactFilterKey  # noqa: PLC0415
+
+    with get_client(sync_client=True) as client:
+        keyed = ArtifactFilter(key=ArtifactFilterKey(any_=["downlink"]))
+        (artifact, *_) = client.read_artifacts(artifact_filter=keyed)
+        failed = [run for run in client.read_task_runs() if run.state and run.state.is_failed()]
+    assert {run.name.split("-")[0] for run in failed} >= {"adjust", "match"}
+    assert all("FileExistsError" in str(run.state and run.state.message) for run in failed)
+    return str(artifact.data)
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[Path]:
+    """A disk of few megabytes."""
+    folder = tmp_path / "disk"
+    folder.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", "size=5m", "tmpfs", str(folder)]
+    if subprocess.run(mount, capture_output=True, check=False).returncode:
+        pytest.skip("no disk may be mounted here: it takes the rights of the super-user")
+    yield folder
+    subprocess.run(["umount", "--lazy", str(folder)], check=True)  # noqa: S607
+
+
+def test_a_full_disk_stops_a_run_and_what_was_made_stays(small_disk: Path, tmp_path: Path) -> None:
+    from flows.downlink import process_downlink  # noqa: PLC0415 - after the engine's settings
+
+    downlink = write_small_downlink(tmp_path / "downlink", stops=1, pairs=2)
+    pipeline = str(write_coarse_pipeline(tmp_path / "coarse.toml"))
+    store = small_disk / "store"
+    with pytest.raises(StoreFullError, match=r"the disk is full while .*free some space"):
+        process_downlink(downlink, store, pipeline)
+    assert not list((store / "drafts").iterdir())
+    kept = set((store / "products").rglob("*.*"))
+    assert kept
+    assert faults(store) == []
+
+    subprocess.run(
+        ["mount", "-o", "remount,size=60m", str(small_disk)],  # noqa: S607
+        check=True,
+    )
+    assert process_downlink(downlink, store, pipeline).succeeded
+    assert kept <= set((store / "products").rglob("*.*"))
+    assert faults(store) == []
