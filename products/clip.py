@@ -15,12 +15,13 @@ import numpy as np
 import rasterio
 import shapely
 from pyproj import CRS
+from rasterio.errors import RasterioError
 from rasterio.windows import Window
 
 from photogrammetry.terrain.grid import Bounds, MapGrid
 from products.cog import Band, Notes, RasterClass, new_cog
 from products.errors import OutsideCoverageError, ProductError
-from products.raster import band_names, class_names, grid_of, open_raster
+from products.raster import band_names, class_names, grid_of, open_raster, unreadable
 from products.vector import Feature, FeatureCollection
 
 MOST_CELLS = 50_000_000
@@ -32,12 +33,13 @@ _OWN = {"CLASSES", "AREA_OR_POINT"}
 """Tags that every file is given anew."""
 
 
-def clip_raster(source: Path, target: Path, bounds: Bounds) -> MapGrid:
+def clip_raster(source: Path | str, target: Path, bounds: Bounds) -> MapGrid:
     """Write the cells that a box touches as a Cloud Optimised GeoTIFF; the grid of the part.
 
     Raises:
         OutsideCoverageError: the box touches no cell.
         ProductError: it touches more cells than are handed out at once.
+        StoreAwayError: the object store does not answer.
     """
     with open_raster(source) as dataset:
         window, part = _window(dataset, bounds)
@@ -52,8 +54,15 @@ def clip_raster(source: Path, target: Path, bounds: Bounds) -> MapGrid:
             for row in range(0, part.rows, _AT_ONCE):
                 rows = min(_AT_ONCE, part.rows - row)
                 here = Window(window.col_off, window.row_off + row, part.cols, rows)
-                out.write(dataset.read(window=here), window=Window(0, row, part.cols, rows))
+                out.write(_cells(dataset, source, here), window=Window(0, row, part.cols, rows))
     return part
+
+
+def _cells(dataset: rasterio.DatasetReader, source: Path | str, window: Window) -> np.ndarray:
+    try:
+        return dataset.read(window=window)
+    except RasterioError as error:
+        raise unreadable(source, error) from error
 
 
 def _window(dataset: rasterio.DatasetReader, bounds: Bounds) -> tuple[Window, MapGrid]:

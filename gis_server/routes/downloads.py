@@ -17,9 +17,10 @@ from gis_server.routes.layers import MEDIA_TYPES
 from gis_server.routes.parameters import AGAIN, FOREVER, Bounds, LayerPath, MissionName
 from gis_server.services import ServicesOf
 from products.clip import clip_features, clip_raster
-from products.errors import OutsideCoverageError, ProductError
+from products.errors import OutsideCoverageError, ProductError, StoreAwayError
 from products.geopackage import write_geopackage
 from products.model import Layer
+from products.store import ProductStore
 from products.vector import read_features, write_features
 
 router = APIRouter(tags=["downloads"])
@@ -55,8 +56,8 @@ def clip(
         raise HTTPException(400, "bbox=west,south,east,north in metres of the local map is missing")
     folder = TemporaryDirectory()
     try:
-        path = _cut(layer, services.store.path(layer.ref), bounds, (Path(folder.name), form))
-    except OutsideCoverageError:
+        path = _cut(layer, services.store, bounds, (Path(folder.name), form))
+    except (OutsideCoverageError, StoreAwayError):
         folder.cleanup()
         raise
     except ProductError as error:
@@ -74,17 +75,17 @@ def clip(
     )
 
 
-def _cut(layer: Layer, source: Path, bounds: Bounds, where: tuple[Path, str]) -> Path:
+def _cut(layer: Layer, store: ProductStore, bounds: Bounds, where: tuple[Path, str]) -> Path:
     assert bounds is not None  # noqa: S101 - the caller has looked
     folder, form = where
     name = f"{layer.ref.scope.name}_{layer.ref.kind}_{layer.ref.digest}_part"
     if layer.type == "raster":
         path = folder / f"{name}.tif"
-        clip_raster(source, path, bounds)
+        clip_raster(store.address(layer.ref), path, bounds)
         return path
     if layer.type != "vector":
         raise ProductError(f"{layer.id} is no map but a {layer.type}: it is handed out whole")
-    part = clip_features(read_features(source), bounds)
+    part = clip_features(read_features(store.path(layer.ref)), bounds)
     path = folder / f"{name}.{form}"
     if form == "gpkg":
         write_geopackage(path, part, str(layer.ref.kind))
