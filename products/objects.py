@@ -1,4 +1,4 @@
-"""An S3-compatible object store as the place of products; keys by the usual AWS_* variables.
+"""An S3-compatible object store as the place of products.
 
 An object appears at once and whole, whether it was sent in one piece or in parts. Two makers of the
 same product do not collide: small ones are created only where there is none, large ones replace
@@ -11,34 +11,23 @@ import contextlib
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass
-from datetime import timedelta
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
-from urllib.parse import urlsplit
 
-from products.errors import ProductError, StoreAwayError
+from products.errors import StoreAwayError
+from products.object_client import bucket_and_prefix, client_of, endpoint, explaining, says
 from products.read_cache import ReadCache
 from products.shelves import Elsewhere
 
 if TYPE_CHECKING:
     from obstore.store import S3Store
 
+_CACHE = "cache"
 _PIECE = 16 << 20
 """Larger files are sent in parts, which no condition can be put to."""
 _PART, _PARTS_AT_ONCE = 8 << 20, 4
-_RETRIES, _RETRY_S = 4, 60
-_CONNECT_S, _SILENCE_S, _REQUEST_S = 5, 60, 600
-_CACHE = "cache"
-_URLS = "say SOLMAP_STORE_URL=s3://bucket/prefix, or leave it out"
-_REFUSALS = ("AccessDenied", "InvalidAccessKeyId", "SignatureDoesNotMatch", "403 Forbidden")
 _NO_CONDITIONS = ("NotImplemented", "501 Not Implemented")
-_GDAL = {
-    "GDAL_HTTP_MAX_RETRY": "3",
-    "GDAL_HTTP_RETRY_DELAY": "0.2",
-    "GDAL_HTTP_CONNECTTIMEOUT": str(_CONNECT_S),
-    "GDAL_HTTP_TIMEOUT": str(_SILENCE_S),
-}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,7 +59,7 @@ class BucketShelf:
         import obstore  # noqa: PLC0415 - only where a store is given by URL
 
         try:
-            with self._explaining():
+            with explaining(self.url):
                 return bytes(obstore.get(self.store, name).bytes())
         except FileNotFoundError:
             return None
@@ -80,7 +69,7 @@ class BucketShelf:
         import obstore  # noqa: PLC0415
 
         try:
-            with self._explaining():
+            with explaining(self.url):
                 return obstore.head(self.store, name)["size"]
         except FileNotFoundError:
             return None
@@ -91,14 +80,14 @@ class BucketShelf:
 
         if start >= end:
             return
-        with self._explaining():
+        with explaining(self.url):
             found = obstore.get(self.store, name, options={"range": (start, end)})
             for chunk in found.stream(min_chunk_size=1 << 20):
                 yield bytes(chunk)
 
     def take(self, file: Path, name: str, *, once: bool) -> None:
         """Send a file; what was sent is the copy on this machine too, if it is to stay as it is."""
-        with self._explaining(sending=True):
+        with explaining(self.url, sending=True):
             is_ours = self._send(file, name, once=once)
         if once and is_ours:
             self.cache.adopt(file, name)
@@ -107,7 +96,7 @@ class BucketShelf:
         """All names below a folder."""
         import obstore  # noqa: PLC0415
 
-        with self._explaining():
+        with explaining(self.url):
             for batch in obstore.list(self.store, prefix=folder):
                 yield from (found["path"] for found in batch)
 
@@ -115,7 +104,7 @@ class BucketShelf:
         """Have the object no longer, nor a copy of it here."""
         import obstore  # noqa: PLC0415
 
-        with self._explaining(), contextlib.suppress(FileNotFoundError):
+        with explaining(self.url), contextlib.suppress(FileNotFoundError):
             obstore.delete(self.store, name)
         self.cache.forget(name)
 
@@ -128,7 +117,7 @@ class BucketShelf:
         """
         import obstore  # noqa: PLC0415
 
-        with self._explaining():
+        with explaining(self.url):
             next(iter(obstore.list(self.store, chunk_size=1)), None)
 
     def _send(self, file: Path, name: str, *, once: bool) -> bool:
@@ -145,7 +134,7 @@ class BucketShelf:
             except AlreadyExistsError:
                 return False
             except BaseError as error:
-                if not _says(error, _NO_CONDITIONS):
+                if not says(error, _NO_CONDITIONS):
                     raise
             else:
                 return True
@@ -155,55 +144,20 @@ class BucketShelf:
     def _fetch(self, name: str, half: Path) -> None:
         import obstore  # noqa: PLC0415
 
-        with self._explaining(), half.open("wb") as opened:
+        with explaining(self.url), half.open("wb") as opened:
             found = obstore.get(self.store, name)
             for chunk in found.stream(min_chunk_size=1 << 20):
                 opened.write(chunk)
             if opened.tell() != found.meta["size"]:
                 raise StoreAwayError(
-                    f"{self._url}/{name} broke off after {opened.tell()} of "
+                    f"{self.url}/{name} broke off after {opened.tell()} of "
                     f"{found.meta['size']} bytes"
                 )
 
     @property
-    def _url(self) -> str:
+    def url(self) -> str:
+        """Where the objects are."""
         return f"s3://{self.bucket}/{self.prefix}".rstrip("/")
-
-    @contextlib.contextmanager
-    def _explaining(self, *, sending: bool = False) -> Iterator[None]:
-        """Say what the object store's errors mean, and what to do about them.
-
-        Raises:
-            FileNotFoundError: there is no such object.
-            StoreAwayError: nobody answers, which may pass.
-            ProductError: there is no such bucket, or the keys do not open it.
-        """
-        from obstore.exceptions import (  # noqa: PLC0415
-            BaseError,
-            PermissionDeniedError,
-            UnauthenticatedError,
-        )
-
-        try:
-            yield
-        except (BaseError, FileNotFoundError) as error:
-            if _says(error, ("NoSuchBucket",)) or (sending and _is_missing(error)):
-                raise ProductError(
-                    f"there is no bucket {self.bucket} at {_endpoint()}; make it, or set "
-                    "SOLMAP_STORE_URL and AWS_ENDPOINT_URL right"
-                ) from error
-            if _is_missing(error):
-                raise
-            refused = isinstance(error, PermissionDeniedError | UnauthenticatedError)
-            if refused or _says(error, _REFUSALS):
-                raise ProductError(
-                    f"{_endpoint()} does not open {self._url} with these keys: {_first(error)}; "
-                    "set AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY and AWS_REGION right"
-                ) from error
-            raise StoreAwayError(
-                f"the object store {self._url} at {_endpoint()} does not answer: {_first(error)}; "
-                "is it running, and is AWS_ENDPOINT_URL right?"
-            ) from error
 
 
 def bucket_shelf(elsewhere: Elsewhere, root: Path) -> BucketShelf:
@@ -212,71 +166,11 @@ def bucket_shelf(elsewhere: Elsewhere, root: Path) -> BucketShelf:
     Raises:
         ProductError: the URL is of another kind, or what reads it is not installed.
     """
-    return _shelf(elsewhere, root, os.getpid(), _endpoint())
+    return _shelf(elsewhere, root, os.getpid(), endpoint())
 
 
 @lru_cache(maxsize=16)
-def _shelf(elsewhere: Elsewhere, root: Path, _process: int, endpoint: str) -> BucketShelf:
-    url, parts = elsewhere.url, urlsplit(elsewhere.url)
-    prefix = parts.path.strip("/")
-    if parts.scheme != "s3" or not parts.netloc or parts.query or parts.fragment:
-        raise ProductError(f"products cannot lie at {url!r}; {_URLS}")
-    try:
-        from obstore.store import S3Store  # noqa: PLC0415
-    except ModuleNotFoundError as error:
-        raise ProductError(
-            f"products at {url} are read with obstore, which is not installed; "
-            "install solmap with its extra `cluster`"
-        ) from error
-    _tell_gdal(endpoint, parts.netloc)
-    store = S3Store(
-        parts.netloc,
-        prefix=prefix or None,
-        client_options={
-            "allow_http": endpoint.startswith("http://"),
-            "connect_timeout": timedelta(seconds=_CONNECT_S),
-            "read_timeout": timedelta(seconds=_SILENCE_S),
-            "timeout": timedelta(seconds=_REQUEST_S),
-        },
-        retry_config={"max_retries": _RETRIES, "retry_timeout": timedelta(seconds=_RETRY_S)},
-    )
+def _shelf(elsewhere: Elsewhere, root: Path, _process: int, _endpoint: str) -> BucketShelf:
+    bucket, prefix = bucket_and_prefix(elsewhere.url)
     cache = ReadCache(root / _CACHE, round(elsewhere.cache_gb * (1 << 30)))
-    return BucketShelf(parts.netloc, prefix, store, cache)
-
-
-def _endpoint() -> str:
-    """Where the object store is."""
-    names = ("AWS_ENDPOINT_URL_S3", "AWS_ENDPOINT_URL", "AWS_ENDPOINT")
-    given = (os.environ.get(name) for name in names)
-    return next((url for url in given if url), "https://s3.amazonaws.com")
-
-
-def _tell_gdal(endpoint: str, bucket: str) -> None:
-    """Give GDAL the same endpoint in its own words; it reads the variables of keys by itself.
-
-    What it could not open it would remember as absent, long after the store answers again.
-    """
-    os.environ["CPL_VSIL_CURL_NON_CACHED"] = f"/vsis3/{bucket}"
-    for name, value in _GDAL.items():
-        os.environ.setdefault(name, value)
-    if os.environ.get("AWS_DEFAULT_REGION"):
-        os.environ.setdefault("AWS_REGION", os.environ["AWS_DEFAULT_REGION"])
-    if endpoint == "https://s3.amazonaws.com":
-        return
-    parts = urlsplit(endpoint)
-    os.environ["AWS_S3_ENDPOINT"] = parts.netloc + parts.path.rstrip("/")
-    os.environ["AWS_HTTPS"] = "NO" if parts.scheme == "http" else "YES"
-    os.environ["AWS_VIRTUAL_HOSTING"] = "FALSE"
-
-
-def _is_missing(error: Exception) -> bool:
-    return isinstance(error, FileNotFoundError)
-
-
-def _says(error: Exception, words: tuple[str, ...]) -> bool:
-    return any(word in str(error) for word in words)
-
-
-def _first(error: Exception) -> str:
-    """What happened, without the client's own record of it."""
-    return " ".join(str(error).partition("Debug source")[0].split())
+    return BucketShelf(bucket, prefix, client_of(bucket, prefix), cache)
