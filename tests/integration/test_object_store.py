@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import pickle
+import resource
 import signal
 import subprocess
 import sys
@@ -38,6 +39,7 @@ from tests.support.object_store import (
     running_object_store,
     wire_to,
 )
+from tests.support.small_downlink import write_coarse_pipeline, write_small_downlink
 
 LARGE = 40 << 20
 """Bytes of a product that is sent in parts."""
@@ -350,7 +352,7 @@ def test_the_server_says_that_the_store_is_away_and_goes_on_when_it_is_back(worl
     layers = worlds.here.catalogue.layers("MER2")
     asked = [address for address in questions(layers) if address.startswith(("/tiles", "/down"))]
     wire.cut()
-    for address in (asked[0], next(x for x in asked if x.startswith("/tiles"))):
+    for address in (*asked[:2], next(x for x in asked if x.startswith("/tiles"))):
         answer = client.get(address)
         assert answer.status_code == 503, (address, answer.text)
         assert "does not answer" in answer.json()["detail"]["what"]
@@ -393,3 +395,43 @@ def test_documents_are_replaced_whole(url, tmp_path):
     for number in range(2):
         store.write_document("stac/catalog.json", json.dumps({"number": number}))
     assert json.loads(store.document("stac/catalog.json") or "") == {"number": 1}
+
+
+def run(command: list[str], **variables: str) -> float:
+    """Processor seconds of a command of solmap and of all it started."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    program = [str(Path(sys.executable).with_name("solmap")), *command]
+    ended = subprocess.run(
+        program, env={**os.environ, **variables}, capture_output=True, text=True, check=False
+    )
+    assert ended.returncode == 0, ended.stdout + ended.stderr
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
+@pytest.mark.slow
+def test_a_whole_run_makes_the_same_products_by_configuration_alone(url, tmp_path):
+    downlink, pipeline = tmp_path / "downlink", tmp_path / "coarse.toml"
+    write_small_downlink(downlink, pairs=2)
+    write_coarse_pipeline(pipeline)
+    here, there = tmp_path / "here", tmp_path / "there"
+
+    def take(store: Path, **variables: str) -> float:
+        command = ["run", str(downlink), "--store", str(store), "--pipeline", str(pipeline)]
+        return run(command, **variables)
+
+    took = [take(here), take(there, SOLMAP_STORE_URL=url)]
+    one, other = Workspace.open(here), Workspace.open(there, elsewhere=Elsewhere(url))
+    refs = list(one.store.refs())
+    assert len(refs) > 20
+    assert list(other.store.refs()) == refs
+    forget_copies(there)
+    for ref in refs:
+        assert other.store.path(ref).read_bytes() == one.store.path(ref).read_bytes(), ref
+    layers = [layer.ref for layer in one.catalogue.layers()]
+    assert [layer.ref for layer in other.catalogue.layers()] == layers
+    assert files_below(there / "products") == []
+    took.append(take(there, SOLMAP_STORE_URL=url))
+    assert list(other.store.refs()) == refs
+    here_s, there_s, again_s = (f"{seconds:.1f} s" for seconds in took)
+    sys.stdout.write(f"{len(refs)} products: {here_s} here, {there_s} there, {again_s} again\n")
