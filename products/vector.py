@@ -202,34 +202,87 @@ def read_features(path: Path) -> FeatureCollection:
         ProductNotFoundError: there is no such file.
         ProductError: it is no feature collection of a landing site.
     """
+    placed = read_placed(path)
+    features = []
+    for number, item in enumerate(placed.items):
+        points, *holes = placed.rings_of(number)
+        known = item.get("properties") or {}
+        features.append(Feature(item["geometry"]["type"], points, known, item.get("id"), holes))
+    return FeatureCollection(placed.landing, tuple(features), placed.tags)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlacedFeatures:
+    """The features of a file as it has them, and where they are on the local map.
+
+    To look at each of a hundred thousand takes seconds; here they are rows of one table.
+    """
+
+    landing: LandingPoint
+    items: Sequence[Mapping[str, Any]]
+    """GeoJSON, in degrees."""
+    tags: Mapping[str, Any]
+    metres: np.ndarray
+    """(n, 2): east and north of all points of all rings."""
+    heights: Sequence[np.ndarray]
+    """Of every ring: what its points have beside their place, (m, 0) or (m, 1)."""
+    first_row: np.ndarray
+    """Of every ring, in `metres`; behind the last, their number."""
+    first_ring: np.ndarray
+    """Of every item; behind the last, their number."""
+
+    def rings_of(self, number: int) -> list[np.ndarray]:
+        """Rings of an item as the file has them: (east, north) or (east, north, up), metres."""
+        rings = range(self.first_ring[number], self.first_ring[number + 1])
+        return [
+            np.hstack([self.metres[self.first_row[k] : self.first_row[k + 1]], self.heights[k]])
+            for k in rings
+        ]
+
+    def boxes(self) -> np.ndarray:
+        """West, south, east and north of every item: (items, 4)."""
+        if not len(self.items):
+            return np.empty((0, 4))
+        begin = self.first_row[self.first_ring[:-1]]
+        least = np.minimum.reduceat(self.metres, begin)
+        return np.hstack([least, np.maximum.reduceat(self.metres, begin)])
+
+
+def read_placed(path: Path) -> PlacedFeatures:
+    """Read what `write_features` wrote without making a `Feature` of each.
+
+    Raises:
+        ProductNotFoundError: there is no such file.
+        ProductError: it is no feature collection of a landing site.
+    """
     try:
         document = json.loads(path.read_text(encoding="utf-8"))
         landing = LandingPoint(**document["solmap"]["landing"])
-        features = _in_metres(document["features"], landing)
+        tags = document["solmap"].get("tags", {})
+        return _placed(document["features"], landing, tags)
     except FileNotFoundError as error:
         raise ProductNotFoundError(f"{path.name} is not there") from error
     except (ValueError, KeyError, TypeError, IndexError) as error:
         raise ProductError(
             f"{path.name} is no feature collection of a landing site: {error!r}; make it again"
         ) from error
-    return FeatureCollection(landing, features, document["solmap"].get("tags", {}))
 
 
-def _in_metres(items: Sequence[Mapping[str, Any]], landing: LandingPoint) -> tuple[Feature, ...]:
+def _placed(
+    items: Sequence[Mapping[str, Any]], landing: LandingPoint, tags: Mapping[str, Any]
+) -> PlacedFeatures:
     nested = [_rings_of(item["geometry"]) for item in items]
     rings = [ring for of_item in nested for ring in of_item]
     plane = _carried([ring[:, :2] for ring in rings], partial(east_north, landing))
-    metres = np.round(plane, _DECIMALS_M) + 0.0  # no -0.0
-    placed = iter(
-        np.hstack([here, ring[:, 2:]])
-        for ring, here in zip(rings, _split_like(rings, metres), strict=True)
+    return PlacedFeatures(
+        landing=landing,
+        items=items,
+        tags=tags,
+        metres=np.round(plane, _DECIMALS_M) + 0.0,  # no -0.0
+        heights=[ring[:, 2:] for ring in rings],
+        first_row=np.cumsum([0, *map(len, rings)]),
+        first_ring=np.cumsum([0, *map(len, nested)]),
     )
-    features = []
-    for item, of_item in zip(items, nested, strict=True):
-        points, *holes = (next(placed) for _ in of_item)
-        known = item.get("properties") or {}
-        features.append(Feature(item["geometry"]["type"], points, known, item.get("id"), holes))
-    return tuple(features)
 
 
 def _rings_of(geometry: Mapping[str, Any]) -> list[np.ndarray]:

@@ -1,17 +1,14 @@
-"""Features of a layer as the map asks for them: in local metres, in a box, or at a place."""
+"""Features of a layer at a place of the map."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
-import numpy as np
 import shapely
 
-from products.vector import Feature, FeatureCollection, local_geojson, read_features
+from products.vector import Feature, FeatureCollection, read_features
 
 _SHAPES = {"Point": shapely.Point, "LineString": shapely.LineString}
 
@@ -23,11 +20,6 @@ class FeatureIndex:
     collection: FeatureCollection
     shapes: list[shapely.Geometry]
     tree: shapely.STRtree
-
-    def within(self, bounds: tuple[float, float, float, float]) -> FeatureCollection:
-        """The features whose box meets (west, south, east, north), in the file's order."""
-        found = np.sort(self.tree.query(shapely.box(*bounds)))
-        return self._some(int(i) for i in found)
 
     def holding(self, east: float, north: float) -> list[Feature]:
         """The polygons that hold a place, smallest first."""
@@ -44,10 +36,6 @@ class FeatureIndex:
         with_distance.sort(key=lambda pair: pair[1])
         return [(self.collection.features[i], metres) for i, metres in with_distance]
 
-    def _some(self, indices: Iterable[int]) -> FeatureCollection:
-        features = tuple(self.collection.features[i] for i in indices)
-        return FeatureCollection(self.collection.landing, features, self.collection.tags)
-
 
 @lru_cache(maxsize=64)
 def index_of(path: Path) -> FeatureIndex:
@@ -62,9 +50,3 @@ def _shape(feature: Feature) -> shapely.Geometry:
     if feature.geometry == "Polygon":
         return shapely.Polygon(plane, [hole[:, :2] for hole in feature.holes])
     return _SHAPES[feature.geometry](plane[0] if feature.geometry == "Point" else plane)
-
-
-def features_in(path: Path, bounds: tuple[float, float, float, float] | None) -> dict[str, Any]:
-    """GeoJSON in local metres of the features that meet `bounds`, or of all."""
-    index = index_of(path)
-    return local_geojson(index.collection if bounds is None else index.within(bounds))

@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
+from http import HTTPStatus
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Annotated, Any
 
-from fastapi import APIRouter, Request, Response
+from fastapi import APIRouter, HTTPException, Query, Request, Response
 from fastapi.responses import FileResponse, JSONResponse
 
-from gis_server.rendering.features import features_in
 from gis_server.routes.files import product_response
 from gis_server.routes.parameters import FOREVER, Bounds, LayerPath
 from gis_server.services import ServicesOf
 from products.errors import ProductNotFoundError
+from products.feature_texts import FeatureTexts, texts_of
 from products.geopackage import write_geopackage
-from products.model import SUFFIX
+from products.model import SUFFIX, Layer
 from products.vector import read_features
 
 router = APIRouter(tags=["layers"])
+_MOST_AT_ONCE = 20_000
+"""Features: some 30 MB."""
+AskedNames = Annotated[tuple[str, ...], Query(max_length=200)]
 MEDIA_TYPES = {
     ".tif": "image/tiff; application=geotiff; profile=cloud-optimized",
     ".geojson": "application/geo+json",
@@ -28,15 +32,42 @@ MEDIA_TYPES = {
 
 
 @router.get("/api/layers/{scope}/{kind}/{digest}/features.geojson", response_class=JSONResponse)
-def features(layer: LayerPath, services: ServicesOf, bounds: Bounds) -> Response:
+def features(
+    layer: LayerPath, services: ServicesOf, bounds: Bounds, ids: AskedNames = ()
+) -> Response:
     """The features of a layer as GeoJSON in metres of the local map: east, north and up if known.
 
-    The download has them in degrees of Mars.
+    All of them, those that meet a box, or those of some identifiers. Of layers with more than
+    20,000 a box or identifiers must be given; pages of all has `/ogc/{mission}/collections`. The
+    download has them in degrees of Mars.
     """
     if layer.type != "vector":
         raise ProductNotFoundError(f"{layer.id} is a raster: it has tiles and no features")
-    body = features_in(services.store.path(layer.ref), bounds)
-    return JSONResponse(body, headers=FOREVER, media_type="application/geo+json")
+    texts = texts_of(services.store.path(layer.ref))
+    if ids:
+        numbers = texts.named(ids)
+    elif bounds is not None:
+        numbers = texts.within(bounds)
+    else:
+        numbers = range(_all_of(layer, texts))
+    body = texts.collection(numbers)
+    return Response(body, headers=FOREVER, media_type="application/geo+json")
+
+
+def _all_of(layer: Layer, texts: FeatureTexts) -> int:
+    """How many features there are.
+
+    Raises:
+        HTTPException: more than are sent at once.
+    """
+    count = len(texts.texts)
+    if count > _MOST_AT_ONCE:
+        raise HTTPException(
+            HTTPStatus.REQUEST_ENTITY_TOO_LARGE,
+            f"{layer.id} has {count} features, more than the {_MOST_AT_ONCE} that are sent at "
+            f"once: give a bbox or ids, or ask /ogc/{layer.mission}/collections for pages of them",
+        )
+    return count
 
 
 @router.get("/api/layers/{scope}/{kind}/{digest}/provenance")

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Annotated
 
-from fastapi import APIRouter, Query, Response
+from fastapi import APIRouter, Path, Query, Response
+from fastapi.responses import HTMLResponse
+from pydantic import TypeAdapter
 
+from gis_server.kept_answers import AskerOf, KeptAnswer
 from gis_server.rendering.identify import identify
 from gis_server.routes.bodies import (
     Image,
@@ -20,8 +24,13 @@ from gis_server.routes.bodies import (
 from gis_server.routes.parameters import AGAIN, LAST_SOL, Metres, MissionName
 from gis_server.services import Services, ServicesOf
 from products.model import Layer
+from products.sol_report_page import sol_report
+from products.workspace import Workspace
 
 router = APIRouter(prefix="/api/missions", tags=["missions"])
+_IMAGES = TypeAdapter(list[Image])
+_KEPT = 16
+"""Lists of images; one of 10,000 is 4 MB."""
 
 
 @router.get("")
@@ -39,18 +48,36 @@ def layers(mission: MissionName, services: ServicesOf, response: Response) -> li
     return [layer_body(layer) for layer in map_layers(mission, services)]
 
 
-@router.get("/{mission}/images")
+@router.get("/{mission}/images", response_model=list[Image])
 def images(
     mission: MissionName,
     services: ServicesOf,
-    response: Response,
+    asker: AskerOf,
     sol: Annotated[int | None, Query(ge=0, le=LAST_SOL)] = None,
     stop: Annotated[str | None, Query(max_length=128)] = None,
-) -> list[Image]:
+) -> Response:
     """The images of a mission, sol or stop, with partner or why there is none."""
-    response.headers.update(AGAIN)
     services.catalogue.mission(mission)
-    return [image_body(entry) for entry in services.catalogue.images(mission, stop, sol)]
+    version = services.catalogue.images_version(mission)
+    return asker.answer(_images(services, mission, stop, sol, version))
+
+
+@lru_cache(maxsize=_KEPT)
+def _images(
+    services: Services, mission: str, stop: str | None, sol: int | None, _version: str
+) -> KeptAnswer:
+    """Of 10,000 images it takes a second to write."""
+    found = [image_body(entry) for entry in services.catalogue.images(mission, stop, sol)]
+    return KeptAnswer.of(_IMAGES.dump_json(found))
+
+
+@router.get("/{mission}/sols/{sol}/report", response_class=HTMLResponse)
+def sol_page(
+    mission: MissionName, sol: Annotated[int, Path(ge=0, le=LAST_SOL)], services: ServicesOf
+) -> HTMLResponse:
+    """All that is known of a sol, on one page: images, matches, adjustment, layers, times."""
+    workspace = Workspace(services.store, services.catalogue)
+    return HTMLResponse(sol_report(mission, sol, workspace), headers=AGAIN)
 
 
 @router.get("/{mission}/identify")

@@ -1,4 +1,6 @@
 import json
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import geopandas
 import numpy as np
@@ -9,8 +11,9 @@ from pyproj import CRS
 
 from products.crs import IAU_RADIUS_M, MARS, LandingPoint, local_crs, lon_lat
 from products.errors import ProductError, ProductNotFoundError
+from products.feature_texts import texts_of
 from products.geopackage import write_geopackage
-from products.vector import Feature, FeatureCollection, local_geojson, read_features, write_features
+from products.vector import Feature, FeatureCollection, read_features, write_features
 
 GUSEV = LandingPoint("floor of Gusev", 175.4729, -14.5692, 3_393_000.0, "a test")
 ON_IAU = LandingPoint("Columbia Memorial Station", 175.4729, -14.5692, IAU_RADIUS_M, "a test")
@@ -77,11 +80,29 @@ def test_a_ring_is_closed_in_the_file_and_open_in_the_record(tmp_path):
         max_size=9,
     )
 )
-def test_local_geojson_holds_the_points_to_a_tenth_of_a_millimetre(points):
+def test_texts_in_local_metres_hold_the_points_to_a_tenth_of_a_millimetre(points):
     line = Feature("LineString", np.array(points))
-    document = local_geojson(FeatureCollection(GUSEV, (line,)))
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "f.geojson"
+        write_features(path, [line], GUSEV)
+        document = json.loads(texts_of(path).collection())
     coordinates = np.array(document["features"][0]["geometry"]["coordinates"])
-    np.testing.assert_allclose(coordinates, points, atol=0.51e-4)
+    np.testing.assert_allclose(coordinates, points, atol=1.1e-4)  # in degrees and back
+
+
+def test_texts_are_those_of_a_box_or_of_names(tmp_path):
+    far = Feature("Point", np.array([[500.0, 0.0]]), {"n": 1}, "far")
+    near = [Feature("Point", np.array([[k, 0.0]]), {"n": k}, f"near-{k}") for k in range(3)]
+    write_features(tmp_path / "f.geojson", [far, *near], GUSEV)
+    texts = texts_of(tmp_path / "f.geojson")
+    assert texts.within((-1.0, -1.0, 1.5, 1.0)) == [1, 2]
+    assert texts.named(["far", "nothing", "near-2"]) == [0, 3]
+    some = json.loads(texts.collection([3, 0]))["features"]
+    assert [(one["id"], one["properties"]) for one in some] == [
+        ("near-2", {"n": 2}),
+        ("far", {"n": 1}),
+    ]
+    assert len(json.loads(texts.collection())["features"]) == 4
 
 
 def test_no_feature_is_a_collection_too(tmp_path):
@@ -141,7 +162,8 @@ def test_holes_of_polygons_are_kept(tmp_path):
     (hole,) = read.features[0].holes
     np.testing.assert_allclose(hole, SQUARE[:-1] / 5 + 2.0, atol=1.1e-4)
     assert [len(feature.holes) for feature in read.features[1:]] == [0, 0, 0]
-    drawn = local_geojson(read)["features"][0]["geometry"]["coordinates"]
+    drawn = json.loads(texts_of(tmp_path / "f.geojson").collection())["features"]
+    drawn = drawn[0]["geometry"]["coordinates"]
     assert [ring[0] == ring[-1] for ring in drawn] == [True, True]
 
 

@@ -1,0 +1,80 @@
+"""Features of a layer as text, each written once: a moving map asks for them again and again.
+
+A mission has layers of ten thousand footprints and a hundred thousand tie points. Their file is
+read once, its coordinates are carried into the local map all together, and of each feature only the
+box is kept beside what the file says; a feature becomes text when it is first asked for.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from photogrammetry.terrain.grid import Bounds
+from products.crs import local_proj4
+from products.vector import PlacedFeatures, read_placed
+
+_LAYERS = 64
+"""Kept at a time; one of 10,000 footprints takes some 60 MB."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FeatureTexts:
+    """The features of a product, in the order of its file."""
+
+    placed: PlacedFeatures
+    boxes: np.ndarray
+    """(n, 4): west, south, east, north of each, metres."""
+    numbers: Mapping[str, int]
+    """Where the feature of an identifier is."""
+    texts: list[bytes | None] = field(repr=False)
+
+    def within(self, bounds: Bounds) -> Sequence[int]:
+        """The features whose box meets a box."""
+        west, south, east, north = bounds
+        w, s, e, n = self.boxes.T
+        meets = (w <= east) & (e >= west) & (s <= north) & (n >= south)
+        numbers: list[int] = np.flatnonzero(meets).tolist()
+        return numbers
+
+    def named(self, names: Iterable[str]) -> Sequence[int]:
+        """The features of some identifiers; those that are not there are left out."""
+        return [self.numbers[name] for name in names if name in self.numbers]
+
+    def collection(self, numbers: Iterable[int] | None = None) -> bytes:
+        """GeoJSON in local metres of some features, or of all."""
+        if numbers is None:
+            numbers = range(len(self.texts))
+        crs = json.dumps(local_proj4(self.placed.landing))
+        head = f'{{"type":"FeatureCollection","solmap:crs":{crs},"features":['
+        return head.encode() + b",".join(self._text(number) for number in numbers) + b"]}"
+
+    def _text(self, number: int) -> bytes:
+        text = self.texts[number]
+        if text is None:
+            item = _in_metres(self.placed.items[number], self.placed.rings_of(number))
+            text = json.dumps(item, separators=(",", ":"), ensure_ascii=False).encode()
+            self.texts[number] = text
+        return text
+
+
+def _in_metres(item: Mapping[str, Any], rings: Sequence[np.ndarray]) -> dict[str, Any]:
+    form = item["geometry"]["type"]
+    nested: list[Any] = [ring.tolist() for ring in rings]
+    if form != "Polygon":
+        nested = nested[0][0] if form == "Point" else nested[0]
+    return {**item, "geometry": {"type": form, "coordinates": nested}}
+
+
+@lru_cache(maxsize=_LAYERS)
+def texts_of(path: Path) -> FeatureTexts:
+    """The features of a file. Products never change, so they are read once."""
+    placed = read_placed(path)
+    numbers = {str(item["id"]): number for number, item in enumerate(placed.items) if "id" in item}
+    return FeatureTexts(placed, placed.boxes(), numbers, [None] * len(placed.items))
