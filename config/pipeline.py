@@ -37,6 +37,7 @@ from photogrammetry.terrain.levels import TilesetParams
 from photogrammetry.terrain.model3d import ModelParams
 from photogrammetry.terrain.orthophoto import OrthophotoParams
 from photogrammetry.terrain.panorama import PanoramaParams
+from photogrammetry.terrain.point_cloud import PointCloudParams
 from photogrammetry.terrain.region import RegionParams
 from photogrammetry.terrain.surface import HillshadeParams, SlopeParams
 from photogrammetry.terrain.view_model import ViewModelParams
@@ -65,11 +66,14 @@ class Models:
     """The terrain model with its orthophoto: one glTF, and 3D Tiles."""
     of_views: bool = True
     """What the pairs see, with their own images: rocks and outcrops from all sides that were."""
+    of_points: bool = True
+    """The dense stereo points as they are: one PLY, and 3D Tiles."""
     dips_of_facets: bool = False
     """Strike and dip of planar facets. Off: it is asked of few stops (`solmap dips`)."""
     terrain: ModelParams = field(default_factory=ModelParams)
     tiles: TilesetParams = field(default_factory=TilesetParams)
     views: ViewModelParams = field(default_factory=ViewModelParams)
+    points: PointCloudParams = field(default_factory=PointCloudParams)
     facets: FacetParams = field(default_factory=FacetParams)
 
 

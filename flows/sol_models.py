@@ -7,7 +7,7 @@ from typing import Any
 
 from prefect.futures import PrefectFuture
 
-from flows.outcomes import by_first, settled
+from flows.outcomes import layers_by_first, settled
 from flows.sol_inputs import SolInputs, SolReport
 from flows.sol_maps import oriented_pairs
 from photogrammetry.errors import TerrainError
@@ -17,6 +17,7 @@ from tasks.model3d import model_terrain, tile_terrain
 from tasks.orientations import read_orientations
 from tasks.outcrop import map_dips, model_views
 from tasks.pairs import PairProducts
+from tasks.points import make_points
 
 
 def model_stops(
@@ -42,9 +43,11 @@ def model_stops(
             futures[stop, "model of what pairs see"] = model_views.submit(
                 stop, pairs, wanted.views, landing, store
             )
+        if wanted.of_points:
+            futures[stop, "points"] = make_points.submit(stop, pairs, wanted.points, landing, store)
         if wanted.dips_of_facets:
             futures[stop, "dips"] = map_dips.submit(stop, pairs, wanted.facets, landing, store)
     done, failed = settled(f"sol {report.sol}: model the stops", futures)
     causes = {f"{kind} of {stop}": cause for (stop, kind), cause in failed.items()}
     report.tell("model", causes, "no", TerrainError)
-    return by_first(done)
+    return layers_by_first(done)

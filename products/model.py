@@ -53,6 +53,8 @@ class ProductKind(StrEnum):
     VIEW_MODEL = "view-model"
     TILESET = "tileset"
     DIPS = "dips"
+    POINTS = "points"
+    POINT_TILES = "point-tiles"
     PANORAMA = "panorama"
     PANORAMA_GROUND = "panorama-ground"
     FAR_DTM = "far-dtm"
@@ -123,6 +125,8 @@ SUFFIX = {
     ProductKind.VIEW_MODEL: ".glb",
     ProductKind.TILESET: ".3tz",
     ProductKind.DIPS: ".geojson",
+    ProductKind.POINTS: ".ply",
+    ProductKind.POINT_TILES: ".3tz",
     ProductKind.PANORAMA: ".tif",
     ProductKind.PANORAMA_GROUND: ".tif",
     ProductKind.FAR_DTM: ".tif",

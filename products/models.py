@@ -9,6 +9,7 @@ from typing import Any
 from products.crs import LandingPoint, local_crs, local_proj4
 from products.gltf import box_of_glb
 from products.model import Recipe
+from products.ply import read_ply
 from products.tiles3d import box_of, read_tileset
 
 
@@ -36,6 +37,10 @@ def extent_of_model(
     """(west, south, east, north) and least and largest elevation of a model, metres."""
     if path.suffix == ".3tz":
         low, high = box_of(read_tileset(path)["root"]["boundingVolume"]["box"])
+    elif path.suffix == ".ply":
+        rows = read_ply(path)
+        low = tuple(float(rows[name].min()) for name in "xyz")
+        high = tuple(float(rows[name].max()) for name in "xyz")
     else:
         low, high = (tuple(corner.tolist()) for corner in box_of_glb(path.read_bytes()))
     return (low[0], low[1], high[0], high[1]), (low[2], high[2])

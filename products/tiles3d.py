@@ -23,7 +23,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 
@@ -55,6 +55,8 @@ class TilesetWriter:
 
     path: Path
     notes: Mapping[str, Any]
+    refine: Literal["REPLACE", "ADD"] = "REPLACE"
+    """Whether finer tiles take the place of a coarser one, or add to it as points do."""
     _archive: zipfile.ZipFile = field(init=False)
     _tiles: dict[TilePlace, _Tile] = field(init=False, default_factory=dict)
 
@@ -76,7 +78,7 @@ class TilesetWriter:
         """Write the tree and the index, unless something went wrong."""
         with self._archive:
             if kind is None:
-                document = _document(self._tiles, self.notes)
+                document = _document(self._tiles, self.notes, self.refine)
                 self._put(TILESET, _json(document), zipfile.ZIP_DEFLATED)
                 self._put(_INDEX, _index_of(self._archive.infolist()))
 
@@ -100,10 +102,12 @@ def _index_of(members: Iterable[zipfile.ZipInfo]) -> bytes:
     return b"".join(digest + struct.pack("<Q", offset) for digest, offset in hashed)
 
 
-def _document(tiles: Mapping[TilePlace, _Tile], notes: Mapping[str, Any]) -> dict[str, Any]:
+def _document(
+    tiles: Mapping[TilePlace, _Tile], notes: Mapping[str, Any], refine: str
+) -> dict[str, Any]:
     if not tiles:
         raise ProductError("a tileset without a tile is nothing to look at; leave it out")
-    nodes = {place: _node(tile, place.level) for place, tile in tiles.items()}
+    nodes = {place: _node(tile, place.level, refine) for place, tile in tiles.items()}
     root = max(nodes)
     for place, node in sorted(nodes.items()):
         if place != root:
@@ -121,11 +125,11 @@ def _shown_by(place: TilePlace, nodes: Mapping[TilePlace, Any]) -> TilePlace:
     return above if above in nodes else max(nodes)
 
 
-def _node(tile: _Tile, level: int) -> dict[str, Any]:
+def _node(tile: _Tile, level: int, refine: str) -> dict[str, Any]:
     return {
         "boundingVolume": {"box": _volume(tile.box)},
         "geometricError": tile.error_m if level else 0.0,
-        "refine": "REPLACE",
+        "refine": refine,
         "content": {"uri": tile.uri},
     }
 

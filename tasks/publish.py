@@ -39,6 +39,8 @@ TITLES = {
     ProductKind.VIEW_MODEL: "Model of what pairs see",
     ProductKind.TILESET: "Terrain as 3D tiles",
     ProductKind.DIPS: "Strike and dip",
+    ProductKind.POINTS: "Point cloud",
+    ProductKind.POINT_TILES: "Point cloud as 3D tiles",
     ProductKind.PANORAMA: "Panorama",
     ProductKind.FAR_DTM: "Far elevation",
     ProductKind.FAR_HILLSHADE: "Far hillshade",
@@ -91,7 +93,13 @@ RASTERS = {
 }
 
 
-MODELS = {ProductKind.MODEL, ProductKind.VIEW_MODEL, ProductKind.TILESET}
+MODELS = {
+    ProductKind.MODEL,
+    ProductKind.VIEW_MODEL,
+    ProductKind.TILESET,
+    ProductKind.POINTS,
+    ProductKind.POINT_TILES,
+}
 
 
 @stage(task_run_name="publish")

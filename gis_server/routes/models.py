@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Path, Response
 from pydantic import BaseModel
@@ -15,6 +15,7 @@ from products.model import Layer, ProductKind
 from products.tiles3d import TILESET, external_tileset, read_member, read_tileset, tileset_document
 
 router = APIRouter(tags=["models"])
+TILESETS = (ProductKind.TILESET, ProductKind.POINT_TILES)
 _MEMBER_TYPES = {"json": "application/json", "glb": "model/gltf-binary"}
 
 
@@ -63,15 +64,16 @@ def region(mission: MissionName, services: ServicesOf, response: Response) -> di
     return tileset_document(parts, {"crs": local_crs(landing).to_wkt()})
 
 
-@router.get("/models/{scope}/tileset/{digest}/{member:path}", response_class=Response)
+@router.get("/models/{scope}/{kind}/{digest}/{member:path}", response_class=Response)
 def member(
     scope: ScopeName,
+    kind: Literal["tileset", "point-tiles"],
     digest: Digest,
     member: Annotated[str, Path(pattern=r"^(tileset\.json|\d{1,2}/\d{1,6}-\d{1,6}\.glb)$")],
     services: ServicesOf,
 ) -> Response:
     """One file of a tileset."""
-    layer = services.layer(scope, ProductKind.TILESET, digest)
+    layer = services.layer(scope, ProductKind(kind), digest)
     body = read_member(services.store.path(layer.ref), member)
     media_type = _MEMBER_TYPES[member.rpartition(".")[2]]
     return Response(body, media_type=media_type, headers=FOREVER)
@@ -84,7 +86,7 @@ def _tileset_of(layer: Layer) -> str:
 def _body(layer: Layer) -> Model:
     ref = layer.ref
     place = f"{ref.scope.name}/{ref.kind}/{ref.digest}"
-    is_tileset = ref.kind is ProductKind.TILESET
+    is_tileset = ref.kind in TILESETS
     return Model(
         id=layer.id,
         scope=ref.scope.name,

@@ -19,6 +19,7 @@ from products.model import Layer, ProductKind, ProductRef, Recipe, Scope, ScopeL
 from products.network import latest_network
 from products.vector import read_features
 from tasks.vectors import draw_vectors
+from tests.support.panorama_store import publish_panoramas
 from tests.unit.gis_server.stereo.stereo_store import LANDING, StereoStore, build_stereo_store
 
 OLDER_STEP_NED_M = (0.30, -0.40, 0.05)
@@ -37,6 +38,7 @@ def fill(root: Path) -> StereoStore:
     made = draw_vectors.fn("MER2", latest, entries, FootprintParams(), LANDING, workspace)
     layers = [_layer(ref, stereo) for ref in made]
     workspace.catalogue.publish(images=entries, layers=layers, pointers=[older, latest])
+    publish_panoramas(workspace)
     return StereoStore(stereo.world, workspace)
 
 

@@ -56,8 +56,8 @@ export class PanoramaView {
     this.element = h(
       "div",
       { class: "panorama", "data-settled": "false" },
-      h("div", { class: "panorama-bar" }, select, whole, this.facts, this.said),
-      this.host,
+      h("div", { class: "panorama-bar" }, select, whole, this.facts),
+      h("div", { class: "panorama-room" }, this.host, this.said),
     );
     view.map.addLayer(this.layer);
     this.stopListening = [

@@ -1,0 +1,85 @@
+"""Points as glTF 2.0: the content of tiles of a point cloud, as 3D Tiles 1.1 has it.
+
+Axes and origin are those of our other models (see `gltf`): x east, y up, z south. A point has a
+position in 16 bits of its tile (KHR_mesh_quantization), a colour and, as `_SIGMA`, its standard
+deviation in metres. Equal input gives equal bytes.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+from typing import Any
+
+import numpy as np
+
+from photogrammetry.terrain.point_cloud import PointCloud
+from products.glb import MAGIC, VERSION
+
+_FLOAT, _UBYTE, _USHORT, _POINTS, _ARRAY = 5126, 5121, 5123, 0, 34962
+_JSON, _BIN = 0x4E4F534A, 0x004E4942
+_STEPS = 65535
+
+
+def write_points(cloud: PointCloud) -> bytes:
+    """The bytes of a glTF binary with these points."""
+    east, north, up = cloud.points.T
+    places = np.column_stack([east, up, -north])
+    low = places.min(axis=0)
+    step = max(float((places - low).max()), 1e-6) / _STEPS
+    steps = np.rint((places - low) / step).astype("<u2")
+    positions = np.zeros((len(steps), 4), "<u2")
+    positions[:, :3] = steps
+    colours = np.full((len(steps), 4), 255, np.uint8)
+    colours[:, :3] = cloud.grey[:, None]
+    parts = [positions.tobytes(), colours.tobytes(), cloud.sigma_m.astype("<f4").tobytes()]
+    count = len(steps)
+    accessors: list[dict[str, Any]] = [
+        {
+            "componentType": _USHORT,
+            "type": "VEC3",
+            "min": steps.min(axis=0).tolist(),
+            "max": steps.max(axis=0).tolist(),
+        },
+        {"componentType": _UBYTE, "type": "VEC4", "normalized": True},
+        {"componentType": _FLOAT, "type": "SCALAR"},
+    ]
+    strides, offset, views = (8, 4, 4), 0, []
+    for stride, part in zip(strides, parts, strict=True):
+        views.append(
+            {
+                "buffer": 0,
+                "byteOffset": offset,
+                "byteLength": len(part),
+                "byteStride": stride,
+                "target": _ARRAY,
+            }
+        )
+        offset += len(part)
+    attributes = {"POSITION": 0, "COLOR_0": 1, "_SIGMA": 2}
+    document = {
+        "asset": {"version": "2.0", "generator": "solmap"},
+        "extensionsUsed": ["KHR_mesh_quantization", "KHR_materials_unlit"],
+        "extensionsRequired": ["KHR_mesh_quantization"],
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0, "translation": low.tolist(), "scale": [step] * 3}],
+        "meshes": [{"primitives": [{"attributes": attributes, "mode": _POINTS, "material": 0}]}],
+        "materials": [{"extensions": {"KHR_materials_unlit": {}}}],
+        "accessors": [
+            {"bufferView": number, "count": count, **facts}
+            for number, facts in enumerate(accessors)
+        ],
+        "bufferViews": views,
+        "buffers": [{"byteLength": offset}],
+    }
+    return _binary(document, b"".join(parts))
+
+
+def _binary(document: dict[str, Any], data: bytes) -> bytes:
+    text = json.dumps(document, separators=(",", ":")).encode()
+    text += b" " * (-len(text) % 4)
+    total = 12 + 8 + len(text) + 8 + len(data)
+    head = struct.pack("<3I", MAGIC, VERSION, total)
+    chunks = struct.pack("<2I", len(text), _JSON), struct.pack("<2I", len(data), _BIN)
+    return b"".join([head, chunks[0], text, chunks[1], data])

@@ -1,0 +1,69 @@
+"""Point clouds on disk: PLY and tiles of points, read back."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from photogrammetry.terrain.levels import TilePlace
+from photogrammetry.terrain.point_cloud import PointCloud
+from products.errors import ProductError
+from products.gltf import read_glb
+from products.ply import read_ply, write_ply
+from products.points_glb import write_points
+from products.tiles3d import TilesetWriter, read_tileset
+
+
+@pytest.fixture
+def cloud():
+    rng = np.random.default_rng(3)
+    points = rng.uniform((100.0, -250.0, 3.0), (112.0, -240.0, 5.0), (5000, 3))
+    grey = rng.integers(0, 256, 5000, dtype=np.uint8)
+    return PointCloud(points, grey, rng.uniform(0, 0.05, 5000).astype(np.float32), 0.02)
+
+
+def test_a_ply_file_holds_every_point_as_it_is(tmp_path, cloud):
+    path = tmp_path / "cloud.ply"
+    write_ply(path, cloud, {"crs": 'ENGCRS["local\nmap"]', "inputs": ["a", "b"]})
+    rows = read_ply(path)
+    np.testing.assert_array_equal(np.column_stack([rows[k] for k in "xyz"]), cloud.points)
+    for name in ("red", "green", "blue"):
+        np.testing.assert_array_equal(rows[name], cloud.grey)
+    np.testing.assert_array_equal(rows["sigma"], cloud.sigma_m)
+    head = path.read_bytes()[:400]
+    assert head.startswith(b"ply\nformat binary_little_endian 1.0\n")
+    assert b'comment crs: ENGCRS["local map"]\ncomment inputs: a b\nelement vertex 5000\n' in head
+
+
+def test_a_file_that_was_cut_says_so(tmp_path, cloud):
+    path = tmp_path / "cloud.ply"
+    write_ply(path, cloud, {})
+    path.write_bytes(path.read_bytes()[:-1])
+    with pytest.raises(ProductError, match="does not hold its 5000 points"):
+        read_ply(path)
+    path.write_bytes(b"ply of another kind")
+    with pytest.raises(ProductError, match="no point cloud of ours"):
+        read_ply(path)
+
+
+def test_points_of_a_tile_lie_where_they_are_to_a_sixteenth_of_a_millimetre(cloud):
+    document, data = read_glb(write_points(cloud))
+    view = document["bufferViews"][0]
+    stored = np.frombuffer(data, "<u2", 5000 * 4, view["byteOffset"]).reshape(-1, 4)[:, :3]
+    node = document["nodes"][0]
+    x, y, z = (stored * node["scale"] + node["translation"]).T
+    np.testing.assert_allclose(np.column_stack([x, -z, y]), cloud.points, atol=0.0001)
+    assert document["meshes"][0]["primitives"][0]["mode"] == 0
+    sigma = np.frombuffer(data, "<f4", 5000, document["bufferViews"][2]["byteOffset"])
+    np.testing.assert_array_equal(sigma, cloud.sigma_m)
+
+
+def test_tiles_of_points_add_to_each_other(tmp_path, cloud):
+    path = tmp_path / "cloud.3tz"
+    half = np.arange(len(cloud)) < 2500
+    with TilesetWriter(path, {}, refine="ADD") as writer:
+        for level, part in ((1, cloud.part(half)), (0, cloud.part(~half))):
+            writer.add(TilePlace(level, 0, 0), write_points(part), part.points, 0.2)
+    root = read_tileset(path)["root"]
+    assert root["refine"] == "ADD"
+    assert root["children"][0]["refine"] == "ADD"
