@@ -156,6 +156,7 @@ class CrashTest:
                 self.tally.killed["server"] += 1
                 server = self.server(store, port)
             before = self._look_through(store, before)
+            say(self.tally)
         self._look_through(store, before)
         self.tally.found += expected.differences(Contents.of(store))
         self.tally.stores += 1
@@ -294,15 +295,16 @@ def main() -> None:
     parser.add_argument("--folder", type=Path, default=None)
     arguments = parser.parse_args()
     folder = arguments.folder or Path(tempfile.mkdtemp(prefix="crashes-"))
-    with prepared(folder.resolve(), arguments.seed) as test:
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # says what was found until then
+    with prepared(folder.resolve(), arguments.seed) as test, contextlib.suppress(KeyboardInterrupt):
         expected = test.undisturbed()
-        number = 0
-        while test.tally.kills < arguments.kills - arguments.commands:
-            test.disturb_one_store(number, arguments.kills - arguments.commands, expected)
-            number += 1
-            say(test.tally)
         if arguments.commands:
             kill_commands(test, arguments.commands, expected)
+        number = 0
+        while test.tally.kills < arguments.kills:
+            test.disturb_one_store(number, arguments.kills, expected)
+            number += 1
+            say(test.tally)
     print(json.dumps(test.tally.row(), indent=1))  # noqa: T201
     print("\n".join(test.tally.found))  # noqa: T201
     sys.exit(1 if test.tally.found else 0)

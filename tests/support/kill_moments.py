@@ -43,9 +43,10 @@ class Moment:
 
     @classmethod
     def draw(cls, rng: np.random.Generator, longest_s: float) -> Moment:
-        """A random moment of a run that takes up to `longest_s`; half of them near publishing."""
+        """A random moment of a run that takes up to `longest_s`: half of them early, half any."""
         step = Step(rng.choice(list(Step), p=[0.25, 0.1, 0.3, 0.35]))
-        after = int(rng.geometric({Step.WRITE: 0.08}.get(step, 0.15)))
+        early, most = (0.08, 150) if step is Step.WRITE else (0.15, 60)
+        after = int(rng.geometric(early) if rng.random() < 0.5 else rng.integers(1, most))
         delays = {Step.TIME: longest_s, Step.DRAFT: 0.3, Step.RENAME: 0.002, Step.WRITE: 0.02}
         return cls(step, after, float(rng.uniform(0.0, delays[step])))
 
