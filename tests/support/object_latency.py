@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from products.catalogue import Catalogue
-from products.model import Layer, ProductKind
+from products.model import Layer, ProductKind, Recipe, Scope, ScopeLevel
 from products.shelves import Elsewhere
 from products.store import ProductStore
 from products.tiling import TileAddress, zoom_of
@@ -87,6 +87,24 @@ def measure(root: Path, paths: Sequence[str], objects: ObjectStore) -> Iterator[
         yield {"turn": "download", **_download(server, paths[0])}
 
 
+def making(store: ProductStore, count: int = 200) -> dict[str, object]:
+    """What it costs to keep a product of 100 kB, and to find that one is there."""
+    scope, body = Scope(ScopeLevel.IMAGE, "trial"), b"x" * 100_000
+    recipes = [Recipe(ProductKind.BROWSE, scope, params=(n,)) for n in range(count)]
+    figures: dict[str, object] = {"turn": "make"}
+    for name in ("make", "find"):
+        spent, started = time.process_time(), time.perf_counter()
+        for recipe in recipes:
+            store.make(recipe, lambda path: _keep(path, body))
+        figures[f"ms to {name}"] = round(1e3 * (time.perf_counter() - started) / count, 2)
+        figures[f"cpu ms to {name}"] = round(1e3 * (time.process_time() - spent) / count, 2)
+    return figures
+
+
+def _keep(path: Path, body: bytes) -> None:
+    path.write_bytes(body)
+
+
 def _download(server: Server, tile: str) -> dict[str, object]:
     """A whole raster."""
     _, _, scope, kind, digest, *_ = tile.split("/")
@@ -120,8 +138,15 @@ def main() -> None:
             environment(**environment_of(objects.address)),
         ):
             there = copied(here, folder, layers, objects.bucket("maps"))
-            for place, root in (("folder", here), ("object store", there)):
-                for row in measure(root, paths, objects):
+            trials = (
+                ProductStore.open(folder / "trial"),
+                ProductStore.open(folder / "trial there", Elsewhere(objects.bucket("trial"))),
+            )
+            for place, root, trial in zip(
+                ("folder", "object store"), (here, there), trials, strict=True
+            ):
+                rows = [*measure(root, paths, objects), making(trial)]
+                for row in rows:
                     print(json.dumps({"from": place, **row}))  # noqa: T201
 
 
