@@ -16,6 +16,7 @@ from config.settings import Settings
 from config.workspace import open_workspace
 from flows.artifacts import leave_report
 from flows.failures import isolated, mended
+from flows.finished import FinishedSols
 from flows.mission_layers import draw_mission
 from flows.overall import overall_sols, process_overall
 from flows.progress import report as report_progress
@@ -135,14 +136,21 @@ def _process_mission(
     if load_pipeline(pipeline).adjustment_mode is AdjustmentMode.OVERALL:
         overall |= set(sols[-1:])
     standing: Standing | None = None
+    finished, walks = FinishedSols.of(mission, workspace, pipeline), False
     for sol in sols:
         for flow_of_sol in (process_sol, process_overall) if sol in overall else (process_sol,):
-            subject = _scope_of(flow_of_sol, mission, sol).name
+            scope, key = _scope_of(flow_of_sol, mission, sol), finished.key(sol, standing)
             told = f"{mission} sol {sol}: {{}}"
-            with isolated(subject, workspace, report.failures, told):
-                done = on_workers(flow_of_sol)(
-                    mission, sol, workspace.store.root, pipeline, standing
-                )
+            with isolated(scope.name, workspace, report.failures, told):
+                done = None if walks else finished.report(scope, sol, key)
+                if done is None:
+                    if not walks:
+                        finished.forget(scope)
+                    walks = True  # later sols publish maps of the same stops after this one
+                    done = on_workers(flow_of_sol)(
+                        mission, sol, workspace.store.root, pipeline, standing
+                    )
+                    finished.note(scope, key, done)
                 report.sols.append(done)
                 report.failures += [f"{mission} sol {sol}: {line}" for line in done.failures]
                 standing = done.standing or standing

@@ -96,6 +96,7 @@ def _publish(
         inputs.workspace,
     )
     report.layers = len(published)
+    report.published = tuple(layer.ref for layer in published)
 
 
 def _outcome(inputs: SolInputs, report: SolReport) -> Outcome:

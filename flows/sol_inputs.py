@@ -44,6 +44,7 @@ class SolReport:
     layers: int = 0
     notes: list[str] = field(default_factory=list)
     failures: list[str] = field(default_factory=list)
+    published: tuple[ProductRef, ...] = ()
 
     def blame(self, what: str, failed: Mapping[Any, str]) -> None:
         """Take down failures that carry a cause."""

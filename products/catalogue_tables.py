@@ -65,6 +65,14 @@ INGESTED = sa.Table(
 )
 """How often images of a mission were taken in, anew or for the first time."""
 
+FINISHED = sa.Table(
+    "finished",
+    TABLES,
+    sa.Column("scope", Text, primary_key=True),
+    sa.Column("key", Text, nullable=False),
+    sa.Column("document", sa.JSON, nullable=False),
+)
+
 
 def keys_of(ref: ProductRef) -> dict[str, str]:
     """The columns of what is the latest of a scope and kind."""

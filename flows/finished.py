@@ -1,0 +1,123 @@
+"""Which sols of a mission a run may pass over, because nothing that they are made from changed.
+
+A sol depends on the images up to it, on the vector files, hand ties and control of the mission, on
+the settings, and on the adjustment before it. A late image changes the key of its sol and, by the
+adjustments, of those after it; what these need in turn is looked up or made anew as ever.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from importlib.metadata import version
+
+from config.landing import landing_site
+from config.pipeline import load_pipeline
+from config.settings import Settings
+from flows.sol_inputs import SolReport, Standing
+from photogrammetry.errors import PhotogrammetryError
+from products.finished import FinishedBook
+from products.model import SCIENCE_VERSION, ProductKind, ProductRef, Scope, ScopeLevel
+from products.workspace import Workspace
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FinishedSols:
+    """The finished sols of a mission, for what is in the store and settings now."""
+
+    mission: str
+    workspace: Workspace
+    book: FinishedBook
+    common: str
+    """Digest of what all sols depend on."""
+    images: dict[int, str]
+    """Digest of the images up to a sol, by sol."""
+
+    @classmethod
+    def of(cls, mission: str, workspace: Workspace, pipeline: str) -> FinishedSols:
+        """Look at everything that sols are made from, but for the adjustments."""
+        book = FinishedBook(workspace.catalogue.engine)
+        common = _digest(*_common(mission, workspace, pipeline))
+        return cls(mission, workspace, book, common, _images(mission, workspace))
+
+    def key(self, sol: int, before: Standing | None) -> str:
+        """What a sol is made from, where `before` is the adjustment that it starts from."""
+        return _digest(self.common, self.images[sol], repr(before))
+
+    def report(self, scope: Scope, sol: int, key: str) -> SolReport | None:
+        """How the sol went when it was made from the same; None where it must be processed."""
+        found = self.book.known(scope.name, key)
+        if found is None:
+            return None
+        network, orientations = (_ref(text) for text in found["standing"])
+        layers = [_ref(text) for text in found["layers"]]
+        store = self.workspace.store
+        asked = [network, orientations, *(layers if store.elsewhere is None else ())]
+        if not all(map(store.has, asked)):  # of an object store each would be a request
+            return None
+        report = SolReport(self.mission, sol, Standing(network, orientations), len(layers))
+        report.notes, report.failures = list(found["notes"]), list(found["failures"])
+        return report
+
+    def forget(self, first: Scope) -> None:
+        """Forget this sol and those after it, for they are processed now.
+
+        Each publishes again the stops that it has in common with the one before it, so none may be
+        passed over where this run is killed in between.
+        """
+        self.book.forget(first.name, f"{self.mission.lower()}-sol")
+
+    def note(self, scope: Scope, key: str, report: SolReport) -> None:
+        """Note that the sol is finished, unless anything of it failed that may not fail again."""
+        if report.standing is None or not all(map(_will_fail_again, report.failures)):
+            return
+        standing = report.standing.network, report.standing.orientations
+        document = {
+            "standing": [_text(ref) for ref in standing],
+            "layers": [_text(ref) for ref in report.published],
+            "notes": report.notes,
+            "failures": report.failures,
+        }
+        self.book.note(scope.name, key, document)
+
+
+def _common(mission: str, workspace: Workspace, pipeline: str) -> Iterator[str]:
+    yield f"{SCIENCE_VERSION} {version('solmap')} {tuple(ProductKind)}"
+    yield repr(load_pipeline(pipeline))
+    yield repr(landing_site(mission, Settings().landing_sites))
+    for kind in (ProductKind.VECTORS, ProductKind.HAND_TIES, ProductKind.CONTROL):
+        yield repr(workspace.catalogue.pointers(kind))
+
+
+def _images(mission: str, workspace: Workspace) -> dict[int, str]:
+    entries = sorted(workspace.catalogue.images(mission), key=lambda entry: (entry.sol, entry.id))
+    so_far, digests = hashlib.sha256(), {}
+    for entry in entries:
+        so_far.update(repr(entry).encode())
+        digests[entry.sol] = so_far.hexdigest()
+    return digests
+
+
+def _will_fail_again(failure: str) -> bool:
+    """Whether the images are at fault, and not a disk, a network or a program."""
+    return any(f": {name}: " in failure for name in _names_of(PhotogrammetryError))
+
+
+def _names_of(error: type[Exception]) -> Iterator[str]:
+    yield error.__name__
+    for narrower in error.__subclasses__():
+        yield from _names_of(narrower)
+
+
+def _digest(*parts: str) -> str:
+    return hashlib.sha256("\n".join(parts).encode()).hexdigest()
+
+
+def _text(ref: ProductRef) -> str:
+    return f"{ref.kind}/{ref.scope.level}/{ref.scope.name}/{ref.digest}"
+
+
+def _ref(text: str) -> ProductRef:
+    kind, level, name, digest = text.split("/")
+    return ProductRef(ProductKind(kind), Scope(ScopeLevel(level), name), digest)
