@@ -319,9 +319,10 @@ def test_a_maker_killed_while_it_sends_leaves_nothing_half(url, tmp_path):
 
 @pytest.mark.slow
 def test_makers_killed_often_leave_nothing_half(url, tmp_path):
-    whole, killed = kill_makers(url, tmp_path, 40)
-    assert whole == 160
-    assert killed > 20
+    whole, killed = kill_makers(url, tmp_path, 20)
+    assert whole == 80
+    assert killed > 10
+    sys.stdout.write(f"{killed} makers killed, {whole} products whole\n")
 
 
 def test_a_way_cut_while_a_large_product_is_sent_shows_nothing_of_it(url, wire, tmp_path):
