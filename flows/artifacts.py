@@ -44,6 +44,9 @@ def leave_adjustments(sols: Sequence[SolReport], workspace: Workspace) -> None:
     for mission in dict.fromkeys(sol.mission for sol in sols):
         name = mission.lower()
         _leave_picture(mission, workspace)
+        latest = max(sol.sol for sol in sols if sol.mission == mission)
+        page = f"{address}/api/missions/{mission}/sols/{latest}/report"
+        create_link_artifact(page, f"All of sol {latest}", key=f"sol-{name}")
         last = [row["report"] for row in rows if row["mission"] == mission][-1:]
         for page in last:
             create_link_artifact(page, "Quality of the last adjustment", key=f"report-{name}")

@@ -22,6 +22,7 @@ from flows.engine_server import start_engine
 from flows.options import JsonOption, StoreOption, store_of
 from flows.orbital_commands import app as orbital
 from flows.prune_commands import prune
+from flows.solid_commands import stl
 from flows.token_commands import app as token
 from flows.traverse_commands import app as traverse
 from flows.up_commands import up
@@ -38,6 +39,7 @@ app.add_typer(control, name="control")
 app.add_typer(dip, name="dip")
 app.add_typer(token, name="token")
 app.command()(up)
+app.command()(stl)
 app.command()(prune)
 
 
@@ -169,25 +171,52 @@ def products(store: StoreOption = None, *, as_json: JsonOption = False) -> None:
 
 
 @app.command()
-def status(store: StoreOption = None, *, as_json: JsonOption = False) -> None:
+def status(
+    store: StoreOption = None,
+    *,
+    timings: Annotated[
+        bool, typer.Option("--timings", help="What the latest products took, by kind.")
+    ] = False,
+    as_json: JsonOption = False,
+) -> None:
     """How the last processing of every file and sol ended."""
     from flows.listing import outcome_rows  # noqa: PLC0415
 
+    if timings:
+        from flows.report import timing_rows  # noqa: PLC0415
+
+        columns = ["kind", "count", "seconds", "cpu_s", "peak_rss_mb"]
+        show_rows(timing_rows(workspace_of(store_of(store))), columns, as_json)
+        return
     rows = outcome_rows(workspace_of(store_of(store)))
     show_rows(rows, ["subject", "ended", "notes"], as_json)
 
 
 @app.command()
-def report(
+def report(  # noqa: PLR0913 - the words of the command
+    mission_of_sol: Annotated[
+        str | None, typer.Argument(metavar="MISSION", help="with a sol: the report of that sol")
+    ] = None,
+    sol: Annotated[int | None, typer.Argument(min=0)] = None,
     store: StoreOption = None,
+    out: Annotated[Path | None, typer.Option(help="File of the sol's report.")] = None,
     mission: Annotated[str | None, typer.Option(help="MER2 (Spirit), MER1 ...; or all")] = None,
     *,
     as_json: JsonOption = False,
     show: Annotated[bool, typer.Option("--open", help="Open the last one in the browser.")] = False,
 ) -> None:
-    """How good every adjustment is: the page and the figures of its quality report."""
-    from flows.report import report_rows  # noqa: PLC0415
+    """A sol as one page (`report MER2 156`), or how good every adjustment is, in rows."""
+    from flows.report import report_rows, write_sol_report  # noqa: PLC0415
 
+    if mission_of_sol is not None:
+        if sol is None:
+            fail(f"name the sol too: `solmap report {mission_of_sol} 156 --out FILE`")
+        target = out or Path(f"{mission_of_sol.lower()}-sol{sol:04d}.html")
+        write_sol_report(mission_of_sol, sol, workspace_of(store_of(store)), target)
+        typer.echo(str(target))
+        if show:
+            typer.launch(str(target.resolve()))
+        return
     rows = report_rows(workspace_of(store_of(store)), mission)
     show_rows(rows, ["adjustment", "made_at", "page"], as_json)
     if show and rows:

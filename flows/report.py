@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
+from config.settings import Settings
 from products.model import ProductKind, ProductRef
+from products.sol_report import timings
+from products.sol_report_page import sol_report
 from products.workspace import Workspace
 from tasks.scopes import is_of_mission
 
@@ -22,6 +27,20 @@ def report_rows(workspace: Workspace, mission: str | None = None) -> list[dict[s
         for page in workspace.catalogue.pointers(ProductKind.REPORT)
         if mission is None or is_of_mission(page.scope, mission)
     ]
+
+
+def write_sol_report(mission: str, sol: int, workspace: Workspace, path: Path) -> None:
+    """Write all that is known of a sol as one page; links lead to the map's server.
+
+    Raises:
+        ProductNotFoundError: the store has no image of that sol.
+    """
+    path.write_text(sol_report(mission, sol, workspace, Settings().map_url), encoding="utf-8")
+
+
+def timing_rows(workspace: Workspace) -> list[dict[str, Any]]:
+    """What all products of the store took, one row a kind, the longest first."""
+    return [asdict(row) for row in timings(list(workspace.store.refs()), workspace)]
 
 
 def _path(ref: ProductRef | None, workspace: Workspace) -> str | None:

@@ -47,6 +47,7 @@ from gis_server.routes import (
 from gis_server.routes.shortcut import TileShortcut
 from gis_server.services import open_services
 from gis_server.small_bodies import SmallBodies
+from products.logs import keep_logs
 from products.shelves import Elsewhere
 
 _HEADERS = {
@@ -196,6 +197,7 @@ def create_app(
 def create_app_from_settings() -> FastAPI:
     """The server of the store that the environment names (`SOLMAP_STORE`)."""
     settings = Settings()
+    keep_logs(settings.store, "server")
     return create_app(
         settings.store,
         catalogue_url=settings.catalogue_url,

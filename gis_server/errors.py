@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Awaitable, Callable, Mapping
 from http import HTTPStatus
 
@@ -22,6 +23,7 @@ from products.errors import (
     StoreFullError,
 )
 
+log = logging.getLogger(__name__)
 STATUS: dict[type[Exception], HTTPStatus] = {
     ProductNotFoundError: HTTPStatus.NOT_FOUND,
     OutsideCoverageError: HTTPStatus.NOT_FOUND,
@@ -98,10 +100,11 @@ async def _name_methods(request: Request, _error: Exception) -> JSONResponse:
     return JSONResponse(body, status_code=status, headers={"Allow": ", ".join(methods)})
 
 
-async def _fail(request: Request, _error: Exception) -> JSONResponse:
+async def _fail(request: Request, error: Exception) -> JSONResponse:
     """What nobody thought of: the log has it whole, and who asks learns no inside of the server."""
     status = HTTPStatus.INTERNAL_SERVER_ERROR
     what = "the server failed; its log says how"
+    log.error("%s %s failed", request.method, request.url.path, exc_info=error)
     detail = {"what": what, "where": request.url.path, "what to try": "tell who runs the server"}
     body = {"code": status.phrase, "description": what, "detail": detail}
     return JSONResponse(body, status_code=status, headers={"Cache-Control": "no-store"})

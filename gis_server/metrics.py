@@ -8,6 +8,7 @@ process has figures of its own; those of several are told apart by the scraper's
 from __future__ import annotations
 
 import contextlib
+import logging
 import time
 from collections import Counter as Tally
 from collections.abc import Iterable, Iterator
@@ -28,6 +29,9 @@ from products.runs import Run, RunState
 FAST_S = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
 _SHORTCUT = {"png": "/tiles/{scope}/{kind}/{digest}/{z}/{x}/{y}.png"}
 _SHORTCUT["values"] = _SHORTCUT["png"].replace(".png", ".values")
+SLOW_S, FAILED = 1.0, 500
+"""Requests that took longer, that failed or that wrote are logged one by one; tiles are not."""
+log = logging.getLogger(__name__)
 NO_ROUTE = "other"
 """The viewer's files, and addresses that there are not."""
 _METHODS = {"GET", "HEAD", "POST", "OPTIONS", "PUT", "PATCH", "DELETE"}
@@ -101,7 +105,11 @@ class Measured:
             method = scope["method"] if scope["method"] in _METHODS else NO_ROUTE
             self.metrics.requests.labels(route, method, str(status)).inc()
             if route != "/api/events":  # a stream lasts as long as the browser shows the map
-                self.metrics.seconds.labels(route).observe(time.perf_counter() - started)
+                seconds = time.perf_counter() - started
+                self.metrics.seconds.labels(route).observe(seconds)
+                if seconds > SLOW_S or method == "POST" or status >= FAILED:
+                    facts = {"route": route, "status": status, "seconds": round(seconds, 3)}
+                    log.info("%s %s", method, scope["path"], extra=facts)
 
 
 def route_of(scope: Scope) -> str:

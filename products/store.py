@@ -18,7 +18,6 @@ import os
 import shutil
 import socket
 import tempfile
-import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -27,6 +26,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from products.disk import is_full
+from products.effort import Effort
 from products.errors import ProductError, ProductNotFoundError, StoreFullError
 from products.model import LEVEL, SUFFIX, ProductKind, ProductRef, Recipe, Scope, ScopeLevel
 from products.objects import bucket_shelf
@@ -144,12 +144,12 @@ class ProductStore:
         if self.has(ref):
             return ref
         name = _name(ref)
-        started = time.monotonic()
+        effort = Effort()
         with self._draft() as folder, self._explaining_full_disk(ref):
             draft = folder / PurePosixPath(name).name
             write(draft)
             notes = folder / PurePosixPath(_provenance_name(name)).name
-            notes.write_text(json.dumps(_provenance(recipe, draft, time.monotonic() - started)))
+            notes.write_text(json.dumps(_provenance(recipe, draft, effort)))
             # the product last: where it is, its provenance is too
             self._shelf.take(notes, _provenance_name(name), once=False)
             self._shelf.take(draft, name, once=True)
@@ -241,7 +241,7 @@ def _not_found(ref: ProductRef) -> ProductNotFoundError:
     )
 
 
-def _provenance(recipe: Recipe, draft: Path, seconds: float) -> dict[str, Any]:
+def _provenance(recipe: Recipe, draft: Path, effort: Effort) -> dict[str, Any]:
     digest = hashlib.sha256()
     with draft.open("rb") as file:
         while chunk := file.read(_CHUNK):
@@ -249,7 +249,7 @@ def _provenance(recipe: Recipe, draft: Path, seconds: float) -> dict[str, Any]:
     return {
         "recipe": recipe.document,
         "made_at": datetime.now(UTC).isoformat(timespec="seconds"),
-        "seconds": round(seconds, 3),
+        **effort.spent(),
         "bytes": draft.stat().st_size,
         "sha256": digest.hexdigest(),
         "software": f"solmap {version('solmap')}",

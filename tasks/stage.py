@@ -6,7 +6,10 @@ What can pass (`products.passing`) is tried again after a pause that doubles; wh
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
+from functools import wraps
+from inspect import signature
 from typing import Any, ParamSpec, TypeVar
 
 import httpx
@@ -15,8 +18,10 @@ from prefect.cache_policies import NO_CACHE
 from prefect.client.schemas.objects import State, TaskRun
 from prefect.tasks import exponential_backoff
 
+from products.effort import Effort
 from products.passing import can_pass
 
+log = logging.getLogger(__name__)
 P = ParamSpec("P")
 R = TypeVar("R")
 
@@ -29,7 +34,11 @@ _JITTER = 0.3
 
 def stage(task_run_name: str) -> Callable[[Callable[P, R]], Task[P, R]]:
     """A function as a task whose runs bear a name; it may hold parameters, as in `dtm-{stop}`."""
-    return task(
+
+    def as_task(work: Callable[P, R]) -> Task[P, R]:
+        return run_as(_logged(work, task_run_name))
+
+    run_as = task(
         task_run_name=task_run_name,
         cache_policy=NO_CACHE,  # the store remembers what has been made
         retries=RETRIES,
@@ -37,6 +46,29 @@ def stage(task_run_name: str) -> Callable[[Callable[P, R]], Task[P, R]]:
         retry_jitter_factor=_JITTER,
         retry_condition_fn=may_pass,
     )
+    return as_task
+
+
+def _logged(work: Callable[P, R], name: str) -> Callable[P, R]:
+    """The same work, and a line in the log of what it took."""
+    shape = signature(work)
+
+    @wraps(work)
+    def logged(*args: P.args, **kwargs: P.kwargs) -> R:
+        effort, failed = Effort(), "failed"
+        try:
+            made = work(*args, **kwargs)
+            failed = ""
+        finally:
+            bound = shape.bind(*args, **kwargs)
+            bound.apply_defaults()
+            subject = name.format(**bound.arguments)
+            level = logging.WARNING if failed else logging.INFO
+            facts = {"stage": work.__name__, "subject": subject, **effort.spent()}
+            log.log(level, "%s %s", subject, failed or "done", extra=facts, exc_info=bool(failed))
+        return made
+
+    return logged
 
 
 def may_pass(_task: Task[Any, Any], _run: TaskRun, state: State[Any]) -> bool:

@@ -1,0 +1,99 @@
+"""Logs for programs: one JSON object a line, below `logs/` in the store.
+
+Every process of a store may append to the same file: a line is one write. A file that has grown is
+renamed to `.1` (the one before to `.2`, and so on) by whoever notices under a lock; the others see
+that the name leads elsewhere and follow. What people read on the terminal stays as it was.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import logging
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
+from datetime import UTC, datetime
+from logging.handlers import WatchedFileHandler
+from pathlib import Path
+from types import MappingProxyType
+
+PACKAGES = ("config", "flows", "gis_server", "photogrammetry", "products", "tasks")
+MOST_BYTES = 10_000_000
+KEPT = 4
+_STANDARD = frozenset(vars(logging.makeLogRecord({}))) | {"message", "asctime", "taskName"}
+_NOTHING: Mapping[str, object] = MappingProxyType({})
+_context: ContextVar[Mapping[str, object]] = ContextVar("solmap_log", default=_NOTHING)
+
+
+@contextmanager
+def noted(**facts: object) -> Iterator[None]:
+    """Have every line inside the block say what it belongs to: `run`, `sol`, `subject`."""
+    before = _context.set({**_context.get(), **facts})
+    try:
+        yield
+    finally:
+        _context.reset(before)
+
+
+class JsonLines(logging.Formatter):
+    """A record as one line of JSON: time, level, logger, message, context and extras."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        """The line."""
+        extras = {name: value for name, value in vars(record).items() if name not in _STANDARD}
+        line = {
+            "at": datetime.fromtimestamp(record.created, UTC).isoformat(timespec="milliseconds"),
+            "level": record.levelname.lower(),
+            "logger": record.name,
+            "message": record.getMessage(),
+            "process": record.process,
+            **_context.get(),
+            **extras,
+        }
+        if record.exc_info:
+            line["traceback"] = self.formatException(record.exc_info)
+        return json.dumps(line, default=str, ensure_ascii=False)
+
+
+class SharedLog(WatchedFileHandler):
+    """A file of lines that several processes append to and that is renamed when it has grown."""
+
+    def __init__(self, path: Path, most_bytes: int = MOST_BYTES, kept: int = KEPT) -> None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        super().__init__(path, encoding="utf-8", delay=True)
+        self._path, self._most, self._kept = path, most_bytes, kept
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Write a line; that it cannot be written stops nothing."""
+        super().emit(record)
+        try:
+            if self._path.stat().st_size > self._most:
+                self._turn()
+        except OSError:
+            self.handleError(record)
+
+    def _turn(self) -> None:
+        with self._path.with_suffix(".lock").open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            if self._path.stat().st_size <= self._most:
+                return  # another process was faster
+            names = [self._path, *(Path(f"{self._path}.{n}") for n in range(1, self._kept + 1))]
+            for older, newer in zip(reversed(names[1:]), reversed(names[:-1]), strict=True):
+                if newer.exists():
+                    newer.replace(older)
+
+
+def keep_logs(root: Path, program: str) -> None:
+    """Have this process write what its packages say to `logs/PROGRAM.jsonl` of a store."""
+    path = root.resolve() / "logs" / f"{program}.jsonl"
+    handler = SharedLog(path)
+    handler.setFormatter(JsonLines())
+    for name in PACKAGES:
+        logger = logging.getLogger(name)
+        for old in [one for one in logger.handlers if isinstance(one, SharedLog)]:
+            logger.removeHandler(old)
+            old.close()
+        logger.addHandler(handler)
+        if logger.level == logging.NOTSET or logger.level > logging.INFO:
+            logger.setLevel(logging.INFO)
