@@ -17,7 +17,8 @@ import { zIndex } from "./layers";
 import { PaintedTiles, styled } from "./painted-tiles";
 import { pictureTiles } from "./picture-tiles";
 import type { LocalMap } from "./projection";
-import { hasValues, type RasterStyle } from "./raster-style";
+import { recolouring } from "./picture-style";
+import { formatStyle, hasValues, type RasterStyle } from "./raster-style";
 import type { SunPlace } from "./shading";
 import type { Layer, RasterLayer, TileMatrixSet, VectorLayer } from "../server/records";
 import { type DrawingState, drawingOf } from "./styles";
@@ -64,9 +65,20 @@ function raster(layer: RasterLayer, set: TileMatrixSet, map: LocalMap): Shown {
     source: pictures,
   });
   let painted: PaintedTiles | null = null;
+  let recoloured: { key: string; source: ImageTile } | null = null;
+  /** What the server drew, in the colours of a style. */
+  const pictured = (style: RasterStyle | null): ImageTile => {
+    const recolour = recolouring(layer, style);
+    if (!style || !recolour) return pictures;
+    const key = formatStyle(style);
+    if (recoloured?.key !== key)
+      recoloured = { key, source: pictureTiles(layer.tiles, grid, map, recolour) };
+    return recoloured.source;
+  };
   const restyle = (style: RasterStyle | null, sun: SunPlace) => {
     if (!style || !hasValues(layer)) {
-      if (tiles.getSource() !== pictures) tiles.setSource(pictures);
+      const source = pictured(style);
+      if (tiles.getSource() !== source) tiles.setSource(source);
       return;
     }
     const painting = styled(layer, style, sun, set);

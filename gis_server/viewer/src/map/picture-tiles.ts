@@ -6,12 +6,21 @@
 import ImageTile from "ol/source/ImageTile";
 import type TileGrid from "ol/tilegrid/TileGrid";
 import type { LocalMap } from "./projection";
-import { tileUrl } from "./value-tiles";
+import { count, type Recolour } from "./picture-style";
+import { SIDE, tileUrl } from "./value-tiles";
 
-/** Tiles of an address with {z}, {x} and {y}. */
-export function pictureTiles(template: string, grid: TileGrid, { projection }: LocalMap) {
+/** Tiles of an address with {z}, {x} and {y}; in other colours, if any are asked for. */
+export function pictureTiles(
+  template: string,
+  grid: TileGrid,
+  { projection }: LocalMap,
+  recolour: Recolour | null = null,
+) {
   return new ImageTile({
-    loader: (z, x, y, { signal }) => picture(tileUrl(template, z, x, y), signal),
+    loader: async (z, x, y, { signal }) => {
+      const drawn = await picture(tileUrl(template, z, x, y), signal);
+      return recolour ? recoloured(drawn, recolour) : drawn;
+    },
     projection,
     tileGrid: grid,
     interpolate: true,
@@ -24,4 +33,30 @@ async function picture(url: string, signal: AbortSignal): Promise<ImageBitmap> {
   const answer = await fetch(url, { signal });
   if (!answer.ok) throw new Error(`${url} was answered with ${answer.status}`);
   return createImageBitmap(await answer.blob());
+}
+
+function canvasOf(drawn: ImageBitmap): CanvasRenderingContext2D {
+  const canvas = document.createElement("canvas");
+  canvas.width = canvas.height = SIDE;
+  const context = canvas.getContext("2d", { willReadFrequently: true });
+  if (!context) throw new Error("the browser gives no canvas to recolour a tile on");
+  context.drawImage(drawn, 0, 0);
+  return context;
+}
+
+function recoloured(drawn: ImageBitmap, recolour: Recolour): HTMLCanvasElement {
+  const context = canvasOf(drawn);
+  const pixels = context.getImageData(0, 0, SIDE, SIDE);
+  recolour(pixels.data);
+  context.putImageData(pixels, 0, 0);
+  return context.canvas;
+}
+
+/** How many pixels of some tiles have which shade. */
+export async function shadesOf(addresses: readonly string[]): Promise<number[]> {
+  const counts = Array.from({ length: 256 }, () => 0);
+  const { signal } = new AbortController();
+  for (const url of addresses)
+    count(canvasOf(await picture(url, signal)).getImageData(0, 0, SIDE, SIDE).data, counts);
+  return counts;
 }

@@ -1,8 +1,9 @@
 /**
  * How a raster's values are drawn here, in place of the picture that the server draws.
  *
- * In a link a style is `quantity:ramp:low:high:floor`, where nothing stands for the default: `slope::0:25`,
- * `tilt::::5` (only tilts of 5 degrees and more).
+ * In a link a style is `quantity:ramp:low:high:floor:gamma:hidden`, where nothing stands for the default: `slope::0:25`,
+ * `tilt::::5` (only tilts of 5 degrees and more). Of pictures low and high are shades of grey, 0 to 255; hidden are
+ * numbers of classes, in the order of the legend, with points between.
  */
 
 import type { Layer, Legend, RasterLayer } from "../server/records";
@@ -21,6 +22,10 @@ export interface RasterStyle {
   readonly high: number | null;
   /** Values below are not drawn; null: all are. */
   readonly floor: number | null;
+  /** Of pictures: above 1 dark ground is brighter; null: as it is. */
+  readonly gamma: number | null;
+  /** Of classes: those that are not drawn, by their numbers in the legend. */
+  readonly hidden: readonly number[];
 }
 
 export const PLAIN: RasterStyle = {
@@ -29,6 +34,8 @@ export const PLAIN: RasterStyle = {
   low: null,
   high: null,
   floor: null,
+  gamma: null,
+  hidden: [],
 };
 
 /** Colours and range of values, as they are drawn. */
@@ -96,7 +103,7 @@ function ownOf(layer: RasterLayer): Pick<Own, "ramp" | "range" | "unit"> {
 
 /** The legend that goes with a style; the server's own where nothing was changed. */
 export function legendFor(layer: RasterLayer, style: RasterStyle | null): Legend | null {
-  if (!style || isPlain(style)) return layer.legend;
+  if (!style || isPlain(style) || !hasValues(layer)) return layer.legend;
   return legendOfColours(colouringOf(layer, style));
 }
 
@@ -109,19 +116,27 @@ export function legendOfColours({ colours, low, high, unit }: Colouring): Legend
 const text = (value: number | null) => (value === null ? "" : String(Number(value.toPrecision(6))));
 
 /** Empty for the style that every layer has at first. */
-export function formatStyle({ quantity, ramp, low, high, floor }: RasterStyle): string {
+export function formatStyle(style: RasterStyle): string {
+  const { quantity, ramp, low, high, floor, gamma, hidden } = style;
   const parts = [quantity === "value" ? "" : quantity, ramp ?? "", text(low), text(high)];
-  return [...parts, text(floor)].join(":").replace(/:+$/, "");
+  return [...parts, text(floor), text(gamma), hidden.join(".")].join(":").replace(/:+$/, "");
 }
 
 /** Null where the text says nothing that can be drawn. */
 export function parseStyle(link: string): RasterStyle | null {
-  const [quantity = "", ramp = "", ...numbers] = link.split(":");
-  const [low = null, high = null, floor = null] = numbers.map((part) =>
-    part !== "" && Number.isFinite(Number(part)) ? Number(part) : null,
-  );
+  const [quantity = "", ramp = "", ...rest] = link.split(":");
+  const hidden = (rest[4] ?? "").split(".").filter((part) => /^\d+$/.test(part));
+  const [low = null, high = null, floor = null, gamma = null] = rest
+    .slice(0, 4)
+    .map((part) => (part !== "" && Number.isFinite(Number(part)) ? Number(part) : null));
   const known = QUANTITIES.find((name) => name === (quantity || "value"));
   if (!known) return null;
-  const style = { quantity: known, ramp: isRamp(ramp) ? ramp : null, low, high, floor };
+  const style = {
+    quantity: known,
+    ramp: isRamp(ramp) ? ramp : null,
+    ...{ low, high, floor },
+    gamma: gamma !== null && gamma > 0 ? gamma : null,
+    hidden: hidden.map(Number),
+  };
   return isPlain(style) ? null : style;
 }

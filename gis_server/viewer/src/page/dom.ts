@@ -48,10 +48,17 @@ const ICONS = {
   search: "M7 2.5a4.5 4.5 0 1 0 0 9 4.5 4.5 0 0 0 0-9zM10.5 10.5 14 14",
   swipe: "M8 1v14M5 5 2 8l3 3M11 5l3 3-3 3",
   panorama: "M1.5 4q6.5 2.5 13 0v8q-6.5-2.5-13 0zM1.5 9.5l3-2 3 2.5 3.5-3.5 3.5 3",
+  pin: "M8 14.5S3 9.5 3 6a5 5 0 0 1 10 0c0 3.5-5 8.5-5 8.5zM8 4.3a1.7 1.7 0 1 0 0 3.4 1.7 1.7 0 0 0 0-3.4z",
+  image: "M2 3h12v10H2zM2 11l3.5-4 3 3.2L11 8l3 3M11 5.2v.1",
+  way: "M3.5 13a1.5 1.5 0 1 0 0-.1M12.5 4.5a1.5 1.5 0 1 0 0-.1M5 13h4.5a2.3 2.3 0 0 0 0-4.6H6.2a2.2 2.2 0 0 1 0-4.4H11",
+  note: "M3 2h10v8l-3.5 4H3zM9.5 14v-4H13M5.5 5h5M5.5 7.5h4",
+  run: "M8 1.8a6.2 6.2 0 1 0 0 12.4A6.2 6.2 0 0 0 8 1.8zM6.6 5.4 10.8 8l-4.2 2.6z",
   tree: "M3 3h4v3H3zM9 10h4v3H9zM5 6v5.5h4",
 } as const;
 
-export function icon(name: keyof typeof ICONS): SVGSVGElement {
+export type IconName = keyof typeof ICONS;
+
+export function icon(name: IconName): SVGSVGElement {
   const svg = document.createElementNS("http://www.w3.org/2000/svg", "svg");
   svg.setAttribute("viewBox", "0 0 16 16");
   svg.setAttribute("aria-hidden", "true");

@@ -1,6 +1,20 @@
-/** Tabs that are added one by one; the first is shown. Arrow keys go from tab to tab. */
+/** A rail of tabs that are added one by one; the first is shown. Arrow keys go from tab to tab. */
 
-import { h } from "./dom";
+import { h, icon, type IconName } from "./dom";
+
+/** A picture for every tab that is known here; others have the first letter of their title. */
+const PICTURES: Readonly<Record<string, IconName>> = {
+  point: "pin",
+  images: "image",
+  stops: "way",
+  measure: "ruler",
+  network: "ties",
+  compare: "swipe",
+  sun: "sun",
+  downloads: "down",
+  notes: "note",
+  runs: "run",
+};
 
 export interface Tabs {
   readonly bar: HTMLElement;
@@ -16,8 +30,20 @@ interface Tab {
   readonly panel: HTMLElement;
 }
 
+const STEPS: Readonly<Record<string, number>> = {
+  ArrowUp: -1,
+  ArrowLeft: -1,
+  ArrowDown: 1,
+  ArrowRight: 1,
+};
+
+function pictureOf(name: string, title: string): Node {
+  const known = PICTURES[name];
+  return known ? icon(known) : h("b", { "aria-hidden": "true" }, title.charAt(0));
+}
+
 export function tabs(): Tabs {
-  const bar = h("div", { class: "tabs", role: "tablist" });
+  const bar = h("div", { class: "tabs", role: "tablist", "aria-orientation": "vertical" });
   const panels = h("div", { class: "panels" });
   const all = new Map<string, Tab>();
   const show = (name: string) => {
@@ -46,7 +72,8 @@ export function tabs(): Tabs {
         "aria-controls": panelId,
         onclick: () => show(name),
       },
-      title,
+      pictureOf(name, title),
+      h("span", {}, title),
     );
     bar.append(button);
     panels.append(panel);
@@ -55,10 +82,11 @@ export function tabs(): Tabs {
     return panel;
   };
   bar.addEventListener("keydown", ({ key }) => {
-    if (key !== "ArrowLeft" && key !== "ArrowRight") return;
+    const step = STEPS[key];
+    if (step === undefined) return;
     const names = [...all.keys()];
     const at = names.findIndex((name) => all.get(name)?.button === document.activeElement);
-    const next = names.at((at + (key === "ArrowRight" ? 1 : -1)) % names.length);
+    const next = names.at((at + step) % names.length);
     if (next === undefined) return;
     show(next);
     all.get(next)?.button.focus();

@@ -12,6 +12,8 @@ export interface LayerActions {
   readonly setStyle: (layer: RasterLayer, style: RasterStyle | null) => void;
   /** Spreads the colours over what is on the screen. */
   readonly stretch: (layer: RasterLayer) => void;
+  /** Black and white where a share of the shades on the screen lies beyond. */
+  readonly stretchPicture: (layer: RasterLayer, share: number) => void;
   readonly zoomTo: (layer: Layer) => void;
   readonly showProvenance: (layer: Layer) => void;
   readonly ellipseFactor: () => number;

@@ -1,6 +1,10 @@
 /** Which layers the map shows, how, and the lists in which that is chosen. */
 
-import type { Shown } from "../../map/map-layers";
+import { getIntersection, isEmpty } from "ol/extent";
+import { type Shown, tileGrid } from "../../map/map-layers";
+import { percentiles } from "../../map/picture-style";
+import { shadesOf } from "../../map/picture-tiles";
+import { tileUrl } from "../../map/value-tiles";
 import { PLAIN } from "../../map/raster-style";
 import { rangeInView } from "../../map/stretch";
 import { h } from "../../page/dom";
@@ -117,6 +121,7 @@ function actionsOf(context: Context, flicker: Flicker, list: () => void): LayerA
     setOpacity: (layer, opacity) => layers.change(layer, { opacity }),
     setStyle: (layer, style) => layers.change(layer, { style }),
     stretch: (layer) => waiting.run(() => stretch(context, layer)),
+    stretchPicture: (layer, share) => waiting.run(() => stretchPicture(context, layer, share)),
     zoomTo: (layer) => view.fit(layer.bounds),
     showProvenance: (layer) => waiting.run(() => showProvenance(context, layer)),
     ellipseFactor: () => drawing.ellipseFactor,
@@ -153,6 +158,28 @@ async function stretch(context: Context, layer: RasterLayer): Promise<void> {
   const range = await rangeInView(view.map, mission.tile_matrix_set, layer, style, sun.value);
   if (!range) waiting.say("no value of this layer is on the screen");
   else layers.change(layer, { style: { ...style, low: range[0], high: range[1] } });
+}
+
+/** Tiles that a stretch of a picture looks at: more would be a wait. */
+const MOST_TILES = 24;
+
+async function stretchPicture(context: Context, layer: RasterLayer, share: number): Promise<void> {
+  const { view, mission, layers, waiting } = context;
+  const grid = tileGrid(mission.tile_matrix_set, layer);
+  const seen = getIntersection(view.map.getView().calculateExtent(view.map.getSize()), [
+    ...layer.bounds,
+  ]);
+  const addresses: string[] = [];
+  if (!isEmpty(seen))
+    grid.forEachTileCoord(seen, grid.getZForResolution(view.resolution), ([z = 0, x = 0, y = 0]) =>
+      addresses.push(tileUrl(layer.tiles, z, x, y)),
+    );
+  const found = percentiles(await shadesOf(addresses.slice(0, MOST_TILES)), share);
+  if (!found) waiting.say("nothing of this picture is on the screen");
+  else {
+    const style = layers.state(layer).style ?? PLAIN;
+    layers.change(layer, { style: { ...style, low: found[0], high: found[1] } });
+  }
 }
 
 async function showProvenance({ page }: Context, layer: Layer): Promise<void> {

@@ -2,18 +2,21 @@
 
 import { kindTitle } from "../../map/layers";
 import { hasValues, legendFor } from "../../map/raster-style";
+import { classesOf, isPicture } from "../../map/picture-style";
 import { button, facts, h, icon } from "../../page/dom";
 import { compact, metres, sols, time, unitSign } from "../../page/format";
 import { colourLegend } from "../../page/legend";
 import type { Layer } from "../../server/records";
 import type { Following, LayerActions } from "./actions";
 import { symbolLegend } from "./legend";
+import { classEditor, pictureEditor } from "./picture-editor";
 import { styleEditor } from "./style-editor";
 import { versionsOf } from "./versions";
 
 function legendOf(layer: Layer, actions: LayerActions): HTMLElement | null {
   switch (layer.type) {
     case "raster": {
+      if (classesOf(layer).length > 0) return null; // the classes to choose from are the legend
       const legend = legendFor(layer, actions.stateOf(layer).style);
       return legend && colourLegend(legend);
     }
@@ -44,11 +47,18 @@ function files(layer: Layer): HTMLElement[] {
   return [link(layer.download, "GeoJSON"), link(`${layer.download}.gpkg`, "GeoPackage")];
 }
 
+function editorOf(layer: Layer, actions: LayerActions): Following | null {
+  if (layer.type !== "raster") return null;
+  if (hasValues(layer)) return styleEditor(layer, actions);
+  if (isPicture(layer)) return pictureEditor(layer, actions);
+  return classesOf(layer).length > 0 ? classEditor(layer, actions) : null;
+}
+
 function details(layer: Layer, actions: LayerActions): Following {
   const unit = unitSign(layer.unit);
   const range = layer.range && `${compact(layer.range[0])} to ${compact(layer.range[1])}${unit}`;
   const slider = opacitySlider(layer, actions);
-  const style = hasValues(layer) ? styleEditor(layer, actions) : null;
+  const style = editorOf(layer, actions);
   const legend = h("div", {}, legendOf(layer, actions));
   const element = h(
     "div",

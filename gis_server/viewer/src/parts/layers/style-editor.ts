@@ -15,7 +15,7 @@ import { h } from "../../page/dom";
 import type { RasterLayer } from "../../server/records";
 import type { Following, LayerActions } from "./actions";
 
-function choice<T extends string>(
+export function choice<T extends string>(
   name: string,
   entries: readonly (readonly [T, string])[],
   choose: (value: T) => void,
@@ -28,7 +28,7 @@ function choice<T extends string>(
   return select;
 }
 
-function number(name: string, set: (value: number | null) => void): HTMLInputElement {
+export function number(name: string, set: (value: number | null) => void): HTMLInputElement {
   const input = h("input", {
     type: "number",
     step: "any",
