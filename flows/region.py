@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Set
+
 from config.landing import landing_site
 from config.pipeline import PipelineConfig, load_pipeline
 from config.settings import Settings
 from photogrammetry.terrain.region_extent import regions_of
 from products.crs import LandingPoint
-from products.model import Layer, ProductKind, ProductRef
+from products.model import REGION, Layer, ProductKind, ProductRef, Scope
 from products.store import ProductStore
 from products.workspace import Workspace
 from tasks.contour import trace_contours
@@ -16,6 +18,7 @@ from tasks.insolation import map_insolation
 from tasks.publish import publish
 from tasks.region import fuse_region, seam_notes
 from tasks.slope import map_relief, shade_relief
+from tasks.stac import update_stac
 
 LEAST_STOPS = 2
 """A region is more than the map of one stop."""
@@ -29,6 +32,7 @@ def map_regions(mission: str, workspace: Workspace, pipeline: str) -> list[str]:
     config = load_pipeline(pipeline)
     landing = landing_site(mission, Settings().landing_sites).landing
     notes: list[str] = []
+    scopes: set[Scope] = set()
     for stops in _regions(mission, workspace, config) if config.region.enabled else ():
         refs = [layer.ref for layer in stops]
         dtm, seams = fuse_region(mission, refs, config.region.fusion, landing, workspace.store)
@@ -37,7 +41,21 @@ def map_regions(mission: str, workspace: Workspace, pipeline: str) -> list[str]:
         entry = workspace.catalogue.mission(mission)
         publish(entry, [(ref, sols) for ref in made], (), (), workspace)
         notes += seam_notes(seams, workspace.store)
+        scopes.add(dtm.scope)
+    if config.region.enabled:
+        _withdraw_others(mission, scopes, workspace)
     return notes
+
+
+def _withdraw_others(mission: str, scopes: Set[Scope], workspace: Workspace) -> None:
+    """Show no longer what was a region before stops came late: a region bears its first's name."""
+    published = workspace.catalogue.layers(mission)
+    kinds = {*REGION.values(), ProductKind.REGION_SEAMS}
+    gone = [one for one in published if one.ref.kind in kinds and one.ref.scope not in scopes]
+    if gone:
+        workspace.catalogue.withdraw(gone)
+        left = workspace.catalogue.layers(mission)
+        update_stac(workspace.catalogue.mission(mission), left[:1], workspace)
 
 
 def _regions(mission: str, workspace: Workspace, config: PipelineConfig) -> list[list[Layer]]:

@@ -221,6 +221,11 @@ class Catalogue:
             for outcome in outcomes:
                 put(connection, OUTCOMES, {"subject": outcome.subject}, document_of(outcome))
 
+    def withdraw(self, layers: Sequence[Layer]) -> None:
+        """Have the map show layers no longer, all at once; their versions are known further on."""
+        with writing(self.engine) as connection:
+            _withdraw(connection, layers)
+
     def _documents(self, query: sa.Select[Any]) -> list[dict[str, Any]]:
         with self.engine.connect() as connection:
             return [row[0] for row in connection.execute(query)]
@@ -246,4 +251,19 @@ def _put_layers(connection: sa.Connection, layers: Sequence[Layer]) -> None:
         if has_moved or is_new:
             fresh.setdefault(layer.mission, []).append(layer.id)
     for mission, ids in fresh.items():
+        append(connection, LAYERS_PUBLISHED, {"mission": mission, "layers": ids})
+
+
+def _withdraw(connection: sa.Connection, layers: Sequence[Layer]) -> None:
+    gone: dict[str, list[str]] = {}
+    for layer in layers:
+        keys = keys_of(layer.ref)
+        is_this = sa.and_(
+            LATEST.c.scope == keys["scope"],
+            LATEST.c.kind == keys["kind"],
+            LATEST.c.digest == layer.ref.digest,
+        )
+        if connection.execute(LATEST.delete().where(is_this)).rowcount:
+            gone.setdefault(layer.mission, []).append(layer.id)
+    for mission, ids in gone.items():
         append(connection, LAYERS_PUBLISHED, {"mission": mission, "layers": ids})

@@ -97,6 +97,18 @@ def test_an_event_tells_of_every_layer_that_moved_and_of_none_that_did_not(catal
     assert catalogue.events_since(events[-1].id) == []
 
 
+def test_a_layer_that_is_withdrawn_is_on_the_map_no_longer_and_an_event_says_so(catalogue):
+    catalogue.publish(layers=[a_layer("a" * 16)])
+    catalogue.withdraw([a_layer("b" * 16)])  # another version than the latest
+    assert [layer.ref.digest for layer in catalogue.layers()] == ["a" * 16]
+    before = catalogue.version()
+    catalogue.withdraw([a_layer("a" * 16)])
+    assert catalogue.layers() == []
+    assert catalogue.layer(STOP.name, ProductKind.DTM, "a" * 16) == a_layer("a" * 16)
+    told = [event.document["layers"] for event in catalogue.events_since(before)]
+    assert told == [[f"{STOP.name}/dtm"]]
+
+
 def test_a_failing_publication_publishes_nothing(catalogue):
     broken = replace(a_layer("e" * 16), unit=object())
     with pytest.raises(Exception, match="not JSON serializable"):
