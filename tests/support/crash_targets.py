@@ -51,7 +51,7 @@ def _write_to(log: Path) -> None:
 class Onlooker(threading.Thread):
     """Asks the server for layers, tiles, features and whole products until told to stop."""
 
-    def __init__(self, port: int, every_s: float = 0.1) -> None:
+    def __init__(self, port: int, every_s: float = 0.5) -> None:
         super().__init__(daemon=True)
         self.address = f"http://127.0.0.1:{port}"
         self.every_s = every_s

@@ -32,6 +32,7 @@ from pathlib import Path
 import numpy as np
 import psutil
 
+from flows.children import Child
 from flows.engine_server import _free_port, address, await_engine, engine_child
 from products.workspace import Workspace
 from tests.support.kill_moments import Moment, Watch
@@ -41,6 +42,7 @@ from tests.support.store_checks import Contents, faults
 MARK = "SOLMAP_CRASH_TEST"
 """In the environment of everything that a crash test starts."""
 LONGEST_RUN_S = 600.0
+ROOT = Path(__file__).resolve().parents[2]
 
 
 @dataclass
@@ -84,6 +86,8 @@ class CrashTest:
     known: set[int] = field(default_factory=set)
     """Processes that are to live on."""
     longest_s: float = 30.0
+    early: float = 0.5
+    """Share of the kills that come soon after a run was started: a killed run costs least then."""
 
     @property
     def downlink(self) -> Path:
@@ -93,13 +97,15 @@ class CrashTest:
     def pipeline(self) -> Path:
         return self.folder / "coarse.toml"
 
-    def flow(self, store: Path) -> BaseProcess:
-        """A process that takes the downlink into a store."""
+    def flow(self, store: Path, downlink: Path | None = None) -> BaseProcess:
+        """A process that takes the downlink, or another, into a store."""
         from tests.support.crash_targets import process  # noqa: PLC0415
 
         log = self.folder / "flow.log"
         started = self.context.Process(
-            target=process, args=(self.downlink, store, self.pipeline, log), daemon=True
+            target=process,
+            args=(downlink or self.downlink, store, self.pipeline, log),
+            daemon=True,
         )
         started.start()
         return started
@@ -141,7 +147,7 @@ class CrashTest:
         before: set[str] = set()
         while True:
             run = self.flow(store)
-            moment = Moment.draw(self.rng, self.longest_s)
+            moment = Moment.draw(self.rng, self.longest_s, self.early)
             if self.tally.kills >= kills or not self._kill_at(moment, run, store):
                 run.join(LONGEST_RUN_S)
                 if run.exitcode == 0:
@@ -264,10 +270,29 @@ def say(tally: Tally) -> None:
 def prepared(folder: Path, seed: int, *, pairs: int = 3) -> Iterator[CrashTest]:
     """A downlink, and one engine that outlives the flows."""
     os.environ[MARK] = str(os.getpid())
+    sys.path.insert(0, str(ROOT))  # for what is forked
+    os.environ["PYTHONPATH"] = str(ROOT)
     folder.mkdir(parents=True, exist_ok=True)
     if not (folder / "coarse.toml").exists():
         write_small_downlink(folder / "downlink", pairs=pairs)
         write_coarse_pipeline(folder / "coarse.toml")
+    engine = _engine(folder)
+    os.environ["PREFECT_LOGGING_LEVEL"] = "ERROR"
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(["tests.support.crash_targets"])
+    test = CrashTest(folder, np.random.default_rng(seed), context)
+    test.known |= {os.getpid(), engine.process.pid if engine and engine.process else 0}
+    try:
+        yield test
+    finally:
+        if engine:
+            engine.stop()
+
+
+def _engine(folder: Path) -> Child | None:
+    """A server of Prefect for all flows; None where the environment names one."""
+    if os.environ.get("PREFECT_API_URL"):
+        return None
     port = _free_port()
     os.environ["PREFECT_HOME"] = str(folder / "prefect")
     (folder / "prefect").mkdir(exist_ok=True)
@@ -275,15 +300,7 @@ def prepared(folder: Path, seed: int, *, pairs: int = 3) -> Iterator[CrashTest]:
     engine.start()
     await_engine(engine, port)
     os.environ["PREFECT_API_URL"] = f"{address(port)}/api"
-    os.environ["PREFECT_LOGGING_LEVEL"] = "ERROR"
-    context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["tests.support.crash_targets"])
-    test = CrashTest(folder, np.random.default_rng(seed), context)
-    test.known |= {os.getpid(), engine.process.pid if engine.process else 0}
-    try:
-        yield test
-    finally:
-        engine.stop()
+    return engine
 
 
 def main() -> None:
@@ -292,11 +309,15 @@ def main() -> None:
     parser.add_argument("--kills", type=int, default=200)
     parser.add_argument("--commands", type=int, default=0, help="of them, kills of `solmap run`")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument(
+        "--early", type=float, default=0.5, help="share of moments soon after start"
+    )
     parser.add_argument("--folder", type=Path, default=None)
     arguments = parser.parse_args()
     folder = arguments.folder or Path(tempfile.mkdtemp(prefix="crashes-"))
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # says what was found until then
     with prepared(folder.resolve(), arguments.seed) as test, contextlib.suppress(KeyboardInterrupt):
+        test.early = arguments.early
         expected = test.undisturbed()
         if arguments.commands:
             kill_commands(test, arguments.commands, expected)

@@ -42,11 +42,11 @@ class Moment:
     delay_s: float
 
     @classmethod
-    def draw(cls, rng: np.random.Generator, longest_s: float) -> Moment:
-        """A random moment of a run that takes up to `longest_s`: half of them early, half any."""
+    def draw(cls, rng: np.random.Generator, longest_s: float, early: float) -> Moment:
+        """A random moment of a run that takes up to `longest_s`: a share is early, the rest any."""
         step = Step(rng.choice(list(Step), p=[0.25, 0.1, 0.3, 0.35]))
-        early, most = (0.08, 150) if step is Step.WRITE else (0.15, 60)
-        after = int(rng.geometric(early) if rng.random() < 0.5 else rng.integers(1, most))
+        soon, most = (0.08, 150) if step is Step.WRITE else (0.15, 60)
+        after = int(rng.geometric(soon) if rng.random() < early else rng.integers(1, most))
         delays = {Step.TIME: longest_s, Step.DRAFT: 0.3, Step.RENAME: 0.002, Step.WRITE: 0.02}
         return cls(step, after, float(rng.uniform(0.0, delays[step])))
 

@@ -1,0 +1,70 @@
+"""Killed at any moment, a store holds whole products only, and a rerun makes the rest."""
+
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from products.workspace import Workspace
+from tests.support.kill_moments import Moment, Step, Watch
+from tests.support.product_keeper import keep_products
+from tests.support.store_checks import Contents, faults
+
+ROOT = Path(__file__).resolve().parents[2]
+KEEPER = [sys.executable, "-m", "tests.support.product_keeper"]
+
+
+def test_a_process_that_keeps_products_is_killed_again_and_again(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    root = tmp_path / "store"
+    Workspace.open(root)
+    for _ in range(6):
+        before = {file.name for file in (root / "products").rglob("*.tif")}
+        keeper = subprocess.Popen([*KEEPER, str(root)], cwd=ROOT)
+        with Watch(root) as watch:
+            moment = Moment(Step.RENAME, int(rng.integers(1, 40)), float(rng.uniform(0.0, 0.002)))
+            assert watch.reaches(moment, lambda one=keeper: one.poll() is None, 60.0)
+        keeper.kill()
+        assert keeper.wait() == -signal.SIGKILL
+        assert faults(root) == []
+        assert before < {file.name for file in (root / "products").rglob("*.tif")}
+    keep_products(root)
+    keep_products(tmp_path / "undisturbed")
+    expected = Contents.of(tmp_path / "undisturbed")
+    assert expected.differences(Contents.of(root)) == []
+    assert not list((root / "drafts").iterdir())
+
+
+@pytest.mark.slow
+def test_flows_and_servers_are_killed_again_and_again(tmp_path: Path) -> None:
+    from tests.support.crashes import prepared  # noqa: PLC0415 - starts an engine
+
+    with prepared(tmp_path, seed=1, pairs=2) as test:
+        test.disturb_one_store(0, 12, test.undisturbed())
+        assert test.tally.found == []
+        assert test.tally.kills >= 12
+        assert test.tally.answers["whole product"] > 0
+
+
+@pytest.mark.slow
+def test_two_downlinks_at_once_end_as_one_after_the_other(tmp_path: Path) -> None:
+    from tests.support.crashes import LONGEST_RUN_S, prepared  # noqa: PLC0415 - starts an engine
+
+    with prepared(tmp_path, seed=1, pairs=2) as test:
+        expected = test.undisturbed()
+        whole = test.downlink
+        halves = [tmp_path / "first", tmp_path / "second"]
+        for half, sol in zip(halves, ("sol0155", "sol0156"), strict=True):
+            shutil.copytree(whole / "masters", half / "masters")
+            shutil.copytree(whole / sol, half / sol)
+        runs = [test.flow(tmp_path / "store", half) for half in halves]
+        for run in runs:
+            run.join(LONGEST_RUN_S)
+        assert [run.exitcode for run in runs] == [0, 0]
+        assert faults(tmp_path / "store") == []
+        found = expected.differences(Contents.of(tmp_path / "store"))
+        assert [line for line in found if not line.startswith("doubled")] == []
