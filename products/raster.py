@@ -37,8 +37,8 @@ _IN_PLACE = {
     "GDAL_INGESTED_BYTES_AT_OPEN": "32768",
 }
 """Nothing lies beside a product that GDAL might look for, and its header is had in one request."""
-_AWAY = ("CURL error", "HTTP response code: 5", "HTTP error code: 5", "timed out", "503", "500")
-"""What GDAL says of a server that does not answer."""
+_LASTING = ("not recognized", "Access Denied", "AccessKeyId", "signature", "bucket does not exist")
+"""What GDAL says of objects that asking again does not open: broken ones, wrong keys, no bucket."""
 _LOOK = 1 << 20
 """Cells that are looked at for a summary: an overview of at most this many."""
 
@@ -149,7 +149,7 @@ def open_raster(address: Path | str) -> rasterio.DatasetReader:
             raise ProductNotFoundError(
                 f"{name} is not there; run the flow that makes it"
             ) from error
-        if isinstance(address, str) and any(word in str(error) for word in _AWAY):
+        if isinstance(address, str) and not any(word in str(error) for word in _LASTING):
             raise StoreAwayError(f"the store of {name} does not answer: {error}") from error
         raise ProductError(f"{name} cannot be read as a raster: {error}") from error
 
