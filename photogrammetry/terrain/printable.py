@@ -1,0 +1,104 @@
+"""A terrain model as a solid that can be printed: its surface, walls around it and a flat base.
+
+The surface is that of `model3d` (right triangles, no farther than a tolerance from the model).
+Every edge that only one of its triangles has is a border; below it stands a wall down to the base,
+and the base is the surface seen from below, laid flat. Each edge of the solid then belongs to
+exactly two triangles that run along it in opposite directions: it is watertight, whatever holes the
+model has, and by the divergence theorem it encloses
+
+    V = 1/6 sum a . (b x c).
+
+Where patches of ground touch in a corner only, that corner is two vertices on top of each other.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from photogrammetry.arrays import Float64, Int32, ObjectPoints
+from photogrammetry.errors import TerrainError
+from photogrammetry.terrain.model3d import TerrainDrawing
+from photogrammetry.terrain.records import Dtm
+
+Triangles = Int32[np.ndarray, "triangles 3"]
+
+
+@dataclass(frozen=True, slots=True)
+class SolidParams:
+    """How to make a terrain model a solid."""
+
+    tolerance_m: float = 0.05
+    """Largest vertical distance of the surface from the terrain model: half a millimetre of a model
+    at 1 : 100. At 0.02 m a stop's rough ground takes 1.7 million triangles, 87 MB."""
+    base_m: float = 0.5
+    """How far the base lies below the lowest ground; 0: the surface alone."""
+
+    def __post_init__(self) -> None:
+        if not (self.tolerance_m > 0 and self.base_m >= 0):
+            raise TerrainError(
+                f"a solid needs a tolerance above zero and a base not below it, not "
+                f"{self.tolerance_m} m and {self.base_m} m"
+            )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Solid:
+    """Triangles that enclose a volume, or a surface alone."""
+
+    points: ObjectPoints
+    """East, north and up, metres of the local map."""
+    triangles: Triangles
+    """Counter-clockwise from outside."""
+
+    @property
+    def corners(self) -> Float64[np.ndarray, "triangles 3 3"]:
+        """The three corners of every triangle."""
+        return self.points[self.triangles]
+
+    @property
+    def volume_m3(self) -> float:
+        """The volume inside, by the divergence theorem."""
+        a, b, c = np.moveaxis(self.corners - self.points.mean(axis=0), 1, 0)
+        return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
+
+    @property
+    def is_watertight(self) -> bool:
+        """Whether every edge is run along as often in one direction as in the other."""
+        return not len(open_edges(self.triangles))
+
+
+def solid_of(dtm: Dtm, params: SolidParams) -> Solid:
+    """A terrain model as a solid, or as its surface where no base is wanted.
+
+    Raises:
+        TerrainError: the model has no surface.
+    """
+    drawing = TerrainDrawing.of(dtm)
+    mesh = drawing.surface(drawing.triangles.mesh(params.tolerance_m), drawing.bounds)
+    if not len(mesh):
+        raise TerrainError("this terrain model has no continuous ground to make a solid of")
+    top, triangles = mesh.points, mesh.triangles.astype(np.int32)
+    if not params.base_m:
+        return Solid(top, triangles)
+    floor = float(top[:, 2].min()) - params.base_m
+    below = np.column_stack([top[:, :2], np.full(len(top), floor)])
+    first, second = open_edges(triangles).T
+    count = np.int32(len(top))
+    walls = [
+        np.column_stack([second, first, first + count]),
+        np.column_stack([second, first + count, second + count]),
+    ]
+    base = triangles[:, ::-1] + count
+    return Solid(np.vstack([top, below]), np.vstack([triangles, *walls, base]).astype(np.int32))
+
+
+def open_edges(triangles: Triangles) -> Int32[np.ndarray, "edges 2"]:
+    """Edges, in the direction that their triangle runs, that no triangle runs back along."""
+    edges = np.vstack([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
+    size = np.int64(triangles.max(initial=0)) + 1
+    there = edges[:, 0] * size + edges[:, 1]
+    back = edges[:, 1] * size + edges[:, 0]
+    found: Int32[np.ndarray, "edges 2"] = edges[~np.isin(there, back)]
+    return found

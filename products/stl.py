@@ -1,0 +1,46 @@
+"""Solids as binary STL, which every program that prints in three dimensions reads.
+
+Metres of the local map (east, north, up), counted from an origin near by so that single precision
+does: the 80 bytes of the header say which. STL has no units; printing programs take millimetres, so
+that 1 m is printed as 1 mm, a model at 1 : 1000.
+"""
+
+from __future__ import annotations
+
+import struct
+
+import numpy as np
+
+from photogrammetry.terrain.printable import Solid
+from products.errors import ProductError
+
+_FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("unused", "<u2")])
+_HEADER = 80
+
+
+def stl_bytes(solid: Solid) -> bytes:
+    """The bytes of a binary STL file."""
+    east, north, up = np.round(solid.points.mean(axis=0)).tolist()
+    facets = np.zeros(len(solid.triangles), _FACET)
+    corners = (solid.points - [east, north, up]).astype("<f4")[solid.triangles]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    length = np.linalg.norm(normal, axis=1, keepdims=True)
+    facets["normal"] = normal / np.where(length > 0, length, 1)
+    facets["corners"] = corners
+    text = f"solmap: metres east, north, up from {east:.0f} {north:.0f} {up:.0f}"
+    return text.encode().ljust(_HEADER, b" ") + struct.pack("<I", len(facets)) + facets.tobytes()
+
+
+def read_stl(data: bytes) -> np.ndarray:
+    """The corners of the triangles of a binary STL: n by 3 by 3.
+
+    Raises:
+        ProductError: it is none.
+    """
+    if len(data) < _HEADER + 4:
+        raise ProductError("a binary STL has a header of 84 bytes")
+    (count,) = struct.unpack_from("<I", data, _HEADER)
+    if len(data) != _HEADER + 4 + count * _FACET.itemsize:
+        raise ProductError(f"this binary STL does not hold its {count} triangles")
+    corners: np.ndarray = np.frombuffer(data, _FACET, count, _HEADER + 4)["corners"]
+    return corners
