@@ -1,8 +1,9 @@
 """Points as glTF 2.0: the content of tiles of a point cloud, as 3D Tiles 1.1 has it.
 
 Axes and origin are those of our other models (see `gltf`): x east, y up, z south. A point has a
-position in 16 bits of its tile (KHR_mesh_quantization), a colour and, as `_SIGMA`, its standard
-deviation in metres. Equal input gives equal bytes.
+position in 16 bits of its tile (KHR_mesh_quantization), a colour, which glTF wants linear in light
+and not as the eye sees it, and, as `_SIGMA`, its standard deviation in metres. Equal input gives
+equal bytes.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import numpy as np
 from photogrammetry.terrain.point_cloud import PointCloud
 from products.glb import MAGIC, VERSION
 
-_FLOAT, _UBYTE, _USHORT, _POINTS, _ARRAY = 5126, 5121, 5123, 0, 34962
+_FLOAT, _USHORT, _POINTS, _ARRAY = 5126, 5123, 0, 34962
 _JSON, _BIN = 0x4E4F534A, 0x004E4942
 _STEPS = 65535
 
@@ -30,8 +31,8 @@ def write_points(cloud: PointCloud) -> bytes:
     steps = np.rint((places - low) / step).astype("<u2")
     positions = np.zeros((len(steps), 4), "<u2")
     positions[:, :3] = steps
-    colours = np.full((len(steps), 4), 255, np.uint8)
-    colours[:, :3] = cloud.grey[:, None]
+    colours = np.full((len(steps), 4), _STEPS, "<u2")
+    colours[:, :3] = _linear()[cloud.grey][:, None]
     parts = [positions.tobytes(), colours.tobytes(), cloud.sigma_m.astype("<f4").tobytes()]
     count = len(steps)
     accessors: list[dict[str, Any]] = [
@@ -41,10 +42,10 @@ def write_points(cloud: PointCloud) -> bytes:
             "min": steps.min(axis=0).tolist(),
             "max": steps.max(axis=0).tolist(),
         },
-        {"componentType": _UBYTE, "type": "VEC4", "normalized": True},
+        {"componentType": _USHORT, "type": "VEC4", "normalized": True},
         {"componentType": _FLOAT, "type": "SCALAR"},
     ]
-    strides, offset, views = (8, 4, 4), 0, []
+    strides, offset, views = (8, 8, 4), 0, []
     for stride, part in zip(strides, parts, strict=True):
         views.append(
             {
@@ -74,6 +75,13 @@ def write_points(cloud: PointCloud) -> bytes:
         "buffers": [{"byteLength": offset}],
     }
     return _binary(document, b"".join(parts))
+
+
+def _linear() -> np.ndarray:
+    """Light, in 16 bits, of the 256 grey values of sRGB."""
+    grey = np.arange(256) / 255
+    light = np.where(grey <= 0.04045, grey / 12.92, ((grey + 0.055) / 1.055) ** 2.4)  # noqa: PLR2004 - sRGB
+    return np.rint(light * _STEPS).astype("<u2")
 
 
 def _binary(document: dict[str, Any], data: bytes) -> bytes:

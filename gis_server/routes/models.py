@@ -4,14 +4,18 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from fastapi import APIRouter, Path, Response
+from fastapi import APIRouter, Path, Query, Response
 from pydantic import BaseModel
 
+from gis_server.analysis.refusal import RefusedError
 from gis_server.routes.parameters import AGAIN, FOREVER, Digest, MissionName, ScopeName
 from gis_server.services import ServicesOf
+from photogrammetry.terrain.printable import SolidParams, solid_of
 from products.crs import local_crs
 from products.errors import ProductNotFoundError
-from products.model import Layer, ProductKind
+from products.model import Layer, ProductKind, ScopeLevel
+from products.raster import read_dtm
+from products.stl import stl_bytes
 from products.tiles3d import TILESET, external_tileset, read_member, read_tileset, tileset_document
 
 router = APIRouter(tags=["models"])
@@ -77,6 +81,29 @@ def member(
     body = read_member(services.store.path(layer.ref), member)
     media_type = _MEMBER_TYPES[member.rpartition(".")[2]]
     return Response(body, media_type=media_type, headers=FOREVER)
+
+
+@router.get("/models/{scope}/dtm/{digest}/terrain.stl", response_class=Response)
+def stl(
+    scope: ScopeName,
+    digest: Digest,
+    services: ServicesOf,
+    base_m: Annotated[float, Query(ge=0, le=100, allow_inf_nan=False)] = SolidParams().base_m,
+    tolerance_m: Annotated[
+        float, Query(ge=0.01, le=10, allow_inf_nan=False)
+    ] = SolidParams().tolerance_m,
+) -> Response:
+    """The terrain model of a stop as a solid on a flat base `base_m` below it, binary STL.
+
+    Metres from an origin that the file's header names. With `base_m=0` it is the surface alone.
+    """
+    layer = services.layer(scope, ProductKind.DTM, digest)
+    if layer.ref.scope.level is not ScopeLevel.STOP:
+        raise RefusedError(f"{layer.id} is larger than a stop's: cut a part of it out instead")
+    model = read_dtm(services.store.path(layer.ref))
+    body = stl_bytes(solid_of(model, SolidParams(tolerance_m, base_m)))
+    name = f'attachment; filename="{scope}_terrain_{digest}.stl"'
+    return Response(body, media_type="model/stl", headers={**FOREVER, "content-disposition": name})
 
 
 def _tileset_of(layer: Layer) -> str:

@@ -13,8 +13,8 @@ import pytest
 
 from products.workspace import Workspace
 from tests.support.bowl_store import STOPS, elevation_at
-from tests.support.browsing import Server, at, look, pixel_of, ready, screenshot
-from tests.support.scene_store import fill_scene, heading, place_of
+from tests.support.browsing import Server, at, look, pixel_of, ready, screenshot, until
+from tests.support.scene_store import POINT_GREYS, POINTS, fill_scene, heading, place_of
 
 pytestmark = pytest.mark.slow  # draws in three dimensions without a graphics card
 
@@ -254,3 +254,33 @@ def test_the_rover_is_outlined_on_the_map_as_large_as_it_is(page, scene_url):
     assert (rows.max() - rows.min()) * resolution == pytest.approx(1.7, abs=0.3)  # and its arrow
     centre = box["x"] + box["width"] / 2
     assert (columns.max() + columns.min()) / 2 == pytest.approx(centre, abs=2)
+
+
+def test_the_dense_points_are_shown_as_bright_as_they_are_and_as_large_as_asked(scene):
+    only_ground(scene)
+    scene.locator('.scene input[name="ground"]').uncheck()
+    bare = settled_picture(scene, "no-ground")
+    scene.locator('.scene input[name="points"]').check()
+    told = lambda: int(scene.locator(".scene").get_attribute("data-points") or 0)  # noqa: E731
+    until(scene, lambda: told() > 5000)
+    small = settled_picture(scene, "points")
+    assert told() <= POINTS
+    x, y, width, height = (round(value) for value in canvas(scene))
+    middle_x = x + width // 2
+    inner = np.s_[y + height // 4 : y + 3 * height // 4]
+    for side, grey in (
+        (np.s_[x + 40 : middle_x - 40], 0),
+        (np.s_[middle_x + 40 : x + width - 40], 1),
+    ):
+        shown = (np.abs(small - bare).max(axis=2) > 20)[inner, side]
+        assert shown.sum() > 300
+        assert np.median(small[inner, side][shown]) == pytest.approx(POINT_GREYS[grey], abs=12)
+    scene.locator('.scene input[name="pointSize"]').fill("6")
+    large = settled_picture(scene, "points-large")
+    drawn = [
+        (np.abs(p - bare).max(axis=2) > 20)[y : y + height, x : x + width] for p in (small, large)
+    ]
+    assert drawn[1].sum() > 2 * drawn[0].sum()
+    scene.locator('.scene input[name="points"]').uncheck()
+    gone = settled_picture(scene, "points-gone")
+    assert (np.abs(gone - bare).max(axis=2) > 20)[y + 60 : y + height, x : x + width].sum() < 50

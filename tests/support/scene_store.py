@@ -21,12 +21,15 @@ from photogrammetry.synthetic.lighting import Sun
 from photogrammetry.synthetic.rig import CAMERAS, Instrument, Pointing
 from photogrammetry.terrain.levels import TilesetParams
 from photogrammetry.terrain.model3d import ModelParams
+from photogrammetry.terrain.point_cloud import PointCloud, cloud_tiles
 from products.arrays import pose_document
 from products.catalogue import ImageEntry, MissionEntry
 from products.model import Layer, ProductKind, ProductRef, Recipe, Scope, ScopeLevel
 from products.models import extent_of_model
 from products.pictures import write_orthophoto
+from products.points_glb import write_points
 from products.raster import write_dtm
+from products.tiles3d import TilesetWriter
 from products.vector import Feature
 from products.workspace import Workspace
 from tests.support.bowl_store import (
@@ -136,6 +139,7 @@ def fill_scene(workspace: Workspace) -> None:
     shop.vectors(ProductKind.TIE_POINTS, [_tie(k) for k in range(40)])
     fill_network(workspace)
     _publish_models(workspace)
+    _publish_points(workspace)
 
 
 def fill_network(workspace: Workspace) -> None:
@@ -233,6 +237,31 @@ def _publish_models(workspace: Workspace) -> None:
         model_terrain.fn(ground, image, ModelParams(max_texture_px=1024), LANDING, store),
     ):
         workspace.catalogue.publish(layers=[_layer(ref, workspace)])
+
+
+POINTS = 40_000
+POINT_GREYS = (60, 220)
+"""Of points in the west and in the east."""
+
+
+def _publish_points(workspace: Workspace) -> None:
+    """Points on the bowl, dark in the west and bright in the east."""
+    rng = np.random.default_rng(8)
+    turn, reach = rng.uniform(0, 2 * np.pi, POINTS), 36 * np.sqrt(rng.uniform(0, 1, POINTS))
+    east, north = reach * np.sin(turn), reach * np.cos(turn)
+    places = np.column_stack([east, north, elevation_at(east, north)])
+    grey = np.where(east > 0, POINT_GREYS[1], POINT_GREYS[0]).astype(np.uint8)
+    cloud = PointCloud(places, grey, np.full(POINTS, 0.01, np.float32), 0.1)
+
+    def write(path) -> None:
+        with TilesetWriter(path, {}, refine="ADD") as writer:
+            for tile in cloud_tiles(cloud):
+                glb = write_points(tile.cloud)
+                writer.add(tile.place, glb, tile.cloud.points, 5 * tile.spacing_m)
+
+    recipe = Recipe(ProductKind.POINT_TILES, Scope(ScopeLevel.STOP, LAST))
+    ref = workspace.store.make(recipe, write)
+    workspace.catalogue.publish(layers=[_layer(ref, workspace)])
 
 
 def _layer(ref: ProductRef, workspace: Workspace) -> Layer:

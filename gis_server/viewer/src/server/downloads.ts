@@ -44,6 +44,10 @@ export const FEATURE_FORMATS = [
 
 const COORDINATE_DECIMALS = 3;
 
+/** The terrain model of a stop as a solid that can be printed. */
+export const stlUrl = ({ scope, digest }: Layer) =>
+  `/models/${encodeURIComponent(scope)}/dtm/${digest}/terrain.stl`;
+
 /** The part of a layer in a box, as its cells or features are stored. */
 export function clipUrl(layer: Layer, box: Bounds, form: "geojson" | "gpkg" = "geojson"): string {
   const bbox = box.map((metres) => Number(metres.toFixed(COORDINATE_DECIMALS))).join(",");

@@ -9,6 +9,7 @@ import {
   type Collection,
   FEATURE_FORMATS,
   type ModelFile,
+  stlUrl,
 } from "../../server/downloads";
 import type { Bounds, Layer } from "../../server/records";
 
@@ -97,6 +98,8 @@ export interface Offered {
   readonly box: Bounds | null;
   readonly collections: readonly Collection[];
   readonly models: readonly ModelFile[];
+  /** Terrain models of single stops. */
+  readonly terrains: readonly Layer[];
   readonly addresses: readonly Address[];
 }
 
@@ -105,10 +108,15 @@ export interface DownloadActions {
   readonly copy: (text: string) => void;
 }
 
-const MODEL_FORMATS: Readonly<Record<string, string>> = { tileset: "3D Tiles", model: "glTF" };
+const MODEL_FORMATS: Readonly<Record<string, string>> = {
+  tileset: "3D Tiles",
+  "point-tiles": "3D Tiles",
+  points: "PLY",
+  model: "glTF",
+};
 
 export function filesPanel(offered: Offered, actions: DownloadActions): HTMLElement {
-  const { shown, box, collections, models, addresses } = offered;
+  const { shown, box, collections, models, terrains, addresses } = offered;
   return h(
     "div",
     {},
@@ -129,14 +137,24 @@ export function filesPanel(offered: Offered, actions: DownloadActions): HTMLElem
     section(
       "Models in three dimensions",
       false,
-      models.length === 0
+      models.length + terrains.length === 0
         ? h("p", { class: "hint" }, "No model is published yet.")
-        : rows(
-            models.map((model) => [
-              nameOf(model),
-              [file(model.download, MODEL_FORMATS[model.kind] ?? "glTF")],
-            ]),
-          ),
+        : rows([
+            ...models.map(
+              (model) =>
+                [
+                  nameOf(model),
+                  [file(model.download, MODEL_FORMATS[model.kind] ?? "glTF")],
+                ] as const,
+            ),
+            ...terrains.map(
+              (layer) =>
+                [
+                  `solid to print · ${scopeTitle(layer.scope)}`,
+                  [file(stlUrl(layer), "STL")],
+                ] as const,
+            ),
+          ]),
     ),
     section(
       "Addresses for QGIS, GDAL and others",

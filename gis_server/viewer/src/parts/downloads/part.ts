@@ -26,6 +26,7 @@ export function downloadsPart(context: Context): void {
     box: null,
     collections: [],
     models: [],
+    terrains: [],
     addresses: [],
   };
   let sketch: Sketch | null = null;
@@ -55,7 +56,8 @@ export function downloadsPart(context: Context): void {
   const load = () => {
     const { mission: name } = mission;
     waiting.run(async () => show({ collections: await downloads.collections(name) }));
-    waiting.run(async () => show({ models: await downloads.models(name) }));
+    const terrains = layers.of("dtm").filter(({ level }) => level === "stop");
+    waiting.run(async () => show({ models: await downloads.models(name), terrains }));
     waiting.run(async () => show({ addresses: await downloads.addresses(name) }));
   };
   const picture = (wish: PictureWish) => waiting.run(() => takePicture(context, wish));

@@ -14,6 +14,10 @@ export interface Choices {
   ellipsoids: boolean;
   ties: boolean;
   views: boolean;
+  ground: boolean;
+  points: boolean;
+  /** Of a point, screen pixels. */
+  pointSize: number;
   anaglyph: boolean;
 }
 
@@ -27,6 +31,9 @@ export const FIRST: Choices = {
   ellipsoids: true,
   ties: false,
   views: false,
+  ground: true,
+  points: false,
+  pointSize: 2,
   anaglyph: false,
 };
 
@@ -52,6 +59,8 @@ const SWITCHES = [
   ["ellipsoids", "error ellipsoids"],
   ["ties", "tie points"],
   ["views", "what pairs see"],
+  ["ground", "terrain model"],
+  ["points", "dense points"],
   ["anaglyph", "red-cyan"],
 ] as const;
 const LOOKS = [
@@ -115,6 +124,9 @@ export function controls(
   const heights = slider("exaggeration", "heights", [1, 5, 0.5], " ×", 1, (factor) =>
     set("exaggeration", factor),
   );
+  const points = slider("pointSize", "point size", [1, 8, 1], " px", FIRST.pointSize, (size) =>
+    set("pointSize", size),
+  );
   let shining = sun;
   const shine = (part: Partial<SunPlace>) => actions.lit({ ...shining, ...part });
   const from = slider("azimuth", "sun from", [0, 355, 5], "°", sun.azimuthDeg, (azimuthDeg) =>
@@ -157,6 +169,7 @@ export function controls(
     ),
     h("div", { class: "row switches" }, ...toggles),
     heights.row,
+    points.row,
     from.row,
     above.row,
   );

@@ -6,6 +6,7 @@ import { h } from "../../page/dom";
 import { fixed } from "../../page/format";
 import { type Model, type Place3, type SceneStops, sceneApi } from "../../server/scene";
 import type { Context } from "../../session/context";
+import { Cloud } from "./cloud";
 import { type Board, type Choices, controls } from "./controls";
 import { dots } from "./drawings";
 import { Flight } from "./flight";
@@ -45,6 +46,7 @@ export class SceneView {
   private readonly closing = new AbortController();
   private readonly flight: Flight;
   private views: Terrain | null = null;
+  private cloud: Cloud | null = null;
   private ties: Points | null = null;
 
   constructor(
@@ -78,6 +80,7 @@ export class SceneView {
     this.stage.onFrame = () => {
       this.terrain.update(this.stage.camera, this.stage.renderer);
       this.views?.update(this.stage.camera, this.stage.renderer);
+      this.cloud?.update(this.stage.camera, this.stage.renderer);
     };
     this.terrain.add(groundOf(models));
     this.listen();
@@ -90,6 +93,7 @@ export class SceneView {
     this.context.signals.cursor.emit(null);
     this.terrain.dispose();
     this.views?.dispose();
+    this.cloud?.dispose();
     this.stage.dispose();
   }
 
@@ -147,12 +151,18 @@ export class SceneView {
         return this.showTies();
       case "views":
         return this.showViews();
+      case "points":
+        return this.showPoints();
+      case "pointSize":
+        if (this.cloud) this.cloud.size = choices.pointSize;
+        return;
       default:
         this.showParts();
     }
   }
 
   private showParts(): void {
+    this.terrain.group.visible = this.choices.ground;
     this.rover.visible = this.choices.rover;
     this.sights.group.visible = this.choices.cameras;
     this.route.traverse.visible = this.choices.traverse;
@@ -169,6 +179,7 @@ export class SceneView {
   private chooseStop(): void {
     const { stop, closing, context } = this;
     this.terrain.show(this.choices.stop);
+    this.cloud?.show(this.choices.stop);
     if (!stop) return;
     const [east, north, up] = this.stage.origin;
     const at = this.stage.drawn(stop.place);
@@ -190,6 +201,31 @@ export class SceneView {
       this.views.add(this.models.filter(({ kind }) => kind === "view-model"));
     }
     this.stage.ask();
+  }
+
+  private showPoints(): void {
+    const { stage, choices, context, element } = this;
+    const models = this.models.filter(({ kind }) => kind === "point-tiles");
+    if (models.length === 0) {
+      context.waiting.say(
+        "no stop of this mission has its points kept: see `[models]` of the pipeline",
+      );
+      return;
+    }
+    if (!this.cloud) {
+      element.dataset["points"] = "0";
+      const counted = () => {
+        element.dataset["points"] = String(this.cloud?.count ?? 0);
+        this.said.textContent = `${this.cloud?.count.toLocaleString("en") ?? 0} points`;
+      };
+      const failed = (reason: Error) =>
+        context.waiting.say(`points cannot be shown: ${reason.message}`);
+      this.cloud = new Cloud(models, stage.origin, choices.pointSize, stage.ask, counted, failed);
+      this.cloud.show(choices.stop);
+      stage.world.add(this.cloud.group);
+    }
+    this.cloud.group.visible = choices.points;
+    stage.ask();
   }
 
   private showTies(): void {
