@@ -19,7 +19,7 @@ from products.raster import read_dtm, read_raster
 from tests.support.gltf_validator import validate_glb
 
 STOP_KINDS = {"dtm", "orthophoto", "sources", "slope", "aspect", "hillshade", "contours"}
-STOP_KINDS |= {"model", "view-model", "tileset"}
+STOP_KINDS |= {"model", "view-model", "tileset", "points", "point-tiles", "panorama"}
 REGION_KINDS = {"traverse", "stops", "footprints", "pointing", "tie-points"}
 
 
