@@ -3,6 +3,8 @@
 Needed are
 
 - what a pointer of the catalogue is at, and every image with its browse picture and tables;
+- what finished sols left, be it mapped again by later ones: so long as it is there, a rerun passes
+  them over;
 - of each kind and scope some versions before the one that is published, for comparison;
 - what is younger than an age: a run that was killed made it, and the next one will ask for it;
 - what the recipes of all these name, and the recipes of those: a published map can be made again
@@ -23,7 +25,7 @@ from typing import Any
 
 import sqlalchemy as sa
 
-from products.catalogue_tables import LATEST, LAYERS
+from products.catalogue_tables import FINISHED, LATEST, LAYERS
 from products.database import writing
 from products.errors import ProductError
 from products.locks import alone, runs_lock
@@ -151,10 +153,15 @@ def _named_in(params: Any) -> Iterator[str]:  # noqa: ANN401 - plain JSON
 
 
 def _published(workspace: Workspace) -> Iterator[str]:
-    """What pointers are at, and the images."""
+    """What pointers are at, what finished sols left, and the images."""
     with workspace.catalogue.engine.connect() as connection:
         for row in connection.execute(sa.select(LATEST)):
             yield f"{row.kind}/{row.scope}/{row.digest}"
+        finished = connection.execute(sa.select(FINISHED.c.document)).scalars().all()
+    for document in finished:
+        for text in (*document["standing"], *document["layers"]):
+            kind, _, scope, digest = text.split("/")
+            yield f"{kind}/{scope}/{digest}"
     for image in workspace.catalogue.images():
         for ref in (image.ref, image.browse, image.radiometry):
             if ref is not None:

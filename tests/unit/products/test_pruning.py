@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from products.errors import ProductError
+from products.finished import FinishedBook
 from products.locks import working
 from products.model import Layer, ProductKind, ProductRef, Recipe, Scope, ScopeLevel
 from products.pruning import PruningParams, prunable, prune
@@ -96,6 +97,14 @@ def test_what_a_parameter_names_is_needed(workspace):
     network = workspace.store.make(recipe, lambda path: path.write_text("network"))
     workspace.catalogue.publish(pointers=[network])
     assert gone(workspace) == set()
+
+
+def test_what_a_finished_sol_left_stays_though_a_later_one_mapped_it_again(workspace, mapped):
+    standing = [f"{ref.kind}/stop/{ref.scope}/{ref.digest}" for ref in (mapped["matches"],)]
+    layers = [f"{mapped['old'].kind}/stop/{STOP}/{mapped['old'].digest}"]
+    book = FinishedBook(workspace.catalogue.engine)
+    book.note("mer2-sol0155", "key", {"standing": standing, "layers": layers})
+    assert gone(workspace) == {mapped["old_slope"]}
 
 
 def test_nothing_is_pruned_while_a_run_goes_on(workspace, mapped):
