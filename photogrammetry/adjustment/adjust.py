@@ -86,8 +86,10 @@ def adjust(
     if control:
         state = replace(state, frames=_frame_places(control, state, network, start))
     beginning = Start(observations, telemetry, is_held, state, used, inherited, control)
-    outcome = estimate(beginning, params).with_all_points(params)
-    agreement = _agreement(outcome, before, overview.seen, params)
+    outcome = estimate(beginning, params)
+    now = sightings(observations, outcome.solution.state.pointings, params)
+    outcome = outcome.with_all_points(now)
+    agreement = _agreement(outcome, before, overview.seen, now)
     return with_findings(assembled(network, is_held, outcome, agreement, name), findings)
 
 
@@ -106,14 +108,13 @@ def _found_wrong(ties: TiePoints, before: AdjustedTies) -> np.ndarray:
 
 
 def _agreement(
-    outcome: Outcome, before: State, seen: Sightings, params: AdjustmentParams
+    outcome: Outcome, before: State, then: Sightings, now: Sightings
 ) -> tuple[dict[TieKind, Consistency], dict[TieKind, Consistency]]:
     """How well sightings agree before and after the adjustment."""
     observations, used, after = outcome.observations, outcome.used, outcome.solution.state
     compared = Comparisons.of(observations, used)
-    now = sightings(observations, after.pointings, params)
     return (
-        consistency(observations, before, seen, compared),
+        consistency(observations, before, then, compared),
         consistency(observations, after, now, compared),
     )
 

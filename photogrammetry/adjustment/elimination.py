@@ -92,7 +92,7 @@ class EliminatedTies:
     @property
     def is_felt(self) -> np.ndarray:
         """(n) whether the images feel a point in every direction."""
-        return (self.triangle[range(3), range(3)] > 0).all(axis=0)
+        return np.all(self.triangle[range(3), range(3)] > 0, axis=0)
 
     def freed(self, right: np.ndarray) -> np.ndarray:
         """R^-1 right (3, ..., n); nothing along what the images do not feel."""

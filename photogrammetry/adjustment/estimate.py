@@ -14,13 +14,14 @@ from photogrammetry.adjustment.collinearity import Observations, State
 from photogrammetry.adjustment.control_equations import Control
 from photogrammetry.adjustment.control_tests import ControlTests, control_tests, stand_out
 from photogrammetry.adjustment.marginal import Marginal
-from photogrammetry.adjustment.normals import Place
+from photogrammetry.adjustment.normals import Place, linearise_at
 from photogrammetry.adjustment.params import AdjustmentParams
 from photogrammetry.adjustment.priors import Telemetry
 from photogrammetry.adjustment.residuals import Residuals, residuals
 from photogrammetry.adjustment.result import Outcome, with_points_seen_alone
+from photogrammetry.adjustment.sightings import sightings
 from photogrammetry.adjustment.snooping import reinstated, suspects
-from photogrammetry.adjustment.solver import Linearised, Problem, Solution, linearise, solve
+from photogrammetry.adjustment.solver import Linearised, Problem, Solution, solve
 from photogrammetry.arrays import Bool
 
 
@@ -96,7 +97,8 @@ class _Judged:
         threshold: float | None,
     ) -> _Judged:
         state = solution.state
-        now = solution.now or linearise(problem, state, threshold)
+        at = solution.at or Place.of(problem, state)
+        now = solution.now or linearise_at(problem, at, threshold)
         inverse = now.factor.inverse()
         found = residuals(problem, now.ties, inverse)
         placed = control_tests(problem, state, inverse, params, threshold)
@@ -155,7 +157,8 @@ def _with_fitting(
     before = start.problem(used) if len(judged.fitting) and step.robust else judged.problem
     if not step.robust or used.all():
         return used, before, judged.state
-    state = with_points_seen_alone(judged.problem, judged.state, used, params)
+    seen = sightings(start.observations, judged.state.pointings, params)
+    state = with_points_seen_alone(judged.problem, judged.state, used, seen)
     back = reinstated(
         judged.problem, state, judged.now.ties, judged.found, used, judged.inverse, params
     )

@@ -21,6 +21,9 @@ CHI3_MEDIAN = 1.538
 CACHED = 4096
 """Observations that are looked at together, so that they stay in a processor's own cache."""
 
+FEW = 8
+"""So much longer takes it to add one value at its place than to go past one in the sum."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Place:
@@ -216,8 +219,11 @@ def _add_control(
 
 
 def _add(total: np.ndarray, places: np.ndarray, values: np.ndarray) -> None:
-    """Add values at their places of a flat array; numpy does so five times faster in one axis."""
-    np.add.at(total, places.ravel(), values.ravel())
+    """Add values at their places of a flat array: all at once if they are many in a small one."""
+    if FEW * places.size > len(total):
+        total += np.bincount(places.ravel(), values.ravel(), minlength=len(total))
+    else:
+        np.add.at(total, places.ravel(), values.ravel())
 
 
 @dataclass(frozen=True, slots=True, eq=False)

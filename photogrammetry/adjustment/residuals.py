@@ -61,9 +61,11 @@ def residuals(problem: Problem, ties: tuple[EliminatedTies, ...], inverse: np.nd
     n = len(observations)
     w, r, T = np.full((n, 3), np.nan), np.zeros((n, 3)), np.zeros(n)
     for tie, places in zip(ties, problem.places, strict=True):
-        counts = tie.group.counts
-        C, rows = cofactors(tie, inverse[places])[:, :, counts], tie.group.rows[counts]
-        v = tie.free[:, -1].reshape(3, *counts.shape)[:, counts]
+        counts, rows = tie.group.counts.ravel(), tie.group.rows.ravel()
+        C = cofactors(tie, inverse[places]).reshape(3, 3, -1)
+        v = tie.free[:, -1].reshape(3, -1)
+        if not counts.all():
+            C, v, rows = C[:, :, counts], v[:, counts], rows[counts]
         q = np.clip(C[range(3), range(3)], 0.0, 1.0)
         with np.errstate(divide="ignore", invalid="ignore"):
             w[rows] = np.where(q > UNCHECKED, v / np.sqrt(q), np.nan).T
@@ -94,8 +96,7 @@ def cofactors(tie: EliminatedTies, triangle: np.ndarray) -> np.ndarray:
 
 def _tests(v: Vectors, C: Matrices) -> np.ndarray:
     """T of residuals; what nothing checks has no residual and does not count."""
-    sure = C.copy()
-    sure[range(3), range(3)] += UNCHECKED
+    sure = C + UNCHECKED * np.eye(3)[:, :, None]
     weighted = turned(inverses_by_component(sure), v)
     return np.sqrt(np.maximum(np.einsum("cn,cn->n", v, weighted), 0.0))
 

@@ -7,13 +7,12 @@ from dataclasses import dataclass, replace
 from itertools import compress
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from photogrammetry.adjustment.collinearity import (
     Observations,
     State,
     misclosures,
-    pair_orientations,
 )
 from photogrammetry.adjustment.control_results import adjusted_control, adjusted_frames
 from photogrammetry.adjustment.control_tests import ControlTests
@@ -21,7 +20,6 @@ from photogrammetry.adjustment.datum import MAP
 from photogrammetry.adjustment.elimination import EliminatedTies
 from photogrammetry.adjustment.holding import Holding
 from photogrammetry.adjustment.observations import seen_differently
-from photogrammetry.adjustment.params import AdjustmentParams
 from photogrammetry.adjustment.problem import Problem
 from photogrammetry.adjustment.records import (
     BLUNDER,
@@ -42,7 +40,7 @@ from photogrammetry.adjustment.residuals import (
     single_sightings,
 )
 from photogrammetry.adjustment.rotations import cross_matrix, left_jacobian, rotation_of_vector
-from photogrammetry.adjustment.sightings import sightings, with_points
+from photogrammetry.adjustment.sightings import Sightings, with_points
 from photogrammetry.adjustment.solver import Solution
 from photogrammetry.frames import LSL, Pose
 from photogrammetry.imagery import TieKind, TiePoints
@@ -69,20 +67,18 @@ class Outcome:
     placed: ControlTests
     """Tests of control."""
 
-    def with_all_points(self, params: AdjustmentParams) -> Outcome:
+    def with_all_points(self, seen: Sightings) -> Outcome:
         """The same with the places of points that one pair alone sees."""
-        state = with_points_seen_alone(self.problem, self.solution.state, self.used, params)
+        state = with_points_seen_alone(self.problem, self.solution.state, self.used, seen)
         return replace(self, solution=replace(self.solution, state=state))
 
 
 def with_points_seen_alone(
-    problem: Problem, state: State, used: np.ndarray, params: AdjustmentParams
+    problem: Problem, state: State, used: np.ndarray, seen: Sightings
 ) -> State:
     """The state with points that are in no adjustment where their best sighting has them."""
     observations, inside = problem.observations, problem.anchor >= 0
-    rest = observations.select(np.flatnonzero(used & ~inside[observations.point]))
-    seen = sightings(rest, state.pointings, params)
-    alone = with_points(state, rest, seen, np.ones(len(rest), dtype=bool))
+    alone = with_points(state, observations, seen, used & ~inside[observations.point])
     return replace(state, points=np.where(inside[:, None], state.points, alone.points))
 
 
@@ -96,7 +92,7 @@ def assembled(
     """The adjusted network and its report."""
     redundancy, cost = outcome.problem.redundancy, outcome.solution.cost
     sigma0 = float(np.sqrt(cost / redundancy)) if redundancy > 0 else float("nan")
-    doubtful = redundancy > 0 and cost > chi2.ppf(SIGNIFICANT, redundancy)
+    doubtful = redundancy > 0 and cost > chdtri(redundancy, 1.0 - SIGNIFICANT)
     factor = sigma0**2 if doubtful else 1.0
     pairs, covariances = _pairs(network, outcome, factor)
     stops = _stops(network, held, outcome, covariances)
@@ -136,23 +132,24 @@ def _pairs(
     """The adjusted pairs, and the covariance (9, 9) behind each."""
     state, observations = outcome.solution.state, outcome.observations
     joint = joint_covariances(outcome.problem, outcome.inverse) * factor
-    rotations, origins = pair_orientations(state, observations)
-    of_stop = state.rotations[observations.pair_stop]
-    J = np.zeros((len(joint), 6, 9))
-    J[:, :3, :3] = np.eye(3)
-    J[:, :3, 6:] = of_stop @ left_jacobian(state.pointings)
-    J[:, 3:, :3] = -cross_matrix(origins - state.centres[observations.pair_stop])
-    J[:, 3:, 3:6] = np.eye(3)
     in_rover = observations.origins_in_rover(state.pointings)
+    rover_from_pair = rotation_of_vector(state.pointings) @ observations.rover_from_pair
+    of_stop = state.rotations[observations.pair_stop]
+    rotations, arms = of_stop @ rover_from_pair, (of_stop @ in_rover[:, :, None])[:, :, 0]
+    origins = state.centres[observations.pair_stop] + arms
     lever = in_rover - observations.pivot_in_rover
-    J[:, 3:, 6:] = -of_stop @ cross_matrix(lever) @ left_jacobian(state.pointings)
+    by_pointing = of_stop @ left_jacobian(state.pointings)
+    J = np.zeros((len(joint), 6, 9))
+    J[:, :3, :3] = J[:, 3:, 3:6] = np.eye(3)
+    J[:, :3, 6:] = by_pointing
+    J[:, 3:, :3] = -cross_matrix(arms)
+    J[:, 3:, 6:] = -cross_matrix((of_stop @ lever[:, :, None])[:, :, 0]) @ by_pointing
     C = J @ joint @ J.swapaxes(1, 2)
     joined = np.bincount(observations.pair[outcome.problem.rows], minlength=len(network.pairs))
-    turned = rotation_of_vector(state.pointings)
     adjusted = []
     for k, pair in enumerate(network.pairs):
         label = pair.geometry.rover_from_pair
-        true = Pose(label.target, label.source, turned[k] @ label.rotation, in_rover[k])
+        true = Pose(label.target, label.source, rover_from_pair[k], in_rover[k])
         adjusted.append(
             AdjustedPair(
                 pair.pair_id,

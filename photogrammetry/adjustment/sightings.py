@@ -75,7 +75,9 @@ def best_sightings(observations: Observations, seen: Sightings, stops: int) -> l
     """For each stop its observations that may align, the best one of each point."""
     rows = np.flatnonzero(seen.usable)
     stop, point = observations.stop[rows], observations.point[rows]
-    order = np.lexsort((seen.size[rows], stop.astype(np.int64) * observations.points + point))
+    rank = np.empty(len(rows), dtype=np.int64)
+    rank[np.argsort(seen.size[rows])] = np.arange(len(rows))
+    order = np.argsort((stop.astype(np.int64) * observations.points + point) * len(rows) + rank)
     rows, stop, point = rows[order], stop[order], point[order]
     first = np.ones(len(rows), dtype=bool)
     first[1:] = (point[1:] != point[:-1]) | (stop[1:] != stop[:-1])

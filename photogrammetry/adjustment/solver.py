@@ -8,10 +8,10 @@ where rho(t) = t^2, or in the robust phase Huber's: t^2 up to k, 2 k t - k^2 bey
 iterative reweighting. Steps are not damped: Marquardt's damping holds back the long bending modes
 of an open traverse, which are soft but well determined; a step that raises the cost is halved
 instead. The step is converged when x' N x, its squared length in its own standard deviations, is
-negligible, or when it is short and the next is foretold to be negligible, as much shorter than the
-last as that was than the one before. The robust phase is over as soon as nothing stands out that
-others could hide behind. What residuals and covariances need is kept from the last linearisation:
-no residual has moved by more than that last step's length since.
+negligible, or when the next is foretold to be negligible, as much shorter than the last as that was
+than the one before. The robust phase is over as soon as nothing stands out that
+others could hide behind. What residuals and covariances need is kept from the last linearisation if
+the step from there was short: no residual has moved by more than its length since.
 
 Corrections are applied along arcs, and to the inverse depth of points: see `moves`.
 """
@@ -42,8 +42,9 @@ SAME = 10.0
 length of 1e-5, covariances differ by less than 1e-5 of themselves, in networks of 5 stops by 3e-7
 and of 500 loosely tied ones by 6e-6."""
 FORETOLD = 1e-2
-"""What a foretold step must be below, as a share of the tolerance: foretelling is no measurement,
-and the last steps shrink by 1e-4 in the square whatever those before did."""
+"""What a foretold step must be below, in tolerances: foretelling is no measurement."""
+SHRINKING = 1e-4
+"""By what the last steps shrink in the square whatever those before did."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,10 +92,9 @@ def solve(
         at, cost, shortened = _step(problem, at, cost, correction, params, threshold)
         if threshold is not None and (closer := huber_threshold(problem, at, params)) < threshold:
             threshold, cost = closer, cost_of(problem, at, closer)
-        foretold = length2 * length2 < (tolerance if robust else FORETOLD * tolerance) * before
-        short = robust or length2 < SAME * tolerance
-        if length2 < tolerance or (foretold and short and not shortened):
-            kept = None if robust else now
+        foretold = not shortened and _is_foretold(length2, before, tolerance, robust=robust)
+        if length2 < tolerance or foretold:
+            kept = now if length2 < SAME * tolerance and not robust else None
             return Solution(at.state, cost, converged=True, iterations=iteration, at=at, now=kept)
         if robust and not (to_the_end or shortened or _stands_out(at, params)):
             return Solution(at.state, cost, converged=True, iterations=iteration, at=at)
@@ -105,6 +105,13 @@ def solve(
                             message="" if flat else "no step lowers the cost")  # fmt: skip
     return Solution(at.state, cost, converged=False, iterations=params.max_iterations,
                     message="iterations used up")  # fmt: skip
+
+
+def _is_foretold(length2: float, before: float, tolerance: float, *, robust: bool) -> bool:
+    """Whether the step after one of squared length `length2` must be negligible."""
+    if robust:
+        return length2 * length2 < tolerance * before
+    return length2 * max(length2, SHRINKING * before) < FORETOLD * tolerance * before
 
 
 def _stands_out(at: Place, params: AdjustmentParams) -> bool:

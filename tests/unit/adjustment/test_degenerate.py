@@ -183,8 +183,6 @@ def test_a_stop_whose_ties_have_range_in_one_pair_only_is_adjusted(params):
     first_seen = np.unique(ties.point, return_index=True)[1]
     parallax = np.full_like(ties.parallax_px, np.nan)
     parallax[first_seen] = ties.parallax_px[first_seen]
-    adjusted, report = adjust_overall(
-        replace(network, ties=replace(ties, parallax_px=parallax)), params
-    )
+    _, report = adjust_overall(replace(network, ties=replace(ties, parallax_px=parallax)), params)
     assert report.converged
     assert np.isfinite(report.sigma0)
