@@ -14,7 +14,7 @@ export OMP_NUM_THREADS ?= 1
 export PREFECT_SERVER_ANALYTICS_ENABLED = false
 export DO_NOT_TRACK = 1
 
-.PHONY: setup viewer demo test test-all check bench peers fuzz docs clean
+.PHONY: setup viewer demo test test-all check audit bench peers fuzz docs clean
 
 setup: $(VENV)/.installed
 
@@ -60,6 +60,9 @@ check: setup  ## Style, types and the direction of imports.
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+audit: setup  ## Known weaknesses of what is pinned; says plainly where nobody can be asked.
+	$(BIN)/python .ci/audit
 
 # Without the checks of array types that every test runs under: they would be timed too.
 bench: setup  ## Times and ratios against a peer in the same run.
