@@ -39,8 +39,9 @@ def extent_of_model(
         low, high = box_of(read_tileset(path)["root"]["boundingVolume"]["box"])
     elif path.suffix == ".ply":
         rows = read_ply(path)
-        low = tuple(float(rows[name].min()) for name in "xyz")
-        high = tuple(float(rows[name].max()) for name in "xyz")
+        places = [rows[name] for name in "xyz"]
+        x, y, z = ((float(along.min()), float(along.max())) for along in places)
+        return (x[0], y[0], x[1], y[1]), z
     else:
         low, high = (tuple(corner.tolist()) for corner in box_of_glb(path.read_bytes()))
     return (low[0], low[1], high[0], high[1]), (low[2], high[2])
