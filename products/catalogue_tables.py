@@ -73,6 +73,13 @@ FINISHED = sa.Table(
     sa.Column("document", sa.JSON, nullable=False),
 )
 
+LABELS = sa.Table(
+    "labels",
+    TABLES,
+    sa.Column("digest", Text, primary_key=True),
+    sa.Column("document", Text, nullable=False),
+)
+
 
 def keys_of(ref: ProductRef) -> dict[str, str]:
     """The columns of what is the latest of a scope and kind."""

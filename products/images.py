@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 
 from photogrammetry.imagery import RoverImage
 from photogrammetry.pds3.reading import ReadImage, read_image, read_image_record
 from products.catalogue import ImageEntry
+from products.labels import LabelBook
 from products.model import ProductRef
 from products.radiometry import read_radiometry
 from products.store import ProductStore
@@ -47,14 +47,37 @@ def read_product_image(file: ImageFile, store: ProductStore) -> ReadImage:
 
 def image_record(entry: ImageEntry, workspace: Workspace) -> RoverImage:
     """The label of an ingested image; read once a process, for a product never changes."""
-    return _record(workspace.store.path(entry.ref), entry.id)
+    name = _name(entry, workspace)
+    known = _remembered.get(name)
+    if known is None:
+        known = read_image_record(workspace.store.path(entry.ref).read_bytes(), f"{entry.id}.IMG")
+        _remember({name: known})
+    return known
 
 
 def image_records(entries: Iterable[ImageEntry], workspace: Workspace) -> list[RoverImage]:
-    """The labels of several ingested images."""
-    return [image_record(entry, workspace) for entry in entries]
+    """The labels of several ingested images; the catalogue keeps them from now on."""
+    asked = {_name(entry, workspace): entry for entry in entries}
+    book = LabelBook(workspace.catalogue.engine)
+    kept = book.known(digest for root, digest in asked if (root, digest) not in _remembered)
+    _remember({(workspace.store.root, digest): label for digest, label in kept.items()})
+    fresh = [name for name in asked if name not in _remembered]
+    records = {name: image_record(entry, workspace) for name, entry in asked.items()}
+    if fresh:
+        book.keep({name[1]: records[name] for name in fresh})
+    return list(records.values())
 
 
-@lru_cache(maxsize=REMEMBERED)
-def _record(path: Path, image_id: str) -> RoverImage:
-    return read_image_record(path.read_bytes(), f"{image_id}.IMG")
+_Name = tuple[Path, str]
+_remembered: dict[_Name, RoverImage] = {}
+"""Labels by their store and the digests of their images, the oldest first."""
+
+
+def _name(entry: ImageEntry, workspace: Workspace) -> _Name:
+    return workspace.store.root, entry.ref.digest
+
+
+def _remember(labels: Mapping[_Name, RoverImage]) -> None:
+    _remembered.update(labels)
+    for name in list(_remembered)[: max(0, len(_remembered) - REMEMBERED)]:
+        _remembered.pop(name, None)
