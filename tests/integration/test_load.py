@@ -18,8 +18,8 @@ import httpx
 import numpy as np
 import pytest
 
-from products.catalogue import Catalogue
 from products.store import ProductStore
+from products.workspace import Workspace
 from tests.support.live_server import running
 from tests.support.live_server import serving as serve
 
@@ -68,9 +68,10 @@ def test_a_flow_that_publishes_disturbs_nobody_who_looks_at_the_bowl(tmp_path):
         "import pathlib, sys; from products.workspace import Workspace; "
         "from tests.support.bowl_store import fill; fill(Workspace.open(pathlib.Path(sys.argv[1])))"
     )
-    Catalogue.open(root)
+    Workspace.open(root)
     command = [sys.executable, "-c", script, str(root)]
     told = under_load(root, command, tmp_path, 5.0)
+    print(json.dumps(told.figures(), indent=1))  # noqa: T201 - for docs/benchmarks.md
     assert not told.wrong, told.wrong[:5]
     assert len(told.tiles) > 10
     assert told.digests
