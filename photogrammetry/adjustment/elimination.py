@@ -24,7 +24,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cache
+from functools import lru_cache
 
 import numpy as np
 
@@ -104,7 +104,7 @@ def squared(triangle: np.ndarray, count: int) -> np.ndarray:
     return triangle[_places_in_triangle(count)]
 
 
-@cache
+@lru_cache(maxsize=256)
 def _places_in_triangle(count: int) -> np.ndarray:
     row, column = np.indices((count, count))
     row, column = np.maximum(row, column), np.minimum(row, column)

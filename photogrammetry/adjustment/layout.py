@@ -25,7 +25,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cache
+from functools import lru_cache
 from itertools import groupby
 
 import numpy as np
@@ -40,6 +40,8 @@ LEAST_POINTS = 64
 """Points of a group where each is seen so often that its equations alone are long."""
 SHARED = 2
 """Points a signature, on average, from which on it saves time to add them up first."""
+KEPT = 256
+"""Ways of being seen whose columns are remembered from one layout to the next."""
 OWN_GROUP = 1_000_000
 """Products that a group must save by being one of its own: the calls for it take as long."""
 
@@ -145,13 +147,13 @@ class TieGroup:
         return np.repeat(np.arange(len(self.first)), np.diff(self.first, append=self.points))
 
 
-@cache
+@lru_cache(maxsize=KEPT)
 def _column_slots(slots: tuple[int, ...], per_pair: int) -> np.ndarray:
     others = np.repeat(np.arange(1, slots[-1] + 1), STOP_UNKNOWNS)
     return np.concatenate([others, np.repeat(slots, per_pair), np.zeros(STOP_UNKNOWNS, np.int64)])
 
 
-@cache
+@lru_cache(maxsize=KEPT)
 def _triangle(slots: tuple[int, ...], per_pair: int) -> tuple[np.ndarray, np.ndarray]:
     posed = STOP_UNKNOWNS * slots[-1]
     relative = posed + per_pair * len(slots)

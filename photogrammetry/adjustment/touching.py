@@ -46,9 +46,9 @@ def tie_rows(network: Linear, rows: np.ndarray, columns: Columns) -> np.ndarray:
     order = np.argsort(observations.point[rows], kind="stable")
     rows = rows[order]
     l, A_o, A_t = whitened_equations(network.state, observations, rows)
-    pair, point = observations.pair[rows], observations.point[rows]
+    pair = observations.pair[rows]
     places = np.hstack([columns.of_stop[observations.pair_stop[pair]], columns.of_pair[pair]])
-    first = np.flatnonzero(np.diff(point, prepend=-1))
+    first = np.flatnonzero(np.diff(observations.point[rows], prepend=-1))
     counts = np.diff(first, append=len(rows))
     parts = [np.zeros((0, columns.count + 1))]
     for k in np.flatnonzero(np.bincount(counts)).tolist():
@@ -56,9 +56,8 @@ def tie_rows(network: Linear, rows: np.ndarray, columns: Columns) -> np.ndarray:
         n = len(members)
         free = np.linalg.qr(A_t[members].reshape(n, 3 * k, 3), mode="complete")[0][:, :, 3:]
         dense = np.zeros((n, k, 3, columns.count + 1))
-        point, seen, row = np.ogrid[:n, :k, :3]
-        at = places[members][:, :, None]
-        dense[point[..., None], seen[..., None], row[..., None], at] = A_o[members]
+        point, seen, row, _ = np.ogrid[:n, :k, :3, :1]
+        dense[point, seen, row, places[members][:, :, None]] = A_o[members]
         dense[..., -1] = l[members]  # over the bin of what is held
         by_point = dense.reshape(n, 3 * k, -1)
         parts.append((free.mT @ by_point).reshape(-1, columns.count + 1))
