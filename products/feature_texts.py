@@ -8,6 +8,7 @@ box is kept beside what the file says; a feature becomes text when it is first a
 from __future__ import annotations
 
 import json
+import threading
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -72,9 +73,33 @@ def _in_metres(item: Mapping[str, Any], rings: Sequence[np.ndarray]) -> dict[str
     return {**item, "geometry": {"type": form, "coordinates": nested}}
 
 
-@lru_cache(maxsize=_LAYERS)
 def texts_of(path: Path) -> FeatureTexts:
-    """The features of a file. Products never change, so they are read once."""
+    """The features of a file. Products never change, so they are read once.
+
+    Who asks meanwhile waits: a map asks for a dozen boxes at a time, and each would read it.
+    """
+    return _reading(path).texts()
+
+
+@dataclass(slots=True, eq=False)
+class _Reading:
+    path: Path
+    lock: threading.Lock = field(default_factory=threading.Lock)
+    found: FeatureTexts | None = None
+
+    def texts(self) -> FeatureTexts:
+        with self.lock:
+            if self.found is None:
+                self.found = _read(self.path)
+            return self.found
+
+
+@lru_cache(maxsize=_LAYERS)
+def _reading(path: Path) -> _Reading:
+    return _Reading(path)
+
+
+def _read(path: Path) -> FeatureTexts:
     placed = read_placed(path)
     numbers = {str(item["id"]): number for number, item in enumerate(placed.items) if "id" in item}
     return FeatureTexts(placed, placed.boxes(), numbers, [None] * len(placed.items))

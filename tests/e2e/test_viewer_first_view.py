@@ -21,7 +21,9 @@ def test_what_the_map_shows_is_all_that_is_asked_for_before_it_is_drawn(view):
     page = [path for path in view.first_asked if path.startswith("/assets/")]
     data = [path for path in view.first_asked if path.startswith("/api/")]
     tiles = [path for path in view.first_asked if path.startswith("/tiles/")]
-    assert sorted(PurePosixPath(path).suffix for path in page) == [".css", ".js"]
+    assert {PurePosixPath(path).suffix for path in page} == {".css", ".js"}
+    assert len(page) <= 6  # the script, its style, and what it shares with the rest of the page
+    assert not [path for path in page if "later-parts" in path or "editor" in path]
     assert data[0] == "/api/start"
     shown = {"stops", "traverse", "contours"}
     assert {path.split("/")[4] for path in data[1:]} == shown

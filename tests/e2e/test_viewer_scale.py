@@ -75,6 +75,13 @@ def zoom(page, x: float, y: float) -> None:
         page.wait_for_timeout(60)
 
 
+def zoom_far_out(page, x: float, y: float) -> None:
+    page.mouse.move(x, y)
+    for k in range(32):
+        page.mouse.wheel(0, 240 if k < 16 else -240)
+        page.wait_for_timeout(60)
+
+
 def hover(page, x: float, y: float) -> None:
     for k in range(50):
         page.mouse.move(x - 150 + 6 * k, y - 100 + 4 * k)
@@ -143,7 +150,7 @@ def test_tie_points_come_in_squares(page, large_url):
     ("name", "resolution", "on"),
     [
         ("everything from afar", STOPS / 64, "traverse,stops,footprints,pointing,tie-points"),
-        ("footprints of the view", 2.0, "traverse,stops,footprints"),
+        ("all of it, 0.45 m a pixel", 0.45, "traverse,stops,footprints,pointing,tie-points"),
         ("footprints and lines near by", 0.2, "stops,footprints,pointing"),
         ("tie points near by", 0.2, "stops,tie-points"),
     ],
@@ -152,6 +159,6 @@ def test_fluency_is_measured(page, large_url, name, resolution, on):
     opened(page, large_url + view(resolution, ",".join(f"mer2/{kind}" for kind in on.split(","))))
     page.wait_for_timeout(500)
     tell(f"\n{name}, {resolution:.2g} m a pixel")
-    for act in (drag, zoom, hover):
+    for act in (drag, zoom, zoom_far_out, hover):
         tell(f"  {act.__name__}: {fluency(page, act)}")
     assert page.locator("html").get_attribute("data-ready") is not None

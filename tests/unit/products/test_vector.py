@@ -1,4 +1,6 @@
 import json
+import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -9,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pyproj import CRS
 
+from products import feature_texts
 from products.crs import IAU_RADIUS_M, MARS, LandingPoint, local_crs, lon_lat
 from products.errors import ProductError, ProductNotFoundError
 from products.feature_texts import texts_of
@@ -204,3 +207,20 @@ def test_a_geopackage_of_mixed_features_or_none_is_refused(tmp_path):
     for features in (FEATURES, ()):
         with pytest.raises(ProductError, match="features of one geometry"):
             write_geopackage(tmp_path / "f.gpkg", FeatureCollection(GUSEV, tuple(features)), "x")
+
+
+def test_a_file_is_read_once_however_many_ask_at_a_time(tmp_path, monkeypatch):
+    write_features(tmp_path / "f.geojson", FEATURES, GUSEV)
+    reads = []
+    read_placed = feature_texts.read_placed
+
+    def slowly(path):
+        reads.append(path)
+        time.sleep(0.2)
+        return read_placed(path)
+
+    monkeypatch.setattr(feature_texts, "read_placed", slowly)
+    with ThreadPoolExecutor(6) as pool:
+        found = list(pool.map(texts_of, [tmp_path / "f.geojson"] * 6))
+    assert len(reads) == 1
+    assert all(one is found[0] for one in found)

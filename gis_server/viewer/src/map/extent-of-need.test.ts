@@ -18,8 +18,8 @@ test("what lies over the whole mission is always there", () => {
   );
 });
 
-test("footprints are drawn from ten pixels on, tie points when they stand apart", () => {
-  expect(isNeeded(vectorLayer("mer2", "footprints"), VIEW, 3)).toBe(true);
-  expect(isNeeded(vectorLayer("mer2", "footprints"), VIEW, 3.1)).toBe(false);
+test("footprints are drawn from sixty pixels on, tie points when they stand apart", () => {
+  expect(isNeeded(vectorLayer("mer2", "footprints"), VIEW, 0.5)).toBe(true);
+  expect(isNeeded(vectorLayer("mer2", "footprints"), VIEW, 0.51)).toBe(false);
   expect(isNeeded(vectorLayer("mer2", "tie-points"), VIEW, 1)).toBe(false);
 });

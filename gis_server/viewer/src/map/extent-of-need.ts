@@ -7,10 +7,13 @@ import type { Bounds, Layer } from "../server/records";
 
 /** A layer of one stop is drawn from that many pixels on. */
 const LEAST_PX = 24;
-/** Metres a pixel at which these kinds have shapes: ten pixels a footprint, and ties apart from each other. */
+/**
+ * Metres a pixel at which these kinds have shapes: sixty pixels a footprint, and ties apart from each other. From
+ * farther off a traverse is all footprints, one over the other.
+ */
 const COARSEST: Readonly<Record<string, number>> = {
-  footprints: 3,
-  pointing: 3,
+  footprints: 0.5,
+  pointing: 0.5,
   "tie-points": 0.5,
 };
 

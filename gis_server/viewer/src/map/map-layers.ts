@@ -95,7 +95,16 @@ const MANY = new Set(["footprints", "pointing", "tie-points"]);
 const FEW = new Set(["stops", "traverse"]);
 const LABELLED = new Set(["contours", "region-contours", "far-contours", "stops"]);
 /** Kinds that are fetched piece by piece, in squares of the map, and the side of these. */
-const PIECES: Readonly<Record<string, number>> = { "tie-points": 128 };
+const PIECES: Readonly<Record<string, number>> = {
+  "tie-points": 128,
+  footprints: 128,
+  pointing: 128,
+};
+
+const isNewTo = (source: FeatureSource) => (feature: Feature<Geometry>) => {
+  const id = feature.getId();
+  return id === undefined || source.getFeatureById(id) === null;
+};
 
 /** A source that fetches the squares in view. */
 function inPieces(layer: VectorLayer, side: number, set: TileMatrixSet): FeatureSource {
@@ -113,7 +122,8 @@ function inPieces(layer: VectorLayer, side: number, set: TileMatrixSet): Feature
       api
         .features(layer, [w, s, e, n])
         .then((found) => {
-          const features = readFeatures(found);
+          // What lies across the edge of a square comes with both.
+          const features = readFeatures(found).filter(isNewTo(source));
           source.addFeatures(features);
           success?.(features);
         })

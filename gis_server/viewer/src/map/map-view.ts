@@ -49,6 +49,7 @@ export class MapView {
   private readonly mark = overlay(drawMark, 1001);
   private readonly cursor = overlay(drawMark, 1003);
   private readonly picked = overlay(drawMeasure, 1002);
+  private highlighted: readonly Feature<Geometry>[] = [];
   private claims = 0;
 
   constructor(
@@ -178,13 +179,15 @@ export class MapView {
   }
 
   setHighlight(features: readonly Feature<Geometry>[]): void {
+    const isSame = (feature: Feature<Geometry>, k: number) => feature === features[k];
+    if (features.length === this.highlighted.length && this.highlighted.every(isSame)) return;
+    this.highlighted = features;
     this.highlight.source.clear();
     this.highlight.source.addFeatures(features.map((feature) => feature.clone()));
   }
 
   setMark(point: MapPoint | null): void {
-    this.mark.source.clear();
-    if (point) this.mark.source.addFeature(pointFeature(point));
+    put(this.mark.source, point);
   }
 
   /** Places that were picked one by one, and are not used yet. */
@@ -195,8 +198,7 @@ export class MapView {
 
   /** The place that another part points at. */
   setCursor(point: MapPoint | null): void {
-    this.cursor.source.clear();
-    if (point) this.cursor.source.addFeature(pointFeature(point));
+    put(this.cursor.source, point);
   }
 
   /** Whether a tool claims the clicks. */
@@ -228,6 +230,13 @@ export class MapView {
     this.map.setTarget(undefined);
     this.map.dispose();
   }
+}
+
+/** Puts a point in place of what is there; a source that stays empty has nothing drawn anew. */
+function put(source: VectorSource<Feature<Geometry>>, point: MapPoint | null): void {
+  if (!point && source.isEmpty()) return;
+  source.clear();
+  if (point) source.addFeature(pointFeature(point));
 }
 
 function pointOf(event: MapBrowserEvent): MapPoint {

@@ -89,51 +89,73 @@ export function ellipseFactor(largest_m: number, extent_m: number): number {
 const number = (value: unknown): number | null =>
   typeof value === "number" && Number.isFinite(value) ? value : null;
 
-function drawTraverse(feature: FeatureLike): Style[] {
-  return isAdjusted(feature.get("solution"))
-    ? [
-        new Style({ stroke: line(CASING, 5), zIndex: 1 }),
-        new Style({ stroke: line(ADJUSTED, 2.5), zIndex: 2 }),
-      ]
-    : [
-        new Style({ stroke: line(CASING, 4.5), zIndex: 1 }),
-        new Style({ stroke: line(TELEMETRY, 2, [7, 5]), zIndex: 2 }),
-      ];
-}
+const cased = (casing: number, stroke: Stroke) => [
+  new Style({ stroke: line(CASING, casing), zIndex: 1 }),
+  new Style({ stroke, zIndex: 2 }),
+];
+const ADJUSTED_LINE = cased(5, line(ADJUSTED, 2.5));
+const TELEMETRY_LINE = cased(4.5, line(TELEMETRY, 2, [7, 5]));
+
+const drawTraverse = (feature: FeatureLike): Style[] =>
+  isAdjusted(feature.get("solution")) ? ADJUSTED_LINE : TELEMETRY_LINE;
 
 export function stopLabel(feature: FeatureLike): string {
   const [site, drive] = [feature.get("site"), feature.get("drive")];
   return site === undefined ? String(feature.get("stop") ?? "") : `${site}/${drive}`;
 }
 
-function drawStop(feature: FeatureLike, state: DrawingState): Style[] {
-  const at = (feature.getGeometry() as Point).getCoordinates();
-  const centre: MapPoint = [at[0] ?? 0, at[1] ?? 0];
-  if (!isAdjusted(feature.get("solution"))) {
-    const square = new RegularShape({
-      points: 4,
-      radius: 5.5,
-      angle: Math.PI / 4,
-      fill: new Fill({ color: "#fff" }),
-      stroke: line(TELEMETRY, 2),
-      declutterMode: "none",
-    });
-    return [new Style({ image: square, zIndex: 3 })];
-  }
-  const held = Boolean(feature.get("held"));
-  const dot = new CircleStyle({
+const SQUARE = new RegularShape({
+  points: 4,
+  radius: 5.5,
+  angle: Math.PI / 4,
+  fill: new Fill({ color: "#fff" }),
+  stroke: line(TELEMETRY, 2),
+  declutterMode: "none",
+});
+const BELIEVED_STOP = [new Style({ image: SQUARE, zIndex: 3 })];
+const stopDot = (fill: string, stroke: string, width: number) =>
+  new CircleStyle({
     radius: 5,
-    fill: new Fill({ color: held ? "#fff" : ADJUSTED }),
-    stroke: line(held ? ADJUSTED : "#fff", held ? 2.5 : 1.5),
+    fill: new Fill({ color: fill }),
+    stroke: line(stroke, width),
     declutterMode: "none", // labels give way to each other, places do not
   });
-  const name = label(stopLabel(feature), "#7d0f0a", {
+const [FREE_DOT, HELD_DOT] = [stopDot(ADJUSTED, "#fff", 1.5), stopDot("#fff", ADJUSTED, 2.5)];
+/** From this resolution on stops are dots, and only the first of every site is named: 12 m are 24 pixels. */
+const DOTS_FROM_M = 0.5;
+const AFAR = 0;
+/** Styles of a stop and the factor they were made for: a map that moves asks for them in every frame. */
+const stopStyles = new WeakMap<FeatureLike, { factor: number; styles: Style[] }>();
+
+function drawStop(feature: FeatureLike, state: DrawingState, resolution: number): Style[] {
+  if (!isAdjusted(feature.get("solution"))) return BELIEVED_STOP;
+  const factor = resolution > DOTS_FROM_M ? AFAR : state.ellipseFactor;
+  const known = stopStyles.get(feature);
+  if (known?.factor === factor) return known.styles;
+  const styles = factor === AFAR ? [namedDot(feature)] : drawStopNearBy(feature, state);
+  stopStyles.set(feature, { factor, styles });
+  return styles;
+}
+
+function namedDot(feature: FeatureLike): Style {
+  const image = feature.get("held") ? HELD_DOT : FREE_DOT;
+  const isNamed = !(Number(feature.get("drive")) > 0);
+  return new Style({ image, zIndex: 4, ...(isNamed ? { text: stopName(feature) } : {}) });
+}
+
+const stopName = (feature: FeatureLike): Text =>
+  label(stopLabel(feature), "#7d0f0a", {
     offsetX: 9,
     offsetY: -9,
     textAlign: "left",
     font: `600 ${FONT}`,
   });
-  const styles = [new Style({ image: dot, text: name, zIndex: 4 })];
+
+function drawStopNearBy(feature: FeatureLike, state: DrawingState): Style[] {
+  const at = (feature.getGeometry() as Point).getCoordinates();
+  const centre: MapPoint = [at[0] ?? 0, at[1] ?? 0];
+  const dot = feature.get("held") ? HELD_DOT : FREE_DOT;
+  const styles = [new Style({ image: dot, text: stopName(feature), zIndex: 4 })];
   const major = number(feature.get("ellipse_semi_major_m"));
   const minor = number(feature.get("ellipse_semi_minor_m"));
   if (major && minor) {
@@ -201,7 +223,7 @@ export function drawingOf(kind: string, state: DrawingState): Draw {
     case "mission-stops":
       return (feature) => (isAdjusted(feature.get("solution")) ? PLACE : BELIEVED);
     case "stops":
-      return (feature) => drawStop(feature, state);
+      return (feature, resolution) => drawStop(feature, state, resolution);
     case "contours":
     case "region-contours":
     case "far-contours":

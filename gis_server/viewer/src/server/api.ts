@@ -124,6 +124,11 @@ export const api = {
   /** All features of a layer, or those that meet some bounds. */
   features: (layer: VectorLayer, bounds?: Bounds) =>
     get<FeatureCollection>(withQuery(layer.features, { bbox: bounds?.join(",") })),
+  /** Features of a layer by their names. */
+  featuresNamed: (layer: VectorLayer, names: readonly string[]) =>
+    get<FeatureCollection>(
+      `${layer.features}?${new URLSearchParams(names.map((name) => ["ids", name]))}`,
+    ),
   provenance: (layer: Layer) => get<unknown>(layer.provenance),
   isAlive: async () => {
     try {

@@ -1,7 +1,6 @@
 /** The tab of images: those of a sol or stop, one of them in full, and where on the map it looks. */
 
-import type Feature from "ol/Feature";
-import type Geometry from "ol/geom/Geometry";
+import { ImageFeatures } from "../../map/image-features";
 import { h } from "../../page/dom";
 import { api } from "../../server/api";
 import type { ImageEntry } from "../../server/records";
@@ -12,6 +11,10 @@ export function imagesPart(context: Context): void {
   const { page, view, layers, waiting, signals, mission, drawing } = context;
   const panel = page.addTab("images", "Images");
   const [detail, list] = [h("div"), h("div")];
+  const viewing = new ImageFeatures(() => [
+    ...layers.widest("footprints"),
+    ...layers.widest("pointing"),
+  ]);
   let images: readonly ImageEntry[] = [];
   let stop: string | null = null;
   let chosen: string | null = null;
@@ -39,7 +42,7 @@ export function imagesPart(context: Context): void {
   const showOnMap = (id: string | null) => {
     const shown = id ?? chosen;
     if (shown === null) view.setHighlight([]);
-    else waiting.run(async () => view.setHighlight(await viewing(context, shown)));
+    else waiting.run(async () => view.setHighlight(await viewing.of(shown)));
   };
   const open = (id: string) => {
     const image = images.find((entry) => entry.id === id);
@@ -57,6 +60,7 @@ export function imagesPart(context: Context): void {
     showOnMap(null);
   };
 
+  layers.replaced.on(() => viewing.forget());
   signals.image.on(open);
   signals.imageHovered.on(showOnMap);
   signals.sol.on(drawList);
@@ -119,15 +123,4 @@ function filters(
 function solsKnown(images: readonly ImageEntry[], ofLayers: readonly number[]): number[] {
   const known = new Set([...images.map(({ sol }) => sol), ...ofLayers]);
   return [...known].sort((a, b) => a - b);
-}
-
-/** Footprint and pointing line of an image, loaded if they are not yet. */
-async function viewing({ layers, view }: Context, id: string): Promise<Feature<Geometry>[]> {
-  const all = await view.featuresOf([...layers.of("footprints"), ...layers.of("pointing")]);
-  const seen = new Set<string>();
-  return all.filter((feature) => {
-    if (feature.get("image") !== id) return false;
-    const type = feature.getGeometry()?.getType() ?? "";
-    return !seen.has(type) && seen.add(type);
-  });
 }

@@ -2,6 +2,7 @@
 
 import type Feature from "ol/Feature";
 import type Geometry from "ol/geom/Geometry";
+import { ImageFeatures } from "../../map/image-features";
 import { api } from "../../server/api";
 import type { Bounds, MapPoint } from "../../server/records";
 import type { Context } from "../../session/context";
@@ -119,8 +120,8 @@ async function stopsBounds(
   return union(places);
 }
 
-async function imageBounds({ view, layers }: Context, id: string): Promise<Bounds | null> {
-  const drawn = await view.featuresOf([...layers.of("footprints"), ...layers.of("pointing")]);
-  const own = drawn.filter((feature) => feature.get("image") === id);
+async function imageBounds({ layers }: Context, id: string): Promise<Bounds | null> {
+  const viewing = [...layers.widest("footprints"), ...layers.widest("pointing")];
+  const own = await new ImageFeatures(() => viewing).of(id);
   return union(own.map((feature) => feature.getGeometry()?.getExtent() ?? []));
 }

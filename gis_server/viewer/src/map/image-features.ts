@@ -1,0 +1,40 @@
+/** Where an image looks: its footprint and pointing line, asked for by its name and kept. */
+
+import type Feature from "ol/Feature";
+import type Geometry from "ol/geom/Geometry";
+import { api } from "../server/api";
+import type { Layer } from "../server/records";
+import { readFeatures } from "./map-layers";
+
+const MOST_KEPT = 200;
+
+export class ImageFeatures {
+  private readonly kept = new Map<string, Promise<Feature<Geometry>[]>>();
+
+  /** `layers` are those of footprints and pointing lines. */
+  constructor(private readonly layers: () => readonly Layer[]) {}
+
+  /** Outline and line of an image, one of each: those of the widest layers there are. */
+  of(image: string): Promise<Feature<Geometry>[]> {
+    const known = this.kept.get(image);
+    if (known) return known;
+    const asked = this.ask(image).catch((reason: unknown) => {
+      this.kept.delete(image);
+      throw reason;
+    });
+    if (this.kept.size >= MOST_KEPT) this.forget();
+    this.kept.set(image, asked);
+    return asked;
+  }
+
+  /** Other products may lie behind the layers. */
+  forget(): void {
+    this.kept.clear();
+  }
+
+  private async ask(image: string): Promise<Feature<Geometry>[]> {
+    const vectors = this.layers().filter((layer) => layer.type === "vector");
+    const found = await Promise.all(vectors.map((layer) => api.featuresNamed(layer, [image])));
+    return found.flatMap(readFeatures);
+  }
+}
