@@ -1,0 +1,182 @@
+"""QGIS opens what the server offers, over HTTP: what lies where, on which Mars, and what it draws.
+
+QGIS runs as the machine's own Python has it, apart from this environment's GDAL and PROJ. What
+QGIS 3.22 cannot is held too, so that `docs/stages/serve.md` says the truth: OGC API Features come
+as degrees of the Earth, and WMTS by its own provider without a reference system; by GDAL's driver,
+which QGIS has as well, WMTS has the right one.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import urllib.request
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from products.vector import Feature
+from tests.support.live_server import serving
+from tests.unit.gis_server.conftest import build, elevation_at, haven
+
+PYTHON = Path("/usr/bin/python3")
+SESSION = Path(__file__).parents[1] / "support" / "qgis_session.py"
+AT = (10.04, 4.04)
+"""The middle of a cell, metres east and north."""
+
+
+@pytest.fixture(scope="module")
+def qgis_answers(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    folder = tmp_path_factory.mktemp("qgis")
+    has_qgis = PYTHON.is_file() and not _run(["-c", "import qgis.core"], folder).returncode
+    if not has_qgis:
+        pytest.skip(f"{PYTHON} has no qgis.core: install python3-qgis")
+    root = build(folder / "store").root
+    with serving(root) as url:
+        asked = _asked(url, folder)
+        (folder / "asked.json").write_text(json.dumps(asked))
+        ended = _run([str(SESSION), str(folder / "asked.json"), str(folder / "said.json")], folder)
+        assert ended.returncode == 0, ended.stderr[-2000:]
+    return json.loads((folder / "said.json").read_text()) | {"folder": str(folder)}
+
+
+def _run(arguments: list[str], home: Path) -> subprocess.CompletedProcess[str]:
+    home.chmod(0o700)
+    clean = {
+        "PATH": "/usr/bin:/bin",
+        "HOME": str(home),
+        "XDG_RUNTIME_DIR": str(home),
+        "QT_QPA_PLATFORM": "offscreen",
+    }
+    return subprocess.run(
+        [str(PYTHON), *arguments],
+        check=False,
+        env=clean,
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+
+
+def _asked(url: str, folder: Path) -> dict[str, dict[str, Any]]:
+    with urllib.request.urlopen(f"{url}/api/start") as answer:
+        layers = {layer["kind"]: layer for layer in json.load(answer)["layers"]}
+    orthophoto = layers["orthophoto"]["id"].replace("/", ".")
+    capabilities = f"{url}/ogc/MER2/wmts/1.0.0/WMTSCapabilities.xml"
+    geopackage = folder / "havens.gpkg"
+    urllib.request.urlretrieve(f"{url}{layers['havens']['download']}.gpkg", geopackage)
+    view = {"view": [-40.0, -40.0, 40.0, 40.0]}
+    wmts = f"layers={orthophoto}&styles=default&format=image/png&url={capabilities}"
+    return {
+        "wmts by GDAL": {
+            "provider": "gdal",
+            "address": f"WMTS:{capabilities},layer={orthophoto}",
+            "picture": str(folder / "wmts.png"),
+            **view,
+        },
+        "wmts": {
+            "provider": "wms",
+            "address": f"{wmts}&tileMatrixSet=Columbia-Memorial-Station",
+        },
+        "terrain": {
+            "provider": "gdal",
+            "address": f"/vsicurl/{url}{layers['dtm']['download']}",
+            "at": AT,
+            "picture": str(folder / "terrain.png"),
+        },
+        "features": {
+            "provider": "OAPIF",
+            "address": f"url='{url}/ogc/MER2' typename='havens'",
+            "field": "area_m2",
+        },
+        "geojson": {
+            "provider": "ogr",
+            "address": f"/vsicurl/{url}{layers['havens']['download']}",
+            "field": "area_m2",
+        },
+        "geopackage": {
+            "provider": "ogr",
+            "address": str(geopackage),
+            "field": "area_m2",
+            "picture": str(folder / "havens.png"),
+            "view": [-25.0, -25.0, -5.0, -5.0],
+        },
+    }
+
+
+def picture(answers: dict[str, Any], name: str) -> np.ndarray:
+    drawn = cv2.imread(str(Path(answers["folder"]) / f"{name}.png"))
+    if folder := os.environ.get("SOLMAP_SCREENSHOTS"):
+        Path(folder).mkdir(parents=True, exist_ok=True)
+        cv2.imwrite(str(Path(folder) / f"qgis-{name}.png"), drawn)
+    return drawn
+
+
+def is_on_our_mars(told: dict[str, Any]) -> bool:
+    proj = told["crs_proj"]
+    return "+proj=ortho" in proj and "+R=3393000" in proj and "+lat_0=-14.5692" in proj
+
+
+def test_a_terrain_model_by_http_has_its_metres_values_and_mars(qgis_answers):
+    told = qgis_answers["terrain"]
+    assert told["valid"]
+    assert is_on_our_mars(told)
+    assert told["extent"] == pytest.approx([-40.96, -40.96, 40.96, 40.96])
+    assert told["value"] == pytest.approx(elevation_at(*AT), abs=1e-4)
+    assert told["errors"] == []
+
+
+def test_wmts_by_gdals_driver_is_on_mars_and_drawn_where_it_belongs(qgis_answers):
+    told = qgis_answers["wmts by GDAL"]
+    assert told["valid"]
+    assert is_on_our_mars(told)
+    assert told["errors"] == []
+    drawn = picture(qgis_answers, "wmts").astype(int)
+    # Grey runs from 0 in the west to 254 in the east; a pixel is 0.2 m, of 512 cells.
+    for east in (-20.0, 0.0, 20.0):
+        expected = 254.0 * (east + 40.96) / 81.92
+        shown = drawn[200, round((east + 40.0) / 0.2)]
+        assert np.abs(shown - expected).max() <= 6
+    assert (drawn[200, 10] == 255).all()  # 38 m to the west nothing was seen
+
+
+def test_wmts_by_its_own_provider_opens_without_a_reference_system(qgis_answers):
+    told = qgis_answers["wmts"]
+    assert told["valid"]
+    assert told["crs"] == ""
+    assert told["crs_proj"] == ""
+
+
+@pytest.mark.parametrize("name", ["geopackage", "geojson", "features"])
+def test_features_come_all_with_their_values(qgis_answers, name):
+    told = qgis_answers[name]
+    assert told["valid"]
+    assert told["count"] == 1
+    assert [value for value, _, _ in told["values"]] == [96.0]
+
+
+def test_a_geopackage_lies_on_our_mars_in_metres(qgis_answers):
+    told = qgis_answers["geopackage"]
+    feature: Feature = haven()
+    assert is_on_our_mars(told)
+    assert told["extent"] == pytest.approx(list(feature.bounds), abs=1e-3)
+    drawn = picture(qgis_answers, "havens")
+    # 20 m are 400 pixels: the square from -20 to -10 m in both, its hole from -16 to -14 m.
+    assert (drawn[40, 40] == 255).all()
+    assert (drawn[160, 140] != 255).any()
+    assert (drawn[200, 200] == 255).all()
+
+
+def test_geojson_is_in_degrees_of_mars(qgis_answers):
+    assert "3396190" in qgis_answers["geojson"]["crs_ellipsoid"]
+
+
+def test_features_by_ogc_api_have_degrees_of_mars_taken_for_the_earths(qgis_answers):
+    """QGIS 3.22 gives them all the Earth's: set the layer's reference system by hand."""
+    told, geojson = qgis_answers["features"], qgis_answers["geojson"]
+    assert told["extent"] == pytest.approx(geojson["extent"], abs=1e-8)
+    assert told["crs"] == "EPSG:4326"

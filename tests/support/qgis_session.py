@@ -1,0 +1,96 @@
+"""What QGIS makes of a server's layers: run by the machine's own Python, which has `qgis.core`.
+
+    python3 qgis_session.py ASKED.json ANSWER.json
+
+ASKED holds layers by name: provider, address, `picture` where one is to be drawn, `at` for the
+value of a raster at a place, and `field` for the values of an attribute. ANSWER says of each what
+QGIS found. It knows nothing of this project.
+"""
+
+import json
+import sys
+from pathlib import Path
+
+from qgis.core import (
+    QgsApplication,
+    QgsMapRendererParallelJob,
+    QgsMapSettings,
+    QgsPointXY,
+    QgsRasterLayer,
+    QgsRectangle,
+    QgsVectorLayer,
+)
+from qgis.PyQt.QtCore import QSize
+from qgis.PyQt.QtGui import QColor
+
+
+def opened(asked):
+    """The layer and what can be told of any."""
+    kinds = {"wms": QgsRasterLayer, "gdal": QgsRasterLayer}
+    layer = kinds.get(asked["provider"], QgsVectorLayer)(
+        asked["address"], "asked", asked["provider"]
+    )
+    crs, extent = layer.crs(), layer.extent()
+    told = {
+        "valid": layer.isValid(),
+        "crs": crs.authid(),
+        "crs_wkt": crs.toWkt(),
+        "crs_ellipsoid": crs.ellipsoidAcronym(),
+        "crs_proj": crs.toProj(),
+        "extent": [extent.xMinimum(), extent.yMinimum(), extent.xMaximum(), extent.yMaximum()],
+    }
+    return layer, told
+
+
+def drawn(layer, asked):
+    """A picture of the layer in its own reference system."""
+    settings = QgsMapSettings()
+    settings.setLayers([layer])
+    settings.setDestinationCrs(layer.crs())
+    settings.setBackgroundColor(QColor(255, 255, 255))
+    settings.setOutputSize(QSize(400, 400))
+    settings.setExtent(QgsRectangle(*asked["view"]) if "view" in asked else layer.extent())
+    job = QgsMapRendererParallelJob(settings)
+    job.start()
+    job.waitForFinished()
+    job.renderedImage().save(asked["picture"])
+    return [error.message for error in job.errors()]
+
+
+def told_of(asked):
+    layer, told = opened(asked)
+    if not told["valid"]:
+        return told
+    if asked["provider"] not in {"wms", "gdal"}:
+        features = list(layer.getFeatures())
+        told["count"] = len(features)
+        told["fields"] = layer.fields().names()
+        if "field" in asked:
+            told["values"] = [
+                [feature[asked["field"]], *_middle(feature)] for feature in features[:2000]
+            ]
+    if "at" in asked:
+        value, is_known = layer.dataProvider().sample(QgsPointXY(*asked["at"]), 1)
+        told["value"] = value if is_known else None
+    if "picture" in asked:
+        told["errors"] = drawn(layer, asked)
+    return told
+
+
+def _middle(feature):
+    middle = feature.geometry().centroid().asPoint()
+    return [middle.x(), middle.y()]
+
+
+def main():
+    QgsApplication.setPrefixPath("/usr", True)  # noqa: FBT003 - Qt's own
+    application = QgsApplication([], False)  # noqa: FBT003 - as above
+    application.initQgis()
+    asked = json.loads(Path(sys.argv[1]).read_text())
+    answer = {name: told_of(one) for name, one in asked.items()}
+    Path(sys.argv[2]).write_text(json.dumps(answer, default=str))
+    application.exitQgis()
+
+
+if __name__ == "__main__":
+    main()
