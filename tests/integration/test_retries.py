@@ -102,6 +102,7 @@ def run(store: ProductStore, attempts: list[int], write: Callable[[Path], object
     return make_it()
 
 
+@pytest.mark.slow
 def test_a_broken_pair_and_a_broken_sol_stop_nothing_else_and_are_told_everywhere(
     tmp_path: Path,
 ) -> None:
@@ -139,18 +140,15 @@ def test_a_broken_pair_and_a_broken_sol_stop_nothing_else_and_are_told_everywher
 def page_of_last_run() -> str:
     """What the page of the last downlink says: the text of its artifact and of its failed tasks."""
     from prefect.client.orchestration import get_client  # noqa: PLC0415 - after its settings
-    from prefect.client.schemas.filters import ArtifactFilter, ArtifactFilterKey  # noqa: PLC0415
-    from prefect.client.schemas.sorting import ArtifactSort  # noqa: PLC0415
 
+    asked = {"artifacts": {"key": {"any_": ["downlink"]}}, "sort": "CREATED_DESC", "limit": 1}
     with get_client(sync_client=True) as client:
-        keyed = ArtifactFilter(key=ArtifactFilterKey(any_=["downlink"]))
-        newest = ArtifactSort.CREATED_DESC
-        (artifact, *_) = client.read_artifacts(artifact_filter=keyed, sort=newest)
+        (artifact,) = client.request("POST", "/artifacts/filter", json=asked).json()
         failed = [run for run in client.read_task_runs() if run.state and run.state.is_failed()]
     told = {run.name.split("-")[0]: str(run.state and run.state.message) for run in failed}
     assert "FileExistsError" in told["adjust"]
     assert "FileExistsError" in told["match"]
-    return str(artifact.data)
+    return str(artifact["data"])
 
 
 @pytest.fixture
@@ -165,6 +163,7 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
     subprocess.run(["umount", "--lazy", str(folder)], check=True)  # noqa: S607
 
 
+@pytest.mark.slow
 def test_a_full_disk_stops_a_run_and_what_was_made_stays(small_disk: Path, tmp_path: Path) -> None:
     from flows.downlink import process_downlink  # noqa: PLC0415 - after the engine's settings
 
