@@ -9,7 +9,7 @@ from tests.support.disorder import deliveries, differences
 from tests.support.small_downlink import write_coarse_pipeline, write_small_downlink
 from tests.support.store_checks import Contents, faults
 
-pytestmark = pytest.mark.usefixtures("engine")
+pytestmark = [pytest.mark.usefixtures("engine"), pytest.mark.slow]
 
 
 def compared(tmp_path: Path, sols: int, pairs: int, turns: int, seed: int) -> list[str]:
@@ -32,6 +32,5 @@ def test_four_sols_in_disorder_end_as_in_order(tmp_path: Path, seed: int) -> Non
     assert compared(tmp_path, sols=4, pairs=1, turns=3, seed=seed) == []
 
 
-@pytest.mark.slow
 def test_thirty_sols_in_disorder_end_as_in_order(tmp_path: Path) -> None:
     assert compared(tmp_path, sols=30, pairs=1, turns=8, seed=30) == []
