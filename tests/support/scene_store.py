@@ -239,7 +239,7 @@ def _publish_models(workspace: Workspace) -> None:
         workspace.catalogue.publish(layers=[_layer(ref, workspace)])
 
 
-POINTS = 40_000
+POINTS = 6_000
 POINT_GREYS = (60, 220)
 """Of points in the west and in the east."""
 

@@ -225,6 +225,7 @@ export class SceneView {
       stage.world.add(this.cloud.group);
     }
     this.cloud.group.visible = choices.points;
+    if (!choices.points) this.said.textContent = "";
     stage.ask();
   }
 
