@@ -39,9 +39,7 @@ def test_every_tab_and_every_tool_shows_something_and_nothing_goes_wrong(browser
         page.on(
             "response",
             lambda answer: (
-                errors.append(f"{answer.status} {answer.url}")
-                if answer.status >= 500
-                else None
+                errors.append(f"{answer.status} {answer.url}") if answer.status >= 500 else None
             ),
         )
         look(page, server.url)
