@@ -54,6 +54,12 @@ def server(world: SmallWorld) -> Iterator[str]:
         yield address
 
 
+@pytest.fixture(autouse=True)
+def _elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """GDAL keeps what it asked a WMTS for in the folder it runs in."""
+    monkeypatch.chdir(tmp_path)
+
+
 @pytest.fixture
 def ogc(server: str) -> str:
     return f"{server}/ogc/MER2"

@@ -56,6 +56,7 @@ def _run(arguments: list[str], home: Path) -> subprocess.CompletedProcess[str]:
         [str(PYTHON), *arguments],
         check=False,
         env=clean,
+        cwd=home,  # GDAL keeps what it asked a WMTS for where it was started
         capture_output=True,
         text=True,
         timeout=300,
