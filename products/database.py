@@ -9,10 +9,11 @@ writer reads stays true until it has written. Readers wait for nobody.
 
 from __future__ import annotations
 
+import atexit
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import lru_cache
 from pathlib import Path
+from threading import Lock
 from typing import Any
 
 import sqlalchemy as sa
@@ -36,12 +37,29 @@ _SPARE = 20
 
 def engine_of(path: Path, url: str | None = None) -> sa.Engine:
     """A database in a file, or at a URL; one pool of connections for all who ask for a URL."""
-    return _shared_engine(url) if url else _engine(f"sqlite:///{path}")
+    if not url:
+        return _engine(f"sqlite:///{path}")
+    with _AT_URLS_LOCK:
+        if url not in _AT_URLS:
+            _AT_URLS[url] = _engine(url)
+        return _AT_URLS[url]
 
 
-@lru_cache(maxsize=16)
-def _shared_engine(url: str) -> sa.Engine:
-    return _engine(url)
+def close_pools() -> None:
+    """Close the connections to databases at URLs; who asks an engine again gets new ones.
+
+    An engine is never dropped before that: its connections would stay open until the garbage is
+    collected, and then be lost with a warning.
+    """
+    with _AT_URLS_LOCK:
+        for engine in _AT_URLS.values():
+            engine.dispose()
+        _AT_URLS.clear()
+
+
+_AT_URLS: dict[str, sa.Engine] = {}
+_AT_URLS_LOCK = Lock()
+atexit.register(close_pools)
 
 
 def _engine(url: str) -> sa.Engine:

@@ -77,15 +77,20 @@ def postgres() -> Iterator[Any]:
     try:
         with running_postgres() as server:
             yield server
+            from products.database import close_pools  # noqa: PLC0415 - slow to import
+
+            close_pools()  # before the server stops
     except NoPostgresError as error:
         pytest.skip(str(error))
 
 
 @pytest.fixture(params=["SQLite", "PostgreSQL"])
-def catalogue_url(request: pytest.FixtureRequest) -> str | None:
+def catalogue_url(request: pytest.FixtureRequest) -> Iterator[str | None]:
     """Where a catalogue may lie: in its store's folder, or in a database of PostgreSQL."""
     if request.param == "SQLite":
-        return None
-    server = request.getfixturevalue("postgres")
-    url: str = server.database()
-    return url
+        yield None
+        return
+    from products.database import close_pools  # noqa: PLC0415 - slow to import
+
+    yield request.getfixturevalue("postgres").database()
+    close_pools()

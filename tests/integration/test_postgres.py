@@ -1,5 +1,6 @@
 """A catalogue in PostgreSQL: many processes write at once, and readers see all of it or nothing."""
 
+import gc
 import subprocess
 import sys
 import threading
@@ -10,7 +11,7 @@ import sqlalchemy as sa
 
 from products import events
 from products.catalogue import Catalogue
-from products.database import writing
+from products.database import close_pools, writing
 from products.errors import ProductError, StoreAwayError
 from tests.unit.products.test_catalogue import MISSION, a_layer, an_image
 
@@ -127,6 +128,27 @@ def test_a_connection_that_the_server_dropped_is_made_anew(postgres, tmp_path):
         catalogue.missions()
     postgres.start()
     assert catalogue.missions() == [MISSION]
+
+
+def test_no_connection_is_left_for_the_garbage_collector(postgres, tmp_path):
+    url = postgres.database()  # ours are told apart by their names
+    for number in range(20):
+        Catalogue.open(tmp_path, f"{url}&application_name=ours{number}")
+        gc.collect()  # an engine that was dropped would make this test fail by its ResourceWarning
+    query = sa.text("SELECT count(*) FROM pg_stat_activity WHERE application_name LIKE 'ours%'")
+    catalogue = Catalogue.open(tmp_path, url)
+
+    def open_connections() -> int:
+        with catalogue.engine.connect() as connection:
+            return connection.scalar(query)
+
+    assert open_connections() == 20
+    close_pools()
+    give_up = time.monotonic() + 30.0
+    while open_connections() and time.monotonic() < give_up:
+        time.sleep(0.05)  # a backend of the server takes a moment to end
+    assert open_connections() == 0
+    catalogue.engine.dispose()  # it was asked for once more
 
 
 def test_a_database_that_is_away_is_named_without_its_password(tmp_path):
