@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from photogrammetry.adjustment.adjust import adjust, adjust_overall
+from photogrammetry.adjustment.adjust import adjust_and_keep
 from photogrammetry.adjustment.datum import (
     held_stops,
     says_otherwise,
@@ -34,7 +34,8 @@ from photogrammetry.adjustment.records import (
     Network,
     select,
 )
-from photogrammetry.adjustment.retire import Conditional, neighbours, retire
+from photogrammetry.adjustment.result import Outcome
+from photogrammetry.adjustment.retire import Conditional, leaving, retire
 from photogrammetry.adjustment.stepwise import merged_network
 from photogrammetry.errors import AdjustmentError
 from photogrammetry.imagery import StopId
@@ -81,7 +82,8 @@ def adjust_sequential(
 
     Called like `adjust_stepwise`: `network` holds old and new stops, with the pairs and ties of the
     window, of the stops before it that share ties with it, and of the new stops; with the pairs of
-    all stops, loops can be closed. `previous` is what former steps returned, or None at the start.
+    all stops, loops can be closed. `previous` is what former steps returned, or the part of it at
+    the stops whose pairs are given, or None at the start.
     Stops that have left the window stay as they were when they left; stops of the window move.
     """
     new = tuple(stop for stop in network.stop_ids if stop in set(new_stops))
@@ -92,8 +94,11 @@ def adjust_sequential(
         raise AdjustmentError("a step along the traverse needs new stops")
     before = Traverse(previous)
     late = late_ties(before, network, new)
-    complete = {pair.pair_id for pair in previous.pairs} <= {p.pair_id for p in network.pairs}
-    gone = {stop.stop for stop in previous.stops} - set(before.staying)
+    known, told_of = {stop.stop for stop in previous.stops}, {*network.stop_ids} - {*new}
+    complete = told_of <= known and (
+        {pair.pair_id for pair in previous.pairs} <= {pair.pair_id for pair in network.pairs}
+    )
+    gone = (known | told_of) - {*before.staying}
     changed = bool(previous.memory) and says_otherwise(network, previous, gone)
     if (late or changed) and complete:
         traverse, report = reopened(previous, network, params)
@@ -111,8 +116,10 @@ def begin(
     network: Network, params: AdjustmentParams, start: AdjustedNetwork | None = None
 ) -> tuple[Traverse, AdjustmentReport]:
     """All stops so far adjusted together, the very first one held; then the oldest leave."""
-    adjusted, report = adjust_overall(network, params, start)
-    return _shortened(Traverse(adjusted), network, report, params), report
+    adjusted, report, outcome = adjust_and_keep(
+        network, held_stops(network), params, start, "overall adjustment"
+    )
+    return _shortened(Traverse(adjusted), network, outcome, params), report
 
 
 def reopened(
@@ -132,11 +139,11 @@ def extend(
     memory = traverse.window.memory
     inherited = Marginal.of(memory, part) if memory else None
     held = frozenset() if memory else held_stops(part)
-    adjusted, report = adjust(
+    adjusted, report, outcome = adjust_and_keep(
         part, held, params, traverse.window, f"sequential step to {new[-1]}", inherited
     )
     grown = Traverse(replace(adjusted, memory=memory), traverse.departures)
-    return _shortened(grown, part, report, params), report
+    return _shortened(grown, part, outcome, params), report
 
 
 def late_ties(traverse: Traverse, network: Network, new_stops: Iterable[StopId]) -> int:
@@ -166,18 +173,21 @@ def _part(network: Network, staying: tuple[StopId, ...], new: tuple[StopId, ...]
 
 
 def _shortened(
-    traverse: Traverse, network: Network, report: AdjustmentReport, params: AdjustmentParams
+    traverse: Traverse, network: Network, outcome: Outcome, params: AdjustmentParams
 ) -> Traverse:
     """The traverse after its oldest stops have left, as many as the window and loops allow."""
-    if not report.converged:
+    if not outcome.solution.converged:
         return traverse  # what leaves is never looked at again
-    adjusted, linear = traverse.window, Linear.of(traverse.window, network, params)
-    departures, marginal = list(traverse.departures), linear.inherited
+    adjusted, departures = traverse.window, list(traverse.departures)
+    grounded = np.array([stop.is_tied for stop in adjusted.stops], dtype=bool)
+    linear = Linear.where_solved(outcome, grounded)
+    marginal = linear.inherited
     number = 0
     while len(network.stops) - number > params.window_stops:
-        if len(neighbours(linear, number)[1]) > params.window_stops:
+        leaves = leaving(linear, number)
+        if len(leaves.stops) > params.window_stops:
             break  # so many stops hang on this one that leaving would save nothing
-        conditional, marginal = retire(linear, number)
+        conditional, marginal = retire(linear, leaves)
         departures.append(_departure(adjusted, network, number, conditional))
         linear = linear.without(number, marginal)
         number += 1
