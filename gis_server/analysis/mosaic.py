@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import rasterio
@@ -10,10 +11,12 @@ from rasterio.enums import Resampling
 from rasterio.windows import Window
 
 from gis_server.analysis.ground import Ground, cell_of
-from photogrammetry.arrays import Raster
+from gis_server.rendering.readers import RasterPool
+from photogrammetry.arrays import Classes, Raster
 from photogrammetry.terrain.grid import Bounds, MapGrid
 from products.model import Layer
 from products.raster import band_names, grid_of
+from products.store import ProductStore
 
 
 def mosaic(ground: Ground, grid: MapGrid) -> tuple[Raster, list[Layer]]:
@@ -63,16 +66,45 @@ def _read(
     dataset: rasterio.DatasetReader, grid: MapGrid, part: tuple[slice, slice]
 ) -> tuple[Raster, Raster]:
     """Elevation and its standard deviation on a part of the grid."""
-    own, (rows, cols) = grid_of(dataset), part
-    ratio = grid.cell_m / own.cell_m
-    top = (own.north - grid.north) / own.cell_m + rows.start * ratio
-    left = (grid.west - own.west) / own.cell_m + cols.start * ratio
-    shape = (rows.stop - rows.start, cols.stop - cols.start)
-    window = Window(left, top, shape[1] * ratio, shape[0] * ratio)
+    window, shape = _window(grid_of(dataset), grid, part)
     names = band_names(dataset)
     wanted = [names.index(n) + 1 for n in ("elevation", "standard_deviation") if n in names]
-    how = Resampling.average if ratio > 1 else Resampling.nearest
+    how = Resampling.average if window.width > shape[1] else Resampling.nearest
     read = dataset.read(wanted, window=window, out_shape=(len(wanted), *shape), resampling=how)
     sigma = read[1] if len(read) > 1 else np.zeros(shape, np.float32)
     unsure: Raster = np.where(np.isfinite(sigma), sigma, np.float32(1e6))
     return read[0], unsure
+
+
+def worst_of(
+    layers: Sequence[Layer], grid: MapGrid, store: ProductStore, pool: RasterPool
+) -> tuple[Classes, list[Layer]]:
+    """Classes on a grid: at every cell the highest code of all layers, 0 where none knows it.
+
+    Returned with the layers that lie on the grid.
+    """
+    found = np.zeros(grid.shape, np.uint8)
+    used = []
+    for layer in layers:
+        part = _overlap(layer.bounds, grid)
+        if part is None:
+            continue
+        with pool.reading(store.address(layer.ref)) as dataset:
+            window, shape = _window(grid_of(dataset), grid, part)
+            codes = dataset.read(1, window=window, out_shape=shape, resampling=Resampling.nearest)
+        here = found[part]
+        np.maximum(here, codes, out=here)
+        used.append(layer)
+    return found, used
+
+
+def _window(
+    own: MapGrid, grid: MapGrid, part: tuple[slice, slice]
+) -> tuple[Window, tuple[int, int]]:
+    """Where a part of a grid lies among the cells of a file, and its rows and columns."""
+    rows, cols = part
+    ratio = grid.cell_m / own.cell_m
+    top = (own.north - grid.north) / own.cell_m + rows.start * ratio
+    left = (grid.west - own.west) / own.cell_m + cols.start * ratio
+    shape = (rows.stop - rows.start, cols.stop - cols.start)
+    return Window(left, top, shape[1] * ratio, shape[0] * ratio), shape

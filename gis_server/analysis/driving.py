@@ -1,0 +1,216 @@
+"""Driving: how far the ground around a place is to a rover, and a way free of hazards to another.
+
+Hazards are those of the maps: at every place the worst that a stop or a region tells.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+import rasterio.features
+from affine import Affine
+from pydantic import BaseModel
+
+from gis_server.analysis.bodies import UNITS, LayerUsed, numbers
+from gis_server.analysis.ground import Ground
+from gis_server.analysis.mosaic import mosaic, worst_of
+from gis_server.analysis.refusal import RefusedError
+from gis_server.rendering.png import indexed_png
+from photogrammetry.arrays import Classes, Float64, Raster
+from photogrammetry.terrain.driving import DrivingParams, Reach, reach
+from photogrammetry.terrain.grid import Bounds, MapGrid
+from products.model import Layer, ProductKind
+
+HAZARD_KINDS = (ProductKind.HAZARD, ProductKind.REGION_HAZARD)
+MOST_CELLS = 1_000_000
+"""Cells between which ways are looked for, a second of work; of larger areas cells are doubled."""
+MOST_BANDS = 50
+USUAL_SPEED_M_H = 36.0
+"""A centimetre a second: MER's mean where it looks for hazards on the way."""
+_OPACITY = 0xA0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Drives:
+    """The ways from a place, and what they were found on."""
+
+    place: tuple[float, float]
+    found: Reach
+    elevation: Raster
+    params: DrivingParams
+    layers: list[Layer]
+
+    def bands(self, interval_m: float) -> Classes:
+        """Number of the interval of driving that a cell lies in, from 1; 0 where no way leads."""
+        nearer = np.nan_to_num(self.found.drive_m / interval_m, nan=-1.0)
+        return np.where(nearer < 0, 0, np.minimum(nearer, MOST_BANDS - 1) + 1).astype(np.uint8)
+
+
+class ReachAnswer(BaseModel):
+    """How far the ground around a place is to drive, as polygons, picture and GeoTIFF."""
+
+    units: str = UNITS
+    east: float
+    north: float
+    farthest_m: float
+    """Longest way that was looked for."""
+    interval_m: float
+    cell_m: float
+    reached_m2: float
+    """Ground to which a way free of hazards and unknown ground leads."""
+    longest_drive_m: float
+    speed_m_h: float
+    longest_drive_h: float
+    bounds: Bounds
+    """(west, south, east, north) of the picture and the GeoTIFF."""
+    picture: str
+    geotiff: str
+    isochrones: dict[str, Any]
+    """GeoJSON in metres of the local map: the ground in each interval of driving, and its hours."""
+    layers: list[LayerUsed]
+
+
+class RouteAnswer(BaseModel):
+    """A shortest way free of hazards."""
+
+    units: str = UNITS
+    drive_m: float
+    """Along the ground."""
+    straight_m: float
+    """On the map, from end to end."""
+    climb_m: float
+    descent_m: float
+    speed_m_h: float
+    drive_h: float
+    cell_m: float
+    places: list[tuple[float, float]]
+    """(east, north) of every cell on the way."""
+    distance_m: list[float | None]
+    ground_m: list[float | None]
+    layers: list[LayerUsed]
+
+
+def drives_from(
+    place: tuple[float, float], params: DrivingParams, hazards: Sequence[Layer], ground: Ground
+) -> Drives:
+    """All ways from a place, no longer than asked.
+
+    Raises:
+        RefusedError: there are no hazard maps.
+        TerrainError: no rover may stand at the place.
+    """
+    maps = [layer for layer in hazards if layer.ref.kind in HAZARD_KINDS and layer.cell_m]
+    if not maps:
+        raise RefusedError(
+            "this mission has no hazard maps yet, without which no way is safe: process its sols "
+            "with a pipeline that makes them"
+        )
+    grid = _around(place, params.farthest_m, min(layer.cell_m or 0.0 for layer in maps))
+    codes, used = worst_of(maps, grid, ground.store, ground.pool)
+    while grid.rows * grid.cols > MOST_CELLS:
+        codes, grid = _halved(codes, grid)
+    heights, models = mosaic(ground, grid)
+    found = reach(codes, heights, grid, place, params)
+    return Drives(place, found, heights, params, [*used, *models])
+
+
+def _around(place: tuple[float, float], reach_m: float, cell_m: float) -> MapGrid:
+    east, north = place
+    box = (east - reach_m, north - reach_m, east + reach_m, north + reach_m)
+    return MapGrid.covering(box, cell_m)
+
+
+def _halved(codes: Classes, grid: MapGrid) -> tuple[Classes, MapGrid]:
+    """Cells of twice the side, each with the worst of its four."""
+    fours = codes.reshape(grid.rows // 2, 2, grid.cols // 2, 2)
+    half = MapGrid(grid.west, grid.north, 2 * grid.cell_m, grid.rows // 2, grid.cols // 2)
+    return fours.max(axis=(1, 3)), half
+
+
+def reach_answer(
+    drives: Drives, interval_m: float, speed_m_h: float, query: str, address: str
+) -> ReachAnswer:
+    """The ground around a place as it is sent; pictures are had with the same query."""
+    found, grid = drives.found, drives.found.grid
+    reached = np.isfinite(found.drive_m)
+    longest = float(np.nanmax(found.drive_m))
+    return ReachAnswer(
+        east=drives.place[0],
+        north=drives.place[1],
+        farthest_m=drives.params.farthest_m,
+        interval_m=interval_m,
+        cell_m=grid.cell_m,
+        reached_m2=round(float(np.count_nonzero(reached)) * grid.cell_m**2, 3),
+        longest_drive_m=round(longest, 3),
+        speed_m_h=speed_m_h,
+        longest_drive_h=round(longest / speed_m_h, 4),
+        bounds=grid.bounds,
+        picture=f"{address}.png?{query}",
+        geotiff=f"{address}.tif?{query}",
+        isochrones=_isochrones(drives, interval_m, speed_m_h),
+        layers=[LayerUsed.of(layer) for layer in drives.layers],
+    )
+
+
+def _isochrones(drives: Drives, interval_m: float, speed_m_h: float) -> dict[str, Any]:
+    """A polygon for every patch of ground in the same interval of driving."""
+    grid, bands = drives.found.grid, drives.bands(interval_m)
+    place = Affine(grid.cell_m, 0.0, grid.west, 0.0, -grid.cell_m, grid.north)
+    features = []
+    for geometry, band in rasterio.features.shapes(bands, mask=bands > 0, transform=place):
+        until = int(band) * interval_m
+        known = {"drive_m": until, "drive_h": round(until / speed_m_h, 4)}
+        rings = [[[round(x, 3), round(y, 3)] for x, y in r] for r in geometry["coordinates"]]
+        shape = {"type": "Polygon", "coordinates": rings}
+        features.append({"type": "Feature", "properties": known, "geometry": shape})
+    features.sort(key=lambda feature: feature["properties"]["drive_m"])
+    return {"type": "FeatureCollection", "features": features}
+
+
+def reach_png(drives: Drives, interval_m: float) -> bytes:
+    """The intervals of driving as a picture, near ones yellow, far ones blue."""
+    bands = drives.bands(interval_m)
+    last = max(1, int(bands.max()))
+    shades = np.linspace(255, 0, last).astype(np.uint8)  # viridis, backwards: near is bright
+    colours = cv2.applyColorMap(shades[:, None], cv2.COLORMAP_VIRIDIS)[:, 0, ::-1]
+    palette = np.zeros((256, 3), np.uint8)
+    palette[1 : last + 1] = colours
+    return indexed_png(bands, palette, b"\x00" + bytes([_OPACITY]) * last)
+
+
+def route_answer(drives: Drives, to: tuple[float, float], speed_m_h: float) -> RouteAnswer:
+    """The way to one place.
+
+    Raises:
+        TerrainError: none leads there.
+    """
+    places = drives.found.way_to(to)
+    grid = drives.found.grid
+    rows = ((grid.north - places[:, 1]) / grid.cell_m).astype(int)
+    cols = ((places[:, 0] - grid.west) / grid.cell_m).astype(int)
+    distance = drives.found.drive_m[rows, cols].astype(np.float64)
+    heights = drives.elevation[rows, cols].astype(np.float64)
+    climb, descent = _climbs(heights)
+    return RouteAnswer(
+        drive_m=round(float(distance[-1]), 3),
+        straight_m=round(float(np.hypot(*(places[-1] - places[0]))), 3),
+        climb_m=round(climb, 3),
+        descent_m=round(descent, 3),
+        speed_m_h=speed_m_h,
+        drive_h=round(float(distance[-1]) / speed_m_h, 4),
+        cell_m=grid.cell_m,
+        places=[(round(e, 3), round(n, 3)) for e, n in places.tolist()],
+        distance_m=numbers(distance),
+        ground_m=numbers(heights),
+        layers=[LayerUsed.of(layer) for layer in drives.layers],
+    )
+
+
+def _climbs(heights: Float64[np.ndarray, " n"]) -> tuple[float, float]:
+    """Metres up and metres down along known ground."""
+    rises = np.diff(heights[np.isfinite(heights)])
+    return float(rises[rises > 0].sum()), float(-rises[rises < 0].sum())

@@ -1,0 +1,190 @@
+"""Driving: how far a rover has to drive to every place, and which way, around all hazards.
+
+Cells in which the middle of the rover may be (`hazard.py` looks at all ground below it) are joined
+to their sixteen neighbours, the eight around and the eight a knight's move away, by edges as long
+as the ground between them, rise included. Shortest ways through that graph are Dijkstra's (1959).
+A way in one of its sixteen directions is as long as it is; in others it is up to 2.8 % longer than
+a straight line.
+
+Unknown ground is not driven over, except where the rover stands, which no camera of its own sees,
+and across gaps of the map that are much smaller than a rover.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from scipy.ndimage import distance_transform_edt
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import dijkstra
+
+from photogrammetry.arrays import Bool, Classes, Float64, Int32, Raster
+from photogrammetry.errors import TerrainError
+from photogrammetry.terrain.grid import MapGrid
+from photogrammetry.terrain.hazard import Hazard
+
+Places = Float64[np.ndarray, "n 2"]
+"""(east, north) in metres of the local map."""
+Open = Bool[np.ndarray, "rows cols"]
+"""True where the middle of the rover may be."""
+
+_MOVES = ((0, 1), (1, 0), (1, 1), (1, -1), (1, 2), (2, 1), (1, -2), (2, -1))
+"""(rows, columns) to half of the neighbours; the other half are the way back."""
+
+
+@dataclass(frozen=True, slots=True)
+class DrivingParams:
+    """What is driven over besides ground that is known to be free of hazards."""
+
+    stand_m: float = 2.6
+    """Radius around the start in which unknown ground is taken for safe, since the rover stands
+    there: beyond its own sides, as wide as the window in which hazards are judged."""
+    gap_m: float = 0.5
+    """Unknown ground less wide than this is driven over where what surrounds it is safe."""
+    farthest_m: float = 100.0
+    """Longest way that is looked for."""
+
+    def __post_init__(self) -> None:
+        if not (self.stand_m >= 0 and self.gap_m >= 0 and self.farthest_m > 0):
+            raise TerrainError(
+                f"driving {self.farthest_m} m over gaps of {self.gap_m} m from a stand of "
+                f"{self.stand_m} m: give a distance above zero, the others not below"
+            )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reach:
+    """The shortest ways from one place to all others."""
+
+    grid: MapGrid
+    start: tuple[int, int]
+    """Row and column of the cell that they begin in."""
+    drive_m: Raster
+    """Length of the way to every cell; NaN where none leads."""
+    before: Int32[np.ndarray, "rows cols"]
+    """Number of the cell before it on that way, counted along rows; below zero where none is."""
+
+    def way_to(self, place: tuple[float, float]) -> Places:
+        """Centres of the cells on the way to the cell of a place, the start first.
+
+        Raises:
+            TerrainError: no way leads there.
+        """
+        cell = cell_of(self.grid, place)
+        if cell is None or not np.isfinite(self.drive_m[cell]):
+            raise TerrainError(
+                f"no way free of hazards and unknown ground leads to east {place[0]:.2f}, north "
+                f"{place[1]:.2f}: choose another place, or allow wider gaps or a longer way"
+            )
+        before, at = self.before.ravel(), int(np.ravel_multi_index(cell, self.grid.shape))
+        cells = [at]
+        while before[at] >= 0:
+            at = int(before[at])
+            cells.append(at)
+        rows, cols = np.unravel_index(cells[::-1], self.grid.shape)
+        east, north = self.grid.centres()
+        return np.column_stack([east[cols], north[rows]])
+
+
+def cell_of(grid: MapGrid, place: tuple[float, float]) -> tuple[int, int] | None:
+    """Row and column of the cell around (east, north); None off the grid."""
+    row = math.floor((grid.north - place[1]) / grid.cell_m)
+    col = math.floor((place[0] - grid.west) / grid.cell_m)
+    return (row, col) if 0 <= row < grid.rows and 0 <= col < grid.cols else None
+
+
+def reach(
+    hazard: Classes,
+    elevation: Raster,
+    grid: MapGrid,
+    place: tuple[float, float],
+    params: DrivingParams,
+) -> Reach:
+    """The shortest ways from (east, north) over cells of `Hazard`, with their elevations, metres.
+
+    Raises:
+        TerrainError: the place is off the grid, or lies in a hazard.
+    """
+    start = cell_of(grid, place)
+    if start is None:
+        raise TerrainError(f"east {place[0]:.2f}, north {place[1]:.2f} is not on the map")
+    if hazard[start] > Hazard.TRAVERSABLE:
+        kind = Hazard(int(hazard[start])).name.lower()
+        raise TerrainError(
+            f"east {place[0]:.2f}, north {place[1]:.2f} is itself a hazard ({kind}): start on "
+            "ground where a rover may stand"
+        )
+    way = drivable(hazard, grid, start, params)
+    edges = joined(way, without_gaps(elevation), grid.cell_m)
+    first = int(np.ravel_multi_index(start, grid.shape))
+    length, before = dijkstra(
+        edges, directed=False, indices=first, limit=params.farthest_m, return_predecessors=True
+    )
+    length[~np.isfinite(length)] = np.nan
+    return Reach(
+        grid,
+        start,
+        length.astype(np.float32).reshape(grid.shape),
+        before.astype(np.int32).reshape(grid.shape),
+    )
+
+
+def drivable(hazard: Classes, grid: MapGrid, start: tuple[int, int], params: DrivingParams) -> Open:
+    """The cells that may be driven over: free of hazards, in small gaps, or below the rover."""
+    free = (hazard == Hazard.TRAVERSABLE).astype(np.uint8)
+    half = math.floor(params.gap_m / grid.cell_m / 2 + 1e-9)
+    if half:
+        shape = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * half + 1, 2 * half + 1))
+        free |= cv2.morphologyEx(free, cv2.MORPH_CLOSE, shape, borderValue=0)
+    stand = np.zeros(grid.shape, np.uint8)
+    cv2.circle(stand, start[::-1], round(params.stand_m / grid.cell_m), 1, cv2.FILLED)
+    return ((free | stand) > 0) & (hazard <= Hazard.TRAVERSABLE)
+
+
+def without_gaps(elevation: Raster) -> Raster:
+    """The elevations, and in gaps that of the nearest known cell."""
+    gaps = ~np.isfinite(elevation)
+    if not gaps.any():
+        return elevation
+    if gaps.all():
+        return np.zeros_like(elevation)
+    rows, cols = distance_transform_edt(gaps, return_distances=False, return_indices=True)
+    return elevation[rows, cols]
+
+
+def joined(way: Open, elevation: Raster, cell_m: float) -> coo_array:
+    """The graph of cells: the length of the ground between each and half of its neighbours."""
+    number = np.arange(way.size, dtype=np.int32).reshape(way.shape)
+    starts, ends, lengths = [], [], []
+    for move in _MOVES:
+        here, there = (_cells(way.shape, move, at) for at in ((0, 0), move))
+        passed = (way[_cells(way.shape, move, at)] for at in _passed(*move))
+        both = np.logical_and.reduce([way[here], way[there], *passed])
+        rise = elevation[there][both] - elevation[here][both]
+        starts.append(number[here][both])
+        ends.append(number[there][both])
+        lengths.append(np.hypot(rise, cell_m * math.hypot(*move)))
+    at = (np.concatenate(starts), np.concatenate(ends))
+    return coo_array((np.concatenate(lengths).astype(np.float64), at), shape=(way.size, way.size))
+
+
+def _cells(
+    shape: tuple[int, ...], move: tuple[int, int], at: tuple[int, int]
+) -> tuple[slice, slice]:
+    """The cells at (rows, columns) from those that have a neighbour a move away."""
+    (rows, cols), (down, right) = shape, move
+    left, over = max(0, -right), max(0, right)
+    return slice(at[0], rows - down + at[0]), slice(left + at[1], cols - over + at[1])
+
+
+def _passed(down: int, right: int) -> tuple[tuple[int, int], ...]:
+    """The cells whose corners or sides a move touches between its ends."""
+    side = 1 if right > 0 else -1
+    if (down, abs(right)) == (1, 1):
+        return (1, 0), (0, side)
+    if (down, abs(right)) == (1, 2):
+        return (0, side), (1, side)
+    return ((1, 0), (1, side)) if down > 1 else ()
