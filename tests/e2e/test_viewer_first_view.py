@@ -7,8 +7,11 @@ from pathlib import PurePosixPath
 
 import pytest
 
-from tests.support.browsing import DIST
+from tests.support.browsing import DIST, at
 from tests.support.first_view import first_view
+
+LATEST_MS = 4000
+"""The rest of the page comes then even where the map is not drawn (`session.ts`)."""
 
 
 @pytest.fixture(scope="module")
@@ -42,6 +45,24 @@ def test_the_rest_of_the_page_comes_after_the_map(view):
     later = [one["path"] for one in view.asked if one["start"] >= view.painted_ms]
     assert any("later-parts" in path for path in later)
     assert any(path.endswith("/images") for path in later)
+
+
+@pytest.mark.parametrize("kind", ["footprints", "stops"])
+def test_what_comes_after_the_rest_of_the_page_is_ready_when_it_is_drawn(page, url, kind):
+    def late(route) -> None:
+        page.wait_for_timeout(LATEST_MS + 500)
+        route.continue_()
+
+    page.route(f"**/mer2/{kind}/*/features.geojson*", late)
+    page.goto(url + at(0.1, f"mer2/{kind}"))
+    page.wait_for_selector('html[data-ready="true"]', state="attached", timeout=20_000)
+    spans = page.evaluate(
+        """() => Object.fromEntries(
+          performance.getEntriesByType("mark").concat(performance.getEntriesByType("resource"))
+            .map((one) => [one.name.split("/").pop(), one.responseEnd || one.startTime]))"""
+    )
+    parts = next(end for name, end in spans.items() if name.startswith("later-parts"))
+    assert parts < spans["map painted"]
 
 
 def test_the_first_view_takes_less_than_a_second_of_processor(view):

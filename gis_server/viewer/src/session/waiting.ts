@@ -11,6 +11,7 @@ export class Waiting {
   readonly painted: Promise<void>;
   private paint: (() => void) | null = null;
   private pending = 0;
+  private isWhole = false;
   private isAway = false;
 
   constructor(
@@ -58,13 +59,19 @@ export class Waiting {
     document.documentElement.dataset["ready"] = "false";
   }
 
-  /** The map is drawn; if nothing is awaited either, all is there: at first that of the map, then the rest. */
+  /** The page has all of its parts, before or after the first view of the map is drawn. */
+  whole(): void {
+    this.isWhole = true;
+  }
+
+  /** The map is drawn; if nothing is awaited either, what the page has is there, and that may be all. */
   settle(): void {
     if (this.pending > 0) return;
     if (this.paint) {
       performance.mark(MAP_PAINTED);
       this.paint();
       this.paint = null;
-    } else document.documentElement.dataset["ready"] = "true";
+    }
+    if (this.isWhole) document.documentElement.dataset["ready"] = "true";
   }
 }
