@@ -9,6 +9,7 @@ import {
   type ImagePoint,
   isInside,
   panned,
+  refitted,
   type ScreenPoint,
   type Size,
   toImage,
@@ -36,6 +37,8 @@ export class Picture {
   private shown: OffscreenCanvas | null = null;
   private overlay: Overlay = { ties: [], residualFactor: 0, cross: null };
   private isWhole = true;
+  /** Size of the view that `viewport` is for. */
+  private seenIn: Size = [1, 1];
   private frame = 0;
   private grabbed: { readonly x: number; readonly y: number; isDrag: boolean } | null = null;
 
@@ -115,6 +118,7 @@ export class Picture {
 
   private set(viewport: Viewport): void {
     this.viewport = viewport;
+    this.seenIn = this.room;
     this.listener.moved(viewport);
     this.redraw();
   }
@@ -126,7 +130,7 @@ export class Picture {
 
   private resized(): void {
     if (this.isWhole) this.fit();
-    else this.pan(0, 0);
+    else this.set(refitted(this.viewport, this.seenIn, this.size, this.room));
   }
 
   private at({ clientX, clientY }: MouseEvent): ScreenPoint {

@@ -5,6 +5,7 @@ import {
   isInside,
   LARGEST_SCALE,
   panned,
+  refitted,
   type Size,
   toImage,
   toScreen,
@@ -46,6 +47,16 @@ test("zoom has an end on both sides, and the image cannot be pushed out of sight
   const [sample, line] = toImage(pushed, [300, 300]);
   expect(sample).toBeCloseTo(-0.5, 9);
   expect(line).toBeCloseTo(511.5, 9);
+});
+
+test("what is in the middle stays there when the view gets another size", () => {
+  const place = [300.25, 200.5] as const;
+  const narrow: Size = [600, 564.5]; // a line of text more below
+  const after = refitted(centred(place, 4, IMAGE, VIEW), VIEW, IMAGE, narrow);
+  expect(after.scale).toBe(4);
+  const [sample, line] = toImage(after, [narrow[0] / 2, narrow[1] / 2]);
+  expect(sample).toBeCloseTo(place[0], 9);
+  expect(line).toBeCloseTo(place[1], 9);
 });
 
 test("an image ends half a pixel beyond its last pixel's centre", () => {

@@ -66,6 +66,11 @@ export function panned(
   return held({ ...viewport, left: viewport.left + dx, top: viewport.top + dy }, image, view);
 }
 
+/** The view has another size: what was in its middle stays there. */
+export function refitted(viewport: Viewport, before: Size, image: Size, view: Size): Viewport {
+  return panned(viewport, (view[0] - before[0]) / 2, (view[1] - before[1]) / 2, image, view);
+}
+
 /** A point of the image in the middle of the view, at a scale. */
 export function centred(
   [sample, line]: ImagePoint,
