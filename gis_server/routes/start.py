@@ -13,6 +13,7 @@ from gis_server.routes.missions import map_layers, missions_of
 from gis_server.services import Services, ServicesOf
 
 router = APIRouter(prefix="/api", tags=["missions"])
+LAST_EVENT = "Last-Event-ID"
 _KEPT = 2
 """Answers; of 96 layers it is 50 kB."""
 
@@ -30,8 +31,15 @@ class Start(BaseModel):
 
 @router.get("/start", response_model=Start)
 def start(services: ServicesOf, asker: AskerOf) -> Response:
-    """All missions, and the layers of the first; written anew only when something was published."""
-    return asker.answer(_written(services, services.catalogue.published()))
+    """All missions, and the layers of the first; written anew only when something was published.
+
+    The header `Last-Event-ID` names the last event that is in it: who asks `/api/events` for those
+    `since` misses none.
+    """
+    seen = services.catalogue.version()  # before all else: what happens meanwhile is told again
+    answer = asker.answer(_written(services, services.catalogue.published()))
+    answer.headers[LAST_EVENT] = str(seen)
+    return answer
 
 
 @lru_cache(maxsize=_KEPT)

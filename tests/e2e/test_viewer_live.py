@@ -78,6 +78,16 @@ def test_a_layer_made_anew_is_drawn_anew_and_stays_as_it_was_shown(page, workspa
     assert "on=mer2%2Fslope" in page.url or "on=mer2/slope" in page.url
 
 
+def test_what_is_published_before_the_page_listens_is_not_missed(page, workspace, live):
+    held = []
+    page.route("**/api/events*", lambda route: held.append(route))  # noqa: PLW0108 - needs no self
+    look(page, live)
+    until(page, lambda: held)
+    publish(workspace, ProductKind.ROUGHNESS, 3.0)
+    held.pop().continue_()
+    until(page, lambda: page.locator('li.layer[data-kind="roughness"]').count() == 1)
+
+
 def test_who_was_away_is_told_what_was_missed(page, workspace, live):
     look(page, live)
     page.context.set_offline(offline=True)
@@ -86,3 +96,13 @@ def test_who_was_away_is_told_what_was_missed(page, workspace, live):
     assert page.locator('li.layer[data-kind="roughness"]').count() == 0
     page.context.set_offline(offline=False)
     until(page, lambda: page.locator('li.layer[data-kind="roughness"]').count() == 1)
+
+
+def test_a_list_that_is_asked_for_in_vain_is_asked_for_again(page, workspace, live):
+    look(page, live)
+    page.route("**/layers", lambda route: route.abort("internetdisconnected"))
+    publish(workspace, ProductKind.ROUGHNESS, 3.0)
+    until(page, lambda: "does not answer" in page.locator(".banner").inner_text())
+    page.unroute("**/layers")
+    until(page, lambda: page.locator('li.layer[data-kind="roughness"]').count() == 1)
+    until(page, lambda: not page.locator(".banner").is_visible())

@@ -40,7 +40,12 @@ class Server:
         self.socket = socket.create_server(("127.0.0.1", 0))
         self.url = f"http://127.0.0.1:{self.socket.getsockname()[1]}"
         self.uvicorn = uvicorn.Server(
-            uvicorn.Config(create_app(store, DIST), log_level="warning", access_log=False)
+            uvicorn.Config(
+                create_app(store, DIST),
+                log_level="warning",
+                access_log=False,
+                timeout_graceful_shutdown=1,  # pages that listen for events never hang up
+            )
         )
         self.thread = threading.Thread(
             target=self.uvicorn.run, kwargs={"sockets": [self.socket]}, daemon=True

@@ -46,7 +46,7 @@ class App {
     this.session?.dispose();
     this.page.missionBox.replaceChildren(...this.heading(mission, missions));
     document.title = `${mission.title} – solmap`;
-    this.session = new Session(this.page, mission, layers, link);
+    this.session = new Session(this.page, mission, layers, link, begin.lastEvent);
   }
 
   private heading(mission: Mission, missions: readonly Mission[]): Node[] {

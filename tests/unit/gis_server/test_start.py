@@ -38,5 +38,16 @@ def test_the_progress_of_runs_does_not_have_it_written_again(own_world, monkeypa
         assert client.get("/api/start").content == begin
 
 
+def test_events_since_the_answer_tell_all_that_it_does_not_know(own_world):
+    with TestClient(create_app(own_world.root)) as client:
+        first = client.get("/api/start")
+        seen = int(first.headers["Last-Event-ID"])
+        own_world.catalogue.tell("run.changed", {"id": "a"})
+        again = client.get("/api/start", headers={"If-None-Match": first.headers["etag"]})
+        assert again.status_code == HTTPStatus.NOT_MODIFIED
+        assert int(again.headers["Last-Event-ID"]) == seen + 1
+        assert [event.document["id"] for event in own_world.catalogue.events_since(seen)] == ["a"]
+
+
 def _never(_services):
     raise AssertionError("the answer is written again though nothing was published")

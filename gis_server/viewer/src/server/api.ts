@@ -75,6 +75,10 @@ export function post<T>(url: string, body: unknown, signal?: AbortSignal): Promi
 }
 
 async function ask<T>(url: string, options: RequestInit): Promise<T> {
+  return (await (await answered(url, options)).json()) as T;
+}
+
+async function answered(url: string, options: RequestInit): Promise<Response> {
   let response: Response;
   try {
     response = await fetch(url, options);
@@ -87,7 +91,7 @@ async function ask<T>(url: string, options: RequestInit): Promise<T> {
     const why = reasonIn(await response.text());
     throw new ApiError(`${url} was answered with ${status} ${statusText}: ${why}`, status);
   }
-  return (await response.json()) as T;
+  return response;
 }
 
 /** The sentence in an answer that refuses, or the beginning of the answer. */
@@ -115,7 +119,11 @@ function list<T>(
 
 export const api = {
   /** All missions and the layers of one; the page asks for it before its script has come. */
-  start: () => ask<Start>(urls.start(), {}),
+  start: async (): Promise<Start> => {
+    const answer = await answered(urls.start(), {});
+    const known = (await answer.json()) as Omit<Start, "lastEvent">;
+    return { ...known, lastEvent: answer.headers.get("Last-Event-ID") };
+  },
   layers: async (mission: string) => list<Layer>(await get(urls.layers(mission)), "layers"),
   images: async (mission: string, filter: ImageFilter, signal?: AbortSignal) =>
     list<ImageEntry>(await get(urls.images(mission, filter), signal), "images"),

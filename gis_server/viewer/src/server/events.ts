@@ -35,20 +35,32 @@ const KINDS: readonly Kind[] = [
   "requests.changed",
   "reload",
 ];
+/** Comes first, and carries no more than the number of the last event. */
+const HELLO = "hello";
 
-export const eventsUrl = (mission: string) => withQuery("/api/events", { mission });
+export const eventsUrl = (mission: string, since: string | null) =>
+  withQuery("/api/events", { mission, since });
 
 /**
- * Listens until `alive` ends. The browser connects again by itself and says which event it has heard last; where the
- * server answers with an error it gives up, and is started again here.
+ * Listens until `alive` ends, to all that happened after the event `since`, which is what the page knows already. The
+ * browser connects again by itself and says which event it has heard last; where the server answers with an error it
+ * gives up, and is started again here.
  */
-export function listen(mission: string, alive: AbortSignal, hear: (one: Happening) => void): void {
+export function listen(
+  mission: string,
+  since: string | null,
+  alive: AbortSignal,
+  hear: (one: Happening) => void,
+): void {
   let source: EventSource | null = null;
   let again: ReturnType<typeof setTimeout> | undefined;
+  let heard = since;
   const open = () => {
-    source = new EventSource(eventsUrl(mission));
+    source = new EventSource(eventsUrl(mission, heard));
+    source.addEventListener(HELLO, ({ lastEventId }) => (heard = lastEventId));
     for (const kind of KINDS) {
-      source.addEventListener(kind, ({ data }) => {
+      source.addEventListener(kind, ({ data, lastEventId }) => {
+        heard = lastEventId;
         const document: unknown = JSON.parse(String(data));
         hear({ kind, document } as Happening);
       });

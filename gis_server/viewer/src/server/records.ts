@@ -83,6 +83,8 @@ export interface Start {
   /** The mission whose layers these are; null if the store holds none. */
   readonly mission: string | null;
   readonly layers: readonly Layer[];
+  /** The number of the last event that all this knows; null if the server does not tell. */
+  readonly lastEvent: string | null;
 }
 
 export interface ImageEntry {

@@ -65,6 +65,8 @@ export interface Context {
   readonly waiting: Waiting;
   readonly keys: Shortcuts;
   readonly signals: Signals;
+  /** The number of the last event in the store that the page began with; null: not known. */
+  readonly lastEvent: string | null;
   /** Ends when the session does: for listeners and requests. */
   readonly alive: AbortSignal;
 }

@@ -43,7 +43,13 @@ export class Session {
   private readonly life = new AbortController();
   private readonly context: Context;
 
-  constructor(page: Shell, mission: Mission, layers: readonly Layer[], link: Permalink) {
+  constructor(
+    page: Shell,
+    mission: Mission,
+    layers: readonly Layer[],
+    link: Permalink,
+    lastEvent: string | null,
+  ) {
     page.clear();
     const drawing = { sol: link.sol, ellipseFactor: 1 };
     const view = new MapView(page.map, mission, layers, localMap(mission), drawing);
@@ -59,6 +65,7 @@ export class Session {
       waiting: new Waiting(page, () => view.map.render()),
       keys: new Shortcuts(),
       signals: signals(),
+      lastEvent,
       alive: this.life.signal,
     };
     if (link.place) view.goTo(link.place);
@@ -73,9 +80,13 @@ export class Session {
     const late = new Promise((resolve) => setTimeout(resolve, LATEST_MS));
     await Promise.race([waiting.painted, late]);
     waiting.run(async () => {
-      const { LATER_PARTS } = await import("./later-parts");
-      if (alive.aborted) return;
-      for (const part of LATER_PARTS) part(this.context);
+      try {
+        const { LATER_PARTS } = await import("./later-parts");
+        if (alive.aborted) return;
+        for (const part of LATER_PARTS) part(this.context);
+      } finally {
+        waiting.whole();
+      }
     });
   }
 

@@ -19,6 +19,20 @@ test("what comes in a burst is worked on once, when it has ended", () => {
   expect(worked).toEqual([[0, 1, 2], [3]]);
 });
 
+test("what is to be tried again waits longer, or for the next burst", () => {
+  const worked: (readonly number[])[] = [];
+  const calls = gathered<number>(300, (all) => worked.push(all));
+  calls.add(0, 2000);
+  vi.advanceTimersByTime(1999);
+  expect(worked).toEqual([]);
+  vi.advanceTimersByTime(1);
+  expect(worked).toEqual([[0]]);
+  calls.add(1, 2000);
+  calls.add(2);
+  vi.advanceTimersByTime(300);
+  expect(worked).toEqual([[0], [1, 2]]);
+});
+
 test("a cancelled burst is forgotten", () => {
   const worked: unknown[] = [];
   const calls = gathered<number>(300, (all) => worked.push(all));

@@ -1,10 +1,13 @@
 /** Calls that come in bursts, gathered to one. */
 
+export interface Gathered<T> {
+  /** Works on this too, once nothing more has come for so long. */
+  readonly add: (one: T, quiet_ms?: number) => void;
+  readonly cancel: () => void;
+}
+
 /** A call that waits until nothing more has come for a while, then works on all that came. */
-export function gathered<T>(
-  quiet_ms: number,
-  work: (all: readonly T[]) => void,
-): { add: (one: T) => void; cancel: () => void } {
+export function gathered<T>(usual_ms: number, work: (all: readonly T[]) => void): Gathered<T> {
   let waiting: T[] = [];
   let timer: ReturnType<typeof setTimeout> | undefined;
   const go = () => {
@@ -13,7 +16,7 @@ export function gathered<T>(
     work(all);
   };
   return {
-    add(one) {
+    add(one, quiet_ms = usual_ms) {
       waiting.push(one);
       clearTimeout(timer);
       timer = setTimeout(go, quiet_ms);

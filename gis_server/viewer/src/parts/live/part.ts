@@ -1,23 +1,40 @@
 /** Live updates: what is published while the page is open appears by itself. */
 
-import { api } from "../../server/api";
-import { listen } from "../../server/events";
+import { api, UnreachableError } from "../../server/api";
+import { type Happening, listen } from "../../server/events";
 import type { Context } from "../../session/context";
 import { gathered, publishedText } from "./gather";
 
 /** A sol publishes layer after layer: the list is asked for when it has gone quiet so long. */
 const QUIET_MS = 400;
+/** A list that the server did not answer for is asked for again after so long. */
+const AGAIN_MS = 2000;
+const RELOAD: Happening = { kind: "reload", document: {} };
 
 export function livePart(context: Context): void {
-  const { mission, layers, page, waiting, signals, alive } = context;
-  const refresh = (ids: readonly string[]) =>
-    waiting.run(async () => {
+  const { mission, layers, page, waiting, signals, lastEvent, alive } = context;
+  let isBehind = false;
+  const refresh = async (ids: readonly string[]) => {
+    try {
       layers.replace(await api.layers(mission.mission));
-      if (ids.length > 0) page.toast(publishedText(ids));
-    });
-  const published = gathered<readonly string[]>(QUIET_MS, (all) => refresh(all.flat()));
+    } catch (reason) {
+      if (reason instanceof UnreachableError && !alive.aborted) {
+        isBehind = true;
+        published.add(ids, AGAIN_MS);
+      }
+      throw reason;
+    }
+    if (ids.length > 0) page.toast(publishedText(ids));
+    if (!isBehind) return;
+    isBehind = false; // others may have asked in vain too
+    waiting.answered();
+    signals.happened.emit(RELOAD);
+  };
+  const published = gathered<readonly string[]>(QUIET_MS, (all) =>
+    waiting.run(() => refresh(all.flat())),
+  );
   alive.addEventListener("abort", published.cancel);
-  listen(mission.mission, alive, (happening) => {
+  listen(mission.mission, lastEvent, alive, (happening) => {
     signals.happened.emit(happening);
     if (happening.kind === "layers.published") published.add(happening.document.layers);
     if (happening.kind === "reload") published.add([]);
