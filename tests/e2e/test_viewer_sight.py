@@ -1,4 +1,4 @@
-"""Seeing in the viewer on a dome, z = -d^2 / 100: lines of sight, viewsheds, and tie points."""
+"""On a dome, z = -d^2 / 100: lines of sight, viewsheds, driving round a wall, and tie points."""
 
 from __future__ import annotations
 
@@ -18,7 +18,15 @@ from tests.support.browsing import (
     screenshot,
     until,
 )
-from tests.support.dome_store import LOOKED_FROM, STRIP, fill, horizon_m, tie_place
+from tests.support.dome_store import (
+    LOOKED_FROM,
+    STRIP,
+    WALL_HALF_M,
+    WALL_NORTH_M,
+    fill,
+    horizon_m,
+    tie_place,
+)
 
 RESOLUTION = 0.1
 CLASSES = ("2b5fc7", "3fa7d6", "7fd6a2", "f2e05b", "f58a2a", "d4141c", "8d8d8d")
@@ -58,7 +66,7 @@ def text(item, name):
 
 
 def value(item, name):
-    return float(text(item, name).rstrip(" m²"))
+    return float(text(item, name).rstrip(" m²h"))
 
 
 def test_the_top_of_the_dome_blocks_a_line_over_it_and_is_marked(seeing):
@@ -140,6 +148,53 @@ def test_a_height_out_of_range_is_brought_back(seeing):
     mast.fill("500")
     mast.press("Tab")
     assert mast.input_value() == "100"
+
+
+def test_a_reach_ends_behind_the_wall_and_is_laid_over_the_map(seeing):
+    near, behind = (pixel_of(seeing, 0.0, north, RESOLUTION) for north in (-12.0, -8.0))
+    bare = screenshot(seeing, "reach_none")
+    item = draw(seeing, "reach", [(0.0, -15.0)], farthest_m=10, interval_m=2)
+    assert value(item, "longest drive") == pytest.approx(10.0, abs=0.2)
+    assert value(item, "ground reached") < math.pi * 10**2 - 2 * 2 * WALL_HALF_M[0]
+    assert value(item, "time at 36 m an hour") == pytest.approx(10 / 36, abs=0.01)
+    seeing.keyboard.press("Escape")
+    grey = colour_at(bare, near)
+    until(
+        seeing,
+        lambda: np.abs(colour_at(screenshot(seeing, "reach"), near) - grey).max() > 10,
+    )
+    np.testing.assert_array_equal(
+        colour_at(screenshot(seeing, "reach"), behind), colour_at(bare, behind)
+    )
+    link = item.get_by_role("link", name="GeoTIFF").get_attribute("href")
+    assert seeing.request.get(seeing.url.split("/#")[0] + link).ok
+
+
+def test_a_route_leads_round_the_end_of_the_wall(seeing):
+    start, end = (0.0, WALL_NORTH_M - 5.0), (0.0, WALL_NORTH_M + 5.0)
+    item = draw(seeing, "route", [start, end])
+    half_length, half_width = WALL_HALF_M
+    shortest = 2 * math.hypot(half_length, 5.0 - half_width) + 2 * half_width
+    assert shortest - 0.1 < value(item, "drive") < 1.04 * shortest
+    assert value(item, "straight on the map") == pytest.approx(10.0, abs=0.2)
+    assert "up and" in seeing.locator(".below figcaption").inner_text()
+    seeing.keyboard.press("Escape")
+    seeing.wait_for_timeout(300)
+    drawn = screenshot(seeing, "route")
+    greens = []
+    for side in (-1, 1):  # it passes one of the wall's ends
+        x, y = pixel_of(seeing, side * half_length, WALL_NORTH_M, RESOLUTION)
+        across = drawn[round(y), round(x) - 12 : round(x) + 13].astype(int)
+        greens.append((across[:, 1] - np.maximum(across[:, 0], across[:, 2])).max())
+    assert max(greens) > 60
+
+
+def test_where_no_safe_way_leads_the_page_says_so(seeing):
+    seeing.locator('[data-mode="route"]').click()
+    for place in ((0.0, -15.0), (0.0, WALL_NORTH_M)):
+        seeing.mouse.click(*pixel_of(seeing, *place, RESOLUTION))
+        seeing.wait_for_timeout(350)
+    until(seeing, lambda: "no way free of hazards" in seeing.locator(".banner").inner_text())
 
 
 def rgb(colour):

@@ -2,7 +2,8 @@
 
 The ground is z = -d^2 / 100 at distance d metres from the landing point. An eye at height h above
 its top sees targets of height t as far as 10 (sqrt(h) + sqrt(t)) metres. A strip in the east was
-not mapped. Tie points lie in a row, each with its own residual.
+not mapped. Tie points lie in a row, each with its own residual. A wall that no rover climbs runs
+from west to east in the south.
 """
 
 from __future__ import annotations
@@ -11,11 +12,13 @@ import math
 
 import numpy as np
 
+from photogrammetry.terrain.hazard import Hazard
 from photogrammetry.terrain.records import Dtm
 from products.catalogue import MissionEntry
+from products.classes import HAZARDS
 from products.model import ProductKind
 from products.pictures import write_orthophoto
-from products.raster import write_dtm
+from products.raster import write_classes, write_dtm
 from products.vector import Feature
 from products.workspace import Workspace
 from tests.support.bowl_store import CRS, GRID, LANDING, Shop, surface, viewing
@@ -25,6 +28,9 @@ STRIP = (20.0, 28.0)
 RESIDUALS_PX = (0.01, 0.05, 0.2, 0.5, 2.0, 26.0, None)
 TIE_SPACING_M = 5.0
 TIE_NORTH_M = 8.0
+WALL_NORTH_M = -10.0
+WALL_HALF_M = (8.0, 0.5)
+"""Half the wall's length, and half its width as hazards tell it."""
 LOOKED_FROM = 3
 """The tie point at which a pointing line begins."""
 
@@ -48,6 +54,16 @@ def dome() -> Dtm:
     return Dtm(GRID, ground, sigma, np.where(seen, 3, 0).astype(np.float32), seen.astype(np.uint8))
 
 
+def hazards() -> np.ndarray:
+    """All is safe that is known, but for the wall."""
+    east, north = GRID.centres()
+    along, across = np.abs(east)[None, :], np.abs(north - WALL_NORTH_M)[:, None]
+    wall = (along < WALL_HALF_M[0]) & (across < WALL_HALF_M[1])
+    known = np.isfinite(dome().elevation)
+    codes = np.where(wall, Hazard.STEP, np.where(known, Hazard.TRAVERSABLE, Hazard.UNKNOWN))
+    return codes.astype(np.uint8)
+
+
 def ties() -> list[Feature]:
     known = {"kind": "cross-site", "pairs": ["2N1400L0M1", "2N1401L0M1"], "sigma_m": 0.0312}
     return [
@@ -69,6 +85,10 @@ def fill(workspace: Workspace) -> None:
     _, line = viewing(entry, 0, tie_place(LOOKED_FROM))
     shop.vectors(ProductKind.POINTING, [line])
     shop.raster(ProductKind.DTM, lambda path: write_dtm(path, model, CRS))
+    shop.raster(
+        ProductKind.HAZARD,
+        lambda path: write_classes(path, GRID, hazards(), CRS, name="hazard", classes=HAZARDS),
+    )
     grey = np.where(np.isfinite(model.elevation), 128.0, np.nan).astype(np.float32)
     shop.raster(
         ProductKind.ORTHOPHOTO,

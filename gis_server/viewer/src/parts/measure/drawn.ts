@@ -29,6 +29,7 @@ const PICTURE_Z_INDEX = zIndex({ kind: "footprints", level: "region" }) - 1;
 const INK = "#101113";
 const LINE = "#ffffff";
 const IN_THE_WAY = "#d4141c";
+const WAY = "#35d07f";
 
 export function mainText({ found }: Measurement): string {
   const main = found.quantities[found.main];
@@ -62,6 +63,15 @@ function inTheWay(mark: MapPoint): Style {
   return new Style({ geometry: new Point([...mark]), image: ring, zIndex: 1 });
 }
 
+/** The way that was found, which the line that was drawn only points to. */
+function wayFound(way: readonly MapPoint[]): Style[] {
+  const geometry = new LineString(way.map((place) => [...place]));
+  return [
+    new Style({ geometry, stroke: new Stroke({ color: INK, width: 5 }), zIndex: 1 }),
+    new Style({ geometry, stroke: new Stroke({ color: WAY, width: 2.5 }), zIndex: 1 }),
+  ];
+}
+
 function styles(measurement: Measurement): Style[] {
   const text = new Text({
     text: `${measurement.number}  ${mainText(measurement)}`,
@@ -76,9 +86,10 @@ function styles(measurement: Measurement): Style[] {
     fill: new Fill({ color: LINE }),
     stroke: new Stroke({ color: INK, width: 1.5 }),
   });
-  const { mark } = measurement.found;
+  const { mark, way } = measurement.found;
   return [
     ...(mark ? [inTheWay(mark)] : []),
+    ...(way ? wayFound(way) : []),
     new Style({ stroke: new Stroke({ color: INK, width: 4.5 }) }),
     new Style({
       stroke: new Stroke({ color: LINE, width: 2 }),

@@ -27,6 +27,8 @@ export interface Found {
   /** A place to be noticed. */
   readonly mark?: MapPoint | null;
   readonly picture?: Picture;
+  /** A way that leads elsewhere than the line that was drawn. */
+  readonly way?: readonly MapPoint[];
 }
 
 export type ModeKey =
@@ -38,7 +40,9 @@ export type ModeKey =
   | "plane"
   | "zone"
   | "sight"
-  | "viewshed";
+  | "viewshed"
+  | "reach"
+  | "route";
 
 /** A number in metres that is asked before it is drawn. */
 export interface NumberAsked {

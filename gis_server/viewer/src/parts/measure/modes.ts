@@ -4,6 +4,7 @@ import { measure, measuredText, polygonArea } from "../../map/measure";
 import { fixed } from "../../page/format";
 import { measuring } from "../../server/measure";
 import type { MapPoint } from "../../server/records";
+import { DRIVE_MODES } from "./drive-modes";
 import { found, type Found, type Mode } from "./mode";
 import {
   areaQuantities,
@@ -114,4 +115,5 @@ export const MODES: readonly Mode[] = [
     },
   },
   ...SIGHT_MODES,
+  ...DRIVE_MODES,
 ];

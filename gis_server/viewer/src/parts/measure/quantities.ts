@@ -10,7 +10,7 @@ import type {
   ZoneMeasured,
 } from "../../server/measure";
 
-export type Unit = "m" | "m²" | "m³" | "°" | "%" | "";
+export type Unit = "m" | "m²" | "m³" | "°" | "%" | "h" | "";
 
 const OWN_UNITS: Readonly<Record<string, Unit>> = { m: "m", degree: "°", metre: "m" };
 
@@ -23,7 +23,15 @@ export interface Quantity {
   readonly unit: Unit;
 }
 
-const DECIMALS: Readonly<Record<Unit, number>> = { m: 3, "m²": 3, "m³": 3, "°": 2, "%": 0, "": 0 };
+const DECIMALS: Readonly<Record<Unit, number>> = {
+  m: 3,
+  "m²": 3,
+  "m³": 3,
+  "°": 2,
+  "%": 0,
+  h: 2,
+  "": 0,
+};
 
 /** `12.346 ± 0.020 m`; a dash for what was not measured. */
 export function quantityText({ value, word, sigma, unit }: Quantity): string {

@@ -1,0 +1,114 @@
+/** Driving: how far the ground around a place is to a rover, and the way to another place. */
+
+import { measure, measuredText } from "../../map/measure";
+import { fixed } from "../../page/format";
+import { driving, type Reachable, type Route } from "../../server/driving";
+import { found, type Found, type Mode, type NumberAsked } from "./mode";
+import type { Quantity } from "./quantities";
+
+const GROUND = "#c2571b";
+/** Ways are looked for that are so much longer than the straight line. */
+const DETOUR = 3;
+const LONGEST_M = 500;
+
+const metres = (key: string, title: string, usual: number, least: number, most: number) =>
+  ({ key, title, usual, least, most, step: least }) satisfies NumberAsked;
+const FARTHEST = metres("farthest_m", "longest drive", 50, 1, LONGEST_M);
+const INTERVAL = metres("interval_m", "isochrones every", 5, 0.5, LONGEST_M);
+const GAP: NumberAsked = {
+  key: "gap_m",
+  title: "unknown ground driven over",
+  usual: 0.5,
+  least: 0,
+  most: 5,
+  step: 0.1,
+};
+
+const hours = (value: number, metresAnHour: number): Quantity => ({
+  name: `time at ${fixed(metresAnHour, 0)} m an hour`,
+  value,
+  unit: "h",
+});
+
+export const reachQuantities = (reach: Reachable): Quantity[] => [
+  { name: "ground reached", value: reach.reached_m2, unit: "m²" },
+  { name: "longest drive", value: reach.longest_drive_m, unit: "m" },
+  hours(reach.longest_drive_h, reach.speed_m_h),
+  { name: "isochrones every", value: reach.interval_m, unit: "m" },
+  { name: "cell", value: reach.cell_m, unit: "m" },
+];
+
+export const routeQuantities = (route: Route): Quantity[] => [
+  { name: "drive", value: route.drive_m, unit: "m" },
+  hours(route.drive_h, route.speed_m_h),
+  { name: "straight on the map", value: route.straight_m, unit: "m" },
+  { name: "climb", value: route.climb_m, unit: "m" },
+  { name: "descent", value: route.descent_m, unit: "m" },
+];
+
+/** The ground below the wheels. */
+export const routeChart = (route: Route): NonNullable<Found["chart"]> => ({
+  title: "Ground along the drive",
+  summary: `A drive of ${fixed(route.drive_m, 2)} m, ${fixed(route.climb_m, 2)} m up and ${fixed(route.descent_m, 2)} m down.`,
+  x: { title: "driven", unit: "m", decimals: 2 },
+  y: { title: "elevation", unit: "m", decimals: 3 },
+  series: [{ name: "ground", colour: GROUND, xs: route.distance_m, ys: route.ground_m }],
+});
+
+function reachFound(reach: Reachable): Found {
+  const { picture: url, bounds, geotiff } = reach;
+  return found(reachQuantities(reach), "ground reached", reach.layers, {
+    note: "On the map: yellow is near, blue is far; to ground without colour no safe way is known.",
+    picture: { url, bounds, geotiff },
+  });
+}
+
+const routeFound = (route: Route): Found =>
+  found(routeQuantities(route), "drive", route.layers, {
+    chart: routeChart(route),
+    way: route.places,
+  });
+
+/** How long a way may be between two places on the map. */
+export const longestWay = (straight_m: number) =>
+  Math.min(LONGEST_M, Math.max(FARTHEST.usual, DETOUR * straight_m));
+
+export const DRIVE_MODES: readonly Mode[] = [
+  {
+    key: "reach",
+    title: "Reach",
+    shape: "point",
+    least: 1,
+    most: 1,
+    hint: "Click where the rover stands: how far it drives to the ground around it, past all hazards.",
+    live: () => "click a place, Esc stops",
+    asksNumbers: [FARTHEST, INTERVAL, GAP],
+    find: async (mission, corners, { numbers }) => {
+      const [place] = corners;
+      if (!place) throw new Error("a reach is of a place");
+      const query = {
+        farthest_m: numbers.farthest_m ?? FARTHEST.usual,
+        interval_m: numbers.interval_m ?? INTERVAL.usual,
+        gap_m: numbers.gap_m ?? GAP.usual,
+      };
+      return reachFound(await driving.reach(mission, place, query));
+    },
+  },
+  {
+    key: "route",
+    title: "Route",
+    shape: "line",
+    least: 2,
+    most: 2,
+    hint: "Click where the rover stands, then where it is to go: the shortest way past all hazards.",
+    live: (corners) => measuredText(measure(corners)),
+    asksNumbers: [GAP],
+    find: async (mission, corners, { numbers }) => {
+      const [from, to] = corners;
+      if (!from || !to) throw new Error("a route has two ends");
+      const longest = longestWay(Math.hypot(to[0] - from[0], to[1] - from[1]));
+      const gap = numbers.gap_m ?? GAP.usual;
+      return routeFound(await driving.route(mission, from, to, gap, longest));
+    },
+  },
+];

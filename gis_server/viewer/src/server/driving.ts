@@ -1,0 +1,60 @@
+/** Where a rover can drive: isochrones, and ways free of hazards. */
+
+import { get, of, withQuery } from "./api";
+import type { LayerUsed } from "./measure";
+import type { Bounds, MapPoint } from "./records";
+
+type Column = readonly (number | null)[];
+
+export interface Reachable {
+  readonly farthest_m: number;
+  readonly interval_m: number;
+  readonly cell_m: number;
+  readonly reached_m2: number;
+  readonly longest_drive_m: number;
+  readonly longest_drive_h: number;
+  readonly speed_m_h: number;
+  /** Of the picture. */
+  readonly bounds: Bounds;
+  readonly picture: string;
+  readonly geotiff: string;
+  readonly layers: readonly LayerUsed[];
+}
+
+export interface Route {
+  /** Along the ground. */
+  readonly drive_m: number;
+  readonly straight_m: number;
+  readonly climb_m: number;
+  readonly descent_m: number;
+  readonly drive_h: number;
+  readonly speed_m_h: number;
+  readonly places: readonly MapPoint[];
+  readonly distance_m: Column;
+  readonly ground_m: Column;
+  readonly layers: readonly LayerUsed[];
+}
+
+const digits = (metres: number) => metres.toFixed(4);
+
+export const driving = {
+  reach: (
+    mission: string,
+    [east, north]: MapPoint,
+    query: { readonly farthest_m: number; readonly interval_m: number; readonly gap_m: number },
+  ) =>
+    get<Reachable>(
+      withQuery(`${of(mission)}/reach`, { east: digits(east), north: digits(north), ...query }),
+    ),
+  route: (mission: string, from: MapPoint, to: MapPoint, gap_m: number, farthest_m: number) =>
+    get<Route>(
+      withQuery(`${of(mission)}/route`, {
+        east: digits(from[0]),
+        north: digits(from[1]),
+        to_east: digits(to[0]),
+        to_north: digits(to[1]),
+        gap_m,
+        farthest_m,
+      }),
+    ),
+};
