@@ -45,15 +45,18 @@ demo: setup viewer  ## A synthetic downlink through every stage to the map in th
 	$(BIN)/solmap positions --store $(STORE)
 	$(BIN)/solmap serve --store $(STORE) --port $(PORT)
 
+# Units on both cores; the rest starts engines and browsers that use both by themselves.
 test: setup viewer  ## Everything that continuous integration asks for.
 	$(MAKE) check
 	cd $(VIEWER) && $(NPM) test --silent
-	$(BIN)/pytest -m "not slow"
+	$(BIN)/pytest -m "not slow" --numprocesses 2 --dist loadfile tests/unit
+	$(BIN)/pytest -m "not slow" tests/integration tests/e2e
 
 test-all: setup viewer  ## Also what takes minutes: the rendered traverse, long simulations.
 	$(MAKE) check
 	cd $(VIEWER) && $(NPM) test --silent
-	$(BIN)/pytest
+	$(BIN)/pytest --numprocesses 2 --dist loadfile tests/unit
+	$(BIN)/pytest tests/integration tests/e2e
 
 check: setup  ## Style, types and the direction of imports.
 	$(BIN)/ruff check .
