@@ -102,7 +102,7 @@ def _adjusted_pairs(stop: str, workspace: Workspace) -> tuple[StopId, tuple[Orie
         )
     matched = [made for pair in files if (made := _matched(pair, workspace))]
     for orientations in reversed(catalogue.pointers(ProductKind.ORIENTATIONS)):
-        mapped = read_orientations(orientations, store).get(stop)
+        mapped = read_orientations(orientations, store, [stop]).get(stop)
         if mapped:
             return files[0].stop, oriented_pairs(matched, mapped)
     raise ProductNotFoundError(f"{stop} has not been adjusted: run its sol first")

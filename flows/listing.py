@@ -7,6 +7,7 @@ from typing import Any
 from products.catalogue import ImageEntry
 from products.crs import MARS, local_proj4
 from products.model import Layer, ProductKind, ProductRef
+from products.network import whole_network
 from products.workspace import Workspace
 
 
@@ -16,11 +17,9 @@ def position_rows(workspace: Workspace) -> list[dict[str, Any]]:
     Positions are (north, east, down) metres in the LSL; the quaternion turns the rover into the
     LSL, scalar first.
     """
-    from tasks.adjust import read_network  # noqa: PLC0415 - brings the engine with it
-
     rows = []
     for ref in latest_networks(workspace):
-        network = read_network(ref, workspace.store)
+        network = whole_network(ref, workspace.store)
         for stop in network.adjusted.stops:
             name = stop.stop
             rows.append(

@@ -113,10 +113,10 @@ def _findings(inputs: SolInputs, standing: Standing) -> list[str]:
     store = inputs.workspace.store
     product, touched = read_network(standing.network, store), {str(s) for s in inputs.touched}
     links = [_said(link) for link in product.links if link["later"] in touched]
-    mapped = read_orientations(standing.orientations, store).values()
+    mapped = read_orientations(standing.orientations, store, ()).values()
     again = [stop for stop in mapped if stop.is_new and stop.moved_m is not None]
     return [
-        product.reports[-1],
+        product.report["summary"],
         *product.by_hand,
         *links,
         *(_moved(stop, inputs.config.reissue) for stop in again),

@@ -31,7 +31,9 @@ def map_stops(
     report: SolReport,
 ) -> dict[StopId, list[ProductRef]]:
     """Map every stop of the window from its adjusted pairs; what did not move is looked up."""
-    mapped = read_orientations(orientations, inputs.workspace.store)
+    mapped = read_orientations(
+        orientations, inputs.workspace.store, [str(stop) for stop in matched]
+    )
     futures: dict[tuple[StopId, str], PrefectFuture[Any]] = {}
     for stop, pairs in matched.items():
         oriented = oriented_pairs(pairs, mapped.get(str(stop)))

@@ -29,7 +29,7 @@ def model_stops(
 ) -> dict[StopId, list[ProductRef]]:
     """Models of every stop that has been mapped, and of what its pairs see."""
     wanted, store, landing = inputs.config.models, inputs.workspace.store, inputs.landing
-    poses = read_orientations(orientations, store)
+    poses = read_orientations(orientations, store, [str(stop) for stop in mapped])
     futures: dict[tuple[StopId, str], PrefectFuture[Any]] = {}
     for stop, layers in mapped.items():
         of = {ref.kind: ref for ref in layers}

@@ -92,6 +92,7 @@ def adjust_stops(
         previous=previous.network if previous else None,
         stops=inputs.telemetry.stops,
         new_stops=inputs.new_stops,
+        window=tuple(stop.stop for stop in inputs.window),
         pairs=tuple(pair for stop in stops.values() for pair in stop.pairs),
         ties=tuple(ties.values()),
         links=tuple(links.values()),

@@ -28,7 +28,9 @@ def draw_panoramas(
     wanted, workspace = inputs.config.panoramas, inputs.workspace
     if not wanted.enabled:
         return {}
-    poses = read_orientations(orientations, workspace.store)
+    poses = read_orientations(
+        orientations, workspace.store, [str(one.stop) for one in inputs.window]
+    )
     futures: dict[StopId, PrefectFuture[Any]] = {}
     for stop in (one.stop for one in inputs.window if str(one.stop) in poses):
         entries = workspace.catalogue.images(inputs.mission.mission, stop=str(stop))

@@ -54,7 +54,7 @@ def _match(
 ) -> dict[StopId, list[WidePair]]:
     """What was matched between the pairs of linked stops, by the later stop."""
     store, params = inputs.workspace.store, inputs.config.wide.matching
-    mapped = read_orientations(standing.orientations, store)
+    mapped = read_orientations(standing.orientations, store, [str(stop) for stop in matched])
     oriented = {
         stop: oriented_pairs(pairs, mapped.get(str(stop))) for stop, pairs in matched.items()
     }

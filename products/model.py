@@ -32,6 +32,7 @@ class ProductKind(StrEnum):
     LINKS = "links"
     HAND_TIES = "hand-ties"
     NETWORK = "network"
+    SETTLED = "settled"
     ORIENTATIONS = "orientations"
     QUALITY = "quality"
     REPORT = "report"
@@ -104,6 +105,7 @@ SUFFIX = {
     ProductKind.LINKS: ".npz",
     ProductKind.HAND_TIES: ".txt",
     ProductKind.NETWORK: ".json",
+    ProductKind.SETTLED: ".json",
     ProductKind.ORIENTATIONS: ".json",
     ProductKind.QUALITY: ".json",
     ProductKind.REPORT: ".html",
@@ -211,6 +213,7 @@ LEVEL = {
     ProductKind.HAND_TIES: ScopeLevel.REGION,
     ProductKind.PANORAMA_GROUND: ScopeLevel.STOP,
     ProductKind.NETWORK: ScopeLevel.SOL,
+    ProductKind.SETTLED: ScopeLevel.STOP,
     ProductKind.ORIENTATIONS: ScopeLevel.SOL,
     ProductKind.QUALITY: ScopeLevel.SOL,
     ProductKind.REPORT: ScopeLevel.SOL,

@@ -1,19 +1,20 @@
 """Adjust: one step of the network along the traverse, sol by sol.
 
 Each sol's network starts from the one before and adds the new stops, in the mode of the pipeline
-(`adjustment.modes`).
+(`adjustment.modes`). It holds the stops that the step may touch; those it leaves behind are kept as
+products of their own, which it names (`products.network`).
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from photogrammetry.adjustment.datum import with_control
-from photogrammetry.adjustment.documents import network_document
+from photogrammetry.adjustment.documents import report_document
 from photogrammetry.adjustment.modes import AdjustmentMode, advance
 from photogrammetry.adjustment.params import AdjustmentParams
 from photogrammetry.adjustment.records import (
@@ -27,14 +28,21 @@ from photogrammetry.imagery import StereoMatches, StopId
 from photogrammetry.matching.hand_ties import HandTie
 from photogrammetry.matching.ties import Ties
 from photogrammetry.matching.tracks import TrackParams, build_tie_points
-from products.arrays import pose_document, read_mast, read_matches, read_ties
+from products.arrays import read_mast, read_matches, read_ties
 from products.control import read_control
+from products.holders import Holders
 from products.model import ProductKind, ProductRef, Recipe
-from products.network import NetworkProduct, read_network
+from products.network import (
+    NetworkPart,
+    NetworkProduct,
+    part_document,
+    product_document,
+    read_network,
+)
 from products.store import ProductStore
 from tasks.hand_ties import carried_out, names_in, wanted
 from tasks.pairs import PairProducts
-from tasks.scopes import network_scope
+from tasks.scopes import is_overall, network_scope, stop_scope
 from tasks.singles import read_singles
 from tasks.stage import stage
 from tasks.telemetry import TelemetryStop
@@ -64,8 +72,10 @@ class NetworkStep:
     stops: tuple[TelemetryStop, ...]
     """All stops up to this sol, in the order of the traverse."""
     new_stops: tuple[StopId, ...]
+    window: tuple[StopId, ...]
+    """The stops that the step may touch, and those they are linked to; the new ones too."""
     pairs: tuple[PairProducts, ...]
-    """Pairs of the stops that the step may touch."""
+    """Pairs of the window."""
     ties: tuple[ProductRef, ...]
     links: tuple[ProductRef, ...]
     singles: tuple[ProductRef, ...] = ()
@@ -74,6 +84,17 @@ class NetworkStep:
     """What people want added, vetoed or moved, as far as it concerns these pairs."""
     control: tuple[ProductRef, ...] = ()
     """Where stops lie in orbital images, or where people measured them to lie."""
+
+    @property
+    def names(self) -> frozenset[str]:
+        """The names of the window's stops."""
+        return frozenset(map(str, self.window))
+
+    @property
+    def touched(self) -> tuple[TelemetryStop, ...]:
+        """The telemetry of the window's stops."""
+        window = set(self.window)
+        return tuple(stop for stop in self.stops if stop.stop in window)
 
     @property
     def inputs(self) -> tuple[ProductRef, ...]:
@@ -92,22 +113,49 @@ class NetworkStep:
 
 @stage(task_run_name="adjust-sol{step.sol}")
 def adjust_network(step: NetworkStep, params: NetworkParams, store: ProductStore) -> ProductRef:
-    """Adjust the network of a mission up to a sol."""
+    """Adjust the network of a mission up to a sol, at the stops that the step touches."""
+    before = read_network(step.previous, store) if step.previous else None
+    settled = _settled(step, before, store) if before else {}
 
     def write(path: Path) -> None:
-        before = read_network(step.previous, store) if step.previous else None
         joining = _joining(step, store)
         network = _network(step, joining, params, store)
-        start = before.adjusted if before else None
-        adjusted, report = advance(step.mode, start, network, step.new_stops, params.adjustment)
-        reports = (*(before.reports if before else ()), str(report))
-        path.write_text(json.dumps(_document(step, adjusted, report, reports, joining)))
+        start = before.with_stops(step.names, store).part.at(step.window) if before else None
+        adjusted, report = advance(
+            step.mode, start.adjusted if start else None, network, step.new_stops, params.adjustment
+        )
+        held = {**before.holders, **settled} if before else {}
+        holders = {name: ref for name, ref in held.items() if name not in step.names}
+        path.write_text(json.dumps(_document(step, adjusted, report, joining, holders)))
 
-    telemetry = tuple((str(stop.stop), stop.sols, TelemetryPose.of(stop)) for stop in step.stops)
+    telemetry = tuple((str(stop.stop), stop.sols, TelemetryPose.of(stop)) for stop in step.touched)
     scope = network_scope(step.mission, step.sol, step.mode)
     settings = (params, telemetry, step.mode, *wanted(step.hand))
-    recipe = Recipe(ProductKind.NETWORK, scope, step.inputs, settings)
-    return store.make(recipe, write)
+    inputs = (*step.inputs, *(ref for ref in settled.values() if ref != step.previous))
+    return store.make(Recipe(ProductKind.NETWORK, scope, inputs, settings), write)
+
+
+def _settled(
+    step: NetworkStep, before: NetworkProduct, store: ProductStore
+) -> dict[str, ProductRef]:
+    """Products that hold the stops which the step leaves behind, as they were left.
+
+    An overall adjustment holds all stops, and goes on to hold those that are left behind.
+    """
+    left = [stop for stop in before.telemetry if stop not in set(step.window)]
+    if step.previous is None or is_overall(step.previous.scope):
+        return {str(stop): step.previous for stop in left if step.previous}
+    inputs = (step.previous,)
+
+    def write(path: Path, stop: StopId) -> None:
+        path.write_text(json.dumps(part_document(before.part.at([stop]).settled)))
+
+    return {
+        str(stop): store.make(
+            Recipe(ProductKind.SETTLED, stop_scope(stop), inputs), partial(write, stop=stop)
+        )
+        for stop in left
+    }
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -167,27 +215,26 @@ def _document(
     step: NetworkStep,
     adjusted: AdjustedNetwork,
     report: AdjustmentReport,
-    reports: Sequence[str],
     joining: _Joining,
+    holders: Holders,
 ) -> dict[str, Any]:
-    return {
-        "mission": step.mission,
-        "sol": step.sol,
-        "stops": [
-            {
-                "mission": stop.stop.mission,
-                "site": stop.stop.site,
-                "drive": stop.stop.drive,
-                "sols": list(stop.sols),
-                "telemetry": pose_document(stop.lsl_from_rover),
-            }
-            for stop in step.stops
-        ],
-        "network": network_document(adjusted, [report]),
-        "reports": list(reports),
-        "links": list(joining.links),
-        "by_hand": list(joining.by_hand),
-    }
+    part = NetworkPart(
+        {stop.stop: stop.lsl_from_rover for stop in step.stops},
+        {stop.stop: stop.sols for stop in step.stops},
+        adjusted,
+    ).at(step.window)
+    product = NetworkProduct(
+        mission=step.mission,
+        sol=step.sol,
+        telemetry=part.telemetry,
+        sols=part.sols,
+        adjusted=part.adjusted,
+        links=joining.links,
+        report=report_document(report),
+        by_hand=joining.by_hand,
+        holders=holders,
+    )
+    return product_document(product)
 
 
 __all__ = ["NetworkParams", "NetworkProduct", "NetworkStep", "adjust_network", "read_network"]

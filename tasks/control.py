@@ -24,7 +24,7 @@ from products.control import control_product, read_control
 from products.crs import LandingPoint, east_north
 from products.errors import ProductError
 from products.model import ProductKind, ProductRef, Recipe
-from products.network import read_network
+from products.network import read_network, whole_network
 from products.store import ProductStore
 from products.workspace import Workspace
 from tasks.intake import keep_file, write_bytes
@@ -96,8 +96,9 @@ def control_by_image(
     recipe = Recipe(ProductKind.CONTROL, image.scope, inputs, settings)
 
     def write(path: Path) -> None:
-        adjusted = read_network(standing.network, store).adjusted
-        mapped = read_orientations(standing.orientations, store)
+        names = [str(stop) for stop in stops]
+        adjusted = read_network(standing.network, store).with_stops(names, store).adjusted
+        mapped = read_orientations(standing.orientations, store, names)
         found: list[StopControl] = []
         up_m: list[float] = []
         refused: dict[str, str] = {}
@@ -138,7 +139,7 @@ def take_control(
     Raises:
         AdjustmentError: it cannot be read, or names a stop that is not in the network.
     """
-    standing = read_network(network, store)
+    standing = whole_network(network, store)
     mission, adjusted = standing.mission, standing.adjusted
     try:
         rows = parse_control(data.decode("utf-8"), mission, name)

@@ -31,9 +31,8 @@ from photogrammetry.traverse.pictures import traverse_figure
 from products.arrays import finite, pose_document
 from products.crs import LandingPoint, lon_lat
 from products.model import ProductKind, ProductRef, Recipe, Scope, ScopeLevel
-from products.network import traverses
+from products.network import NetworkProduct, network_of, traverses
 from products.store import ProductStore
-from tasks.adjust import NetworkProduct, read_network
 from tasks.scopes import region_scope
 from tasks.stage import stage
 from tasks.telemetry import Telemetry
@@ -53,7 +52,7 @@ def localise(
     store: ProductStore,
 ) -> list[ProductRef]:
     """State the adjusted traverse of a mission and how far telemetry strays from it."""
-    product = read_network(network, store)
+    product = network_of(network, store)
     frames = SiteFrames.of(telemetry, {stop.stop.site for stop in product.adjusted.stops})
     clocks = {known.stop: known.first_clock for known in telemetry.stops}
     params = (

@@ -4,18 +4,21 @@ Every adjustment moves what it may: new ties weigh the pointing of old stops afr
 millimetres. Maps are not made anew for that. The orientations that a mission's stops are mapped
 with are a product of their own, one a network: made from the network and from the orientations
 before, and from nothing else, so whatever was interrupted, repeated or published in between, the
-same networks lead to the same maps.
+same networks lead to the same maps. Stops that a network did not touch are mapped as before: its
+product names those that hold them.
 """
 
 from __future__ import annotations
 
 import json
+from collections.abc import Collection
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from photogrammetry.adjustment.movement import ReissueParams, ground_shift_m
 from photogrammetry.adjustment.records import AdjustedPair
+from products.holders import Holders, holders_document, holders_of_document
 from products.model import ProductKind, ProductRef, Recipe
 from products.store import ProductStore
 from tasks.adjust import read_network
@@ -42,15 +45,18 @@ def choose_orientations(
     """Take the network's orientations of the stops that moved; those of the others stay."""
 
     def write(path: Path) -> None:
-        before = read_orientations(previous, store) if previous else {}
         by_stop: dict[str, list[AdjustedPair]] = {}
         for pair in read_network(network, store).adjusted.pairs:
             by_stop.setdefault(str(pair.stop), []).append(pair)
-        kept = {stop: _kept(mapped) for stop, mapped in before.items()}
-        chosen = {
-            stop: choose(stop, pairs, before.get(stop), params) for stop, pairs in by_stop.items()
+        before = read_orientations(previous, store, by_stop) if previous else {}
+        chosen = [choose(stop, pairs, before.get(stop), params) for stop, pairs in by_stop.items()]
+        known = holders_of_orientations(previous, store) if previous else {}
+        holders = {stop: ref for stop, ref in known.items() if stop not in by_stop}
+        document = {
+            "mapped": [asdict(mapped) for mapped in chosen],
+            "holders": holders_document(holders),
         }
-        path.write_text(json.dumps([asdict(mapped) for mapped in (kept | chosen).values()]))
+        path.write_text(json.dumps(document))
 
     inputs = (network, *((previous,) if previous else ()))
     return store.make(Recipe(ProductKind.ORIENTATIONS, network.scope, inputs, params), write)
@@ -76,10 +82,39 @@ def choose(
     return MappedStop(stop, adjusted if moves else before.orientations, moved_m, is_new=moves)
 
 
-def read_orientations(ref: ProductRef, store: ProductStore) -> dict[str, MappedStop]:
-    """What the stops of a mission are mapped with, by their names."""
-    rows = json.loads(store.path(ref).read_text())
-    return {row["stop"]: _mapped_of(row) for row in rows}
+def read_orientations(
+    ref: ProductRef, store: ProductStore, stops: Collection[str] | None = None
+) -> dict[str, MappedStop]:
+    """What stops are mapped with, by their names.
+
+    Args:
+        ref: What was chosen from a network, of the stops that it touched.
+        store: Where it lies.
+        stops: Further stops that are asked for; None for all of the mission.
+    """
+    own, holders = _read(ref, store)
+    by_product: dict[ProductRef, list[str]] = {}
+    for stop in holders if stops is None else stops:
+        if stop in holders:
+            by_product.setdefault(holders[stop], []).append(stop)
+    further: dict[str, MappedStop] = {}
+    for holder, names in by_product.items():
+        held, _ = _read(holder, store)
+        further |= {name: _kept(held[name]) for name in names}
+    return further | own
+
+
+def holders_of_orientations(ref: ProductRef, store: ProductStore) -> Holders:
+    """The products that hold what each stop of a mission is mapped with."""
+    own, holders = _read(ref, store)
+    return holders | dict.fromkeys(own, ref)
+
+
+def _read(ref: ProductRef, store: ProductStore) -> tuple[dict[str, MappedStop], Holders]:
+    document = json.loads(store.path(ref).read_text())
+    rows = document["mapped"] if isinstance(document, dict) else document  # as it was written once
+    holders = holders_of_document(document["holders"]) if isinstance(document, dict) else {}
+    return {row["stop"]: _mapped_of(row) for row in rows}, holders
 
 
 def _mapped_of(row: dict[str, Any]) -> MappedStop:
@@ -96,5 +131,5 @@ def _mapped_of(row: dict[str, Any]) -> MappedStop:
 
 
 def _kept(before: MappedStop) -> MappedStop:
-    """A stop that the network does not reach any more."""
+    """A stop that the network has not touched."""
     return MappedStop(before.stop, before.orientations, 0.0, is_new=False)

@@ -9,14 +9,13 @@ import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 
 from photogrammetry.adjustment.adjust import adjust_overall
 from photogrammetry.adjustment.datum import with_control
-from photogrammetry.adjustment.documents import network_document
+from photogrammetry.adjustment.documents import report_document
 from photogrammetry.adjustment.modes import AdjustmentMode
 from photogrammetry.adjustment.params import AdjustmentParams
 from photogrammetry.synthetic.edr import Exposure, label_bytes
@@ -25,6 +24,7 @@ from photogrammetry.synthetic.mission_images import MISSION, exposures, mission_
 from products.arrays import pose_document
 from products.catalogue import ImageEntry
 from products.model import ProductKind, ProductRef, Recipe
+from products.network import NetworkProduct, product_document
 from products.workspace import Workspace
 from tasks.intake import ContentDigest, write_bytes
 from tasks.scopes import image_scope, network_scope, region_scope
@@ -123,16 +123,17 @@ def adjust_simulated(
             frames, shown = (mission.control.frame,), mission.control.control
             network = with_control(network, frames, shown, params.adjustment)
         adjusted, report = adjust_overall(network, params.adjustment)
-        document = {
-            "mission": MISSION,
-            "sol": params.plan.stops,
-            "stops": _stops(mission),
-            "network": network_document(adjusted, [report]),
-            "reports": [str(report)],
-            "links": [],
-            "by_hand": [],
-        }
-        path.write_text(json.dumps(document))
+        told = {prior.stop: prior for prior in mission.network.stops}
+        product = NetworkProduct(
+            mission=MISSION,
+            sol=params.plan.stops,
+            telemetry={stop: prior.lsl_from_rover for stop, prior in told.items()},
+            sols={stop: prior.sols for stop, prior in told.items()},
+            adjusted=adjusted,
+            links=(),
+            report=report_document(report),
+        )
+        path.write_text(json.dumps(product_document(product)))
 
     return workspace.store.make(network_recipe(params), write)
 
@@ -141,19 +142,6 @@ def network_recipe(params: SimulationParams) -> Recipe:
     """All that determines the network."""
     scope = network_scope(MISSION, params.plan.stops, AdjustmentMode.OVERALL)
     return Recipe(ProductKind.NETWORK, scope, params=params)
-
-
-def _stops(mission: SimulatedMission) -> list[dict[str, Any]]:
-    return [
-        {
-            "mission": prior.stop.mission,
-            "site": prior.stop.site,
-            "drive": prior.stop.drive,
-            "sols": list(prior.sols),
-            "telemetry": pose_document(prior.lsl_from_rover),
-        }
-        for prior in mission.network.stops
-    ]
 
 
 @stage(task_run_name="truth")

@@ -18,9 +18,9 @@ from photogrammetry.terrain.oriented_image import as_pointed
 from products.catalogue import ImageEntry
 from products.crs import LandingPoint
 from products.model import ProductKind, ProductRef, Recipe
+from products.network import NetworkProduct, network_of
 from products.vector import Feature, write_features
 from products.workspace import Workspace
-from tasks.adjust import NetworkProduct, read_network
 from tasks.images import image_record
 from tasks.scopes import region_scope
 from tasks.stage import stage
@@ -71,7 +71,7 @@ class _Reading:
     @property
     def network(self) -> NetworkProduct:
         if self._network is None:
-            self._network = read_network(self._ref, self._workspace.store)
+            self._network = network_of(self._ref, self._workspace.store)
         return self._network
 
     def outlines(self, draw: Any, params: FootprintParams) -> Iterator[Feature]:  # noqa: ANN401

@@ -64,6 +64,7 @@ class Stop:
             previous=None,
             stops=self.telemetry.stops,
             new_stops=(self.stop,),
+            window=(self.stop,),
             pairs=self.pairs,
             ties=(self.ties,),
             links=links,

@@ -39,6 +39,7 @@ def spirit(shared_data, tmp_path_factory):
         previous=None,
         stops=telemetry.stops,
         new_stops=(stop,),
+        window=(stop,),
         pairs=(),
         ties=(),
         links=(),

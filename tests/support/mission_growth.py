@@ -1,0 +1,200 @@
+"""What a sol costs as the traverse gets longer: `python -m tests.support.mission_growth 500`.
+
+A simulated mission comes in sol by sol, a stop a sol, as a mission's downlinks do: the network part
+of the flow of a sol runs on the engine (inputs, matches and ties looked up, adjustment,
+orientations, report, publishing), then what is drawn of the whole mission. Images have no pixels,
+so nothing is matched and no ground mapped. A line of JSON a sol.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ctypes
+import gc
+import json
+import resource
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from tests.support.simulated_sols import SimulatedSols
+
+CLEAR = Path("/proc/self/clear_refs")
+STATUS = Path("/proc/self/status")
+
+
+class Costs:
+    """Seconds by clock and processor, and the peak of memory, of named parts of a sol."""
+
+    def __init__(self) -> None:
+        self.figures: dict[str, float] = {}
+        self.running = False
+
+    @contextmanager
+    def of(self, part: str) -> Iterator[None]:
+        """Take the time of a part; of the first one also the most memory it took."""
+        before, is_whole = 0.0, not self.running
+        self.running = True
+        if is_whole:
+            before = _settled_memory_mb()
+        clock, processor = time.perf_counter(), _processor_s()
+        yield
+        self.figures[f"{part}_s"] = round(time.perf_counter() - clock, 4)
+        self.figures[f"{part}_cpu_s"] = round(_processor_s() - processor, 4)
+        if is_whole:
+            self.figures[f"{part}_peak_mb"] = round(_memory_mb("VmHWM") - before, 1)
+            self.figures["resident_mb"] = round(before, 1)
+            self.running = False
+
+
+def _settled_memory_mb() -> float:
+    """Memory after all that is free was given back; the peak counts from here on."""
+    gc.collect()
+    ctypes.CDLL("libc.so.6").malloc_trim(0)
+    CLEAR.write_text("5")
+    return _memory_mb("VmRSS")
+
+
+def _processor_s() -> float:
+    used = resource.getrusage(resource.RUSAGE_SELF)
+    return used.ru_utime + used.ru_stime
+
+
+def _memory_mb(name: str) -> float:
+    (line,) = (line for line in STATUS.read_text().splitlines() if line.startswith(name))
+    return int(line.split()[1]) / 1024
+
+
+class AtOnce:
+    """A stage that runs where it is submitted, without an engine."""
+
+    def __init__(self, stage: Any) -> None:
+        self.stage = stage
+
+    def submit(self, *args: Any, **kwargs: Any) -> AtOnce:
+        """Do the work; what comes of it is the result."""
+        made = AtOnce(self.stage)
+        made.made = self.stage.fn(*args, **kwargs)  # type: ignore[attr-defined]
+        return made
+
+    def result(self, **_: Any) -> Any:
+        """What the work gave."""
+        return self.made  # type: ignore[attr-defined]
+
+
+STAGES = ("match_stereo_pair", "picture_pair", "tie_stop", "link_stops", "adjust_network")
+"""Of the network of a sol."""
+
+
+@contextmanager
+def without_engine() -> Iterator[None]:
+    """Have stages run at once, where only what they leave is asked for."""
+    from flows import sol, sol_network  # noqa: PLC0415
+
+    before = {name: getattr(sol_network, name) for name in STAGES}
+    publish = sol.publish
+    for name, stage in before.items():
+        setattr(sol_network, name, AtOnce(stage))
+    sol.publish = publish.fn
+    yield
+    sol.publish = publish
+    for name, stage in before.items():
+        setattr(sol_network, name, stage)
+
+
+def network_of_sol(*, on_engine: bool) -> Callable[..., Any]:
+    """The flow of a sol up to what is known of its network; imported where the engine runs."""
+    from prefect import flow  # noqa: PLC0415
+
+    from flows import sol as sols  # noqa: PLC0415
+    from flows.runners import on_workers  # noqa: PLC0415
+    from flows.sol_inputs import SolReport, Standing, gather  # noqa: PLC0415
+    from flows.sol_network import adjust_stops, match_pairs  # noqa: PLC0415
+    from tasks.orientations import choose_orientations  # noqa: PLC0415
+    from tasks.report import report_quality  # noqa: PLC0415
+
+    chosen = choose_orientations if on_engine else choose_orientations.fn
+    stated = report_quality if on_engine else lambda *_: []
+
+    def run(sol: int, store: Path, previous: Any, costs: Costs) -> Any:
+        report = SolReport("MER2", sol)
+        with costs.of("gather"):
+            inputs = gather("MER2", sol, store, "default", previous)
+        with costs.of("match"):
+            matched = match_pairs(inputs, report)
+        with costs.of("adjust"):
+            network = adjust_stops(inputs, previous, matched, report)
+        if network is None:
+            raise RuntimeError(f"sol {sol}: {report.failures}")
+        with costs.of("orient"):
+            before, params = previous.orientations if previous else None, inputs.config.reissue
+            oriented = chosen(network, before, params, inputs.workspace.store)
+        report.standing = Standing(network, oriented)
+        pairs = tuple(pair for of_stop in matched.values() for pair in of_stop)
+        with costs.of("report"):
+            told = stated(network, pairs, inputs.config.quality, inputs.workspace.store)
+        with costs.of("publish"):
+            sols._publish(inputs, [network, oriented, *told], {}, matched, report)
+        if report.failures:
+            raise RuntimeError(f"sol {sol}: {report.failures}")
+        return report.standing
+
+    if on_engine:
+        return on_workers(flow(run, name="network of a sol", validate_parameters=False))
+
+    def run_at_once(*args: Any) -> Any:
+        with without_engine():
+            return run(*args)
+
+    return run_at_once
+
+
+def main() -> None:
+    """Walk the traverse and write a line a sol."""
+    parser = argparse.ArgumentParser(prog="mission_growth", description=__doc__)
+    parser.add_argument("stops", type=int)
+    parser.add_argument("--store", type=Path, required=True, help="an empty folder")
+    parser.add_argument("--sols", type=int, help="the first so many only")
+    parser.add_argument("--whole", default="10,50,100,200,300,400,500", help="sols on the engine")
+    arguments = parser.parse_args()
+    arguments.store.mkdir(parents=True, exist_ok=True)
+    from flows.engine_server import start_engine  # noqa: PLC0415
+
+    start_engine(arguments.store)
+    whole = {int(sol) - k for sol in arguments.whole.split(",") for k in (0, 1)}
+    walk(
+        SimulatedSols.of(arguments.stops), arguments.sols or arguments.stops, arguments.store, whole
+    )
+
+
+def walk(sols: SimulatedSols, last: int, root: Path, whole: set[int]) -> None:
+    """The sols of a mission up to one; some of them on the engine, with report and layers."""
+    from config.workspace import open_workspace  # noqa: PLC0415
+    from flows.mission_layers import draw_mission  # noqa: PLC0415
+    from flows.sol_inputs import gather  # noqa: PLC0415
+
+    workspace = open_workspace(root)
+    flows = {on: network_of_sol(on_engine=on) for on in (True, False)}
+    standing = None
+    for sol in range(1, last + 1):
+        sols.deliver([sol], workspace)
+        sols.match(gather("MER2", sol, root, "default", standing))
+        costs = Costs()
+        with costs.of("sol"):
+            standing = flows[sol in whole](sol, root, standing, costs)
+        if sol in whole:
+            with costs.of("draw"):
+                draw_mission("MER2", standing.network, workspace, "default")
+        sizes = {
+            f"{ref.kind}_kb": round(workspace.store.size(ref) / 1024, 1)
+            for ref in (standing.network, standing.orientations)
+        }
+        sys.stdout.write(json.dumps({"sol": sol, **costs.figures, **sizes}) + "\n")
+        sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,220 @@
+"""What matching and tying would have made of a simulated mission, sol by sol and without pixels.
+
+Matches, ties and links are written under the very recipes that the stages of a sol ask for, so that
+these find them made and go on to adjust.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from photogrammetry.frames import Pose
+from photogrammetry.imagery import StereoMatches, StopId, TiePoints
+from photogrammetry.matching.ties import Ties
+from photogrammetry.synthetic.edr import Exposure
+from photogrammetry.synthetic.mission import MissionPlan, SimulatedMission, simulate_mission
+from photogrammetry.synthetic.mission_images import exposures, mission_names
+from products.arrays import pose_document, write_archive, write_matches, write_ties
+from products.model import ProductKind, ProductRef, Recipe
+from products.workspace import Workspace
+
+FEWEST = 5
+"""Ties between two stops below which they are not linked."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sighted:
+    """The tie points of a mission, told apart by where they are seen from."""
+
+    alone: dict[str, np.ndarray]
+    """Rows of points that one pair alone sees, by pair."""
+    within: dict[StopId, np.ndarray]
+    """Couples of rows of points that two pairs of one stop see."""
+    across: dict[tuple[StopId, StopId], np.ndarray]
+    """Couples of rows of points that two stops see, the earlier one first."""
+
+    @classmethod
+    def of(cls, mission: SimulatedMission) -> Sighted:
+        """Sort the observations of a mission."""
+        ties, stop_of = mission.network.ties, [pair.stop for pair in mission.network.pairs]
+        order = np.argsort(ties.point, kind="stable")
+        groups = np.split(order, np.flatnonzero(np.diff(ties.point[order])) + 1)
+        alone: dict[str, list[int]] = {}
+        within: dict[StopId, list[tuple[int, int]]] = {}
+        across: dict[tuple[StopId, StopId], list[tuple[int, int]]] = {}
+        for rows in groups:
+            if len(rows) == 1:
+                alone.setdefault(ties.pair_ids[ties.pair[rows[0]]], []).append(int(rows[0]))
+                continue
+            a, b = sorted(rows[:2].tolist(), key=lambda row: int(ties.pair[row]))
+            one, other = stop_of[ties.pair[a]], stop_of[ties.pair[b]]
+            couples = within.setdefault(one, []) if one == other else None
+            (across.setdefault((one, other), []) if couples is None else couples).append((a, b))
+        return cls(
+            {pair: np.array(rows) for pair, rows in alone.items()},
+            {stop: np.array(rows) for stop, rows in within.items()},
+            {stops: np.array(rows) for stops, rows in across.items()},
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SimulatedSols:
+    """A mission whose sols can be delivered one after the other."""
+
+    mission: SimulatedMission
+    plan: MissionPlan
+    seen: Sighted
+    exposures: tuple[tuple[Exposure, Exposure], ...]
+    """Of all pairs, in the order of the traverse."""
+
+    @classmethod
+    def of(cls, stops: int, seed: int = 1) -> SimulatedSols:
+        """So many stops of the mission that the defaults describe, a stop a sol."""
+        plan = replace(
+            MissionPlan(), stops=stops, distance_m=14.0 * stops, gaps=stops // 50, control_every=0
+        )
+        names = mission_names(plan)
+        mission = simulate_mission(np.random.default_rng(seed), plan, names=names)
+        return cls(mission, plan, Sighted.of(mission), tuple(exposures(mission, plan)))
+
+    def deliver(self, sols: Sequence[int], workspace: Workspace) -> None:
+        """Enter the images of some sols in the catalogue, as ingesting does."""
+        from tasks.simulated_mission import _entry, _no_picture  # noqa: PLC0415 - brings the engine
+
+        browse, entries = _no_picture(workspace), []
+        for left, right in self.exposures:
+            if left.sol in sols:
+                entries += [
+                    _entry(left, right.product_id, browse, workspace),
+                    _entry(right, left.product_id, browse, workspace),
+                ]
+        workspace.catalogue.publish(images=entries)
+
+    def match(self, inputs: Any) -> None:
+        """Make all that matching and tying would make for a sol."""
+        _Maker(self, inputs).make()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Maker:
+    """Writes the products of one sol."""
+
+    sols: SimulatedSols
+    inputs: Any
+
+    def make(self) -> None:
+        """Matches of the window's pairs, ties of its stops, links between them."""
+        from flows.sol_network import _links  # noqa: PLC0415 - brings the engine
+        from tasks.pairs import pairs_of  # noqa: PLC0415
+        from tasks.tie import StopProducts  # noqa: PLC0415
+
+        inputs, store = self.inputs, self.inputs.workspace.store
+        window = {stop.stop: stop for stop in inputs.window}
+        made: dict[StopId, list[Any]] = {name: [] for name in window}
+        for name in window:
+            for pair in pairs_of(inputs.workspace.catalogue.images(stop=str(name))):
+                made[name].append(self._matched(pair))
+        stops = {name: StopProducts(name, tuple(pairs)) for name, pairs in made.items()}
+        for name, stop in stops.items():
+            rows = self.sols.seen.within.get(name, np.zeros((0, 2), dtype=int))
+            header = {"stop": str(name), "links": [], "rms_px": 0.3}
+            recipe = Recipe(
+                ProductKind.TIES, _stop_scope(name), stop.inputs, inputs.config.inter_stereo
+            )
+            self._look(store.make(recipe, lambda p, r=rows, h=header: self._write(p, r, h)))
+        for old, new in _links(inputs):
+            self._linked(stops[old], stops[new], window[old], window[new])
+
+    def _matched(self, pair: Any) -> Any:
+        from tasks.match import MatchParams  # noqa: PLC0415 - brings the engine
+        from tasks.pairs import PairProducts  # noqa: PLC0415
+        from tasks.scopes import pair_scope  # noqa: PLC0415
+
+        config, store = self.inputs.config, self.inputs.workspace.store
+        params = MatchParams(config.sparse, config.dense)
+        (known,) = (p for p in _pairs_at(self.sols, pair.stop) if p.pair_id == pair.id)
+        ties = self.sols.mission.network.ties
+        rows = self.sols.seen.alone.get(pair.id, np.zeros(0, dtype=int))
+        matches = StereoMatches(
+            pair.id, ties.left[rows], ties.parallax_px[rows], ties.sigma_px[rows]
+        )
+        sparse = Recipe(ProductKind.MATCHES, pair_scope(pair.id), pair.inputs, params.sparse)
+        dense = Recipe(ProductKind.PARALLAX, pair_scope(pair.id), pair.inputs, params.dense)
+        products = PairProducts(
+            pair,
+            store.make(
+                sparse, lambda p: write_matches(p, known.geometry, matches, known.mast_in_rover)
+            ),
+            store.make(dense, lambda p: write_archive(p, {"step_px": 1.0})),
+        )
+        look = Recipe(ProductKind.QUICKLOOK, pair_scope(pair.id), products.made, config.sparse)
+        store.make(look, lambda p: p.write_bytes(b"none"))
+        return products
+
+    def _linked(self, earlier: Any, later: Any, *telemetry: Any) -> None:
+        from tasks.tie import TelemetryPose, link_scope  # noqa: PLC0415 - brings the engine
+
+        rows = self.sols.seen.across.get((earlier.stop, later.stop), np.zeros((0, 2), dtype=int))
+        is_linked = len(rows) >= FEWEST
+        header = {
+            "earlier": str(earlier.stop),
+            "later": str(later.stop),
+            "linked": is_linked,
+            "reason": f"{len(rows)} ties",
+            "earlier_from_later": pose_document(Pose.identity(*(_frames(earlier, later)))),
+            "figures": {},
+        }
+        params = (self.inputs.config.cross_site, *(TelemetryPose.of(one) for one in telemetry))
+        recipe = Recipe(
+            ProductKind.LINKS,
+            link_scope(earlier.stop, later.stop),
+            (*earlier.inputs, *later.inputs),
+            params,
+        )
+        kept = rows if is_linked else rows[:0]
+        self._look(self.inputs.workspace.store.make(recipe, lambda p: self._write(p, kept, header)))
+
+    def _look(self, ref: ProductRef) -> None:
+        recipe = Recipe(ProductKind.QUICKLOOK, ref.scope, (ref,))
+        self.inputs.workspace.store.make(recipe, lambda p: p.write_bytes(b"none"))
+
+    def _write(self, path: Any, couples: np.ndarray, header: dict[str, Any]) -> None:
+        write_ties(path, _ties_of(self.sols.mission.network.ties, couples), header)
+
+
+def _stop_scope(stop: StopId) -> Any:
+    from tasks.scopes import stop_scope  # noqa: PLC0415
+
+    return stop_scope(stop)
+
+
+def _frames(earlier: Any, later: Any) -> tuple[Any, Any]:
+    return earlier.stop.frame, later.stop.frame
+
+
+def _pairs_at(sols: SimulatedSols, stop: StopId) -> Iterable[Any]:
+    n, first = sols.plan.pairs_per_stop, stop.drive // 2
+    return sols.mission.network.pairs[n * first : n * first + n]
+
+
+def _columns(ties: TiePoints, rows: np.ndarray) -> Iterator[np.ndarray]:
+    for name in ("left", "parallax_px", "sigma_px", "sigma_parallax_px", "sigma_line_px"):
+        yield getattr(ties, name)[rows]
+
+
+def _ties_of(ties: TiePoints, couples: np.ndarray) -> Ties:
+    """Couples of observations as ties between pairs."""
+    first, second = couples.reshape(-1, 2).T
+    both = zip(_columns(ties, first), _columns(ties, second), strict=True)
+    used = sorted({*ties.pair[first].tolist(), *ties.pair[second].tolist()})
+    number = {pair: k for k, pair in enumerate(used)}
+    numbers = [
+        np.array([number[pair] for pair in ties.pair[rows].tolist()], dtype=np.int32)
+        for rows in (first, second)
+    ]
+    columns = [column for couple in both for column in couple]
+    return Ties(tuple(ties.pair_ids[pair] for pair in used), *numbers, *columns)
