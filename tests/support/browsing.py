@@ -81,11 +81,17 @@ def open_browser() -> Iterator:
 
 @contextmanager
 def open_page(browser, width: int = 1280, height: int = 800) -> Iterator:
-    """A page that must raise no error and ask no other host for anything."""
+    """A page that must raise no error, have none of the server's, and ask no other host."""
     context = browser.new_context(viewport={"width": width, "height": height})
     opened = context.new_page()
     opened.faults = []
     opened.on("pageerror", lambda error: opened.faults.append(str(error)))
+    opened.on(
+        "response",
+        lambda answer: (
+            opened.faults.append(f"{answer.status} {answer.url}") if answer.status == 500 else None
+        ),
+    )
     opened.elsewhere = []
     opened.on(
         "request",

@@ -13,7 +13,12 @@ import cv2
 import numpy as np
 
 from photogrammetry.adjustment.documents import network_document
-from photogrammetry.adjustment.records import AdjustedNetwork, AdjustedStop, AdjustedTies
+from photogrammetry.adjustment.records import (
+    AdjustedNetwork,
+    AdjustedStop,
+    AdjustedTies,
+    AdjustmentReport,
+)
 from photogrammetry.frames import LSL, Pose, rotation_of_roll_pitch_yaw, site_frame
 from photogrammetry.imagery import Eye, StopId, TiePoints
 from photogrammetry.synthetic.edr import Exposure, edr_bytes
@@ -161,6 +166,15 @@ def _tie(number: int) -> Feature:
 
 
 def _publish_network(workspace: Workspace) -> None:
+    stood = AdjustmentReport(
+        "the bowl",
+        converged=True,
+        iterations=0,
+        sigma0=1.0,
+        redundancy=0,
+        stops=len(STOPS),
+        pairs=0,
+    )
     document = {
         "mission": "MER2",
         "sol": SOL,
@@ -176,7 +190,7 @@ def _publish_network(workspace: Workspace) -> None:
             }
             for k, (_, site, drive, at, telemetry) in enumerate(STOPS)
         ],
-        "network": network_document(network()) | {"reports": [{}]},
+        "network": network_document(network(), [stood]),
         "reports": [],
         "links": [],
     }

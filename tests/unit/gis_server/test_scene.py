@@ -40,6 +40,17 @@ def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[TestClient]:
         yield client
 
 
+def test_the_graph_says_that_telemetry_alone_holds_the_stops(client):
+    answer = client.get("/api/missions/MER2/network")
+    assert answer.status_code == 200
+    graph = answer.json()
+    assert [stop["stop"] for stop in graph["stops"]] == [name for name, *_ in STOPS]
+    assert (
+        graph["summary"] == f"the bowl: nothing to adjust by, {len(STOPS)} stops stand by telemetry"
+    )
+    assert graph["links"] == []
+
+
 def test_stops_are_where_and_as_the_network_has_them(client):
     answer = client.get("/api/missions/MER2/scene/stops").json()
     assert [stop["stop"] for stop in answer["stops"]] == [name for name, *_ in STOPS]
