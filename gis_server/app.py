@@ -62,8 +62,8 @@ _HEADERS = {
     "Cross-Origin-Opener-Policy": "same-origin",
     "X-Frame-Options": "DENY",
     "Permissions-Policy": (
-        "camera=(), microphone=(), geolocation=(), payment=(), usb=(), serial=(), bluetooth=(), "
-        "midi=(), display-capture=()"
+        "camera=(), microphone=(), geolocation=(), payment=(), usb=(), serial=(), midi=(), "
+        "display-capture=()"
     ),
 }
 """Nothing from elsewhere is loaded, nobody embeds the map, no other origin is let in (no CORS).

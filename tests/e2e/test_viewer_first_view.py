@@ -7,7 +7,7 @@ from pathlib import PurePosixPath
 
 import pytest
 
-from tests.support.browsing import DIST, at
+from tests.support.browsing import DIST, at, look
 from tests.support.first_view import first_view
 
 LATEST_MS = 4000
@@ -63,6 +63,14 @@ def test_what_comes_after_the_rest_of_the_page_is_ready_when_it_is_drawn(page, u
     )
     parts = next(end for name, end in spans.items() if name.startswith("later-parts"))
     assert parts < spans["map painted"]
+
+
+def test_the_browser_has_nothing_to_complain_of(page, url):
+    said: list[str] = []
+    page.on("console", lambda message: said.append(f"{message.text} {message.location['url']}"))
+    look(page, url)
+    no_network = ("/solutions", "/network")  # the bowl was mapped without one
+    assert [text for text in said if not text.endswith(no_network)] == []
 
 
 def test_the_first_view_takes_less_than_a_second_of_processor(view):
