@@ -50,6 +50,11 @@ class Child:
         """Whether it runs now."""
         return self.process is not None and self.process.poll() is None
 
+    @property
+    def is_stopping(self) -> bool:
+        """Whether it was asked to end and is not to be started again."""
+        return self._stopping
+
     def start(self) -> None:
         """Start it; it hears no signal of the terminal, only those that it is sent."""
         self.log.parent.mkdir(parents=True, exist_ok=True)

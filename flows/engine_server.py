@@ -1,14 +1,17 @@
 """Prefect's server as a child process, for as long as the process that needs it.
 
-Prefect would start one by itself, but a run that is killed would leave that one behind.
+Prefect would start one by itself, but a run that is killed would leave that one behind. One that
+dies is started again on the same port with the same database: the run asks again and goes on.
 """
 
 from __future__ import annotations
 
 import atexit
+import logging
 import os
 import socket
 import sys
+import threading
 import time
 import urllib.request
 from pathlib import Path
@@ -16,8 +19,12 @@ from pathlib import Path
 from flows.children import Child
 from flows.engine import prepare_engine
 
+log = logging.getLogger(__name__)
+
 _START_S = 300.0
 """Its database is made at the first start, and a loaded machine takes its time."""
+_LOOK_S = 0.5
+"""Between looks at whether it lives."""
 _RUN_ONLY = {"PREFECT_UI_ENABLED": "false"}
 """A run that nobody can look at longer than it lasts needs no pages."""
 
@@ -67,7 +74,17 @@ def start_engine(store: Path) -> None:
     child.start()
     atexit.register(child.stop)
     await_engine(child, port)
+    threading.Thread(target=_keep_alive, args=(child,), name="engine-watch", daemon=True).start()
     os.environ["PREFECT_API_URL"] = f"{address(port)}/api"
+
+
+def _keep_alive(child: Child) -> None:
+    """Start the server again whenever it dies, until it is stopped."""
+    while not child.is_stopping:
+        said = child.revive()
+        if said:
+            log.warning("%s", said)
+        time.sleep(_LOOK_S)
 
 
 def _free_port() -> int:

@@ -1,0 +1,60 @@
+"""The run's own server of Prefect, killed while a flow is on."""
+
+import os
+import signal
+import subprocess
+import sys
+
+import psutil
+import pytest
+
+RUN = """
+import sys, time
+from pathlib import Path
+from flows.engine_server import start_engine
+from products.logs import keep_logs
+keep_logs(Path(sys.argv[1]), "flows")
+start_engine(Path(sys.argv[1]))
+from prefect import flow, task
+
+@task
+def one(number: int) -> int:
+    return number
+
+@flow
+def many() -> int:
+    first = one(1)
+    print("begun", flush=True)
+    time.sleep(2.0)  # the server dies now
+    return first + one(2)
+
+print("made", many(), flush=True)
+"""
+
+
+@pytest.mark.slow
+def test_a_run_whose_server_dies_gets_another_and_goes_on(tmp_path):
+    environment = {k: v for k, v in os.environ.items() if not k.startswith("PREFECT_")}
+    run = subprocess.Popen(
+        [sys.executable, "-c", RUN, str(tmp_path)],
+        env={**environment, "PREFECT_SERVER_ANALYTICS_ENABLED": "false"},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+    assert run.stdout is not None
+    for line in run.stdout:
+        if line.startswith("begun"):
+            break
+    (server,) = [
+        child
+        for child in psutil.Process(run.pid).children()
+        if "server" in child.cmdline() and "prefect" in child.cmdline()
+    ]
+    server.send_signal(signal.SIGKILL)
+    said, _ = run.communicate(timeout=300)
+    assert run.returncode == 0, said
+    assert "made 3" in said
+    kept = (tmp_path / "logs" / "flows.jsonl").read_text()
+    assert "engine ended with -9; started again in 1 s" in kept
+    assert not psutil.pid_exists(server.pid)
