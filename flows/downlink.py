@@ -17,6 +17,7 @@ from config.workspace import open_workspace
 from flows.artifacts import leave_report
 from flows.failures import isolated, mended
 from flows.finished import FinishedSols
+from flows.leftovers import withdraw_leftovers
 from flows.mission_layers import draw_mission
 from flows.overall import overall_sols, process_overall
 from flows.progress import report as report_progress
@@ -136,6 +137,7 @@ def _process_mission(
     if load_pipeline(pipeline).adjustment_mode is AdjustmentMode.OVERALL:
         overall |= set(sols[-1:])
     standing: Standing | None = None
+    reports: list[SolReport] = []
     finished, walks = FinishedSols.of(mission, workspace, pipeline), False
     for sol in sols:
         for flow_of_sol in (process_sol, process_overall) if sol in overall else (process_sol,):
@@ -151,9 +153,12 @@ def _process_mission(
                         mission, sol, workspace.store.root, pipeline, standing
                     )
                     finished.note(scope, key, done)
-                report.sols.append(done)
+                reports.append(done)
                 report.failures += [f"{mission} sol {sol}: {line}" for line in done.failures]
                 standing = done.standing or standing
+    report.sols += reports
+    if len(reports) == len(sols) + len(overall.intersection(sols)):
+        withdraw_leftovers(mission, reports, workspace)
     if standing is not None:
         _draw(mission, standing, workspace, pipeline, report)
         _map_regions(mission, workspace, pipeline, report)

@@ -21,6 +21,9 @@ from products.finished import FinishedBook
 from products.model import SCIENCE_VERSION, ProductKind, ProductRef, Scope, ScopeLevel
 from products.workspace import Workspace
 
+PARTS = "standing", "layers", "pointers"
+"""What the document of a finished sol lists: what it leaves to the next, and what it published."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FinishedSols:
@@ -48,17 +51,17 @@ class FinishedSols:
     def report(self, scope: Scope, sol: int, key: str) -> SolReport | None:
         """How the sol went when it was made from the same; None where it must be processed."""
         found = self.book.known(scope.name, key)
-        if found is None:
+        if found is None or not found.keys() >= set(PARTS):  # an earlier version noted less
             return None
-        network, orientations = (_ref(text) for text in found["standing"])
-        layers = [_ref(text) for text in found["layers"]]
+        standing, published, pointed = (tuple(map(_ref, found[part])) for part in PARTS)
         store = self.workspace.store
-        asked = [network, orientations, *(layers if store.elsewhere is None else ())]
+        asked = (*standing, *((*published, *pointed) if store.elsewhere is None else ()))
         if not all(map(store.has, asked)):  # of an object store each would be a request
             return None
-        report = SolReport(self.mission, sol, Standing(network, orientations), len(layers))
-        report.notes, report.failures = list(found["notes"]), list(found["failures"])
-        return report
+        left = Standing(*standing) if standing else None
+        notes, failures = list(found["notes"]), list(found["failures"])
+        layers = len(published)
+        return SolReport(self.mission, sol, left, layers, notes, failures, published, pointed)
 
     def forget(self, first: Scope) -> None:
         """Forget this sol and those after it, for they are processed now.
@@ -70,16 +73,19 @@ class FinishedSols:
 
     def note(self, scope: Scope, key: str, report: SolReport) -> None:
         """Note that the sol is finished, unless anything of it failed that may not fail again."""
-        if report.standing is None or not all(map(_will_fail_again, report.failures)):
+        if not is_finished(report):
             return
-        standing = report.standing.network, report.standing.orientations
-        document = {
-            "standing": [_text(ref) for ref in standing],
-            "layers": [_text(ref) for ref in report.published],
-            "notes": report.notes,
-            "failures": report.failures,
-        }
-        self.book.note(scope.name, key, document)
+        left = report.standing
+        standing = (left.network, left.orientations) if left else ()
+        made = dict(zip(PARTS, (standing, report.published, report.pointed), strict=True))
+        document = {part: [_text(ref) for ref in refs] for part, refs in made.items()}
+        told = {"notes": report.notes, "failures": report.failures}
+        self.book.note(scope.name, key, document | told)
+
+
+def is_finished(report: SolReport) -> bool:
+    """Whether another run over the same would end in the same way."""
+    return all(map(_will_fail_again, report.failures))
 
 
 def _common(mission: str, workspace: Workspace, pipeline: str) -> Iterator[str]:

@@ -15,10 +15,9 @@ from products.workspace import Workspace
 from tasks.contour import trace_contours
 from tasks.hazard import map_hazards
 from tasks.insolation import map_insolation
-from tasks.publish import publish
+from tasks.publish import publish, withdraw
 from tasks.region import fuse_region, seam_notes
 from tasks.slope import map_relief, shade_relief
-from tasks.stac import update_stac
 
 LEAST_STOPS = 2
 """A region is more than the map of one stop."""
@@ -53,9 +52,7 @@ def _withdraw_others(mission: str, scopes: Set[Scope], workspace: Workspace) -> 
     kinds = {*REGION.values(), ProductKind.REGION_SEAMS}
     gone = [one for one in published if one.ref.kind in kinds and one.ref.scope not in scopes]
     if gone:
-        workspace.catalogue.withdraw(gone)
-        left = workspace.catalogue.layers(mission)
-        update_stac(workspace.catalogue.mission(mission), left[:1], workspace)
+        withdraw(workspace.catalogue.mission(mission), gone, (), workspace)
 
 
 def _regions(mission: str, workspace: Workspace, config: PipelineConfig) -> list[list[Layer]]:

@@ -88,10 +88,11 @@ def _publish(
     if report.standing is not None:
         report.notes += _findings(inputs, report.standing)
     sols = {stop.stop: stop.sols for stop in inputs.telemetry.stops}
+    report.pointed = (*made, *_stages(matched.values()))
     published = publish(
         inputs.mission,
         [(ref, sols[stop]) for stop, refs in layers.items() for ref in refs],
-        (*made, *_stages(matched.values())),
+        report.pointed,
         [_outcome(inputs, report)],
         inputs.workspace,
     )

@@ -45,6 +45,9 @@ class SolReport:
     notes: list[str] = field(default_factory=list)
     failures: list[str] = field(default_factory=list)
     published: tuple[ProductRef, ...] = ()
+    """The layers."""
+    pointed: tuple[ProductRef, ...] = ()
+    """What the catalogue points at besides: networks, reports, what matching made."""
 
     def blame(self, what: str, failed: Mapping[Any, str]) -> None:
         """Take down failures that carry a cause."""

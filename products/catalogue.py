@@ -221,10 +221,15 @@ class Catalogue:
             for outcome in outcomes:
                 put(connection, OUTCOMES, {"subject": outcome.subject}, document_of(outcome))
 
-    def withdraw(self, layers: Sequence[Layer]) -> None:
-        """Have the map show layers no longer, all at once; their versions are known further on."""
+    def withdraw(self, layers: Sequence[Layer], pointers: Sequence[ProductRef] = ()) -> None:
+        """Have the map show layers no longer, all at once; their versions are known further on.
+
+        `pointers` are products that are no layers, and the latest of their kind no longer.
+        """
         with writing(self.engine) as connection:
             _withdraw(connection, layers)
+            for ref in pointers:
+                connection.execute(LATEST.delete().where(_is_latest(ref)))
 
     def _documents(self, query: sa.Select[Any]) -> list[dict[str, Any]]:
         with self.engine.connect() as connection:
@@ -257,13 +262,16 @@ def _put_layers(connection: sa.Connection, layers: Sequence[Layer]) -> None:
 def _withdraw(connection: sa.Connection, layers: Sequence[Layer]) -> None:
     gone: dict[str, list[str]] = {}
     for layer in layers:
-        keys = keys_of(layer.ref)
-        is_this = sa.and_(
-            LATEST.c.scope == keys["scope"],
-            LATEST.c.kind == keys["kind"],
-            LATEST.c.digest == layer.ref.digest,
-        )
-        if connection.execute(LATEST.delete().where(is_this)).rowcount:
+        if connection.execute(LATEST.delete().where(_is_latest(layer.ref))).rowcount:
             gone.setdefault(layer.mission, []).append(layer.id)
     for mission, ids in gone.items():
         append(connection, LAYERS_PUBLISHED, {"mission": mission, "layers": ids})
+
+
+def _is_latest(ref: ProductRef) -> sa.ColumnElement[bool]:
+    keys = keys_of(ref)
+    return sa.and_(
+        LATEST.c.scope == keys["scope"],
+        LATEST.c.kind == keys["kind"],
+        LATEST.c.digest == ref.digest,
+    )

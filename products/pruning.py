@@ -159,7 +159,7 @@ def _published(workspace: Workspace) -> Iterator[str]:
             yield f"{row.kind}/{row.scope}/{row.digest}"
         finished = connection.execute(sa.select(FINISHED.c.document)).scalars().all()
     for document in finished:
-        for text in (*document["standing"], *document["layers"]):
+        for text in (*document["standing"], *document["layers"], *document.get("pointers", ())):
             kind, _, scope, digest = text.split("/")
             yield f"{kind}/{scope}/{digest}"
     for image in workspace.catalogue.images():

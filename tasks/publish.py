@@ -120,6 +120,20 @@ def publish(
     return described
 
 
+def withdraw(
+    mission: MissionEntry,
+    layers: Sequence[Layer],
+    pointers: Sequence[ProductRef],
+    workspace: Workspace,
+) -> None:
+    """Show layers no longer, and have the catalogue point at products no longer, all at once."""
+    if layers or pointers:
+        workspace.catalogue.withdraw(layers, pointers)
+    if layers:
+        left = workspace.catalogue.layers(mission.mission)
+        update_stac(mission, left[:1], workspace)
+
+
 def _index(mission: str, workspace: Workspace) -> None:
     """Read the new features into the index now, so that no visitor of the map waits for it."""
     try:

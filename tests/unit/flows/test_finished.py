@@ -30,6 +30,7 @@ def a_report(workspace, **changes):
     standing = Standing(*(made(workspace, kind) for kind in kinds))
     report = SolReport("MER2", 155, standing, 1, ["converged"])
     report.published = (made(workspace, ProductKind.DTM, STOP),)
+    report.pointed = (made(workspace, ProductKind.REPORT),)
     for name, value in changes.items():
         setattr(report, name, value)
     return report
@@ -46,7 +47,7 @@ def test_a_finished_sol_is_told_as_it_went(workspace):
     assert finished.report(SCOPES[155], 155, key) is None
     finished.note(SCOPES[155], key, report)
     told = FinishedSols.of("MER2", workspace, "default").report(SCOPES[155], 155, key)
-    assert (told.standing, told.layers, told.notes) == (report.standing, 1, ["converged"])
+    assert told == report
 
 
 def test_a_late_image_changes_its_sol_and_those_after_it(workspace):
@@ -69,11 +70,29 @@ def test_another_adjustment_before_and_other_settings_change_every_sol(workspace
     assert not set(keys(workspace)) & set(before)
 
 
-def test_a_sol_whose_map_is_gone_is_processed_again(workspace):
+@pytest.mark.parametrize("part", ["published", "pointed"])
+def test_a_sol_whose_map_or_report_is_gone_is_processed_again(workspace, part):
     finished = FinishedSols.of("MER2", workspace, "default")
     key, report = finished.key(155, None), a_report(workspace)
     finished.note(SCOPES[155], key, report)
-    workspace.store.remove(report.published[0])
+    workspace.store.remove(getattr(report, part)[0])
+    assert finished.report(SCOPES[155], 155, key) is None
+
+
+def test_a_sol_whose_stops_cannot_be_placed_is_passed_over_too(workspace):
+    finished = FinishedSols.of("MER2", workspace, "default")
+    key, report = finished.key(155, None), SolReport("MER2", 155, notes=["site 9 is unknown"])
+    finished.note(SCOPES[155], key, report)
+    assert finished.report(SCOPES[155], 155, key) == report
+
+
+def test_what_an_earlier_version_noted_less_of_is_processed_again(workspace):
+    finished = FinishedSols.of("MER2", workspace, "default")
+    key, report = finished.key(155, None), a_report(workspace)
+    finished.note(SCOPES[155], key, report)
+    noted = finished.book.known(SCOPES[155].name, key)
+    del noted["pointers"]
+    finished.book.note(SCOPES[155].name, key, noted)
     assert finished.report(SCOPES[155], 155, key) is None
 
 
