@@ -63,10 +63,17 @@ def _layer_row(layer: Layer, proj4: dict[str, str], workspace: Workspace) -> dic
         "scope": layer.ref.scope.name,
         "level": str(layer.ref.scope.level),
         "path": str(workspace.store.address(layer.ref)),
-        "crs": MARS if layer.type == "vector" else proj4[layer.mission],
+        "crs": _crs(layer, proj4[layer.mission]),
         "cell_m": layer.cell_m,
         "made_at": layer.made_at,
     }
+
+
+def _crs(layer: Layer, local: str) -> str | None:
+    """What the coordinates in a layer's file are of; those of a panorama are angles."""
+    if layer.type == "panorama":
+        return None
+    return MARS if layer.type == "vector" else local
 
 
 def _browse_row(entry: ImageEntry, workspace: Workspace) -> dict[str, Any]:
