@@ -160,7 +160,7 @@ def _isochrones(drives: Drives, interval_m: float, speed_m_h: float) -> dict[str
     """A polygon for every patch of ground in the same interval of driving."""
     grid, bands = drives.found.grid, drives.bands(interval_m)
     place = Affine(grid.cell_m, 0.0, grid.west, 0.0, -grid.cell_m, grid.north)
-    features = []
+    features: list[dict[str, Any]] = []
     for geometry, band in rasterio.features.shapes(bands, mask=bands > 0, transform=place):
         until = int(band) * interval_m
         known = {"drive_m": until, "drive_h": round(until / speed_m_h, 4)}
