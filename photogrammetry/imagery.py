@@ -77,6 +77,8 @@ class RoverImage:
     """The mast head, about which its pointing errors turn the cameras; None on the body."""
     parent_from_site: Pose | None = None
     """Where the site lies in the one it was declared in, where the label says so (after MER)."""
+    created: str | None = None
+    """PRODUCT_CREATION_TIME: when the file was made on Earth, for one may be made anew."""
 
     def __post_init__(self) -> None:
         if self.site_from_rover.source != self.stop.frame:

@@ -50,6 +50,8 @@ class ImageEntry:
     """The tables and flat fields that its pixels are read with; None: they are taken as stored."""
     notes: tuple[str, ...] = ()
     """What is peculiar about its pixels, a line each."""
+    created: str | None = None
+    """When its file was made on Earth, as its label says."""
 
     @property
     def stop_id(self) -> StopId:

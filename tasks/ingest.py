@@ -32,7 +32,7 @@ from tasks.downlink_files import (
 )
 from tasks.hand_ties import is_hand_ties, take_hand_ties
 from tasks.images import image_record
-from tasks.intake import Intake, TakenImage, keep_file
+from tasks.intake import Intake, TakenImage, keep_file, one_of_each
 from tasks.stage import stage
 
 Taken = Outcome | ProductRef | TakenImage
@@ -45,7 +45,7 @@ class Delivery:
 
     images: tuple[RoverImage, ...]
     faults: tuple[Outcome, ...]
-    """Files that could not be taken, and why."""
+    """Files that could not be taken or do not count, and why."""
     files: int
 
     @property
@@ -75,8 +75,8 @@ def ingest_downlink(
         for done, one in enumerate(pool.map(lambda file: _take(file, intake), files), 1):
             progress(done, len(files))
             taken.append(one)
-    images = [one for one in taken if isinstance(one, TakenImage)]
-    faults = [one for one in taken if isinstance(one, Outcome)]
+    images, aside = one_of_each([one for one in taken if isinstance(one, TakenImage)])
+    faults = [*(one for one in taken if isinstance(one, Outcome)), *aside]
     delivered = tuple(image.record for image in images)
     anew = list(_read_anew(intake, {image.id for image in delivered}))
     images += [one for one in anew if isinstance(one, TakenImage)]
@@ -96,7 +96,7 @@ def _take(path: Path, intake: Intake) -> Taken:
         return _fault(path.name, str(error))
 
 
-def _taken(path: Path, intake: Intake) -> ProductRef | TakenImage:
+def _taken(path: Path, intake: Intake) -> Taken:
     if path.suffix.lower() in VECTOR_SUFFIXES:
         return _take_vectors(path, intake)
     if is_hand_ties(path.name):

@@ -8,7 +8,7 @@ images coded by it and nothing else, and where no table is given, recipes know o
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -18,7 +18,7 @@ from photogrammetry.imagery import RoverImage
 from photogrammetry.pds3.radiometry import PixelState, Radiometry
 from photogrammetry.pds3.reading import ReadImage, describe_image, read_image
 from photogrammetry.stretching import stretched
-from products.catalogue import ImageEntry
+from products.catalogue import ImageEntry, Outcome
 from products.model import ProductKind, ProductRef, Recipe
 from products.radiometry import radiometry_digest, write_radiometry
 from products.store import ProductStore
@@ -67,8 +67,11 @@ class Intake:
     """The images that were taken before, by identifier."""
     _tables: dict[tuple[str, PixelState], ProductRef | None] = field(default_factory=dict)
 
-    def take(self, name: str, data: bytes) -> TakenImage:
+    def take(self, name: str, data: bytes) -> TakenImage | Outcome:
         """Take an image; what is in the store already is looked up.
+
+        Of two files of one image the one made later on Earth counts, whichever comes first: the
+        other is left aside, with an outcome that says so.
 
         Raises:
             LabelError: the file holds no mapping image.
@@ -81,6 +84,8 @@ class Intake:
         file = ImageFile(recipe.ref, self.tables_for(record.stop.mission, described.state))
         browse = Recipe(ProductKind.BROWSE, scope, file.inputs, BrowseParams())
         before = self.known.get(record.id)
+        if before is not None and _rank(before) > (record.created or "", recipe.ref.digest):
+            return left_aside(name, record.id)
         if before is not None and before.browse == browse.ref and self.store.has(browse.ref):
             notes = before.notes
         else:
@@ -114,6 +119,27 @@ class Intake:
         digest = ContentDigest(radiometry_digest(needed))
         recipe = Recipe(ProductKind.RADIOMETRY, region_scope(mission), params=digest)
         return self.store.make(recipe, lambda draft: write_radiometry(draft, needed))
+
+
+def one_of_each(images: Sequence[TakenImage]) -> tuple[list[TakenImage], list[Outcome]]:
+    """The files that count, one for each image, and an outcome for each of the others."""
+    counts: dict[str, TakenImage] = {}
+    for image in sorted(images, key=lambda one: _rank(one.entry)):
+        counts[image.record.id] = image
+    refs = {image.entry.ref for image in counts.values()}
+    others = [image for image in images if image.entry.ref not in refs]
+    return list(counts.values()), [left_aside(one.file_name, one.record.id) for one in others]
+
+
+def left_aside(name: str, image_id: str) -> Outcome:
+    """How it ended for a file of an image that another file shows as well."""
+    why = f"{name}: another file of {image_id} was made later and counts; this one is left aside"
+    return Outcome.now(name, (why,))
+
+
+def _rank(entry: ImageEntry) -> tuple[str, str]:
+    """By this the files of one image are told apart: when they were made, and else by content."""
+    return entry.created or "", entry.ref.digest
 
 
 def keep_file(kind: ProductKind, name: str, data: bytes, store: ProductStore) -> ProductRef:
@@ -163,4 +189,5 @@ def _entry(
         darkened_by=state.darkened_by,
         radiometry=file.radiometry,
         notes=notes,
+        created=image.created,
     )

@@ -93,6 +93,7 @@ def rover_image(
         sun_elevation=_sun_elevation(label, mission),
         mast_in_rover=_mast_in_rover(label, mission, instrument),
         parent_from_site=parent_from_site(label, stop.site),
+        created=label.optional("", "PRODUCT_CREATION_TIME", str),
     )
 
 

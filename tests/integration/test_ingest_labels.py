@@ -1,6 +1,7 @@
 """Labels on their way through ingestion: in files of their own, and as links between sites."""
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from photogrammetry.imagery import StopId
 from photogrammetry.pds3.detached import apart
 from photogrammetry.pds3.reading import ReadImage, read_image, read_image_record
 from photogrammetry.synthetic.traverse import TraverseParams
-from photogrammetry.synthetic.world import WorldParams, make_world, render_jobs
+from photogrammetry.synthetic.world import WorldParams, make_world, render_jobs, simulate_downlink
 from products.workspace import Workspace
 from tasks.images import image_file, image_record, read_product_image
 from tasks.ingest import Delivery, ingest_downlink
@@ -246,3 +247,33 @@ def test_labels_that_place_their_site_join_the_stops_of_two_sites(shared_data):
     np.testing.assert_allclose(lsl_from_rover.translation_m, in_54_m + declared_m)
     alone = read_telemetry([of_54], [])  # site 53 is not in the traverse: nothing hangs on it
     np.testing.assert_array_equal(alone.stop(of_54.stop).lsl_from_rover.translation_m, in_54_m)
+
+
+def test_of_two_files_of_an_image_the_one_made_later_counts_however_they_come(tmp_path):
+    world = WorldParams("hills", TraverseParams(stops=1), pairs=1, averaging=4)
+    file = next(f for f in simulate_downlink(world, 3) if f.path.endswith("l0m1.img"))
+    made = re.search(rb"PRODUCT_CREATION_TIME\s*= (\d{4})", file.data)
+    later = file.data[: made.start(1)] + b"2039" + file.data[made.end(1) :]
+    twin = file.data[:-1] + bytes([file.data[-1] ^ 1])  # made at the same time, another content
+    contents = {"file": file.data, "later": later, "twin": twin}
+
+    def kept(*deliveries: tuple[str, ...]) -> tuple[bytes, int]:
+        name = "-".join("+".join(delivery) for delivery in deliveries)
+        workspace, aside = Workspace.open(tmp_path / name / "store"), 0
+        for number, delivery in enumerate(deliveries):
+            for what in delivery:
+                path = tmp_path / name / str(number) / what / Path(file.path).name
+                path.parent.mkdir(parents=True)
+                path.write_bytes(contents[what])
+            faults = ingested(tmp_path / name / str(number), workspace).faults
+            assert all("was made later and counts" in fault.notes[0] for fault in faults)
+            assert not any(fault.is_failure for fault in faults)
+            aside += len(faults)
+        (entry,) = workspace.catalogue.images()
+        return workspace.store.path(entry.ref).read_bytes(), aside
+
+    assert kept(("file",), ("later",)) == (later, 0)
+    assert kept(("later",), ("file",)) == (later, 1)
+    assert kept(("file", "later", "twin")) == (later, 2)
+    assert kept(("file",), ("file",)) == (file.data, 0)
+    assert kept(("file",), ("twin",))[0] == kept(("twin",), ("file",))[0]
