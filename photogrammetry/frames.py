@@ -30,7 +30,14 @@ from math import isfinite
 import numpy as np
 from scipy.spatial.transform import Rotation as ScipyRotation
 
-from photogrammetry.arrays import Directions, ObjectPoints, Quaternion, Rotation, Vector3
+from photogrammetry.arrays import (
+    Directions,
+    Float64,
+    ObjectPoints,
+    Quaternion,
+    Rotation,
+    Vector3,
+)
 from photogrammetry.errors import FrameError
 
 
@@ -129,6 +136,12 @@ def _is_proper_rotation(matrix: Rotation) -> bool:
     )
 
 
+def _are_proper_rotations(matrices: Float64[np.ndarray, "n 3 3"]) -> bool:
+    """The same of many."""
+    off = np.abs(matrices @ matrices.mT.copy() - np.eye(3))  # NaN where anything is not finite
+    return bool((off <= ORTHONORMAL).all() and (np.linalg.det(matrices) > 0).all())
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Pose:
     """The motion from `source` to `target`: p_target = rotation p_source + translation_m."""
@@ -148,6 +161,31 @@ class Pose:
         object.__setattr__(self, "rotation", rotation)
         translation_m = frozen(self.translation_m, (3,), lambda: named("translation"))
         object.__setattr__(self, "translation_m", translation_m)
+
+    @classmethod
+    def many(
+        cls,
+        frames: Iterable[tuple[Frame, Frame]],
+        rotations: Float64[np.ndarray, "n 3 3"],
+        translations_m: Float64[np.ndarray, "n 3"],
+    ) -> list[Pose]:
+        """Poses by (target, source), checked all at once: networks have them by the thousand."""
+        between = list(frames)
+        if not (np.isfinite(translations_m).all() and _are_proper_rotations(rotations)):
+            both = zip(between, rotations, translations_m, strict=True)
+            return [cls(*ends, R, t) for ends, R, t in both]  # one of them says what is wrong
+        R, t = rotations.copy(), translations_m.copy()
+        R.setflags(write=False)
+        t.setflags(write=False)
+        poses = []
+        for (target, source), rotation, translation_m in zip(between, R, t, strict=True):
+            pose = object.__new__(cls)
+            object.__setattr__(pose, "target", target)
+            object.__setattr__(pose, "source", source)
+            object.__setattr__(pose, "rotation", rotation)
+            object.__setattr__(pose, "translation_m", translation_m)
+            poses.append(pose)
+        return poses
 
     @classmethod
     def of_quaternion(

@@ -62,6 +62,18 @@ def adjust(
     Raises:
         AdjustmentError: no stop is held and nothing inherited, or a held one is not in the network.
     """
+    return adjust_and_keep(network, held, params, start, name, inherited)[:2]
+
+
+def adjust_and_keep(
+    network: Network,
+    held: AbstractSet[StopId],
+    params: AdjustmentParams,
+    start: AdjustedNetwork | None = None,
+    name: str = "adjust",
+    inherited: Marginal | None = None,
+) -> tuple[AdjustedNetwork, AdjustmentReport, Outcome]:
+    """The same, with all that the iteration found."""
     is_held = _held(network, held, has_datum=inherited is not None or network.datum_is_observed)
     observations, telemetry = Observations.of(network), Telemetry.of(network, params)
     known, is_known = _known(network, telemetry, observations, start)
@@ -78,8 +90,8 @@ def adjust(
     findings, alone = diagnose(initial)
     if len(alone):
         rest = without_unchecked(network, observations, alone)
-        again = adjust(rest, held, params, start, name, inherited)
-        return completed(again, network, findings)
+        adjusted, report, outcome = adjust_and_keep(rest, held, params, start, name, inherited)
+        return *completed((adjusted, report), network, findings), outcome
     state = with_rays_intersected(state, observations, fits)
     used = fits & are_in_front(state, observations)
     control = _control(network, start)
@@ -90,7 +102,8 @@ def adjust(
     now = sightings(observations, outcome.solution.state.pointings, params)
     outcome = outcome.with_all_points(now)
     agreement = _agreement(outcome, before, overview.seen, now)
-    return with_findings(assembled(network, is_held, outcome, agreement, name), findings)
+    result = assembled(network, is_held, outcome, agreement, name)
+    return *with_findings(result, findings), outcome
 
 
 def _found_wrong(ties: TiePoints, before: AdjustedTies) -> np.ndarray:

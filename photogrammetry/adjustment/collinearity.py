@@ -44,6 +44,7 @@ from photogrammetry.adjustment.observations import (
     PAIR_UNKNOWNS,
     STOP_UNKNOWNS,
     Observations,
+    PairBodies,
     State,
 )
 from photogrammetry.adjustment.rotations import left_jacobian, rotation_of_vector
@@ -120,57 +121,59 @@ class Sights:
 class Views:
     """What is needed of every pair and point at a state, component by component."""
 
-    pairs: Float64[np.ndarray, "28 pairs"]
-    """F (9), origin in the LSL (3), f, B, c_x, c_y; and for derivatives q (3), B J (9)."""
+    pairs: Float64[np.ndarray, "16 pairs"]
+    """F (9), origin in the LSL (3), f, B, c_x, c_y."""
     stop: Int32[np.ndarray, " pairs"]
     centres: Float64[np.ndarray, "3 stops"]
     points: Float64[np.ndarray, "3 points"]
+    bodies: PairBodies
+    pointings: Float64[np.ndarray, "pairs 3"]
 
     @classmethod
     def of(cls, state: State, observations: Observations) -> Views:
         """At a state."""
-        of_stop = np.take(by_component(state.rotations), observations.pair_stop, axis=2)
+        bodies, stop = observations.bodies, observations.pair_stop
+        of_stop = np.take(by_component(state.rotations), stop, axis=2)
         by_mast = product(of_stop, by_component(rotation_of_vector(state.pointings)))
-        to_pair = by_component(observations.rover_from_pair).swapaxes(0, 1)
-        pivot = observations.pivot_in_rover.T
-        lever = observations.origin_in_rover.T - pivot
-        origins = state.centres.T[:, observations.pair_stop] + turned(of_stop, pivot)
-        origins += turned(by_mast, lever)
-        rotations = product(by_mast, to_pair.swapaxes(0, 1))
-        jacobian = by_component(left_jacobian(-state.pointings))  # J(-m) = Exp(m)' J(m)
-        table = np.concatenate(
-            [
-                rotations.swapaxes(0, 1).reshape(9, -1),
-                origins,
-                observations.focal_px[None],
-                observations.base_m[None],
-                observations.centre_px.T,
-                turned(to_pair, lever),
-                product(to_pair, jacobian).reshape(9, -1),
-            ]
-        )
-        return cls(table, observations.pair_stop, state.centres.T, state.points.T.copy())
+        table = np.empty((16, len(stop)))
+        table[:9] = product(by_mast, bodies.rover_from_pair).swapaxes(0, 1).reshape(9, -1)
+        table[9:12] = turned(of_stop, bodies.pivot)
+        table[9:12] += turned(by_mast, bodies.lever)
+        table[9:12] += np.take(state.centres.T, stop, axis=1)
+        table[12:] = bodies.optics
+        points = state.points.T.copy()
+        return cls(table, stop, state.centres.T, points, bodies, state.pointings)
 
     def at(self, points: Float64[np.ndarray, "3 points"]) -> Views:
         """The same with the points elsewhere."""
-        return Views(self.pairs, self.stop, self.centres, points)
+        return replace(self, points=points)
 
     def misclosures(self, sights: Sights) -> Vectors:
         """Observed minus computed (x, y, p), pixels; NaN behind the camera."""
-        of_pair = np.take(self.pairs[:16], sights.pair, axis=1)
-        e = np.take(self.points, sights.point, axis=1) - of_pair[9:12]
+        of_pair = np.take(self.pairs, sights.pair, axis=1)
+        e = np.take(self.points, sights.point, axis=1)
+        e -= of_pair[9:12]
         y = turned(of_pair[:9].reshape(3, 3, -1), e)
         scale = of_pair[12] / np.where(y[2] > 0, y[2], np.nan)
         y[2] = of_pair[13]
         y *= scale
         y[:2] += of_pair[14:16]
-        return sights.measured - y
+        return np.subtract(sights.measured, y, out=y)
 
-    def partials(self, sights: Sights) -> Partials:
-        """Derivatives of (x, y, p), times the weights."""
-        of_pair = np.take(self.pairs, sights.pair, axis=1)
+    def masts(self) -> Float64[np.ndarray, "12 pairs"]:
+        """What turning masts takes: q (3) and B J (9)."""
+        jacobian = by_component(left_jacobian(-self.pointings))  # J(-m) = Exp(m)' J(m)
+        turning = product(self.bodies.to_pair, jacobian).reshape(9, -1)
+        return np.concatenate([self.bodies.lever_in_pair, turning])
+
+    def partials(
+        self, sights: Sights, masts: Float64[np.ndarray, "12 pairs"] | None = None
+    ) -> Partials:
+        """Derivatives of (x, y, p), times the weights; `masts` where they are known already."""
+        of_pair = np.take(self.pairs[:14], sights.pair, axis=1)
+        of_mast = np.take(self.masts() if masts is None else masts, sights.pair, axis=1)
         X = np.take(self.points, sights.point, axis=1)
-        F, q, K = of_pair[:9].reshape(3, 3, -1), of_pair[16:19], of_pair[19:].reshape(3, 3, -1)
+        F, q, K = of_pair[:9].reshape(3, 3, -1), of_mast[:3], of_mast[3:].reshape(3, 3, -1)
         y = turned(F, X - of_pair[9:12])
         scale = of_pair[12] / y[2] * sights.weight  # of one pixel a metre, across and along
         scale[2] *= of_pair[13] / y[2]
@@ -181,10 +184,11 @@ class Views:
         by_point[2] = -scale[2] * F[2]
         # with a row a of the derivative by y, that by the pointing is a'[w] K = (a x w)' K
         a, b, c = y + q
-        crossed = np.zeros_like(F)
-        crossed[0] = scale[0] * np.stack([u * b, -u * a - c, b])
-        crossed[1] = scale[1] * np.stack([v * b + c, -v * a, -a])
-        crossed[2, 0], crossed[2, 1] = scale[2] * b, -scale[2] * a
+        crossed = np.empty_like(F)
+        crossed[0, 0], crossed[0, 1], crossed[0, 2] = u * b, -u * a - c, b
+        crossed[1, 0], crossed[1, 1], crossed[1, 2] = v * b + c, -v * a, -a
+        crossed[2, 0], crossed[2, 1], crossed[2, 2] = b, -a, 0.0
+        crossed *= scale[:, None]
         return Partials(by_point, product(crossed, K), X)
 
     def arm(self, X: Vectors, stop: np.ndarray) -> Vectors:

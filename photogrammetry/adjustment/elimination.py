@@ -22,15 +22,15 @@ For tests of the residuals v, with the cofactor matrix Z of x_o,
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from bisect import bisect_right
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
 
 from photogrammetry.adjustment.collinearity import STOP_UNKNOWNS, Partials, Views
-from photogrammetry.adjustment.componentwise import cross
 from photogrammetry.adjustment.layout import TieGroup
+from photogrammetry.adjustment.rotations import cross_matrix
 
 UNFELT = 1e-13
 """A column of A_t shorter than this share of itself after the others were taken out is rounding."""
@@ -40,53 +40,63 @@ UNFELT = 1e-13
 class EliminatedTies:
     """One group after elimination: what goes to the orientations and what gives the points back.
 
-    Kept component by component, points last; properties give the same point by point.
+    Point by point; rows of a point are those of its observations, one after the other.
     """
 
     group: TieGroup
     free: np.ndarray
-    """(3 k, felt columns and l, n) P A_o and P l."""
+    """(n, 3 k, felt columns and l) P A_o and P l."""
     along: np.ndarray
-    """(3, felt columns and l, n) Q' A_o and Q' l."""
+    """(n, 3, felt columns and l) Q' A_o and Q' l."""
     basis: np.ndarray
-    """(3, 3 k, n) columns of Q."""
+    """(n, 3, 3 k) Q'."""
     triangle: np.ndarray
-    """(3, 3, n) R."""
+    """(3, 3, n) R, component by component."""
     centres: np.ndarray
     """(stops, 3) of the state."""
 
     def normals(self) -> np.ndarray:
-        """(columns + 1 below columns + 1, signatures) lower triangle of (A_o, l)' P (A_o, l)."""
-        count, n = self.free.shape[1:]
-        if len(self.group.first) == n:  # many columns, few points: matrix by matrix is faster
-            by_point = self.free.transpose(2, 1, 0).copy()
-            row, column = np.tril_indices(count)
-            products = (by_point @ by_point.mT).reshape(n, -1)
-            return np.take(products, row * count + column, axis=1).T
-        N = np.empty((count * (count + 1) // 2, n))
-        for i in range(count):
-            at = i * (i + 1) // 2
-            row, others = self.free[:, i], self.free[:, : i + 1]
-            np.einsum("rn,rjn->jn", row, others, out=N[at : at + i + 1])
-        return np.add.reduceat(N, self.group.first, axis=1)
+        """(signatures, columns + 1 below columns + 1) lower triangle of (A_o, l)' P (A_o, l)."""
+        count = self.free.shape[2]
+        # of a copy: products of stacks with themselves take numpy two to five times as long
+        products = (self.free.mT @ self.free.copy()).reshape(-1, count * count)
+        if self.group.is_shared:
+            products = np.add.reduceat(products, self.group.first, axis=0)
+        return np.take(products, _triangle_of(count), axis=1)
+
+    @property
+    def residuals(self) -> np.ndarray:
+        """(3, k n) P l, component by component."""
+        by_point = self.free[:, :, -1].reshape(-1, self.group.seen, 3)
+        return by_point.transpose(2, 1, 0).reshape(3, -1)
+
+    def with_misclosures(self, l: np.ndarray) -> EliminatedTies:
+        """The same with other whitened misclosures (3, k n), those of a state near by."""
+        by_point = (
+            l.reshape(3, self.group.seen, -1).transpose(2, 1, 0).reshape(len(self.free), -1, 1)
+        )
+        free, along = self.free.copy(), self.along.copy()
+        along[:, :, -1:] = self.basis @ by_point
+        free[:, :, -1:] = by_point - self.basis.mT @ along[:, :, -1:]
+        return replace(self, free=free, along=along)
 
     def relative_cofactors(self, triangle: np.ndarray) -> np.ndarray:
-        """(relative, relative, signatures) T Z T' from the lower triangle of the felt Z."""
+        """(signatures, relative, relative) T Z T' from the lower triangle of the felt Z."""
         Z = squared(triangle, self.group.felt)
-        return self._relative(self._relative(Z).swapaxes(0, 1))
+        return self._relative(self._relative(Z).mT)
 
     def _relative(self, rows: np.ndarray) -> np.ndarray:
-        """T rows (felt, ..., signatures): see `layout`; of one stop, no pose is felt."""
+        """T rows (signatures, felt, ...): see `layout`; of one stop, no pose is felt."""
         group, end = self.group, self.group.relative
-        relative = rows[:end].copy()
         if not group.slots[-1]:
-            return relative
-        turn, shift = rows[end : end + 3], rows[end + 3 :]
+            return rows
+        relative = rows[:, :end].copy()
+        turn, shift = rows[:, end : end + 3], rows[:, end + 3 :]
         for slot in range(1, group.slots[-1] + 1):
             at = STOP_UNKNOWNS * (slot - 1)
-            arm = (self.centres[group.stops[:, slot]] - self.centres[group.stops[:, 0]]).T
-            relative[at : at + 3] -= turn
-            relative[at + 3 : at + 6] -= shift + cross(turn, arm)
+            arm = self.centres[group.stops[:, slot]] - self.centres[group.stops[:, 0]]
+            relative[:, at : at + 3] -= turn
+            relative[:, at + 3 : at + 6] -= shift - cross_matrix(arm) @ turn
         return relative
 
     @property
@@ -94,14 +104,16 @@ class EliminatedTies:
         """(n) whether the images feel a point in every direction."""
         return np.all(self.triangle[range(3), range(3)] > 0, axis=0)
 
-    def freed(self, right: np.ndarray) -> np.ndarray:
-        """R^-1 right (3, ..., n); nothing along what the images do not feel."""
-        return _back_substitute(self.triangle, right)
+    @property
+    def back(self) -> np.ndarray:
+        """(n, 3, 3) R^-1; nothing along what the images do not feel."""
+        unit = np.broadcast_to(np.eye(3)[:, :, None], self.triangle.shape)
+        return _back_substitute(self.triangle, unit).transpose(2, 0, 1).copy()
 
 
 def squared(triangle: np.ndarray, count: int) -> np.ndarray:
-    """(count, count, n) symmetric matrices of which the lower triangles are given row by row."""
-    return triangle[_places_in_triangle(count)]
+    """(n, count, count) symmetric matrices of which the lower triangles are given row by row."""
+    return np.take(triangle, _places_in_triangle(count), axis=1)
 
 
 @lru_cache(maxsize=256)
@@ -111,42 +123,45 @@ def _places_in_triangle(count: int) -> np.ndarray:
     return row * (row + 1) // 2 + column
 
 
+@lru_cache(maxsize=256)
+def _triangle_of(count: int) -> np.ndarray:
+    """Places of the lower triangle in a matrix, row by row."""
+    row, column = np.tril_indices(count)
+    return row * count + column
+
+
 def eliminate(group: TieGroup, l: np.ndarray, A: Partials, views: Views) -> EliminatedTies:
     """Free a group of its points; misclosures (3, k n) and partials are whitened."""
     k, n = group.rows.shape
-    by_point = A.by_point.reshape(3, 3, k, n).swapaxes(0, 1)
-    basis, triangle = orthonormal(by_point.reshape(3, -1, n))
-    Q, l = basis.reshape(3, 3, k, n), l.reshape(3, k, n)
-    parts = list(_by_column(group, A, views))
-    along = np.zeros((3, group.felt + 1, n))
-    for i, at, part in parts:
-        along[:, at] += np.einsum("drn,rcn->dcn", Q[:, :, i], part)
-    along[:, -1] = np.einsum("dcin,cin->dn", Q, l)
-    rest = np.einsum("dcin,djn->cijn", Q, along)
-    np.negative(rest, out=rest)
-    for i, at, part in parts:
-        rest[:, i, at] += part
-    rest[:, :, -1] += l
-    free = rest.reshape(3 * k, -1, n)
+    by_point = A.by_point.reshape(3, 3, k, n).transpose(1, 2, 0, 3)
+    columns, triangle = orthonormal(by_point.reshape(3, 3 * k, n))
+    basis = columns.transpose(2, 0, 1).copy()
+    free = _by_orientations(group, l.reshape(3, k, n), A, views)
+    along = basis @ free
+    free -= basis.mT @ along
     return EliminatedTies(group, free, along, basis, triangle, views.centres.T)
 
 
-def _by_column(
-    group: TieGroup, A: Partials, views: Views
-) -> Iterator[tuple[int, slice, np.ndarray]]:
-    """What A_o has: number of an observation, columns, and derivatives (3, columns, n) by them."""
-    n, stops = group.points, group.stops
-    if len(stops) < n:
-        stops = stops[group.signature]
-    for i, slot in enumerate(group.slots):
-        own = A.of(slice(i * n, i * n + n))
-        if group.per_pair:
+def _by_orientations(group: TieGroup, l: np.ndarray, A: Partials, views: Views) -> np.ndarray:
+    """(n, 3 k, felt columns and l) A_o and l."""
+    k, n = group.rows.shape
+    rows = np.zeros((n, k, 3, group.felt + 1))
+    by_component = rows.transpose(2, 3, 1, 0)
+    by_component[:, -1] = l
+    if group.per_pair:
+        by_pointing = A.by_pointing.reshape(3, 3, k, n)
+        for i in range(k):
             at = group.posed + group.per_pair * i
-            yield i, slice(at, at + group.per_pair), own.by_pointing
-        if slot:
-            at = STOP_UNKNOWNS * (slot - 1)
-            yield i, slice(at, at + 6), own.by_stop(views.arm(own.X, stops[:, slot]))
-            yield i, slice(-7, -1), -own.by_stop(views.arm(own.X, stops[:, 0]))
+            by_component[:, at : at + group.per_pair, i] = by_pointing[:, :, i]
+    stops = group.stops[group.signature] if group.is_shared else group.stops
+    for slot in range(1, group.slots[-1] + 1):
+        seen = slice(group.slots.index(slot), bisect_right(group.slots, slot))
+        own, at = A.of(slice(seen.start * n, seen.stop * n)), STOP_UNKNOWNS * (slot - 1)
+        for columns, of in ((slice(at, at + 6), slot), (slice(-7, -1), 0)):
+            arm = np.tile(views.arm(own.X[:, :n], stops[:, of]), seen.stop - seen.start)
+            by_component[:, columns, seen] = own.by_stop(arm).reshape(3, 6, -1, n)
+        by_component[:, -7:-1, seen] *= -1.0
+    return rows.reshape(n, 3 * k, -1)
 
 
 def orthonormal(A_t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -154,15 +169,16 @@ def orthonormal(A_t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     Q = A_t.copy()
     R = np.zeros((3, 3, A_t.shape[-1]))
     for c in range(3):
-        length = np.sqrt(_dot(Q[c], Q[c]))
-        for _ in range(2):
-            for d in range(c):
-                r = _dot(Q[d], Q[c])
-                Q[c] -= r * Q[d]
-                R[d, c] += r
-        left = np.sqrt(_dot(Q[c], Q[c]))
+        column = Q[c]
+        length = left = np.sqrt(_dot(column, column))
+        if c:
+            for _ in range(2):
+                r = np.einsum("drn,rn->dn", Q[:c], column)
+                column -= np.einsum("drn,dn->rn", Q[:c], r)
+                R[:c, c] += r
+            left = np.sqrt(_dot(column, column))
         R[c, c] = np.where(left > UNFELT * length, left, 0.0)
-        Q[c] *= np.divide(1.0, R[c, c], out=np.zeros_like(left), where=R[c, c] > 0)
+        column *= np.divide(1.0, R[c, c], out=np.zeros_like(left), where=R[c, c] > 0)
     return Q, R
 
 
@@ -174,11 +190,12 @@ def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 def place_points(ties: EliminatedTies, x: np.ndarray) -> np.ndarray:
     """Corrections (3, n) of the group's points, relative to what their base stop does to them.
 
-    `x` (felt columns, signatures) are corrections of the orientations.
+    `x` (signatures, felt columns) are corrections of the orientations.
     """
-    if x.shape[1] < ties.group.points:
-        x = x[:, ties.group.signature]
-    return ties.freed(ties.along[:, -1] - np.einsum("dcn,cn->dn", ties.along[:, :-1], x))
+    if ties.group.is_shared:
+        x = x[ties.group.signature]
+    by_orientations = (ties.along[:, :, :-1] @ x[:, :, None])[:, :, 0]
+    return _back_substitute(ties.triangle, (ties.along[:, :, -1] - by_orientations).T)
 
 
 def _back_substitute(R: np.ndarray, right: np.ndarray) -> np.ndarray:

@@ -123,11 +123,11 @@ def _aligned(
         return state, loss.weights
     gate, state_before = params.gross, state
     for _ in range(ROUNDS):
-        state, r = _align_step(state, telemetry, k, ties, loss.weights)
-        loss = loss.sharpened(r, gate)
+        state = _align_step(state, telemetry, k, ties, loss.weights)
+        loss = loss.sharpened(ties.standardised(state.rotations[k], state.centres[k]), gate)
         if loss.is_settled:
             break
-    aligned = _align_step(state, telemetry, k, ties, loss.weights)[0]
+    aligned = _align_step(state, telemetry, k, ties, loss.weights)
     unchecked = (loss.weights > HALF).sum() <= UNCHECKED_TIES
     if unchecked and _telemetry_misfit(aligned, telemetry, k) > gate:
         return state_before, np.zeros(len(ties.X))
@@ -143,13 +143,9 @@ def _telemetry_misfit(state: State, telemetry: Telemetry, k: int) -> float:
 
 
 def _align_step(
-    state: State,
-    telemetry: Telemetry,
-    k: int,
-    ties: RigidPoints,
-    weights: np.ndarray,
-) -> tuple[State, np.ndarray]:
-    """One Gauss-Newton step of the alignment, and the standardised misfit of each tie after it."""
+    state: State, telemetry: Telemetry, k: int, ties: RigidPoints, weights: np.ndarray
+) -> State:
+    """One Gauss-Newton step of the alignment."""
     N, n = ties.normals(state.rotations[k], state.centres[k], weights)
     both = np.array([max(k - 1, 0), k])
     link, ends = telemetry.of_stops(both), state.of_stops(both)
@@ -160,5 +156,4 @@ def _align_step(
     rotations, centres = state.rotations.copy(), state.centres.copy()
     rotations[k] = rotation_of_vector(x[:3]) @ rotations[k]
     centres[k] = centres[k] + x[3:]
-    r = ties.standardised(rotations[k], centres[k])
-    return replace(state, rotations=rotations, centres=centres), r
+    return replace(state, rotations=rotations, centres=centres)

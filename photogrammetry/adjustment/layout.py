@@ -24,7 +24,7 @@ carry no weight.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import groupby
 
@@ -82,11 +82,28 @@ class TieGroup:
         """The group of some observations by pairs `pair` (signatures, k)."""
         stop = unknowns.pair_stop[pair].astype(np.int64)
         stops = stop[:, [slots.index(slot) for slot in range(slots[-1] + 1)]]
-        n = len(pair)
-        poses = unknowns.stop_columns[stops].reshape(n, -1)
-        pairs = unknowns.pair_columns[pair][:, :, : unknowns.per_pair].reshape(n, -1)
-        local = np.hstack([poses[:, 6:], pairs, poses[:, :6]])
+        of_pair = unknowns.pair_columns[:, : unknowns.per_pair]
+        local = _by_column(unknowns.stop_columns[stops], of_pair[pair])
         return cls(rows, slots, first, stops, local, unknowns.per_pair)
+
+    def columns(self, of_stop: np.ndarray, of_pair: np.ndarray, pair: np.ndarray) -> np.ndarray:
+        """(signatures, absolute columns) where its columns go, by stop and by pair.
+
+        `pair` is that of every observation of the network.
+        """
+        pairs = pair[self.rows[:, self.first]].T
+        return _by_column(of_stop[self.stops], of_pair[pairs][:, :, : self.per_pair])
+
+    def of_points(self, numbers: np.ndarray) -> TieGroup:
+        """Some of the points, each with a signature of its own."""
+        of = self.signature[numbers]
+        return replace(
+            self,
+            rows=self.rows[:, numbers],
+            first=np.arange(len(numbers)),
+            stops=self.stops[of],
+            local=self.local[of],
+        )
 
     @property
     def seen(self) -> int:
@@ -145,6 +162,13 @@ class TieGroup:
     def signature(self) -> np.ndarray:
         """Signature of every point."""
         return np.repeat(np.arange(len(self.first)), np.diff(self.first, append=self.points))
+
+
+def _by_column(of_stops: np.ndarray, of_pairs: np.ndarray) -> np.ndarray:
+    """What belongs to the absolute columns, from (n, stops, 6) and (n, k, 3)."""
+    n = len(of_stops)
+    others = of_stops[:, 1:].reshape(n, -1)
+    return np.concatenate([others, of_pairs.reshape(n, -1), of_stops[:, 0]], axis=1)
 
 
 @lru_cache(maxsize=KEPT)

@@ -8,10 +8,12 @@ import numpy as np
 
 from photogrammetry.adjustment.collinearity import Observations, State
 from photogrammetry.adjustment.control_equations import Control, frame_places, known_used
+from photogrammetry.adjustment.layout import TieGroup
 from photogrammetry.adjustment.marginal import Marginal
 from photogrammetry.adjustment.params import AdjustmentParams
 from photogrammetry.adjustment.priors import Telemetry
 from photogrammetry.adjustment.records import USED, AdjustedNetwork, Network
+from photogrammetry.adjustment.result import Outcome
 from photogrammetry.arrays import Bool
 
 
@@ -28,6 +30,8 @@ class Linear:
     grounded: Bool[np.ndarray, " stops"]
     """Stops that images join to the datum."""
     control: Control | None = None
+    groups: tuple[TieGroup, ...] = ()
+    """The used tie points that several pairs see, as they were laid out for the adjustment."""
 
     @classmethod
     def of(
@@ -61,6 +65,22 @@ class Linear:
             Marginal.of(adjusted.memory, network) if adjusted.memory else None,
             np.array([stop.is_tied for stop in poses], dtype=bool),
             _control(adjusted, network),
+        )
+
+    @classmethod
+    def where_solved(cls, outcome: Outcome, grounded: Bool[np.ndarray, " stops"]) -> Linear:
+        """The network where an adjustment ended."""
+        problem = outcome.problem
+        return cls(
+            outcome.observations,
+            problem.telemetry,
+            problem.held,
+            outcome.solution.state,
+            outcome.used,
+            problem.inherited,
+            grounded,
+            problem.control,
+            problem.groups,
         )
 
     def without(self, k: int, inherited: Marginal) -> Linear:

@@ -97,21 +97,29 @@ class Chart:
 
     def partials_at(self, state: State, z: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, "n n"]:
         """The same where the coordinates of the state are known."""
-        n, rotations = len(self.stops), state.rotations[self.stops]
-        bend = np.linalg.inv(left_jacobian(z[: 6 * n].reshape(n, 6)[:, :3]))
-        centres, to_anchor = state.centres[self.stops], rotations[-1].T
-        J, a = np.eye(self.size), 6 * (n - 1)
-        turns = bend[:-1] @ to_anchor
-        arm = to_anchor @ cross_matrix(centres[:-1] - centres[-1])
-        for i in range(n - 1):
-            k = 6 * i
-            J[k : k + 3, k : k + 3] = turns[i]
-            J[k : k + 3, a : a + 3] = -turns[i]
-            J[k + 3 : k + 6, k + 3 : k + 6] = to_anchor
-            J[k + 3 : k + 6, a + 3 : a + 6] = -to_anchor
-            J[k + 3 : k + 6, a : a + 3] = arm[i]
-        J[a : a + 3, a : a + 3] = bend[-1]
+        J, posed = np.eye(self.size), STOP_UNKNOWNS * len(self.stops)
+        J[:posed, :posed] = self.pose_partials(state, z)
         return J
+
+    def pose_partials(
+        self, state: State, z: Float64[np.ndarray, " n"] | None = None
+    ) -> Float64[np.ndarray, "p p"]:
+        """The part for stops: other unknowns are their own z. Without `z`, where all is zero."""
+        n, rotations = len(self.stops), state.rotations[self.stops]
+        bend = np.broadcast_to(np.eye(3), (n, 3, 3))
+        if z is not None:
+            bend = np.linalg.inv(left_jacobian(z[: 6 * n].reshape(n, 6)[:, :3]))
+        centres, to_anchor = state.centres[self.stops], rotations[-1].T
+        J, others = np.zeros((n, 2, 3, n, 2, 3)), np.arange(n - 1)  # turn and shift of each stop
+        turns = bend[:-1] @ to_anchor
+        J[others, 0, :, others, 0] = turns
+        J[:-1, 0, :, -1, 0] = -turns
+        J[others, 1, :, others, 1] = to_anchor
+        J[:-1, 1, :, -1, 1] = -to_anchor
+        J[:-1, 1, :, -1, 0] = to_anchor @ cross_matrix(centres[:-1] - centres[-1])
+        J[-1, 0, :, -1, 0] = bend[-1]
+        J[-1, 1, :, -1, 1] = np.eye(3)
+        return J.reshape(6 * n, 6 * n)
 
     def placed(self, z: Float64[np.ndarray, " n"], state: State) -> State:
         """The state in which the coordinates are z; the anchor's are met first."""
@@ -185,7 +193,10 @@ class Marginal:
 
     def rows_at(self, state: State, z: Float64[np.ndarray, " n"]) -> tuple[np.ndarray, np.ndarray]:
         """The same where the coordinates of the state are known."""
-        return self.root @ self.chart.partials_at(state, z), self.right - self.root @ z
+        J = self.chart.pose_partials(state, z)
+        A, posed = self.root.copy(), len(J)
+        A[:, :posed] = self.root[:, :posed] @ J
+        return A, self.right - self.root @ z
 
     def normals_at(
         self, state: State, z: Float64[np.ndarray, " n"]
@@ -227,10 +238,10 @@ class Marginal:
 
     def memory(self, network: Network, window: tuple[StopId, ...]) -> Memory:
         """The same by name, to keep."""
-        chart = self.chart
+        chart, names = self.chart, network.stop_ids
         return Memory(
             window,
-            tuple(network.stop_ids[k] for k in chart.stops.tolist()),
+            tuple(names[k] for k in chart.stops.tolist()),
             tuple(network.pairs[k].pair_id for k in chart.pairs.tolist()),
             chart.rotations,
             chart.centres,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -144,11 +144,13 @@ def _reduced(
 def _eliminated(problem: Problem, at: Place, threshold: float | None) -> Iterator[EliminatedTies]:
     """The groups of a problem, freed of their points."""
     end, small = 0, len(problem.sights) <= CACHED
-    together = at.views.partials(problem.sights) if small else None
+    masts = at.views.masts()
+    together = at.views.partials(problem.sights, masts) if small else None
     for group in problem.groups:
         part = slice(end, end := end + group.rows.size)
         l = at.l[:, part]
-        A = together.of(part) if together else at.views.partials(problem.sights.part(part))
+        own = problem.sights.part(part)
+        A = together.of(part) if together else at.views.partials(own, masts)
         if threshold is not None:
             root = np.sqrt(huber_weights(lengths(l), threshold))
             l, A = l * root, A.weighted(root)
@@ -163,8 +165,9 @@ def added(
     ties = []
     for tie, place, right_place in zip(groups, problem.places, problem.right_places, strict=True):
         N = tie.normals()
-        _add(flat, place, N[: len(place)])
-        _add(right, right_place, N[len(place) : -1])
+        entries = place.shape[1]
+        _add(flat, place, N[:, :entries])
+        _add(right, right_place, N[:, entries:-1])
         ties.append(tie)
     return flat, right, tuple(ties)
 
@@ -233,6 +236,14 @@ class Linearised:
     factor: Factor
     right: np.ndarray
     ties: tuple[EliminatedTies, ...]
+
+    def seen_from(self, at: Place) -> Linearised:
+        """The same with the misclosures of a place near by."""
+        ties, end = [], 0
+        for tie in self.ties:
+            part = slice(end, end := end + tie.group.rows.size)
+            ties.append(tie.with_misclosures(at.l[:, part]))
+        return replace(self, ties=tuple(ties))
 
 
 def linearise(problem: Problem, state: State, threshold: float | None) -> Linearised:

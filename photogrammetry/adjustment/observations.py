@@ -6,6 +6,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from photogrammetry.adjustment.componentwise import (
+    Matrices,
+    Vectors,
+    by_component,
+    turned,
+)
 from photogrammetry.adjustment.records import Network
 from photogrammetry.adjustment.rotations import rotation_of_vector
 from photogrammetry.arrays import Flags, Float64, Int32
@@ -35,6 +41,11 @@ class Observations:
     centre_px: Float64[np.ndarray, "pairs 2"]
     points: int
     """How many point numbers there are."""
+    bodies: PairBodies = field(init=False)
+    """The same geometry, component by component."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "bodies", PairBodies.of(self))
 
     @classmethod
     def of(cls, network: Network) -> Observations:
@@ -105,6 +116,35 @@ class Observations:
     def is_stereo(self) -> Flags:
         """Whether the parallax was measured, and shows a point in front of the cameras."""
         return (self.weight[:, 2] > 0) & (self.measured[:, 2] > 0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PairBodies:
+    """What of the pairs stays when stops and masts move, component by component."""
+
+    to_pair: Matrices
+    """pair_from_rover."""
+    rover_from_pair: Matrices
+    pivot: Vectors
+    lever: Vectors
+    """From the mast head to the pair, in the rover frame."""
+    lever_in_pair: Vectors
+    optics: Float64[np.ndarray, "4 pairs"]
+    """f, B, c_x, c_y."""
+
+    @classmethod
+    def of(cls, observations: Observations) -> PairBodies:
+        """Of all pairs of a network."""
+        rover_from_pair = by_component(observations.rover_from_pair)
+        to_pair, pivot = rover_from_pair.swapaxes(0, 1), observations.pivot_in_rover.T
+        lever = observations.origin_in_rover.T - pivot
+        inner = (observations.focal_px, observations.base_m, *observations.centre_px.T)
+        return cls(to_pair, rover_from_pair, pivot, lever, turned(to_pair, lever), np.stack(inner))
+
+
+def numbers(found: np.ndarray) -> np.ndarray:
+    """Which numbers occur, ascending."""
+    return np.flatnonzero(np.bincount(found))
 
 
 def seen_differently(point: np.ndarray, of: np.ndarray, points: int) -> Flags:

@@ -88,19 +88,19 @@ class BlockPattern:
         local: np.ndarray,
         triangle: tuple[np.ndarray, np.ndarray],
     ) -> np.ndarray:
-        """(entries, n) flat places of some entries of the lower triangles of matrices.
+        """(n, entries) flat places of some entries of the lower triangles of matrices.
 
         Column c of matrix k is unknown `local[k, c]` of block `stops[k, slots[c]]`; the `triangle`
         tells the row and the column of every entry.
         """
         row, column = triangle
-        begin = self.start(stops[:, :, None], stops[:, None, :]).transpose(1, 2, 0)
-        width, place = self.sizes[stops].T, np.ascontiguousarray(local.T)
-        at = begin[slots[row], slots[column]]
-        at += place[row] * width[slots[column]]
-        at += place[column]
-        if (lost := place < 0).any():
-            at[lost[row] | lost[column]] = self.length
+        begin = self.start(stops[:, :, None], stops[:, None, :]).reshape(len(stops), -1)
+        at = np.take(begin, slots[row] * stops.shape[1] + slots[column], axis=1)
+        at += np.take(local, row, axis=1) * np.take(self.sizes[stops], slots[column], axis=1)
+        at += np.take(local, column, axis=1)
+        if (local < 0).any():
+            at[np.take(local, row, axis=1) < 0] = self.length
+            at[np.take(local, column, axis=1) < 0] = self.length
         return at
 
     def symmetric(self, flat: np.ndarray) -> np.ndarray:

@@ -32,9 +32,9 @@ class Problem:
     pattern: BlockPattern
     groups: tuple[TieGroup, ...]
     places: tuple[np.ndarray, ...]
-    """Where in the flat normal matrix the lower triangle of every group goes."""
+    """Where in the flat normal matrix the lower triangle of every group goes, by signature."""
     right_places: tuple[np.ndarray, ...]
-    """Where in the vector of unknowns the columns of every group are (columns, signatures)."""
+    """Where in the vector of unknowns the columns of every group are (signatures, columns)."""
     link_places: np.ndarray
     link_right: np.ndarray
     link_weight: np.ndarray
@@ -88,12 +88,12 @@ class Problem:
         pattern = BlockPattern.of(unknowns.sizes, cliques)
         places = tuple(pattern.lower(g.stops, g.column_slots, g.local, g.triangle) for g in groups)
         right_places = tuple(
-            unknowns.places(g.blocks[:, : g.felt], g.local[:, : g.felt]).T.copy() for g in groups
+            unknowns.places(g.blocks[:, : g.felt], g.local[:, : g.felt]) for g in groups
         )
         ends = np.column_stack([before, np.arange(len(before))])
         local = unknowns.stop_columns[ends].reshape(len(ends), -1)
         slots = np.repeat([0, 1], STOP_UNKNOWNS)
-        link_places = pattern.lower(ends, slots, local, LINK_TRIANGLE).T
+        link_places = pattern.lower(ends, slots, local, LINK_TRIANGLE)
         link_right = unknowns.places(ends[:, slots], local)
         weight = telemetry.weight.copy()
         weight[held, :2] = 0.0

@@ -25,6 +25,7 @@ from photogrammetry.adjustment.componentwise import (
 )
 from photogrammetry.adjustment.elimination import EliminatedTies, squared
 from photogrammetry.adjustment.problem import Problem
+from photogrammetry.adjustment.rotations import cross_matrix
 from photogrammetry.adjustment.sightings import inverses_by_component
 from photogrammetry.matching.robust import MAD_TO_SIGMA
 
@@ -63,7 +64,7 @@ def residuals(problem: Problem, ties: tuple[EliminatedTies, ...], inverse: np.nd
     for tie, places in zip(ties, problem.places, strict=True):
         counts, rows = tie.group.counts.ravel(), tie.group.rows.ravel()
         C = cofactors(tie, inverse[places]).reshape(3, 3, -1)
-        v = tie.free[:, -1].reshape(3, -1)
+        v = tie.residuals
         if not counts.all():
             C, v, rows = C[:, :, counts], v[:, counts], rows[counts]
         q = np.clip(C[range(3), range(3)], 0.0, 1.0)
@@ -81,14 +82,16 @@ def cofactors(tie: EliminatedTies, triangle: np.ndarray) -> np.ndarray:
     `triangle` are the cofactors of its felt columns, row by row of the lower triangle, by
     signature.
     """
-    group, shape = tie.group, (3, tie.group.seen, -1, tie.group.points)
+    group, shape = tie.group, (tie.group.points, tie.group.seen, 3, -1)
     Z = tie.relative_cofactors(triangle)
-    if Z.shape[2] < group.points:
-        Z = np.take(Z, group.signature, axis=2)
-    A, Q = tie.free[:, : group.relative], tie.basis.reshape(3, 3, group.seen, -1)
-    AZ = (A.transpose(2, 0, 1).copy() @ Z.transpose(2, 0, 1).copy()).transpose(1, 2, 0).copy()
-    C = np.einsum("aicn,bicn->abin", AZ.reshape(shape), A.reshape(shape))
-    C += np.einsum("dain,dbin->abin", Q, Q)
+    if group.is_shared:
+        Z = Z[group.signature]
+    A = tie.free[:, :, : group.relative]
+    # with the many along the last axis: of matrices so small that is faster than one by one
+    by_component = (part.reshape(shape).transpose(2, 1, 3, 0).copy() for part in (A, A @ Z))
+    C = np.einsum("aicn,bicn->abin", *by_component)
+    Q = tie.basis.mT.reshape(shape).transpose(2, 1, 3, 0).copy()
+    C += np.einsum("aidn,bidn->abin", Q, Q)
     np.negative(C, out=C)
     C[range(3), range(3)] += 1.0
     return C
@@ -114,17 +117,15 @@ def point_covariances(
         group, felt = tie.group, tie.group.felt
         numbers = problem.observations.point[group.rows[0]]
         base = group.stops[group.signature, 0] if group.is_shared else group.stops[:, 0]
-        arm = (state.points[numbers] - state.centres[base]).T
-        G = np.zeros((3, group.local.shape[1], group.points))
-        np.negative(tie.freed(tie.along[:, :felt]), out=G[:, :felt])
-        G[:, -6:-3] -= crosses(arm)
-        G[range(3), range(-3, 0)] += 1.0
-        own = tie.freed(np.broadcast_to(np.eye(3)[:, :, None], tie.triangle.shape))
-        own[:, :, ~tie.is_felt] = np.nan
-        by_point = G.transpose(2, 0, 1).copy()
+        arm, back = state.points[numbers] - state.centres[base], tie.back
+        G = np.zeros((group.points, 3, group.local.shape[1]))
+        np.matmul(-back, tie.along[:, :, :felt], out=G[:, :, :felt])
+        G[:, :, -6:-3] -= cross_matrix(arm)
+        G[:, range(3), range(-3, 0)] += 1.0
+        back[~tie.is_felt] = np.nan
         Z = _base_and_felt(problem, tie, inverse, places)
-        carried = by_point @ (Z[group.signature] if group.is_shared else Z) @ by_point.mT
-        C[numbers] = carried + np.einsum("idn,jdn->nij", own, own)
+        C[numbers] = G @ (Z[group.signature] if group.is_shared else Z) @ G.mT
+        C[numbers] += back @ back.mT.copy()
     return C
 
 
@@ -135,7 +136,7 @@ def _base_and_felt(
     group = tie.group
     if group.felt < group.local.shape[1]:
         return inverse[problem.pattern.indices(group.blocks, group.local)]
-    return squared(inverse[places], group.felt).transpose(2, 0, 1)
+    return squared(inverse[places], group.felt)
 
 
 def joint_covariances(problem: Problem, inverse: np.ndarray) -> np.ndarray:

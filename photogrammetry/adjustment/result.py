@@ -146,23 +146,23 @@ def _pairs(
     J[:, 3:, 6:] = -cross_matrix((of_stop @ lever[:, :, None])[:, :, 0]) @ by_pointing
     C = J @ joint @ J.swapaxes(1, 2)
     joined = np.bincount(observations.pair[outcome.problem.rows], minlength=len(network.pairs))
-    adjusted = []
-    for k, pair in enumerate(network.pairs):
-        label = pair.geometry.rover_from_pair
-        true = Pose(label.target, label.source, rover_from_pair[k], in_rover[k])
-        adjusted.append(
-            AdjustedPair(
-                pair.pair_id,
-                pair.stop,
-                Pose(LSL, label.source, rotations[k], origins[k]),
-                true,
-                state.pointings[k],
-                C[k],
-                joint[k, 6:, 6:],
-                int(joined[k]),
-            )
+    labels = [pair.geometry.rover_from_pair for pair in network.pairs]
+    in_lsl = Pose.many(((LSL, label.source) for label in labels), rotations, origins)
+    true = Pose.many(((label.target, label.source) for label in labels), rover_from_pair, in_rover)
+    adjusted = tuple(
+        AdjustedPair(
+            pair.pair_id,
+            pair.stop,
+            in_lsl[k],
+            true[k],
+            state.pointings[k],
+            C[k],
+            joint[k, 6:, 6:],
+            int(joined[k]),
         )
-    return tuple(adjusted), joint
+        for k, pair in enumerate(network.pairs)
+    )
+    return adjusted, joint
 
 
 def _stops(

@@ -11,11 +11,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import get_lapack_funcs
 
-from photogrammetry.adjustment.collinearity import STOP_UNKNOWNS, Observations, State
+from photogrammetry.adjustment.collinearity import Observations, State
 from photogrammetry.adjustment.linear import Linear
 from photogrammetry.adjustment.marginal import Chart, Marginal
+from photogrammetry.adjustment.observations import numbers
 from photogrammetry.adjustment.touching import (
     Columns,
     control_rows,
@@ -23,12 +23,9 @@ from photogrammetry.adjustment.touching import (
     pointing_rows,
     telemetry_rows,
     tie_rows,
+    triangulated,
 )
 from photogrammetry.arrays import Float64
-
-_geqrf = get_lapack_funcs("geqrf", dtype=np.float64)
-BLOCK = 32
-"""Columns that are triangulated together."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,8 +52,19 @@ def _others(count: int, some: np.ndarray) -> np.ndarray:
     return np.flatnonzero(rest)
 
 
-def neighbours(network: Linear, k: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """What stop k leaves behind: tie rows that go with it, stops that stay, pairs that stay."""
+@dataclass(frozen=True, slots=True, eq=False)
+class Leaving:
+    """A stop that is to leave a network, what goes with it, and what stays that it is tied to."""
+
+    stop: int
+    rows: np.ndarray
+    """Observations that go with it."""
+    stops: np.ndarray
+    pairs: np.ndarray
+
+
+def leaving(network: Linear, k: int) -> Leaving:
+    """Stop k, and what it leaves behind."""
     observations, inherited = network.observations, network.inherited
     seen = np.zeros(observations.points, dtype=bool)
     seen[observations.point[observations.stop == k]] = True
@@ -68,42 +76,35 @@ def neighbours(network: Linear, k: int) -> tuple[np.ndarray, np.ndarray, np.ndar
     if inherited:
         stops = np.concatenate([stops, inherited.stops])
         pairs = np.concatenate([pairs, inherited.pairs])
-    stops, pairs = _numbers(np.concatenate([stops, following])), _numbers(pairs)
+    stops, pairs = numbers(np.concatenate([stops, following])), numbers(pairs)
     stays = (stops != k) & ~network.held[stops]
-    return rows, stops[stays], pairs[observations.pair_stop[pairs] != k]
+    return Leaving(k, rows, stops[stays], pairs[observations.pair_stop[pairs] != k])
 
 
-def _numbers(found: np.ndarray) -> np.ndarray:
-    """Which numbers occur, ascending."""
-    return np.flatnonzero(np.bincount(found))
-
-
-def retire(network: Linear, k: int) -> tuple[Conditional, Marginal]:
-    """Take stop k, the first that is left, out of a network."""
-    rows, stops, pairs = neighbours(network, k)
+def retire(network: Linear, leaves: Leaving) -> tuple[Conditional, Marginal]:
+    """Take a stop, the first that is left, out of a network."""
+    k, rows, stops, pairs = leaves.stop, leaves.rows, leaves.stops, leaves.pairs
     mine = np.flatnonzero(network.observations.pair_stop == k)
     own = np.zeros(0, dtype=np.int64) if network.held[k] else np.array([k])
     frames = _frames(network, k)
-    chart = Chart.at(
-        network.state, np.concatenate([own, stops]), np.concatenate([mine, pairs]), frames
-    )
-    state = network.state
+    state, of_chart = network.state, (np.append(own, stops), np.append(mine, pairs), frames)
+    chart = Chart.at(state, *of_chart)
     columns = Columns.of(chart, len(network.held), len(state.pointings), len(state.frames))
-    ties, told = tie_rows(network, rows, columns), telemetry_rows(network, k, columns)
-    placed = control_rows(network, k, columns)
-    parts = [ties, told, placed, pointing_rows(network, mine, columns)]
+    told, placed = telemetry_rows(network, k, columns), control_rows(network, k, columns)
+    others = [told, placed, pointing_rows(network, mine, columns)]
     told_of = len(told) + len(placed) + 3 * len(mine)
     spent, surplus = 0.0, _coordinates(network.observations, rows) + told_of
     if network.inherited:
-        parts.append(inherited_rows(network.inherited, network.state, columns))
+        others.append(inherited_rows(network.inherited, state, columns))
         spent, surplus = network.inherited.spent, surplus + network.inherited.surplus
-    leaving = np.concatenate([columns.of_stop[own].ravel(), columns.of_pair[mine].ravel()])
+    everything = np.concatenate([tie_rows(network, rows, columns), *others])
+    gone = np.append(columns.of_stop[own], columns.of_pair[mine])
     conditional, root, right, rest = _triangulated(
-        chart, network.state, np.concatenate(parts), leaving
+        chart, _in_coordinates(everything, chart, state), gone
     )
-    stays = Chart.at(network.state, stops, pairs, frames)
+    stays = Chart.at(state, stops, pairs, frames)
     grounded = network.grounded[stops]
-    return conditional, Marginal(stays, root, right, grounded, spent + rest, surplus - len(leaving))
+    return conditional, Marginal(stays, root, right, grounded, spent + rest, surplus - len(gone))
 
 
 def _frames(network: Linear, k: int) -> np.ndarray:
@@ -117,19 +118,22 @@ def _frames(network: Linear, k: int) -> np.ndarray:
 
 def _coordinates(observations: Observations, rows: np.ndarray) -> int:
     """Coordinates measured in some rows, beyond those that their points take up."""
-    return int((observations.weight[rows] > 0).sum()) - 3 * len(_numbers(observations.point[rows]))
+    return int((observations.weight[rows] > 0).sum()) - 3 * len(numbers(observations.point[rows]))
+
+
+def _in_coordinates(rows: np.ndarray, chart: Chart, state: State) -> np.ndarray:
+    """Equations of corrections in the LSL as those of coordinates about the same state."""
+    J = chart.pose_partials(state)
+    rows[:, : len(J)] = np.linalg.solve(J.T, rows[:, : len(J)].T).T
+    return rows
 
 
 def _triangulated(
-    chart: Chart, state: State, A: np.ndarray, leaving: np.ndarray
+    chart: Chart, A: np.ndarray, gone: np.ndarray
 ) -> tuple[Conditional, np.ndarray, np.ndarray, float]:
     """Conditional, and root, right-hand side and spent sum of squares of the marginal."""
-    posed, columns = STOP_UNKNOWNS * len(chart.stops), A.T.copy()
-    J = chart.partials(state)[:posed, :posed]  # pointings are their own z
-    columns[:posed] = np.linalg.solve(J.T, columns[:posed])
-    s, n = len(leaving), chart.size
-    full = columns[np.concatenate([leaving, _others(n, leaving), [n]])].T
-    R = np.triu(_geqrf(full, lwork=BLOCK * (n + 1), overwrite_a=True)[0][: n + 1])
-    conditional = Conditional(chart, leaving, R[:s, :s], R[:s, s:n], R[:s, n])
+    s, n = len(gone), chart.size
+    R = triangulated(A[:, np.concatenate([gone, _others(n, gone), [n]])])
+    conditional = Conditional(chart, gone, R[:s, :s], R[:s, s:n], R[:s, n])
     spent = float(R[n, n] ** 2) if len(R) > n else 0.0
     return conditional, np.ascontiguousarray(R[s:n, s:n]), R[s:n, n].copy(), spent

@@ -200,11 +200,11 @@ def _shortened(
 def _departure(
     adjusted: AdjustedNetwork, network: Network, number: int, conditional: Conditional
 ) -> Departure:
-    chart = conditional.chart
+    chart, names = conditional.chart, network.stop_ids
     return Departure(
-        adjusted.stop(network.stop_ids[number]),
-        tuple(pair.pair_id for pair in network.pairs if pair.stop == network.stop_ids[number]),
-        tuple(network.stop_ids[k] for k in chart.stops.tolist()),
+        adjusted.stop(names[number]),
+        tuple(pair.pair_id for pair in network.pairs if pair.stop == names[number]),
+        tuple(names[k] for k in chart.stops.tolist()),
         tuple(network.pairs[k].pair_id for k in chart.pairs.tolist()),
         conditional,
         tuple(network.frames[k].name for k in chart.frames.tolist()),

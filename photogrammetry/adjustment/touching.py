@@ -9,13 +9,21 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import get_lapack_funcs
 
-from photogrammetry.adjustment.collinearity import State, whitened_equations
+from photogrammetry.adjustment.collinearity import Sights, State, Views
 from photogrammetry.adjustment.control import FRAME_UNKNOWNS
 from photogrammetry.adjustment.control_equations import ROWS
+from photogrammetry.adjustment.elimination import eliminate
 from photogrammetry.adjustment.linear import Linear
 from photogrammetry.adjustment.marginal import Chart, Marginal
+from photogrammetry.adjustment.observations import numbers
 from photogrammetry.adjustment.priors import telemetry_misclosures, telemetry_partials
+from photogrammetry.arrays import Float64
+
+_geqrf = get_lapack_funcs("geqrf", dtype=np.float64)
+BLOCK = 32
+"""Columns that are triangulated together."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,27 +49,49 @@ class Columns:
 
 
 def tie_rows(network: Linear, rows: np.ndarray, columns: Columns) -> np.ndarray:
-    """Whitened observation equations of tie points, freed of the points."""
+    """Whitened observation equations of the tie points that some rows see, freed of the points."""
     observations = network.observations
-    order = np.argsort(observations.point[rows], kind="stable")
-    rows = rows[order]
-    l, A_o, A_t = whitened_equations(network.state, observations, rows)
-    pair = observations.pair[rows]
-    places = np.hstack([columns.of_stop[observations.pair_stop[pair]], columns.of_pair[pair]])
-    first = np.flatnonzero(np.diff(observations.point[rows], prepend=-1))
-    counts = np.diff(first, append=len(rows))
+    touched = np.zeros(observations.points, dtype=bool)
+    touched[observations.point[rows]] = True
     parts = [np.zeros((0, columns.count + 1))]
-    for k in np.flatnonzero(np.bincount(counts)).tolist():
-        members = first[counts == k][:, None] + np.arange(k)
-        n = len(members)
-        free = np.linalg.qr(A_t[members].reshape(n, 3 * k, 3), mode="complete")[0][:, :, 3:]
-        dense = np.zeros((n, k, 3, columns.count + 1))
-        point, seen, row, _ = np.ogrid[:n, :k, :3, :1]
-        dense[point, seen, row, places[members][:, :, None]] = A_o[members]
-        dense[..., -1] = l[members]  # over the bin of what is held
-        by_point = dense.reshape(n, 3 * k, -1)
-        parts.append((free.mT @ by_point).reshape(-1, columns.count + 1))
+    views = Views.of(network.state, observations)
+    for laid_out in network.groups:
+        mine = np.flatnonzero(touched[observations.point[laid_out.rows[0]]])
+        group = laid_out.of_points(mine)
+        sights = Sights.of(observations, group.rows.ravel()).counting(group.counts.ravel())
+        l = views.misclosures(sights) * sights.weight
+        free = eliminate(group, l, views.partials(sights), views).free
+        at = group.columns(columns.of_stop, columns.of_pair, observations.pair)[:, : group.felt]
+        own = at[:, group.posed : group.relative]
+        own[np.repeat(~group.counts.T, 3, axis=1)] = columns.count  # what repeats has none
+        parts.append(_in_columns(free, at, columns.count))
     return np.concatenate(parts)
+
+
+def _in_columns(free: np.ndarray, at: np.ndarray, count: int) -> np.ndarray:
+    """Rows (n, 3 k, felt columns and l) of points whose columns belong `at` others of so many.
+
+    Triangulated where they are more than the columns that they touch: fewer rows say the same.
+    """
+    n, rows, _ = free.shape
+    touched = np.append(numbers(at[at < count]), count)
+    narrow = np.zeros((n, rows, len(touched)))
+    each = np.arange(n)[:, None, None], np.arange(rows)[:, None]
+    narrow[*each, np.searchsorted(touched, at)[:, None]] = free[:, :, :-1]
+    narrow[:, :, -1] = free[:, :, -1]  # over the bin of what is held
+    narrow = narrow.reshape(n * rows, -1)
+    if len(narrow) > len(touched):
+        narrow = triangulated(narrow)
+    wide = np.zeros((len(narrow), count + 1))
+    wide[:, touched] = narrow
+    return wide
+
+
+def triangulated(rows: Float64[np.ndarray, "m n"]) -> Float64[np.ndarray, "r n"]:
+    """R of rows = Q R, with min(m, n) rows."""
+    n = rows.shape[1]
+    R = _geqrf(rows, lwork=BLOCK * n)[0]
+    return np.triu(R[:n])
 
 
 def telemetry_rows(network: Linear, k: int, columns: Columns) -> np.ndarray:

@@ -15,7 +15,7 @@ import pytest
 from photogrammetry.adjustment import adjust, result
 from photogrammetry.adjustment.linear import Linear
 from photogrammetry.adjustment.params import AdjustmentParams
-from photogrammetry.adjustment.retire import retire
+from photogrammetry.adjustment.retire import leaving, retire
 from photogrammetry.adjustment.sequential import begin, extend
 from photogrammetry.adjustment.smoothing import smoothed
 from photogrammetry.synthetic.networks import simulate_network
@@ -96,12 +96,8 @@ def test_solution_and_leaving_alone(benchmark, steps, stops, monkeypatch):
 
     def act():
         outcome = whole(start, PARAMS)
-        state, used = outcome.solution.state, outcome.used
-        reached = np.ones(len(start.held), dtype=bool)
-        network = Linear(
-            start.observations, start.telemetry, start.held, state, used, start.inherited, reached
-        )
-        return outcome, retire(network, 0)
+        network = Linear.where_solved(outcome, np.ones(len(start.held), dtype=bool))
+        return outcome, retire(network, leaving(network, 0))
 
     outcome, _ = timed(benchmark, act)
     assert outcome.solution.converged

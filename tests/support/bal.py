@@ -136,7 +136,7 @@ def moved(state, correction):
 
 def placed(layout, state):
     """A state with the misclosures there."""
-    views = views_of(state)
+    views = views_of(state, layout.observations)
     y, _, inner = in_cameras(views, state, layout.sights)
     p = -y[:2] / y[2]
     r2 = p[0] ** 2 + p[1] ** 2
@@ -146,12 +146,14 @@ def placed(layout, state):
     return Place(state, views, l)
 
 
-def views_of(state):
+def views_of(state, observations):
     """Places of cameras and points; what else views of rovers have is not looked at."""
-    table = np.zeros((28, len(state.centres)))
+    table = np.zeros((16, len(state.centres)))
     table[:9] = by_component(state.rotations.swapaxes(1, 2)).reshape(9, -1)
     stops = np.arange(len(state.centres), dtype=np.int32)
-    return Views(table, stops, state.centres.T, state.points.T.copy())
+    return Views(
+        table, stops, state.centres.T, state.points.T.copy(), observations.bodies, state.pointings
+    )
 
 
 def in_cameras(views, state, sights):

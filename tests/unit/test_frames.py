@@ -81,3 +81,23 @@ def test_a_circle_of_frames_is_an_error_and_not_a_hang():
     )
     with pytest.raises(FrameError, match="in a circle"):
         tree.pose(LSL, site_frame(1))
+
+
+def test_many_poses_are_checked_like_one():
+    rotations = np.array([rotation_of_roll_pitch_yaw(0.1 * k, -0.2, 3.0) for k in range(4)])
+    places, ends = np.arange(12.0).reshape(4, 3), [(LSL, rover_frame(1, k)) for k in range(4)]
+    for pose, (target, source), R, t in zip(
+        Pose.many(ends, rotations, places), ends, rotations, places, strict=True
+    ):
+        one = Pose(target, source, R, t)
+        assert (pose.target, pose.source) == (one.target, one.source)
+        np.testing.assert_array_equal(pose.rotation, one.rotation)
+        np.testing.assert_array_equal(pose.translation_m, one.translation_m)
+        assert not pose.rotation.flags.writeable
+        assert not pose.translation_m.flags.writeable
+    rotations[2, 0] *= -1.0
+    with pytest.raises(FrameError, match="not a proper rotation"):
+        Pose.many(ends, rotations, places)
+    places[3, 1] = np.nan
+    with pytest.raises(FrameError, match="finite"):
+        Pose.many(ends[3:], rotations[3:], places[3:])

@@ -52,7 +52,7 @@ def test_a_common_motion_of_its_stops_is_none_to_a_tie_point(bent):
         for n, stops in enumerate(tie.group.stops[tie.group.signature]):
             motion = [np.append(turn, shift + np.cross(turn, state.centres[s])) for s in stops]
             x = np.concatenate([*motion[1:], np.zeros(3 * tie.group.seen), motion[0]])
-            for A in (tie.free[:, :-1, n], tie.along[:, :-1, n]):
+            for A in (tie.free[n, :, :-1], tie.along[n, :, :-1]):
                 np.testing.assert_allclose(A @ x, 0.0, atol=1e-13 * np.abs(A).max())
 
 
