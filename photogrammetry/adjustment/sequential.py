@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from photogrammetry.adjustment.adjust import adjust, adjust_overall
+from photogrammetry.adjustment.adjust import adjust_and_keep
 from photogrammetry.adjustment.datum import (
     held_stops,
     says_otherwise,
@@ -34,7 +34,8 @@ from photogrammetry.adjustment.records import (
     Network,
     select,
 )
-from photogrammetry.adjustment.retire import Conditional, neighbours, retire
+from photogrammetry.adjustment.result import Outcome
+from photogrammetry.adjustment.retire import Conditional, leaving, retire
 from photogrammetry.adjustment.stepwise import merged_network
 from photogrammetry.errors import AdjustmentError
 from photogrammetry.imagery import StopId
@@ -115,8 +116,10 @@ def begin(
     network: Network, params: AdjustmentParams, start: AdjustedNetwork | None = None
 ) -> tuple[Traverse, AdjustmentReport]:
     """All stops so far adjusted together, the very first one held; then the oldest leave."""
-    adjusted, report = adjust_overall(network, params, start)
-    return _shortened(Traverse(adjusted), network, report, params), report
+    adjusted, report, outcome = adjust_and_keep(
+        network, held_stops(network), params, start, "overall adjustment"
+    )
+    return _shortened(Traverse(adjusted), network, outcome, params), report
 
 
 def reopened(
@@ -136,11 +139,11 @@ def extend(
     memory = traverse.window.memory
     inherited = Marginal.of(memory, part) if memory else None
     held = frozenset() if memory else held_stops(part)
-    adjusted, report = adjust(
+    adjusted, report, outcome = adjust_and_keep(
         part, held, params, traverse.window, f"sequential step to {new[-1]}", inherited
     )
     grown = Traverse(replace(adjusted, memory=memory), traverse.departures)
-    return _shortened(grown, part, report, params), report
+    return _shortened(grown, part, outcome, params), report
 
 
 def late_ties(traverse: Traverse, network: Network, new_stops: Iterable[StopId]) -> int:
@@ -170,18 +173,21 @@ def _part(network: Network, staying: tuple[StopId, ...], new: tuple[StopId, ...]
 
 
 def _shortened(
-    traverse: Traverse, network: Network, report: AdjustmentReport, params: AdjustmentParams
+    traverse: Traverse, network: Network, outcome: Outcome, params: AdjustmentParams
 ) -> Traverse:
     """The traverse after its oldest stops have left, as many as the window and loops allow."""
-    if not report.converged:
+    if not outcome.solution.converged:
         return traverse  # what leaves is never looked at again
-    adjusted, linear = traverse.window, Linear.of(traverse.window, network, params)
-    departures, marginal = list(traverse.departures), linear.inherited
+    adjusted, departures = traverse.window, list(traverse.departures)
+    grounded = np.array([stop.is_tied for stop in adjusted.stops], dtype=bool)
+    linear = Linear.where_solved(outcome, grounded)
+    marginal = linear.inherited
     number = 0
     while len(network.stops) - number > params.window_stops:
-        if len(neighbours(linear, number)[1]) > params.window_stops:
+        leaves = leaving(linear, number)
+        if len(leaves.stops) > params.window_stops:
             break  # so many stops hang on this one that leaving would save nothing
-        conditional, marginal = retire(linear, number)
+        conditional, marginal = retire(linear, leaves)
         departures.append(_departure(adjusted, network, number, conditional))
         linear = linear.without(number, marginal)
         number += 1
@@ -194,11 +200,11 @@ def _shortened(
 def _departure(
     adjusted: AdjustedNetwork, network: Network, number: int, conditional: Conditional
 ) -> Departure:
-    chart = conditional.chart
+    chart, names = conditional.chart, network.stop_ids
     return Departure(
-        adjusted.stop(network.stop_ids[number]),
-        tuple(pair.pair_id for pair in network.pairs if pair.stop == network.stop_ids[number]),
-        tuple(network.stop_ids[k] for k in chart.stops.tolist()),
+        adjusted.stop(names[number]),
+        tuple(pair.pair_id for pair in network.pairs if pair.stop == names[number]),
+        tuple(names[k] for k in chart.stops.tolist()),
         tuple(network.pairs[k].pair_id for k in chart.pairs.tolist()),
         conditional,
         tuple(network.frames[k].name for k in chart.frames.tolist()),
