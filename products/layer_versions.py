@@ -19,6 +19,7 @@ import sqlalchemy as sa
 from products.catalogue import Catalogue
 from products.catalogue_records import layer_of
 from products.catalogue_tables import LAYERS
+from products.holders import Holders, holders_of_document
 from products.model import LEVEL, Layer, ProductKind, ProductRef, Scope, ScopeLevel
 from products.network import published_networks
 from products.store import ProductStore
@@ -42,7 +43,18 @@ class Solution:
 
     network: ProductRef
     made_at: str
-    oriented: Oriented
+    oriented: tuple[Oriented, ...]
+    """By stops, those that the network touched first."""
+
+    def has(self, looked: Oriented) -> bool:
+        """Whether stops were mapped with all of these."""
+        missing = set(looked)
+        for of_stop in self.oriented:
+            if not of_stop.isdisjoint(missing):
+                missing -= of_stop
+            if not missing:
+                return True
+        return False
 
 
 def versions_of(scope: str, kind: ProductKind, catalogue: Catalogue) -> list[Layer]:
@@ -73,7 +85,7 @@ def solutions_behind(
     if origin.networks:
         return list(origin.networks)
     if origin.oriented:
-        return [one.network for one in solutions if origin.oriented <= one.oriented]
+        return [one.network for one in solutions if one.has(origin.oriented)]
     behind = [solutions_behind(one, solutions, store) for one in origin.maps if store.has(one)]
     if not behind:
         return []
@@ -84,12 +96,23 @@ def solutions_behind(
 def _solution(
     network: ProductRef, orientations: tuple[ProductRef, ...], store: ProductStore
 ) -> Solution:
-    oriented: set[tuple[str, tuple[float, ...], tuple[float, ...]]] = set()
+    oriented: list[Oriented] = []
     for ref in orientations:
         if network in _inputs(store.provenance(ref)["recipe"]):
-            rows = json.loads(store.path(ref).read_text())
-            oriented.update(_pose(one) for row in rows for one in row["orientations"])
-    return Solution(network, store.made_at(network), frozenset(oriented))
+            own, holders = _mapped(ref, store)
+            oriented += own.values()
+            oriented += [_mapped(holder, store)[0][stop] for stop, holder in holders.items()]
+    return Solution(network, store.made_at(network), tuple(oriented))
+
+
+@lru_cache(maxsize=2048)
+def _mapped(ref: ProductRef, store: ProductStore) -> tuple[dict[str, Oriented], Holders]:
+    """What `tasks.orientations` chose, by stop, and the products that hold the other stops."""
+    document = json.loads(store.path(ref).read_text())
+    rows = document["mapped"] if isinstance(document, dict) else document  # as it was written once
+    holders = holders_of_document(document["holders"]) if isinstance(document, dict) else {}
+    own = {row["stop"]: frozenset(_pose(one) for one in row["orientations"]) for row in rows}
+    return own, holders
 
 
 @lru_cache(maxsize=4096)
