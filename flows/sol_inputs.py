@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -93,6 +93,8 @@ class SolInputs:
     """Images of this sol that have no stereo partner."""
     window: tuple[TelemetryStop, ...]
     """Stops whose orientation this sol may change, and those linked to them."""
+    images: tuple[ImageEntry, ...]
+    """Those taken at the stops of the window, up to this sol."""
 
     @property
     def landing(self) -> LandingPoint:
@@ -107,6 +109,7 @@ def gather(
     known = _Known.of(mission, sol, store, pipeline)
     stops, entries = known.telemetry.stops, known.entries
     touched = [stop for stop in stops if sol in stop.sols]
+    window = _window(touched, stops, known, previous)
     seen = {entry.stop for entry in entries if entry.sol == sol}
     return SolInputs(
         known.workspace,
@@ -119,7 +122,8 @@ def gather(
         tuple(stop.stop for stop in touched),
         tuple(stop for stop in known.telemetry.unplaced if str(stop) in seen),
         tuple(entry for entry in entries if entry.sol == sol and entry.partner is None),
-        _window(touched, stops, known, previous),
+        window,
+        known.images_at(window),
     )
 
 
@@ -139,6 +143,7 @@ def gather_all(mission: str, sol: int, store: Path, pipeline: str) -> SolInputs:
         unplaced=known.telemetry.unplaced,
         unpaired=(),
         window=stops,
+        images=known.images_at(stops),
     )
 
 
@@ -156,11 +161,28 @@ class _Known:
     def of(cls, mission: str, sol: int, store: Path, pipeline: str) -> _Known:
         workspace = open_workspace(store)
         site = landing_site(mission, Settings().landing_sites)
-        entries = tuple(e for e in workspace.catalogue.images(mission) if e.sol <= sol)
+        entries = tuple(e for e in _images_of(mission, workspace) if e.sol <= sol)
         records = image_records(entries, workspace)
         telemetry = read_telemetry(records, vector_files(mission, workspace))
         entry = MissionEntry(mission, site.title, site.landing, telemetry.note)
         return cls(workspace, load_pipeline(pipeline), entry, entries, telemetry)
+
+    def images_at(self, stops: Iterable[TelemetryStop]) -> tuple[ImageEntry, ...]:
+        """The images taken at some stops."""
+        names = {str(stop.stop) for stop in stops}
+        return tuple(entry for entry in self.entries if entry.stop in names)
+
+
+_read: dict[tuple[Path, str], tuple[str, tuple[ImageEntry, ...]]] = {}
+"""The images of a mission as they were read last, and their version, by store and mission."""
+
+
+def _images_of(mission: str, workspace: Workspace) -> tuple[ImageEntry, ...]:
+    """All images of a mission; sol after sol asks for them, and reading thousands takes a while."""
+    name, version = (workspace.store.root, mission), workspace.catalogue.images_version(mission)
+    if name not in _read or _read[name][0] != version:
+        _read[name] = version, tuple(workspace.catalogue.images(mission))
+    return _read[name][1]
 
 
 def _mode(config: PipelineConfig) -> AdjustmentMode:

@@ -33,8 +33,7 @@ def match_pairs(inputs: SolInputs, report: SolReport) -> dict[StopId, list[PairP
     config, workspace, sol = inputs.config, inputs.workspace, inputs.sol
     params = MatchParams(config.sparse, config.dense)
     window = {stop.stop for stop in inputs.window}
-    entries = workspace.catalogue.images(inputs.mission.mission)
-    pairs = [pair for pair in pairs_of(entries) if pair.stop in window and pair.sol <= sol]
+    pairs = pairs_of(inputs.images)
     futures = {pair.id: match_stereo_pair.submit(pair, params, workspace.store) for pair in pairs}
     done, failed = settled(f"sol {sol}: match stereo pairs", futures)
     report.blame("match", failed)
@@ -113,9 +112,7 @@ def _tie_singles(
 ) -> tuple[ProductRef, ...]:
     """Tie images without stereo partner at the stops of the window; those of old sols are found."""
     store, window = inputs.workspace.store, {stop.stop for stop in inputs.window}
-    entries = inputs.workspace.catalogue.images(inputs.mission.mission)
-    seen = [entry for entry in entries if entry.sol <= inputs.sol and entry.stop_id in window]
-    singles = singles_of(without_repeats(seen, inputs.workspace))
+    singles = singles_of(without_repeats(inputs.images, inputs.workspace))
     futures = {
         stop: tie_singles.submit(
             stop, files, stops[stop].pairs if stop in stops else (), inputs.config.mono, store

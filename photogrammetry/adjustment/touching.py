@@ -57,6 +57,8 @@ def tie_rows(network: Linear, rows: np.ndarray, columns: Columns) -> np.ndarray:
     views = Views.of(network.state, observations)
     for laid_out in network.groups:
         mine = np.flatnonzero(touched[observations.point[laid_out.rows[0]]])
+        if not len(mine):
+            continue
         group = laid_out.of_points(mine)
         sights = Sights.of(observations, group.rows.ravel()).counting(group.counts.ravel())
         l = views.misclosures(sights) * sights.weight

@@ -15,7 +15,7 @@ import json
 import resource
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -24,30 +24,30 @@ from tests.support.simulated_sols import SimulatedSols
 
 CLEAR = Path("/proc/self/clear_refs")
 STATUS = Path("/proc/self/status")
+EVERY = 5
+"""Memory is taken every so many sols: giving back what is free takes longer than a sol."""
 
 
 class Costs:
     """Seconds by clock and processor, and the peak of memory, of named parts of a sol."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, takes_memory: bool) -> None:
         self.figures: dict[str, float] = {}
-        self.running = False
+        self.takes_memory = takes_memory
 
     @contextmanager
     def of(self, part: str) -> Iterator[None]:
         """Take the time of a part; of the first one also the most memory it took."""
-        before, is_whole = 0.0, not self.running
-        self.running = True
-        if is_whole:
-            before = _settled_memory_mb()
+        takes_memory, self.takes_memory = self.takes_memory, False
+        before = _settled_memory_mb() if takes_memory else 0.0
         clock, processor = time.perf_counter(), _processor_s()
         yield
         self.figures[f"{part}_s"] = round(time.perf_counter() - clock, 4)
         self.figures[f"{part}_cpu_s"] = round(_processor_s() - processor, 4)
-        if is_whole:
+        if takes_memory:
             self.figures[f"{part}_peak_mb"] = round(_memory_mb("VmHWM") - before, 1)
             self.figures["resident_mb"] = round(before, 1)
-            self.running = False
+            self.takes_memory = True
 
 
 def _settled_memory_mb() -> float:
@@ -164,7 +164,7 @@ def main() -> None:
     from flows.engine_server import start_engine  # noqa: PLC0415
 
     start_engine(arguments.store)
-    whole = {int(sol) - k for sol in arguments.whole.split(",") for k in (0, 1)}
+    whole = {int(sol) for sol in arguments.whole.split(",")}
     walk(
         SimulatedSols.of(arguments.stops), arguments.sols or arguments.stops, arguments.store, whole
     )
@@ -172,6 +172,15 @@ def main() -> None:
 
 def walk(sols: SimulatedSols, last: int, root: Path, whole: set[int]) -> None:
     """The sols of a mission up to one; some of them on the engine, with report and layers."""
+    for _, figures in walked(sols, last, root, whole):
+        sys.stdout.write(json.dumps(figures) + "\n")
+        sys.stdout.flush()
+
+
+def walked(
+    sols: SimulatedSols, last: int, root: Path, whole: Collection[int] = ()
+) -> Iterator[tuple[Any, dict[str, float]]]:
+    """What each sol leaves to the next, and what it cost."""
     from config.workspace import open_workspace  # noqa: PLC0415
     from flows.mission_layers import draw_mission  # noqa: PLC0415
     from flows.sol_inputs import gather  # noqa: PLC0415
@@ -182,7 +191,7 @@ def walk(sols: SimulatedSols, last: int, root: Path, whole: set[int]) -> None:
     for sol in range(1, last + 1):
         sols.deliver([sol], workspace)
         sols.match(gather("MER2", sol, root, "default", standing))
-        costs = Costs()
+        costs = Costs(takes_memory=sol in whole or sol % EVERY == 0)
         with costs.of("sol"):
             standing = flows[sol in whole](sol, root, standing, costs)
         if sol in whole:
@@ -192,8 +201,7 @@ def walk(sols: SimulatedSols, last: int, root: Path, whole: set[int]) -> None:
             f"{ref.kind}_kb": round(workspace.store.size(ref) / 1024, 1)
             for ref in (standing.network, standing.orientations)
         }
-        sys.stdout.write(json.dumps({"sol": sol, **costs.figures, **sizes}) + "\n")
-        sys.stdout.flush()
+        yield standing, {"sol": sol, **costs.figures, **sizes}
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ these find them made and go on to adjust.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -70,12 +70,22 @@ class SimulatedSols:
     seen: Sighted
     exposures: tuple[tuple[Exposure, Exposure], ...]
     """Of all pairs, in the order of the traverse."""
+    made: dict[StopId, Any] = field(default_factory=dict)
+    """What was made of the stops so far, for the links of those to come."""
 
     @classmethod
-    def of(cls, stops: int, seed: int = 1) -> SimulatedSols:
-        """So many stops of the mission that the defaults describe, a stop a sol."""
-        plan = replace(
-            MissionPlan(), stops=stops, distance_m=14.0 * stops, gaps=stops // 50, control_every=0
+    def of(cls, stops: int, seed: int = 1, spacing_m: float = 14.0, **ties: int) -> SimulatedSols:
+        """So many stops of the mission that the defaults describe, a stop a sol.
+
+        Args:
+            stops: How many.
+            seed: Of all that is random.
+            spacing_m: From stop to stop.
+            ties: What the plan shall have other numbers of: `pairs_per_stop`, `inter_ties`.
+        """
+        length_m = spacing_m * stops
+        plan = MissionPlan(
+            stops=stops, distance_m=length_m, gaps=stops // 50, control_every=0, **ties
         )
         names = mission_names(plan)
         mission = simulate_mission(np.random.default_rng(seed), plan, names=names)
@@ -95,7 +105,7 @@ class SimulatedSols:
         workspace.catalogue.publish(images=entries)
 
     def match(self, inputs: Any) -> None:
-        """Make all that matching and tying would make for a sol."""
+        """Make all that matching and tying would make of the new stops of a sol."""
         _Maker(self, inputs).make()
 
 
@@ -107,19 +117,16 @@ class _Maker:
     inputs: Any
 
     def make(self) -> None:
-        """Matches of the window's pairs, ties of its stops, links between them."""
+        """Matches of the new pairs, ties of their stops, links to those before."""
         from flows.sol_network import _links  # noqa: PLC0415 - brings the engine
         from tasks.pairs import pairs_of  # noqa: PLC0415
         from tasks.tie import StopProducts  # noqa: PLC0415
 
         inputs, store = self.inputs, self.inputs.workspace.store
-        window = {stop.stop: stop for stop in inputs.window}
-        made: dict[StopId, list[Any]] = {name: [] for name in window}
-        for name in window:
-            for pair in pairs_of(inputs.workspace.catalogue.images(stop=str(name))):
-                made[name].append(self._matched(pair))
-        stops = {name: StopProducts(name, tuple(pairs)) for name, pairs in made.items()}
-        for name, stop in stops.items():
+        window, stops = {stop.stop: stop for stop in inputs.window}, self.sols.made
+        for name in inputs.new_stops:
+            pairs = pairs_of(inputs.workspace.catalogue.images(stop=str(name)))
+            stop = stops[name] = StopProducts(name, tuple(map(self._matched, pairs)))
             rows = self.sols.seen.within.get(name, np.zeros((0, 2), dtype=int))
             header = {"stop": str(name), "links": [], "rms_px": 0.3}
             recipe = Recipe(
@@ -127,7 +134,8 @@ class _Maker:
             )
             self._look(store.make(recipe, lambda p, r=rows, h=header: self._write(p, r, h)))
         for old, new in _links(inputs):
-            self._linked(stops[old], stops[new], window[old], window[new])
+            if new in inputs.new_stops:
+                self._linked(stops[old], stops[new], window[old], window[new])
 
     def _matched(self, pair: Any) -> Any:
         from tasks.match import MatchParams  # noqa: PLC0415 - brings the engine

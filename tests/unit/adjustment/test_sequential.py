@@ -212,3 +212,17 @@ def test_a_traverse_keeps_its_window_only(network, params):
     assert isinstance(traverse, Traverse)
     assert len(traverse.staying) == params.window_stops
     assert len(traverse.window.stops) == params.window_stops + 1  # one left after the last step
+
+
+def test_a_gap_of_several_drives_without_ties_is_passed(params):
+    """On both sides of it stops leave with nothing that others have seen."""
+    network, _ = simulate_network(
+        np.random.default_rng(3), stops=11, untied={4, 5, 6}, cross_ties=8, **SMALL
+    )
+    traverse, report = along(network, params)
+    overall, _ = adjust_overall(network, params)
+    assert report.converged
+    now = traverse.window.stop(network.stop_ids[-1])
+    off, wider = in_sigmas([now], [overall.stop(network.stop_ids[-1])])
+    assert off < 0.05
+    assert wider < 0.05
