@@ -199,6 +199,9 @@ def test_the_sol_slider_of_layers_hides_what_was_not_seen_then(page, url):
     page.get_by_label("sol of layers").press("ArrowRight")
     assert page.locator(f'details[data-scope="{STOP}"]').is_hidden()
     assert "sol=155" in page.url
+    with page.expect_popup() as opened:
+        page.get_by_role("link", name="report of sol 155").click()
+    assert "sol 155" in opened.value.title()
     page.get_by_label("sol of layers").press("ArrowRight")
     assert page.locator(f'details[data-scope="{STOP}"]').is_visible()
 

@@ -23,6 +23,10 @@ def twice(tmp_path_factory):
 
 def open_versions(page, address: str, stop: str, kind: str) -> None:
     look(page, address)
+    list_versions(page, stop, kind)
+
+
+def list_versions(page, stop: str, kind: str) -> None:
     group = page.locator(f'details[data-scope="{stop}"]')
     if group.get_attribute("open") is None:
         group.locator("> summary").click()
@@ -54,6 +58,21 @@ def test_the_difference_of_two_solutions_is_what_lies_between_them(page, twice):
         page.mouse.move(*pixel_of(page, east, 5.0, RESOLUTION))
         expected = -(OFF_M + TILT * east)
         until(page, lambda e=expected: abs(said(here) - e) < 0.003)
+
+
+def test_a_comparison_that_is_asked_for_before_its_part_is_there_comes_with_it(page, twice):
+    versions, url = twice
+    held = []
+    page.route("**/later-parts*", lambda route: held.append(route))  # noqa: PLW0108 - needs no self
+    page.goto(url + at(RESOLUTION, f"{versions.moved}/orthophoto"))
+    list_versions(page, versions.moved, "orthophoto")
+    earlier(page, versions.moved, "orthophoto").get_by_text("swipe").click()
+    until(page, lambda: held)
+    assert page.locator(".divider").count() == 0
+    for route in held:
+        route.continue_()
+    page.wait_for_selector(".divider")
+    ready(page)
 
 
 def said(here) -> float:

@@ -56,6 +56,7 @@ export const urls = {
     withQuery(`${of(mission)}/identify`, { east: east.toFixed(4), north: north.toFixed(4) }),
   images: (mission: string, filter: ImageFilter = {}) =>
     withQuery(`${of(mission)}/images`, { sol: filter.sol, stop: filter.stop }),
+  solReport: (mission: string, sol: number) => `${of(mission)}/sols/${sol}/report`,
   docs: () => "/docs",
 };
 

@@ -32,7 +32,7 @@ export interface Signals {
   readonly click: Signal<Pointed>;
   /** A place to mark on the map, in profiles, images and the 3D view alike; null: none. */
   readonly cursor: Signal<MapPoint | null>;
-  /** An image was asked for, by its id. */
+  /** An image was asked for, by its id. Like `compare` it waits until all parts are there. */
   readonly image: Signal<string>;
   /** An image to show on the map for a moment; null: no longer. */
   readonly imageHovered: Signal<string | null>;

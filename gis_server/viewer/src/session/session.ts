@@ -17,7 +17,7 @@ import { Kept, LinkBook } from "./kept";
 import { LayerBook } from "./layer-book";
 import { formatPermalink, type Permalink } from "./permalink";
 import { Shortcuts } from "./shortcuts";
-import { Signal } from "./signal";
+import { HeldSignal, Signal } from "./signal";
 import { Waiting } from "./waiting";
 
 /** What the map itself needs, in the order of tabs and tools on the page; `later-parts` follow when it is drawn. */
@@ -29,12 +29,12 @@ const signals = (): Signals => ({
   pointer: new Signal(),
   click: new Signal(),
   cursor: new Signal(),
-  image: new Signal(),
+  image: new HeldSignal(),
   imageHovered: new Signal(),
   identify: new Signal(),
   sol: new Signal(),
   ellipses: new Signal(),
-  compare: new Signal(),
+  compare: new HeldSignal(),
   happened: new Signal(),
   view: new Signal(),
 });
@@ -84,6 +84,8 @@ export class Session {
         const { LATER_PARTS } = await import("./later-parts");
         if (alive.aborted) return;
         for (const part of LATER_PARTS) part(this.context);
+        for (const signal of Object.values(this.context.signals))
+          if (signal instanceof HeldSignal) signal.release();
       } finally {
         waiting.whole();
       }

@@ -8,7 +8,7 @@ import { tileUrl } from "../../map/value-tiles";
 import { PLAIN } from "../../map/raster-style";
 import { rangeInView } from "../../map/stretch";
 import { h } from "../../page/dom";
-import { api } from "../../server/api";
+import { api, urls } from "../../server/api";
 import type { Layer, RasterLayer } from "../../server/records";
 import { isVersion, versions } from "../../server/versions";
 import type { Context } from "../../session/context";
@@ -21,7 +21,7 @@ import { solFilter, solsOf } from "./sol-filter";
 import { layerTree } from "./tree";
 
 export function layersPart(context: Context): void {
-  const { layers, view, page, drawing, sun, signals, waiting, alive } = context;
+  const { layers, mission, view, page, drawing, sun, signals, waiting, alive } = context;
 
   const here = new WeakSet<Shown>();
   /** Fetches what a layer has in view, once. */
@@ -56,10 +56,11 @@ export function layersPart(context: Context): void {
   const list = () => onMap.draw(layers.shown);
 
   let tree = layerTree([], actionsOf(context, flicker, list));
-  let filter = solFilter([], () => undefined);
+  const reportOf = (sol: number) => urls.solReport(mission.mission, sol);
+  let filter = solFilter([], reportOf, () => undefined);
   const draw = () => {
     tree = layerTree(layers.all, actionsOf(context, flicker, list));
-    filter = solFilter(solsOf(layers.all), (sol) => signals.sol.emit(sol));
+    filter = solFilter(solsOf(layers.all), reportOf, (sol) => signals.sol.emit(sol));
     filter.set(drawing.sol);
     tree.setSol(drawing.sol);
     page.layers.replaceChildren(filter.element, onMap.element, tree.element);

@@ -1,4 +1,4 @@
-/** The slider of sols over the layers: products, footprints and images of one sol, or of all. */
+/** The slider of sols over the layers: products, footprints and images of one sol, or of all; and its report. */
 
 import { h } from "../../page/dom";
 import type { Layer } from "../../server/records";
@@ -14,13 +14,21 @@ export function solsOf(layers: readonly Layer[]): readonly number[] {
 
 export function solFilter(
   days: readonly number[],
+  reportOf: (sol: number) => string,
   choose: (sol: number | null) => void,
 ): SolFilter {
   const name = h("output", {}, "all sols");
   const chosen = () => days[Number(slider.value) - 1] ?? null;
+  const report = h("a", { class: "sol-report", target: "_blank", hidden: true });
   const say = (sol: number | null) => {
     name.textContent = sol === null ? "all sols" : `sol ${sol}`;
     slider.setAttribute("aria-valuetext", name.textContent);
+    const [only = null] = days.length === 1 ? days : [];
+    const told = sol ?? only;
+    report.hidden = told === null;
+    if (told === null) return;
+    report.href = reportOf(told);
+    report.textContent = `report of sol ${told}`;
   };
   const slider = h("input", {
     type: "range",
@@ -39,6 +47,7 @@ export function solFilter(
     slider.value = String(sol === null ? 0 : days.indexOf(sol) + 1);
     say(sol);
   };
-  const element = h("label", { class: "inline sol-filter", hidden: days.length < 2 }, name, slider);
+  const choice = h("label", { class: "inline", hidden: days.length < 2 }, name, slider);
+  const element = h("div", { class: "sol-filter" }, choice, report);
   return { element, set };
 }
