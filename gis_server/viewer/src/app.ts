@@ -2,6 +2,7 @@
 
 import { ApiError, api, UnreachableError } from "./server/api";
 import { h } from "./page/dom";
+import { eastOf, northOf } from "./page/format";
 import { type Permalink, parsePermalink } from "./session/permalink";
 import type { Mission } from "./server/records";
 import { Session } from "./session/session";
@@ -54,7 +55,7 @@ class App {
     const where = h(
       "small",
       { title: mission.landing.source },
-      `${name}  ${latitude.toFixed(4)}°, ${longitude.toFixed(4)}° E`,
+      `${name}  ${northOf(latitude)}, ${eastOf(longitude)}`,
     );
     const note = h("small", { class: "note", title: mission.lsl_note }, mission.lsl_note);
     if (missions.length < 2) return [h("b", {}, mission.title), where, note];

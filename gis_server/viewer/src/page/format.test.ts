@@ -1,5 +1,5 @@
 import { expect, test } from "vitest";
-import { compact, fixed, metres, scopeTitle, sols, unitSign } from "./format";
+import { compact, eastOf, fixed, metres, northOf, scopeTitle, sols, unitSign } from "./format";
 
 test("what was not measured is a dash", () => {
   expect(fixed(null, 2)).toBe("–");
@@ -45,4 +45,9 @@ test("degrees and metres are shown by their signs", () => {
     "",
     " K",
   ]);
+});
+
+test("where a landing site is, in words", () => {
+  expect([northOf(-14.5692), eastOf(175.4729)]).toEqual(["14.5692° S", "175.4729° E"]);
+  expect([northOf(18.4446), eastOf(-5.52663)]).toEqual(["18.4446° N", "5.5266° W"]);
 });

@@ -52,6 +52,14 @@ export function unitSign(unit: string | null | undefined): string {
   }
 }
 
+/** Latitude in degrees, as "14.5692° S". */
+export const northOf = (lat: number): string =>
+  `${Math.abs(lat).toFixed(4)}\u00b0 ${lat < 0 ? "S" : "N"}`;
+
+/** Longitude in degrees, positive to the east, as "175.4729° E". */
+export const eastOf = (lon: number): string =>
+  `${Math.abs(lon).toFixed(4)}\u00b0 ${lon < 0 ? "W" : "E"}`;
+
 /** Azimuth of a step, degrees clockwise from north, 0 to 360. */
 export function azimuthDeg(east: number, north: number): number {
   return ((Math.atan2(east, north) * 180) / Math.PI + 360) % 360;
