@@ -24,6 +24,23 @@ enabled = true
 dips_of_facets = true
 """
 """A pipeline of all stages, on cells that thumbnails fill."""
+FEW_LAYERS = """\
+[dtm]
+cell_m = 0.32
+[orthophoto]
+cell_m = 0.32
+[region.fusion]
+cell_m = 0.32
+[wide]
+enabled = true
+[panoramas]
+enabled = false
+[models]
+of_terrain = false
+of_views = false
+of_points = false
+"""
+"""The same without models and panoramas, for many sols."""
 
 
 def write_small_downlink(folder: Path, *, stops: int = 2, pairs: int = 3, seed: int = 3) -> Path:
@@ -37,7 +54,7 @@ def write_small_downlink(folder: Path, *, stops: int = 2, pairs: int = 3, seed: 
     return folder
 
 
-def write_coarse_pipeline(path: Path) -> Path:
-    """Write the pipeline to a file; its path."""
-    path.write_text(COARSE)
+def write_coarse_pipeline(path: Path, text: str = COARSE) -> Path:
+    """Write the pipeline, or another, to a file; its path."""
+    path.write_text(text)
     return path
