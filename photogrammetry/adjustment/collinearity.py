@@ -252,15 +252,6 @@ def partials(
     )
 
 
-def whitened_equations(
-    state: State, observations: Observations, rows: np.ndarray
-) -> tuple[Float64[np.ndarray, "m 3"], Float64[np.ndarray, "m 3 9"], Float64[np.ndarray, "m 3 3"]]:
-    """Misclosures of some observations and the derivatives as of `partials`, times the weights."""
-    sights, views = Sights.of(observations, rows), Views.of(state, observations)
-    l = views.misclosures(sights) * sights.weight
-    return l.T.copy(), *views.partials(sights).by_row(views, observations.stop_of(rows))
-
-
 __all__ = [
     "PAIR_UNKNOWNS",
     "STOP_UNKNOWNS",
@@ -275,5 +266,4 @@ __all__ = [
     "partials",
     "triangulated",
     "triangulated_in_pair",
-    "whitened_equations",
 ]

@@ -43,9 +43,16 @@ class Observations:
     """How many point numbers there are."""
     bodies: PairBodies = field(init=False)
     """The same geometry, component by component."""
+    stop: Int32[np.ndarray, " n"] = field(init=False)
+    """Stop of each observation."""
+    is_stereo: Flags = field(init=False)
+    """Whether the parallax was measured, and shows a point in front of the cameras."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "bodies", PairBodies.of(self))
+        object.__setattr__(self, "stop", self.pair_stop[self.pair])
+        in_front = (self.weight[:, 2] > 0) & (self.measured[:, 2] > 0)
+        object.__setattr__(self, "is_stereo", in_front)
 
     @classmethod
     def of(cls, network: Network) -> Observations:
@@ -96,14 +103,9 @@ class Observations:
             weight=self.weight[rows],
         )
 
-    @property
-    def stop(self) -> Int32[np.ndarray, " n"]:
-        """Stop of each observation."""
-        return self.pair_stop[self.pair]
-
     def stop_of(self, rows: np.ndarray) -> Int32[np.ndarray, " m"]:
         """Stop of some of the observations."""
-        return self.pair_stop[self.pair[rows]]
+        return self.stop[rows]
 
     def origins_in_rover(
         self, pointings: Float64[np.ndarray, "pairs 3"]
@@ -111,11 +113,6 @@ class Observations:
         """Origin of every pair after the mast has turned it about its head."""
         lever = self.origin_in_rover - self.pivot_in_rover
         return self.pivot_in_rover + (rotation_of_vector(pointings) @ lever[:, :, None])[:, :, 0]
-
-    @property
-    def is_stereo(self) -> Flags:
-        """Whether the parallax was measured, and shows a point in front of the cameras."""
-        return (self.weight[:, 2] > 0) & (self.measured[:, 2] > 0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

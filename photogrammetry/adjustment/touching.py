@@ -81,11 +81,11 @@ def _in_columns(free: np.ndarray, at: np.ndarray, count: int) -> np.ndarray:
     each = np.arange(n)[:, None, None], np.arange(rows)[:, None]
     narrow[*each, np.searchsorted(touched, at)[:, None]] = free[:, :, :-1]
     narrow[:, :, -1] = free[:, :, -1]  # over the bin of what is held
-    narrow = narrow.reshape(n * rows, -1)
-    if len(narrow) > len(touched):
-        narrow = triangulated(narrow)
-    wide = np.zeros((len(narrow), count + 1))
-    wide[:, touched] = narrow
+    equations = narrow.reshape(n * rows, -1)
+    if len(equations) > len(touched):
+        equations = triangulated(equations)
+    wide = np.zeros((len(equations), count + 1))
+    wide[:, touched] = equations
     return wide
 
 

@@ -2,9 +2,9 @@
 
 Ten pairs and 300 ties a stop, as in the network of 500 stops. The times are of processor time, with
 BLAS on one thread (OPENBLAS_NUM_THREADS=1: matrices are small, and waiting threads count): all that
-a step does; the same without the report (consistency, what holds each stop, records with the
-covariances of points), that is from the ties to poses, blunders, covariances and the oldest stop's
-leaving; and of that what follows the initial values.
+a step does; the same without its report (consistency, and tie points with their covariances), that
+is from the ties to poses with their covariances, blunders, and what the next step needs; and of
+that what follows the initial values.
 """
 
 import time
@@ -61,7 +61,7 @@ def test_a_step_without_its_report(benchmark, steps, stops, monkeypatch):
     for owner, name in (
         (adjust, "sightings"),
         (adjust, "_agreement"),
-        (adjust, "assembled"),
+        (result, "_ties"),
         (result.Outcome, "with_all_points"),
     ):
         monkeypatch.setattr(owner, name, counted(getattr(owner, name), spent))
