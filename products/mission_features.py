@@ -13,7 +13,7 @@ import json
 import logging
 import sqlite3
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import gettempdir
@@ -30,7 +30,7 @@ from products.feature_drawing import image_properties
 from products.feature_index import FeatureIndex
 from products.feature_query import IndexedFeature
 from products.feature_times import FeatureTimes, moment, times_of
-from products.model import Layer, ScopeLevel
+from products.model import Layer, ProductKind, ScopeLevel
 from products.store import ProductStore
 from products.vector import Feature, read_features
 
@@ -83,10 +83,15 @@ class MissionFeatures:
             self._known[asked] = version, [part.key for part in parts]
         return self._known[asked][1]
 
-    def fill(self, mission: str) -> None:
-        """Take everything that has been published of a mission into the index."""
+    def fill(self, mission: str, kinds: Collection[ProductKind]) -> None:
+        """Take what has been published of some kinds into the index.
+
+        Collections of other kinds may have changed, too: that of footprints lists every image that
+        was ever taken. They are filled when they are published, or asked for.
+        """
         for collection in COLLECTIONS:
-            self.keys(collection, mission)
+            if any(kind in kinds for kind in collection.kinds):
+                self.keys(collection, mission)
 
     def _written(self, collection: CollectionOf, mission: str) -> Part:
         """What people wrote, up to now."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import sqlite3
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from typing import Literal
 
 from products.catalogue import MissionEntry, Outcome
@@ -116,7 +116,7 @@ def publish(
         missions=[mission], layers=described, pointers=pointers, outcomes=outcomes
     )
     update_stac(mission, described, workspace)
-    _index(mission.mission, workspace)
+    _index(mission.mission, {layer.ref.kind for layer in described}, workspace)
     return described
 
 
@@ -134,10 +134,10 @@ def withdraw(
         update_stac(mission, left[:1], workspace)
 
 
-def _index(mission: str, workspace: Workspace) -> None:
+def _index(mission: str, kinds: Collection[ProductKind], workspace: Workspace) -> None:
     """Read the new features into the index now, so that no visitor of the map waits for it."""
     try:
-        MissionFeatures.open(workspace.store, workspace.catalogue).fill(mission)
+        MissionFeatures.open(workspace.store, workspace.catalogue).fill(mission, kinds)
     except sqlite3.Error as error:  # the server fills it when it is asked
         log.warning("the index of features of %s is not up to date: %s", mission, error)
 

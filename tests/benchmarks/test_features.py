@@ -11,6 +11,7 @@ from fastapi.testclient import TestClient
 
 from gis_server.app import create_app
 from products.mission_features import MissionFeatures
+from products.model import ProductKind
 from products.workspace import Workspace
 from tests.support.large_mission import write_mission
 
@@ -37,7 +38,7 @@ def client(tmp_path_factory):
     root = tmp_path_factory.mktemp("mission") / "store"
     write_mission(root)
     workspace = Workspace.open(root)
-    MissionFeatures.open(workspace.store, workspace.catalogue).fill("MER2")
+    MissionFeatures.open(workspace.store, workspace.catalogue).fill("MER2", set(ProductKind))
     with TestClient(create_app(root)) as opened:
         yield opened
 

@@ -1,11 +1,12 @@
 """Stages that hardly do anything, to see what an engine costs.
 
-`python -m tests.support.engine_overhead 2` prints milliseconds a task on threads and on that many
-worker processes of Dask, submitted as a sol's tasks are.
+`python -m tests.support.engine_overhead 2` prints milliseconds a task on two threads and on that
+many worker processes of Dask, submitted as a sol's tasks are.
 """
 
 from __future__ import annotations
 
+import argparse
 import os
 import signal
 import sys
@@ -14,6 +15,8 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+
+import psutil
 
 from flows.engine_server import start_engine
 
@@ -63,6 +66,11 @@ def run_on(engine: str, body: Callable[[], Any], workers: int = 2) -> Any:
 
 def main() -> None:
     """Time stages that do nothing, after some that warm the engine up."""
+    parser = argparse.ArgumentParser(prog="engine_overhead", description=__doc__)
+    parser.add_argument("workers", type=int)
+    parser.add_argument("--tasks", type=int, default=TASKS)
+    parser.add_argument("--engine", choices=["threads", "dask"], action="append")
+    arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         start_engine(Path(folder))
         from flows.outcomes import settled  # noqa: PLC0415
@@ -70,17 +78,27 @@ def main() -> None:
 
         store, nothing = ProductStore.open(Path(folder)), stages()["nothing"]
 
-        def timed() -> tuple[float, float]:
+        def timed() -> tuple[float, float, float]:
             settled("warm", {k: nothing.submit(k, store) for k in range(8)})
-            started, cpu = time.perf_counter(), time.process_time()
-            settled("timed", {k: nothing.submit(k, store) for k in range(TASKS)})
-            return time.perf_counter() - started, time.process_time() - cpu
+            started, own, theirs = time.perf_counter(), time.process_time(), _of_workers()
+            settled("timed", {k: nothing.submit(k, store) for k in range(arguments.tasks)})
+            ended = time.perf_counter(), time.process_time(), _of_workers()
+            return ended[0] - started, ended[1] - own, ended[2] - theirs
 
-        for engine, workers in (("threads", 2), ("dask", int(sys.argv[1]))):
-            wall, cpu = (1000 * seconds / TASKS for seconds in run_on(engine, timed, workers))
-            said = f"{wall:.1f} ms a task, {cpu:.1f} ms of this process's processor"
+        for engine in arguments.engine or ("threads", "dask"):
+            workers = arguments.workers if engine == "dask" else 2
+            spent = (1000 * s / arguments.tasks for s in run_on(engine, timed, workers))
+            wall, own, theirs = spent
+            said = f"{wall:.1f} ms a task; processor: {own:.1f} ms here, {theirs:.1f} of workers"
             sys.stdout.write(f"{engine} {workers}: {said}\n")
             sys.stdout.flush()
+
+
+def _of_workers() -> float:
+    """Seconds of processor that Dask's workers have spent."""
+    below = psutil.Process().children(recursive=True)
+    times = [one.cpu_times() for one in below if "spawn_main" in " ".join(one.cmdline())]
+    return sum(one.user + one.system for one in times)
 
 
 if __name__ == "__main__":

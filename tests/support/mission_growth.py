@@ -20,6 +20,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from photogrammetry.synthetic.mission import MissionPlan
 from tests.support.simulated_sols import SimulatedSols
 
 CLEAR = Path("/proc/self/clear_refs")
@@ -158,6 +159,7 @@ def main() -> None:
     parser.add_argument("stops", type=int)
     parser.add_argument("--store", type=Path, required=True, help="an empty folder")
     parser.add_argument("--sols", type=int, help="the first so many only")
+    parser.add_argument("--pairs", type=int, default=10, help="stereo pairs a stop")
     parser.add_argument("--whole", default="10,50,100,200,300,400,500", help="sols on the engine")
     arguments = parser.parse_args()
     arguments.store.mkdir(parents=True, exist_ok=True)
@@ -165,9 +167,14 @@ def main() -> None:
 
     start_engine(arguments.store)
     whole = {int(sol) for sol in arguments.whole.split(",")}
-    walk(
-        SimulatedSols.of(arguments.stops), arguments.sols or arguments.stops, arguments.store, whole
+    share = arguments.pairs / MissionPlan().pairs_per_stop
+    sols = SimulatedSols.of(
+        arguments.stops,
+        pairs_per_stop=arguments.pairs,
+        inter_ties=round(share * MissionPlan().inter_ties),
+        intra_ties=round(share * MissionPlan().intra_ties),
     )
+    walk(sols, arguments.sols or arguments.stops, arguments.store, whole)
 
 
 def walk(sols: SimulatedSols, last: int, root: Path, whole: set[int]) -> None:
