@@ -157,7 +157,9 @@ def main() -> None:
     """Walk the traverse and write a line a sol."""
     parser = argparse.ArgumentParser(prog="mission_growth", description=__doc__)
     parser.add_argument("stops", type=int)
-    parser.add_argument("--store", type=Path, required=True, help="an empty folder")
+    parser.add_argument(
+        "--store", type=Path, required=True, help="an empty folder, or a walk to go on with"
+    )
     parser.add_argument("--sols", type=int, help="the first so many only")
     parser.add_argument("--pairs", type=int, default=10, help="stereo pairs a stop")
     parser.add_argument("--whole", default="10,50,100,200,300,400,500", help="sols on the engine")
@@ -191,11 +193,13 @@ def walked(
     from config.workspace import open_workspace  # noqa: PLC0415
     from flows.mission_layers import draw_mission  # noqa: PLC0415
     from flows.sol_inputs import gather  # noqa: PLC0415
+    from tasks.scopes import sol_of  # noqa: PLC0415
 
     workspace = open_workspace(root)
     flows = {on: network_of_sol(on_engine=on) for on in (True, False)}
-    standing = None
-    for sol in range(1, last + 1):
+    standing = _standing(workspace)
+    first = sol_of(standing.network.scope) + 1 if standing else 1
+    for sol in range(first, last + 1):
         sols.deliver([sol], workspace)
         sols.match(gather("MER2", sol, root, "default", standing))
         costs = Costs(takes_memory=sol in whole or sol % EVERY == 0)
@@ -209,6 +213,15 @@ def walked(
             for ref in (standing.network, standing.orientations)
         }
         yield standing, {"sol": sol, **costs.figures, **sizes}
+
+
+def _standing(workspace: Any) -> Any:
+    """Where a walk that was interrupted goes on; None at the beginning."""
+    from flows.overall import standing_of  # noqa: PLC0415
+    from products.network import published_networks  # noqa: PLC0415
+
+    networks = published_networks("MER2", workspace.catalogue)
+    return standing_of(networks[-1], workspace) if networks else None
 
 
 if __name__ == "__main__":

@@ -124,7 +124,7 @@ class _Maker:
 
         inputs, store = self.inputs, self.inputs.workspace.store
         window, stops = {stop.stop: stop for stop in inputs.window}, self.sols.made
-        for name in inputs.new_stops:
+        for name in [stop for stop in window if stop not in stops]:
             pairs = pairs_of(inputs.workspace.catalogue.images(stop=str(name)))
             stop = stops[name] = StopProducts(name, tuple(map(self._matched, pairs)))
             rows = self.sols.seen.within.get(name, np.zeros((0, 2), dtype=int))
