@@ -134,7 +134,7 @@ def test_no_connection_is_left_for_the_garbage_collector(postgres, tmp_path):
     url = postgres.database()  # ours are told apart by their names
     for number in range(20):
         Catalogue.open(tmp_path, f"{url}&application_name=ours{number}")
-        gc.collect()  # an engine that was dropped would make this test fail by its ResourceWarning
+    gc.collect()  # an engine that was dropped would make this test fail by its ResourceWarning
     query = sa.text("SELECT count(*) FROM pg_stat_activity WHERE application_name LIKE 'ours%'")
     catalogue = Catalogue.open(tmp_path, url)
 
