@@ -55,7 +55,7 @@ def picture(rows: list[dict[str, float]]) -> Figure:
         seconds.fill_between(sols, below, below + spent, label=title, alpha=0.8)
         below = below + spent
     seconds.set(ylabel="processor, s a sol", ylim=(0, None))
-    seconds.legend(loc="upper left", fontsize=8, ncols=2)
+    seconds.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), fontsize=8, ncols=3)
     peak = [row for row in alone if "sol_peak_mb" in row]
     memory.plot(*columns(peak, "sol_peak_mb"), ".", label="the most that a sol took")
     memory.plot(*columns(peak, "resident_mb"), "-", label="process before the sol")
