@@ -26,7 +26,7 @@ from photogrammetry.terrain.grid import Bounds, MapGrid
 from products.model import Layer, ProductKind
 
 HAZARD_KINDS = (ProductKind.HAZARD, ProductKind.REGION_HAZARD)
-MOST_CELLS = 1_000_000
+MOST_CELLS = 1 << 20
 """Cells between which ways are looked for, a second of work; of larger areas cells are doubled."""
 MOST_BANDS = 50
 USUAL_SPEED_M_H = 36.0
