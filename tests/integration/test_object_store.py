@@ -288,18 +288,29 @@ def is_whole(store: ProductStore, number: int) -> bool:
     )
 
 
+def undisturbed_s(command: list[str]) -> float:
+    """How long a maker works that nobody kills."""
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as maker:
+        assert maker.stdout is not None
+        maker.stdout.readline()
+        begun = time.monotonic()
+        assert maker.wait() == 0
+    return time.monotonic() - begun
+
+
 def kill_makers(url: str, root: Path, kills: int) -> tuple[int, int]:
     """Kill makers at random moments: products whole, and processes killed, in the end."""
     rng = np.random.default_rng(9)
     killed = 0
     command = [sys.executable, "-c", MAKER, str(root / "maker"), url]
+    takes_s = undisturbed_s([*command, str(4 * kills), "4"])
     for turn in range(kills):
         with subprocess.Popen(
             [*command, str(4 * turn), "4"], stdout=subprocess.PIPE, text=True
         ) as maker:
             assert maker.stdout is not None
             maker.stdout.readline()
-            time.sleep(rng.uniform(0.0, 1.2))
+            time.sleep(rng.uniform(0.0, takes_s))
             maker.send_signal(signal.SIGKILL)
         killed += maker.returncode == -signal.SIGKILL
         seen = ProductStore.open(root / f"reader{turn}", Elsewhere(url))
