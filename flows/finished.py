@@ -18,7 +18,7 @@ from config.settings import Settings
 from flows.sol_inputs import SolReport, Standing
 from photogrammetry.errors import PhotogrammetryError
 from products.finished import FinishedBook
-from products.model import SCIENCE_VERSION, ProductKind, ProductRef, Scope, ScopeLevel
+from products.model import SCIENCE_VERSION, ProductKind, ProductRef, Scope
 from products.workspace import Workspace
 
 PARTS = "standing", "layers", "pointers"
@@ -53,7 +53,9 @@ class FinishedSols:
         found = self.book.known(scope.name, key)
         if found is None or not found.keys() >= set(PARTS):  # an earlier version noted less
             return None
-        standing, published, pointed = (tuple(map(_ref, found[part])) for part in PARTS)
+        standing, published, pointed = (
+            tuple(map(ProductRef.of_text, found[part])) for part in PARTS
+        )
         store = self.workspace.store
         asked = (*standing, *((*published, *pointed) if store.elsewhere is None else ()))
         if not all(map(store.has, asked)):  # of an object store each would be a request
@@ -78,7 +80,7 @@ class FinishedSols:
         left = report.standing
         standing = (left.network, left.orientations) if left else ()
         made = dict(zip(PARTS, (standing, report.published, report.pointed), strict=True))
-        document = {part: [_text(ref) for ref in refs] for part, refs in made.items()}
+        document = {part: [ref.text for ref in refs] for part, refs in made.items()}
         told = {"notes": report.notes, "failures": report.failures}
         self.book.note(scope.name, key, document | told)
 
@@ -118,12 +120,3 @@ def _names_of(error: type[Exception]) -> Iterator[str]:
 
 def _digest(*parts: str) -> str:
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()
-
-
-def _text(ref: ProductRef) -> str:
-    return f"{ref.kind}/{ref.scope.level}/{ref.scope.name}/{ref.digest}"
-
-
-def _ref(text: str) -> ProductRef:
-    kind, level, name, digest = text.split("/")
-    return ProductRef(ProductKind(kind), Scope(ScopeLevel(level), name), digest)

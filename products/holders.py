@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from products.model import ProductKind, ProductRef, Scope, ScopeLevel
+from products.model import ProductRef
 
 Holders = dict[str, ProductRef]
 """The product that holds a stop, by the name of the stop."""
@@ -16,17 +16,9 @@ Holders = dict[str, ProductRef]
 
 def holders_document(holders: Mapping[str, ProductRef]) -> dict[str, str]:
     """As plain JSON, in the order of the stops."""
-    return {
-        name: f"{ref.kind}/{ref.scope.level}/{ref.scope.name}/{ref.digest}"
-        for name, ref in sorted(holders.items())
-    }
+    return {name: ref.text for name, ref in sorted(holders.items())}
 
 
 def holders_of_document(document: Mapping[str, str]) -> Holders:
     """The twin of `holders_document`."""
-    return {name: _ref(text) for name, text in document.items()}
-
-
-def _ref(text: str) -> ProductRef:
-    kind, level, scope, digest = text.split("/")
-    return ProductRef(ProductKind(kind), Scope(ScopeLevel(level), scope), digest)
+    return {name: ProductRef.of_text(text) for name, text in document.items()}

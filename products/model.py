@@ -261,6 +261,17 @@ class ProductRef:
         return MAPPED[self.kind][kind] if self.kind in MAPPED else kind
 
     @property
+    def text(self) -> str:
+        """All of it in one line, for documents; `of_text` reads it."""
+        return f"{self.kind}/{self.scope.level}/{self.scope.name}/{self.digest}"
+
+    @classmethod
+    def of_text(cls, text: str) -> ProductRef:
+        """What `text` wrote."""
+        kind, level, scope, digest = text.split("/")
+        return cls(ProductKind(kind), Scope(ScopeLevel(level), scope), digest)
+
+    @property
     def file_name(self) -> str:
         """The file's place below the folder of products."""
         return f"{self.kind}/{self.scope.name}/{self.digest}{SUFFIX[self.kind]}"
