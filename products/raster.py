@@ -272,11 +272,10 @@ def values_in(
 
     NaN where nothing was measured.
     """
-    grid = grid_of(dataset)
-    row = math.floor((grid.north - north) / grid.cell_m)
-    col = math.floor((east - grid.west) / grid.cell_m)
-    if not (0 <= row < grid.rows and 0 <= col < grid.cols):
+    found = grid_of(dataset).cell_at(east, north)
+    if found is None:
         return None
+    row, col = found
     cell = dataset.read(window=Window(col, row, 1, 1), masked=True)[:, 0, 0]
     stored = np.ma.filled(cell.astype(np.float64), np.nan)
     true = stored * np.array(dataset.scales) + np.array(dataset.offsets)

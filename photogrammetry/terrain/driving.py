@@ -73,7 +73,7 @@ class Reach:
         Raises:
             TerrainError: no way leads there.
         """
-        cell = cell_of(self.grid, place)
+        cell = self.grid.cell_at(*place)
         if cell is None or not np.isfinite(self.drive_m[cell]):
             raise TerrainError(
                 f"no way free of hazards and unknown ground leads to east {place[0]:.2f}, north "
@@ -89,13 +89,6 @@ class Reach:
         return np.column_stack([east[cols], north[rows]])
 
 
-def cell_of(grid: MapGrid, place: tuple[float, float]) -> tuple[int, int] | None:
-    """Row and column of the cell around (east, north); None off the grid."""
-    row = math.floor((grid.north - place[1]) / grid.cell_m)
-    col = math.floor((place[0] - grid.west) / grid.cell_m)
-    return (row, col) if 0 <= row < grid.rows and 0 <= col < grid.cols else None
-
-
 def reach(
     hazard: Classes,
     elevation: Raster,
@@ -108,7 +101,7 @@ def reach(
     Raises:
         TerrainError: the place is off the grid, or lies in a hazard.
     """
-    start = cell_of(grid, place)
+    start = grid.cell_at(*place)
     if start is None:
         raise TerrainError(f"east {place[0]:.2f}, north {place[1]:.2f} is not on the map")
     if hazard[start] > Hazard.TRAVERSABLE:

@@ -105,6 +105,12 @@ class MapGrid:
         col = (points_in_lsl[:, 1] - self.west) / self.cell_m - 0.5
         return row, col
 
+    def cell_at(self, east: float, north: float) -> tuple[int, int] | None:
+        """(row, col) of the cell that holds a place, metres of the local map; None off the grid."""
+        row = math.floor((self.north - north) / self.cell_m)
+        col = math.floor((east - self.west) / self.cell_m)
+        return (row, col) if 0 <= row < self.rows and 0 <= col < self.cols else None
+
     def part(self, row: int, col: int, rows: int, cols: int) -> MapGrid:
         """The grid of a window of this one."""
         return MapGrid(

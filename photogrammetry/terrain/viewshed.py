@@ -75,20 +75,13 @@ def eye_above(elevation: Raster, grid: MapGrid, place: tuple[float, float], up_m
     Raises:
         TerrainError: the ground there was not seen.
     """
-    row, col = _cell_of(grid, place)
-    inside = 0 <= row < grid.rows and 0 <= col < grid.cols
-    if not inside or not np.isfinite(elevation[row, col]):
+    cell = grid.cell_at(*place)
+    if cell is None or not np.isfinite(elevation[cell]):
         raise TerrainError(
             f"the ground at east {place[0]:.2f}, north {place[1]:.2f} has no elevation: stand an "
             "eye on mapped ground, or give its elevation"
         )
-    return np.array([*place, float(elevation[row, col]) + up_m])
-
-
-def _cell_of(grid: MapGrid, place: tuple[float, float]) -> tuple[int, int]:
-    east, north = place
-    row = math.floor((grid.north - north) / grid.cell_m)
-    return row, math.floor((east - grid.west) / grid.cell_m)
+    return np.array([*place, float(elevation[cell]) + up_m])
 
 
 def viewshed_of_stop(dtm: Dtm, eye: Vector3, params: ViewshedParams) -> tuple[Classes, MapGrid]:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from photogrammetry.errors import TerrainError
-from photogrammetry.terrain.driving import DrivingParams, cell_of, reach
+from photogrammetry.terrain.driving import DrivingParams, reach
 from photogrammetry.terrain.grid import MapGrid
 from photogrammetry.terrain.hazard import Hazard
 
@@ -58,7 +58,7 @@ def test_a_way_goes_round_a_wall_by_its_end():
     way = found.way_to(to)
     corner = (5.0, 6.0)
     round_it = math.dist(START, corner) + math.dist(corner, to)
-    row, col = cell_of(GRID, to)
+    row, col = GRID.cell_at(*to)
     assert round_it < found.drive_m[row, col] < 1.05 * round_it
     cells = np.floor((way - [GRID.west, 0]) / 0.16).astype(int)[:, 0]
     rows = np.floor((GRID.north - way[:, 1]) / 0.16).astype(int)
