@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Annotated
 
 from fastapi import APIRouter, Depends, Query, Request, Response
@@ -21,6 +19,7 @@ from gis_server.analysis.driving import (
 )
 from gis_server.analysis.ground import BEST
 from gis_server.routes.analysis import ground_of
+from gis_server.routes.geotiffs import geotiff
 from gis_server.routes.missions import map_layers
 from gis_server.routes.parameters import AGAIN, Metres, MissionName
 from gis_server.services import ServicesOf
@@ -92,12 +91,11 @@ def reach_picture(drives: DrivesHere, interval_m: Interval = 5.0) -> Response:
 def reach_geotiff(mission: MissionName, drives: DrivesHere, services: ServicesOf) -> Response:
     """The metres driven to every cell, as a GeoTIFF in the local CRS; NaN where no way leads."""
     crs = local_crs(services.catalogue.mission(mission).landing)
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "reach.tif"
-        write_raster(path, drives.found.grid, {"drive": drives.found.drive_m}, crs, unit="m")
-        body = path.read_bytes()
-    disposition = {"content-disposition": 'attachment; filename="reach.tif"'}
-    return Response(body, media_type="image/tiff", headers={**AGAIN, **disposition})
+    found = drives.found
+    return geotiff(
+        "reach.tif",
+        lambda path: write_raster(path, found.grid, {"drive": found.drive_m}, crs, unit="m"),
+    )
 
 
 @router.get("/route")

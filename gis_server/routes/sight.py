@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Annotated
 
 from fastapi import APIRouter, Depends, Query, Request, Response
@@ -18,6 +16,7 @@ from gis_server.analysis.viewsheds import (
     viewshed_png,
 )
 from gis_server.routes.analysis import ground_of
+from gis_server.routes.geotiffs import geotiff
 from gis_server.routes.parameters import AGAIN, Metres, MissionName
 from gis_server.services import ServicesOf
 from photogrammetry.terrain.viewshed import ViewshedParams
@@ -76,12 +75,10 @@ def viewshed_picture(seen: SeenHere) -> Response:
 def viewshed_geotiff(mission: MissionName, seen: SeenHere, services: ServicesOf) -> Response:
     """The same as a GeoTIFF of classes in the local CRS."""
     crs = local_crs(services.catalogue.mission(mission).landing)
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "viewshed.tif"
-        write_classes(path, seen.grid, seen.sight, crs, name="sight", classes=SIGHTS)
-        body = path.read_bytes()
-    disposition = {"content-disposition": 'attachment; filename="viewshed.tif"'}
-    return Response(body, media_type="image/tiff", headers={**AGAIN, **disposition})
+    return geotiff(
+        "viewshed.tif",
+        lambda path: write_classes(path, seen.grid, seen.sight, crs, name="sight", classes=SIGHTS),
+    )
 
 
 @router.get("/line-of-sight")

@@ -48,12 +48,24 @@ export function withQuery(path: string, query: Record<string, string | number | 
   return text ? `${path}?${text}` : path;
 }
 
+/** A place of the local map as questions name it, to a tenth of a millimetre. */
+export const placeQuery = ([east, north]: MapPoint) => ({
+  east: east.toFixed(4),
+  north: north.toFixed(4),
+});
+
+/** The other end of something, likewise. */
+export const toQuery = (place: MapPoint) => {
+  const { east, north } = placeQuery(place);
+  return { to_east: east, to_north: north };
+};
+
 export const urls = {
   health: () => "/healthz",
   start: () => "/api/start",
   layers: (mission: string) => `${of(mission)}/layers`,
-  identify: (mission: string, [east, north]: MapPoint) =>
-    withQuery(`${of(mission)}/identify`, { east: east.toFixed(4), north: north.toFixed(4) }),
+  identify: (mission: string, place: MapPoint) =>
+    withQuery(`${of(mission)}/identify`, placeQuery(place)),
   images: (mission: string, filter: ImageFilter = {}) =>
     withQuery(`${of(mission)}/images`, { sol: filter.sol, stop: filter.stop }),
   solReport: (mission: string, sol: number) => `${of(mission)}/sols/${sol}/report`,

@@ -1,6 +1,6 @@
 /** Where a rover can drive: isochrones, and ways free of hazards. */
 
-import { get, of, withQuery } from "./api";
+import { get, of, placeQuery, toQuery, withQuery } from "./api";
 import type { LayerUsed } from "./measure";
 import type { Bounds, MapPoint } from "./records";
 
@@ -35,24 +35,17 @@ export interface Route {
   readonly layers: readonly LayerUsed[];
 }
 
-const digits = (metres: number) => metres.toFixed(4);
-
 export const driving = {
   reach: (
     mission: string,
-    [east, north]: MapPoint,
+    place: MapPoint,
     query: { readonly farthest_m: number; readonly interval_m: number; readonly gap_m: number },
-  ) =>
-    get<Reachable>(
-      withQuery(`${of(mission)}/reach`, { east: digits(east), north: digits(north), ...query }),
-    ),
+  ) => get<Reachable>(withQuery(`${of(mission)}/reach`, { ...placeQuery(place), ...query })),
   route: (mission: string, from: MapPoint, to: MapPoint, gap_m: number, farthest_m: number) =>
     get<Route>(
       withQuery(`${of(mission)}/route`, {
-        east: digits(from[0]),
-        north: digits(from[1]),
-        to_east: digits(to[0]),
-        to_north: digits(to[1]),
+        ...placeQuery(from),
+        ...toQuery(to),
         gap_m,
         farthest_m,
       }),

@@ -1,6 +1,6 @@
 /** Between map and images, as the server's camera models have it. Image points are of the image as stored. */
 
-import { get, of, withQuery } from "./api";
+import { get, of, placeQuery, withQuery } from "./api";
 import type { MapPoint } from "./records";
 
 export interface PixelEllipse {
@@ -53,14 +53,8 @@ export interface ImageToGround {
 }
 
 export const projection = {
-  toImages: (mission: string, [east, north]: MapPoint, signal?: AbortSignal) =>
-    get<GroundToImage>(
-      withQuery(`${of(mission)}/ground-to-image`, {
-        east: east.toFixed(4),
-        north: north.toFixed(4),
-      }),
-      signal,
-    ),
+  toImages: (mission: string, place: MapPoint, signal?: AbortSignal) =>
+    get<GroundToImage>(withQuery(`${of(mission)}/ground-to-image`, placeQuery(place)), signal),
   toGround: (
     mission: string,
     image: string,

@@ -1,6 +1,6 @@
 /** What can be seen from where: lines of sight and viewsheds. */
 
-import { get, of, withQuery } from "./api";
+import { get, of, placeQuery, toQuery, withQuery } from "./api";
 import type { LayerUsed } from "./measure";
 import type { Bounds, MapPoint } from "./records";
 
@@ -42,26 +42,16 @@ export interface ViewshedQuery {
   readonly radius_m: number;
 }
 
-const digits = (metres: number) => metres.toFixed(4);
-
 export const sight = {
   line: (mission: string, eye: MapPoint, target: MapPoint, eye_m: number, target_m: number) =>
     get<SightLine>(
       withQuery(`${of(mission)}/line-of-sight`, {
-        east: digits(eye[0]),
-        north: digits(eye[1]),
-        to_east: digits(target[0]),
-        to_north: digits(target[1]),
+        ...placeQuery(eye),
+        ...toQuery(target),
         eye_m,
         target_m,
       }),
     ),
-  viewshed: (mission: string, [east, north]: MapPoint, query: ViewshedQuery) =>
-    get<Viewshed>(
-      withQuery(`${of(mission)}/viewshed`, {
-        east: digits(east),
-        north: digits(north),
-        ...query,
-      }),
-    ),
+  viewshed: (mission: string, place: MapPoint, query: ViewshedQuery) =>
+    get<Viewshed>(withQuery(`${of(mission)}/viewshed`, { ...placeQuery(place), ...query })),
 };
