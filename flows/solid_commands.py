@@ -23,23 +23,18 @@ def stl(
     """Write the terrain model of a stop as a watertight solid (binary STL, metres)."""
     from photogrammetry.errors import PhotogrammetryError  # noqa: PLC0415 - slow to import
     from photogrammetry.terrain.printable import SolidParams, solid_of  # noqa: PLC0415
-    from products.errors import ProductError  # noqa: PLC0415
-    from products.model import ProductKind, ProductRef, Scope, ScopeLevel  # noqa: PLC0415
+    from products.errors import ProductError, ProductNotFoundError  # noqa: PLC0415
+    from products.model import ProductKind  # noqa: PLC0415
     from products.raster import read_dtm  # noqa: PLC0415
     from products.stl import stl_bytes  # noqa: PLC0415
 
     workspace = workspace_of(store_of(store))
-    found = [
-        layer.ref
-        for layer in workspace.catalogue.layers()
-        if (layer.ref.kind, layer.ref.scope) == (ProductKind.DTM, Scope(ScopeLevel.STOP, stop))
-    ]
-    if not found:
-        fail(f"no stop {stop} has a terrain model; `solmap products` lists those that have one")
-    ref: ProductRef = found[0]
     try:
+        ref = workspace.catalogue.layer(stop, ProductKind.DTM).ref
         solid = solid_of(read_dtm(workspace.store.path(ref)), SolidParams(tolerance_m, base_m))
         file.write_bytes(stl_bytes(solid))
+    except ProductNotFoundError:
+        fail(f"no stop {stop} has a terrain model; `solmap products` lists those that have one")
     except (PhotogrammetryError, ProductError, OSError) as error:
         fail(str(error))
     kind = "watertight" if solid.is_watertight else "open"

@@ -160,8 +160,7 @@ def _published(workspace: Workspace) -> Iterator[str]:
         finished = connection.execute(sa.select(FINISHED.c.document)).scalars().all()
     for document in finished:
         for text in (*document["standing"], *document["layers"], *document.get("pointers", ())):
-            kind, _, scope, digest = text.split("/")
-            yield f"{kind}/{scope}/{digest}"
+            yield _name(ProductRef.of_text(text))
     for image in workspace.catalogue.images():
         for ref in (image.ref, image.browse, image.radiometry):
             if ref is not None:
