@@ -1,4 +1,5 @@
 from concurrent.futures import ThreadPoolExecutor
+from itertools import repeat
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from gis_server.rendering.tiles import empty_tile, render_tile
 from products.model import ProductKind
 from products.pictures import source_colour, write_pieces, write_sources
 from products.tiling import CELL_SIZES, MAX_ZOOM, TileAddress, zoom_of
+from tests.support.pictures import unpacked
 from tests.unit.gis_server.conftest import (
     CELL_M,
     CRS,
@@ -190,11 +192,13 @@ def test_many_threads_at_once_get_the_tiles_that_one_gets(world):
         for north in (-20.0, 0.1, 20.0)
     ]
     pool = RasterPool(idle=2)
-    alone = [render_tile(layer, address, world.store, RasterPool()) for address in addresses]
+
+    def drawn(address, pool):
+        return unpacked(render_tile(layer, address, world.store, pool))
+
+    alone = [drawn(address, RasterPool()) for address in addresses]
     with ThreadPoolExecutor(8) as threads:
-        together = threads.map(
-            lambda address: render_tile(layer, address, world.store, pool), addresses * 4
-        )
+        together = threads.map(drawn, addresses * 4, repeat(pool))
         assert list(together) == alone * 4
     assert len(set(alone)) > len(alone) / 2
 
