@@ -45,12 +45,15 @@ demo: setup viewer  ## A synthetic downlink through every stage to the map in th
 	$(BIN)/solmap positions --store $(STORE)
 	$(BIN)/solmap serve --store $(STORE) --port $(PORT)
 
+# `make test` tries the same examples each time; `make test-all` looks for more.
+REPEATABLE := --hypothesis-profile=repeatable
+
 # Units on both cores; the rest starts engines and browsers that use both by themselves.
 test: setup viewer  ## Everything that continuous integration asks for.
 	$(MAKE) check
 	cd $(VIEWER) && $(NPM) test --silent
-	$(BIN)/pytest -m "not slow" --numprocesses 2 --dist loadfile tests/unit
-	$(BIN)/pytest -m "not slow" tests/integration tests/e2e
+	$(BIN)/pytest -m "not slow" $(REPEATABLE) --numprocesses 2 --dist loadfile tests/unit
+	$(BIN)/pytest -m "not slow" $(REPEATABLE) tests/integration tests/e2e
 
 test-all: setup viewer  ## Also what takes minutes: the rendered traverse, long simulations.
 	$(MAKE) check
