@@ -11,7 +11,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable, Collection
 from dataclasses import dataclass, field
 
 import sqlalchemy as sa
@@ -38,6 +38,8 @@ class EventTail:
 
     engine: sa.Engine
     most: int = MOST_LISTENERS
+    before: Callable[[Collection[Event]], None] | None = None
+    """What is done, in a thread, before the listeners hear of new events."""
     _listeners: set[asyncio.Queue[Event | None]] = field(default_factory=set)
     _wanted: asyncio.Event = field(default_factory=asyncio.Event)
     """Set while anybody listens."""
@@ -101,6 +103,8 @@ class EventTail:
         seen = -1
         while self._listeners:
             seen, fresh = await run_sync(self._look, connection, seen)
+            if fresh and self.before is not None:
+                await run_sync(self.before, fresh)
             for event in fresh:
                 self._hand_on(event)
             await asyncio.sleep(LOOK_EVERY_S)

@@ -11,6 +11,7 @@ from typing import Annotated
 from fastapi import Depends, Request
 
 from gis_server.live import EventTail
+from gis_server.read_ahead import ReadAhead
 from gis_server.rendering.readers import RasterPool
 from products.access import TokenBook
 from products.catalogue import Catalogue
@@ -41,6 +42,7 @@ class Services:
     """All features of a mission, out of an index."""
     tail: EventTail
     """What happens in the store, for those who listen."""
+    ahead: ReadAhead
     tokens: TokenBook
     edits: EditLog
     runs: RunBook
@@ -53,14 +55,15 @@ def open_services(
     """Open the store at `root` for reading; catalogue and products may lie elsewhere."""
     store, catalogue = ProductStore.open(root, elsewhere), Catalogue.open(root, catalogue_url)
     remembered = lru_cache(maxsize=_LAYERS)(catalogue.layer)
-    features = MissionFeatures.open(store, catalogue)
+    features, ahead = MissionFeatures.open(store, catalogue), ReadAhead(store, catalogue)
     return Services(
         store=store,
         catalogue=catalogue,
         pool=RasterPool(idle=_OPEN),
         layer=remembered,
         features=features,
-        tail=EventTail(catalogue.engine),
+        tail=EventTail(catalogue.engine, before=ahead.published),
+        ahead=ahead,
         tokens=TokenBook.of(store.root),
         edits=EditLog.of(store.root),
         runs=RunBook(catalogue.engine),

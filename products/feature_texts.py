@@ -11,18 +11,19 @@ import json
 import threading
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from cachetools import LRUCache, cached
 
 from photogrammetry.terrain.grid import Bounds
 from products.crs import local_proj4
 from products.vector import PlacedFeatures, read_placed
 
-_LAYERS = 64
-"""Kept at a time; one of 10,000 footprints takes some 60 MB."""
+_KEPT, _LEAST = 150_000_000, 1_000_000
+"""Bytes of files whose features are kept at a time, which take three times that; a file counts as
+so many at least."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,6 +85,7 @@ def texts_of(path: Path) -> FeatureTexts:
 @dataclass(slots=True, eq=False)
 class _Reading:
     path: Path
+    size: int
     lock: threading.Lock = field(default_factory=threading.Lock)
     found: FeatureTexts | None = None
 
@@ -94,9 +96,10 @@ class _Reading:
             return self.found
 
 
-@lru_cache(maxsize=_LAYERS)
+@cached(LRUCache(_KEPT, getsizeof=lambda reading: reading.size), lock=threading.Lock())
 def _reading(path: Path) -> _Reading:
-    return _Reading(path)
+    size = path.stat().st_size if path.is_file() else 0
+    return _Reading(path, max(size, _LEAST))
 
 
 def _read(path: Path) -> FeatureTexts:

@@ -18,13 +18,15 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
+from itertools import chain
+from operator import itemgetter
 from pathlib import Path
 from typing import Any, Literal, get_args
 
 import numpy as np
+import orjson
 
 from products.crs import MARS_URN, LandingPoint, east_north, local_proj4, lon_lat
 from products.errors import ProductError, ProductNotFoundError
@@ -146,20 +148,13 @@ def write_features(
 def _in_degrees(features: Sequence[Feature], landing: LandingPoint) -> list[dict[str, Any]]:
     rings = [ring for feature in features for ring in feature.rings]
     plane = [ring[:, :2] for ring in rings]
-    degrees = np.round(_carried(plane, partial(lon_lat, landing)), _DECIMALS_DEGREES)
+    rows = np.concatenate(plane) if plane else np.empty((0, 2))
+    degrees = np.round(np.column_stack(lon_lat(landing, *rows.T)), _DECIMALS_DEGREES)
     placed = iter(
         np.hstack([rows, np.round(ring[:, 2:], _DECIMALS_M)])
         for ring, rows in zip(rings, _split_like(plane, degrees), strict=True)
     )
     return [as_geojson(feature, [next(placed) for _ in feature.rings]) for feature in features]
-
-
-def _carried(
-    parts: Sequence[np.ndarray], carry: Callable[[np.ndarray, np.ndarray], Sequence[np.ndarray]]
-) -> np.ndarray:
-    """All rows of all parts through `carry` in one call; one for each part takes far longer."""
-    rows = np.concatenate(parts) if parts else np.empty((0, 2))
-    return np.column_stack(carry(rows[:, 0], rows[:, 1]))
 
 
 def _split_like(parts: Sequence[np.ndarray], rows: np.ndarray) -> list[np.ndarray]:
@@ -224,8 +219,6 @@ class PlacedFeatures:
     tags: Mapping[str, Any]
     metres: np.ndarray
     """(n, 2): east and north of all points of all rings."""
-    heights: Sequence[np.ndarray]
-    """Of every ring: what its points have beside their place, (m, 0) or (m, 1)."""
     first_row: np.ndarray
     """Of every ring, in `metres`; behind the last, their number."""
     first_ring: np.ndarray
@@ -233,11 +226,13 @@ class PlacedFeatures:
 
     def rings_of(self, number: int) -> list[np.ndarray]:
         """Rings of an item as the file has them: (east, north) or (east, north, up), metres."""
-        rings = range(self.first_ring[number], self.first_ring[number + 1])
-        return [
-            np.hstack([self.metres[self.first_row[k] : self.first_row[k + 1]], self.heights[k]])
-            for k in rings
-        ]
+        rings = _rings_of(self.items[number]["geometry"])
+        places = (
+            self.metres[self.first_row[k] : self.first_row[k + 1]]
+            for k in range(self.first_ring[number], self.first_ring[number + 1])
+        )
+        heights = (np.array([point[2:] for point in ring], dtype=np.float64) for ring in rings)
+        return [np.hstack(both) for both in zip(places, heights, strict=True)]
 
     def boxes(self) -> np.ndarray:
         """West, south, east and north of every item: (items, 4)."""
@@ -256,7 +251,7 @@ def read_placed(path: Path) -> PlacedFeatures:
         ProductError: it is no feature collection of a landing site.
     """
     try:
-        document = json.loads(path.read_text(encoding="utf-8"))
+        document = orjson.loads(path.read_bytes())
         landing = LandingPoint(**document["solmap"]["landing"])
         tags = document["solmap"].get("tags", {})
         return _placed(document["features"], landing, tags)
@@ -272,24 +267,23 @@ def _placed(
     items: Sequence[Mapping[str, Any]], landing: LandingPoint, tags: Mapping[str, Any]
 ) -> PlacedFeatures:
     nested = [_rings_of(item["geometry"]) for item in items]
-    rings = [ring for of_item in nested for ring in of_item]
-    plane = _carried([ring[:, :2] for ring in rings], partial(east_north, landing))
+    rings = list(chain.from_iterable(nested))
+    points = list(chain.from_iterable(rings))
+    degrees = (np.fromiter(map(itemgetter(axis), points), float, len(points)) for axis in (0, 1))
+    plane = np.column_stack(east_north(landing, *degrees))
     return PlacedFeatures(
         landing=landing,
         items=items,
         tags=tags,
         metres=np.round(plane, _DECIMALS_M) + 0.0,  # no -0.0
-        heights=[ring[:, 2:] for ring in rings],
         first_row=np.cumsum([0, *map(len, rings)]),
         first_ring=np.cumsum([0, *map(len, nested)]),
     )
 
 
-def _rings_of(geometry: Mapping[str, Any]) -> list[np.ndarray]:
-    """The coordinates of a geometry, and those of its holes."""
+def _rings_of(geometry: Mapping[str, Any]) -> list[list[list[float]]]:
+    """The points of a geometry, and those of its holes."""
     nested = geometry["coordinates"]
     if geometry["type"] == "Point":
-        nested = [[nested]]
-    elif geometry["type"] == "LineString":
-        nested = [nested]
-    return [np.array(ring, dtype=np.float64) for ring in nested]
+        return [[nested]]
+    return [nested] if geometry["type"] == "LineString" else nested

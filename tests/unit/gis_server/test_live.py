@@ -83,3 +83,17 @@ def test_what_happened_while_nobody_listened_is_not_told_as_new(catalogue):
             return await asyncio.wait_for(queue.get(), 5.0)
 
     assert asyncio.run(late()).document == {"number": 2}
+
+
+def test_what_is_done_before_an_event_is_told_is_done_before(catalogue):
+    done = []
+
+    async def hear():
+        tail = EventTail(catalogue.engine, before=done.append)
+        async with tail.listening() as queue:
+            catalogue.tell("run.changed", {"number": 1})
+            told = await asyncio.wait_for(queue.get(), 30)
+            return told, list(done)
+
+    told, before = asyncio.run(hear())
+    assert before == [[told]]

@@ -1,0 +1,44 @@
+"""Layers that grow with the mission are read before a page asks for them.
+
+To read ten thousand footprints takes a third of a second. The server reads them when it starts, and
+when a new version is published, before the pages hear of it.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Collection
+from dataclasses import dataclass
+
+from sqlalchemy.exc import SQLAlchemyError
+
+from products.catalogue import Catalogue
+from products.errors import ProductError
+from products.events import LAYERS_PUBLISHED, Event
+from products.feature_texts import texts_of
+from products.model import ProductKind
+from products.store import ProductStore
+
+log = logging.getLogger(__name__)
+GROWING = (ProductKind.FOOTPRINTS, ProductKind.POINTING, ProductKind.TIE_POINTS)
+
+
+@dataclass(frozen=True, slots=True)
+class ReadAhead:
+    """Reads what is asked for next. What cannot be read is left to who asks for it."""
+
+    store: ProductStore
+    catalogue: Catalogue
+
+    def published(self, events: Collection[Event]) -> None:
+        """Read what some events tell of."""
+        if any(event.kind == LAYERS_PUBLISHED for event in events):
+            self.read()
+
+    def read(self) -> None:
+        """Read the latest version of every layer that grows; those that are known take no time."""
+        try:
+            for layer in self.catalogue.layers(kinds=GROWING):
+                texts_of(self.store.path(layer.ref))
+        except (ProductError, SQLAlchemyError, OSError) as error:
+            log.warning("layers were not read ahead: %s", error)
