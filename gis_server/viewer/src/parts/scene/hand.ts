@@ -9,7 +9,8 @@ import type { Terrain } from "./terrain";
 export interface Hand {
   /** The pointer is over a place of the ground; null: over none. */
   readonly over: (place: Place3 | null) => void;
-  readonly image: (id: string) => void;
+  /** The camera of an image was clicked, in the left or the right half of the view. */
+  readonly image: (id: string, side: "left" | "right") => void;
   /** Goes back to flying; false if it was not left. */
   readonly leave: () => boolean;
   readonly isStanding: () => boolean;
@@ -38,7 +39,7 @@ export function takeInHand(
   };
   const click = ({ offsetX, offsetY }: MouseEvent) => {
     const image = sights.at(offsetX, offsetY);
-    if (image) hand.image(image);
+    if (image) hand.image(image, offsetX < canvas.clientWidth / 2 ? "left" : "right");
   };
   /** Turns about the place that was double-clicked from now on. */
   const turnTo = (event: MouseEvent) => {

@@ -252,16 +252,17 @@ export class SceneView {
     this.closing.signal.addEventListener("abort", () => stops.forEach((stop) => stop()));
     const hand = {
       over: (place: Place3 | null) => this.tell(place),
-      image: (id: string) => this.choose(id),
+      image: (id: string, side: "left" | "right") => this.choose(id, side),
       leave: () => this.flight.leave(),
       isStanding: () => this.flight.isStanding,
     };
     takeInHand(this.stage, this.terrain, this.sights, hand, this.closing.signal);
   }
 
-  /** Names an image whose camera was clicked; to open it takes the place of this view. */
-  private choose(id: string): void {
+  /** Names an image whose camera was clicked, and does not cover it; to open it takes the place of this view. */
+  private choose(id: string, side: "left" | "right"): void {
     this.sights.choose(id);
+    this.card.classList.toggle("at-left", side === "right");
     const open = () => this.context.signals.image.emit(id);
     this.card.hidden = false;
     this.card.replaceChildren(
