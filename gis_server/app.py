@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 from collections.abc import AsyncIterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import asynccontextmanager
@@ -50,6 +49,7 @@ from gis_server.routes import (
 from gis_server.routes.shortcut import TileShortcut
 from gis_server.services import open_services
 from gis_server.small_bodies import SmallBodies
+from products.cycles import look_seldom
 from products.logs import keep_logs
 from products.shelves import Elsewhere
 
@@ -75,10 +75,6 @@ in a worker; it allows no JavaScript from text. Pictures inside models are read 
 
 _PACKED = ("/tiles/", "/models/", "/download/", "/products/", "/images/", "/panoramas/")
 """What is served below these is compressed already, or asked for by ranges."""
-
-_SELDOM = (50_000, 20, 100)
-"""When Python looks for cycles (`gc.set_threshold`). Reading a layer of 10,000 footprints makes a
-million lists and no cycle; at Python's own 700 the search takes twice as long as the reading."""
 
 
 class SecurityHeaders:
@@ -208,7 +204,7 @@ def create_app_from_settings() -> FastAPI:
     """The server of the store that the environment names (`SOLMAP_STORE`), as a process."""
     settings = Settings()
     keep_logs(settings.store, "server")
-    gc.set_threshold(*_SELDOM)
+    look_seldom()
     return create_app(
         settings.store,
         catalogue_url=settings.catalogue_url,

@@ -18,6 +18,7 @@ from prefect.cache_policies import NO_CACHE
 from prefect.client.schemas.objects import State, TaskRun
 from prefect.tasks import exponential_backoff
 
+from products.cycles import look_seldom
 from products.effort import Effort
 from products.passing import can_pass
 
@@ -55,6 +56,7 @@ def _logged(work: Callable[P, R], name: str) -> Callable[P, R]:
 
     @wraps(work)
     def logged(*args: P.args, **kwargs: P.kwargs) -> R:
+        look_seldom()
         effort, failed = Effort(), "failed"
         try:
             made = work(*args, **kwargs)

@@ -68,21 +68,6 @@ def region(mission: MissionName, services: ServicesOf, response: Response) -> di
     return tileset_document(parts, {"crs": local_crs(landing).to_wkt()})
 
 
-@router.get("/models/{scope}/{kind}/{digest}/{member:path}", response_class=Response)
-def member(
-    scope: ScopeName,
-    kind: Literal["tileset", "point-tiles"],
-    digest: Digest,
-    member: Annotated[str, Path(pattern=r"^(tileset\.json|\d{1,2}/\d{1,6}-\d{1,6}\.glb)$")],
-    services: ServicesOf,
-) -> Response:
-    """One file of a tileset."""
-    layer = services.layer(scope, ProductKind(kind), digest)
-    body = read_member(services.store.path(layer.ref), member)
-    media_type = _MEMBER_TYPES[member.rpartition(".")[2]]
-    return Response(body, media_type=media_type, headers=FOREVER)
-
-
 @router.get("/models/{scope}/dtm/{digest}/terrain.stl", response_class=Response)
 def stl(
     scope: ScopeName,
@@ -104,6 +89,21 @@ def stl(
     body = stl_bytes(solid_of(model, SolidParams(tolerance_m, base_m)))
     name = f'attachment; filename="{scope}_terrain_{digest}.stl"'
     return Response(body, media_type="model/stl", headers={**FOREVER, "content-disposition": name})
+
+
+@router.get("/models/{scope}/{kind}/{digest}/{member:path}", response_class=Response)
+def member(
+    scope: ScopeName,
+    kind: Literal["tileset", "point-tiles"],
+    digest: Digest,
+    member: Annotated[str, Path(pattern=r"^(tileset\.json|\d{1,2}/\d{1,6}-\d{1,6}\.glb)$")],
+    services: ServicesOf,
+) -> Response:
+    """One file of a tileset."""
+    layer = services.layer(scope, ProductKind(kind), digest)
+    body = read_member(services.store.path(layer.ref), member)
+    media_type = _MEMBER_TYPES[member.rpartition(".")[2]]
+    return Response(body, media_type=media_type, headers=FOREVER)
 
 
 def _tileset_of(layer: Layer) -> str:

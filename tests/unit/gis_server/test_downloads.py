@@ -12,7 +12,16 @@ from products.crs import local_crs
 from products.model import ProductKind
 from products.stac import write_catalogue, write_items
 from products.stac_items import Taken
-from tests.unit.gis_server.conftest import LANDING, REGION, elevation_at, ref_of
+from products.stl import read_stl
+from tests.unit.gis_server.conftest import (
+    CELL_M,
+    LANDING,
+    REGION,
+    STOP,
+    elevation_at,
+    plane,
+    ref_of,
+)
 
 
 def part_of(client, world, kind, scope=None, **query):
@@ -112,3 +121,21 @@ def test_a_product_under_another_suffix_is_not_found(client, world):
     answer = client.get(f"/products/{ref.kind}/{ref.scope.name}/{ref.digest}.png")
     assert answer.status_code == 404
     assert json.loads(answer.text)["description"].endswith(".tif")
+
+
+def test_the_terrain_of_a_stop_is_handed_out_as_a_solid(client, world):
+    layer = world.catalogue.layer(STOP.name, ProductKind.DTM)
+    path = f"/models/{STOP.name}/dtm/{layer.ref.digest}/terrain.stl"
+    answer = client.get(path, params={"base_m": 1.0, "tolerance_m": 0.1})
+    assert answer.status_code == 200
+    assert answer.headers["content-type"] == "model/stl"
+    corners = read_stl(answer.content).astype(np.float64)
+    a, b, c = np.moveaxis(corners, 1, 0)
+    volume = np.einsum("ij,ij->", a, np.cross(b, c)) / 6
+    seen = np.isfinite(plane())
+    height = plane()[seen] - plane()[seen].min() + 1.0
+    assert volume == pytest.approx(height.sum() * CELL_M**2, rel=0.03)
+    assert client.get(path, params={"base_m": -1}).status_code == 422
+    region = ref_of(world, ProductKind.FOOTPRINTS, REGION)
+    lost = f"/models/{REGION.name}/dtm/{region.digest}/terrain.stl"
+    assert client.get(lost).status_code == 404
