@@ -11,6 +11,7 @@ from flows.listing import latest_networks, position_rows
 from flows.report import report_rows
 from products.model import ProductKind
 from products.workspace import Workspace
+from tasks.orientations import read_orientations
 
 pytestmark = pytest.mark.slow
 
@@ -42,23 +43,17 @@ def test_the_overall_network_is_the_latest_and_its_sol_keeps_its_own(readjusted)
 
 def test_maps_of_stops_that_hardly_moved_are_not_made_anew(mapped, readjusted):
     before = {path.name for path in (mapped.store / "products" / "dtm").rglob("*.tif")}
-    moved = [
-        stop
-        for stop in json.loads(
-            readjusted.store.path(
-                next(
-                    ref
-                    for ref in readjusted.catalogue.pointers(ProductKind.ORIENTATIONS)
-                    if ref.scope.name.endswith("-overall")
-                )
-            ).read_text()
-        )
-        if stop["is_new"]
-    ]
+    overall = next(
+        ref
+        for ref in readjusted.catalogue.pointers(ProductKind.ORIENTATIONS)
+        if ref.scope.name.endswith("-overall")
+    )
+    stops = read_orientations(overall, readjusted.store, ()).values()
+    moved = [stop for stop in stops if stop.is_new]
     after = {path.name for path in (readjusted.store.root / "products" / "dtm").rglob("*.tif")}
     assert before <= after
     assert len(after - before) == len(moved)
-    assert all(stop["moved_m"] > 0.02 for stop in moved)
+    assert all(stop.moved_m > 0.02 for stop in moved)
 
 
 def test_a_later_run_goes_on_from_the_overall_adjustment_and_makes_nothing(mapped, readjusted):
