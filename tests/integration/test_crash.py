@@ -4,7 +4,9 @@ import shutil
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -40,32 +42,39 @@ def test_a_process_that_keeps_products_is_killed_again_and_again(tmp_path: Path)
     assert not list((root / "drafts").iterdir())
 
 
-@pytest.mark.slow
-def test_flows_and_servers_are_killed_again_and_again(tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def crash_test(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+    """A downlink and one engine for all flows: processes that are forked know no later one."""
     from tests.support.crashes import prepared  # noqa: PLC0415 - starts an engine
 
-    with prepared(tmp_path, seed=1, pairs=2) as test:
-        test.disturb_one_store(0, 12, test.undisturbed())
-        assert test.tally.found == []
-        assert test.tally.kills >= 12
-        assert test.tally.answers["whole product"] > 0
+    with prepared(tmp_path_factory.mktemp("crashes"), seed=1, pairs=2) as test:
+        yield test
 
 
 @pytest.mark.slow
-def test_two_downlinks_at_once_end_as_one_after_the_other(tmp_path: Path) -> None:
-    from tests.support.crashes import LONGEST_RUN_S, prepared  # noqa: PLC0415 - starts an engine
+def test_flows_and_servers_are_killed_again_and_again(crash_test: Any) -> None:
+    expected, tally = crash_test.undisturbed(), crash_test.tally
+    number = 0
+    while tally.kills < 12:  # a run may get to its end before its moment comes
+        crash_test.disturb_one_store(number, 12, expected)
+        number += 1
+    assert tally.found == []
+    assert tally.answers["whole product"] > 0
 
-    with prepared(tmp_path, seed=1, pairs=2) as test:
-        expected = test.undisturbed()
-        whole = test.downlink
-        halves = [tmp_path / "first", tmp_path / "second"]
-        for half, sol in zip(halves, ("sol0155", "sol0156"), strict=True):
-            shutil.copytree(whole / "masters", half / "masters")
-            shutil.copytree(whole / sol, half / sol)
-        runs = [test.flow(tmp_path / "store", half) for half in halves]
-        for run in runs:
-            run.join(LONGEST_RUN_S)
-        assert [run.exitcode for run in runs] == [0, 0]
-        assert faults(tmp_path / "store") == []
-        # the later sol may have been published alone before: only what is the latest must agree
-        assert differences(expected, Contents.of(tmp_path / "store")) == []
+
+@pytest.mark.slow
+def test_two_downlinks_at_once_end_as_one_after_the_other(crash_test: Any, tmp_path: Path) -> None:
+    from tests.support.crashes import LONGEST_RUN_S  # noqa: PLC0415 - starts an engine
+
+    expected, whole = crash_test.undisturbed(), crash_test.downlink
+    halves = [tmp_path / "first", tmp_path / "second"]
+    for half, sol in zip(halves, ("sol0155", "sol0156"), strict=True):
+        shutil.copytree(whole / "masters", half / "masters")
+        shutil.copytree(whole / sol, half / sol)
+    runs = [crash_test.flow(tmp_path / "store", half) for half in halves]
+    for run in runs:
+        run.join(LONGEST_RUN_S)
+    assert [run.exitcode for run in runs] == [0, 0]
+    assert faults(tmp_path / "store") == []
+    # the later sol may have been published alone before: only what is the latest must agree
+    assert differences(expected, Contents.of(tmp_path / "store")) == []
