@@ -28,7 +28,7 @@ from photogrammetry.terrain.measure import (
     rise_between,
     steepening,
 )
-from photogrammetry.terrain.profile import stations
+from photogrammetry.terrain.profile import SAME_M, stations
 from photogrammetry.terrain.volume import Base, volume
 from products.crs import LandingPoint, lon_lat
 
@@ -155,7 +155,7 @@ def measured_line(question: LineQuestion, ground: Ground, landing: LandingPoint)
 
 
 def _ends(places: MapPoints, read: GroundSamples, landing: LandingPoint) -> RiseBody | None:
-    if not np.isfinite(read.elevation).all() or (places[0] == places[1]).all():
+    if not np.isfinite(read.elevation).all() or np.hypot(*(places[1] - places[0])) < SAME_M:
         return None
     rise = rise_between(places, read)
     east, north = places[1] - places[0]

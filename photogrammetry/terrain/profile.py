@@ -26,6 +26,8 @@ from photogrammetry.arrays import Int32, PerPoint
 from photogrammetry.errors import TerrainError
 from photogrammetry.terrain.ground_samples import GroundSamples, MapPoints
 
+SAME_M = 1e-6
+"""Places that are nearer to each other than this are one."""
 MOST_STATIONS = 20_000
 """Stations of one profile: a line on a screen has a tenth of it."""
 LEAST_STATIONS = 3
@@ -65,7 +67,7 @@ def stations(corners: MapPoints, step_m: float) -> Stations:
     """
     lengths = np.hypot(*np.diff(corners, axis=0).T)
     total = float(lengths.sum())
-    if not (total > 0 and step_m > 0):
+    if not (total > SAME_M and step_m > 0):
         raise TerrainError("a profile runs along a line of two places or more that are not one")
     if total / step_m > MOST_STATIONS:
         raise TerrainError(
@@ -75,7 +77,7 @@ def stations(corners: MapPoints, step_m: float) -> Stations:
     starts = np.concatenate([[0.0], np.cumsum(lengths)])
     distance, places, legs = [np.zeros(1)], [corners[:1]], [np.zeros(1, np.int32)]
     for number, length in enumerate(lengths.tolist()):
-        if length > 0:
+        if length > SAME_M:
             share = np.arange(1, math.ceil(length / step_m - 1e-9) + 1)
             share = share / len(share)
             distance.append(starts[number] + share * length)

@@ -42,7 +42,7 @@ def test_every_stop_has_every_product(store):
         assert kinds[f"mer2-{stop}"] == {
             "dtm", "orthophoto", "sources", "slope", "aspect", "hillshade", "contours",
             "northerly-tilt", "roughness", "hazard", "havens", "insolation", "viewshed",
-            "model", "view-model", "tileset", "panorama",
+            "model", "view-model", "tileset", "points", "point-tiles", "panorama",
         }  # fmt: skip
 
 

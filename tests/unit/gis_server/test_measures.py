@@ -156,3 +156,17 @@ def test_identify_tells_every_band_of_every_layer(client):
     assert dtm["standard_deviation"] == pytest.approx(0.02)
     assert dtm["observations"] == 3.0
     assert layers[f"{STOP.name}/slope"]["bands"] == {"value": 20.0}
+
+
+@pytest.mark.parametrize("question", ["measure-line", "profile", "profile.csv", "measure-area"])
+def test_places_that_are_nearly_one_are_no_line(client, question):
+    near = [[5e-324, 0.0], [0.0, 0.0], [0.0, 1e-9]]
+    asked = {"polygon": near} if question == "measure-area" else {"line": near}
+    assert client.post(f"{API}/{question}", json=asked).status_code == 422
+
+
+def test_a_line_that_all_but_closes_has_no_ends(client):
+    line = [[0.0, 0.0], [3.0, 0.0], [5e-324, 0.0]]
+    body = client.post(f"{API}/measure-line", json={"line": line}).json()
+    assert body["map_length_m"] == 6.0
+    assert body["ends"] is None
