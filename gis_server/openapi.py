@@ -29,6 +29,7 @@ FORMS: tuple[tuple[str, tuple[str, ...]], ...] = (
     (r"^/download/.*\.gpkg$", ("application/geopackage+sqlite3",)),
     (r"^/stac/\{mission\}/\{item\}\.json$", (GEOJSON,)),
     (r"^/download/|^/products/.*\{suffix\}$|/original$", _FILES),
+    (r"\.stl$", ("model/stl",)),
     (r"^/models/", (JSON, "model/gltf-binary")),
     (r"\.csv$", ("text/csv",)),
     (r"\.tif$", ("image/tiff",)),

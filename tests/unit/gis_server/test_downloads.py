@@ -136,6 +136,8 @@ def test_the_terrain_of_a_stop_is_handed_out_as_a_solid(client, world):
     height = plane()[seen] - plane()[seen].min() + 1.0
     assert volume == pytest.approx(height.sum() * CELL_M**2, rel=0.03)
     assert client.get(path, params={"base_m": -1}).status_code == 422
+    told = client.get("/openapi.json").json()["paths"]["/models/{scope}/dtm/{digest}/terrain.stl"]
+    assert list(told["get"]["responses"]["200"]["content"]) == ["model/stl"]
     region = ref_of(world, ProductKind.FOOTPRINTS, REGION)
     lost = f"/models/{REGION.name}/dtm/{region.digest}/terrain.stl"
     assert client.get(lost).status_code == 404
