@@ -35,7 +35,7 @@ export interface Shell {
   /** Takes away what the last session added. */
   clear(): void;
   /** Shows a message across the top, with a button; null takes it away. */
-  banner(message: string | null, retry?: () => void): void;
+  banner(message: string | null, act?: () => void, label?: string): void;
   dialog(title: string, content: Node): void;
   closeDialog(): void;
   /** Says something that needs no answer; it goes away by itself. */
@@ -129,10 +129,10 @@ export function shell(root: HTMLElement): Shell {
         element.replaceChildren();
       for (const element of [ruler, tip]) element.hidden = true;
     },
-    banner(message, retry) {
+    banner(message, act, label = "Try again") {
       notice.hidden = message === null;
       notice.replaceChildren(h("span", {}, message ?? ""));
-      if (retry) notice.append(h("button", { type: "button", onclick: retry }, "Try again"));
+      if (act) notice.append(h("button", { type: "button", onclick: act }, label));
     },
     toast(message) {
       const line = h("div", {}, message);

@@ -31,8 +31,17 @@ test("a server that does not answer is told from one that refuses", async () => 
   });
   await expect(api.layers("MER2")).rejects.toThrow(UnreachableError);
   answer(404, { detail: "no mission MERX" });
-  await expect(api.layers("MERX")).rejects.toThrow(/404.*no mission MERX/);
+  await expect(api.layers("MERX")).rejects.toThrow(/^no mission MERX$/);
   await expect(api.layers("MERX")).rejects.toThrow(ApiError);
+});
+
+test("an answer that is no refusal in words is told with its address", async () => {
+  answer(500, { detail: { what: "the server failed; its log says how" } });
+  await expect(api.layers("MER2")).rejects.toThrow(
+    /layers was answered with 500.*its log says how/,
+  );
+  answer(422, { detail: [{ loc: ["query", "east"], msg: "a number is expected" }] });
+  await expect(api.layers("MER2")).rejects.toThrow(/layers was answered with 422.*a number/);
 });
 
 test("something else than a list is an error that shows it", async () => {

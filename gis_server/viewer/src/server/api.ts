@@ -24,6 +24,9 @@ export class ApiError extends Error {
   }
 }
 
+/** The least status of HTTP by which a server says that it failed itself. */
+const SERVER_FAILED = 500;
+
 /** The server did not answer. */
 export class UnreachableError extends Error {
   override readonly name = "UnreachableError";
@@ -101,22 +104,23 @@ async function answered(url: string, options: RequestInit): Promise<Response> {
   }
   if (!response.ok) {
     const { status, statusText } = response;
-    const why = reasonIn(await response.text());
-    throw new ApiError(`${url} was answered with ${status} ${statusText}: ${why}`, status);
+    const text = await response.text();
+    const why = reasonIn(text);
+    const refusal = status < SERVER_FAILED ? why : null;
+    const answer = `${url} was answered with ${status} ${statusText}: ${why ?? text.slice(0, 300)}`;
+    throw new ApiError(refusal ?? answer, status);
   }
   return response;
 }
 
-/** The sentence in an answer that refuses, or the beginning of the answer. */
-function reasonIn(text: string): string {
+/** The sentence in an answer that refuses, written for whoever asked. */
+function reasonIn(text: string): string | null {
   try {
     const { detail } = JSON.parse(text) as { detail?: { what?: string } | string };
-    const what = typeof detail === "string" ? detail : detail?.what;
-    if (what) return what;
+    return (typeof detail === "string" ? detail : detail?.what) ?? null;
   } catch {
-    // not JSON: shown as it came
+    return null; // not JSON
   }
-  return text.slice(0, 300);
 }
 
 /** A list, or the list that an object carries under `key`. */

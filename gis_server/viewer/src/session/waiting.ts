@@ -46,7 +46,7 @@ export class Waiting {
 
   /** Shows a message that goes away when it was read. */
   say(message: string): void {
-    this.page.banner(message, () => this.page.banner(null));
+    this.page.banner(message, () => this.page.banner(null), "Close");
   }
 
   /** The server answered: if it was away, it no longer is. */
