@@ -10,10 +10,7 @@ import logging
 from collections.abc import Collection
 from dataclasses import dataclass
 
-from sqlalchemy.exc import SQLAlchemyError
-
 from products.catalogue import Catalogue
-from products.errors import ProductError
 from products.events import LAYERS_PUBLISHED, Event
 from products.feature_texts import texts_of
 from products.model import ProductKind
@@ -40,5 +37,5 @@ class ReadAhead:
         try:
             for layer in self.catalogue.layers(kinds=GROWING):
                 texts_of(self.store.path(layer.ref))
-        except (ProductError, SQLAlchemyError, OSError) as error:
-            log.warning("layers were not read ahead: %s", error)
+        except Exception as error:  # noqa: BLE001 - pages must hear of what was published all the same
+            log.warning("layers were not read ahead: %r", error)

@@ -148,8 +148,8 @@ def write_features(
 def _in_degrees(features: Sequence[Feature], landing: LandingPoint) -> list[dict[str, Any]]:
     rings = [ring for feature in features for ring in feature.rings]
     plane = [ring[:, :2] for ring in rings]
-    rows = np.concatenate(plane) if plane else np.empty((0, 2))
-    degrees = np.round(np.column_stack(lon_lat(landing, *rows.T)), _DECIMALS_DEGREES)
+    points = np.concatenate(plane) if plane else np.empty((0, 2))
+    degrees = np.round(np.column_stack(lon_lat(landing, *points.T)), _DECIMALS_DEGREES)
     placed = iter(
         np.hstack([rows, np.round(ring[:, 2:], _DECIMALS_M)])
         for ring, rows in zip(rings, _split_like(plane, degrees), strict=True)

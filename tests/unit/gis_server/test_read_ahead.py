@@ -52,10 +52,18 @@ def test_a_new_version_is_read_when_it_is_published(own_world, reads):
     assert reads == [own_world.store.path(one.ref)]
 
 
-def test_what_cannot_be_read_is_left_to_who_asks(own_world, caplog):
+LANDING = '{"name":"x","longitude":0,"latitude":0,"radius_m":3.39e6,"source":"x"}'
+RING = '{"geometry":{"type":"LineString","coordinates":[]}}'
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["{", '{"solmap":[]}', f'{{"solmap":{{"landing":{LANDING}}},"features":[{RING}]}}'],
+)
+def test_what_cannot_be_read_is_left_to_who_asks(own_world, caplog, text):
     layer = own_world.publish_features(
         ProductKind.FOOTPRINTS, [Feature("Polygon", SQUARE, {}, "A")], version=2
     )
-    own_world.store.path(layer.ref).write_text("{")
+    own_world.store.path(layer.ref).write_text(text)
     ReadAhead(own_world.store, own_world.catalogue).read()
-    assert "no feature collection of a landing site" in caplog.text
+    assert "layers were not read ahead" in caplog.text

@@ -6,11 +6,14 @@ import type { Sights } from "./sights";
 import type { Stage } from "./stage";
 import type { Terrain } from "./terrain";
 
+/** Half of the view. */
+export type Side = "left" | "right";
+
 export interface Hand {
   /** The pointer is over a place of the ground; null: over none. */
   readonly over: (place: Place3 | null) => void;
-  /** The camera of an image was clicked, in the left or the right half of the view. */
-  readonly image: (id: string, side: "left" | "right") => void;
+  /** The camera of an image was clicked. */
+  readonly image: (id: string, side: Side) => void;
   /** Goes back to flying; false if it was not left. */
   readonly leave: () => boolean;
   readonly isStanding: () => boolean;

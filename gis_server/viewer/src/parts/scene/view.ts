@@ -11,7 +11,7 @@ import { type Board, type Choices, controls } from "./controls";
 import { dots } from "./drawings";
 import { Flight } from "./flight";
 import { middle } from "./geometry";
-import { takeInHand } from "./hand";
+import { type Side, takeInHand } from "./hand";
 import { Marker } from "./marker";
 import { roverModel, stand } from "./rover";
 import { Route } from "./route";
@@ -252,7 +252,7 @@ export class SceneView {
     this.closing.signal.addEventListener("abort", () => stops.forEach((stop) => stop()));
     const hand = {
       over: (place: Place3 | null) => this.tell(place),
-      image: (id: string, side: "left" | "right") => this.choose(id, side),
+      image: (id: string, side: Side) => this.choose(id, side),
       leave: () => this.flight.leave(),
       isStanding: () => this.flight.isStanding,
     };
@@ -260,7 +260,7 @@ export class SceneView {
   }
 
   /** Names an image whose camera was clicked, and does not cover it; to open it takes the place of this view. */
-  private choose(id: string, side: "left" | "right"): void {
+  private choose(id: string, side: Side): void {
     this.sights.choose(id);
     this.card.classList.toggle("at-left", side === "right");
     const open = () => this.context.signals.image.emit(id);
