@@ -39,7 +39,7 @@ from photogrammetry.adjustment.records import (
     select,
 )
 from photogrammetry.adjustment.result import Outcome, assembled
-from photogrammetry.adjustment.sightings import Overview, Sightings, sightings
+from photogrammetry.adjustment.sightings import Overview, Sightings
 from photogrammetry.arrays import Float64
 from photogrammetry.errors import AdjustmentError
 from photogrammetry.imagery import StopId, TieKind, TiePoints
@@ -99,9 +99,8 @@ def adjust_and_keep(
         state = replace(state, frames=_frame_places(control, state, network, start))
     beginning = Start(observations, telemetry, is_held, state, used, inherited, control)
     outcome = estimate(beginning, params)
-    now = sightings(observations, outcome.solution.state.pointings, params)
-    outcome = outcome.with_all_points(now)
-    agreement = _agreement(outcome, before, overview.seen, now)
+    outcome = outcome.with_all_points(overview.seen)
+    agreement = _agreement(outcome, before, overview.seen)
     result = assembled(network, is_held, outcome, agreement, name)
     return *with_findings(result, findings), outcome
 
@@ -121,14 +120,14 @@ def _found_wrong(ties: TiePoints, before: AdjustedTies) -> np.ndarray:
 
 
 def _agreement(
-    outcome: Outcome, before: State, then: Sightings, now: Sightings
+    outcome: Outcome, before: State, seen: Sightings
 ) -> tuple[dict[TieKind, Consistency], dict[TieKind, Consistency]]:
     """How well sightings agree before and after the adjustment."""
-    observations, used, after = outcome.observations, outcome.used, outcome.solution.state
-    compared = Comparisons.of(observations, used)
+    observations, after = outcome.observations, outcome.solution.state
+    compared = Comparisons.of(observations, outcome.used)
     return (
-        consistency(observations, before, then, compared),
-        consistency(observations, after, now, compared),
+        consistency(observations, before, seen, compared),
+        consistency(observations, after, seen, compared),
     )
 
 

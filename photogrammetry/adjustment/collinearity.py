@@ -64,27 +64,6 @@ def pair_orientations(
     return rotations, origins
 
 
-def triangulated_in_pair(observations: Observations) -> Float64[np.ndarray, "n 3"]:
-    """Each observation's own point in its pair's frame; NaN without parallax."""
-    j = observations.pair
-    with np.errstate(divide="ignore", invalid="ignore"):
-        z = np.where(
-            observations.is_stereo,
-            observations.focal_px[j] * observations.base_m[j] / observations.measured[:, 2],
-            np.nan,
-        )
-    xy = (observations.measured[:, :2] - observations.centre_px[j]) / observations.focal_px[j, None]
-    return np.column_stack([xy * z[:, None], z])
-
-
-def triangulated(state: State, observations: Observations) -> Float64[np.ndarray, "n 3"]:
-    """Each observation's own point in the LSL; NaN without parallax."""
-    rotations, origins = pair_orientations(state, observations)
-    in_pair = triangulated_in_pair(observations)
-    j = observations.pair
-    return origins[j] + (rotations[j] @ in_pair[:, :, None])[:, :, 0]
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Sights:
     """Observations of image coordinates, component by component."""
@@ -264,6 +243,4 @@ __all__ = [
     "misclosures",
     "pair_orientations",
     "partials",
-    "triangulated",
-    "triangulated_in_pair",
 ]

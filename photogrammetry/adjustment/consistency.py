@@ -64,13 +64,13 @@ def consistency(
 ) -> dict[TieKind, Consistency]:
     """Agreement of the used observations at a state, by kind of tie."""
     rows, across, of_cross = compared.rows, compared.across, compared.of_cross
-    place = in_lsl(state, observations, seen, rows)
+    views = Views.of(state, observations)
+    place = in_lsl(views, observations, seen, rows)
     apart_m = _lengths(place[:, compared.first] - place[:, compared.second])
     fused = np.full((3, observations.points), np.nan)
-    numbers, mean = means(state, observations, seen, rows, place)
+    numbers, mean = means(views, observations, seen, rows, place)
     fused[:, numbers] = mean
-    views = Views.of(state, observations).at(fused)
-    off_px = _lengths(views.misclosures(Sights.of(observations, rows))[:2])
+    off_px = _lengths(views.at(fused).misclosures(Sights.of(observations, rows))[:2])
     return {
         kind: Consistency(int(apart.sum()), _mean(off_px[off]), _mean(apart_m[apart]))
         for kind, apart, off in (

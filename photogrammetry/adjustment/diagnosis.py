@@ -137,15 +137,8 @@ def _known_better(
     network: Initial, k: int, ours: np.ndarray, theirs: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Eigenvalues (ascending) and eigenvectors of the alignment's normals in telemetry's sigmas."""
-    state, seen = network.state, network.overview.seen
-    stop = network.observations.stop_of(theirs)
-    R = state.rotations[stop]
-    points = RigidPoints(
-        state.centres[stop] + (R @ seen.points[theirs][:, :, None])[:, :, 0],
-        R @ seen.covariances[theirs] @ R.swapaxes(1, 2),
-        seen.points[ours],
-        seen.covariances[ours],
-    )
+    state, overview = network.state, network.overview
+    points = RigidPoints(*overview.in_lsl(state, theirs), *overview.in_rover(ours))
     N, _ = points.normals(state.rotations[k], state.centres[k], np.ones(len(ours)))
     sigma = _telemetry_sigmas(network.telemetry, k)
     return np.linalg.eigh(N * np.outer(sigma, sigma))
@@ -159,7 +152,7 @@ def _telemetry_sigmas(telemetry: Telemetry, k: int) -> np.ndarray:
 
 def _is_spread(network: Initial, k: int, ours: np.ndarray) -> bool:
     """Whether points lie so far off their line that the turn about it needs no closer look."""
-    points = network.overview.seen.points[ours]
+    points, _ = network.overview.in_rover(ours)
     spread = np.linalg.eigvalsh(np.cov(points.T, bias=True) * len(points))
     sigma = np.sqrt(np.median(network.overview.seen.size[ours]))
     return bool(sigma / np.sqrt(max(spread[1], 1e-12)) < 0.5 / network.telemetry.weight[k, 0])

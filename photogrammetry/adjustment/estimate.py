@@ -19,7 +19,7 @@ from photogrammetry.adjustment.params import AdjustmentParams
 from photogrammetry.adjustment.priors import Telemetry
 from photogrammetry.adjustment.residuals import Residuals, residuals
 from photogrammetry.adjustment.result import Outcome, with_points_seen_alone
-from photogrammetry.adjustment.sightings import sightings
+from photogrammetry.adjustment.sightings import Sightings
 from photogrammetry.adjustment.snooping import reinstated, suspects
 from photogrammetry.adjustment.solver import Linearised, Problem, Solution, solve
 from photogrammetry.arrays import Bool
@@ -157,7 +157,7 @@ def _with_fitting(
     before = start.problem(used) if len(judged.fitting) and step.robust else judged.problem
     if not step.robust or used.all():
         return used, before, judged.state
-    seen = sightings(start.observations, judged.state.pointings, params)
+    seen = Sightings.of(start.observations, params)
     state = with_points_seen_alone(judged.problem, judged.state, used, seen)
     back = reinstated(
         judged.problem, state, judged.now.ties, judged.found, used, judged.inverse, params

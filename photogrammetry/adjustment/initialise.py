@@ -30,7 +30,7 @@ from photogrammetry.adjustment.priors import (
     telemetry_partials,
 )
 from photogrammetry.adjustment.rotations import rotation_of_vector
-from photogrammetry.adjustment.sightings import Overview, Sightings, with_points
+from photogrammetry.adjustment.sightings import Overview, with_points
 
 UNCHECKED_TIES = 3
 """So many ties place a stop without checking one another; telemetry must not contradict them."""
@@ -64,7 +64,8 @@ def initialise(  # noqa: PLR0913, PLR0917 - the network, where it stands, and wh
             shared = earlier[points] >= 0
             recent = shared & (observations.stop_of(earlier[points]) >= k - REACH)
             shared = recent if recent.any() else shared
-            ties = _rigid(state, observations, seen, ours[shared], earlier[points[shared]])
+            theirs = earlier[points[shared]]
+            ties = RigidPoints(*overview.in_lsl(state, theirs), *overview.in_rover(ours[shared]))
             state, weights = _aligned(state, telemetry, k, ties, params)
             wrong = points[shared][weights < HALF]
             rows = rows_of_stop[k]
@@ -98,20 +99,6 @@ def _carried(state: State, telemetry: Telemetry, k: int) -> State:
         step = telemetry.centres[k] - telemetry.centres[k - 1]
         centres[k] = centres[k - 1] + change @ step
     return replace(state, rotations=rotations, centres=centres)
-
-
-def _rigid(
-    state: State, observations: Observations, seen: Sightings, ours: np.ndarray, theirs: np.ndarray
-) -> RigidPoints:
-    """Points as earlier stops have them in the LSL, and as the new stop has them in its rover."""
-    stop = observations.stop_of(theirs)
-    R = state.rotations[stop]
-    return RigidPoints(
-        state.centres[stop] + (R @ seen.points[theirs][:, :, None])[:, :, 0],
-        R @ seen.covariances[theirs] @ R.swapaxes(1, 2),
-        seen.points[ours],
-        seen.covariances[ours],
-    )
 
 
 def _aligned(

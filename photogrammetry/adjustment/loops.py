@@ -31,16 +31,14 @@ def closed_loops(
     params: AdjustmentParams,
 ) -> tuple[State, np.ndarray]:
     """The state with its loops closed, and the observations that contradict it."""
-    seen, couples = overview.seen, overview.couples
+    couples = overview.couples
     if not any(b - a > REACH for a, b in couples):
         return state, np.zeros(0, dtype=np.int64)
     found: list[tuple[int, int, np.ndarray, np.ndarray, np.ndarray]] = []
     loops: dict[int, np.ndarray] = {}
     astray = []
     for (a, b), (theirs, ours) in couples.items():
-        points = RigidPoints(
-            seen.points[theirs], seen.covariances[theirs], seen.points[ours], seen.covariances[ours]
-        )
+        points = RigidPoints(*overview.in_rover(theirs), *overview.in_rover(ours))
         if b - a <= REACH:
             found.append((a, b, *_as_aligned(state, a, b, points, params)))
         elif len(ours) >= LOOP_TIES:

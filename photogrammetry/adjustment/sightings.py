@@ -1,4 +1,12 @@
-"""What single observations see: a point by its own parallax, with its covariance."""
+"""What single observations see: a point by its own parallax, with its covariance.
+
+In the frame of its pair a sighting stays the same however stops and masts move. With the place r by
+the coordinates of the image and the range by the parallax, e along the axis of the pair, and the
+standard deviations s_a of the range (a share of it), s_c across the axis (metres) and t of the mast
+pointing (radians), its covariance is
+
+    S = s_a^2 r r' + s_c^2 (I - e e') + t^2 (|r|^2 I - r r')
+"""
 
 from __future__ import annotations
 
@@ -7,7 +15,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from photogrammetry.adjustment.collinearity import Observations, State, triangulated_in_pair
+from photogrammetry.adjustment.collinearity import Observations, State, Views
 from photogrammetry.adjustment.componentwise import (
     Matrices,
     Vectors,
@@ -17,58 +25,51 @@ from photogrammetry.adjustment.componentwise import (
 )
 from photogrammetry.adjustment.params import AdjustmentParams
 from photogrammetry.adjustment.rotations import rotation_of_vector
-from photogrammetry.arrays import Covariances3, Float64
+from photogrammetry.arrays import Covariances3, Flags, Float64
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sightings:
-    """Every observation's own point in its rover frame, with covariance; which may align."""
+    """Every observation's own point in the frame of its pair; NaN where it has none."""
 
-    points: np.ndarray
-    covariances: np.ndarray
-    usable: np.ndarray
-    size: np.ndarray
+    points: Vectors
+    covariances: Matrices
+    usable: Flags
+    """Which may align."""
+    size: Float64[np.ndarray, " n"]
     """Sum of the three variances, square metres."""
 
-
-def sightings(
-    observations: Observations, pointings: np.ndarray, params: AdjustmentParams
-) -> Sightings:
-    """Triangulate every observation by itself in the frame of its rover."""
-    j = observations.pair
-    in_pair = triangulated_in_pair(observations)
-    rover_from_pair = rotation_of_vector(pointings) @ observations.rover_from_pair
-    to_rover = np.take(by_component(rover_from_pair), j, axis=2)
-    arm, parallax = turned(to_rover, in_pair.T.copy()), observations.measured[:, 2]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        along = arm / (parallax * observations.weight[:, 2])
-        across = in_pair[:, 2] / (observations.weight[:, 0] * observations.focal_px[j])
-    turn = float(np.radians(params.pointing_deg))
-    S, size = _covariances(along, arm * turn, to_rover[:, 2] * across, across**2)
-    usable = observations.is_stereo & (parallax >= params.far_parallax_px)
-    return Sightings(observations.origins_in_rover(pointings)[j] + arm.T, S, usable, size)
+    @classmethod
+    def of(cls, observations: Observations, params: AdjustmentParams) -> Sightings:
+        """Triangulate every observation by itself."""
+        j, parallax = observations.pair, observations.measured[:, 2]
+        focal_px, base_m, *centre_px = np.take(observations.bodies.optics, j, axis=1)
+        points = np.empty((3, len(j)))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            points[2] = np.where(observations.is_stereo, focal_px * base_m / parallax, np.nan)
+            range_ = 1.0 / (parallax * observations.weight[:, 2])
+            across = points[2] / (observations.weight[:, 0] * focal_px)
+        points[:2] = observations.measured[:, :2].T
+        points[:2] -= centre_px
+        points[:2] *= points[2] / focal_px
+        turn = float(np.radians(params.pointing_deg))
+        S, size = _covariances(points, range_, across, turn)
+        usable = observations.is_stereo & (parallax >= params.far_parallax_px)
+        return cls(points, S, usable, size)
 
 
 def _covariances(
-    along: Vectors, swing: Vectors, ahead: Vectors, across2: Float64[np.ndarray, " m"]
-) -> tuple[Covariances3, Float64[np.ndarray, " m"]]:
-    """Covariances of points and their traces.
-
-    Of the range `along` the ray; of what turns by an angle's deviation move, which is across
-    `swing`, their way times that deviation; and of the variance `across2` across the axis, whose
-    direction times the deviation is `ahead`.
-    """
-    S = np.empty((along.shape[1], 3, 3))
-    round_ = across2 + np.einsum("in,in->n", swing, swing)
-    size = 3 * round_
-    for i in range(3):
-        for j in range(i + 1):
-            part = along[i] * along[j] - ahead[i] * ahead[j] - swing[i] * swing[j]
-            if i == j:
-                size += part
-                part += round_
-            S[:, i, j] = S[:, j, i] = part
-    return S, size
+    points: Vectors, along: Float64[np.ndarray, " n"], across: Float64[np.ndarray, " n"], turn: float
+) -> tuple[Matrices, Float64[np.ndarray, " n"]]:
+    """Covariances of points and their traces, from standard deviations: see above."""
+    distance2, across2 = np.einsum("cn,cn->n", points, points), across**2
+    S = points[:, None] * points
+    S *= along**2 - turn**2
+    swing2 = turn**2 * distance2
+    S[0, 0] += swing2 + across2
+    S[1, 1] += swing2 + across2
+    S[2, 2] += swing2
+    return S, S[0, 0] + S[1, 1] + S[2, 2]
 
 
 def best_sightings(observations: Observations, seen: Sightings, stops: int) -> list[np.ndarray]:
@@ -124,20 +125,42 @@ def shared_sightings(
 class Overview:
     """All sightings of a network, the best ones, and what stops share."""
 
+    observations: Observations
     seen: Sightings
     best: list[np.ndarray]
     """As of `best_sightings`."""
     couples: dict[Couple, tuple[np.ndarray, np.ndarray]]
     """As of `shared_sightings`."""
+    rover_from_pair: Float64[np.ndarray, "pairs 3 3"]
+    origins_in_rover: Float64[np.ndarray, "pairs 3"]
 
     @classmethod
     def of(
         cls, observations: Observations, pointings: np.ndarray, stops: int, params: AdjustmentParams
     ) -> Overview:
         """Of a network of so many stops."""
-        seen = sightings(observations, pointings, params)
+        seen = Sightings.of(observations, params)
         best = best_sightings(observations, seen, stops)
-        return cls(seen, best, shared_sightings(observations, best))
+        rover_from_pair = rotation_of_vector(pointings) @ observations.rover_from_pair
+        origins = observations.origins_in_rover(pointings)
+        couples = shared_sightings(observations, best)
+        return cls(observations, seen, best, couples, rover_from_pair, origins)
+
+    def in_rover(self, rows: np.ndarray) -> tuple[Float64[np.ndarray, "m 3"], Covariances3]:
+        """Places and covariances of some sightings in the frames of their rovers."""
+        pair = self.observations.pair[rows]
+        R, points = self.rover_from_pair[pair], self.seen.points[:, rows].T
+        S = self.seen.covariances[:, :, rows].transpose(2, 0, 1).copy()
+        places = self.origins_in_rover[pair] + (R @ points[:, :, None])[:, :, 0]
+        return places, R @ S @ R.mT
+
+    def in_lsl(
+        self, state: State, rows: np.ndarray
+    ) -> tuple[Float64[np.ndarray, "m 3"], Covariances3]:
+        """The same in the LSL where stops stand at a state."""
+        (places, S), stop = self.in_rover(rows), self.observations.stop_of(rows)
+        R = state.rotations[stop]
+        return state.centres[stop] + (R @ places[:, :, None])[:, :, 0], R @ S @ R.mT
 
 
 def with_points(
@@ -148,34 +171,32 @@ def with_points(
     The weights are the inverse covariances of the sightings, so rays of several stops intersect
     here although each sighting alone is poor in range.
     """
-    rows = np.flatnonzero(used & observations.is_stereo)
+    rows, views = np.flatnonzero(used & observations.is_stereo), Views.of(state, observations)
     number = observations.point[rows]
-    place = in_lsl(state, observations, seen, rows)
+    place = in_lsl(views, observations, seen, rows)
     points = np.full((observations.points, 3), np.nan)
     points[number] = place.T
     several = np.bincount(number, minlength=observations.points)[number] > 1
     if several.any():
-        mean_of, mean = means(state, observations, seen, rows[several], place[:, several])
+        mean_of, mean = means(views, observations, seen, rows[several], place[:, several])
         points[mean_of] = mean.T
     return replace(state, points=points)
 
 
-def in_lsl(state: State, observations: Observations, seen: Sightings, rows: np.ndarray) -> Vectors:
+def in_lsl(views: Views, observations: Observations, seen: Sightings, rows: np.ndarray) -> Vectors:
     """Where some sightings have their points, in the LSL."""
-    stop = observations.stop_of(rows)
-    R = np.take(by_component(state.rotations), stop, axis=2)
-    place = turned(R, seen.points[rows].T.copy())
-    place += np.take(state.centres.T, stop, axis=1)
+    of_pair = np.take(views.pairs[:12], observations.pair[rows], axis=1)
+    place = turned(of_pair[:9].reshape(3, 3, -1).swapaxes(0, 1), seen.points[:, rows])
+    place += of_pair[9:]
     return place
 
 
 def means(
-    state: State, observations: Observations, seen: Sightings, rows: np.ndarray, place: Vectors
+    views: Views, observations: Observations, seen: Sightings, rows: np.ndarray, place: Vectors
 ) -> tuple[np.ndarray, Float64[np.ndarray, "3 points"]]:
     """Numbers of the points that some sightings see, and the weighted mean place of each."""
-    R = np.take(by_component(state.rotations), observations.stop_of(rows), axis=2)
-    S = by_component(seen.covariances[rows])
-    P = product(product(R, inverses_by_component(S)), R.swapaxes(0, 1))
+    F = np.take(views.pairs[:9], observations.pair[rows], axis=1).reshape(3, 3, -1)
+    P = product(F.swapaxes(0, 1), product(inverses_by_component(seen.covariances[:, :, rows]), F))
     number = observations.point[rows]
     there = np.zeros(observations.points, dtype=bool)
     there[number] = True

@@ -59,7 +59,6 @@ def test_adding_a_stop_sequentially(benchmark, steps, stops):
 def test_a_step_without_its_report(benchmark, steps, stops, monkeypatch):
     spent = [0.0]
     for owner, name in (
-        (adjust, "sightings"),
         (adjust, "_agreement"),
         (result, "_ties"),
         (result.Outcome, "with_all_points"),
