@@ -20,10 +20,7 @@ def by_component(matrices: Float64[np.ndarray, "m 3 3"]) -> Matrices:
 
 def turned(A: Matrices, v: Vectors) -> Vectors:
     """A v of many matrices and vectors."""
-    w = A[:, 0] * v[0]
-    w += A[:, 1] * v[1]
-    w += A[:, 2] * v[2]
-    return w
+    return np.einsum("ijm,jm->im", A, v)
 
 
 def cross(v: Float64[np.ndarray, "3 *rows m"], w: Vectors) -> Float64[np.ndarray, "3 *rows m"]:
@@ -34,10 +31,7 @@ def cross(v: Float64[np.ndarray, "3 *rows m"], w: Vectors) -> Float64[np.ndarray
 
 def product(A: Matrices, B: Matrices) -> Matrices:
     """A B of many matrices."""
-    C = A[:, 0, None] * B[0]
-    C += A[:, 1, None] * B[1]
-    C += A[:, 2, None] * B[2]
-    return C
+    return np.einsum("ijm,jkm->ikm", A, B)
 
 
 def crosses(v: Vectors) -> Matrices:

@@ -186,7 +186,7 @@ def with_points(
 def in_lsl(views: Views, observations: Observations, seen: Sightings, rows: np.ndarray) -> Vectors:
     """Where some sightings have their points, in the LSL."""
     of_pair = np.take(views.pairs[:12], observations.pair[rows], axis=1)
-    place = turned(of_pair[:9].reshape(3, 3, -1).swapaxes(0, 1), seen.points[:, rows])
+    place = turned(of_pair[:9].reshape(3, 3, -1).swapaxes(0, 1), np.take(seen.points, rows, axis=1))
     place += of_pair[9:]
     return place
 
@@ -196,7 +196,8 @@ def means(
 ) -> tuple[np.ndarray, Float64[np.ndarray, "3 points"]]:
     """Numbers of the points that some sightings see, and the weighted mean place of each."""
     F = np.take(views.pairs[:9], observations.pair[rows], axis=1).reshape(3, 3, -1)
-    P = product(F.swapaxes(0, 1), product(inverses_by_component(seen.covariances[:, :, rows]), F))
+    P = inverses_by_component(np.take(seen.covariances, rows, axis=2))
+    P = product(F.swapaxes(0, 1), product(P, F))
     number = observations.point[rows]
     there = np.zeros(observations.points, dtype=bool)
     there[number] = True
@@ -222,10 +223,9 @@ def inverses_by_component(S: Matrices) -> Matrices:
     """The same, component by component."""
     (a, b, c), (_, d, e), (_, _, f) = S
     inverse = np.empty_like(S)
-    inverse[0] = d * f - e * e, c * e - b * f, b * e - c * d
+    inverse[0, 0], inverse[0, 1], inverse[0, 2] = d * f - e * e, c * e - b * f, b * e - c * d
     inverse[1, 1], inverse[1, 2], inverse[2, 2] = a * f - c * c, b * c - a * e, a * d - b * b
-    aa, bb, cc = inverse[0]
-    inverse[1, 0], inverse[2, 0], inverse[2, 1] = bb, cc, inverse[1, 2]
     with np.errstate(divide="ignore", invalid="ignore"):
-        inverse /= a * aa + b * bb + c * cc
+        inverse *= 1.0 / np.einsum("im,im->m", S[0], inverse[0])
+    inverse[1:, 0], inverse[2, 1] = inverse[0, 1:], inverse[1, 2]
     return inverse
