@@ -42,28 +42,34 @@ class RigidPoints:
     Y: Float64[np.ndarray, "n 3"]
     S_Y: Float64[np.ndarray, "n 3 3"]
 
-    def misfit(
-        self, R: Float64[np.ndarray, "3 3"], t: Float64[np.ndarray, " 3"]
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """X - (R Y + t), and the inverse of its covariance."""
-        return self.X - self.Y @ R.T - t, inverses(self.S_X + R @ self.S_Y @ R.T)
-
-    def standardised(self, R: np.ndarray, t: np.ndarray) -> Float64[np.ndarray, " n"]:
-        """Misfit of every point in its own standard deviations."""
-        e, P = self.misfit(R, t)
-        return np.sqrt((e * (P @ e[:, :, None])[:, :, 0]).sum(axis=1))
-
-    def normals(
-        self, R: np.ndarray, t: np.ndarray, weights: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Normal matrix and right-hand side of (turn, shift) from the left."""
-        e, P = self.misfit(R, t)
+    def misfit(self, R: Float64[np.ndarray, "3 3"], t: Float64[np.ndarray, " 3"]) -> Misfit:
+        """How far the points are apart where the second stop is turned and moved so."""
         turned = self.Y @ R.T
-        A = np.concatenate(
-            [-cross_matrix(turned), np.broadcast_to(np.eye(3), (len(e), 3, 3))], axis=2
-        )
-        PA = P @ A * weights[:, None, None]
-        return A.reshape(-1, 6).T @ PA.reshape(-1, 6), e.ravel() @ PA.reshape(-1, 6)
+        return Misfit(self.X - turned - t, inverses(self.S_X + R @ self.S_Y @ R.T), turned)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Misfit:
+    """The misfit of points at one motion."""
+
+    e: Float64[np.ndarray, "n 3"]
+    """X - (R Y + t)."""
+    P: Float64[np.ndarray, "n 3 3"]
+    """Inverse of its covariance."""
+    turned: Float64[np.ndarray, "n 3"]
+    """R Y."""
+
+    @property
+    def standardised(self) -> Float64[np.ndarray, " n"]:
+        """Misfit of every point in its own standard deviations."""
+        return np.sqrt((self.e * (self.P @ self.e[:, :, None])[:, :, 0]).sum(axis=1))
+
+    def normals(self, weights: Float64[np.ndarray, " n"]) -> tuple[np.ndarray, np.ndarray]:
+        """Normal matrix and right-hand side of (turn, shift) from the left."""
+        A = np.empty((len(self.e), 3, 6))
+        A[:, :, :3], A[:, :, 3:] = -cross_matrix(self.turned), np.eye(3)
+        PA = (self.P @ A * weights[:, None, None]).reshape(-1, 6)
+        return A.reshape(-1, 6).T @ PA, self.e.ravel() @ PA
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,20 +113,22 @@ def rigid_motion(
     size = np.trace(points.S_X, axis1=1, axis2=2) + np.trace(points.S_Y, axis1=1, axis2=2)
     loss = TruncatedLoss(np.ones(len(size)))
     R, t = closed_form(points, 1.0 / size)
+    misfit = points.misfit(R, t)
     for _ in range(ROUNDS):
-        R, t = _turned(points, R, t, loss.weights)
-        loss = loss.sharpened(points.standardised(R, t), gate)
+        R, t = _turned(misfit, R, t, loss.weights)
+        misfit = points.misfit(R, t)
+        loss = loss.sharpened(misfit.standardised, gate)
         if loss.is_settled:
             break
-    R, t = _turned(points, R, t, loss.weights)
-    return R, t, points.normals(R, t, loss.weights)[0], loss.weights
+    R, t = _turned(misfit, R, t, loss.weights)
+    return R, t, points.misfit(R, t).normals(loss.weights)[0], loss.weights
 
 
 def _turned(
-    points: RigidPoints, R: np.ndarray, t: np.ndarray, weights: np.ndarray
+    misfit: Misfit, R: np.ndarray, t: np.ndarray, weights: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """One Gauss-Newton step."""
-    N, n = points.normals(R, t, weights)
+    """One Gauss-Newton step from a motion and its misfit."""
+    N, n = misfit.normals(weights)
     x = np.linalg.solve(N + 1e-12 * np.trace(N) * np.eye(6) + np.eye(6) * 1e-12, n)
     turn = rotation_of_vector(x[:3])
     return turn @ R, t + x[3:]

@@ -139,7 +139,7 @@ def _known_better(
     """Eigenvalues (ascending) and eigenvectors of the alignment's normals in telemetry's sigmas."""
     state, overview = network.state, network.overview
     points = RigidPoints(*overview.in_lsl(state, theirs), *overview.in_rover(ours))
-    N, _ = points.normals(state.rotations[k], state.centres[k], np.ones(len(ours)))
+    N, _ = points.misfit(state.rotations[k], state.centres[k]).normals(np.ones(len(ours)))
     sigma = _telemetry_sigmas(network.telemetry, k)
     return np.linalg.eigh(N * np.outer(sigma, sigma))
 

@@ -20,7 +20,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from photogrammetry.adjustment.alignment import HALF, ROUNDS, RigidPoints, TruncatedLoss
+from photogrammetry.adjustment.alignment import HALF, ROUNDS, Misfit, RigidPoints, TruncatedLoss
 from photogrammetry.adjustment.collinearity import Observations, State
 from photogrammetry.adjustment.loops import REACH, closed_loops
 from photogrammetry.adjustment.params import AdjustmentParams
@@ -109,12 +109,14 @@ def _aligned(
     if not len(loss.weights):
         return state, loss.weights
     gate, state_before = params.gross, state
+    misfit = ties.misfit(state.rotations[k], state.centres[k])
     for _ in range(ROUNDS):
-        state = _align_step(state, telemetry, k, ties, loss.weights)
-        loss = loss.sharpened(ties.standardised(state.rotations[k], state.centres[k]), gate)
+        state = _align_step(state, telemetry, k, misfit, loss.weights)
+        misfit = ties.misfit(state.rotations[k], state.centres[k])
+        loss = loss.sharpened(misfit.standardised, gate)
         if loss.is_settled:
             break
-    aligned = _align_step(state, telemetry, k, ties, loss.weights)
+    aligned = _align_step(state, telemetry, k, misfit, loss.weights)
     unchecked = (loss.weights > HALF).sum() <= UNCHECKED_TIES
     if unchecked and _telemetry_misfit(aligned, telemetry, k) > gate:
         return state_before, np.zeros(len(ties.X))
@@ -130,10 +132,10 @@ def _telemetry_misfit(state: State, telemetry: Telemetry, k: int) -> float:
 
 
 def _align_step(
-    state: State, telemetry: Telemetry, k: int, ties: RigidPoints, weights: np.ndarray
+    state: State, telemetry: Telemetry, k: int, misfit: Misfit, weights: np.ndarray
 ) -> State:
-    """One Gauss-Newton step of the alignment."""
-    N, n = ties.normals(state.rotations[k], state.centres[k], weights)
+    """One Gauss-Newton step of the alignment, from a state and its misfit."""
+    N, n = misfit.normals(weights)
     both = np.array([max(k - 1, 0), k])
     link, ends = telemetry.of_stops(both), state.of_stops(both)
     l = telemetry_misclosures(ends, link)[1] * link.weight[1]

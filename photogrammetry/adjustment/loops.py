@@ -65,8 +65,9 @@ def _as_aligned(
     """The motion that two stops have, and what the ties that fit it know of it."""
     R = state.rotations[a].T @ state.rotations[b]
     t = state.rotations[a].T @ (state.centres[b] - state.centres[a])
-    fits = points.standardised(R, t) <= params.gross
-    return R, t, points.normals(R, t, fits.astype(float))[0]
+    misfit = points.misfit(R, t)
+    fits = misfit.standardised <= params.gross
+    return R, t, misfit.normals(fits.astype(float))[0]
 
 
 def _edges(
