@@ -17,7 +17,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from photogrammetry.adjustment.collinearity import Observations, State, are_in_front
+from photogrammetry.adjustment.collinearity import (
+    Observations,
+    State,
+    Views,
+    are_in_front,
+)
 from photogrammetry.adjustment.consistency import Comparisons, consistency
 from photogrammetry.adjustment.control_equations import Control, frame_places, known_used
 from photogrammetry.adjustment.datum import held_stops
@@ -123,11 +128,11 @@ def _agreement(
     outcome: Outcome, before: State, seen: Sightings
 ) -> tuple[dict[TieKind, Consistency], dict[TieKind, Consistency]]:
     """How well sightings agree before and after the adjustment."""
-    observations, after = outcome.observations, outcome.solution.state
-    compared = Comparisons.of(observations, outcome.used)
+    observations = outcome.observations
+    compared = Comparisons.of(observations, seen, outcome.used)
     return (
-        consistency(observations, before, seen, compared),
-        consistency(observations, after, seen, compared),
+        consistency(observations, Views.of(before, observations), seen, compared),
+        consistency(observations, outcome.views, seen, compared),
     )
 
 

@@ -14,9 +14,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.adjustment.collinearity import Observations, Sights, State, Views
+from photogrammetry.adjustment.collinearity import Observations, Sights, Views
 from photogrammetry.adjustment.records import Consistency
-from photogrammetry.adjustment.sightings import Sightings, in_lsl, means
+from photogrammetry.adjustment.sightings import Sightings, WeightedSightings, in_lsl
 from photogrammetry.arrays import Bool
 from photogrammetry.imagery import TieKind
 
@@ -34,9 +34,15 @@ class Comparisons:
     """Whether the two are of different stops."""
     of_cross: Bool[np.ndarray, " n"]
     """Whether the point of an observation is seen from several stops."""
+    sights: Sights
+    """The observations."""
+    weighted: WeightedSightings
+    """What they see."""
 
     @classmethod
-    def of(cls, observations: Observations, used: Bool[np.ndarray, " k"]) -> Comparisons:
+    def of(
+        cls, observations: Observations, seen: Sightings, used: Bool[np.ndarray, " k"]
+    ) -> Comparisons:
         """Of the observations in use."""
         rows = np.flatnonzero(used & observations.is_stereo)
         rows = rows[np.argsort(observations.point[rows], kind="stable")]
@@ -55,22 +61,22 @@ class Comparisons:
         is_compared[point[a]] = True
         is_cross[point[a[across]]] = True
         stays = is_compared[point]
-        place = np.cumsum(stays) - 1
-        return cls(rows[stays], place[a], place[b], across, is_cross[point[stays]])
+        place, rows = np.cumsum(stays) - 1, rows[stays]
+        sights = Sights.of(observations, rows)
+        weighted = WeightedSightings.of(observations, seen, rows)
+        return cls(rows, place[a], place[b], across, is_cross[sights.point], sights, weighted)
 
 
 def consistency(
-    observations: Observations, state: State, seen: Sightings, compared: Comparisons
+    observations: Observations, views: Views, seen: Sightings, compared: Comparisons
 ) -> dict[TieKind, Consistency]:
     """Agreement of the used observations at a state, by kind of tie."""
-    rows, across, of_cross = compared.rows, compared.across, compared.of_cross
-    views = Views.of(state, observations)
-    place = in_lsl(views, observations, seen, rows)
+    across, of_cross, weighted = compared.across, compared.of_cross, compared.weighted
+    place = in_lsl(views, observations, seen, compared.rows)
     apart_m = _lengths(place[:, compared.first] - place[:, compared.second])
     fused = np.full((3, observations.points), np.nan)
-    numbers, mean = means(views, observations, seen, rows, place)
-    fused[:, numbers] = mean
-    off_px = _lengths(views.at(fused).misclosures(Sights.of(observations, rows))[:2])
+    fused[:, weighted.numbers] = weighted.means(views, place)
+    off_px = _lengths(views.at(fused).misclosures(compared.sights)[:2])
     return {
         kind: Consistency(int(apart.sum()), _mean(off_px[off]), _mean(apart_m[apart]))
         for kind, apart, off in (

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from photogrammetry.adjustment.collinearity import Observations, State
+from photogrammetry.adjustment.collinearity import Observations, State, Views
 from photogrammetry.adjustment.control_equations import Control
 from photogrammetry.adjustment.control_tests import ControlTests, control_tests, stand_out
 from photogrammetry.adjustment.marginal import Marginal
@@ -18,7 +18,7 @@ from photogrammetry.adjustment.normals import Place, linearise_at
 from photogrammetry.adjustment.params import AdjustmentParams
 from photogrammetry.adjustment.priors import Telemetry
 from photogrammetry.adjustment.residuals import Residuals, residuals
-from photogrammetry.adjustment.result import Outcome, with_points_seen_alone
+from photogrammetry.adjustment.result import Outcome, all_points
 from photogrammetry.adjustment.sightings import Sightings
 from photogrammetry.adjustment.snooping import reinstated, suspects
 from photogrammetry.adjustment.solver import Linearised, Problem, Solution, solve
@@ -73,6 +73,7 @@ class _Judged:
 
     problem: Problem
     state: State
+    views: Views
     now: Linearised
     inverse: np.ndarray
     found: Residuals
@@ -102,7 +103,7 @@ class _Judged:
         inverse = now.factor.inverse()
         found = residuals(problem, now.ties, inverse)
         placed = control_tests(problem, state, inverse, params, threshold)
-        return cls(problem, state, now, inverse, found, placed)
+        return cls(problem, state, at.views, now, inverse, found, placed)
 
 
 def estimate(start: Start, params: AdjustmentParams) -> Outcome:
@@ -132,6 +133,7 @@ def estimate(start: Start, params: AdjustmentParams) -> Outcome:
         start.observations,
         judged.problem,
         replace(solution, iterations=iterations, at=None, now=None),
+        judged.views,
         used,
         judged.found,
         judged.now.ties,
@@ -158,7 +160,8 @@ def _with_fitting(
     if not step.robust or used.all():
         return used, before, judged.state
     seen = Sightings.of(start.observations, params)
-    state = with_points_seen_alone(judged.problem, judged.state, used, seen)
+    points = all_points(judged.problem, judged.views, used, seen)
+    state = replace(judged.state, points=points)
     back = reinstated(
         judged.problem, state, judged.now.ties, judged.found, used, judged.inverse, params
     )

@@ -21,7 +21,7 @@ from dataclasses import replace
 import numpy as np
 
 from photogrammetry.adjustment.alignment import HALF, ROUNDS, Misfit, RigidPoints, TruncatedLoss
-from photogrammetry.adjustment.collinearity import Observations, State
+from photogrammetry.adjustment.collinearity import Observations, State, Views
 from photogrammetry.adjustment.loops import REACH, closed_loops
 from photogrammetry.adjustment.params import AdjustmentParams
 from photogrammetry.adjustment.priors import (
@@ -30,7 +30,7 @@ from photogrammetry.adjustment.priors import (
     telemetry_partials,
 )
 from photogrammetry.adjustment.rotations import rotation_of_vector
-from photogrammetry.adjustment.sightings import Overview, with_points
+from photogrammetry.adjustment.sightings import Overview, points_seen
 
 UNCHECKED_TIES = 3
 """So many ties place a stop without checking one another; telemetry must not contradict them."""
@@ -76,7 +76,8 @@ def initialise(  # noqa: PLR0913, PLR0917 - the network, where it stands, and wh
         earlier[points[fresh]] = ours[fresh]
     state, astray = closed_loops(state, telemetry, held, overview, params)
     fits[astray] = False
-    return with_points(state, observations, seen, fits), fits
+    points = points_seen(Views.of(state, observations), observations, seen, fits)
+    return replace(state, points=points), fits
 
 
 def carried(state: State, telemetry: Telemetry, held: np.ndarray, is_known: np.ndarray) -> State:

@@ -148,10 +148,10 @@ def joint_covariances(problem: Problem, inverse: np.ndarray) -> np.ndarray:
 
 
 def single_sightings(
-    observations: Observations, state: State, rows: np.ndarray, joint: np.ndarray
+    observations: Observations, views: Views, rows: np.ndarray, joint: np.ndarray
 ) -> np.ndarray:
     """Covariance of points placed by one stereo observation each."""
-    sights, views = Sights.of(observations, rows), Views.of(state, observations)
+    sights = Sights.of(observations, rows)
     A = views.partials(sights)  # a point moves by back (noise - A_o x), whatever the weights
     back, arm = inverted(A.by_point), views.arm(A.X, observations.stop_of(rows))
     G = np.empty((3, 9, len(rows)))

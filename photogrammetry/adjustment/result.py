@@ -11,8 +11,8 @@ from scipy.special import chdtri
 
 from photogrammetry.adjustment.collinearity import (
     Observations,
-    State,
-    misclosures,
+    Sights,
+    Views,
 )
 from photogrammetry.adjustment.control_results import adjusted_control, adjusted_frames
 from photogrammetry.adjustment.control_tests import ControlTests
@@ -40,8 +40,9 @@ from photogrammetry.adjustment.residuals import (
     single_sightings,
 )
 from photogrammetry.adjustment.rotations import cross_matrix, left_jacobian, rotation_of_vector
-from photogrammetry.adjustment.sightings import Sightings, with_points
+from photogrammetry.adjustment.sightings import Sightings, points_seen
 from photogrammetry.adjustment.solver import Solution
+from photogrammetry.arrays import Float64
 from photogrammetry.frames import LSL, Pose
 from photogrammetry.imagery import TieKind, TiePoints
 
@@ -58,6 +59,8 @@ class Outcome:
     observations: Observations
     problem: Problem
     solution: Solution
+    views: Views
+    """What is seen from the solution."""
     used: np.ndarray
     residuals: Residuals
     ties: tuple[EliminatedTies, ...]
@@ -69,17 +72,19 @@ class Outcome:
 
     def with_all_points(self, seen: Sightings) -> Outcome:
         """The same with the places of points that one pair alone sees."""
-        state = with_points_seen_alone(self.problem, self.solution.state, self.used, seen)
-        return replace(self, solution=replace(self.solution, state=state))
+        points = all_points(self.problem, self.views, self.used, seen)
+        state = replace(self.solution.state, points=points)
+        views = self.views.at(points.T.copy())
+        return replace(self, solution=replace(self.solution, state=state), views=views)
 
 
-def with_points_seen_alone(
-    problem: Problem, state: State, used: np.ndarray, seen: Sightings
-) -> State:
-    """The state with points that are in no adjustment where their best sighting has them."""
+def all_points(
+    problem: Problem, views: Views, used: np.ndarray, seen: Sightings
+) -> Float64[np.ndarray, "points 3"]:
+    """All points, those that are in no adjustment where their sightings have them."""
     observations, inside = problem.observations, problem.anchor >= 0
-    alone = with_points(state, observations, seen, used & ~inside[observations.point])
-    return replace(state, points=np.where(inside[:, None], state.points, alone.points))
+    alone = points_seen(views, observations, seen, used & ~inside[observations.point])
+    return np.where(inside[:, None], views.points.T, alone)
 
 
 def assembled(
@@ -200,8 +205,8 @@ def _stops(
 def _ties(network: Network, outcome: Outcome, factor: float, joint: np.ndarray) -> AdjustedTies:
     """The tie points as adjusted, with residuals and status."""
     observations, state, used = outcome.observations, outcome.solution.state, outcome.used
-    everything = np.arange(len(observations))
-    l = misclosures(state, observations, everything) if len(everything) else np.zeros((0, 3))
+    everything = Sights.of(observations, np.arange(len(observations)))
+    l = outcome.views.misclosures(everything).T.copy() if len(used) else np.zeros((0, 3))
     l[observations.weight == 0] = np.nan
     has_stereo = np.bincount(
         observations.point[observations.is_stereo], minlength=observations.points
@@ -211,7 +216,9 @@ def _ties(network: Network, outcome: Outcome, factor: float, joint: np.ndarray) 
     alone = used & observations.is_stereo
     alone[outcome.problem.rows] = False
     rows = np.flatnonzero(alone)
-    covariances[observations.point[rows]] = single_sightings(observations, state, rows, joint)
+    covariances[observations.point[rows]] = single_sightings(
+        observations, outcome.views, rows, joint
+    )
     return AdjustedTies(
         network.ties,
         state.points,

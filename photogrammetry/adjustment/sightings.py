@@ -10,7 +10,7 @@ pointing (radians), its covariance is
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -25,7 +25,7 @@ from photogrammetry.adjustment.componentwise import (
 )
 from photogrammetry.adjustment.params import AdjustmentParams
 from photogrammetry.adjustment.rotations import rotation_of_vector
-from photogrammetry.arrays import Covariances3, Flags, Float64
+from photogrammetry.arrays import Covariances3, Flags, Float64, Int32
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,7 +59,10 @@ class Sightings:
 
 
 def _covariances(
-    points: Vectors, along: Float64[np.ndarray, " n"], across: Float64[np.ndarray, " n"], turn: float
+    points: Vectors,
+    along: Float64[np.ndarray, " n"],
+    across: Float64[np.ndarray, " n"],
+    turn: float,
 ) -> tuple[Matrices, Float64[np.ndarray, " n"]]:
     """Covariances of points and their traces, from standard deviations: see above."""
     distance2, across2 = np.einsum("cn,cn->n", points, points), across**2
@@ -163,24 +166,24 @@ class Overview:
         return state.centres[stop] + (R @ places[:, :, None])[:, :, 0], R @ S @ R.mT
 
 
-def with_points(
-    state: State, observations: Observations, seen: Sightings, used: np.ndarray
-) -> State:
-    """The state with every point at the weighted mean of its used sightings; NaN if none can.
+def points_seen(
+    views: Views, observations: Observations, seen: Sightings, used: np.ndarray
+) -> Float64[np.ndarray, "points 3"]:
+    """Every point at the weighted mean of its used sightings; NaN if none can.
 
     The weights are the inverse covariances of the sightings, so rays of several stops intersect
     here although each sighting alone is poor in range.
     """
-    rows, views = np.flatnonzero(used & observations.is_stereo), Views.of(state, observations)
+    rows = np.flatnonzero(used & observations.is_stereo)
     number = observations.point[rows]
     place = in_lsl(views, observations, seen, rows)
     points = np.full((observations.points, 3), np.nan)
     points[number] = place.T
     several = np.bincount(number, minlength=observations.points)[number] > 1
     if several.any():
-        mean_of, mean = means(views, observations, seen, rows[several], place[:, several])
-        points[mean_of] = mean.T
-    return replace(state, points=points)
+        weighted = WeightedSightings.of(observations, seen, rows[several])
+        points[weighted.numbers] = weighted.means(views, place[:, several]).T
+    return points
 
 
 def in_lsl(views: Views, observations: Observations, seen: Sightings, rows: np.ndarray) -> Vectors:
@@ -191,24 +194,38 @@ def in_lsl(views: Views, observations: Observations, seen: Sightings, rows: np.n
     return place
 
 
-def means(
-    views: Views, observations: Observations, seen: Sightings, rows: np.ndarray, place: Vectors
-) -> tuple[np.ndarray, Float64[np.ndarray, "3 points"]]:
-    """Numbers of the points that some sightings see, and the weighted mean place of each."""
-    F = np.take(views.pairs[:9], observations.pair[rows], axis=1).reshape(3, 3, -1)
-    P = inverses_by_component(np.take(seen.covariances, rows, axis=2))
-    P = product(F.swapaxes(0, 1), product(P, F))
-    number = observations.point[rows]
-    there = np.zeros(observations.points, dtype=bool)
-    there[number] = True
-    numbers = np.flatnonzero(there)
-    of = (np.cumsum(there) - 1)[number]
-    equations = np.concatenate([P.reshape(9, -1), turned(P, place)])
-    n = len(numbers)
-    at = (of + n * np.arange(12)[:, None]).ravel()
-    sums = np.bincount(at, equations.ravel(), minlength=12 * n).reshape(12, n)
-    sums = sums.astype(np.float64, copy=False)  # of no sightings numpy counts in integers
-    return numbers, turned(inverses_by_component(sums[:9].reshape(3, 3, n)), sums[9:])
+@dataclass(frozen=True, slots=True, eq=False)
+class WeightedSightings:
+    """Some sightings with their weights, and which of them see the same point."""
+
+    pair: Int32[np.ndarray, " m"]
+    weights: Matrices
+    """Inverse covariances in the frames of the pairs."""
+    numbers: np.ndarray
+    """Of the points that they see, ascending."""
+    places: np.ndarray
+    """Where the sums of the 12 numbers of each sighting's normal equations go."""
+
+    @classmethod
+    def of(cls, observations: Observations, seen: Sightings, rows: np.ndarray) -> WeightedSightings:
+        """Those of some observations."""
+        number = observations.point[rows]
+        there = np.zeros(observations.points, dtype=bool)
+        there[number] = True
+        numbers = np.flatnonzero(there)
+        of = (np.cumsum(there) - 1)[number]
+        places = (of + len(numbers) * np.arange(12)[:, None]).ravel()
+        weights = inverses_by_component(np.take(seen.covariances, rows, axis=2))
+        return cls(observations.pair[rows], weights, numbers, places)
+
+    def means(self, views: Views, place: Vectors) -> Float64[np.ndarray, "3 points"]:
+        """The weighted mean place of each point, from those of the sightings in the LSL."""
+        F, n = np.take(views.pairs[:9], self.pair, axis=1).reshape(3, 3, -1), len(self.numbers)
+        P = product(F.swapaxes(0, 1), product(self.weights, F))
+        equations = np.concatenate([P.reshape(9, -1), turned(P, place)])
+        sums = np.bincount(self.places, equations.ravel(), minlength=12 * n).reshape(12, n)
+        sums = sums.astype(np.float64, copy=False)  # of no sightings numpy counts in integers
+        return turned(inverses_by_component(sums[:9].reshape(3, 3, n)), sums[9:])
 
 
 def inverses(S: Covariances3) -> Covariances3:
@@ -225,7 +242,7 @@ def inverses_by_component(S: Matrices) -> Matrices:
     inverse = np.empty_like(S)
     inverse[0, 0], inverse[0, 1], inverse[0, 2] = d * f - e * e, c * e - b * f, b * e - c * d
     inverse[1, 1], inverse[1, 2], inverse[2, 2] = a * f - c * c, b * c - a * e, a * d - b * b
+    inverse[1:, 0], inverse[2, 1] = inverse[0, 1:], inverse[1, 2]
     with np.errstate(divide="ignore", invalid="ignore"):
         inverse *= 1.0 / np.einsum("im,im->m", S[0], inverse[0])
-    inverse[1:, 0], inverse[2, 1] = inverse[0, 1:], inverse[1, 2]
     return inverse

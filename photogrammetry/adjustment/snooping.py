@@ -8,7 +8,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from photogrammetry.adjustment.collinearity import Observations, State, misclosures, partials
+from photogrammetry.adjustment.collinearity import (
+    Observations,
+    State,
+    Views,
+    misclosures,
+    partials,
+)
 from photogrammetry.adjustment.elimination import EliminatedTies
 from photogrammetry.adjustment.gates import gates
 from photogrammetry.adjustment.params import AdjustmentParams
@@ -82,7 +88,9 @@ def reinstated(  # noqa: PLR0913, PLR0917 - the network, where it stands, and wh
     alone = used & observations.is_stereo
     alone[problem.rows] = False
     single = np.flatnonzero(alone)
-    C[observations.point[single]] = single_sightings(observations, state, single, joint)
+    C[observations.point[single]] = single_sightings(
+        observations, Views.of(state, observations), single, joint
+    )
     rows = np.flatnonzero(~used & observations.is_stereo)
     point = observations.point[rows]
     rows = rows[
