@@ -42,7 +42,7 @@ class Correction:
     """(stops, 6) rotation and shift in the LSL."""
     pointing: np.ndarray
     points: np.ndarray
-    """(3, points)."""
+    """(3, points in the adjustment), group by group."""
     frames: np.ndarray
     """(frames, 5)."""
 
@@ -52,14 +52,14 @@ class Correction:
     ) -> Correction:
         """All corrections, those of points too, from those of the orientations `x`."""
         turn_shift, pointing, frames = problem.unknowns.unpack(x)
-        points, padded, end = np.zeros_like(at.views.points), np.append(x, 0.0), 0
+        padded, points = np.append(x, 0.0), np.empty((3, len(problem.points)))
+        end = 0
         for tie, columns in zip(ties, problem.right_places, strict=True):
-            own = problem.sights.part(slice(end, end + tie.group.points))
-            end += tie.group.rows.size
-            base = at.views.stop[own.pair]
-            turn, shift = np.take(turn_shift.T, base, axis=1).reshape(2, 3, -1)
-            arm = at.views.arm(np.take(at.views.points, own.point, axis=1), base)
-            points[:, own.point] = shift + cross(turn, arm) + place_points(tie, padded[columns])
+            points[:, end : (end := end + tie.group.points)] = place_points(tie, padded[columns])
+        arm = at.views.arm(np.take(at.views.points, problem.points, axis=1), problem.bases)
+        of_base = np.take(turn_shift.T, problem.bases, axis=1)
+        points += of_base[3:]
+        points += cross(of_base[:3], arm)
         return cls(turn_shift, pointing, points, frames)
 
     def shortened(self, part: float) -> Correction:
@@ -85,14 +85,13 @@ def moved(problem: Problem, at: Place, correction: Correction) -> State:
     state = at.state
     centres = along_arcs(state.centres, correction.turn, correction.shift, problem.held)
     points = at.views.points.copy()
-    motion = _Motion(
-        at.views, by_component(turns), correction.turn.T.copy(), correction.shift.T, centres.T
-    )
-    placed = np.flatnonzero(problem.anchor >= 0)
-    for begin in range(0, len(placed), CACHED):
-        part = placed[begin : begin + CACHED]
-        points[:, part] = motion.of_points(
-            points[:, part], correction.points[:, part], problem.anchor[part]
+    of_stops = [correction.turn_shift.T, centres.T, by_component(turns).reshape(9, -1)]
+    motion = _Motion(at.views, np.concatenate(of_stops))
+    for begin in range(0, len(problem.points), CACHED):
+        part = slice(begin, begin + CACHED)
+        placed = problem.points[part]
+        points[:, placed] = motion.of_points(
+            np.take(points, placed, axis=1), correction.points[:, part], problem.anchors[part]
         )
     return State(
         turns @ state.rotations,
@@ -108,21 +107,18 @@ class _Motion:
     """How stops and pairs move."""
 
     views: Views
-    turns: np.ndarray
-    """(3, 3, stops) rotations."""
-    turn: np.ndarray
-    """(3, stops) the same as rotation vectors."""
-    shift: np.ndarray
-    centres: np.ndarray
-    """(3, stops) after the correction."""
+    of_stops: np.ndarray
+    """(18, stops) rotation vectors (3), shifts (3), centres after the correction (3), rotations."""
 
     def of_points(self, X: np.ndarray, dX: np.ndarray, pair: np.ndarray) -> np.ndarray:
         """Points (3, n) after corrections dX, each moved along with the stop of its pair."""
         stop = self.views.stop[pair]
         arm = self.views.arm(X, stop)
-        rest = dX - self.shift[:, stop] - cross(self.turn[:, stop], arm)
+        of_stop = np.take(self.of_stops, stop, axis=1)
+        turn, shift, centre = of_stop[:9].reshape(3, 3, -1)
+        rest = dX - shift - cross(turn, arm)
         arm = self.views.arm(_in_inverse_depth(self.views, X, rest, pair), stop)
-        return self.centres[:, stop] + turned(np.take(self.turns, stop, axis=2), arm)
+        return centre + turned(of_stop[9:].reshape(3, 3, -1), arm)
 
 
 def _in_inverse_depth(views: Views, X: np.ndarray, dX: np.ndarray, pair: np.ndarray) -> np.ndarray:

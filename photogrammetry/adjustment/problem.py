@@ -43,8 +43,12 @@ class Problem:
     """Observations that belong to a group, group by group."""
     sights: Sights
     """The rows of the groups, in their order; those that repeat others without weight."""
-    anchor: np.ndarray
-    """Per point, the pair that is nearest to it (-1: not in the adjustment)."""
+    points: np.ndarray
+    """Numbers of the points in the adjustment, group by group."""
+    bases: np.ndarray
+    """Base stop of each of these points."""
+    anchors: np.ndarray
+    """The pair that is nearest to each of them."""
     inherited_places: tuple[np.ndarray, np.ndarray]
     """Where in the flat normal matrix, and in the vector of unknowns, what is inherited goes."""
     inherited: Marginal | None = None
@@ -103,12 +107,12 @@ class Problem:
         rows = np.concatenate([none, *(g.rows.ravel() for g in groups)])
         counts = np.concatenate([none == 0, *(g.counts.ravel() for g in groups)])
         sights = Sights.of(observations, rows).counting(counts)
-        anchor = np.full(observations.points, -1)
-        nearest = rows[np.argsort(observations.measured[rows, 2], kind="stable")]
-        anchor[observations.point[nearest]] = observations.pair[nearest]
+        first = np.concatenate([none, *(g.rows[0] for g in groups)])
+        nearest = np.concatenate([none, *(_nearest(observations, g.rows) for g in groups)])
         return cls(
             observations, telemetry, held, unknowns, pattern, groups, places, right_places,
-            link_places, link_right, weight, rows[counts], sights, anchor,
+            link_places, link_right, weight, rows[counts], sights,
+            observations.point[first], observations.stop[first], observations.pair[nearest],
             _inherited_places(inherited, unknowns, pattern), inherited,
             control, *_control_places(control, unknowns, pattern),
         )  # fmt: skip
@@ -124,6 +128,12 @@ class Problem:
         known += self.control.surplus if self.control else 0
         frames = int((self.unknowns.frame_columns >= 0).sum())  # each known beforehand
         return coordinates + telemetry + known + frames - points - self.unknowns.count
+
+
+def _nearest(observations: Observations, rows: np.ndarray) -> np.ndarray:
+    """Of rows (k, n) of n points each one's with the greatest parallax."""
+    parallax = observations.measured[rows, 2]
+    return rows[len(rows) - 1 - parallax[::-1].argmax(axis=0), np.arange(rows.shape[1])]
 
 
 def _inherited_places(

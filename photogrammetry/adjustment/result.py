@@ -82,9 +82,12 @@ def all_points(
     problem: Problem, views: Views, used: np.ndarray, seen: Sightings
 ) -> Float64[np.ndarray, "points 3"]:
     """All points, those that are in no adjustment where their sightings have them."""
-    observations, inside = problem.observations, problem.anchor >= 0
-    alone = points_seen(views, observations, seen, used & ~inside[observations.point])
-    return np.where(inside[:, None], views.points.T, alone)
+    observations = problem.observations
+    inside = np.zeros(observations.points, dtype=bool)
+    inside[problem.points] = True
+    points = points_seen(views, observations, seen, used & ~inside[observations.point])
+    points[problem.points] = views.points.T[problem.points]
+    return points
 
 
 def assembled(
