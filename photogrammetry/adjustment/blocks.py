@@ -47,9 +47,8 @@ class Factor:
 
     def solve(self, right: Float64[np.ndarray, " n"], offsets: np.ndarray) -> np.ndarray:
         """Solve N x = right; `offsets` say where each block begins."""
-        x = right.copy()
-        sizes = self.pattern.sizes
-        part = {s: slice(offsets[s], offsets[s] + sizes[s]) for s in self.pattern.order}
+        x, sizes, begin = right.copy(), self.pattern.sizes.tolist(), offsets.tolist()
+        part = {s: slice(begin[s], begin[s] + sizes[s]) for s in self.pattern.order}
         for s in self.pattern.order:
             x[part[s]] = self.inverse_diagonal[s] @ x[part[s]]
             at = 0
@@ -66,7 +65,7 @@ class Factor:
 
     def inverse(self) -> np.ndarray:
         """The entries of N^-1 on the pattern, as a flat array with the bin (zero) at its end."""
-        flat = np.zeros(self.pattern.length + 1)
+        flat, sizes = np.zeros(self.pattern.length + 1), self.pattern.sizes.tolist()
         Z = self.pattern.views(flat)
         for s in reversed(self.pattern.order):
             later, inverse = self.pattern.later[s], self.inverse_diagonal[s]
@@ -74,16 +73,17 @@ class Factor:
             if not later:
                 continue
             Y = self.panel[s] @ inverse
-            Z_TT = np.block([[Z[t, u] for u in later] for t in later])
+            rows_of = (np.concatenate([Z[t, u] for u in later], axis=1) for t in later)
+            Z_TT = np.concatenate(list(rows_of))
             Z_Ts = -Z_TT @ Y
             own = Z[s, s] - Y.T @ Z_Ts
             Z[s, s][:] = (own + own.T) / 2
             at = 0
             for t in later:
-                rows = Z_Ts[at : at + self.pattern.sizes[t]]
+                rows = Z_Ts[at : at + sizes[t]]
                 Z[t, s][:] = rows
                 Z[s, t][:] = rows.T
-                at += self.pattern.sizes[t]
+                at += sizes[t]
         return flat
 
 
@@ -93,7 +93,7 @@ def factorise(pattern: BlockPattern, flat: np.ndarray) -> Factor:
     Raises:
         AdjustmentError: a block is singular; says which, and what to do.
     """
-    N = pattern.views(flat)
+    N, sizes = pattern.views(flat), pattern.sizes.tolist()
     N |= {(t, s): block.T for (s, t), block in N.items() if s > t}
     inverse_diagonal: dict[int, np.ndarray] = {}
     panels: dict[int, np.ndarray] = {}
@@ -122,8 +122,8 @@ def factorise(pattern: BlockPattern, flat: np.ndarray) -> Factor:
             j = 0
             for u in later:
                 if u <= t:
-                    N[t, u][:] -= update[i : i + pattern.sizes[t], j : j + pattern.sizes[u]]
-                j += pattern.sizes[u]
-            i += pattern.sizes[t]
+                    N[t, u][:] -= update[i : i + sizes[t], j : j + sizes[u]]
+                j += sizes[u]
+            i += sizes[t]
     low, high = (min(p[0] for p in pivots), max(p[1] for p in pivots)) if pivots else (1.0, 1.0)
     return Factor(pattern, inverse_diagonal, panels, 2.0 * float(np.log10(high / low)))

@@ -215,10 +215,10 @@ def misclosures(
 
 def are_in_front(state: State, observations: Observations) -> Bool[np.ndarray, " n"]:
     """Which observations have their point before the camera, so that there are misclosures."""
-    rotations, origins = pair_orientations(state, observations)
-    j, axes = observations.pair, rotations[:, :, 2]
-    depth = np.vecdot(axes[j], state.points[observations.point] - origins[j])
-    return depth > 0
+    views = Views.of(state, observations)
+    axis, origin = np.take(views.pairs[6:12], observations.pair, axis=1).reshape(2, 3, -1)
+    arm = np.take(views.points, observations.point, axis=1) - origin
+    return np.einsum("im,im->m", axis, arm) > 0
 
 
 def partials(

@@ -25,8 +25,11 @@ def turned(A: Matrices, v: Vectors) -> Vectors:
 
 def cross(v: Float64[np.ndarray, "3 *rows m"], w: Vectors) -> Float64[np.ndarray, "3 *rows m"]:
     """Cross products v x w."""
-    (a, b, c), (x, y, z) = v, w
-    return np.stack([b * z - c * y, c * x - a * z, a * y - b * x])
+    (a, b, c), (x, y, z), crossed = v, w, np.empty(v.shape)
+    np.subtract(b * z, c * y, out=crossed[0])
+    np.subtract(c * x, a * z, out=crossed[1])
+    np.subtract(a * y, b * x, out=crossed[2])
+    return crossed
 
 
 def product(A: Matrices, B: Matrices) -> Matrices:

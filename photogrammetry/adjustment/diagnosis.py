@@ -153,7 +153,8 @@ def _telemetry_sigmas(telemetry: Telemetry, k: int) -> np.ndarray:
 def _is_spread(network: Initial, k: int, ours: np.ndarray) -> bool:
     """Whether points lie so far off their line that the turn about it needs no closer look."""
     points, _ = network.overview.in_rover(ours)
-    spread = np.linalg.eigvalsh(np.cov(points.T, bias=True) * len(points))
+    off = points - points.mean(axis=0)
+    spread = np.linalg.eigvalsh(off.T @ off)
     sigma = np.sqrt(np.median(network.overview.seen.size[ours]))
     return bool(sigma / np.sqrt(max(spread[1], 1e-12)) < 0.5 / network.telemetry.weight[k, 0])
 

@@ -177,8 +177,9 @@ def orthonormal(A_t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
                 column -= np.einsum("drn,dn->rn", Q[:c], r)
                 R[:c, c] += r
             left = np.sqrt(_dot(column, column))
-        R[c, c] = np.where(left > UNFELT * length, left, 0.0)
-        column *= np.divide(1.0, R[c, c], out=np.zeros_like(left), where=R[c, c] > 0)
+        felt = left > UNFELT * length
+        R[c, c] = felt * left
+        column *= felt / np.where(felt, left, 1.0)
     return Q, R
 
 
@@ -203,8 +204,10 @@ def _back_substitute(R: np.ndarray, right: np.ndarray) -> np.ndarray:
 
     Nothing along what the images do not feel.
     """
-    x = np.zeros_like(right)
-    for i in (2, 1, 0):
-        known = sum((R[i, j] * x[j] for j in range(i + 1, 3)), np.zeros_like(right[i]))
-        np.divide(right[i] - known, R[i, i], out=x[i], where=R[i, i] > 0)
+    pivots = R[range(3), range(3)]
+    scale = (pivots > 0) / np.where(pivots > 0, pivots, 1.0)
+    x = np.empty(right.shape)
+    x[2] = scale[2] * right[2]
+    x[1] = scale[1] * (right[1] - R[1, 2] * x[2])
+    x[0] = scale[0] * (right[0] - R[0, 1] * x[1] - R[0, 2] * x[2])
     return x

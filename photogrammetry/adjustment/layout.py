@@ -24,7 +24,7 @@ carry no weight.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import groupby
 
@@ -69,6 +69,17 @@ class TieGroup:
     """(signatures, absolute columns) place of every column in its stop's block, -1 where held."""
     per_pair: int
     """Columns of a pair."""
+    counts: np.ndarray = field(init=False)
+    """(k, n) which observations count: those that do not repeat the one before."""
+    signature: np.ndarray = field(init=False)
+    """Signature of every point."""
+
+    def __post_init__(self) -> None:
+        counts, begins = np.ones(self.rows.shape, dtype=bool), np.zeros(self.points, dtype=np.int64)
+        np.not_equal(self.rows[1:], self.rows[:-1], out=counts[1:])
+        begins[self.first[1:]] = 1
+        object.__setattr__(self, "counts", counts)
+        object.__setattr__(self, "signature", begins.cumsum())
 
     @classmethod
     def of(
@@ -109,11 +120,6 @@ class TieGroup:
     def seen(self) -> int:
         """Observations per point."""
         return len(self.slots)
-
-    @property
-    def counts(self) -> np.ndarray:
-        """(k, n) which observations count: those that do not repeat the one before."""
-        return np.diff(self.rows, axis=0, prepend=-1) != 0
 
     @property
     def points(self) -> int:
@@ -157,11 +163,6 @@ class TieGroup:
     def is_shared(self) -> bool:
         """Whether several points share a signature."""
         return len(self.first) < self.points
-
-    @property
-    def signature(self) -> np.ndarray:
-        """Signature of every point."""
-        return np.repeat(np.arange(len(self.first)), np.diff(self.first, append=self.points))
 
 
 def _by_column(of_stops: np.ndarray, of_pairs: np.ndarray) -> np.ndarray:

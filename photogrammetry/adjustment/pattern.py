@@ -116,7 +116,7 @@ class BlockPattern:
 
     def views(self, flat: np.ndarray) -> Blocks:
         """The blocks of a flat array, as matrices that share its memory."""
-        n, sizes = len(self.sizes), self.sizes
+        n, sizes = len(self.sizes), self.sizes.tolist()
         blocks = {}
         for key, start in zip(self.keys.tolist(), self.starts.tolist(), strict=True):
             s, t = divmod(key, n)

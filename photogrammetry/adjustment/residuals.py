@@ -124,8 +124,9 @@ def point_covariances(
         G[:, range(3), range(-3, 0)] += 1.0
         back[~tie.is_felt] = np.nan
         Z = _base_and_felt(problem, tie, inverse, places)
-        C[numbers] = G @ (Z[group.signature] if group.is_shared else Z) @ G.mT
-        C[numbers] += back @ back.mT.copy()
+        own = G @ (Z[group.signature] if group.is_shared else Z) @ G.mT
+        own += back @ back.mT.copy()
+        C[numbers] = own
     return C
 
 
@@ -159,4 +160,4 @@ def single_sightings(
     G[:, 6:] = product(back, A.by_pointing)
     by_row = G.transpose(2, 0, 1).copy()
     carried = by_row @ joint[observations.pair[rows]] @ by_row.mT
-    return carried + np.einsum("idn,jdn->nij", back, back)
+    return carried + np.einsum("idn,jdn->ijn", back, back).transpose(2, 0, 1)
