@@ -45,6 +45,7 @@ from photogrammetry.adjustment.observations import (
     STOP_UNKNOWNS,
     Observations,
     PairBodies,
+    Sights,
     State,
 )
 from photogrammetry.adjustment.rotations import left_jacobian, rotation_of_vector
@@ -62,38 +63,6 @@ def pair_orientations(
         + (of_stop @ observations.origins_in_rover(state.pointings)[:, :, None])[:, :, 0]
     )
     return rotations, origins
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Sights:
-    """Observations of image coordinates, component by component."""
-
-    point: Int32[np.ndarray, " m"]
-    pair: Int32[np.ndarray, " m"]
-    measured: Vectors
-    weight: Vectors
-
-    @classmethod
-    def of(cls, observations: Observations, rows: np.ndarray) -> Sights:
-        """Some of the observations of a network."""
-        return cls(
-            observations.point[rows],
-            observations.pair[rows],
-            observations.measured[rows].T.copy(),
-            observations.weight[rows].T.copy(),
-        )
-
-    def __len__(self) -> int:
-        return len(self.point)
-
-    def counting(self, counts: Bool[np.ndarray, " m"]) -> Sights:
-        """The same with no weight where they do not count."""
-        return replace(self, weight=self.weight * counts)
-
-    def part(self, part: slice) -> Sights:
-        """Some consecutive ones."""
-        measured, weight = self.measured[:, part], self.weight[:, part]
-        return Sights(self.point[part], self.pair[part], measured, weight)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -209,7 +178,7 @@ def misclosures(
     state: State, observations: Observations, rows: np.ndarray
 ) -> Float64[np.ndarray, "m 3"]:
     """Observed minus computed (x, y, p) of some observations, pixels; NaN behind the camera."""
-    sights = Sights.of(observations, rows)
+    sights = observations.sights.at(rows)
     return Views.of(state, observations).misclosures(sights).T.copy()
 
 
@@ -225,7 +194,7 @@ def partials(
     state: State, observations: Observations, rows: np.ndarray
 ) -> tuple[Float64[np.ndarray, "m 3 9"], Float64[np.ndarray, "m 3 3"]]:
     """Derivatives of (x, y, p) by (d, dc, dm) of the observation's stop and pair, and by dX."""
-    sights, views = Sights.of(observations, rows), Views.of(state, observations)
+    sights, views = observations.sights.at(rows), Views.of(state, observations)
     return views.partials(replace(sights, weight=np.ones_like(sights.weight))).by_row(
         views, observations.stop_of(rows)
     )

@@ -62,7 +62,7 @@ class Comparisons:
         is_cross[point[a[across]]] = True
         stays = is_compared[point]
         place, rows = np.cumsum(stays) - 1, rows[stays]
-        sights = Sights.of(observations, rows)
+        sights = observations.sights.at(rows)
         weighted = WeightedSightings.of(observations, seen, rows)
         return cls(rows, place[a], place[b], across, is_cross[sights.point], sights, weighted)
 

@@ -28,7 +28,7 @@ def gates(
     observations: Observations, found: Residuals, used: np.ndarray, params: AdjustmentParams
 ) -> np.ndarray:
     """Gate of the test of every observation, by spread and blunders of its kind."""
-    T, measured = found.test.copy(), (observations.weight > 0).sum(axis=1)
+    T, measured = found.test.copy(), (observations.sights.weight > 0).sum(axis=0)
     aside, joining = ~used & observations.is_stereo, _joins_stops(observations)
     loose = _quantile(params.false_share, 3)  # no sign of a blunder whatever their share
     gate = np.full(len(T), np.inf)

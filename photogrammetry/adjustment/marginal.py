@@ -106,8 +106,9 @@ class Chart:
     ) -> Float64[np.ndarray, "p p"]:
         """The part for stops: other unknowns are their own z. Without `z`, where all is zero."""
         n, rotations = len(self.stops), state.rotations[self.stops]
-        bend = np.broadcast_to(np.eye(3), (n, 3, 3))
-        if z is not None:
+        if z is None:
+            bend = np.broadcast_to(np.eye(3), (n, 3, 3))
+        else:
             bend = np.linalg.inv(left_jacobian(z[: 6 * n].reshape(n, 6)[:, :3]))
         centres, to_anchor = state.centres[self.stops], rotations[-1].T
         J, others = np.zeros((n, 2, 3, n, 2, 3)), np.arange(n - 1)  # turn and shift of each stop

@@ -14,7 +14,7 @@ from photogrammetry.adjustment.componentwise import (
 )
 from photogrammetry.adjustment.records import Network
 from photogrammetry.adjustment.rotations import rotation_of_vector
-from photogrammetry.arrays import Flags, Float64, Int32
+from photogrammetry.arrays import Bool, Flags, Float64, Int32
 
 STOP_UNKNOWNS = 6
 PAIR_UNKNOWNS = 3
@@ -43,6 +43,8 @@ class Observations:
     """How many point numbers there are."""
     bodies: PairBodies = field(init=False)
     """The same geometry, component by component."""
+    sights: Sights = field(init=False)
+    """The same observations, component by component."""
     stop: Int32[np.ndarray, " n"] = field(init=False)
     """Stop of each observation."""
     is_stereo: Flags = field(init=False)
@@ -50,6 +52,8 @@ class Observations:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "bodies", PairBodies.of(self))
+        measured, weight = self.measured.T.copy(), self.weight.T.copy()
+        object.__setattr__(self, "sights", Sights(self.point, self.pair, measured, weight))
         object.__setattr__(self, "stop", self.pair_stop[self.pair])
         in_front = (self.weight[:, 2] > 0) & (self.measured[:, 2] > 0)
         object.__setattr__(self, "is_stereo", in_front)
@@ -113,6 +117,37 @@ class Observations:
         """Origin of every pair after the mast has turned it about its head."""
         lever = self.origin_in_rover - self.pivot_in_rover
         return self.pivot_in_rover + (rotation_of_vector(pointings) @ lever[:, :, None])[:, :, 0]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sights:
+    """Observations of image coordinates, component by component."""
+
+    point: Int32[np.ndarray, " m"]
+    pair: Int32[np.ndarray, " m"]
+    measured: Vectors
+    weight: Vectors
+
+    def __len__(self) -> int:
+        return len(self.point)
+
+    def at(self, rows: np.ndarray) -> Sights:
+        """Some of them."""
+        return Sights(
+            self.point[rows],
+            self.pair[rows],
+            np.take(self.measured, rows, axis=1),
+            np.take(self.weight, rows, axis=1),
+        )
+
+    def counting(self, counts: Bool[np.ndarray, " m"]) -> Sights:
+        """The same with no weight where they do not count."""
+        return replace(self, weight=self.weight * counts)
+
+    def part(self, part: slice) -> Sights:
+        """Some consecutive ones."""
+        measured, weight = self.measured[:, part], self.weight[:, part]
+        return Sights(self.point[part], self.pair[part], measured, weight)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -25,7 +25,7 @@ softest bend seem a tenth stiffer than it is, and every step fall short by as mu
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -50,6 +50,16 @@ class Telemetry:
     """1/sigma of each observation, zero where there is none."""
     pointing_weight: float
     """1/sigma; infinite where masts point as their labels say."""
+    before: np.ndarray = field(init=False)
+    """Number of the stop before each stop; the first is before itself, with no weight."""
+    steps: Float64[np.ndarray, "stops 3"] = field(init=False)
+    """From the stop before, in the frame of the rover there."""
+
+    def __post_init__(self) -> None:
+        before = np.maximum(np.arange(len(self.centres)) - 1, 0)
+        object.__setattr__(self, "before", before)
+        steps = _in_rover(self.rotations[before], self.centres - self.centres[before])
+        object.__setattr__(self, "steps", steps)
 
     @classmethod
     def of(cls, network: Network, params: AdjustmentParams) -> Telemetry:
@@ -84,11 +94,6 @@ class Telemetry:
             self.pointing_weight,
         )
 
-    @property
-    def before(self) -> np.ndarray:
-        """Number of the stop before each stop; the first is before itself, with no weight."""
-        return np.maximum(np.arange(len(self.centres)) - 1, 0)
-
 
 def _azimuths(M: Float64[np.ndarray, "stops 3 3"]) -> Float64[np.ndarray, " stops"]:
     """The twists of changes M about z."""
@@ -111,11 +116,10 @@ def telemetry_misclosures(state: State, telemetry: Telemetry) -> Float64[np.ndar
     azimuth = _azimuths(M)
     change = np.where(telemetry.is_fine, azimuth, azimuth - azimuth[before])
     step = _in_rover(state.rotations[before], state.centres - state.centres[before])
-    measured = _in_rover(telemetry.rotations[before], telemetry.centres - telemetry.centres[before])
     l = np.empty((len(M), ROWS))
     l[:, :2] = -M[:, 2, :2]
     l[:, 2] = -np.arctan2(np.sin(change), np.cos(change))
-    np.subtract(measured, step, out=l[:, 3:])
+    np.subtract(telemetry.steps, step, out=l[:, 3:])
     return l
 
 

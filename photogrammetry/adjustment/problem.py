@@ -106,7 +106,7 @@ class Problem:
         none = np.zeros(0, dtype=np.int64)
         rows = np.concatenate([none, *(g.rows.ravel() for g in groups)])
         counts = np.concatenate([none == 0, *(g.counts.ravel() for g in groups)])
-        sights = Sights.of(observations, rows).counting(counts)
+        sights = observations.sights.at(rows).counting(counts)
         first = np.concatenate([none, *(g.rows[0] for g in groups)])
         nearest = np.concatenate([none, *(_nearest(observations, g.rows) for g in groups)])
         return cls(

@@ -127,16 +127,23 @@ class Network:
         certain = {frame.name for frame in self.frames if frame.is_certain}
         return any(one.frame in certain for one in self.control)
 
-    def within(self, stops: frozenset[StopId] | set[StopId]) -> Network:
-        """The part of the network at some stops: their pairs, what those saw, their control."""
+    def within(
+        self, stops: frozenset[StopId] | set[StopId], ties: TiePoints | None = None
+    ) -> Network:
+        """The part of the network at some stops: their pairs, what those saw, their control.
+
+        Of what they saw, `ties` alone if these are given.
+        """
         pairs = tuple(pair for pair in self.pairs if pair.stop in stops)
-        kept = {pair.pair_id for pair in pairs}
-        inside = np.array([name in kept for name in self.ties.pair_ids], dtype=bool)
-        rows = inside[self.ties.pair] if len(self.ties) else np.zeros(0, dtype=bool)
+        if ties is None:
+            kept = {pair.pair_id for pair in pairs}
+            inside = np.array([name in kept for name in self.ties.pair_ids], dtype=bool)
+            rows = inside[self.ties.pair] if len(self.ties) else np.zeros(0, dtype=bool)
+            ties = select(self.ties, rows)
         return Network(
             tuple(prior for prior in self.stops if prior.stop in stops),
             pairs,
-            select(self.ties, rows),
+            ties,
             self.frames,
             tuple(one for one in self.control if one.stop in stops),
         )

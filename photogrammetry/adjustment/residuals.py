@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.adjustment.collinearity import Observations, Sights, State, Views
+from photogrammetry.adjustment.collinearity import Observations, State, Views
 from photogrammetry.adjustment.componentwise import (
     Matrices,
     Vectors,
@@ -152,7 +152,7 @@ def single_sightings(
     observations: Observations, views: Views, rows: np.ndarray, joint: np.ndarray
 ) -> np.ndarray:
     """Covariance of points placed by one stereo observation each."""
-    sights = Sights.of(observations, rows)
+    sights = observations.sights.at(rows)
     A = views.partials(sights)  # a point moves by back (noise - A_o x), whatever the weights
     back, arm = inverted(A.by_point), views.arm(A.X, observations.stop_of(rows))
     G = np.empty((3, 9, len(rows)))

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from dataclasses import dataclass, replace
-from itertools import compress
 
 import numpy as np
 from scipy.special import chdtri
 
 from photogrammetry.adjustment.collinearity import (
     Observations,
-    Sights,
     Views,
 )
 from photogrammetry.adjustment.control_results import adjusted_control, adjusted_frames
@@ -104,11 +101,12 @@ def assembled(
     factor = sigma0**2 if doubtful else 1.0
     pairs, covariances = _pairs(network, outcome, factor)
     stops = _stops(network, held, outcome, covariances)
-    ties = _ties(network, outcome, factor, covariances)
+    kinds = _kinds(outcome.observations, outcome.used)
+    ties = _ties(network, outcome, factor, covariances, kinds)
     control = adjusted_control(network, outcome.problem, outcome.solution.state, outcome.placed)
     placed = np.isfinite(ties.points).all(axis=1)
     seen = np.bincount(outcome.observations.point[outcome.used], minlength=len(placed)) > 0
-    counts = Counter(compress(ties.kinds, (placed & seen).tolist()))
+    counts = np.bincount(kinds[placed & seen], minlength=len(KINDS)).tolist()
     report = AdjustmentReport(
         name=name,
         converged=outcome.solution.converged,
@@ -117,7 +115,7 @@ def assembled(
         redundancy=redundancy,
         stops=len(stops),
         pairs=len(pairs),
-        ties={kind: counts[kind] for kind in TieKind},
+        ties=dict(zip(KINDS, counts, strict=True)),
         blunders=int((ties.status == BLUNDER).sum()),
         before=agreement[0],
         after=agreement[1],
@@ -184,14 +182,11 @@ def _stops(
         known[inherited.stops[inherited.grounded]] = True
     control = outcome.problem.control
     holding = Holding.of(outcome.observations, outcome.used, held, known, control)
-    numbers = np.arange(len(held))
-    blocks = np.repeat(numbers[:, None], 6, axis=1)
-    covariances = outcome.inverse[outcome.problem.pattern.indices(blocks, unknowns.stop_columns)]
     with_pairs, first = np.unique(unknowns.pair_stop, return_index=True)
     first_pair = dict(zip(with_pairs.tolist(), first.tolist(), strict=True))
     stops = []
     for k, prior in enumerate(network.stops):
-        C = joint[first_pair[k], :6, :6] if k in first_pair else covariances[k]
+        C = joint[first_pair[k], :6, :6] if k in first_pair else _without_pairs(outcome, k)
         stops.append(
             AdjustedStop(
                 prior.stop,
@@ -205,11 +200,21 @@ def _stops(
     return tuple(stops)
 
 
-def _ties(network: Network, outcome: Outcome, factor: float, joint: np.ndarray) -> AdjustedTies:
-    """The tie points as adjusted, with residuals and status."""
+def _without_pairs(outcome: Outcome, k: int) -> Float64[np.ndarray, "6 6"]:
+    """The covariance of a stop that has no pair."""
+    problem = outcome.problem
+    blocks, columns = np.full((1, 6), k), problem.unknowns.stop_columns[k : k + 1]
+    return outcome.inverse[problem.pattern.indices(blocks, columns)[0]]
+
+
+def _ties(
+    network: Network, outcome: Outcome, factor: float, joint: np.ndarray, kinds: np.ndarray
+) -> AdjustedTies:
+    """The tie points as adjusted, with residuals and status; `kinds` as numbers of `KINDS`."""
     observations, state, used = outcome.observations, outcome.solution.state, outcome.used
-    everything = Sights.of(observations, np.arange(len(observations)))
-    l = outcome.views.misclosures(everything).T.copy() if len(used) else np.zeros((0, 3))
+    l = np.zeros((0, 3))
+    if len(used):
+        l = outcome.views.misclosures(observations.sights).T.copy()
     l[observations.weight == 0] = np.nan
     has_stereo = np.bincount(
         observations.point[observations.is_stereo], minlength=observations.points
@@ -226,7 +231,7 @@ def _ties(network: Network, outcome: Outcome, factor: float, joint: np.ndarray) 
         network.ties,
         state.points,
         covariances,
-        _kinds(observations, used),
+        tuple(np.array(KINDS, dtype=object)[kinds].tolist()),
         status.astype(np.int32),
         l,
         outcome.residuals.standardised,
@@ -234,12 +239,12 @@ def _ties(network: Network, outcome: Outcome, factor: float, joint: np.ndarray) 
     )
 
 
-def _kinds(observations: Observations, used: np.ndarray) -> tuple[TieKind, ...]:
-    """What each point joins, by its used observations."""
+def _kinds(observations: Observations, used: np.ndarray) -> np.ndarray:
+    """What each point joins, by its used observations, as a number of `KINDS`."""
     point, count = observations.point[used], observations.points
     stops = seen_differently(point, observations.stop[used], count)
     pairs = seen_differently(point, observations.pair[used], count)
-    return tuple(map(KINDS.__getitem__, np.where(stops, 2, pairs.astype(np.int64)).tolist()))
+    return np.where(stops, 2, pairs.astype(np.int64))
 
 
 def merged_ties(observations: TiePoints, parts: tuple[AdjustedTies, ...]) -> AdjustedTies:

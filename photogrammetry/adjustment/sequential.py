@@ -160,8 +160,8 @@ def late_ties(traverse: Traverse, network: Network, new_stops: Iterable[StopId])
 
 def _part(network: Network, staying: tuple[StopId, ...], new: tuple[StopId, ...]) -> Network:
     """The window and the new stops, without tie points that stops which have left saw too."""
-    part, ties = network.within({*staying, *new}), network.ties
-    inside = {pair.pair_id for pair in part.pairs}
+    stops, ties = {*staying, *new}, network.ties
+    inside = {pair.pair_id for pair in network.pairs if pair.stop in stops}
     stays = np.array([name in inside for name in ties.pair_ids], dtype=bool)[ties.pair]
     spent = np.zeros(int(ties.point.max(initial=-1)) + 1, dtype=bool)
     spent[ties.point[~stays]] = True
@@ -169,7 +169,7 @@ def _part(network: Network, staying: tuple[StopId, ...], new: tuple[StopId, ...]
     there = np.zeros(len(spent), dtype=bool)
     there[kept.point] = True
     numbers = np.cumsum(there, dtype=np.int32) - 1  # arrays as long as the part, not more
-    return replace(part, ties=replace(kept, point=numbers[kept.point]))
+    return network.within(stops, replace(kept, point=numbers[kept.point]))
 
 
 def _shortened(

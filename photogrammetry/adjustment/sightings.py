@@ -42,15 +42,14 @@ class Sightings:
     @classmethod
     def of(cls, observations: Observations, params: AdjustmentParams) -> Sightings:
         """Triangulate every observation by itself."""
-        j, parallax = observations.pair, observations.measured[:, 2]
-        focal_px, base_m, *centre_px = np.take(observations.bodies.optics, j, axis=1)
-        points = np.empty((3, len(j)))
+        sights, points = observations.sights, np.empty((3, len(observations)))
+        focal_px, base_m, *centre_px = np.take(observations.bodies.optics, sights.pair, axis=1)
+        parallax = sights.measured[2]
         with np.errstate(divide="ignore", invalid="ignore"):
             points[2] = np.where(observations.is_stereo, focal_px * base_m / parallax, np.nan)
-            range_ = 1.0 / (parallax * observations.weight[:, 2])
-            across = points[2] / (observations.weight[:, 0] * focal_px)
-        points[:2] = observations.measured[:, :2].T
-        points[:2] -= centre_px
+            range_ = 1.0 / (parallax * sights.weight[2])
+            across = points[2] / (sights.weight[0] * focal_px)
+        np.subtract(sights.measured[:2], centre_px, out=points[:2])
         points[:2] *= points[2] / focal_px
         turn = float(np.radians(params.pointing_deg))
         S, size = _covariances(points, range_, across, turn)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import get_lapack_funcs
 
-from photogrammetry.adjustment.collinearity import Sights, State, Views
+from photogrammetry.adjustment.collinearity import State, Views
 from photogrammetry.adjustment.control import FRAME_UNKNOWNS
 from photogrammetry.adjustment.control_equations import ROWS
 from photogrammetry.adjustment.elimination import eliminate
@@ -60,7 +60,7 @@ def tie_rows(network: Linear, rows: np.ndarray, columns: Columns) -> np.ndarray:
         if not len(mine):
             continue
         group = laid_out.of_points(mine)
-        sights = Sights.of(observations, group.rows.ravel()).counting(group.counts.ravel())
+        sights = observations.sights.at(group.rows.ravel()).counting(group.counts.ravel())
         l = views.misclosures(sights) * sights.weight
         free = eliminate(group, l, views.partials(sights), views).free
         at = group.columns(columns.of_stop, columns.of_pair, observations.pair)[:, : group.felt]

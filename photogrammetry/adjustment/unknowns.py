@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -27,6 +27,11 @@ class Unknowns:
     frame_columns: np.ndarray
     """(frames, 5) place inside the block of a control frame; -1 where certain. Blocks of frames
     follow those of stops."""
+    count: int = field(init=False)
+    """How many."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "count", int(self.sizes.sum()))
 
     @classmethod
     def of(
@@ -56,11 +61,6 @@ class Unknowns:
         pair_columns = np.where(turning, first[:, None] + np.arange(PAIR_UNKNOWNS), -1)
         offsets = np.concatenate([[0], np.cumsum(sizes)])[:-1]
         return cls(sizes, offsets, stop_columns, pair_columns, pair_stop, per_pair, frame_columns)
-
-    @property
-    def count(self) -> int:
-        """How many."""
-        return int(self.sizes.sum())
 
     @property
     def frame_blocks(self) -> np.ndarray:
