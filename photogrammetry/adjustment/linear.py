@@ -8,7 +8,7 @@ import numpy as np
 
 from photogrammetry.adjustment.collinearity import Observations, State
 from photogrammetry.adjustment.control_equations import Control, frame_places, known_used
-from photogrammetry.adjustment.layout import TieGroup
+from photogrammetry.adjustment.elimination import EliminatedTies
 from photogrammetry.adjustment.marginal import Marginal
 from photogrammetry.adjustment.params import AdjustmentParams
 from photogrammetry.adjustment.priors import Telemetry
@@ -30,8 +30,8 @@ class Linear:
     grounded: Bool[np.ndarray, " stops"]
     """Stops that images join to the datum."""
     control: Control | None = None
-    groups: tuple[TieGroup, ...] = ()
-    """The used tie points that several pairs see, as they were laid out for the adjustment."""
+    ties: tuple[EliminatedTies, ...] = ()
+    """The used tie points that several pairs see, as the adjustment linearised them last."""
 
     @classmethod
     def of(
@@ -80,7 +80,7 @@ class Linear:
             problem.inherited,
             grounded,
             problem.control,
-            problem.groups,
+            outcome.ties,
         )
 
     def without(self, k: int, inherited: Marginal) -> Linear:

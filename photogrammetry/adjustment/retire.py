@@ -1,9 +1,10 @@
 """A stop leaves the adjustment: its conditional, and the marginal of those that stay.
 
-Everything that touches the stop is linearised once more where the adjustment ended and triangulated
-(see `marginal`): all tie points that it saw, with all their observations and freed of the points as
-in `elimination`; its tilt and azimuth, the step to the next stop, its mast pointing; and what it
-had inherited itself. Of a tie point that it saw, no later observation can be used any more.
+Everything that touches the stop is linearised where the adjustment ended and triangulated (see
+`marginal`): all tie points that it saw, with all their observations and freed of the points as the
+adjustment did last (`elimination`); its tilt and azimuth, the step to the next stop, its mast
+pointing; and what it had inherited itself. Of a tie point that it saw, no later observation can be
+used any more.
 """
 
 from __future__ import annotations

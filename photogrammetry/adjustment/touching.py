@@ -11,10 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import get_lapack_funcs
 
-from photogrammetry.adjustment.collinearity import State, Views
+from photogrammetry.adjustment.collinearity import State
 from photogrammetry.adjustment.control import FRAME_UNKNOWNS
 from photogrammetry.adjustment.control_equations import ROWS
-from photogrammetry.adjustment.elimination import eliminate
 from photogrammetry.adjustment.linear import Linear
 from photogrammetry.adjustment.marginal import Chart, Marginal
 from photogrammetry.adjustment.observations import numbers
@@ -54,19 +53,15 @@ def tie_rows(network: Linear, rows: np.ndarray, columns: Columns) -> np.ndarray:
     touched = np.zeros(observations.points, dtype=bool)
     touched[observations.point[rows]] = True
     parts = [np.zeros((0, columns.count + 1))]
-    views = Views.of(network.state, observations)
-    for laid_out in network.groups:
-        mine = np.flatnonzero(touched[observations.point[laid_out.rows[0]]])
+    for tie in network.ties:
+        mine = np.flatnonzero(touched[observations.point[tie.group.rows[0]]])
         if not len(mine):
             continue
-        group = laid_out.of_points(mine)
-        sights = observations.sights.at(group.rows.ravel()).counting(group.counts.ravel())
-        l = views.misclosures(sights) * sights.weight
-        free = eliminate(group, l, views.partials(sights), views).free
+        group = tie.group.of_points(mine)
         at = group.columns(columns.of_stop, columns.of_pair, observations.pair)[:, : group.felt]
         own = at[:, group.posed : group.relative]
         own[np.repeat(~group.counts.T, 3, axis=1)] = columns.count  # what repeats has none
-        parts.append(_in_columns(free, at, columns.count))
+        parts.append(_in_columns(tie.free[mine], at, columns.count))
     return np.concatenate(parts)
 
 
