@@ -97,7 +97,7 @@ def factorise(pattern: BlockPattern, flat: np.ndarray) -> Factor:
     N |= {(t, s): block.T for (s, t), block in N.items() if s > t}
     inverse_diagonal: dict[int, np.ndarray] = {}
     panels: dict[int, np.ndarray] = {}
-    pivots: list[tuple[float, float]] = []
+    pivots = [np.zeros(0)]
     for s in pattern.order:
         L, info = _potrf(N[s, s], lower=1, clean=1)
         if info:
@@ -106,7 +106,7 @@ def factorise(pattern: BlockPattern, flat: np.ndarray) -> Factor:
                 "datum is undefined; hold one stop fixed or weight the priors"
             )
         inverse_diagonal[s], _ = _trtri(L, lower=1)
-        pivots.append((L.diagonal().min(), L.diagonal().max()))
+        pivots.append(L.diagonal())
         later = pattern.later[s]
         if not later:
             panels[s] = np.zeros((0, len(L)))
@@ -122,8 +122,10 @@ def factorise(pattern: BlockPattern, flat: np.ndarray) -> Factor:
             j = 0
             for u in later:
                 if u <= t:
-                    N[t, u][:] -= update[i : i + sizes[t], j : j + sizes[u]]
+                    block = N[t, u]
+                    block -= update[i : i + sizes[t], j : j + sizes[u]]
                 j += sizes[u]
             i += sizes[t]
-    low, high = (min(p[0] for p in pivots), max(p[1] for p in pivots)) if pivots else (1.0, 1.0)
-    return Factor(pattern, inverse_diagonal, panels, 2.0 * float(np.log10(high / low)))
+    all_pivots = np.concatenate(pivots)
+    spread = all_pivots.max() / all_pivots.min() if len(all_pivots) else 1.0
+    return Factor(pattern, inverse_diagonal, panels, 2.0 * float(np.log10(spread)))

@@ -73,7 +73,8 @@ def consistency(
     """Agreement of the used observations at a state, by kind of tie."""
     across, of_cross, weighted = compared.across, compared.of_cross, compared.weighted
     place = in_lsl(views, observations, seen, compared.rows)
-    apart_m = _lengths(place[:, compared.first] - place[:, compared.second])
+    one, other = (np.take(place, rows, axis=1) for rows in (compared.first, compared.second))
+    apart_m = _lengths(one - other)
     fused = np.full((3, observations.points), np.nan)
     fused[:, weighted.numbers] = weighted.means(views, place)
     off_px = _lengths(views.at(fused).misclosures(compared.sights)[:2])

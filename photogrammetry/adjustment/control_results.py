@@ -48,6 +48,8 @@ def adjusted_frames(
     network: Network, problem: Problem, state: State, inverse: np.ndarray
 ) -> tuple[AdjustedFrame, ...]:
     """Where every control frame lies."""
+    if not network.frames:
+        return ()
     unknowns = problem.unknowns
     blocks = np.repeat(unknowns.frame_blocks[:, None], FRAME_UNKNOWNS, axis=1)
     C = inverse[problem.pattern.indices(blocks, unknowns.frame_columns)]

@@ -106,9 +106,9 @@ class EliminatedTies:
 
     @property
     def back(self) -> np.ndarray:
-        """(n, 3, 3) R^-1; nothing along what the images do not feel."""
+        """(3, 3, n) R^-1; nothing along what the images do not feel."""
         unit = np.broadcast_to(np.eye(3)[:, :, None], self.triangle.shape)
-        return _back_substitute(self.triangle, unit).transpose(2, 0, 1).copy()
+        return _back_substitute(self.triangle, unit)
 
 
 def squared(triangle: np.ndarray, count: int) -> np.ndarray:

@@ -50,6 +50,7 @@ class Residuals:
 
         1.17 / sqrt(n) is the standard deviation of the spread that n residuals show.
         """
+        rows = np.flatnonzero(rows)
         w, free = np.abs(self.standardised[rows]), float(self.redundancy[rows].sum())
         w = w[np.isfinite(w)]
         sure = 1.0 - CERTAIN * 1.17 / np.sqrt(max(free, 1.0))
@@ -118,15 +119,15 @@ def point_covariances(
         numbers = problem.observations.point[group.rows[0]]
         base = group.stops[group.signature, 0] if group.is_shared else group.stops[:, 0]
         arm, back = state.points[numbers] - state.centres[base], tie.back
+        noise = np.einsum("ijn,kjn->nik", back, back)
+        noise[~tie.is_felt] = np.nan
         G = np.zeros((group.points, 3, group.local.shape[1]))
-        np.matmul(-back, tie.along[:, :, :felt], out=G[:, :, :felt])
+        back = -back.transpose(2, 0, 1)
+        np.matmul(back, tie.along[:, :, :felt], out=G[:, :, :felt])
         G[:, :, -6:-3] -= cross_matrix(arm)
-        G[:, range(3), range(-3, 0)] += 1.0
-        back[~tie.is_felt] = np.nan
+        G[:, :, -3:] += np.eye(3)
         Z = _base_and_felt(problem, tie, inverse, places)
-        own = G @ (Z[group.signature] if group.is_shared else Z) @ G.mT
-        own += back @ back.mT.copy()
-        C[numbers] = own
+        C[numbers] = G @ (Z[group.signature] if group.is_shared else Z) @ G.mT + noise
     return C
 
 

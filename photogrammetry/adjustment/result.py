@@ -182,6 +182,8 @@ def _stops(
         known[inherited.stops[inherited.grounded]] = True
     control = outcome.problem.control
     holding = Holding.of(outcome.observations, outcome.used, held, known, control)
+    frames = ((LSL, prior.stop.frame) for prior in network.stops)
+    poses = Pose.many(frames, state.rotations, state.centres)
     with_pairs, first = np.unique(unknowns.pair_stop, return_index=True)
     first_pair = dict(zip(with_pairs.tolist(), first.tolist(), strict=True))
     stops = []
@@ -190,7 +192,7 @@ def _stops(
         stops.append(
             AdjustedStop(
                 prior.stop,
-                Pose(LSL, prior.stop.frame, state.rotations[k], state.centres[k]),
+                poses[k],
                 (C + C.T) / 2,
                 bool(held[k]),
                 bool(holding.reached[k]),
