@@ -51,6 +51,8 @@ def inverted(A: Matrices) -> Matrices:
     return of_rows
 
 
-def crossed_rows(rows: Matrices, v: Vectors) -> Matrices:
-    """Every row of many matrices times v, as vectors."""
+def crossed_rows(
+    rows: Float64[np.ndarray, "3 3 *k m"], v: Vectors
+) -> Float64[np.ndarray, "3 3 *k m"]:
+    """Every row of many matrices times v, as vectors; of several of each v where there are k."""
     return cross(rows.swapaxes(0, 1), v).swapaxes(0, 1)

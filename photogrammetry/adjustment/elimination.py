@@ -29,6 +29,7 @@ from functools import lru_cache
 import numpy as np
 
 from photogrammetry.adjustment.collinearity import STOP_UNKNOWNS, Partials, Views
+from photogrammetry.adjustment.componentwise import crossed_rows
 from photogrammetry.adjustment.layout import TieGroup
 from photogrammetry.adjustment.rotations import cross_matrix
 
@@ -157,10 +158,11 @@ def _by_orientations(group: TieGroup, l: np.ndarray, A: Partials, views: Views) 
     for slot in range(1, group.slots[-1] + 1):
         seen = slice(group.slots.index(slot), bisect_right(group.slots, slot))
         own, at = A.of(slice(seen.start * n, seen.stop * n)), STOP_UNKNOWNS * (slot - 1)
-        for columns, of in ((slice(at, at + 6), slot), (slice(-7, -1), 0)):
-            arm = np.tile(views.arm(own.X[:, :n], stops[:, of]), seen.stop - seen.start)
-            by_component[:, columns, seen] = own.by_stop(arm).reshape(3, 6, -1, n)
-        by_component[:, -7:-1, seen] *= -1.0
+        own_by_point = own.by_point.reshape(3, 3, -1, n)
+        for turn, of, sign in ((at, slot, 1.0), (group.relative, 0, -1.0)):
+            arm, shift = views.arm(own.X[:, :n], stops[:, of]), turn + 3
+            by_component[:, turn:shift, seen] = sign * crossed_rows(own_by_point, arm)
+            by_component[:, shift : shift + 3, seen] = -sign * own_by_point
     return rows.reshape(n, 3 * k, -1)
 
 

@@ -233,9 +233,9 @@ def _joined(kinds: list[Kind], unknowns: Unknowns) -> list[Kind]:
                 continue
             if len(kind[0]) * (_products(more) - _products(seen)) > OWN_GROUP:
                 continue
-            last = np.cumsum(seen) - 1
-            take = np.insert(np.arange(seen.sum()), np.repeat(last + 1, more - seen), -1)
-            take = np.maximum.accumulate(take)
+            repeats = np.ones(seen.sum(), dtype=np.int64)
+            repeats[np.cumsum(seen) - 1] += more - seen
+            take = np.repeat(np.arange(len(repeats)), repeats)
             joined[i] = (
                 np.concatenate([rows, kind[0][:, take]]),
                 np.concatenate([pairs, kind[1][:, take]]),

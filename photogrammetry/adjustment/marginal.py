@@ -35,7 +35,11 @@ import numpy as np
 from photogrammetry.adjustment.collinearity import PAIR_UNKNOWNS, STOP_UNKNOWNS, State
 from photogrammetry.adjustment.control import FRAME_UNKNOWNS
 from photogrammetry.adjustment.records import Memory, Network
-from photogrammetry.adjustment.rotations import cross_matrix, left_jacobian, rotation_of_vector
+from photogrammetry.adjustment.rotations import (
+    cross_matrix,
+    inverse_left_jacobian,
+    rotation_of_vector,
+)
 from photogrammetry.arrays import Bool, Float64, Int32
 from photogrammetry.errors import AdjustmentError
 from photogrammetry.imagery import StopId
@@ -57,6 +61,11 @@ class Chart:
     pointings: Float64[np.ndarray, "pairs 3"]
     frames: Int32[np.ndarray, " frames"] = field(default_factory=lambda: np.zeros(0, np.int32))
     frame_places: Float64[np.ndarray, "frames 5"] = field(default_factory=lambda: np.zeros((0, 5)))
+    then: tuple[np.ndarray, np.ndarray] = field(init=False)
+    """Rotations and places as the anchor saw them at that time: see `_from_anchor`."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "then", _from_anchor(self.rotations, self.centres))
 
     @classmethod
     def at(
@@ -83,7 +92,7 @@ class Chart:
     def coordinates(self, state: State) -> Float64[np.ndarray, " n"]:
         """Z of a state."""
         turn, place = _from_anchor(state.rotations[self.stops], state.centres[self.stops])
-        turn_then, place_then = _from_anchor(self.rotations, self.centres)
+        turn_then, place_then = self.then
         z = np.empty((len(self.stops), STOP_UNKNOWNS))
         z[:, :3] = _vectors(turn @ turn_then.mT)
         np.subtract(place, place_then, out=z[:, 3:])
@@ -109,7 +118,7 @@ class Chart:
         if z is None:
             bend = np.broadcast_to(np.eye(3), (n, 3, 3))
         else:
-            bend = np.linalg.inv(left_jacobian(z[: 6 * n].reshape(n, 6)[:, :3]))
+            bend = inverse_left_jacobian(z[: 6 * n].reshape(n, 6)[:, :3])
         centres, to_anchor = state.centres[self.stops], rotations[-1].T
         J, others = np.zeros((n, 2, 3, n, 2, 3)), np.arange(n - 1)  # turn and shift of each stop
         turns = bend[:-1] @ to_anchor
@@ -126,7 +135,7 @@ class Chart:
         """The state in which the coordinates are z; the anchor's are met first."""
         n = len(self.stops)
         turned, moved = np.split(z[: 6 * n].reshape(n, 6), 2, axis=1)
-        turn_then, place_then = _from_anchor(self.rotations, self.centres)
+        turn_then, place_then = self.then
         turn, place = rotation_of_vector(turned) @ turn_then, place_then + moved
         rotations, centres = state.rotations.copy(), state.centres.copy()
         pointings = state.pointings.copy()

@@ -28,7 +28,7 @@ from photogrammetry.adjustment.priors import Telemetry, telemetry_misclosures, t
 from photogrammetry.adjustment.rotations import (
     along_arcs,
     cross_matrix,
-    left_jacobian,
+    inverse_left_jacobian,
     rotation_of_vector,
 )
 from photogrammetry.arrays import Bool, Float64
@@ -70,7 +70,7 @@ class Edges:
     def partials(self, state: State) -> Float64[np.ndarray, "edges 6 12"]:
         """Derivatives of the residual by (d, dc) of a and (d, dc) of b."""
         to_a = state.rotations[self.a].swapaxes(1, 2)
-        turn = np.linalg.inv(left_jacobian(self.misfit(state)[:, :3])) @ to_a
+        turn = inverse_left_jacobian(self.misfit(state)[:, :3]) @ to_a
         A = np.zeros((len(self.a), 6, 12))
         A[:, :3, 0:3], A[:, :3, 6:9] = -turn, turn
         A[:, 3:, 0:3] = to_a @ cross_matrix(state.centres[self.b] - state.centres[self.a])

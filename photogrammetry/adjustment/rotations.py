@@ -49,6 +49,14 @@ def left_jacobian(vectors: Float64[np.ndarray, "*n 3"]) -> Float64[np.ndarray, "
     return jacobians
 
 
+def inverse_left_jacobian(vectors: Float64[np.ndarray, "*n 3"]) -> Float64[np.ndarray, "*n 3 3"]:
+    """J^-1 = I - [m]/2 + (1 - t/2 cot t/2)/t^2 [m]^2, for t below a turn."""
+    t = _lengths(vectors)
+    safe = np.maximum(t, SERIES)
+    third = np.where(t < SERIES, 1 / 12 + t**2 / 720, (1 - safe / 2 / np.tan(safe / 2)) / safe**2)
+    return _UNIT - 0.5 * cross_matrix(vectors) + third * _square(vectors, t)
+
+
 def _lengths(vectors: Float64[np.ndarray, "*n 3"]) -> Float64[np.ndarray, "*n 1 1"]:
     """Lengths, of which none is zero, so that one may divide by them."""
     return np.maximum(np.sqrt(np.vecdot(vectors, vectors)), _LEAST)[..., None, None]

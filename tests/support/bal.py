@@ -118,19 +118,21 @@ def damped_step(layout, at, cost, equations, damping):
         except AdjustmentError:
             damping *= STIFFENED
             continue
-        trial = placed(layout, moved(at.state, Correction.of(layout, at, ties, x)))
+        trial = placed(layout, moved(layout, at.state, Correction.of(layout, at, ties, x)))
         if np.vdot(trial.l, trial.l) <= cost:
             return trial, damping * EASED
         damping *= STIFFENED
     return at, damping
 
 
-def moved(state, correction):
+def moved(layout, state, correction):
+    points = state.points.copy()
+    points[layout.points] += correction.points.T
     return State(
         rotation_of_vector(correction.turn) @ state.rotations,
         state.centres + correction.shift,
         state.pointings + correction.pointing,
-        state.points + correction.points.T,
+        points,
     )
 
 

@@ -16,6 +16,7 @@ from photogrammetry.adjustment.priors import (
 )
 from photogrammetry.adjustment.rotations import (
     cross_matrix,
+    inverse_left_jacobian,
     left_jacobian,
     rotation_of_vector,
 )
@@ -107,6 +108,12 @@ def test_the_left_jacobian_carries_a_change_of_the_vector_to_a_rotation(vector, 
     both = rotation_of_vector(vector + change)
     apart = rotation_of_vector(left_jacobian(vector) @ change) @ rotation_of_vector(vector)
     np.testing.assert_allclose(both, apart, atol=1e-11)  # second order: (1.5e-6 * sqrt 3)^2
+
+
+@given(vectors, st.sampled_from([1.0, 1e-2, 1e-3, 1e-6, 0.0]))
+def test_the_inverse_of_the_left_jacobian_undoes_it(vector, share):
+    both = left_jacobian(share * vector) @ inverse_left_jacobian(share * vector)
+    np.testing.assert_allclose(both, np.eye(3), atol=1e-13)
 
 
 @given(vectors, vectors)
