@@ -84,20 +84,21 @@ class EliminatedTies:
     def relative_cofactors(self, triangle: np.ndarray) -> np.ndarray:
         """(signatures, relative, relative) T Z T' from the lower triangle of the felt Z."""
         Z = squared(triangle, self.group.felt)
-        return self._relative(self._relative(Z).mT)
+        if not self.group.slots[-1]:
+            return Z  # of one stop, no pose is felt
+        centres = self.centres[self.group.stops]
+        arms = cross_matrix(centres - centres[:, :1])
+        return self._relative(self._relative(Z, arms).mT, arms)
 
-    def _relative(self, rows: np.ndarray) -> np.ndarray:
-        """T rows (signatures, felt, ...): see `layout`; of one stop, no pose is felt."""
+    def _relative(self, rows: np.ndarray, arms: np.ndarray) -> np.ndarray:
+        """T rows (signatures, felt, ...): see `layout`; `arms` (signatures, stops, 3, 3)."""
         group, end = self.group, self.group.relative
-        if not group.slots[-1]:
-            return rows
         relative = rows[:, :end].copy()
         turn, shift = rows[:, end : end + 3], rows[:, end + 3 :]
         for slot in range(1, group.slots[-1] + 1):
             at = STOP_UNKNOWNS * (slot - 1)
-            arm = self.centres[group.stops[:, slot]] - self.centres[group.stops[:, 0]]
             relative[:, at : at + 3] -= turn
-            relative[:, at + 3 : at + 6] -= shift - cross_matrix(arm) @ turn
+            relative[:, at + 3 : at + 6] -= shift - arms[:, slot] @ turn
         return relative
 
     @property

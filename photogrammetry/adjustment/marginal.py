@@ -111,14 +111,11 @@ class Chart:
         return J
 
     def pose_partials(
-        self, state: State, z: Float64[np.ndarray, " n"] | None = None
+        self, state: State, z: Float64[np.ndarray, " n"]
     ) -> Float64[np.ndarray, "p p"]:
-        """The part for stops: other unknowns are their own z. Without `z`, where all is zero."""
+        """The part for stops: other unknowns are their own z."""
         n, rotations = len(self.stops), state.rotations[self.stops]
-        if z is None:
-            bend = np.broadcast_to(np.eye(3), (n, 3, 3))
-        else:
-            bend = inverse_left_jacobian(z[: 6 * n].reshape(n, 6)[:, :3])
+        bend = inverse_left_jacobian(z[: 6 * n].reshape(n, 6)[:, :3])
         centres, to_anchor = state.centres[self.stops], rotations[-1].T
         J, others = np.zeros((n, 2, 3, n, 2, 3)), np.arange(n - 1)  # turn and shift of each stop
         turns = bend[:-1] @ to_anchor
@@ -130,6 +127,16 @@ class Chart:
         J[-1, 0, :, -1, 0] = bend[-1]
         J[-1, 1, :, -1, 1] = np.eye(3)
         return J.reshape(6 * n, 6 * n)
+
+    @property
+    def poses_by_coordinates(self) -> Float64[np.ndarray, "p p"]:
+        """Derivatives of (d, dc) of the stops by their z about which the chart is: J^-1 there."""
+        n, from_anchor = len(self.stops), self.rotations[-1]
+        K, others = np.zeros((n, 2, 3, n, 2, 3)), np.arange(n - 1)
+        K[others, 0, :, others, 0] = K[others, 1, :, others, 1] = from_anchor
+        K[:, 0, :, -1, 0] = K[:, 1, :, -1, 1] = np.eye(3)
+        K[:, 1, :, -1, 0] = -cross_matrix(self.centres - self.centres[-1])
+        return K.reshape(6 * n, 6 * n)
 
     def placed(self, z: Float64[np.ndarray, " n"], state: State) -> State:
         """The state in which the coordinates are z; the anchor's are met first."""

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.adjustment.collinearity import Observations, State
+from photogrammetry.adjustment.collinearity import STOP_UNKNOWNS, Observations
 from photogrammetry.adjustment.linear import Linear
 from photogrammetry.adjustment.marginal import Chart, Marginal
 from photogrammetry.adjustment.observations import numbers
@@ -100,9 +100,7 @@ def retire(network: Linear, leaves: Leaving) -> tuple[Conditional, Marginal]:
         spent, surplus = network.inherited.spent, surplus + network.inherited.surplus
     everything = np.concatenate([tie_rows(network, rows, columns), *others])
     gone = np.append(columns.of_stop[own], columns.of_pair[mine])
-    conditional, root, right, rest = _triangulated(
-        chart, _in_coordinates(everything, chart, state), gone
-    )
+    conditional, root, right, rest = _triangulated(chart, _in_coordinates(everything, chart), gone)
     stays = Chart.at(state, stops, pairs, frames)
     grounded = network.grounded[stops]
     return conditional, Marginal(stays, root, right, grounded, spent + rest, surplus - len(gone))
@@ -122,10 +120,10 @@ def _coordinates(observations: Observations, rows: np.ndarray) -> int:
     return int((observations.weight[rows] > 0).sum()) - 3 * len(numbers(observations.point[rows]))
 
 
-def _in_coordinates(rows: np.ndarray, chart: Chart, state: State) -> np.ndarray:
-    """Equations of corrections in the LSL as those of coordinates about the same state."""
-    J = chart.pose_partials(state)
-    rows[:, : len(J)] = np.linalg.solve(J.T, rows[:, : len(J)].T).T
+def _in_coordinates(rows: np.ndarray, chart: Chart) -> np.ndarray:
+    """Equations of corrections in the LSL, where a chart is, as those of its coordinates."""
+    posed = STOP_UNKNOWNS * len(chart.stops)
+    rows[:, :posed] = rows[:, :posed] @ chart.poses_by_coordinates
     return rows
 
 
