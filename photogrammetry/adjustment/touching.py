@@ -68,7 +68,7 @@ def tie_rows(network: Linear, rows: np.ndarray, columns: Columns) -> np.ndarray:
 def _in_columns(free: np.ndarray, at: np.ndarray, count: int) -> np.ndarray:
     """Rows (n, 3 k, felt columns and l) of points whose columns belong `at` others of so many.
 
-    Triangulated where they are more than the columns that they touch: fewer rows say the same.
+    Triangulated where they touch so few columns that this saves products: fewer rows say the same.
     """
     n, rows, _ = free.shape
     touched = np.append(numbers(at[at < count]), count)
@@ -77,7 +77,8 @@ def _in_columns(free: np.ndarray, at: np.ndarray, count: int) -> np.ndarray:
     narrow[*each, np.searchsorted(touched, at)[:, None]] = free[:, :, :-1]
     narrow[:, :, -1] = free[:, :, -1]  # over the bin of what is held
     equations = narrow.reshape(n * rows, -1)
-    if len(equations) > len(touched):
+    m, own, all_ = len(equations), len(touched), count + 1
+    if m * own**2 + own * all_**2 < m * all_**2:
         equations = triangulated(equations)
     wide = np.zeros((len(equations), count + 1))
     wide[:, touched] = equations
