@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from photogrammetry.adjustment.collinearity import State
-from photogrammetry.adjustment.control import FRAME_UNKNOWNS, AdjustedControl, AdjustedFrame
+from photogrammetry.adjustment.control import AdjustedControl, AdjustedFrame
 from photogrammetry.adjustment.control_tests import ControlTests
 from photogrammetry.adjustment.problem import Problem
 from photogrammetry.adjustment.records import Network
@@ -51,8 +51,7 @@ def adjusted_frames(
     if not network.frames:
         return ()
     unknowns = problem.unknowns
-    blocks = np.repeat(unknowns.frame_blocks[:, None], FRAME_UNKNOWNS, axis=1)
-    C = inverse[problem.pattern.indices(blocks, unknowns.frame_columns)]
+    C = inverse[problem.pattern.own(unknowns.frame_blocks, unknowns.frame_columns)]
     return tuple(
         AdjustedFrame(frame, state.frames[k], (C[k] + C[k].T) / 2)
         for k, frame in enumerate(network.frames)

@@ -81,6 +81,15 @@ class BlockPattern:
             at[lost[:, :, None] | lost[:, None, :] | (begin < 0)[:, *spread]] = self.length
         return at
 
+    def own(self, blocks: np.ndarray, local: np.ndarray) -> np.ndarray:
+        """The same where all columns (n, k) of a matrix are of one of the blocks (n): (n, k, k)."""
+        begin, sizes = self.start(blocks, blocks), self.sizes[blocks]
+        at = (begin[:, None] + local * sizes[:, None])[:, :, None] + local[:, None, :]
+        lost = (local < 0) | (begin < 0)[:, None]
+        if lost.any():
+            at[lost[:, :, None] | lost[:, None, :]] = self.length
+        return at
+
     def lower(
         self,
         stops: np.ndarray,

@@ -168,8 +168,7 @@ def _control_places(
         return None, None
     ends = np.column_stack([unknowns.frame_blocks[control.frame], control.stop]).astype(np.int64)
     local = np.hstack([unknowns.frame_columns[control.frame], unknowns.stop_columns[control.stop]])
-    own = np.repeat(unknowns.frame_blocks[:, None], FRAME_UNKNOWNS, axis=1)
     return (
         pattern.indices(ends[:, CONTROL_SLOTS], local),
-        pattern.indices(own, unknowns.frame_columns),
+        pattern.own(unknowns.frame_blocks, unknowns.frame_columns),
     )

@@ -136,8 +136,8 @@ def _base_and_felt(
 ) -> np.ndarray:
     """Cofactors of all absolute columns of a group, signature by signature."""
     group = tie.group
-    if group.felt < group.local.shape[1]:
-        return inverse[problem.pattern.indices(group.blocks, group.local)]
+    if not group.slots[-1]:  # of one stop, no pose is felt
+        return inverse[problem.pattern.own(group.stops[:, 0], group.local)]
     return squared(inverse[places], group.felt)
 
 
@@ -145,8 +145,7 @@ def joint_covariances(problem: Problem, inverse: np.ndarray) -> np.ndarray:
     """(pairs, 9, 9) of turn and shift of the stop and pointing of the pair; zero where held."""
     unknowns = problem.unknowns
     local = unknowns.columns(np.arange(len(unknowns.pair_stop)))
-    stops = np.repeat(unknowns.pair_stop[:, None], local.shape[1], axis=1).astype(np.int64)
-    return inverse[problem.pattern.indices(stops, local)]
+    return inverse[problem.pattern.own(unknowns.pair_stop, local)]
 
 
 def single_sightings(

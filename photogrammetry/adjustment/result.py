@@ -205,8 +205,8 @@ def _stops(
 def _without_pairs(outcome: Outcome, k: int) -> Float64[np.ndarray, "6 6"]:
     """The covariance of a stop that has no pair."""
     problem = outcome.problem
-    blocks, columns = np.full((1, 6), k), problem.unknowns.stop_columns[k : k + 1]
-    return outcome.inverse[problem.pattern.indices(blocks, columns)[0]]
+    columns = problem.unknowns.stop_columns[k : k + 1]
+    return outcome.inverse[problem.pattern.own(np.array([k]), columns)[0]]
 
 
 def _ties(

@@ -90,13 +90,14 @@ def solve(
                         message="a tie point starts behind a camera")  # fmt: skip
     before = 0.0
     for iteration in range(1, params.max_iterations + 1):
+        if iteration > 1 and threshold is not None:
+            closer = min(threshold, huber_threshold(problem, at, params))
+            threshold, cost = closer, cost_of(problem, at, closer)
         now = linearise_at(problem, at, threshold)
         x = now.factor.solve(now.right[:-1], problem.unknowns.offsets)
         length2 = float(x @ now.right[:-1])
         correction = Correction.of(problem, at, now.ties, x)
         at, cost, shortened = _step(problem, at, cost, correction, params, threshold)
-        if threshold is not None and (closer := huber_threshold(problem, at, params)) < threshold:
-            threshold, cost = closer, cost_of(problem, at, closer)
         foretold = not shortened and _is_foretold(length2, before, tolerance, robust=robust)
         if length2 < tolerance or foretold:
             same = length2 < max(SAME * tolerance, SAME_SHARE * before)
