@@ -122,8 +122,7 @@ def point_covariances(
         noise = np.einsum("ijn,kjn->nik", back, back)
         noise[~tie.is_felt] = np.nan
         G = np.zeros((group.points, 3, group.local.shape[1]))
-        back = -back.transpose(2, 0, 1)
-        np.matmul(back, tie.along[:, :, :felt], out=G[:, :, :felt])
+        np.matmul(-back.transpose(2, 0, 1).copy(), tie.along[:, :, :felt], out=G[:, :, :felt])
         G[:, :, -6:-3] -= cross_matrix(arm)
         G[:, :, -3:] += np.eye(3)
         Z = _base_and_felt(problem, tie, inverse, places)
