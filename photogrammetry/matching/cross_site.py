@@ -24,7 +24,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain
 
+import numpy as np
+
 from photogrammetry.errors import MatchingError
+from photogrammetry.frames import LSL, Pose
+from photogrammetry.matching.alignment import Alignment
 from photogrammetry.matching.birds_eye import BirdsEyeParams, PlaneFit
 from photogrammetry.matching.cross_site_gate import GateParams, gate_between
 from photogrammetry.matching.cross_site_trials import (
@@ -51,6 +55,10 @@ from photogrammetry.matching.site_links import (
     unlinked,
 )
 from photogrammetry.matching.stop_views import StopViews
+from photogrammetry.matching.surface_ties import SurfaceTieParams, tie_by_shape
+from photogrammetry.matching.surface_views import SurfaceView
+from photogrammetry.matching.tie_refinement import pointed
+from photogrammetry.matching.ties import Ties, joined
 
 __all__ = ["CrossSiteParams", "SiteLink", "StopViews", "VerdictParams", "tie_cross_site"]
 
@@ -87,6 +95,7 @@ class CrossSiteParams:
     birds_eye: BirdsEyeParams = field(default_factory=BirdsEyeParams)
     hypotheses: HypothesisParams = field(default_factory=HypothesisParams)
     trials: TrialParams = field(default_factory=TrialParams)
+    by_shape: SurfaceTieParams = field(default_factory=SurfaceTieParams)
     verdict: VerdictParams = field(default_factory=VerdictParams)
     apart: float = 0.75
     """Least distance of ties that are handed on, in widths of their patches: they share a quarter
@@ -161,21 +170,44 @@ def _judged(trials: Trials, trial: Trial, by_chance: int, params: CrossSiteParam
     weighed = weighed_down(ties, counted_as_one(places, width_m))
     final = trials.aligned(weighed, fine.alignment.first_from_second) or fine.alignment
     some = spread_out(places, width_m, params.apart, params.verdict.least_ties)
-    figures = replace(figures, handed_on=int(some.sum()))
+    by_looks = with_shared_errors(
+        weighed_down(ties.taking(some), counted_as_one(places[some], width_m[some])),
+        {v.view.pair.pair_id: v.view.geometry for v in (*one.views, *other.views)},
+    )
+    by_shape = _by_shape(one, other, final, params.by_shape)
+    figures = replace(figures, handed_on=int(some.sum()), by_shape=len(by_shape))
     return SiteLink(
         one.id,
         other.id,
         linked,
         reason,
-        with_shared_errors(
-            weighed_down(ties.taking(some), counted_as_one(places[some], width_m[some])),
-            {v.view.pair.pair_id: v.view.geometry for v in (*one.views, *other.views)},
-        ),
+        joined([by_looks, by_shape], by_looks.pair_ids),
         final.first_from_second,
         final.covariance,
         figures,
         trial.fit,
     )
+
+
+def _by_shape(
+    one: StopViews, other: StopViews, alignment: Alignment, params: SurfaceTieParams
+) -> Ties:
+    """Ties by the shape of the ground, from where ties by looks have placed the stops."""
+    level = Pose(LSL, one.id.frame, one.stop.lsl_from_rover.rotation, np.zeros(3))
+    frames = (level, level @ alignment.first_from_second)
+    earlier, later = (
+        {
+            view.pair.pair_id: SurfaceView.of(
+                view.geometry,
+                view.pair.parallax,
+                frame @ pointed(view, alignment),
+                params.surface.half_px,
+            )
+            for view in (ground.view for ground in stop.views)
+        }
+        for stop, frame in zip((one, other), frames, strict=True)
+    )
+    return tie_by_shape(earlier, later, params)
 
 
 def verdict(figures: SiteLinkFigures, params: VerdictParams) -> tuple[bool, str]:

@@ -29,6 +29,8 @@ class SiteLinkFigures:
     """Conjugates that agree in space."""
     handed_on: int = 0
     """Of these, the ties of the link: they hardly share their ground."""
+    by_shape: int = 0
+    """Further ties of the link, by the shape of the ground."""
     by_chance: int = 0
     """Ties that the strongest wrong hypothesis or decoy came to in the same way."""
     rms_px: float = float("nan")

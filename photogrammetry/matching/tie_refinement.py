@@ -85,11 +85,11 @@ def refined(
 
 def _between(source: TieView, target: TieView, alignment: Alignment) -> Pose:
     """target_from_source with the pose and the pointing that the alignment found."""
-    first, second = (_pointed(view, alignment) for view in (source, target))
+    first, second = (pointed(view, alignment) for view in (source, target))
     return second.inverse @ alignment.first_from_second.inverse @ first
 
 
-def _pointed(view: TieView, alignment: Alignment) -> Pose:
+def pointed(view: TieView, alignment: Alignment) -> Pose:
     """rover_from_pair, its pointing corrected."""
     pose = view.geometry.rover_from_pair
     theta = alignment.pointing.get(view.pair.pair_id, np.zeros(3))

@@ -1,0 +1,173 @@
+"""A pair's ground as facets: planes of its dense parallax, and the side from which they are seen.
+
+A plane in space is a plane of parallax (`local_surface`). Here one is fitted about pixels all over
+the image at once, from running sums, and read off wherever it is asked for; along its normal
+
+    n ~ (g_x f, g_y f, p - g_x (x - c_x) - g_y (y - c_y)),         n . X > 0 away from the camera,
+
+a facet is seen under the angle whose sine is n . X / |X|. Rays that graze the ground meet crests,
+and what the window makes of the step behind a crest is no ground at all; such facets are left out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import cv2
+import numpy as np
+
+from photogrammetry.arrays import (
+    Directions,
+    Float32,
+    Float64,
+    ImagePoints,
+    ObjectPoints,
+    ParallaxMap,
+    PerPoint,
+    Rotation,
+    Vector3,
+)
+from photogrammetry.cameras.epipolar import EpipolarPair
+from photogrammetry.frames import Pose
+
+TAKEN = 2
+"""Every second sample and line of the parallax is taken,"""
+KEPT = 2
+"""and of the planes about them every second one is kept."""
+EVERY = TAKEN * KEPT
+"""Pixels between planes; their windows are wider."""
+LEAST_SHARE = 0.5
+"""A plane needs parallax at half of the pixels of its window."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Facets:
+    """Planes of parallax at n image points, NaN where there is none."""
+
+    parallax_px: PerPoint
+    gradient: Float64[np.ndarray, "n 2"]
+    """Change of parallax along sample and line."""
+    residual_px: PerPoint
+    """Standard deviation of the parallax about the plane."""
+
+    def normals(self, points: ImagePoints, geometry: EpipolarPair) -> Directions:
+        """Unit normals in the pair's frame, away from the camera."""
+        from_centre = points - np.asarray(geometry.centre_px)
+        ahead = self.parallax_px - (self.gradient * from_centre).sum(axis=1)
+        return unit(np.column_stack([geometry.focal_px * self.gradient, ahead]))
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceView:
+    """The facets of a pair, and where the pair stands in a common frame of two stops."""
+
+    geometry: EpipolarPair
+    rotation: Rotation
+    """Of the pair in the common frame."""
+    centre: Vector3
+    """The left camera in the common frame, metres."""
+    parallax: ParallaxMap
+    half_px: int
+    """Half the window of a facet."""
+
+    @classmethod
+    def of(
+        cls, geometry: EpipolarPair, parallax: ParallaxMap, frame_from_pair: Pose, half_px: int
+    ) -> SurfaceView:
+        """A pair placed in the common frame."""
+        return cls(
+            geometry, frame_from_pair.rotation, frame_from_pair.translation_m, parallax, half_px
+        )
+
+    @cached_property
+    def planes(self) -> Float32[np.ndarray, "4 rows cols"]:
+        """Parallax, its gradient along sample and line, and residual, every `EVERY` pixels."""
+        return parallax_facets(self.parallax, self.half_px)
+
+    def at(self, points: ImagePoints) -> Facets:
+        """The facets at image points; those outside the image have none."""
+        _, rows, cols = self.planes.shape
+        node = np.rint(points / EVERY)
+        inside = ((node >= 0) & (node < (cols, rows))).all(axis=1)
+        col, row = np.where(inside[:, None], node, 0).astype(np.int64).T
+        parallax, along, down, residual = self.planes[:, row, col].astype(np.float64)
+        parallax[~inside] = np.nan
+        gradient = np.column_stack([along, down])
+        return Facets(
+            parallax + (gradient * (points - EVERY * node)).sum(axis=1), gradient, residual
+        )
+
+    def grid(self, step_px: int) -> ImagePoints:
+        """Image points `step_px` apart where there is parallax."""
+        line, sample = np.mgrid[
+            step_px // 2 : self.geometry.lines : step_px,
+            step_px // 2 : self.geometry.samples : step_px,
+        ]
+        known = self.parallax[line, sample] > 0
+        return np.column_stack([sample[known], line[known]]).astype(np.float64)
+
+    def place(self, points: ImagePoints, parallax_px: PerPoint) -> ObjectPoints:
+        """Where image points lie in the common frame, metres."""
+        in_pair = self.geometry.triangulate(points, parallax_px)
+        return in_pair @ self.rotation.T + self.centre
+
+    def by_place(self, in_pair: ObjectPoints) -> Float64[np.ndarray, "n 3 3"]:
+        """Derivative of (sample, line, parallax) by places of the common frame.
+
+        `in_pair` are the places in the frame of the pair.
+        """
+        f, (x, y, z) = self.geometry.focal_px, in_pair.T
+        zero = np.zeros_like(z)
+        rows = [
+            [f / z, zero, -f * x / z**2],
+            [zero, f / z, -f * y / z**2],
+            [zero, zero, -f * self.geometry.base_m / z**2],
+        ]
+        return np.moveaxis(np.array(rows), 2, 0) @ self.rotation.T
+
+    def facing(self, normals: Directions, places: ObjectPoints) -> PerPoint:
+        """Sine of the angle under which facets are seen; below zero from behind."""
+        return (normals * unit(places - self.centre)).sum(axis=1)
+
+
+def parallax_facets(parallax: ParallaxMap, half_px: int) -> Float32[np.ndarray, "4 rows cols"]:
+    """Planes fitted to windows of the parallax: value, gradient along sample and line, residual.
+
+    A window takes every second pixel of 2 `half_px` + 1: parallax is smooth over more than that.
+    """
+    p = parallax[::TAKEN, ::TAKEN].astype(np.float64)
+    known = p > 0  # NaN is not
+    one, p = known.astype(np.float64), np.where(known, p, 0.0)
+    row, col = np.indices(p.shape, dtype=np.float64) * TAKEN
+    side = 2 * (half_px // TAKEN) + 1
+
+    def summed(values: np.ndarray) -> np.ndarray:
+        of_all = cv2.boxFilter(
+            values, -1, (side, side), normalize=False, borderType=cv2.BORDER_CONSTANT
+        )
+        return of_all[::KEPT, ::KEPT]
+
+    x, y = col[::KEPT, ::KEPT], row[::KEPT, ::KEPT]
+    n, sx, sy = summed(one), summed(one * col), summed(one * row)
+    sxx, sxy, syy = (summed(one * square) for square in (col * col, col * row, row * row))
+    sp, sxp, syp, spp = summed(p), summed(col * p), summed(row * p), summed(p * p)
+    u, v = sx - x * n, sy - y * n  # about the window's middle
+    uu = sxx - 2 * x * sx + x * x * n
+    uv = sxy - x * sy - y * sx + x * y * n
+    vv = syy - 2 * y * sy + y * y * n
+    normal = np.stack([n, u, v, u, uu, uv, v, uv, vv], axis=-1).reshape(*n.shape, 3, 3)
+    right = np.stack([sp, sxp - x * sp, syp - y * sp], axis=-1)
+    enough = n >= LEAST_SHARE * side**2
+    normal[~enough] = np.eye(3)
+    plane = np.linalg.solve(normal, right[..., None])[..., 0]
+    left_over = spp - (plane * right).sum(axis=-1)
+    residual = np.sqrt(np.maximum(left_over, 0.0) / np.maximum(n - 3, 1.0))
+    found = np.stack([*np.moveaxis(plane, -1, 0), residual])
+    return np.where(enough, found, np.nan).astype(np.float32)
+
+
+def unit(vectors: ObjectPoints) -> Directions:
+    """Vectors of length one."""
+    with np.errstate(invalid="ignore"):
+        return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
