@@ -45,7 +45,7 @@ class SurfaceTieParams:
     block_share: float = 0.06
     """of the distance of the stops: far away there are fewer pixels to a metre."""
     least_points: int = 30
-    largest_sigma_m: float = 0.03
+    largest_sigma_m: float = 0.06
     """Across the rays: blocks without relief know no better and are left out."""
     least: int = 8
     """Blocks without which there are no ties by shape."""
