@@ -88,9 +88,10 @@ class SurfaceView:
     def at(self, points: ImagePoints) -> Facets:
         """The facets at image points; those outside the image have none."""
         _, rows, cols = self.planes.shape
-        node = np.rint(points / EVERY)
-        inside = ((node >= 0) & (node < (cols, rows))).all(axis=1)
-        col, row = np.where(inside[:, None], node, 0).astype(np.int64).T
+        inside = self.geometry.shows(points)
+        node = np.rint(np.where(inside[:, None], points, 0.0) / EVERY)
+        node = np.minimum(node, (cols - 1, rows - 1))
+        col, row = node.astype(np.int64).T
         parallax, along, down, residual = self.planes[:, row, col].astype(np.float64)
         parallax[~inside] = np.nan
         gradient = np.column_stack([along, down])
@@ -139,7 +140,7 @@ def parallax_facets(parallax: ParallaxMap, half_px: int) -> Float32[np.ndarray, 
     p = parallax[::TAKEN, ::TAKEN].astype(np.float64)
     known = p > 0  # NaN is not
     one, p = known.astype(np.float64), np.where(known, p, 0.0)
-    row, col = np.indices(p.shape, dtype=np.float64) * TAKEN
+    col, row = np.meshgrid(*(float(TAKEN) * np.arange(n) for n in p.shape[::-1]))
     side = 2 * (half_px // TAKEN) + 1
 
     def summed(values: np.ndarray) -> np.ndarray:
