@@ -16,6 +16,8 @@
    ground (`shared_ground`) are handed on.
 6. The link stands if its ties are many, well spread and far more than chance found; if not, the
    verdict says why. A wrong link is worse than none.
+7. Where it stands, the shape of the ground ties it further (`surface_ties`): it knows the bearings
+   between stops better than the looks of the ground do.
 """
 
 from __future__ import annotations
@@ -193,6 +195,8 @@ def _by_shape(
     one: StopViews, other: StopViews, alignment: Alignment, params: SurfaceTieParams
 ) -> Ties:
     """Ties by the shape of the ground, from where ties by looks have placed the stops."""
+    if not params.enabled:
+        return Ties.none((*one.pair_ids, *other.pair_ids))
     level = Pose(LSL, one.id.frame, one.stop.lsl_from_rover.rotation, np.zeros(3))
     frames = (level, level @ alignment.first_from_second)
     earlier, later = (

@@ -39,6 +39,7 @@ DEFINED_PX = 0.02
 class SurfaceTieParams:
     """Which blocks of ground become ties."""
 
+    enabled: bool = True
     surface: SurfaceParams = field(default_factory=SurfaceParams)
     block_m: float = 1.0
     """Side of a block, and at least"""

@@ -26,6 +26,7 @@ from photogrammetry.adjustment.records import (
 )
 from photogrammetry.matching.cross_site import CrossSiteParams, StopViews, tie_cross_site
 from photogrammetry.matching.inter_stereo import InterStereoParams, tie_inter_stereo
+from photogrammetry.matching.surface_ties import SurfaceTieParams
 from photogrammetry.matching.ties import Ties
 from photogrammetry.matching.tracks import TrackParams, build_tie_points
 from photogrammetry.synthetic.rig import T_PMA_M
@@ -77,13 +78,13 @@ class StopError:
         )
 
 
-def network_of(stops: Sequence[SimulatedStop]) -> Network:
+def network_of(stops: Sequence[SimulatedStop], *, by_shape: bool = True) -> Network:
     """Stops in the order of their traverse, each tied within and with the next.
 
     The first stands where it truly stood.
     """
     ties: list[Ties] = [tie_inter_stereo(s.matched, InterStereoParams()).ties for s in stops]
-    params = CrossSiteParams()
+    params = CrossSiteParams(by_shape=SurfaceTieParams(enabled=by_shape))
     views = [StopViews.of(stop.matched, params.birds_eye) for stop in stops]
     ties += [tie_cross_site(*two, params).ties for two in pairwise(views)]
     mast = HUSBAND_MAST_M if stops[0].world.terrain == "husband" else T_PMA_M
@@ -103,9 +104,11 @@ def network_of(stops: Sequence[SimulatedStop]) -> Network:
     )
 
 
-def judged(stops: Sequence[SimulatedStop]) -> tuple[AdjustmentReport, list[StopError]]:
+def judged(
+    stops: Sequence[SimulatedStop], *, by_shape: bool = True
+) -> tuple[AdjustmentReport, list[StopError]]:
     """The report of the overall adjustment, and the errors of all stops but the held one."""
-    adjusted, report = adjust_overall(network_of(stops), AdjustmentParams())
+    adjusted, report = adjust_overall(network_of(stops, by_shape=by_shape), AdjustmentParams())
     places = np.array([stop.true.translation_m for stop in stops])
     driven_m = np.cumsum(np.linalg.norm(np.diff(places, axis=0), axis=1)).tolist()
     return report, [
@@ -129,8 +132,10 @@ def main() -> None:
     """Read the names of worlds, adjust, print."""
     parser = argparse.ArgumentParser(prog="python -m tests.support.stop_networks")
     parser.add_argument("worlds", nargs="+", help="husband, or a terrain and a seed: plains61")
-    for name in parser.parse_args().worlds:
-        report, errors = judged(stops_of_world(name))
+    parser.add_argument("--by-looks-alone", action="store_true", help="no ties by shape")
+    arguments = parser.parse_args()
+    for name in arguments.worlds:
+        report, errors = judged(stops_of_world(name), by_shape=not arguments.by_looks_alone)
         print(f"{name}: {report}", *errors, sep="\n", flush=True)  # noqa: T201
 
 
