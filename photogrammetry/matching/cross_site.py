@@ -178,6 +178,8 @@ def _judged(trials: Trials, trial: Trial, by_chance: int, params: CrossSiteParam
     )
     by_shape = _by_shape(one, other, final, params.by_shape)
     figures = replace(figures, handed_on=int(some.sum()), by_shape=len(by_shape))
+    if len(by_shape):
+        reason += f", {len(by_shape)} more by the shape of the ground"
     return SiteLink(
         one.id,
         other.id,
