@@ -92,6 +92,13 @@ class Views:
         points = state.points.T.copy()
         return cls(table, stop, state.centres.T, points, bodies, state.pointings)
 
+    @property
+    def orientations(
+        self,
+    ) -> tuple[Float64[np.ndarray, "pairs 3 3"], Float64[np.ndarray, "pairs 3"]]:
+        """Rotation lsl_from_pair and origin in the LSL of every pair."""
+        return self.pairs[:9].reshape(3, 3, -1).transpose(2, 1, 0), self.pairs[9:12].T
+
     def at(self, points: Float64[np.ndarray, "3 points"]) -> Views:
         """The same with the points elsewhere."""
         return replace(self, points=points)
