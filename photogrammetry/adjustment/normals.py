@@ -164,10 +164,9 @@ def added(
     flat, right = np.zeros(problem.pattern.length + 1), np.zeros(problem.unknowns.count + 1)
     ties = []
     for tie, place, right_place in zip(groups, problem.places, problem.right_places, strict=True):
-        N = tie.normals()
-        entries = place.shape[1]
-        _add(flat, place, N[:, :entries])
-        _add(right, right_place, N[:, entries:-1])
+        N, n = tie.normals()
+        _add(flat, place, N)
+        _add(right, right_place, n)
         ties.append(tie)
     return flat, right, tuple(ties)
 
