@@ -37,7 +37,6 @@ from photogrammetry.adjustment.residuals import (
     point_covariances,
     single_sightings,
 )
-from photogrammetry.adjustment.rotations import rotation_of_vector
 from photogrammetry.adjustment.sightings import Sightings, points_seen
 from photogrammetry.adjustment.solver import Solution
 from photogrammetry.arrays import Float64
@@ -142,11 +141,9 @@ def _pairs(
     state, observations = outcome.solution.state, outcome.observations
     joined = np.bincount(observations.pair[outcome.problem.rows], minlength=len(network.pairs))
     labels = [pair.geometry.rover_from_pair for pair in network.pairs]
-    rotations, origins = outcome.views.orientations
-    in_lsl = Pose.many(((LSL, label.source) for label in labels), rotations, origins)
-    in_rover = observations.origins_in_rover(state.pointings)
-    rover_from_pair = rotation_of_vector(state.pointings) @ observations.rover_from_pair
-    true = Pose.many(((label.target, label.source) for label in labels), rover_from_pair, in_rover)
+    in_lsl = Pose.many(((LSL, label.source) for label in labels), *outcome.views.orientations)
+    in_rover = observations.in_rover(state.pointings)
+    true = Pose.many(((label.target, label.source) for label in labels), *in_rover)
     return tuple(
         AdjustedPair(
             pair.pair_id,
@@ -227,7 +224,7 @@ def _ties(
         network.ties,
         state.points,
         covariances,
-        tuple(np.array(KINDS, dtype=object)[kinds].tolist()),
+        tuple(map(KINDS.__getitem__, kinds.tolist())),
         status.astype(np.int32),
         l,
         outcome.residuals.standardised,
