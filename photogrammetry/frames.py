@@ -139,7 +139,9 @@ def _is_proper_rotation(matrix: Rotation) -> bool:
 def _are_proper_rotations(matrices: Float64[np.ndarray, "n 3 3"]) -> bool:
     """The same of many."""
     off = np.abs(matrices @ matrices.mT.copy() - np.eye(3))  # NaN where anything is not finite
-    return bool((off <= ORTHONORMAL).all() and (np.linalg.det(matrices) > 0).all())
+    a, b, c, d, e, f, g, h, i = matrices.reshape(-1, 9).T
+    volume = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
+    return bool((off <= ORTHONORMAL).all() and (volume > 0).all())
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -21,7 +21,6 @@ from photogrammetry.adjustment.collinearity import (
     Observations,
     State,
     Views,
-    are_in_front,
 )
 from photogrammetry.adjustment.consistency import Comparisons, consistency
 from photogrammetry.adjustment.control_equations import Control, frame_places, known_used
@@ -85,7 +84,9 @@ def adjust_and_keep(
     root = is_held if is_held.any() or inherited else np.arange(len(is_held)) == 0
     before = carried(known, telemetry, root, is_known)
     overview = Overview.of(observations, known.pointings, len(root), params)
-    state, fits = initialise(observations, telemetry, root, params, known, is_known, overview)
+    state, views, fits = initialise(
+        observations, telemetry, root, params, known, is_known, overview
+    )
     if start:
         fits &= ~_found_wrong(network.ties, start.ties)
     placed = root if inherited is None else is_held | is_known
@@ -98,11 +99,12 @@ def adjust_and_keep(
         adjusted, report, outcome = adjust_and_keep(rest, held, params, start, name, inherited)
         return *completed((adjusted, report), network, findings), outcome
     state = with_rays_intersected(state, observations, fits)
-    used = fits & are_in_front(state, observations)
+    views = views.at(state.points.T.copy())
+    used = fits & views.are_in_front(observations.sights)
     control = _control(network, start)
     if control:
         state = replace(state, frames=_frame_places(control, state, network, start))
-    beginning = Start(observations, telemetry, is_held, state, used, inherited, control)
+    beginning = Start(observations, telemetry, is_held, state, views, used, inherited, control)
     outcome = estimate(beginning, params)
     outcome = outcome.with_all_points(overview.seen)
     agreement = _agreement(outcome, before, overview.seen)

@@ -57,12 +57,9 @@ def pair_orientations(
 ) -> tuple[Float64[np.ndarray, "pairs 3 3"], Float64[np.ndarray, "pairs 3"]]:
     """Rotation lsl_from_pair and origin in the LSL of every pair."""
     of_stop = state.rotations[observations.pair_stop]
-    rotations = of_stop @ rotation_of_vector(state.pointings) @ observations.rover_from_pair
-    origins = (
-        state.centres[observations.pair_stop]
-        + (of_stop @ observations.origins_in_rover(state.pointings)[:, :, None])[:, :, 0]
-    )
-    return rotations, origins
+    rotations, origins = observations.in_rover(state.pointings)
+    moved = (of_stop @ origins[:, :, None])[:, :, 0]
+    return of_stop @ rotations, state.centres[observations.pair_stop] + moved
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,9 +89,22 @@ class Views:
         points = state.points.T.copy()
         return cls(table, stop, state.centres.T, points, bodies, state.pointings)
 
+    @property
+    def orientations(
+        self,
+    ) -> tuple[Float64[np.ndarray, "pairs 3 3"], Float64[np.ndarray, "pairs 3"]]:
+        """Rotation lsl_from_pair and origin in the LSL of every pair."""
+        return self.pairs[:9].reshape(3, 3, -1).transpose(2, 1, 0), self.pairs[9:12].T
+
     def at(self, points: Float64[np.ndarray, "3 points"]) -> Views:
         """The same with the points elsewhere."""
         return replace(self, points=points)
+
+    def are_in_front(self, sights: Sights) -> Bool[np.ndarray, " m"]:
+        """Which points are before the camera, so that there are misclosures."""
+        axis, origin = np.take(self.pairs[6:12], sights.pair, axis=1).reshape(2, 3, -1)
+        arm = np.take(self.points, sights.point, axis=1) - origin
+        return np.einsum("im,im->m", axis, arm) > 0
 
     def misclosures(self, sights: Sights) -> Vectors:
         """Observed minus computed (x, y, p), pixels; NaN behind the camera."""
@@ -182,14 +192,6 @@ def misclosures(
     return Views.of(state, observations).misclosures(sights).T.copy()
 
 
-def are_in_front(state: State, observations: Observations) -> Bool[np.ndarray, " n"]:
-    """Which observations have their point before the camera, so that there are misclosures."""
-    views = Views.of(state, observations)
-    axis, origin = np.take(views.pairs[6:12], observations.pair, axis=1).reshape(2, 3, -1)
-    arm = np.take(views.points, observations.point, axis=1) - origin
-    return np.einsum("im,im->m", axis, arm) > 0
-
-
 def partials(
     state: State, observations: Observations, rows: np.ndarray
 ) -> tuple[Float64[np.ndarray, "m 3 9"], Float64[np.ndarray, "m 3 3"]]:
@@ -208,7 +210,6 @@ __all__ = [
     "Sights",
     "State",
     "Views",
-    "are_in_front",
     "misclosures",
     "pair_orientations",
     "partials",

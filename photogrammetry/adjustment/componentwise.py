@@ -44,13 +44,6 @@ def crosses(v: Vectors) -> Matrices:
     return np.stack([none, -z, y, z, none, -x, -y, x, none]).reshape(3, 3, -1)
 
 
-def inverted(A: Matrices) -> Matrices:
-    """Inverses of many matrices: cofactors over the determinant."""
-    of_rows = np.stack([cross(A[1], A[2]), cross(A[2], A[0]), cross(A[0], A[1])], axis=1)
-    of_rows /= np.einsum("im,im->m", of_rows[:, 0], A[0])
-    return of_rows
-
-
 def crossed_rows(
     rows: Float64[np.ndarray, "3 3 *k m"], v: Vectors
 ) -> Float64[np.ndarray, "3 3 *k m"]:

@@ -152,7 +152,7 @@ def _telemetry_sigmas(telemetry: Telemetry, k: int) -> np.ndarray:
 
 def _is_spread(network: Initial, k: int, ours: np.ndarray) -> bool:
     """Whether points lie so far off their line that the turn about it needs no closer look."""
-    points, _ = network.overview.in_rover(ours)
+    points = network.overview.places_in_rover(ours)
     off = points - points.mean(axis=0)
     spread = np.linalg.eigvalsh(off.T @ off)
     sigma = np.sqrt(np.median(network.overview.seen.size[ours]))

@@ -56,14 +56,13 @@ class EliminatedTies:
     centres: np.ndarray
     """(stops, 3) of the state."""
 
-    def normals(self) -> np.ndarray:
-        """(signatures, columns + 1 below columns + 1) lower triangle of (A_o, l)' P (A_o, l)."""
-        count = self.free.shape[2]
-        # of a copy: products of stacks with themselves take numpy two to five times as long
-        products = (self.free.mT @ self.free.copy()).reshape(-1, count * count)
+    def normals(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lower triangle of A_o' P A_o, row by row, and A_o' P l, by signature."""
+        products = self.free[:, :, :-1].mT @ self.free
         if self.group.is_shared:
             products = np.add.reduceat(products, self.group.first, axis=0)
-        return np.take(products, _triangle_of(count), axis=1)
+        entries = products.reshape(len(products), -1)
+        return np.take(entries, _triangle_beside(self.group.felt), axis=1), products[:, :, -1]
 
     @property
     def residuals(self) -> np.ndarray:
@@ -126,10 +125,10 @@ def _places_in_triangle(count: int) -> np.ndarray:
 
 
 @lru_cache(maxsize=256)
-def _triangle_of(count: int) -> np.ndarray:
-    """Places of the lower triangle in a matrix, row by row."""
+def _triangle_beside(count: int) -> np.ndarray:
+    """Places of the lower triangle of a matrix that has one more column, row by row."""
     row, column = np.tril_indices(count)
-    return row * count + column
+    return row * (count + 1) + column
 
 
 def eliminate(group: TieGroup, l: np.ndarray, A: Partials, views: Views) -> EliminatedTies:

@@ -48,6 +48,8 @@ class Start:
     telemetry: Telemetry
     held: Bool[np.ndarray, " stops"]
     state: State
+    views: Views
+    """What is seen from the state."""
     used: Bool[np.ndarray, " rows"]
     inherited: Marginal | None = None
     control: Control | None = None
@@ -109,7 +111,7 @@ class _Judged:
 def estimate(start: Start, params: AdjustmentParams) -> Outcome:
     """Estimate all unknowns, and which observations are blunders."""
     problem, used, iterations = start.problem(start.used), start.used, 0
-    at: State | Place = start.state
+    at: State | Place = Place.of(problem, start.state, start.views)
     for step in STEPS:
         for further in reversed(range(params.max_rounds)):
             aside = bool((~used & start.observations.is_stereo).any())

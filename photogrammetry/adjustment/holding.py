@@ -96,7 +96,8 @@ def _couples(point: np.ndarray, stop: np.ndarray, stops: int) -> Counter[tuple[i
         same = point[lag:] == point[:-lag]
         if not same.any():
             break
-        both, counts = np.unique(stop[:-lag][same] * stops + stop[lag:][same], return_counts=True)
-        for code, count in zip(both.tolist(), counts.tolist(), strict=True):
+        counts = np.bincount(stop[:-lag][same] * stops + stop[lag:][same])
+        both = np.flatnonzero(counts)
+        for code, count in zip(both.tolist(), counts[both].tolist(), strict=True):
             couples[divmod(code, stops)] += count
     return couples

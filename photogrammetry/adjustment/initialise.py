@@ -44,8 +44,8 @@ def initialise(  # noqa: PLR0913, PLR0917 - the network, where it stands, and wh
     known: State,
     is_known: np.ndarray,
     overview: Overview | None = None,
-) -> tuple[State, np.ndarray]:
-    """Poses of all stops, points, and which observations fit (False: grossly off).
+) -> tuple[State, Views, np.ndarray]:
+    """Poses of all stops and points, what is seen from there, and which observations fit.
 
     Stops that `is_known` or `held` keep the pose they have in `known`; the others are aligned.
     """
@@ -76,8 +76,9 @@ def initialise(  # noqa: PLR0913, PLR0917 - the network, where it stands, and wh
         earlier[points[fresh]] = ours[fresh]
     state, astray = closed_loops(state, telemetry, held, overview, params)
     fits[astray] = False
-    points = points_seen(Views.of(state, observations), observations, seen, fits)
-    return replace(state, points=points), fits
+    views = Views.of(state, observations)
+    points = points_seen(views, observations, seen, fits)
+    return replace(state, points=points), views.at(points.T.copy()), fits
 
 
 def carried(state: State, telemetry: Telemetry, held: np.ndarray, is_known: np.ndarray) -> State:
@@ -110,35 +111,37 @@ def _aligned(
     if not len(loss.weights):
         return state, loss.weights
     gate, state_before = params.gross, state
+    link = telemetry.of_stops(_with_the_stop_before(k))
     misfit = ties.misfit(state.rotations[k], state.centres[k])
     for _ in range(ROUNDS):
-        state = _align_step(state, telemetry, k, misfit, loss.weights)
+        state = _align_step(state, link, k, misfit, loss.weights)
         misfit = ties.misfit(state.rotations[k], state.centres[k])
         loss = loss.sharpened(misfit.standardised, gate)
         if loss.is_settled:
             break
-    aligned = _align_step(state, telemetry, k, misfit, loss.weights)
+    aligned = _align_step(state, link, k, misfit, loss.weights)
     unchecked = (loss.weights > HALF).sum() <= UNCHECKED_TIES
-    if unchecked and _telemetry_misfit(aligned, telemetry, k) > gate:
+    if unchecked and _telemetry_misfit(aligned, link, k) > gate:
         return state_before, np.zeros(len(ties.X))
     return aligned, loss.weights
 
 
-def _telemetry_misfit(state: State, telemetry: Telemetry, k: int) -> float:
-    """How far stop k is from its telemetry, in standard deviations."""
-    both = np.array([max(k - 1, 0), k])
-    link = telemetry.of_stops(both)
-    off = telemetry_misclosures(state.of_stops(both), link)[1] * link.weight[1]
-    return float(np.linalg.norm(off))
+def _with_the_stop_before(k: int) -> np.ndarray:
+    return np.array([max(k - 1, 0), k])
+
+
+def _telemetry_misfit(state: State, link: Telemetry, k: int) -> float:
+    """How far stop k is from the telemetry that links it, in standard deviations."""
+    ends = state.of_stops(_with_the_stop_before(k))
+    return float(np.linalg.norm(telemetry_misclosures(ends, link)[1] * link.weight[1]))
 
 
 def _align_step(
-    state: State, telemetry: Telemetry, k: int, misfit: Misfit, weights: np.ndarray
+    state: State, link: Telemetry, k: int, misfit: Misfit, weights: np.ndarray
 ) -> State:
     """One Gauss-Newton step of the alignment, from a state and its misfit."""
     N, n = misfit.normals(weights)
-    both = np.array([max(k - 1, 0), k])
-    link, ends = telemetry.of_stops(both), state.of_stops(both)
+    ends = state.of_stops(_with_the_stop_before(k))
     l = telemetry_misclosures(ends, link)[1] * link.weight[1]
     T = telemetry_partials(ends, link)[1, :, 6:] * link.weight[1][:, None]
     N, n = N + T.T @ T, n + T.T @ l

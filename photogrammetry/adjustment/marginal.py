@@ -159,10 +159,9 @@ class Chart:
 
 def _vectors(rotations: Float64[np.ndarray, "n 3 3"]) -> Float64[np.ndarray, "n 3"]:
     """Rotation vectors of rotations by less than a right angle or so: corrections, not poses."""
-    skew = (rotations - rotations.mT) / 2
-    v = np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=1)
-    sine = np.sqrt((v**2).sum(axis=1))
-    cosine = (rotations[:, 0, 0] + rotations[:, 1, 1] + rotations[:, 2, 2] - 1.0) / 2
+    entries = rotations.reshape(-1, 9)
+    v = (entries[:, [7, 2, 3]] - entries[:, [5, 6, 1]]) / 2  # of the skew part
+    sine, cosine = np.sqrt(np.vecdot(v, v)), (entries[:, ::4].sum(axis=1) - 1.0) / 2
     angle = np.arctan2(sine, cosine)
     return v * np.divide(angle, sine, out=np.ones_like(sine), where=sine > 0)[:, None]
 

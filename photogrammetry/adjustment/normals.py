@@ -39,9 +39,10 @@ class Place:
     """Coordinates of what is inherited, see `marginal`."""
 
     @classmethod
-    def of(cls, problem: Problem, state: State) -> Place:
-        """Look from a state."""
-        views, l = Views.of(state, problem.observations), np.empty_like(problem.sights.measured)
+    def of(cls, problem: Problem, state: State, views: Views | None = None) -> Place:
+        """Look from a state; `views` where it has been looked from already."""
+        views = views or Views.of(state, problem.observations)
+        l = np.empty_like(problem.sights.measured)
         for begin in range(0, len(problem.sights), CACHED):
             part = slice(begin, begin + CACHED)
             sights = problem.sights.part(part)
@@ -149,8 +150,7 @@ def _eliminated(problem: Problem, at: Place, threshold: float | None) -> Iterato
     for group in problem.groups:
         part = slice(end, end := end + group.rows.size)
         l = at.l[:, part]
-        own = problem.sights.part(part)
-        A = together.of(part) if together else at.views.partials(own, masts)
+        A = together.of(part) if together else at.views.partials(problem.sights.part(part), masts)
         if threshold is not None:
             root = np.sqrt(huber_weights(lengths(l), threshold))
             l, A = l * root, A.weighted(root)
@@ -164,10 +164,9 @@ def added(
     flat, right = np.zeros(problem.pattern.length + 1), np.zeros(problem.unknowns.count + 1)
     ties = []
     for tie, place, right_place in zip(groups, problem.places, problem.right_places, strict=True):
-        N = tie.normals()
-        entries = place.shape[1]
-        _add(flat, place, N[:, :entries])
-        _add(right, right_place, N[:, entries:-1])
+        N, n = tie.normals()
+        _add(flat, place, N)
+        _add(right, right_place, n)
         ties.append(tie)
     return flat, right, tuple(ties)
 
@@ -179,11 +178,9 @@ def _add_telemetry(problem: Problem, at: Place, flat: np.ndarray, right: np.ndar
     _add(right, problem.link_right, (at.links[:, None, :] @ A)[:, 0])
     if not problem.telemetry.masts_turn:
         return
-    unknowns, w2 = problem.unknowns, problem.telemetry.pointing_weight**2
-    stop = unknowns.pair_stop
-    own = problem.pattern.start(stop, stop)[:, None]
-    flat[own + unknowns.pair_columns * (unknowns.sizes[stop][:, None] + 1)] += w2
-    right[unknowns.offsets[stop][:, None] + unknowns.pair_columns] -= w2 * at.state.pointings
+    w2, (_, pointings, _) = problem.telemetry.pointing_weight**2, problem.unknowns.unpacked
+    flat[problem.pointing_places] += w2
+    right[pointings] -= w2 * at.state.pointings
 
 
 def _add_inherited(problem: Problem, at: Place, flat: np.ndarray, right: np.ndarray) -> None:

@@ -111,12 +111,13 @@ class Observations:
         """Stop of some of the observations."""
         return self.stop[rows]
 
-    def origins_in_rover(
+    def in_rover(
         self, pointings: Float64[np.ndarray, "pairs 3"]
-    ) -> Float64[np.ndarray, "pairs 3"]:
-        """Origin of every pair after the mast has turned it about its head."""
-        lever = self.origin_in_rover - self.pivot_in_rover
-        return self.pivot_in_rover + (rotation_of_vector(pointings) @ lever[:, :, None])[:, :, 0]
+    ) -> tuple[Float64[np.ndarray, "pairs 3 3"], Float64[np.ndarray, "pairs 3"]]:
+        """Rotation rover_from_pair and origin of every pair, turned by the mast about its head."""
+        turn, lever = rotation_of_vector(pointings), self.origin_in_rover - self.pivot_in_rover
+        origins = self.pivot_in_rover + (turn @ lever[:, :, None])[:, :, 0]
+        return turn @ self.rover_from_pair, origins
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -49,6 +49,8 @@ class Problem:
     """Base stop of each of these points."""
     anchors: np.ndarray
     """The pair that is nearest to each of them."""
+    pointing_places: np.ndarray
+    """(pairs, 3) places of mast pointings on the diagonal of the flat normal matrix."""
     inherited_places: tuple[np.ndarray, np.ndarray]
     """Where in the flat normal matrix, and in the vector of unknowns, what is inherited goes."""
     inherited: Marginal | None = None
@@ -113,6 +115,7 @@ class Problem:
             observations, telemetry, held, unknowns, pattern, groups, places, right_places,
             link_places, link_right, weight, rows[counts], sights,
             observations.point[first], observations.stop[first], observations.pair[nearest],
+            _pointing_places(unknowns, pattern),
             _inherited_places(inherited, unknowns, pattern), inherited,
             control, *_control_places(control, unknowns, pattern),
         )  # fmt: skip
@@ -134,6 +137,12 @@ def _nearest(observations: Observations, rows: np.ndarray) -> np.ndarray:
     """Of rows (k, n) of n points each one's with the greatest parallax."""
     parallax = observations.measured[rows, 2]
     return rows[len(rows) - 1 - parallax[::-1].argmax(axis=0), np.arange(rows.shape[1])]
+
+
+def _pointing_places(unknowns: Unknowns, pattern: BlockPattern) -> np.ndarray:
+    stop = unknowns.pair_stop
+    per_row = unknowns.sizes[stop][:, None] + 1
+    return pattern.start(stop, stop)[:, None] + unknowns.pair_columns * per_row
 
 
 def _inherited_places(

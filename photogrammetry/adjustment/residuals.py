@@ -14,12 +14,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.adjustment.collinearity import Observations, State, Views
+from photogrammetry.adjustment.collinearity import Sights, State, Views
 from photogrammetry.adjustment.componentwise import (
     Matrices,
     Vectors,
     crosses,
-    inverted,
     product,
     turned,
 )
@@ -147,16 +146,36 @@ def joint_covariances(problem: Problem, inverse: np.ndarray) -> np.ndarray:
     return inverse[problem.pattern.own(unknowns.pair_stop, local)]
 
 
-def single_sightings(
-    observations: Observations, views: Views, rows: np.ndarray, joint: np.ndarray
-) -> np.ndarray:
-    """Covariance of points placed by one stereo observation each."""
-    sights = observations.sights.at(rows)
-    A = views.partials(sights)  # a point moves by back (noise - A_o x), whatever the weights
-    back, arm = inverted(A.by_point), views.arm(A.X, observations.stop_of(rows))
-    G = np.empty((3, 9, len(rows)))
-    G[:, :3], G[:, 3:6] = crosses(arm), -np.eye(3)[:, :, None]
-    G[:, 6:] = product(back, A.by_pointing)
-    by_row = G.transpose(2, 0, 1).copy()
-    carried = by_row @ joint[observations.pair[rows]] @ by_row.mT
-    return carried + np.einsum("idn,jdn->ijn", back, back).transpose(2, 0, 1)
+def pair_covariances(views: Views, joint: np.ndarray) -> np.ndarray:
+    """(pairs, 6, 6) of rotation vector and origin of every pair in the LSL; `joint` is behind them.
+
+    The mast turns a pair by what it turns the pair's frame, and its origin about the mast head.
+    """
+    masts, to_lsl = views.masts(), views.pairs[:9].reshape(3, 3, -1).swapaxes(0, 1)
+    arm, lever = views.arm(views.pairs[9:12], views.stop), turned(to_lsl, masts[:3])
+    by_pointing = product(to_lsl, masts[3:].reshape(3, 3, -1))
+    J = np.zeros((len(joint), 6, 9))
+    J[:, :3, :3] = J[:, 3:, 3:6] = np.eye(3)
+    J[:, 3:, :3] = -cross_matrix(arm.T)
+    J[:, :3, 6:] = by_pointing.transpose(2, 0, 1)
+    J[:, 3:, 6:] = -product(crosses(lever), by_pointing).transpose(2, 0, 1)
+    return J @ joint @ J.mT
+
+
+def single_sightings(views: Views, sights: Sights, of_pair: np.ndarray) -> np.ndarray:
+    """Covariances of points placed by one stereo observation each; `of_pair` those of the pairs.
+
+    Such a point moves like one body with its pair, and by the noise of the image: along the axes
+    of the image by depth over focal length a pixel, along the line of sight by depth / (f B).
+    """
+    table = np.take(views.pairs[:14], sights.pair, axis=1)
+    right, down, axis, origin = table[:12].reshape(4, 3, -1)
+    arm = np.take(views.points, sights.point, axis=1) - origin
+    across, along = (depth := np.einsum("im,im->m", axis, arm)) / table[12], depth / table[13]
+    noise = np.stack([right, down, arm]) / sights.weight[:, None]
+    noise[:2] *= across
+    noise[2] *= along / table[12]
+    G = np.empty((len(sights), 3, 6))
+    G[:, :, :3], G[:, :, 3:] = -cross_matrix(arm.T), np.eye(3)
+    carried = G @ of_pair[sights.pair] @ G.mT
+    return carried + np.einsum("dim,djm->ijm", noise, noise).transpose(2, 0, 1)

@@ -33,10 +33,10 @@ from photogrammetry.adjustment.records import (
 from photogrammetry.adjustment.residuals import (
     Residuals,
     joint_covariances,
+    pair_covariances,
     point_covariances,
     single_sightings,
 )
-from photogrammetry.adjustment.rotations import cross_matrix, left_jacobian, rotation_of_vector
 from photogrammetry.adjustment.sightings import Sightings, points_seen
 from photogrammetry.adjustment.solver import Solution
 from photogrammetry.arrays import Float64
@@ -99,10 +99,12 @@ def assembled(
     sigma0 = float(np.sqrt(cost / redundancy)) if redundancy > 0 else float("nan")
     doubtful = redundancy > 0 and cost > chdtri(redundancy, 1.0 - SIGNIFICANT)
     factor = sigma0**2 if doubtful else 1.0
-    pairs, covariances = _pairs(network, outcome, factor)
-    stops = _stops(network, held, outcome, covariances)
+    joint = joint_covariances(outcome.problem, outcome.inverse) * factor
+    of_pairs = pair_covariances(outcome.views, joint)
+    pairs = _pairs(network, outcome, joint, of_pairs)
+    stops = _stops(network, held, outcome, joint)
     kinds = _kinds(outcome.observations, outcome.used)
-    ties = _ties(network, outcome, factor, covariances, kinds)
+    ties = _ties(network, outcome, factor, of_pairs, kinds)
     control = adjusted_control(network, outcome.problem, outcome.solution.state, outcome.placed)
     placed = np.isfinite(ties.points).all(axis=1)
     seen = np.bincount(outcome.observations.point[outcome.used], minlength=len(placed)) > 0
@@ -133,42 +135,28 @@ def assembled(
 
 
 def _pairs(
-    network: Network, outcome: Outcome, factor: float
-) -> tuple[tuple[AdjustedPair, ...], np.ndarray]:
-    """The adjusted pairs, and the covariance (9, 9) behind each."""
+    network: Network, outcome: Outcome, joint: np.ndarray, covariances: np.ndarray
+) -> tuple[AdjustedPair, ...]:
+    """The adjusted pairs, from the covariances (9, 9) behind each and (6, 6) of its pose."""
     state, observations = outcome.solution.state, outcome.observations
-    joint = joint_covariances(outcome.problem, outcome.inverse) * factor
-    in_rover = observations.origins_in_rover(state.pointings)
-    rover_from_pair = rotation_of_vector(state.pointings) @ observations.rover_from_pair
-    of_stop = state.rotations[observations.pair_stop]
-    rotations, arms = of_stop @ rover_from_pair, (of_stop @ in_rover[:, :, None])[:, :, 0]
-    origins = state.centres[observations.pair_stop] + arms
-    lever = in_rover - observations.pivot_in_rover
-    by_pointing = of_stop @ left_jacobian(state.pointings)
-    J = np.zeros((len(joint), 6, 9))
-    J[:, :3, :3] = J[:, 3:, 3:6] = np.eye(3)
-    J[:, :3, 6:] = by_pointing
-    J[:, 3:, :3] = -cross_matrix(arms)
-    J[:, 3:, 6:] = -cross_matrix((of_stop @ lever[:, :, None])[:, :, 0]) @ by_pointing
-    C = J @ joint @ J.swapaxes(1, 2)
     joined = np.bincount(observations.pair[outcome.problem.rows], minlength=len(network.pairs))
     labels = [pair.geometry.rover_from_pair for pair in network.pairs]
-    in_lsl = Pose.many(((LSL, label.source) for label in labels), rotations, origins)
-    true = Pose.many(((label.target, label.source) for label in labels), rover_from_pair, in_rover)
-    adjusted = tuple(
+    in_lsl = Pose.many(((LSL, label.source) for label in labels), *outcome.views.orientations)
+    in_rover = observations.in_rover(state.pointings)
+    true = Pose.many(((label.target, label.source) for label in labels), *in_rover)
+    return tuple(
         AdjustedPair(
             pair.pair_id,
             pair.stop,
             in_lsl[k],
             true[k],
             state.pointings[k],
-            C[k],
+            covariances[k],
             joint[k, 6:, 6:],
             int(joined[k]),
         )
         for k, pair in enumerate(network.pairs)
     )
-    return adjusted, joint
 
 
 def _stops(
@@ -210,9 +198,12 @@ def _without_pairs(outcome: Outcome, k: int) -> Float64[np.ndarray, "6 6"]:
 
 
 def _ties(
-    network: Network, outcome: Outcome, factor: float, joint: np.ndarray, kinds: np.ndarray
+    network: Network, outcome: Outcome, factor: float, of_pairs: np.ndarray, kinds: np.ndarray
 ) -> AdjustedTies:
-    """The tie points as adjusted, with residuals and status; `kinds` as numbers of `KINDS`."""
+    """The tie points as adjusted, with residuals and status; `kinds` as numbers of `KINDS`.
+
+    `of_pairs` (pairs, 6, 6) are covariances of the poses of pairs.
+    """
     observations, state, used = outcome.observations, outcome.solution.state, outcome.used
     l = np.zeros((0, 3))
     if len(used):
@@ -227,13 +218,13 @@ def _ties(
     alone[outcome.problem.rows] = False
     rows = np.flatnonzero(alone)
     covariances[observations.point[rows]] = single_sightings(
-        observations, outcome.views, rows, joint
+        outcome.views, observations.sights.at(rows), of_pairs
     )
     return AdjustedTies(
         network.ties,
         state.points,
         covariances,
-        tuple(np.array(KINDS, dtype=object)[kinds].tolist()),
+        tuple(map(KINDS.__getitem__, kinds.tolist())),
         status.astype(np.int32),
         l,
         outcome.residuals.standardised,

@@ -31,8 +31,9 @@ def cross_matrix(vectors: Float64[np.ndarray, "*n 3"]) -> Float64[np.ndarray, "*
 def rotation_of_vector(vectors: Float64[np.ndarray, "*n 3"]) -> Float64[np.ndarray, "*n 3 3"]:
     """Exp(m)."""
     t = _lengths(vectors)
-    sinc_half = np.sin(t / 2) / (t / 2)  # sin t / t and (1 - cos t) / t^2 follow from it
-    rotations = sinc_half * np.cos(t / 2) * cross_matrix(vectors)
+    half = t / 2
+    sinc_half = np.sin(half) / half  # sin t / t and (1 - cos t) / t^2 follow from it
+    rotations = sinc_half * np.cos(half) * cross_matrix(vectors)
     rotations += 0.5 * sinc_half**2 * _square(vectors, t)
     rotations += _UNIT
     return rotations
@@ -41,7 +42,8 @@ def rotation_of_vector(vectors: Float64[np.ndarray, "*n 3"]) -> Float64[np.ndarr
 def left_jacobian(vectors: Float64[np.ndarray, "*n 3"]) -> Float64[np.ndarray, "*n 3 3"]:
     """J, which carries a change of the rotation vector to a rotation applied from the left."""
     t = _lengths(vectors)
-    sinc_half, safe = np.sin(t / 2) / (t / 2), np.maximum(t, SERIES)
+    half, safe = t / 2, np.maximum(t, SERIES)
+    sinc_half = np.sin(half) / half
     third = np.where(t < SERIES, 1 / 6 - t**2 / 120, (safe - np.sin(safe)) / safe**3)
     jacobians = 0.5 * sinc_half**2 * cross_matrix(vectors)
     jacobians += third * _square(vectors, t)
@@ -79,11 +81,12 @@ def along_arcs(
 
     Each drive turns with the stops at its ends, D <- Exp(m) (D + dD - m x D); held stops stay.
     """
-    drive, change = np.diff(centres, axis=0), np.diff(shift, axis=0)
+    drive, change = centres[1:] - centres[:-1], shift[1:] - shift[:-1]
     mean = (turn[1:] + turn[:-1]) / 2
     rest = drive + change - (cross_matrix(mean) @ drive[:, :, None])[:, :, 0]
     arc = (rotation_of_vector(mean) @ rest[:, :, None])[:, :, 0] - drive - change
-    off = np.concatenate([np.zeros((1, 3)), np.cumsum(arc, axis=0)])
+    off = np.zeros_like(centres)
+    arc.cumsum(axis=0, out=off[1:])
     stays = np.flatnonzero(held)
     behind = np.maximum(np.searchsorted(stays, np.arange(len(off)), side="right") - 1, 0)
     datum = stays[behind] if len(stays) else np.zeros(len(off), dtype=np.int64)

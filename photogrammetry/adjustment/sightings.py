@@ -24,7 +24,6 @@ from photogrammetry.adjustment.componentwise import (
     turned,
 )
 from photogrammetry.adjustment.params import AdjustmentParams
-from photogrammetry.adjustment.rotations import rotation_of_vector
 from photogrammetry.arrays import Covariances3, Flags, Float64, Int32
 
 
@@ -143,23 +142,25 @@ class Overview:
         """Of a network of so many stops."""
         seen = Sightings.of(observations, params)
         best = best_sightings(observations, seen, stops)
-        rover_from_pair = rotation_of_vector(pointings) @ observations.rover_from_pair
-        origins = observations.origins_in_rover(pointings)
         couples = shared_sightings(observations, best)
-        return cls(observations, seen, best, couples, rover_from_pair, origins)
+        return cls(observations, seen, best, couples, *observations.in_rover(pointings))
+
+    def places_in_rover(self, rows: np.ndarray) -> Float64[np.ndarray, "m 3"]:
+        """Places of some sightings in the frames of their rovers."""
+        pair, points = self.observations.pair[rows], self.seen.points[:, rows].T
+        turned = (self.rover_from_pair[pair] @ points[:, :, None])[:, :, 0]
+        return self.origins_in_rover[pair] + turned
 
     def in_rover(self, rows: np.ndarray) -> tuple[Float64[np.ndarray, "m 3"], Covariances3]:
-        """Places and covariances of some sightings in the frames of their rovers."""
-        pair = self.observations.pair[rows]
-        R, points = self.rover_from_pair[pair], self.seen.points[:, rows].T
+        """The same with their covariances."""
+        R = self.rover_from_pair[self.observations.pair[rows]]
         S = self.seen.covariances[:, :, rows].transpose(2, 0, 1).copy()
-        places = self.origins_in_rover[pair] + (R @ points[:, :, None])[:, :, 0]
-        return places, R @ S @ R.mT
+        return self.places_in_rover(rows), R @ S @ R.mT
 
     def in_lsl(
         self, state: State, rows: np.ndarray
     ) -> tuple[Float64[np.ndarray, "m 3"], Covariances3]:
-        """The same in the LSL where stops stand at a state."""
+        """Places and covariances in the LSL where stops stand at a state."""
         (places, S), stop = self.in_rover(rows), self.observations.stop_of(rows)
         R = state.rotations[stop]
         return state.centres[stop] + (R @ places[:, :, None])[:, :, 0], R @ S @ R.mT

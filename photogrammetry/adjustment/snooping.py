@@ -22,6 +22,7 @@ from photogrammetry.adjustment.problem import Problem
 from photogrammetry.adjustment.residuals import (
     Residuals,
     joint_covariances,
+    pair_covariances,
     point_covariances,
     single_sightings,
 )
@@ -88,8 +89,9 @@ def reinstated(  # noqa: PLR0913, PLR0917 - the network, where it stands, and wh
     alone = used & observations.is_stereo
     alone[problem.rows] = False
     single = np.flatnonzero(alone)
+    views = Views.of(state, observations)
     C[observations.point[single]] = single_sightings(
-        observations, Views.of(state, observations), single, joint
+        views, observations.sights.at(single), pair_covariances(views, joint)
     )
     rows = np.flatnonzero(~used & observations.is_stereo)
     point = observations.point[rows]

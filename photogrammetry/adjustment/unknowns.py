@@ -29,9 +29,18 @@ class Unknowns:
     follow those of stops."""
     count: int = field(init=False)
     """How many."""
+    unpacked: tuple[np.ndarray, np.ndarray, np.ndarray] = field(init=False)
+    """Places of the columns of stops, pairs and frames in the vector of unknowns."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "count", int(self.sizes.sum()))
+        stops = np.arange(len(self.stop_columns))
+        unpacked = (
+            self.places(stops[:, None], self.stop_columns),
+            self.places(self.pair_stop[:, None], self.pair_columns),
+            self.places(self.frame_blocks[:, None], self.frame_columns),
+        )
+        object.__setattr__(self, "unpacked", unpacked)
 
     @classmethod
     def of(
@@ -79,10 +88,5 @@ class Unknowns:
 
     def unpack(self, x: Float64[np.ndarray, " n"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Corrections (stops, 6), zero where held, (pairs, 3) and (frames, 5)."""
-        padded = np.append(x, 0.0)
-        stops = np.arange(len(self.stop_columns))
-        return (
-            padded[self.places(stops[:, None], self.stop_columns)],
-            padded[self.places(self.pair_stop[:, None], self.pair_columns)],
-            padded[self.places(self.frame_blocks[:, None], self.frame_columns)],
-        )
+        padded, (stops, pairs, frames) = np.append(x, 0.0), self.unpacked
+        return padded[stops], padded[pairs], padded[frames]

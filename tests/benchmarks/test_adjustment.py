@@ -236,6 +236,6 @@ def started(network):
     observations, telemetry = Observations.of(network), Telemetry.of(network, PARAMS)
     held = np.arange(len(network.stops)) == 0
     known, is_known = _known(network, telemetry, observations, None)
-    state, _ = initialise(observations, telemetry, held, PARAMS, known, is_known)
+    state, *_ = initialise(observations, telemetry, held, PARAMS, known, is_known)
     used = np.isfinite(misclosures(state, observations, np.arange(len(observations)))).all(axis=1)
     return Problem.of(observations, telemetry, held, used), state

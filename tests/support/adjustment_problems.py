@@ -81,7 +81,7 @@ def aligned(network):
     observations, telemetry = Observations.of(network), Telemetry.of(network, PARAMS)
     held = np.arange(len(network.stops)) == 0
     known, is_known = _known(network, telemetry, observations, None)
-    start, _ = initialise(observations, telemetry, held, PARAMS, known, is_known)
+    start, *_ = initialise(observations, telemetry, held, PARAMS, known, is_known)
     return RigProblem(observations, telemetry, start)
 
 
