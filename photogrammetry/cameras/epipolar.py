@@ -31,6 +31,7 @@ from photogrammetry.arrays import (
     Covariances3,
     Directions,
     Flags,
+    Float64,
     ImagePoints,
     ObjectPoints,
     PerPoint,
@@ -172,6 +173,22 @@ def epipolar_pair(
         samples=samples,
         lines=lines,
     )
+
+
+def projection_partials(
+    points_in_pair: ObjectPoints, focal_px: PerPoint | float, base_m: PerPoint | float
+) -> Float64[np.ndarray, "n 3 3"]:
+    """Derivatives of (left sample, left line, parallax) by points in the pair's frame, px/m.
+
+    Focal length and base are those of one pair or of every point's; NaN behind the camera.
+    """
+    x, y, z = points_in_pair.T
+    z = np.where(z > 0, z, np.nan)
+    partials = np.zeros((len(points_in_pair), 3, 3))
+    partials[:, 0, 0] = partials[:, 1, 1] = focal_px / z
+    partials[:, 0, 2], partials[:, 1, 2] = -focal_px * x / z**2, -focal_px * y / z**2
+    partials[:, 2, 2] = -focal_px * base_m / z**2
+    return partials
 
 
 Eye = tuple[CameraModel, tuple[int, int]]

@@ -30,7 +30,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation as ScipyRotation
 
 from photogrammetry.arrays import Flags, Float64, ObjectPoints, PerPoint
-from photogrammetry.cameras.epipolar import EpipolarPair
+from photogrammetry.cameras.epipolar import EpipolarPair, projection_partials
 from photogrammetry.errors import MatchingError
 from photogrammetry.frames import Pose
 from photogrammetry.matching.ties import Ties
@@ -180,7 +180,7 @@ def _linearised(
     untilted = _apply(np.swapaxes(rt, 1, 2), in_second - ct)
     back = np.swapaxes(turn[second], 1, 2)
     seen = _apply(back, untilted)
-    project = _projection_derivative(seen, system)
+    project = projection_partials(seen, system.focal, system.base)
     to_target = project @ back @ np.swapaxes(rt, 1, 2) @ r.T
     count = len(system.points)
     design = np.zeros((count, 3, len(x)))
@@ -219,27 +219,6 @@ def _projected(points: ObjectPoints, system: _System) -> ObjectPoints:
     z = np.where(points[:, 2] > 0, points[:, 2], np.nan)
     left = system.centre + (system.focal / z)[:, None] * points[:, :2]
     return np.column_stack([left, system.focal * system.base / z])
-
-
-def _projection_derivative(points: ObjectPoints, system: _System) -> Float64[np.ndarray, "n 3 3"]:
-    """Derivative of (sample, line, parallax) by the point."""
-    x, y, z = points.T
-    z = np.where(z > 0, z, np.nan)
-    f, zero = system.focal, np.zeros_like(z)
-    return np.stack(
-        [
-            f / z,
-            zero,
-            -f * x / z**2,
-            zero,
-            f / z,
-            -f * y / z**2,
-            zero,
-            zero,
-            -f * system.base / z**2,
-        ],
-        axis=-1,
-    ).reshape(-1, 3, 3)
 
 
 def _moved(pose: Pose, change: Float64[np.ndarray, " 6"]) -> Pose:

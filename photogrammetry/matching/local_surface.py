@@ -45,6 +45,16 @@ class ParallaxPlanes:
         """Where a plane was fitted."""
         return np.isfinite(self.parallax_px)
 
+    def normals(self, points: ImagePoints, geometry: EpipolarPair) -> Float64[np.ndarray, "n 3"]:
+        """The planes n . X = 1 of the pair's frame, 1/metres, by the image points they are about.
+
+        They point away from the camera.
+        """
+        from_centre = points - np.asarray(geometry.centre_px)
+        at_centre = self.parallax_px - (self.gradient * from_centre).sum(axis=1)
+        across = geometry.focal_px * self.gradient
+        return np.column_stack([across, at_centre]) / (geometry.focal_px * geometry.base_m)
+
 
 def parallax_planes(parallax: ParallaxMap, points: ImagePoints, half_px: int) -> ParallaxPlanes:
     """Fit planes to the dense parallax in a square window around image points.
@@ -109,10 +119,7 @@ def plane_homographies(
     planes: ParallaxPlanes,
 ) -> Float64[np.ndarray, "n 3 3"]:
     """Maps of the left image of `source` onto that of `target` over each point's local surface."""
-    f, (cx, cy) = source.focal_px, source.centre_px
-    gx, gy = planes.gradient.T
-    at_centre = planes.parallax_px - gx * (points[:, 0] - cx) - gy * (points[:, 1] - cy)
-    normal = np.column_stack([gx * f, gy * f, at_centre]) / (f * source.base_m)
+    normal = planes.normals(points, source)
     between = target_from_source.rotation + (
         target_from_source.translation_m[None, :, None] * normal[:, None, :]
     )

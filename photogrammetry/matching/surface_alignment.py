@@ -7,8 +7,10 @@ the other, has there
 
 the parallax that was measured at its image less its own; grad p is that of the facet there. The
 rigid motion of the later stop's ground that makes r vanish is found by least squares over the
-points of both, each held against the other's ground. Points that only one of the stops can have
-seen are left out: facets at a grazing ray or turned away, ranges that do not compare.
+points of both, each held against the other's ground: least-squares matching of surfaces (Gruen and
+Akca 2005, ISPRS J. 59, 151-174), points against planes (Chen and Medioni 1992), in pixels of
+parallax, whose noise is the same near and far. Points that only one of the stops can have seen are
+left out: facets at a grazing ray or turned away, ranges that do not compare.
 
 What one side of a stone shows lies nearer to the camera than the stone, and windows at a grazing
 ray add to what stands up. Along the rays and up, the shapes that two stops see are therefore some
@@ -24,6 +26,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from photogrammetry.arrays import (
+    Directions,
     Flags,
     Float64,
     ImagePoints,
@@ -63,20 +66,20 @@ class SurfaceParams:
     """Of the ground that two pairs share, both counted."""
     sigma_parallax_px: float = 0.1
     """Of dense parallax."""
-    alike: float = 8.0
+    correlated: float = 8.0
     """So many points say what one would: windows overlap, and so do the stones within them."""
     pointing_sigma: float = 0.0026
     """Radians an axis by which two pairs may be turned against each other before."""
-    apart_m: float = 0.1
+    shift_sigma_m: float = 0.1
     """How far any ground may be from where it is said to be,"""
-    off_parallax_px: float = 0.05
+    bias_parallax_px: float = 0.05
     """c: and how far what a stop sees lies from the middle of things, along its rays;"""
-    off_line_px: float = 1.5
+    bias_line_px: float = 1.5
     """b: and above them. Standard deviations, as rendered and simulated ground has them."""
     rounds: int = 12
 
     def __post_init__(self) -> None:
-        if not (self.step_px > 0 and self.half_px > 0 and self.alike >= 1 and self.rounds > 0):
+        if not (self.step_px > 0 and self.half_px > 0 and self.correlated >= 1 and self.rounds > 0):
             raise MatchingError(
                 "ground is held against ground in steps, windows and rounds of at least one"
             )
@@ -93,6 +96,7 @@ class Misfits:
     by_shift: ObjectPoints
     """Its derivative by a shift of the later stop's ground, pixels per metre."""
     variance: PerPoint
+    """Square pixels, of both parallaxes and of what facets leave."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,7 +107,9 @@ class Ground:
     points: ImagePoints
     parallax_px: PerPoint
     places: ObjectPoints
-    normals: ObjectPoints
+    """In the common frame, metres."""
+    normals: Directions
+    """Of the facets there, in the common frame, away from the pair."""
     by_parallax: ObjectPoints
     """Derivative of the places by the parallax, metres per pixel."""
 
@@ -122,7 +128,7 @@ class Ground:
         points, parallax, places = points[reached], parallax[reached], places[reached]
         if not len(points):
             return cls(view, points, parallax, places, places, places)
-        normals = view.at(points).normals(points, view.geometry) @ view.rotation.T
+        normals = view.normals(view.at(points), points)
         good = view.facing(normals, places) > params.least_facing
         good &= (normals * unit(places - other)).sum(axis=1) > params.least_turned
         along = (view.centre - places) / parallax[:, None]
@@ -142,7 +148,7 @@ class Ground:
         )
         facets = target.at(points[row])
         places, in_target, points = places[row], in_target[row], points[row]
-        normals = facets.normals(points, target.geometry) @ target.rotation.T
+        normals = target.normals(facets, points)
         slope = np.column_stack([facets.gradient, -np.ones(len(row))])
         by_shift = (slope[:, None] @ target.by_place(in_target))[:, 0]
         own = (by_shift * self.by_parallax[row]).sum(axis=1)
@@ -216,24 +222,29 @@ class Couple:
         )
         return earlier, later
 
-    def unlike(self, places: ObjectPoints, params: SurfaceParams) -> Float64[np.ndarray, "n 3 3"]:
-        """Covariance of how far apart the shapes are that both see at some places."""
+    def shape_bias(
+        self, places: ObjectPoints, params: SurfaceParams
+    ) -> Float64[np.ndarray, "n 3 3"]:
+        """Covariance of how far apart the shapes are that both see at places, square metres."""
         spread = np.zeros((len(places), 3, 3))
         for view in (ground.view for ground in self.grounds):
             ray = places - view.centre
             depth = ray @ view.rotation[:, 2]
             per_px = depth / (view.geometry.focal_px * view.geometry.base_m)
-            along = params.off_parallax_px * per_px[:, None] * ray
+            along = params.bias_parallax_px * per_px[:, None] * ray
             spread += along[:, :, None] * along[:, None, :]
-            spread[:, 2, 2] += (params.off_line_px * depth / view.geometry.focal_px) ** 2
+            spread[:, 2, 2] += (params.bias_line_px * depth / view.geometry.focal_px) ** 2
         return spread
 
     def prior(self, places: ObjectPoints, params: SurfaceParams) -> Float64[np.ndarray, "n 3 3"]:
-        """What is known of shifts of the later stop's ground before, as weights."""
-        return np.linalg.inv(self.unlike(places, params) + params.apart_m**2 * np.eye(3))
+        """Weights of a shift of the later stop's ground beforehand, per square metre."""
+        return np.linalg.inv(self.shape_bias(places, params) + params.shift_sigma_m**2 * np.eye(3))
 
-    def laid(self, params: SurfaceParams) -> Float64[np.ndarray, " 6"]:
-        """The motion of the later stop's ground that lays it onto the earlier one's."""
+    def aligned(self, params: SurfaceParams) -> Float64[np.ndarray, " 6"]:
+        """The motion of the later stop's ground that lays it onto the earlier one's.
+
+        Rotation vector about `middle` (radians), then shift (metres), in the common frame.
+        """
         prior = np.zeros((MOTION, MOTION))
         prior[:3, :3] = np.eye(3) / params.pointing_sigma**2
         prior[3:, 3:] = self.prior(self.middle[None], params)[0]
@@ -258,5 +269,9 @@ def weighed(
         for name in ("misfit_px", "by_shift", "variance")
     )
     spread = max(robust_sigma(misfit / np.sqrt(variance)), 1.0) ** 2
-    variance = variance * spread * params.alike
-    return misfit, by_shift, 1.0 / (variance * (1 + params.alike * misfit**2 / (4 * variance)) ** 2)
+    variance = variance * spread * params.correlated
+    return (
+        misfit,
+        by_shift,
+        1.0 / (variance * (1 + params.correlated * misfit**2 / (4 * variance)) ** 2),
+    )

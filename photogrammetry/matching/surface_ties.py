@@ -70,7 +70,7 @@ class Blocks:
     """What lays the later stop's ground onto the earlier one's, common frame."""
     covariance: Float64[np.ndarray, "n 3 3"]
     """Of the shift."""
-    unlike: Float64[np.ndarray, "n 3 3"]
+    shape_bias: Float64[np.ndarray, "n 3 3"]
     """Covariance of how far apart what the stops see of the block is, which blocks share."""
     across_m: PerPoint
     """Shift across the rays, from where all the ground of both pairs was laid."""
@@ -144,7 +144,7 @@ def _seen_by_both(
 
 def blocks_of(couple: Couple, side_m: float, params: SurfaceTieParams) -> Blocks:
     """The blocks of the ground that two pairs share: squares of some side, each laid on its own."""
-    laid = couple.moved(couple.laid(params.surface))
+    laid = couple.moved(couple.aligned(params.surface))
     names = [
         _squares(ground.places + shift, side_m)
         for ground, shift in zip(couple.grounds, laid, strict=True)
@@ -175,7 +175,7 @@ def blocks_of(couple: Couple, side_m: float, params: SurfaceTieParams) -> Blocks
         point,
         laid[0][point] + shift,
         covariance,
-        couple.unlike(middle, params.surface),
+        couple.shape_bias(middle, params.surface),
         shift @ across,
         sigma,
     )
@@ -235,11 +235,15 @@ def _measured(
     there = (view.place(first, parallax) - blocks.shift_m - target.centre) @ target.rotation
     second, second_parallax = target.geometry.project(there)
     by_place = target.by_place(there)
-    own, unlike, told = (
+    own, bias, told = (
         np.diagonal(by_place @ covariance @ by_place.mT, axis1=1, axis2=2)
-        for covariance in (blocks.covariance, blocks.unlike, params.apart_m**2 * np.eye(3))
+        for covariance in (
+            blocks.covariance,
+            blocks.shape_bias,
+            params.shift_sigma_m**2 * np.eye(3),
+        )
     )
-    sample, line, along = np.sqrt(own + count * (unlike + told * (0.0, 1.0, 1.0))).T
+    sample, line, along = np.sqrt(own + count * (bias + told * (0.0, 1.0, 1.0))).T
     defined = np.full(len(blocks), DEFINED_PX)
     of_parallax = np.full(len(blocks), params.sigma_parallax_px)
     return (

@@ -1,12 +1,9 @@
 """A pair's ground as facets: planes of its dense parallax, and the side from which they are seen.
 
-A plane in space is a plane of parallax (`local_surface`). Here one is fitted about pixels all over
-the image at once, from running sums, and read off wherever it is asked for; along its normal
-
-    n ~ (g_x f, g_y f, p - g_x (x - c_x) - g_y (y - c_y)),         n . X > 0 away from the camera,
-
-a facet is seen under the angle whose sine is n . X / |X|. Rays that graze the ground meet crests,
-and what the window makes of the step behind a crest is no ground at all; such facets are left out.
+A plane in space is a plane of parallax, n . X = 1 (`local_surface`). Here one is fitted about
+pixels all over the image at once, from running sums, and read off wherever it is asked for. A facet
+is seen under the angle whose sine is n . X / (|n| |X|). Rays that graze the ground meet crests, and
+what the window makes of the step behind a crest is no ground at all; such facets are left out.
 """
 
 from __future__ import annotations
@@ -28,8 +25,9 @@ from photogrammetry.arrays import (
     Rotation,
     Vector3,
 )
-from photogrammetry.cameras.epipolar import EpipolarPair
+from photogrammetry.cameras.epipolar import EpipolarPair, projection_partials
 from photogrammetry.frames import Pose
+from photogrammetry.matching.local_surface import ParallaxPlanes
 
 TAKEN = 2
 """Every second sample and line of the parallax is taken,"""
@@ -39,23 +37,6 @@ EVERY = TAKEN * KEPT
 """Pixels between planes; their windows are wider."""
 LEAST_SHARE = 0.5
 """A plane needs parallax at half of the pixels of its window."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Facets:
-    """Planes of parallax at n image points, NaN where there is none."""
-
-    parallax_px: PerPoint
-    gradient: Float64[np.ndarray, "n 2"]
-    """Change of parallax along sample and line."""
-    residual_px: PerPoint
-    """Standard deviation of the parallax about the plane."""
-
-    def normals(self, points: ImagePoints, geometry: EpipolarPair) -> Directions:
-        """Unit normals in the pair's frame, away from the camera."""
-        from_centre = points - np.asarray(geometry.centre_px)
-        ahead = self.parallax_px - (self.gradient * from_centre).sum(axis=1)
-        return unit(np.column_stack([geometry.focal_px * self.gradient, ahead]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +66,7 @@ class SurfaceView:
         """Parallax, its gradient along sample and line, and residual, every `EVERY` pixels."""
         return parallax_facets(self.parallax, self.half_px)
 
-    def at(self, points: ImagePoints) -> Facets:
+    def at(self, points: ImagePoints) -> ParallaxPlanes:
         """The facets at image points; those outside the image have none."""
         _, rows, cols = self.planes.shape
         inside = self.geometry.shows(points)
@@ -95,7 +76,7 @@ class SurfaceView:
         parallax, along, down, residual = self.planes[:, row, col].astype(np.float64)
         parallax[~inside] = np.nan
         gradient = np.column_stack([along, down])
-        return Facets(
+        return ParallaxPlanes(
             parallax + (gradient * (points - EVERY * node)).sum(axis=1), gradient, residual
         )
 
@@ -114,18 +95,16 @@ class SurfaceView:
         return in_pair @ self.rotation.T + self.centre
 
     def by_place(self, in_pair: ObjectPoints) -> Float64[np.ndarray, "n 3 3"]:
-        """Derivative of (sample, line, parallax) by places of the common frame.
+        """Derivative of (sample, line, parallax) by places of the common frame, pixels per metre.
 
-        `in_pair` are the places in the frame of the pair.
+        `in_pair` are the places in the frame of the pair, metres.
         """
-        f, (x, y, z) = self.geometry.focal_px, in_pair.T
-        zero = np.zeros_like(z)
-        rows = [
-            [f / z, zero, -f * x / z**2],
-            [zero, f / z, -f * y / z**2],
-            [zero, zero, -f * self.geometry.base_m / z**2],
-        ]
-        return np.moveaxis(np.array(rows), 2, 0) @ self.rotation.T
+        g = self.geometry
+        return projection_partials(in_pair, g.focal_px, g.base_m) @ self.rotation.T
+
+    def normals(self, planes: ParallaxPlanes, points: ImagePoints) -> Directions:
+        """Unit normals of facets in the common frame, away from the camera."""
+        return unit(planes.normals(points, self.geometry)) @ self.rotation.T
 
     def facing(self, normals: Directions, places: ObjectPoints) -> PerPoint:
         """Sine of the angle under which facets are seen; below zero from behind."""

@@ -133,7 +133,7 @@ def test_the_motion_between_two_pairs_is_found(earlier, second_stop, second_stan
     other = Ground.of(wrong["P012"], earlier["P001"].centre, PARAMS.surface)
     couple = Couple.of(one, other, PARAMS.surface)
     assert couple is not None
-    motion = couple.laid(PARAMS.surface)
+    motion = couple.aligned(PARAMS.surface)
     there = np.array([7.0, 6.0, 0.0])
     turn = np.radians(0.15) * np.array([0, 0, 1.0])
     back = -(0.06 * ACROSS + np.cross(turn, couple.middle - there))
@@ -190,7 +190,7 @@ def test_blocks_have_a_size_points_and_a_number(wrong):
         SurfaceTieParams(**wrong)
 
 
-@pytest.mark.parametrize("wrong", [{"step_px": 0}, {"alike": 0.5}, {"rounds": 0}])
+@pytest.mark.parametrize("wrong", [{"step_px": 0}, {"correlated": 0.5}, {"rounds": 0}])
 def test_ground_is_compared_in_steps_and_rounds(wrong):
     with pytest.raises(MatchingError, match="at least one"):
         SurfaceParams(**wrong)
