@@ -153,7 +153,7 @@ def general_solver(problem, start):
     """SciPy's trust region on the same residuals, with the sparsity given and 2-point slopes."""
     observations, telemetry = problem.observations, problem.telemetry
     stops, pairs = len(start.centres), len(start.pointings)
-    numbers = np.flatnonzero(problem.anchor >= 0)
+    numbers = np.sort(problem.points)
     free = np.flatnonzero(~problem.held)
 
     def state_of(x):
