@@ -6,9 +6,9 @@ import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 
-from config.errors import ConfigError
-from config.records import record_of
-from products.crs import LandingPoint
+from solmap.config.errors import ConfigError
+from solmap.config.records import record_of
+from solmap.products.crs import LandingPoint
 
 SHIPPED = Path(__file__).parent / "landing_sites.toml"
 

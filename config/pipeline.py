@@ -11,37 +11,37 @@ import tomllib
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from config.errors import ConfigError
-from config.records import record_of
-from photogrammetry.adjustment.modes import AdjustmentMode
-from photogrammetry.adjustment.movement import ReissueParams
-from photogrammetry.adjustment.params import AdjustmentParams
-from photogrammetry.adjustment.quality_records import QualityParams
-from photogrammetry.matching.cross_site import CrossSiteParams
-from photogrammetry.matching.dense import DenseParams
-from photogrammetry.matching.inter_stereo import InterStereoParams
-from photogrammetry.matching.neighbours import LinkParams
-from photogrammetry.matching.single_views import MonoParams
-from photogrammetry.matching.sparse import SparseParams
-from photogrammetry.matching.tracks import TrackParams
-from photogrammetry.matching.wide_stereo import WideParams
-from photogrammetry.terrain.contours import ContourParams, RegionContourParams
-from photogrammetry.terrain.dtm import DtmParams
-from photogrammetry.terrain.facets import FacetParams
-from photogrammetry.terrain.far import FarContourParams, FarDtmParams
-from photogrammetry.terrain.footprints import FootprintParams
-from photogrammetry.terrain.havens import HavenParams
-from photogrammetry.terrain.hazard import HazardParams
-from photogrammetry.terrain.insolation import InsolationParams
-from photogrammetry.terrain.levels import TilesetParams
-from photogrammetry.terrain.model3d import ModelParams
-from photogrammetry.terrain.orthophoto import OrthophotoParams
-from photogrammetry.terrain.panorama import PanoramaParams
-from photogrammetry.terrain.point_cloud import PointCloudParams
-from photogrammetry.terrain.region import RegionParams
-from photogrammetry.terrain.surface import HillshadeParams, SlopeParams
-from photogrammetry.terrain.view_model import ViewModelParams
-from photogrammetry.terrain.viewshed import ViewshedParams
+from solmap.config.errors import ConfigError
+from solmap.config.records import record_of
+from solmap.photogrammetry.adjustment.modes import AdjustmentMode
+from solmap.photogrammetry.adjustment.movement import ReissueParams
+from solmap.photogrammetry.adjustment.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.quality_records import QualityParams
+from solmap.photogrammetry.matching.cross_site import CrossSiteParams
+from solmap.photogrammetry.matching.dense import DenseParams
+from solmap.photogrammetry.matching.inter_stereo import InterStereoParams
+from solmap.photogrammetry.matching.neighbours import LinkParams
+from solmap.photogrammetry.matching.single_views import MonoParams
+from solmap.photogrammetry.matching.sparse import SparseParams
+from solmap.photogrammetry.matching.tracks import TrackParams
+from solmap.photogrammetry.matching.wide_stereo import WideParams
+from solmap.photogrammetry.terrain.contours import ContourParams, RegionContourParams
+from solmap.photogrammetry.terrain.dtm import DtmParams
+from solmap.photogrammetry.terrain.facets import FacetParams
+from solmap.photogrammetry.terrain.far import FarContourParams, FarDtmParams
+from solmap.photogrammetry.terrain.footprints import FootprintParams
+from solmap.photogrammetry.terrain.havens import HavenParams
+from solmap.photogrammetry.terrain.hazard import HazardParams
+from solmap.photogrammetry.terrain.insolation import InsolationParams
+from solmap.photogrammetry.terrain.levels import TilesetParams
+from solmap.photogrammetry.terrain.model3d import ModelParams
+from solmap.photogrammetry.terrain.orthophoto import OrthophotoParams
+from solmap.photogrammetry.terrain.panorama import PanoramaParams
+from solmap.photogrammetry.terrain.point_cloud import PointCloudParams
+from solmap.photogrammetry.terrain.region import RegionParams
+from solmap.photogrammetry.terrain.surface import HillshadeParams, SlopeParams
+from solmap.photogrammetry.terrain.view_model import ViewModelParams
+from solmap.photogrammetry.terrain.viewshed import ViewshedParams
 
 SHIPPED = Path(__file__).parent / "pipelines"
 

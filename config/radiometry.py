@@ -17,14 +17,14 @@ from typing import Any
 
 import numpy as np
 
-from config.errors import ConfigError
-from config.records import record_of
-from photogrammetry.errors import PhotogrammetryError, PixelError
-from photogrammetry.pds3.companding import Companding, InverseTable
-from photogrammetry.pds3.pixels import read_pixels
-from photogrammetry.pds3.radiometry import Radiometry
-from photogrammetry.pds3.reading import read_label
-from photogrammetry.pds3.vignetting import FlatField, RadialVignetting
+from solmap.config.errors import ConfigError
+from solmap.config.records import record_of
+from solmap.photogrammetry.errors import PhotogrammetryError, PixelError
+from solmap.photogrammetry.pds3.companding import Companding, InverseTable
+from solmap.photogrammetry.pds3.pixels import read_pixels
+from solmap.photogrammetry.pds3.radiometry import Radiometry
+from solmap.photogrammetry.pds3.reading import read_label
+from solmap.photogrammetry.pds3.vignetting import FlatField, RadialVignetting
 
 TABLES = frozenset({"hosts", "companding", "vignetting", "flat_fields"})
 

@@ -8,8 +8,8 @@ import typing
 from enum import Enum
 from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
-from config.errors import ConfigError
-from photogrammetry.errors import PhotogrammetryError
+from solmap.config.errors import ConfigError
+from solmap.photogrammetry.errors import PhotogrammetryError
 
 T = TypeVar("T")
 

@@ -8,8 +8,8 @@ from pathlib import Path
 from pydantic import Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
-from config import archive, landing
-from products.shelves import Elsewhere
+from solmap.config import archive, landing
+from solmap.products.shelves import Elsewhere
 
 
 class TaskRunnerName(StrEnum):

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from config.settings import Settings
-from products.catalogue import Catalogue
-from products.workspace import Workspace
+from solmap.config.settings import Settings
+from solmap.products.catalogue import Catalogue
+from solmap.products.workspace import Workspace
 
 
 def open_workspace(root: Path) -> Workspace:

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.markup import escape
 
-from flows.console import errors, fail, out, progress_shown
-from flows.engine_server import start_engine
-from flows.options import JsonOption
+from solmap.flows.console import errors, fail, out, progress_shown
+from solmap.flows.engine_server import start_engine
+from solmap.flows.options import JsonOption
 
 if TYPE_CHECKING:
-    from flows.fetch import FetchReport
+    from solmap.flows.fetch import FetchReport
 
 
 def fetch(
@@ -31,13 +31,13 @@ def fetch(
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Only say what there is.")] = False,
 ) -> None:
     """Bring the stereo pairs of some sols here from the archive; a second call goes on."""
-    from config.errors import ConfigError  # noqa: PLC0415
-    from tasks.fetch.errors import FetchError  # noqa: PLC0415
+    from solmap.config.errors import ConfigError  # noqa: PLC0415
+    from solmap.tasks.fetch.errors import FetchError  # noqa: PLC0415
 
     try:
         start_engine(out_dir / ".fetch")
         with progress_shown():
-            from flows.fetch import fetch_archive  # noqa: PLC0415 - Prefect is ready now
+            from solmap.flows.fetch import fetch_archive  # noqa: PLC0415 - Prefect is ready now
 
             report = fetch_archive(
                 mission,
@@ -61,8 +61,8 @@ def inspect(
     as_json: JsonOption = False,
 ) -> None:
     """What an image is: when and where it was taken, where it looks, its camera and partner."""
-    from flows.inspection import InspectionError, inspect_files, write_png  # noqa: PLC0415
-    from flows.inspection_text import report_of  # noqa: PLC0415
+    from solmap.flows.inspection import InspectionError, inspect_files, write_png  # noqa: PLC0415
+    from solmap.flows.inspection_text import report_of  # noqa: PLC0415
 
     if png is not None and len(files) != 1:
         fail(f"--png writes the picture of one image, but {len(files)} are named")

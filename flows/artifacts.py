@@ -13,14 +13,14 @@ from prefect.artifacts import (
     create_table_artifact,
 )
 
-from config.settings import Settings
-from products.model import SUFFIX, ProductKind, ProductRef, Scope
-from products.workspace import Workspace
-from tasks.scopes import region_scope
+from solmap.config.settings import Settings
+from solmap.products.model import SUFFIX, ProductKind, ProductRef, Scope
+from solmap.products.workspace import Workspace
+from solmap.tasks.scopes import region_scope
 
 if TYPE_CHECKING:
-    from flows.downlink import DownlinkReport
-    from flows.sol_inputs import SolReport
+    from solmap.flows.downlink import DownlinkReport
+    from solmap.flows.sol_inputs import SolReport
 
 _LAST = 60
 """Sols in a table: a mission of years has more than a page can hold."""

@@ -13,19 +13,19 @@ from typing import Annotated
 import typer
 from rich.markup import escape
 
-from config.settings import Settings
-from flows import archive_commands, simulation_commands
-from flows.console import errors, fail, out, progress_shown, show_rows, workspace_of
-from flows.control_commands import app as control
-from flows.dip_commands import app as dip
-from flows.engine_server import start_engine
-from flows.options import JsonOption, StoreOption, store_of
-from flows.orbital_commands import app as orbital
-from flows.prune_commands import prune
-from flows.solid_commands import stl
-from flows.token_commands import app as token
-from flows.traverse_commands import app as traverse
-from flows.up_commands import up
+from solmap.config.settings import Settings
+from solmap.flows import archive_commands, simulation_commands
+from solmap.flows.console import errors, fail, out, progress_shown, show_rows, workspace_of
+from solmap.flows.control_commands import app as control
+from solmap.flows.dip_commands import app as dip
+from solmap.flows.engine_server import start_engine
+from solmap.flows.options import JsonOption, StoreOption, store_of
+from solmap.flows.orbital_commands import app as orbital
+from solmap.flows.prune_commands import prune
+from solmap.flows.solid_commands import stl
+from solmap.flows.token_commands import app as token
+from solmap.flows.traverse_commands import app as traverse
+from solmap.flows.up_commands import up
 
 app = typer.Typer(
     help="From a Mars rover's stereo images to maps in the browser.",
@@ -55,13 +55,13 @@ def run(
     if not downlink.is_dir():
         fail(f"{downlink} is no folder; name the folder that the downlink's files lie in")
     root = store_of(store)
-    from config.errors import ConfigError  # noqa: PLC0415
-    from products.errors import ProductError  # noqa: PLC0415
+    from solmap.config.errors import ConfigError  # noqa: PLC0415
+    from solmap.products.errors import ProductError  # noqa: PLC0415
 
     try:
         start_engine(root)
         with progress_shown():
-            from flows.downlink import process_downlink  # noqa: PLC0415 - Prefect is ready now
+            from solmap.flows.downlink import process_downlink  # noqa: PLC0415 - Prefect is ready now
 
             report = process_downlink(downlink.resolve(), root, pipeline or Settings().pipeline)
     except (ConfigError, ProductError, TimeoutError) as error:
@@ -91,13 +91,13 @@ def adjust(
     if not overall:
         fail("say --overall: sol by sol a mission is adjusted by `solmap run`")
     root = store_of(store)
-    from config.errors import ConfigError  # noqa: PLC0415
-    from products.errors import ProductError  # noqa: PLC0415
+    from solmap.config.errors import ConfigError  # noqa: PLC0415
+    from solmap.products.errors import ProductError  # noqa: PLC0415
 
     try:
         start_engine(root)
         with progress_shown():
-            from flows.overall import readjust  # noqa: PLC0415 - Prefect is ready now
+            from solmap.flows.overall import readjust  # noqa: PLC0415 - Prefect is ready now
 
             report = readjust(mission.upper(), root, pipeline or Settings().pipeline)
     except (ConfigError, ProductError, TimeoutError) as error:
@@ -115,8 +115,8 @@ def ties(
     store: StoreOption = None,
 ) -> None:
     """Take a file of hand ties into the store; the next run adds, vetoes and moves them."""
-    from flows.ties import take_ties_file  # noqa: PLC0415
-    from photogrammetry.errors import PhotogrammetryError  # noqa: PLC0415
+    from solmap.flows.ties import take_ties_file  # noqa: PLC0415
+    from solmap.photogrammetry.errors import PhotogrammetryError  # noqa: PLC0415
 
     try:
         taken = take_ties_file(file, store_of(store))
@@ -141,7 +141,7 @@ def serve(
     os.environ["SOLMAP_STORE"] = str(store_of(store).resolve())
     out.print(f"map at http://{address}:{listening_port}/  (Ctrl-C stops)", highlight=False)
     uvicorn.run(
-        "gis_server.app:create_app_from_settings",
+        "solmap.gis_server.app:create_app_from_settings",
         factory=True,
         host=address,
         port=listening_port,
@@ -153,7 +153,7 @@ def serve(
 @app.command()
 def positions(store: StoreOption = None, *, as_json: JsonOption = False) -> None:
     """Where the rover stood: telemetry and adjusted position of every stop, in the LSL."""
-    from flows.listing import position_rows  # noqa: PLC0415
+    from solmap.flows.listing import position_rows  # noqa: PLC0415
 
     rows = position_rows(workspace_of(store_of(store)))
     show_rows(
@@ -164,7 +164,7 @@ def positions(store: StoreOption = None, *, as_json: JsonOption = False) -> None
 @app.command()
 def products(store: StoreOption = None, *, as_json: JsonOption = False) -> None:
     """Every published product and the file it lies in."""
-    from flows.listing import product_rows  # noqa: PLC0415
+    from solmap.flows.listing import product_rows  # noqa: PLC0415
 
     rows = product_rows(workspace_of(store_of(store)))
     show_rows(rows, ["kind", "scope", "cell_m", "path"], as_json)
@@ -180,10 +180,10 @@ def status(
     as_json: JsonOption = False,
 ) -> None:
     """How the last processing of every file and sol ended."""
-    from flows.listing import outcome_rows  # noqa: PLC0415
+    from solmap.flows.listing import outcome_rows  # noqa: PLC0415
 
     if timings:
-        from flows.report import timing_rows  # noqa: PLC0415
+        from solmap.flows.report import timing_rows  # noqa: PLC0415
 
         columns = ["kind", "count", "seconds", "cpu_s", "peak_rss_mb"]
         show_rows(timing_rows(workspace_of(store_of(store))), columns, as_json)
@@ -206,7 +206,7 @@ def report(  # noqa: PLR0913 - the words of the command
     show: Annotated[bool, typer.Option("--open", help="Open the last one in the browser.")] = False,
 ) -> None:
     """A sol as one page (`report MER2 156`), or how good every adjustment is, in rows."""
-    from flows.report import report_rows, write_sol_report  # noqa: PLC0415
+    from solmap.flows.report import report_rows, write_sol_report  # noqa: PLC0415
 
     if mission_of_sol is not None:
         if sol is None:

@@ -15,10 +15,10 @@ from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from flows.progress import Step, listening
+from solmap.flows.progress import Step, listening
 
 if TYPE_CHECKING:
-    from products.workspace import Workspace
+    from solmap.products.workspace import Workspace
 
 WIDE = 200
 """Columns of a table that goes to a file or a pipe: nothing is cut off."""
@@ -75,8 +75,8 @@ def fail(message: str) -> NoReturn:
 
 def workspace_of(store: Path) -> Workspace:
     """The store and catalogue for a command; one that cannot be opened ends it."""
-    from config.workspace import open_workspace  # noqa: PLC0415 - `solmap --help` answers at once
-    from products.errors import ProductError  # noqa: PLC0415
+    from solmap.config.workspace import open_workspace  # noqa: PLC0415 - `solmap --help` answers at once
+    from solmap.products.errors import ProductError  # noqa: PLC0415
 
     try:
         return open_workspace(store)

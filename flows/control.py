@@ -5,15 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from config.landing import landing_site
-from config.settings import Settings
-from config.workspace import open_workspace
-from flows.orbital import latest_standing
-from products.catalogue import MissionEntry
-from products.control import read_control
-from products.errors import ProductNotFoundError
-from tasks.control import FrameParams, control_of, take_control
-from tasks.publish import publish
+from solmap.config.landing import landing_site
+from solmap.config.settings import Settings
+from solmap.config.workspace import open_workspace
+from solmap.flows.orbital import latest_standing
+from solmap.products.catalogue import MissionEntry
+from solmap.products.control import read_control
+from solmap.products.errors import ProductNotFoundError
+from solmap.tasks.control import FrameParams, control_of, take_control
+from solmap.tasks.publish import publish
 
 
 def add_control(file: Path, mission: str, root: Path, params: FrameParams) -> str:

@@ -7,9 +7,9 @@ from typing import Annotated
 
 import typer
 
-from flows.console import fail, out, show_rows
-from flows.options import StoreOption, store_of
-from flows.orbital_commands import RotationSigma, ShiftSigma
+from solmap.flows.console import fail, out, show_rows
+from solmap.flows.options import StoreOption, store_of
+from solmap.flows.orbital_commands import RotationSigma, ShiftSigma
 
 app = typer.Typer(help="Places of stops in orbital images, as control.", no_args_is_help=True)
 
@@ -30,10 +30,10 @@ def add(
     The places may lie on an orbital image that is off as a whole: its place is found with the
     network. With all three standard deviations zero they are places on the map itself.
     """
-    from flows.control import add_control  # noqa: PLC0415 - slow to import
-    from photogrammetry.errors import PhotogrammetryError  # noqa: PLC0415
-    from products.errors import ProductError  # noqa: PLC0415
-    from tasks.control import FrameParams  # noqa: PLC0415
+    from solmap.flows.control import add_control  # noqa: PLC0415 - slow to import
+    from solmap.photogrammetry.errors import PhotogrammetryError  # noqa: PLC0415
+    from solmap.products.errors import ProductError  # noqa: PLC0415
+    from solmap.tasks.control import FrameParams  # noqa: PLC0415
 
     try:
         params = FrameParams(shift_sigma, rotation_sigma, scale_sigma)
@@ -51,7 +51,7 @@ def show(
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
 ) -> None:
     """Every place that counts as control, by registration or by hand."""
-    from flows.control import control_rows  # noqa: PLC0415 - slow to import
+    from solmap.flows.control import control_rows  # noqa: PLC0415 - slow to import
 
     rows = control_rows(mission.upper(), store_of(store))
     columns = ["frame", "stop", "east_m", "north_m", "sigma_m", "up_m", "azimuth_deg"]

@@ -9,7 +9,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
-from config.settings import Settings
+from solmap.config.settings import Settings
 
 if TYPE_CHECKING:
     from prefect import Flow
@@ -26,9 +26,9 @@ DOWNLINK, OVERALL, REGION, FETCH = (
 
 def deployments(settings: Settings, store: Path) -> list[RunnerDeployment]:
     """All deployments of a store; those with a schedule run by it."""
-    from flows.downlink import process_downlink  # noqa: PLC0415 - after the engine's settings
-    from flows.fetch import fetch_archive  # noqa: PLC0415
-    from flows.refresh import adjust_all, refresh_regions  # noqa: PLC0415
+    from solmap.flows.downlink import process_downlink  # noqa: PLC0415 - after the engine's settings
+    from solmap.flows.fetch import fetch_archive  # noqa: PLC0415
+    from solmap.flows.refresh import adjust_all, refresh_regions  # noqa: PLC0415
 
     made_from = {"store": str(store), "pipeline": settings.pipeline}
     inbox = {"downlink": str(settings.inbox.resolve())} if settings.inbox else {}

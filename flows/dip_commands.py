@@ -6,8 +6,8 @@ from typing import Annotated
 
 import typer
 
-from flows.console import fail, show_rows, workspace_of
-from flows.options import JsonOption, StoreOption, store_of
+from solmap.flows.console import fail, show_rows, workspace_of
+from solmap.flows.options import JsonOption, StoreOption, store_of
 
 app = typer.Typer(help="Strike and dip of planes.", no_args_is_help=True)
 
@@ -26,10 +26,10 @@ def ground(
     as_json: JsonOption = False,
 ) -> None:
     """Strike and dip of the ground inside an outline, from the stop's terrain model."""
-    from flows.dips import dip_of_ground  # noqa: PLC0415 - slow to import
-    from photogrammetry.errors import PhotogrammetryError  # noqa: PLC0415
-    from photogrammetry.terrain.cell_plane import CellPlaneParams  # noqa: PLC0415
-    from products.errors import ProductError  # noqa: PLC0415
+    from solmap.flows.dips import dip_of_ground  # noqa: PLC0415 - slow to import
+    from solmap.photogrammetry.errors import PhotogrammetryError  # noqa: PLC0415
+    from solmap.photogrammetry.terrain.cell_plane import CellPlaneParams  # noqa: PLC0415
+    from solmap.products.errors import ProductError  # noqa: PLC0415
 
     workspace = workspace_of(store_of(store))
     try:
@@ -48,11 +48,11 @@ def rocks(
     as_json: JsonOption = False,
 ) -> None:
     """Strike and dip of the planar facets of rocks that a stop's pairs see, put on the map."""
-    from config.errors import ConfigError  # noqa: PLC0415 - slow to import
-    from config.pipeline import load_pipeline  # noqa: PLC0415
-    from flows.dips import dips_of_rocks  # noqa: PLC0415
-    from photogrammetry.errors import PhotogrammetryError  # noqa: PLC0415
-    from products.errors import ProductError  # noqa: PLC0415
+    from solmap.config.errors import ConfigError  # noqa: PLC0415 - slow to import
+    from solmap.config.pipeline import load_pipeline  # noqa: PLC0415
+    from solmap.flows.dips import dips_of_rocks  # noqa: PLC0415
+    from solmap.photogrammetry.errors import PhotogrammetryError  # noqa: PLC0415
+    from solmap.products.errors import ProductError  # noqa: PLC0415
 
     workspace = workspace_of(store_of(store))
     try:

@@ -7,23 +7,23 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flows.sol_maps import oriented_pairs
-from photogrammetry.imagery import StopId
-from photogrammetry.terrain.attitude import Attitude, attitude
-from photogrammetry.terrain.cell_plane import CellPlaneParams, plane_of_cells
-from photogrammetry.terrain.facets import FacetParams
-from photogrammetry.terrain.plane_fit import PlaneFit
-from products.errors import ProductNotFoundError
-from products.model import ProductKind, ProductRef
-from products.raster import read_dtm
-from products.vector import read_features
-from products.workspace import Workspace
-from tasks.orientations import read_orientations
-from tasks.outcrop import map_dips
-from tasks.pairs import PairFiles, PairProducts, pairs_of
-from tasks.publish import publish
-from tasks.scopes import pair_scope
-from tasks.views import OrientedPair
+from solmap.flows.sol_maps import oriented_pairs
+from solmap.photogrammetry.imagery import StopId
+from solmap.photogrammetry.terrain.attitude import Attitude, attitude
+from solmap.photogrammetry.terrain.cell_plane import CellPlaneParams, plane_of_cells
+from solmap.photogrammetry.terrain.facets import FacetParams
+from solmap.photogrammetry.terrain.plane_fit import PlaneFit
+from solmap.products.errors import ProductNotFoundError
+from solmap.products.model import ProductKind, ProductRef
+from solmap.products.raster import read_dtm
+from solmap.products.vector import read_features
+from solmap.products.workspace import Workspace
+from solmap.tasks.orientations import read_orientations
+from solmap.tasks.outcrop import map_dips
+from solmap.tasks.pairs import PairFiles, PairProducts, pairs_of
+from solmap.tasks.publish import publish
+from solmap.tasks.scopes import pair_scope
+from solmap.tasks.views import OrientedPair
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,32 +8,32 @@ from pathlib import Path
 
 from prefect import flow, get_run_logger
 
-from config.errors import ConfigError
-from config.landing import landing_site
-from config.pipeline import load_pipeline
-from config.radiometry import load_radiometry
-from config.settings import Settings
-from config.workspace import open_workspace
-from flows.artifacts import leave_report
-from flows.failures import isolated, mended
-from flows.finished import FinishedSols
-from flows.leftovers import withdraw_leftovers
-from flows.mission_layers import draw_mission
-from flows.overall import overall_sols, process_overall
-from flows.progress import report as report_progress
-from flows.region import map_regions
-from flows.run_names import downlink_name, folder_name, rename_run
-from flows.run_record import recorded
-from flows.runners import on_workers
-from flows.sol import process_sol
-from flows.sol_inputs import SolReport, Standing
-from photogrammetry.adjustment.modes import AdjustmentMode
-from products.locks import turn
-from products.model import Scope
-from products.workspace import Workspace
-from tasks.hand_ties import take_edits
-from tasks.ingest import Delivery, ingest_downlink
-from tasks.scopes import network_scope
+from solmap.config.errors import ConfigError
+from solmap.config.landing import landing_site
+from solmap.config.pipeline import load_pipeline
+from solmap.config.radiometry import load_radiometry
+from solmap.config.settings import Settings
+from solmap.config.workspace import open_workspace
+from solmap.flows.artifacts import leave_report
+from solmap.flows.failures import isolated, mended
+from solmap.flows.finished import FinishedSols
+from solmap.flows.leftovers import withdraw_leftovers
+from solmap.flows.mission_layers import draw_mission
+from solmap.flows.overall import overall_sols, process_overall
+from solmap.flows.progress import report as report_progress
+from solmap.flows.region import map_regions
+from solmap.flows.run_names import downlink_name, folder_name, rename_run
+from solmap.flows.run_record import recorded
+from solmap.flows.runners import on_workers
+from solmap.flows.sol import process_sol
+from solmap.flows.sol_inputs import SolReport, Standing
+from solmap.photogrammetry.adjustment.modes import AdjustmentMode
+from solmap.products.locks import turn
+from solmap.products.model import Scope
+from solmap.products.workspace import Workspace
+from solmap.tasks.hand_ties import take_edits
+from solmap.tasks.ingest import Delivery, ingest_downlink
+from solmap.tasks.scopes import network_scope
 
 
 @dataclass(slots=True)

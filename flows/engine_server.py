@@ -16,8 +16,8 @@ import time
 import urllib.request
 from pathlib import Path
 
-from flows.children import Child
-from flows.engine import prepare_engine
+from solmap.flows.children import Child
+from solmap.flows.engine import prepare_engine
 
 log = logging.getLogger(__name__)
 

@@ -8,12 +8,12 @@ from contextlib import contextmanager
 
 from sqlalchemy.exc import SQLAlchemyError
 
-from config.errors import ConfigError
-from photogrammetry.errors import PhotogrammetryError
-from products.catalogue import Outcome
-from products.disk import is_full
-from products.errors import ProductError, StoreFullError
-from products.workspace import Workspace
+from solmap.config.errors import ConfigError
+from solmap.photogrammetry.errors import PhotogrammetryError
+from solmap.products.catalogue import Outcome
+from solmap.products.disk import is_full
+from solmap.products.errors import ProductError, StoreFullError
+from solmap.products.workspace import Workspace
 
 log = logging.getLogger(__name__)
 

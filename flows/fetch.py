@@ -15,18 +15,18 @@ from pathlib import Path
 
 from prefect import flow
 
-from config.archive import Archive, load_archive
-from config.errors import ConfigError
-from config.records import record_of
-from config.settings import Settings
-from flows.progress import report as report_progress
-from photogrammetry.pds3.index_pairs import IndexEntry, IndexFindings, IndexSelection
-from tasks.fetch.answers import open_client
-from tasks.fetch.errors import FetchError
-from tasks.fetch.images import fetch_images, is_whole, target_of
-from tasks.fetch.index import Index, fetch_index
-from tasks.fetch.transfer import Transfer, TransferParams
-from tasks.fetch.volume import Volume
+from solmap.config.archive import Archive, load_archive
+from solmap.config.errors import ConfigError
+from solmap.config.records import record_of
+from solmap.config.settings import Settings
+from solmap.flows.progress import report as report_progress
+from solmap.photogrammetry.pds3.index_pairs import IndexEntry, IndexFindings, IndexSelection
+from solmap.tasks.fetch.answers import open_client
+from solmap.tasks.fetch.errors import FetchError
+from solmap.tasks.fetch.images import fetch_images, is_whole, target_of
+from solmap.tasks.fetch.index import Index, fetch_index
+from solmap.tasks.fetch.transfer import Transfer, TransferParams
+from solmap.tasks.fetch.volume import Volume
 
 STATE = ".fetch"
 """Folder of the indices inside of the folder of images."""

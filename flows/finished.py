@@ -12,14 +12,14 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib.metadata import version
 
-from config.landing import landing_site
-from config.pipeline import load_pipeline
-from config.settings import Settings
-from flows.sol_inputs import SolReport, Standing
-from photogrammetry.errors import PhotogrammetryError
-from products.finished import FinishedBook
-from products.model import SCIENCE_VERSION, ProductKind, ProductRef, Scope
-from products.workspace import Workspace
+from solmap.config.landing import landing_site
+from solmap.config.pipeline import load_pipeline
+from solmap.config.settings import Settings
+from solmap.flows.sol_inputs import SolReport, Standing
+from solmap.photogrammetry.errors import PhotogrammetryError
+from solmap.products.finished import FinishedBook
+from solmap.products.model import SCIENCE_VERSION, ProductKind, ProductRef, Scope
+from solmap.products.workspace import Workspace
 
 PARTS = "standing", "layers", "pointers"
 """What the document of a finished sol lists: what it leaves to the next, and what it published."""

@@ -18,31 +18,31 @@ from typing import Any
 
 import numpy as np
 
-from config.errors import ConfigError
-from config.radiometry import load_radiometry
-from config.settings import Settings
-from photogrammetry.arrays import Vector3
-from photogrammetry.cameras.cahv import Cahv, interior_orientation
-from photogrammetry.cameras.cahvor import Cahvor
-from photogrammetry.cameras.cahvore import Cahvore
-from photogrammetry.errors import LabelError, PhotogrammetryError
-from photogrammetry.frames import roll_pitch_yaw_of_rotation, rotation_of_quaternion
-from photogrammetry.imagery import RoverImage
-from photogrammetry.pds3.detached import text_of_label
-from photogrammetry.pds3.file_names import FileName, parse_file_name
-from photogrammetry.pds3.label import Label
-from photogrammetry.pds3.missions import mission_of_host
-from photogrammetry.pds3.partners import MAX_CLOCK_DIFFERENCE, find_stereo_pairs
-from photogrammetry.pds3.radiometry import Radiometry
-from photogrammetry.pds3.reading import (
+from solmap.config.errors import ConfigError
+from solmap.config.radiometry import load_radiometry
+from solmap.config.settings import Settings
+from solmap.photogrammetry.arrays import Vector3
+from solmap.photogrammetry.cameras.cahv import Cahv, interior_orientation
+from solmap.photogrammetry.cameras.cahvor import Cahvor
+from solmap.photogrammetry.cameras.cahvore import Cahvore
+from solmap.photogrammetry.errors import LabelError, PhotogrammetryError
+from solmap.photogrammetry.frames import roll_pitch_yaw_of_rotation, rotation_of_quaternion
+from solmap.photogrammetry.imagery import RoverImage
+from solmap.photogrammetry.pds3.detached import text_of_label
+from solmap.photogrammetry.pds3.file_names import FileName, parse_file_name
+from solmap.photogrammetry.pds3.label import Label
+from solmap.photogrammetry.pds3.missions import mission_of_host
+from solmap.photogrammetry.pds3.partners import MAX_CLOCK_DIFFERENCE, find_stereo_pairs
+from solmap.photogrammetry.pds3.radiometry import Radiometry
+from solmap.photogrammetry.pds3.reading import (
     DescribedImage,
     ReadImage,
     describe_image,
     has_attached_label,
     read_image,
 )
-from photogrammetry.stretching import stretched
-from tasks.downlink_files import IMAGE_SUFFIXES, PICTURE_SUFFIXES, file_bytes, image_bytes
+from solmap.photogrammetry.stretching import stretched
+from solmap.tasks.downlink_files import IMAGE_SUFFIXES, PICTURE_SUFFIXES, file_bytes, image_bytes
 
 LABEL_SUFFIXES = frozenset({".lbl", ".xml", ".json"})
 NEIGHBOURS = IMAGE_SUFFIXES | PICTURE_SUFFIXES | {".lbl"}

@@ -14,13 +14,13 @@ import numpy as np
 import rasterio
 from scipy.spatial.transform import Rotation
 
-from photogrammetry.arrays import Raster
-from photogrammetry.frames import rotation_of_quaternion
-from photogrammetry.terrain.records import Dtm
-from products.errors import ProductNotFoundError
-from products.model import ProductKind
-from products.raster import read_dtm
-from products.workspace import Workspace
+from solmap.photogrammetry.arrays import Raster
+from solmap.photogrammetry.frames import rotation_of_quaternion
+from solmap.photogrammetry.terrain.records import Dtm
+from solmap.products.errors import ProductNotFoundError
+from solmap.products.model import ProductKind
+from solmap.products.raster import read_dtm
+from solmap.products.workspace import Workspace
 
 RANGE_BANDS_M = ((0, 5), (5, 10), (10, 20), (20, 40))
 """As the stereo range error is usually tabled."""
@@ -88,7 +88,7 @@ def judge_positions(rows: list[dict[str, Any]], stops: list[TrueStop]) -> list[d
 
 def judge_terrain(workspace: Workspace, truth_dir: Path) -> list[dict[str, Any]]:
     """Vertical errors of every stop's terrain model by range from the rover, a row a band."""
-    from flows.listing import position_rows  # noqa: PLC0415 - brings the engine with it
+    from solmap.flows.listing import position_rows  # noqa: PLC0415 - brings the engine with it
 
     judged = []
     for row in position_rows(workspace):

@@ -10,12 +10,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence, Set
 
-from flows.finished import is_finished
-from flows.sol_inputs import SolReport
-from products.model import LEVEL, ProductKind, ProductRef, Scope, ScopeLevel
-from products.workspace import Workspace
-from tasks.publish import withdraw
-from tasks.scopes import is_of_mission, pair_scope
+from solmap.flows.finished import is_finished
+from solmap.flows.sol_inputs import SolReport
+from solmap.products.model import LEVEL, ProductKind, ProductRef, Scope, ScopeLevel
+from solmap.products.workspace import Workspace
+from solmap.tasks.publish import withdraw
+from solmap.tasks.scopes import is_of_mission, pair_scope
 
 BY_COMMAND = {ProductKind.DIPS}
 """Layers of stops that people have made too, by commands of their own."""

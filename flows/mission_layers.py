@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from config.landing import landing_site
-from config.pipeline import load_pipeline
-from config.settings import Settings
-from products.catalogue import MissionEntry
-from products.model import ProductRef
-from products.workspace import Workspace
-from tasks.images import image_records
-from tasks.localisation import localise
-from tasks.publish import publish
-from tasks.telemetry import read_telemetry, vector_files
-from tasks.vectors import draw_vectors
+from solmap.config.landing import landing_site
+from solmap.config.pipeline import load_pipeline
+from solmap.config.settings import Settings
+from solmap.products.catalogue import MissionEntry
+from solmap.products.model import ProductRef
+from solmap.products.workspace import Workspace
+from solmap.tasks.images import image_records
+from solmap.tasks.localisation import localise
+from solmap.tasks.publish import publish
+from solmap.tasks.telemetry import read_telemetry, vector_files
+from solmap.tasks.vectors import draw_vectors
 
 
 def draw_mission(

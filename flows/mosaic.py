@@ -9,15 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from photogrammetry.traverse.georeference import (
+from solmap.photogrammetry.traverse.georeference import (
     Georeference,
     MapTransform,
     TrackComparison,
     compare_tracks,
     georeference,
 )
-from photogrammetry.traverse.mosaics import MosaicPoints, parse_points, simulate_mosaic
-from products.arrays import finite
+from solmap.photogrammetry.traverse.mosaics import MosaicPoints, parse_points, simulate_mosaic
+from solmap.products.arrays import finite
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from config.settings import Settings
+from solmap.config.settings import Settings
 
 StoreOption = Annotated[
     Path | None, typer.Option("--store", help="Folder of products. [env: SOLMAP_STORE]")

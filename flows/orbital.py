@@ -6,25 +6,25 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from config.landing import landing_site
-from config.settings import Settings
-from config.workspace import open_workspace
-from photogrammetry.imagery import StopId
-from photogrammetry.orbital.registration import RegistrationParams
-from photogrammetry.orbital.search import SearchParams
-from photogrammetry.terrain.grid import union
-from products.catalogue import MissionEntry
-from products.control import read_control, refused_stops
-from products.errors import ProductNotFoundError
-from products.model import Layer, ProductKind, ProductRef, ScopeLevel
-from products.store import ProductStore
-from products.workspace import Workspace
-from tasks.control import (
+from solmap.config.landing import landing_site
+from solmap.config.settings import Settings
+from solmap.config.workspace import open_workspace
+from solmap.photogrammetry.imagery import StopId
+from solmap.photogrammetry.orbital.registration import RegistrationParams
+from solmap.photogrammetry.orbital.search import SearchParams
+from solmap.photogrammetry.terrain.grid import union
+from solmap.products.catalogue import MissionEntry
+from solmap.products.control import read_control, refused_stops
+from solmap.products.errors import ProductNotFoundError
+from solmap.products.model import Layer, ProductKind, ProductRef, ScopeLevel
+from solmap.products.store import ProductStore
+from solmap.products.workspace import Workspace
+from solmap.tasks.control import (
     FrameParams,
     MappedWith,
     control_by_image,
 )
-from tasks.orbital import (
+from solmap.tasks.orbital import (
     Compare,
     StopMap,
     draw_base,
@@ -32,8 +32,8 @@ from tasks.orbital import (
     register_orbital,
     take_orbital,
 )
-from tasks.publish import publish
-from tasks.scopes import is_of_mission, stop_of
+from solmap.tasks.publish import publish
+from solmap.tasks.scopes import is_of_mission, stop_of
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from flows.console import fail, out
-from flows.options import store_of
+from solmap.flows.console import fail, out
+from solmap.flows.options import store_of
 
 app = typer.Typer(help="Orbital images under the rover's map.", no_args_is_help=True)
 
@@ -43,9 +43,9 @@ def add(  # noqa: PLR0913 - options
     ] = False,
 ) -> None:
     """Find where an orbital image lies on the rover's map, and show it there as base layer."""
-    from flows.orbital import OrbitalWish, add_orbital  # noqa: PLC0415 - slow to import
-    from products.errors import ProductError  # noqa: PLC0415
-    from tasks.control import FrameParams  # noqa: PLC0415
+    from solmap.flows.orbital import OrbitalWish, add_orbital  # noqa: PLC0415 - slow to import
+    from solmap.products.errors import ProductError  # noqa: PLC0415
+    from solmap.tasks.control import FrameParams  # noqa: PLC0415
 
     try:
         frame = None if no_control else FrameParams(shift_sigma, rotation_sigma)

@@ -8,9 +8,9 @@ from typing import Any, TypeVar, cast
 from prefect.exceptions import UnfinishedRun
 from prefect.futures import PrefectFuture
 
-from flows.progress import report
-from products.errors import StoreFullError
-from products.model import ProductRef
+from solmap.flows.progress import report
+from solmap.products.errors import StoreFullError
+from solmap.products.model import ProductRef
 
 K = TypeVar("K")
 T = TypeVar("T")

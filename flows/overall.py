@@ -6,20 +6,20 @@ from pathlib import Path
 
 from prefect import flow
 
-from config.workspace import open_workspace
-from flows.artifacts import leave_adjustments
-from flows.mission_layers import draw_mission
-from flows.region import map_regions
-from flows.run_record import recorded
-from flows.runners import on_workers
-from flows.sol import map_what_moved
-from flows.sol_inputs import SolReport, Standing, gather_all
-from products.errors import ProductNotFoundError
-from products.locks import turn
-from products.model import ProductKind, ProductRef
-from products.workspace import Workspace
-from tasks.hand_ties import take_edits
-from tasks.scopes import is_of_mission, is_overall, sol_of
+from solmap.config.workspace import open_workspace
+from solmap.flows.artifacts import leave_adjustments
+from solmap.flows.mission_layers import draw_mission
+from solmap.flows.region import map_regions
+from solmap.flows.run_record import recorded
+from solmap.flows.runners import on_workers
+from solmap.flows.sol import map_what_moved
+from solmap.flows.sol_inputs import SolReport, Standing, gather_all
+from solmap.products.errors import ProductNotFoundError
+from solmap.products.locks import turn
+from solmap.products.model import ProductKind, ProductRef
+from solmap.products.workspace import Workspace
+from solmap.tasks.hand_ties import take_edits
+from solmap.tasks.scopes import is_of_mission, is_overall, sol_of
 
 
 @flow(name="overall", flow_run_name="{mission} overall to sol {sol}")

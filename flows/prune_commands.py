@@ -9,11 +9,11 @@ from typing import Annotated, Any
 
 import typer
 
-from flows.console import fail, out, show_rows, workspace_of
-from flows.options import JsonOption, StoreOption, store_of
-from products.errors import ProductError
-from products.pruning import Prunable, PruningParams, prunable
-from products.pruning import prune as remove
+from solmap.flows.console import fail, out, show_rows, workspace_of
+from solmap.flows.options import JsonOption, StoreOption, store_of
+from solmap.products.errors import ProductError
+from solmap.products.pruning import Prunable, PruningParams, prunable
+from solmap.products.pruning import prune as remove
 
 _MB = 1e6
 

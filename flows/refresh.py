@@ -6,12 +6,12 @@ from pathlib import Path
 
 from prefect import flow
 
-from config.workspace import open_workspace
-from flows.overall import readjust
-from flows.region import map_regions
-from flows.run_names import mission_name
-from flows.run_record import recorded
-from products.locks import turn
+from solmap.config.workspace import open_workspace
+from solmap.flows.overall import readjust
+from solmap.flows.region import map_regions
+from solmap.flows.run_names import mission_name
+from solmap.flows.run_record import recorded
+from solmap.products.locks import turn
 
 
 @flow(name="overall-adjustment", flow_run_name=mission_name)

@@ -4,20 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Set
 
-from config.landing import landing_site
-from config.pipeline import PipelineConfig, load_pipeline
-from config.settings import Settings
-from photogrammetry.terrain.region_extent import regions_of
-from products.crs import LandingPoint
-from products.model import REGION, Layer, ProductKind, ProductRef, Scope
-from products.store import ProductStore
-from products.workspace import Workspace
-from tasks.contour import trace_contours
-from tasks.hazard import map_hazards
-from tasks.insolation import map_insolation
-from tasks.publish import publish, withdraw
-from tasks.region import fuse_region, seam_notes
-from tasks.slope import map_relief, shade_relief
+from solmap.config.landing import landing_site
+from solmap.config.pipeline import PipelineConfig, load_pipeline
+from solmap.config.settings import Settings
+from solmap.photogrammetry.terrain.region_extent import regions_of
+from solmap.products.crs import LandingPoint
+from solmap.products.model import REGION, Layer, ProductKind, ProductRef, Scope
+from solmap.products.store import ProductStore
+from solmap.products.workspace import Workspace
+from solmap.tasks.contour import trace_contours
+from solmap.tasks.hazard import map_hazards
+from solmap.tasks.insolation import map_insolation
+from solmap.tasks.publish import publish, withdraw
+from solmap.tasks.region import fuse_region, seam_notes
+from solmap.tasks.slope import map_relief, shade_relief
 
 LEAST_STOPS = 2
 """A region is more than the map of one stop."""

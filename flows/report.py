@@ -6,12 +6,12 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from config.settings import Settings
-from products.model import ProductKind, ProductRef
-from products.sol_report import timings
-from products.sol_report_page import sol_report
-from products.workspace import Workspace
-from tasks.scopes import is_of_mission
+from solmap.config.settings import Settings
+from solmap.products.model import ProductKind, ProductRef
+from solmap.products.sol_report import timings
+from solmap.products.sol_report_page import sol_report
+from solmap.products.workspace import Workspace
+from solmap.tasks.scopes import is_of_mission
 
 
 def report_rows(workspace: Workspace, mission: str | None = None) -> list[dict[str, Any]]:

@@ -7,11 +7,11 @@ from pathlib import Path
 
 from prefect.exceptions import ObjectNotFound
 
-from config.workspace import open_catalogue
-from flows.deployments import DOWNLINK, OVERALL, REGION
-from flows.submitted import submit
-from products.events import REQUESTS_CHANGED
-from products.run_requests import RequestBook, RequestKind, RequestState, RunRequest
+from solmap.config.workspace import open_catalogue
+from solmap.flows.deployments import DOWNLINK, OVERALL, REGION
+from solmap.flows.submitted import submit
+from solmap.products.events import REQUESTS_CHANGED
+from solmap.products.run_requests import RequestBook, RequestKind, RequestState, RunRequest
 
 _DEPLOYMENT = {
     RequestKind.OVERALL: OVERALL,

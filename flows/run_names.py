@@ -12,7 +12,7 @@ from prefect import runtime
 from prefect.client.orchestration import get_client
 from prefect.context import FlowRunContext
 
-from photogrammetry.imagery import RoverImage
+from solmap.photogrammetry.imagery import RoverImage
 
 log = logging.getLogger(__name__)
 _SPANS = 3

@@ -15,10 +15,10 @@ from contextlib import contextmanager
 
 from sqlalchemy.exc import SQLAlchemyError
 
-from flows.progress import Step, listening
-from products.logs import keep_logs, noted
-from products.runs import Run, RunBook, RunState
-from products.workspace import Workspace
+from solmap.flows.progress import Step, listening
+from solmap.products.logs import keep_logs, noted
+from solmap.products.runs import Run, RunBook, RunState
+from solmap.products.workspace import Workspace
 
 log = logging.getLogger(__name__)
 _AT_MOST_EVERY_S = 0.5

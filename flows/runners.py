@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar, cast
 
 from prefect.task_runners import ThreadPoolTaskRunner
 
-from config.errors import ConfigError
-from config.settings import Settings, TaskRunnerName
+from solmap.config.errors import ConfigError
+from solmap.config.settings import Settings, TaskRunnerName
 
 if TYPE_CHECKING:
     from distributed import LocalCluster

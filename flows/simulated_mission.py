@@ -6,21 +6,21 @@ from pathlib import Path
 
 from prefect import flow
 
-from config.landing import landing_site
-from config.pipeline import load_pipeline
-from config.settings import Settings
-from config.workspace import open_workspace
-from flows.mission_layers import draw_mission
-from flows.progress import report
-from photogrammetry.errors import PhotogrammetryError
-from photogrammetry.synthetic.mission import MissionPlan
-from photogrammetry.synthetic.mission_images import MISSION
-from products.catalogue import MissionEntry, Outcome
-from products.model import ProductKind, ProductRef
-from products.workspace import Workspace
-from tasks.publish import publish
-from tasks.report import report_quality
-from tasks.simulated_mission import (
+from solmap.config.landing import landing_site
+from solmap.config.pipeline import load_pipeline
+from solmap.config.settings import Settings
+from solmap.config.workspace import open_workspace
+from solmap.flows.mission_layers import draw_mission
+from solmap.flows.progress import report
+from solmap.photogrammetry.errors import PhotogrammetryError
+from solmap.photogrammetry.synthetic.mission import MissionPlan
+from solmap.photogrammetry.synthetic.mission_images import MISSION
+from solmap.products.catalogue import MissionEntry, Outcome
+from solmap.products.model import ProductKind, ProductRef
+from solmap.products.workspace import Workspace
+from solmap.tasks.publish import publish
+from solmap.tasks.report import report_quality
+from solmap.tasks.simulated_mission import (
     NO_PIXELS,
     SimulationParams,
     adjust_simulated,

@@ -9,11 +9,11 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
 
-from config.landing import landing_site
-from flows.progress import report
-from photogrammetry.errors import PhotogrammetryError
-from photogrammetry.synthetic.traverse import TraverseParams
-from photogrammetry.synthetic.world import (
+from solmap.config.landing import landing_site
+from solmap.flows.progress import report
+from solmap.photogrammetry.errors import PhotogrammetryError
+from solmap.photogrammetry.synthetic.traverse import TraverseParams
+from solmap.photogrammetry.synthetic.world import (
     DownlinkFile,
     RenderJob,
     World,
@@ -22,9 +22,9 @@ from photogrammetry.synthetic.world import (
     render_jobs,
     text_files,
 )
-from photogrammetry.terrain.grid import MapGrid
-from products.crs import local_crs
-from products.raster import write_raster
+from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.products.crs import local_crs
+from solmap.products.raster import write_raster
 
 TRUTH_CELL_M = 0.08
 WORKERS = 2

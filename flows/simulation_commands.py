@@ -7,9 +7,9 @@ from typing import Annotated
 
 import typer
 
-from flows.console import fail, out, progress_shown, show_rows, workspace_of
-from flows.engine_server import start_engine
-from flows.options import JsonOption, StoreOption, store_of
+from solmap.flows.console import fail, out, progress_shown, show_rows, workspace_of
+from solmap.flows.engine_server import start_engine
+from solmap.flows.options import JsonOption, StoreOption, store_of
 
 
 def simulate(
@@ -19,7 +19,7 @@ def simulate(
     terrain: Annotated[str, typer.Option(help="plains, hills or crater")] = "hills",
 ) -> None:
     """Make a synthetic downlink with known truth: PDS3 images, vector files and the truth."""
-    from flows.simulation import write_downlink  # noqa: PLC0415
+    from solmap.flows.simulation import write_downlink  # noqa: PLC0415
 
     with progress_shown():
         files = write_downlink(out_dir, stops=stops, seed=seed, terrain=terrain)
@@ -36,14 +36,14 @@ def simulate_mission(
 ) -> None:
     """Fill an empty store with a simulated mission of many stops and no images, for the map."""
     root = store_of(store)
-    from photogrammetry.errors import PhotogrammetryError  # noqa: PLC0415
-    from photogrammetry.synthetic.mission import MissionPlan  # noqa: PLC0415
+    from solmap.photogrammetry.errors import PhotogrammetryError  # noqa: PLC0415
+    from solmap.photogrammetry.synthetic.mission import MissionPlan  # noqa: PLC0415
 
     try:
         plan = MissionPlan(stops=stops, distance_m=distance, gaps=gaps, control_every=control)
         start_engine(root)
         with progress_shown():
-            from flows.simulated_mission import simulate_into  # noqa: PLC0415 - Prefect is ready now
+            from solmap.flows.simulated_mission import simulate_into  # noqa: PLC0415 - Prefect is ready now
 
             told = simulate_into(root, plan, seed)
     except PhotogrammetryError as error:
@@ -58,8 +58,8 @@ def judge(
     as_json: JsonOption = False,
 ) -> None:
     """State the errors of positions and terrain against a simulated world's truth."""
-    from flows.judgement import judge_positions, judge_terrain, true_stops  # noqa: PLC0415
-    from flows.listing import position_rows  # noqa: PLC0415
+    from solmap.flows.judgement import judge_positions, judge_terrain, true_stops  # noqa: PLC0415
+    from solmap.flows.listing import position_rows  # noqa: PLC0415
 
     workspace = workspace_of(store_of(store))
     positions_judged = judge_positions(position_rows(workspace), true_stops(truth))

@@ -7,25 +7,25 @@ from pathlib import Path
 
 from prefect import flow
 
-from flows.failures import keep
-from flows.outcomes import settled
-from flows.sol_inputs import SolInputs, SolReport, Standing, gather
-from flows.sol_maps import map_stops
-from flows.sol_models import model_stops
-from flows.sol_network import adjust_stops, match_pairs
-from flows.sol_panoramas import draw_panoramas
-from flows.sol_wide import map_far_ground
-from photogrammetry.adjustment.movement import ReissueParams
-from photogrammetry.imagery import StopId
-from products.catalogue import Outcome
-from products.model import ProductRef
-from tasks.adjust import read_network
-from tasks.orientations import MappedStop, choose_orientations, read_orientations
-from tasks.pairs import PairProducts
-from tasks.publish import publish
-from tasks.report import report_quality
-from tasks.scopes import network_scope
-from tasks.telemetry import why_unplaced
+from solmap.flows.failures import keep
+from solmap.flows.outcomes import settled
+from solmap.flows.sol_inputs import SolInputs, SolReport, Standing, gather
+from solmap.flows.sol_maps import map_stops
+from solmap.flows.sol_models import model_stops
+from solmap.flows.sol_network import adjust_stops, match_pairs
+from solmap.flows.sol_panoramas import draw_panoramas
+from solmap.flows.sol_wide import map_far_ground
+from solmap.photogrammetry.adjustment.movement import ReissueParams
+from solmap.photogrammetry.imagery import StopId
+from solmap.products.catalogue import Outcome
+from solmap.products.model import ProductRef
+from solmap.tasks.adjust import read_network
+from solmap.tasks.orientations import MappedStop, choose_orientations, read_orientations
+from solmap.tasks.pairs import PairProducts
+from solmap.tasks.publish import publish
+from solmap.tasks.report import report_quality
+from solmap.tasks.scopes import network_scope
+from solmap.tasks.telemetry import why_unplaced
 
 
 @flow(name="sol", flow_run_name="{mission} sol {sol}")

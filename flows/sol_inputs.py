@@ -7,20 +7,20 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from config.landing import landing_site
-from config.pipeline import PipelineConfig, load_pipeline
-from config.settings import Settings
-from config.workspace import open_workspace
-from photogrammetry.adjustment.modes import AdjustmentMode
-from photogrammetry.imagery import StopId
-from photogrammetry.matching.neighbours import link_candidates
-from products.catalogue import ImageEntry, MissionEntry
-from products.crs import LandingPoint
-from products.model import ProductRef
-from products.workspace import Workspace
-from tasks.adjust import read_network
-from tasks.images import image_records
-from tasks.telemetry import Telemetry, TelemetryStop, read_telemetry, vector_files
+from solmap.config.landing import landing_site
+from solmap.config.pipeline import PipelineConfig, load_pipeline
+from solmap.config.settings import Settings
+from solmap.config.workspace import open_workspace
+from solmap.photogrammetry.adjustment.modes import AdjustmentMode
+from solmap.photogrammetry.imagery import StopId
+from solmap.photogrammetry.matching.neighbours import link_candidates
+from solmap.products.catalogue import ImageEntry, MissionEntry
+from solmap.products.crs import LandingPoint
+from solmap.products.model import ProductRef
+from solmap.products.workspace import Workspace
+from solmap.tasks.adjust import read_network
+from solmap.tasks.images import image_records
+from solmap.tasks.telemetry import Telemetry, TelemetryStop, read_telemetry, vector_files
 
 WINDOW = 3
 """Earlier stops that a sol may change: as far back as `adjust_stepwise` reaches."""

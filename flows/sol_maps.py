@@ -6,19 +6,19 @@ from typing import Any
 
 from prefect.futures import PrefectFuture
 
-from flows.outcomes import layers_by_first, promised, settled
-from flows.sol_inputs import SolInputs, SolReport
-from flows.surfaces import submit_meaning, submit_shape
-from photogrammetry.imagery import StopId
-from products.model import ProductRef
-from tasks.colour import colour_frames, render_colour
-from tasks.dtm import build_dtm
-from tasks.orientations import MappedStop, read_orientations
-from tasks.orthophoto import render_orthophoto
-from tasks.pairs import PairProducts
-from tasks.quicklook import picture_terrain
-from tasks.views import OrientedPair
-from tasks.viewshed import highest_camera, map_viewshed
+from solmap.flows.outcomes import layers_by_first, promised, settled
+from solmap.flows.sol_inputs import SolInputs, SolReport
+from solmap.flows.surfaces import submit_meaning, submit_shape
+from solmap.photogrammetry.imagery import StopId
+from solmap.products.model import ProductRef
+from solmap.tasks.colour import colour_frames, render_colour
+from solmap.tasks.dtm import build_dtm
+from solmap.tasks.orientations import MappedStop, read_orientations
+from solmap.tasks.orthophoto import render_orthophoto
+from solmap.tasks.pairs import PairProducts
+from solmap.tasks.quicklook import picture_terrain
+from solmap.tasks.views import OrientedPair
+from solmap.tasks.viewshed import highest_camera, map_viewshed
 
 NO_LAYER = "picture"
 """What is made of a stop only to be looked at beside the products."""

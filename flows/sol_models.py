@@ -7,17 +7,17 @@ from typing import Any
 
 from prefect.futures import PrefectFuture
 
-from flows.outcomes import layers_by_first, settled
-from flows.sol_inputs import SolInputs, SolReport
-from flows.sol_maps import oriented_pairs
-from photogrammetry.errors import TerrainError
-from photogrammetry.imagery import StopId
-from products.model import ProductKind, ProductRef
-from tasks.model3d import model_terrain, tile_terrain
-from tasks.orientations import read_orientations
-from tasks.outcrop import map_dips, model_views
-from tasks.pairs import PairProducts
-from tasks.points import make_points
+from solmap.flows.outcomes import layers_by_first, settled
+from solmap.flows.sol_inputs import SolInputs, SolReport
+from solmap.flows.sol_maps import oriented_pairs
+from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.imagery import StopId
+from solmap.products.model import ProductKind, ProductRef
+from solmap.tasks.model3d import model_terrain, tile_terrain
+from solmap.tasks.orientations import read_orientations
+from solmap.tasks.outcrop import map_dips, model_views
+from solmap.tasks.pairs import PairProducts
+from solmap.tasks.points import make_points
 
 
 def model_stops(

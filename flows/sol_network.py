@@ -6,26 +6,26 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from flows.outcomes import settled
-from flows.sol_inputs import SolInputs, SolReport, Standing, candidates
-from photogrammetry.imagery import StopId
-from photogrammetry.matching.hand_ties import HandTie
-from products.arrays import read_right_turn
-from products.model import ProductRef
-from tasks.adjust import NetworkParams, NetworkStep, adjust_network
-from tasks.control import control_of
-from tasks.hand_ties import all_wishes, concerning
-from tasks.match import MatchParams, match_stereo_pair
-from tasks.pairs import PairProducts, pairs_of
-from tasks.quicklook import picture_pair
-from tasks.singles import (
+from solmap.flows.outcomes import settled
+from solmap.flows.sol_inputs import SolInputs, SolReport, Standing, candidates
+from solmap.photogrammetry.imagery import StopId
+from solmap.photogrammetry.matching.hand_ties import HandTie
+from solmap.products.arrays import read_right_turn
+from solmap.products.model import ProductRef
+from solmap.tasks.adjust import NetworkParams, NetworkStep, adjust_network
+from solmap.tasks.control import control_of
+from solmap.tasks.hand_ties import all_wishes, concerning
+from solmap.tasks.match import MatchParams, match_stereo_pair
+from solmap.tasks.pairs import PairProducts, pairs_of
+from solmap.tasks.quicklook import picture_pair
+from solmap.tasks.singles import (
     read_singles,
     singles_notes,
     singles_of,
     tie_singles,
     without_repeats,
 )
-from tasks.tie import StopProducts, link_stops, tie_stop
+from solmap.tasks.tie import StopProducts, link_stops, tie_stop
 
 
 def match_pairs(inputs: SolInputs, report: SolReport) -> dict[StopId, list[PairProducts]]:

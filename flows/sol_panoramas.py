@@ -7,14 +7,14 @@ from typing import Any
 
 from prefect.futures import PrefectFuture
 
-from flows.outcomes import settled
-from flows.sol_inputs import SolInputs, SolReport
-from photogrammetry.errors import TerrainError
-from photogrammetry.imagery import StopId
-from products.model import ProductKind, ProductRef
-from tasks.orientations import read_orientations
-from tasks.pairs import PairProducts
-from tasks.panorama import draw_panorama, oriented_frames
+from solmap.flows.outcomes import settled
+from solmap.flows.sol_inputs import SolInputs, SolReport
+from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.imagery import StopId
+from solmap.products.model import ProductKind, ProductRef
+from solmap.tasks.orientations import read_orientations
+from solmap.tasks.pairs import PairProducts
+from solmap.tasks.panorama import draw_panorama, oriented_frames
 
 
 def draw_panoramas(

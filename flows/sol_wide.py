@@ -6,17 +6,17 @@ from collections.abc import Mapping
 
 from prefect.futures import PrefectFuture
 
-from flows.outcomes import by_first, promised, settled
-from flows.sol_inputs import SolInputs, SolReport, Standing
-from flows.sol_maps import oriented_pairs
-from flows.surfaces import submit_shape
-from photogrammetry.errors import MatchingError, TerrainError
-from photogrammetry.imagery import StopId
-from products.model import ProductRef
-from tasks.adjust import read_network
-from tasks.orientations import read_orientations
-from tasks.pairs import PairProducts
-from tasks.wide import WidePair, build_far_dtm, choose_wide_pairs, match_wide_pair, wide_id
+from solmap.flows.outcomes import by_first, promised, settled
+from solmap.flows.sol_inputs import SolInputs, SolReport, Standing
+from solmap.flows.sol_maps import oriented_pairs
+from solmap.flows.surfaces import submit_shape
+from solmap.photogrammetry.errors import MatchingError, TerrainError
+from solmap.photogrammetry.imagery import StopId
+from solmap.products.model import ProductRef
+from solmap.tasks.adjust import read_network
+from solmap.tasks.orientations import read_orientations
+from solmap.tasks.pairs import PairProducts
+from solmap.tasks.wide import WidePair, build_far_dtm, choose_wide_pairs, match_wide_pair, wide_id
 
 LACKING, FINDINGS = "no far ground,", (MatchingError, TerrainError)
 """How it is told that the images do not give it, and by which errors that is known."""

@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from flows.console import fail, workspace_of
-from flows.options import StoreOption, store_of
+from solmap.flows.console import fail, workspace_of
+from solmap.flows.options import StoreOption, store_of
 
 
 def stl(
@@ -21,12 +21,12 @@ def stl(
     store: StoreOption = None,
 ) -> None:
     """Write the terrain model of a stop as a watertight solid (binary STL, metres)."""
-    from photogrammetry.errors import PhotogrammetryError  # noqa: PLC0415 - slow to import
-    from photogrammetry.terrain.printable import SolidParams, solid_of  # noqa: PLC0415
-    from products.errors import ProductError, ProductNotFoundError  # noqa: PLC0415
-    from products.model import ProductKind  # noqa: PLC0415
-    from products.raster import read_dtm  # noqa: PLC0415
-    from products.stl import stl_bytes  # noqa: PLC0415
+    from solmap.photogrammetry.errors import PhotogrammetryError  # noqa: PLC0415 - slow to import
+    from solmap.photogrammetry.terrain.printable import SolidParams, solid_of  # noqa: PLC0415
+    from solmap.products.errors import ProductError, ProductNotFoundError  # noqa: PLC0415
+    from solmap.products.model import ProductKind  # noqa: PLC0415
+    from solmap.products.raster import read_dtm  # noqa: PLC0415
+    from solmap.products.stl import stl_bytes  # noqa: PLC0415
 
     workspace = workspace_of(store_of(store))
     try:

@@ -22,7 +22,7 @@ from prefect.deployments import run_deployment
 from prefect.states import Crashed
 from prefect.types import DateTime
 
-from flows.deployments import DOWNLINK
+from solmap.flows.deployments import DOWNLINK
 
 _TAKEN = [StateType.RUNNING, StateType.PENDING, StateType.CANCELLING]
 

@@ -6,15 +6,15 @@ from typing import Any
 
 from prefect.futures import PrefectFuture
 
-from config.pipeline import PipelineConfig
-from photogrammetry.terrain.contours import ContourParams
-from products.crs import LandingPoint
-from products.model import ProductRef
-from products.store import ProductStore
-from tasks.contour import trace_contours
-from tasks.hazard import map_hazards
-from tasks.insolation import map_insolation
-from tasks.slope import map_relief, shade_relief
+from solmap.config.pipeline import PipelineConfig
+from solmap.photogrammetry.terrain.contours import ContourParams
+from solmap.products.crs import LandingPoint
+from solmap.products.model import ProductRef
+from solmap.products.store import ProductStore
+from solmap.tasks.contour import trace_contours
+from solmap.tasks.hazard import map_hazards
+from solmap.tasks.insolation import map_insolation
+from solmap.tasks.slope import map_relief, shade_relief
 
 Futures = dict[str, PrefectFuture[Any]]
 """By what is made: one product, or several at once."""

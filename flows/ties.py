@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from config.workspace import open_workspace
-from photogrammetry.matching.hand_ties import HandAction
-from products.catalogue import Outcome
-from tasks.downlink_files import file_bytes
-from tasks.hand_ties import names_in, take_hand_ties, wishes_in
+from solmap.config.workspace import open_workspace
+from solmap.photogrammetry.matching.hand_ties import HandAction
+from solmap.products.catalogue import Outcome
+from solmap.tasks.downlink_files import file_bytes
+from solmap.tasks.hand_ties import names_in, take_hand_ties, wishes_in
 
 
 @dataclass(frozen=True, slots=True)

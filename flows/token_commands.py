@@ -7,10 +7,10 @@ from typing import Annotated
 
 import typer
 
-from flows.console import fail, out, show_rows
-from flows.options import StoreOption, store_of
-from products.access import Role, TokenBook
-from products.errors import ProductNotFoundError
+from solmap.flows.console import fail, out, show_rows
+from solmap.flows.options import StoreOption, store_of
+from solmap.products.access import Role, TokenBook
+from solmap.products.errors import ProductNotFoundError
 
 app = typer.Typer(help="Tokens: who may edit ties, annotate and start runs.", no_args_is_help=True)
 

@@ -9,19 +9,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from config.landing import landing_site
-from config.settings import Settings
-from config.workspace import open_workspace
-from photogrammetry.traverse.differences import Difference, Differences, differences
-from photogrammetry.traverse.georeference import georeference
-from photogrammetry.traverse.pictures import traverse_figure
-from photogrammetry.traverse.records import Traverse
-from products.arrays import finite
-from products.catalogue import MissionEntry
-from products.model import ProductKind
-from tasks.mission_traverse import draw_mission_traverse, read_traverses
-from tasks.publish import publish
-from tasks.scopes import region_scope
+from solmap.config.landing import landing_site
+from solmap.config.settings import Settings
+from solmap.config.workspace import open_workspace
+from solmap.photogrammetry.traverse.differences import Difference, Differences, differences
+from solmap.photogrammetry.traverse.georeference import georeference
+from solmap.photogrammetry.traverse.pictures import traverse_figure
+from solmap.photogrammetry.traverse.records import Traverse
+from solmap.products.arrays import finite
+from solmap.products.catalogue import MissionEntry
+from solmap.products.model import ProductKind
+from solmap.tasks.mission_traverse import draw_mission_traverse, read_traverses
+from solmap.tasks.publish import publish
+from solmap.tasks.scopes import region_scope
 
 FILE_NAMES = {
     ProductKind.PLACES: "{mission}_places.csv",

@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from flows.console import errors, fail, out, show_rows
-from flows.options import StoreOption, store_of
+from solmap.flows.console import errors, fail, out, show_rows
+from solmap.flows.options import StoreOption, store_of
 
 app = typer.Typer(help="Where the rover really was.", no_args_is_help=True)
 
@@ -32,8 +32,8 @@ def compare(  # noqa: PLR0913 - options
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
 ) -> None:
     """How far telemetry strays from the localised traverse, as the paper reports it."""
-    from flows.traverse import compare_files  # noqa: PLC0415 - slow to import
-    from photogrammetry.errors import PhotogrammetryError  # noqa: PLC0415
+    from solmap.flows.traverse import compare_files  # noqa: PLC0415 - slow to import
+    from solmap.photogrammetry.errors import PhotogrammetryError  # noqa: PLC0415
 
     try:
         found = compare_files(files, mission.upper(), (first_sol, last_sol), figure)
@@ -49,9 +49,9 @@ def compare(  # noqa: PLR0913 - options
 @app.command("import")
 def take(files: Files, mission: Mission = "MER2", store: StoreOption = None) -> None:
     """Put a mission's traverse on the map: lines and stops of every solution in the files."""
-    from flows.traverse import import_files  # noqa: PLC0415 - slow to import
-    from photogrammetry.errors import PhotogrammetryError  # noqa: PLC0415
-    from products.errors import ProductError  # noqa: PLC0415
+    from solmap.flows.traverse import import_files  # noqa: PLC0415 - slow to import
+    from solmap.photogrammetry.errors import PhotogrammetryError  # noqa: PLC0415
+    from solmap.products.errors import ProductError  # noqa: PLC0415
 
     try:
         taken = import_files(files, mission.upper(), store_of(store))
@@ -67,7 +67,7 @@ def export(
     store: StoreOption = None,
 ) -> None:
     """Hand out the adjusted traverse: PLACES table, vector files, differences, figure."""
-    from flows.traverse import export_files  # noqa: PLC0415 - slow to import
+    from solmap.flows.traverse import export_files  # noqa: PLC0415 - slow to import
 
     made = export_files(folder, mission.upper(), store_of(store))
     if not made:
@@ -86,8 +86,8 @@ def hang(
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
 ) -> None:
     """Hang an uncontrolled mosaic on points of the track: turn, scale, and what remains."""
-    from flows.mosaic import hang_mosaic  # noqa: PLC0415 - slow to import
-    from photogrammetry.errors import PhotogrammetryError  # noqa: PLC0415
+    from solmap.flows.mosaic import hang_mosaic  # noqa: PLC0415 - slow to import
+    from solmap.photogrammetry.errors import PhotogrammetryError  # noqa: PLC0415
 
     try:
         found = hang_mosaic(file, affine=affine)
@@ -107,7 +107,7 @@ def simulate_points(
     rotation: Annotated[float, typer.Option(help="Of the mosaic against the map, degrees")] = 1.3,
 ) -> None:
     """Points of a track in a simulated mosaic, with the answer to them beside (.truth.json)."""
-    from flows.mosaic import write_simulated  # noqa: PLC0415 - slow to import
+    from solmap.flows.mosaic import write_simulated  # noqa: PLC0415 - slow to import
 
     truth = write_simulated(file, seed, rotation)
     out.print(f"{file}; the answer is in {truth}", highlight=False)

@@ -9,10 +9,10 @@ from typing import Annotated
 
 import typer
 
-from config.settings import Settings
-from flows.console import fail, out
-from flows.options import StoreOption
-from products.locks import alone
+from solmap.config.settings import Settings
+from solmap.flows.console import fail, out
+from solmap.flows.options import StoreOption
+from solmap.products.locks import alone
 
 
 def up(
@@ -23,7 +23,7 @@ def up(
     port: Annotated[int | None, typer.Option(help="Port of the map. [env: SOLMAP_PORT]")] = None,
 ) -> None:
     """Run everything: the map, the schedules, and whatever arrives in the inbox. Ctrl-C stops."""
-    from flows.up import LOOK_EVERY_S, Machine  # noqa: PLC0415 - `solmap --help` answers at once
+    from solmap.flows.up import LOOK_EVERY_S, Machine  # noqa: PLC0415 - `solmap --help` answers at once
 
     settings = Settings()
     root = (store or settings.store).resolve()

@@ -14,8 +14,8 @@ from typing import Annotated
 from fastapi import Depends, HTTPException, Request
 from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
 
-from gis_server.services import ServicesOf
-from products.access import Role, Token
+from solmap.gis_server.services import ServicesOf
+from solmap.products.access import Role, Token
 
 _BEARER = HTTPBearer(auto_error=False, description="a token of `solmap token add`")
 _CHALLENGE = {"WWW-Authenticate": "Bearer"}

@@ -14,13 +14,13 @@ from starlette.middleware.cors import CORSMiddleware
 from starlette.middleware.gzip import DEFAULT_EXCLUDED_CONTENT_TYPES, GZipMiddleware
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from config.settings import Settings
-from gis_server.errors import install_error_table
-from gis_server.metrics import Measured, Metrics
-from gis_server.ogc import features, landing, wmts
-from gis_server.ogc import tiles as ogc_tiles
-from gis_server.openapi import complete
-from gis_server.routes import (
+from solmap.config.settings import Settings
+from solmap.gis_server.errors import install_error_table
+from solmap.gis_server.metrics import Measured, Metrics
+from solmap.gis_server.ogc import features, landing, wmts
+from solmap.gis_server.ogc import tiles as ogc_tiles
+from solmap.gis_server.openapi import complete
+from solmap.gis_server.routes import (
     account,
     analysis,
     downloads,
@@ -46,12 +46,12 @@ from gis_server.routes import (
     tiles,
     versions,
 )
-from gis_server.routes.shortcut import TileShortcut
-from gis_server.services import open_services
-from gis_server.small_bodies import SmallBodies
-from products.cycles import look_seldom
-from products.logs import keep_logs
-from products.shelves import Elsewhere
+from solmap.gis_server.routes.shortcut import TileShortcut
+from solmap.gis_server.services import open_services
+from solmap.gis_server.small_bodies import SmallBodies
+from solmap.products.cycles import look_seldom
+from solmap.products.logs import keep_logs
+from solmap.products.shelves import Elsewhere
 
 _HEADERS = {
     "Content-Security-Policy": (

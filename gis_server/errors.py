@@ -12,10 +12,10 @@ from fastapi.responses import JSONResponse
 from starlette.exceptions import HTTPException
 from starlette.routing import compile_path
 
-from gis_server.analysis.refusal import RefusedError
-from gis_server.rendering.looks import UnknownLookError
-from photogrammetry.errors import AdjustmentError, CameraError, MatchingError, TerrainError
-from products.errors import (
+from solmap.gis_server.analysis.refusal import RefusedError
+from solmap.gis_server.rendering.looks import UnknownLookError
+from solmap.photogrammetry.errors import AdjustmentError, CameraError, MatchingError, TerrainError
+from solmap.products.errors import (
     OutsideCoverageError,
     ProductError,
     ProductNotFoundError,

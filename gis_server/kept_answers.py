@@ -10,7 +10,7 @@ from typing import Annotated
 
 from fastapi import Depends, Header, Response
 
-from gis_server.routes.parameters import AGAIN
+from solmap.gis_server.routes.parameters import AGAIN
 
 _FAST = 5
 """Of gzip: twice as fast as 9, and hardly longer."""

@@ -10,18 +10,18 @@ from typing import Annotated
 
 from fastapi import Depends, Request
 
-from gis_server.live import EventTail
-from gis_server.read_ahead import ReadAhead
-from gis_server.rendering.readers import RasterPool
-from products.access import TokenBook
-from products.catalogue import Catalogue
-from products.edits import EditLog
-from products.mission_features import MissionFeatures
-from products.model import Layer, ProductKind
-from products.run_requests import RequestBook
-from products.runs import RunBook
-from products.shelves import Elsewhere
-from products.store import ProductStore
+from solmap.gis_server.live import EventTail
+from solmap.gis_server.read_ahead import ReadAhead
+from solmap.gis_server.rendering.readers import RasterPool
+from solmap.products.access import TokenBook
+from solmap.products.catalogue import Catalogue
+from solmap.products.edits import EditLog
+from solmap.products.mission_features import MissionFeatures
+from solmap.products.model import Layer, ProductKind
+from solmap.products.run_requests import RequestBook
+from solmap.products.runs import RunBook
+from solmap.products.shelves import Elsewhere
+from solmap.products.store import ProductStore
 
 _LAYERS = 1024
 _OPEN = 64

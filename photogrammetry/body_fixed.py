@@ -24,9 +24,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.arrays import ObjectPoints, PerPoint
-from photogrammetry.errors import FrameError
-from photogrammetry.frames import BODY_FIXED, LSL, Pose
+from solmap.photogrammetry.arrays import ObjectPoints, PerPoint
+from solmap.photogrammetry.errors import FrameError
+from solmap.photogrammetry.frames import BODY_FIXED, LSL, Pose
 
 MARS_RADIUS_M = 3_396_190.0
 """Sphere of IAU_2015:49900; also the equatorial radius a of the ellipsoid."""

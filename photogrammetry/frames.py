@@ -30,7 +30,7 @@ from math import isfinite
 import numpy as np
 from scipy.spatial.transform import Rotation as ScipyRotation
 
-from photogrammetry.arrays import (
+from solmap.photogrammetry.arrays import (
     Directions,
     Float64,
     ObjectPoints,
@@ -38,7 +38,7 @@ from photogrammetry.arrays import (
     Rotation,
     Vector3,
 )
-from photogrammetry.errors import FrameError
+from solmap.photogrammetry.errors import FrameError
 
 
 class FrameKind(StrEnum):

@@ -7,10 +7,10 @@ from enum import StrEnum
 
 import numpy as np
 
-from photogrammetry.arrays import ImagePoints, Int32, PerPoint
-from photogrammetry.cameras.model import CameraModel
-from photogrammetry.errors import FrameError, LabelError
-from photogrammetry.frames import Frame, Pose, rover_frame
+from solmap.photogrammetry.arrays import ImagePoints, Int32, PerPoint
+from solmap.photogrammetry.cameras.model import CameraModel
+from solmap.photogrammetry.errors import FrameError, LabelError
+from solmap.photogrammetry.frames import Frame, Pose, rover_frame
 
 
 class Eye(StrEnum):

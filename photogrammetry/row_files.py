@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
-from photogrammetry.errors import PhotogrammetryError
+from solmap.photogrammetry.errors import PhotogrammetryError
 
 Row = Mapping[str, Any]
 T = TypeVar("T")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from photogrammetry.arrays import Float, GreyImage, Mask, Picture
+from solmap.photogrammetry.arrays import Float, GreyImage, Mask, Picture
 
 
 def stretched(

@@ -18,7 +18,7 @@ from datetime import UTC, datetime, timedelta
 from enum import IntEnum
 from pathlib import Path
 
-from products.errors import ProductNotFoundError
+from solmap.products.errors import ProductNotFoundError
 
 FILE = "access.sqlite"
 _PREFIX = "solmap"

@@ -14,13 +14,13 @@ from typing import Any
 
 import numpy as np
 
-from photogrammetry.arrays import ParallaxMap
-from photogrammetry.cameras.epipolar import EpipolarPair
-from photogrammetry.frames import Frame, FrameKind, Pose
-from photogrammetry.imagery import StereoMatches
-from photogrammetry.matching.dense import DenseMatches, SharedSigma
-from photogrammetry.matching.ties import Ties
-from products.errors import ProductError
+from solmap.photogrammetry.arrays import ParallaxMap
+from solmap.photogrammetry.cameras.epipolar import EpipolarPair
+from solmap.photogrammetry.frames import Frame, FrameKind, Pose
+from solmap.photogrammetry.imagery import StereoMatches
+from solmap.photogrammetry.matching.dense import DenseMatches, SharedSigma
+from solmap.photogrammetry.matching.ties import Ties
+from solmap.products.errors import ProductError
 
 _STEP_PX = 1.0 / 128.0
 _LARGEST = 65535

@@ -14,7 +14,7 @@ from typing import Any
 
 import sqlalchemy as sa
 
-from products.catalogue_records import (
+from solmap.products.catalogue_records import (
     ImageEntry,
     MissionEntry,
     Outcome,
@@ -24,7 +24,7 @@ from products.catalogue_records import (
     mission_entry,
     outcome_of,
 )
-from products.catalogue_tables import (
+from solmap.products.catalogue_tables import (
     IMAGES,
     LATEST,
     LAYERS,
@@ -37,9 +37,9 @@ from products.catalogue_tables import (
     put,
     times_ingested,
 )
-from products.database import engine_of, found_tables, writing
-from products.errors import ProductNotFoundError
-from products.events import (
+from solmap.products.database import engine_of, found_tables, writing
+from solmap.products.errors import ProductNotFoundError
+from solmap.products.events import (
     IMAGES_INGESTED,
     LAYERS_PUBLISHED,
     MISSION_CHANGED,
@@ -48,7 +48,7 @@ from products.events import (
     events_since,
     last_event,
 )
-from products.model import LEVEL, Layer, ProductKind, ProductRef, Scope
+from solmap.products.model import LEVEL, Layer, ProductKind, ProductRef, Scope
 
 __all__ = ["Catalogue", "Event", "ImageEntry", "MissionEntry", "Outcome"]
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any
 
-from photogrammetry.imagery import StopId
-from products.crs import LandingPoint
-from products.model import Layer, ProductKind, ProductRef, Scope, ScopeLevel
+from solmap.photogrammetry.imagery import StopId
+from solmap.products.crs import LandingPoint
+from solmap.products.model import Layer, ProductKind, ProductRef, Scope, ScopeLevel
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,8 +7,8 @@ from typing import Any
 
 import sqlalchemy as sa
 
-from products.database import Text, upsert
-from products.model import ProductRef
+from solmap.products.database import Text, upsert
+from solmap.products.model import ProductRef
 
 TABLES = sa.MetaData()
 MISSIONS = sa.Table(

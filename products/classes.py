@@ -6,9 +6,9 @@ green, bad ground yellow to red, and lightness falls from one to the other.
 
 from __future__ import annotations
 
-from photogrammetry.terrain.hazard import Hazard
-from photogrammetry.terrain.viewshed import Sight
-from products.cog import RasterClass
+from solmap.photogrammetry.terrain.hazard import Hazard
+from solmap.photogrammetry.terrain.viewshed import Sight
+from solmap.products.cog import RasterClass
 
 HAZARDS = (
     RasterClass(Hazard.TRAVERSABLE, "traversable", "#44bb99"),

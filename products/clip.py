@@ -18,11 +18,11 @@ from pyproj import CRS
 from rasterio.errors import RasterioError
 from rasterio.windows import Window
 
-from photogrammetry.terrain.grid import Bounds, MapGrid
-from products.cog import Band, Notes, RasterClass, new_cog
-from products.errors import OutsideCoverageError, ProductError
-from products.raster import band_names, class_names, grid_of, open_raster, unreadable
-from products.vector import Feature, FeatureCollection
+from solmap.photogrammetry.terrain.grid import Bounds, MapGrid
+from solmap.products.cog import Band, Notes, RasterClass, new_cog
+from solmap.products.errors import OutsideCoverageError, ProductError
+from solmap.products.raster import band_names, class_names, grid_of, open_raster, unreadable
+from solmap.products.vector import Feature, FeatureCollection
 
 MOST_CELLS = 50_000_000
 """Of all bands: 200 MB of floats."""

@@ -32,8 +32,8 @@ from rasterio.errors import RasterioError
 from rasterio.shutil import copy as copy_raster
 from rasterio.transform import Affine
 
-from photogrammetry.terrain.grid import BLOCK, MapGrid
-from products.disk import is_full
+from solmap.photogrammetry.terrain.grid import BLOCK, MapGrid
+from solmap.products.disk import is_full
 
 Kind = Literal["float32", "uint8"]
 Halving = Literal["AVERAGE", "NEAREST"]

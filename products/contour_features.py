@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from photogrammetry.terrain.contours import Contour
-from products.vector import Feature
+from solmap.photogrammetry.terrain.contours import Contour
+from solmap.products.vector import Feature
 
 
 def contour_feature(contour: Contour) -> Feature:

@@ -6,16 +6,16 @@ import json
 from collections.abc import Sequence
 from typing import Any
 
-from photogrammetry.adjustment.control import ControlFrame, StopControl
-from photogrammetry.adjustment.control_documents import (
+from solmap.photogrammetry.adjustment.control import ControlFrame, StopControl
+from solmap.photogrammetry.adjustment.control_documents import (
     control_document,
     control_of_document,
     frame_document,
     frame_of_document,
 )
-from products.errors import ProductError
-from products.model import ProductRef
-from products.store import ProductStore
+from solmap.products.errors import ProductError
+from solmap.products.model import ProductRef
+from solmap.products.store import ProductStore
 
 FORMAT = "solmap control 1"
 

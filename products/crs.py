@@ -31,8 +31,8 @@ from functools import lru_cache
 import numpy as np
 from pyproj import CRS, Transformer
 
-from photogrammetry.arrays import PerPoint
-from products.errors import ProductError
+from solmap.photogrammetry.arrays import PerPoint
+from solmap.products.errors import ProductError
 
 IAU_RADIUS_M = 3_396_190.0
 MARS = "IAU_2015:49900"

@@ -21,7 +21,7 @@ from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.engine.interfaces import DBAPIConnection
 from sqlalchemy.exc import ArgumentError, NoSuchModuleError, OperationalError
 
-from products.errors import ProductError, StoreAwayError
+from solmap.products.errors import ProductError, StoreAwayError
 
 Text = sa.String().with_variant(postgresql.VARCHAR(collation="C"), "postgresql")
 """Text that both sort by its bytes, whatever the language of the database."""

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from products.errors import ProductError
+from solmap.products.errors import ProductError
 
 POSITION_BITS, NORMAL_BITS, PLACE_BITS = 16, 8, 14
 LEVEL = 7

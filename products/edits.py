@@ -15,8 +15,8 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
-from products.edit_database import FILE, transaction
-from products.errors import ProductError, ProductNotFoundError
+from solmap.products.edit_database import FILE, transaction
+from solmap.products.errors import ProductError, ProductNotFoundError
 
 _SCHEMA = """
 CREATE TABLE IF NOT EXISTS edits(

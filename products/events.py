@@ -17,8 +17,8 @@ from typing import Any
 
 import sqlalchemy as sa
 
-from products.catalogue_tables import TABLES
-from products.database import Text
+from solmap.products.catalogue_tables import TABLES
+from solmap.products.database import Text
 
 KEPT = 10_000
 """Events; a downlink makes some hundred."""

@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from products.feature_drawing import (
+from solmap.products.feature_drawing import (
     Draw,
     as_they_are,
     cameras,
@@ -20,8 +20,8 @@ from products.feature_drawing import (
     profile,
     with_times,
 )
-from products.model import ProductKind
-from products.vector import Geometry
+from solmap.products.model import ProductKind
+from solmap.products.vector import Geometry
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,7 +24,7 @@ from pathlib import Path
 import numpy as np
 import shapely
 
-from products.feature_query import (
+from solmap.products.feature_query import (
     COLUMNS,
     Area,
     Extent,

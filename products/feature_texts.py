@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 from cachetools import LRUCache, cached
 
-from photogrammetry.terrain.grid import Bounds
-from products.crs import local_proj4
-from products.vector import PlacedFeatures, read_placed
+from solmap.photogrammetry.terrain.grid import Bounds
+from solmap.products.crs import local_proj4
+from solmap.products.vector import PlacedFeatures, read_placed
 
 _KEPT, _LEAST = 150_000_000, 1_000_000
 """Bytes of files whose features are kept at a time, which take three times that; a file counts as

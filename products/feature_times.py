@@ -7,8 +7,8 @@ from datetime import UTC, datetime
 from functools import lru_cache
 from typing import Any
 
-from products.catalogue import ImageEntry
-from products.model import Layer
+from solmap.products.catalogue import ImageEntry
+from solmap.products.model import Layer
 
 Sols = tuple[int, int]
 Times = tuple[str, str]

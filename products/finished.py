@@ -11,8 +11,8 @@ from typing import Any
 
 import sqlalchemy as sa
 
-from products.catalogue_tables import FINISHED
-from products.database import upsert, writing
+from solmap.products.catalogue_tables import FINISHED
+from solmap.products.database import upsert, writing
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -11,10 +11,10 @@ from rasterio.errors import CRSError, RasterioError
 from rasterio.transform import Affine
 from rasterio.warp import reproject, transform_bounds
 
-from photogrammetry.arrays import Raster
-from photogrammetry.terrain.grid import Bounds, MapGrid
-from products.errors import ProductError
-from products.raster import open_raster
+from solmap.photogrammetry.arrays import Raster
+from solmap.photogrammetry.terrain.grid import Bounds, MapGrid
+from solmap.products.errors import ProductError
+from solmap.products.raster import open_raster
 
 MOST_CELLS = 100_000_000
 """Of an image that is read whole: 10,000 x 10,000."""

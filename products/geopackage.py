@@ -17,9 +17,9 @@ import pyogrio
 import pyogrio.raw
 import shapely
 
-from products.crs import local_crs
-from products.errors import ProductError
-from products.vector import Feature, FeatureCollection
+from solmap.products.crs import local_crs
+from solmap.products.errors import ProductError
+from solmap.products.vector import Feature, FeatureCollection
 
 _DATE = {"OGR_CURRENT_DATE": "2004-01-04T04:35:00.000Z"}
 """For the column `last_change`, which the format asks for: when Spirit landed."""

@@ -11,10 +11,10 @@ from typing import Any
 import cv2
 import numpy as np
 
-from photogrammetry.arrays import Picture
-from photogrammetry.terrain.model3d import SurfaceMesh, TexturedMesh
-from products.draco import compress
-from products.errors import ProductError
+from solmap.photogrammetry.arrays import Picture
+from solmap.photogrammetry.terrain.model3d import SurfaceMesh, TexturedMesh
+from solmap.products.draco import compress
+from solmap.products.errors import ProductError
 
 MAGIC, VERSION, _JSON, _BIN = 0x46546C67, 2, 0x4E4F534A, 0x004E4942
 _FLOAT, _BYTE, _USHORT, _UINT = 5126, 5120, 5123, 5125

@@ -24,9 +24,9 @@ from typing import Any
 
 import numpy as np
 
-from photogrammetry.terrain.model3d import TexturedMesh
-from products.errors import ProductError
-from products.glb import MAGIC, VERSION, Encoding, Glb
+from solmap.photogrammetry.terrain.model3d import TexturedMesh
+from solmap.products.errors import ProductError
+from solmap.products.glb import MAGIC, VERSION, Encoding, Glb
 
 __all__ = ["Encoding", "box_of_glb", "read_glb", "write_glb"]
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from products.model import ProductRef
+from solmap.products.model import ProductRef
 
 Holders = dict[str, ProductRef]
 """The product that holds a stop, by the name of the stop."""

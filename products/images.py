@@ -6,14 +6,14 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from photogrammetry.imagery import RoverImage
-from photogrammetry.pds3.reading import ReadImage, read_image, read_image_record
-from products.catalogue import ImageEntry
-from products.labels import LabelBook
-from products.model import ProductRef
-from products.radiometry import read_radiometry
-from products.store import ProductStore
-from products.workspace import Workspace
+from solmap.photogrammetry.imagery import RoverImage
+from solmap.photogrammetry.pds3.reading import ReadImage, read_image, read_image_record
+from solmap.products.catalogue import ImageEntry
+from solmap.products.labels import LabelBook
+from solmap.products.model import ProductRef
+from solmap.products.radiometry import read_radiometry
+from solmap.products.store import ProductStore
+from solmap.products.workspace import Workspace
 
 REMEMBERED = 1 << 15
 """Labels that one process keeps: more than the Navcam frames of a rover; some 6 kB each."""

@@ -19,14 +19,14 @@ import numpy as np
 import sqlalchemy as sa
 from sqlalchemy.exc import SQLAlchemyError
 
-from photogrammetry.cameras.cahv import Cahv
-from photogrammetry.cameras.cahvor import Cahvor
-from photogrammetry.cameras.cahvore import Cahvore
-from photogrammetry.frames import Frame, FrameKind, Pose
-from photogrammetry.imagery import Eye, RoverImage, StopId
-from products.catalogue_tables import LABELS
-from products.database import upsert, writing
-from products.model import SCIENCE_VERSION
+from solmap.photogrammetry.cameras.cahv import Cahv
+from solmap.photogrammetry.cameras.cahvor import Cahvor
+from solmap.photogrammetry.cameras.cahvore import Cahvore
+from solmap.photogrammetry.frames import Frame, FrameKind, Pose
+from solmap.photogrammetry.imagery import Eye, RoverImage, StopId
+from solmap.products.catalogue_tables import LABELS
+from solmap.products.database import upsert, writing
+from solmap.products.model import SCIENCE_VERSION
 
 _RECORDS: dict[str, Any] = {
     record.__name__: record for record in (RoverImage, StopId, Pose, Frame, Cahv, Cahvor, Cahvore)

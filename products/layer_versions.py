@@ -16,13 +16,13 @@ from typing import Any
 
 import sqlalchemy as sa
 
-from products.catalogue import Catalogue
-from products.catalogue_records import layer_of
-from products.catalogue_tables import LAYERS
-from products.holders import Holders, holders_of_document
-from products.model import LEVEL, Layer, ProductKind, ProductRef, Scope, ScopeLevel
-from products.network import published_networks
-from products.store import ProductStore
+from solmap.products.catalogue import Catalogue
+from solmap.products.catalogue_records import layer_of
+from solmap.products.catalogue_tables import LAYERS
+from solmap.products.holders import Holders, holders_of_document
+from solmap.products.model import LEVEL, Layer, ProductKind, ProductRef, Scope, ScopeLevel
+from solmap.products.network import published_networks
+from solmap.products.store import ProductStore
 
 Oriented = frozenset[tuple[str, tuple[float, ...], tuple[float, ...]]]
 """Pairs, and from where they look: rotation and translation."""

@@ -18,7 +18,6 @@ from logging.handlers import WatchedFileHandler
 from pathlib import Path
 from types import MappingProxyType
 
-PACKAGES = ("config", "flows", "gis_server", "photogrammetry", "products", "tasks")
 MOST_BYTES = 10_000_000
 KEPT = 4
 _STANDARD = frozenset(vars(logging.makeLogRecord({}))) | {"message", "asctime", "taskName"}
@@ -89,11 +88,10 @@ def keep_logs(root: Path, program: str) -> None:
     path = root.resolve() / "logs" / f"{program}.jsonl"
     handler = SharedLog(path)
     handler.setFormatter(JsonLines())
-    for name in PACKAGES:
-        logger = logging.getLogger(name)
-        for old in [one for one in logger.handlers if isinstance(one, SharedLog)]:
-            logger.removeHandler(old)
-            old.close()
-        logger.addHandler(handler)
-        if logger.level == logging.NOTSET or logger.level > logging.INFO:
-            logger.setLevel(logging.INFO)
+    logger = logging.getLogger("solmap")
+    for old in [one for one in logger.handlers if isinstance(one, SharedLog)]:
+        logger.removeHandler(old)
+        old.close()
+    logger.addHandler(handler)
+    if logger.level == logging.NOTSET or logger.level > logging.INFO:
+        logger.setLevel(logging.INFO)

@@ -22,17 +22,17 @@ from typing import Any
 import shapely
 import shapely.geometry
 
-from products.catalogue import Catalogue, ImageEntry
-from products.edits import Edit, EditKind, EditLog
-from products.errors import ProductError
-from products.feature_collections import COLLECTIONS, CollectionOf
-from products.feature_drawing import image_properties
-from products.feature_index import FeatureIndex
-from products.feature_query import IndexedFeature
-from products.feature_times import FeatureTimes, moment, times_of
-from products.model import Layer, ProductKind, ScopeLevel
-from products.store import ProductStore
-from products.vector import Feature, read_features
+from solmap.products.catalogue import Catalogue, ImageEntry
+from solmap.products.edits import Edit, EditKind, EditLog
+from solmap.products.errors import ProductError
+from solmap.products.feature_collections import COLLECTIONS, CollectionOf
+from solmap.products.feature_drawing import image_properties
+from solmap.products.feature_index import FeatureIndex
+from solmap.products.feature_query import IndexedFeature
+from solmap.products.feature_times import FeatureTimes, moment, times_of
+from solmap.products.model import Layer, ProductKind, ScopeLevel
+from solmap.products.store import ProductStore
+from solmap.products.vector import Feature, read_features
 
 log = logging.getLogger(__name__)
 FOLDER = "index"

@@ -15,6 +15,8 @@ from enum import Enum, StrEnum
 from functools import cached_property
 from typing import Any, Literal
 
+from solmap.products.recipe_names import RECIPE_NAMES, RecipeNames
+
 SCIENCE_VERSION = 3
 """Raised when equal inputs and parameters give other products; CHANGELOG.md says what changed."""
 
@@ -309,8 +311,13 @@ class Recipe:
 def plain(value: Any) -> Any:  # noqa: ANN401 - any parameter record
     """Dataclasses, enumerations and tuples as plain JSON values, class names kept."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        fields = {f.name: plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
-        return {"": type(value).__name__, **fields}
+        class_name = type(value).__name__
+        names = RECIPE_NAMES.get(class_name, RecipeNames())
+        fields = {
+            names.fields.get(f.name, f.name): plain(getattr(value, f.name))
+            for f in dataclasses.fields(value)
+        }
+        return {"": names.name or class_name, **fields, **names.constants}
     if isinstance(value, Enum):
         return value.value
     if isinstance(value, dict):

@@ -6,11 +6,11 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from products.crs import LandingPoint, local_crs, local_proj4
-from products.gltf import box_of_glb
-from products.model import Recipe
-from products.ply import read_ply
-from products.tiles3d import box_of, read_tileset
+from solmap.products.crs import LandingPoint, local_crs, local_proj4
+from solmap.products.gltf import box_of_glb
+from solmap.products.model import Recipe
+from solmap.products.ply import read_ply
+from solmap.products.tiles3d import box_of, read_tileset
 
 
 def notes_of(recipe: Recipe, landing: LandingPoint) -> dict[str, Any]:

@@ -15,19 +15,19 @@ from typing import Any
 
 import numpy as np
 
-from photogrammetry.adjustment.assembly import assembled, part_at
-from photogrammetry.adjustment.documents import network_document, network_of_document
-from photogrammetry.adjustment.records import AdjustedNetwork
-from photogrammetry.body_fixed import map_from_lsl
-from photogrammetry.frames import Pose
-from photogrammetry.imagery import StopId
-from photogrammetry.traverse.records import Traverse
-from products.arrays import pose_document, pose_of_document
-from products.catalogue import Catalogue
-from products.errors import ProductNotFoundError
-from products.holders import Holders, holders_document, holders_of_document
-from products.model import ProductKind, ProductRef
-from products.store import ProductStore
+from solmap.photogrammetry.adjustment.assembly import assembled, part_at
+from solmap.photogrammetry.adjustment.documents import network_document, network_of_document
+from solmap.photogrammetry.adjustment.records import AdjustedNetwork
+from solmap.photogrammetry.body_fixed import map_from_lsl
+from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.imagery import StopId
+from solmap.photogrammetry.traverse.records import Traverse
+from solmap.products.arrays import pose_document, pose_of_document
+from solmap.products.catalogue import Catalogue
+from solmap.products.errors import ProductNotFoundError
+from solmap.products.holders import Holders, holders_document, holders_of_document
+from solmap.products.model import ProductKind, ProductRef
+from solmap.products.store import ProductStore
 
 _NETWORKS = 4
 """Whole networks that are remembered; a large one takes seconds to read."""

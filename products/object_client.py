@@ -12,7 +12,7 @@ from datetime import timedelta
 from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
-from products.errors import ProductError, StoreAwayError
+from solmap.products.errors import ProductError, StoreAwayError
 
 if TYPE_CHECKING:
     from obstore.store import S3Store

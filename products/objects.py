@@ -15,10 +15,10 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from products.errors import StoreAwayError
-from products.object_client import bucket_and_prefix, client_of, endpoint, explaining, says
-from products.read_cache import ReadCache
-from products.shelves import Elsewhere
+from solmap.products.errors import StoreAwayError
+from solmap.products.object_client import bucket_and_prefix, client_of, endpoint, explaining, says
+from solmap.products.read_cache import ReadCache
+from solmap.products.shelves import Elsewhere
 
 if TYPE_CHECKING:
     from obstore.store import S3Store

@@ -9,21 +9,21 @@ from pathlib import Path
 
 import numpy as np
 
-from photogrammetry.adjustment.params import AdjustmentParams
-from photogrammetry.adjustment.records import AdjustedPair
-from photogrammetry.cameras.epipolar import EpipolarPair
-from photogrammetry.cameras.model import CameraModel
-from photogrammetry.imagery import Eye, RoverImage, StopId
-from photogrammetry.matching.dense import DenseMatches
-from photogrammetry.matching.vertical_parallax import turned_in_place
-from photogrammetry.terrain.oriented_image import OrientedImage, Pointing, StopPose
-from products.arrays import read_dense, read_matches, read_right_turn
-from products.catalogue import ImageEntry
-from products.errors import ProductNotFoundError
-from products.images import image_record
-from products.model import ProductKind, ProductRef, Scope, ScopeLevel
-from products.network import NetworkProduct, latest_network, network_of
-from products.workspace import Workspace
+from solmap.photogrammetry.adjustment.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.records import AdjustedPair
+from solmap.photogrammetry.cameras.epipolar import EpipolarPair
+from solmap.photogrammetry.cameras.model import CameraModel
+from solmap.photogrammetry.imagery import Eye, RoverImage, StopId
+from solmap.photogrammetry.matching.dense import DenseMatches
+from solmap.photogrammetry.matching.vertical_parallax import turned_in_place
+from solmap.photogrammetry.terrain.oriented_image import OrientedImage, Pointing, StopPose
+from solmap.products.arrays import read_dense, read_matches, read_right_turn
+from solmap.products.catalogue import ImageEntry
+from solmap.products.errors import ProductNotFoundError
+from solmap.products.images import image_record
+from solmap.products.model import ProductKind, ProductRef, Scope, ScopeLevel
+from solmap.products.network import NetworkProduct, latest_network, network_of
+from solmap.products.workspace import Workspace
 
 _NETWORKS = 2
 _MATCHED = 20

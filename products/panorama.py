@@ -18,16 +18,16 @@ import numpy as np
 import rasterio
 from pyproj import CRS
 
-from photogrammetry.arrays import Float32, Vector3
-from photogrammetry.terrain.angle_grid import NODE, AngleGrid
-from photogrammetry.terrain.grid import MapGrid
-from photogrammetry.terrain.ground import MAP_FROM_LSL
-from photogrammetry.terrain.mosaic import NO_SOURCE
-from photogrammetry.terrain.panorama import Panorama, PanoramaBlock
-from photogrammetry.terrain.seams import Registration
-from products.errors import ProductError
-from products.pictures import Piece, write_pieces
-from products.raster import open_raster, write_raster
+from solmap.photogrammetry.arrays import Float32, Vector3
+from solmap.photogrammetry.terrain.angle_grid import NODE, AngleGrid
+from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.terrain.ground import MAP_FROM_LSL
+from solmap.photogrammetry.terrain.mosaic import NO_SOURCE
+from solmap.photogrammetry.terrain.panorama import Panorama, PanoramaBlock
+from solmap.photogrammetry.terrain.seams import Registration
+from solmap.products.errors import ProductError
+from solmap.products.pictures import Piece, write_pieces
+from solmap.products.raster import open_raster, write_raster
 
 ANGLES = CRS.from_wkt(
     'ENGCRS["Azimuth and elevation",EDATUM["Projection centre of a panorama"],CS[Cartesian,2],'

@@ -15,7 +15,7 @@ from typing import TypeVar
 
 from sqlalchemy.exc import DBAPIError, OperationalError
 
-from products.errors import StoreAwayError
+from solmap.products.errors import StoreAwayError
 
 T = TypeVar("T")
 

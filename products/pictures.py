@@ -16,11 +16,11 @@ from pyproj import CRS
 from rasterio.enums import ColorInterp
 from rasterio.windows import Window
 
-from photogrammetry.arrays import Classes, Float32, Raster
-from photogrammetry.terrain.grid import MapGrid
-from products.cog import Band, Notes, RasterClass, new_cog
-from products.errors import ProductError
-from products.raster import class_names, grid_of, open_raster, write_classes
+from solmap.photogrammetry.arrays import Classes, Float32, Raster
+from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.products.cog import Band, Notes, RasterClass, new_cog
+from solmap.products.errors import ProductError
+from solmap.products.raster import class_names, grid_of, open_raster, write_classes
 
 Stretch = tuple[float, float]
 """Brightness shown as black and as white."""

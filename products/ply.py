@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from photogrammetry.terrain.point_cloud import PointCloud
-from products.errors import ProductError
+from solmap.photogrammetry.terrain.point_cloud import PointCloud
+from solmap.products.errors import ProductError
 
 _ROW = np.dtype(
     [

@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from photogrammetry.terrain.point_cloud import PointCloud
-from products.glb import MAGIC, VERSION
+from solmap.photogrammetry.terrain.point_cloud import PointCloud
+from solmap.products.glb import MAGIC, VERSION
 
 _FLOAT, _USHORT, _POINTS, _ARRAY = 5126, 5123, 0, 34962
 _JSON, _BIN = 0x4E4F534A, 0x004E4942

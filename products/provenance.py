@@ -8,9 +8,9 @@ from collections.abc import Iterator
 from importlib.metadata import version
 from typing import Any
 
-from products.errors import ProductNotFoundError
-from products.model import ProductKind, ProductRef, Recipe, Scope, ScopeLevel
-from products.store import ProductStore
+from solmap.products.errors import ProductNotFoundError
+from solmap.products.model import ProductKind, ProductRef, Recipe, Scope, ScopeLevel
+from solmap.products.store import ProductStore
 
 SOFTWARE = f"solmap {version('solmap')}"
 _ADJUSTED = {"Orientation"}

@@ -25,12 +25,12 @@ from typing import Any
 
 import sqlalchemy as sa
 
-from products.catalogue_tables import FINISHED, LATEST, LAYERS
-from products.database import writing
-from products.errors import ProductError
-from products.locks import alone, runs_lock
-from products.model import ProductKind, ProductRef
-from products.workspace import Workspace
+from solmap.products.catalogue_tables import FINISHED, LATEST, LAYERS
+from solmap.products.database import writing
+from solmap.products.errors import ProductError
+from solmap.products.locks import alone, runs_lock
+from solmap.products.model import ProductKind, ProductRef
+from solmap.products.workspace import Workspace
 
 UNPUBLISHED = {
     ProductKind.QUICKLOOK,

@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from photogrammetry.pds3.companding import Companding, InverseTable
-from photogrammetry.pds3.radiometry import Radiometry
-from photogrammetry.pds3.vignetting import FlatField, RadialVignetting
-from products.arrays import read_archive, write_archive
+from solmap.photogrammetry.pds3.companding import Companding, InverseTable
+from solmap.photogrammetry.pds3.radiometry import Radiometry
+from solmap.photogrammetry.pds3.vignetting import FlatField, RadialVignetting
+from solmap.products.arrays import read_archive, write_archive
 
 
 def radiometry_digest(radiometry: Radiometry) -> str:

@@ -21,11 +21,11 @@ from rasterio.errors import RasterioError, RasterioIOError
 from rasterio.session import DummySession
 from rasterio.windows import Window
 
-from photogrammetry.arrays import Classes, Raster
-from photogrammetry.terrain.grid import MapGrid
-from photogrammetry.terrain.records import Dtm
-from products.cog import Band, Halving, Kind, Notes, RasterClass, new_cog
-from products.errors import ProductError, ProductNotFoundError, StoreAwayError
+from solmap.photogrammetry.arrays import Classes, Raster
+from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.terrain.records import Dtm
+from solmap.products.cog import Band, Halving, Kind, Notes, RasterClass, new_cog
+from solmap.products.errors import ProductError, ProductNotFoundError, StoreAwayError
 
 _DIRECTIONS = {"aspect"}
 """Bands whose values run in a circle."""

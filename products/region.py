@@ -18,9 +18,9 @@ import rasterio
 from pyproj import CRS
 from rasterio.windows import Window
 
-from photogrammetry.terrain.grid import MapGrid
-from photogrammetry.terrain.records import Dtm
-from photogrammetry.terrain.region import (
+from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.terrain.records import Dtm
+from solmap.photogrammetry.terrain.region import (
     RegionBlock,
     RegionParams,
     StopTerrain,
@@ -28,10 +28,10 @@ from photogrammetry.terrain.region import (
     finer_dtm,
     fuse_block,
 )
-from photogrammetry.terrain.region_seams import Seam, SeamCounter
-from products.cog import Band, Notes, new_cog
-from products.errors import ProductError
-from products.raster import band_names, grid_of, open_raster
+from solmap.photogrammetry.terrain.region_seams import Seam, SeamCounter
+from solmap.products.cog import Band, Notes, new_cog
+from solmap.products.errors import ProductError
+from solmap.products.raster import band_names, grid_of, open_raster
 
 TILE = 512
 """Cells along the side of a tile: two blocks of the file."""

@@ -7,7 +7,7 @@ from datetime import UTC, datetime
 from enum import StrEnum
 from pathlib import Path
 
-from products.edit_database import FILE, transaction
+from solmap.products.edit_database import FILE, transaction
 
 _SCHEMA = """CREATE TABLE IF NOT EXISTS requests(
     id INTEGER PRIMARY KEY AUTOINCREMENT, kind TEXT NOT NULL, mission TEXT, author TEXT NOT NULL,

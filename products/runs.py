@@ -20,10 +20,10 @@ from typing import Any
 
 import sqlalchemy as sa
 
-from products.catalogue_tables import RUNS, put
-from products.database import writing
-from products.errors import ProductNotFoundError
-from products.events import RUN_CHANGED, append
+from solmap.products.catalogue_tables import RUNS, put
+from solmap.products.database import writing
+from solmap.products.errors import ProductNotFoundError
+from solmap.products.events import RUN_CHANGED, append
 
 KEPT = 500
 """Records; older ones are forgotten."""

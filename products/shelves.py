@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-from products.errors import ProductError
+from solmap.products.errors import ProductError
 
 _CHUNK = 1 << 20
 _URL = "products.url"

@@ -15,12 +15,12 @@ from typing import Any
 import cv2
 import numpy as np
 
-from products.arrays import read_matches
-from products.catalogue import ImageEntry
-from products.catalogue_records import Outcome
-from products.errors import ProductError, ProductNotFoundError
-from products.model import Layer, ProductKind, ProductRef
-from products.workspace import Workspace
+from solmap.products.arrays import read_matches
+from solmap.products.catalogue import ImageEntry
+from solmap.products.catalogue_records import Outcome
+from solmap.products.errors import ProductError, ProductNotFoundError
+from solmap.products.model import Layer, ProductKind, ProductRef
+from solmap.products.workspace import Workspace
 
 THUMBNAIL_PX = 128
 MOST_THUMBNAILS = 150

@@ -16,11 +16,11 @@ from typing import Any
 
 import pystac
 
-from photogrammetry.terrain.grid import union
-from products.catalogue import MissionEntry
-from products.model import Layer
-from products.stac_items import ON_MARS, SOLAR_SYSTEM, Taken, degrees, item_id, item_of
-from products.store import ProductStore
+from solmap.photogrammetry.terrain.grid import union
+from solmap.products.catalogue import MissionEntry
+from solmap.products.model import Layer
+from solmap.products.stac_items import ON_MARS, SOLAR_SYSTEM, Taken, degrees, item_id, item_of
+from solmap.products.store import ProductStore
 
 FOLDER = "stac"
 

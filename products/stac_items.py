@@ -20,13 +20,13 @@ from pystac.extensions.classification import Classification, ClassificationExten
 from pystac.extensions.projection import ProjectionExtension
 from pystac.extensions.raster import DataType, NoDataStrings, RasterBand, RasterExtension
 
-from photogrammetry.arrays import PerPoint
-from products.catalogue import MissionEntry
-from products.crs import MARS, LandingPoint, local_crs, lon_lat
-from products.model import Layer
-from products.provenance import adjustment_id
-from products.raster import band_names, class_names, open_raster
-from products.store import ProductStore
+from solmap.photogrammetry.arrays import PerPoint
+from solmap.products.catalogue import MissionEntry
+from solmap.products.crs import MARS, LandingPoint, local_crs, lon_lat
+from solmap.products.model import Layer
+from solmap.products.provenance import adjustment_id
+from solmap.products.raster import band_names, class_names, open_raster
+from solmap.products.store import ProductStore
 
 Box = tuple[float, float, float, float]
 PROCESSING = "https://stac-extensions.github.io/processing/v1.1.0/schema.json"

@@ -11,8 +11,8 @@ import struct
 
 import numpy as np
 
-from photogrammetry.terrain.printable import Solid
-from products.errors import ProductError
+from solmap.photogrammetry.terrain.printable import Solid
+from solmap.products.errors import ProductError
 
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("unused", "<u2")])
 _HEADER = 80

@@ -25,12 +25,12 @@ from importlib.metadata import version
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from products.disk import is_full
-from products.effort import Effort
-from products.errors import ProductError, ProductNotFoundError, StoreFullError
-from products.model import LEVEL, SUFFIX, ProductKind, ProductRef, Recipe, Scope, ScopeLevel
-from products.objects import bucket_shelf
-from products.shelves import Elsewhere, FolderShelf, Shelf, elsewhere_of, remember
+from solmap.products.disk import is_full
+from solmap.products.effort import Effort
+from solmap.products.errors import ProductError, ProductNotFoundError, StoreFullError
+from solmap.products.model import LEVEL, SUFFIX, ProductKind, ProductRef, Recipe, Scope, ScopeLevel
+from solmap.products.objects import bucket_shelf
+from solmap.products.shelves import Elsewhere, FolderShelf, Shelf, elsewhere_of, remember
 
 _CHUNK = 1 << 20
 _PRODUCTS = "products"

@@ -10,8 +10,8 @@ import numpy as np
 from rasterio.enums import Resampling
 from rasterio.windows import Window
 
-from photogrammetry.arrays import Picture
-from products.raster import grid_of, open_raster
+from solmap.photogrammetry.arrays import Picture
+from solmap.products.raster import grid_of, open_raster
 
 _BLED_PX = 4
 """How far the edge of what was seen is carried on: the reach of filtering and of two mipmaps."""

@@ -27,9 +27,9 @@ from typing import Any, Literal, Self
 
 import numpy as np
 
-from photogrammetry.arrays import ObjectPoints
-from photogrammetry.terrain.levels import TilePlace
-from products.errors import ProductError, ProductNotFoundError
+from solmap.photogrammetry.arrays import ObjectPoints
+from solmap.photogrammetry.terrain.levels import TilePlace
+from solmap.products.errors import ProductError, ProductNotFoundError
 
 TILESET = "tileset.json"
 _INDEX = "@3dtilesIndex1@"

@@ -19,9 +19,9 @@ from functools import lru_cache
 import morecantile
 from pyproj import CRS
 
-from photogrammetry.terrain.grid import BLOCK, FINEST_CELL_M
-from products.crs import LandingPoint, local_crs
-from products.errors import OutsideCoverageError, ProductError
+from solmap.photogrammetry.terrain.grid import BLOCK, FINEST_CELL_M
+from solmap.products.crs import LandingPoint, local_crs
+from solmap.products.errors import OutsideCoverageError, ProductError
 
 MAX_ZOOM = 20
 HALF_SIDE_M = FINEST_CELL_M * BLOCK * 2 ** (MAX_ZOOM - 1)

@@ -28,8 +28,8 @@ from typing import Any, Literal, get_args
 import numpy as np
 import orjson
 
-from products.crs import MARS_URN, LandingPoint, east_north, local_proj4, lon_lat
-from products.errors import ProductError, ProductNotFoundError
+from solmap.products.crs import MARS_URN, LandingPoint, east_north, local_proj4, lon_lat
+from solmap.products.errors import ProductError, ProductNotFoundError
 
 Geometry = Literal["Point", "LineString", "Polygon"]
 _FEWEST = {"Point": 1, "LineString": 2, "Polygon": 3}

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from products.catalogue import Catalogue
-from products.shelves import Elsewhere
-from products.store import ProductStore
+from solmap.products.catalogue import Catalogue
+from solmap.products.shelves import Elsewhere
+from solmap.products.store import ProductStore
 
 
 @dataclass(frozen=True, slots=True, eq=False)

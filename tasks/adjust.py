@@ -13,40 +13,40 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from photogrammetry.adjustment.datum import with_control
-from photogrammetry.adjustment.documents import report_document
-from photogrammetry.adjustment.modes import AdjustmentMode, advance
-from photogrammetry.adjustment.params import AdjustmentParams
-from photogrammetry.adjustment.records import (
+from solmap.photogrammetry.adjustment.datum import with_control
+from solmap.photogrammetry.adjustment.documents import report_document
+from solmap.photogrammetry.adjustment.modes import AdjustmentMode, advance
+from solmap.photogrammetry.adjustment.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.records import (
     AdjustedNetwork,
     AdjustmentReport,
     Network,
     PairGeometry,
     StopPrior,
 )
-from photogrammetry.imagery import StereoMatches, StopId
-from photogrammetry.matching.hand_ties import HandTie
-from photogrammetry.matching.ties import Ties
-from photogrammetry.matching.tracks import TrackParams, build_tie_points
-from products.arrays import read_mast, read_matches, read_ties
-from products.control import read_control
-from products.holders import Holders
-from products.model import ProductKind, ProductRef, Recipe
-from products.network import (
+from solmap.photogrammetry.imagery import StereoMatches, StopId
+from solmap.photogrammetry.matching.hand_ties import HandTie
+from solmap.photogrammetry.matching.ties import Ties
+from solmap.photogrammetry.matching.tracks import TrackParams, build_tie_points
+from solmap.products.arrays import read_mast, read_matches, read_ties
+from solmap.products.control import read_control
+from solmap.products.holders import Holders
+from solmap.products.model import ProductKind, ProductRef, Recipe
+from solmap.products.network import (
     NetworkPart,
     NetworkProduct,
     part_document,
     product_document,
     read_network,
 )
-from products.store import ProductStore
-from tasks.hand_ties import carried_out, names_in, wanted
-from tasks.pairs import PairProducts
-from tasks.scopes import is_overall, network_scope, stop_scope
-from tasks.singles import read_singles
-from tasks.stage import stage
-from tasks.telemetry import TelemetryStop
-from tasks.tie import TelemetryPose
+from solmap.products.store import ProductStore
+from solmap.tasks.hand_ties import carried_out, names_in, wanted
+from solmap.tasks.pairs import PairProducts
+from solmap.tasks.scopes import is_overall, network_scope, stop_scope
+from solmap.tasks.singles import read_singles
+from solmap.tasks.stage import stage
+from solmap.tasks.telemetry import TelemetryStop
+from solmap.tasks.tie import TelemetryPose
 
 VETOED = {"linked": False, "reason": "all its ties are vetoed by hand"}
 """What becomes of a link that a person does not believe."""

@@ -9,23 +9,23 @@ from pathlib import Path
 
 import numpy as np
 
-from photogrammetry.arrays import GreyImage
-from photogrammetry.imagery import Eye, RoverImage
-from photogrammetry.matching.resampling import resample
-from photogrammetry.terrain.colour import Triple, colour_filters, shows_the_same
-from photogrammetry.terrain.orthophoto import OrthophotoParams, rendering
-from photogrammetry.terrain.records import TerrainView
-from products.catalogue import ImageEntry
-from products.crs import LandingPoint
-from products.model import ProductKind, ProductRef, Recipe
-from products.provenance import provenance_tags
-from products.raster import read_dtm
-from products.store import ProductStore
-from products.workspace import Workspace
-from tasks.images import ImageFile, image_file, image_record, read_product_image
-from tasks.orthophoto import write_rendering
-from tasks.stage import stage
-from tasks.views import OrientedPair, read_views
+from solmap.photogrammetry.arrays import GreyImage
+from solmap.photogrammetry.imagery import Eye, RoverImage
+from solmap.photogrammetry.matching.resampling import resample
+from solmap.photogrammetry.terrain.colour import Triple, colour_filters, shows_the_same
+from solmap.photogrammetry.terrain.orthophoto import OrthophotoParams, rendering
+from solmap.photogrammetry.terrain.records import TerrainView
+from solmap.products.catalogue import ImageEntry
+from solmap.products.crs import LandingPoint
+from solmap.products.model import ProductKind, ProductRef, Recipe
+from solmap.products.provenance import provenance_tags
+from solmap.products.raster import read_dtm
+from solmap.products.store import ProductStore
+from solmap.products.workspace import Workspace
+from solmap.tasks.images import ImageFile, image_file, image_record, read_product_image
+from solmap.tasks.orthophoto import write_rendering
+from solmap.tasks.stage import stage
+from solmap.tasks.views import OrientedPair, read_views
 
 CAMERA = "PANCAM"
 

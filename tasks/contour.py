@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from photogrammetry.terrain.contours import ContourParams
-from photogrammetry.terrain.contours import trace_contours as trace
-from products.contour_features import contour_feature
-from products.crs import LandingPoint
-from products.model import ProductKind, ProductRef, Recipe
-from products.raster import read_dtm
-from products.store import ProductStore
-from products.vector import write_features
-from tasks.stage import stage
+from solmap.photogrammetry.terrain.contours import ContourParams
+from solmap.photogrammetry.terrain.contours import trace_contours as trace
+from solmap.products.contour_features import contour_feature
+from solmap.products.crs import LandingPoint
+from solmap.products.model import ProductKind, ProductRef, Recipe
+from solmap.products.raster import read_dtm
+from solmap.products.store import ProductStore
+from solmap.products.vector import write_features
+from solmap.tasks.stage import stage
 
 
 @stage(task_run_name="contours-{dtm.kind}-{dtm.scope}")

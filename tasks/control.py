@@ -13,24 +13,24 @@ from pathlib import Path
 
 import numpy as np
 
-from photogrammetry.adjustment.control import ControlFrame, StopControl
-from photogrammetry.adjustment.control_files import ControlRow, parse_control
-from photogrammetry.adjustment.records import AdjustedNetwork
-from photogrammetry.errors import AdjustmentError
-from photogrammetry.frames import Pose
-from photogrammetry.imagery import StopId
-from photogrammetry.orbital.stop_places import stop_in_image
-from products.control import control_product, read_control
-from products.crs import LandingPoint, east_north
-from products.errors import ProductError
-from products.model import ProductKind, ProductRef, Recipe
-from products.network import read_network, whole_network
-from products.store import ProductStore
-from products.workspace import Workspace
-from tasks.intake import keep_file, write_bytes
-from tasks.orbital import Compare, StopMap, registered
-from tasks.orientations import MappedStop, read_orientations
-from tasks.stage import stage
+from solmap.photogrammetry.adjustment.control import ControlFrame, StopControl
+from solmap.photogrammetry.adjustment.control_files import ControlRow, parse_control
+from solmap.photogrammetry.adjustment.records import AdjustedNetwork
+from solmap.photogrammetry.errors import AdjustmentError
+from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.imagery import StopId
+from solmap.photogrammetry.orbital.stop_places import stop_in_image
+from solmap.products.control import control_product, read_control
+from solmap.products.crs import LandingPoint, east_north
+from solmap.products.errors import ProductError
+from solmap.products.model import ProductKind, ProductRef, Recipe
+from solmap.products.network import read_network, whole_network
+from solmap.products.store import ProductStore
+from solmap.products.workspace import Workspace
+from solmap.tasks.intake import keep_file, write_bytes
+from solmap.tasks.orbital import Compare, StopMap, registered
+from solmap.tasks.orientations import MappedStop, read_orientations
+from solmap.tasks.stage import stage
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,11 +6,11 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from photogrammetry.errors import LabelError
-from photogrammetry.pds3.detached import MAX_DETACHED_BYTES, joined
-from photogrammetry.pds3.pictures import is_picture
-from photogrammetry.pds3.reading import has_attached_label
-from tasks.hand_ties import is_hand_ties
+from solmap.photogrammetry.errors import LabelError
+from solmap.photogrammetry.pds3.detached import MAX_DETACHED_BYTES, joined
+from solmap.photogrammetry.pds3.pictures import is_picture
+from solmap.photogrammetry.pds3.reading import has_attached_label
+from solmap.tasks.hand_ties import is_hand_ties
 
 IMAGE_SUFFIXES = frozenset({".img"})
 PICTURE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg"})

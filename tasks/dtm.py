@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from photogrammetry.imagery import StopId
-from photogrammetry.terrain.dtm import DtmParams
-from photogrammetry.terrain.dtm import build_dtm as model_terrain
-from products.crs import LandingPoint, local_crs
-from products.model import ProductKind, ProductRef, Recipe
-from products.provenance import provenance_tags
-from products.raster import write_dtm
-from products.store import ProductStore
-from tasks.scopes import stop_scope
-from tasks.stage import stage
-from tasks.views import OrientedPair, inputs_of, read_views
+from solmap.photogrammetry.imagery import StopId
+from solmap.photogrammetry.terrain.dtm import DtmParams
+from solmap.photogrammetry.terrain.dtm import build_dtm as model_terrain
+from solmap.products.crs import LandingPoint, local_crs
+from solmap.products.model import ProductKind, ProductRef, Recipe
+from solmap.products.provenance import provenance_tags
+from solmap.products.raster import write_dtm
+from solmap.products.store import ProductStore
+from solmap.tasks.scopes import stop_scope
+from solmap.tasks.stage import stage
+from solmap.tasks.views import OrientedPair, inputs_of, read_views
 
 
 @stage(task_run_name="dtm-{stop}")

@@ -11,19 +11,19 @@ import json
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import replace
 
-from photogrammetry.cameras.epipolar import EpipolarPair
-from photogrammetry.errors import MatchingError
-from photogrammetry.matching.hand_editing import Edited, HandBody, edited
-from photogrammetry.matching.hand_ties import HandTie, parse_hand_ties
-from photogrammetry.matching.ties import Ties
-from products.arrays import read_matches, read_parallax, read_right_turn
-from products.edits import EditKind, EditLog
-from products.model import ProductKind, ProductRef
-from products.store import ProductStore
-from products.workspace import Workspace
-from tasks.intake import keep_file
-from tasks.pairs import PairProducts, read_pair, with_right_turned
-from tasks.scopes import file_scope
+from solmap.photogrammetry.cameras.epipolar import EpipolarPair
+from solmap.photogrammetry.errors import MatchingError
+from solmap.photogrammetry.matching.hand_editing import Edited, HandBody, edited
+from solmap.photogrammetry.matching.hand_ties import HandTie, parse_hand_ties
+from solmap.photogrammetry.matching.ties import Ties
+from solmap.products.arrays import read_matches, read_parallax, read_right_turn
+from solmap.products.edits import EditKind, EditLog
+from solmap.products.model import ProductKind, ProductRef
+from solmap.products.store import ProductStore
+from solmap.products.workspace import Workspace
+from solmap.tasks.intake import keep_file
+from solmap.tasks.pairs import PairProducts, read_pair, with_right_turned
+from solmap.tasks.scopes import file_scope
 
 SUFFIXES = (".ties.csv", ".ties.geojson")
 """What files of hand ties end in when they come with a downlink."""

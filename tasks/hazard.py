@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from photogrammetry.terrain.hazard import HazardParams, hazards
-from products.classes import HAZARDS
-from products.crs import LandingPoint, local_crs
-from products.model import ProductKind, ProductRef, Recipe
-from products.provenance import provenance_tags
-from products.raster import read_dtm, write_classes
-from products.store import ProductStore
-from tasks.stage import stage
+from solmap.photogrammetry.terrain.hazard import HazardParams, hazards
+from solmap.products.classes import HAZARDS
+from solmap.products.crs import LandingPoint, local_crs
+from solmap.products.model import ProductKind, ProductRef, Recipe
+from solmap.products.provenance import provenance_tags
+from solmap.products.raster import read_dtm, write_classes
+from solmap.products.store import ProductStore
+from solmap.tasks.stage import stage
 
 
 @stage(task_run_name="hazard-{dtm.kind}-{dtm.scope}")

@@ -14,26 +14,26 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from photogrammetry.errors import PhotogrammetryError
-from photogrammetry.imagery import RoverImage
-from photogrammetry.pds3.partners import find_stereo_pairs
-from photogrammetry.pds3.radiometry import Radiometry
-from photogrammetry.pds3.vector_files import parse_vector_file
-from products.catalogue import ImageEntry, Outcome
-from products.model import ProductKind, ProductRef
-from products.passing import persistently
-from products.workspace import Workspace
-from tasks.downlink_files import (
+from solmap.photogrammetry.errors import PhotogrammetryError
+from solmap.photogrammetry.imagery import RoverImage
+from solmap.photogrammetry.pds3.partners import find_stereo_pairs
+from solmap.photogrammetry.pds3.radiometry import Radiometry
+from solmap.photogrammetry.pds3.vector_files import parse_vector_file
+from solmap.products.catalogue import ImageEntry, Outcome
+from solmap.products.model import ProductKind, ProductRef
+from solmap.products.passing import persistently
+from solmap.products.workspace import Workspace
+from solmap.tasks.downlink_files import (
     VECTOR_SUFFIXES,
     file_bytes,
     files_of,
     image_bytes,
     is_settled,
 )
-from tasks.hand_ties import is_hand_ties, take_hand_ties
-from tasks.images import image_record
-from tasks.intake import Intake, TakenImage, keep_file, one_of_each
-from tasks.stage import stage
+from solmap.tasks.hand_ties import is_hand_ties, take_hand_ties
+from solmap.tasks.images import image_record
+from solmap.tasks.intake import Intake, TakenImage, keep_file, one_of_each
+from solmap.tasks.stage import stage
 
 Taken = Outcome | ProductRef | TakenImage
 """What became of a file: a fault, a vector file or hand ties, or an image in the store."""

@@ -8,17 +8,17 @@ from pathlib import Path
 
 import numpy as np
 
-from photogrammetry.body_fixed import planetographic
-from photogrammetry.terrain.havens import Haven, HavenParams, winter_havens
-from photogrammetry.terrain.insolation import Insolation, InsolationParams
-from photogrammetry.terrain.insolation import insolation as insolation_of
-from products.crs import LandingPoint, local_crs
-from products.model import ProductKind, ProductRef, Recipe
-from products.provenance import provenance_tags
-from products.raster import read_dtm, write_raster
-from products.store import ProductStore
-from products.vector import Feature, write_features
-from tasks.stage import stage
+from solmap.photogrammetry.body_fixed import planetographic
+from solmap.photogrammetry.terrain.havens import Haven, HavenParams, winter_havens
+from solmap.photogrammetry.terrain.insolation import Insolation, InsolationParams
+from solmap.photogrammetry.terrain.insolation import insolation as insolation_of
+from solmap.products.crs import LandingPoint, local_crs
+from solmap.products.model import ProductKind, ProductRef, Recipe
+from solmap.products.provenance import provenance_tags
+from solmap.products.raster import read_dtm, write_raster
+from solmap.products.store import ProductStore
+from solmap.products.vector import Feature, write_features
+from solmap.tasks.stage import stage
 
 
 @stage(task_run_name="insolation-{dtm.kind}-{dtm.scope}")

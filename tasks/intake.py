@@ -14,16 +14,16 @@ from pathlib import Path
 
 import cv2
 
-from photogrammetry.imagery import RoverImage
-from photogrammetry.pds3.radiometry import PixelState, Radiometry
-from photogrammetry.pds3.reading import ReadImage, describe_image, read_image
-from photogrammetry.stretching import stretched
-from products.catalogue import ImageEntry, Outcome
-from products.model import ProductKind, ProductRef, Recipe
-from products.radiometry import radiometry_digest, write_radiometry
-from products.store import ProductStore
-from tasks.images import ImageFile
-from tasks.scopes import file_scope, image_scope, region_scope
+from solmap.photogrammetry.imagery import RoverImage
+from solmap.photogrammetry.pds3.radiometry import PixelState, Radiometry
+from solmap.photogrammetry.pds3.reading import ReadImage, describe_image, read_image
+from solmap.photogrammetry.stretching import stretched
+from solmap.products.catalogue import ImageEntry, Outcome
+from solmap.products.model import ProductKind, ProductRef, Recipe
+from solmap.products.radiometry import radiometry_digest, write_radiometry
+from solmap.products.store import ProductStore
+from solmap.tasks.images import ImageFile
+from solmap.tasks.scopes import file_scope, image_scope, region_scope
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,23 +20,23 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from photogrammetry.adjustment.records import AdjustedStop
-from photogrammetry.figures import png, svg
-from photogrammetry.frames import LSL, FrameKind, Pose, site_frame
-from photogrammetry.imagery import StopId
-from photogrammetry.pds3.vector_files import Solution, VectorFile
-from photogrammetry.pds3.vector_writing import PlacedStop, places_text, vector_text
-from photogrammetry.traverse.differences import Difference, differences
-from photogrammetry.traverse.pictures import traverse_figure
-from products.arrays import finite, pose_document
-from products.crs import LandingPoint, lon_lat
-from products.model import ProductKind, ProductRef, Recipe, Scope, ScopeLevel
-from products.network import NetworkProduct, network_of, traverses
-from products.store import ProductStore
-from tasks.scopes import region_scope
-from tasks.stage import stage
-from tasks.telemetry import Telemetry
-from tasks.traverse_package import PLAN, write_package
+from solmap.photogrammetry.adjustment.records import AdjustedStop
+from solmap.photogrammetry.figures import png, svg
+from solmap.photogrammetry.frames import LSL, FrameKind, Pose, site_frame
+from solmap.photogrammetry.imagery import StopId
+from solmap.photogrammetry.pds3.vector_files import Solution, VectorFile
+from solmap.photogrammetry.pds3.vector_writing import PlacedStop, places_text, vector_text
+from solmap.photogrammetry.traverse.differences import Difference, differences
+from solmap.photogrammetry.traverse.pictures import traverse_figure
+from solmap.products.arrays import finite, pose_document
+from solmap.products.crs import LandingPoint, lon_lat
+from solmap.products.model import ProductKind, ProductRef, Recipe, Scope, ScopeLevel
+from solmap.products.network import NetworkProduct, network_of, traverses
+from solmap.products.store import ProductStore
+from solmap.tasks.scopes import region_scope
+from solmap.tasks.stage import stage
+from solmap.tasks.telemetry import Telemetry
+from solmap.tasks.traverse_package import PLAN, write_package
 
 FEWEST = 2
 """Stops of a traverse that can be compared: a leg has two ends."""

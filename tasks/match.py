@@ -6,21 +6,21 @@ from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 
-from photogrammetry.cameras.epipolar import EpipolarPair, epipolar_pair
-from photogrammetry.imagery import RoverImage
-from photogrammetry.matching.dense import DenseParams, match_densely_with_sigma
-from photogrammetry.matching.records import EpipolarImages
-from photogrammetry.matching.sparse import SparseParams, match_sparsely
-from photogrammetry.matching.vertical_parallax import (
+from solmap.photogrammetry.cameras.epipolar import EpipolarPair, epipolar_pair
+from solmap.photogrammetry.imagery import RoverImage
+from solmap.photogrammetry.matching.dense import DenseParams, match_densely_with_sigma
+from solmap.photogrammetry.matching.records import EpipolarImages
+from solmap.photogrammetry.matching.sparse import SparseParams, match_sparsely
+from solmap.photogrammetry.matching.vertical_parallax import (
     FEWEST_POINTS,
     rotation_of_the_bar,
     vertical_parallax,
 )
-from photogrammetry.pds3.reading import ReadImage
-from products.arrays import write_dense, write_matches
-from products.model import ProductKind, Recipe
-from products.store import ProductStore
-from tasks.pairs import (
+from solmap.photogrammetry.pds3.reading import ReadImage
+from solmap.products.arrays import write_dense, write_matches
+from solmap.products.model import ProductKind, Recipe
+from solmap.products.store import ProductStore
+from solmap.tasks.pairs import (
     PairFiles,
     PairProducts,
     pair_frame,
@@ -28,8 +28,8 @@ from tasks.pairs import (
     resampled,
     with_right_turned,
 )
-from tasks.scopes import pair_scope
-from tasks.stage import stage
+from solmap.tasks.scopes import pair_scope
+from solmap.tasks.stage import stage
 
 Turn = tuple[float, float, float]
 """A rotation vector in the rover frame, radians."""

@@ -10,19 +10,19 @@ from typing import Any
 
 import numpy as np
 
-from photogrammetry.errors import TraverseError
-from photogrammetry.pds3.places import LOCALISED, parse_locations, parse_places
-from photogrammetry.pds3.vector_files import VectorFile, parse_vector_file
-from photogrammetry.traverse.differences import differences, shared
-from photogrammetry.traverse.placed import traverse_of_vectors
-from photogrammetry.traverse.records import Traverse
-from photogrammetry.traverse.tables import MissionTable, parse_mission_table
-from products.crs import LandingPoint, east_north
-from products.model import ProductKind, ProductRef, Recipe
-from products.store import ProductStore
-from products.vector import Feature, write_features
-from tasks.intake import ContentDigest
-from tasks.scopes import region_scope
+from solmap.photogrammetry.errors import TraverseError
+from solmap.photogrammetry.pds3.places import LOCALISED, parse_locations, parse_places
+from solmap.photogrammetry.pds3.vector_files import VectorFile, parse_vector_file
+from solmap.photogrammetry.traverse.differences import differences, shared
+from solmap.photogrammetry.traverse.placed import traverse_of_vectors
+from solmap.photogrammetry.traverse.records import Traverse
+from solmap.photogrammetry.traverse.tables import MissionTable, parse_mission_table
+from solmap.products.crs import LandingPoint, east_north
+from solmap.products.model import ProductKind, ProductRef, Recipe
+from solmap.products.store import ProductStore
+from solmap.products.vector import Feature, write_features
+from solmap.tasks.intake import ContentDigest
+from solmap.tasks.scopes import region_scope
 
 TELEMETRY = "telemetry"
 

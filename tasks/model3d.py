@@ -6,23 +6,23 @@ from pathlib import Path
 
 import numpy as np
 
-from photogrammetry.terrain.levels import DrawnTile, TilesetParams, drawn_tiles
-from photogrammetry.terrain.model3d import (
+from solmap.photogrammetry.terrain.levels import DrawnTile, TilesetParams, drawn_tiles
+from solmap.photogrammetry.terrain.model3d import (
     Bounds,
     ModelParams,
     SurfaceMesh,
     TerrainDrawing,
     TexturedMesh,
 )
-from products.crs import LandingPoint
-from products.gltf import Encoding, write_glb
-from products.model import ProductKind, ProductRef, Recipe
-from products.models import notes_of
-from products.raster import read_dtm
-from products.store import ProductStore
-from products.textures import read_texture
-from products.tiles3d import TEXELS, TilesetWriter
-from tasks.stage import stage
+from solmap.products.crs import LandingPoint
+from solmap.products.gltf import Encoding, write_glb
+from solmap.products.model import ProductKind, ProductRef, Recipe
+from solmap.products.models import notes_of
+from solmap.products.raster import read_dtm
+from solmap.products.store import ProductStore
+from solmap.products.textures import read_texture
+from solmap.products.tiles3d import TEXELS, TilesetWriter
+from solmap.tasks.stage import stage
 
 
 @stage(task_run_name="model-{dtm.scope}")

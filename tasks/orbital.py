@@ -12,28 +12,28 @@ from typing import Any
 
 import numpy as np
 
-from photogrammetry.orbital.elevations import register_elevations
-from photogrammetry.orbital.mosaic import ground_map
-from photogrammetry.orbital.placing import placed
-from photogrammetry.orbital.records import (
+from solmap.photogrammetry.orbital.elevations import register_elevations
+from solmap.photogrammetry.orbital.mosaic import ground_map
+from solmap.photogrammetry.orbital.placing import placed
+from solmap.photogrammetry.orbital.records import (
     Correction,
     OrbitalDtm,
     OrbitalImage,
     Registration,
 )
-from photogrammetry.orbital.registration import RegistrationParams, register
-from photogrammetry.terrain.grid import FINEST_CELL_M, Bounds, MapGrid, union
-from products.arrays import finite
-from products.crs import LandingPoint, local_crs
-from products.errors import ProductError
-from products.foreign import foreign_bounds, read_foreign
-from products.model import ProductKind, ProductRef, Recipe
-from products.pictures import write_orthophoto
-from products.provenance import provenance_tags
-from products.store import ProductStore
-from tasks.intake import ContentDigest, write_bytes
-from tasks.scopes import file_scope, region_scope
-from tasks.stage import stage
+from solmap.photogrammetry.orbital.registration import RegistrationParams, register
+from solmap.photogrammetry.terrain.grid import FINEST_CELL_M, Bounds, MapGrid, union
+from solmap.products.arrays import finite
+from solmap.products.crs import LandingPoint, local_crs
+from solmap.products.errors import ProductError
+from solmap.products.foreign import foreign_bounds, read_foreign
+from solmap.products.model import ProductKind, ProductRef, Recipe
+from solmap.products.pictures import write_orthophoto
+from solmap.products.provenance import provenance_tags
+from solmap.products.store import ProductStore
+from solmap.tasks.intake import ContentDigest, write_bytes
+from solmap.tasks.scopes import file_scope, region_scope
+from solmap.tasks.stage import stage
 
 MARGIN_M = 500.0
 """An orbital image is drawn that far around what is mapped: what lies ahead, and a horizon."""

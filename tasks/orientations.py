@@ -16,14 +16,14 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from photogrammetry.adjustment.movement import ReissueParams, ground_shift_m
-from photogrammetry.adjustment.records import AdjustedPair
-from products.holders import Holders, holders_document, holders_of_document
-from products.model import ProductKind, ProductRef, Recipe
-from products.store import ProductStore
-from tasks.adjust import read_network
-from tasks.stage import stage
-from tasks.views import Orientation
+from solmap.photogrammetry.adjustment.movement import ReissueParams, ground_shift_m
+from solmap.photogrammetry.adjustment.records import AdjustedPair
+from solmap.products.holders import Holders, holders_document, holders_of_document
+from solmap.products.model import ProductKind, ProductRef, Recipe
+from solmap.products.store import ProductStore
+from solmap.tasks.adjust import read_network
+from solmap.tasks.stage import stage
+from solmap.tasks.views import Orientation
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,17 +9,17 @@ from pathlib import Path
 
 import numpy as np
 
-from photogrammetry.arrays import Classes
-from photogrammetry.terrain.mosaic import NO_SOURCE
-from photogrammetry.terrain.orthophoto import OrthophotoParams, Rendering, put, rendering
-from products.crs import LandingPoint, local_crs
-from products.model import ProductKind, ProductRef, Recipe
-from products.pictures import Piece, write_pieces, write_sources
-from products.provenance import provenance_tags
-from products.raster import read_dtm
-from products.store import ProductStore
-from tasks.stage import stage
-from tasks.views import OrientedPair, inputs_of, read_views
+from solmap.photogrammetry.arrays import Classes
+from solmap.photogrammetry.terrain.mosaic import NO_SOURCE
+from solmap.photogrammetry.terrain.orthophoto import OrthophotoParams, Rendering, put, rendering
+from solmap.products.crs import LandingPoint, local_crs
+from solmap.products.model import ProductKind, ProductRef, Recipe
+from solmap.products.pictures import Piece, write_pieces, write_sources
+from solmap.products.provenance import provenance_tags
+from solmap.products.raster import read_dtm
+from solmap.products.store import ProductStore
+from solmap.tasks.stage import stage
+from solmap.tasks.views import OrientedPair, inputs_of, read_views
 
 
 @stage(task_run_name="orthophoto-{dtm.scope}")

@@ -6,18 +6,18 @@ from pathlib import Path
 
 import numpy as np
 
-from photogrammetry.imagery import StopId
-from photogrammetry.terrain.facets import Facet, FacetParams, find_facets
-from photogrammetry.terrain.view_model import ViewModelParams, view_meshes
-from products.crs import LandingPoint
-from products.gltf import Encoding, write_glb
-from products.model import ProductKind, ProductRef, Recipe
-from products.models import notes_of
-from products.store import ProductStore
-from products.vector import Feature, write_features
-from tasks.scopes import stop_scope
-from tasks.stage import stage
-from tasks.views import OrientedPair, inputs_of, read_views
+from solmap.photogrammetry.imagery import StopId
+from solmap.photogrammetry.terrain.facets import Facet, FacetParams, find_facets
+from solmap.photogrammetry.terrain.view_model import ViewModelParams, view_meshes
+from solmap.products.crs import LandingPoint
+from solmap.products.gltf import Encoding, write_glb
+from solmap.products.model import ProductKind, ProductRef, Recipe
+from solmap.products.models import notes_of
+from solmap.products.store import ProductStore
+from solmap.products.vector import Feature, write_features
+from solmap.tasks.scopes import stop_scope
+from solmap.tasks.stage import stage
+from solmap.tasks.views import OrientedPair, inputs_of, read_views
 
 
 @stage(task_run_name="view-model-{stop}")

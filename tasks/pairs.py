@@ -7,19 +7,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from photogrammetry.cameras.epipolar import EpipolarPair
-from photogrammetry.frames import Frame, FrameKind
-from photogrammetry.imagery import Eye, RoverImage, StopId
-from photogrammetry.matching.records import EpipolarImages, MatchedPair, MatchedStop
-from photogrammetry.matching.resampling import epipolar_images
-from photogrammetry.matching.vertical_parallax import turned_in_place
-from photogrammetry.pds3.reading import ReadImage
-from products.arrays import read_matches, read_parallax, read_right_turn
-from products.catalogue import ImageEntry
-from products.model import ProductRef
-from products.store import ProductStore
-from tasks.images import ImageFile, image_file, read_product_image
-from tasks.telemetry import TelemetryStop
+from solmap.photogrammetry.cameras.epipolar import EpipolarPair
+from solmap.photogrammetry.frames import Frame, FrameKind
+from solmap.photogrammetry.imagery import Eye, RoverImage, StopId
+from solmap.photogrammetry.matching.records import EpipolarImages, MatchedPair, MatchedStop
+from solmap.photogrammetry.matching.resampling import epipolar_images
+from solmap.photogrammetry.matching.vertical_parallax import turned_in_place
+from solmap.photogrammetry.pds3.reading import ReadImage
+from solmap.products.arrays import read_matches, read_parallax, read_right_turn
+from solmap.products.catalogue import ImageEntry
+from solmap.products.model import ProductRef
+from solmap.products.store import ProductStore
+from solmap.tasks.images import ImageFile, image_file, read_product_image
+from solmap.tasks.telemetry import TelemetryStop
 
 CAMERAS = ("NAVCAM", "PANCAM", "MASTCAM", "FRONT_HAZCAM", "REAR_HAZCAM")
 """Instruments in the order that numbers a pair's frame."""

@@ -10,38 +10,38 @@ from pathlib import Path
 
 import numpy as np
 
-from photogrammetry.cameras.epipolar import EpipolarPair
-from photogrammetry.cameras.single import single_image
-from photogrammetry.frames import Pose
-from photogrammetry.imagery import Eye, RoverImage, StopId
-from photogrammetry.pds3.reading import ReadImage
-from photogrammetry.terrain.colour import shows_the_same
-from photogrammetry.terrain.ground import MAP_FROM_LSL
-from photogrammetry.terrain.hardware import BODIES
-from photogrammetry.terrain.panorama import Panorama, PanoramaParams, panorama
-from photogrammetry.terrain.panorama_image import PanoramaImage
-from photogrammetry.terrain.seams import registration
-from photogrammetry.terrain.sight_ranges import StandingPlane
-from products.arrays import read_matches, read_right_turn
-from products.catalogue import ImageEntry
-from products.model import ProductKind, ProductRef, Recipe
-from products.panorama import (
+from solmap.photogrammetry.cameras.epipolar import EpipolarPair
+from solmap.photogrammetry.cameras.single import single_image
+from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.imagery import Eye, RoverImage, StopId
+from solmap.photogrammetry.pds3.reading import ReadImage
+from solmap.photogrammetry.terrain.colour import shows_the_same
+from solmap.photogrammetry.terrain.ground import MAP_FROM_LSL
+from solmap.photogrammetry.terrain.hardware import BODIES
+from solmap.photogrammetry.terrain.panorama import Panorama, PanoramaParams, panorama
+from solmap.photogrammetry.terrain.panorama_image import PanoramaImage
+from solmap.photogrammetry.terrain.seams import registration
+from solmap.photogrammetry.terrain.sight_ranges import StandingPlane
+from solmap.products.arrays import read_matches, read_right_turn
+from solmap.products.catalogue import ImageEntry
+from solmap.products.model import ProductKind, ProductRef, Recipe
+from solmap.products.panorama import (
     Ground,
     blank_ground,
     pieces_of,
     write_panorama,
     write_panorama_ground,
 )
-from products.provenance import provenance_tags
-from products.raster import read_dtm
-from products.store import ProductStore
-from products.workspace import Workspace
-from tasks.images import ImageFile, image_file, image_record, read_product_image
-from tasks.pairs import pair_frame, with_right_turned
-from tasks.scopes import stop_scope
-from tasks.singles import ON_THE_MAST
-from tasks.stage import stage
-from tasks.views import Orientation
+from solmap.products.provenance import provenance_tags
+from solmap.products.raster import read_dtm
+from solmap.products.store import ProductStore
+from solmap.products.workspace import Workspace
+from solmap.tasks.images import ImageFile, image_file, image_record, read_product_image
+from solmap.tasks.pairs import pair_frame, with_right_turned
+from solmap.tasks.scopes import stop_scope
+from solmap.tasks.singles import ON_THE_MAST
+from solmap.tasks.stage import stage
+from solmap.tasks.views import Orientation
 
 SUN_FILTER = 8
 """Of Pancam: it lets through a hundred-thousandth, for pictures of the sun."""

@@ -5,23 +5,23 @@ from __future__ import annotations
 from functools import cache
 from pathlib import Path
 
-from photogrammetry.imagery import StopId
-from photogrammetry.terrain.point_cloud import (
+from solmap.photogrammetry.imagery import StopId
+from solmap.photogrammetry.terrain.point_cloud import (
     PointCloud,
     PointCloudParams,
     cloud_tiles,
     point_cloud,
 )
-from products.crs import LandingPoint
-from products.model import ProductKind, ProductRef, Recipe
-from products.models import notes_of
-from products.ply import write_ply
-from products.points_glb import write_points
-from products.store import ProductStore
-from products.tiles3d import TilesetWriter
-from tasks.scopes import stop_scope
-from tasks.stage import stage
-from tasks.views import OrientedPair, inputs_of, read_views
+from solmap.products.crs import LandingPoint
+from solmap.products.model import ProductKind, ProductRef, Recipe
+from solmap.products.models import notes_of
+from solmap.products.ply import write_ply
+from solmap.products.points_glb import write_points
+from solmap.products.store import ProductStore
+from solmap.products.tiles3d import TilesetWriter
+from solmap.tasks.scopes import stop_scope
+from solmap.tasks.stage import stage
+from solmap.tasks.views import OrientedPair, inputs_of, read_views
 
 SPACINGS = 5.0
 """Spacings that a tile's geometric error is worth: a viewer that allows 16 pixels of error shows

@@ -7,16 +7,16 @@ import sqlite3
 from collections.abc import Collection, Iterable, Sequence
 from typing import Literal
 
-from products.catalogue import MissionEntry, Outcome
-from products.mission_features import MissionFeatures
-from products.model import Layer, ProductKind, ProductRef
-from products.models import extent_of_model
-from products.panorama import place_of_panorama
-from products.raster import summarise
-from products.vector import read_features
-from products.workspace import Workspace
-from tasks.stac import update_stac
-from tasks.stage import stage
+from solmap.products.catalogue import MissionEntry, Outcome
+from solmap.products.mission_features import MissionFeatures
+from solmap.products.model import Layer, ProductKind, ProductRef
+from solmap.products.models import extent_of_model
+from solmap.products.panorama import place_of_panorama
+from solmap.products.raster import summarise
+from solmap.products.vector import read_features
+from solmap.products.workspace import Workspace
+from solmap.tasks.stac import update_stac
+from solmap.tasks.stage import stage
 
 log = logging.getLogger(__name__)
 

@@ -11,28 +11,28 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from photogrammetry.arrays import PerPoint, Picture
-from photogrammetry.cameras.epipolar import EpipolarPair
-from photogrammetry.frames import Pose
-from photogrammetry.matching.alignment import AlignmentParams
-from photogrammetry.matching.birds_eye import PlaneFit, overlay_picture
-from photogrammetry.matching.cross_site import CrossSiteParams, SiteLink, StopViews
-from photogrammetry.matching.landmark_pictures import draw_features
-from photogrammetry.matching.pictures import draw_pair
-from photogrammetry.matching.records import MatchedPair, MatchedStop
-from photogrammetry.matching.sparse import SparseParams, match_interest_points
-from photogrammetry.matching.tie_pictures import Shown, caption, draw_sheet, misfits
-from photogrammetry.matching.ties import Ties
-from photogrammetry.terrain.pictures import class_picture, relief_picture
-from photogrammetry.terrain.surface import HillshadeParams
-from products.arrays import read_dense
-from products.errors import ProductError
-from products.model import ProductKind, ProductRef, Recipe
-from products.raster import read_dtm
-from products.store import ProductStore
-from tasks.pairs import PairProducts, read_matched_pair
-from tasks.scopes import pair_scope
-from tasks.stage import stage
+from solmap.photogrammetry.arrays import PerPoint, Picture
+from solmap.photogrammetry.cameras.epipolar import EpipolarPair
+from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.matching.alignment import AlignmentParams
+from solmap.photogrammetry.matching.birds_eye import PlaneFit, overlay_picture
+from solmap.photogrammetry.matching.cross_site import CrossSiteParams, SiteLink, StopViews
+from solmap.photogrammetry.matching.landmark_pictures import draw_features
+from solmap.photogrammetry.matching.pictures import draw_pair
+from solmap.photogrammetry.matching.records import MatchedPair, MatchedStop
+from solmap.photogrammetry.matching.sparse import SparseParams, match_interest_points
+from solmap.photogrammetry.matching.tie_pictures import Shown, caption, draw_sheet, misfits
+from solmap.photogrammetry.matching.ties import Ties
+from solmap.photogrammetry.terrain.pictures import class_picture, relief_picture
+from solmap.photogrammetry.terrain.surface import HillshadeParams
+from solmap.products.arrays import read_dense
+from solmap.products.errors import ProductError
+from solmap.products.model import ProductKind, ProductRef, Recipe
+from solmap.products.raster import read_dtm
+from solmap.products.store import ProductStore
+from solmap.tasks.pairs import PairProducts, read_matched_pair
+from solmap.tasks.scopes import pair_scope
+from solmap.tasks.stage import stage
 
 MAX_WIDTH = 1536
 """Of a picture, pixels: a screen's width."""

@@ -10,16 +10,16 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from photogrammetry.terrain.ground import MAP_FROM_LSL
-from photogrammetry.terrain.region import RegionParams
-from products.crs import LandingPoint, local_crs
-from products.model import ProductKind, ProductRef, Recipe
-from products.provenance import provenance_tags
-from products.raster import grid_of, open_raster
-from products.region import RegionFiles, RegionSource, read_seams, write_region
-from products.store import ProductStore
-from tasks.scopes import part_scope
-from tasks.stage import stage
+from solmap.photogrammetry.terrain.ground import MAP_FROM_LSL
+from solmap.photogrammetry.terrain.region import RegionParams
+from solmap.products.crs import LandingPoint, local_crs
+from solmap.products.model import ProductKind, ProductRef, Recipe
+from solmap.products.provenance import provenance_tags
+from solmap.products.raster import grid_of, open_raster
+from solmap.products.region import RegionFiles, RegionSource, read_seams, write_region
+from solmap.products.store import ProductStore
+from solmap.tasks.scopes import part_scope
+from solmap.tasks.stage import stage
 
 
 @stage(task_run_name="region-{mission}")

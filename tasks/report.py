@@ -7,26 +7,26 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from photogrammetry.adjustment.quality import quality
-from photogrammetry.adjustment.quality_pictures import (
+from solmap.photogrammetry.adjustment.quality import quality
+from solmap.photogrammetry.adjustment.quality_pictures import (
     growth_picture,
     residual_picture,
     statistics_picture,
     traverse_picture,
 )
-from photogrammetry.adjustment.quality_records import (
+from solmap.photogrammetry.adjustment.quality_records import (
     PairCamera,
     Quality,
     QualityParams,
     quality_document,
 )
-from products.arrays import read_matches
-from products.model import ProductKind, ProductRef, Recipe
-from products.store import ProductStore
-from tasks.adjust import NetworkProduct, read_network
-from tasks.pairs import PairProducts
-from tasks.report_page import report_page
-from tasks.stage import stage
+from solmap.products.arrays import read_matches
+from solmap.products.model import ProductKind, ProductRef, Recipe
+from solmap.products.store import ProductStore
+from solmap.tasks.adjust import NetworkProduct, read_network
+from solmap.tasks.pairs import PairProducts
+from solmap.tasks.report_page import report_page
+from solmap.tasks.stage import stage
 
 FORMAT = "solmap quality 1"
 

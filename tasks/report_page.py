@@ -8,7 +8,7 @@ from typing import Any
 
 from jinja2 import Environment, StrictUndefined
 
-from photogrammetry.imagery import StopId
+from solmap.photogrammetry.imagery import StopId
 
 PAGE = """<!doctype html>
 <html lang="en">

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from photogrammetry.adjustment.modes import AdjustmentMode
-from photogrammetry.imagery import StopId
-from products.model import Scope, ScopeLevel
+from solmap.photogrammetry.adjustment.modes import AdjustmentMode
+from solmap.photogrammetry.imagery import StopId
+from solmap.products.model import Scope, ScopeLevel
 
 OVERALL = f"-{AdjustmentMode.OVERALL}"
 """What the names of overall adjustments end in."""

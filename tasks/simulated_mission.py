@@ -13,22 +13,22 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from photogrammetry.adjustment.adjust import adjust_overall
-from photogrammetry.adjustment.datum import with_control
-from photogrammetry.adjustment.documents import report_document
-from photogrammetry.adjustment.modes import AdjustmentMode
-from photogrammetry.adjustment.params import AdjustmentParams
-from photogrammetry.synthetic.edr import Exposure, label_bytes
-from photogrammetry.synthetic.mission import MissionPlan, SimulatedMission, simulate_mission
-from photogrammetry.synthetic.mission_images import MISSION, exposures, mission_names
-from products.arrays import pose_document
-from products.catalogue import ImageEntry
-from products.model import ProductKind, ProductRef, Recipe
-from products.network import NetworkProduct, product_document
-from products.workspace import Workspace
-from tasks.intake import ContentDigest, write_bytes
-from tasks.scopes import image_scope, network_scope, region_scope
-from tasks.stage import stage
+from solmap.photogrammetry.adjustment.adjust import adjust_overall
+from solmap.photogrammetry.adjustment.datum import with_control
+from solmap.photogrammetry.adjustment.documents import report_document
+from solmap.photogrammetry.adjustment.modes import AdjustmentMode
+from solmap.photogrammetry.adjustment.params import AdjustmentParams
+from solmap.photogrammetry.synthetic.edr import Exposure, label_bytes
+from solmap.photogrammetry.synthetic.mission import MissionPlan, SimulatedMission, simulate_mission
+from solmap.photogrammetry.synthetic.mission_images import MISSION, exposures, mission_names
+from solmap.products.arrays import pose_document
+from solmap.products.catalogue import ImageEntry
+from solmap.products.model import ProductKind, ProductRef, Recipe
+from solmap.products.network import NetworkProduct, product_document
+from solmap.products.workspace import Workspace
+from solmap.tasks.intake import ContentDigest, write_bytes
+from solmap.tasks.scopes import image_scope, network_scope, region_scope
+from solmap.tasks.stage import stage
 
 NO_PIXELS = "simulated: there are no pixels"
 

@@ -13,32 +13,32 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from photogrammetry.adjustment.records import PairGeometry
-from photogrammetry.cameras.single import single_image
-from photogrammetry.imagery import Eye, RoverImage, StopId
-from photogrammetry.matching.conjugates import View
-from photogrammetry.matching.mono import MonoTies, tie_single_images
-from photogrammetry.matching.records import MatchedPair
-from photogrammetry.matching.resampling import resample
-from photogrammetry.matching.single_views import MonoParams, SingleView
-from photogrammetry.matching.tie_pictures import Shown
-from photogrammetry.matching.ties import Ties
-from photogrammetry.terrain.colour import shows_the_same
-from products.arrays import (
+from solmap.photogrammetry.adjustment.records import PairGeometry
+from solmap.photogrammetry.cameras.single import single_image
+from solmap.photogrammetry.imagery import Eye, RoverImage, StopId
+from solmap.photogrammetry.matching.conjugates import View
+from solmap.photogrammetry.matching.mono import MonoTies, tie_single_images
+from solmap.photogrammetry.matching.records import MatchedPair
+from solmap.photogrammetry.matching.resampling import resample
+from solmap.photogrammetry.matching.single_views import MonoParams, SingleView
+from solmap.photogrammetry.matching.tie_pictures import Shown
+from solmap.photogrammetry.matching.ties import Ties
+from solmap.photogrammetry.terrain.colour import shows_the_same
+from solmap.products.arrays import (
     finite,
     geometry_document,
     geometry_of_document,
     read_ties,
     write_ties,
 )
-from products.catalogue import ImageEntry
-from products.model import ProductKind, ProductRef, Recipe, Scope, ScopeLevel
-from products.store import ProductStore
-from products.workspace import Workspace
-from tasks.images import ImageFile, image_file, image_record, read_product_image
-from tasks.pairs import PairProducts, pair_frame, read_matched_pair
-from tasks.quicklook import write_sheet
-from tasks.stage import stage
+from solmap.products.catalogue import ImageEntry
+from solmap.products.model import ProductKind, ProductRef, Recipe, Scope, ScopeLevel
+from solmap.products.store import ProductStore
+from solmap.products.workspace import Workspace
+from solmap.tasks.images import ImageFile, image_file, image_record, read_product_image
+from solmap.tasks.pairs import PairProducts, pair_frame, read_matched_pair
+from solmap.tasks.quicklook import write_sheet
+from solmap.tasks.stage import stage
 
 ON_THE_MAST = frozenset({"NAVCAM", "PANCAM", "MASTCAM"})
 """Cameras whose pointing the mast's motors tell, and ties correct."""

@@ -6,10 +6,10 @@ from collections.abc import Callable, Mapping
 from functools import cache
 from pathlib import Path
 
-from photogrammetry.arrays import Raster
-from photogrammetry.terrain.grid import MapGrid
-from photogrammetry.terrain.relief import Relief, mapped_relief
-from photogrammetry.terrain.surface import (
+from solmap.photogrammetry.arrays import Raster
+from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.terrain.relief import Relief, mapped_relief
+from solmap.photogrammetry.terrain.surface import (
     HillshadeParams,
     SlopeParams,
     aspect_of,
@@ -17,12 +17,12 @@ from photogrammetry.terrain.surface import (
     northerly_tilt_of,
     slope_of,
 )
-from products.crs import LandingPoint, local_crs
-from products.model import ProductKind, ProductRef, Recipe
-from products.provenance import provenance_tags
-from products.raster import read_dtm, write_raster
-from products.store import ProductStore
-from tasks.stage import stage
+from solmap.products.crs import LandingPoint, local_crs
+from solmap.products.model import ProductKind, ProductRef, Recipe
+from solmap.products.provenance import provenance_tags
+from solmap.products.raster import read_dtm, write_raster
+from solmap.products.store import ProductStore
+from solmap.tasks.stage import stage
 
 Bands = Mapping[str, Raster]
 RELIEF: Mapping[ProductKind, tuple[str, Callable[[Relief], Bands]]] = {

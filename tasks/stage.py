@@ -18,9 +18,9 @@ from prefect.cache_policies import NO_CACHE
 from prefect.client.schemas.objects import State, TaskRun
 from prefect.tasks import exponential_backoff
 
-from products.cycles import look_seldom
-from products.effort import Effort
-from products.passing import can_pass
+from solmap.products.cycles import look_seldom
+from solmap.products.effort import Effort
+from solmap.products.passing import can_pass
 
 log = logging.getLogger(__name__)
 P = ParamSpec("P")

@@ -10,23 +10,27 @@ from typing import Any
 
 import numpy as np
 
-from photogrammetry.imagery import StopId
-from photogrammetry.matching.cross_site import (
+from solmap.photogrammetry.imagery import StopId
+from solmap.photogrammetry.matching.cross_site import (
     CrossSiteParams,
     SiteLink,
     StopViews,
     tie_cross_site,
 )
-from photogrammetry.matching.inter_stereo import InterStereoParams, PairTies, tie_inter_stereo
-from photogrammetry.matching.records import MatchedStop
-from products.arrays import finite, pose_document, write_ties
-from products.model import ProductKind, ProductRef, Recipe, Scope, ScopeLevel
-from products.store import ProductStore
-from tasks.pairs import PairProducts, read_matched_stop
-from tasks.quicklook import write_link_picture, write_ties_picture
-from tasks.scopes import stop_scope
-from tasks.stage import stage
-from tasks.telemetry import TelemetryStop
+from solmap.photogrammetry.matching.inter_stereo import (
+    InterStereoParams,
+    PairTies,
+    tie_inter_stereo,
+)
+from solmap.photogrammetry.matching.records import MatchedStop
+from solmap.products.arrays import finite, pose_document, write_ties
+from solmap.products.model import ProductKind, ProductRef, Recipe, Scope, ScopeLevel
+from solmap.products.store import ProductStore
+from solmap.tasks.pairs import PairProducts, read_matched_stop
+from solmap.tasks.quicklook import write_link_picture, write_ties_picture
+from solmap.tasks.scopes import stop_scope
+from solmap.tasks.stage import stage
+from solmap.tasks.telemetry import TelemetryStop
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from photogrammetry.traverse.pictures import SIGMAS
-from products.crs import LandingPoint
-from products.geopackage import write_geopackage
-from products.network import NetworkProduct
-from products.vector import Feature, FeatureCollection
-from tasks.vectors import stop_features, traverse_features
+from solmap.photogrammetry.traverse.pictures import SIGMAS
+from solmap.products.crs import LandingPoint
+from solmap.products.geopackage import write_geopackage
+from solmap.products.network import NetworkProduct
+from solmap.products.vector import Feature, FeatureCollection
+from solmap.tasks.vectors import stop_features, traverse_features
 
 ELLIPSE_POINTS = 64
 """Corners of an error ellipse."""

@@ -9,21 +9,26 @@ from typing import Any
 
 import numpy as np
 
-from photogrammetry.adjustment.records import USED, AdjustedStop
-from photogrammetry.body_fixed import map_from_lsl
-from photogrammetry.frames import Pose
-from photogrammetry.imagery import RoverImage
-from photogrammetry.terrain.footprints import FootprintParams, Ground, footprint, pointing_line
-from photogrammetry.terrain.oriented_image import as_pointed
-from products.catalogue import ImageEntry
-from products.crs import LandingPoint
-from products.model import ProductKind, ProductRef, Recipe
-from products.network import NetworkProduct, network_of
-from products.vector import Feature, write_features
-from products.workspace import Workspace
-from tasks.images import image_record
-from tasks.scopes import region_scope
-from tasks.stage import stage
+from solmap.photogrammetry.adjustment.records import USED, AdjustedStop
+from solmap.photogrammetry.body_fixed import map_from_lsl
+from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.imagery import RoverImage
+from solmap.photogrammetry.terrain.footprints import (
+    FootprintParams,
+    Ground,
+    footprint,
+    pointing_line,
+)
+from solmap.photogrammetry.terrain.oriented_image import as_pointed
+from solmap.products.catalogue import ImageEntry
+from solmap.products.crs import LandingPoint
+from solmap.products.model import ProductKind, ProductRef, Recipe
+from solmap.products.network import NetworkProduct, network_of
+from solmap.products.vector import Feature, write_features
+from solmap.products.workspace import Workspace
+from solmap.tasks.images import image_record
+from solmap.tasks.scopes import region_scope
+from solmap.tasks.stage import stage
 
 WHEELS_M = 0.294
 """The ground below the rover origin when it stands level (VICAR's default ground plane)."""

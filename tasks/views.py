@@ -7,17 +7,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.adjustment.records import AdjustedPair
-from photogrammetry.frames import LSL, Frame, Pose
-from photogrammetry.imagery import Eye
-from photogrammetry.matching.resampling import resample
-from photogrammetry.terrain.hardware import without_rover
-from photogrammetry.terrain.records import PoseCovariance, TerrainView
-from products.arrays import read_dense, read_matches
-from products.model import ProductRef
-from products.store import ProductStore
-from tasks.images import read_product_image
-from tasks.pairs import PairProducts
+from solmap.photogrammetry.adjustment.records import AdjustedPair
+from solmap.photogrammetry.frames import LSL, Frame, Pose
+from solmap.photogrammetry.imagery import Eye
+from solmap.photogrammetry.matching.resampling import resample
+from solmap.photogrammetry.terrain.hardware import without_rover
+from solmap.photogrammetry.terrain.records import PoseCovariance, TerrainView
+from solmap.products.arrays import read_dense, read_matches
+from solmap.products.model import ProductRef
+from solmap.products.store import ProductStore
+from solmap.tasks.images import read_product_image
+from solmap.tasks.pairs import PairProducts
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,15 +7,15 @@ from pathlib import Path
 
 import numpy as np
 
-from photogrammetry.terrain.viewshed import ViewshedParams, viewshed_of_stop
-from products.classes import SIGHTS
-from products.crs import LandingPoint, local_crs
-from products.model import ProductKind, ProductRef, Recipe
-from products.provenance import provenance_tags
-from products.raster import read_dtm, write_classes
-from products.store import ProductStore
-from tasks.stage import stage
-from tasks.views import OrientedPair
+from solmap.photogrammetry.terrain.viewshed import ViewshedParams, viewshed_of_stop
+from solmap.products.classes import SIGHTS
+from solmap.products.crs import LandingPoint, local_crs
+from solmap.products.model import ProductKind, ProductRef, Recipe
+from solmap.products.provenance import provenance_tags
+from solmap.products.raster import read_dtm, write_classes
+from solmap.products.store import ProductStore
+from solmap.tasks.stage import stage
+from solmap.tasks.views import OrientedPair
 
 
 @dataclass(frozen=True, slots=True)

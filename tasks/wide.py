@@ -9,24 +9,30 @@ from pathlib import Path
 
 import numpy as np
 
-from photogrammetry.arrays import Vector3
-from photogrammetry.imagery import Eye, StereoMatches, StopId
-from photogrammetry.matching.resampling import resample
-from photogrammetry.matching.wide_eyes import InstrumentLimits, WideEye, in_order, wide_pairs
-from photogrammetry.matching.wide_stereo import WideMatches, WideParams, match_wide
-from photogrammetry.terrain.dtm import build_dtm as model_terrain
-from photogrammetry.terrain.far import FarDtmParams
-from photogrammetry.terrain.records import TerrainView
-from products.arrays import read_dense, read_matches, read_parallax, write_dense, write_matches
-from products.crs import LandingPoint, local_crs
-from products.model import ProductKind, ProductRef, Recipe
-from products.provenance import provenance_tags
-from products.raster import write_dtm
-from products.store import ProductStore
-from tasks.images import read_product_image
-from tasks.scopes import pair_scope, stop_scope
-from tasks.stage import stage
-from tasks.views import OrientedPair, inputs_of
+from solmap.photogrammetry.arrays import Vector3
+from solmap.photogrammetry.imagery import Eye, StereoMatches, StopId
+from solmap.photogrammetry.matching.resampling import resample
+from solmap.photogrammetry.matching.wide_eyes import InstrumentLimits, WideEye, in_order, wide_pairs
+from solmap.photogrammetry.matching.wide_stereo import WideMatches, WideParams, match_wide
+from solmap.photogrammetry.terrain.dtm import build_dtm as model_terrain
+from solmap.photogrammetry.terrain.far import FarDtmParams
+from solmap.photogrammetry.terrain.records import TerrainView
+from solmap.products.arrays import (
+    read_dense,
+    read_matches,
+    read_parallax,
+    write_dense,
+    write_matches,
+)
+from solmap.products.crs import LandingPoint, local_crs
+from solmap.products.model import ProductKind, ProductRef, Recipe
+from solmap.products.provenance import provenance_tags
+from solmap.products.raster import write_dtm
+from solmap.products.store import ProductStore
+from solmap.tasks.images import read_product_image
+from solmap.tasks.scopes import pair_scope, stop_scope
+from solmap.tasks.stage import stage
+from solmap.tasks.views import OrientedPair, inputs_of
 
 
 @dataclass(frozen=True, slots=True)

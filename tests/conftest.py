@@ -62,7 +62,7 @@ def husband(shared_data: Path) -> Path:
 @pytest.fixture(scope="session")
 def engine(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Prefect's embedded server with a database in a temporary folder."""
-    from flows.engine import prepare_engine  # noqa: PLC0415 - before Prefect is imported
+    from solmap.flows.engine import prepare_engine  # noqa: PLC0415 - before Prefect is imported
 
     prepare_engine(tmp_path_factory.mktemp("engine"))
     from prefect.testing.utilities import prefect_test_harness  # noqa: PLC0415
@@ -79,7 +79,7 @@ def postgres() -> Iterator[Any]:
     try:
         with running_postgres() as server:
             yield server
-            from products.database import close_pools  # noqa: PLC0415 - slow to import
+            from solmap.products.database import close_pools  # noqa: PLC0415 - slow to import
 
             close_pools()  # before the server stops
     except NoPostgresError as error:
@@ -92,7 +92,7 @@ def catalogue_url(request: pytest.FixtureRequest) -> Iterator[str | None]:
     if request.param == "SQLite":
         yield None
         return
-    from products.database import close_pools  # noqa: PLC0415 - slow to import
+    from solmap.products.database import close_pools  # noqa: PLC0415 - slow to import
 
     yield request.getfixturevalue("postgres").database()
     close_pools()

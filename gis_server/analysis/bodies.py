@@ -13,9 +13,9 @@ from typing import Annotated
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from photogrammetry.terrain.viewshed import Sight
-from products.model import Layer, ProductRef
-from products.tiling import HALF_SIDE_M
+from solmap.photogrammetry.terrain.viewshed import Sight
+from solmap.products.model import Layer, ProductRef
+from solmap.products.tiling import HALF_SIDE_M
 
 UNITS = (
     "metres, degrees and pixels as the names end; elevation above the tangent plane at the landing "

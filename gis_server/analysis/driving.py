@@ -15,15 +15,15 @@ import rasterio.features
 from affine import Affine
 from pydantic import BaseModel
 
-from gis_server.analysis.bodies import UNITS, LayerUsed, numbers
-from gis_server.analysis.ground import Ground
-from gis_server.analysis.mosaic import mosaic, worst_of
-from gis_server.analysis.refusal import RefusedError
-from gis_server.rendering.png import indexed_png
-from photogrammetry.arrays import Classes, Float64, Raster
-from photogrammetry.terrain.driving import DrivingParams, Reach, reach
-from photogrammetry.terrain.grid import Bounds, MapGrid
-from products.model import Layer, ProductKind
+from solmap.gis_server.analysis.bodies import UNITS, LayerUsed, numbers
+from solmap.gis_server.analysis.ground import Ground
+from solmap.gis_server.analysis.mosaic import mosaic, worst_of
+from solmap.gis_server.analysis.refusal import RefusedError
+from solmap.gis_server.rendering.png import indexed_png
+from solmap.photogrammetry.arrays import Classes, Float64, Raster
+from solmap.photogrammetry.terrain.driving import DrivingParams, Reach, reach
+from solmap.photogrammetry.terrain.grid import Bounds, MapGrid
+from solmap.products.model import Layer, ProductKind
 
 HAZARD_KINDS = (ProductKind.HAZARD, ProductKind.REGION_HAZARD)
 MOST_CELLS = 1 << 20

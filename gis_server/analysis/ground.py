@@ -14,20 +14,20 @@ import numpy as np
 import rasterio
 from rasterio.windows import Window
 
-from gis_server.analysis.refusal import RefusedError
-from gis_server.rendering.readers import RasterPool
-from photogrammetry.arrays import Flags
-from photogrammetry.terrain.grid import MapGrid
-from photogrammetry.terrain.ground_samples import (
+from solmap.gis_server.analysis.refusal import RefusedError
+from solmap.gis_server.rendering.readers import RasterPool
+from solmap.photogrammetry.arrays import Flags
+from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.terrain.ground_samples import (
     NOWHERE,
     GroundSamples,
     MapPoints,
     bilinear,
     finest,
 )
-from products.model import Layer, ProductKind
-from products.raster import band_names, grid_of
-from products.store import ProductStore
+from solmap.products.model import Layer, ProductKind
+from solmap.products.raster import band_names, grid_of
+from solmap.products.store import ProductStore
 
 MODELS = (ProductKind.DTM, ProductKind.REGION_DTM, ProductKind.FAR_DTM)
 """Kinds of terrain models, in metres above the tangent plane."""

@@ -10,17 +10,17 @@ from __future__ import annotations
 import numpy as np
 from pydantic import BaseModel
 
-from gis_server.analysis.bodies import UNITS, NetworkUsed, number
-from photogrammetry.adjustment.records import BLUNDER, UNUSED, USED, AdjustedTies
-from photogrammetry.arrays import Float64, ImagePoints, Int32
-from photogrammetry.cameras.epipolar import EpipolarPair
-from photogrammetry.cameras.model import CameraModel
-from photogrammetry.cameras.single import single_image
-from photogrammetry.imagery import Eye, RoverImage
-from photogrammetry.terrain.ground import MAP_FROM_LSL
-from products.catalogue import ImageEntry
-from products.network import NetworkProduct
-from products.oriented import OrientedMission, geometry_of, matches_of
+from solmap.gis_server.analysis.bodies import UNITS, NetworkUsed, number
+from solmap.photogrammetry.adjustment.records import BLUNDER, UNUSED, USED, AdjustedTies
+from solmap.photogrammetry.arrays import Float64, ImagePoints, Int32
+from solmap.photogrammetry.cameras.epipolar import EpipolarPair
+from solmap.photogrammetry.cameras.model import CameraModel
+from solmap.photogrammetry.cameras.single import single_image
+from solmap.photogrammetry.imagery import Eye, RoverImage
+from solmap.photogrammetry.terrain.ground import MAP_FROM_LSL
+from solmap.products.catalogue import ImageEntry
+from solmap.products.network import NetworkProduct
+from solmap.products.oriented import OrientedMission, geometry_of, matches_of
 
 _FAR_M = 1e4
 """How far away a point that has no place is taken to lie."""

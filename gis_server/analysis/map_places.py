@@ -4,21 +4,21 @@ from __future__ import annotations
 
 import numpy as np
 
-from gis_server.analysis.ground import Ground
-from gis_server.analysis.refusal import RefusedError
-from photogrammetry.imagery import StopId
-from photogrammetry.terrain.ground import MAP_FROM_LSL
-from photogrammetry.terrain.ground_point import (
+from solmap.gis_server.analysis.ground import Ground
+from solmap.gis_server.analysis.refusal import RefusedError
+from solmap.photogrammetry.imagery import StopId
+from solmap.photogrammetry.terrain.ground import MAP_FROM_LSL
+from solmap.photogrammetry.terrain.ground_point import (
     GroundPoint,
     normal_at,
 )
-from photogrammetry.terrain.ground_samples import NOWHERE
-from photogrammetry.terrain.oriented_image import (
+from solmap.photogrammetry.terrain.ground_samples import NOWHERE
+from solmap.photogrammetry.terrain.oriented_image import (
     StopPose,
 )
-from products.catalogue import ImageEntry
-from products.model import Layer, ScopeLevel
-from products.oriented import OrientedMission
+from solmap.products.catalogue import ImageEntry
+from solmap.products.model import Layer, ScopeLevel
+from solmap.products.oriented import OrientedMission
 
 NORMAL_M = 0.25
 """Half of the square that the normal of the ground is found in: the baseline of slopes."""

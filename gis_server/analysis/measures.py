@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import BaseModel, Field
 
-from gis_server.analysis.bodies import (
+from solmap.gis_server.analysis.bodies import (
     UNITS,
     LayerAsked,
     LayerUsed,
@@ -18,19 +18,19 @@ from gis_server.analysis.bodies import (
     number,
     numbers,
 )
-from gis_server.analysis.ground import BEST, Ground
-from gis_server.analysis.refusal import RefusedError
-from photogrammetry.terrain.ground_samples import NOWHERE, GroundSamples, MapPoints
-from photogrammetry.terrain.measure import (
+from solmap.gis_server.analysis.ground import BEST, Ground
+from solmap.gis_server.analysis.refusal import RefusedError
+from solmap.photogrammetry.terrain.ground_samples import NOWHERE, GroundSamples, MapPoints
+from solmap.photogrammetry.terrain.measure import (
     measure_line,
     places_inside,
     polygon_of,
     rise_between,
     steepening,
 )
-from photogrammetry.terrain.profile import SAME_M, stations
-from photogrammetry.terrain.volume import Base, volume
-from products.crs import LandingPoint, lon_lat
+from solmap.photogrammetry.terrain.profile import SAME_M, stations
+from solmap.photogrammetry.terrain.volume import Base, volume
+from solmap.products.crs import LandingPoint, lon_lat
 
 _STEEP_PLACES = 10_000
 """At which an area is read, five times each for its slope."""

@@ -10,13 +10,13 @@ import rasterio
 from rasterio.enums import Resampling
 from rasterio.windows import Window
 
-from gis_server.analysis.ground import Ground, cell_of
-from gis_server.rendering.readers import RasterPool
-from photogrammetry.arrays import Classes, Raster
-from photogrammetry.terrain.grid import Bounds, MapGrid
-from products.model import Layer
-from products.raster import band_names, grid_of
-from products.store import ProductStore
+from solmap.gis_server.analysis.ground import Ground, cell_of
+from solmap.gis_server.rendering.readers import RasterPool
+from solmap.photogrammetry.arrays import Classes, Raster
+from solmap.photogrammetry.terrain.grid import Bounds, MapGrid
+from solmap.products.model import Layer
+from solmap.products.raster import band_names, grid_of
+from solmap.products.store import ProductStore
 
 
 def mosaic(ground: Ground, grid: MapGrid) -> tuple[Raster, list[Layer]]:

@@ -14,15 +14,15 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel
 
-from gis_server.analysis.bodies import UNITS, NetworkUsed
-from gis_server.analysis.scene import Place, on_map
-from photogrammetry.adjustment.quality_records import QualityParams
-from photogrammetry.adjustment.records import BLUNDER, USED, AdjustedNetwork, AdjustedPair
-from photogrammetry.adjustment.weaknesses import Links, shared_ties, weaknesses
-from photogrammetry.terrain.ground import MAP_FROM_LSL
-from products.catalogue import ImageEntry
-from products.model import ProductRef
-from products.network import NetworkProduct
+from solmap.gis_server.analysis.bodies import UNITS, NetworkUsed
+from solmap.gis_server.analysis.scene import Place, on_map
+from solmap.photogrammetry.adjustment.quality_records import QualityParams
+from solmap.photogrammetry.adjustment.records import BLUNDER, USED, AdjustedNetwork, AdjustedPair
+from solmap.photogrammetry.adjustment.weaknesses import Links, shared_ties, weaknesses
+from solmap.photogrammetry.terrain.ground import MAP_FROM_LSL
+from solmap.products.catalogue import ImageEntry
+from solmap.products.model import ProductRef
+from solmap.products.network import NetworkProduct
 
 MOST_PAIRS = 2000
 """Pairs and single images that one answer draws."""

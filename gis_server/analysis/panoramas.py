@@ -11,15 +11,15 @@ import rasterio
 from pydantic import BaseModel
 from rasterio.windows import Window
 
-from gis_server.rendering.readers import RasterPool
-from photogrammetry.arrays import Vector3
-from photogrammetry.terrain.angle_grid import NODE, direction
-from photogrammetry.terrain.ground import MAP_FROM_LSL
-from products.errors import OutsideCoverageError, ProductNotFoundError
-from products.model import Layer, ProductKind, ProductRef
-from products.oriented import OrientedMission
-from products.panorama import PanoramaFacts, read_facts
-from products.store import ProductStore
+from solmap.gis_server.rendering.readers import RasterPool
+from solmap.photogrammetry.arrays import Vector3
+from solmap.photogrammetry.terrain.angle_grid import NODE, direction
+from solmap.photogrammetry.terrain.ground import MAP_FROM_LSL
+from solmap.products.errors import OutsideCoverageError, ProductNotFoundError
+from solmap.products.model import Layer, ProductKind, ProductRef
+from solmap.products.oriented import OrientedMission
+from solmap.products.panorama import PanoramaFacts, read_facts
+from solmap.products.store import ProductStore
 
 FAR_M = 10_000.0
 """Where a direction is projected from that meets no known ground: without parallax."""

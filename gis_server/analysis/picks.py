@@ -7,25 +7,25 @@ from typing import Annotated
 import numpy as np
 from pydantic import BaseModel, Field
 
-from gis_server.analysis.bodies import UNITS, NetworkUsed, Question
-from gis_server.analysis.refusal import RefusedError
-from gis_server.rendering.images import linearised
-from photogrammetry.arrays import Float64, ImagePoints
-from photogrammetry.cameras.epipolar import EpipolarPair
-from photogrammetry.cameras.model import CameraModel
-from photogrammetry.errors import MatchingError
-from photogrammetry.imagery import Eye
-from photogrammetry.matching.conjugates import View
-from photogrammetry.matching.hand_editing import epipolar_point
-from photogrammetry.matching.hand_refinement import (
+from solmap.gis_server.analysis.bodies import UNITS, NetworkUsed, Question
+from solmap.gis_server.analysis.refusal import RefusedError
+from solmap.gis_server.rendering.images import linearised
+from solmap.photogrammetry.arrays import Float64, ImagePoints
+from solmap.photogrammetry.cameras.epipolar import EpipolarPair
+from solmap.photogrammetry.cameras.model import CameraModel
+from solmap.photogrammetry.errors import MatchingError
+from solmap.photogrammetry.imagery import Eye
+from solmap.photogrammetry.matching.conjugates import View
+from solmap.photogrammetry.matching.hand_editing import epipolar_point
+from solmap.photogrammetry.matching.hand_refinement import (
     LARGEST_REACH_PX,
     PickedView,
     PickParams,
     measured_pick,
 )
-from photogrammetry.matching.resampling import GROUND_M
-from products.catalogue import ImageEntry
-from products.oriented import MatchedEyes, OrientedMission
+from solmap.photogrammetry.matching.resampling import GROUND_M
+from solmap.products.catalogue import ImageEntry
+from solmap.products.oriented import MatchedEyes, OrientedMission
 
 PixelHere = Annotated[float, Field(ge=-1, le=1e5)]
 ImageHere = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,127}$")]

@@ -6,29 +6,29 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gis_server.analysis.ground import Ground
-from gis_server.analysis.map_places import NORMAL_M, frame_of
-from gis_server.analysis.refusal import RefusedError
-from photogrammetry.arrays import Float64, ImagePoints, Vector3
-from photogrammetry.imagery import Eye
-from photogrammetry.terrain.ground import MAP_FROM_LSL
-from photogrammetry.terrain.ground_point import (
+from solmap.gis_server.analysis.ground import Ground
+from solmap.gis_server.analysis.map_places import NORMAL_M, frame_of
+from solmap.gis_server.analysis.refusal import RefusedError
+from solmap.photogrammetry.arrays import Float64, ImagePoints, Vector3
+from solmap.photogrammetry.imagery import Eye
+from solmap.photogrammetry.terrain.ground import MAP_FROM_LSL
+from solmap.photogrammetry.terrain.ground_point import (
     GroundPoint,
     by_parallax,
     first_meeting,
     normal_at,
     on_terrain,
 )
-from photogrammetry.terrain.ground_samples import NOWHERE
-from photogrammetry.terrain.matched_pixel import matched_pixel
-from photogrammetry.terrain.oriented_image import (
+from solmap.photogrammetry.terrain.ground_samples import NOWHERE
+from solmap.photogrammetry.terrain.matched_pixel import matched_pixel
+from solmap.photogrammetry.terrain.oriented_image import (
     OrientedImage,
     epipolar_curve,
 )
-from photogrammetry.terrain.viewshed import ViewshedParams
-from products.catalogue import ImageEntry
-from products.model import Layer
-from products.oriented import OrientedMission
+from solmap.photogrammetry.terrain.viewshed import ViewshedParams
+from solmap.products.catalogue import ImageEntry
+from solmap.products.model import Layer
+from solmap.products.oriented import OrientedMission
 
 _USUAL = ViewshedParams()
 _NEAREST_M, _FURTHEST_M, _CURVE_POINTS = 1.0, 200.0, 96

@@ -8,7 +8,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import BaseModel, Field
 
-from gis_server.analysis.bodies import (
+from solmap.gis_server.analysis.bodies import (
     MOST_CORNERS,
     UNITS,
     Corner,
@@ -18,16 +18,16 @@ from gis_server.analysis.bodies import (
     Polygon,
     Question,
 )
-from gis_server.analysis.ground import BEST, Ground, cell_of
-from gis_server.analysis.measures import used_in
-from gis_server.analysis.refusal import RefusedError
-from photogrammetry.arrays import Covariances3
-from photogrammetry.errors import TerrainError
-from photogrammetry.terrain.attitude import attitude
-from photogrammetry.terrain.ground_samples import NOWHERE, GroundSamples, MapPoints
-from photogrammetry.terrain.measure import places_inside, polygon_of
-from photogrammetry.terrain.plane_fit import PlaneFit, fit_plane
-from photogrammetry.terrain.volume import CORRELATION_M
+from solmap.gis_server.analysis.ground import BEST, Ground, cell_of
+from solmap.gis_server.analysis.measures import used_in
+from solmap.gis_server.analysis.refusal import RefusedError
+from solmap.photogrammetry.arrays import Covariances3
+from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.terrain.attitude import attitude
+from solmap.photogrammetry.terrain.ground_samples import NOWHERE, GroundSamples, MapPoints
+from solmap.photogrammetry.terrain.measure import places_inside, polygon_of
+from solmap.photogrammetry.terrain.plane_fit import PlaneFit, fit_plane
+from solmap.photogrammetry.terrain.volume import CORRELATION_M
 
 _MOST_POINTS = 2500
 _LEAST_SIGMA_M = 0.002

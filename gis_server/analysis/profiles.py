@@ -9,10 +9,10 @@ from typing import Annotated
 import numpy as np
 from pydantic import BaseModel, Field
 
-from gis_server.analysis.bodies import UNITS, LayerAsked, LayerUsed, Line, Question, numbers
-from gis_server.analysis.ground import BEST, Ground
-from photogrammetry.terrain.ground_samples import NOWHERE
-from photogrammetry.terrain.profile import Profile, profile, stations
+from solmap.gis_server.analysis.bodies import UNITS, LayerAsked, LayerUsed, Line, Question, numbers
+from solmap.gis_server.analysis.ground import BEST, Ground
+from solmap.photogrammetry.terrain.ground_samples import NOWHERE
+from solmap.photogrammetry.terrain.profile import Profile, profile, stations
 
 _USUAL_STATIONS = 1000
 """Stations of a line whose step nobody chose; short lines have one a cell."""

@@ -7,23 +7,23 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gis_server.analysis.ground import Ground
-from photogrammetry.arrays import Float64
-from photogrammetry.imagery import Eye
-from photogrammetry.terrain.ground import MAP_FROM_LSL
-from photogrammetry.terrain.ground_point import (
+from solmap.gis_server.analysis.ground import Ground
+from solmap.photogrammetry.arrays import Float64
+from solmap.photogrammetry.imagery import Eye
+from solmap.photogrammetry.terrain.ground import MAP_FROM_LSL
+from solmap.photogrammetry.terrain.ground_point import (
     GroundPoint,
 )
-from photogrammetry.terrain.matched_pixel import sight_by_parallax
-from photogrammetry.terrain.oriented_image import (
+from solmap.photogrammetry.terrain.matched_pixel import sight_by_parallax
+from solmap.photogrammetry.terrain.oriented_image import (
     Ellipse,
     OrientedImage,
     in_images_of,
 )
-from photogrammetry.terrain.sight_line import places_between, sight_line
-from photogrammetry.terrain.viewshed import Sight, ViewshedParams
-from products.catalogue import ImageEntry
-from products.oriented import OrientedMission
+from solmap.photogrammetry.terrain.sight_line import places_between, sight_line
+from solmap.photogrammetry.terrain.viewshed import Sight, ViewshedParams
+from solmap.products.catalogue import ImageEntry
+from solmap.products.oriented import OrientedMission
 
 _USUAL = ViewshedParams()
 LIFT_M = 0.05

@@ -11,14 +11,21 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel
 
-from gis_server.analysis.bodies import SIGHT_NAMES, UNITS, LayerUsed, NetworkUsed, number, numbers
-from gis_server.analysis.pixel_ground import Found
-from gis_server.analysis.projection import Seen
-from photogrammetry.arrays import Float64, ImagePoints
-from photogrammetry.terrain.ground import MAP_FROM_LSL
-from photogrammetry.terrain.ground_point import GroundPoint
-from photogrammetry.terrain.oriented_image import Ellipse
-from products.catalogue import ImageEntry
+from solmap.gis_server.analysis.bodies import (
+    SIGHT_NAMES,
+    UNITS,
+    LayerUsed,
+    NetworkUsed,
+    number,
+    numbers,
+)
+from solmap.gis_server.analysis.pixel_ground import Found
+from solmap.gis_server.analysis.projection import Seen
+from solmap.photogrammetry.arrays import Float64, ImagePoints
+from solmap.photogrammetry.terrain.ground import MAP_FROM_LSL
+from solmap.photogrammetry.terrain.ground_point import GroundPoint
+from solmap.photogrammetry.terrain.oriented_image import Ellipse
+from solmap.products.catalogue import ImageEntry
 
 
 class EllipseBody(BaseModel):

@@ -12,18 +12,18 @@ from collections.abc import Iterable
 import numpy as np
 from pydantic import BaseModel
 
-from gis_server.analysis.bodies import UNITS
-from photogrammetry.adjustment.records import AdjustedStop
-from photogrammetry.arrays import ObjectPoints, Vector3
-from photogrammetry.imagery import RoverImage, StopId
-from photogrammetry.terrain.ground import MAP_FROM_LSL
-from photogrammetry.terrain.hardware import BODIES
-from photogrammetry.terrain.oriented_image import OrientedImage, Pointing, StopPose
-from products.catalogue import ImageEntry
-from products.images import image_record
-from products.model import ProductRef
-from products.network import NetworkProduct
-from products.workspace import Workspace
+from solmap.gis_server.analysis.bodies import UNITS
+from solmap.photogrammetry.adjustment.records import AdjustedStop
+from solmap.photogrammetry.arrays import ObjectPoints, Vector3
+from solmap.photogrammetry.imagery import RoverImage, StopId
+from solmap.photogrammetry.terrain.ground import MAP_FROM_LSL
+from solmap.photogrammetry.terrain.hardware import BODIES
+from solmap.photogrammetry.terrain.oriented_image import OrientedImage, Pointing, StopPose
+from solmap.products.catalogue import ImageEntry
+from solmap.products.images import image_record
+from solmap.products.model import ProductRef
+from solmap.products.network import NetworkProduct
+from solmap.products.workspace import Workspace
 
 Place = tuple[float, float, float]
 """(east, north, up)."""

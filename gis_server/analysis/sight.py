@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from pydantic import BaseModel
 
-from gis_server.analysis.bodies import SIGHT_NAMES, UNITS, LayerUsed, number, numbers
-from gis_server.analysis.ground import Ground
-from gis_server.analysis.measures import used_in
-from gis_server.analysis.refusal import RefusedError
-from photogrammetry.arrays import Vector3
-from photogrammetry.terrain.sight_line import places_between, sight_line
+from solmap.gis_server.analysis.bodies import SIGHT_NAMES, UNITS, LayerUsed, number, numbers
+from solmap.gis_server.analysis.ground import Ground
+from solmap.gis_server.analysis.measures import used_in
+from solmap.gis_server.analysis.refusal import RefusedError
+from solmap.photogrammetry.arrays import Vector3
+from solmap.photogrammetry.terrain.sight_line import places_between, sight_line
 
 FARTHEST_M = 2000.0
 """Longest line of sight, and largest radius of a viewshed."""

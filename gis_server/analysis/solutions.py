@@ -12,23 +12,23 @@ from functools import lru_cache
 import numpy as np
 from pydantic import BaseModel
 
-from gis_server.analysis.bodies import UNITS, number
-from gis_server.analysis.refusal import RefusedError
-from photogrammetry.adjustment.quality import ellipse
-from photogrammetry.adjustment.records import AdjustedStop
-from photogrammetry.traverse.differences import Differences, differences, shared
-from photogrammetry.traverse.records import Traverse
-from products.catalogue import Catalogue
-from products.errors import ProductNotFoundError
-from products.model import ProductKind, ProductRef
-from products.network import (
+from solmap.gis_server.analysis.bodies import UNITS, number
+from solmap.gis_server.analysis.refusal import RefusedError
+from solmap.photogrammetry.adjustment.quality import ellipse
+from solmap.photogrammetry.adjustment.records import AdjustedStop
+from solmap.photogrammetry.traverse.differences import Differences, differences, shared
+from solmap.photogrammetry.traverse.records import Traverse
+from solmap.products.catalogue import Catalogue
+from solmap.products.errors import ProductNotFoundError
+from solmap.products.model import ProductKind, ProductRef
+from solmap.products.network import (
     NetworkProduct,
     latest_network,
     network_of,
     published_networks,
     traverses,
 )
-from products.store import ProductStore
+from solmap.products.store import ProductStore
 
 LATEST = "latest"
 TELEMETRY = "telemetry"

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from gis_server.analysis.bodies import NetworkUsed, number, numbers
-from gis_server.analysis.picks import left_entry
-from gis_server.analysis.refusal import RefusedError
-from gis_server.analysis.trial_bodies import (
+from solmap.gis_server.analysis.bodies import NetworkUsed, number, numbers
+from solmap.gis_server.analysis.picks import left_entry
+from solmap.gis_server.analysis.refusal import RefusedError
+from solmap.gis_server.analysis.trial_bodies import (
     StopChange,
     TiePoint,
     TieResidual,
@@ -22,9 +22,9 @@ from gis_server.analysis.trial_bodies import (
     TrialQuestion,
     TrialReport,
 )
-from photogrammetry.adjustment.params import AdjustmentParams
-from photogrammetry.adjustment.preview import Preview, Veto, as_it_stands, part_of, preview
-from photogrammetry.adjustment.records import (
+from solmap.photogrammetry.adjustment.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.preview import Preview, Veto, as_it_stands, part_of, preview
+from solmap.photogrammetry.adjustment.records import (
     BLUNDER,
     USED,
     AdjustedNetwork,
@@ -33,13 +33,13 @@ from photogrammetry.adjustment.records import (
     Network,
     StopPrior,
 )
-from photogrammetry.imagery import StopId
-from photogrammetry.matching.hand_editing import HandBody, edited, epipolar_point
-from photogrammetry.matching.hand_ties import HandAction, HandPoint, HandTie
-from photogrammetry.matching.ties import Ties, joined
-from photogrammetry.terrain.ground import MAP_FROM_LSL
-from products.model import ProductRef
-from products.oriented import OrientedMission, geometry_of, matches_of
+from solmap.photogrammetry.imagery import StopId
+from solmap.photogrammetry.matching.hand_editing import HandBody, edited, epipolar_point
+from solmap.photogrammetry.matching.hand_ties import HandAction, HandPoint, HandTie
+from solmap.photogrammetry.matching.ties import Ties, joined
+from solmap.photogrammetry.terrain.ground import MAP_FROM_LSL
+from solmap.products.model import ProductRef
+from solmap.products.oriented import OrientedMission, geometry_of, matches_of
 
 _MOST_STANDING = 4
 """Pairs of stops that are remembered as they stand, a few megabytes each."""

@@ -6,9 +6,9 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, Field
 
-from gis_server.analysis.bodies import UNITS, NetworkUsed, Question
-from gis_server.analysis.picks import ImageHere, PixelHere
-from photogrammetry.matching.hand_ties import SIGMA_PX, TOLERANCE_PX
+from solmap.gis_server.analysis.bodies import UNITS, NetworkUsed, Question
+from solmap.gis_server.analysis.picks import ImageHere, PixelHere
+from solmap.photogrammetry.matching.hand_ties import SIGMA_PX, TOLERANCE_PX
 
 _MOST_TIES = 500
 

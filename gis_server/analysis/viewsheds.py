@@ -11,16 +11,16 @@ import rasterio.features
 from affine import Affine
 from pydantic import BaseModel
 
-from gis_server.analysis.bodies import UNITS, LayerUsed
-from gis_server.analysis.ground import Ground
-from gis_server.analysis.mosaic import mosaic
-from gis_server.analysis.sight import raised
-from gis_server.rendering.png import indexed_png
-from photogrammetry.arrays import Classes, Vector3
-from photogrammetry.terrain.grid import Bounds, MapGrid
-from photogrammetry.terrain.viewshed import Sight, ViewshedParams, viewshed
-from products.classes import SIGHTS
-from products.model import Layer
+from solmap.gis_server.analysis.bodies import UNITS, LayerUsed
+from solmap.gis_server.analysis.ground import Ground
+from solmap.gis_server.analysis.mosaic import mosaic
+from solmap.gis_server.analysis.sight import raised
+from solmap.gis_server.rendering.png import indexed_png
+from solmap.photogrammetry.arrays import Classes, Vector3
+from solmap.photogrammetry.terrain.grid import Bounds, MapGrid
+from solmap.photogrammetry.terrain.viewshed import Sight, ViewshedParams, viewshed
+from solmap.products.classes import SIGHTS
+from solmap.products.model import Layer
 
 MOST_CELLS = 1_500_000
 """Cells of a viewshed, a second of work; of larger areas the cells are doubled."""

@@ -12,14 +12,14 @@ import shapely
 from pydantic import BaseModel
 from rasterio.windows import Window
 
-from gis_server.analysis.bodies import UNITS, LayerUsed, Polygon, Question
-from gis_server.analysis.refusal import RefusedError
-from gis_server.rendering.readers import RasterPool
-from photogrammetry.arrays import PerPoint
-from photogrammetry.terrain.measure import polygon_of
-from products.model import Layer
-from products.raster import class_names, grid_of
-from products.store import ProductStore
+from solmap.gis_server.analysis.bodies import UNITS, LayerUsed, Polygon, Question
+from solmap.gis_server.analysis.refusal import RefusedError
+from solmap.gis_server.rendering.readers import RasterPool
+from solmap.photogrammetry.arrays import PerPoint
+from solmap.photogrammetry.terrain.measure import polygon_of
+from solmap.products.model import Layer
+from solmap.products.raster import class_names, grid_of
+from solmap.products.store import ProductStore
 
 _CELLS = 4_000_000
 """Cells that are looked at; of larger windows an overview is read."""

@@ -17,10 +17,10 @@ import numpy as np
 import shapely
 from fastapi import HTTPException
 
-from photogrammetry.terrain.grid import Bounds
-from products.crs import MARS_URN, LandingPoint, east_north, lon_lat
-from products.feature_query import Area
-from products.stac_items import degrees
+from solmap.photogrammetry.terrain.grid import Bounds
+from solmap.products.crs import MARS_URN, LandingPoint, east_north, lon_lat
+from solmap.products.feature_query import Area
+from solmap.products.stac_items import degrees
 
 MARS_URI = "http://www.opengis.net/def/crs/IAU/2015/49900"
 _DEGREES_DECIMALS, _METRES_DECIMALS = 9, 4

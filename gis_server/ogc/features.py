@@ -14,9 +14,9 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Depends, Path, Request, Response
 from fastapi.responses import JSONResponse
 
-from gis_server.ogc.crs import Crs, uri_of
-from gis_server.ogc.features_query import Asked, FeaturesQuery, form_of
-from gis_server.ogc.formats import (
+from solmap.gis_server.ogc.crs import Crs, uri_of
+from solmap.gis_server.ogc.features_query import Asked, FeaturesQuery, form_of
+from solmap.gis_server.ogc.formats import (
     FILES,
     MEDIA_TYPES,
     Format,
@@ -26,15 +26,15 @@ from gis_server.ogc.formats import (
     feature_text,
     geojson,
 )
-from gis_server.ogc.html import feature_page, items_page
-from gis_server.ogc.links import GEOJSON, HTML, JSON, BaseOf, Link, link
-from gis_server.routes.parameters import AGAIN, MissionName
-from gis_server.services import Services, ServicesOf
-from products.catalogue import MissionEntry
-from products.errors import ProductNotFoundError
-from products.feature_collections import BY_ID, COLLECTIONS, CollectionOf
-from products.feature_query import IndexedFeature
-from products.stac_items import degrees
+from solmap.gis_server.ogc.html import feature_page, items_page
+from solmap.gis_server.ogc.links import GEOJSON, HTML, JSON, BaseOf, Link, link
+from solmap.gis_server.routes.parameters import AGAIN, MissionName
+from solmap.gis_server.services import Services, ServicesOf
+from solmap.products.catalogue import MissionEntry
+from solmap.products.errors import ProductNotFoundError
+from solmap.products.feature_collections import BY_ID, COLLECTIONS, CollectionOf
+from solmap.products.feature_query import IndexedFeature
+from solmap.products.stac_items import degrees
 
 router = APIRouter(prefix="/ogc/{mission}", tags=["ogc features"])
 _PART_1 = "http://www.opengis.net/spec/ogcapi-features-1/1.0/conf"

@@ -8,12 +8,12 @@ from typing import Annotated
 
 from fastapi import HTTPException, Query, Request
 
-from gis_server.ogc.crs import Crs, area_of, bbox_of, crs_named
-from gis_server.ogc.formats import FILES, Format
-from photogrammetry.terrain.grid import Bounds
-from products.crs import LandingPoint
-from products.feature_query import Extent, Selection
-from products.feature_times import moment
+from solmap.gis_server.ogc.crs import Crs, area_of, bbox_of, crs_named
+from solmap.gis_server.ogc.formats import FILES, Format
+from solmap.photogrammetry.terrain.grid import Bounds
+from solmap.products.crs import LandingPoint
+from solmap.products.feature_query import Extent, Selection
+from solmap.products.feature_times import moment
 
 DEFAULT_LIMIT, MOST = 100, 10_000
 """Features of a page."""

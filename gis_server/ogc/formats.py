@@ -21,10 +21,10 @@ import pyogrio.raw
 import shapely
 from pyproj import CRS
 
-from gis_server.ogc.crs import Crs, placed
-from products.crs import MARS, MARS_URN, LandingPoint, local_crs
-from products.feature_query import IndexedFeature
-from products.geopackage import column_of
+from solmap.gis_server.ogc.crs import Crs, placed
+from solmap.products.crs import MARS, MARS_URN, LandingPoint, local_crs
+from solmap.products.feature_query import IndexedFeature
+from solmap.products.geopackage import column_of
 
 
 class Format(StrEnum):

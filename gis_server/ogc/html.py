@@ -7,9 +7,9 @@ from collections.abc import Iterable, Mapping
 from html import escape
 from typing import Any
 
-from gis_server.ogc.formats import Placed
-from gis_server.ogc.links import Link
-from products.feature_collections import CollectionOf
+from solmap.gis_server.ogc.formats import Placed
+from solmap.gis_server.ogc.links import Link
+from solmap.products.feature_collections import CollectionOf
 
 _FRAME = """<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><title>{title}</title>

@@ -7,19 +7,19 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Path, Query, Request, Response
 from fastapi.responses import JSONResponse
 
-from gis_server.ogc import features, tiles, wmts
-from gis_server.ogc.crs import Crs, crs_named
-from gis_server.ogc.features_query import form_of
-from gis_server.ogc.formats import Format
-from gis_server.ogc.html import link_list, page, paragraph, table
-from gis_server.ogc.links import HTML, JSON, BaseOf, link
-from gis_server.ogc.maps import raster_named
-from gis_server.ogc.tilesets import collection_document
-from gis_server.routes.parameters import AGAIN, MissionName
-from gis_server.services import ServicesOf
-from products.crs import MARS, local_crs
-from products.errors import ProductNotFoundError
-from products.feature_collections import BY_ID
+from solmap.gis_server.ogc import features, tiles, wmts
+from solmap.gis_server.ogc.crs import Crs, crs_named
+from solmap.gis_server.ogc.features_query import form_of
+from solmap.gis_server.ogc.formats import Format
+from solmap.gis_server.ogc.html import link_list, page, paragraph, table
+from solmap.gis_server.ogc.links import HTML, JSON, BaseOf, link
+from solmap.gis_server.ogc.maps import raster_named
+from solmap.gis_server.ogc.tilesets import collection_document
+from solmap.gis_server.routes.parameters import AGAIN, MissionName
+from solmap.gis_server.services import ServicesOf
+from solmap.products.crs import MARS, local_crs
+from solmap.products.errors import ProductNotFoundError
+from solmap.products.feature_collections import BY_ID
 
 router = APIRouter(prefix="/ogc/{mission}", tags=["ogc"])
 _COMMON = "http://www.opengis.net/spec/ogcapi-common-1/1.0/conf"

@@ -6,7 +6,7 @@ from typing import Annotated
 
 from fastapi import Depends, Request
 
-from gis_server.routes.parameters import MissionName
+from solmap.gis_server.routes.parameters import MissionName
 
 Link = dict[str, str]
 JSON, GEOJSON, HTML = "application/json", "application/geo+json", "text/html"

@@ -12,16 +12,16 @@ from typing import Annotated
 
 from fastapi import Depends, Header, Path, Request, Response
 
-from gis_server.ogc.tilesets import collection_id, tms_id
-from gis_server.rendering.looks import Look, UnknownLookError
-from gis_server.rendering.styles import DEFAULT, STYLES, styles_of
-from gis_server.rendering.tiles import render_tile
-from gis_server.routes.parameters import AGAIN, MissionName
-from gis_server.services import Services, ServicesOf
-from products.catalogue import MissionEntry
-from products.errors import ProductNotFoundError
-from products.model import Layer, ProductKind
-from products.tiling import MAX_ZOOM, TileAddress
+from solmap.gis_server.ogc.tilesets import collection_id, tms_id
+from solmap.gis_server.rendering.looks import Look, UnknownLookError
+from solmap.gis_server.rendering.styles import DEFAULT, STYLES, styles_of
+from solmap.gis_server.rendering.tiles import render_tile
+from solmap.gis_server.routes.parameters import AGAIN, MissionName
+from solmap.gis_server.services import Services, ServicesOf
+from solmap.products.catalogue import MissionEntry
+from solmap.products.errors import ProductNotFoundError
+from solmap.products.model import Layer, ProductKind
+from solmap.products.tiling import MAX_ZOOM, TileAddress
 
 Number = Annotated[int, Path(ge=0)]
 

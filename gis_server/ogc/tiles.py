@@ -8,8 +8,8 @@ from typing import Annotated, Any, Literal
 from fastapi import APIRouter, Query, Response
 from fastapi.responses import JSONResponse
 
-from gis_server.ogc.links import JSON, BaseOf, Link, link
-from gis_server.ogc.maps import (
+from solmap.gis_server.ogc.links import JSON, BaseOf, Link, link
+from solmap.gis_server.ogc.maps import (
     KNOWN_TMS,
     Known,
     Matrix,
@@ -19,7 +19,7 @@ from gis_server.ogc.maps import (
     latest_tile,
     rasters,
 )
-from gis_server.ogc.tilesets import (
+from solmap.gis_server.ogc.tilesets import (
     TILING_SCHEMES,
     collection_document,
     styles_document,
@@ -27,11 +27,11 @@ from gis_server.ogc.tilesets import (
     tilesets_document,
     tms_document,
 )
-from gis_server.rendering.styles import DEFAULT
-from gis_server.routes.looks import AskedLook
-from gis_server.routes.parameters import AGAIN, MissionName
-from gis_server.services import Services, ServicesOf
-from products.catalogue import MissionEntry
+from solmap.gis_server.rendering.styles import DEFAULT
+from solmap.gis_server.routes.looks import AskedLook
+from solmap.gis_server.routes.parameters import AGAIN, MissionName
+from solmap.gis_server.services import Services, ServicesOf
+from solmap.products.catalogue import MissionEntry
 
 router = APIRouter(prefix="/ogc/{mission}", tags=["ogc tiles"])
 _PART = "http://www.opengis.net/spec/ogcapi-tiles-1/1.0/conf"

@@ -12,15 +12,15 @@ import json
 import math
 from typing import Any
 
-from gis_server.ogc.crs import Crs, uri_of
-from gis_server.ogc.links import JSON, Link, link
-from gis_server.rendering.styles import DEFAULT, Style, styles_of
-from photogrammetry.terrain.grid import BLOCK, Bounds
-from products.catalogue import MissionEntry
-from products.crs import LandingPoint, local_proj4
-from products.model import Layer
-from products.stac_items import degrees
-from products.tiling import CELL_SIZES, tile_matrix_set, zoom_of
+from solmap.gis_server.ogc.crs import Crs, uri_of
+from solmap.gis_server.ogc.links import JSON, Link, link
+from solmap.gis_server.rendering.styles import DEFAULT, Style, styles_of
+from solmap.photogrammetry.terrain.grid import BLOCK, Bounds
+from solmap.products.catalogue import MissionEntry
+from solmap.products.crs import LandingPoint, local_proj4
+from solmap.products.model import Layer
+from solmap.products.stac_items import degrees
+from solmap.products.tiling import CELL_SIZES, tile_matrix_set, zoom_of
 
 _REL = "http://www.opengis.net/def/rel/ogc/1.0"
 TILING_SCHEME, TILESETS_MAP = f"{_REL}/tiling-scheme", f"{_REL}/tilesets-map"

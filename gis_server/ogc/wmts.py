@@ -16,8 +16,8 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Query, Request, Response
 
-from gis_server.ogc.links import BaseOf, Link, link
-from gis_server.ogc.maps import (
+from solmap.gis_server.ogc.links import BaseOf, Link, link
+from solmap.gis_server.ogc.maps import (
     Known,
     Matrix,
     Raster,
@@ -27,15 +27,15 @@ from gis_server.ogc.maps import (
     raster_named,
     rasters,
 )
-from gis_server.ogc.wmts_document import capabilities, exception_report
-from gis_server.rendering.looks import Look, UnknownLookError
-from gis_server.rendering.styles import DEFAULT
-from gis_server.routes.looks import AskedLook
-from gis_server.routes.parameters import AGAIN, MissionName
-from gis_server.services import Services, ServicesOf
-from products.catalogue import MissionEntry
-from products.errors import OutsideCoverageError, ProductNotFoundError
-from products.tiling import TileAddress
+from solmap.gis_server.ogc.wmts_document import capabilities, exception_report
+from solmap.gis_server.rendering.looks import Look, UnknownLookError
+from solmap.gis_server.rendering.styles import DEFAULT
+from solmap.gis_server.routes.looks import AskedLook
+from solmap.gis_server.routes.parameters import AGAIN, MissionName
+from solmap.gis_server.services import Services, ServicesOf
+from solmap.products.catalogue import MissionEntry
+from solmap.products.errors import OutsideCoverageError, ProductNotFoundError
+from solmap.products.tiling import TileAddress
 
 router = APIRouter(prefix="/ogc/{mission}/wmts", tags=["ogc tiles"])
 CONFORMANCE: tuple[str, ...] = ()

@@ -8,20 +8,20 @@ from pathlib import Path
 
 from rasterio.windows import Window
 
-from gis_server.rendering.looks import UnknownLookError
-from gis_server.rendering.readers import RasterPool
-from photogrammetry.terrain.contours import (
+from solmap.gis_server.rendering.looks import UnknownLookError
+from solmap.gis_server.rendering.readers import RasterPool
+from solmap.photogrammetry.terrain.contours import (
     Contour,
     ContourParams,
     RegionContourParams,
     trace_contours,
 )
-from photogrammetry.terrain.grid import Bounds
-from products.contour_features import contour_feature
-from products.model import Layer, ProductKind
-from products.raster import grid_of
-from products.store import ProductStore
-from products.vector import Feature
+from solmap.photogrammetry.terrain.grid import Bounds
+from solmap.products.contour_features import contour_feature
+from solmap.products.model import Layer, ProductKind
+from solmap.products.raster import grid_of
+from solmap.products.store import ProductStore
+from solmap.products.vector import Feature
 
 _MOST_CELLS = 8_000_000
 """Cells to trace at once: two seconds of a processor."""

@@ -17,11 +17,11 @@ import math
 import cv2
 import numpy as np
 
-from gis_server.rendering.looks import Look
-from gis_server.rendering.patches import Patch
-from photogrammetry.arrays import Raster
-from photogrammetry.terrain.contours import ContourParams, interval_by_relief, smoothed
-from products.model import Layer
+from solmap.gis_server.rendering.looks import Look
+from solmap.gis_server.rendering.patches import Patch
+from solmap.photogrammetry.arrays import Raster
+from solmap.photogrammetry.terrain.contours import ContourParams, interval_by_relief, smoothed
+from solmap.products.model import Layer
 
 _PARAMS = ContourParams()
 _LINE_PX, _INDEX_PX = 1.0, 2.0

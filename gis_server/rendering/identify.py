@@ -8,12 +8,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from gis_server.rendering.features import index_of
-from gis_server.rendering.readers import RasterPool
-from products.errors import ProductError
-from products.model import Layer, ProductKind, ScopeLevel
-from products.raster import class_names, values_in
-from products.store import ProductStore
+from solmap.gis_server.rendering.features import index_of
+from solmap.gis_server.rendering.readers import RasterPool
+from solmap.products.errors import ProductError
+from solmap.products.model import Layer, ProductKind, ScopeLevel
+from solmap.products.raster import class_names, values_in
+from solmap.products.store import ProductStore
 
 log = logging.getLogger(__name__)
 

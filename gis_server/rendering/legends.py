@@ -5,9 +5,9 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from gis_server.rendering.colours import palette_of
-from gis_server.rendering.styles import Style, legend_of
-from products.model import Layer
+from solmap.gis_server.rendering.colours import palette_of
+from solmap.gis_server.rendering.styles import Style, legend_of
+from solmap.products.model import Layer
 
 _BAR, _ROW, _TOP, _WIDTH = 24, 22, 30, 220
 _INK, _PAPER = (40, 40, 40), 255

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from gis_server.rendering.colours import RAMPS
-from gis_server.rendering.styles import DEFAULT, Style, range_of, styles_of
-from products.model import Layer
+from solmap.gis_server.rendering.colours import RAMPS
+from solmap.gis_server.rendering.styles import DEFAULT, Style, range_of, styles_of
+from solmap.products.model import Layer
 
 
 class UnknownLookError(Exception):

@@ -11,23 +11,23 @@ import numpy as np
 import rasterio
 from rasterio.enums import Resampling
 
-from gis_server.rendering.colours import indices_of, palette_of, stretched
-from gis_server.rendering.contour_lines import contour_cover, contour_margin, interval_of
-from gis_server.rendering.looks import Look
-from gis_server.rendering.patches import Patch, read_patch, read_tile
-from gis_server.rendering.png import colour_png, indexed_png
-from gis_server.rendering.shading import (
+from solmap.gis_server.rendering.colours import indices_of, palette_of, stretched
+from solmap.gis_server.rendering.contour_lines import contour_cover, contour_margin, interval_of
+from solmap.gis_server.rendering.looks import Look
+from solmap.gis_server.rendering.patches import Patch, read_patch, read_tile
+from solmap.gis_server.rendering.png import colour_png, indexed_png
+from solmap.gis_server.rendering.shading import (
     OF_TERRAIN,
     gradient_of,
     hillshade,
     margin_of,
     north_facing,
 )
-from gis_server.rendering.styles import ELEVATIONS, PICTURES, STYLES, Style, range_of
-from products.errors import ProductNotFoundError
-from products.model import Layer, ProductKind
-from products.raster import band_names
-from products.tiling import TileAddress
+from solmap.gis_server.rendering.styles import ELEVATIONS, PICTURES, STYLES, Style, range_of
+from solmap.products.errors import ProductNotFoundError
+from solmap.products.model import Layer, ProductKind
+from solmap.products.raster import band_names
+from solmap.products.tiling import TileAddress
 
 _NOT_AVERAGED = {ProductKind.ASPECT, ProductKind.REGION_ASPECT} | {
     kind for kind, style in STYLES.items() if style.is_classes

@@ -21,9 +21,9 @@ import rasterio
 from rasterio.enums import Resampling
 from rasterio.windows import Window
 
-from photogrammetry.terrain.grid import BLOCK
-from products.raster import grid_of
-from products.tiling import TileAddress
+from solmap.photogrammetry.terrain.grid import BLOCK
+from solmap.products.raster import grid_of
+from solmap.products.tiling import TileAddress
 
 
 @dataclass(frozen=True, slots=True, eq=False)

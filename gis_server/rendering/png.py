@@ -12,7 +12,7 @@ import zlib
 
 import numpy as np
 
-from gis_server.rendering.deflate import zlib_stream
+from solmap.gis_server.rendering.deflate import zlib_stream
 
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _UP = 2

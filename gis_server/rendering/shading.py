@@ -12,10 +12,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from gis_server.rendering.looks import Look, UnknownLookError
-from photogrammetry.arrays import Raster
-from photogrammetry.terrain.nine_cells import nine_cell_gradients
-from photogrammetry.terrain.planes import Gradients, gradients
+from solmap.gis_server.rendering.looks import Look, UnknownLookError
+from solmap.photogrammetry.arrays import Raster
+from solmap.photogrammetry.terrain.nine_cells import nine_cell_gradients
+from solmap.photogrammetry.terrain.planes import Gradients, gradients
 
 _WIDEST = 128
 """Cells that a window may reach to either side: half a tile."""

@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from gis_server.rendering.colours import GREY, INFERNO, RED_BLUE, TWILIGHT, VIRIDIS, Ramp
-from products.classes import HAZARDS, SIGHTS
-from products.cog import RasterClass
-from products.errors import ProductNotFoundError
-from products.model import Layer, ProductKind
+from solmap.gis_server.rendering.colours import GREY, INFERNO, RED_BLUE, TWILIGHT, VIRIDIS, Ramp
+from solmap.products.classes import HAZARDS, SIGHTS
+from solmap.products.cog import RasterClass
+from solmap.products.errors import ProductNotFoundError
+from solmap.products.model import Layer, ProductKind
 
 DEFAULT = "default"
 """The style of a kind that is drawn unless another is asked for."""

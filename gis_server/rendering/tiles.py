@@ -6,19 +6,19 @@ from functools import lru_cache
 
 import numpy as np
 
-from gis_server.rendering.deflate import gzip_stream
-from gis_server.rendering.floats import encode_values
-from gis_server.rendering.looks import Look, style_for
-from gis_server.rendering.painting import Canvas, averaging, band_index, painter_of
-from gis_server.rendering.patches import read_patch
-from gis_server.rendering.png import indexed_png
-from gis_server.rendering.readers import RasterPool
-from gis_server.rendering.styles import ELEVATIONS, PICTURES, Style, range_of
-from photogrammetry.terrain.grid import BLOCK
-from products.errors import ProductNotFoundError
-from products.model import Layer
-from products.store import ProductStore
-from products.tiling import TileAddress
+from solmap.gis_server.rendering.deflate import gzip_stream
+from solmap.gis_server.rendering.floats import encode_values
+from solmap.gis_server.rendering.looks import Look, style_for
+from solmap.gis_server.rendering.painting import Canvas, averaging, band_index, painter_of
+from solmap.gis_server.rendering.patches import read_patch
+from solmap.gis_server.rendering.png import indexed_png
+from solmap.gis_server.rendering.readers import RasterPool
+from solmap.gis_server.rendering.styles import ELEVATIONS, PICTURES, Style, range_of
+from solmap.photogrammetry.terrain.grid import BLOCK
+from solmap.products.errors import ProductNotFoundError
+from solmap.products.model import Layer
+from solmap.products.store import ProductStore
+from solmap.products.tiling import TileAddress
 
 PLAIN = Look()
 """Every layer as it is shown by default."""

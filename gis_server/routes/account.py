@@ -7,7 +7,7 @@ from typing import Literal
 from fastapi import APIRouter, Response
 from pydantic import BaseModel
 
-from gis_server.access import Holder
+from solmap.gis_server.access import Holder
 
 router = APIRouter(prefix="/api", tags=["account"])
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from fastapi import APIRouter, Response
 
-from gis_server.analysis.ground import Ground
-from gis_server.analysis.measures import (
+from solmap.gis_server.analysis.ground import Ground
+from solmap.gis_server.analysis.measures import (
     AreaAnswer,
     AreaQuestion,
     LineAnswer,
@@ -16,19 +16,19 @@ from gis_server.analysis.measures import (
     measured_line,
     measured_volume,
 )
-from gis_server.analysis.planes import PlaneAnswer, PlaneQuestion, fitted_plane
-from gis_server.analysis.profiles import (
+from solmap.gis_server.analysis.planes import PlaneAnswer, PlaneQuestion, fitted_plane
+from solmap.gis_server.analysis.profiles import (
     ProfileAnswer,
     ProfileQuestion,
     ask_profile,
     profile_answer,
     profile_csv,
 )
-from gis_server.analysis.refusal import RefusedError
-from gis_server.analysis.zonal import ZonalAnswer, ZonalQuestion, zonal
-from gis_server.routes.missions import map_layers
-from gis_server.routes.parameters import MissionName
-from gis_server.services import Services, ServicesOf
+from solmap.gis_server.analysis.refusal import RefusedError
+from solmap.gis_server.analysis.zonal import ZonalAnswer, ZonalQuestion, zonal
+from solmap.gis_server.routes.missions import map_layers
+from solmap.gis_server.routes.parameters import MissionName
+from solmap.gis_server.services import Services, ServicesOf
 
 router = APIRouter(prefix="/api/missions/{mission}", tags=["analysis"])
 

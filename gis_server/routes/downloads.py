@@ -12,16 +12,16 @@ from fastapi.responses import FileResponse
 from pydantic import BaseModel
 from starlette.background import BackgroundTask
 
-from gis_server.ogc.links import base_of
-from gis_server.routes.layers import MEDIA_TYPES
-from gis_server.routes.parameters import AGAIN, FOREVER, Bounds, LayerPath, MissionName
-from gis_server.services import ServicesOf
-from products.clip import clip_features, clip_raster
-from products.errors import OutsideCoverageError, ProductError, StoreAwayError
-from products.geopackage import write_geopackage
-from products.model import Layer
-from products.store import ProductStore
-from products.vector import read_features, write_features
+from solmap.gis_server.ogc.links import base_of
+from solmap.gis_server.routes.layers import MEDIA_TYPES
+from solmap.gis_server.routes.parameters import AGAIN, FOREVER, Bounds, LayerPath, MissionName
+from solmap.gis_server.services import ServicesOf
+from solmap.products.clip import clip_features, clip_raster
+from solmap.products.errors import OutsideCoverageError, ProductError, StoreAwayError
+from solmap.products.geopackage import write_geopackage
+from solmap.products.model import Layer
+from solmap.products.store import ProductStore
+from solmap.products.vector import read_features, write_features
 
 router = APIRouter(tags=["downloads"])
 Program = Literal["gdal", "qgis", "pystac", "browser"]

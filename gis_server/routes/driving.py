@@ -6,7 +6,7 @@ from typing import Annotated
 
 from fastapi import APIRouter, Depends, Query, Request, Response
 
-from gis_server.analysis.driving import (
+from solmap.gis_server.analysis.driving import (
     MOST_BANDS,
     USUAL_SPEED_M_H,
     Drives,
@@ -17,15 +17,15 @@ from gis_server.analysis.driving import (
     reach_png,
     route_answer,
 )
-from gis_server.analysis.ground import BEST
-from gis_server.routes.analysis import ground_of
-from gis_server.routes.geotiffs import geotiff
-from gis_server.routes.missions import map_layers
-from gis_server.routes.parameters import AGAIN, Metres, MissionName
-from gis_server.services import ServicesOf
-from photogrammetry.terrain.driving import DrivingParams
-from products.crs import local_crs
-from products.raster import write_raster
+from solmap.gis_server.analysis.ground import BEST
+from solmap.gis_server.routes.analysis import ground_of
+from solmap.gis_server.routes.geotiffs import geotiff
+from solmap.gis_server.routes.missions import map_layers
+from solmap.gis_server.routes.parameters import AGAIN, Metres, MissionName
+from solmap.gis_server.services import ServicesOf
+from solmap.photogrammetry.terrain.driving import DrivingParams
+from solmap.products.crs import local_crs
+from solmap.products.raster import write_raster
 
 router = APIRouter(prefix="/api/missions/{mission}", tags=["analysis"])
 _USUAL = DrivingParams()

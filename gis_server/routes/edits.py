@@ -8,13 +8,13 @@ from typing import Annotated, Any, Literal
 from fastapi import APIRouter, HTTPException, Path, Query, Response
 from pydantic import BaseModel, ConfigDict, Field
 
-from gis_server.access import Analyst
-from gis_server.routes.parameters import AGAIN, LARGEST_ID, MissionName
-from gis_server.services import Services, ServicesOf
-from photogrammetry.matching.hand_ties import parse_hand_ties
-from products.edits import Edit, EditConflictError, EditKind
-from products.events import EDITS_CHANGED
-from products.tiling import HALF_SIDE_M
+from solmap.gis_server.access import Analyst
+from solmap.gis_server.routes.parameters import AGAIN, LARGEST_ID, MissionName
+from solmap.gis_server.services import Services, ServicesOf
+from solmap.photogrammetry.matching.hand_ties import parse_hand_ties
+from solmap.products.edits import Edit, EditConflictError, EditKind
+from solmap.products.events import EDITS_CHANGED
+from solmap.products.tiling import HALF_SIDE_M
 
 router = APIRouter(prefix="/api/missions/{mission}", tags=["edits"])
 Number = Annotated[int, Path(ge=1, le=LARGEST_ID)]

@@ -9,10 +9,10 @@ from typing import Annotated
 from fastapi import APIRouter, Depends, Header, HTTPException, Query
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 
-from gis_server.live import TooManyListenersError
-from gis_server.routes.parameters import LARGEST_ID
-from gis_server.services import ServicesOf
-from products.events import Event
+from solmap.gis_server.live import TooManyListenersError
+from solmap.gis_server.routes.parameters import LARGEST_ID
+from solmap.gis_server.services import ServicesOf
+from solmap.products.events import Event
 
 router = APIRouter(prefix="/api", tags=["live"])
 _RETRY_MS = 2000

@@ -12,9 +12,9 @@ from pathlib import Path
 from fastapi import HTTPException, Request, Response
 from fastapi.responses import FileResponse, StreamingResponse
 
-from gis_server.routes.parameters import FOREVER
-from products.model import ProductRef
-from products.store import ProductStore
+from solmap.gis_server.routes.parameters import FOREVER
+from solmap.products.model import ProductRef
+from solmap.products.store import ProductStore
 
 _RANGE = re.compile(r"bytes=(\d*)-(\d*)$", re.ASCII)
 _UNSATISFIABLE = 416

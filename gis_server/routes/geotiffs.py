@@ -8,7 +8,7 @@ from tempfile import TemporaryDirectory
 
 from fastapi import Response
 
-from gis_server.routes.parameters import AGAIN
+from solmap.gis_server.routes.parameters import AGAIN
 
 
 def geotiff(name: str, write: Callable[[Path], None]) -> Response:

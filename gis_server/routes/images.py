@@ -10,15 +10,15 @@ from fastapi import APIRouter, Depends, HTTPException, Path, Query, Request, Res
 from fastapi.responses import FileResponse
 from pydantic import BaseModel
 
-from gis_server.analysis.bodies import numbers
-from gis_server.analysis.refusal import RefusedError
-from gis_server.rendering.images import TILE, Shown, Stretch, Style, png_of
-from gis_server.routes.parameters import AGAIN, ImageName
-from gis_server.services import ServicesOf
-from photogrammetry.matching.hand_editing import epipolar_point
-from photogrammetry.matching.resampling import GROUND_M
-from products.oriented import geometry_of, matches_of, record_of
-from products.workspace import Workspace
+from solmap.gis_server.analysis.bodies import numbers
+from solmap.gis_server.analysis.refusal import RefusedError
+from solmap.gis_server.rendering.images import TILE, Shown, Stretch, Style, png_of
+from solmap.gis_server.routes.parameters import AGAIN, ImageName
+from solmap.gis_server.services import ServicesOf
+from solmap.photogrammetry.matching.hand_editing import epipolar_point
+from solmap.photogrammetry.matching.resampling import GROUND_M
+from solmap.products.oriented import geometry_of, matches_of, record_of
+from solmap.products.workspace import Workspace
 
 router = APIRouter(prefix="/images", tags=["images"])
 _MAX_ZOOM = 12

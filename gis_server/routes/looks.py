@@ -6,7 +6,7 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from gis_server.rendering.looks import Look
+from solmap.gis_server.rendering.looks import Look
 
 _Number = Annotated[float, Field(allow_inf_nan=False)]
 _NAME = r"^[a-z-]{1,32}$"

@@ -9,9 +9,9 @@ from fastapi import APIRouter, Path, Query, Response
 from fastapi.responses import HTMLResponse
 from pydantic import TypeAdapter
 
-from gis_server.kept_answers import AskerOf, KeptAnswer
-from gis_server.rendering.identify import identify
-from gis_server.routes.bodies import (
+from solmap.gis_server.kept_answers import AskerOf, KeptAnswer
+from solmap.gis_server.rendering.identify import identify
+from solmap.gis_server.routes.bodies import (
     Image,
     MapLayer,
     Mission,
@@ -21,11 +21,11 @@ from gis_server.routes.bodies import (
     mission_body,
     place_body,
 )
-from gis_server.routes.parameters import AGAIN, LAST_SOL, Metres, MissionName
-from gis_server.services import Services, ServicesOf
-from products.model import Layer
-from products.sol_report_page import sol_report
-from products.workspace import Workspace
+from solmap.gis_server.routes.parameters import AGAIN, LAST_SOL, Metres, MissionName
+from solmap.gis_server.services import Services, ServicesOf
+from solmap.products.model import Layer
+from solmap.products.sol_report_page import sol_report
+from solmap.products.workspace import Workspace
 
 router = APIRouter(prefix="/api/missions", tags=["missions"])
 _IMAGES = TypeAdapter(list[Image])

@@ -7,16 +7,22 @@ from typing import Annotated, Any, Literal
 from fastapi import APIRouter, Path, Query, Response
 from pydantic import BaseModel
 
-from gis_server.analysis.refusal import RefusedError
-from gis_server.routes.parameters import AGAIN, FOREVER, Digest, MissionName, ScopeName
-from gis_server.services import ServicesOf
-from photogrammetry.terrain.printable import SolidParams, solid_of
-from products.crs import local_crs
-from products.errors import ProductNotFoundError
-from products.model import Layer, ProductKind, ScopeLevel
-from products.raster import read_dtm
-from products.stl import stl_bytes
-from products.tiles3d import TILESET, external_tileset, read_member, read_tileset, tileset_document
+from solmap.gis_server.analysis.refusal import RefusedError
+from solmap.gis_server.routes.parameters import AGAIN, FOREVER, Digest, MissionName, ScopeName
+from solmap.gis_server.services import ServicesOf
+from solmap.photogrammetry.terrain.printable import SolidParams, solid_of
+from solmap.products.crs import local_crs
+from solmap.products.errors import ProductNotFoundError
+from solmap.products.model import Layer, ProductKind, ScopeLevel
+from solmap.products.raster import read_dtm
+from solmap.products.stl import stl_bytes
+from solmap.products.tiles3d import (
+    TILESET,
+    external_tileset,
+    read_member,
+    read_tileset,
+    tileset_document,
+)
 
 router = APIRouter(tags=["models"])
 TILESETS = (ProductKind.TILESET, ProductKind.POINT_TILES)

@@ -6,9 +6,14 @@ from typing import Annotated
 
 from fastapi import APIRouter, Query, Response
 
-from gis_server.analysis.image_ties import ImageTies, image_ties
-from gis_server.analysis.network_graph import NetworkGraph, PairGraph, network_graph, pair_graph
-from gis_server.analysis.solutions import (
+from solmap.gis_server.analysis.image_ties import ImageTies, image_ties
+from solmap.gis_server.analysis.network_graph import (
+    NetworkGraph,
+    PairGraph,
+    network_graph,
+    pair_graph,
+)
+from solmap.gis_server.analysis.solutions import (
     LATEST,
     TELEMETRY,
     Solution,
@@ -17,11 +22,11 @@ from gis_server.analysis.solutions import (
     network_named,
     solutions,
 )
-from gis_server.routes.parameters import AGAIN, ImageName, MissionName
-from gis_server.services import ServicesOf
-from products.errors import ProductNotFoundError
-from products.oriented import OrientedMission
-from products.workspace import Workspace
+from solmap.gis_server.routes.parameters import AGAIN, ImageName, MissionName
+from solmap.gis_server.services import ServicesOf
+from solmap.products.errors import ProductNotFoundError
+from solmap.products.oriented import OrientedMission
+from solmap.products.workspace import Workspace
 
 router = APIRouter(prefix="/api/missions/{mission}", tags=["network"])
 

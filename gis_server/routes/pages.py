@@ -7,8 +7,8 @@ from pathlib import Path
 from fastapi import APIRouter, FastAPI
 from fastapi.responses import HTMLResponse, Response
 
-from gis_server.services import ServicesOf
-from gis_server.viewer_files import ViewerFiles
+from solmap.gis_server.services import ServicesOf
+from solmap.gis_server.viewer_files import ViewerFiles
 
 router = APIRouter()
 SHIPPED_VIEWER = Path(__file__).parents[1] / "viewer" / "dist"

@@ -9,22 +9,29 @@ import numpy as np
 from fastapi import APIRouter, Path, Query, Response
 from pydantic import BaseModel
 
-from gis_server.analysis.ground import BEST
-from gis_server.analysis.map_places import point_on_map
-from gis_server.analysis.panoramas import (
+from solmap.gis_server.analysis.ground import BEST
+from solmap.gis_server.analysis.map_places import point_on_map
+from solmap.gis_server.analysis.panoramas import (
     DirectionSeen,
     PanoramaAsked,
     PlaceSeen,
     facts_of,
     tile_of,
 )
-from gis_server.rendering.png import indexed_png
-from gis_server.routes.analysis import ground_of
-from gis_server.routes.parameters import AGAIN, FOREVER, Digest, Metres, MissionName, ScopeName
-from gis_server.services import Services, ServicesOf
-from products.model import Layer, ProductKind
-from products.oriented import OrientedMission
-from products.workspace import Workspace
+from solmap.gis_server.rendering.png import indexed_png
+from solmap.gis_server.routes.analysis import ground_of
+from solmap.gis_server.routes.parameters import (
+    AGAIN,
+    FOREVER,
+    Digest,
+    Metres,
+    MissionName,
+    ScopeName,
+)
+from solmap.gis_server.services import Services, ServicesOf
+from solmap.products.model import Layer, ProductKind
+from solmap.products.oriented import OrientedMission
+from solmap.products.workspace import Workspace
 
 router = APIRouter(tags=["panoramas"])
 TILE = 256

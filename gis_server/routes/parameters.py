@@ -6,9 +6,9 @@ from typing import Annotated
 
 from fastapi import Depends, HTTPException, Path, Query
 
-from gis_server.services import ServicesOf
-from products.model import Layer, ProductKind
-from products.tiling import HALF_SIDE_M, MAX_ZOOM, TileAddress
+from solmap.gis_server.services import ServicesOf
+from solmap.products.model import Layer, ProductKind
+from solmap.products.tiling import HALF_SIDE_M, MAX_ZOOM, TileAddress
 
 MissionName = Annotated[str, Path(pattern=r"^[A-Za-z0-9_-]{1,64}$", examples=["MER2"])]
 ScopeName = Annotated[

@@ -7,12 +7,12 @@ from typing import Annotated, Any
 import numpy as np
 from fastapi import APIRouter, Query
 
-from gis_server.analysis.bodies import LayerUsed, NetworkUsed
-from gis_server.analysis.ground import BEST, Ground
-from gis_server.analysis.map_places import frame_of, images_within, point_on_map, stop_named
-from gis_server.analysis.pixel_ground import Found, curve_in, ground_at
-from gis_server.analysis.projection import seen_in, with_sight
-from gis_server.analysis.projection_bodies import (
+from solmap.gis_server.analysis.bodies import LayerUsed, NetworkUsed
+from solmap.gis_server.analysis.ground import BEST, Ground
+from solmap.gis_server.analysis.map_places import frame_of, images_within, point_on_map, stop_named
+from solmap.gis_server.analysis.pixel_ground import Found, curve_in, ground_at
+from solmap.gis_server.analysis.projection import seen_in, with_sight
+from solmap.gis_server.analysis.projection_bodies import (
     GroundToImage,
     ImageToGround,
     ImageToImage,
@@ -22,15 +22,15 @@ from gis_server.analysis.projection_bodies import (
     predicted_body,
     seen_body,
 )
-from gis_server.analysis.refusal import RefusedError
-from gis_server.routes.analysis import ground_of
-from gis_server.routes.parameters import Metres, MissionName
-from gis_server.services import Services, ServicesOf
-from photogrammetry.terrain.ground import MAP_FROM_LSL
-from photogrammetry.terrain.ground_point import GroundPoint
-from products.catalogue import ImageEntry
-from products.oriented import OrientedMission
-from products.workspace import Workspace
+from solmap.gis_server.analysis.refusal import RefusedError
+from solmap.gis_server.routes.analysis import ground_of
+from solmap.gis_server.routes.parameters import Metres, MissionName
+from solmap.gis_server.services import Services, ServicesOf
+from solmap.photogrammetry.terrain.ground import MAP_FROM_LSL
+from solmap.photogrammetry.terrain.ground_point import GroundPoint
+from solmap.products.catalogue import ImageEntry
+from solmap.products.oriented import OrientedMission
+from solmap.products.workspace import Workspace
 
 router = APIRouter(prefix="/api/missions/{mission}", tags=["projection"])
 _LARGEST_PX = 1e5

@@ -6,16 +6,16 @@ from typing import Annotated
 
 from fastapi import APIRouter, Query, Response
 
-from gis_server.analysis.scene import (
+from solmap.gis_server.analysis.scene import (
     SceneCameras,
     SceneStops,
     scene_cameras,
     scene_stops,
 )
-from gis_server.routes.parameters import AGAIN, MissionName
-from gis_server.services import ServicesOf
-from products.network import network_of, published_networks
-from products.workspace import Workspace
+from solmap.gis_server.routes.parameters import AGAIN, MissionName
+from solmap.gis_server.services import ServicesOf
+from solmap.products.network import network_of, published_networks
+from solmap.products.workspace import Workspace
 
 router = APIRouter(prefix="/api/missions/{mission}/scene", tags=["models"])
 

@@ -18,14 +18,14 @@ from pydantic import ValidationError
 from starlette.datastructures import Headers
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from gis_server.metrics import Metrics
-from gis_server.rendering.looks import Look, UnknownLookError
-from gis_server.routes.looks import AskedLook
-from gis_server.routes.tiles import picture_of, values_of
-from gis_server.services import Services
-from products.errors import ProductError
-from products.model import ProductKind
-from products.tiling import TileAddress
+from solmap.gis_server.metrics import Metrics
+from solmap.gis_server.rendering.looks import Look, UnknownLookError
+from solmap.gis_server.routes.looks import AskedLook
+from solmap.gis_server.routes.tiles import picture_of, values_of
+from solmap.gis_server.services import Services
+from solmap.products.errors import ProductError
+from solmap.products.model import ProductKind
+from solmap.products.tiling import TileAddress
 
 _TILE = re.compile(
     r"/tiles/([a-z0-9][a-z0-9_.-]{0,127})/([a-z-]{1,32})/([0-9a-f]{16})"

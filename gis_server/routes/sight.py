@@ -6,23 +6,23 @@ from typing import Annotated
 
 from fastapi import APIRouter, Depends, Query, Request, Response
 
-from gis_server.analysis.ground import BEST
-from gis_server.analysis.sight import FARTHEST_M, End, SightAnswer, line_of_sight
-from gis_server.analysis.viewsheds import (
+from solmap.gis_server.analysis.ground import BEST
+from solmap.gis_server.analysis.sight import FARTHEST_M, End, SightAnswer, line_of_sight
+from solmap.gis_server.analysis.viewsheds import (
     Seen,
     ViewshedAnswer,
     seen_from,
     viewshed_answer,
     viewshed_png,
 )
-from gis_server.routes.analysis import ground_of
-from gis_server.routes.geotiffs import geotiff
-from gis_server.routes.parameters import AGAIN, Metres, MissionName
-from gis_server.services import ServicesOf
-from photogrammetry.terrain.viewshed import ViewshedParams
-from products.classes import SIGHTS
-from products.crs import local_crs
-from products.raster import write_classes
+from solmap.gis_server.routes.analysis import ground_of
+from solmap.gis_server.routes.geotiffs import geotiff
+from solmap.gis_server.routes.parameters import AGAIN, Metres, MissionName
+from solmap.gis_server.services import ServicesOf
+from solmap.photogrammetry.terrain.viewshed import ViewshedParams
+from solmap.products.classes import SIGHTS
+from solmap.products.crs import local_crs
+from solmap.products.raster import write_classes
 
 router = APIRouter(prefix="/api/missions/{mission}", tags=["analysis"])
 _USUAL = ViewshedParams()

@@ -12,13 +12,13 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Path, Request, Response
 from fastapi.responses import FileResponse, JSONResponse
 
-from gis_server.routes.files import product_response
-from gis_server.routes.layers import MEDIA_TYPES
-from gis_server.routes.parameters import AGAIN, Digest, LayerPath, MissionName
-from gis_server.services import Services, ServicesOf
-from products.errors import ProductNotFoundError
-from products.model import SUFFIX
-from products.stac import FOLDER
+from solmap.gis_server.routes.files import product_response
+from solmap.gis_server.routes.layers import MEDIA_TYPES
+from solmap.gis_server.routes.parameters import AGAIN, Digest, LayerPath, MissionName
+from solmap.gis_server.services import Services, ServicesOf
+from solmap.products.errors import ProductNotFoundError
+from solmap.products.model import SUFFIX
+from solmap.products.stac import FOLDER
 
 router = APIRouter(tags=["stac"])
 ItemName = Annotated[str, Path(pattern=r"^[a-z0-9][a-z0-9_.-]{0,191}$")]

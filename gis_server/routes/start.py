@@ -7,10 +7,10 @@ from functools import lru_cache
 from fastapi import APIRouter, Response
 from pydantic import BaseModel
 
-from gis_server.kept_answers import AskerOf, KeptAnswer
-from gis_server.routes.bodies import MapLayer, Mission, layer_body
-from gis_server.routes.missions import map_layers, missions_of
-from gis_server.services import Services, ServicesOf
+from solmap.gis_server.kept_answers import AskerOf, KeptAnswer
+from solmap.gis_server.routes.bodies import MapLayer, Mission, layer_body
+from solmap.gis_server.routes.missions import map_layers, missions_of
+from solmap.gis_server.services import Services, ServicesOf
 
 router = APIRouter(prefix="/api", tags=["missions"])
 LAST_EVENT = "Last-Event-ID"

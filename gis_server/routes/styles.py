@@ -8,19 +8,19 @@ from fastapi import APIRouter, Query, Response
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel
 
-from gis_server.rendering.colours import RAMPS
-from gis_server.rendering.contour_features import contours_in
-from gis_server.rendering.contour_lines import interval_of
-from gis_server.rendering.legends import draw_legend
-from gis_server.rendering.looks import Look, style_for
-from gis_server.rendering.styles import ELEVATIONS, Style, legend_of, styles_of
-from gis_server.routes.bodies import Legend
-from gis_server.routes.looks import AskedLook
-from gis_server.routes.parameters import FOREVER, Bounds, LayerPath
-from gis_server.services import ServicesOf
-from products.errors import ProductNotFoundError
-from products.model import Layer
-from products.vector import FeatureCollection, local_geojson
+from solmap.gis_server.rendering.colours import RAMPS
+from solmap.gis_server.rendering.contour_features import contours_in
+from solmap.gis_server.rendering.contour_lines import interval_of
+from solmap.gis_server.rendering.legends import draw_legend
+from solmap.gis_server.rendering.looks import Look, style_for
+from solmap.gis_server.rendering.styles import ELEVATIONS, Style, legend_of, styles_of
+from solmap.gis_server.routes.bodies import Legend
+from solmap.gis_server.routes.looks import AskedLook
+from solmap.gis_server.routes.parameters import FOREVER, Bounds, LayerPath
+from solmap.gis_server.services import ServicesOf
+from solmap.products.errors import ProductNotFoundError
+from solmap.products.model import Layer
+from solmap.products.vector import FeatureCollection, local_geojson
 
 router = APIRouter(prefix="/api/layers/{scope}/{kind}/{digest}", tags=["layers"])
 Asked = Annotated[AskedLook, Query()]

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from fastapi import APIRouter
 
-from gis_server.analysis.picks import RefineAnswer, RefineQuestion, refined_pick
-from gis_server.analysis.trial import tried
-from gis_server.analysis.trial_bodies import TrialAnswer, TrialQuestion
-from gis_server.routes.parameters import MissionName
-from gis_server.services import Services, ServicesOf
-from products.oriented import OrientedMission
-from products.workspace import Workspace
+from solmap.gis_server.analysis.picks import RefineAnswer, RefineQuestion, refined_pick
+from solmap.gis_server.analysis.trial import tried
+from solmap.gis_server.analysis.trial_bodies import TrialAnswer, TrialQuestion
+from solmap.gis_server.routes.parameters import MissionName
+from solmap.gis_server.services import Services, ServicesOf
+from solmap.products.oriented import OrientedMission
+from solmap.products.workspace import Workspace
 
 router = APIRouter(prefix="/api/missions/{mission}", tags=["hand ties"])
 

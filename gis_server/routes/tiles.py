@@ -7,15 +7,15 @@ from typing import Annotated
 
 from fastapi import APIRouter, Header, Query, Response
 
-from gis_server.rendering.deflate import gunzipped
-from gis_server.rendering.floats import MEDIA_TYPE
-from gis_server.rendering.looks import Look
-from gis_server.rendering.tiles import render_tile, render_values
-from gis_server.routes.looks import AskedLook
-from gis_server.routes.parameters import FOREVER, Address, LayerPath
-from gis_server.services import Services, ServicesOf
-from products.model import Layer
-from products.tiling import TileAddress
+from solmap.gis_server.rendering.deflate import gunzipped
+from solmap.gis_server.rendering.floats import MEDIA_TYPE
+from solmap.gis_server.rendering.looks import Look
+from solmap.gis_server.rendering.tiles import render_tile, render_values
+from solmap.gis_server.routes.looks import AskedLook
+from solmap.gis_server.routes.parameters import FOREVER, Address, LayerPath
+from solmap.gis_server.services import Services, ServicesOf
+from solmap.products.model import Layer
+from solmap.products.tiling import TileAddress
 
 router = APIRouter(tags=["tiles"])
 BandName = Annotated[str, Query(pattern=r"^[a-z_]{0,64}$", description="the first by default")]

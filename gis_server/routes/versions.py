@@ -7,14 +7,14 @@ from typing import Annotated
 from fastapi import APIRouter, Query, Response
 from pydantic import BaseModel
 
-from gis_server.analysis.solutions import OVERALL
-from gis_server.routes.bodies import MapLayer, layer_body
-from gis_server.routes.parameters import AGAIN, LayerPath, ScopeName
-from gis_server.services import Services, ServicesOf
-from products.errors import ProductNotFoundError
-from products.layer_versions import solutions_behind, solutions_of_mission, versions_of
-from products.model import Layer, ProductKind
-from products.runs import Run
+from solmap.gis_server.analysis.solutions import OVERALL
+from solmap.gis_server.routes.bodies import MapLayer, layer_body
+from solmap.gis_server.routes.parameters import AGAIN, LayerPath, ScopeName
+from solmap.gis_server.services import Services, ServicesOf
+from solmap.products.errors import ProductNotFoundError
+from solmap.products.layer_versions import solutions_behind, solutions_of_mission, versions_of
+from solmap.products.model import Layer, ProductKind
+from solmap.products.runs import Run
 
 router = APIRouter(prefix="/api/layers", tags=["layers"])
 _RUNS = 500

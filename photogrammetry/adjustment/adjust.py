@@ -17,23 +17,23 @@ from dataclasses import replace
 
 import numpy as np
 
-from photogrammetry.adjustment.collinearity import (
+from solmap.photogrammetry.adjustment.collinearity import (
     Observations,
     State,
     Views,
 )
-from photogrammetry.adjustment.consistency import Comparisons, consistency
-from photogrammetry.adjustment.control_equations import Control, frame_places, known_used
-from photogrammetry.adjustment.datum import held_stops
-from photogrammetry.adjustment.diagnosis import Initial, diagnose
-from photogrammetry.adjustment.estimate import STEPS, Start, estimate
-from photogrammetry.adjustment.findings import completed, with_findings, without_unchecked
-from photogrammetry.adjustment.initialise import carried, initialise
-from photogrammetry.adjustment.intersection import with_rays_intersected
-from photogrammetry.adjustment.marginal import Marginal
-from photogrammetry.adjustment.params import AdjustmentParams
-from photogrammetry.adjustment.priors import Telemetry
-from photogrammetry.adjustment.records import (
+from solmap.photogrammetry.adjustment.consistency import Comparisons, consistency
+from solmap.photogrammetry.adjustment.control_equations import Control, frame_places, known_used
+from solmap.photogrammetry.adjustment.datum import held_stops
+from solmap.photogrammetry.adjustment.diagnosis import Initial, diagnose
+from solmap.photogrammetry.adjustment.estimate import STEPS, Start, estimate
+from solmap.photogrammetry.adjustment.findings import completed, with_findings, without_unchecked
+from solmap.photogrammetry.adjustment.initialise import carried, initialise
+from solmap.photogrammetry.adjustment.intersection import with_rays_intersected
+from solmap.photogrammetry.adjustment.marginal import Marginal
+from solmap.photogrammetry.adjustment.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.priors import Telemetry
+from solmap.photogrammetry.adjustment.records import (
     BLUNDER,
     AdjustedNetwork,
     AdjustedTies,
@@ -42,11 +42,11 @@ from photogrammetry.adjustment.records import (
     Network,
     select,
 )
-from photogrammetry.adjustment.result import Outcome, assembled
-from photogrammetry.adjustment.sightings import Overview, Sightings
-from photogrammetry.arrays import Float64
-from photogrammetry.errors import AdjustmentError
-from photogrammetry.imagery import StopId, TieKind, TiePoints
+from solmap.photogrammetry.adjustment.result import Outcome, assembled
+from solmap.photogrammetry.adjustment.sightings import Overview, Sightings
+from solmap.photogrammetry.arrays import Float64
+from solmap.photogrammetry.errors import AdjustmentError
+from solmap.photogrammetry.imagery import StopId, TieKind, TiePoints
 
 
 def adjust(

@@ -19,9 +19,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.adjustment.rotations import cross_matrix, rotation_of_vector
-from photogrammetry.adjustment.sightings import inverses
-from photogrammetry.arrays import Float64
+from solmap.photogrammetry.adjustment.rotations import cross_matrix, rotation_of_vector
+from solmap.photogrammetry.adjustment.sightings import inverses
+from solmap.photogrammetry.arrays import Float64
 
 GROWTH = 2.0
 """Factor by which the loss is sharpened a round; 1.4 in the publication, for far more blunders."""

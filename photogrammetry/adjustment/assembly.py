@@ -20,15 +20,15 @@ import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from photogrammetry.adjustment.records import (
+from solmap.photogrammetry.adjustment.records import (
     AdjustedNetwork,
     AdjustedPair,
     AdjustedTies,
     select,
 )
-from photogrammetry.adjustment.result import KINDS
-from photogrammetry.arrays import Flags
-from photogrammetry.imagery import StopId, TiePoints
+from solmap.photogrammetry.adjustment.result import KINDS
+from solmap.photogrammetry.arrays import Flags
+from solmap.photogrammetry.imagery import StopId, TiePoints
 
 
 def part_at(network: AdjustedNetwork, stops: AbstractSet[StopId]) -> AdjustedNetwork:

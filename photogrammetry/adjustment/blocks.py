@@ -28,9 +28,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import get_lapack_funcs
 
-from photogrammetry.adjustment.pattern import BlockPattern
-from photogrammetry.arrays import Float64
-from photogrammetry.errors import AdjustmentError
+from solmap.photogrammetry.adjustment.pattern import BlockPattern
+from solmap.photogrammetry.arrays import Float64
+from solmap.photogrammetry.errors import AdjustmentError
 
 _potrf, _trtri = get_lapack_funcs(("potrf", "trtri"), dtype=np.float64)
 

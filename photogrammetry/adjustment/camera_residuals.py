@@ -11,15 +11,15 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from photogrammetry.adjustment.quality_records import (
+from solmap.photogrammetry.adjustment.quality_records import (
     CameraResiduals,
     PairCamera,
     QualityParams,
     ResidualFigures,
     Triple,
 )
-from photogrammetry.adjustment.records import USED, AdjustedTies
-from photogrammetry.imagery import TieKind
+from solmap.photogrammetry.adjustment.records import USED, AdjustedTies
+from solmap.photogrammetry.imagery import TieKind
 
 
 def tied_rows(ties: AdjustedTies, cameras: Mapping[str, PairCamera], instrument: str) -> np.ndarray:

@@ -32,7 +32,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from photogrammetry.adjustment.componentwise import (
+from solmap.photogrammetry.adjustment.componentwise import (
     Matrices,
     Vectors,
     by_component,
@@ -40,7 +40,7 @@ from photogrammetry.adjustment.componentwise import (
     product,
     turned,
 )
-from photogrammetry.adjustment.observations import (
+from solmap.photogrammetry.adjustment.observations import (
     PAIR_UNKNOWNS,
     STOP_UNKNOWNS,
     Observations,
@@ -48,8 +48,8 @@ from photogrammetry.adjustment.observations import (
     Sights,
     State,
 )
-from photogrammetry.adjustment.rotations import left_jacobian, rotation_of_vector
-from photogrammetry.arrays import Bool, Float64, Int32
+from solmap.photogrammetry.adjustment.rotations import left_jacobian, rotation_of_vector
+from solmap.photogrammetry.arrays import Bool, Float64, Int32
 
 
 def pair_orientations(

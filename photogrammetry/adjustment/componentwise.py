@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from photogrammetry.arrays import Float64
+from solmap.photogrammetry.arrays import Float64
 
 Matrices = Float64[np.ndarray, "3 3 m"]
 Vectors = Float64[np.ndarray, "3 m"]

@@ -14,11 +14,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.adjustment.collinearity import Observations, Sights, Views
-from photogrammetry.adjustment.records import Consistency
-from photogrammetry.adjustment.sightings import Sightings, WeightedSightings, in_lsl
-from photogrammetry.arrays import Bool
-from photogrammetry.imagery import TieKind
+from solmap.photogrammetry.adjustment.collinearity import Observations, Sights, Views
+from solmap.photogrammetry.adjustment.records import Consistency
+from solmap.photogrammetry.adjustment.sightings import Sightings, WeightedSightings, in_lsl
+from solmap.photogrammetry.arrays import Bool
+from solmap.photogrammetry.imagery import TieKind
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.arrays import Float64
-from photogrammetry.errors import AdjustmentError
-from photogrammetry.imagery import StopId
+from solmap.photogrammetry.arrays import Float64
+from solmap.photogrammetry.errors import AdjustmentError
+from solmap.photogrammetry.imagery import StopId
 
 FRAME_UNKNOWNS = 5
 """Of a control frame: shift east, north and up (metres), turn (radians) and change of scale."""

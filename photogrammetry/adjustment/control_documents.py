@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from photogrammetry.adjustment.control import (
+from solmap.photogrammetry.adjustment.control import (
     AdjustedControl,
     AdjustedFrame,
     ControlFrame,
     StopControl,
 )
-from photogrammetry.imagery import StopId
+from solmap.photogrammetry.imagery import StopId
 
 Document = dict[str, Any]
 

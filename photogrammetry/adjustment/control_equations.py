@@ -22,16 +22,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from photogrammetry.adjustment.collinearity import State
-from photogrammetry.adjustment.control import (
+from solmap.photogrammetry.adjustment.collinearity import State
+from solmap.photogrammetry.adjustment.control import (
     FRAME_UNKNOWNS,
     MAP,
     AdjustedControl,
     AdjustedFrame,
     StopControl,
 )
-from photogrammetry.adjustment.records import Network
-from photogrammetry.arrays import Bool, Float64, Int32
+from solmap.photogrammetry.adjustment.records import Network
+from solmap.photogrammetry.arrays import Bool, Float64, Int32
 
 ROWS = 4
 """Observations of a stop: east, north, up and azimuth."""

@@ -21,9 +21,9 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from photogrammetry.errors import AdjustmentError
-from photogrammetry.imagery import StopId
-from photogrammetry.row_files import Row, RowFormat
+from solmap.photogrammetry.errors import AdjustmentError
+from solmap.photogrammetry.imagery import StopId
+from solmap.photogrammetry.row_files import Row, RowFormat
 
 COLUMNS = (
     "stop",

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from photogrammetry.adjustment.datum import MAP
-from photogrammetry.adjustment.quality_records import ControlQuality, FrameQuality, Triple
-from photogrammetry.adjustment.records import AdjustedNetwork
+from solmap.photogrammetry.adjustment.datum import MAP
+from solmap.photogrammetry.adjustment.quality_records import ControlQuality, FrameQuality, Triple
+from solmap.photogrammetry.adjustment.records import AdjustedNetwork
 
 
 def control_quality(network: AdjustedNetwork) -> tuple[ControlQuality, ...]:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from photogrammetry.adjustment.collinearity import State
-from photogrammetry.adjustment.control import AdjustedControl, AdjustedFrame
-from photogrammetry.adjustment.control_tests import ControlTests
-from photogrammetry.adjustment.problem import Problem
-from photogrammetry.adjustment.records import Network
-from photogrammetry.adjustment.residuals import UNCHECKED
+from solmap.photogrammetry.adjustment.collinearity import State
+from solmap.photogrammetry.adjustment.control import AdjustedControl, AdjustedFrame
+from solmap.photogrammetry.adjustment.control_tests import ControlTests
+from solmap.photogrammetry.adjustment.problem import Problem
+from solmap.photogrammetry.adjustment.records import Network
+from solmap.photogrammetry.adjustment.residuals import UNCHECKED
 
 
 def adjusted_control(

@@ -19,13 +19,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import gammaincc, gammainccinv
 
-from photogrammetry.adjustment.collinearity import State
-from photogrammetry.adjustment.control_equations import Control
-from photogrammetry.adjustment.normals import control_weights
-from photogrammetry.adjustment.params import AdjustmentParams
-from photogrammetry.adjustment.problem import Problem
-from photogrammetry.adjustment.residuals import CERTAIN, UNCHECKED
-from photogrammetry.arrays import Float64, PerPoint
+from solmap.photogrammetry.adjustment.collinearity import State
+from solmap.photogrammetry.adjustment.control_equations import Control
+from solmap.photogrammetry.adjustment.normals import control_weights
+from solmap.photogrammetry.adjustment.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.problem import Problem
+from solmap.photogrammetry.adjustment.residuals import CERTAIN, UNCHECKED
+from solmap.photogrammetry.arrays import Float64, PerPoint
 
 CHI_MEDIAN = {2: 1.177, 3: 1.538, 4: 1.832}
 """Median length of a standard normal vector of so many coordinates."""

@@ -20,10 +20,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from photogrammetry.adjustment.control import MAP, ControlFrame, StopControl
-from photogrammetry.adjustment.params import AdjustmentParams
-from photogrammetry.adjustment.records import AdjustedNetwork, Network
-from photogrammetry.imagery import StopId
+from solmap.photogrammetry.adjustment.control import MAP, ControlFrame, StopControl
+from solmap.photogrammetry.adjustment.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.records import AdjustedNetwork, Network
+from solmap.photogrammetry.imagery import StopId
 
 PLACE_SIGMA_M = 1e-3
 """So closely the first stop keeps the place that defines the map."""

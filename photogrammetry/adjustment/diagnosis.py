@@ -20,12 +20,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.adjustment.alignment import RigidPoints
-from photogrammetry.adjustment.collinearity import Observations, State
-from photogrammetry.adjustment.priors import Telemetry
-from photogrammetry.adjustment.records import Finding, Lack
-from photogrammetry.adjustment.sightings import Couple, Overview
-from photogrammetry.imagery import StopId
+from solmap.photogrammetry.adjustment.alignment import RigidPoints
+from solmap.photogrammetry.adjustment.collinearity import Observations, State
+from solmap.photogrammetry.adjustment.priors import Telemetry
+from solmap.photogrammetry.adjustment.records import Finding, Lack
+from solmap.photogrammetry.adjustment.sightings import Couple, Overview
+from solmap.photogrammetry.imagery import StopId
 
 FULL = 6
 MANY = 12

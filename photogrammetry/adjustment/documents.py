@@ -11,23 +11,23 @@ from typing import Any
 
 import numpy as np
 
-from photogrammetry.adjustment.control_documents import (
+from solmap.photogrammetry.adjustment.control_documents import (
     adjusted_control_document,
     adjusted_control_of_document,
     adjusted_frame_document,
     adjusted_frame_of_document,
 )
-from photogrammetry.adjustment.memory_documents import memory_document, memory_of_document
-from photogrammetry.adjustment.records import (
+from solmap.photogrammetry.adjustment.memory_documents import memory_document, memory_of_document
+from solmap.photogrammetry.adjustment.records import (
     AdjustedNetwork,
     AdjustedPair,
     AdjustedStop,
     AdjustedTies,
     AdjustmentReport,
 )
-from photogrammetry.errors import AdjustmentError
-from photogrammetry.frames import LSL, Frame, FrameKind, Pose
-from photogrammetry.imagery import StopId, TieKind, TiePoints
+from solmap.photogrammetry.errors import AdjustmentError
+from solmap.photogrammetry.frames import LSL, Frame, FrameKind, Pose
+from solmap.photogrammetry.imagery import StopId, TieKind, TiePoints
 
 Document = dict[str, Any]
 FORMAT = "solmap adjusted network 1"

@@ -28,10 +28,10 @@ from functools import lru_cache
 
 import numpy as np
 
-from photogrammetry.adjustment.collinearity import STOP_UNKNOWNS, Partials, Views
-from photogrammetry.adjustment.componentwise import crossed_rows
-from photogrammetry.adjustment.layout import TieGroup
-from photogrammetry.adjustment.rotations import cross_matrix
+from solmap.photogrammetry.adjustment.collinearity import STOP_UNKNOWNS, Partials, Views
+from solmap.photogrammetry.adjustment.componentwise import crossed_rows
+from solmap.photogrammetry.adjustment.layout import TieGroup
+from solmap.photogrammetry.adjustment.rotations import cross_matrix
 
 UNFELT = 1e-13
 """A column of A_t shorter than this share of itself after the others were taken out is rounding."""

@@ -10,19 +10,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from photogrammetry.adjustment.collinearity import Observations, State, Views
-from photogrammetry.adjustment.control_equations import Control
-from photogrammetry.adjustment.control_tests import ControlTests, control_tests, stand_out
-from photogrammetry.adjustment.marginal import Marginal
-from photogrammetry.adjustment.normals import Place, linearise_at
-from photogrammetry.adjustment.params import AdjustmentParams
-from photogrammetry.adjustment.priors import Telemetry
-from photogrammetry.adjustment.residuals import Residuals, residuals
-from photogrammetry.adjustment.result import Outcome, all_points
-from photogrammetry.adjustment.sightings import Sightings
-from photogrammetry.adjustment.snooping import reinstated, suspects
-from photogrammetry.adjustment.solver import Linearised, Problem, Solution, solve
-from photogrammetry.arrays import Bool
+from solmap.photogrammetry.adjustment.collinearity import Observations, State, Views
+from solmap.photogrammetry.adjustment.control_equations import Control
+from solmap.photogrammetry.adjustment.control_tests import ControlTests, control_tests, stand_out
+from solmap.photogrammetry.adjustment.marginal import Marginal
+from solmap.photogrammetry.adjustment.normals import Place, linearise_at
+from solmap.photogrammetry.adjustment.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.priors import Telemetry
+from solmap.photogrammetry.adjustment.residuals import Residuals, residuals
+from solmap.photogrammetry.adjustment.result import Outcome, all_points
+from solmap.photogrammetry.adjustment.sightings import Sightings
+from solmap.photogrammetry.adjustment.snooping import reinstated, suspects
+from solmap.photogrammetry.adjustment.solver import Linearised, Problem, Solution, solve
+from solmap.photogrammetry.arrays import Bool
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from photogrammetry.adjustment.collinearity import Observations
-from photogrammetry.adjustment.records import (
+from solmap.photogrammetry.adjustment.collinearity import Observations
+from solmap.photogrammetry.adjustment.records import (
     AdjustedNetwork,
     AdjustmentReport,
     Finding,
@@ -15,7 +15,7 @@ from photogrammetry.adjustment.records import (
     Network,
     select,
 )
-from photogrammetry.adjustment.result import merged_ties
+from solmap.photogrammetry.adjustment.result import merged_ties
 
 Result = tuple[AdjustedNetwork, AdjustmentReport]
 

@@ -18,10 +18,10 @@ from functools import cache
 import numpy as np
 from scipy.special import gammaincc, gammainccinv
 
-from photogrammetry.adjustment.collinearity import Observations
-from photogrammetry.adjustment.observations import seen_differently
-from photogrammetry.adjustment.params import AdjustmentParams
-from photogrammetry.adjustment.residuals import CERTAIN, Residuals
+from solmap.photogrammetry.adjustment.collinearity import Observations
+from solmap.photogrammetry.adjustment.observations import seen_differently
+from solmap.photogrammetry.adjustment.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.residuals import CERTAIN, Residuals
 
 
 def gates(

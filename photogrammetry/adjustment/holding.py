@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.adjustment.collinearity import Observations
-from photogrammetry.adjustment.control_equations import Control
-from photogrammetry.adjustment.datum import MAP
-from photogrammetry.adjustment.observations import seen_differently
-from photogrammetry.adjustment.records import Network
-from photogrammetry.arrays import Bool
+from solmap.photogrammetry.adjustment.collinearity import Observations
+from solmap.photogrammetry.adjustment.control_equations import Control
+from solmap.photogrammetry.adjustment.datum import MAP
+from solmap.photogrammetry.adjustment.observations import seen_differently
+from solmap.photogrammetry.adjustment.records import Network
+from solmap.photogrammetry.arrays import Bool
 
 
 @dataclass(frozen=True, slots=True, eq=False)

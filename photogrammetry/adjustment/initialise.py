@@ -20,17 +20,23 @@ from dataclasses import replace
 
 import numpy as np
 
-from photogrammetry.adjustment.alignment import HALF, ROUNDS, Misfit, RigidPoints, TruncatedLoss
-from photogrammetry.adjustment.collinearity import Observations, State, Views
-from photogrammetry.adjustment.loops import REACH, closed_loops
-from photogrammetry.adjustment.params import AdjustmentParams
-from photogrammetry.adjustment.priors import (
+from solmap.photogrammetry.adjustment.alignment import (
+    HALF,
+    ROUNDS,
+    Misfit,
+    RigidPoints,
+    TruncatedLoss,
+)
+from solmap.photogrammetry.adjustment.collinearity import Observations, State, Views
+from solmap.photogrammetry.adjustment.loops import REACH, closed_loops
+from solmap.photogrammetry.adjustment.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.priors import (
     Telemetry,
     telemetry_misclosures,
     telemetry_partials,
 )
-from photogrammetry.adjustment.rotations import rotation_of_vector
-from photogrammetry.adjustment.sightings import Overview, points_seen
+from solmap.photogrammetry.adjustment.rotations import rotation_of_vector
+from solmap.photogrammetry.adjustment.sightings import Overview, points_seen
 
 UNCHECKED_TIES = 3
 """So many ties place a stop without checking one another; telemetry must not contradict them."""

@@ -17,8 +17,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from photogrammetry.adjustment.collinearity import Observations, State, pair_orientations
-from photogrammetry.arrays import Flags, Float64
+from solmap.photogrammetry.adjustment.collinearity import Observations, State, pair_orientations
+from solmap.photogrammetry.arrays import Flags, Float64
 
 FURTHEST_BASES = 1000.0
 """The parallax there is a pixel of a Navcam."""

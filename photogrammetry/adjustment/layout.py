@@ -30,9 +30,9 @@ from itertools import groupby
 
 import numpy as np
 
-from photogrammetry.adjustment.observations import PAIR_UNKNOWNS, STOP_UNKNOWNS, Observations
-from photogrammetry.adjustment.unknowns import Unknowns
-from photogrammetry.errors import AdjustmentError
+from solmap.photogrammetry.adjustment.observations import PAIR_UNKNOWNS, STOP_UNKNOWNS, Observations
+from solmap.photogrammetry.adjustment.unknowns import Unknowns
+from solmap.photogrammetry.errors import AdjustmentError
 
 CACHED = 100_000
 """Numbers in the observation equations of a group, that they stay in a processor's own cache."""

@@ -6,15 +6,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from photogrammetry.adjustment.collinearity import Observations, State
-from photogrammetry.adjustment.control_equations import Control, frame_places, known_used
-from photogrammetry.adjustment.elimination import EliminatedTies
-from photogrammetry.adjustment.marginal import Marginal
-from photogrammetry.adjustment.params import AdjustmentParams
-from photogrammetry.adjustment.priors import Telemetry
-from photogrammetry.adjustment.records import USED, AdjustedNetwork, Network
-from photogrammetry.adjustment.result import Outcome
-from photogrammetry.arrays import Bool
+from solmap.photogrammetry.adjustment.collinearity import Observations, State
+from solmap.photogrammetry.adjustment.control_equations import Control, frame_places, known_used
+from solmap.photogrammetry.adjustment.elimination import EliminatedTies
+from solmap.photogrammetry.adjustment.marginal import Marginal
+from solmap.photogrammetry.adjustment.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.priors import Telemetry
+from solmap.photogrammetry.adjustment.records import USED, AdjustedNetwork, Network
+from solmap.photogrammetry.adjustment.result import Outcome
+from solmap.photogrammetry.arrays import Bool
 
 
 @dataclass(frozen=True, slots=True, eq=False)

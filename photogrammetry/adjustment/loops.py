@@ -10,12 +10,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from photogrammetry.adjustment.alignment import HALF, RigidPoints, rigid_motion
-from photogrammetry.adjustment.collinearity import State
-from photogrammetry.adjustment.params import AdjustmentParams
-from photogrammetry.adjustment.pose_graph import Edges, relaxed
-from photogrammetry.adjustment.priors import Telemetry
-from photogrammetry.adjustment.sightings import Couple, Overview
+from solmap.photogrammetry.adjustment.alignment import HALF, RigidPoints, rigid_motion
+from solmap.photogrammetry.adjustment.collinearity import State
+from solmap.photogrammetry.adjustment.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.pose_graph import Edges, relaxed
+from solmap.photogrammetry.adjustment.priors import Telemetry
+from solmap.photogrammetry.adjustment.sightings import Couple, Overview
 
 REACH = 3
 """Stops back to which ties of neighbours reach (m-2, m-3); beyond, they close loops."""

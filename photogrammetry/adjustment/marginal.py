@@ -32,17 +32,17 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from photogrammetry.adjustment.collinearity import PAIR_UNKNOWNS, STOP_UNKNOWNS, State
-from photogrammetry.adjustment.control import FRAME_UNKNOWNS
-from photogrammetry.adjustment.records import Memory, Network
-from photogrammetry.adjustment.rotations import (
+from solmap.photogrammetry.adjustment.collinearity import PAIR_UNKNOWNS, STOP_UNKNOWNS, State
+from solmap.photogrammetry.adjustment.control import FRAME_UNKNOWNS
+from solmap.photogrammetry.adjustment.records import Memory, Network
+from solmap.photogrammetry.adjustment.rotations import (
     cross_matrix,
     inverse_left_jacobian,
     rotation_of_vector,
 )
-from photogrammetry.arrays import Bool, Float64, Int32
-from photogrammetry.errors import AdjustmentError
-from photogrammetry.imagery import StopId
+from solmap.photogrammetry.arrays import Bool, Float64, Int32
+from solmap.photogrammetry.errors import AdjustmentError
+from solmap.photogrammetry.imagery import StopId
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from photogrammetry.adjustment.records import Memory
-from photogrammetry.imagery import StopId
+from solmap.photogrammetry.adjustment.records import Memory
+from solmap.photogrammetry.imagery import StopId
 
 Document = dict[str, Any]
 

@@ -8,18 +8,18 @@ from enum import StrEnum
 
 import numpy as np
 
-from photogrammetry.adjustment.adjust import adjust
-from photogrammetry.adjustment.params import AdjustmentParams
-from photogrammetry.adjustment.records import (
+from solmap.photogrammetry.adjustment.adjust import adjust
+from solmap.photogrammetry.adjustment.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.records import (
     AdjustedNetwork,
     AdjustmentReport,
     Network,
     select,
 )
-from photogrammetry.adjustment.sequential import adjust_sequential, begin
-from photogrammetry.adjustment.stepwise import adjust_stepwise, carrying, merged_network
-from photogrammetry.errors import AdjustmentError
-from photogrammetry.imagery import StopId
+from solmap.photogrammetry.adjustment.sequential import adjust_sequential, begin
+from solmap.photogrammetry.adjustment.stepwise import adjust_stepwise, carrying, merged_network
+from solmap.photogrammetry.errors import AdjustmentError
+from solmap.photogrammetry.imagery import StopId
 
 
 class AdjustmentMode(StrEnum):

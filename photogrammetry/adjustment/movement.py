@@ -14,8 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.errors import AdjustmentError
-from photogrammetry.frames import Pose
+from solmap.photogrammetry.errors import AdjustmentError
+from solmap.photogrammetry.frames import Pose
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,12 +23,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.adjustment.collinearity import State, Views
-from photogrammetry.adjustment.componentwise import by_component, cross, turned
-from photogrammetry.adjustment.elimination import EliminatedTies, place_points
-from photogrammetry.adjustment.normals import Place
-from photogrammetry.adjustment.problem import Problem
-from photogrammetry.adjustment.rotations import along_arcs, rotation_of_vector
+from solmap.photogrammetry.adjustment.collinearity import State, Views
+from solmap.photogrammetry.adjustment.componentwise import by_component, cross, turned
+from solmap.photogrammetry.adjustment.elimination import EliminatedTies, place_points
+from solmap.photogrammetry.adjustment.normals import Place
+from solmap.photogrammetry.adjustment.problem import Problem
+from solmap.photogrammetry.adjustment.rotations import along_arcs, rotation_of_vector
 
 CACHED = 4096
 """Points that are moved together, so that they stay in a processor's own cache."""

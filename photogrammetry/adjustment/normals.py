@@ -7,14 +7,14 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from photogrammetry.adjustment.blocks import Factor, factorise
-from photogrammetry.adjustment.collinearity import State, Views
-from photogrammetry.adjustment.control_equations import Control
-from photogrammetry.adjustment.elimination import EliminatedTies, eliminate
-from photogrammetry.adjustment.params import AdjustmentParams
-from photogrammetry.adjustment.priors import telemetry_misclosures, telemetry_partials
-from photogrammetry.adjustment.problem import LINK_TRIANGLE, Problem
-from photogrammetry.arrays import Float64
+from solmap.photogrammetry.adjustment.blocks import Factor, factorise
+from solmap.photogrammetry.adjustment.collinearity import State, Views
+from solmap.photogrammetry.adjustment.control_equations import Control
+from solmap.photogrammetry.adjustment.elimination import EliminatedTies, eliminate
+from solmap.photogrammetry.adjustment.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.priors import telemetry_misclosures, telemetry_partials
+from solmap.photogrammetry.adjustment.problem import LINK_TRIANGLE, Problem
+from solmap.photogrammetry.arrays import Float64
 
 CHI3_MEDIAN = 1.538
 """Median length of a standard normal vector of three coordinates."""

@@ -6,15 +6,15 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from photogrammetry.adjustment.componentwise import (
+from solmap.photogrammetry.adjustment.componentwise import (
     Matrices,
     Vectors,
     by_component,
     turned,
 )
-from photogrammetry.adjustment.records import Network
-from photogrammetry.adjustment.rotations import rotation_of_vector
-from photogrammetry.arrays import Bool, Flags, Float64, Int32
+from solmap.photogrammetry.adjustment.records import Network
+from solmap.photogrammetry.adjustment.rotations import rotation_of_vector
+from solmap.photogrammetry.arrays import Bool, Flags, Float64, Int32
 
 STOP_UNKNOWNS = 6
 PAIR_UNKNOWNS = 3

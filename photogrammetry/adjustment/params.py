@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from photogrammetry.errors import AdjustmentError
+from solmap.photogrammetry.errors import AdjustmentError
 
 
 @dataclass(frozen=True, slots=True)

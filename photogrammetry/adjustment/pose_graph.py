@@ -22,16 +22,20 @@ from scipy.sparse.linalg import splu
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from photogrammetry.adjustment.alignment import ROUNDS, TruncatedLoss
-from photogrammetry.adjustment.collinearity import State
-from photogrammetry.adjustment.priors import Telemetry, telemetry_misclosures, telemetry_partials
-from photogrammetry.adjustment.rotations import (
+from solmap.photogrammetry.adjustment.alignment import ROUNDS, TruncatedLoss
+from solmap.photogrammetry.adjustment.collinearity import State
+from solmap.photogrammetry.adjustment.priors import (
+    Telemetry,
+    telemetry_misclosures,
+    telemetry_partials,
+)
+from solmap.photogrammetry.adjustment.rotations import (
     along_arcs,
     cross_matrix,
     inverse_left_jacobian,
     rotation_of_vector,
 )
-from photogrammetry.arrays import Bool, Float64
+from solmap.photogrammetry.arrays import Bool, Float64
 
 GATE = float(np.sqrt(chi2.ppf(0.999, 6)))
 """A loop is wrong beyond this misfit: 99.9 % of the chi distribution, six degrees of freedom."""

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.adjustment.adjust import adjust
-from photogrammetry.adjustment.params import AdjustmentParams
-from photogrammetry.adjustment.records import (
+from solmap.photogrammetry.adjustment.adjust import adjust
+from solmap.photogrammetry.adjustment.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.records import (
     AdjustedNetwork,
     AdjustedStop,
     AdjustmentReport,
@@ -24,11 +24,11 @@ from photogrammetry.adjustment.records import (
     StopPrior,
     select,
 )
-from photogrammetry.arrays import Flags, Float64, Int32, PerPoint
-from photogrammetry.cameras.epipolar import EpipolarPair
-from photogrammetry.errors import AdjustmentError
-from photogrammetry.imagery import StopId, TiePoints
-from photogrammetry.matching.ties import Ties
+from solmap.photogrammetry.arrays import Flags, Float64, Int32, PerPoint
+from solmap.photogrammetry.cameras.epipolar import EpipolarPair
+from solmap.photogrammetry.errors import AdjustmentError
+from solmap.photogrammetry.imagery import StopId, TiePoints
+from solmap.photogrammetry.matching.ties import Ties
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -29,11 +29,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from photogrammetry.adjustment.collinearity import State
-from photogrammetry.adjustment.params import AdjustmentParams
-from photogrammetry.adjustment.records import Network
-from photogrammetry.adjustment.rotations import cross_matrix
-from photogrammetry.arrays import Flags, Float64
+from solmap.photogrammetry.adjustment.collinearity import State
+from solmap.photogrammetry.adjustment.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.records import Network
+from solmap.photogrammetry.adjustment.rotations import cross_matrix
+from solmap.photogrammetry.arrays import Flags, Float64
 
 ROWS = 6
 """Observations of a stop: two of tilt, one of azimuth, three of position."""

@@ -6,14 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.adjustment.collinearity import STOP_UNKNOWNS, Observations, Sights
-from photogrammetry.adjustment.control import FRAME_UNKNOWNS
-from photogrammetry.adjustment.control_equations import Control
-from photogrammetry.adjustment.layout import TieGroup, tie_groups
-from photogrammetry.adjustment.marginal import Marginal
-from photogrammetry.adjustment.pattern import BlockPattern
-from photogrammetry.adjustment.priors import Telemetry
-from photogrammetry.adjustment.unknowns import Unknowns
+from solmap.photogrammetry.adjustment.collinearity import STOP_UNKNOWNS, Observations, Sights
+from solmap.photogrammetry.adjustment.control import FRAME_UNKNOWNS
+from solmap.photogrammetry.adjustment.control_equations import Control
+from solmap.photogrammetry.adjustment.layout import TieGroup, tie_groups
+from solmap.photogrammetry.adjustment.marginal import Marginal
+from solmap.photogrammetry.adjustment.pattern import BlockPattern
+from solmap.photogrammetry.adjustment.priors import Telemetry
+from solmap.photogrammetry.adjustment.unknowns import Unknowns
 
 LINK_TRIANGLE = np.tril_indices(2 * STOP_UNKNOWNS)
 """Lower triangle of what a telemetry increment feels: the stop before, and the stop."""

@@ -12,9 +12,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from photogrammetry.adjustment.camera_residuals import camera_residuals
-from photogrammetry.adjustment.control_quality import control_quality, frame_quality
-from photogrammetry.adjustment.quality_records import (
+from solmap.photogrammetry.adjustment.camera_residuals import camera_residuals
+from solmap.photogrammetry.adjustment.control_quality import control_quality, frame_quality
+from solmap.photogrammetry.adjustment.quality_records import (
     Blunder,
     PairCamera,
     Precision,
@@ -25,7 +25,7 @@ from photogrammetry.adjustment.quality_records import (
     TiePrecision,
     Triple,
 )
-from photogrammetry.adjustment.records import (
+from solmap.photogrammetry.adjustment.records import (
     BLUNDER,
     USED,
     AdjustedNetwork,
@@ -33,10 +33,10 @@ from photogrammetry.adjustment.records import (
     AdjustedStop,
     AdjustedTies,
 )
-from photogrammetry.adjustment.weaknesses import shared_ties, weaknesses
-from photogrammetry.arrays import Vector3
-from photogrammetry.frames import Pose
-from photogrammetry.imagery import StopId, TieKind
+from solmap.photogrammetry.adjustment.weaknesses import shared_ties, weaknesses
+from solmap.photogrammetry.arrays import Vector3
+from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.imagery import StopId, TieKind
 
 UNCHECKED = 0.1
 """Redundancy number below which nothing of note checks a coordinate."""

@@ -14,12 +14,12 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
 
-from photogrammetry.adjustment.camera_residuals import image_size_px, tied_rows
-from photogrammetry.adjustment.quality_records import CameraResiduals, PairCamera, Quality
-from photogrammetry.adjustment.records import USED, AdjustedNetwork
-from photogrammetry.figures import FAINT, INK, svg
-from photogrammetry.frames import Pose
-from photogrammetry.imagery import StopId, TieKind
+from solmap.photogrammetry.adjustment.camera_residuals import image_size_px, tied_rows
+from solmap.photogrammetry.adjustment.quality_records import CameraResiduals, PairCamera, Quality
+from solmap.photogrammetry.adjustment.records import USED, AdjustedNetwork
+from solmap.photogrammetry.figures import FAINT, INK, svg
+from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.imagery import StopId, TieKind
 
 T = TypeVar("T")
 

@@ -7,7 +7,7 @@ import math
 from dataclasses import dataclass, field
 from typing import Any
 
-from photogrammetry.imagery import StopId, TieKind
+from solmap.photogrammetry.imagery import StopId, TieKind
 
 Triple = tuple[float, float, float]
 

@@ -8,17 +8,17 @@ from enum import StrEnum
 
 import numpy as np
 
-from photogrammetry.adjustment.control import (
+from solmap.photogrammetry.adjustment.control import (
     AdjustedControl,
     AdjustedFrame,
     ControlFrame,
     StopControl,
 )
-from photogrammetry.arrays import Covariances3, Float64, Int32, ObjectPoints, Vector3
-from photogrammetry.cameras.epipolar import EpipolarPair
-from photogrammetry.errors import AdjustmentError
-from photogrammetry.frames import LSL, Pose
-from photogrammetry.imagery import StopId, TieKind, TiePoints
+from solmap.photogrammetry.arrays import Covariances3, Float64, Int32, ObjectPoints, Vector3
+from solmap.photogrammetry.cameras.epipolar import EpipolarPair
+from solmap.photogrammetry.errors import AdjustmentError
+from solmap.photogrammetry.frames import LSL, Pose
+from solmap.photogrammetry.imagery import StopId, TieKind, TiePoints
 
 USED, BLUNDER, UNUSED = 0, 1, 2
 """Status of an observation: in the adjustment; found wrong; without use for it (not placed)."""

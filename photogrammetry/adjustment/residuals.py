@@ -14,19 +14,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.adjustment.collinearity import Sights, State, Views
-from photogrammetry.adjustment.componentwise import (
+from solmap.photogrammetry.adjustment.collinearity import Sights, State, Views
+from solmap.photogrammetry.adjustment.componentwise import (
     Matrices,
     Vectors,
     crosses,
     product,
     turned,
 )
-from photogrammetry.adjustment.elimination import EliminatedTies, squared
-from photogrammetry.adjustment.problem import Problem
-from photogrammetry.adjustment.rotations import cross_matrix
-from photogrammetry.adjustment.sightings import inverses_by_component
-from photogrammetry.matching.robust import MAD_TO_SIGMA
+from solmap.photogrammetry.adjustment.elimination import EliminatedTies, squared
+from solmap.photogrammetry.adjustment.problem import Problem
+from solmap.photogrammetry.adjustment.rotations import cross_matrix
+from solmap.photogrammetry.adjustment.sightings import inverses_by_component
+from solmap.photogrammetry.matching.robust import MAD_TO_SIGMA
 
 UNCHECKED = 1e-6
 """A redundancy number below this is rounding: nothing checks the coordinate."""

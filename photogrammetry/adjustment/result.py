@@ -7,18 +7,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtri
 
-from photogrammetry.adjustment.collinearity import (
+from solmap.photogrammetry.adjustment.collinearity import (
     Observations,
     Views,
 )
-from photogrammetry.adjustment.control_results import adjusted_control, adjusted_frames
-from photogrammetry.adjustment.control_tests import ControlTests
-from photogrammetry.adjustment.datum import MAP
-from photogrammetry.adjustment.elimination import EliminatedTies
-from photogrammetry.adjustment.holding import Holding
-from photogrammetry.adjustment.observations import seen_differently
-from photogrammetry.adjustment.problem import Problem
-from photogrammetry.adjustment.records import (
+from solmap.photogrammetry.adjustment.control_results import adjusted_control, adjusted_frames
+from solmap.photogrammetry.adjustment.control_tests import ControlTests
+from solmap.photogrammetry.adjustment.datum import MAP
+from solmap.photogrammetry.adjustment.elimination import EliminatedTies
+from solmap.photogrammetry.adjustment.holding import Holding
+from solmap.photogrammetry.adjustment.observations import seen_differently
+from solmap.photogrammetry.adjustment.problem import Problem
+from solmap.photogrammetry.adjustment.records import (
     BLUNDER,
     UNUSED,
     USED,
@@ -30,18 +30,18 @@ from photogrammetry.adjustment.records import (
     Consistency,
     Network,
 )
-from photogrammetry.adjustment.residuals import (
+from solmap.photogrammetry.adjustment.residuals import (
     Residuals,
     joint_covariances,
     pair_covariances,
     point_covariances,
     single_sightings,
 )
-from photogrammetry.adjustment.sightings import Sightings, points_seen
-from photogrammetry.adjustment.solver import Solution
-from photogrammetry.arrays import Float64
-from photogrammetry.frames import LSL, Pose
-from photogrammetry.imagery import TieKind, TiePoints
+from solmap.photogrammetry.adjustment.sightings import Sightings, points_seen
+from solmap.photogrammetry.adjustment.solver import Solution
+from solmap.photogrammetry.arrays import Float64
+from solmap.photogrammetry.frames import LSL, Pose
+from solmap.photogrammetry.imagery import TieKind, TiePoints
 
 KINDS = tuple(TieKind)
 """From ties within a pair to those between stops."""

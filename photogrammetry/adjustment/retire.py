@@ -13,11 +13,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.adjustment.collinearity import STOP_UNKNOWNS, Observations
-from photogrammetry.adjustment.linear import Linear
-from photogrammetry.adjustment.marginal import Chart, Marginal
-from photogrammetry.adjustment.observations import numbers
-from photogrammetry.adjustment.touching import (
+from solmap.photogrammetry.adjustment.collinearity import STOP_UNKNOWNS, Observations
+from solmap.photogrammetry.adjustment.linear import Linear
+from solmap.photogrammetry.adjustment.marginal import Chart, Marginal
+from solmap.photogrammetry.adjustment.observations import numbers
+from solmap.photogrammetry.adjustment.touching import (
     Columns,
     control_rows,
     inherited_rows,
@@ -26,7 +26,7 @@ from photogrammetry.adjustment.touching import (
     tie_rows,
     triangulated,
 )
-from photogrammetry.arrays import Float64
+from solmap.photogrammetry.arrays import Float64
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -32,12 +32,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from photogrammetry.adjustment.adjust import adjust
-from photogrammetry.adjustment.params import AdjustmentParams
-from photogrammetry.adjustment.records import USED, AdjustedNetwork, Network, select
-from photogrammetry.arrays import Float64
-from photogrammetry.errors import AdjustmentError
-from photogrammetry.imagery import StopId, TiePoints
+from solmap.photogrammetry.adjustment.adjust import adjust
+from solmap.photogrammetry.adjustment.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.records import USED, AdjustedNetwork, Network, select
+from solmap.photogrammetry.arrays import Float64
+from solmap.photogrammetry.errors import AdjustmentError
+from solmap.photogrammetry.imagery import StopId, TiePoints
 
 COLUMNS = 4
 """Three angles and a length."""

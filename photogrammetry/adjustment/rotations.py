@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from photogrammetry.arrays import Bool, Float64
+from solmap.photogrammetry.arrays import Bool, Float64
 
 SERIES = 1e-3
 """Below this angle the series of the trigonometric terms is exact to rounding."""

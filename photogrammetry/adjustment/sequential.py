@@ -18,27 +18,27 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from photogrammetry.adjustment.adjust import adjust_and_keep
-from photogrammetry.adjustment.datum import (
+from solmap.photogrammetry.adjustment.adjust import adjust_and_keep
+from solmap.photogrammetry.adjustment.datum import (
     held_stops,
     says_otherwise,
     with_remembered_frames,
 )
-from photogrammetry.adjustment.linear import Linear
-from photogrammetry.adjustment.marginal import Marginal
-from photogrammetry.adjustment.params import AdjustmentParams
-from photogrammetry.adjustment.records import (
+from solmap.photogrammetry.adjustment.linear import Linear
+from solmap.photogrammetry.adjustment.marginal import Marginal
+from solmap.photogrammetry.adjustment.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.records import (
     AdjustedNetwork,
     AdjustedStop,
     AdjustmentReport,
     Network,
     select,
 )
-from photogrammetry.adjustment.result import Outcome
-from photogrammetry.adjustment.retire import Conditional, leaving, retire
-from photogrammetry.adjustment.stepwise import merged_network
-from photogrammetry.errors import AdjustmentError
-from photogrammetry.imagery import StopId
+from solmap.photogrammetry.adjustment.result import Outcome
+from solmap.photogrammetry.adjustment.retire import Conditional, leaving, retire
+from solmap.photogrammetry.adjustment.stepwise import merged_network
+from solmap.photogrammetry.errors import AdjustmentError
+from solmap.photogrammetry.imagery import StopId
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -15,16 +15,16 @@ from itertools import pairwise
 
 import numpy as np
 
-from photogrammetry.adjustment.collinearity import Observations, State, Views
-from photogrammetry.adjustment.componentwise import (
+from solmap.photogrammetry.adjustment.collinearity import Observations, State, Views
+from solmap.photogrammetry.adjustment.componentwise import (
     Matrices,
     Vectors,
     by_component,
     product,
     turned,
 )
-from photogrammetry.adjustment.params import AdjustmentParams
-from photogrammetry.arrays import Covariances3, Flags, Float64, Int32
+from solmap.photogrammetry.adjustment.params import AdjustmentParams
+from solmap.photogrammetry.arrays import Covariances3, Flags, Float64, Int32
 
 
 @dataclass(frozen=True, slots=True, eq=False)

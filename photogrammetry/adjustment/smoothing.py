@@ -17,17 +17,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from photogrammetry.adjustment.collinearity import State
-from photogrammetry.adjustment.linear import Linear
-from photogrammetry.adjustment.marginal import Chart
-from photogrammetry.adjustment.params import AdjustmentParams
-from photogrammetry.adjustment.records import AdjustedStop, Network, select
-from photogrammetry.adjustment.retire import Conditional
-from photogrammetry.adjustment.sequential import Departure, Traverse
-from photogrammetry.adjustment.solver import Problem, linearise
-from photogrammetry.arrays import Vector3
-from photogrammetry.frames import LSL, Pose
-from photogrammetry.imagery import StopId
+from solmap.photogrammetry.adjustment.collinearity import State
+from solmap.photogrammetry.adjustment.linear import Linear
+from solmap.photogrammetry.adjustment.marginal import Chart
+from solmap.photogrammetry.adjustment.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.records import AdjustedStop, Network, select
+from solmap.photogrammetry.adjustment.retire import Conditional
+from solmap.photogrammetry.adjustment.sequential import Departure, Traverse
+from solmap.photogrammetry.adjustment.solver import Problem, linearise
+from solmap.photogrammetry.arrays import Vector3
+from solmap.photogrammetry.frames import LSL, Pose
+from solmap.photogrammetry.imagery import StopId
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -8,18 +8,18 @@ from __future__ import annotations
 
 import numpy as np
 
-from photogrammetry.adjustment.collinearity import (
+from solmap.photogrammetry.adjustment.collinearity import (
     Observations,
     State,
     Views,
     misclosures,
     partials,
 )
-from photogrammetry.adjustment.elimination import EliminatedTies
-from photogrammetry.adjustment.gates import gates
-from photogrammetry.adjustment.params import AdjustmentParams
-from photogrammetry.adjustment.problem import Problem
-from photogrammetry.adjustment.residuals import (
+from solmap.photogrammetry.adjustment.elimination import EliminatedTies
+from solmap.photogrammetry.adjustment.gates import gates
+from solmap.photogrammetry.adjustment.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.problem import Problem
+from solmap.photogrammetry.adjustment.residuals import (
     Residuals,
     joint_covariances,
     pair_covariances,

@@ -22,9 +22,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.adjustment.collinearity import State
-from photogrammetry.adjustment.moves import Correction, moved
-from photogrammetry.adjustment.normals import (
+from solmap.photogrammetry.adjustment.collinearity import State
+from solmap.photogrammetry.adjustment.moves import Correction, moved
+from solmap.photogrammetry.adjustment.normals import (
     Linearised,
     Place,
     cost_of,
@@ -34,8 +34,8 @@ from photogrammetry.adjustment.normals import (
     linearise_at,
     normal_equations,
 )
-from photogrammetry.adjustment.params import AdjustmentParams
-from photogrammetry.adjustment.problem import Problem
+from solmap.photogrammetry.adjustment.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.problem import Problem
 
 SAME = 10.0
 """A step of so many times the tolerance leaves the normal equations as they are: with a squared

@@ -22,30 +22,30 @@ from dataclasses import replace
 
 import numpy as np
 
-from photogrammetry.adjustment.adjust import adjust, adjust_overall
-from photogrammetry.adjustment.control import AdjustedControl
-from photogrammetry.adjustment.linear import Linear
-from photogrammetry.adjustment.loops import REACH
-from photogrammetry.adjustment.params import AdjustmentParams
-from photogrammetry.adjustment.records import (
+from solmap.photogrammetry.adjustment.adjust import adjust, adjust_overall
+from solmap.photogrammetry.adjustment.control import AdjustedControl
+from solmap.photogrammetry.adjustment.linear import Linear
+from solmap.photogrammetry.adjustment.loops import REACH
+from solmap.photogrammetry.adjustment.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.records import (
     AdjustedNetwork,
     AdjustedPair,
     AdjustedStop,
     AdjustmentReport,
     Network,
 )
-from photogrammetry.adjustment.result import merged_ties
-from photogrammetry.adjustment.rotations import cross_matrix
-from photogrammetry.adjustment.solver import Problem, normal_equations
-from photogrammetry.adjustment.stepwise_frames import (
+from solmap.photogrammetry.adjustment.result import merged_ties
+from solmap.photogrammetry.adjustment.rotations import cross_matrix
+from solmap.photogrammetry.adjustment.solver import Problem, normal_equations
+from solmap.photogrammetry.adjustment.stepwise_frames import (
     carried_frame,
     move_frames_along,
     with_frames_as_left,
 )
-from photogrammetry.arrays import Float64
-from photogrammetry.errors import AdjustmentError
-from photogrammetry.frames import Pose
-from photogrammetry.imagery import StopId
+from solmap.photogrammetry.arrays import Float64
+from solmap.photogrammetry.errors import AdjustmentError
+from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.imagery import StopId
 
 
 def adjust_stepwise(

@@ -12,12 +12,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from photogrammetry.adjustment.control import ControlFrame
-from photogrammetry.adjustment.problem import Problem
-from photogrammetry.adjustment.records import AdjustedNetwork, Network
-from photogrammetry.arrays import Float64
-from photogrammetry.frames import Pose
-from photogrammetry.imagery import StopId
+from solmap.photogrammetry.adjustment.control import ControlFrame
+from solmap.photogrammetry.adjustment.problem import Problem
+from solmap.photogrammetry.adjustment.records import AdjustedNetwork, Network
+from solmap.photogrammetry.arrays import Float64
+from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.imagery import StopId
 
 LEAST_SHARE = 1e-6
 """Of the variances of a frame's place, at least so much is its own."""

@@ -11,14 +11,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import get_lapack_funcs
 
-from photogrammetry.adjustment.collinearity import State
-from photogrammetry.adjustment.control import FRAME_UNKNOWNS
-from photogrammetry.adjustment.control_equations import ROWS
-from photogrammetry.adjustment.linear import Linear
-from photogrammetry.adjustment.marginal import Chart, Marginal
-from photogrammetry.adjustment.observations import numbers
-from photogrammetry.adjustment.priors import telemetry_misclosures, telemetry_partials
-from photogrammetry.arrays import Float64
+from solmap.photogrammetry.adjustment.collinearity import State
+from solmap.photogrammetry.adjustment.control import FRAME_UNKNOWNS
+from solmap.photogrammetry.adjustment.control_equations import ROWS
+from solmap.photogrammetry.adjustment.linear import Linear
+from solmap.photogrammetry.adjustment.marginal import Chart, Marginal
+from solmap.photogrammetry.adjustment.observations import numbers
+from solmap.photogrammetry.adjustment.priors import telemetry_misclosures, telemetry_partials
+from solmap.photogrammetry.arrays import Float64
 
 _geqrf = get_lapack_funcs("geqrf", dtype=np.float64)
 BLOCK = 32

@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from photogrammetry.adjustment.control import FRAME_UNKNOWNS
-from photogrammetry.adjustment.observations import PAIR_UNKNOWNS, STOP_UNKNOWNS
-from photogrammetry.arrays import Float64
+from solmap.photogrammetry.adjustment.control import FRAME_UNKNOWNS
+from solmap.photogrammetry.adjustment.observations import PAIR_UNKNOWNS, STOP_UNKNOWNS
+from solmap.photogrammetry.arrays import Float64
 
 
 @dataclass(frozen=True, slots=True, eq=False)

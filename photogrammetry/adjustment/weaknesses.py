@@ -11,14 +11,14 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from photogrammetry.adjustment.datum import MAP
-from photogrammetry.adjustment.quality_records import (
+from solmap.photogrammetry.adjustment.datum import MAP
+from solmap.photogrammetry.adjustment.quality_records import (
     CameraResiduals,
     QualityParams,
     Weakness,
 )
-from photogrammetry.adjustment.records import BLUNDER, USED, AdjustedNetwork
-from photogrammetry.imagery import StopId
+from solmap.photogrammetry.adjustment.records import BLUNDER, USED, AdjustedNetwork
+from solmap.photogrammetry.imagery import StopId
 
 Links = dict[tuple[StopId, StopId], int]
 

@@ -24,9 +24,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from photogrammetry.arrays import Directions, Float64, ImagePoints, ObjectPoints, Vector3
-from photogrammetry.errors import CameraError, FrameError
-from photogrammetry.frames import Pose, frozen
+from solmap.photogrammetry.arrays import Directions, Float64, ImagePoints, ObjectPoints, Vector3
+from solmap.photogrammetry.errors import CameraError, FrameError
+from solmap.photogrammetry.frames import Pose, frozen
 
 Partials = Float64[np.ndarray, "n 2 3"]
 """d(sample, line)/dP in pixels a metre: one 2 x 3 matrix a point."""

@@ -26,8 +26,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from photogrammetry.arrays import Directions, ImagePoints, ObjectPoints, Vector3
-from photogrammetry.cameras.cahv import (
+from solmap.photogrammetry.arrays import Directions, ImagePoints, ObjectPoints, Vector3
+from solmap.photogrammetry.cameras.cahv import (
     Cahv,
     Partials,
     averaged_scale,
@@ -37,8 +37,8 @@ from photogrammetry.cameras.cahv import (
     perspective_rays,
     settle,
 )
-from photogrammetry.cameras.radial import check_radial, largest_square, undistorted
-from photogrammetry.frames import Pose
+from solmap.photogrammetry.cameras.radial import check_radial, largest_square, undistorted
+from solmap.photogrammetry.frames import Pose
 
 CHUNK = 16_384
 """Points projected at a time, so that the intermediate arrays stay in the processor's cache."""

@@ -27,8 +27,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from photogrammetry.arrays import Directions, ImagePoints, ObjectPoints, PerPoint, Vector3
-from photogrammetry.cameras.cahv import (
+from solmap.photogrammetry.arrays import Directions, ImagePoints, ObjectPoints, PerPoint, Vector3
+from solmap.photogrammetry.cameras.cahv import (
     Cahv,
     Partials,
     averaged_scale,
@@ -38,15 +38,15 @@ from photogrammetry.cameras.cahv import (
     perspective_rays,
     settle,
 )
-from photogrammetry.cameras.radial import (
+from solmap.photogrammetry.cameras.radial import (
     NEWTON_STEPS,
     NEWTON_STOP,
     check_radial,
     largest_square,
     undistorted,
 )
-from photogrammetry.errors import CameraError
-from photogrammetry.frames import Pose
+from solmap.photogrammetry.errors import CameraError
+from solmap.photogrammetry.frames import Pose
 
 CHUNK = 16_384
 """Points projected at a time, so that the intermediate arrays stay in the processor's cache."""

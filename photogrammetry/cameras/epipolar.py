@@ -27,7 +27,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.arrays import (
+from solmap.photogrammetry.arrays import (
     Covariances3,
     Directions,
     Flags,
@@ -38,10 +38,10 @@ from photogrammetry.arrays import (
     Rotation,
     Vector3,
 )
-from photogrammetry.cameras.cahv import Cahv
-from photogrammetry.cameras.model import CameraModel
-from photogrammetry.errors import CameraError
-from photogrammetry.frames import Frame, Pose
+from solmap.photogrammetry.cameras.cahv import Cahv
+from solmap.photogrammetry.cameras.model import CameraModel
+from solmap.photogrammetry.errors import CameraError
+from solmap.photogrammetry.frames import Frame, Pose
 
 LARGEST_FIELD = 2.0
 """Longest side of epipolar images, in longer sides of the originals."""

@@ -22,10 +22,10 @@ from enum import StrEnum
 
 import numpy as np
 
-from photogrammetry.arrays import Vector3
-from photogrammetry.cameras.cahv import Cahv
-from photogrammetry.cameras.cahvor import Cahvor
-from photogrammetry.errors import CameraError
+from solmap.photogrammetry.arrays import Vector3
+from solmap.photogrammetry.cameras.cahv import Cahv
+from solmap.photogrammetry.cameras.cahvor import Cahvor
+from solmap.photogrammetry.errors import CameraError
 
 
 class Field(StrEnum):

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Protocol, runtime_checkable
 
-from photogrammetry.arrays import Directions, ImagePoints, ObjectPoints, Vector3
-from photogrammetry.frames import Pose
+from solmap.photogrammetry.arrays import Directions, ImagePoints, ObjectPoints, Vector3
+from solmap.photogrammetry.frames import Pose
 
 
 @runtime_checkable

@@ -23,11 +23,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.arrays import Float64, Rotation, Vector3
-from photogrammetry.cameras.cahv import Cahv, check_unit, interior_orientation
-from photogrammetry.cameras.cahvor import Cahvor
-from photogrammetry.errors import CameraError
-from photogrammetry.frames import frozen
+from solmap.photogrammetry.arrays import Float64, Rotation, Vector3
+from solmap.photogrammetry.cameras.cahv import Cahv, check_unit, interior_orientation
+from solmap.photogrammetry.cameras.cahvor import Cahvor
+from solmap.photogrammetry.errors import CameraError
+from solmap.photogrammetry.frames import frozen
 
 Calibration = Float64[np.ndarray, "3 3"]
 """K: pixels from camera coordinates right, down, forward."""

@@ -13,8 +13,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from photogrammetry.arrays import PerPoint, Vector3
-from photogrammetry.errors import CameraError
+from solmap.photogrammetry.arrays import PerPoint, Vector3
+from solmap.photogrammetry.errors import CameraError
 
 NEWTON_STEPS = 50
 NEWTON_STOP = 1e-14

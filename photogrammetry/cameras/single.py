@@ -10,11 +10,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from photogrammetry.arrays import Directions, ImagePoints
-from photogrammetry.cameras.epipolar import EpipolarPair, border_points
-from photogrammetry.cameras.model import CameraModel
-from photogrammetry.errors import CameraError
-from photogrammetry.frames import Frame, Pose
+from solmap.photogrammetry.arrays import Directions, ImagePoints
+from solmap.photogrammetry.cameras.epipolar import EpipolarPair, border_points
+from solmap.photogrammetry.cameras.model import CameraModel
+from solmap.photogrammetry.errors import CameraError
+from solmap.photogrammetry.frames import Frame, Pose
 
 NO_BASE_M = 1.0
 """Any length would do."""

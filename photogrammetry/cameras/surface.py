@@ -26,11 +26,11 @@ from typing import TypeAlias
 
 import numpy as np
 
-from photogrammetry.arrays import Directions, ImagePoints, ObjectPoints, Vector3
-from photogrammetry.cameras.cahv import Cahv, interior_orientation
-from photogrammetry.cameras.cahvore import Cahvore
-from photogrammetry.errors import CameraError
-from photogrammetry.frames import frozen
+from solmap.photogrammetry.arrays import Directions, ImagePoints, ObjectPoints, Vector3
+from solmap.photogrammetry.cameras.cahv import Cahv, interior_orientation
+from solmap.photogrammetry.cameras.cahvore import Cahvore
+from solmap.photogrammetry.errors import CameraError
+from solmap.photogrammetry.frames import frozen
 
 WIDEST = math.radians(85.0)
 """Half fields beyond this need a perspective image of more than a dozen times the fisheye's."""

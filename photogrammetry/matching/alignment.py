@@ -29,11 +29,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation as ScipyRotation
 
-from photogrammetry.arrays import Flags, Float64, ObjectPoints, PerPoint
-from photogrammetry.cameras.epipolar import EpipolarPair, projection_partials
-from photogrammetry.errors import MatchingError
-from photogrammetry.frames import Pose
-from photogrammetry.matching.ties import Ties
+from solmap.photogrammetry.arrays import Flags, Float64, ObjectPoints, PerPoint
+from solmap.photogrammetry.cameras.epipolar import EpipolarPair, projection_partials
+from solmap.photogrammetry.errors import MatchingError
+from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.matching.ties import Ties
 
 
 @dataclass(frozen=True, slots=True)

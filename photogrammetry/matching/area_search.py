@@ -13,10 +13,10 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 
-from photogrammetry.arrays import GreyImage, Int32
-from photogrammetry.matching.interest_points import FoerstnerParams, interest_points
-from photogrammetry.matching.records import EpipolarImages
-from photogrammetry.matching.vertical_parallax import VerticalParallax, refined_offsets
+from solmap.photogrammetry.arrays import GreyImage, Int32
+from solmap.photogrammetry.matching.interest_points import FoerstnerParams, interest_points
+from solmap.photogrammetry.matching.records import EpipolarImages
+from solmap.photogrammetry.matching.vertical_parallax import VerticalParallax, refined_offsets
 
 BACK_PX = 1
 """Distance by which the way back may miss: places are whole pixels."""

@@ -20,9 +20,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from photogrammetry.arrays import Float32, Float64, Picture, Raster
-from photogrammetry.errors import MatchingError
-from photogrammetry.matching.records import MatchedPair, MatchedStop
+from solmap.photogrammetry.arrays import Float32, Float64, Picture, Raster
+from solmap.photogrammetry.errors import MatchingError
+from solmap.photogrammetry.matching.records import MatchedPair, MatchedStop
 
 CLIP = 3.0
 """Channels are clipped here, in local standard deviations: rocks and shadows must not rule."""

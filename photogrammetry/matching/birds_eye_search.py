@@ -15,8 +15,8 @@ import cv2
 import numpy as np
 from scipy import fft
 
-from photogrammetry.arrays import Float, Float32, Raster
-from photogrammetry.matching.birds_eye import (
+from solmap.photogrammetry.arrays import Float, Float32, Raster
+from solmap.photogrammetry.matching.birds_eye import (
     BirdsEyeParams,
     BirdsEyeView,
     Channel,
@@ -25,8 +25,8 @@ from photogrammetry.matching.birds_eye import (
     channels,
     placed_on,
 )
-from photogrammetry.matching.masked_correlation import Spectra, coefficient, lagged
-from photogrammetry.matching.robust import robust_sigma
+from solmap.photogrammetry.matching.masked_correlation import Spectra, coefficient, lagged
+from solmap.photogrammetry.matching.robust import robust_sigma
 
 LEAST_REACH_M = 4.0
 """What correlates by chance is judged by shifts of this much at least, wherever the gate ends."""

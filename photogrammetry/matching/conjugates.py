@@ -22,10 +22,18 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 
-from photogrammetry.arrays import Flags, Float32, Float64, GreyImage, ImagePoints, Mask, PerPoint
-from photogrammetry.errors import MatchingError
-from photogrammetry.matching.local_surface import image_pyramid, mapped
-from photogrammetry.matching.patch_fit import fit_patches
+from solmap.photogrammetry.arrays import (
+    Flags,
+    Float32,
+    Float64,
+    GreyImage,
+    ImagePoints,
+    Mask,
+    PerPoint,
+)
+from solmap.photogrammetry.errors import MatchingError
+from solmap.photogrammetry.matching.local_surface import image_pyramid, mapped
+from solmap.photogrammetry.matching.patch_fit import fit_patches
 
 MOST_SAMPLES = 8
 """A cell of the grid is the mean of at most 8 x 8 samples of a finer image."""

@@ -28,27 +28,27 @@ from itertools import chain
 
 import numpy as np
 
-from photogrammetry.errors import MatchingError
-from photogrammetry.frames import LSL, Pose
-from photogrammetry.matching.alignment import Alignment
-from photogrammetry.matching.birds_eye import BirdsEyeParams, PlaneFit
-from photogrammetry.matching.cross_site_gate import GateParams, gate_between
-from photogrammetry.matching.cross_site_trials import (
+from solmap.photogrammetry.errors import MatchingError
+from solmap.photogrammetry.frames import LSL, Pose
+from solmap.photogrammetry.matching.alignment import Alignment
+from solmap.photogrammetry.matching.birds_eye import BirdsEyeParams, PlaneFit
+from solmap.photogrammetry.matching.cross_site_gate import GateParams, gate_between
+from solmap.photogrammetry.matching.cross_site_trials import (
     LEAST_TO_ALIGN,
     Trial,
     TrialParams,
     Trials,
     decoys,
 )
-from photogrammetry.matching.hypotheses import HypothesisParams, hypotheses
-from photogrammetry.matching.records import MatchedStop
-from photogrammetry.matching.shared_ground import (
+from solmap.photogrammetry.matching.hypotheses import HypothesisParams, hypotheses
+from solmap.photogrammetry.matching.records import MatchedStop
+from solmap.photogrammetry.matching.shared_ground import (
     counted_as_one,
     spread_out,
     weighed_down,
     with_shared_errors,
 )
-from photogrammetry.matching.site_links import (
+from solmap.photogrammetry.matching.site_links import (
     SiteLink,
     SiteLinkFigures,
     distance_m,
@@ -56,11 +56,11 @@ from photogrammetry.matching.site_links import (
     places_of,
     unlinked,
 )
-from photogrammetry.matching.stop_views import StopViews
-from photogrammetry.matching.surface_ties import SurfaceTieParams, tie_by_shape
-from photogrammetry.matching.surface_views import SurfaceView
-from photogrammetry.matching.tie_refinement import pointed
-from photogrammetry.matching.ties import Ties, joined
+from solmap.photogrammetry.matching.stop_views import StopViews
+from solmap.photogrammetry.matching.surface_ties import SurfaceTieParams, tie_by_shape
+from solmap.photogrammetry.matching.surface_views import SurfaceView
+from solmap.photogrammetry.matching.tie_refinement import pointed
+from solmap.photogrammetry.matching.ties import Ties, joined
 
 __all__ = ["CrossSiteParams", "SiteLink", "StopViews", "VerdictParams", "tie_cross_site"]
 

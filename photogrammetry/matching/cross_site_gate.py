@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.arrays import Float64
-from photogrammetry.errors import MatchingError
-from photogrammetry.frames import Pose, rotation_of_roll_pitch_yaw
-from photogrammetry.matching.birds_eye import PlaneFit, SearchGate
-from photogrammetry.matching.records import MatchedStop
+from solmap.photogrammetry.arrays import Float64
+from solmap.photogrammetry.errors import MatchingError
+from solmap.photogrammetry.frames import Pose, rotation_of_roll_pitch_yaw
+from solmap.photogrammetry.matching.birds_eye import PlaneFit, SearchGate
+from solmap.photogrammetry.matching.records import MatchedStop
 
 PoseCovariance = Float64[np.ndarray, "6 6"]
 """Of rotation vector (radians), then translation (metres)."""

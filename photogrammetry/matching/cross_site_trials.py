@@ -13,17 +13,17 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from photogrammetry.arrays import PerPoint
-from photogrammetry.errors import MatchingError
-from photogrammetry.frames import Pose
-from photogrammetry.matching.alignment import Alignment, AlignmentParams, align
-from photogrammetry.matching.birds_eye import PlaneFit, SearchGate
-from photogrammetry.matching.cross_site_candidates import Candidates, Gap, plans_between
-from photogrammetry.matching.cross_site_gate import PoseCovariance, between_levels, pose_of
-from photogrammetry.matching.ground_matching import GroundMatchingParams, match_ground
-from photogrammetry.matching.stop_views import StopViews
-from photogrammetry.matching.tie_refinement import RefinementParams, refined
-from photogrammetry.matching.ties import Ties
+from solmap.photogrammetry.arrays import PerPoint
+from solmap.photogrammetry.errors import MatchingError
+from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.matching.alignment import Alignment, AlignmentParams, align
+from solmap.photogrammetry.matching.birds_eye import PlaneFit, SearchGate
+from solmap.photogrammetry.matching.cross_site_candidates import Candidates, Gap, plans_between
+from solmap.photogrammetry.matching.cross_site_gate import PoseCovariance, between_levels, pose_of
+from solmap.photogrammetry.matching.ground_matching import GroundMatchingParams, match_ground
+from solmap.photogrammetry.matching.stop_views import StopViews
+from solmap.photogrammetry.matching.tie_refinement import RefinementParams, refined
+from solmap.photogrammetry.matching.ties import Ties
 
 LEAST_TO_ALIGN = 6
 """Ties for the six unknowns of a pose with some redundancy."""

@@ -14,18 +14,22 @@ from dataclasses import dataclass, field, replace
 import cv2
 import numpy as np
 
-from photogrammetry.arrays import ParallaxMap
-from photogrammetry.matching.ground_plane import rough_parallax
-from photogrammetry.matching.normalisation import NormalisedImage, eight_bit, locally_normalised
-from photogrammetry.matching.records import EpipolarImages
-from photogrammetry.matching.refinement import PixelwiseMatcher, RefinementParams
-from photogrammetry.matching.resampling import shifted
-from photogrammetry.matching.semi_global import (
+from solmap.photogrammetry.arrays import ParallaxMap
+from solmap.photogrammetry.matching.ground_plane import rough_parallax
+from solmap.photogrammetry.matching.normalisation import (
+    NormalisedImage,
+    eight_bit,
+    locally_normalised,
+)
+from solmap.photogrammetry.matching.records import EpipolarImages
+from solmap.photogrammetry.matching.refinement import PixelwiseMatcher, RefinementParams
+from solmap.photogrammetry.matching.resampling import shifted
+from solmap.photogrammetry.matching.semi_global import (
     SemiGlobalParams,
     matched_both_ways,
     without_speckle,
 )
-from photogrammetry.matching.sparse import largest_parallax_px
+from solmap.photogrammetry.matching.sparse import largest_parallax_px
 
 
 @dataclass(frozen=True, slots=True)

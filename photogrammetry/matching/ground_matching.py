@@ -13,13 +13,18 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 
-from photogrammetry.arrays import Flags, Float32, ImagePoints, PerPoint
-from photogrammetry.errors import MatchingError
-from photogrammetry.matching.conjugates import ConjugateParams, match_patches
-from photogrammetry.matching.cross_site_candidates import Plan, horizontal_turn
-from photogrammetry.matching.ground_spread import spread_on_the_ground
-from photogrammetry.matching.tie_views import TieView, dense_parallax, in_view, measured_parallax
-from photogrammetry.matching.ties import Ties, joined
+from solmap.photogrammetry.arrays import Flags, Float32, ImagePoints, PerPoint
+from solmap.photogrammetry.errors import MatchingError
+from solmap.photogrammetry.matching.conjugates import ConjugateParams, match_patches
+from solmap.photogrammetry.matching.cross_site_candidates import Plan, horizontal_turn
+from solmap.photogrammetry.matching.ground_spread import spread_on_the_ground
+from solmap.photogrammetry.matching.tie_views import (
+    TieView,
+    dense_parallax,
+    in_view,
+    measured_parallax,
+)
+from solmap.photogrammetry.matching.ties import Ties, joined
 
 WINDOW_STEP = 8
 """Windows grow in steps of so many cells: patches of one size are drawn together."""

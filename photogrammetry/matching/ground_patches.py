@@ -25,7 +25,7 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 
-from photogrammetry.arrays import (
+from solmap.photogrammetry.arrays import (
     Flags,
     Float32,
     Float64,
@@ -33,9 +33,9 @@ from photogrammetry.arrays import (
     ObjectPoints,
     PerPoint,
 )
-from photogrammetry.matching.ground_surface import GroundSurface
-from photogrammetry.matching.patch_cells import smallest_stretch
-from photogrammetry.matching.tie_views import TieView
+from solmap.photogrammetry.matching.ground_surface import GroundSurface
+from solmap.photogrammetry.matching.patch_cells import smallest_stretch
+from solmap.photogrammetry.matching.tie_views import TieView
 
 SLOPE_STEP_M = 0.25
 LEAST_SEEN = 0.7

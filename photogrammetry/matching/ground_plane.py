@@ -16,9 +16,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from photogrammetry.arrays import Float64, Mask, ParallaxMap, Picture
-from photogrammetry.matching.normalisation import NormalisedImage, eight_bit
-from photogrammetry.matching.semi_global import SemiGlobalParams, matched_both_ways
+from solmap.photogrammetry.arrays import Float64, Mask, ParallaxMap, Picture
+from solmap.photogrammetry.matching.normalisation import NormalisedImage, eight_bit
+from solmap.photogrammetry.matching.semi_global import SemiGlobalParams, matched_both_ways
 
 REDUCED_SEARCH_PX = 128
 """Widest search in the reduced image; the image is halved until the range fits."""

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from photogrammetry.arrays import Float32, Raster
-from photogrammetry.matching.birds_eye import BirdsEyeView
+from solmap.photogrammetry.arrays import Float32, Raster
+from solmap.photogrammetry.matching.birds_eye import BirdsEyeView
 
 FILL_CELLS = (1.0, 3.0, 8.0)
 """Gaps are filled from neighbours within these standard deviations, nearest first."""

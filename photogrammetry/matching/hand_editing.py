@@ -17,12 +17,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.arrays import Flags, Float64, ImagePoints, ParallaxMap
-from photogrammetry.cameras.epipolar import EpipolarPair
-from photogrammetry.cameras.model import CameraModel
-from photogrammetry.matching.hand_ties import HandAction, HandPoint, HandTie
-from photogrammetry.matching.resampling import GROUND_M
-from photogrammetry.matching.ties import Ties, joined
+from solmap.photogrammetry.arrays import Flags, Float64, ImagePoints, ParallaxMap
+from solmap.photogrammetry.cameras.epipolar import EpipolarPair
+from solmap.photogrammetry.cameras.model import CameraModel
+from solmap.photogrammetry.matching.hand_ties import HandAction, HandPoint, HandTie
+from solmap.photogrammetry.matching.resampling import GROUND_M
+from solmap.photogrammetry.matching.ties import Ties, joined
 
 STEPS = 8
 """Each makes the error some fifty times smaller."""

@@ -11,12 +11,17 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from photogrammetry.arrays import Float64, ParallaxMap
-from photogrammetry.cameras.epipolar import EpipolarPair
-from photogrammetry.errors import MatchingError
-from photogrammetry.frames import Pose
-from photogrammetry.matching.conjugates import ConjugateParams, View, common_grids, find_conjugates
-from photogrammetry.matching.local_surface import mapped, parallax_planes, plane_homographies
+from solmap.photogrammetry.arrays import Float64, ParallaxMap
+from solmap.photogrammetry.cameras.epipolar import EpipolarPair
+from solmap.photogrammetry.errors import MatchingError
+from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.matching.conjugates import (
+    ConjugateParams,
+    View,
+    common_grids,
+    find_conjugates,
+)
+from solmap.photogrammetry.matching.local_surface import mapped, parallax_planes, plane_homographies
 
 LARGEST_REACH_PX = 40.0
 LEAST_REACH = 2

@@ -21,8 +21,8 @@ import math
 from dataclasses import dataclass
 from enum import StrEnum
 
-from photogrammetry.errors import MatchingError
-from photogrammetry.row_files import Row, RowFormat
+from solmap.photogrammetry.errors import MatchingError
+from solmap.photogrammetry.row_files import Row, RowFormat
 
 POINTS = ("sample", "line", "right_sample", "right_line")
 COLUMNS = (

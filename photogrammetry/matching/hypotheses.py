@@ -24,19 +24,19 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from photogrammetry.errors import MatchingError
-from photogrammetry.matching.birds_eye import (
+from solmap.photogrammetry.errors import MatchingError
+from solmap.photogrammetry.matching.birds_eye import (
     BirdsEyeParams,
     BirdsEyeView,
     PlaneFit,
     SearchGate,
     placed_on,
 )
-from photogrammetry.matching.birds_eye_search import search
-from photogrammetry.matching.rocks import RockParams, find_rocks, match_rocks
-from photogrammetry.matching.stop_views import StopViews
-from photogrammetry.matching.voting import Elected
-from photogrammetry.matching.wide_baseline import (
+from solmap.photogrammetry.matching.birds_eye_search import search
+from solmap.photogrammetry.matching.rocks import RockParams, find_rocks, match_rocks
+from solmap.photogrammetry.matching.stop_views import StopViews
+from solmap.photogrammetry.matching.voting import Elected
+from solmap.photogrammetry.matching.wide_baseline import (
     WideBaselineParams,
     find_features,
     match_features,

@@ -15,20 +15,20 @@ from itertools import combinations
 
 import numpy as np
 
-from photogrammetry.arrays import Flags, Float64, ImagePoints, Int32
-from photogrammetry.errors import MatchingError
-from photogrammetry.frames import Pose
-from photogrammetry.imagery import StopId
-from photogrammetry.matching.alignment import AlignmentParams, align
-from photogrammetry.matching.conjugates import ConjugateParams
-from photogrammetry.matching.records import MatchedStop
-from photogrammetry.matching.tie_views import (
+from solmap.photogrammetry.arrays import Flags, Float64, ImagePoints, Int32
+from solmap.photogrammetry.errors import MatchingError
+from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.imagery import StopId
+from solmap.photogrammetry.matching.alignment import AlignmentParams, align
+from solmap.photogrammetry.matching.conjugates import ConjugateParams
+from solmap.photogrammetry.matching.records import MatchedStop
+from solmap.photogrammetry.matching.tie_views import (
     TieView,
     in_view,
     predicted_points,
     tie_pair,
 )
-from photogrammetry.matching.ties import Ties, joined
+from solmap.photogrammetry.matching.ties import Ties, joined
 
 REACH_SIGMAS = 3.0
 

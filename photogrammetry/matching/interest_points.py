@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from photogrammetry.arrays import Float64, GreyImage, ImagePoints, Int32, Mask, PerPoint
+from solmap.photogrammetry.arrays import Float64, GreyImage, ImagePoints, Int32, Mask, PerPoint
 
 WINDOW_SIGMAS = 4.0
 """Width of the window in standard deviations of its weights: at its edge they are down to 0.14."""

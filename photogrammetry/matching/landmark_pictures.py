@@ -5,8 +5,8 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from photogrammetry.arrays import Flags, Float64, Int32, Picture
-from photogrammetry.matching.birds_eye import (
+from solmap.photogrammetry.arrays import Flags, Float64, Int32, Picture
+from solmap.photogrammetry.matching.birds_eye import (
     CLIP,
     BirdsEyeParams,
     BirdsEyeView,
@@ -14,8 +14,8 @@ from photogrammetry.matching.birds_eye import (
     SearchGate,
     channels,
 )
-from photogrammetry.matching.voting import Landmarks
-from photogrammetry.matching.wide_baseline import (
+from solmap.photogrammetry.matching.voting import Landmarks
+from solmap.photogrammetry.matching.wide_baseline import (
     WideBaselineParams,
     conjugate_features,
     find_features,

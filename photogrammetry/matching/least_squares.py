@@ -24,8 +24,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.arrays import Flags, GreyImage, Int32, PerPoint
-from photogrammetry.matching.sampling import along_rows, row_coefficients, row_slope
+from solmap.photogrammetry.arrays import Flags, GreyImage, Int32, PerPoint
+from solmap.photogrammetry.matching.sampling import along_rows, row_coefficients, row_slope
 
 PARAMETERS = 5
 

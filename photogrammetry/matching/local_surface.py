@@ -22,9 +22,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from photogrammetry.arrays import Flags, Float64, ImagePoints, ParallaxMap, PerPoint
-from photogrammetry.cameras.epipolar import EpipolarPair
-from photogrammetry.frames import Pose
+from solmap.photogrammetry.arrays import Flags, Float64, ImagePoints, ParallaxMap, PerPoint
+from solmap.photogrammetry.cameras.epipolar import EpipolarPair
+from solmap.photogrammetry.frames import Pose
 
 LEAST_SHARE = 0.5
 """A plane needs parallax at half of the pixels around the point."""

@@ -13,8 +13,8 @@ from typing import TypeAlias
 import numpy as np
 from scipy import fft
 
-from photogrammetry.arrays import Float
-from photogrammetry.matching.birds_eye import Channel
+from solmap.photogrammetry.arrays import Float
+from solmap.photogrammetry.matching.birds_eye import Channel
 
 Spectrum: TypeAlias = np.ndarray
 """Half of a real picture's discrete Fourier transform, complex."""

@@ -15,13 +15,13 @@ from itertools import combinations
 
 import numpy as np
 
-from photogrammetry.arrays import ImagePoints, PerPoint
-from photogrammetry.imagery import StopId
-from photogrammetry.matching.conjugates import Conjugates, View
-from photogrammetry.matching.mast_swing import Swing
-from photogrammetry.matching.records import MatchedPair
-from photogrammetry.matching.single_views import MonoParams, SingleView
-from photogrammetry.matching.swing_search import (
+from solmap.photogrammetry.arrays import ImagePoints, PerPoint
+from solmap.photogrammetry.imagery import StopId
+from solmap.photogrammetry.matching.conjugates import Conjugates, View
+from solmap.photogrammetry.matching.mast_swing import Swing
+from solmap.photogrammetry.matching.records import MatchedPair
+from solmap.photogrammetry.matching.single_views import MonoParams, SingleView
+from solmap.photogrammetry.matching.swing_search import (
     candidates,
     guided,
     matches_in_view,
@@ -29,7 +29,7 @@ from photogrammetry.matching.swing_search import (
     scouted,
     verified,
 )
-from photogrammetry.matching.ties import Ties, joined
+from solmap.photogrammetry.matching.ties import Ties, joined
 
 NAN = float("nan")
 

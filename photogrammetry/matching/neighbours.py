@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.frames import Pose
-from photogrammetry.imagery import StopId
+from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.imagery import StopId
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from photogrammetry.arrays import GreyImage, Mask, Picture
+from solmap.photogrammetry.arrays import GreyImage, Mask, Picture
 
 CONTRAST = 40.0
 """Grey levels of eight bits per local standard deviation: three to either side fit."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from photogrammetry.arrays import Float64, PerPoint
+from solmap.photogrammetry.arrays import Float64, PerPoint
 
 LONGEST = 4.0
 """Cells are so many times as long as wide at most: a narrower strip holds too little."""

@@ -26,7 +26,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.arrays import Float32, Float64, PerPoint
+from solmap.photogrammetry.arrays import Float32, Float64, PerPoint
 
 UNKNOWNS = 8
 """Shift of two, affine change of four, brightness and contrast."""

@@ -5,13 +5,13 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from photogrammetry.arrays import GreyImage, ImagePoints, Mask, ParallaxMap, Picture
-from photogrammetry.imagery import StereoMatches
-from photogrammetry.matching.dense import DenseMatches
-from photogrammetry.matching.records import EpipolarImages
-from photogrammetry.matching.sparse import Candidates
-from photogrammetry.matching.verification import VerificationParams, parallax_curve
-from photogrammetry.stretching import stretched
+from solmap.photogrammetry.arrays import GreyImage, ImagePoints, Mask, ParallaxMap, Picture
+from solmap.photogrammetry.imagery import StereoMatches
+from solmap.photogrammetry.matching.dense import DenseMatches
+from solmap.photogrammetry.matching.records import EpipolarImages
+from solmap.photogrammetry.matching.sparse import Candidates
+from solmap.photogrammetry.matching.verification import VerificationParams, parallax_curve
+from solmap.photogrammetry.stretching import stretched
 
 WHITE = (255, 255, 255)
 BLACK = (0, 0, 0)

@@ -17,12 +17,12 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 
-from photogrammetry.arrays import Float64, Mask, ObjectPoints, PerPoint, Raster
-from photogrammetry.cameras.epipolar import EpipolarPair
-from photogrammetry.errors import MatchingError
-from photogrammetry.matching.birds_eye import BirdsEyeView
-from photogrammetry.matching.records import MatchedPair, MatchedStop
-from photogrammetry.matching.voting import VotingParams
+from solmap.photogrammetry.arrays import Float64, Mask, ObjectPoints, PerPoint, Raster
+from solmap.photogrammetry.cameras.epipolar import EpipolarPair
+from solmap.photogrammetry.errors import MatchingError
+from solmap.photogrammetry.matching.birds_eye import BirdsEyeView
+from solmap.photogrammetry.matching.records import MatchedPair, MatchedStop
+from solmap.photogrammetry.matching.voting import VotingParams
 
 GROUND_ROUNDS = 4
 """Times that the ground is estimated anew without what stands out of it."""

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.arrays import Float64, GreyImage, Mask, ParallaxMap
-from photogrammetry.cameras.epipolar import EpipolarPair
-from photogrammetry.errors import MatchingError
-from photogrammetry.frames import Pose
-from photogrammetry.imagery import StereoMatches, StopId
+from solmap.photogrammetry.arrays import Float64, GreyImage, Mask, ParallaxMap
+from solmap.photogrammetry.cameras.epipolar import EpipolarPair
+from solmap.photogrammetry.errors import MatchingError
+from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.imagery import StereoMatches, StopId
 
 
 @dataclass(frozen=True, slots=True, eq=False)

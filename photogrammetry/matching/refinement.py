@@ -29,9 +29,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from photogrammetry.arrays import GreyImage, Mask, ParallaxMap
-from photogrammetry.matching.normalisation import NormalisedImage
-from photogrammetry.matching.sampling import along_rows, row_coefficients, row_slope
+from solmap.photogrammetry.arrays import GreyImage, Mask, ParallaxMap
+from solmap.photogrammetry.matching.normalisation import NormalisedImage
+from solmap.photogrammetry.matching.sampling import along_rows, row_coefficients, row_slope
 
 SLOPE_NOISE = 1.39
 """Variance of the spline's slope over that of white noise."""

@@ -19,13 +19,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.arrays import Float64, PerPoint, Vector3
-from photogrammetry.cameras.epipolar import EpipolarPair
-from photogrammetry.cameras.model import CameraModel
-from photogrammetry.frames import Pose
-from photogrammetry.matching.dense import SharedSigma
-from photogrammetry.matching.robust import robust_sigma
-from photogrammetry.matching.vertical_parallax import VerticalParallax, turned_in_place
+from solmap.photogrammetry.arrays import Float64, PerPoint, Vector3
+from solmap.photogrammetry.cameras.epipolar import EpipolarPair
+from solmap.photogrammetry.cameras.model import CameraModel
+from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.matching.dense import SharedSigma
+from solmap.photogrammetry.matching.robust import robust_sigma
+from solmap.photogrammetry.matching.vertical_parallax import VerticalParallax, turned_in_place
 
 STEPS = 10
 """Reweightings."""

@@ -21,9 +21,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial import KDTree
 
-from photogrammetry.arrays import ImagePoints, PerPoint
-from photogrammetry.matching.least_squares import LeastSquaresMatcher, RefinedParallax
-from photogrammetry.matching.robust import MAD_TO_SIGMA
+from solmap.photogrammetry.arrays import ImagePoints, PerPoint
+from solmap.photogrammetry.matching.least_squares import LeastSquaresMatcher, RefinedParallax
+from solmap.photogrammetry.matching.robust import MAD_TO_SIGMA
 
 BELOW_HALF = 2.0
 """Relief below the whole window over that between the half and the whole one, H = 1/2."""

@@ -17,13 +17,13 @@ import cv2
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
-from photogrammetry.arrays import Bool, Float32, Float64, GreyImage, ImagePoints, Mask
-from photogrammetry.cameras.epipolar import EpipolarPair
-from photogrammetry.cameras.model import CameraModel
-from photogrammetry.errors import MatchingError
-from photogrammetry.imagery import Eye
-from photogrammetry.matching.records import EpipolarImages
-from photogrammetry.matching.sampling import at_points, coefficients_of
+from solmap.photogrammetry.arrays import Bool, Float32, Float64, GreyImage, ImagePoints, Mask
+from solmap.photogrammetry.cameras.epipolar import EpipolarPair
+from solmap.photogrammetry.cameras.model import CameraModel
+from solmap.photogrammetry.errors import MatchingError
+from solmap.photogrammetry.imagery import Eye
+from solmap.photogrammetry.matching.records import EpipolarImages
+from solmap.photogrammetry.matching.sampling import at_points, coefficients_of
 
 MAP_TOLERANCE_PX = 0.01
 """Largest error of the interpolated map: a tenth of what least-squares matching resolves."""

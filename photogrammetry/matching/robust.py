@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from photogrammetry.arrays import Float
+from solmap.photogrammetry.arrays import Float
 
 MAD_TO_SIGMA = 1.4826
 """Standard deviation of a normal distribution over its median absolute deviation."""

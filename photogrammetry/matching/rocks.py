@@ -19,16 +19,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.arrays import Flags, Int32, PerPoint
-from photogrammetry.matching.birds_eye import BirdsEyeView, SearchGate
-from photogrammetry.matching.raised_ground import (
+from solmap.photogrammetry.arrays import Flags, Int32, PerPoint
+from solmap.photogrammetry.matching.birds_eye import BirdsEyeView, SearchGate
+from solmap.photogrammetry.matching.raised_ground import (
     RaisedPatches,
     RockParams,
     ground_below,
     raised_patches,
 )
-from photogrammetry.matching.records import MatchedStop
-from photogrammetry.matching.voting import Elected, Landmarks, elect
+from solmap.photogrammetry.matching.records import MatchedStop
+from solmap.photogrammetry.matching.voting import Elected, Landmarks, elect
 
 __all__ = ["RockParams", "Rocks", "alike", "find_rocks", "match_rocks"]
 

@@ -17,7 +17,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from photogrammetry.arrays import Float32, GreyImage
+from solmap.photogrammetry.arrays import Float32, GreyImage
 
 SampleGrid = Float32[np.ndarray, "rows cols"]
 REACH = 14

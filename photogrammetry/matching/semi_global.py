@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from photogrammetry.arrays import Mask, ParallaxMap, Picture
+from solmap.photogrammetry.arrays import Mask, ParallaxMap, Picture
 
 FIXED_POINT = 16
 """OpenCV's parallaxes are whole sixteenths of a pixel."""

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from photogrammetry.cameras.epipolar import EpipolarPair
-from photogrammetry.errors import MatchingError
-from photogrammetry.matching.conjugates import ConjugateParams, View
-from photogrammetry.matching.interest_points import FoerstnerParams
-from photogrammetry.matching.verification import VerificationParams
+from solmap.photogrammetry.cameras.epipolar import EpipolarPair
+from solmap.photogrammetry.errors import MatchingError
+from solmap.photogrammetry.matching.conjugates import ConjugateParams, View
+from solmap.photogrammetry.matching.interest_points import FoerstnerParams
+from solmap.photogrammetry.matching.verification import VerificationParams
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.arrays import Float64, ObjectPoints
-from photogrammetry.frames import Pose
-from photogrammetry.imagery import StopId
-from photogrammetry.matching.alignment import Alignment
-from photogrammetry.matching.birds_eye import PlaneFit
-from photogrammetry.matching.stop_views import StopViews
-from photogrammetry.matching.ties import Ties
+from solmap.photogrammetry.arrays import Float64, ObjectPoints
+from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.imagery import StopId
+from solmap.photogrammetry.matching.alignment import Alignment
+from solmap.photogrammetry.matching.birds_eye import PlaneFit
+from solmap.photogrammetry.matching.stop_views import StopViews
+from solmap.photogrammetry.matching.ties import Ties
 
 
 @dataclass(frozen=True, slots=True)

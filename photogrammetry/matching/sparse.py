@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from photogrammetry.arrays import (
+from solmap.photogrammetry.arrays import (
     Flags,
     Float32,
     GreyImage,
@@ -20,18 +20,18 @@ from photogrammetry.arrays import (
     Int32,
     PerPoint,
 )
-from photogrammetry.cameras.epipolar import EpipolarPair
-from photogrammetry.imagery import StereoMatches
-from photogrammetry.matching.interest_points import (
+from solmap.photogrammetry.cameras.epipolar import EpipolarPair
+from solmap.photogrammetry.imagery import StereoMatches
+from solmap.photogrammetry.matching.interest_points import (
     FoerstnerParams,
     InterestPoints,
     interest_points,
     strongest_by_cell,
 )
-from photogrammetry.matching.least_squares import LeastSquaresMatcher, LeastSquaresParams
-from photogrammetry.matching.records import EpipolarImages
-from photogrammetry.matching.relief import ReliefParams, sigma_with_relief
-from photogrammetry.matching.verification import VerificationParams, follows_the_terrain
+from solmap.photogrammetry.matching.least_squares import LeastSquaresMatcher, LeastSquaresParams
+from solmap.photogrammetry.matching.records import EpipolarImages
+from solmap.photogrammetry.matching.relief import ReliefParams, sigma_with_relief
+from solmap.photogrammetry.matching.verification import VerificationParams, follows_the_terrain
 
 PAIRS_AT_A_TIME = 16_384
 """Candidate pairs correlated at once: 15 x 15 windows of both take 30 MB."""

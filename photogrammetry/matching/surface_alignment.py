@@ -25,7 +25,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from photogrammetry.arrays import (
+from solmap.photogrammetry.arrays import (
     Directions,
     Flags,
     Float64,
@@ -35,9 +35,9 @@ from photogrammetry.arrays import (
     PerPoint,
     Vector3,
 )
-from photogrammetry.errors import MatchingError
-from photogrammetry.matching.robust import robust_sigma
-from photogrammetry.matching.surface_views import SurfaceView, unit
+from solmap.photogrammetry.errors import MatchingError
+from solmap.photogrammetry.matching.robust import robust_sigma
+from solmap.photogrammetry.matching.surface_views import SurfaceView, unit
 
 MOTION = 6
 """Unknowns of a rigid motion: rotation vector, shift."""

@@ -18,18 +18,18 @@ from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
-from photogrammetry.arrays import Flags, Float64, Int32, ObjectPoints, PerPoint
-from photogrammetry.errors import MatchingError
-from photogrammetry.matching.robust import robust_sigma
-from photogrammetry.matching.surface_alignment import (
+from solmap.photogrammetry.arrays import Flags, Float64, Int32, ObjectPoints, PerPoint
+from solmap.photogrammetry.errors import MatchingError
+from solmap.photogrammetry.matching.robust import robust_sigma
+from solmap.photogrammetry.matching.surface_alignment import (
     Couple,
     Ground,
     Misfits,
     SurfaceParams,
     weighed,
 )
-from photogrammetry.matching.surface_views import SurfaceView
-from photogrammetry.matching.ties import Ties
+from solmap.photogrammetry.matching.surface_views import SurfaceView
+from solmap.photogrammetry.matching.ties import Ties
 
 DEFINED_PX = 0.02
 """A point of the earlier stop is where it is by definition."""

@@ -14,7 +14,7 @@ from functools import cached_property
 import cv2
 import numpy as np
 
-from photogrammetry.arrays import (
+from solmap.photogrammetry.arrays import (
     Directions,
     Float32,
     Float64,
@@ -25,9 +25,9 @@ from photogrammetry.arrays import (
     Rotation,
     Vector3,
 )
-from photogrammetry.cameras.epipolar import EpipolarPair, projection_partials
-from photogrammetry.frames import Pose
-from photogrammetry.matching.local_surface import ParallaxPlanes
+from solmap.photogrammetry.cameras.epipolar import EpipolarPair, projection_partials
+from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.matching.local_surface import ParallaxPlanes
 
 TAKEN = 2
 """Every second sample and line of the parallax is taken,"""

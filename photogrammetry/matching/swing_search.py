@@ -12,13 +12,13 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import KDTree
 
-from photogrammetry.arrays import Float64, ImagePoints, PerPoint, Vector3
-from photogrammetry.matching.conjugates import ConjugateParams, Conjugates, find_conjugates
-from photogrammetry.matching.interest_points import interest_points, strongest_by_cell
-from photogrammetry.matching.local_surface import calibration
-from photogrammetry.matching.mast_swing import Swing, SwingVerdict, turned, verify
-from photogrammetry.matching.records import MatchedPair
-from photogrammetry.matching.single_views import MonoParams, SingleView
+from solmap.photogrammetry.arrays import Float64, ImagePoints, PerPoint, Vector3
+from solmap.photogrammetry.matching.conjugates import ConjugateParams, Conjugates, find_conjugates
+from solmap.photogrammetry.matching.interest_points import interest_points, strongest_by_cell
+from solmap.photogrammetry.matching.local_surface import calibration
+from solmap.photogrammetry.matching.mast_swing import Swing, SwingVerdict, turned, verify
+from solmap.photogrammetry.matching.records import MatchedPair
+from solmap.photogrammetry.matching.single_views import MonoParams, SingleView
 
 Scouts = tuple[Float64[np.ndarray, "scouts 2"], Float64[np.ndarray, " scouts"]]
 """Image points found at the first search, and their inverse depth, per metre."""

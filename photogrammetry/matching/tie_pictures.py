@@ -12,14 +12,14 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from photogrammetry.arrays import Flags, Float64, GreyImage, Mask, PerPoint, Picture, UInt8
-from photogrammetry.cameras.epipolar import EpipolarPair
-from photogrammetry.errors import MatchingError
-from photogrammetry.frames import Pose
-from photogrammetry.matching.alignment import AlignmentParams, align
-from photogrammetry.matching.pictures import in_three_bands
-from photogrammetry.matching.records import MatchedPair
-from photogrammetry.matching.ties import Ties
+from solmap.photogrammetry.arrays import Flags, Float64, GreyImage, Mask, PerPoint, Picture, UInt8
+from solmap.photogrammetry.cameras.epipolar import EpipolarPair
+from solmap.photogrammetry.errors import MatchingError
+from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.matching.alignment import AlignmentParams, align
+from solmap.photogrammetry.matching.pictures import in_three_bands
+from solmap.photogrammetry.matching.records import MatchedPair
+from solmap.photogrammetry.matching.ties import Ties
 
 GAP_PX = 8
 COLUMNS = 2

@@ -15,20 +15,20 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.spatial.transform import Rotation as ScipyRotation
 
-from photogrammetry.arrays import Float64, Int32
-from photogrammetry.errors import MatchingError
-from photogrammetry.frames import Pose
-from photogrammetry.matching.alignment import Alignment
-from photogrammetry.matching.conjugates import ConjugateParams, find_conjugates
-from photogrammetry.matching.ground_spread import spread_on_the_ground
-from photogrammetry.matching.local_surface import (
+from solmap.photogrammetry.arrays import Float64, Int32
+from solmap.photogrammetry.errors import MatchingError
+from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.matching.alignment import Alignment
+from solmap.photogrammetry.matching.conjugates import ConjugateParams, find_conjugates
+from solmap.photogrammetry.matching.ground_spread import spread_on_the_ground
+from solmap.photogrammetry.matching.local_surface import (
     ParallaxPlanes,
     mapped,
     parallax_planes,
     plane_homographies,
 )
-from photogrammetry.matching.tie_views import TieView, measured_parallax
-from photogrammetry.matching.ties import Ties
+from solmap.photogrammetry.matching.tie_views import TieView, measured_parallax
+from solmap.photogrammetry.matching.ties import Ties
 
 MEASURED_AGAIN = ("left", "parallax_px", "sigma_px", "sigma_line_px", "sigma_parallax_px")
 """Columns of a second measurement."""

@@ -13,23 +13,23 @@ from functools import cached_property
 
 import numpy as np
 
-from photogrammetry.arrays import Flags, Float64, ImagePoints, Int32, PerPoint
-from photogrammetry.cameras.epipolar import EpipolarPair
-from photogrammetry.frames import Pose
-from photogrammetry.matching.conjugates import (
+from solmap.photogrammetry.arrays import Flags, Float64, ImagePoints, Int32, PerPoint
+from solmap.photogrammetry.cameras.epipolar import EpipolarPair
+from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.matching.conjugates import (
     ConjugateParams,
     Conjugates,
     View,
     find_conjugates,
 )
-from photogrammetry.matching.local_surface import (
+from solmap.photogrammetry.matching.local_surface import (
     ParallaxPlanes,
     parallax_planes,
     plane_homographies,
     right_from_left,
 )
-from photogrammetry.matching.records import MatchedPair
-from photogrammetry.matching.ties import Ties
+from solmap.photogrammetry.matching.records import MatchedPair
+from solmap.photogrammetry.matching.ties import Ties
 
 LARGEST_Y_PX = 1.0
 """Vertical parallax at which a match in the right image is not the same point."""

@@ -8,8 +8,8 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from photogrammetry.arrays import Flags, ImagePoints, Int32, PerPoint
-from photogrammetry.errors import MatchingError
+from solmap.photogrammetry.arrays import Flags, ImagePoints, Int32, PerPoint
+from solmap.photogrammetry.errors import MatchingError
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -21,10 +21,10 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from photogrammetry.arrays import Flags, ImagePoints, Int32, PerPoint
-from photogrammetry.errors import MatchingError
-from photogrammetry.imagery import StereoMatches, StopId, TieKind, TiePoints
-from photogrammetry.matching.ties import Ties
+from solmap.photogrammetry.arrays import Flags, ImagePoints, Int32, PerPoint
+from solmap.photogrammetry.errors import MatchingError
+from solmap.photogrammetry.imagery import StereoMatches, StopId, TieKind, TiePoints
+from solmap.photogrammetry.matching.ties import Ties
 
 MEASURED = ("parallax_px", "sigma_px", "sigma_parallax_px", "sigma_line_px")
 """Columns that a tie has for both of its pairs, and tie points for every observation."""

@@ -19,8 +19,8 @@ import numpy as np
 from scipy import ndimage
 from scipy.spatial import KDTree
 
-from photogrammetry.arrays import Flags, Float64, ImagePoints, PerPoint
-from photogrammetry.matching.robust import MAD_TO_SIGMA
+from solmap.photogrammetry.arrays import Flags, Float64, ImagePoints, PerPoint
+from solmap.photogrammetry.matching.robust import MAD_TO_SIGMA
 
 PLANE_STEPS = 6
 """Repeated weightings of the neighbours' plane."""

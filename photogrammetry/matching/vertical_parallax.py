@@ -18,16 +18,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation as ScipyRotation
 
-from photogrammetry.arrays import ImagePoints, PerPoint, Vector3
-from photogrammetry.cameras.epipolar import EpipolarPair
-from photogrammetry.cameras.model import CameraModel
-from photogrammetry.errors import MatchingError
-from photogrammetry.frames import Frame, Pose
-from photogrammetry.matching.interest_points import strongest_by_cell
-from photogrammetry.matching.records import EpipolarImages
-from photogrammetry.matching.robust import robust_sigma
-from photogrammetry.matching.sampling import at_points, coefficients_of
-from photogrammetry.matching.sparse import SparseParams, match_interest_points
+from solmap.photogrammetry.arrays import ImagePoints, PerPoint, Vector3
+from solmap.photogrammetry.cameras.epipolar import EpipolarPair
+from solmap.photogrammetry.cameras.model import CameraModel
+from solmap.photogrammetry.errors import MatchingError
+from solmap.photogrammetry.frames import Frame, Pose
+from solmap.photogrammetry.matching.interest_points import strongest_by_cell
+from solmap.photogrammetry.matching.records import EpipolarImages
+from solmap.photogrammetry.matching.robust import robust_sigma
+from solmap.photogrammetry.matching.sampling import at_points, coefficients_of
+from solmap.photogrammetry.matching.sparse import SparseParams, match_interest_points
 
 LINE_TOLERANCE_PX = 6
 """Rows searched to either side: 0.3 degrees of a Navcam, twice what real bars were off."""

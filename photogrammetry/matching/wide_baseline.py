@@ -16,9 +16,9 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 
-from photogrammetry.arrays import Bool, Float32, Float64, Int32, PerPoint
-from photogrammetry.errors import MatchingError
-from photogrammetry.matching.birds_eye import (
+from solmap.photogrammetry.arrays import Bool, Float32, Float64, Int32, PerPoint
+from solmap.photogrammetry.errors import MatchingError
+from solmap.photogrammetry.matching.birds_eye import (
     CLIP,
     BirdsEyeParams,
     BirdsEyeView,
@@ -26,7 +26,7 @@ from photogrammetry.matching.birds_eye import (
     SearchGate,
     channels,
 )
-from photogrammetry.matching.voting import Elected, Landmarks, VotingParams, elect
+from solmap.photogrammetry.matching.voting import Elected, Landmarks, VotingParams, elect
 
 DESCRIPTOR_CELLS = 9
 """Side of the square around a feature that must have been seen: what its descriptor looks at."""

@@ -8,10 +8,10 @@ from typing import Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 
-from photogrammetry.arrays import Bool, Float32, ParallaxMap, Vector3
-from photogrammetry.cameras.epipolar import EpipolarPair
-from photogrammetry.cameras.model import CameraModel
-from photogrammetry.frames import Pose
+from solmap.photogrammetry.arrays import Bool, Float32, ParallaxMap, Vector3
+from solmap.photogrammetry.cameras.epipolar import EpipolarPair
+from solmap.photogrammetry.cameras.model import CameraModel
+from solmap.photogrammetry.frames import Pose
 
 OriginalImage = Float32[np.ndarray, "rows cols"]
 OriginalMask = Bool[np.ndarray, "rows cols"]

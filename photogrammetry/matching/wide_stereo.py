@@ -24,23 +24,23 @@ from dataclasses import dataclass, field, replace
 import cv2
 import numpy as np
 
-from photogrammetry.arrays import Mask, ParallaxMap
-from photogrammetry.cameras.epipolar import EpipolarPair, epipolar_pair
-from photogrammetry.errors import MatchingError
-from photogrammetry.frames import LSL, Frame, FrameKind, Pose
-from photogrammetry.imagery import Eye
-from photogrammetry.matching.area_search import AreaSearchParams, search_area
-from photogrammetry.matching.dense import DenseMatches, DenseParams, match_about
-from photogrammetry.matching.records import EpipolarImages
-from photogrammetry.matching.relative_orientation import (
+from solmap.photogrammetry.arrays import Mask, ParallaxMap
+from solmap.photogrammetry.cameras.epipolar import EpipolarPair, epipolar_pair
+from solmap.photogrammetry.errors import MatchingError
+from solmap.photogrammetry.frames import LSL, Frame, FrameKind, Pose
+from solmap.photogrammetry.imagery import Eye
+from solmap.photogrammetry.matching.area_search import AreaSearchParams, search_area
+from solmap.photogrammetry.matching.dense import DenseMatches, DenseParams, match_about
+from solmap.photogrammetry.matching.records import EpipolarImages
+from solmap.photogrammetry.matching.relative_orientation import (
     Measured,
     OrientationParams,
     RelativeOrientation,
     relative_orientation,
 )
-from photogrammetry.matching.resampling import resample, shifted
-from photogrammetry.matching.vertical_parallax import VerticalParallax
-from photogrammetry.matching.wide_eyes import InstrumentLimits, WideEye, why_no_wide_pair
+from solmap.photogrammetry.matching.resampling import resample, shifted
+from solmap.photogrammetry.matching.vertical_parallax import VerticalParallax
+from solmap.photogrammetry.matching.wide_eyes import InstrumentLimits, WideEye, why_no_wide_pair
 
 ROUNDS = 2
 """Times the right camera is set right; the second finds hundredths of a pixel."""

@@ -19,19 +19,19 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from photogrammetry.arrays import Float64
-from photogrammetry.errors import OrbitalError
-from photogrammetry.orbital.predictors import Contrast, Predicted, smoothed
-from photogrammetry.orbital.records import Correction, GroundMap, OrbitalDtm, Registration
-from photogrammetry.orbital.refinement import (
+from solmap.photogrammetry.arrays import Float64
+from solmap.photogrammetry.errors import OrbitalError
+from solmap.photogrammetry.orbital.predictors import Contrast, Predicted, smoothed
+from solmap.photogrammetry.orbital.records import Correction, GroundMap, OrbitalDtm, Registration
+from solmap.photogrammetry.orbital.refinement import (
     CONVERGED,
     ITERATIONS,
     LEAST_SHOWN,
     clustered_covariance,
 )
-from photogrammetry.orbital.registration import Method, Place, RegistrationParams, best_place
-from photogrammetry.orbital.search import Landscape, SearchParams, lookup, samples_of, search
-from photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.orbital.registration import Method, Place, RegistrationParams, best_place
+from solmap.photogrammetry.orbital.search import Landscape, SearchParams, lookup, samples_of, search
+from solmap.photogrammetry.terrain.grid import MapGrid
 
 OTHER_PLACE_CELLS = 8.0
 """Places so far apart are different ones."""

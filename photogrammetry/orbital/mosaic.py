@@ -6,11 +6,11 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from photogrammetry.arrays import Raster
-from photogrammetry.errors import OrbitalError
-from photogrammetry.orbital.predictors import SURROUNDINGS_M, smoothed
-from photogrammetry.orbital.records import GroundMap
-from photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.arrays import Raster
+from solmap.photogrammetry.errors import OrbitalError
+from solmap.photogrammetry.orbital.predictors import SURROUNDINGS_M, smoothed
+from solmap.photogrammetry.orbital.records import GroundMap
+from solmap.photogrammetry.terrain.grid import MapGrid
 
 
 def ground_map(

@@ -5,10 +5,10 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from photogrammetry.arrays import Raster
-from photogrammetry.orbital.records import Correction, OrbitalImage
-from photogrammetry.orbital.search import samples_of
-from photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.arrays import Raster
+from solmap.photogrammetry.orbital.records import Correction, OrbitalImage
+from solmap.photogrammetry.orbital.search import samples_of
+from solmap.photogrammetry.terrain.grid import MapGrid
 
 STRIP = 2048
 """Rows and columns looked up at a time; OpenCV takes fewer than 32768."""

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.arrays import Float64, Raster
-from photogrammetry.errors import OrbitalError
-from photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.arrays import Float64, Raster
+from solmap.photogrammetry.errors import OrbitalError
+from solmap.photogrammetry.terrain.grid import MapGrid
 
 
 @dataclass(frozen=True, slots=True, eq=False)

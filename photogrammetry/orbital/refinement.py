@@ -15,11 +15,11 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from photogrammetry.arrays import Float64
-from photogrammetry.errors import OrbitalError
-from photogrammetry.orbital.predictors import Contrast, Predicted
-from photogrammetry.orbital.search import ALL, lookup, samples_of, whiten
-from photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.arrays import Float64
+from solmap.photogrammetry.errors import OrbitalError
+from solmap.photogrammetry.orbital.predictors import Contrast, Predicted
+from solmap.photogrammetry.orbital.search import ALL, lookup, samples_of, whiten
+from solmap.photogrammetry.terrain.grid import MapGrid
 
 CLUSTER_M = 5.0
 """Side of the squares whose residuals may depend on each other: wider than any rock's shadow."""

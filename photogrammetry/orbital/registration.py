@@ -19,13 +19,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from photogrammetry.arrays import Mask
-from photogrammetry.errors import OrbitalError
-from photogrammetry.orbital.predictors import Contrast, Predicted, local_contrast, predictors
-from photogrammetry.orbital.records import Correction, GroundMap, OrbitalImage, Registration
-from photogrammetry.orbital.refinement import refine
-from photogrammetry.orbital.search import Landscape, SearchParams, search
-from photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.arrays import Mask
+from solmap.photogrammetry.errors import OrbitalError
+from solmap.photogrammetry.orbital.predictors import Contrast, Predicted, local_contrast, predictors
+from solmap.photogrammetry.orbital.records import Correction, GroundMap, OrbitalImage, Registration
+from solmap.photogrammetry.orbital.refinement import refine
+from solmap.photogrammetry.orbital.search import Landscape, SearchParams, search
+from solmap.photogrammetry.terrain.grid import MapGrid
 
 
 @dataclass(frozen=True, slots=True)

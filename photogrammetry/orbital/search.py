@@ -19,10 +19,10 @@ import numpy as np
 from scipy import fft
 from scipy.linalg import cholesky, solve_triangular
 
-from photogrammetry.arrays import Float64, Mask
-from photogrammetry.errors import OrbitalError
-from photogrammetry.orbital.predictors import Contrast, Predicted, Stack
-from photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.arrays import Float64, Mask
+from solmap.photogrammetry.errors import OrbitalError
+from solmap.photogrammetry.orbital.predictors import Contrast, Predicted, Stack
+from solmap.photogrammetry.terrain.grid import MapGrid
 
 FEWEST_CELLS = 400
 """Of a map: fewer say nothing about a place (10 m by 10 m at HiRISE's best)."""

@@ -18,10 +18,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from photogrammetry.adjustment.control import StopControl
-from photogrammetry.frames import Pose
-from photogrammetry.imagery import StopId
-from photogrammetry.orbital.records import Correction
+from solmap.photogrammetry.adjustment.control import StopControl
+from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.imagery import StopId
+from solmap.photogrammetry.orbital.records import Correction
 
 
 def stop_in_image(

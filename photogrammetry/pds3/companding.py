@@ -22,10 +22,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from photogrammetry.arrays import Float32, GreyImage
-from photogrammetry.errors import PixelError
-from photogrammetry.pds3.label import Label
-from photogrammetry.pds3.usability import full_scale
+from solmap.photogrammetry.arrays import Float32, GreyImage
+from solmap.photogrammetry.errors import PixelError
+from solmap.photogrammetry.pds3.label import Label
+from solmap.photogrammetry.pds3.usability import full_scale
 
 STATE = "INSTRUMENT_STATE_PARMS"
 BITS = 8

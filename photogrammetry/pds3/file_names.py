@@ -18,7 +18,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-from photogrammetry.errors import LabelError
+from solmap.photogrammetry.errors import LabelError
 
 _CODE = r"(?:\d\d|[A-Z][A-Z0-9]|\d[A-Z]|##|__)"
 _MER = re.compile(

@@ -22,7 +22,7 @@ from typing import TypeAlias, TypeVar
 
 import numpy as np
 
-from photogrammetry.errors import LabelError
+from solmap.photogrammetry.errors import LabelError
 
 Value: TypeAlias = "int | float | str | Quantity | tuple[Value, ...] | None"
 """What a keyword may hold; None is an unknown value."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from photogrammetry.imagery import Eye
+from solmap.photogrammetry.imagery import Eye
 
 
 @dataclass(frozen=True, slots=True)

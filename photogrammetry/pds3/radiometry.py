@@ -11,10 +11,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from photogrammetry.arrays import GreyImage
-from photogrammetry.pds3.companding import Companding, coded_by, expanded
-from photogrammetry.pds3.label import Label
-from photogrammetry.pds3.vignetting import FlatField, RadialVignetting, evened_out, needs_flat_field
+from solmap.photogrammetry.arrays import GreyImage
+from solmap.photogrammetry.pds3.companding import Companding, coded_by, expanded
+from solmap.photogrammetry.pds3.label import Label
+from solmap.photogrammetry.pds3.vignetting import (
+    FlatField,
+    RadialVignetting,
+    evened_out,
+    needs_flat_field,
+)
 
 NO_TABLE = "no inverse table was given"
 NOT_PROPORTIONAL = "the flat field was not taken out: codes are not proportional to light"

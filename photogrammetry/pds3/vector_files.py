@@ -28,10 +28,18 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from photogrammetry.arrays import Quaternion, Vector3
-from photogrammetry.errors import FrameError, VectorFileError
-from photogrammetry.frames import LSL, Frame, FrameKind, FrameTree, Pose, rover_frame, site_frame
-from photogrammetry.pds3.xml_text import xml_root
+from solmap.photogrammetry.arrays import Quaternion, Vector3
+from solmap.photogrammetry.errors import FrameError, VectorFileError
+from solmap.photogrammetry.frames import (
+    LSL,
+    Frame,
+    FrameKind,
+    FrameTree,
+    Pose,
+    rover_frame,
+    site_frame,
+)
+from solmap.photogrammetry.pds3.xml_text import xml_root
 
 MAX_COUNTERS = 16
 

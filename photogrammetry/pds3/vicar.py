@@ -15,8 +15,15 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 
-from photogrammetry.errors import LabelError
-from photogrammetry.pds3.label import MAX_LABEL_BYTES, Label, Quantity, Value, known, number_of
+from solmap.photogrammetry.errors import LabelError
+from solmap.photogrammetry.pds3.label import (
+    MAX_LABEL_BYTES,
+    Label,
+    Quantity,
+    Value,
+    known,
+    number_of,
+)
 
 START = b"LBLSIZE="
 MAX_COUNT = 1 << 31

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import xml.etree.ElementTree as ET
 
-from photogrammetry.errors import PhotogrammetryError
+from solmap.photogrammetry.errors import PhotogrammetryError
 
 MAX_CHARACTERS = 1 << 24
 """The longest master file known, of 138 sites, has 55 kB, the longest PDS4 label 120 kB."""

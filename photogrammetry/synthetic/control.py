@@ -12,12 +12,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from photogrammetry.adjustment.control import FRAME_UNKNOWNS, ControlFrame, StopControl
-from photogrammetry.adjustment.records import Network
-from photogrammetry.adjustment.rotations import rotation_of_vector
-from photogrammetry.arrays import Float64, Vector3
-from photogrammetry.frames import Pose
-from photogrammetry.synthetic.networks import NetworkTruth, TelemetryErrors
+from solmap.photogrammetry.adjustment.control import FRAME_UNKNOWNS, ControlFrame, StopControl
+from solmap.photogrammetry.adjustment.records import Network
+from solmap.photogrammetry.adjustment.rotations import rotation_of_vector
+from solmap.photogrammetry.arrays import Float64, Vector3
+from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.synthetic.networks import NetworkTruth, TelemetryErrors
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -14,14 +14,14 @@ from importlib import resources
 
 import numpy as np
 
-from photogrammetry.arrays import Int32
-from photogrammetry.cameras.cahvor import Cahvor
-from photogrammetry.errors import PixelError
-from photogrammetry.frames import Pose
-from photogrammetry.imagery import Eye, StopId
-from photogrammetry.pds3.file_names import encode_counter
-from photogrammetry.synthetic.lighting import Sun
-from photogrammetry.synthetic.rig import (
+from solmap.photogrammetry.arrays import Int32
+from solmap.photogrammetry.cameras.cahvor import Cahvor
+from solmap.photogrammetry.errors import PixelError
+from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.imagery import Eye, StopId
+from solmap.photogrammetry.pds3.file_names import encode_counter
+from solmap.photogrammetry.synthetic.lighting import Sun
+from solmap.photogrammetry.synthetic.rig import (
     CAMERAS,
     FULL_FRAME,
     T_PMA_M,
@@ -108,7 +108,9 @@ def label_bytes(exposure: Exposure) -> bytes:
 
 def _label(values: Mapping[str, object], record_bytes: int, image_records: int) -> bytes:
     """The label filled in and padded to whole records, which it counts itself."""
-    template = resources.files("photogrammetry.synthetic").joinpath("edr.lbl").read_text("ascii")
+    template = (
+        resources.files("solmap.photogrammetry.synthetic").joinpath("edr.lbl").read_text("ascii")
+    )
     records = 1
     while True:
         counts = {

@@ -19,8 +19,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from photogrammetry.arrays import Float32, Float64
-from photogrammetry.errors import TerrainError
+from solmap.photogrammetry.arrays import Float32, Float64
+from solmap.photogrammetry.errors import TerrainError
 
 FINEST_NODE_M = 0.02
 """Node distance of level 0: some ten Navcam pixels at 2 m, one at 20 m."""

@@ -20,10 +20,10 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
-from photogrammetry.arrays import Vector3
-from photogrammetry.synthetic.lattice import Nodes, Window, stream_of
-from photogrammetry.synthetic.rocks import raise_rocks
-from photogrammetry.synthetic.terrain import Terrain
+from solmap.photogrammetry.arrays import Vector3
+from solmap.photogrammetry.synthetic.lattice import Nodes, Window, stream_of
+from solmap.photogrammetry.synthetic.rocks import raise_rocks
+from solmap.photogrammetry.synthetic.terrain import Terrain
 
 SKY_LIGHT = 0.22
 """Light of the dusty sky, as a share of the sun's at right angles."""

@@ -19,13 +19,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.adjustment.control import ControlFrame
-from photogrammetry.adjustment.records import Network
-from photogrammetry.arrays import Float64
-from photogrammetry.errors import PhotogrammetryError
-from photogrammetry.imagery import StopId
-from photogrammetry.synthetic.control import SimulatedControl, simulate_control
-from photogrammetry.synthetic.networks import (
+from solmap.photogrammetry.adjustment.control import ControlFrame
+from solmap.photogrammetry.adjustment.records import Network
+from solmap.photogrammetry.arrays import Float64
+from solmap.photogrammetry.errors import PhotogrammetryError
+from solmap.photogrammetry.imagery import StopId
+from solmap.photogrammetry.synthetic.control import SimulatedControl, simulate_control
+from solmap.photogrammetry.synthetic.networks import (
     NetworkTruth,
     TelemetryErrors,
     numbered_pair,

@@ -12,14 +12,14 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from photogrammetry.errors import PhotogrammetryError
-from photogrammetry.frames import Pose, site_frame
-from photogrammetry.imagery import Eye, StopId
-from photogrammetry.synthetic.edr import Exposure
-from photogrammetry.synthetic.mission import MissionPlan, Names, SimulatedMission
-from photogrammetry.synthetic.networks import ELEVATION_DEG
-from photogrammetry.synthetic.rig import CAMERAS, Instrument, Pointing
-from photogrammetry.synthetic.traverse import solar_longitude, sun_at
+from solmap.photogrammetry.errors import PhotogrammetryError
+from solmap.photogrammetry.frames import Pose, site_frame
+from solmap.photogrammetry.imagery import Eye, StopId
+from solmap.photogrammetry.synthetic.edr import Exposure
+from solmap.photogrammetry.synthetic.mission import MissionPlan, Names, SimulatedMission
+from solmap.photogrammetry.synthetic.networks import ELEVATION_DEG
+from solmap.photogrammetry.synthetic.rig import CAMERAS, Instrument, Pointing
+from solmap.photogrammetry.synthetic.traverse import solar_longitude, sun_at
 
 MISSION = "MER2"
 SITE, DRIVES = 0, 2

@@ -17,13 +17,13 @@ from itertools import pairwise
 
 import numpy as np
 
-from photogrammetry.adjustment.params import AdjustmentParams
-from photogrammetry.adjustment.records import Network, PairGeometry, StopPrior
-from photogrammetry.adjustment.rotations import rotation_of_vector
-from photogrammetry.arrays import Float64, ImagePoints, ObjectPoints, PerPoint
-from photogrammetry.cameras.epipolar import EpipolarPair
-from photogrammetry.frames import LSL, Frame, FrameKind, Pose, rotation_of_roll_pitch_yaw
-from photogrammetry.imagery import StopId, TiePoints
+from solmap.photogrammetry.adjustment.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.records import Network, PairGeometry, StopPrior
+from solmap.photogrammetry.adjustment.rotations import rotation_of_vector
+from solmap.photogrammetry.arrays import Float64, ImagePoints, ObjectPoints, PerPoint
+from solmap.photogrammetry.cameras.epipolar import EpipolarPair
+from solmap.photogrammetry.frames import LSL, Frame, FrameKind, Pose, rotation_of_roll_pitch_yaw
+from solmap.photogrammetry.imagery import StopId, TiePoints
 
 LINES = 1024
 FOCAL_PX = 1236.0

@@ -14,13 +14,13 @@ from functools import lru_cache
 
 import numpy as np
 
-from photogrammetry.arrays import GreyImage, Int32
-from photogrammetry.imagery import Eye
-from photogrammetry.synthetic.lattice import stream_of
-from photogrammetry.synthetic.lighting import SKY_LIGHT, Sun
-from photogrammetry.synthetic.render import Rays, View, picture, turned
-from photogrammetry.synthetic.rig import CAMERAS, FULL_FRAME, Instrument
-from photogrammetry.synthetic.scene import Shot, World
+from solmap.photogrammetry.arrays import GreyImage, Int32
+from solmap.photogrammetry.imagery import Eye
+from solmap.photogrammetry.synthetic.lattice import stream_of
+from solmap.photogrammetry.synthetic.lighting import SKY_LIGHT, Sun
+from solmap.photogrammetry.synthetic.render import Rays, View, picture, turned
+from solmap.photogrammetry.synthetic.rig import CAMERAS, FULL_FRAME, Instrument
+from solmap.photogrammetry.synthetic.scene import Shot, World
 
 LEVEL_DN = 1800.0
 ELECTRONS_PER_DN = 41.5

@@ -25,11 +25,11 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from photogrammetry.arrays import Float32, Float64, GreyImage, ObjectPoints, Vector3
-from photogrammetry.errors import CameraError
-from photogrammetry.frames import Pose
-from photogrammetry.synthetic.lattice import Window, bilinear
-from photogrammetry.synthetic.lighting import GRAIN_M, GRAINS, LitGround
+from solmap.photogrammetry.arrays import Float32, Float64, GreyImage, ObjectPoints, Vector3
+from solmap.photogrammetry.errors import CameraError
+from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.synthetic.lattice import Window, bilinear
+from solmap.photogrammetry.synthetic.lighting import GRAIN_M, GRAINS, LitGround
 
 CHUNK = 64
 """Azimuths swept together, so that their profiles stay in the processor's cache."""

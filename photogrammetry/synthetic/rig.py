@@ -18,10 +18,10 @@ from enum import StrEnum
 
 import numpy as np
 
-from photogrammetry.arrays import Rotation, Vector3
-from photogrammetry.cameras.cahvor import Cahvor
-from photogrammetry.frames import Frame, FrameKind, Pose, rotation_of_roll_pitch_yaw
-from photogrammetry.imagery import Eye, StopId
+from solmap.photogrammetry.arrays import Rotation, Vector3
+from solmap.photogrammetry.cameras.cahvor import Cahvor
+from solmap.photogrammetry.frames import Frame, FrameKind, Pose, rotation_of_roll_pitch_yaw
+from solmap.photogrammetry.imagery import Eye, StopId
 
 FULL_FRAME = 1024
 """Samples and lines of the detector."""

@@ -21,8 +21,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.arrays import Float64
-from photogrammetry.synthetic.lattice import Nodes, Window, stream_of
+from solmap.photogrammetry.arrays import Float64
+from solmap.photogrammetry.synthetic.lattice import Nodes, Window, stream_of
 
 SMALLEST_M = 0.05
 BLOCK_M = 10.24

@@ -11,17 +11,17 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from photogrammetry.arrays import Raster
-from photogrammetry.cameras.cahvor import Cahvor
-from photogrammetry.errors import PhotogrammetryError
-from photogrammetry.frames import Pose
-from photogrammetry.imagery import Eye
-from photogrammetry.synthetic.edr import Exposure
-from photogrammetry.synthetic.lattice import stream_of
-from photogrammetry.synthetic.lighting import LitGround, light
-from photogrammetry.synthetic.rig import CAMERAS, Instrument, Pointing
-from photogrammetry.synthetic.terrain import TERRAINS, Terrain
-from photogrammetry.synthetic.traverse import (
+from solmap.photogrammetry.arrays import Raster
+from solmap.photogrammetry.cameras.cahvor import Cahvor
+from solmap.photogrammetry.errors import PhotogrammetryError
+from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.imagery import Eye
+from solmap.photogrammetry.synthetic.edr import Exposure
+from solmap.photogrammetry.synthetic.lattice import stream_of
+from solmap.photogrammetry.synthetic.lighting import LitGround, light
+from solmap.photogrammetry.synthetic.rig import CAMERAS, Instrument, Pointing
+from solmap.photogrammetry.synthetic.terrain import TERRAINS, Terrain
+from solmap.photogrammetry.synthetic.traverse import (
     Stop,
     TraverseParams,
     driven,
@@ -30,7 +30,7 @@ from photogrammetry.synthetic.traverse import (
     standing,
     stop_ids,
 )
-from photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.terrain.grid import MapGrid
 
 SOL_S = 88_775.42064
 CLOCK_OF_SOL_0 = 126_322_960

@@ -16,8 +16,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from photogrammetry.errors import TerrainError
-from photogrammetry.synthetic.lattice import (
+from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.synthetic.lattice import (
     Fractal,
     Nodes,
     Window,
@@ -26,7 +26,7 @@ from photogrammetry.synthetic.lattice import (
     stream_of,
     subdivided,
 )
-from photogrammetry.synthetic.rocks import SMALLEST_M, RockField, raise_rocks
+from solmap.photogrammetry.synthetic.rocks import SMALLEST_M, RockField, raise_rocks
 
 CRATER_LEVEL = 3
 """Level (16 cm) at which craters are added."""

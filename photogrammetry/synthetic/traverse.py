@@ -19,13 +19,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.arrays import Rotation, Vector3
-from photogrammetry.errors import FrameError
-from photogrammetry.frames import LSL, Frame, Pose, rotation_of_roll_pitch_yaw, site_frame
-from photogrammetry.imagery import StopId
-from photogrammetry.synthetic.lighting import Sun
-from photogrammetry.synthetic.rig import GROUND_M
-from photogrammetry.synthetic.terrain import Terrain
+from solmap.photogrammetry.arrays import Rotation, Vector3
+from solmap.photogrammetry.errors import FrameError
+from solmap.photogrammetry.frames import LSL, Frame, Pose, rotation_of_roll_pitch_yaw, site_frame
+from solmap.photogrammetry.imagery import StopId
+from solmap.photogrammetry.synthetic.lighting import Sun
+from solmap.photogrammetry.synthetic.rig import GROUND_M
+from solmap.photogrammetry.synthetic.terrain import Terrain
 
 LATITUDE, LONGITUDE_DEG = np.deg2rad(-14.5692), 175.4729
 """Of Spirit's lander, image-tied (Arvidson et al. 2004)."""

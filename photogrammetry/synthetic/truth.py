@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from photogrammetry.arrays import Float32, ParallaxMap
-from photogrammetry.cameras.epipolar import EpipolarPair
-from photogrammetry.frames import LSL, Pose
-from photogrammetry.imagery import Eye
-from photogrammetry.synthetic.lighting import LitGround
-from photogrammetry.synthetic.render import View, first_hits, turned
-from photogrammetry.synthetic.scene import Shot, World
-from photogrammetry.synthetic.traverse import LATITUDE, LONGITUDE_DEG, Stop
+from solmap.photogrammetry.arrays import Float32, ParallaxMap
+from solmap.photogrammetry.cameras.epipolar import EpipolarPair
+from solmap.photogrammetry.frames import LSL, Pose
+from solmap.photogrammetry.imagery import Eye
+from solmap.photogrammetry.synthetic.lighting import LitGround
+from solmap.photogrammetry.synthetic.render import View, first_hits, turned
+from solmap.photogrammetry.synthetic.scene import Shot, World
+from solmap.photogrammetry.synthetic.traverse import LATITUDE, LONGITUDE_DEG, Stop
 
 MARS_RADIUS_M = 3_396_190
 

@@ -13,11 +13,11 @@ from typing import Literal
 
 import numpy as np
 
-from photogrammetry.frames import FrameKind
-from photogrammetry.pds3.vector_files import Solution, VectorFile
-from photogrammetry.pds3.vector_writing import vector_text
-from photogrammetry.synthetic.edr import number
-from photogrammetry.synthetic.traverse import Stop
+from solmap.photogrammetry.frames import FrameKind
+from solmap.photogrammetry.pds3.vector_files import Solution, VectorFile
+from solmap.photogrammetry.pds3.vector_writing import vector_text
+from solmap.photogrammetry.synthetic.edr import number
+from solmap.photogrammetry.synthetic.traverse import Stop
 
 LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
 

@@ -13,13 +13,13 @@ import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from photogrammetry.imagery import Eye
-from photogrammetry.synthetic.edr import CLOCK_ZERO, edr_bytes
-from photogrammetry.synthetic.photograph import photograph
-from photogrammetry.synthetic.scene import Shot, World, WorldParams, make_world
-from photogrammetry.synthetic.traverse import TraverseParams
-from photogrammetry.synthetic.truth import true_parallax, truth
-from photogrammetry.synthetic.vector_files import rover_vector_files, site_vector_file
+from solmap.photogrammetry.imagery import Eye
+from solmap.photogrammetry.synthetic.edr import CLOCK_ZERO, edr_bytes
+from solmap.photogrammetry.synthetic.photograph import photograph
+from solmap.photogrammetry.synthetic.scene import Shot, World, WorldParams, make_world
+from solmap.photogrammetry.synthetic.traverse import TraverseParams
+from solmap.photogrammetry.synthetic.truth import true_parallax, truth
+from solmap.photogrammetry.synthetic.vector_files import rover_vector_files, site_vector_file
 
 __all__ = [
     "DownlinkFile",

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.arrays import Directions, Float64, ObjectPoints, Vector3
-from photogrammetry.errors import TerrainError
+from solmap.photogrammetry.arrays import Directions, Float64, ObjectPoints, Vector3
+from solmap.photogrammetry.errors import TerrainError
 
 CIRCLE = 360.0
 NODE = 4

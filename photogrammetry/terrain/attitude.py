@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.errors import TerrainError
-from photogrammetry.terrain.plane_fit import PlaneFit
+from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.terrain.plane_fit import PlaneFit
 
 LEVEL = 3.0
 """Standard deviations within which a level plane leaves the strike undefined."""

@@ -16,7 +16,7 @@ from itertools import combinations
 
 import numpy as np
 
-from photogrammetry.arrays import Float32, Float64
+from solmap.photogrammetry.arrays import Float32, Float64
 
 LEAST_SHARED = 50
 """Cells that two views must share to be compared."""

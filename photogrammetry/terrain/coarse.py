@@ -9,9 +9,9 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from photogrammetry.arrays import Float32, Raster
-from photogrammetry.errors import TerrainError
-from photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.arrays import Float32, Raster
+from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.terrain.grid import MapGrid
 
 CoarseRaster = Float32[np.ndarray, "coarse_rows coarse_cols"]
 """Values of larger cells."""

@@ -16,7 +16,7 @@ from collections.abc import Collection
 
 import numpy as np
 
-from photogrammetry.imagery import RoverImage
+from solmap.photogrammetry.imagery import RoverImage
 
 RED, GREEN, BLUE = (4, 3, 2), (5,), (6, 7)
 """Filters of Pancam's left eye in the order in which they are wanted."""

@@ -22,10 +22,10 @@ import contourpy
 import cv2
 import numpy as np
 
-from photogrammetry.arrays import Float32, Float64, Raster
-from photogrammetry.errors import TerrainError
-from photogrammetry.terrain.grid import MapGrid
-from photogrammetry.terrain.simplification import simplified
+from solmap.photogrammetry.arrays import Float32, Float64, Raster
+from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.terrain.simplification import simplified
 
 STEPS = (1.0, 2.0, 2.5, 5.0)
 """Intervals are one of these times a power of ten."""

@@ -21,10 +21,10 @@ from scipy.ndimage import distance_transform_edt
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
-from photogrammetry.arrays import Bool, Classes, Float64, Int32, Raster
-from photogrammetry.errors import TerrainError
-from photogrammetry.terrain.grid import MapGrid
-from photogrammetry.terrain.hazard import Hazard
+from solmap.photogrammetry.arrays import Bool, Classes, Float64, Int32, Raster
+from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.terrain.hazard import Hazard
 
 Places = Float64[np.ndarray, "n 2"]
 """(east, north) in metres of the local map."""

@@ -38,14 +38,21 @@ from enum import StrEnum
 
 import numpy as np
 
-from photogrammetry.errors import TerrainError
-from photogrammetry.terrain.fusion import PATCH, Entries, FusionParams, Levels, fuse, variances
-from photogrammetry.terrain.grid import BLOCK, MapGrid
-from photogrammetry.terrain.heights import ViewHeights, view_heights
-from photogrammetry.terrain.occlusion import mark_occluded
-from photogrammetry.terrain.planes import Gradients, gradients
-from photogrammetry.terrain.records import Dtm, GroundClass, TerrainView
-from photogrammetry.terrain.tin import fill_by_triangles
+from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.terrain.fusion import (
+    PATCH,
+    Entries,
+    FusionParams,
+    Levels,
+    fuse,
+    variances,
+)
+from solmap.photogrammetry.terrain.grid import BLOCK, MapGrid
+from solmap.photogrammetry.terrain.heights import ViewHeights, view_heights
+from solmap.photogrammetry.terrain.occlusion import mark_occluded
+from solmap.photogrammetry.terrain.planes import Gradients, gradients
+from solmap.photogrammetry.terrain.records import Dtm, GroundClass, TerrainView
+from solmap.photogrammetry.terrain.tin import fill_by_triangles
 
 STEEPEST = 1.0
 """Gradient above which a cell's own slope is not believed: beyond 45 degrees, a rock's side."""

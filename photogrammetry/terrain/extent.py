@@ -6,11 +6,11 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from photogrammetry.arrays import Flags, Raster, Vector3
-from photogrammetry.errors import TerrainError
-from photogrammetry.terrain.grid import BLOCK, MapGrid
-from photogrammetry.terrain.looks import Look
-from photogrammetry.terrain.records import Dtm
+from solmap.photogrammetry.arrays import Flags, Raster, Vector3
+from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.terrain.grid import BLOCK, MapGrid
+from solmap.photogrammetry.terrain.looks import Look
+from solmap.photogrammetry.terrain.records import Dtm
 
 
 def bounds_to_show(dtm: Dtm, looks: Sequence[Look]) -> tuple[float, float, float, float]:

@@ -12,19 +12,23 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from photogrammetry.arrays import Covariances3, Mask, ObjectPoints
-from photogrammetry.errors import TerrainError
-from photogrammetry.terrain.attitude import Attitude, attitude
-from photogrammetry.terrain.ground import (
+from solmap.photogrammetry.arrays import Covariances3, Mask, ObjectPoints
+from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.terrain.attitude import Attitude, attitude
+from solmap.photogrammetry.terrain.ground import (
     MAP_FROM_LSL,
     SightParams,
     camera_on_map,
     map_from_pair_rotation,
     trusted_parallax,
 )
-from photogrammetry.terrain.planar_regions import ParallaxSamples, RegionParams, planar_regions
-from photogrammetry.terrain.plane_fit import SHARED_PX, PlaneFit, fit_plane
-from photogrammetry.terrain.records import TerrainView
+from solmap.photogrammetry.terrain.planar_regions import (
+    ParallaxSamples,
+    RegionParams,
+    planar_regions,
+)
+from solmap.photogrammetry.terrain.plane_fit import SHARED_PX, PlaneFit, fit_plane
+from solmap.photogrammetry.terrain.records import TerrainView
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from photogrammetry.terrain.contours import ContourParams
-from photogrammetry.terrain.dtm import DtmParams
+from solmap.photogrammetry.terrain.contours import ContourParams
+from solmap.photogrammetry.terrain.dtm import DtmParams
 
 
 @dataclass(frozen=True, slots=True)

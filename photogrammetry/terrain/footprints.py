@@ -17,12 +17,12 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from photogrammetry.arrays import Directions, Flags, Float64, ImagePoints, PerPoint, Vector3
-from photogrammetry.cameras.model import CameraModel
-from photogrammetry.errors import TerrainError
-from photogrammetry.frames import FrameKind, Pose
-from photogrammetry.terrain.ground import MAP_FROM_LSL
-from photogrammetry.terrain.records import Dtm
+from solmap.photogrammetry.arrays import Directions, Flags, Float64, ImagePoints, PerPoint, Vector3
+from solmap.photogrammetry.cameras.model import CameraModel
+from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.frames import FrameKind, Pose
+from solmap.photogrammetry.terrain.ground import MAP_FROM_LSL
+from solmap.photogrammetry.terrain.records import Dtm
 
 Outline = Float64[np.ndarray, "corners 2"]
 """(east, north) in metres; a closed ring repeats its first point."""

@@ -21,18 +21,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.arrays import Float32, Float64, Raster
-from photogrammetry.matching.dense import SharedSigma
-from photogrammetry.terrain.grid import MapGrid
-from photogrammetry.terrain.ground import (
+from solmap.photogrammetry.arrays import Float32, Float64, Raster
+from solmap.photogrammetry.matching.dense import SharedSigma
+from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.terrain.ground import (
     MAP_FROM_LSL,
     SightParams,
     camera_on_map,
     map_from_pair_rotation,
 )
-from photogrammetry.terrain.heights import ViewHeights
-from photogrammetry.terrain.planes import Gradients
-from photogrammetry.terrain.records import PoseCovariance, TerrainView
+from solmap.photogrammetry.terrain.heights import ViewHeights
+from solmap.photogrammetry.terrain.planes import Gradients
+from solmap.photogrammetry.terrain.records import PoseCovariance, TerrainView
 
 HUBER = 2.0
 """Standard deviations beyond which a view counts for less."""

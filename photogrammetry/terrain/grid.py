@@ -17,8 +17,8 @@ from typing import TypeAlias
 
 import numpy as np
 
-from photogrammetry.arrays import Float64, ObjectPoints
-from photogrammetry.errors import TerrainError
+from solmap.photogrammetry.arrays import Float64, ObjectPoints
+from solmap.photogrammetry.errors import TerrainError
 
 BLOCK = 256
 """Cells along the side of a block, which is one tile."""

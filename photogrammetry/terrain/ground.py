@@ -18,9 +18,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from photogrammetry.arrays import Float32, Float64, ParallaxMap, Vector3
-from photogrammetry.frames import Pose
-from photogrammetry.terrain.records import TerrainView
+from solmap.photogrammetry.arrays import Float32, Float64, ParallaxMap, Vector3
+from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.terrain.records import TerrainView
 
 Planes3 = Float32[np.ndarray, "3 lines samples"]
 """East, north and up of every pixel, metres from the camera; NaN where not trusted."""

@@ -21,13 +21,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.arrays import Float64, PerPoint, Vector3
-from photogrammetry.cameras.epipolar import EpipolarPair
-from photogrammetry.frames import Pose
-from photogrammetry.terrain.ground import MAP_FROM_LSL
-from photogrammetry.terrain.ground_samples import MapPoints
-from photogrammetry.terrain.oriented_image import OrientedImage, StopPose, between
-from photogrammetry.terrain.plane_fit import Covariance3
+from solmap.photogrammetry.arrays import Float64, PerPoint, Vector3
+from solmap.photogrammetry.cameras.epipolar import EpipolarPair
+from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.terrain.ground import MAP_FROM_LSL
+from solmap.photogrammetry.terrain.ground_samples import MapPoints
+from solmap.photogrammetry.terrain.oriented_image import OrientedImage, StopPose, between
+from solmap.photogrammetry.terrain.plane_fit import Covariance3
 
 UP = np.array([0.0, 0.0, -1.0])
 """In the LSL."""

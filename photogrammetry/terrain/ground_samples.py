@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.arrays import Float64, Int32, PerPoint, Raster
-from photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.arrays import Float64, Int32, PerPoint, Raster
+from solmap.photogrammetry.terrain.grid import MapGrid
 
 MapPoints = Float64[np.ndarray, "n 2"]
 """(east, north) in metres of the local map."""

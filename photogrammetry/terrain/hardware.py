@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from photogrammetry.arrays import Mask, Vector3
-from photogrammetry.terrain.records import TerrainView
+from solmap.photogrammetry.arrays import Mask, Vector3
+from solmap.photogrammetry.terrain.records import TerrainView
 
 MAST_M = 0.4
 """Cameras at least that far above the deck are on the mast; those of Spirit are 0.9 m above it."""

@@ -19,11 +19,11 @@ import contourpy
 import cv2
 import numpy as np
 
-from photogrammetry.arrays import Bool, Float64
-from photogrammetry.errors import TerrainError
-from photogrammetry.terrain.grid import MapGrid
-from photogrammetry.terrain.insolation import Insolation
-from photogrammetry.terrain.surface import northerly_tilt_of, slope_of
+from solmap.photogrammetry.arrays import Bool, Float64
+from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.terrain.insolation import Insolation
+from solmap.photogrammetry.terrain.surface import northerly_tilt_of, slope_of
 
 Ring = Float64[np.ndarray, "_ 2"]
 """(east, north), metres; the first and last are equal."""

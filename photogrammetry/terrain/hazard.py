@@ -24,12 +24,12 @@ from enum import IntEnum
 import cv2
 import numpy as np
 
-from photogrammetry.arrays import Classes, Raster
-from photogrammetry.errors import TerrainError
-from photogrammetry.terrain.coarse import coarsened
-from photogrammetry.terrain.grid import MapGrid
-from photogrammetry.terrain.planes import Gradients, fit_planes
-from photogrammetry.terrain.records import Dtm
+from solmap.photogrammetry.arrays import Classes, Raster
+from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.terrain.coarse import coarsened
+from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.terrain.planes import Gradients, fit_planes
+from solmap.photogrammetry.terrain.records import Dtm
 
 STRIP = 1024
 """Rows that are judged together."""

@@ -11,16 +11,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.arrays import Float32, Float64, ParallaxMap
-from photogrammetry.terrain.ground import (
+from solmap.photogrammetry.arrays import Float32, Float64, ParallaxMap
+from solmap.photogrammetry.terrain.ground import (
     SightParams,
     camera_on_map,
     ground_of,
     largest_step_px,
     trusted_parallax,
 )
-from photogrammetry.terrain.mesh import continuous_quads, in_a_quad, mesh_samples
-from photogrammetry.terrain.records import TerrainView
+from solmap.photogrammetry.terrain.mesh import continuous_quads, in_a_quad, mesh_samples
+from solmap.photogrammetry.terrain.records import TerrainView
 
 STEEP = 1.7
 """Gradient of 60 degrees: scatter that a slope as steep as this makes in a cell is no second

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.arrays import Float32, Float64, Int32, Raster
+from solmap.photogrammetry.arrays import Float32, Float64, Int32, Raster
 
 Horizons = Float32[np.ndarray, "azimuths rows cols"]
 """Tangent of the horizon's elevation, in equal steps of azimuth from north over east; NaN where the

@@ -26,14 +26,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.arrays import Float32, Float64, PerPoint, Raster
-from photogrammetry.terrain.coarse import coarsened, manageable_cell_m, seen_window
-from photogrammetry.terrain.grid import MapGrid
-from photogrammetry.terrain.horizon import AZIMUTHS, Horizons, horizons
-from photogrammetry.terrain.planes import Gradients, gradients
-from photogrammetry.terrain.sky import beam_share, diffuse_share
-from photogrammetry.terrain.sun import SOL_HOURS, Season, half_day, local_winter, sun_directions
-from photogrammetry.terrain.surface import Normals, normals_of
+from solmap.photogrammetry.arrays import Float32, Float64, PerPoint, Raster
+from solmap.photogrammetry.terrain.coarse import coarsened, manageable_cell_m, seen_window
+from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.terrain.horizon import AZIMUTHS, Horizons, horizons
+from solmap.photogrammetry.terrain.planes import Gradients, gradients
+from solmap.photogrammetry.terrain.sky import beam_share, diffuse_share
+from solmap.photogrammetry.terrain.sun import (
+    SOL_HOURS,
+    Season,
+    half_day,
+    local_winter,
+    sun_directions,
+)
+from solmap.photogrammetry.terrain.surface import Normals, normals_of
 
 STEP_HOURS = 0.25
 """Longest step between suns, Mars hours: the sun moves by less than four degrees."""

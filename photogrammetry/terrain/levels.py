@@ -17,10 +17,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.arrays import Bool
-from photogrammetry.errors import TerrainError
-from photogrammetry.terrain.model3d import Bounds, SurfaceMesh, TerrainDrawing
-from photogrammetry.terrain.right_triangles import GridMesh
+from solmap.photogrammetry.arrays import Bool
+from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.terrain.model3d import Bounds, SurfaceMesh, TerrainDrawing
+from solmap.photogrammetry.terrain.right_triangles import GridMesh
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,9 +20,9 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from photogrammetry.arrays import Float32, Float64, GreyImage, Mask, Raster, Vector3
-from photogrammetry.terrain.ground import camera_on_map, map_from_pair_rotation
-from photogrammetry.terrain.records import TerrainView
+from solmap.photogrammetry.arrays import Float32, Float64, GreyImage, Mask, Raster, Vector3
+from solmap.photogrammetry.terrain.ground import camera_on_map, map_from_pair_rotation
+from solmap.photogrammetry.terrain.records import TerrainView
 
 NEAREST_M = 0.05
 """Depths below this are behind or inside the camera."""

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.arrays import Float64, ImagePoints, ParallaxMap, PerPoint, Vector3
-from photogrammetry.cameras.epipolar import EpipolarPair
-from photogrammetry.cameras.model import CameraModel
-from photogrammetry.frames import Pose
-from photogrammetry.imagery import Eye
-from photogrammetry.matching.hand_editing import epipolar_point
-from photogrammetry.terrain.viewshed import Sight
+from solmap.photogrammetry.arrays import Float64, ImagePoints, ParallaxMap, PerPoint, Vector3
+from solmap.photogrammetry.cameras.epipolar import EpipolarPair
+from solmap.photogrammetry.cameras.model import CameraModel
+from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.imagery import Eye
+from solmap.photogrammetry.matching.hand_editing import epipolar_point
+from solmap.photogrammetry.terrain.viewshed import Sight
 
 LEAST_TOLERANCE_PX = 0.5
 """By which a parallax may differ from the expected one before it is of other ground: twice the

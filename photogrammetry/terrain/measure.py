@@ -15,10 +15,10 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
-from photogrammetry.arrays import Flags, PerPoint
-from photogrammetry.errors import TerrainError
-from photogrammetry.terrain.ground_samples import GroundSamples, MapPoints
-from photogrammetry.terrain.profile import Stations
+from solmap.photogrammetry.arrays import Flags, PerPoint
+from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.terrain.ground_samples import GroundSamples, MapPoints
+from solmap.photogrammetry.terrain.profile import Stations
 
 Elevations = Callable[[MapPoints], PerPoint]
 """Elevation at (east, north); NaN where the ground is not known."""

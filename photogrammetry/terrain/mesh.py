@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.arrays import Float32, Mask, ParallaxMap
-from photogrammetry.terrain.ground import Planes3
+from solmap.photogrammetry.arrays import Float32, Mask, ParallaxMap
+from solmap.photogrammetry.terrain.ground import Planes3
 
 Samples3 = Float32[np.ndarray, "3 n"]
 """East, north and up of samples of the surface, metres from the camera."""

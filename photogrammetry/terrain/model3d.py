@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.arrays import (
+from solmap.photogrammetry.arrays import (
     Directions,
     Float32,
     Float64,
@@ -23,10 +23,10 @@ from photogrammetry.arrays import (
     Picture,
     Raster,
 )
-from photogrammetry.errors import TerrainError
-from photogrammetry.terrain.planes import Gradients, gradients
-from photogrammetry.terrain.records import Dtm
-from photogrammetry.terrain.right_triangles import GridMesh, RightTriangles
+from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.terrain.planes import Gradients, gradients
+from solmap.photogrammetry.terrain.records import Dtm
+from solmap.photogrammetry.terrain.right_triangles import GridMesh, RightTriangles
 
 Bounds = tuple[float, float, float, float]
 """(west, south, east, north), metres."""

@@ -21,9 +21,9 @@ import cv2
 import numpy as np
 from jaxtyping import UInt16
 
-from photogrammetry.arrays import Bool, Float32, Raster
-from photogrammetry.terrain.looks import Look, Sight
-from photogrammetry.terrain.patches import MARGIN, Patch
+from solmap.photogrammetry.arrays import Bool, Float32, Raster
+from solmap.photogrammetry.terrain.looks import Look, Sight
+from solmap.photogrammetry.terrain.patches import MARGIN, Patch
 
 NO_SOURCE = np.iinfo(np.uint16).max
 """Source index of cells that no view shows."""

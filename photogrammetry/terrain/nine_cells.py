@@ -14,8 +14,8 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from photogrammetry.arrays import Bool, Float32, Raster
-from photogrammetry.terrain.planes import LEAST_SPREAD, Gradients
+from solmap.photogrammetry.arrays import Bool, Float32, Raster
+from solmap.photogrammetry.terrain.planes import LEAST_SPREAD, Gradients
 
 _STEP = np.array([-1.0, 0.0, 1.0], np.float32)
 _ONES = np.ones(3, np.float32)

@@ -31,15 +31,15 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from photogrammetry.arrays import Bool, Classes, Float32, Raster, Vector3
-from photogrammetry.terrain.grid import MapGrid
-from photogrammetry.terrain.ground import (
+from solmap.photogrammetry.arrays import Bool, Classes, Float32, Raster, Vector3
+from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.terrain.ground import (
     SightParams,
     camera_on_map,
     map_from_pair_rotation,
     reach_m,
 )
-from photogrammetry.terrain.records import GroundClass, TerrainView
+from solmap.photogrammetry.terrain.records import GroundClass, TerrainView
 
 LINES = 1.0
 """Lines of the image that are the least by which something is above another."""

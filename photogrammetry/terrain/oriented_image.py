@@ -25,13 +25,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation as ScipyRotation
 
-from photogrammetry.arrays import Flags, Float64, ImagePoints, Vector3
-from photogrammetry.cameras.model import CameraModel
-from photogrammetry.errors import TerrainError
-from photogrammetry.frames import LSL, Pose
-from photogrammetry.imagery import RoverImage, StopId
-from photogrammetry.terrain.plane_fit import Covariance3
-from photogrammetry.terrain.records import PoseCovariance
+from solmap.photogrammetry.arrays import Flags, Float64, ImagePoints, Vector3
+from solmap.photogrammetry.cameras.model import CameraModel
+from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.frames import LSL, Pose
+from solmap.photogrammetry.imagery import RoverImage, StopId
+from solmap.photogrammetry.terrain.plane_fit import Covariance3
+from solmap.photogrammetry.terrain.records import PoseCovariance
 
 ImagePlace = Float64[np.ndarray, " 2"]
 """(sample, line)."""

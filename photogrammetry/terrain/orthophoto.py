@@ -15,16 +15,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.arrays import Float32, Float64, GreyImage, Raster
-from photogrammetry.errors import TerrainError
-from photogrammetry.terrain.balance import Balance
-from photogrammetry.terrain.extent import bounds_to_show, windows
-from photogrammetry.terrain.grid import MapGrid
-from photogrammetry.terrain.looks import Look
-from photogrammetry.terrain.mosaic import NO_SOURCE, Sources, blended, shares
-from photogrammetry.terrain.patches import Patch
-from photogrammetry.terrain.records import Dtm, TerrainView
-from photogrammetry.terrain.samples import sampled
+from solmap.photogrammetry.arrays import Float32, Float64, GreyImage, Raster
+from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.terrain.balance import Balance
+from solmap.photogrammetry.terrain.extent import bounds_to_show, windows
+from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.terrain.looks import Look
+from solmap.photogrammetry.terrain.mosaic import NO_SOURCE, Sources, blended, shares
+from solmap.photogrammetry.terrain.patches import Patch
+from solmap.photogrammetry.terrain.records import Dtm, TerrainView
+from solmap.photogrammetry.terrain.samples import sampled
 
 Stretch = tuple[float, float]
 """Brightness to show as black and as white."""

@@ -21,16 +21,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from photogrammetry.arrays import Float64, ObjectPoints, Raster, Vector3
-from photogrammetry.errors import TerrainError
-from photogrammetry.imagery import Eye
-from photogrammetry.terrain.angle_grid import NODE, AngleGrid, direction
-from photogrammetry.terrain.balance import balance
-from photogrammetry.terrain.ground import MAP_FROM_LSL
-from photogrammetry.terrain.mosaic import NO_SOURCE, Sources
-from photogrammetry.terrain.panorama_image import PanoramaImage, enlarged
-from photogrammetry.terrain.records import Dtm
-from photogrammetry.terrain.sight_ranges import SightRanges, StandingPlane, sight_ranges
+from solmap.photogrammetry.arrays import Float64, ObjectPoints, Raster, Vector3
+from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.imagery import Eye
+from solmap.photogrammetry.terrain.angle_grid import NODE, AngleGrid, direction
+from solmap.photogrammetry.terrain.balance import balance
+from solmap.photogrammetry.terrain.ground import MAP_FROM_LSL
+from solmap.photogrammetry.terrain.mosaic import NO_SOURCE, Sources
+from solmap.photogrammetry.terrain.panorama_image import PanoramaImage, enlarged
+from solmap.photogrammetry.terrain.records import Dtm
+from solmap.photogrammetry.terrain.sight_ranges import SightRanges, StandingPlane, sight_ranges
 
 SAMPLES = 1 << 16
 """Directions in which brightness is compared, at most: of a full circle, every sixteenth pixel."""

@@ -12,11 +12,18 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from photogrammetry.arrays import Float64, GreyImage, Mask, ObjectPoints, Raster, Vector3
-from photogrammetry.cameras.epipolar import border_points
-from photogrammetry.cameras.model import CameraModel
-from photogrammetry.terrain.angle_grid import NODE, Span, span_of_rays
-from photogrammetry.terrain.looks import LEVELS, Pyramid, coarser, fade_of, looked_up, pyramid_of
+from solmap.photogrammetry.arrays import Float64, GreyImage, Mask, ObjectPoints, Raster, Vector3
+from solmap.photogrammetry.cameras.epipolar import border_points
+from solmap.photogrammetry.cameras.model import CameraModel
+from solmap.photogrammetry.terrain.angle_grid import NODE, Span, span_of_rays
+from solmap.photogrammetry.terrain.looks import (
+    LEVELS,
+    Pyramid,
+    coarser,
+    fade_of,
+    looked_up,
+    pyramid_of,
+)
 
 BEYOND = 1.02
 """How far off its axis a camera is asked, over the corner of its image: models fold back beyond."""

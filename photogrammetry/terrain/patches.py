@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from photogrammetry.arrays import Bool, Float32, Raster, Vector3
-from photogrammetry.terrain.grid import MapGrid
-from photogrammetry.terrain.records import Dtm
+from solmap.photogrammetry.arrays import Bool, Float32, Raster, Vector3
+from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.terrain.records import Dtm
 
 MARGIN = 1
 """Cells around a block that its interpolation reaches into."""

@@ -5,10 +5,10 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from photogrammetry.arrays import Picture, Raster
-from photogrammetry.terrain.orthophoto import Orthophoto
-from photogrammetry.terrain.records import Dtm, GroundClass
-from photogrammetry.terrain.surface import HillshadeParams, hillshade
+from solmap.photogrammetry.arrays import Picture, Raster
+from solmap.photogrammetry.terrain.orthophoto import Orthophoto
+from solmap.photogrammetry.terrain.records import Dtm, GroundClass
+from solmap.photogrammetry.terrain.surface import HillshadeParams, hillshade
 
 CLASS_COLOURS = {
     GroundClass.UNSEEN: (0, 0, 0, 0),

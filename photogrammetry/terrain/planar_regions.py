@@ -20,8 +20,8 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from photogrammetry.arrays import Bool, Float32, Float64, Mask, ParallaxMap, PerPoint
-from photogrammetry.errors import TerrainError
+from solmap.photogrammetry.arrays import Bool, Float32, Float64, Mask, ParallaxMap, PerPoint
+from solmap.photogrammetry.errors import TerrainError
 
 Coefficients = Float64[np.ndarray, " 3"]
 """(a, b, c) of the parallax a + b x + c y, pixels from the principal point."""

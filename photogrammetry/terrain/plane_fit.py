@@ -27,8 +27,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.arrays import Covariances3, Float64, ObjectPoints, PerPoint, Vector3
-from photogrammetry.errors import TerrainError
+from solmap.photogrammetry.arrays import Covariances3, Float64, ObjectPoints, PerPoint, Vector3
+from solmap.photogrammetry.errors import TerrainError
 
 SHARED_PX = 25.0
 """Side of the square of pixels whose dense parallaxes count as one for the tilt of a plane: three

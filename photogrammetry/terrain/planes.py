@@ -30,9 +30,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from photogrammetry.arrays import Bool, Float32, Raster
-from photogrammetry.errors import TerrainError
-from photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.arrays import Bool, Float32, Raster
+from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.terrain.grid import MapGrid
 
 Gradients = Float32[np.ndarray, "2 rows cols"]
 """Rise per metre towards east and towards north; NaN where no plane could be fitted."""

@@ -18,12 +18,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.arrays import Float32, Float64, UInt8
-from photogrammetry.errors import TerrainError
-from photogrammetry.stretching import black_and_white
-from photogrammetry.terrain.ground import SightParams, camera_on_map, ground_of, trusted_parallax
-from photogrammetry.terrain.levels import TilePlace
-from photogrammetry.terrain.records import TerrainView
+from solmap.photogrammetry.arrays import Float32, Float64, UInt8
+from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.stretching import black_and_white
+from solmap.photogrammetry.terrain.ground import (
+    SightParams,
+    camera_on_map,
+    ground_of,
+    trusted_parallax,
+)
+from solmap.photogrammetry.terrain.levels import TilePlace
+from solmap.photogrammetry.terrain.records import TerrainView
 
 SAMPLED = 37
 """Every how many pixels the brightness is looked at."""

@@ -17,10 +17,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.arrays import Float64, Int32, ObjectPoints
-from photogrammetry.errors import TerrainError
-from photogrammetry.terrain.model3d import TerrainDrawing
-from photogrammetry.terrain.records import Dtm
+from solmap.photogrammetry.arrays import Float64, Int32, ObjectPoints
+from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.terrain.model3d import TerrainDrawing
+from solmap.photogrammetry.terrain.records import Dtm
 
 Triangles = Int32[np.ndarray, "triangles 3"]
 

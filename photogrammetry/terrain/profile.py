@@ -22,9 +22,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.arrays import Int32, PerPoint
-from photogrammetry.errors import TerrainError
-from photogrammetry.terrain.ground_samples import GroundSamples, MapPoints
+from solmap.photogrammetry.arrays import Int32, PerPoint
+from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.terrain.ground_samples import GroundSamples, MapPoints
 
 SAME_M = 1e-6
 """Places that are nearer to each other than this are one."""

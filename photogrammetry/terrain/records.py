@@ -7,12 +7,12 @@ from enum import IntEnum
 
 import numpy as np
 
-from photogrammetry.arrays import Classes, Float64, GreyImage, Mask, ParallaxMap, Raster
-from photogrammetry.cameras.epipolar import EpipolarPair
-from photogrammetry.errors import TerrainError
-from photogrammetry.frames import Pose
-from photogrammetry.matching.dense import SharedSigma
-from photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.arrays import Classes, Float64, GreyImage, Mask, ParallaxMap, Raster
+from solmap.photogrammetry.cameras.epipolar import EpipolarPair
+from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.matching.dense import SharedSigma
+from solmap.photogrammetry.terrain.grid import MapGrid
 
 PoseCovariance = Float64[np.ndarray, "6 6"]
 """Of a rotation vector (radians) and a position (metres), both in the LSL."""

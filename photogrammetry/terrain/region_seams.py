@@ -12,8 +12,8 @@ from itertools import combinations
 
 import numpy as np
 
-from photogrammetry.terrain.records import Dtm
-from photogrammetry.terrain.region import StopTerrain
+from solmap.photogrammetry.terrain.records import Dtm
+from solmap.photogrammetry.terrain.region import StopTerrain
 
 LEAST, GROWTH, CLASSES = 1e-4, 1.02, 800
 """From a tenth of a millimetre to beyond a hundred metres; the same numbers serve sigmas."""

@@ -16,12 +16,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.arrays import Raster
-from photogrammetry.terrain.coarse import coarse_grid, manageable_cell_m, place_means
-from photogrammetry.terrain.grid import MapGrid
-from photogrammetry.terrain.planes import fit_planes, window_cells, window_mean
-from photogrammetry.terrain.records import Dtm
-from photogrammetry.terrain.surface import Normals, SlopeParams, normals_of
+from solmap.photogrammetry.arrays import Raster
+from solmap.photogrammetry.terrain.coarse import coarse_grid, manageable_cell_m, place_means
+from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.terrain.planes import fit_planes, window_cells, window_mean
+from solmap.photogrammetry.terrain.records import Dtm
+from solmap.photogrammetry.terrain.surface import Normals, SlopeParams, normals_of
 
 STRIP = 512
 """Rows that are worked on together: 70 MB of a stop's width."""

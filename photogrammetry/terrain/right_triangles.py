@@ -29,8 +29,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.arrays import Bool, Float32, Int32, Raster
-from photogrammetry.errors import TerrainError
+from solmap.photogrammetry.arrays import Bool, Float32, Int32, Raster
+from solmap.photogrammetry.errors import TerrainError
 
 ROOT_LEVELS = 8
 """Side of the root squares as a power of two: 256 points, one block of a map."""

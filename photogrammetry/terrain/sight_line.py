@@ -15,9 +15,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.arrays import Float64, PerPoint, Vector3
-from photogrammetry.terrain.ground_samples import MapPoints
-from photogrammetry.terrain.viewshed import Sight
+from solmap.photogrammetry.arrays import Float64, PerPoint, Vector3
+from solmap.photogrammetry.terrain.ground_samples import MapPoints
+from solmap.photogrammetry.terrain.viewshed import Sight
 
 NEAR_M = 0.3
 """Ground so near to either end does not block: it carries the end."""

@@ -16,9 +16,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.arrays import Bool, Float64, Vector3
-from photogrammetry.terrain.ground_samples import bilinear
-from photogrammetry.terrain.records import Dtm
+from solmap.photogrammetry.arrays import Bool, Float64, Vector3
+from solmap.photogrammetry.terrain.ground_samples import bilinear
+from solmap.photogrammetry.terrain.records import Dtm
 
 NEAREST_M, FARTHEST_M = 0.3, 300.0
 GROWTH = 1.01

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 import shapely
 
-from photogrammetry.arrays import Float64
+from solmap.photogrammetry.arrays import Float64
 
 Line = Float64[np.ndarray, "_ 2"]
 """(east, north), metres; the first and last are equal where the line is closed."""

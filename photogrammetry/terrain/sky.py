@@ -16,8 +16,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from photogrammetry.arrays import Float64, PerPoint
-from photogrammetry.errors import TerrainError
+from solmap.photogrammetry.arrays import Float64, PerPoint
+from solmap.photogrammetry.errors import TerrainError
 
 ALBEDO = 0.1
 """Albedo of the ground for which the net flux is tabled."""

@@ -26,7 +26,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.arrays import Float64, PerPoint
+from solmap.photogrammetry.arrays import Float64, PerPoint
 
 OBLIQUITY_DEG = 25.19
 ECCENTRICITY = 0.0934

@@ -19,8 +19,8 @@ import cv2
 import numpy as np
 from scipy.spatial import Delaunay
 
-from photogrammetry.arrays import Float64
-from photogrammetry.terrain.records import Dtm, GroundClass
+from solmap.photogrammetry.arrays import Float64
+from solmap.photogrammetry.terrain.records import Dtm, GroundClass
 
 LEAST_NODES = 4
 """A triangulation of fewer points is none."""

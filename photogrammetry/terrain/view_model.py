@@ -24,10 +24,10 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from photogrammetry.arrays import Bool, GreyImage, Mask, ParallaxMap, Picture
-from photogrammetry.errors import TerrainError
-from photogrammetry.stretching import black_and_white
-from photogrammetry.terrain.ground import (
+from solmap.photogrammetry.arrays import Bool, GreyImage, Mask, ParallaxMap, Picture
+from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.stretching import black_and_white
+from solmap.photogrammetry.terrain.ground import (
     Planes3,
     SightParams,
     camera_on_map,
@@ -35,11 +35,11 @@ from photogrammetry.terrain.ground import (
     largest_step_px,
     trusted_parallax,
 )
-from photogrammetry.terrain.looks import NEAREST_M, Look
-from photogrammetry.terrain.mesh import continuous_quads
-from photogrammetry.terrain.model3d import SurfaceMesh, TexturedMesh, mean_normals
-from photogrammetry.terrain.records import TerrainView
-from photogrammetry.terrain.right_triangles import RightTriangles
+from solmap.photogrammetry.terrain.looks import NEAREST_M, Look
+from solmap.photogrammetry.terrain.mesh import continuous_quads
+from solmap.photogrammetry.terrain.model3d import SurfaceMesh, TexturedMesh, mean_normals
+from solmap.photogrammetry.terrain.records import TerrainView
+from solmap.photogrammetry.terrain.right_triangles import RightTriangles
 
 HIDDEN_PX = 1.0
 """How far a matched parallax may exceed the expected one before the ground counts as hidden: four

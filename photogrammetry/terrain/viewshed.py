@@ -25,11 +25,11 @@ from enum import IntEnum
 import cv2
 import numpy as np
 
-from photogrammetry.arrays import Classes, Float32, Int32, Raster, Vector3
-from photogrammetry.errors import TerrainError
-from photogrammetry.terrain.coarse import coarsened, manageable_cell_m
-from photogrammetry.terrain.grid import MapGrid
-from photogrammetry.terrain.records import Dtm, GroundClass
+from solmap.photogrammetry.arrays import Classes, Float32, Int32, Raster, Vector3
+from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.terrain.coarse import coarsened, manageable_cell_m
+from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.terrain.records import Dtm, GroundClass
 
 Rays = Float32[np.ndarray, "rays steps"]
 """Values along rays from the eye, one row a ray."""

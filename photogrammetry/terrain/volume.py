@@ -21,9 +21,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.arrays import Float64, PerPoint, Vector3
-from photogrammetry.errors import TerrainError
-from photogrammetry.terrain.ground_samples import GroundSamples, MapPoints
+from solmap.photogrammetry.arrays import Float64, PerPoint, Vector3
+from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.terrain.ground_samples import GroundSamples, MapPoints
 
 CORRELATION_M = 0.15
 """Side of the square within which places share their error: see `SurfaceParams`."""

@@ -17,9 +17,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.arrays import Float64, Int32, ObjectPoints, PerPoint
-from photogrammetry.errors import TraverseError
-from photogrammetry.traverse.records import Traverse, leg_lengths
+from solmap.photogrammetry.arrays import Float64, Int32, ObjectPoints, PerPoint
+from solmap.photogrammetry.errors import TraverseError
+from solmap.photogrammetry.traverse.records import Traverse, leg_lengths
 
 LEAST_DISTANCE_M = 20.0
 """Percentages are compared from here on: of a first step of a metre, a wheel's width is 20 %."""

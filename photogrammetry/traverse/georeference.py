@@ -19,9 +19,9 @@ from enum import StrEnum
 
 import numpy as np
 
-from photogrammetry.arrays import Float64, PerPoint
-from photogrammetry.errors import TraverseError
-from photogrammetry.traverse.records import leg_lengths
+from solmap.photogrammetry.arrays import Float64, PerPoint
+from solmap.photogrammetry.errors import TraverseError
+from solmap.photogrammetry.traverse.records import leg_lengths
 
 
 class MapTransform(StrEnum):

@@ -18,8 +18,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.arrays import Float64
-from photogrammetry.errors import TraverseError
+from solmap.photogrammetry.arrays import Float64
+from solmap.photogrammetry.errors import TraverseError
 
 COLUMNS = ("name", "mosaic_x_m", "mosaic_y_m", "east_m", "north_m")
 

@@ -9,10 +9,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
 
-from photogrammetry.arrays import Float64
-from photogrammetry.figures import ADJUSTED_RED, FAINT, INK, TELEMETRY_BLUE, svg
-from photogrammetry.traverse.differences import Differences
-from photogrammetry.traverse.records import Traverse
+from solmap.photogrammetry.arrays import Float64
+from solmap.photogrammetry.figures import ADJUSTED_RED, FAINT, INK, TELEMETRY_BLUE, svg
+from solmap.photogrammetry.traverse.differences import Differences
+from solmap.photogrammetry.traverse.records import Traverse
 
 SIGMAS = 3.0
 """Error ellipses are drawn this many standard deviations large."""

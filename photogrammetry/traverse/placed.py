@@ -6,11 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from photogrammetry.body_fixed import map_from_lsl
-from photogrammetry.errors import FrameError, TraverseError
-from photogrammetry.frames import LSL, Frame, FrameKind
-from photogrammetry.pds3.vector_files import VectorFile, lsl_tree, poses
-from photogrammetry.traverse.records import Traverse
+from solmap.photogrammetry.body_fixed import map_from_lsl
+from solmap.photogrammetry.errors import FrameError, TraverseError
+from solmap.photogrammetry.frames import LSL, Frame, FrameKind
+from solmap.photogrammetry.pds3.vector_files import VectorFile, lsl_tree, poses
+from solmap.photogrammetry.traverse.records import Traverse
 
 
 def traverse_of_vectors(files: Sequence[VectorFile], solution: str = "") -> Traverse:

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from photogrammetry.arrays import Float64, Int32, ObjectPoints
-from photogrammetry.errors import TraverseError
+from solmap.photogrammetry.arrays import Float64, Int32, ObjectPoints
+from solmap.photogrammetry.errors import TraverseError
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -23,10 +23,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.arrays import Float64, Int32, ObjectPoints
-from photogrammetry.body_fixed import MARS_RADIUS_M
-from photogrammetry.errors import TraverseError
-from photogrammetry.traverse.records import Traverse
+from solmap.photogrammetry.arrays import Float64, Int32, ObjectPoints
+from solmap.photogrammetry.body_fixed import MARS_RADIUS_M
+from solmap.photogrammetry.errors import TraverseError
+from solmap.photogrammetry.traverse.records import Traverse
 
 TELEMETRY = ("raw_x", "raw_y", "raw_z")
 CORRECTED = ("corrected_x", "corrected_y")

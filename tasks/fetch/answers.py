@@ -15,7 +15,7 @@ from urllib.parse import urlsplit
 
 import httpx
 
-from tasks.fetch.errors import NextMirrorError, TryAgainError
+from solmap.tasks.fetch.errors import NextMirrorError, TryAgainError
 
 USER_AGENT = "solmap"
 MAX_REDIRECTS = 5

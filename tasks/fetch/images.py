@@ -7,15 +7,15 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
 
-from photogrammetry.errors import LabelError
-from photogrammetry.pds3.index_pairs import IndexEntry
-from photogrammetry.pds3.label import MAX_LABEL_BYTES
-from photogrammetry.pds3.reading import read_label
-from tasks.fetch.errors import DiskError, FetchError, WrongContentError
-from tasks.fetch.partial import PartialFile
-from tasks.fetch.transfer import Transfer
-from tasks.fetch.volume import Volume, local_name
-from tasks.stage import stage
+from solmap.photogrammetry.errors import LabelError
+from solmap.photogrammetry.pds3.index_pairs import IndexEntry
+from solmap.photogrammetry.pds3.label import MAX_LABEL_BYTES
+from solmap.photogrammetry.pds3.reading import read_label
+from solmap.tasks.fetch.errors import DiskError, FetchError, WrongContentError
+from solmap.tasks.fetch.partial import PartialFile
+from solmap.tasks.fetch.transfer import Transfer
+from solmap.tasks.fetch.volume import Volume, local_name
+from solmap.tasks.stage import stage
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,15 +18,15 @@ from urllib.parse import urlsplit
 
 import httpx
 
-from tasks.fetch.answers import answer, body, host_of
-from tasks.fetch.errors import (
+from solmap.tasks.fetch.answers import answer, body, host_of
+from solmap.tasks.fetch.errors import (
     DiskError,
     FetchError,
     NextMirrorError,
     TryAgainError,
     WrongContentError,
 )
-from tasks.fetch.partial import PartialFile, Progress, Source
+from solmap.tasks.fetch.partial import PartialFile, Progress, Source
 
 log = logging.getLogger(__name__)
 

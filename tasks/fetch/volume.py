@@ -13,8 +13,8 @@ import re
 from dataclasses import dataclass
 from urllib.parse import quote
 
-from photogrammetry.pds3.index_pairs import IndexEntry
-from tasks.fetch.errors import FetchError
+from solmap.photogrammetry.pds3.index_pairs import IndexEntry
+from solmap.tasks.fetch.errors import FetchError
 
 _PLAIN = re.compile(r"[A-Za-z0-9_#-][A-Za-z0-9_.#-]*\Z")
 

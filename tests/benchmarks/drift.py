@@ -25,12 +25,12 @@ import numpy as np
 mpl.use("svg")
 import matplotlib.pyplot as plt
 
-from photogrammetry.adjustment.adjust import adjust_overall
-from photogrammetry.adjustment.params import AdjustmentParams
-from photogrammetry.adjustment.sequential import begin, extend
-from photogrammetry.adjustment.smoothing import smoothed
-from photogrammetry.adjustment.stepwise import adjust_stepwise
-from photogrammetry.synthetic.networks import TelemetryErrors, simulate_network
+from solmap.photogrammetry.adjustment.adjust import adjust_overall
+from solmap.photogrammetry.adjustment.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.sequential import begin, extend
+from solmap.photogrammetry.adjustment.smoothing import smoothed
+from solmap.photogrammetry.adjustment.stepwise import adjust_stepwise
+from solmap.photogrammetry.synthetic.networks import TelemetryErrors, simulate_network
 
 SLIPS = (0.01, 0.05, 0.1, 0.2)
 TIES = {7: (7, 0), 26: (20, 6)}

@@ -24,10 +24,10 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-from photogrammetry.adjustment.adjust import adjust_overall
-from photogrammetry.adjustment.datum import MAP, with_control
-from photogrammetry.adjustment.params import AdjustmentParams
-from photogrammetry.synthetic.mission import MissionPlan, simulate_mission
+from solmap.photogrammetry.adjustment.adjust import adjust_overall
+from solmap.photogrammetry.adjustment.datum import MAP, with_control
+from solmap.photogrammetry.adjustment.params import AdjustmentParams
+from solmap.photogrammetry.synthetic.mission import MissionPlan, simulate_mission
 from tests.benchmarks.drift import centres, stepwise
 
 PLAN = MissionPlan(pairs_per_stop=8, inter_ties=20, intra_ties=0)

@@ -13,16 +13,16 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.sparse import lil_matrix
 
-from photogrammetry.adjustment.adjust import _known, adjust_overall
-from photogrammetry.adjustment.collinearity import Observations, State, misclosures
-from photogrammetry.adjustment.initialise import initialise
-from photogrammetry.adjustment.params import AdjustmentParams
-from photogrammetry.adjustment.priors import Telemetry, telemetry_misclosures
-from photogrammetry.adjustment.problem import Problem
-from photogrammetry.adjustment.rotations import rotation_of_vector
-from photogrammetry.adjustment.solver import solve
-from photogrammetry.adjustment.stepwise import adjust_stepwise
-from photogrammetry.synthetic.networks import TelemetryErrors, simulate_network
+from solmap.photogrammetry.adjustment.adjust import _known, adjust_overall
+from solmap.photogrammetry.adjustment.collinearity import Observations, State, misclosures
+from solmap.photogrammetry.adjustment.initialise import initialise
+from solmap.photogrammetry.adjustment.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.priors import Telemetry, telemetry_misclosures
+from solmap.photogrammetry.adjustment.problem import Problem
+from solmap.photogrammetry.adjustment.rotations import rotation_of_vector
+from solmap.photogrammetry.adjustment.solver import solve
+from solmap.photogrammetry.adjustment.stepwise import adjust_stepwise
+from solmap.photogrammetry.synthetic.networks import TelemetryErrors, simulate_network
 from tests.support import adjustment_problems as problems
 from tests.support import bal
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from photogrammetry.cameras.cahvor import Cahvor
-from photogrammetry.cameras.cahvore import Cahvore
+from solmap.photogrammetry.cameras.cahvor import Cahvor
+from solmap.photogrammetry.cameras.cahvore import Cahvore
 
 POINTS = 1_000_000
 

@@ -9,10 +9,10 @@ from __future__ import annotations
 import pytest
 from fastapi.testclient import TestClient
 
-from gis_server.app import create_app
-from products.mission_features import MissionFeatures
-from products.model import ProductKind
-from products.workspace import Workspace
+from solmap.gis_server.app import create_app
+from solmap.products.mission_features import MissionFeatures
+from solmap.products.model import ProductKind
+from solmap.products.workspace import Workspace
 from tests.support.large_mission import write_mission
 
 BOX = "175.50,-14.55,175.52,-14.53"

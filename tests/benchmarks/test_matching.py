@@ -12,19 +12,24 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from photogrammetry.cameras.cahvor import Cahvor
-from photogrammetry.cameras.epipolar import EpipolarPair, epipolar_pair
-from photogrammetry.frames import Frame, FrameKind, Pose, rover_frame
-from photogrammetry.imagery import Eye
-from photogrammetry.matching.dense import match_densely, match_densely_with_sigma
-from photogrammetry.matching.interest_points import FoerstnerParams, interest_points
-from photogrammetry.matching.records import EpipolarImages
-from photogrammetry.matching.resampling import epipolar_images
-from photogrammetry.matching.sparse import match_sparsely
-from photogrammetry.matching.vertical_parallax import vertical_parallax
-from photogrammetry.stretching import stretched
-from photogrammetry.synthetic.rig import Instrument
-from photogrammetry.synthetic.world import TraverseParams, WorldParams, make_world, photograph
+from solmap.photogrammetry.cameras.cahvor import Cahvor
+from solmap.photogrammetry.cameras.epipolar import EpipolarPair, epipolar_pair
+from solmap.photogrammetry.frames import Frame, FrameKind, Pose, rover_frame
+from solmap.photogrammetry.imagery import Eye
+from solmap.photogrammetry.matching.dense import match_densely, match_densely_with_sigma
+from solmap.photogrammetry.matching.interest_points import FoerstnerParams, interest_points
+from solmap.photogrammetry.matching.records import EpipolarImages
+from solmap.photogrammetry.matching.resampling import epipolar_images
+from solmap.photogrammetry.matching.sparse import match_sparsely
+from solmap.photogrammetry.matching.vertical_parallax import vertical_parallax
+from solmap.photogrammetry.stretching import stretched
+from solmap.photogrammetry.synthetic.rig import Instrument
+from solmap.photogrammetry.synthetic.world import (
+    TraverseParams,
+    WorldParams,
+    make_world,
+    photograph,
+)
 
 pytestmark = pytest.mark.benchmark(timer=time.process_time)
 

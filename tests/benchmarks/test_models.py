@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from scipy.ndimage import map_coordinates
 
-from photogrammetry.terrain.grid import MapGrid
-from photogrammetry.terrain.levels import TilesetParams, drawn_tiles
-from photogrammetry.terrain.model3d import ModelParams, TerrainDrawing, TexturedMesh
-from photogrammetry.terrain.records import Dtm, GroundClass
-from photogrammetry.terrain.right_triangles import RightTriangles
-from products.gltf import Encoding, write_glb
+from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.terrain.levels import TilesetParams, drawn_tiles
+from solmap.photogrammetry.terrain.model3d import ModelParams, TerrainDrawing, TexturedMesh
+from solmap.photogrammetry.terrain.records import Dtm, GroundClass
+from solmap.photogrammetry.terrain.right_triangles import RightTriangles
+from solmap.products.gltf import Encoding, write_glb
 
 CELL_M, SIDE = 0.04, 1500
 """60 x 60 m in cells of 0.04 m."""

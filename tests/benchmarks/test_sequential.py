@@ -12,13 +12,13 @@ import time
 import numpy as np
 import pytest
 
-from photogrammetry.adjustment import adjust, result
-from photogrammetry.adjustment.linear import Linear
-from photogrammetry.adjustment.params import AdjustmentParams
-from photogrammetry.adjustment.retire import leaving, retire
-from photogrammetry.adjustment.sequential import begin, extend
-from photogrammetry.adjustment.smoothing import smoothed
-from photogrammetry.synthetic.networks import simulate_network
+from solmap.photogrammetry.adjustment import adjust, result
+from solmap.photogrammetry.adjustment.linear import Linear
+from solmap.photogrammetry.adjustment.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.retire import leaving, retire
+from solmap.photogrammetry.adjustment.sequential import begin, extend
+from solmap.photogrammetry.adjustment.smoothing import smoothed
+from solmap.photogrammetry.synthetic.networks import simulate_network
 
 PARAMS = AdjustmentParams()
 RECENT = 10

@@ -14,18 +14,18 @@ import numpy as np
 import pytest
 import rasterio
 
-from photogrammetry.synthetic.world import WorldParams, make_world
-from photogrammetry.terrain.coarse import coarsened
-from photogrammetry.terrain.contours import ContourParams, trace_contours
-from photogrammetry.terrain.grid import MapGrid
-from photogrammetry.terrain.havens import HavenParams, winter_havens
-from photogrammetry.terrain.hazard import HazardParams, hazards
-from photogrammetry.terrain.horizon import horizons
-from photogrammetry.terrain.insolation import InsolationParams, insolation
-from photogrammetry.terrain.records import Dtm, GroundClass
-from photogrammetry.terrain.relief import mapped_relief
-from photogrammetry.terrain.surface import SlopeParams
-from photogrammetry.terrain.viewshed import Sight, ViewshedParams, eye_above, viewshed
+from solmap.photogrammetry.synthetic.world import WorldParams, make_world
+from solmap.photogrammetry.terrain.coarse import coarsened
+from solmap.photogrammetry.terrain.contours import ContourParams, trace_contours
+from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.terrain.havens import HavenParams, winter_havens
+from solmap.photogrammetry.terrain.hazard import HazardParams, hazards
+from solmap.photogrammetry.terrain.horizon import horizons
+from solmap.photogrammetry.terrain.insolation import InsolationParams, insolation
+from solmap.photogrammetry.terrain.records import Dtm, GroundClass
+from solmap.photogrammetry.terrain.relief import mapped_relief
+from solmap.photogrammetry.terrain.surface import SlopeParams
+from solmap.photogrammetry.terrain.viewshed import Sight, ViewshedParams, eye_above, viewshed
 
 GRID = MapGrid(-30.72, 30.72, 0.04, 1536, 1536)
 GUSEV = math.radians(-14.735)

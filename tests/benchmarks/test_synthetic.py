@@ -2,11 +2,11 @@
 
 import pytest
 
-from photogrammetry.imagery import Eye
-from photogrammetry.synthetic import lighting
-from photogrammetry.synthetic.photograph import view_of
-from photogrammetry.synthetic.render import first_hits
-from photogrammetry.synthetic.world import WorldParams, make_world, photograph, render_jobs
+from solmap.photogrammetry.imagery import Eye
+from solmap.photogrammetry.synthetic import lighting
+from solmap.photogrammetry.synthetic.photograph import view_of
+from solmap.photogrammetry.synthetic.render import first_hits
+from solmap.photogrammetry.synthetic.world import WorldParams, make_world, photograph, render_jobs
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from products.workspace import Workspace
+from solmap.products.workspace import Workspace
 from tests.support.bowl_store import fill
 from tests.support.browsing import Server, open_browser, open_page
 from tests.support.stereo_viewer import fill as fill_with_images
@@ -35,7 +35,7 @@ class Mapped:
 @pytest.fixture(scope="session")
 def world(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A synthetic downlink of two stops with full panoramas."""
-    from flows.simulation import write_downlink  # noqa: PLC0415 - slow to import
+    from solmap.flows.simulation import write_downlink  # noqa: PLC0415 - slow to import
 
     folder = tmp_path_factory.mktemp("world")
     write_downlink(folder, stops=2, seed=11, terrain="hills")
@@ -49,7 +49,7 @@ def mapped(
     tmp_path_factory: pytest.TempPathFactory,
 ) -> Mapped:
     """The downlink, taken all the way."""
-    from flows.downlink import process_downlink  # noqa: PLC0415 - needs the engine's settings
+    from solmap.flows.downlink import process_downlink  # noqa: PLC0415 - needs the engine's settings
 
     store = tmp_path_factory.mktemp("store")
     return Mapped(world, store, process_downlink(world, store))

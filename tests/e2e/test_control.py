@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from flows.cli import app
-from flows.judgement import true_stops
-from flows.listing import latest_networks, position_rows
-from products.model import ProductKind
-from products.network import read_network
-from products.workspace import Workspace
+from solmap.flows.cli import app
+from solmap.flows.judgement import true_stops
+from solmap.flows.listing import latest_networks, position_rows
+from solmap.products.model import ProductKind
+from solmap.products.network import read_network
+from solmap.products.workspace import Workspace
 
 pytestmark = pytest.mark.slow
 SHIFT = (5.0, -2.0)
@@ -23,7 +23,7 @@ SHIFT = (5.0, -2.0)
 @pytest.fixture(scope="module")
 def controlled(mapped, tmp_path_factory) -> Workspace:
     """A copy of the mapped store after an adjustment with places that are off as a whole."""
-    from flows.overall import readjust  # noqa: PLC0415 - needs the engine's settings
+    from solmap.flows.overall import readjust  # noqa: PLC0415 - needs the engine's settings
 
     folder = tmp_path_factory.mktemp("control")
     store = folder / "store"

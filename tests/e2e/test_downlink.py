@@ -8,14 +8,14 @@ import pytest
 from fastapi.testclient import TestClient
 from typer.testing import CliRunner
 
-from flows.cli import app
-from flows.dips import dips_of_rocks
-from flows.listing import position_rows, product_rows
-from photogrammetry.terrain.facets import FacetParams
-from photogrammetry.terrain.records import GroundClass
-from products.model import ProductKind
-from products.models import extent_of_model
-from products.raster import read_dtm, read_raster
+from solmap.flows.cli import app
+from solmap.flows.dips import dips_of_rocks
+from solmap.flows.listing import position_rows, product_rows
+from solmap.photogrammetry.terrain.facets import FacetParams
+from solmap.photogrammetry.terrain.records import GroundClass
+from solmap.products.model import ProductKind
+from solmap.products.models import extent_of_model
+from solmap.products.raster import read_dtm, read_raster
 from tests.support.gltf_validator import validate_glb
 
 STOP_KINDS = {"dtm", "orthophoto", "sources", "slope", "aspect", "hillshade", "contours"}
@@ -94,7 +94,7 @@ def test_unseen_ground_holds_no_elevation(mapped):
 
 
 def test_a_second_run_makes_nothing_twice(mapped):
-    from flows.downlink import process_downlink  # noqa: PLC0415 - needs the engine's settings
+    from solmap.flows.downlink import process_downlink  # noqa: PLC0415 - needs the engine's settings
 
     made = {path: path.stat().st_mtime_ns for path in (mapped.store / "products").rglob("*.*")}
     again = process_downlink(mapped.downlink, mapped.store)
@@ -105,7 +105,7 @@ def test_a_second_run_makes_nothing_twice(mapped):
 
 
 def test_the_server_shows_what_was_mapped(mapped):
-    from gis_server.app import create_app  # noqa: PLC0415 - after the flow
+    from solmap.gis_server.app import create_app  # noqa: PLC0415 - after the flow
 
     with TestClient(create_app(mapped.store)) as client:
         assert client.get("/healthz").status_code == 200

@@ -11,16 +11,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from flows.judgement import judge_positions, judge_terrain, true_stops
-from flows.listing import position_rows, product_rows
-from products.workspace import Workspace
+from solmap.flows.judgement import judge_positions, judge_terrain, true_stops
+from solmap.flows.listing import position_rows, product_rows
+from solmap.products.workspace import Workspace
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(1800)]
 
 
 @pytest.fixture(scope="module")
 def store(engine: None, husband: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:  # noqa: ARG001
-    from flows.downlink import process_downlink  # noqa: PLC0415 - needs the engine's settings
+    from solmap.flows.downlink import process_downlink  # noqa: PLC0415 - needs the engine's settings
 
     folder = tmp_path_factory.mktemp("husband")
     report = process_downlink(husband, folder)

@@ -8,11 +8,11 @@ import pytest
 import shapely
 from typer.testing import CliRunner
 
-from flows.cli import app
-from flows.listing import position_rows
-from photogrammetry.frames import LSL, rover_frame
-from photogrammetry.pds3.places import parse_places
-from photogrammetry.pds3.vector_files import lsl_tree, parse_vector_file, poses
+from solmap.flows.cli import app
+from solmap.flows.listing import position_rows
+from solmap.photogrammetry.frames import LSL, rover_frame
+from solmap.photogrammetry.pds3.places import parse_places
+from solmap.photogrammetry.pds3.vector_files import lsl_tree, parse_vector_file, poses
 
 
 @pytest.fixture(scope="module")

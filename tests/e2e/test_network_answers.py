@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from fastapi.testclient import TestClient
 
-from gis_server.app import create_app
-from photogrammetry.terrain.ground import MAP_FROM_LSL
-from products.oriented import OrientedMission
+from solmap.gis_server.app import create_app
+from solmap.photogrammetry.terrain.ground import MAP_FROM_LSL
+from solmap.products.oriented import OrientedMission
 
 MISSION = "/api/missions/MER2"
 

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from flows.listing import latest_networks, position_rows
-from flows.report import report_rows
-from products.model import ProductKind
-from products.workspace import Workspace
-from tasks.orientations import read_orientations
+from solmap.flows.listing import latest_networks, position_rows
+from solmap.flows.report import report_rows
+from solmap.products.model import ProductKind
+from solmap.products.workspace import Workspace
+from solmap.tasks.orientations import read_orientations
 
 pytestmark = pytest.mark.slow
 
@@ -19,7 +19,7 @@ pytestmark = pytest.mark.slow
 @pytest.fixture(scope="module")
 def readjusted(mapped, tmp_path_factory) -> Workspace:
     """A copy of the mapped store after an overall adjustment."""
-    from flows.overall import readjust  # noqa: PLC0415 - needs the engine's settings
+    from solmap.flows.overall import readjust  # noqa: PLC0415 - needs the engine's settings
 
     store = tmp_path_factory.mktemp("overall") / "store"
     shutil.copytree(mapped.store, store, ignore=shutil.ignore_patterns("prefect"))
@@ -57,8 +57,8 @@ def test_maps_of_stops_that_hardly_moved_are_not_made_anew(mapped, readjusted):
 
 
 def test_a_later_run_goes_on_from_the_overall_adjustment_and_makes_nothing(mapped, readjusted):
-    from flows.downlink import process_downlink  # noqa: PLC0415
-    from flows.overall import readjust  # noqa: PLC0415
+    from solmap.flows.downlink import process_downlink  # noqa: PLC0415
+    from solmap.flows.overall import readjust  # noqa: PLC0415
 
     before, latest = made(readjusted), latest_networks(readjusted)
     report = process_downlink(mapped.downlink, readjusted.store.root)
@@ -82,8 +82,8 @@ def test_every_adjustment_has_a_page_and_figures(readjusted):
 
 
 def test_a_mission_that_was_never_processed_is_refused_with_advice(readjusted):
-    from flows.overall import readjust  # noqa: PLC0415
-    from products.errors import ProductNotFoundError  # noqa: PLC0415
+    from solmap.flows.overall import readjust  # noqa: PLC0415
+    from solmap.products.errors import ProductNotFoundError  # noqa: PLC0415
 
     with pytest.raises(ProductNotFoundError, match="`solmap run` its downlink first"):
         readjust("MER1", readjusted.store.root)

@@ -9,11 +9,11 @@ import httpx
 import numpy as np
 import pytest
 
-from products.access import Role, TokenBook
-from products.edits import EditKind, EditLog
-from products.model import ProductKind
-from products.network import read_network
-from products.workspace import Workspace
+from solmap.products.access import Role, TokenBook
+from solmap.products.edits import EditKind, EditLog
+from solmap.products.model import ProductKind
+from solmap.products.network import read_network
+from solmap.products.workspace import Workspace
 from tests.support.browsing import Server, look, ready, screenshot, until
 
 Point = tuple[float, float]
@@ -187,7 +187,7 @@ def test_two_orthophotos_laid_over_each_other_pick_in_both(page, mapped):
 
 @pytest.mark.slow
 def test_a_saved_tie_changes_the_next_adjustment_and_the_page_follows(page, mapped, tmp_path):
-    from flows.downlink import process_downlink  # noqa: PLC0415 - needs the engine's settings
+    from solmap.flows.downlink import process_downlink  # noqa: PLC0415 - needs the engine's settings
 
     root = tmp_path / "store"
     shutil.copytree(mapped.store, root)

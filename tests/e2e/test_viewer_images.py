@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from photogrammetry.terrain.ground import MAP_FROM_LSL
-from products.oriented import OrientedMission
+from solmap.photogrammetry.terrain.ground import MAP_FROM_LSL
+from solmap.products.oriented import OrientedMission
 from tests.support.browsing import ROOT, field, look, pixel_of, ready, screenshot, until
 from tests.support.stereo_viewer import RESIDUAL_PX
 

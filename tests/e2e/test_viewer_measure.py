@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from products.crs import east_north
+from solmap.products.crs import east_north
 from tests.support.bowl_store import LANDING, elevation_at
 from tests.support.browsing import at, colour_at, look, pixel_of, ready, screenshot, until
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from photogrammetry.terrain.hazard import Hazard
-from products.classes import HAZARDS
-from products.model import ProductKind
-from products.raster import write_classes
-from products.workspace import Workspace
+from solmap.photogrammetry.terrain.hazard import Hazard
+from solmap.products.classes import HAZARDS
+from solmap.products.model import ProductKind
+from solmap.products.raster import write_classes
+from solmap.products.workspace import Workspace
 from tests.support.bowl_store import CRS, GRID, Shop, fill
 from tests.support.browsing import (
     Server,

@@ -7,25 +7,24 @@ import numpy as np
 import pytest
 import rasterio
 
-import tasks.colour
-from photogrammetry.frames import LSL, Pose
-from photogrammetry.imagery import Eye
-from photogrammetry.matching.vertical_parallax import turned_in_place
-from photogrammetry.synthetic.world import RenderJob, TraverseParams, WorldParams, make_world
-from photogrammetry.terrain.dtm import DtmParams
-from photogrammetry.terrain.orthophoto import OrthophotoParams
-from products.arrays import read_matches
-from products.crs import LandingPoint
-from products.pictures import read_sources
-from products.workspace import Workspace
-from tasks.colour import colour_frames, render_colour
-from tasks.dtm import build_dtm
-from tasks.ingest import ingest_downlink
-from tasks.match import MatchParams, match_stereo_pair
-from tasks.orthophoto import render_orthophoto
-from tasks.pairs import pairs_of
-from tasks.singles import without_repeats
-from tasks.views import Orientation, OrientedPair
+from solmap.photogrammetry.frames import LSL, Pose
+from solmap.photogrammetry.imagery import Eye
+from solmap.photogrammetry.matching.vertical_parallax import turned_in_place
+from solmap.photogrammetry.synthetic.world import RenderJob, TraverseParams, WorldParams, make_world
+from solmap.photogrammetry.terrain.dtm import DtmParams
+from solmap.photogrammetry.terrain.orthophoto import OrthophotoParams
+from solmap.products.arrays import read_matches
+from solmap.products.crs import LandingPoint
+from solmap.products.pictures import read_sources
+from solmap.products.workspace import Workspace
+from solmap.tasks.colour import colour_frames, render_colour
+from solmap.tasks.dtm import build_dtm
+from solmap.tasks.ingest import ingest_downlink
+from solmap.tasks.match import MatchParams, match_stereo_pair
+from solmap.tasks.orthophoto import render_orthophoto
+from solmap.tasks.pairs import pairs_of
+from solmap.tasks.singles import without_repeats
+from solmap.tasks.views import Orientation, OrientedPair
 
 LANDING = LandingPoint("a simulated plain", 175.47, -14.57, 3_393_000.0, "a test")
 ORTHOPHOTO = OrthophotoParams(cell_m=0.02)
@@ -108,8 +107,8 @@ def test_a_frame_that_looked_elsewhere_is_no_part_of_it(workspace, pair, monkeyp
         turn = np.array([0.0, 0.0, 1e-3])
         return replace(image, camera=turned_in_place(image.camera, image.stop.frame, turn))
 
-    original = tasks.colour.image_record
-    monkeypatch.setattr(tasks.colour, "image_record", turned)
+    original = solmap.tasks.colour.image_record
+    monkeypatch.setattr(solmap.tasks.colour, "image_record", turned)
     assert colour_frames([pair], workspace.catalogue.images(), workspace) == ()
 
 

@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from products.model import ProductKind, ProductRef
-from products.pruning import _known
-from products.workspace import Workspace
-from tasks.orientations import read_orientations
+from solmap.products.model import ProductKind, ProductRef
+from solmap.products.pruning import _known
+from solmap.products.workspace import Workspace
+from solmap.tasks.orientations import read_orientations
 from tests.support.disorder import deliveries, differences
 from tests.support.small_downlink import (
     COARSE,
@@ -23,7 +23,7 @@ pytestmark = [pytest.mark.usefixtures("engine"), pytest.mark.slow]
 
 def compared(tmp_path: Path, sols: int, turns: int, seed: int, layers: str = COARSE) -> list[str]:
     """How a run in disorder differs from one of the whole downlink at once."""
-    from flows.downlink import process_downlink  # noqa: PLC0415 - after the engine's settings
+    from solmap.flows.downlink import process_downlink  # noqa: PLC0415 - after the engine's settings
 
     downlink = write_small_downlink(tmp_path / "downlink", stops=sols, pairs=1)
     pipeline = str(write_coarse_pipeline(tmp_path / "coarse.toml", layers))
@@ -43,7 +43,7 @@ def test_four_sols_in_disorder_end_as_in_order(tmp_path: Path, seed: int) -> Non
 
 def test_a_late_image_remakes_what_depends_on_it_and_nothing_else(tmp_path: Path) -> None:
     """The right image of a pair of the second of three sols comes last."""
-    from flows.downlink import process_downlink  # noqa: PLC0415 - after the engine's settings
+    from solmap.flows.downlink import process_downlink  # noqa: PLC0415 - after the engine's settings
 
     downlink = write_small_downlink(tmp_path / "downlink", stops=3, pairs=2)
     pipeline = str(write_coarse_pipeline(tmp_path / "coarse.toml"))

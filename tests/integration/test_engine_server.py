@@ -11,8 +11,8 @@ import pytest
 RUN = """
 import sys, time
 from pathlib import Path
-from flows.engine_server import start_engine
-from products.logs import keep_logs
+from solmap.flows.engine_server import start_engine
+from solmap.products.logs import keep_logs
 keep_logs(Path(sys.argv[1]), "flows")
 start_engine(Path(sys.argv[1]))
 from prefect import flow, task

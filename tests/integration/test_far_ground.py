@@ -5,17 +5,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from photogrammetry.synthetic.world import (
+from solmap.photogrammetry.synthetic.world import (
     TraverseParams,
     World,
     WorldParams,
     make_world,
     simulate_downlink,
 )
-from photogrammetry.terrain.records import Dtm
-from products.model import FAR, Layer, ProductKind
-from products.raster import read_dtm
-from products.workspace import Workspace
+from solmap.photogrammetry.terrain.records import Dtm
+from solmap.products.model import FAR, Layer, ProductKind
+from solmap.products.raster import read_dtm
+from solmap.products.workspace import Workspace
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(1800)]
 
@@ -33,7 +33,7 @@ def world() -> World:
 @pytest.fixture(scope="module")
 def mapped(engine, tmp_path_factory) -> tuple[Workspace, Path, Path]:  # noqa: ARG001
     """The downlink taken all the way with far ground wanted: store, downlink and settings."""
-    from flows.downlink import process_downlink  # noqa: PLC0415 - needs the engine's settings
+    from solmap.flows.downlink import process_downlink  # noqa: PLC0415 - needs the engine's settings
 
     folder = tmp_path_factory.mktemp("far")
     downlink, settings = folder / "downlink", folder / "far.toml"
@@ -86,7 +86,7 @@ def errors(dtm: Dtm, world: World, low: float, high: float) -> tuple[np.ndarray,
 
 
 def test_a_second_run_makes_nothing_that_could_be_made(mapped):
-    from flows.downlink import process_downlink  # noqa: PLC0415
+    from solmap.flows.downlink import process_downlink  # noqa: PLC0415
 
     workspace, downlink, settings = mapped
     products = workspace.store.root / "products"

@@ -21,12 +21,12 @@ import httpx
 import pytest
 from typer.testing import CliRunner
 
-from config.archive import load_archive
-from config.errors import ConfigError
-from flows.progress import Step, listening
-from photogrammetry.pds3.file_names import parse_file_name
-from photogrammetry.synthetic.traverse import TraverseParams
-from photogrammetry.synthetic.world import WorldParams, make_world, render_jobs
+from solmap.config.archive import load_archive
+from solmap.config.errors import ConfigError
+from solmap.flows.progress import Step, listening
+from solmap.photogrammetry.pds3.file_names import parse_file_name
+from solmap.photogrammetry.synthetic.traverse import TraverseParams
+from solmap.photogrammetry.synthetic.world import WorldParams, make_world, render_jobs
 
 VOLUME = "/mer2no_0xxx"
 TABLE, LABEL = f"{VOLUME}/index/edrindex.tab", f"{VOLUME}/index/edrindex.lbl"
@@ -251,7 +251,7 @@ class Fetcher:
     waits: list[float]
 
     def __call__(self, *archives: ArchiveServer, sols: str = "155-157", **options: Any):
-        from flows.fetch import fetch_archive  # noqa: PLC0415 - slow to import
+        from solmap.flows.fetch import fetch_archive  # noqa: PLC0415 - slow to import
 
         hosts = options.pop("redirect_hosts", ())
         file = self.settings(*archives, redirect_hosts=hosts)
@@ -272,8 +272,8 @@ class Fetcher:
 
 @pytest.fixture
 def fetch(tmp_path, monkeypatch) -> Fetcher:
-    from flows import fetch as flow  # noqa: PLC0415 - slow to import
-    from tasks.fetch import transfer  # noqa: PLC0415
+    from solmap.flows import fetch as flow  # noqa: PLC0415 - slow to import
+    from solmap.tasks.fetch import transfer  # noqa: PLC0415
 
     for task in ("fetch_index", "fetch_images"):
         monkeypatch.setattr(flow, task, getattr(flow, task).fn)
@@ -461,8 +461,8 @@ def test_as_many_files_come_at_a_time_as_there_are_connections(archive, images, 
 
 
 def test_nothing_leads_from_https_to_http():
-    from tasks.fetch.answers import _redirected  # noqa: PLC0415 - slow to import
-    from tasks.fetch.errors import NextMirrorError  # noqa: PLC0415
+    from solmap.tasks.fetch.answers import _redirected  # noqa: PLC0415 - slow to import
+    from solmap.tasks.fetch.errors import NextMirrorError  # noqa: PLC0415
 
     def redirected(location):
         request = httpx.Request("GET", "https://a.example/x.img")
@@ -599,7 +599,7 @@ def test_a_page_in_place_of_an_image_is_refused(archive, images, fetch):
 
 
 def test_a_page_in_place_of_the_index_is_refused(archive, fetch):
-    from tasks.fetch.errors import FetchError  # noqa: PLC0415 - slow to import
+    from solmap.tasks.fetch.errors import FetchError  # noqa: PLC0415 - slow to import
 
     archive.put(TABLE, b"<html>\n<body>This archive has moved</body>\n</html>\n")
     with pytest.raises(FetchError, match=r"edrindex.tab: .*row 1 should be 933 bytes wide"):
@@ -662,8 +662,8 @@ def test_sols_without_a_pair_are_a_failure(archive, fetch):
 
 
 def test_two_fetches_do_not_write_to_one_folder_at_a_time(archive, fetch):
-    from flows.fetch import _alone_in  # noqa: PLC0415 - slow to import
-    from tasks.fetch.errors import FetchError  # noqa: PLC0415
+    from solmap.flows.fetch import _alone_in  # noqa: PLC0415 - slow to import
+    from solmap.tasks.fetch.errors import FetchError  # noqa: PLC0415
 
     with (
         _alone_in(fetch.folder / "out"),
@@ -673,7 +673,7 @@ def test_two_fetches_do_not_write_to_one_folder_at_a_time(archive, fetch):
 
 
 def test_a_place_that_cannot_be_written_ends_the_run_with_one_line(archive, images, fetch):
-    from tasks.fetch.errors import FetchError  # noqa: PLC0415 - slow to import
+    from solmap.tasks.fetch.errors import FetchError  # noqa: PLC0415 - slow to import
 
     name = next(iter(wanted(images)))
     (fetch.folder / "out" / f"{name}.part").mkdir(parents=True)
@@ -715,7 +715,7 @@ def arguments(archive_file: Path, out: Path) -> list[str]:
 
 @pytest.mark.usefixtures("engine")
 def test_the_command_line_says_how_it_ended(archive, images, tmp_path):
-    from flows.cli import app  # noqa: PLC0415 - slow to import
+    from solmap.flows.cli import app  # noqa: PLC0415 - slow to import
 
     path = next(iter(images))
     data = archive.files.pop(path)
@@ -742,7 +742,7 @@ def test_a_killed_run_is_continued(archive, images, fetch):
         killed.wait(30)
 
     archive.files[path] = Served(len(data), slowly, '"slow"')
-    command = [sys.executable, "-m", "flows.cli"]
+    command = [sys.executable, "-m", "solmap.flows.cli"]
     out = fetch.folder / "out"
     process = subprocess.Popen(
         [*command, *arguments(fetch.settings(archive), out)],

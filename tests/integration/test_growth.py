@@ -20,7 +20,7 @@ OWN = ("PREFECT_", "SOLMAP_")
 
 @pytest.fixture(scope="module")
 def downlink(tmp_path_factory) -> Path:
-    from flows.simulation import write_downlink  # noqa: PLC0415 - slow to import
+    from solmap.flows.simulation import write_downlink  # noqa: PLC0415 - slow to import
 
     folder = tmp_path_factory.mktemp("small")
     write_downlink(folder, stops=2, seed=3, terrain="hills", pairs=2)
@@ -33,7 +33,15 @@ def environment(**settings: str) -> dict[str, str]:
 
 
 def run(downlink: Path, store: Path, settings: dict[str, str]) -> str:
-    command = (sys.executable, "-m", "flows.cli", "run", str(downlink), "--store", str(store))
+    command = (
+        sys.executable,
+        "-m",
+        "solmap.flows.cli",
+        "run",
+        str(downlink),
+        "--store",
+        str(store),
+    )
     ran = subprocess.run(
         command, env=environment(**settings), capture_output=True, text=True, check=False
     )
@@ -52,7 +60,7 @@ def products(store: Path) -> dict[str, str]:
 
 def layers(store: Path, settings: dict[str, str]) -> list[dict]:
     """What a server over the store lists, but for when it was made."""
-    command = [sys.executable, "-m", "flows.cli", "serve", "--store", str(store), "--port"]
+    command = [sys.executable, "-m", "solmap.flows.cli", "serve", "--store", str(store), "--port"]
     with running(command, settings) as server:
         url = f"{server.address}/api/missions/MER2/layers"
         with urllib.request.urlopen(url, timeout=60) as answer:

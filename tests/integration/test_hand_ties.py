@@ -4,24 +4,24 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from flows.cli import app
-from photogrammetry.adjustment.modes import AdjustmentMode
-from photogrammetry.adjustment.records import USED
-from photogrammetry.imagery import TieKind
-from photogrammetry.matching.inter_stereo import InterStereoParams
-from photogrammetry.synthetic.traverse import TraverseParams
-from photogrammetry.synthetic.world import WorldParams, make_world, render_jobs
-from products.arrays import read_matches, read_ties, write_ties
-from products.model import ProductKind, Recipe, Scope, ScopeLevel
-from products.workspace import Workspace
-from tasks.adjust import NetworkParams, NetworkStep, adjust_network, read_network
-from tasks.hand_ties import all_wishes, concerning
-from tasks.images import image_records
-from tasks.ingest import ingest_downlink
-from tasks.match import MatchParams, match_stereo_pair
-from tasks.pairs import pairs_of, read_pair
-from tasks.telemetry import read_telemetry
-from tasks.tie import StopProducts, tie_stop
+from solmap.flows.cli import app
+from solmap.photogrammetry.adjustment.modes import AdjustmentMode
+from solmap.photogrammetry.adjustment.records import USED
+from solmap.photogrammetry.imagery import TieKind
+from solmap.photogrammetry.matching.inter_stereo import InterStereoParams
+from solmap.photogrammetry.synthetic.traverse import TraverseParams
+from solmap.photogrammetry.synthetic.world import WorldParams, make_world, render_jobs
+from solmap.products.arrays import read_matches, read_ties, write_ties
+from solmap.products.model import ProductKind, Recipe, Scope, ScopeLevel
+from solmap.products.workspace import Workspace
+from solmap.tasks.adjust import NetworkParams, NetworkStep, adjust_network, read_network
+from solmap.tasks.hand_ties import all_wishes, concerning
+from solmap.tasks.images import image_records
+from solmap.tasks.ingest import ingest_downlink
+from solmap.tasks.match import MatchParams, match_stereo_pair
+from solmap.tasks.pairs import pairs_of, read_pair
+from solmap.tasks.telemetry import read_telemetry
+from solmap.tasks.tie import StopProducts, tie_stop
 
 HEAD = (
     "action,first_image,first_sample,first_line,second_image,second_sample,second_line,sigma_px\n"

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 from fastapi.testclient import TestClient
 
-from gis_server.app import create_app
-from products.workspace import Workspace
+from solmap.gis_server.app import create_app
+from solmap.products.workspace import Workspace
 from tests.support.bowl_store import fill
 
 ELSEWHERE = "https://maps.example.org"

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from flows.simulation import write_downlink
-from products.workspace import Workspace
+from solmap.flows.simulation import write_downlink
+from solmap.products.workspace import Workspace
 
 
 @pytest.fixture(scope="module")
@@ -22,7 +22,7 @@ def downlink(small_world: Path, tmp_path: Path) -> Path:
 
 
 def process(downlink: Path, store: Path):
-    from flows.downlink import process_downlink  # noqa: PLC0415 - needs the engine's settings
+    from solmap.flows.downlink import process_downlink  # noqa: PLC0415 - needs the engine's settings
 
     return process_downlink(downlink, store)
 

@@ -9,16 +9,21 @@ import cv2
 import numpy as np
 import pytest
 
-from photogrammetry.frames import LSL, Pose, site_frame
-from photogrammetry.imagery import StopId
-from photogrammetry.pds3.detached import apart
-from photogrammetry.pds3.reading import ReadImage, read_image, read_image_record
-from photogrammetry.synthetic.traverse import TraverseParams
-from photogrammetry.synthetic.world import WorldParams, make_world, render_jobs, simulate_downlink
-from products.workspace import Workspace
-from tasks.images import image_file, image_record, read_product_image
-from tasks.ingest import Delivery, ingest_downlink
-from tasks.telemetry import read_telemetry
+from solmap.photogrammetry.frames import LSL, Pose, site_frame
+from solmap.photogrammetry.imagery import StopId
+from solmap.photogrammetry.pds3.detached import apart
+from solmap.photogrammetry.pds3.reading import ReadImage, read_image, read_image_record
+from solmap.photogrammetry.synthetic.traverse import TraverseParams
+from solmap.photogrammetry.synthetic.world import (
+    WorldParams,
+    make_world,
+    render_jobs,
+    simulate_downlink,
+)
+from solmap.products.workspace import Workspace
+from solmap.tasks.images import image_file, image_record, read_product_image
+from solmap.tasks.ingest import Delivery, ingest_downlink
+from solmap.tasks.telemetry import read_telemetry
 
 MSL = "NLB_517261274EDR_F0541610CCAM15900M1"
 M2020 = "NLF_0670_0726421423_362ECM_N0320604NCAM08111_01_095J01"
@@ -205,7 +210,7 @@ def raw_of_mars_2020(read: ReadImage, folder: Path) -> None:
 @pytest.mark.usefixtures("engine")
 def test_raw_images_with_metadata_are_mapped(shared_data, downlink, tmp_path):
     """Through the whole pipeline, among pictures that cannot be placed."""
-    from flows.downlink import process_downlink  # noqa: PLC0415 - needs the engine's settings
+    from solmap.flows.downlink import process_downlink  # noqa: PLC0415 - needs the engine's settings
 
     world = make_world(WorldParams("plains", TraverseParams(stops=1), pairs=1, averaging=4), 21)
     for job in render_jobs(world):

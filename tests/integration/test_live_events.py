@@ -16,13 +16,13 @@ import httpx
 import numpy as np
 import pytest
 
-from products.catalogue import Catalogue
+from solmap.products.catalogue import Catalogue
 from tests.support.live_server import serving
 
 _TELL = """
 import sys, time
 from pathlib import Path
-from products.catalogue import Catalogue
+from solmap.products.catalogue import Catalogue
 catalogue = Catalogue.open(Path(sys.argv[1]))
 for number in range(int(sys.argv[2])):
     catalogue.tell("run.changed", {"number": number, "sent": time.time()})
@@ -127,7 +127,7 @@ def test_events_of_other_missions_are_left_out_when_one_is_named(root):
 
 def test_who_missed_what_is_forgotten_is_told_to_ask_everything_anew(root):
     catalogue = Catalogue.open(root)
-    from products.events import EVENTS  # noqa: PLC0415
+    from solmap.products.events import EVENTS  # noqa: PLC0415
 
     for _ in range(5):
         catalogue.tell("run.changed", {})

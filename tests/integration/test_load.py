@@ -18,8 +18,8 @@ import httpx
 import numpy as np
 import pytest
 
-from products.store import ProductStore
-from products.workspace import Workspace
+from solmap.products.store import ProductStore
+from solmap.products.workspace import Workspace
 from tests.support.live_server import running
 from tests.support.live_server import serving as serve
 
@@ -80,7 +80,7 @@ def test_a_flow_that_publishes_disturbs_nobody_who_looks_at_the_bowl(tmp_path):
 @pytest.mark.slow
 def test_a_second_downlink_is_published_while_browsers_ask_for_tiles(tmp_path):
     root, first, second = tmp_path / "store", tmp_path / "first", tmp_path / "second"
-    run = [sys.executable, "-m", "flows.cli"]
+    run = [sys.executable, "-m", "solmap.flows.cli"]
     subprocess.run([*run, "simulate", str(first), "--stops", "2", "--seed", "5"], check=True)
     split(first, second)
     subprocess.run([*run, "run", str(first), "--store", str(root)], check=True)

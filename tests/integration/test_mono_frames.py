@@ -6,15 +6,15 @@ import cv2
 import numpy as np
 import pytest
 
-from photogrammetry.adjustment.modes import AdjustmentMode
-from photogrammetry.terrain.oriented_image import as_pointed
-from products.model import ProductKind, Recipe
-from products.workspace import Workspace
-from tasks.adjust import NetworkParams, NetworkStep, adjust_network, read_network
-from tasks.images import image_record, image_records
-from tasks.ingest import ingest_downlink
-from tasks.singles import MonoParams, read_singles, singles_notes, singles_of, tie_singles
-from tasks.telemetry import read_telemetry
+from solmap.photogrammetry.adjustment.modes import AdjustmentMode
+from solmap.photogrammetry.terrain.oriented_image import as_pointed
+from solmap.products.model import ProductKind, Recipe
+from solmap.products.workspace import Workspace
+from solmap.tasks.adjust import NetworkParams, NetworkStep, adjust_network, read_network
+from solmap.tasks.images import image_record, image_records
+from solmap.tasks.ingest import ingest_downlink
+from solmap.tasks.singles import MonoParams, read_singles, singles_notes, singles_of, tie_singles
+from solmap.tasks.telemetry import read_telemetry
 
 
 @pytest.fixture(scope="module")

@@ -7,11 +7,11 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from photogrammetry.adjustment.weaknesses import shared_ties
-from products.errors import ProductNotFoundError
-from products.network import read_network, whole_network
-from products.pruning import PruningParams, prune
-from products.workspace import Workspace
+from solmap.photogrammetry.adjustment.weaknesses import shared_ties
+from solmap.products.errors import ProductNotFoundError
+from solmap.products.network import read_network, whole_network
+from solmap.products.pruning import PruningParams, prune
+from solmap.products.workspace import Workspace
 from tests.support.mission_growth import walked
 from tests.support.simulated_sols import SimulatedSols
 

@@ -19,15 +19,15 @@ import numpy as np
 import pytest
 from fastapi.testclient import TestClient
 
-from gis_server.app import create_app
-from products.errors import ProductError, ProductNotFoundError, StoreAwayError
-from products.model import Layer, ProductKind, Recipe, Scope, ScopeLevel
-from products.shelves import Elsewhere
-from products.store import ProductStore
-from products.tiles3d import TilesetWriter
-from products.tiling import TileAddress
-from products.workspace import Workspace
-from tasks.stac import update_stac
+from solmap.gis_server.app import create_app
+from solmap.products.errors import ProductError, ProductNotFoundError, StoreAwayError
+from solmap.products.model import Layer, ProductKind, Recipe, Scope, ScopeLevel
+from solmap.products.shelves import Elsewhere
+from solmap.products.store import ProductStore
+from solmap.products.tiles3d import TilesetWriter
+from solmap.products.tiling import TileAddress
+from solmap.products.workspace import Workspace
+from solmap.tasks.stac import update_stac
 from tests.support.bowl_store import GRID, REGION, fill
 from tests.support.object_store import (
     NoObjectStoreError,
@@ -48,9 +48,9 @@ IMAGE = Scope(ScopeLevel.IMAGE, "2n140")
 MAKER = """
 import sys
 from pathlib import Path
-from products.model import ProductKind, Recipe, Scope, ScopeLevel
-from products.shelves import Elsewhere
-from products.store import ProductStore
+from solmap.products.model import ProductKind, Recipe, Scope, ScopeLevel
+from solmap.products.shelves import Elsewhere
+from solmap.products.store import ProductStore
 
 store = ProductStore.open(Path(sys.argv[1]), Elsewhere(sys.argv[2]))
 first, count = int(sys.argv[3]), int(sys.argv[4])
@@ -125,7 +125,7 @@ def build(workspace: Workspace) -> None:
 
 
 def write_tileset(path: Path) -> None:
-    from photogrammetry.terrain.levels import TilePlace  # noqa: PLC0415
+    from solmap.photogrammetry.terrain.levels import TilePlace  # noqa: PLC0415
 
     with TilesetWriter(path, {}) as writer:
         for place in (TilePlace(0, 0, 0), TilePlace(1, 0, 0)):

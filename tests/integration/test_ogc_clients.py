@@ -11,10 +11,10 @@ import pystac
 import pytest
 from pyproj import CRS, Transformer
 
-from products.crs import MARS, local_crs
-from products.vector import read_features
-from products.workspace import Workspace
-from tasks.stac import update_stac
+from solmap.products.crs import MARS, local_crs
+from solmap.products.vector import read_features
+from solmap.products.workspace import Workspace
+from solmap.tasks.stac import update_stac
 from tests.support.large_mission import LANDING, write_mission
 from tests.support.live_server import serving
 

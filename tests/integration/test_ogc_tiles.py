@@ -20,9 +20,9 @@ from owslib.wmts import WebMapTileService
 from pyproj import CRS as ProjCrs
 from rasterio.windows import from_bounds
 
-from products.crs import local_crs
-from products.model import ProductKind
-from products.tiling import CELL_SIZES, TileAddress, zoom_of
+from solmap.products.crs import local_crs
+from solmap.products.model import ProductKind
+from solmap.products.tiling import CELL_SIZES, TileAddress, zoom_of
 from tests.support.live_server import serving
 from tests.unit.gis_server.conftest import (
     CELL_M,

@@ -9,17 +9,17 @@ from pyproj import CRS
 from rasterio.transform import Affine
 from typer.testing import CliRunner
 
-from config.landing import landing_site
-from config.settings import Settings
-from flows.cli import app
-from photogrammetry.terrain.records import Dtm
-from products.catalogue import MissionEntry
-from products.crs import local_crs
-from products.model import ProductKind, Recipe, Scope, ScopeLevel
-from products.pictures import read_orthophoto, write_orthophoto
-from products.raster import write_dtm
-from products.workspace import Workspace
-from tasks.publish import publish
+from solmap.config.landing import landing_site
+from solmap.config.settings import Settings
+from solmap.flows.cli import app
+from solmap.photogrammetry.terrain.records import Dtm
+from solmap.products.catalogue import MissionEntry
+from solmap.products.crs import local_crs
+from solmap.products.model import ProductKind, Recipe, Scope, ScopeLevel
+from solmap.products.pictures import read_orthophoto, write_orthophoto
+from solmap.products.raster import write_dtm
+from solmap.products.workspace import Workspace
+from solmap.tasks.publish import publish
 from tests.support.orbital_scenes import scene
 
 SITE = landing_site("MER2", Settings().landing_sites)

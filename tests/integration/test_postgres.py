@@ -9,17 +9,17 @@ import time
 import pytest
 import sqlalchemy as sa
 
-from products import events
-from products.catalogue import Catalogue
-from products.database import close_pools, writing
-from products.errors import ProductError, StoreAwayError
+from solmap.products import events
+from solmap.products.catalogue import Catalogue
+from solmap.products.database import close_pools, writing
+from solmap.products.errors import ProductError, StoreAwayError
 from tests.unit.products.test_catalogue import MISSION, a_layer, an_image
 
 pytestmark = pytest.mark.timeout(120)
 WRITER = """
 import sys
 from pathlib import Path
-from products.catalogue import Catalogue
+from solmap.products.catalogue import Catalogue
 from tests.unit.products.test_catalogue import a_layer, an_image
 root, url, name = Path(sys.argv[1]), sys.argv[2] or None, sys.argv[3]
 catalogue = Catalogue.open(root, url)
@@ -175,7 +175,7 @@ def test_a_url_that_cannot_be_used_says_what_one_looks_like(tmp_path, url, messa
 
 def test_a_command_on_a_database_that_is_away_ends_with_one_line(tmp_path):
     asked = subprocess.run(
-        (sys.executable, "-m", "flows.cli", "status", "--store", str(tmp_path / "store")),
+        (sys.executable, "-m", "solmap.flows.cli", "status", "--store", str(tmp_path / "store")),
         env={"PATH": "", "SOLMAP_CATALOGUE_URL": "postgresql+psycopg://x:y@127.0.0.1:1/z"},
         capture_output=True,
         text=True,

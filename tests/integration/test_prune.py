@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from products.pruning import PruningParams, prune
-from products.workspace import Workspace
+from solmap.products.pruning import PruningParams, prune
+from solmap.products.workspace import Workspace
 from tests.support.small_downlink import write_coarse_pipeline, write_small_downlink
 from tests.support.store_checks import Contents, faults
 
@@ -15,7 +15,7 @@ ALL_OLD = PruningParams(versions=1, youngest=timedelta(0))
 
 
 def test_reprocessing_keeps_the_old_until_they_are_pruned(tmp_path: Path) -> None:
-    from flows.downlink import process_downlink  # noqa: PLC0415 - after the engine's settings
+    from solmap.flows.downlink import process_downlink  # noqa: PLC0415 - after the engine's settings
 
     downlink = write_small_downlink(tmp_path / "downlink", pairs=2)
     pipeline = write_coarse_pipeline(tmp_path / "coarse.toml")

@@ -10,20 +10,20 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from config.radiometry import load_radiometry
-from flows.cli import app
-from photogrammetry.pds3.reading import read_image
-from photogrammetry.pds3.vignetting import RadialVignetting
-from photogrammetry.stretching import stretched
-from photogrammetry.synthetic.traverse import TraverseParams
-from photogrammetry.synthetic.world import WorldParams, make_world, render_jobs, text_files
-from products.model import ProductKind, Recipe
-from products.workspace import Workspace
-from tasks.images import image_file, read_product_image
-from tasks.ingest import ingest_downlink
-from tasks.match import MatchParams, match_stereo_pair
-from tasks.pairs import pairs_of, read_pair
-from tasks.scopes import pair_scope
+from solmap.config.radiometry import load_radiometry
+from solmap.flows.cli import app
+from solmap.photogrammetry.pds3.reading import read_image
+from solmap.photogrammetry.pds3.vignetting import RadialVignetting
+from solmap.photogrammetry.stretching import stretched
+from solmap.photogrammetry.synthetic.traverse import TraverseParams
+from solmap.photogrammetry.synthetic.world import WorldParams, make_world, render_jobs, text_files
+from solmap.products.model import ProductKind, Recipe
+from solmap.products.workspace import Workspace
+from solmap.tasks.images import image_file, read_product_image
+from solmap.tasks.ingest import ingest_downlink
+from solmap.tasks.match import MatchParams, match_stereo_pair
+from solmap.tasks.pairs import pairs_of, read_pair
+from solmap.tasks.scopes import pair_scope
 
 COUNTS = np.round(4095 * (np.arange(256) / 255) ** 1.9).astype(int)
 """A table that is none of those that are built in."""
@@ -236,7 +236,7 @@ def test_a_table_that_does_not_fit_is_a_fault_of_the_file(frames, tmp_path):
 @pytest.mark.usefixtures("engine")
 def test_a_run_maps_counts_and_says_what_is_peculiar(frames, tmp_path, monkeypatch):
     """Through the whole pipeline: first without a table, then with one, then with it again."""
-    from flows.downlink import process_downlink  # noqa: PLC0415 - needs the engine's settings
+    from solmap.flows.downlink import process_downlink  # noqa: PLC0415 - needs the engine's settings
 
     downlink, store = frames.coded(COUNTS).written(tmp_path / "downlink"), tmp_path / "store"
     settings = tables(tmp_path / "settings", None)

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from photogrammetry.errors import MatchingError
-from products.errors import StoreFullError
-from products.model import ProductKind, ProductRef, Recipe, Scope, ScopeLevel
-from products.store import ProductStore
-from products.workspace import Workspace
+from solmap.photogrammetry.errors import MatchingError
+from solmap.products.errors import StoreFullError
+from solmap.products.model import ProductKind, ProductRef, Recipe, Scope, ScopeLevel
+from solmap.products.store import ProductStore
+from solmap.products.workspace import Workspace
 from tests.support.small_downlink import write_coarse_pipeline, write_small_downlink
 from tests.support.store_checks import faults
 
@@ -74,7 +74,7 @@ def test_a_full_disk_is_not_tried_again(store: ProductStore, failing_disk: list[
 
 
 def test_a_disk_that_stays_away_is_given_up(store: ProductStore, failing_disk: list[int]) -> None:
-    from tasks.stage import RETRIES  # noqa: PLC0415 - after the engine's settings
+    from solmap.tasks.stage import RETRIES  # noqa: PLC0415 - after the engine's settings
 
     failing_disk.extend([errno.EIO] * 50)
     attempts: list[int] = []
@@ -88,7 +88,7 @@ def run(store: ProductStore, attempts: list[int], write: Callable[[Path], object
     """Make the product in a stage of a flow, without the pauses."""
     from prefect import flow  # noqa: PLC0415 - after the engine's settings
 
-    from tasks.stage import stage  # noqa: PLC0415
+    from solmap.tasks.stage import stage  # noqa: PLC0415
 
     @stage(task_run_name="slope-{name}")
     def make(name: str) -> ProductRef:  # noqa: ARG001 - names the run
@@ -106,8 +106,8 @@ def run(store: ProductStore, attempts: list[int], write: Callable[[Path], object
 def test_a_broken_pair_and_a_broken_sol_stop_nothing_else_and_are_told_everywhere(
     tmp_path: Path,
 ) -> None:
-    from flows.downlink import process_downlink  # noqa: PLC0415 - after the engine's settings
-    from flows.listing import outcome_rows  # noqa: PLC0415
+    from solmap.flows.downlink import process_downlink  # noqa: PLC0415 - after the engine's settings
+    from solmap.flows.listing import outcome_rows  # noqa: PLC0415
 
     downlink = write_small_downlink(tmp_path / "downlink", pairs=2)
     pipeline = str(write_coarse_pipeline(tmp_path / "coarse.toml"))
@@ -166,7 +166,7 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
 
 @pytest.mark.slow
 def test_a_full_disk_stops_a_run_and_what_was_made_stays(small_disk: Path, tmp_path: Path) -> None:
-    from flows.downlink import process_downlink  # noqa: PLC0415 - after the engine's settings
+    from solmap.flows.downlink import process_downlink  # noqa: PLC0415 - after the engine's settings
 
     downlink = write_small_downlink(tmp_path / "downlink", stops=1, pairs=2)
     pipeline = str(write_coarse_pipeline(tmp_path / "coarse.toml"))

@@ -4,9 +4,9 @@ import httpx
 import pytest
 from prefect.exceptions import ObjectNotFound
 
-from flows import requests
-from products.catalogue import Catalogue
-from products.run_requests import RequestBook, RequestKind, RequestState
+from solmap.flows import requests
+from solmap.products.catalogue import Catalogue
+from solmap.products.run_requests import RequestBook, RequestKind, RequestState
 
 
 @pytest.fixture

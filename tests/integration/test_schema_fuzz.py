@@ -43,7 +43,7 @@ noted = open(sys.argv[2], "a", buffering=1)
 def note(event, given):
     if event == "open" and isinstance(given[0], str | bytes):
         noted.write(repr(given[0]) + "\\n")
-from gis_server.app import create_app
+from solmap.gis_server.app import create_app
 import uvicorn
 app = create_app(pathlib.Path(sys.argv[1]))
 sys.addaudithook(note)

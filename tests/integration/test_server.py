@@ -16,13 +16,13 @@ import rasterio
 from pyproj import CRS as ProjCrs
 from rasterio.windows import Window
 
-from photogrammetry.terrain.grid import MapGrid
-from products.catalogue import Catalogue, MissionEntry
-from products.crs import MARS, LandingPoint, local_crs
-from products.model import Layer, ProductKind, Recipe, Scope, ScopeLevel
-from products.raster import write_raster
-from products.store import ProductStore
-from products.vector import Feature, write_features
+from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.products.catalogue import Catalogue, MissionEntry
+from solmap.products.crs import MARS, LandingPoint, local_crs
+from solmap.products.model import Layer, ProductKind, Recipe, Scope, ScopeLevel
+from solmap.products.raster import write_raster
+from solmap.products.store import ProductStore
+from solmap.products.vector import Feature, write_features
 from tests.support.live_server import serving
 
 LANDING = LandingPoint("Columbia Memorial Station", 175.4729, -14.5692, 3_393_000.0, "a test")

@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from photogrammetry.errors import PhotogrammetryError
-from photogrammetry.synthetic.mission import MissionPlan
-from products.images import image_record
-from products.model import ProductKind
-from products.vector import read_features
-from products.workspace import Workspace
+from solmap.photogrammetry.errors import PhotogrammetryError
+from solmap.photogrammetry.synthetic.mission import MissionPlan
+from solmap.products.images import image_record
+from solmap.products.model import ProductKind
+from solmap.products.vector import read_features
+from solmap.products.workspace import Workspace
 
 STOPS = 8
 PLAN = MissionPlan(stops=STOPS, distance_m=112.0, gaps=1)
@@ -25,7 +25,7 @@ KINDS = {
 
 
 def simulated(root, plan=PLAN):
-    from flows.simulated_mission import simulate_into  # noqa: PLC0415 - needs the engine's settings
+    from solmap.flows.simulated_mission import simulate_into  # noqa: PLC0415 - needs the engine's settings
 
     return simulate_into(root, plan, 1)
 

@@ -8,13 +8,13 @@ import pytest
 from fastapi.testclient import TestClient
 from typer.testing import CliRunner
 
-from flows.cli import app as command
-from gis_server.app import create_app
-from products.catalogue_records import Outcome
-from products.errors import ProductNotFoundError
-from products.sol_report import sol_facts, thumbnail, timings
-from products.sol_report_page import sol_report
-from products.workspace import Workspace
+from solmap.flows.cli import app as command
+from solmap.gis_server.app import create_app
+from solmap.products.catalogue_records import Outcome
+from solmap.products.errors import ProductNotFoundError
+from solmap.products.sol_report import sol_facts, thumbnail, timings
+from solmap.products.sol_report_page import sol_report
+from solmap.products.workspace import Workspace
 from tests.support.bowl_store import UNPAIRED, fill
 
 EVIL = "<script>alert(1)</script>"

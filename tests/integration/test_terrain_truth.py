@@ -7,17 +7,17 @@ are judged by `python -m tests.support.terrain_truth` and stated in docs/benchma
 import numpy as np
 import pytest
 
-from photogrammetry.imagery import Eye
-from photogrammetry.matching.dense import match_densely_with_sigma
-from photogrammetry.pds3.reading import ReadImage, read_image
-from photogrammetry.synthetic.scene import Shot, World
-from photogrammetry.synthetic.traverse import TraverseParams
-from photogrammetry.synthetic.world import RenderJob, WorldParams, make_world
-from photogrammetry.terrain.dtm import DtmParams
-from photogrammetry.terrain.grid import MapGrid
-from photogrammetry.terrain.records import TerrainView
-from tasks.match import geometry_of
-from tasks.pairs import resampled
+from solmap.photogrammetry.imagery import Eye
+from solmap.photogrammetry.matching.dense import match_densely_with_sigma
+from solmap.photogrammetry.pds3.reading import ReadImage, read_image
+from solmap.photogrammetry.synthetic.scene import Shot, World
+from solmap.photogrammetry.synthetic.traverse import TraverseParams
+from solmap.photogrammetry.synthetic.world import RenderJob, WorldParams, make_world
+from solmap.photogrammetry.terrain.dtm import DtmParams
+from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.terrain.records import TerrainView
+from solmap.tasks.match import geometry_of
+from solmap.tasks.pairs import resampled
 from tests.support.terrain_truth import Judgement, StopInTruth, Truth, judge
 
 WORLDS = (("plains", 301), ("hills", 302), ("crater", 303))

@@ -60,7 +60,7 @@ class Up:
 
     def start(self) -> subprocess.Popen:
         store, port = str(self.root / "store"), str(self.port)
-        command = (sys.executable, "-m", "flows.cli", "up", "--store", store)
+        command = (sys.executable, "-m", "solmap.flows.cli", "up", "--store", store)
         with (self.root / "up.log").open("ab") as log:
             return subprocess.Popen(
                 (*command, "--inbox", str(self.inbox), "--port", port),
@@ -109,7 +109,15 @@ def test_files_that_arrive_are_processed_and_nothing_outlives_it(up):
         (up.inbox / "broken.img").write_bytes(b"no image at all")
         until(lambda: "the inbox was processed" in up.said, "the inbox is processed")
         status = subprocess.run(
-            (sys.executable, "-m", "flows.cli", "status", "--json", "--store", up.root / "store"),
+            (
+                sys.executable,
+                "-m",
+                "solmap.flows.cli",
+                "status",
+                "--json",
+                "--store",
+                up.root / "store",
+            ),
             capture_output=True,
             text=True,
             check=True,
@@ -127,7 +135,7 @@ def test_files_that_arrive_are_processed_and_nothing_outlives_it(up):
     try:
         until(up.is_up, "it comes up again")
         second = subprocess.run(
-            (sys.executable, "-m", "flows.cli", "up", "--store", up.root / "store"),
+            (sys.executable, "-m", "solmap.flows.cli", "up", "--store", up.root / "store"),
             capture_output=True,
             text=True,
             check=False,

@@ -5,26 +5,26 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from photogrammetry.imagery import Eye
-from photogrammetry.matching.wide_stereo import WideParams
-from photogrammetry.pds3.reading import read_image
-from photogrammetry.synthetic.world import (
+from solmap.photogrammetry.imagery import Eye
+from solmap.photogrammetry.matching.wide_stereo import WideParams
+from solmap.photogrammetry.pds3.reading import read_image
+from solmap.photogrammetry.synthetic.world import (
     RenderJob,
     TraverseParams,
     World,
     WorldParams,
     make_world,
 )
-from products.arrays import read_matches
-from products.model import ProductKind, Recipe
-from products.store import ProductStore
-from products.workspace import Workspace
-from tasks.images import ImageFile
-from tasks.match import MatchParams, match_stereo_pair
-from tasks.pairs import PairFiles
-from tasks.scopes import image_scope
-from tasks.views import Orientation, OrientedPair
-from tasks.wide import match_wide_pair, read_wide_view
+from solmap.products.arrays import read_matches
+from solmap.products.model import ProductKind, Recipe
+from solmap.products.store import ProductStore
+from solmap.products.workspace import Workspace
+from solmap.tasks.images import ImageFile
+from solmap.tasks.match import MatchParams, match_stereo_pair
+from solmap.tasks.pairs import PairFiles
+from solmap.tasks.scopes import image_scope
+from solmap.tasks.views import Orientation, OrientedPair
+from solmap.tasks.wide import match_wide_pair, read_wide_view
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 

@@ -7,7 +7,7 @@ import time
 from functools import lru_cache
 from pathlib import Path
 
-from photogrammetry.matching.cross_site import (
+from solmap.photogrammetry.matching.cross_site import (
     CrossSiteParams,
     VerdictParams,
     tie_cross_site,

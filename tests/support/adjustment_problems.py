@@ -16,14 +16,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from photogrammetry.adjustment.adjust import _known
-from photogrammetry.adjustment.collinearity import Observations, State, misclosures
-from photogrammetry.adjustment.initialise import initialise
-from photogrammetry.adjustment.params import AdjustmentParams
-from photogrammetry.adjustment.priors import Telemetry
-from photogrammetry.adjustment.problem import Problem
-from photogrammetry.adjustment.rotations import along_arcs, rotation_of_vector
-from photogrammetry.adjustment.solver import linearise, solve
+from solmap.photogrammetry.adjustment.adjust import _known
+from solmap.photogrammetry.adjustment.collinearity import Observations, State, misclosures
+from solmap.photogrammetry.adjustment.initialise import initialise
+from solmap.photogrammetry.adjustment.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.priors import Telemetry
+from solmap.photogrammetry.adjustment.problem import Problem
+from solmap.photogrammetry.adjustment.rotations import along_arcs, rotation_of_vector
+from solmap.photogrammetry.adjustment.solver import linearise, solve
 
 PARAMS = AdjustmentParams(tolerance=1e-6)
 """Converged when all unknowns together move by less than a thousandth of a standard deviation."""

@@ -18,11 +18,11 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from photogrammetry.adjustment.collinearity import Observations, State
-from photogrammetry.adjustment.priors import Telemetry
-from photogrammetry.adjustment.problem import Problem
-from photogrammetry.adjustment.solver import linearise, solve
-from photogrammetry.synthetic.networks import simulate_network
+from solmap.photogrammetry.adjustment.collinearity import Observations, State
+from solmap.photogrammetry.adjustment.priors import Telemetry
+from solmap.photogrammetry.adjustment.problem import Problem
+from solmap.photogrammetry.adjustment.solver import linearise, solve
+from solmap.photogrammetry.synthetic.networks import simulate_network
 from tests.support.adjustment_problems import PARAMS
 
 STOPS = (10, 50, 200, 500, 1000, 2000)

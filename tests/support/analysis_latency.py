@@ -17,7 +17,7 @@ from pathlib import Path
 import httpx
 from fastapi.testclient import TestClient
 
-from gis_server.app import create_app
+from solmap.gis_server.app import create_app
 
 API, IMAGE = "/api/missions/MER2", "2N151760231EFF1000P1500L0M1"
 SQUARE = [[8, 10], [18, 10], [18, 20], [8, 20]]

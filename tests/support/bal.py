@@ -22,16 +22,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogrammetry.adjustment.blocks import factorise
-from photogrammetry.adjustment.collinearity import Observations, Partials, State, Views
-from photogrammetry.adjustment.componentwise import by_component, turned
-from photogrammetry.adjustment.elimination import eliminate
-from photogrammetry.adjustment.moves import Correction
-from photogrammetry.adjustment.normals import Place, added
-from photogrammetry.adjustment.priors import Telemetry
-from photogrammetry.adjustment.problem import Problem
-from photogrammetry.adjustment.rotations import rotation_of_vector
-from photogrammetry.errors import AdjustmentError
+from solmap.photogrammetry.adjustment.blocks import factorise
+from solmap.photogrammetry.adjustment.collinearity import Observations, Partials, State, Views
+from solmap.photogrammetry.adjustment.componentwise import by_component, turned
+from solmap.photogrammetry.adjustment.elimination import eliminate
+from solmap.photogrammetry.adjustment.moves import Correction
+from solmap.photogrammetry.adjustment.normals import Place, added
+from solmap.photogrammetry.adjustment.priors import Telemetry
+from solmap.photogrammetry.adjustment.problem import Problem
+from solmap.photogrammetry.adjustment.rotations import rotation_of_vector
+from solmap.photogrammetry.errors import AdjustmentError
 from tests.support.adjustment_problems import Peer
 
 EASED, STIFFENED = 0.2, 5.0

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 import uvicorn
 
-from gis_server.app import create_app
+from solmap.gis_server.app import create_app
 
 ROOT = Path(__file__).resolve().parents[2]
 DIST = Path(os.environ.get("SOLMAP_VIEWER", ROOT / "gis_server" / "viewer" / "dist"))

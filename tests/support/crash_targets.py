@@ -20,15 +20,15 @@ import httpx
 import numpy as np
 import uvicorn
 
-import flows.downlink  # noqa: F401 - before processes are forked
-from gis_server.app import create_app
-from products.tiling import TileAddress
+import solmap.flows.downlink  # noqa: F401 - before processes are forked
+from solmap.gis_server.app import create_app
+from solmap.products.tiling import TileAddress
 
 
 def process(downlink: Path, store: Path, pipeline: Path, log: Path) -> None:
     """Process a downlink; the exit code says whether it succeeded."""
     _write_to(log)
-    from flows.downlink import process_downlink  # noqa: PLC0415 - nothing to pickle
+    from solmap.flows.downlink import process_downlink  # noqa: PLC0415 - nothing to pickle
 
     report = process_downlink(downlink, store, str(pipeline))
     for line in report.failures:

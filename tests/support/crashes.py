@@ -32,9 +32,9 @@ from pathlib import Path
 import numpy as np
 import psutil
 
-from flows.children import Child
-from flows.engine_server import _free_port, address, await_engine, engine_child
-from products.workspace import Workspace
+from solmap.flows.children import Child
+from solmap.flows.engine_server import _free_port, address, await_engine, engine_child
+from solmap.products.workspace import Workspace
 from tests.support.kill_moments import Moment, Watch
 from tests.support.small_downlink import write_coarse_pipeline, write_small_downlink
 from tests.support.store_checks import Contents, faults
@@ -223,7 +223,15 @@ def kill_commands(test: CrashTest, kills: int, expected: Contents) -> None:
     store = test.folder / "commands"
     shutil.rmtree(store, ignore_errors=True)
     environment = {k: v for k, v in os.environ.items() if not k.startswith("PREFECT_")}
-    command = [sys.executable, "-m", "flows.cli", "run", str(test.downlink), "--store", str(store)]
+    command = [
+        sys.executable,
+        "-m",
+        "solmap.flows.cli",
+        "run",
+        str(test.downlink),
+        "--store",
+        str(store),
+    ]
     command += ["--pipeline", str(test.pipeline)]
     done = 0
     while True:

@@ -12,15 +12,15 @@ import math
 
 import numpy as np
 
-from photogrammetry.terrain.hazard import Hazard
-from photogrammetry.terrain.records import Dtm
-from products.catalogue import MissionEntry
-from products.classes import HAZARDS
-from products.model import ProductKind
-from products.pictures import write_orthophoto
-from products.raster import write_classes, write_dtm
-from products.vector import Feature
-from products.workspace import Workspace
+from solmap.photogrammetry.terrain.hazard import Hazard
+from solmap.photogrammetry.terrain.records import Dtm
+from solmap.products.catalogue import MissionEntry
+from solmap.products.classes import HAZARDS
+from solmap.products.model import ProductKind
+from solmap.products.pictures import write_orthophoto
+from solmap.products.raster import write_classes, write_dtm
+from solmap.products.vector import Feature
+from solmap.products.workspace import Workspace
 from tests.support.bowl_store import CRS, GRID, LANDING, Shop, surface, viewing
 
 STRIP = (20.0, 28.0)

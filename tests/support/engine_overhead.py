@@ -18,17 +18,17 @@ from typing import Any
 
 import psutil
 
-from flows.engine_server import start_engine
+from solmap.flows.engine_server import start_engine
 
 TASKS = 40
 
 
 def stages() -> dict[str, Any]:
     """Stages to try an engine with; made here because Prefect reads its settings at import."""
-    from products.errors import ProductError, StoreFullError  # noqa: PLC0415
-    from products.model import ProductKind, ProductRef, Scope, ScopeLevel  # noqa: PLC0415
-    from products.store import ProductStore  # noqa: PLC0415
-    from tasks.stage import stage  # noqa: PLC0415
+    from solmap.products.errors import ProductError, StoreFullError  # noqa: PLC0415
+    from solmap.products.model import ProductKind, ProductRef, Scope, ScopeLevel  # noqa: PLC0415
+    from solmap.products.store import ProductStore  # noqa: PLC0415
+    from solmap.tasks.stage import stage  # noqa: PLC0415
 
     @stage(task_run_name="nothing")
     def nothing(number: int, store: ProductStore) -> tuple[int, int, str]:
@@ -55,7 +55,7 @@ def run_on(engine: str, body: Callable[[], Any], workers: int = 2) -> Any:
     """What `body` gives in a flow whose tasks run on an engine."""
     from prefect import flow  # noqa: PLC0415
 
-    from flows.runners import on_workers  # noqa: PLC0415
+    from solmap.flows.runners import on_workers  # noqa: PLC0415
 
     os.environ["SOLMAP_TASK_RUNNER"], os.environ["SOLMAP_TASK_WORKERS"] = engine, str(workers)
     try:
@@ -73,8 +73,8 @@ def main() -> None:
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         start_engine(Path(folder))
-        from flows.outcomes import settled  # noqa: PLC0415
-        from products.store import ProductStore  # noqa: PLC0415
+        from solmap.flows.outcomes import settled  # noqa: PLC0415
+        from solmap.products.store import ProductStore  # noqa: PLC0415
 
         store, nothing = ProductStore.open(Path(folder)), stages()["nothing"]
 

@@ -16,8 +16,8 @@ from pathlib import Path
 import httpx
 import numpy as np
 
-from gis_server.live import MOST_LISTENERS
-from products.catalogue import Catalogue
+from solmap.gis_server.live import MOST_LISTENERS
+from solmap.products.catalogue import Catalogue
 from tests.support.live_server import serving
 
 LISTENERS, EVENTS = 100, 20

@@ -14,14 +14,14 @@ from pathlib import Path
 import numpy as np
 import rasterio
 
-from photogrammetry.cameras.cahvor import Cahvor
-from photogrammetry.frames import LSL, Pose
-from photogrammetry.imagery import RoverImage
-from photogrammetry.matching.records import EpipolarImages
-from photogrammetry.pds3.partners import find_stereo_pairs
-from photogrammetry.pds3.reading import read_image
-from tasks.match import geometry_of
-from tasks.pairs import resampled
+from solmap.photogrammetry.cameras.cahvor import Cahvor
+from solmap.photogrammetry.frames import LSL, Pose
+from solmap.photogrammetry.imagery import RoverImage
+from solmap.photogrammetry.matching.records import EpipolarImages
+from solmap.photogrammetry.pds3.partners import find_stereo_pairs
+from solmap.photogrammetry.pds3.reading import read_image
+from solmap.tasks.match import geometry_of
+from solmap.tasks.pairs import resampled
 
 NEAREST_M, FURTHEST_M = 1.0, 90.0
 STEP = 1.001

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from products.catalogue import Catalogue, ImageEntry, MissionEntry
-from products.crs import LandingPoint
-from products.model import Layer, ProductKind, ProductRef, Recipe, Scope, ScopeLevel
-from products.store import ProductStore
-from products.vector import Feature, write_features
+from solmap.products.catalogue import Catalogue, ImageEntry, MissionEntry
+from solmap.products.crs import LandingPoint
+from solmap.products.model import Layer, ProductKind, ProductRef, Recipe, Scope, ScopeLevel
+from solmap.products.store import ProductStore
+from solmap.products.vector import Feature, write_features
 
 LANDING = LandingPoint("Columbia Memorial Station", 175.4729, -14.5692, 3_393_000.0, "a test")
 REGION = Scope(ScopeLevel.REGION, "mer2")

@@ -12,15 +12,15 @@ from pathlib import Path
 
 import numpy as np
 
-from gis_server.analysis.ground import BEST, Ground
-from gis_server.analysis.picks import RefineQuestion, refined_pick
-from gis_server.analysis.profiles import ProfileQuestion, ask_profile
-from gis_server.analysis.refusal import RefusedError
-from gis_server.rendering.readers import RasterPool
-from photogrammetry.terrain.ground_point import first_meeting
-from photogrammetry.terrain.profile import _tangent
-from products.oriented import OrientedMission
-from products.workspace import Workspace
+from solmap.gis_server.analysis.ground import BEST, Ground
+from solmap.gis_server.analysis.picks import RefineQuestion, refined_pick
+from solmap.gis_server.analysis.profiles import ProfileQuestion, ask_profile
+from solmap.gis_server.analysis.refusal import RefusedError
+from solmap.gis_server.rendering.readers import RasterPool
+from solmap.photogrammetry.terrain.ground_point import first_meeting
+from solmap.photogrammetry.terrain.profile import _tangent
+from solmap.products.oriented import OrientedMission
+from solmap.products.workspace import Workspace
 from tests.support.husband_truth import true_pose
 from tests.support.projection_truth import _true_point, elevations
 

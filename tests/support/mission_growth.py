@@ -20,7 +20,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from photogrammetry.synthetic.mission import MissionPlan
+from solmap.photogrammetry.synthetic.mission import MissionPlan
 from tests.support.simulated_sols import SimulatedSols
 
 CLEAR = Path("/proc/self/clear_refs")
@@ -93,7 +93,7 @@ STAGES = ("match_stereo_pair", "picture_pair", "tie_stop", "link_stops", "adjust
 @contextmanager
 def without_engine() -> Iterator[None]:
     """Have stages run at once, where only what they leave is asked for."""
-    from flows import sol, sol_network  # noqa: PLC0415
+    from solmap.flows import sol, sol_network  # noqa: PLC0415
 
     before = {name: getattr(sol_network, name) for name in STAGES}
     publish = sol.publish
@@ -110,12 +110,12 @@ def network_of_sol(*, on_engine: bool) -> Callable[..., Any]:
     """The flow of a sol up to what is known of its network; imported where the engine runs."""
     from prefect import flow  # noqa: PLC0415
 
-    from flows import sol as sols  # noqa: PLC0415
-    from flows.runners import on_workers  # noqa: PLC0415
-    from flows.sol_inputs import SolReport, Standing, gather  # noqa: PLC0415
-    from flows.sol_network import adjust_stops, match_pairs  # noqa: PLC0415
-    from tasks.orientations import choose_orientations  # noqa: PLC0415
-    from tasks.report import report_quality  # noqa: PLC0415
+    from solmap.flows import sol as sols  # noqa: PLC0415
+    from solmap.flows.runners import on_workers  # noqa: PLC0415
+    from solmap.flows.sol_inputs import SolReport, Standing, gather  # noqa: PLC0415
+    from solmap.flows.sol_network import adjust_stops, match_pairs  # noqa: PLC0415
+    from solmap.tasks.orientations import choose_orientations  # noqa: PLC0415
+    from solmap.tasks.report import report_quality  # noqa: PLC0415
 
     chosen = choose_orientations if on_engine else choose_orientations.fn
     stated = report_quality if on_engine else lambda *_: []
@@ -165,7 +165,7 @@ def main() -> None:
     parser.add_argument("--whole", default="10,50,100,200,300,400,500", help="sols on the engine")
     arguments = parser.parse_args()
     arguments.store.mkdir(parents=True, exist_ok=True)
-    from flows.engine_server import start_engine  # noqa: PLC0415
+    from solmap.flows.engine_server import start_engine  # noqa: PLC0415
 
     start_engine(arguments.store)
     whole = {int(sol) for sol in arguments.whole.split(",")}
@@ -190,10 +190,10 @@ def walked(
     sols: SimulatedSols, last: int, root: Path, whole: Collection[int] = ()
 ) -> Iterator[tuple[Any, dict[str, float]]]:
     """What each sol leaves to the next, and what it cost."""
-    from config.workspace import open_workspace  # noqa: PLC0415
-    from flows.mission_layers import draw_mission  # noqa: PLC0415
-    from flows.sol_inputs import gather  # noqa: PLC0415
-    from tasks.scopes import sol_of  # noqa: PLC0415
+    from solmap.config.workspace import open_workspace  # noqa: PLC0415
+    from solmap.flows.mission_layers import draw_mission  # noqa: PLC0415
+    from solmap.flows.sol_inputs import gather  # noqa: PLC0415
+    from solmap.tasks.scopes import sol_of  # noqa: PLC0415
 
     workspace = open_workspace(root)
     flows = {on: network_of_sol(on_engine=on) for on in (True, False)}
@@ -217,8 +217,8 @@ def walked(
 
 def _standing(workspace: Any) -> Any:
     """Where a walk that was interrupted goes on; None at the beginning."""
-    from flows.overall import standing_of  # noqa: PLC0415
-    from products.network import published_networks  # noqa: PLC0415
+    from solmap.flows.overall import standing_of  # noqa: PLC0415
+    from solmap.products.network import published_networks  # noqa: PLC0415
 
     networks = published_networks("MER2", workspace.catalogue)
     return standing_of(networks[-1], workspace) if networks else None

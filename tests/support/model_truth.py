@@ -13,11 +13,11 @@ from pathlib import Path
 
 import numpy as np
 
-from photogrammetry.terrain.model3d import ModelParams, SurfaceMesh, TerrainDrawing
-from photogrammetry.terrain.view_model import ViewModelParams, view_meshes
-from products.model import ProductKind
-from products.raster import read_dtm
-from products.workspace import Workspace
+from solmap.photogrammetry.terrain.model3d import ModelParams, SurfaceMesh, TerrainDrawing
+from solmap.photogrammetry.terrain.view_model import ViewModelParams, view_meshes
+from solmap.products.model import ProductKind
+from solmap.products.raster import read_dtm
+from solmap.products.workspace import Workspace
 from tests.support.terrain_truth import BANDS_M, Truth, stops_of
 
 PLACES = 200_000

@@ -20,22 +20,22 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from photogrammetry.adjustment.adjust import adjust_overall
-from photogrammetry.adjustment.linear import Linear
-from photogrammetry.adjustment.params import AdjustmentParams
-from photogrammetry.adjustment.records import (
+from solmap.photogrammetry.adjustment.adjust import adjust_overall
+from solmap.photogrammetry.adjustment.linear import Linear
+from solmap.photogrammetry.adjustment.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.records import (
     AdjustedNetwork,
     AdjustedStop,
     AdjustmentReport,
     Network,
     select,
 )
-from photogrammetry.adjustment.residuals import cofactors
-from photogrammetry.adjustment.sequential import begin, extend
-from photogrammetry.adjustment.solver import Problem, linearise
-from photogrammetry.adjustment.stepwise import adjust_stepwise
-from photogrammetry.frames import Pose
-from photogrammetry.synthetic.networks import NetworkTruth, simulate_network
+from solmap.photogrammetry.adjustment.residuals import cofactors
+from solmap.photogrammetry.adjustment.sequential import begin, extend
+from solmap.photogrammetry.adjustment.solver import Problem, linearise
+from solmap.photogrammetry.adjustment.stepwise import adjust_stepwise
+from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.synthetic.networks import NetworkTruth, simulate_network
 
 MODES = ("stepwise", "sequential", "overall")
 PARAMS = AdjustmentParams(window_stops=2)

@@ -18,13 +18,13 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from photogrammetry.orbital.elevations import register_elevations
-from photogrammetry.orbital.records import GroundMap, OrbitalDtm, OrbitalImage, Registration
-from photogrammetry.orbital.registration import register
-from photogrammetry.synthetic.lattice import Window
-from photogrammetry.synthetic.lighting import Sun, lit
-from photogrammetry.synthetic.terrain import TERRAINS, Terrain
-from photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.orbital.elevations import register_elevations
+from solmap.photogrammetry.orbital.records import GroundMap, OrbitalDtm, OrbitalImage, Registration
+from solmap.photogrammetry.orbital.registration import register
+from solmap.photogrammetry.synthetic.lattice import Window
+from solmap.photogrammetry.synthetic.lighting import Sun, lit
+from solmap.photogrammetry.synthetic.terrain import TERRAINS, Terrain
+from solmap.photogrammetry.terrain.grid import MapGrid
 
 CELL_M = 0.25
 HALF_M = 64.0

@@ -23,19 +23,19 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from photogrammetry.frames import Pose
-from photogrammetry.imagery import StopId
-from photogrammetry.matching.dense import match_densely
-from photogrammetry.matching.records import EpipolarImages
-from photogrammetry.synthetic.lighting import GRAIN_M, GRAINS, LitGround
-from photogrammetry.terrain.dtm import DtmParams, build_dtm
-from photogrammetry.terrain.grid import MapGrid
-from photogrammetry.terrain.ground import camera_on_map
-from photogrammetry.terrain.orthophoto import OrthophotoParams, render_orthophoto
-from photogrammetry.terrain.records import Dtm, GroundClass, TerrainView
-from products.model import ProductKind
-from products.pictures import read_orthophoto
-from products.workspace import Workspace
+from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.imagery import StopId
+from solmap.photogrammetry.matching.dense import match_densely
+from solmap.photogrammetry.matching.records import EpipolarImages
+from solmap.photogrammetry.synthetic.lighting import GRAIN_M, GRAINS, LitGround
+from solmap.photogrammetry.terrain.dtm import DtmParams, build_dtm
+from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.terrain.ground import camera_on_map
+from solmap.photogrammetry.terrain.orthophoto import OrthophotoParams, render_orthophoto
+from solmap.photogrammetry.terrain.records import Dtm, GroundClass, TerrainView
+from solmap.products.model import ProductKind
+from solmap.products.pictures import read_orthophoto
+from solmap.products.workspace import Workspace
 from tests.support.husband_truth import JudgedPair, judged_pairs
 from tests.support.simulated_stops import SimulatedStop, WorldOfStops, simulated_stop
 

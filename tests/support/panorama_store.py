@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from photogrammetry.imagery import Eye
-from photogrammetry.terrain.panorama import PanoramaParams
-from products.model import ProductKind
-from products.network import latest_network, network_of
-from products.oriented import matches_of
-from products.workspace import Workspace
-from tasks.panorama import draw_panorama, oriented_frames
-from tasks.publish import layer_of
-from tasks.views import Orientation
+from solmap.photogrammetry.imagery import Eye
+from solmap.photogrammetry.terrain.panorama import PanoramaParams
+from solmap.products.model import ProductKind
+from solmap.products.network import latest_network, network_of
+from solmap.products.oriented import matches_of
+from solmap.products.workspace import Workspace
+from solmap.tasks.panorama import draw_panorama, oriented_frames
+from solmap.tasks.publish import layer_of
+from solmap.tasks.views import Orientation
 
 SOL = 156
 

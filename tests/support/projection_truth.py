@@ -14,16 +14,16 @@ from pathlib import Path
 
 import numpy as np
 
-from gis_server.analysis.ground import BEST, Ground
-from gis_server.analysis.pixel_ground import ground_at
-from gis_server.analysis.projection import seen_in, with_sight
-from gis_server.rendering.readers import RasterPool
-from photogrammetry.terrain.ground import MAP_FROM_LSL
-from photogrammetry.terrain.ground_point import first_meeting
-from photogrammetry.terrain.viewshed import Sight
-from products.errors import ProductError
-from products.oriented import OrientedMission
-from products.workspace import Workspace
+from solmap.gis_server.analysis.ground import BEST, Ground
+from solmap.gis_server.analysis.pixel_ground import ground_at
+from solmap.gis_server.analysis.projection import seen_in, with_sight
+from solmap.gis_server.rendering.readers import RasterPool
+from solmap.photogrammetry.terrain.ground import MAP_FROM_LSL
+from solmap.photogrammetry.terrain.ground_point import first_meeting
+from solmap.photogrammetry.terrain.viewshed import Sight
+from solmap.products.errors import ProductError
+from solmap.products.oriented import OrientedMission
+from solmap.products.workspace import Workspace
 from tests.support.husband_truth import _bilinear, _grid, true_pose
 
 FARTHEST_M = 25.0

@@ -12,31 +12,31 @@ import math
 import cv2
 import numpy as np
 
-from photogrammetry.adjustment.documents import network_document
-from photogrammetry.adjustment.records import (
+from solmap.photogrammetry.adjustment.documents import network_document
+from solmap.photogrammetry.adjustment.records import (
     AdjustedNetwork,
     AdjustedStop,
     AdjustedTies,
     AdjustmentReport,
 )
-from photogrammetry.frames import LSL, Pose, rotation_of_roll_pitch_yaw, site_frame
-from photogrammetry.imagery import Eye, StopId, TiePoints
-from photogrammetry.synthetic.edr import Exposure, edr_bytes
-from photogrammetry.synthetic.lighting import Sun
-from photogrammetry.synthetic.rig import CAMERAS, Instrument, Pointing
-from photogrammetry.terrain.levels import TilesetParams
-from photogrammetry.terrain.model3d import ModelParams
-from photogrammetry.terrain.point_cloud import PointCloud, cloud_tiles
-from products.arrays import pose_document
-from products.catalogue import ImageEntry, MissionEntry
-from products.model import Layer, ProductKind, ProductRef, Recipe, Scope, ScopeLevel
-from products.models import extent_of_model
-from products.pictures import write_orthophoto
-from products.points_glb import write_points
-from products.raster import write_dtm
-from products.tiles3d import TilesetWriter
-from products.vector import Feature
-from products.workspace import Workspace
+from solmap.photogrammetry.frames import LSL, Pose, rotation_of_roll_pitch_yaw, site_frame
+from solmap.photogrammetry.imagery import Eye, StopId, TiePoints
+from solmap.photogrammetry.synthetic.edr import Exposure, edr_bytes
+from solmap.photogrammetry.synthetic.lighting import Sun
+from solmap.photogrammetry.synthetic.rig import CAMERAS, Instrument, Pointing
+from solmap.photogrammetry.terrain.levels import TilesetParams
+from solmap.photogrammetry.terrain.model3d import ModelParams
+from solmap.photogrammetry.terrain.point_cloud import PointCloud, cloud_tiles
+from solmap.products.arrays import pose_document
+from solmap.products.catalogue import ImageEntry, MissionEntry
+from solmap.products.model import Layer, ProductKind, ProductRef, Recipe, Scope, ScopeLevel
+from solmap.products.models import extent_of_model
+from solmap.products.pictures import write_orthophoto
+from solmap.products.points_glb import write_points
+from solmap.products.raster import write_dtm
+from solmap.products.tiles3d import TilesetWriter
+from solmap.products.vector import Feature
+from solmap.products.workspace import Workspace
 from tests.support.bowl_store import (
     CRS,
     GRID,
@@ -240,7 +240,7 @@ def _keep(path, data: bytes) -> None:
 
 
 def _publish_models(workspace: Workspace) -> None:
-    from tasks.model3d import model_terrain, tile_terrain  # noqa: PLC0415 - slow to import
+    from solmap.tasks.model3d import model_terrain, tile_terrain  # noqa: PLC0415 - slow to import
 
     store, scope = workspace.store, Scope(ScopeLevel.STOP, LAST)
     ground = store.make(Recipe(ProductKind.DTM, scope), lambda path: write_dtm(path, dtm(), CRS))

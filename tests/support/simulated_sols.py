@@ -12,15 +12,15 @@ from typing import Any
 
 import numpy as np
 
-from photogrammetry.frames import Pose
-from photogrammetry.imagery import StereoMatches, StopId, TiePoints
-from photogrammetry.matching.ties import Ties
-from photogrammetry.synthetic.edr import Exposure
-from photogrammetry.synthetic.mission import MissionPlan, SimulatedMission, simulate_mission
-from photogrammetry.synthetic.mission_images import exposures, mission_names
-from products.arrays import pose_document, write_archive, write_matches, write_ties
-from products.model import ProductKind, ProductRef, Recipe
-from products.workspace import Workspace
+from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.imagery import StereoMatches, StopId, TiePoints
+from solmap.photogrammetry.matching.ties import Ties
+from solmap.photogrammetry.synthetic.edr import Exposure
+from solmap.photogrammetry.synthetic.mission import MissionPlan, SimulatedMission, simulate_mission
+from solmap.photogrammetry.synthetic.mission_images import exposures, mission_names
+from solmap.products.arrays import pose_document, write_archive, write_matches, write_ties
+from solmap.products.model import ProductKind, ProductRef, Recipe
+from solmap.products.workspace import Workspace
 
 FEWEST = 5
 """Ties between two stops below which they are not linked."""
@@ -93,7 +93,7 @@ class SimulatedSols:
 
     def deliver(self, sols: Sequence[int], workspace: Workspace) -> None:
         """Enter the images of some sols in the catalogue, as ingesting does."""
-        from tasks.simulated_mission import _entry, _no_picture  # noqa: PLC0415 - brings the engine
+        from solmap.tasks.simulated_mission import _entry, _no_picture  # noqa: PLC0415 - brings the engine
 
         browse, entries = _no_picture(workspace), []
         for left, right in self.exposures:
@@ -118,9 +118,9 @@ class _Maker:
 
     def make(self) -> None:
         """Matches of the new pairs, ties of their stops, links to those before."""
-        from flows.sol_network import _links  # noqa: PLC0415 - brings the engine
-        from tasks.pairs import pairs_of  # noqa: PLC0415
-        from tasks.tie import StopProducts  # noqa: PLC0415
+        from solmap.flows.sol_network import _links  # noqa: PLC0415 - brings the engine
+        from solmap.tasks.pairs import pairs_of  # noqa: PLC0415
+        from solmap.tasks.tie import StopProducts  # noqa: PLC0415
 
         inputs, store = self.inputs, self.inputs.workspace.store
         window, stops = {stop.stop: stop for stop in inputs.window}, self.sols.made
@@ -138,9 +138,9 @@ class _Maker:
                 self._linked(stops[old], stops[new], window[old], window[new])
 
     def _matched(self, pair: Any) -> Any:
-        from tasks.match import MatchParams  # noqa: PLC0415 - brings the engine
-        from tasks.pairs import PairProducts  # noqa: PLC0415
-        from tasks.scopes import pair_scope  # noqa: PLC0415
+        from solmap.tasks.match import MatchParams  # noqa: PLC0415 - brings the engine
+        from solmap.tasks.pairs import PairProducts  # noqa: PLC0415
+        from solmap.tasks.scopes import pair_scope  # noqa: PLC0415
 
         config, store = self.inputs.config, self.inputs.workspace.store
         params = MatchParams(config.sparse, config.dense)
@@ -164,7 +164,7 @@ class _Maker:
         return products
 
     def _linked(self, earlier: Any, later: Any, *telemetry: Any) -> None:
-        from tasks.tie import TelemetryPose, link_scope  # noqa: PLC0415 - brings the engine
+        from solmap.tasks.tie import TelemetryPose, link_scope  # noqa: PLC0415 - brings the engine
 
         rows = self.sols.seen.across.get((earlier.stop, later.stop), np.zeros((0, 2), dtype=int))
         is_linked = len(rows) >= FEWEST
@@ -195,7 +195,7 @@ class _Maker:
 
 
 def _stop_scope(stop: StopId) -> Any:
-    from tasks.scopes import stop_scope  # noqa: PLC0415
+    from solmap.tasks.scopes import stop_scope  # noqa: PLC0415
 
     return stop_scope(stop)
 

@@ -13,22 +13,22 @@ from pathlib import Path
 
 import numpy as np
 
-from photogrammetry.frames import Pose
-from photogrammetry.imagery import Eye, StopId
-from photogrammetry.matching.dense import match_densely
-from photogrammetry.matching.records import MatchedPair, MatchedStop
-from photogrammetry.matching.sparse import SparseParams, match_sparsely
-from photogrammetry.pds3.reading import ReadImage, read_image
-from photogrammetry.synthetic.scene import Shot, World
-from photogrammetry.synthetic.world import (
+from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.imagery import Eye, StopId
+from solmap.photogrammetry.matching.dense import match_densely
+from solmap.photogrammetry.matching.records import MatchedPair, MatchedStop
+from solmap.photogrammetry.matching.sparse import SparseParams, match_sparsely
+from solmap.photogrammetry.pds3.reading import ReadImage, read_image
+from solmap.photogrammetry.synthetic.scene import Shot, World
+from solmap.photogrammetry.synthetic.world import (
     RenderJob,
     TraverseParams,
     WorldParams,
     make_world,
     true_parallax,
 )
-from tasks.match import geometry_of
-from tasks.pairs import resampled
+from solmap.tasks.match import geometry_of
+from solmap.tasks.pairs import resampled
 
 ROOT = Path(__file__).resolve().parents[2]
 CACHE = ROOT / ".cache" / "cross_site"

@@ -15,10 +15,10 @@ from itertools import combinations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from photogrammetry.frames import Pose
-from photogrammetry.imagery import StopId
-from photogrammetry.matching.cross_site import CrossSiteParams, SiteLink, StopViews
-from photogrammetry.matching.records import MatchedStop
+from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.imagery import StopId
+from solmap.photogrammetry.matching.cross_site import CrossSiteParams, SiteLink, StopViews
+from solmap.photogrammetry.matching.records import MatchedStop
 from tests.support.simulated_stops import SimulatedStop, WorldOfStops, simulated_stop
 
 FARTHEST_M = 50.0

@@ -13,12 +13,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from photogrammetry.pds3.reading import read_image
-from photogrammetry.terrain.footprints import FootprintParams
-from products.model import Layer, ProductKind, ProductRef, Recipe, Scope, ScopeLevel
-from products.network import latest_network
-from products.vector import read_features
-from tasks.vectors import draw_vectors
+from solmap.photogrammetry.pds3.reading import read_image
+from solmap.photogrammetry.terrain.footprints import FootprintParams
+from solmap.products.model import Layer, ProductKind, ProductRef, Recipe, Scope, ScopeLevel
+from solmap.products.network import latest_network
+from solmap.products.vector import read_features
+from solmap.tasks.vectors import draw_vectors
 from tests.support.panorama_store import publish_panoramas
 from tests.unit.gis_server.stereo.stereo_store import LANDING, StereoStore, build_stereo_store
 

@@ -14,8 +14,8 @@ from pathlib import Path
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from products.model import ProductKind, ScopeLevel
-from products.store import ProductStore
+from solmap.products.model import ProductKind, ScopeLevel
+from solmap.products.store import ProductStore
 
 LEVELS = {ScopeLevel.PAIR, ScopeLevel.STOP, ScopeLevel.SOL}
 """What products of a sol are about; those of the whole mission come once a downlink."""

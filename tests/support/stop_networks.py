@@ -15,21 +15,21 @@ from itertools import pairwise
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from photogrammetry.adjustment.adjust import adjust_overall
-from photogrammetry.adjustment.params import AdjustmentParams
-from photogrammetry.adjustment.records import (
+from solmap.photogrammetry.adjustment.adjust import adjust_overall
+from solmap.photogrammetry.adjustment.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.records import (
     AdjustedStop,
     AdjustmentReport,
     Network,
     PairGeometry,
     StopPrior,
 )
-from photogrammetry.matching.cross_site import CrossSiteParams, StopViews, tie_cross_site
-from photogrammetry.matching.inter_stereo import InterStereoParams, tie_inter_stereo
-from photogrammetry.matching.surface_ties import SurfaceTieParams
-from photogrammetry.matching.ties import Ties
-from photogrammetry.matching.tracks import TrackParams, build_tie_points
-from photogrammetry.synthetic.rig import T_PMA_M
+from solmap.photogrammetry.matching.cross_site import CrossSiteParams, StopViews, tie_cross_site
+from solmap.photogrammetry.matching.inter_stereo import InterStereoParams, tie_inter_stereo
+from solmap.photogrammetry.matching.surface_ties import SurfaceTieParams
+from solmap.photogrammetry.matching.ties import Ties
+from solmap.photogrammetry.matching.tracks import TrackParams, build_tie_points
+from solmap.photogrammetry.synthetic.rig import T_PMA_M
 from tests.support.husband_stops import husband_stop
 from tests.support.simulated_stops import ROOT, SimulatedStop, WorldOfStops, simulated_stop
 from tests.support.site_pairs import FAR, NEAR, TERRAINS

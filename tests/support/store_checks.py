@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from products.model import SUFFIX, ProductKind
+from solmap.products.model import SUFFIX, ProductKind
 
 PROVENANCE = ".provenance.json"
 DATES = {"at", "made_at", "created", "updated", "datetime_made"}

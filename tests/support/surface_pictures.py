@@ -13,27 +13,27 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from gis_server.rendering.colours import indices_of, palette_of
-from gis_server.rendering.styles import STYLES
-from photogrammetry.arrays import Classes, Picture, Raster
-from photogrammetry.synthetic.world import WorldParams, make_world
-from photogrammetry.terrain.coarse import coarsened
-from photogrammetry.terrain.grid import MapGrid
-from photogrammetry.terrain.havens import Haven, HavenParams, winter_havens
-from photogrammetry.terrain.hazard import HazardParams, hazards
-from photogrammetry.terrain.insolation import InsolationParams, insolation
-from photogrammetry.terrain.records import Dtm, GroundClass
-from photogrammetry.terrain.relief import mapped_relief
-from photogrammetry.terrain.surface import (
+from solmap.gis_server.rendering.colours import indices_of, palette_of
+from solmap.gis_server.rendering.styles import STYLES
+from solmap.photogrammetry.arrays import Classes, Picture, Raster
+from solmap.photogrammetry.synthetic.world import WorldParams, make_world
+from solmap.photogrammetry.terrain.coarse import coarsened
+from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.terrain.havens import Haven, HavenParams, winter_havens
+from solmap.photogrammetry.terrain.hazard import HazardParams, hazards
+from solmap.photogrammetry.terrain.insolation import InsolationParams, insolation
+from solmap.photogrammetry.terrain.records import Dtm, GroundClass
+from solmap.photogrammetry.terrain.relief import mapped_relief
+from solmap.photogrammetry.terrain.surface import (
     HillshadeParams,
     SlopeParams,
     hillshade,
     northerly_tilt_of,
     slope_of,
 )
-from photogrammetry.terrain.viewshed import ViewshedParams, eye_above, viewshed
-from products.cog import RasterClass
-from products.model import ProductKind
+from solmap.photogrammetry.terrain.viewshed import ViewshedParams, eye_above, viewshed
+from solmap.products.cog import RasterClass
+from solmap.products.model import ProductKind
 
 GRID = MapGrid(-40.96, 40.96, 0.04, 2048, 2048)
 LATITUDE = math.radians(-14.735)

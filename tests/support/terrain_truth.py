@@ -21,20 +21,20 @@ import cv2
 import numpy as np
 import rasterio
 
-from photogrammetry.imagery import StopId
-from photogrammetry.synthetic.traverse import TraverseParams
-from photogrammetry.synthetic.world import WorldParams, make_world
-from photogrammetry.terrain.dtm import DtmParams, Gridding, build_dtm
-from photogrammetry.terrain.grid import MapGrid
-from photogrammetry.terrain.ground import SightParams
-from photogrammetry.terrain.records import Dtm, GroundClass, TerrainView
-from products.model import ProductKind, ProductRef
-from products.workspace import Workspace
-from tasks.adjust import read_network
-from tasks.images import read_product_image
-from tasks.pairs import PairProducts, pairs_of
-from tasks.scopes import pair_scope
-from tasks.views import Orientation, OrientedPair, read_views
+from solmap.photogrammetry.imagery import StopId
+from solmap.photogrammetry.synthetic.traverse import TraverseParams
+from solmap.photogrammetry.synthetic.world import WorldParams, make_world
+from solmap.photogrammetry.terrain.dtm import DtmParams, Gridding, build_dtm
+from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.terrain.ground import SightParams
+from solmap.photogrammetry.terrain.records import Dtm, GroundClass, TerrainView
+from solmap.products.model import ProductKind, ProductRef
+from solmap.products.workspace import Workspace
+from solmap.tasks.adjust import read_network
+from solmap.tasks.images import read_product_image
+from solmap.tasks.pairs import PairProducts, pairs_of
+from solmap.tasks.scopes import pair_scope
+from solmap.tasks.views import Orientation, OrientedPair, read_views
 from tests.support.husband_truth import true_pose
 
 BANDS_M = ((0, 5), (5, 10), (10, 20), (20, 40))

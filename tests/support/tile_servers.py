@@ -26,7 +26,7 @@ def running(name: str, root: Path) -> Iterator[Server]:
 
 
 def _ours(root: Path) -> Any:
-    from gis_server.app import create_app  # noqa: PLC0415
+    from solmap.gis_server.app import create_app  # noqa: PLC0415
 
     return create_app(root)
 
@@ -46,8 +46,8 @@ def _titiler(root: Path) -> Any:
     from morecantile.defaults import TileMatrixSets  # noqa: PLC0415
     from titiler.core import factory  # noqa: PLC0415
 
-    from products.catalogue import Catalogue  # noqa: PLC0415
-    from products.tiling import tile_matrix_set  # noqa: PLC0415
+    from solmap.products.catalogue import Catalogue  # noqa: PLC0415
+    from solmap.products.tiling import tile_matrix_set  # noqa: PLC0415
 
     (mission,) = Catalogue.open(root).missions()
     sets = TileMatrixSets({"local": tile_matrix_set(mission.landing)})

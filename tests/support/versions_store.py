@@ -12,24 +12,24 @@ from pathlib import Path
 
 import numpy as np
 
-from photogrammetry.adjustment.documents import network_document
-from photogrammetry.adjustment.movement import ReissueParams
-from photogrammetry.adjustment.records import (
+from solmap.photogrammetry.adjustment.documents import network_document
+from solmap.photogrammetry.adjustment.movement import ReissueParams
+from solmap.photogrammetry.adjustment.records import (
     AdjustedNetwork,
     AdjustedPair,
     AdjustedStop,
     AdjustedTies,
     AdjustmentReport,
 )
-from photogrammetry.frames import LSL, Frame, FrameKind, Pose, rover_frame
-from photogrammetry.imagery import StopId, TiePoints
-from photogrammetry.terrain.grid import MapGrid
-from products.arrays import pose_document
-from products.model import Layer, ProductKind, ProductRef, Recipe, Scope, ScopeLevel
-from products.pictures import write_orthophoto
-from products.raster import summarise, write_raster
-from products.workspace import Workspace
-from tasks.orientations import choose_orientations, read_orientations
+from solmap.photogrammetry.frames import LSL, Frame, FrameKind, Pose, rover_frame
+from solmap.photogrammetry.imagery import StopId, TiePoints
+from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.products.arrays import pose_document
+from solmap.products.model import Layer, ProductKind, ProductRef, Recipe, Scope, ScopeLevel
+from solmap.products.pictures import write_orthophoto
+from solmap.products.raster import summarise, write_raster
+from solmap.products.workspace import Workspace
+from solmap.tasks.orientations import choose_orientations, read_orientations
 from tests.support.bowl_store import CRS, STOPS, fill
 
 GRID = MapGrid.covering((-40.0, -40.0, 40.0, 40.0), 0.16)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import yaml
 
-from config.settings import Settings
+from solmap.config.settings import Settings
 
 ROOT = Path(__file__).resolve().parents[2]
 DEPLOY = ROOT / "deploy"

@@ -3,8 +3,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from photogrammetry.errors import FrameError
-from photogrammetry.frames import (
+from solmap.photogrammetry.errors import FrameError
+from solmap.photogrammetry.frames import (
     LSL,
     FrameTree,
     Pose,

@@ -1,6 +1,6 @@
 import numpy as np
 
-from photogrammetry.stretching import stretched
+from solmap.photogrammetry.stretching import stretched
 
 
 def test_percentiles_of_usable_pixels_become_black_and_white(rng):

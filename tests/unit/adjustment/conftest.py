@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from photogrammetry.adjustment.collinearity import Observations, State
-from photogrammetry.adjustment.params import AdjustmentParams
-from photogrammetry.synthetic.networks import simulate_network
+from solmap.photogrammetry.adjustment.collinearity import Observations, State
+from solmap.photogrammetry.adjustment.params import AdjustmentParams
+from solmap.photogrammetry.synthetic.networks import simulate_network
 
 
 @pytest.fixture

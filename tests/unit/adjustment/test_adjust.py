@@ -7,11 +7,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from photogrammetry.adjustment.adjust import adjust, adjust_overall
-from photogrammetry.adjustment.collinearity import misclosures, partials
-from photogrammetry.adjustment.params import AdjustmentParams
-from photogrammetry.adjustment.priors import Telemetry
-from photogrammetry.adjustment.records import (
+from solmap.photogrammetry.adjustment.adjust import adjust, adjust_overall
+from solmap.photogrammetry.adjustment.collinearity import misclosures, partials
+from solmap.photogrammetry.adjustment.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.priors import Telemetry
+from solmap.photogrammetry.adjustment.records import (
     BLUNDER,
     UNUSED,
     USED,
@@ -19,11 +19,11 @@ from photogrammetry.adjustment.records import (
     StopPrior,
     select,
 )
-from photogrammetry.adjustment.solver import Problem, normal_equations
-from photogrammetry.errors import AdjustmentError
-from photogrammetry.frames import LSL, Pose
-from photogrammetry.imagery import StopId, TieKind
-from photogrammetry.synthetic.networks import simulate_network
+from solmap.photogrammetry.adjustment.solver import Problem, normal_equations
+from solmap.photogrammetry.errors import AdjustmentError
+from solmap.photogrammetry.frames import LSL, Pose
+from solmap.photogrammetry.imagery import StopId, TieKind
+from solmap.photogrammetry.synthetic.networks import simulate_network
 
 
 def errors(adjusted, truth):

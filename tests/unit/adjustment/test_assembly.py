@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from photogrammetry.adjustment.adjust import adjust_overall
-from photogrammetry.adjustment.assembly import assembled, part_at
-from photogrammetry.adjustment.modes import AdjustmentMode, advance
-from photogrammetry.adjustment.weaknesses import shared_ties
-from photogrammetry.synthetic.networks import simulate_network
+from solmap.photogrammetry.adjustment.adjust import adjust_overall
+from solmap.photogrammetry.adjustment.assembly import assembled, part_at
+from solmap.photogrammetry.adjustment.modes import AdjustmentMode, advance
+from solmap.photogrammetry.adjustment.weaknesses import shared_ties
+from solmap.photogrammetry.synthetic.networks import simulate_network
 
 
 @pytest.fixture(scope="module")

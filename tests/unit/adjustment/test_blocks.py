@@ -5,14 +5,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from photogrammetry.adjustment.blocks import factorise
-from photogrammetry.adjustment.collinearity import Observations, State
-from photogrammetry.adjustment.params import AdjustmentParams
-from photogrammetry.adjustment.pattern import BlockPattern
-from photogrammetry.adjustment.priors import Telemetry
-from photogrammetry.adjustment.solver import Problem, linearise, normal_equations
-from photogrammetry.errors import AdjustmentError
-from photogrammetry.synthetic.networks import simulate_network
+from solmap.photogrammetry.adjustment.blocks import factorise
+from solmap.photogrammetry.adjustment.collinearity import Observations, State
+from solmap.photogrammetry.adjustment.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.pattern import BlockPattern
+from solmap.photogrammetry.adjustment.priors import Telemetry
+from solmap.photogrammetry.adjustment.solver import Problem, linearise, normal_equations
+from solmap.photogrammetry.errors import AdjustmentError
+from solmap.photogrammetry.synthetic.networks import simulate_network
 
 
 @st.composite

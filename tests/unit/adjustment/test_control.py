@@ -7,21 +7,21 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from photogrammetry.adjustment.adjust import adjust_overall
-from photogrammetry.adjustment.collinearity import State
-from photogrammetry.adjustment.control import ControlFrame, StopControl
-from photogrammetry.adjustment.control_equations import Control
-from photogrammetry.adjustment.datum import MAP, with_control
-from photogrammetry.adjustment.documents import network_document, network_of_document
-from photogrammetry.adjustment.modes import AdjustmentMode, advance
-from photogrammetry.adjustment.params import AdjustmentParams
-from photogrammetry.adjustment.records import select
-from photogrammetry.adjustment.rotations import rotation_of_vector
-from photogrammetry.adjustment.sequential import adjust_sequential, begin
-from photogrammetry.adjustment.smoothing import smoothed
-from photogrammetry.errors import AdjustmentError
-from photogrammetry.synthetic.control import simulate_control, with_first_attitude_unsure
-from photogrammetry.synthetic.networks import simulate_network
+from solmap.photogrammetry.adjustment.adjust import adjust_overall
+from solmap.photogrammetry.adjustment.collinearity import State
+from solmap.photogrammetry.adjustment.control import ControlFrame, StopControl
+from solmap.photogrammetry.adjustment.control_equations import Control
+from solmap.photogrammetry.adjustment.datum import MAP, with_control
+from solmap.photogrammetry.adjustment.documents import network_document, network_of_document
+from solmap.photogrammetry.adjustment.modes import AdjustmentMode, advance
+from solmap.photogrammetry.adjustment.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.records import select
+from solmap.photogrammetry.adjustment.rotations import rotation_of_vector
+from solmap.photogrammetry.adjustment.sequential import adjust_sequential, begin
+from solmap.photogrammetry.adjustment.smoothing import smoothed
+from solmap.photogrammetry.errors import AdjustmentError
+from solmap.photogrammetry.synthetic.control import simulate_control, with_first_attitude_unsure
+from solmap.photogrammetry.synthetic.networks import simulate_network
 
 SMALL = {"pairs_per_stop": 5, "inter_ties": 8, "intra_ties": 0}
 PARAMS = AdjustmentParams(window_stops=2)

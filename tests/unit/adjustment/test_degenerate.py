@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from photogrammetry.adjustment.adjust import adjust_overall, telemetry_network
-from photogrammetry.adjustment.params import AdjustmentParams
-from photogrammetry.adjustment.records import UNUSED, Lack, select
-from photogrammetry.synthetic.networks import simulate_network
+from solmap.photogrammetry.adjustment.adjust import adjust_overall, telemetry_network
+from solmap.photogrammetry.adjustment.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.records import UNUSED, Lack, select
+from solmap.photogrammetry.synthetic.networks import simulate_network
 
 
 def lacks(report):

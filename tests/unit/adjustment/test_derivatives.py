@@ -7,14 +7,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from photogrammetry.adjustment.collinearity import misclosures, partials
-from photogrammetry.adjustment.params import AdjustmentParams
-from photogrammetry.adjustment.priors import (
+from solmap.photogrammetry.adjustment.collinearity import misclosures, partials
+from solmap.photogrammetry.adjustment.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.priors import (
     Telemetry,
     telemetry_misclosures,
     telemetry_partials,
 )
-from photogrammetry.adjustment.rotations import (
+from solmap.photogrammetry.adjustment.rotations import (
     cross_matrix,
     inverse_left_jacobian,
     left_jacobian,

@@ -5,10 +5,10 @@ import json
 import numpy as np
 import pytest
 
-from photogrammetry.adjustment.adjust import adjust_overall
-from photogrammetry.adjustment.documents import network_document, network_of_document
-from photogrammetry.errors import AdjustmentError
-from photogrammetry.synthetic.networks import simulate_network
+from solmap.photogrammetry.adjustment.adjust import adjust_overall
+from solmap.photogrammetry.adjustment.documents import network_document, network_of_document
+from solmap.photogrammetry.errors import AdjustmentError
+from solmap.photogrammetry.synthetic.networks import simulate_network
 
 
 @pytest.fixture

@@ -3,10 +3,10 @@
 import numpy as np
 from scipy.optimize import least_squares
 
-from photogrammetry.adjustment.adjust import adjust_overall
-from photogrammetry.adjustment.params import AdjustmentParams
-from photogrammetry.adjustment.rotations import rotation_of_vector
-from photogrammetry.synthetic.networks import simulate_network
+from solmap.photogrammetry.adjustment.adjust import adjust_overall
+from solmap.photogrammetry.adjustment.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.rotations import rotation_of_vector
+from solmap.photogrammetry.synthetic.networks import simulate_network
 
 VIRTUAL_RAD = 1e-7
 VIRTUAL_M = 1e-7

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from photogrammetry.adjustment.adjust import adjust
-from photogrammetry.adjustment.collinearity import Observations, State
-from photogrammetry.adjustment.intersection import FURTHEST_BASES, with_rays_intersected
-from photogrammetry.adjustment.params import AdjustmentParams
-from photogrammetry.adjustment.records import Network, PairGeometry, StopPrior
-from photogrammetry.cameras.epipolar import EpipolarPair
-from photogrammetry.frames import LSL, Frame, FrameKind, Pose
-from photogrammetry.imagery import StopId, TiePoints
+from solmap.photogrammetry.adjustment.adjust import adjust
+from solmap.photogrammetry.adjustment.collinearity import Observations, State
+from solmap.photogrammetry.adjustment.intersection import FURTHEST_BASES, with_rays_intersected
+from solmap.photogrammetry.adjustment.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.records import Network, PairGeometry, StopPrior
+from solmap.photogrammetry.cameras.epipolar import EpipolarPair
+from solmap.photogrammetry.frames import LSL, Frame, FrameKind, Pose
+from solmap.photogrammetry.imagery import StopId, TiePoints
 
 STOP = StopId("MER2", 1, 0)
 MAST = (0.0, 0.0, -1.1)

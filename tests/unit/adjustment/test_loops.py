@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from photogrammetry.adjustment.adjust import adjust_overall
-from photogrammetry.adjustment.alignment import RigidPoints, rigid_motion
-from photogrammetry.adjustment.collinearity import State
-from photogrammetry.adjustment.params import AdjustmentParams
-from photogrammetry.adjustment.pose_graph import Edges, relaxed
-from photogrammetry.adjustment.priors import Telemetry
-from photogrammetry.adjustment.rotations import along_arcs, rotation_of_vector
-from photogrammetry.synthetic.networks import TelemetryErrors, simulate_network
+from solmap.photogrammetry.adjustment.adjust import adjust_overall
+from solmap.photogrammetry.adjustment.alignment import RigidPoints, rigid_motion
+from solmap.photogrammetry.adjustment.collinearity import State
+from solmap.photogrammetry.adjustment.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.pose_graph import Edges, relaxed
+from solmap.photogrammetry.adjustment.priors import Telemetry
+from solmap.photogrammetry.adjustment.rotations import along_arcs, rotation_of_vector
+from solmap.photogrammetry.synthetic.networks import TelemetryErrors, simulate_network
 
 
 def circle(count, radius_m=60.0):

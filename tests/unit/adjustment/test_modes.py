@@ -6,11 +6,11 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from photogrammetry.adjustment.adjust import adjust_overall
-from photogrammetry.adjustment.modes import AdjustmentMode, advance
-from photogrammetry.adjustment.records import select
-from photogrammetry.errors import AdjustmentError
-from photogrammetry.synthetic.networks import simulate_network
+from solmap.photogrammetry.adjustment.adjust import adjust_overall
+from solmap.photogrammetry.adjustment.modes import AdjustmentMode, advance
+from solmap.photogrammetry.adjustment.records import select
+from solmap.photogrammetry.errors import AdjustmentError
+from solmap.photogrammetry.synthetic.networks import simulate_network
 
 
 @pytest.fixture(scope="module")

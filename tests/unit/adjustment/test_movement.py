@@ -5,9 +5,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
-from photogrammetry.adjustment.movement import ReissueParams, ground_shift_m
-from photogrammetry.errors import AdjustmentError
-from photogrammetry.frames import LSL, Frame, FrameKind, Pose
+from solmap.photogrammetry.adjustment.movement import ReissueParams, ground_shift_m
+from solmap.photogrammetry.errors import AdjustmentError
+from solmap.photogrammetry.frames import LSL, Frame, FrameKind, Pose
 
 PAIR = Frame(FrameKind.PAIR, (10, 64, 0, 1))
 vectors = arrays(np.float64, 3, elements=st.floats(-1.0, 1.0))

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from photogrammetry.synthetic.networks import TelemetryErrors, simulate_network
+from solmap.photogrammetry.synthetic.networks import TelemetryErrors, simulate_network
 
 gtsam = pytest.importorskip("gtsam", reason="GTSAM is not installed: make peers")
 pytest.importorskip("pycolmap", reason="COLMAP is not installed: make peers")

@@ -5,18 +5,18 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pytest
 
-from photogrammetry.adjustment.adjust import adjust_overall, telemetry_network
-from photogrammetry.adjustment.params import AdjustmentParams
-from photogrammetry.adjustment.quality import quality
-from photogrammetry.adjustment.quality_pictures import (
+from solmap.photogrammetry.adjustment.adjust import adjust_overall, telemetry_network
+from solmap.photogrammetry.adjustment.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.quality import quality
+from solmap.photogrammetry.adjustment.quality_pictures import (
     ellipse_scale,
     growth_picture,
     residual_picture,
     statistics_picture,
     traverse_picture,
 )
-from photogrammetry.adjustment.quality_records import PairCamera, QualityParams
-from photogrammetry.synthetic.networks import LINES, simulate_network
+from solmap.photogrammetry.adjustment.quality_records import PairCamera, QualityParams
+from solmap.photogrammetry.synthetic.networks import LINES, simulate_network
 
 
 @pytest.fixture(scope="module", params=["tied", "telemetry alone", "one stop"])

@@ -5,17 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from photogrammetry.adjustment.adjust import adjust_overall
-from photogrammetry.adjustment.records import Network
-from photogrammetry.adjustment.rig import (
+from solmap.photogrammetry.adjustment.adjust import adjust_overall
+from solmap.photogrammetry.adjustment.records import Network
+from solmap.photogrammetry.adjustment.rig import (
     RigParams,
     calibrate_rig,
     parallax_partials,
     with_rig,
 )
-from photogrammetry.adjustment.rotations import rotation_of_vector
-from photogrammetry.errors import AdjustmentError
-from photogrammetry.synthetic.networks import NetworkTruth, TelemetryErrors, simulate_network
+from solmap.photogrammetry.adjustment.rotations import rotation_of_vector
+from solmap.photogrammetry.errors import AdjustmentError
+from solmap.photogrammetry.synthetic.networks import NetworkTruth, TelemetryErrors, simulate_network
 
 BENT = np.radians([0.02, 0.05, -0.03])
 LONGER_M = 0.001

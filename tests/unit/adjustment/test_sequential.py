@@ -6,15 +6,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from photogrammetry.adjustment.adjust import adjust_overall
-from photogrammetry.adjustment.collinearity import State
-from photogrammetry.adjustment.documents import network_document, network_of_document
-from photogrammetry.adjustment.marginal import Chart
-from photogrammetry.adjustment.rotations import rotation_of_vector
-from photogrammetry.adjustment.sequential import Traverse, adjust_sequential, begin, extend
-from photogrammetry.adjustment.smoothing import smoothed
-from photogrammetry.errors import AdjustmentError
-from photogrammetry.synthetic.networks import simulate_network
+from solmap.photogrammetry.adjustment.adjust import adjust_overall
+from solmap.photogrammetry.adjustment.collinearity import State
+from solmap.photogrammetry.adjustment.documents import network_document, network_of_document
+from solmap.photogrammetry.adjustment.marginal import Chart
+from solmap.photogrammetry.adjustment.rotations import rotation_of_vector
+from solmap.photogrammetry.adjustment.sequential import Traverse, adjust_sequential, begin, extend
+from solmap.photogrammetry.adjustment.smoothing import smoothed
+from solmap.photogrammetry.errors import AdjustmentError
+from solmap.photogrammetry.synthetic.networks import simulate_network
 
 SMALL = {"pairs_per_stop": 6, "inter_ties": 8, "intra_ties": 2}
 

@@ -6,12 +6,12 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from photogrammetry.adjustment.adjust import adjust_overall
-from photogrammetry.adjustment.records import USED
-from photogrammetry.adjustment.stepwise import adjust_stepwise
-from photogrammetry.errors import AdjustmentError
-from photogrammetry.imagery import StopId
-from photogrammetry.synthetic.networks import simulate_network
+from solmap.photogrammetry.adjustment.adjust import adjust_overall
+from solmap.photogrammetry.adjustment.records import USED
+from solmap.photogrammetry.adjustment.stepwise import adjust_stepwise
+from solmap.photogrammetry.errors import AdjustmentError
+from solmap.photogrammetry.imagery import StopId
+from solmap.photogrammetry.synthetic.networks import simulate_network
 
 
 def along(network, params):

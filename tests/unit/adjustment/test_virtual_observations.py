@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from scipy.linalg import expm, qr, solve_triangular
 
-from photogrammetry.adjustment.adjust import adjust_overall
-from photogrammetry.synthetic.networks import simulate_network
+from solmap.photogrammetry.adjustment.adjust import adjust_overall
+from solmap.photogrammetry.synthetic.networks import simulate_network
 
 pytestmark = pytest.mark.slow
 
@@ -164,7 +164,7 @@ def dense_adjustment(network, params, start):
 
 @pytest.fixture(scope="module")
 def both():
-    from photogrammetry.adjustment.params import AdjustmentParams  # noqa: PLC0415
+    from solmap.photogrammetry.adjustment.params import AdjustmentParams  # noqa: PLC0415
 
     params = AdjustmentParams()
     network, truth = simulate_network(

@@ -5,9 +5,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from photogrammetry.cameras.cahv import Cahv
-from photogrammetry.cameras.cahvor import Cahvor
-from photogrammetry.cameras.cahvore import Cahvore
+from solmap.photogrammetry.cameras.cahv import Cahv
+from solmap.photogrammetry.cameras.cahvor import Cahvor
+from solmap.photogrammetry.cameras.cahvore import Cahvore
 
 
 def camera_of(entry: dict[str, Any]) -> Cahv | Cahvor | Cahvore:

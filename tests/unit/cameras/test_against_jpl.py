@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from photogrammetry.cameras.cahv import Cahv, interior_orientation
-from photogrammetry.cameras.cahvor import Cahvor
-from photogrammetry.cameras.model import CameraModel
-from photogrammetry.frames import (
+from solmap.photogrammetry.cameras.cahv import Cahv, interior_orientation
+from solmap.photogrammetry.cameras.cahvor import Cahvor
+from solmap.photogrammetry.cameras.model import CameraModel
+from solmap.photogrammetry.frames import (
     LSL,
     Frame,
     FrameKind,

@@ -3,13 +3,13 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from photogrammetry.cameras.cahv import Cahv
-from photogrammetry.cameras.cahvor import Cahvor
-from photogrammetry.cameras.cahvore import Cahvore
-from photogrammetry.cameras.model import CameraModel
-from photogrammetry.cameras.radial import largest_square, undistorted
-from photogrammetry.errors import CameraError
-from photogrammetry.frames import Pose, rotation_of_roll_pitch_yaw, rover_frame, site_frame
+from solmap.photogrammetry.cameras.cahv import Cahv
+from solmap.photogrammetry.cameras.cahvor import Cahvor
+from solmap.photogrammetry.cameras.cahvore import Cahvore
+from solmap.photogrammetry.cameras.model import CameraModel
+from solmap.photogrammetry.cameras.radial import largest_square, undistorted
+from solmap.photogrammetry.errors import CameraError
+from solmap.photogrammetry.frames import Pose, rotation_of_roll_pitch_yaw, rover_frame, site_frame
 
 
 def test_a_point_on_a_ray_is_imaged_where_the_ray_began(model, in_view):

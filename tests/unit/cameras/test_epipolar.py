@@ -2,11 +2,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from photogrammetry.cameras.cahv import Cahv
-from photogrammetry.cameras.cahvor import Cahvor
-from photogrammetry.cameras.epipolar import EpipolarPair, epipolar_pair
-from photogrammetry.errors import CameraError
-from photogrammetry.frames import Frame, FrameKind, rover_frame
+from solmap.photogrammetry.cameras.cahv import Cahv
+from solmap.photogrammetry.cameras.cahvor import Cahvor
+from solmap.photogrammetry.cameras.epipolar import EpipolarPair, epipolar_pair
+from solmap.photogrammetry.errors import CameraError
+from solmap.photogrammetry.frames import Frame, FrameKind, rover_frame
 
 ROVER = rover_frame(125, 100)
 PAIR = Frame(FrameKind.PAIR, (125, 100, 1))

@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from photogrammetry.cameras.cahv import Cahv, interior_orientation
-from photogrammetry.cameras.cahvor import Cahvor
-from photogrammetry.cameras.linearisation import Field, linearise_pair_2002
-from photogrammetry.errors import CameraError
+from solmap.photogrammetry.cameras.cahv import Cahv, interior_orientation
+from solmap.photogrammetry.cameras.cahvor import Cahvor
+from solmap.photogrammetry.cameras.linearisation import Field, linearise_pair_2002
+from solmap.photogrammetry.errors import CameraError
 
 
 def eye(entry):

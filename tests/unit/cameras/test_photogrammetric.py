@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from photogrammetry.cameras.cahv import Cahv
-from photogrammetry.cameras.photogrammetric import photogrammetric
+from solmap.photogrammetry.cameras.cahv import Cahv
+from solmap.photogrammetry.cameras.photogrammetric import photogrammetric
 
 
 def test_the_parameters_are_those_of_the_facts(test_vectors, cameras):

@@ -3,14 +3,14 @@ import math
 import numpy as np
 import pytest
 
-from photogrammetry.cameras.surface import (
+from solmap.photogrammetry.cameras.surface import (
     Plane,
     Sphere,
     linearised_on,
     perspective_along,
     points_on,
 )
-from photogrammetry.errors import CameraError
+from solmap.photogrammetry.errors import CameraError
 
 
 @pytest.fixture

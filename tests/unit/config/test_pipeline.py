@@ -2,9 +2,9 @@
 
 import pytest
 
-from config.errors import ConfigError
-from config.pipeline import SHIPPED, PipelineConfig, load_pipeline
-from photogrammetry.terrain.far import FarDtmParams
+from solmap.config.errors import ConfigError
+from solmap.config.pipeline import SHIPPED, PipelineConfig, load_pipeline
+from solmap.photogrammetry.terrain.far import FarDtmParams
 
 
 def test_every_shipped_pipeline_can_be_loaded():

@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from config.errors import ConfigError
-from config.radiometry import load_radiometry
-from config.settings import Settings
-from photogrammetry.pds3.vignetting import RadialVignetting
+from solmap.config.errors import ConfigError
+from solmap.config.radiometry import load_radiometry
+from solmap.config.settings import Settings
+from solmap.photogrammetry.pds3.vignetting import RadialVignetting
 
 COUNTS = list(range(0, 4096, 16))
 TABLE = f"counts = {COUNTS}"

@@ -3,8 +3,8 @@ from enum import StrEnum
 
 import pytest
 
-from config.errors import ConfigError
-from config.records import record_of
+from solmap.config.errors import ConfigError
+from solmap.config.records import record_of
 
 
 class Colour(StrEnum):

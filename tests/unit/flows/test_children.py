@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from flows.children import Child
+from solmap.flows.children import Child
 
 SLEEPER = (sys.executable, "-c", "import time; time.sleep(60)")
 STUBBORN = (
@@ -21,7 +21,7 @@ STUBBORN = (
 PARENT = """
 import sys, time
 from pathlib import Path
-from flows.children import Child
+from solmap.flows.children import Child
 child = Child("sleeper", (sys.executable, "-c", "import time; time.sleep(60)"), {{}}, Path({log!r}))
 child.start()
 print(child.process.pid, flush=True)

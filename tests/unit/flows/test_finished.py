@@ -2,12 +2,12 @@
 
 import pytest
 
-from flows.finished import FinishedSols
-from flows.sol_inputs import SolReport, Standing
-from products.catalogue import Catalogue
-from products.model import ProductKind, ProductRef, Recipe, Scope, ScopeLevel
-from products.store import ProductStore
-from products.workspace import Workspace
+from solmap.flows.finished import FinishedSols
+from solmap.flows.sol_inputs import SolReport, Standing
+from solmap.products.catalogue import Catalogue
+from solmap.products.model import ProductKind, ProductRef, Recipe, Scope, ScopeLevel
+from solmap.products.store import ProductStore
+from solmap.products.workspace import Workspace
 from tests.unit.products.test_catalogue import STOP, an_image
 
 SCOPES = {sol: Scope(ScopeLevel.SOL, f"mer2-sol0{sol}") for sol in (155, 156)}

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from flows.cli import app
-from flows.inspection import InspectionError, inspect_file, inspect_files, write_png
-from flows.inspection_text import report_of
-from photogrammetry.pds3.reading import read_image
-from photogrammetry.synthetic.traverse import TraverseParams
-from photogrammetry.synthetic.world import WorldParams, make_world, render_jobs
+from solmap.flows.cli import app
+from solmap.flows.inspection import InspectionError, inspect_file, inspect_files, write_png
+from solmap.flows.inspection_text import report_of
+from solmap.photogrammetry.pds3.reading import read_image
+from solmap.photogrammetry.synthetic.traverse import TraverseParams
+from solmap.photogrammetry.synthetic.world import WorldParams, make_world, render_jobs
 
 SPIRIT = "mer_spirit_sol1869_troy/2n292280938effb100p0703l0m1.img"
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from flows.cli import app
-from photogrammetry.errors import TraverseError
-from photogrammetry.traverse.mosaics import parse_points, simulate_mosaic
+from solmap.flows.cli import app
+from solmap.photogrammetry.errors import TraverseError
+from solmap.photogrammetry.traverse.mosaics import parse_points, simulate_mosaic
 
 
 def run(*command):

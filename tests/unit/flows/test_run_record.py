@@ -3,10 +3,10 @@
 import pytest
 from sqlalchemy.exc import OperationalError
 
-from flows.progress import report
-from flows.run_record import recorded
-from products.runs import RunBook, RunState
-from products.workspace import Workspace
+from solmap.flows.progress import report
+from solmap.flows.run_record import recorded
+from solmap.products.runs import RunBook, RunState
+from solmap.products.workspace import Workspace
 
 
 @pytest.fixture

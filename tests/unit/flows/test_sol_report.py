@@ -1,7 +1,7 @@
 """How a sol's report tells findings from faults."""
 
-from flows.sol_inputs import SolReport
-from photogrammetry.errors import MatchingError, TerrainError
+from solmap.flows.sol_inputs import SolReport
+from solmap.photogrammetry.errors import MatchingError, TerrainError
 
 
 def test_what_images_do_not_give_is_a_finding_and_a_fault_is_a_failure():

@@ -9,11 +9,11 @@ import rasterio
 from fastapi.testclient import TestClient
 from pyproj import CRS as ProjCrs
 
-from gis_server.app import create_app
-from gis_server.routes.bodies import mission_body
-from products.catalogue import MissionEntry
-from products.model import Layer, ProductKind, Recipe
-from products.raster import write_raster
+from solmap.gis_server.app import create_app
+from solmap.gis_server.routes.bodies import mission_body
+from solmap.products.catalogue import MissionEntry
+from solmap.products.model import Layer, ProductKind, Recipe
+from solmap.products.raster import write_raster
 from tests.unit.gis_server.conftest import (
     CRS,
     GRID,

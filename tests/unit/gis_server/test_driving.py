@@ -7,7 +7,7 @@ import pytest
 from rasterio.io import MemoryFile
 from shapely.geometry import shape
 
-from products.model import ProductKind
+from solmap.products.model import ProductKind
 from tests.unit.gis_server.conftest import picture
 
 API = "/api/missions/MER2"
@@ -90,7 +90,7 @@ def test_a_long_way_is_looked_for_on_larger_cells(client):
 def test_without_hazard_maps_it_says_what_is_missing(own_world):
     from fastapi.testclient import TestClient  # noqa: PLC0415
 
-    from gis_server.app import create_app  # noqa: PLC0415
+    from solmap.gis_server.app import create_app  # noqa: PLC0415
 
     hazards = [
         layer

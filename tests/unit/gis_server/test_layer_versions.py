@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 from fastapi.testclient import TestClient
 
-from gis_server.app import create_app
-from products.runs import Run, RunBook, RunState
-from products.workspace import Workspace
+from solmap.gis_server.app import create_app
+from solmap.products.runs import Run, RunBook, RunState
+from solmap.products.workspace import Workspace
 from tests.support.versions_store import fill_versions
 
 

@@ -5,8 +5,8 @@ import asyncio
 import pytest
 import sqlalchemy as sa
 
-from gis_server.live import EventTail, TooManyListenersError
-from products.catalogue import Catalogue
+from solmap.gis_server.live import EventTail, TooManyListenersError
+from solmap.products.catalogue import Catalogue
 
 
 @pytest.fixture

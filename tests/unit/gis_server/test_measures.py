@@ -3,9 +3,9 @@ import math
 import numpy as np
 import pytest
 
-from gis_server.analysis.measures import true_azimuth
-from products.crs import LandingPoint, lon_lat
-from products.model import ProductKind
+from solmap.gis_server.analysis.measures import true_azimuth
+from solmap.products.crs import LandingPoint, lon_lat
+from solmap.products.model import ProductKind
 from tests.unit.gis_server.conftest import STOP, elevation_at, ref_of
 
 API = "/api/missions/MER2"

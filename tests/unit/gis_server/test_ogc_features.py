@@ -12,11 +12,11 @@ import pytest
 from fastapi.testclient import TestClient
 from pyproj import CRS, Transformer
 
-from gis_server.app import create_app
-from products.crs import MARS, local_crs
-from products.edits import EditKind, EditLog
-from products.model import ProductKind
-from products.vector import Feature
+from solmap.gis_server.app import create_app
+from solmap.products.crs import MARS, local_crs
+from solmap.products.edits import EditKind, EditLog
+from solmap.products.model import ProductKind
+from solmap.products.vector import Feature
 from tests.unit.gis_server.conftest import LANDING, STOP
 
 BASE = "http://testserver/ogc/MER2"

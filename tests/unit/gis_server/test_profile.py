@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from products.model import ProductKind
+from solmap.products.model import ProductKind
 from tests.unit.gis_server.conftest import CELL_M, STOP, elevation_at, ref_of
 
 URL = "/api/missions/MER2/profile"

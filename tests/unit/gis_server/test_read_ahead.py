@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from fastapi.testclient import TestClient
 
-from gis_server.app import create_app
-from gis_server.read_ahead import ReadAhead
-from products import feature_texts
-from products.events import LAYERS_PUBLISHED, RUN_CHANGED, Event
-from products.model import ProductKind
-from products.vector import Feature
+from solmap.gis_server.app import create_app
+from solmap.gis_server.read_ahead import ReadAhead
+from solmap.products import feature_texts
+from solmap.products.events import LAYERS_PUBLISHED, RUN_CHANGED, Event
+from solmap.products.model import ProductKind
+from solmap.products.vector import Feature
 
 SQUARE = np.array([[0.0, 0.0], [20.0, 0.0], [20.0, 20.0], [0.0, 20.0]])
 

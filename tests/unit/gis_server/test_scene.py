@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from fastapi.testclient import TestClient
 
-from gis_server.app import create_app
-from photogrammetry.imagery import Eye
-from photogrammetry.synthetic.rig import CAMERAS, Instrument
-from photogrammetry.terrain.ground import MAP_FROM_LSL
-from products.catalogue import MissionEntry
-from products.network import latest_network, network_of
-from products.oriented import OrientedMission
-from products.workspace import Workspace
+from solmap.gis_server.app import create_app
+from solmap.photogrammetry.imagery import Eye
+from solmap.photogrammetry.synthetic.rig import CAMERAS, Instrument
+from solmap.photogrammetry.terrain.ground import MAP_FROM_LSL
+from solmap.products.catalogue import MissionEntry
+from solmap.products.network import latest_network, network_of
+from solmap.products.oriented import OrientedMission
+from solmap.products.workspace import Workspace
 from tests.support.bowl_store import LANDING, STOPS
 from tests.support.scene_store import (
     LAST,

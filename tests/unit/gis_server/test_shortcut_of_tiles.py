@@ -5,12 +5,12 @@ import pytest
 from fastapi import FastAPI
 from fastapi.testclient import TestClient
 
-from gis_server.errors import install_error_table
-from gis_server.rendering.floats import decode_values
-from gis_server.routes import tiles
-from gis_server.services import open_services
-from products.model import ProductKind
-from products.tiling import TileAddress, zoom_of
+from solmap.gis_server.errors import install_error_table
+from solmap.gis_server.rendering.floats import decode_values
+from solmap.gis_server.routes import tiles
+from solmap.gis_server.services import open_services
+from solmap.products.model import ProductKind
+from solmap.products.tiling import TileAddress, zoom_of
 from tests.support.pictures import unpacked
 from tests.unit.gis_server.conftest import CELL_M, STOP, constant, ref_of
 
@@ -100,7 +100,7 @@ def test_tiles_have_the_headers_of_all_answers(client, world):
 
 
 def test_a_layer_published_later_has_tiles_at_once(own_world):
-    from gis_server.app import create_app  # noqa: PLC0415
+    from solmap.gis_server.app import create_app  # noqa: PLC0415
 
     with TestClient(create_app(own_world.root)) as client:
         missing = f"/tiles/{STOP.name}/slope/0123456789abcdef/{OWN_ZOOM}/{INSIDE.column}/1.png"

@@ -6,9 +6,9 @@ import pytest
 import rasterio
 from rasterio.io import MemoryFile
 
-from photogrammetry.terrain.records import Dtm
-from products.model import ProductKind
-from products.raster import write_dtm
+from solmap.photogrammetry.terrain.records import Dtm
+from solmap.products.model import ProductKind
+from solmap.products.raster import write_dtm
 from tests.unit.gis_server.conftest import CRS, GRID, STOP, elevation_at, picture, plane
 
 API = "/api/missions/MER2"
@@ -27,7 +27,7 @@ def walled() -> Dtm:
 def walls(own_world):
     from fastapi.testclient import TestClient  # noqa: PLC0415
 
-    from gis_server.app import create_app  # noqa: PLC0415
+    from solmap.gis_server.app import create_app  # noqa: PLC0415
 
     own_world.publish_raster(
         ProductKind.DTM, STOP, lambda path: write_dtm(path, walled(), CRS), version=2

@@ -6,14 +6,14 @@ import cv2
 import numpy as np
 import pytest
 
-from gis_server.rendering.colours import RED_BLUE, VIRIDIS, indices_of, palette_of
-from gis_server.rendering.looks import Look
-from gis_server.rendering.readers import RasterPool
-from gis_server.rendering.shading import OF_TERRAIN
-from gis_server.rendering.styles import STYLES, styles_of
-from gis_server.rendering.tiles import render_tile
-from photogrammetry.terrain.records import Dtm
-from photogrammetry.terrain.surface import (
+from solmap.gis_server.rendering.colours import RED_BLUE, VIRIDIS, indices_of, palette_of
+from solmap.gis_server.rendering.looks import Look
+from solmap.gis_server.rendering.readers import RasterPool
+from solmap.gis_server.rendering.shading import OF_TERRAIN
+from solmap.gis_server.rendering.styles import STYLES, styles_of
+from solmap.gis_server.rendering.tiles import render_tile
+from solmap.photogrammetry.terrain.records import Dtm
+from solmap.photogrammetry.terrain.surface import (
     HillshadeParams,
     SlopeParams,
     aspect,
@@ -21,9 +21,9 @@ from photogrammetry.terrain.surface import (
     northerly_tilt,
     slope,
 )
-from products.model import ProductKind
-from products.raster import write_dtm
-from products.tiling import TileAddress, zoom_of
+from solmap.products.model import ProductKind
+from solmap.products.raster import write_dtm
+from solmap.products.tiling import TileAddress, zoom_of
 from tests.support.pictures import unpacked
 from tests.unit.gis_server.conftest import CELL_M, CRS, GRID, STOP, build
 

@@ -5,15 +5,15 @@ import numpy as np
 import pytest
 from fastapi.testclient import TestClient
 
-from gis_server.app import create_app
-from gis_server.rendering.colours import TWILIGHT, indices_of, palette_of
-from gis_server.rendering.patches import read_tile
-from gis_server.rendering.png import indexed_png
-from gis_server.rendering.readers import RasterPool
-from gis_server.rendering.tiles import empty_tile, render_tile
-from products.model import ProductKind
-from products.pictures import source_colour, write_pieces, write_sources
-from products.tiling import CELL_SIZES, MAX_ZOOM, TileAddress, zoom_of
+from solmap.gis_server.app import create_app
+from solmap.gis_server.rendering.colours import TWILIGHT, indices_of, palette_of
+from solmap.gis_server.rendering.patches import read_tile
+from solmap.gis_server.rendering.png import indexed_png
+from solmap.gis_server.rendering.readers import RasterPool
+from solmap.gis_server.rendering.tiles import empty_tile, render_tile
+from solmap.products.model import ProductKind
+from solmap.products.pictures import source_colour, write_pieces, write_sources
+from solmap.products.tiling import CELL_SIZES, MAX_ZOOM, TileAddress, zoom_of
 from tests.support.pictures import unpacked
 from tests.unit.gis_server.conftest import (
     CELL_M,

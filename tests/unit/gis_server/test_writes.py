@@ -3,13 +3,13 @@
 import pytest
 from fastapi.testclient import TestClient
 
-from gis_server.app import create_app
-from gis_server.small_bodies import MOST_BYTES
-from photogrammetry.matching.hand_ties import COLUMNS
-from products.access import Role, TokenBook
-from products.edits import EditLog
-from products.run_requests import RequestBook
-from products.runs import Run, RunBook, RunState
+from solmap.gis_server.app import create_app
+from solmap.gis_server.small_bodies import MOST_BYTES
+from solmap.photogrammetry.matching.hand_ties import COLUMNS
+from solmap.products.access import Role, TokenBook
+from solmap.products.edits import EditLog
+from solmap.products.run_requests import RequestBook
+from solmap.products.runs import Run, RunBook, RunState
 from tests.unit.gis_server.conftest import STOP
 
 IMAGE = "2N140000000EFFA000P1600L0M1"
@@ -91,7 +91,7 @@ def test_an_analyst_edits_and_takes_back_and_everybody_reads_the_log(client, tok
 
 
 def test_the_columns_of_an_edit_are_those_of_a_file_of_hand_ties():
-    from gis_server.routes.edits import TieEdit  # noqa: PLC0415
+    from solmap.gis_server.routes.edits import TieEdit  # noqa: PLC0415
 
     assert list(TieEdit.model_fields) == list(COLUMNS)
 

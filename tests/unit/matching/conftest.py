@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from photogrammetry.cameras.epipolar import EpipolarPair
-from photogrammetry.frames import Frame, FrameKind, Pose, rover_frame
-from photogrammetry.matching.records import EpipolarImages
+from solmap.photogrammetry.cameras.epipolar import EpipolarPair
+from solmap.photogrammetry.frames import Frame, FrameKind, Pose, rover_frame
+from solmap.photogrammetry.matching.records import EpipolarImages
 
 BORDER = 100
 """Texture beyond the image, so that parallax does not run off it."""

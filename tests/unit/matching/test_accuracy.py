@@ -10,15 +10,15 @@ import cv2
 import numpy as np
 import pytest
 
-from photogrammetry.cameras.epipolar import epipolar_pair
-from photogrammetry.frames import Frame, FrameKind
-from photogrammetry.imagery import Eye
-from photogrammetry.matching.dense import match_densely_with_sigma
-from photogrammetry.matching.records import EpipolarImages
-from photogrammetry.matching.resampling import epipolar_images
-from photogrammetry.matching.sparse import largest_parallax_px, match_sparsely
-from photogrammetry.stretching import stretched
-from photogrammetry.synthetic.world import (
+from solmap.photogrammetry.cameras.epipolar import epipolar_pair
+from solmap.photogrammetry.frames import Frame, FrameKind
+from solmap.photogrammetry.imagery import Eye
+from solmap.photogrammetry.matching.dense import match_densely_with_sigma
+from solmap.photogrammetry.matching.records import EpipolarImages
+from solmap.photogrammetry.matching.resampling import epipolar_images
+from solmap.photogrammetry.matching.sparse import largest_parallax_px, match_sparsely
+from solmap.photogrammetry.stretching import stretched
+from solmap.photogrammetry.synthetic.world import (
     TraverseParams,
     WorldParams,
     make_world,

@@ -1,8 +1,8 @@
 import numpy as np
 
-from photogrammetry.frames import LSL, Pose
-from photogrammetry.imagery import StopId
-from photogrammetry.matching.neighbours import LinkParams, link_candidates
+from solmap.photogrammetry.frames import LSL, Pose
+from solmap.photogrammetry.imagery import StopId
+from solmap.photogrammetry.matching.neighbours import LinkParams, link_candidates
 
 
 def at(drive: int, north: float) -> tuple[StopId, Pose]:

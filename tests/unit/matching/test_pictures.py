@@ -1,7 +1,7 @@
 import numpy as np
 
-from photogrammetry.matching.dense import match_densely, match_densely_with_sigma
-from photogrammetry.matching.pictures import (
+from solmap.photogrammetry.matching.dense import match_densely, match_densely_with_sigma
+from solmap.photogrammetry.matching.pictures import (
     draw_candidates,
     draw_matches,
     draw_pair,
@@ -10,7 +10,11 @@ from photogrammetry.matching.pictures import (
     draw_residuals,
     in_three_bands,
 )
-from photogrammetry.matching.sparse import SparseParams, match_interest_points, match_sparsely
+from solmap.photogrammetry.matching.sparse import (
+    SparseParams,
+    match_interest_points,
+    match_sparsely,
+)
 
 
 def test_accepted_candidates_are_white_and_rejected_ones_black(scene, ground):

@@ -4,23 +4,23 @@ import cv2
 import numpy as np
 import pytest
 
-from photogrammetry.cameras.cahv import Cahv
-from photogrammetry.cameras.epipolar import epipolar_pair
-from photogrammetry.frames import Frame, FrameKind, rover_frame
-from photogrammetry.matching.dense import DenseParams, match_densely
-from photogrammetry.matching.relative_orientation import (
+from solmap.photogrammetry.cameras.cahv import Cahv
+from solmap.photogrammetry.cameras.epipolar import epipolar_pair
+from solmap.photogrammetry.frames import Frame, FrameKind, rover_frame
+from solmap.photogrammetry.matching.dense import DenseParams, match_densely
+from solmap.photogrammetry.matching.relative_orientation import (
     Measured,
     OrientationParams,
     relative_orientation,
 )
-from photogrammetry.matching.resampling import epipolar_images
-from photogrammetry.matching.sparse import SparseParams, match_sparsely
-from photogrammetry.matching.vertical_parallax import (
+from solmap.photogrammetry.matching.resampling import epipolar_images
+from solmap.photogrammetry.matching.sparse import SparseParams, match_sparsely
+from solmap.photogrammetry.matching.vertical_parallax import (
     rotation_of_the_bar,
     straightened,
     vertical_parallax,
 )
-from photogrammetry.pds3.reading import read_image
+from solmap.photogrammetry.pds3.reading import read_image
 
 PAIR = Frame(FrameKind.PAIR, (0,))
 

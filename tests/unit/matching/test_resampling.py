@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
 
-from photogrammetry.cameras.cahvor import Cahvor
-from photogrammetry.cameras.epipolar import epipolar_pair
-from photogrammetry.errors import MatchingError
-from photogrammetry.frames import Frame, FrameKind, rover_frame
-from photogrammetry.imagery import Eye
-from photogrammetry.matching.resampling import epipolar_images, original_points, resample
+from solmap.photogrammetry.cameras.cahvor import Cahvor
+from solmap.photogrammetry.cameras.epipolar import epipolar_pair
+from solmap.photogrammetry.errors import MatchingError
+from solmap.photogrammetry.frames import Frame, FrameKind, rover_frame
+from solmap.photogrammetry.imagery import Eye
+from solmap.photogrammetry.matching.resampling import epipolar_images, original_points, resample
 
 SIZE = 200
 ROVER, PAIR = rover_frame(1, 0), Frame(FrameKind.PAIR, (1,))

@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 from scipy.special import erf
 
-from photogrammetry.matching.interest_points import FoerstnerParams, interest_points
-from photogrammetry.matching.least_squares import LeastSquaresMatcher, LeastSquaresParams
-from photogrammetry.matching.sparse import (
+from solmap.photogrammetry.matching.interest_points import FoerstnerParams, interest_points
+from solmap.photogrammetry.matching.least_squares import LeastSquaresMatcher, LeastSquaresParams
+from solmap.photogrammetry.matching.sparse import (
     SparseParams,
     largest_parallax_px,
     match_interest_points,
     match_sparsely,
 )
-from photogrammetry.matching.verification import VerificationParams, follows_the_terrain
+from solmap.photogrammetry.matching.verification import VerificationParams, follows_the_terrain
 
 
 def corner_image(x, y, size=41):

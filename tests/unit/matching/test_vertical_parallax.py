@@ -5,10 +5,10 @@ import pytest
 from scipy import ndimage
 from scipy.spatial.transform import Rotation
 
-from photogrammetry.errors import MatchingError
-from photogrammetry.frames import Pose
-from photogrammetry.matching.records import EpipolarImages
-from photogrammetry.matching.vertical_parallax import (
+from solmap.photogrammetry.errors import MatchingError
+from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.matching.records import EpipolarImages
+from solmap.photogrammetry.matching.vertical_parallax import (
     VerticalParallax,
     rotation_of_the_bar,
     straightened,

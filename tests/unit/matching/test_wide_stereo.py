@@ -6,24 +6,29 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from photogrammetry.cameras.epipolar import EpipolarPair, epipolar_pair
-from photogrammetry.errors import MatchingError
-from photogrammetry.frames import LSL, Frame, FrameKind, Pose
-from photogrammetry.imagery import Eye
-from photogrammetry.matching.area_search import AreaSearchParams, search_area
-from photogrammetry.matching.dense import DenseParams, match_about, match_densely
-from photogrammetry.matching.relative_orientation import (
+from solmap.photogrammetry.cameras.epipolar import EpipolarPair, epipolar_pair
+from solmap.photogrammetry.errors import MatchingError
+from solmap.photogrammetry.frames import LSL, Frame, FrameKind, Pose
+from solmap.photogrammetry.imagery import Eye
+from solmap.photogrammetry.matching.area_search import AreaSearchParams, search_area
+from solmap.photogrammetry.matching.dense import DenseParams, match_about, match_densely
+from solmap.photogrammetry.matching.relative_orientation import (
     Measured,
     OrientationParams,
     relative_orientation,
 )
-from photogrammetry.matching.resampling import epipolar_images
-from photogrammetry.matching.vertical_parallax import VerticalParallax
-from photogrammetry.matching.wide_eyes import InstrumentLimits, WideEye, wide_pairs
-from photogrammetry.matching.wide_stereo import match_wide
-from photogrammetry.synthetic.render import View, first_hits, turned
-from photogrammetry.synthetic.truth import _pair_rays
-from photogrammetry.synthetic.world import TraverseParams, WorldParams, make_world, photograph
+from solmap.photogrammetry.matching.resampling import epipolar_images
+from solmap.photogrammetry.matching.vertical_parallax import VerticalParallax
+from solmap.photogrammetry.matching.wide_eyes import InstrumentLimits, WideEye, wide_pairs
+from solmap.photogrammetry.matching.wide_stereo import match_wide
+from solmap.photogrammetry.synthetic.render import View, first_hits, turned
+from solmap.photogrammetry.synthetic.truth import _pair_rays
+from solmap.photogrammetry.synthetic.world import (
+    TraverseParams,
+    WorldParams,
+    make_world,
+    photograph,
+)
 
 PAIR = Frame(FrameKind.PAIR, (0,))
 

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from photogrammetry.errors import OrbitalError
-from photogrammetry.orbital.elevations import register_elevations
-from photogrammetry.orbital.records import OrbitalDtm
-from photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.errors import OrbitalError
+from solmap.photogrammetry.orbital.elevations import register_elevations
+from solmap.photogrammetry.orbital.records import OrbitalDtm
+from solmap.photogrammetry.terrain.grid import MapGrid
 from tests.support.orbital_scenes import dtm_scene
 
 

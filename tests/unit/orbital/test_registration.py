@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from photogrammetry.errors import OrbitalError
-from photogrammetry.orbital.records import Correction, GroundMap, OrbitalImage
-from photogrammetry.orbital.registration import register
-from photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.errors import OrbitalError
+from solmap.photogrammetry.orbital.records import Correction, GroundMap, OrbitalImage
+from solmap.photogrammetry.orbital.registration import register
+from solmap.photogrammetry.terrain.grid import MapGrid
 from tests.support.orbital_scenes import scene
 
 

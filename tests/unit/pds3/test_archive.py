@@ -6,19 +6,19 @@ import cv2
 import numpy as np
 import pytest
 
-from photogrammetry.cameras.cahv import Cahv
-from photogrammetry.cameras.cahvor import Cahvor
-from photogrammetry.cameras.cahvore import Cahvore
-from photogrammetry.cameras.linearisation import linearise_pair_2002
-from photogrammetry.errors import PixelError
-from photogrammetry.frames import Frame, FrameKind, Pose, rover_frame
-from photogrammetry.imagery import Eye
-from photogrammetry.pds3.image import camera_model
-from photogrammetry.pds3.label import parse_label
-from photogrammetry.pds3.partners import find_stereo_pairs
-from photogrammetry.pds3.pixels import radiance_scale, read_pixels
-from photogrammetry.pds3.reading import read_image, read_image_record, read_label
-from photogrammetry.pds3.vicar import parse_vicar_label
+from solmap.photogrammetry.cameras.cahv import Cahv
+from solmap.photogrammetry.cameras.cahvor import Cahvor
+from solmap.photogrammetry.cameras.cahvore import Cahvore
+from solmap.photogrammetry.cameras.linearisation import linearise_pair_2002
+from solmap.photogrammetry.errors import PixelError
+from solmap.photogrammetry.frames import Frame, FrameKind, Pose, rover_frame
+from solmap.photogrammetry.imagery import Eye
+from solmap.photogrammetry.pds3.image import camera_model
+from solmap.photogrammetry.pds3.label import parse_label
+from solmap.photogrammetry.pds3.partners import find_stereo_pairs
+from solmap.photogrammetry.pds3.pixels import radiance_scale, read_pixels
+from solmap.photogrammetry.pds3.reading import read_image, read_image_record, read_label
+from solmap.photogrammetry.pds3.vicar import parse_vicar_label
 
 ALTERED = "1p216067135edn76pop2102l2m1.img"
 

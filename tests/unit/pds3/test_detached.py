@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from photogrammetry.errors import LabelError, PixelError
-from photogrammetry.pds3.detached import (
+from solmap.photogrammetry.errors import LabelError, PixelError
+from solmap.photogrammetry.pds3.detached import (
     MAX_DETACHED_BYTES,
     LabelKind,
     apart,
@@ -17,8 +17,8 @@ from photogrammetry.pds3.detached import (
     kind_of_label,
     text_of_label,
 )
-from photogrammetry.pds3.label import MAX_LABEL_BYTES
-from photogrammetry.pds3.reading import (
+from solmap.photogrammetry.pds3.label import MAX_LABEL_BYTES
+from solmap.photogrammetry.pds3.reading import (
     describe_image,
     has_attached_label,
     read_image,

@@ -3,19 +3,19 @@ import math
 import numpy as np
 import pytest
 
-from photogrammetry.body_fixed import MarsPoint, geographic
-from photogrammetry.errors import LabelError
-from photogrammetry.frames import BODY_FIXED, LSL, Frame, FrameKind, Pose, site_frame
-from photogrammetry.imagery import StopId
-from photogrammetry.pds3.frame_tree import (
+from solmap.photogrammetry.body_fixed import MarsPoint, geographic
+from solmap.photogrammetry.errors import LabelError
+from solmap.photogrammetry.frames import BODY_FIXED, LSL, Frame, FrameKind, Pose, site_frame
+from solmap.photogrammetry.imagery import StopId
+from solmap.photogrammetry.pds3.frame_tree import (
     frames_of_label,
     mars_tree,
     mast_frame,
     rover_from_mast,
 )
-from photogrammetry.pds3.label import parse_label
-from photogrammetry.pds3.missions import MER
-from photogrammetry.pds3.vector_files import parse_vector_file
+from solmap.photogrammetry.pds3.label import parse_label
+from solmap.photogrammetry.pds3.missions import MER
+from solmap.photogrammetry.pds3.vector_files import parse_vector_file
 
 CLOCK = 194463440.996
 STOP = StopId("MER2", 125, 100)

@@ -3,8 +3,8 @@ import time
 import numpy as np
 import pytest
 
-from photogrammetry.errors import LabelError
-from photogrammetry.pds3.label import MAX_LABEL_BYTES, Quantity, label_text, parse_label
+from solmap.photogrammetry.errors import LabelError
+from solmap.photogrammetry.pds3.label import MAX_LABEL_BYTES, Quantity, label_text, parse_label
 
 
 def label(text: str):

@@ -1,19 +1,19 @@
 import numpy as np
 import pytest
 
-from photogrammetry.errors import LabelError, PixelError
-from photogrammetry.pds3.companding import (
+from solmap.photogrammetry.errors import LabelError, PixelError
+from solmap.photogrammetry.pds3.companding import (
     Companding,
     InverseTable,
     coded_by,
     expanded,
     square_root_table,
 )
-from photogrammetry.pds3.pixels import read_pixels
-from photogrammetry.pds3.radiometry import Radiometry
-from photogrammetry.pds3.reading import read_image, read_label
-from photogrammetry.pds3.usability import full_scale, received, saturated
-from photogrammetry.pds3.vignetting import RadialVignetting, evened_out, needs_flat_field
+from solmap.photogrammetry.pds3.pixels import read_pixels
+from solmap.photogrammetry.pds3.radiometry import Radiometry
+from solmap.photogrammetry.pds3.reading import read_image, read_label
+from solmap.photogrammetry.pds3.usability import full_scale, received, saturated
+from solmap.photogrammetry.pds3.vignetting import RadialVignetting, evened_out, needs_flat_field
 
 NAME = "2n292280938effb100p0703l0m1.img"
 STATE = "GROUP                            = INSTRUMENT_STATE_PARMS\n"

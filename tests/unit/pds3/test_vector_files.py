@@ -4,9 +4,9 @@ import time
 import numpy as np
 import pytest
 
-from photogrammetry.errors import VectorFileError
-from photogrammetry.frames import LSL, FrameKind, Pose, rover_frame, site_frame
-from photogrammetry.pds3.vector_files import (
+from solmap.photogrammetry.errors import VectorFileError
+from solmap.photogrammetry.frames import LSL, FrameKind, Pose, rover_frame, site_frame
+from solmap.photogrammetry.pds3.vector_files import (
     joined_priority,
     lsl_tree,
     parse_vector_file,

@@ -1,11 +1,22 @@
 import numpy as np
 import pytest
 
-from photogrammetry.frames import LSL, FrameKind, Pose, rotation_of_roll_pitch_yaw, rover_frame
-from photogrammetry.imagery import StopId
-from photogrammetry.pds3.places import parse_places
-from photogrammetry.pds3.vector_files import Solution, VectorFile, parse_vector_file, rover_pose
-from photogrammetry.pds3.vector_writing import PlacedStop, places_text, vector_text
+from solmap.photogrammetry.frames import (
+    LSL,
+    FrameKind,
+    Pose,
+    rotation_of_roll_pitch_yaw,
+    rover_frame,
+)
+from solmap.photogrammetry.imagery import StopId
+from solmap.photogrammetry.pds3.places import parse_places
+from solmap.photogrammetry.pds3.vector_files import (
+    Solution,
+    VectorFile,
+    parse_vector_file,
+    rover_pose,
+)
+from solmap.photogrammetry.pds3.vector_writing import PlacedStop, places_text, vector_text
 
 
 def a_pose(site=10, drive=33):

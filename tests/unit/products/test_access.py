@@ -2,8 +2,8 @@
 
 import pytest
 
-from products.access import Role, TokenBook
-from products.errors import ProductNotFoundError
+from solmap.products.access import Role, TokenBook
+from solmap.products.errors import ProductNotFoundError
 
 
 @pytest.fixture

@@ -4,11 +4,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from photogrammetry.cameras.epipolar import EpipolarPair
-from photogrammetry.frames import Frame, FrameKind, Pose, rotation_of_roll_pitch_yaw, rover_frame
-from photogrammetry.imagery import StereoMatches
-from photogrammetry.matching.dense import DenseMatches, SharedSigma
-from products.arrays import (
+from solmap.photogrammetry.cameras.epipolar import EpipolarPair
+from solmap.photogrammetry.frames import (
+    Frame,
+    FrameKind,
+    Pose,
+    rotation_of_roll_pitch_yaw,
+    rover_frame,
+)
+from solmap.photogrammetry.imagery import StereoMatches
+from solmap.photogrammetry.matching.dense import DenseMatches, SharedSigma
+from solmap.products.arrays import (
     finite,
     read_dense,
     read_matches,
@@ -16,7 +22,7 @@ from products.arrays import (
     write_dense,
     write_matches,
 )
-from products.errors import ProductError
+from solmap.products.errors import ProductError
 
 
 def a_geometry() -> EpipolarPair:

@@ -3,10 +3,10 @@ from datetime import UTC, datetime
 
 import pytest
 
-from products.catalogue import Catalogue, ImageEntry, MissionEntry, Outcome
-from products.crs import LandingPoint
-from products.errors import ProductNotFoundError
-from products.model import Layer, ProductKind, ProductRef, Scope, ScopeLevel
+from solmap.products.catalogue import Catalogue, ImageEntry, MissionEntry, Outcome
+from solmap.products.crs import LandingPoint
+from solmap.products.errors import ProductNotFoundError
+from solmap.products.model import Layer, ProductKind, ProductRef, Scope, ScopeLevel
 
 STOP = Scope(ScopeLevel.STOP, "mer2-site0010-drive0064")
 LANDING = LandingPoint("Columbia", 175.4729, -14.5692, 3_393_000.0, "Arvidson et al. 2004")

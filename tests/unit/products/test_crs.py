@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from pyproj import CRS, Transformer
 from pyproj.exceptions import ProjError
 
-from products.crs import (
+from solmap.products.crs import (
     IAU_RADIUS_M,
     MARS,
     LandingPoint,
@@ -15,7 +15,7 @@ from products.crs import (
     local_proj4,
     lon_lat,
 )
-from products.errors import ProductError
+from solmap.products.errors import ProductError
 
 SPIRIT = LandingPoint("Columbia Memorial Station", 175.4729, -14.5692, IAU_RADIUS_M, "a test")
 GUSEV = LandingPoint("floor of Gusev", 175.4729, -14.5692, 3_393_000.0, "a test")

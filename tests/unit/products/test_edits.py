@@ -4,9 +4,9 @@ import sqlite3
 
 import pytest
 
-from products.edits import EditConflictError, EditKind, EditLog
-from products.errors import ProductNotFoundError
-from products.run_requests import RequestBook, RequestKind, RequestState
+from solmap.products.edits import EditConflictError, EditKind, EditLog
+from solmap.products.errors import ProductNotFoundError
+from solmap.products.run_requests import RequestBook, RequestKind, RequestState
 
 
 @pytest.fixture

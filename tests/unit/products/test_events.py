@@ -2,8 +2,8 @@
 
 import pytest
 
-from products import events
-from products.catalogue import Catalogue
+from solmap.products import events
+from solmap.products.catalogue import Catalogue
 
 
 @pytest.fixture

@@ -3,17 +3,17 @@
 import numpy as np
 import pytest
 
-from photogrammetry.errors import PhotogrammetryError
-from photogrammetry.pds3.reading import read_image_record
-from photogrammetry.synthetic.edr import label_bytes
-from photogrammetry.synthetic.mission import MissionPlan, simulate_mission
-from photogrammetry.synthetic.mission_images import exposures, mission_names
-from products import images
-from products.catalogue import Catalogue
-from products.labels import LabelBook, label_of_text, text_of_label
-from products.model import ProductKind, ProductRef, Scope, ScopeLevel
-from products.store import ProductStore
-from products.workspace import Workspace
+from solmap.photogrammetry.errors import PhotogrammetryError
+from solmap.photogrammetry.pds3.reading import read_image_record
+from solmap.photogrammetry.synthetic.edr import label_bytes
+from solmap.photogrammetry.synthetic.mission import MissionPlan, simulate_mission
+from solmap.photogrammetry.synthetic.mission_images import exposures, mission_names
+from solmap.products import images
+from solmap.products.catalogue import Catalogue
+from solmap.products.labels import LabelBook, label_of_text, text_of_label
+from solmap.products.model import ProductKind, ProductRef, Scope, ScopeLevel
+from solmap.products.store import ProductStore
+from solmap.products.workspace import Workspace
 from tests.unit.products.test_catalogue import an_image
 
 PLAN = MissionPlan(stops=2, distance_m=20.0, gaps=0, control_every=0)

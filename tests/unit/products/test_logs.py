@@ -6,8 +6,8 @@ import time
 
 import pytest
 
-from products.effort import Effort
-from products.logs import JsonLines, SharedLog, keep_logs, noted
+from solmap.products.effort import Effort
+from solmap.products.logs import JsonLines, SharedLog, keep_logs, noted
 
 
 @pytest.fixture
@@ -73,7 +73,7 @@ def test_a_file_that_has_grown_is_renamed_and_the_oldest_forgotten(tmp_path, log
 
 _WRITER = """
 import logging, pathlib, sys
-from products.logs import JsonLines, SharedLog
+from solmap.products.logs import JsonLines, SharedLog
 handler = SharedLog(pathlib.Path(sys.argv[1]), 3000, 50)
 handler.setFormatter(JsonLines())
 logger = logging.getLogger(sys.argv[2])
@@ -93,19 +93,18 @@ def test_processes_that_share_a_file_lose_no_line(tmp_path):
 
 
 def test_keeping_logs_twice_writes_a_line_once(tmp_path):
-    logger = logging.getLogger("products.a_test")
-    before = logging.getLogger("products").handlers[:]
+    logger = logging.getLogger("solmap.products.a_test")
+    before = logging.getLogger("solmap").handlers[:]
     try:
         for _ in range(2):
             keep_logs(tmp_path, "flows")
         logger.info("once")
         assert [line["message"] for line in lines_in(tmp_path)] == ["once"]
     finally:
-        for name in ("config", "flows", "gis_server", "photogrammetry", "products", "tasks"):
-            packages = logging.getLogger(name)
-            for handler in [one for one in packages.handlers if one not in before]:
-                packages.removeHandler(handler)
-                handler.close()
+        packages = logging.getLogger("solmap")
+        for handler in [one for one in packages.handlers if one not in before]:
+            packages.removeHandler(handler)
+            handler.close()
 
 
 def test_effort_tells_waiting_from_working():

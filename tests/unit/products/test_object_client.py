@@ -8,12 +8,12 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import pytest
 
-from products.errors import ProductError, StoreAwayError
-from products.object_client import bucket_and_prefix, client_of
-from products.passing import can_pass
-from products.raster import open_raster
-from products.shelves import Elsewhere
-from products.store import ProductStore
+from solmap.products.errors import ProductError, StoreAwayError
+from solmap.products.object_client import bucket_and_prefix, client_of
+from solmap.products.passing import can_pass
+from solmap.products.raster import open_raster
+from solmap.products.shelves import Elsewhere
+from solmap.products.store import ProductStore
 from tests.support.object_store import environment, environment_of
 
 pytest.importorskip("obstore", reason="obstore is not installed")

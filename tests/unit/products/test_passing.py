@@ -8,9 +8,9 @@ import pytest
 import sqlalchemy as sa
 from sqlalchemy.exc import OperationalError
 
-from photogrammetry.errors import MatchingError
-from products.errors import ProductError, StoreAwayError, StoreFullError
-from products.passing import can_pass
+from solmap.photogrammetry.errors import MatchingError
+from solmap.products.errors import ProductError, StoreAwayError, StoreFullError
+from solmap.products.passing import can_pass
 
 
 @pytest.mark.parametrize(

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from photogrammetry.terrain.levels import TilePlace
-from photogrammetry.terrain.point_cloud import PointCloud
-from products.errors import ProductError
-from products.gltf import read_glb
-from products.ply import read_ply, write_ply
-from products.points_glb import write_points
-from products.tiles3d import TilesetWriter, read_tileset
+from solmap.photogrammetry.terrain.levels import TilePlace
+from solmap.photogrammetry.terrain.point_cloud import PointCloud
+from solmap.products.errors import ProductError
+from solmap.products.gltf import read_glb
+from solmap.products.ply import read_ply, write_ply
+from solmap.products.points_glb import write_points
+from solmap.products.tiles3d import TilesetWriter, read_tileset
 
 
 @pytest.fixture

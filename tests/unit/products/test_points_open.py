@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from photogrammetry.terrain.point_cloud import PointCloud
-from products.ply import write_ply
-from products.points_glb import write_points
+from solmap.photogrammetry.terrain.point_cloud import PointCloud
+from solmap.products.ply import write_ply
+from solmap.products.points_glb import write_points
 from tests.support.gltf_validator import validate_glb
 
 VIEWER = Path(__file__).resolve().parents[3] / "gis_server" / "viewer"

@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from photogrammetry.pds3.companding import Companding, InverseTable, square_root_table
-from photogrammetry.pds3.radiometry import PixelState, Radiometry
-from photogrammetry.pds3.vignetting import RadialVignetting
-from products.radiometry import radiometry_digest, read_radiometry, write_radiometry
+from solmap.photogrammetry.pds3.companding import Companding, InverseTable, square_root_table
+from solmap.photogrammetry.pds3.radiometry import PixelState, Radiometry
+from solmap.photogrammetry.pds3.vignetting import RadialVignetting
+from solmap.products.radiometry import radiometry_digest, read_radiometry, write_radiometry
 
 COUNTS = np.arange(0, 4096, 16, dtype=np.float32)
 MODEL = RadialVignetting(k1=-0.2, k2=0.05, centre=(500.0, 510.5), source="a test")

@@ -7,11 +7,11 @@ import rasterio
 from rasterio.enums import ColorInterp
 from rio_cogeo import cog_validate
 
-from photogrammetry.terrain.grid import MapGrid
-from photogrammetry.terrain.records import Dtm, GroundClass
-from products.crs import IAU_RADIUS_M, LandingPoint, local_crs
-from products.errors import ProductError, ProductNotFoundError
-from products.pictures import (
+from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.terrain.records import Dtm, GroundClass
+from solmap.products.crs import IAU_RADIUS_M, LandingPoint, local_crs
+from solmap.products.errors import ProductError, ProductNotFoundError
+from solmap.products.pictures import (
     read_orthophoto,
     read_sources,
     source_colour,
@@ -19,7 +19,7 @@ from products.pictures import (
     write_pieces,
     write_sources,
 )
-from products.raster import (
+from solmap.products.raster import (
     crs_of,
     read_dtm,
     read_raster,

@@ -3,7 +3,7 @@ import time
 
 import pytest
 
-from products.read_cache import ReadCache
+from solmap.products.read_cache import ReadCache
 
 
 def fetch_of(size, asked):

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from photogrammetry.terrain.grid import MapGrid
-from photogrammetry.terrain.records import Dtm, GroundClass
-from photogrammetry.terrain.region import RegionParams, StopTerrain, coarser_dtm, fuse_block
-from products import region
-from products.crs import LandingPoint, local_crs
-from products.errors import ProductError
-from products.raster import read_dtm, read_raster, write_dtm
-from products.region import RegionFiles, RegionSource, read_seams, write_region
+from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.terrain.records import Dtm, GroundClass
+from solmap.photogrammetry.terrain.region import RegionParams, StopTerrain, coarser_dtm, fuse_block
+from solmap.products import region
+from solmap.products.crs import LandingPoint, local_crs
+from solmap.products.errors import ProductError
+from solmap.products.raster import read_dtm, read_raster, write_dtm
+from solmap.products.region import RegionFiles, RegionSource, read_seams, write_region
 
 CRS = local_crs(LandingPoint("a plain", 175.0, -14.5, 3_393_000.0, "assumed"))
 PARAMS = RegionParams()

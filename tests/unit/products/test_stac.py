@@ -13,16 +13,16 @@ from pystac.extensions.raster import RasterExtension
 from pystac.validation import JsonSchemaSTACValidator
 from pystac.validation.local_validator import get_local_schema_cache
 
-from photogrammetry.terrain.grid import MapGrid
-from products.catalogue import MissionEntry
-from products.crs import LandingPoint, local_crs, lon_lat
-from products.model import Layer, ProductKind, Recipe, Scope, ScopeLevel
-from products.pictures import write_pieces, write_sources
-from products.raster import write_raster
-from products.stac import write_catalogue, write_items
-from products.stac_items import PROCESSING, SOLAR_SYSTEM, Taken
-from products.store import ProductStore
-from products.vector import Feature, write_features
+from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.products.catalogue import MissionEntry
+from solmap.products.crs import LandingPoint, local_crs, lon_lat
+from solmap.products.model import Layer, ProductKind, Recipe, Scope, ScopeLevel
+from solmap.products.pictures import write_pieces, write_sources
+from solmap.products.raster import write_raster
+from solmap.products.stac import write_catalogue, write_items
+from solmap.products.stac_items import PROCESSING, SOLAR_SYSTEM, Taken
+from solmap.products.store import ProductStore
+from solmap.products.vector import Feature, write_features
 
 LANDING = LandingPoint("floor of Gusev", 175.4729, -14.5692, 3_393_000.0, "a test")
 GUSEV = MissionEntry("MER2", "Spirit, Gusev crater", LANDING, None)

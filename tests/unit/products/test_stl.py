@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from photogrammetry.errors import TerrainError
-from photogrammetry.terrain.printable import SolidParams, solid_of
-from products.errors import ProductError
-from products.stl import read_stl, stl_bytes
+from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.terrain.printable import SolidParams, solid_of
+from solmap.products.errors import ProductError
+from solmap.products.stl import read_stl, stl_bytes
 from tests.support.bowl_store import dtm
 
 RADIUS_M = 38.0

@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 
 import pytest
 
-from products.errors import ProductNotFoundError, StoreFullError
-from products.model import ProductKind, Recipe, Scope, ScopeLevel
-from products.store import ProductStore
+from solmap.products.errors import ProductNotFoundError, StoreFullError
+from solmap.products.model import ProductKind, Recipe, Scope, ScopeLevel
+from solmap.products.store import ProductStore
 
 SCOPE = Scope(ScopeLevel.STOP, "mer2-site0010-drive0064")
 

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from photogrammetry.terrain.levels import TilePlace
-from products.errors import ProductError, ProductNotFoundError
-from products.tiles3d import (
+from solmap.photogrammetry.terrain.levels import TilePlace
+from solmap.products.errors import ProductError, ProductNotFoundError
+from solmap.products.tiles3d import (
     TilesetWriter,
     box_of,
     external_tileset,

@@ -4,10 +4,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from photogrammetry.terrain.grid import BLOCK, MapGrid
-from products.crs import LandingPoint, local_crs
-from products.errors import OutsideCoverageError, ProductError
-from products.tiling import (
+from solmap.photogrammetry.terrain.grid import BLOCK, MapGrid
+from solmap.products.crs import LandingPoint, local_crs
+from solmap.products.errors import OutsideCoverageError, ProductError
+from solmap.products.tiling import (
     CELL_SIZES,
     EXTENT,
     MAX_ZOOM,

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from photogrammetry.adjustment.adjust import adjust_overall
-from photogrammetry.adjustment.datum import MAP, with_control
-from photogrammetry.adjustment.params import AdjustmentParams
-from photogrammetry.errors import PhotogrammetryError
-from photogrammetry.pds3.reading import read_image, read_image_record
-from photogrammetry.synthetic.edr import label_bytes
-from photogrammetry.synthetic.mission import MissionPlan, simulate_mission
-from photogrammetry.synthetic.mission_images import exposures, mission_names
+from solmap.photogrammetry.adjustment.adjust import adjust_overall
+from solmap.photogrammetry.adjustment.datum import MAP, with_control
+from solmap.photogrammetry.adjustment.params import AdjustmentParams
+from solmap.photogrammetry.errors import PhotogrammetryError
+from solmap.photogrammetry.pds3.reading import read_image, read_image_record
+from solmap.photogrammetry.synthetic.edr import label_bytes
+from solmap.photogrammetry.synthetic.mission import MissionPlan, simulate_mission
+from solmap.photogrammetry.synthetic.mission_images import exposures, mission_names
 
 PLAN = MissionPlan(
     stops=40, distance_m=560.0, pairs_per_stop=6, inter_ties=6, intra_ties=2, gaps=2,

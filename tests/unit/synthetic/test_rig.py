@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from photogrammetry.imagery import Eye, StopId
-from photogrammetry.synthetic.rig import CAMERAS, D_AZ, D_EL, Instrument, Pointing
+from solmap.photogrammetry.imagery import Eye, StopId
+from solmap.photogrammetry.synthetic.rig import CAMERAS, D_AZ, D_EL, Instrument, Pointing
 
 STOP = StopId("MER2", 137, 0)
 

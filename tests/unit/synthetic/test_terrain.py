@@ -5,11 +5,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from photogrammetry.errors import TerrainError
-from photogrammetry.synthetic.lattice import Fractal, Window, bilinear, node_distance_m
-from photogrammetry.synthetic.rocks import RockField, raise_rocks
-from photogrammetry.synthetic.terrain import TERRAINS, Terrain
-from photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.synthetic.lattice import Fractal, Window, bilinear, node_distance_m
+from solmap.photogrammetry.synthetic.rocks import RockField, raise_rocks
+from solmap.photogrammetry.synthetic.terrain import TERRAINS, Terrain
+from solmap.photogrammetry.terrain.grid import MapGrid
 
 
 @pytest.mark.parametrize("kind", TERRAINS)

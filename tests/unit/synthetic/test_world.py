@@ -8,19 +8,19 @@ from itertools import islice
 import numpy as np
 import pytest
 
-from photogrammetry.cameras.epipolar import epipolar_pair
-from photogrammetry.errors import FrameError, PhotogrammetryError
-from photogrammetry.frames import Frame, FrameKind, site_frame
-from photogrammetry.imagery import Eye
-from photogrammetry.pds3.file_names import parse_file_name
-from photogrammetry.pds3.reading import read_image
-from photogrammetry.pds3.vector_files import lsl_tree, parse_vector_file, poses
-from photogrammetry.synthetic import lighting
-from photogrammetry.synthetic.photograph import view_of
-from photogrammetry.synthetic.render import first_hits
-from photogrammetry.synthetic.rig import GROUND_M
-from photogrammetry.synthetic.traverse import TraverseParams, sun_at
-from photogrammetry.synthetic.world import (
+from solmap.photogrammetry.cameras.epipolar import epipolar_pair
+from solmap.photogrammetry.errors import FrameError, PhotogrammetryError
+from solmap.photogrammetry.frames import Frame, FrameKind, site_frame
+from solmap.photogrammetry.imagery import Eye
+from solmap.photogrammetry.pds3.file_names import parse_file_name
+from solmap.photogrammetry.pds3.reading import read_image
+from solmap.photogrammetry.pds3.vector_files import lsl_tree, parse_vector_file, poses
+from solmap.photogrammetry.synthetic import lighting
+from solmap.photogrammetry.synthetic.photograph import view_of
+from solmap.photogrammetry.synthetic.render import first_hits
+from solmap.photogrammetry.synthetic.rig import GROUND_M
+from solmap.photogrammetry.synthetic.traverse import TraverseParams, sun_at
+from solmap.photogrammetry.synthetic.world import (
     WorldParams,
     make_world,
     photograph,
@@ -30,7 +30,7 @@ from photogrammetry.synthetic.world import (
     true_parallax,
     truth,
 )
-from photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.terrain.grid import MapGrid
 
 SMALL = WorldParams(
     terrain="hills",
@@ -271,7 +271,7 @@ def test_the_sun_stands_in_the_north_at_noon_and_in_the_west_after():
 
 
 def test_shadows_fall_away_from_the_sun():
-    from photogrammetry.synthetic.lighting import SKY_LIGHT, Sun, lit  # noqa: PLC0415
+    from solmap.photogrammetry.synthetic.lighting import SKY_LIGHT, Sun, lit  # noqa: PLC0415
 
     wall = np.zeros((60, 60), np.float32)
     wall[28:32, 28:32] = 0.2  # a post of 20 cm, nodes 2 cm apart

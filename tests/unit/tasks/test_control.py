@@ -6,23 +6,23 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from photogrammetry.adjustment.adjust import adjust_overall
-from photogrammetry.adjustment.datum import with_control
-from photogrammetry.adjustment.documents import network_document
-from photogrammetry.adjustment.params import AdjustmentParams
-from photogrammetry.adjustment.records import select
-from photogrammetry.errors import AdjustmentError
-from photogrammetry.synthetic.networks import simulate_network
-from products.arrays import pose_document
-from products.catalogue import MissionEntry
-from products.control import read_control
-from products.crs import LandingPoint, lon_lat
-from products.errors import ProductError
-from products.model import ProductKind, Recipe, Scope, ScopeLevel
-from products.network import read_network
-from products.workspace import Workspace
-from tasks.control import FrameParams, control_of, take_control
-from tasks.publish import publish
+from solmap.photogrammetry.adjustment.adjust import adjust_overall
+from solmap.photogrammetry.adjustment.datum import with_control
+from solmap.photogrammetry.adjustment.documents import network_document
+from solmap.photogrammetry.adjustment.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.records import select
+from solmap.photogrammetry.errors import AdjustmentError
+from solmap.photogrammetry.synthetic.networks import simulate_network
+from solmap.products.arrays import pose_document
+from solmap.products.catalogue import MissionEntry
+from solmap.products.control import read_control
+from solmap.products.crs import LandingPoint, lon_lat
+from solmap.products.errors import ProductError
+from solmap.products.model import ProductKind, Recipe, Scope, ScopeLevel
+from solmap.products.network import read_network
+from solmap.products.workspace import Workspace
+from solmap.tasks.control import FrameParams, control_of, take_control
+from solmap.tasks.publish import publish
 
 LANDING = LandingPoint("somewhere", 175.47, -14.57, 3_396_190.0, "chosen")
 EXACT = FrameParams(0.0, 0.0, 0.0)

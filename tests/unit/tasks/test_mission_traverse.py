@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from flows.cli import app
-from photogrammetry.body_fixed import MARS_RADIUS_M
-from photogrammetry.errors import TraverseError
-from photogrammetry.traverse.tables import parse_mission_table
-from products.crs import LandingPoint
-from products.model import ProductKind
-from products.vector import read_features
-from products.workspace import Workspace
-from tasks.mission_traverse import draw_mission_traverse, read_traverses
+from solmap.flows.cli import app
+from solmap.photogrammetry.body_fixed import MARS_RADIUS_M
+from solmap.photogrammetry.errors import TraverseError
+from solmap.photogrammetry.traverse.tables import parse_mission_table
+from solmap.products.crs import LandingPoint
+from solmap.products.model import ProductKind
+from solmap.products.vector import read_features
+from solmap.products.workspace import Workspace
+from solmap.tasks.mission_traverse import draw_mission_traverse, read_traverses
 
 LANDING = LandingPoint("here", 175.4729, -14.5692, 3_393_000.0, "a test")
 TABLE = (

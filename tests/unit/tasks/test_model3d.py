@@ -4,21 +4,21 @@ import numpy as np
 import pytest
 from fastapi.testclient import TestClient
 
-from gis_server.app import create_app
-from photogrammetry.terrain.grid import MapGrid
-from photogrammetry.terrain.levels import TilesetParams
-from photogrammetry.terrain.model3d import ModelParams
-from photogrammetry.terrain.records import Dtm, GroundClass
-from products.catalogue import MissionEntry
-from products.crs import LandingPoint, local_crs
-from products.gltf import box_of_glb, read_glb
-from products.model import ProductKind, ProductRef, Recipe, Scope, ScopeLevel
-from products.pictures import write_orthophoto
-from products.raster import write_dtm
-from products.tiles3d import read_member, read_tileset
-from products.workspace import Workspace
-from tasks.model3d import model_terrain, tile_terrain
-from tasks.publish import layer_of
+from solmap.gis_server.app import create_app
+from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.terrain.levels import TilesetParams
+from solmap.photogrammetry.terrain.model3d import ModelParams
+from solmap.photogrammetry.terrain.records import Dtm, GroundClass
+from solmap.products.catalogue import MissionEntry
+from solmap.products.crs import LandingPoint, local_crs
+from solmap.products.gltf import box_of_glb, read_glb
+from solmap.products.model import ProductKind, ProductRef, Recipe, Scope, ScopeLevel
+from solmap.products.pictures import write_orthophoto
+from solmap.products.raster import write_dtm
+from solmap.products.tiles3d import read_member, read_tileset
+from solmap.products.workspace import Workspace
+from solmap.tasks.model3d import model_terrain, tile_terrain
+from solmap.tasks.publish import layer_of
 from tests.support.gltf_validator import validate_glb
 
 LANDING = LandingPoint("Columbia Memorial Station", 175.4729, -14.5692, 3_393_000.0, "a test")

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from photogrammetry.adjustment.movement import ReissueParams
-from photogrammetry.adjustment.records import AdjustedPair
-from photogrammetry.frames import LSL, Frame, FrameKind, Pose
-from photogrammetry.imagery import StopId
-from tasks.orientations import MappedStop, choose
-from tasks.views import Orientation
+from solmap.photogrammetry.adjustment.movement import ReissueParams
+from solmap.photogrammetry.adjustment.records import AdjustedPair
+from solmap.photogrammetry.frames import LSL, Frame, FrameKind, Pose
+from solmap.photogrammetry.imagery import StopId
+from solmap.tasks.orientations import MappedStop, choose
+from solmap.tasks.views import Orientation
 
 STOP = StopId("MER2", 10, 64)
 NAME = str(STOP)

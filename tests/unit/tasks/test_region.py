@@ -3,20 +3,20 @@
 import numpy as np
 import pytest
 
-from photogrammetry.terrain.contours import RegionContourParams
-from photogrammetry.terrain.grid import MapGrid
-from photogrammetry.terrain.records import Dtm, GroundClass
-from photogrammetry.terrain.region import RegionParams
-from photogrammetry.terrain.surface import HillshadeParams
-from products.crs import LandingPoint, local_crs
-from products.model import MAPPED, SUFFIX, ProductKind, ProductRef, Recipe, Scope, ScopeLevel
-from products.raster import open_raster, read_dtm, write_dtm
-from products.store import ProductStore
-from tasks.contour import trace_contours
-from tasks.publish import RASTERS, TITLES
-from tasks.region import fuse_region, seam_notes
-from tasks.slope import shade_relief
-from tasks.views import Orientation
+from solmap.photogrammetry.terrain.contours import RegionContourParams
+from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.terrain.records import Dtm, GroundClass
+from solmap.photogrammetry.terrain.region import RegionParams
+from solmap.photogrammetry.terrain.surface import HillshadeParams
+from solmap.products.crs import LandingPoint, local_crs
+from solmap.products.model import MAPPED, SUFFIX, ProductKind, ProductRef, Recipe, Scope, ScopeLevel
+from solmap.products.raster import open_raster, read_dtm, write_dtm
+from solmap.products.store import ProductStore
+from solmap.tasks.contour import trace_contours
+from solmap.tasks.publish import RASTERS, TITLES
+from solmap.tasks.region import fuse_region, seam_notes
+from solmap.tasks.slope import shade_relief
+from solmap.tasks.views import Orientation
 
 LANDING = LandingPoint("Columbia Memorial Station", 175.4729, -14.5692, 3_393_000.0, "a test")
 CRS = local_crs(LANDING)

@@ -5,20 +5,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from photogrammetry.adjustment.adjust import adjust_overall
-from photogrammetry.adjustment.datum import with_control
-from photogrammetry.adjustment.documents import report_document
-from photogrammetry.adjustment.params import AdjustmentParams
-from photogrammetry.adjustment.quality import quality
-from photogrammetry.adjustment.quality_records import (
+from solmap.photogrammetry.adjustment.adjust import adjust_overall
+from solmap.photogrammetry.adjustment.datum import with_control
+from solmap.photogrammetry.adjustment.documents import report_document
+from solmap.photogrammetry.adjustment.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.quality import quality
+from solmap.photogrammetry.adjustment.quality_records import (
     PairCamera,
     QualityParams,
     quality_document,
 )
-from photogrammetry.adjustment.records import Lack, select
-from photogrammetry.synthetic.control import simulate_control
-from photogrammetry.synthetic.networks import LINES, simulate_network
-from tasks.report_page import report_page
+from solmap.photogrammetry.adjustment.records import Lack, select
+from solmap.photogrammetry.synthetic.control import simulate_control
+from solmap.photogrammetry.synthetic.networks import LINES, simulate_network
+from solmap.tasks.report_page import report_page
 
 
 class Blank(dict):

@@ -2,8 +2,8 @@
 
 import pytest
 
-from photogrammetry.adjustment.modes import AdjustmentMode
-from tasks.scopes import is_of_mission, is_overall, network_scope, sol_of
+from solmap.photogrammetry.adjustment.modes import AdjustmentMode
+from solmap.tasks.scopes import is_of_mission, is_overall, network_scope, sol_of
 
 
 @pytest.mark.parametrize("mode", AdjustmentMode)

@@ -5,24 +5,24 @@ import json
 import numpy as np
 import pytest
 
-from config.pipeline import PipelineConfig
-from photogrammetry.terrain.grid import MapGrid
-from photogrammetry.terrain.havens import HavenParams
-from photogrammetry.terrain.hazard import Hazard
-from photogrammetry.terrain.insolation import InsolationParams
-from photogrammetry.terrain.records import Dtm, GroundClass
-from photogrammetry.terrain.viewshed import Sight
-from products.crs import LandingPoint, local_crs
-from products.model import ProductKind, ProductRef, Recipe, Scope, ScopeLevel
-from products.raster import open_raster, read_raster, write_dtm
-from products.store import ProductStore
-from products.vector import read_features
-from tasks.hazard import map_hazards
-from tasks.insolation import map_insolation
-from tasks.publish import RASTERS, TITLES
-from tasks.slope import RELIEF, map_relief
-from tasks.views import Orientation, OrientedPair
-from tasks.viewshed import Eye, highest_camera, map_viewshed
+from solmap.config.pipeline import PipelineConfig
+from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.terrain.havens import HavenParams
+from solmap.photogrammetry.terrain.hazard import Hazard
+from solmap.photogrammetry.terrain.insolation import InsolationParams
+from solmap.photogrammetry.terrain.records import Dtm, GroundClass
+from solmap.photogrammetry.terrain.viewshed import Sight
+from solmap.products.crs import LandingPoint, local_crs
+from solmap.products.model import ProductKind, ProductRef, Recipe, Scope, ScopeLevel
+from solmap.products.raster import open_raster, read_raster, write_dtm
+from solmap.products.store import ProductStore
+from solmap.products.vector import read_features
+from solmap.tasks.hazard import map_hazards
+from solmap.tasks.insolation import map_insolation
+from solmap.tasks.publish import RASTERS, TITLES
+from solmap.tasks.slope import RELIEF, map_relief
+from solmap.tasks.views import Orientation, OrientedPair
+from solmap.tasks.viewshed import Eye, highest_camera, map_viewshed
 
 LANDING = LandingPoint("Columbia Memorial Station", 175.4729, -14.5692, 3_393_000.0, "a test")
 CONFIG = PipelineConfig()

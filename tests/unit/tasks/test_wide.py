@@ -3,18 +3,18 @@
 import numpy as np
 import pytest
 
-from photogrammetry.cameras.epipolar import EpipolarPair
-from photogrammetry.frames import Frame, FrameKind, Pose, rover_frame
-from photogrammetry.imagery import StereoMatches, StopId
-from photogrammetry.matching.wide_eyes import InstrumentLimits
-from products.arrays import write_matches
-from products.model import ProductKind, Recipe
-from products.store import ProductStore
-from tasks.images import ImageFile
-from tasks.pairs import PairFiles, PairProducts
-from tasks.scopes import pair_scope
-from tasks.views import Orientation, OrientedPair
-from tasks.wide import choose_wide_pairs
+from solmap.photogrammetry.cameras.epipolar import EpipolarPair
+from solmap.photogrammetry.frames import Frame, FrameKind, Pose, rover_frame
+from solmap.photogrammetry.imagery import StereoMatches, StopId
+from solmap.photogrammetry.matching.wide_eyes import InstrumentLimits
+from solmap.products.arrays import write_matches
+from solmap.products.model import ProductKind, Recipe
+from solmap.products.store import ProductStore
+from solmap.tasks.images import ImageFile
+from solmap.tasks.pairs import PairFiles, PairProducts
+from solmap.tasks.scopes import pair_scope
+from solmap.tasks.views import Orientation, OrientedPair
+from solmap.tasks.wide import choose_wide_pairs
 
 
 @pytest.fixture

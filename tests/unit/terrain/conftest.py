@@ -8,10 +8,10 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from photogrammetry.cameras.epipolar import EpipolarPair
-from photogrammetry.frames import LSL, Frame, FrameKind, Pose
-from photogrammetry.terrain.grid import MapGrid
-from photogrammetry.terrain.records import Dtm, GroundClass, TerrainView
+from solmap.photogrammetry.cameras.epipolar import EpipolarPair
+from solmap.photogrammetry.frames import LSL, Frame, FrameKind, Pose
+from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.terrain.records import Dtm, GroundClass, TerrainView
 
 MAST_M = 1.5
 Surface = Callable[[np.ndarray, np.ndarray], np.ndarray]

@@ -6,13 +6,13 @@ import math
 
 import numpy as np
 
-from photogrammetry.frames import LSL, Pose
-from photogrammetry.imagery import Eye, StopId
-from photogrammetry.synthetic.rig import CAMERAS, Instrument, Pointing
-from photogrammetry.terrain.grid import MapGrid
-from photogrammetry.terrain.panorama_image import PanoramaImage
-from photogrammetry.terrain.records import Dtm
-from photogrammetry.terrain.sight_ranges import StandingPlane
+from solmap.photogrammetry.frames import LSL, Pose
+from solmap.photogrammetry.imagery import Eye, StopId
+from solmap.photogrammetry.synthetic.rig import CAMERAS, Instrument, Pointing
+from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.terrain.panorama_image import PanoramaImage
+from solmap.photogrammetry.terrain.records import Dtm
+from solmap.photogrammetry.terrain.sight_ranges import StandingPlane
 
 STOP = StopId("MER2", 10, 64)
 BOWL_M = 60.0

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from photogrammetry.terrain.colour import colour_filters
-from photogrammetry.terrain.dtm import DtmParams, build_dtm
-from photogrammetry.terrain.orthophoto import OrthophotoParams, render_orthophoto, rendering
+from solmap.photogrammetry.terrain.colour import colour_filters
+from solmap.photogrammetry.terrain.dtm import DtmParams, build_dtm
+from solmap.photogrammetry.terrain.orthophoto import OrthophotoParams, render_orthophoto, rendering
 
 
 @pytest.mark.parametrize(

@@ -5,8 +5,8 @@ import pytest
 from shapely import STRtree
 from shapely.geometry import LineString
 
-from photogrammetry.errors import TerrainError
-from photogrammetry.terrain.contours import (
+from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.terrain.contours import (
     ContourParams,
     RegionContourParams,
     interval_by_relief,

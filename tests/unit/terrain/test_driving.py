@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from photogrammetry.errors import TerrainError
-from photogrammetry.terrain.driving import DrivingParams, reach
-from photogrammetry.terrain.grid import MapGrid
-from photogrammetry.terrain.hazard import Hazard
+from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.terrain.driving import DrivingParams, reach
+from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.terrain.hazard import Hazard
 
 GRID = MapGrid.covering((-20.0, -20.0, 20.0, 20.0), 0.16)
 HALF = GRID.cell_m / 2

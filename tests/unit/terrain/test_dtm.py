@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from photogrammetry.errors import TerrainError
-from photogrammetry.frames import Pose
-from photogrammetry.matching.dense import SharedSigma
-from photogrammetry.terrain.dtm import DtmParams, build_dtm
-from photogrammetry.terrain.grid import BLOCK, MapGrid
-from photogrammetry.terrain.records import GroundClass
+from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.matching.dense import SharedSigma
+from solmap.photogrammetry.terrain.dtm import DtmParams, build_dtm
+from solmap.photogrammetry.terrain.grid import BLOCK, MapGrid
+from solmap.photogrammetry.terrain.records import GroundClass
 
 UNSEEN, MEASURED, INTERPOLATED, OCCLUDED = GroundClass
 PARAMS = DtmParams(max_relative_sigma=0.05)  # the small test camera has little parallax

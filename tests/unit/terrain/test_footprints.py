@@ -6,10 +6,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from shapely.geometry import Polygon
 
-from photogrammetry.cameras.cahv import Cahv
-from photogrammetry.errors import TerrainError
-from photogrammetry.frames import LSL, Pose, rotation_of_roll_pitch_yaw, rover_frame, site_frame
-from photogrammetry.terrain.footprints import Ground, footprint, pointing_line
+from solmap.photogrammetry.cameras.cahv import Cahv
+from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.frames import (
+    LSL,
+    Pose,
+    rotation_of_roll_pitch_yaw,
+    rover_frame,
+    site_frame,
+)
+from solmap.photogrammetry.terrain.footprints import Ground, footprint, pointing_line
 
 SIZE = (1024, 1024)
 LEVEL = Ground(0.0)

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from photogrammetry.frames import LSL, Frame, FrameKind, Pose
-from photogrammetry.terrain.ground import MAP_FROM_LSL
-from photogrammetry.terrain.ground_point import (
+from solmap.photogrammetry.frames import LSL, Frame, FrameKind, Pose
+from solmap.photogrammetry.terrain.ground import MAP_FROM_LSL
+from solmap.photogrammetry.terrain.ground_point import (
     UP,
     by_parallax,
     first_meeting,

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from photogrammetry.frames import Frame, FrameKind, Pose
-from photogrammetry.terrain.hardware import BODIES, without_rover
-from photogrammetry.terrain.records import TerrainView
+from solmap.photogrammetry.frames import Frame, FrameKind, Pose
+from solmap.photogrammetry.terrain.hardware import BODIES, without_rover
+from solmap.photogrammetry.terrain.records import TerrainView
 
 
 def seen_from(scenes, forward_m, height_m, dip_deg, distance_m) -> TerrainView:

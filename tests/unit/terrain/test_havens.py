@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from shapely.geometry import Polygon
 
-from photogrammetry.errors import TerrainError
-from photogrammetry.terrain.havens import HavenParams, winter_havens
-from photogrammetry.terrain.insolation import InsolationParams, insolation
+from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.terrain.havens import HavenParams, winter_havens
+from solmap.photogrammetry.terrain.insolation import InsolationParams, insolation
 
 GUSEV = math.radians(-14.735)
 PARAMS = HavenParams()

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from photogrammetry.errors import TerrainError
-from photogrammetry.terrain import hazard as hazard_module
-from photogrammetry.terrain.hazard import Hazard, HazardParams, hazards
+from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.terrain import hazard as hazard_module
+from solmap.photogrammetry.terrain.hazard import Hazard, HazardParams, hazards
 
 PARAMS = HazardParams()
 

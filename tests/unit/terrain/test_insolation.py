@@ -5,19 +5,19 @@ import math
 import numpy as np
 import pytest
 
-from photogrammetry.errors import TerrainError
-from photogrammetry.terrain.coarse import coarsened
-from photogrammetry.terrain.grid import MapGrid
-from photogrammetry.terrain.horizon import horizons
-from photogrammetry.terrain.insolation import (
+from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.terrain.coarse import coarsened
+from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.terrain.horizon import horizons
+from solmap.photogrammetry.terrain.insolation import (
     InsolationParams,
     horizon_towards,
     insolation,
     sky_view,
 )
-from photogrammetry.terrain.planes import gradients
-from photogrammetry.terrain.sun import Season, daily_insolation_above
-from photogrammetry.terrain.surface import normals_of
+from solmap.photogrammetry.terrain.planes import gradients
+from solmap.photogrammetry.terrain.sun import Season, daily_insolation_above
+from solmap.photogrammetry.terrain.surface import normals_of
 
 GUSEV = math.radians(-14.735)
 CLEAR = InsolationParams(ls_deg=(90.0,), optical_depth=0.0)

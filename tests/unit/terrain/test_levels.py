@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from photogrammetry.errors import TerrainError
-from photogrammetry.terrain.levels import DrawnTile, TilePlace, TilesetParams, drawn_tiles
-from photogrammetry.terrain.model3d import SurfaceMesh, TerrainDrawing
-from photogrammetry.terrain.records import Dtm
+from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.terrain.levels import DrawnTile, TilePlace, TilesetParams, drawn_tiles
+from solmap.photogrammetry.terrain.model3d import SurfaceMesh, TerrainDrawing
+from solmap.photogrammetry.terrain.records import Dtm
 
 SIDE = 600
 

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from photogrammetry.errors import TerrainError
-from photogrammetry.terrain.ground_samples import GroundSamples
-from photogrammetry.terrain.measure import (
+from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.terrain.ground_samples import GroundSamples
+from solmap.photogrammetry.terrain.measure import (
     MOST_PLACES,
     measure_line,
     places_inside,
@@ -11,8 +11,8 @@ from photogrammetry.terrain.measure import (
     rise_between,
     steepening,
 )
-from photogrammetry.terrain.profile import stations
-from photogrammetry.terrain.volume import Base, volume
+from solmap.photogrammetry.terrain.profile import stations
+from solmap.photogrammetry.terrain.volume import Base, volume
 
 SQUARE = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 10.0], [0.0, 10.0]])
 

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from photogrammetry.terrain.nine_cells import nine_cell_gradients
-from photogrammetry.terrain.planes import gradients
+from solmap.photogrammetry.terrain.nine_cells import nine_cell_gradients
+from solmap.photogrammetry.terrain.planes import gradients
 
 
 @pytest.mark.parametrize("missing", [0.0, 0.1, 0.4, 0.8, 1.0])

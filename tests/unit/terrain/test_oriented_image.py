@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from photogrammetry.cameras.cahv import Cahv
-from photogrammetry.frames import LSL, Pose
-from photogrammetry.imagery import StopId
-from photogrammetry.terrain.oriented_image import (
+from solmap.photogrammetry.cameras.cahv import Cahv
+from solmap.photogrammetry.frames import LSL, Pose
+from solmap.photogrammetry.imagery import StopId
+from solmap.photogrammetry.terrain.oriented_image import (
     Ellipse,
     OrientedImage,
     StopPose,

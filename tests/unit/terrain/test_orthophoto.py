@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from photogrammetry.errors import TerrainError
-from photogrammetry.terrain.balance import balance
-from photogrammetry.terrain.dtm import DtmParams, build_dtm
-from photogrammetry.terrain.orthophoto import NO_SOURCE, OrthophotoParams, render_orthophoto
-from photogrammetry.terrain.records import GroundClass
+from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.terrain.balance import balance
+from solmap.photogrammetry.terrain.dtm import DtmParams, build_dtm
+from solmap.photogrammetry.terrain.orthophoto import NO_SOURCE, OrthophotoParams, render_orthophoto
+from solmap.photogrammetry.terrain.records import GroundClass
 
 PARAMS = OrthophotoParams()
 TERRAIN = DtmParams(max_relative_sigma=0.05)

@@ -7,12 +7,12 @@ import math
 import numpy as np
 import pytest
 
-from photogrammetry.errors import TerrainError
-from photogrammetry.terrain.angle_grid import NODE, AngleGrid, direction
-from photogrammetry.terrain.mosaic import NO_SOURCE
-from photogrammetry.terrain.panorama import PanoramaParams, panorama
-from photogrammetry.terrain.seams import registration
-from photogrammetry.terrain.sight_ranges import StandingPlane, sight_ranges
+from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.terrain.angle_grid import NODE, AngleGrid, direction
+from solmap.photogrammetry.terrain.mosaic import NO_SOURCE
+from solmap.photogrammetry.terrain.panorama import PanoramaParams, panorama
+from solmap.photogrammetry.terrain.seams import registration
+from solmap.photogrammetry.terrain.sight_ranges import StandingPlane, sight_ranges
 from tests.unit.terrain.panorama_world import (
     LANDMARKS,
     PLANE,

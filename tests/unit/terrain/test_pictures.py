@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from photogrammetry.terrain.orthophoto import Orthophoto
-from photogrammetry.terrain.pictures import class_picture, orthophoto_picture, relief_picture
-from photogrammetry.terrain.records import GroundClass
-from photogrammetry.terrain.surface import HillshadeParams
+from solmap.photogrammetry.terrain.orthophoto import Orthophoto
+from solmap.photogrammetry.terrain.pictures import class_picture, orthophoto_picture, relief_picture
+from solmap.photogrammetry.terrain.records import GroundClass
+from solmap.photogrammetry.terrain.surface import HillshadeParams
 
 
 def test_unseen_ground_is_clear_in_every_picture(scenes):

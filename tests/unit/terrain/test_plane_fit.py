@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from photogrammetry.errors import TerrainError
-from photogrammetry.terrain.attitude import attitude
-from photogrammetry.terrain.plane_fit import fit_plane
+from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.terrain.attitude import attitude
+from solmap.photogrammetry.terrain.plane_fit import fit_plane
 
 TRIALS = 400
 CAMERA = np.array([0.0, 0.0, 1.5])

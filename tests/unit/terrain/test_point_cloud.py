@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from photogrammetry.errors import TerrainError
-from photogrammetry.terrain.point_cloud import PointCloudParams, cloud_tiles, point_cloud
+from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.terrain.point_cloud import PointCloudParams, cloud_tiles, point_cloud
 
 NEAR = PointCloudParams(max_relative_sigma=0.03, spacing_m=0.05)  # the small camera sees 7 m
 NOISE_PX = 0.2

@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from photogrammetry.errors import TerrainError
-from photogrammetry.terrain.grid import MapGrid
-from photogrammetry.terrain.ground_samples import NOWHERE, GroundSamples, bilinear, finest
-from photogrammetry.terrain.profile import profile, stations
+from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.terrain.ground_samples import NOWHERE, GroundSamples, bilinear, finest
+from solmap.photogrammetry.terrain.profile import profile, stations
 
 GRID = MapGrid(-10.0, 10.0, 0.1, 200, 200)
 

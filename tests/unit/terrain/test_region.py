@@ -5,16 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from photogrammetry.errors import TerrainError
-from photogrammetry.terrain.records import Dtm, GroundClass
-from photogrammetry.terrain.region import (
+from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.terrain.records import Dtm, GroundClass
+from solmap.photogrammetry.terrain.region import (
     RegionParams,
     StopTerrain,
     coarser_dtm,
     finer_dtm,
     fuse_block,
 )
-from photogrammetry.terrain.region_seams import SeamCounter
+from solmap.photogrammetry.terrain.region_seams import SeamCounter
 
 UNSEEN, MEASURED, INTERPOLATED, OCCLUDED = GroundClass
 PARAMS = RegionParams(cell_m=0.08)

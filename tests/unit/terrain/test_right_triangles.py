@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from photogrammetry.errors import TerrainError
-from photogrammetry.terrain.right_triangles import GridMesh, RightTriangles
+from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.terrain.right_triangles import GridMesh, RightTriangles
 
 
 def rough(seed: int, shape=(37, 50)) -> np.ndarray:

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from photogrammetry.body_fixed import planetographic
-from photogrammetry.errors import TerrainError
-from photogrammetry.terrain.sky import beam_share, diffuse_share, net_flux
-from photogrammetry.terrain.sun import (
+from solmap.photogrammetry.body_fixed import planetographic
+from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.terrain.sky import beam_share, diffuse_share, net_flux
+from solmap.photogrammetry.terrain.sun import (
     SOL_HOURS,
     Season,
     daily_insolation_above,

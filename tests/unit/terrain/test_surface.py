@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from photogrammetry.errors import TerrainError
-from photogrammetry.terrain.relief import mapped_relief, relief
-from photogrammetry.terrain.surface import (
+from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.terrain.relief import mapped_relief, relief
+from solmap.photogrammetry.terrain.surface import (
     HillshadeParams,
     SlopeParams,
     aspect,

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from photogrammetry.errors import TerrainError
-from photogrammetry.terrain.model3d import SurfaceMesh
-from photogrammetry.terrain.view_model import ViewModelParams, view_meshes
+from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.terrain.model3d import SurfaceMesh
+from solmap.photogrammetry.terrain.view_model import ViewModelParams, view_meshes
 
 NEAR = ViewModelParams(max_relative_sigma=0.03)  # the small camera of these tests sees 7 m
 

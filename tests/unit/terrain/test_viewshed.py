@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from photogrammetry.errors import TerrainError
-from photogrammetry.terrain.grid import MapGrid
-from photogrammetry.terrain.records import GroundClass
-from photogrammetry.terrain.viewshed import (
+from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.terrain.records import GroundClass
+from solmap.photogrammetry.terrain.viewshed import (
     Sight,
     ViewshedParams,
     eye_above,

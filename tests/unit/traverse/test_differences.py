@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from photogrammetry.errors import TraverseError
-from photogrammetry.traverse.differences import differences, shared
-from photogrammetry.traverse.records import Traverse
+from solmap.photogrammetry.errors import TraverseError
+from solmap.photogrammetry.traverse.differences import differences, shared
+from solmap.photogrammetry.traverse.records import Traverse
 
 
 def traverse(solution, places_m, sols=None, stops=None):

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from photogrammetry.errors import TraverseError
-from photogrammetry.traverse.georeference import MapTransform, compare_tracks, georeference
+from solmap.photogrammetry.errors import TraverseError
+from solmap.photogrammetry.traverse.georeference import MapTransform, compare_tracks, georeference
 
 TRACK = np.array(
     [[0, 0], [150, -40], [390, -90], [700, -60], [980, -210], [1300, -420], [1650, -700],

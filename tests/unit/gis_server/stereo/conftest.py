@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import pytest
 from fastapi.testclient import TestClient
 
-from gis_server.app import create_app
+from solmap.gis_server.app import create_app
 from tests.unit.gis_server.stereo.stereo_store import StereoStore, build_stereo_store
 
 

@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from photogrammetry.adjustment.documents import network_document
-from photogrammetry.adjustment.records import (
+from solmap.photogrammetry.adjustment.documents import network_document
+from solmap.photogrammetry.adjustment.records import (
     USED,
     AdjustedNetwork,
     AdjustedPair,
@@ -24,24 +24,24 @@ from photogrammetry.adjustment.records import (
     AdjustedTies,
     AdjustmentReport,
 )
-from photogrammetry.cameras.epipolar import EpipolarPair
-from photogrammetry.frames import Pose
-from photogrammetry.imagery import Eye, StereoMatches, TieKind, TiePoints
-from photogrammetry.matching.dense import DenseMatches
-from photogrammetry.pds3.reading import ReadImage, read_image
-from photogrammetry.synthetic.scene import Shot, World
-from photogrammetry.synthetic.traverse import TraverseParams
-from photogrammetry.synthetic.world import RenderJob, WorldParams, make_world, true_parallax
-from photogrammetry.terrain.grid import MapGrid
-from photogrammetry.terrain.ground_samples import bilinear
-from photogrammetry.terrain.records import Dtm, GroundClass
-from products.arrays import pose_document, write_dense, write_matches
-from products.catalogue import ImageEntry, MissionEntry
-from products.crs import LandingPoint, local_crs
-from products.model import Layer, ProductKind, ProductRef, Recipe, Scope, ScopeLevel
-from products.raster import read_dtm, summarise, write_dtm
-from products.workspace import Workspace
-from tasks.match import geometry_of
+from solmap.photogrammetry.cameras.epipolar import EpipolarPair
+from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.imagery import Eye, StereoMatches, TieKind, TiePoints
+from solmap.photogrammetry.matching.dense import DenseMatches
+from solmap.photogrammetry.pds3.reading import ReadImage, read_image
+from solmap.photogrammetry.synthetic.scene import Shot, World
+from solmap.photogrammetry.synthetic.traverse import TraverseParams
+from solmap.photogrammetry.synthetic.world import RenderJob, WorldParams, make_world, true_parallax
+from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.terrain.ground_samples import bilinear
+from solmap.photogrammetry.terrain.records import Dtm, GroundClass
+from solmap.products.arrays import pose_document, write_dense, write_matches
+from solmap.products.catalogue import ImageEntry, MissionEntry
+from solmap.products.crs import LandingPoint, local_crs
+from solmap.products.model import Layer, ProductKind, ProductRef, Recipe, Scope, ScopeLevel
+from solmap.products.raster import read_dtm, summarise, write_dtm
+from solmap.products.workspace import Workspace
+from solmap.tasks.match import geometry_of
 
 LANDING = LandingPoint("Columbia Memorial Station", 175.4729, -14.5692, 3_393_000.0, "a test")
 PARAMS = WorldParams(

@@ -5,9 +5,9 @@ import json
 import numpy as np
 import pytest
 
-from gis_server.analysis.picks import stored_point
-from photogrammetry.terrain.ground_point import first_meeting
-from products.oriented import OrientedMission
+from solmap.gis_server.analysis.picks import stored_point
+from solmap.photogrammetry.terrain.ground_point import first_meeting
+from solmap.products.oriented import OrientedMission
 
 pytestmark = pytest.mark.slow  # a world is rendered first
 API = "/api/missions/MER2"

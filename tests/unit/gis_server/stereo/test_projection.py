@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from photogrammetry.terrain.ground import MAP_FROM_LSL
-from photogrammetry.terrain.ground_point import first_meeting
+from solmap.photogrammetry.terrain.ground import MAP_FROM_LSL
+from solmap.photogrammetry.terrain.ground_point import first_meeting
 
 pytestmark = pytest.mark.slow  # a world is rendered first
 API = "/api/missions/MER2"

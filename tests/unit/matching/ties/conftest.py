@@ -8,10 +8,10 @@ import pytest
 from scipy import ndimage
 from scipy.spatial.transform import Rotation
 
-from photogrammetry.cameras.epipolar import EpipolarPair
-from photogrammetry.frames import LSL, Frame, FrameKind, Pose
-from photogrammetry.imagery import StereoMatches, StopId
-from photogrammetry.matching.records import EpipolarImages, MatchedPair, MatchedStop
+from solmap.photogrammetry.cameras.epipolar import EpipolarPair
+from solmap.photogrammetry.frames import LSL, Frame, FrameKind, Pose
+from solmap.photogrammetry.imagery import StereoMatches, StopId
+from solmap.photogrammetry.matching.records import EpipolarImages, MatchedPair, MatchedStop
 
 TEXTURE_CELL_M = 0.02
 HALF_M = 24.0

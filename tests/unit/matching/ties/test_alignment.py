@@ -2,12 +2,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from photogrammetry.cameras.epipolar import EpipolarPair
-from photogrammetry.errors import MatchingError
-from photogrammetry.frames import Frame, FrameKind, Pose, rover_frame
-from photogrammetry.matching import alignment
-from photogrammetry.matching.alignment import AlignmentParams, align
-from photogrammetry.matching.ties import Ties
+from solmap.photogrammetry.cameras.epipolar import EpipolarPair
+from solmap.photogrammetry.errors import MatchingError
+from solmap.photogrammetry.frames import Frame, FrameKind, Pose, rover_frame
+from solmap.photogrammetry.matching import alignment
+from solmap.photogrammetry.matching.alignment import AlignmentParams, align
+from solmap.photogrammetry.matching.ties import Ties
 
 FIRST, SECOND = rover_frame(1, 0), rover_frame(1, 8)
 PRIOR = np.diag([0.01, 0.01, 0.03, 2.0, 2.0, 1.0]) ** 2

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from photogrammetry.errors import MatchingError
-from photogrammetry.matching.birds_eye import (
+from solmap.photogrammetry.errors import MatchingError
+from solmap.photogrammetry.matching.birds_eye import (
     BirdsEyeParams,
     BirdsEyeView,
     SearchGate,
@@ -13,8 +13,8 @@ from photogrammetry.matching.birds_eye import (
     channels,
     overlay_picture,
 )
-from photogrammetry.matching.birds_eye_search import search
-from photogrammetry.matching.masked_correlation import masked_correlation
+from solmap.photogrammetry.matching.birds_eye_search import search
+from solmap.photogrammetry.matching.masked_correlation import masked_correlation
 
 PARAMS = BirdsEyeParams(radius_m=12.0, cell_m=0.16)
 CELLS = 150

@@ -4,17 +4,17 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from photogrammetry.errors import MatchingError
-from photogrammetry.frames import Pose
-from photogrammetry.matching.birds_eye import BirdsEyeParams
-from photogrammetry.matching.cross_site import (
+from solmap.photogrammetry.errors import MatchingError
+from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.matching.birds_eye import BirdsEyeParams
+from solmap.photogrammetry.matching.cross_site import (
     CrossSiteParams,
     StopViews,
     VerdictParams,
     tie_cross_site,
 )
-from photogrammetry.matching.cross_site_candidates import Candidates
-from photogrammetry.matching.cross_site_trials import TrialParams
+from solmap.photogrammetry.matching.cross_site_candidates import Candidates
+from solmap.photogrammetry.matching.cross_site_trials import TrialParams
 
 PARAMS = CrossSiteParams(
     birds_eye=BirdsEyeParams(radius_m=16.0),

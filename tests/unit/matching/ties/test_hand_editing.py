@@ -5,14 +5,14 @@ import re
 import numpy as np
 import pytest
 
-from photogrammetry.cameras.epipolar import epipolar_pair
-from photogrammetry.frames import Frame, FrameKind
-from photogrammetry.imagery import Eye, StopId
-from photogrammetry.matching.hand_editing import HandBody, epipolar_point
-from photogrammetry.matching.hand_editing import edited as carried_out
-from photogrammetry.matching.hand_ties import HandAction, HandPoint, HandTie
-from photogrammetry.matching.ties import Ties
-from photogrammetry.synthetic.rig import CAMERAS, Instrument, Pointing
+from solmap.photogrammetry.cameras.epipolar import epipolar_pair
+from solmap.photogrammetry.frames import Frame, FrameKind
+from solmap.photogrammetry.imagery import Eye, StopId
+from solmap.photogrammetry.matching.hand_editing import HandBody, epipolar_point
+from solmap.photogrammetry.matching.hand_editing import edited as carried_out
+from solmap.photogrammetry.matching.hand_ties import HandAction, HandPoint, HandTie
+from solmap.photogrammetry.matching.ties import Ties
+from solmap.photogrammetry.synthetic.rig import CAMERAS, Instrument, Pointing
 
 STOP = StopId("MER2", 10, 0)
 SIZE = (1024, 1024)

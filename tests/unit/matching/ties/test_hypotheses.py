@@ -3,10 +3,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from photogrammetry.errors import MatchingError
-from photogrammetry.matching.birds_eye import BirdsEyeParams, PlaneFit
-from photogrammetry.matching.cross_site_gate import GateParams, gate_between
-from photogrammetry.matching.hypotheses import (
+from solmap.photogrammetry.errors import MatchingError
+from solmap.photogrammetry.matching.birds_eye import BirdsEyeParams, PlaneFit
+from solmap.photogrammetry.matching.cross_site_gate import GateParams, gate_between
+from solmap.photogrammetry.matching.hypotheses import (
     CORRELATION,
     FEATURES,
     ROCKS,
@@ -15,7 +15,7 @@ from photogrammetry.matching.hypotheses import (
     merged,
     peaks_of,
 )
-from photogrammetry.matching.stop_views import StopViews
+from solmap.photogrammetry.matching.stop_views import StopViews
 
 PARAMS = HypothesisParams()
 BIRDS_EYE = BirdsEyeParams(radius_m=16.0)

@@ -3,10 +3,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from photogrammetry.errors import MatchingError
-from photogrammetry.frames import Pose
-from photogrammetry.matching.alignment import AlignmentParams, align
-from photogrammetry.matching.inter_stereo import InterStereoParams, tie_inter_stereo
+from solmap.photogrammetry.errors import MatchingError
+from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.matching.alignment import AlignmentParams, align
+from solmap.photogrammetry.matching.inter_stereo import InterStereoParams, tie_inter_stereo
 
 
 @pytest.fixture(scope="module")

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from photogrammetry.matching.inter_stereo import InterStereoParams, tie_inter_stereo
-from photogrammetry.matching.records import MatchedStop
-from photogrammetry.synthetic.rig import Instrument
-from photogrammetry.synthetic.scene import WorldParams, make_world
-from photogrammetry.synthetic.terrain import TERRAINS
-from photogrammetry.synthetic.traverse import TraverseParams
-from photogrammetry.synthetic.truth import true_parallax
+from solmap.photogrammetry.matching.inter_stereo import InterStereoParams, tie_inter_stereo
+from solmap.photogrammetry.matching.records import MatchedStop
+from solmap.photogrammetry.synthetic.rig import Instrument
+from solmap.photogrammetry.synthetic.scene import WorldParams, make_world
+from solmap.photogrammetry.synthetic.terrain import TERRAINS
+from solmap.photogrammetry.synthetic.traverse import TraverseParams
+from solmap.photogrammetry.synthetic.truth import true_parallax
 from tests.support import simulated_stops
 from tests.support.husband_stops import husband_stop
 

@@ -1,13 +1,13 @@
 import numpy as np
 import pytest
 
-from photogrammetry.matching.birds_eye import BirdsEyeParams, PlaneFit
-from photogrammetry.matching.cross_site_gate import GateParams, gate_between
-from photogrammetry.matching.hypotheses import HypothesisParams, hypotheses
-from photogrammetry.matching.landmark_pictures import ENLARGED, agree, draw_features
-from photogrammetry.matching.stop_views import StopViews
-from photogrammetry.matching.voting import Landmarks
-from photogrammetry.matching.wide_baseline import WideBaselineParams
+from solmap.photogrammetry.matching.birds_eye import BirdsEyeParams, PlaneFit
+from solmap.photogrammetry.matching.cross_site_gate import GateParams, gate_between
+from solmap.photogrammetry.matching.hypotheses import HypothesisParams, hypotheses
+from solmap.photogrammetry.matching.landmark_pictures import ENLARGED, agree, draw_features
+from solmap.photogrammetry.matching.stop_views import StopViews
+from solmap.photogrammetry.matching.voting import Landmarks
+from solmap.photogrammetry.matching.wide_baseline import WideBaselineParams
 
 BIRDS_EYE = BirdsEyeParams(radius_m=16.0)
 

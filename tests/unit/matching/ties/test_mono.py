@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from photogrammetry.errors import MatchingError
-from photogrammetry.frames import Pose
-from photogrammetry.matching.conjugates import View
-from photogrammetry.matching.mast_swing import Swing, turn_between, verify
-from photogrammetry.matching.mono import tie_single_images
-from photogrammetry.matching.single_views import MonoParams, SingleView
-from photogrammetry.matching.verification import VerificationParams
+from solmap.photogrammetry.errors import MatchingError
+from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.matching.conjugates import View
+from solmap.photogrammetry.matching.mast_swing import Swing, turn_between, verify
+from solmap.photogrammetry.matching.mono import tie_single_images
+from solmap.photogrammetry.matching.single_views import MonoParams, SingleView
+from solmap.photogrammetry.matching.verification import VerificationParams
 
 
 @pytest.fixture(scope="module")

@@ -5,19 +5,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from photogrammetry.adjustment.adjust import adjust
-from photogrammetry.adjustment.params import AdjustmentParams
-from photogrammetry.adjustment.records import Network, PairGeometry, StopPrior
-from photogrammetry.cameras.single import single_image
-from photogrammetry.frames import LSL, Frame, FrameKind, Pose
-from photogrammetry.imagery import Eye, StereoMatches
-from photogrammetry.matching.conjugates import View
-from photogrammetry.matching.mast_swing import Swing
-from photogrammetry.matching.mono import tie_single_images
-from photogrammetry.matching.resampling import resample
-from photogrammetry.matching.single_views import MonoParams, SingleView
-from photogrammetry.matching.tracks import TrackParams, build_tie_points
-from photogrammetry.pds3.reading import read_image
+from solmap.photogrammetry.adjustment.adjust import adjust
+from solmap.photogrammetry.adjustment.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.records import Network, PairGeometry, StopPrior
+from solmap.photogrammetry.cameras.single import single_image
+from solmap.photogrammetry.frames import LSL, Frame, FrameKind, Pose
+from solmap.photogrammetry.imagery import Eye, StereoMatches
+from solmap.photogrammetry.matching.conjugates import View
+from solmap.photogrammetry.matching.mast_swing import Swing
+from solmap.photogrammetry.matching.mono import tie_single_images
+from solmap.photogrammetry.matching.resampling import resample
+from solmap.photogrammetry.matching.single_views import MonoParams, SingleView
+from solmap.photogrammetry.matching.tracks import TrackParams, build_tie_points
+from solmap.photogrammetry.pds3.reading import read_image
 
 SPIRIT = ("mer_spirit_sol1869_troy", "2n292280{}effb100p0703l0m1.img", ("938", "989"))
 OPPORTUNITY = (

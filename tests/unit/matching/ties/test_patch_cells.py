@@ -1,7 +1,12 @@
 import numpy as np
 import pytest
 
-from photogrammetry.matching.patch_cells import LONGEST, common_cells, no_finer, smallest_stretch
+from solmap.photogrammetry.matching.patch_cells import (
+    LONGEST,
+    common_cells,
+    no_finer,
+    smallest_stretch,
+)
 
 
 def ellipse(along_m, across_m, azimuth):

@@ -3,9 +3,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from photogrammetry.cameras.epipolar import EpipolarPair
-from photogrammetry.frames import Frame, FrameKind, Pose
-from photogrammetry.matching.shared_ground import (
+from solmap.photogrammetry.cameras.epipolar import EpipolarPair
+from solmap.photogrammetry.frames import Frame, FrameKind, Pose
+from solmap.photogrammetry.matching.shared_ground import (
     SHARED_HEIGHT_M,
     SHARED_PARALLAX_PX,
     counted_as_one,
@@ -13,7 +13,7 @@ from photogrammetry.matching.shared_ground import (
     weighed_down,
     with_shared_errors,
 )
-from photogrammetry.matching.ties import Ties
+from solmap.photogrammetry.matching.ties import Ties
 
 
 def some_ties(n):

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from photogrammetry.errors import MatchingError
-from photogrammetry.frames import Pose
-from photogrammetry.matching.surface_alignment import Couple, Ground, SurfaceParams
-from photogrammetry.matching.surface_ties import SurfaceTieParams, tie_by_shape
-from photogrammetry.matching.surface_views import EVERY, SurfaceView, parallax_facets
+from solmap.photogrammetry.errors import MatchingError
+from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.matching.surface_alignment import Couple, Ground, SurfaceParams
+from solmap.photogrammetry.matching.surface_ties import SurfaceTieParams, tie_by_shape
+from solmap.photogrammetry.matching.surface_views import EVERY, SurfaceView, parallax_facets
 from tests.unit.matching.ties.conftest import (
     TOWARDS_FIRST,
     TOWARDS_SECOND,

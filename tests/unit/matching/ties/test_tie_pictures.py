@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 
-from photogrammetry.errors import MatchingError
-from photogrammetry.frames import Pose
-from photogrammetry.matching.alignment import AlignmentParams
-from photogrammetry.matching.inter_stereo import InterStereoParams, tie_inter_stereo
-from photogrammetry.matching.tie_pictures import (
+from solmap.photogrammetry.errors import MatchingError
+from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.matching.alignment import AlignmentParams
+from solmap.photogrammetry.matching.inter_stereo import InterStereoParams, tie_inter_stereo
+from solmap.photogrammetry.matching.tie_pictures import (
     GAP_PX,
     SHEET_PX,
     Shown,
@@ -13,7 +13,7 @@ from photogrammetry.matching.tie_pictures import (
     draw_ties,
     misfits,
 )
-from photogrammetry.matching.ties import Ties
+from solmap.photogrammetry.matching.ties import Ties
 
 FITS = np.zeros(1)
 

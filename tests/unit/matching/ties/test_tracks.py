@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from photogrammetry.errors import MatchingError
-from photogrammetry.imagery import StereoMatches, StopId, TieKind
-from photogrammetry.matching.ties import Ties, joined
-from photogrammetry.matching.tracks import (
+from solmap.photogrammetry.errors import MatchingError
+from solmap.photogrammetry.imagery import StereoMatches, StopId, TieKind
+from solmap.photogrammetry.matching.ties import Ties, joined
+from solmap.photogrammetry.matching.tracks import (
     TrackParams,
     build_tie_points,
     counts_by_kind,

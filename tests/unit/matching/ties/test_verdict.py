@@ -3,19 +3,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from photogrammetry.errors import MatchingError
-from photogrammetry.frames import LSL, Pose, rotation_of_roll_pitch_yaw
-from photogrammetry.imagery import StopId
-from photogrammetry.matching.birds_eye import PlaneFit
-from photogrammetry.matching.cross_site import VerdictParams, verdict
-from photogrammetry.matching.cross_site_gate import (
+from solmap.photogrammetry.errors import MatchingError
+from solmap.photogrammetry.frames import LSL, Pose, rotation_of_roll_pitch_yaw
+from solmap.photogrammetry.imagery import StopId
+from solmap.photogrammetry.matching.birds_eye import PlaneFit
+from solmap.photogrammetry.matching.cross_site import VerdictParams, verdict
+from solmap.photogrammetry.matching.cross_site_gate import (
     GateParams,
     between_levels,
     gate_between,
     pose_of,
 )
-from photogrammetry.matching.records import MatchedStop
-from photogrammetry.matching.site_links import SiteLinkFigures
+from solmap.photogrammetry.matching.records import MatchedStop
+from solmap.photogrammetry.matching.site_links import SiteLinkFigures
 
 GOOD = SiteLinkFigures(
     distance_m=20.0,

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from photogrammetry.errors import MatchingError
-from photogrammetry.matching.birds_eye import SearchGate
-from photogrammetry.matching.voting import Landmarks, VotingParams, elect, likelihood_root
+from solmap.photogrammetry.errors import MatchingError
+from solmap.photogrammetry.matching.birds_eye import SearchGate
+from solmap.photogrammetry.matching.voting import Landmarks, VotingParams, elect, likelihood_root
 
 GATE = SearchGate(12.0, -5.0, 4.0, 0.06)
 TRUE = (0.03, 13.4, -6.1)

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from photogrammetry.errors import MatchingError
-from photogrammetry.matching.birds_eye import BirdsEyeParams, BirdsEyeView, SearchGate
-from photogrammetry.matching.wide_baseline import (
+from solmap.photogrammetry.errors import MatchingError
+from solmap.photogrammetry.matching.birds_eye import BirdsEyeParams, BirdsEyeView, SearchGate
+from solmap.photogrammetry.matching.wide_baseline import (
     WideBaselineParams,
     conjugate_features,
     find_features,
