@@ -17,6 +17,7 @@ from solmap.products.arrays import read_matches
 from solmap.products.crs import LandingPoint
 from solmap.products.pictures import read_sources
 from solmap.products.workspace import Workspace
+from solmap.tasks import colour
 from solmap.tasks.colour import colour_frames, render_colour
 from solmap.tasks.dtm import build_dtm
 from solmap.tasks.ingest import ingest_downlink
@@ -107,8 +108,8 @@ def test_a_frame_that_looked_elsewhere_is_no_part_of_it(workspace, pair, monkeyp
         turn = np.array([0.0, 0.0, 1e-3])
         return replace(image, camera=turned_in_place(image.camera, image.stop.frame, turn))
 
-    original = solmap.tasks.colour.image_record
-    monkeypatch.setattr(solmap.tasks.colour, "image_record", turned)
+    original = colour.image_record
+    monkeypatch.setattr(colour, "image_record", turned)
     assert colour_frames([pair], workspace.catalogue.images(), workspace) == ()
 
 
