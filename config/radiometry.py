@@ -19,12 +19,12 @@ import numpy as np
 
 from solmap.config.errors import ConfigError
 from solmap.config.records import record_of
+from solmap.photogrammetry.archive.companding import Companding, InverseTable
+from solmap.photogrammetry.archive.pixels import read_pixels
+from solmap.photogrammetry.archive.radiometry import Radiometry
+from solmap.photogrammetry.archive.reading import read_label
+from solmap.photogrammetry.archive.vignetting import FlatField, RadialVignetting
 from solmap.photogrammetry.errors import PhotogrammetryError, PixelError
-from solmap.photogrammetry.pds3.companding import Companding, InverseTable
-from solmap.photogrammetry.pds3.pixels import read_pixels
-from solmap.photogrammetry.pds3.radiometry import Radiometry
-from solmap.photogrammetry.pds3.reading import read_label
-from solmap.photogrammetry.pds3.vignetting import FlatField, RadialVignetting
 
 TABLES = frozenset({"hosts", "companding", "vignetting", "flat_fields"})
 

@@ -20,7 +20,11 @@ from solmap.config.errors import ConfigError
 from solmap.config.records import record_of
 from solmap.config.settings import Settings
 from solmap.flows.progress import report as report_progress
-from solmap.photogrammetry.pds3.index_pairs import IndexEntry, IndexFindings, IndexSelection
+from solmap.photogrammetry.archive.index_pairs import (
+    IndexEntry,
+    IndexFindings,
+    IndexSelection,
+)
 from solmap.tasks.fetch.answers import open_client
 from solmap.tasks.fetch.errors import FetchError
 from solmap.tasks.fetch.images import fetch_images, is_whole, target_of

@@ -21,6 +21,19 @@ import numpy as np
 from solmap.config.errors import ConfigError
 from solmap.config.radiometry import load_radiometry
 from solmap.config.settings import Settings
+from solmap.photogrammetry.archive.detached import text_of_label
+from solmap.photogrammetry.archive.file_names import FileName, parse_file_name
+from solmap.photogrammetry.archive.label import Label
+from solmap.photogrammetry.archive.missions import mission_of_host
+from solmap.photogrammetry.archive.partners import MAX_CLOCK_DIFFERENCE, find_stereo_pairs
+from solmap.photogrammetry.archive.radiometry import Radiometry
+from solmap.photogrammetry.archive.reading import (
+    DescribedImage,
+    ReadImage,
+    describe_image,
+    has_attached_label,
+    read_image,
+)
 from solmap.photogrammetry.arrays import Vector3
 from solmap.photogrammetry.cameras.cahv import Cahv, interior_orientation
 from solmap.photogrammetry.cameras.cahvor import Cahvor
@@ -28,19 +41,6 @@ from solmap.photogrammetry.cameras.cahvore import Cahvore
 from solmap.photogrammetry.errors import LabelError, PhotogrammetryError
 from solmap.photogrammetry.frames import roll_pitch_yaw_of_rotation, rotation_of_quaternion
 from solmap.photogrammetry.imagery import RoverImage
-from solmap.photogrammetry.pds3.detached import text_of_label
-from solmap.photogrammetry.pds3.file_names import FileName, parse_file_name
-from solmap.photogrammetry.pds3.label import Label
-from solmap.photogrammetry.pds3.missions import mission_of_host
-from solmap.photogrammetry.pds3.partners import MAX_CLOCK_DIFFERENCE, find_stereo_pairs
-from solmap.photogrammetry.pds3.radiometry import Radiometry
-from solmap.photogrammetry.pds3.reading import (
-    DescribedImage,
-    ReadImage,
-    describe_image,
-    has_attached_label,
-    read_image,
-)
 from solmap.photogrammetry.stretching import stretched
 from solmap.tasks.downlink_files import IMAGE_SUFFIXES, PICTURE_SUFFIXES, file_bytes, image_bytes
 

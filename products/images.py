@@ -6,8 +6,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from solmap.photogrammetry.archive.reading import ReadImage, read_image, read_image_record
 from solmap.photogrammetry.imagery import RoverImage
-from solmap.photogrammetry.pds3.reading import ReadImage, read_image, read_image_record
 from solmap.products.catalogue import ImageEntry
 from solmap.products.labels import LabelBook
 from solmap.products.model import ProductRef

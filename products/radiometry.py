@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from solmap.photogrammetry.pds3.companding import Companding, InverseTable
-from solmap.photogrammetry.pds3.radiometry import Radiometry
-from solmap.photogrammetry.pds3.vignetting import FlatField, RadialVignetting
+from solmap.photogrammetry.archive.companding import Companding, InverseTable
+from solmap.photogrammetry.archive.radiometry import Radiometry
+from solmap.photogrammetry.archive.vignetting import FlatField, RadialVignetting
 from solmap.products.arrays import read_archive, write_archive
 
 

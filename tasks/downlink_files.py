@@ -6,10 +6,10 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+from solmap.photogrammetry.archive.detached import MAX_DETACHED_BYTES, joined
+from solmap.photogrammetry.archive.pictures import is_picture
+from solmap.photogrammetry.archive.reading import has_attached_label
 from solmap.photogrammetry.errors import LabelError
-from solmap.photogrammetry.pds3.detached import MAX_DETACHED_BYTES, joined
-from solmap.photogrammetry.pds3.pictures import is_picture
-from solmap.photogrammetry.pds3.reading import has_attached_label
 from solmap.tasks.hand_ties import is_hand_ties
 
 IMAGE_SUFFIXES = frozenset({".img"})

@@ -14,11 +14,11 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from solmap.photogrammetry.archive.partners import find_stereo_pairs
+from solmap.photogrammetry.archive.radiometry import Radiometry
+from solmap.photogrammetry.archive.vector_files import parse_vector_file
 from solmap.photogrammetry.errors import PhotogrammetryError
 from solmap.photogrammetry.imagery import RoverImage
-from solmap.photogrammetry.pds3.partners import find_stereo_pairs
-from solmap.photogrammetry.pds3.radiometry import Radiometry
-from solmap.photogrammetry.pds3.vector_files import parse_vector_file
 from solmap.products.catalogue import ImageEntry, Outcome
 from solmap.products.model import ProductKind, ProductRef
 from solmap.products.passing import persistently

@@ -14,9 +14,9 @@ from pathlib import Path
 
 import cv2
 
+from solmap.photogrammetry.archive.radiometry import PixelState, Radiometry
+from solmap.photogrammetry.archive.reading import ReadImage, describe_image, read_image
 from solmap.photogrammetry.imagery import RoverImage
-from solmap.photogrammetry.pds3.radiometry import PixelState, Radiometry
-from solmap.photogrammetry.pds3.reading import ReadImage, describe_image, read_image
 from solmap.photogrammetry.stretching import stretched
 from solmap.products.catalogue import ImageEntry, Outcome
 from solmap.products.model import ProductKind, ProductRef, Recipe

@@ -21,11 +21,11 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from solmap.photogrammetry.adjustment.records import AdjustedStop
+from solmap.photogrammetry.archive.vector_files import Solution, VectorFile
+from solmap.photogrammetry.archive.vector_writing import PlacedStop, places_text, vector_text
 from solmap.photogrammetry.figures import png, svg
 from solmap.photogrammetry.frames import LSL, FrameKind, Pose, site_frame
 from solmap.photogrammetry.imagery import StopId
-from solmap.photogrammetry.pds3.vector_files import Solution, VectorFile
-from solmap.photogrammetry.pds3.vector_writing import PlacedStop, places_text, vector_text
 from solmap.photogrammetry.traverse.differences import Difference, differences
 from solmap.photogrammetry.traverse.pictures import traverse_figure
 from solmap.products.arrays import finite, pose_document

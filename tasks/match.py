@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 
+from solmap.photogrammetry.archive.reading import ReadImage
 from solmap.photogrammetry.cameras.epipolar import EpipolarPair, epipolar_pair
 from solmap.photogrammetry.imagery import RoverImage
 from solmap.photogrammetry.matching.dense import DenseParams, match_densely_with_sigma
@@ -16,7 +17,6 @@ from solmap.photogrammetry.matching.vertical_parallax import (
     rotation_of_the_bar,
     vertical_parallax,
 )
-from solmap.photogrammetry.pds3.reading import ReadImage
 from solmap.products.arrays import write_dense, write_matches
 from solmap.products.model import ProductKind, Recipe
 from solmap.products.store import ProductStore

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from solmap.photogrammetry.archive.places import LOCALISED, parse_locations, parse_places
+from solmap.photogrammetry.archive.vector_files import VectorFile, parse_vector_file
 from solmap.photogrammetry.errors import TraverseError
-from solmap.photogrammetry.pds3.places import LOCALISED, parse_locations, parse_places
-from solmap.photogrammetry.pds3.vector_files import VectorFile, parse_vector_file
 from solmap.photogrammetry.traverse.differences import differences, shared
 from solmap.photogrammetry.traverse.placed import traverse_of_vectors
 from solmap.photogrammetry.traverse.records import Traverse

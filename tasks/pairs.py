@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from solmap.photogrammetry.archive.reading import ReadImage
 from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.frames import Frame, FrameKind
 from solmap.photogrammetry.imagery import Eye, RoverImage, StopId
 from solmap.photogrammetry.matching.records import EpipolarImages, MatchedPair, MatchedStop
 from solmap.photogrammetry.matching.resampling import epipolar_images
 from solmap.photogrammetry.matching.vertical_parallax import turned_in_place
-from solmap.photogrammetry.pds3.reading import ReadImage
 from solmap.products.arrays import read_matches, read_parallax, read_right_turn
 from solmap.products.catalogue import ImageEntry
 from solmap.products.model import ProductRef

@@ -10,11 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
+from solmap.photogrammetry.archive.reading import ReadImage
 from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.cameras.single import single_image
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.imagery import Eye, RoverImage, StopId
-from solmap.photogrammetry.pds3.reading import ReadImage
 from solmap.photogrammetry.terrain.colour import shows_the_same
 from solmap.photogrammetry.terrain.ground import MAP_FROM_LSL
 from solmap.photogrammetry.terrain.hardware import BODIES

@@ -6,10 +6,15 @@ from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from solmap.photogrammetry.archive.vector_files import (
+    VectorFile,
+    lsl_tree,
+    parse_vector_file,
+    poses,
+)
 from solmap.photogrammetry.errors import FrameError
 from solmap.photogrammetry.frames import LSL, FrameTree, Pose, site_frame
 from solmap.photogrammetry.imagery import RoverImage, StopId
-from solmap.photogrammetry.pds3.vector_files import VectorFile, lsl_tree, parse_vector_file, poses
 from solmap.products.model import ProductKind
 from solmap.products.workspace import Workspace
 

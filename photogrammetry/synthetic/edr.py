@@ -14,12 +14,12 @@ from importlib import resources
 
 import numpy as np
 
+from solmap.photogrammetry.archive.file_names import encode_counter
 from solmap.photogrammetry.arrays import Int32
 from solmap.photogrammetry.cameras.cahvor import Cahvor
 from solmap.photogrammetry.errors import PixelError
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.imagery import Eye, StopId
-from solmap.photogrammetry.pds3.file_names import encode_counter
 from solmap.photogrammetry.synthetic.lighting import Sun
 from solmap.photogrammetry.synthetic.rig import (
     CAMERAS,

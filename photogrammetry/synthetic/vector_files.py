@@ -13,9 +13,9 @@ from typing import Literal
 
 import numpy as np
 
+from solmap.photogrammetry.archive.vector_files import Solution, VectorFile
+from solmap.photogrammetry.archive.vector_writing import vector_text
 from solmap.photogrammetry.frames import FrameKind
-from solmap.photogrammetry.pds3.vector_files import Solution, VectorFile
-from solmap.photogrammetry.pds3.vector_writing import vector_text
 from solmap.photogrammetry.synthetic.edr import number
 from solmap.photogrammetry.synthetic.traverse import Stop
 

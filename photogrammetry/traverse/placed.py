@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from solmap.photogrammetry.archive.vector_files import VectorFile, lsl_tree, poses
 from solmap.photogrammetry.body_fixed import map_from_lsl
 from solmap.photogrammetry.errors import FrameError, TraverseError
 from solmap.photogrammetry.frames import LSL, Frame, FrameKind
-from solmap.photogrammetry.pds3.vector_files import VectorFile, lsl_tree, poses
 from solmap.photogrammetry.traverse.records import Traverse
 
 

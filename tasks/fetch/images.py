@@ -7,10 +7,10 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
 
+from solmap.photogrammetry.archive.index_pairs import IndexEntry
+from solmap.photogrammetry.archive.label import MAX_LABEL_BYTES
+from solmap.photogrammetry.archive.reading import read_label
 from solmap.photogrammetry.errors import LabelError
-from solmap.photogrammetry.pds3.index_pairs import IndexEntry
-from solmap.photogrammetry.pds3.label import MAX_LABEL_BYTES
-from solmap.photogrammetry.pds3.reading import read_label
 from solmap.tasks.fetch.errors import DiskError, FetchError, WrongContentError
 from solmap.tasks.fetch.partial import PartialFile
 from solmap.tasks.fetch.transfer import Transfer

@@ -7,15 +7,19 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from solmap.photogrammetry.errors import LabelError
-from solmap.photogrammetry.pds3.index_pairs import IndexFindings, IndexSelection, find_in_index
-from solmap.photogrammetry.pds3.index_table import (
+from solmap.photogrammetry.archive.index_pairs import (
+    IndexFindings,
+    IndexSelection,
+    find_in_index,
+)
+from solmap.photogrammetry.archive.index_table import (
     IndexLayout,
     IndexRow,
     parse_index_label,
     read_index_rows,
 )
-from solmap.photogrammetry.pds3.label import MAX_LABEL_BYTES
+from solmap.photogrammetry.archive.label import MAX_LABEL_BYTES
+from solmap.photogrammetry.errors import LabelError
 from solmap.tasks.fetch.errors import DiskError, FetchError, WrongContentError
 from solmap.tasks.fetch.transfer import Transfer
 from solmap.tasks.fetch.volume import Volume

@@ -10,9 +10,9 @@ from typer.testing import CliRunner
 
 from solmap.flows.cli import app
 from solmap.flows.listing import position_rows
+from solmap.photogrammetry.archive.places import parse_places
+from solmap.photogrammetry.archive.vector_files import lsl_tree, parse_vector_file, poses
 from solmap.photogrammetry.frames import LSL, rover_frame
-from solmap.photogrammetry.pds3.places import parse_places
-from solmap.photogrammetry.pds3.vector_files import lsl_tree, parse_vector_file, poses
 
 
 @pytest.fixture(scope="module")

@@ -9,10 +9,10 @@ import cv2
 import numpy as np
 import pytest
 
+from solmap.photogrammetry.archive.detached import apart
+from solmap.photogrammetry.archive.reading import ReadImage, read_image, read_image_record
 from solmap.photogrammetry.frames import LSL, Pose, site_frame
 from solmap.photogrammetry.imagery import StopId
-from solmap.photogrammetry.pds3.detached import apart
-from solmap.photogrammetry.pds3.reading import ReadImage, read_image, read_image_record
 from solmap.photogrammetry.synthetic.traverse import TraverseParams
 from solmap.photogrammetry.synthetic.world import (
     WorldParams,

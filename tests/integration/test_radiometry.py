@@ -12,8 +12,8 @@ from typer.testing import CliRunner
 
 from solmap.config.radiometry import load_radiometry
 from solmap.flows.cli import app
-from solmap.photogrammetry.pds3.reading import read_image
-from solmap.photogrammetry.pds3.vignetting import RadialVignetting
+from solmap.photogrammetry.archive.reading import read_image
+from solmap.photogrammetry.archive.vignetting import RadialVignetting
 from solmap.photogrammetry.stretching import stretched
 from solmap.photogrammetry.synthetic.traverse import TraverseParams
 from solmap.photogrammetry.synthetic.world import WorldParams, make_world, render_jobs, text_files

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from solmap.photogrammetry.archive.reading import read_image
 from solmap.photogrammetry.imagery import Eye
 from solmap.photogrammetry.matching.wide_stereo import WideParams
-from solmap.photogrammetry.pds3.reading import read_image
 from solmap.photogrammetry.synthetic.world import (
     RenderJob,
     TraverseParams,

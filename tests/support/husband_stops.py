@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
+from solmap.photogrammetry.archive.partners import find_stereo_pairs
+from solmap.photogrammetry.archive.reading import read_image
 from solmap.photogrammetry.frames import LSL, Pose, rotation_of_quaternion
 from solmap.photogrammetry.imagery import StopId
 from solmap.photogrammetry.matching.dense import match_densely
 from solmap.photogrammetry.matching.records import MatchedPair, MatchedStop
 from solmap.photogrammetry.matching.sparse import SparseParams, match_sparsely
-from solmap.photogrammetry.pds3.partners import find_stereo_pairs
-from solmap.photogrammetry.pds3.reading import read_image
 from solmap.tasks.match import geometry_of
 from solmap.tasks.pairs import resampled
 from tests.support.simulated_stops import CACHE, SimulatedStop, WorldOfStops, code_digest

@@ -14,12 +14,12 @@ from pathlib import Path
 import numpy as np
 import rasterio
 
+from solmap.photogrammetry.archive.partners import find_stereo_pairs
+from solmap.photogrammetry.archive.reading import read_image
 from solmap.photogrammetry.cameras.cahvor import Cahvor
 from solmap.photogrammetry.frames import LSL, Pose
 from solmap.photogrammetry.imagery import RoverImage
 from solmap.photogrammetry.matching.records import EpipolarImages
-from solmap.photogrammetry.pds3.partners import find_stereo_pairs
-from solmap.photogrammetry.pds3.reading import read_image
 from solmap.tasks.match import geometry_of
 from solmap.tasks.pairs import resampled
 

@@ -13,11 +13,11 @@ from itertools import pairwise
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from solmap.photogrammetry.archive.reading import read_image
 from solmap.photogrammetry.frames import LSL, Pose
 from solmap.photogrammetry.matching.surface_ties import SurfaceTieParams, tie_by_shape
 from solmap.photogrammetry.matching.surface_views import SurfaceView
 from solmap.photogrammetry.matching.ties import Ties
-from solmap.photogrammetry.pds3.reading import read_image
 from tests.support.husband_truth import true_pose
 from tests.support.simulated_stops import ROOT, SimulatedStop
 from tests.support.stop_networks import stops_of_world

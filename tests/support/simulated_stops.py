@@ -13,12 +13,12 @@ from pathlib import Path
 
 import numpy as np
 
+from solmap.photogrammetry.archive.reading import ReadImage, read_image
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.imagery import Eye, StopId
 from solmap.photogrammetry.matching.dense import match_densely
 from solmap.photogrammetry.matching.records import MatchedPair, MatchedStop
 from solmap.photogrammetry.matching.sparse import SparseParams, match_sparsely
-from solmap.photogrammetry.pds3.reading import ReadImage, read_image
 from solmap.photogrammetry.synthetic.scene import Shot, World
 from solmap.photogrammetry.synthetic.world import (
     RenderJob,

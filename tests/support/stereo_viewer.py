@@ -13,7 +13,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from solmap.photogrammetry.pds3.reading import read_image
+from solmap.photogrammetry.archive.reading import read_image
 from solmap.photogrammetry.terrain.footprints import FootprintParams
 from solmap.products.model import Layer, ProductKind, ProductRef, Recipe, Scope, ScopeLevel
 from solmap.products.network import latest_network

@@ -4,6 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
+from solmap.photogrammetry.archive.reading import read_image
 from solmap.photogrammetry.cameras.cahv import Cahv
 from solmap.photogrammetry.cameras.epipolar import epipolar_pair
 from solmap.photogrammetry.frames import Frame, FrameKind, rover_frame
@@ -20,7 +21,6 @@ from solmap.photogrammetry.matching.vertical_parallax import (
     straightened,
     vertical_parallax,
 )
-from solmap.photogrammetry.pds3.reading import read_image
 
 PAIR = Frame(FrameKind.PAIR, (0,))
 

@@ -6,6 +6,12 @@ import cv2
 import numpy as np
 import pytest
 
+from solmap.photogrammetry.archive.image import camera_model
+from solmap.photogrammetry.archive.label import parse_label
+from solmap.photogrammetry.archive.partners import find_stereo_pairs
+from solmap.photogrammetry.archive.pixels import radiance_scale, read_pixels
+from solmap.photogrammetry.archive.reading import read_image, read_image_record, read_label
+from solmap.photogrammetry.archive.vicar import parse_vicar_label
 from solmap.photogrammetry.cameras.cahv import Cahv
 from solmap.photogrammetry.cameras.cahvor import Cahvor
 from solmap.photogrammetry.cameras.cahvore import Cahvore
@@ -13,12 +19,6 @@ from solmap.photogrammetry.cameras.linearisation import linearise_pair_2002
 from solmap.photogrammetry.errors import PixelError
 from solmap.photogrammetry.frames import Frame, FrameKind, Pose, rover_frame
 from solmap.photogrammetry.imagery import Eye
-from solmap.photogrammetry.pds3.image import camera_model
-from solmap.photogrammetry.pds3.label import parse_label
-from solmap.photogrammetry.pds3.partners import find_stereo_pairs
-from solmap.photogrammetry.pds3.pixels import radiance_scale, read_pixels
-from solmap.photogrammetry.pds3.reading import read_image, read_image_record, read_label
-from solmap.photogrammetry.pds3.vicar import parse_vicar_label
 
 ALTERED = "1p216067135edn76pop2102l2m1.img"
 

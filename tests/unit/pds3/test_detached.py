@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from solmap.photogrammetry.errors import LabelError, PixelError
-from solmap.photogrammetry.pds3.detached import (
+from solmap.photogrammetry.archive.detached import (
     MAX_DETACHED_BYTES,
     LabelKind,
     apart,
@@ -17,14 +16,15 @@ from solmap.photogrammetry.pds3.detached import (
     kind_of_label,
     text_of_label,
 )
-from solmap.photogrammetry.pds3.label import MAX_LABEL_BYTES
-from solmap.photogrammetry.pds3.reading import (
+from solmap.photogrammetry.archive.label import MAX_LABEL_BYTES
+from solmap.photogrammetry.archive.reading import (
     describe_image,
     has_attached_label,
     read_image,
     read_image_record,
     read_label,
 )
+from solmap.photogrammetry.errors import LabelError, PixelError
 
 NAME = "2n292280938effb100p0703l0m1.img"
 XML = (Path(__file__).parent / "navcam_of_perseverance.xml").read_bytes()

@@ -2,8 +2,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from solmap.photogrammetry.archive.file_names import (
+    decode_counter,
+    encode_counter,
+    parse_file_name,
+)
 from solmap.photogrammetry.errors import LabelError
-from solmap.photogrammetry.pds3.file_names import decode_counter, encode_counter, parse_file_name
 
 
 def test_file_names_say_what_the_facts_say(test_vectors):

@@ -3,19 +3,19 @@ import math
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.body_fixed import MarsPoint, geographic
-from solmap.photogrammetry.errors import LabelError
-from solmap.photogrammetry.frames import BODY_FIXED, LSL, Frame, FrameKind, Pose, site_frame
-from solmap.photogrammetry.imagery import StopId
-from solmap.photogrammetry.pds3.frame_tree import (
+from solmap.photogrammetry.archive.frame_tree import (
     frames_of_label,
     mars_tree,
     mast_frame,
     rover_from_mast,
 )
-from solmap.photogrammetry.pds3.label import parse_label
-from solmap.photogrammetry.pds3.missions import MER
-from solmap.photogrammetry.pds3.vector_files import parse_vector_file
+from solmap.photogrammetry.archive.label import parse_label
+from solmap.photogrammetry.archive.missions import MER
+from solmap.photogrammetry.archive.vector_files import parse_vector_file
+from solmap.photogrammetry.body_fixed import MarsPoint, geographic
+from solmap.photogrammetry.errors import LabelError
+from solmap.photogrammetry.frames import BODY_FIXED, LSL, Frame, FrameKind, Pose, site_frame
+from solmap.photogrammetry.imagery import StopId
 
 CLOCK = 194463440.996
 STOP = StopId("MER2", 125, 100)

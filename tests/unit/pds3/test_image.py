@@ -3,14 +3,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from solmap.photogrammetry.archive.image import camera_model, rover_image
+from solmap.photogrammetry.archive.label import parse_label
+from solmap.photogrammetry.archive.missions import MER, MISSIONS, Mission
+from solmap.photogrammetry.archive.reading import read_image, read_image_record
 from solmap.photogrammetry.cameras.cahv import Cahv
 from solmap.photogrammetry.errors import LabelError, PixelError
 from solmap.photogrammetry.frames import rotation_of_quaternion, rover_frame, site_frame
 from solmap.photogrammetry.imagery import Eye, StopId
-from solmap.photogrammetry.pds3.image import camera_model, rover_image
-from solmap.photogrammetry.pds3.label import parse_label
-from solmap.photogrammetry.pds3.missions import MER, MISSIONS, Mission
-from solmap.photogrammetry.pds3.reading import read_image, read_image_record
 
 NAME = "2n292280938effb100p0703l0m1.img"
 

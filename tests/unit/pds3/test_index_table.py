@@ -8,9 +8,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from solmap.photogrammetry.archive.index_pairs import IndexSelection, find_in_index
+from solmap.photogrammetry.archive.index_table import (
+    IndexLayout,
+    parse_index_label,
+    read_index_rows,
+)
 from solmap.photogrammetry.errors import LabelError
-from solmap.photogrammetry.pds3.index_pairs import IndexSelection, find_in_index
-from solmap.photogrammetry.pds3.index_table import IndexLayout, parse_index_label, read_index_rows
 
 COLUMNS = (
     # name, type, start byte, bytes: the columns of a Navcam index that are of use here, and others

@@ -3,8 +3,13 @@ import time
 import numpy as np
 import pytest
 
+from solmap.photogrammetry.archive.label import (
+    MAX_LABEL_BYTES,
+    Quantity,
+    label_text,
+    parse_label,
+)
 from solmap.photogrammetry.errors import LabelError
-from solmap.photogrammetry.pds3.label import MAX_LABEL_BYTES, Quantity, label_text, parse_label
 
 
 def label(text: str):

@@ -5,13 +5,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from solmap.photogrammetry.archive.m2020 import camera_of_metadata, rover_image_of_metadata
 from solmap.photogrammetry.cameras.cahv import Cahv
 from solmap.photogrammetry.cameras.cahvor import Cahvor
 from solmap.photogrammetry.cameras.cahvore import Cahvore
 from solmap.photogrammetry.errors import LabelError
 from solmap.photogrammetry.frames import Pose, rotation_of_quaternion, rover_frame, site_frame
 from solmap.photogrammetry.imagery import Eye
-from solmap.photogrammetry.pds3.m2020 import camera_of_metadata, rover_image_of_metadata
 
 VECTORS = (
     "(0.95,0.35,-1.89);(0.824195,0.0290508,0.565575);(2041.2,3032.24,1457.62);"

@@ -3,10 +3,10 @@ import time
 
 import numpy as np
 
+from solmap.photogrammetry.archive.partners import find_stereo_pairs
 from solmap.photogrammetry.cameras.cahv import Cahv
 from solmap.photogrammetry.frames import Pose, site_frame
 from solmap.photogrammetry.imagery import Eye, RoverImage, StopId
-from solmap.photogrammetry.pds3.partners import find_stereo_pairs
 
 CAMERA = Cahv(np.zeros(3), np.eye(3)[0], np.array([500.0, 1000, 0]), np.array([500.0, 0, 1000]))
 

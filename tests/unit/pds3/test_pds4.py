@@ -6,14 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from solmap.photogrammetry.archive.image import rover_image
+from solmap.photogrammetry.archive.pds4 import parse_pds4_label
+from solmap.photogrammetry.archive.reading import read_image, read_image_record
 from solmap.photogrammetry.cameras.cahv import interior_orientation
 from solmap.photogrammetry.cameras.cahvore import Cahvore
 from solmap.photogrammetry.errors import LabelError
 from solmap.photogrammetry.frames import rotation_of_quaternion, rover_frame, site_frame
 from solmap.photogrammetry.imagery import Eye
-from solmap.photogrammetry.pds3.image import rover_image
-from solmap.photogrammetry.pds3.pds4 import parse_pds4_label
-from solmap.photogrammetry.pds3.reading import read_image, read_image_record
 
 NAME = "NLF_0629_0722782785_631ECM_N0301344NCAM00427_06_095J01.IMG"
 XML = (Path(__file__).parent / "navcam_of_perseverance.xml").read_text()

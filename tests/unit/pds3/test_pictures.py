@@ -2,8 +2,8 @@ import cv2
 import numpy as np
 import pytest
 
+from solmap.photogrammetry.archive.pictures import picture_size, read_picture
 from solmap.photogrammetry.errors import PixelError
-from solmap.photogrammetry.pds3.pictures import picture_size, read_picture
 
 
 def encoded(values, suffix):

@@ -3,9 +3,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from solmap.photogrammetry.archive.label import parse_label
+from solmap.photogrammetry.archive.pixels import pixel_layout, radiance_scale, read_pixels
 from solmap.photogrammetry.errors import LabelError, PixelError
-from solmap.photogrammetry.pds3.label import parse_label
-from solmap.photogrammetry.pds3.pixels import pixel_layout, radiance_scale, read_pixels
 
 
 def read(image):

@@ -3,10 +3,14 @@ import re
 import numpy as np
 import pytest
 
+from solmap.photogrammetry.archive.places import (
+    parse_localisations,
+    parse_locations,
+    parse_places,
+)
+from solmap.photogrammetry.archive.vector_files import lsl_tree, parse_vector_file, poses
 from solmap.photogrammetry.errors import VectorFileError
 from solmap.photogrammetry.frames import LSL, FrameKind, rover_frame, site_frame
-from solmap.photogrammetry.pds3.places import parse_localisations, parse_locations, parse_places
-from solmap.photogrammetry.pds3.vector_files import lsl_tree, parse_vector_file, poses
 
 HEADER = (
     "frame,site,drive,pose,landing_x,landing_y,landing_z,northing,easting,elevation,"

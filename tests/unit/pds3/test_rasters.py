@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from solmap.photogrammetry.archive.rasters import RasterKind, read_raster
 from solmap.photogrammetry.errors import LabelError, PhotogrammetryError, PixelError
 from solmap.photogrammetry.frames import rover_frame, site_frame
-from solmap.photogrammetry.pds3.rasters import RasterKind, read_raster
 
 LABEL = """PDS_VERSION_ID = PDS3
 RECORD_BYTES = 512

@@ -1,19 +1,23 @@
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.errors import LabelError, PixelError
-from solmap.photogrammetry.pds3.companding import (
+from solmap.photogrammetry.archive.companding import (
     Companding,
     InverseTable,
     coded_by,
     expanded,
     square_root_table,
 )
-from solmap.photogrammetry.pds3.pixels import read_pixels
-from solmap.photogrammetry.pds3.radiometry import Radiometry
-from solmap.photogrammetry.pds3.reading import read_image, read_label
-from solmap.photogrammetry.pds3.usability import full_scale, received, saturated
-from solmap.photogrammetry.pds3.vignetting import RadialVignetting, evened_out, needs_flat_field
+from solmap.photogrammetry.archive.pixels import read_pixels
+from solmap.photogrammetry.archive.radiometry import Radiometry
+from solmap.photogrammetry.archive.reading import read_image, read_label
+from solmap.photogrammetry.archive.usability import full_scale, received, saturated
+from solmap.photogrammetry.archive.vignetting import (
+    RadialVignetting,
+    evened_out,
+    needs_flat_field,
+)
+from solmap.photogrammetry.errors import LabelError, PixelError
 
 NAME = "2n292280938effb100p0703l0m1.img"
 STATE = "GROUP                            = INSTRUMENT_STATE_PARMS\n"

@@ -4,15 +4,15 @@ import time
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.errors import VectorFileError
-from solmap.photogrammetry.frames import LSL, FrameKind, Pose, rover_frame, site_frame
-from solmap.photogrammetry.pds3.vector_files import (
+from solmap.photogrammetry.archive.vector_files import (
     joined_priority,
     lsl_tree,
     parse_vector_file,
     poses,
     rover_pose,
 )
+from solmap.photogrammetry.errors import VectorFileError
+from solmap.photogrammetry.frames import LSL, FrameKind, Pose, rover_frame, site_frame
 
 
 def solution(  # noqa: PLR0913, PLR0917 - one argument for each part of the element

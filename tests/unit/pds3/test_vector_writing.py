@@ -1,6 +1,14 @@
 import numpy as np
 import pytest
 
+from solmap.photogrammetry.archive.places import parse_places
+from solmap.photogrammetry.archive.vector_files import (
+    Solution,
+    VectorFile,
+    parse_vector_file,
+    rover_pose,
+)
+from solmap.photogrammetry.archive.vector_writing import PlacedStop, places_text, vector_text
 from solmap.photogrammetry.frames import (
     LSL,
     FrameKind,
@@ -9,14 +17,6 @@ from solmap.photogrammetry.frames import (
     rover_frame,
 )
 from solmap.photogrammetry.imagery import StopId
-from solmap.photogrammetry.pds3.places import parse_places
-from solmap.photogrammetry.pds3.vector_files import (
-    Solution,
-    VectorFile,
-    parse_vector_file,
-    rover_pose,
-)
-from solmap.photogrammetry.pds3.vector_writing import PlacedStop, places_text, vector_text
 
 
 def a_pose(site=10, drive=33):

@@ -3,11 +3,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from solmap.photogrammetry.archive.label import Quantity
+from solmap.photogrammetry.archive.pixels import read_pixels
+from solmap.photogrammetry.archive.reading import read_image
+from solmap.photogrammetry.archive.vicar import parse_vicar_label, vicar_label_end
 from solmap.photogrammetry.errors import LabelError, PixelError
-from solmap.photogrammetry.pds3.label import Quantity
-from solmap.photogrammetry.pds3.pixels import read_pixels
-from solmap.photogrammetry.pds3.reading import read_image
-from solmap.photogrammetry.pds3.vicar import parse_vicar_label, vicar_label_end
 
 TEXT = (
     "LBLSIZE=1024  FORMAT='HALF'  TYPE='IMAGE'  RECSIZE=40  ORG='BSQ'  NL=10  NS=20  NB=1  NBB=0 "

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from solmap.photogrammetry.archive.reading import read_image_record
 from solmap.photogrammetry.errors import PhotogrammetryError
-from solmap.photogrammetry.pds3.reading import read_image_record
 from solmap.photogrammetry.synthetic.edr import label_bytes
 from solmap.photogrammetry.synthetic.mission import MissionPlan, simulate_mission
 from solmap.photogrammetry.synthetic.mission_images import exposures, mission_names

@@ -1,9 +1,13 @@
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.pds3.companding import Companding, InverseTable, square_root_table
-from solmap.photogrammetry.pds3.radiometry import PixelState, Radiometry
-from solmap.photogrammetry.pds3.vignetting import RadialVignetting
+from solmap.photogrammetry.archive.companding import (
+    Companding,
+    InverseTable,
+    square_root_table,
+)
+from solmap.photogrammetry.archive.radiometry import PixelState, Radiometry
+from solmap.photogrammetry.archive.vignetting import RadialVignetting
 from solmap.products.radiometry import radiometry_digest, read_radiometry, write_radiometry
 
 COUNTS = np.arange(0, 4096, 16, dtype=np.float32)

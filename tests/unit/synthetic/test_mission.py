@@ -6,8 +6,8 @@ import pytest
 from solmap.photogrammetry.adjustment.adjust import adjust_overall
 from solmap.photogrammetry.adjustment.datum import MAP, with_control
 from solmap.photogrammetry.adjustment.params import AdjustmentParams
+from solmap.photogrammetry.archive.reading import read_image, read_image_record
 from solmap.photogrammetry.errors import PhotogrammetryError
-from solmap.photogrammetry.pds3.reading import read_image, read_image_record
 from solmap.photogrammetry.synthetic.edr import label_bytes
 from solmap.photogrammetry.synthetic.mission import MissionPlan, simulate_mission
 from solmap.photogrammetry.synthetic.mission_images import exposures, mission_names

@@ -8,13 +8,13 @@ from itertools import islice
 import numpy as np
 import pytest
 
+from solmap.photogrammetry.archive.file_names import parse_file_name
+from solmap.photogrammetry.archive.reading import read_image
+from solmap.photogrammetry.archive.vector_files import lsl_tree, parse_vector_file, poses
 from solmap.photogrammetry.cameras.epipolar import epipolar_pair
 from solmap.photogrammetry.errors import FrameError, PhotogrammetryError
 from solmap.photogrammetry.frames import Frame, FrameKind, site_frame
 from solmap.photogrammetry.imagery import Eye
-from solmap.photogrammetry.pds3.file_names import parse_file_name
-from solmap.photogrammetry.pds3.reading import read_image
-from solmap.photogrammetry.pds3.vector_files import lsl_tree, parse_vector_file, poses
 from solmap.photogrammetry.synthetic import lighting
 from solmap.photogrammetry.synthetic.photograph import view_of
 from solmap.photogrammetry.synthetic.render import first_hits

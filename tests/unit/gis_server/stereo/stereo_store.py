@@ -24,11 +24,11 @@ from solmap.photogrammetry.adjustment.records import (
     AdjustedTies,
     AdjustmentReport,
 )
+from solmap.photogrammetry.archive.reading import ReadImage, read_image
 from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.imagery import Eye, StereoMatches, TieKind, TiePoints
 from solmap.photogrammetry.matching.dense import DenseMatches
-from solmap.photogrammetry.pds3.reading import ReadImage, read_image
 from solmap.photogrammetry.synthetic.scene import Shot, World
 from solmap.photogrammetry.synthetic.traverse import TraverseParams
 from solmap.photogrammetry.synthetic.world import RenderJob, WorldParams, make_world, true_parallax

@@ -8,6 +8,7 @@ import pytest
 from solmap.photogrammetry.adjustment.adjust import adjust
 from solmap.photogrammetry.adjustment.params import AdjustmentParams
 from solmap.photogrammetry.adjustment.records import Network, PairGeometry, StopPrior
+from solmap.photogrammetry.archive.reading import read_image
 from solmap.photogrammetry.cameras.single import single_image
 from solmap.photogrammetry.frames import LSL, Frame, FrameKind, Pose
 from solmap.photogrammetry.imagery import Eye, StereoMatches
@@ -17,7 +18,6 @@ from solmap.photogrammetry.matching.mono import tie_single_images
 from solmap.photogrammetry.matching.resampling import resample
 from solmap.photogrammetry.matching.single_views import MonoParams, SingleView
 from solmap.photogrammetry.matching.tracks import TrackParams, build_tie_points
-from solmap.photogrammetry.pds3.reading import read_image
 
 SPIRIT = ("mer_spirit_sol1869_troy", "2n292280{}effb100p0703l0m1.img", ("938", "989"))
 OPPORTUNITY = (

@@ -22,10 +22,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from solmap.photogrammetry.archive.label import Label
+from solmap.photogrammetry.archive.usability import full_scale
 from solmap.photogrammetry.arrays import Float32, GreyImage
 from solmap.photogrammetry.errors import PixelError
-from solmap.photogrammetry.pds3.label import Label
-from solmap.photogrammetry.pds3.usability import full_scale
 
 STATE = "INSTRUMENT_STATE_PARMS"
 BITS = 8

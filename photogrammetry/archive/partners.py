@@ -20,8 +20,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
+from solmap.photogrammetry.archive.missions import MISSIONS, Mission, mission_of_host
 from solmap.photogrammetry.imagery import Eye, RoverImage, StereoPair
-from solmap.photogrammetry.pds3.missions import MISSIONS, Mission, mission_of_host
 
 MAX_CLOCK_DIFFERENCE = 1.0
 """Seconds; the shutters of flight pairs open within the same millisecond."""

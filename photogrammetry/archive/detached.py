@@ -14,8 +14,8 @@ from __future__ import annotations
 import re
 from enum import StrEnum
 
+from solmap.photogrammetry.archive.label import MAX_LABEL_BYTES, parse_label
 from solmap.photogrammetry.errors import LabelError
-from solmap.photogrammetry.pds3.label import MAX_LABEL_BYTES, parse_label
 
 FRONT = "SOLMAP_DETACHED_LABEL = {size:010d}\r\n"
 MAX_DETACHED_BYTES = MAX_LABEL_BYTES - len(FRONT.format(size=0))

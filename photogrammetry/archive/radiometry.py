@@ -11,15 +11,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from solmap.photogrammetry.arrays import GreyImage
-from solmap.photogrammetry.pds3.companding import Companding, coded_by, expanded
-from solmap.photogrammetry.pds3.label import Label
-from solmap.photogrammetry.pds3.vignetting import (
+from solmap.photogrammetry.archive.companding import Companding, coded_by, expanded
+from solmap.photogrammetry.archive.label import Label
+from solmap.photogrammetry.archive.vignetting import (
     FlatField,
     RadialVignetting,
     evened_out,
     needs_flat_field,
 )
+from solmap.photogrammetry.arrays import GreyImage
 
 NO_TABLE = "no inverse table was given"
 NOT_PROPORTIONAL = "the flat field was not taken out: codes are not proportional to light"

@@ -31,10 +31,10 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
+from solmap.photogrammetry.archive.vector_files import Solution, VectorFile
+from solmap.photogrammetry.archive.xml_text import xml_root
 from solmap.photogrammetry.errors import FrameError, VectorFileError
 from solmap.photogrammetry.frames import FrameKind
-from solmap.photogrammetry.pds3.vector_files import Solution, VectorFile
-from solmap.photogrammetry.pds3.xml_text import xml_root
 
 LOCALISED = "localised"
 PRIORITY = (LOCALISED, "adjusted", "telemetry")

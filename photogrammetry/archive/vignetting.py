@@ -21,10 +21,10 @@ from typing import TypeAlias
 
 import numpy as np
 
+from solmap.photogrammetry.archive.image import pixel_averaging
+from solmap.photogrammetry.archive.label import Label
 from solmap.photogrammetry.arrays import Float32, GreyImage
 from solmap.photogrammetry.errors import PixelError
-from solmap.photogrammetry.pds3.image import pixel_averaging
-from solmap.photogrammetry.pds3.label import Label
 
 FlatField: TypeAlias = Float32[np.ndarray, "detector_lines detector_samples"]
 """Share of the light that reaches each pixel of a full frame, 1 in the middle."""

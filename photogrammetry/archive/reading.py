@@ -12,20 +12,25 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from solmap.photogrammetry.archive.detached import (
+    LabelKind,
+    apart,
+    kind_of_label,
+    text_of_label,
+)
+from solmap.photogrammetry.archive.image import rover_image
+from solmap.photogrammetry.archive.label import Label, label_text, parse_label
+from solmap.photogrammetry.archive.m2020 import rover_image_of_metadata
+from solmap.photogrammetry.archive.missions import MISSIONS, Mission
+from solmap.photogrammetry.archive.pds4 import parse_pds4_label
+from solmap.photogrammetry.archive.pictures import is_picture, read_picture
+from solmap.photogrammetry.archive.pixels import read_pixels
+from solmap.photogrammetry.archive.radiometry import PixelState, Radiometry, radiometric
+from solmap.photogrammetry.archive.usability import received, saturated
+from solmap.photogrammetry.archive.vicar import START, parse_vicar_label
 from solmap.photogrammetry.arrays import GreyImage, Mask
 from solmap.photogrammetry.errors import FrameError, LabelError, PixelError
 from solmap.photogrammetry.imagery import RoverImage
-from solmap.photogrammetry.pds3.detached import LabelKind, apart, kind_of_label, text_of_label
-from solmap.photogrammetry.pds3.image import rover_image
-from solmap.photogrammetry.pds3.label import Label, label_text, parse_label
-from solmap.photogrammetry.pds3.m2020 import rover_image_of_metadata
-from solmap.photogrammetry.pds3.missions import MISSIONS, Mission
-from solmap.photogrammetry.pds3.pds4 import parse_pds4_label
-from solmap.photogrammetry.pds3.pictures import is_picture, read_picture
-from solmap.photogrammetry.pds3.pixels import read_pixels
-from solmap.photogrammetry.pds3.radiometry import PixelState, Radiometry, radiometric
-from solmap.photogrammetry.pds3.usability import received, saturated
-from solmap.photogrammetry.pds3.vicar import START, parse_vicar_label
 
 BEGINNINGS = (b"PDS_VERSION_ID", b"ODL_VERSION_ID", b"CCSD")
 """What an attached label starts with; CCSD is the wrapper some volumes put before it."""

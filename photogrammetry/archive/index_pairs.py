@@ -15,13 +15,13 @@ from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+from solmap.photogrammetry.archive.file_names import FileName, parse_file_name
+from solmap.photogrammetry.archive.index_table import IndexRow
+from solmap.photogrammetry.archive.label import number_of
+from solmap.photogrammetry.archive.missions import MISSIONS, Mission, mission_of_host
+from solmap.photogrammetry.archive.partners import taken_together
 from solmap.photogrammetry.errors import LabelError
 from solmap.photogrammetry.imagery import Eye
-from solmap.photogrammetry.pds3.file_names import FileName, parse_file_name
-from solmap.photogrammetry.pds3.index_table import IndexRow
-from solmap.photogrammetry.pds3.label import number_of
-from solmap.photogrammetry.pds3.missions import MISSIONS, Mission, mission_of_host
-from solmap.photogrammetry.pds3.partners import taken_together
 
 EDR_PREFERENCE = ("EFF", "ESF", "EDN")
 """Experiment data records that are mapped: full frame, sub-frame, down-sampled."""

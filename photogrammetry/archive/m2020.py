@@ -21,13 +21,13 @@ from typing import Any
 
 import numpy as np
 
+from solmap.photogrammetry.archive.missions import M2020, Mission
 from solmap.photogrammetry.cameras.cahv import Cahv
 from solmap.photogrammetry.cameras.cahvor import Cahvor
 from solmap.photogrammetry.cameras.cahvore import Cahvore
 from solmap.photogrammetry.errors import CameraError, FrameError, LabelError
 from solmap.photogrammetry.frames import Pose, site_frame
 from solmap.photogrammetry.imagery import RoverImage, StopId
-from solmap.photogrammetry.pds3.missions import M2020, Mission
 
 MAX_CHARACTERS = 1 << 20
 LETTERS = {"CAHV": "cahv", "CAHVOR": "cahvor", "CAHVORE": "cahvore"}

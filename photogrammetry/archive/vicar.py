@@ -15,8 +15,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 
-from solmap.photogrammetry.errors import LabelError
-from solmap.photogrammetry.pds3.label import (
+from solmap.photogrammetry.archive.label import (
     MAX_LABEL_BYTES,
     Label,
     Quantity,
@@ -24,6 +23,7 @@ from solmap.photogrammetry.pds3.label import (
     known,
     number_of,
 )
+from solmap.photogrammetry.errors import LabelError
 
 START = b"LBLSIZE="
 MAX_COUNT = 1 << 31

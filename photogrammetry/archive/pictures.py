@@ -9,9 +9,9 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from solmap.photogrammetry.archive.pixels import in_runs
 from solmap.photogrammetry.arrays import GreyImage, Mask
 from solmap.photogrammetry.errors import PixelError
-from solmap.photogrammetry.pds3.pixels import in_runs
 
 PNG = b"\x89PNG\r\n\x1a\n"
 JPEG = b"\xff\xd8\xff"

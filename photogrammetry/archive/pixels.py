@@ -17,10 +17,10 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from solmap.photogrammetry.archive.label import Label, Quantity, Value
+from solmap.photogrammetry.archive.vicar import vicar_label_end
 from solmap.photogrammetry.arrays import GreyImage, Mask
 from solmap.photogrammetry.errors import LabelError, PixelError
-from solmap.photogrammetry.pds3.label import Label, Quantity, Value
-from solmap.photogrammetry.pds3.vicar import vicar_label_end
 
 RUN = 9
 """Zeros in a row that no dark scene makes, but the shortest line of a lost segment does."""

@@ -19,9 +19,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from solmap.photogrammetry.archive.label import Label, Quantity, Value, number_of
 from solmap.photogrammetry.arrays import GreyImage, Mask
 from solmap.photogrammetry.errors import LabelError
-from solmap.photogrammetry.pds3.label import Label, Quantity, Value, number_of
 
 COMPRESSION = "COMPRESSION_PARMS"
 WHOLE = frozenset({"0", "0X0", "OK"})

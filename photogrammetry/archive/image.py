@@ -19,15 +19,15 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from solmap.photogrammetry.archive.file_names import FileName, parse_file_name
+from solmap.photogrammetry.archive.label import Label
+from solmap.photogrammetry.archive.missions import MISSIONS, Mission, mission_of_host
 from solmap.photogrammetry.cameras.cahv import Cahv
 from solmap.photogrammetry.cameras.cahvor import Cahvor
 from solmap.photogrammetry.cameras.cahvore import Cahvore
 from solmap.photogrammetry.errors import CameraError, FrameError, LabelError
 from solmap.photogrammetry.frames import Pose, rotation_of_quaternion, site_frame
 from solmap.photogrammetry.imagery import Eye, RoverImage, StopId
-from solmap.photogrammetry.pds3.file_names import FileName, parse_file_name
-from solmap.photogrammetry.pds3.label import Label
-from solmap.photogrammetry.pds3.missions import MISSIONS, Mission, mission_of_host
 
 CAMERA = "GEOMETRIC_CAMERA_MODEL"
 ROVER = "ROVER_COORDINATE_SYSTEM"

@@ -28,6 +28,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
+from solmap.photogrammetry.archive.xml_text import xml_root
 from solmap.photogrammetry.arrays import Quaternion, Vector3
 from solmap.photogrammetry.errors import FrameError, VectorFileError
 from solmap.photogrammetry.frames import (
@@ -39,7 +40,6 @@ from solmap.photogrammetry.frames import (
     rover_frame,
     site_frame,
 )
-from solmap.photogrammetry.pds3.xml_text import xml_root
 
 MAX_COUNTERS = 16
 

@@ -15,10 +15,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from solmap.photogrammetry.archive.places import PLACES_COLUMNS, QUATERNION
+from solmap.photogrammetry.archive.vector_files import Solution, VectorFile
 from solmap.photogrammetry.frames import FrameKind, Pose, roll_pitch_yaw_of_rotation
 from solmap.photogrammetry.imagery import StopId
-from solmap.photogrammetry.pds3.places import PLACES_COLUMNS, QUATERNION
-from solmap.photogrammetry.pds3.vector_files import Solution, VectorFile
 
 FRAME_NAMES = {FrameKind.SITE: "SITE_FRAME", FrameKind.ROVER: "ROVER_FRAME"}
 PLACES_HEAD = (

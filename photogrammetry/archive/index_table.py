@@ -16,8 +16,8 @@ import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
+from solmap.photogrammetry.archive.label import MAX_LABEL_BYTES, Label, number_of, parse_label
 from solmap.photogrammetry.errors import LabelError
-from solmap.photogrammetry.pds3.label import MAX_LABEL_BYTES, Label, number_of, parse_label
 
 MAX_ROW_BYTES = 1 << 16
 """The widest index has rows of 933 bytes; what has no line end within this is no table."""

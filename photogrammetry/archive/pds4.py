@@ -21,9 +21,9 @@ import re
 from collections.abc import Iterator, Sequence
 from xml.etree.ElementTree import Element
 
+from solmap.photogrammetry.archive.label import Label, Quantity, Value, known, number_of
+from solmap.photogrammetry.archive.xml_text import local_name, xml_root
 from solmap.photogrammetry.errors import LabelError
-from solmap.photogrammetry.pds3.label import Label, Quantity, Value, known, number_of
-from solmap.photogrammetry.pds3.xml_text import local_name, xml_root
 
 HOSTS = (
     (re.compile(r"mars2020|m2020", re.IGNORECASE), "M20"),

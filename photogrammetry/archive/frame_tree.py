@@ -14,16 +14,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
+from solmap.photogrammetry.archive.image import Camera, camera_model
+from solmap.photogrammetry.archive.label import Label
+from solmap.photogrammetry.archive.missions import Mission
+from solmap.photogrammetry.archive.vector_files import VectorFile, lsl_tree, poses
 from solmap.photogrammetry.body_fixed import MarsPoint, body_from_lsl
 from solmap.photogrammetry.cameras.cahvore import Cahvore
 from solmap.photogrammetry.cameras.photogrammetric import photogrammetric
 from solmap.photogrammetry.errors import FrameError, LabelError
 from solmap.photogrammetry.frames import Frame, FrameKind, FrameTree, Pose
 from solmap.photogrammetry.imagery import StopId
-from solmap.photogrammetry.pds3.image import Camera, camera_model
-from solmap.photogrammetry.pds3.label import Label
-from solmap.photogrammetry.pds3.missions import Mission
-from solmap.photogrammetry.pds3.vector_files import VectorFile, lsl_tree, poses
 
 
 def mast_frame(stop: StopId, clock: float) -> Frame:
