@@ -56,7 +56,7 @@ MAX_SEED = 60_000
 
 def small_image() -> bytes:
     """The complete image of a few pixels that the unit tests change."""
-    path = ROOT / "tests" / "unit" / "pds3" / "conftest.py"
+    path = ROOT / "tests" / "unit" / "archive" / "conftest.py"
     spec = importlib.util.spec_from_file_location("small_image", path)
     if spec is None or spec.loader is None:
         raise SystemExit(f"{path} is not there")
@@ -80,7 +80,7 @@ def small_raster() -> bytes:
 
 def small_joined() -> list[bytes]:
     """Data joined to a label of each kind."""
-    xml = (ROOT / "tests" / "unit" / "pds3" / "navcam_of_perseverance.xml").read_bytes()
+    xml = (ROOT / "tests" / "unit" / "archive" / "navcam_of_perseverance.xml").read_bytes()
     vectors = "(1,0,0);(0,1,0);(9,0,5);(0,9,5);(0,1,0);(0,0,0)"
     metadata = {
         "sol": 1,
@@ -174,7 +174,7 @@ TARGETS: dict[str, tuple[Callable[[bytes], object], tuple[str, ...]]] = {
 
 def seeds(patterns: tuple[str, ...], whole: list[bytes]) -> list[bytes]:
     """Beginnings of real files, whole small ones, and nothing at all."""
-    folders = (SHARED, ROOT / "tests" / "unit" / "pds3")
+    folders = (SHARED, ROOT / "tests" / "unit" / "archive")
     paths = [path for pattern in patterns for folder in folders for path in folder.glob(pattern)]
     found = [path.read_bytes()[:MAX_SEED] for path in paths]
     return [b"", NAME.encode(), *found, *whole]

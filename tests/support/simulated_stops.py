@@ -36,7 +36,7 @@ MADE_BY = (
     "synthetic/*.py",
     "synthetic/edr.lbl",
     "cameras/*.py",
-    "pds3/*.py",
+    "archive/*.py",
     "matching/[dginrsv]*.py",
 )
 """Code that renders, reads and matches pairs, below `photogrammetry`; tying comes after."""

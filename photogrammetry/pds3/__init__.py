@@ -1,1 +1,0 @@
-"""PDS3 labels, pixels and vector files: bytes in, records out."""
