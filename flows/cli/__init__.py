@@ -225,6 +225,3 @@ def report(  # noqa: PLR0913 - the words of the command
 
 for _command in (*simulation_commands.COMMANDS, *archive_commands.COMMANDS):
     app.command()(_command)
-
-if __name__ == "__main__":
-    app()
