@@ -9,7 +9,7 @@ from pydantic import Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from solmap.config import archive, landing
-from solmap.products.shelves import Elsewhere
+from solmap.products.store.backends import Elsewhere
 
 
 class TaskRunnerName(StrEnum):

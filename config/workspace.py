@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from solmap.config.settings import Settings
-from solmap.products.catalogue import Catalogue
-from solmap.products.workspace import Workspace
+from solmap.products.catalogue.catalogue import Catalogue
+from solmap.products.catalogue.workspace import Workspace
 
 
 def open_workspace(root: Path) -> Workspace:

@@ -14,8 +14,8 @@ from prefect.artifacts import (
 )
 
 from solmap.config.settings import Settings
+from solmap.products.catalogue.workspace import Workspace
 from solmap.products.model import SUFFIX, ProductKind, ProductRef, Scope
-from solmap.products.workspace import Workspace
 from solmap.tasks.scopes import region_scope
 
 if TYPE_CHECKING:

@@ -18,7 +18,7 @@ from rich.table import Table
 from solmap.flows.progress import Step, listening
 
 if TYPE_CHECKING:
-    from solmap.products.workspace import Workspace
+    from solmap.products.catalogue.workspace import Workspace
 
 WIDE = 200
 """Columns of a table that goes to a file or a pipe: nothing is cut off."""

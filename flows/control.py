@@ -9,9 +9,9 @@ from solmap.config.landing import landing_site
 from solmap.config.settings import Settings
 from solmap.config.workspace import open_workspace
 from solmap.flows.orbital import latest_standing
-from solmap.products.catalogue import MissionEntry
-from solmap.products.control import read_control
+from solmap.products.catalogue.catalogue import MissionEntry
 from solmap.products.errors import ProductNotFoundError
+from solmap.products.formats.documents.control import read_control
 from solmap.tasks.control import FrameParams, control_of, take_control
 from solmap.tasks.publish import publish
 

@@ -13,11 +13,11 @@ from solmap.photogrammetry.terrain.attitude import Attitude, attitude
 from solmap.photogrammetry.terrain.cell_plane import CellPlaneParams, plane_of_cells
 from solmap.photogrammetry.terrain.facets import FacetParams
 from solmap.photogrammetry.terrain.plane_fit import PlaneFit
+from solmap.products.catalogue.workspace import Workspace
 from solmap.products.errors import ProductNotFoundError
+from solmap.products.formats.raster.raster import read_dtm
+from solmap.products.formats.vector.geojson import read_features
 from solmap.products.model import ProductKind, ProductRef
-from solmap.products.raster import read_dtm
-from solmap.products.vector import read_features
-from solmap.products.workspace import Workspace
 from solmap.tasks.orientations import read_orientations
 from solmap.tasks.outcrop import map_dips
 from solmap.tasks.pairs import PairFiles, PairProducts, pairs_of

@@ -28,9 +28,9 @@ from solmap.flows.runners import on_workers
 from solmap.flows.sol import process_sol
 from solmap.flows.sol_inputs import SolReport, Standing
 from solmap.photogrammetry.adjustment.modes import AdjustmentMode
-from solmap.products.locks import turn
+from solmap.products.catalogue.workspace import Workspace
 from solmap.products.model import Scope
-from solmap.products.workspace import Workspace
+from solmap.products.store.locks import turn
 from solmap.tasks.hand_ties import take_edits
 from solmap.tasks.ingest import Delivery, ingest_downlink
 from solmap.tasks.scopes import network_scope

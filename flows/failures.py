@@ -10,10 +10,10 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from solmap.config.errors import ConfigError
 from solmap.photogrammetry.errors import PhotogrammetryError
-from solmap.products.catalogue import Outcome
+from solmap.products.catalogue.catalogue import Outcome
+from solmap.products.catalogue.workspace import Workspace
 from solmap.products.disk import is_full
 from solmap.products.errors import ProductError, StoreFullError
-from solmap.products.workspace import Workspace
 
 log = logging.getLogger(__name__)
 

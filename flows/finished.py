@@ -17,9 +17,9 @@ from solmap.config.pipeline import load_pipeline
 from solmap.config.settings import Settings
 from solmap.flows.sol_inputs import SolReport, Standing
 from solmap.photogrammetry.errors import PhotogrammetryError
+from solmap.products.catalogue.workspace import Workspace
 from solmap.products.finished import FinishedBook
 from solmap.products.model import SCIENCE_VERSION, ProductKind, ProductRef, Scope
-from solmap.products.workspace import Workspace
 
 PARTS = "standing", "layers", "pointers"
 """What the document of a finished sol lists: what it leaves to the next, and what it published."""

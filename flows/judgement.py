@@ -17,10 +17,10 @@ from scipy.spatial.transform import Rotation
 from solmap.photogrammetry.arrays import Raster
 from solmap.photogrammetry.frames import rotation_of_quaternion
 from solmap.photogrammetry.terrain.records import Dtm
+from solmap.products.catalogue.workspace import Workspace
 from solmap.products.errors import ProductNotFoundError
+from solmap.products.formats.raster.raster import read_dtm
 from solmap.products.model import ProductKind
-from solmap.products.raster import read_dtm
-from solmap.products.workspace import Workspace
 
 RANGE_BANDS_M = ((0, 5), (5, 10), (10, 20), (20, 40))
 """As the stereo range error is usually tabled."""

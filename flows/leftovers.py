@@ -12,8 +12,8 @@ from collections.abc import Sequence, Set
 
 from solmap.flows.finished import is_finished
 from solmap.flows.sol_inputs import SolReport
+from solmap.products.catalogue.workspace import Workspace
 from solmap.products.model import LEVEL, ProductKind, ProductRef, Scope, ScopeLevel
-from solmap.products.workspace import Workspace
 from solmap.tasks.publish import withdraw
 from solmap.tasks.scopes import is_of_mission, pair_scope
 

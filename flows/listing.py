@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
-from solmap.products.catalogue import ImageEntry
+from solmap.products.catalogue.catalogue import ImageEntry
+from solmap.products.catalogue.workspace import Workspace
 from solmap.products.crs import MARS, local_proj4
+from solmap.products.formats.documents.network import whole_network
 from solmap.products.model import Layer, ProductKind, ProductRef
-from solmap.products.network import whole_network
-from solmap.products.workspace import Workspace
 
 
 def position_rows(workspace: Workspace) -> list[dict[str, Any]]:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from solmap.config.landing import landing_site
 from solmap.config.pipeline import load_pipeline
 from solmap.config.settings import Settings
-from solmap.products.catalogue import MissionEntry
+from solmap.products.catalogue.catalogue import MissionEntry
+from solmap.products.catalogue.workspace import Workspace
 from solmap.products.model import ProductRef
-from solmap.products.workspace import Workspace
 from solmap.tasks.images import image_records
 from solmap.tasks.localisation import localise
 from solmap.tasks.publish import publish

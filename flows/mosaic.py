@@ -17,7 +17,7 @@ from solmap.photogrammetry.traverse.georeference import (
     georeference,
 )
 from solmap.photogrammetry.traverse.mosaics import MosaicPoints, parse_points, simulate_mosaic
-from solmap.products.arrays import finite
+from solmap.products.formats.documents.archives import finite
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -13,12 +13,12 @@ from solmap.photogrammetry.imagery import StopId
 from solmap.photogrammetry.orbital.registration import RegistrationParams
 from solmap.photogrammetry.orbital.search import SearchParams
 from solmap.photogrammetry.terrain.grid import union
-from solmap.products.catalogue import MissionEntry
-from solmap.products.control import read_control, refused_stops
+from solmap.products.catalogue.catalogue import MissionEntry
+from solmap.products.catalogue.workspace import Workspace
 from solmap.products.errors import ProductNotFoundError
+from solmap.products.formats.documents.control import read_control, refused_stops
 from solmap.products.model import Layer, ProductKind, ProductRef, ScopeLevel
-from solmap.products.store import ProductStore
-from solmap.products.workspace import Workspace
+from solmap.products.store.product_store import ProductStore
 from solmap.tasks.control import (
     FrameParams,
     MappedWith,

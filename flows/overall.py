@@ -14,10 +14,10 @@ from solmap.flows.run_record import recorded
 from solmap.flows.runners import on_workers
 from solmap.flows.sol import map_what_moved
 from solmap.flows.sol_inputs import SolReport, Standing, gather_all
+from solmap.products.catalogue.workspace import Workspace
 from solmap.products.errors import ProductNotFoundError
-from solmap.products.locks import turn
 from solmap.products.model import ProductKind, ProductRef
-from solmap.products.workspace import Workspace
+from solmap.products.store.locks import turn
 from solmap.tasks.hand_ties import take_edits
 from solmap.tasks.scopes import is_of_mission, is_overall, sol_of
 

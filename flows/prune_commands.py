@@ -11,9 +11,9 @@ import typer
 
 from solmap.flows.console import fail, out, show_rows, workspace_of
 from solmap.flows.options import JsonOption, StoreOption, store_of
+from solmap.products.catalogue.pruning import Prunable, PruningParams, prunable
+from solmap.products.catalogue.pruning import prune as remove
 from solmap.products.errors import ProductError
-from solmap.products.pruning import Prunable, PruningParams, prunable
-from solmap.products.pruning import prune as remove
 
 _MB = 1e6
 

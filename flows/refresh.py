@@ -11,7 +11,7 @@ from solmap.flows.overall import readjust
 from solmap.flows.region import map_regions
 from solmap.flows.run_names import mission_name
 from solmap.flows.run_record import recorded
-from solmap.products.locks import turn
+from solmap.products.store.locks import turn
 
 
 @flow(name="overall-adjustment", flow_run_name=mission_name)

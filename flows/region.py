@@ -8,10 +8,10 @@ from solmap.config.landing import landing_site
 from solmap.config.pipeline import PipelineConfig, load_pipeline
 from solmap.config.settings import Settings
 from solmap.photogrammetry.terrain.region_extent import regions_of
+from solmap.products.catalogue.workspace import Workspace
 from solmap.products.crs import LandingPoint
 from solmap.products.model import REGION, Layer, ProductKind, ProductRef, Scope
-from solmap.products.store import ProductStore
-from solmap.products.workspace import Workspace
+from solmap.products.store.product_store import ProductStore
 from solmap.tasks.contour import trace_contours
 from solmap.tasks.hazard import map_hazards
 from solmap.tasks.insolation import map_insolation

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from solmap.config.settings import Settings
+from solmap.products.catalogue.workspace import Workspace
 from solmap.products.model import ProductKind, ProductRef
-from solmap.products.sol_report import timings
+from solmap.products.reports.sol_report import timings
 from solmap.products.sol_report_page import sol_report
-from solmap.products.workspace import Workspace
 from solmap.tasks.scopes import is_of_mission
 
 

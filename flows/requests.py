@@ -10,7 +10,7 @@ from prefect.exceptions import ObjectNotFound
 from solmap.config.workspace import open_catalogue
 from solmap.flows.deployments import DOWNLINK, OVERALL, REGION
 from solmap.flows.submitted import submit
-from solmap.products.events import REQUESTS_CHANGED
+from solmap.products.catalogue.events import REQUESTS_CHANGED
 from solmap.products.run_requests import RequestBook, RequestKind, RequestState, RunRequest
 
 _DEPLOYMENT = {

@@ -16,9 +16,9 @@ from contextlib import contextmanager
 from sqlalchemy.exc import SQLAlchemyError
 
 from solmap.flows.progress import Step, listening
-from solmap.products.logs import keep_logs, noted
-from solmap.products.runs import Run, RunBook, RunState
-from solmap.products.workspace import Workspace
+from solmap.products.catalogue.runs import Run, RunBook, RunState
+from solmap.products.catalogue.workspace import Workspace
+from solmap.products.store.logs import keep_logs, noted
 
 log = logging.getLogger(__name__)
 _AT_MOST_EVERY_S = 0.5

@@ -15,9 +15,9 @@ from solmap.flows.progress import report
 from solmap.photogrammetry.errors import PhotogrammetryError
 from solmap.photogrammetry.synthetic.mission import MissionPlan
 from solmap.photogrammetry.synthetic.mission_images import MISSION
-from solmap.products.catalogue import MissionEntry, Outcome
+from solmap.products.catalogue.catalogue import MissionEntry, Outcome
+from solmap.products.catalogue.workspace import Workspace
 from solmap.products.model import ProductKind, ProductRef
-from solmap.products.workspace import Workspace
 from solmap.tasks.publish import publish
 from solmap.tasks.report import report_quality
 from solmap.tasks.simulated_mission import (

@@ -24,7 +24,7 @@ from solmap.photogrammetry.synthetic.world import (
 )
 from solmap.photogrammetry.terrain.grid import MapGrid
 from solmap.products.crs import local_crs
-from solmap.products.raster import write_raster
+from solmap.products.formats.raster.raster import write_raster
 
 TRUTH_CELL_M = 0.08
 WORKERS = 2

@@ -17,7 +17,7 @@ from solmap.flows.sol_panoramas import draw_panoramas
 from solmap.flows.sol_wide import map_far_ground
 from solmap.photogrammetry.adjustment.movement import ReissueParams
 from solmap.photogrammetry.imagery import StopId
-from solmap.products.catalogue import Outcome
+from solmap.products.catalogue.catalogue import Outcome
 from solmap.products.model import ProductRef
 from solmap.tasks.adjust import read_network
 from solmap.tasks.orientations import MappedStop, choose_orientations, read_orientations

@@ -14,10 +14,10 @@ from solmap.config.workspace import open_workspace
 from solmap.photogrammetry.adjustment.modes import AdjustmentMode
 from solmap.photogrammetry.imagery import StopId
 from solmap.photogrammetry.matching.neighbours import link_candidates
-from solmap.products.catalogue import ImageEntry, MissionEntry
+from solmap.products.catalogue.catalogue import ImageEntry, MissionEntry
+from solmap.products.catalogue.workspace import Workspace
 from solmap.products.crs import LandingPoint
 from solmap.products.model import ProductRef
-from solmap.products.workspace import Workspace
 from solmap.tasks.adjust import read_network
 from solmap.tasks.images import image_records
 from solmap.tasks.telemetry import Telemetry, TelemetryStop, read_telemetry, vector_files

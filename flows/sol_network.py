@@ -10,7 +10,7 @@ from solmap.flows.outcomes import settled
 from solmap.flows.sol_inputs import SolInputs, SolReport, Standing, candidates
 from solmap.photogrammetry.imagery import StopId
 from solmap.photogrammetry.matching.hand_ties import HandTie
-from solmap.products.arrays import read_right_turn
+from solmap.products.formats.documents.archives import read_right_turn
 from solmap.products.model import ProductRef
 from solmap.tasks.adjust import NetworkParams, NetworkStep, adjust_network
 from solmap.tasks.control import control_of

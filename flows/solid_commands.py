@@ -24,9 +24,9 @@ def stl(
     from solmap.photogrammetry.errors import PhotogrammetryError  # noqa: PLC0415 - slow to import
     from solmap.photogrammetry.terrain.printable import SolidParams, solid_of  # noqa: PLC0415
     from solmap.products.errors import ProductError, ProductNotFoundError  # noqa: PLC0415
+    from solmap.products.formats.mesh.stl import stl_bytes  # noqa: PLC0415
+    from solmap.products.formats.raster.raster import read_dtm  # noqa: PLC0415
     from solmap.products.model import ProductKind  # noqa: PLC0415
-    from solmap.products.raster import read_dtm  # noqa: PLC0415
-    from solmap.products.stl import stl_bytes  # noqa: PLC0415
 
     workspace = workspace_of(store_of(store))
     try:

@@ -10,7 +10,7 @@ from solmap.config.pipeline import PipelineConfig
 from solmap.photogrammetry.terrain.contours import ContourParams
 from solmap.products.crs import LandingPoint
 from solmap.products.model import ProductRef
-from solmap.products.store import ProductStore
+from solmap.products.store.product_store import ProductStore
 from solmap.tasks.contour import trace_contours
 from solmap.tasks.hazard import map_hazards
 from solmap.tasks.insolation import map_insolation

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from solmap.config.workspace import open_workspace
 from solmap.photogrammetry.matching.hand_ties import HandAction
-from solmap.products.catalogue import Outcome
+from solmap.products.catalogue.catalogue import Outcome
 from solmap.tasks.downlink_files import file_bytes
 from solmap.tasks.hand_ties import names_in, take_hand_ties, wishes_in
 

@@ -9,7 +9,7 @@ import typer
 
 from solmap.flows.console import fail, out, show_rows
 from solmap.flows.options import StoreOption, store_of
-from solmap.products.access import Role, TokenBook
+from solmap.products.catalogue.tokens import Role, TokenBook
 from solmap.products.errors import ProductNotFoundError
 
 app = typer.Typer(help="Tokens: who may edit ties, annotate and start runs.", no_args_is_help=True)

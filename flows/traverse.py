@@ -16,8 +16,8 @@ from solmap.photogrammetry.traverse.differences import Difference, Differences, 
 from solmap.photogrammetry.traverse.georeference import georeference
 from solmap.photogrammetry.traverse.pictures import traverse_figure
 from solmap.photogrammetry.traverse.records import Traverse
-from solmap.products.arrays import finite
-from solmap.products.catalogue import MissionEntry
+from solmap.products.catalogue.catalogue import MissionEntry
+from solmap.products.formats.documents.archives import finite
 from solmap.products.model import ProductKind
 from solmap.tasks.mission_traverse import draw_mission_traverse, read_traverses
 from solmap.tasks.publish import publish

@@ -12,7 +12,7 @@ import typer
 from solmap.config.settings import Settings
 from solmap.flows.console import fail, out
 from solmap.flows.options import StoreOption
-from solmap.products.locks import alone
+from solmap.products.store.locks import alone
 
 
 def up(

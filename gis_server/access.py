@@ -15,7 +15,7 @@ from fastapi import Depends, HTTPException, Request
 from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
 
 from solmap.gis_server.services import ServicesOf
-from solmap.products.access import Role, Token
+from solmap.products.catalogue.tokens import Role, Token
 
 _BEARER = HTTPBearer(auto_error=False, description="a token of `solmap token add`")
 _CHALLENGE = {"WWW-Authenticate": "Bearer"}

@@ -50,8 +50,8 @@ from solmap.gis_server.routes.shortcut import TileShortcut
 from solmap.gis_server.services import open_services
 from solmap.gis_server.small_bodies import SmallBodies
 from solmap.products.cycles import look_seldom
-from solmap.products.logs import keep_logs
-from solmap.products.shelves import Elsewhere
+from solmap.products.store.backends import Elsewhere
+from solmap.products.store.logs import keep_logs
 
 _HEADERS = {
     "Content-Security-Policy": (

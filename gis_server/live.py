@@ -18,7 +18,7 @@ import sqlalchemy as sa
 from anyio.to_thread import run_sync
 from sqlalchemy.exc import SQLAlchemyError
 
-from solmap.products.events import Event, events_since, is_gone, last_event
+from solmap.products.catalogue.events import Event, events_since, is_gone, last_event
 
 log = logging.getLogger(__name__)
 LOOK_EVERY_S = 0.25

@@ -24,7 +24,7 @@ from prometheus_client.process_collector import ProcessCollector
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from solmap.gis_server.services import Services
-from solmap.products.runs import Run, RunState
+from solmap.products.catalogue.runs import Run, RunState
 
 FAST_S = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
 _SHORTCUT = {"png": "/tiles/{scope}/{kind}/{digest}/{z}/{x}/{y}.png"}

@@ -10,11 +10,11 @@ import logging
 from collections.abc import Collection
 from dataclasses import dataclass
 
-from solmap.products.catalogue import Catalogue
-from solmap.products.events import LAYERS_PUBLISHED, Event
-from solmap.products.feature_texts import texts_of
+from solmap.products.catalogue.catalogue import Catalogue
+from solmap.products.catalogue.events import LAYERS_PUBLISHED, Event
+from solmap.products.features.texts import texts_of
 from solmap.products.model import ProductKind
-from solmap.products.store import ProductStore
+from solmap.products.store.product_store import ProductStore
 
 log = logging.getLogger(__name__)
 GROWING = (ProductKind.FOOTPRINTS, ProductKind.POINTING, ProductKind.TIE_POINTS)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from solmap.photogrammetry.terrain.hazard import Hazard
 from solmap.photogrammetry.terrain.viewshed import Sight
-from solmap.products.cog import RasterClass
+from solmap.products.formats.raster.cog import RasterClass
 
 HAZARDS = (
     RasterClass(Hazard.TRAVERSABLE, "traversable", "#44bb99"),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from solmap.photogrammetry.terrain.contours import Contour
-from solmap.products.vector import Feature
+from solmap.products.formats.vector.geojson import Feature
 
 
 def contour_feature(contour: Contour) -> Feature:

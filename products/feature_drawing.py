@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from solmap.products.catalogue import ImageEntry
-from solmap.products.vector import Feature
+from solmap.products.catalogue.catalogue import ImageEntry
+from solmap.products.formats.vector.geojson import Feature
 
 Draw = Callable[[Iterable[Feature], Mapping[str, ImageEntry]], Iterable[Feature]]
 

@@ -11,8 +11,8 @@ from typing import Any
 
 import sqlalchemy as sa
 
-from solmap.products.catalogue_tables import FINISHED
-from solmap.products.database import upsert, writing
+from solmap.products.catalogue.database import upsert, writing
+from solmap.products.catalogue.tables import FINISHED
 
 
 @dataclass(frozen=True, slots=True, eq=False)

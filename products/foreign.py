@@ -14,7 +14,7 @@ from rasterio.warp import reproject, transform_bounds
 from solmap.photogrammetry.arrays import Raster
 from solmap.photogrammetry.terrain.grid import Bounds, MapGrid
 from solmap.products.errors import ProductError
-from solmap.products.raster import open_raster
+from solmap.products.formats.raster.raster import open_raster
 
 MOST_CELLS = 100_000_000
 """Of an image that is read whole: 10,000 x 10,000."""

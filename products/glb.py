@@ -13,8 +13,8 @@ import numpy as np
 
 from solmap.photogrammetry.arrays import Picture
 from solmap.photogrammetry.terrain.model3d import SurfaceMesh, TexturedMesh
-from solmap.products.draco import compress
 from solmap.products.errors import ProductError
+from solmap.products.formats.mesh.draco import compress
 
 MAGIC, VERSION, _JSON, _BIN = 0x46546C67, 2, 0x4E4F534A, 0x004E4942
 _FLOAT, _BYTE, _USHORT, _UINT = 5126, 5120, 5123, 5125

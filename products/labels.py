@@ -24,8 +24,8 @@ from solmap.photogrammetry.cameras.cahvor import Cahvor
 from solmap.photogrammetry.cameras.cahvore import Cahvore
 from solmap.photogrammetry.frames import Frame, FrameKind, Pose
 from solmap.photogrammetry.imagery import Eye, RoverImage, StopId
-from solmap.products.catalogue_tables import LABELS
-from solmap.products.database import upsert, writing
+from solmap.products.catalogue.database import upsert, writing
+from solmap.products.catalogue.tables import LABELS
 from solmap.products.model import SCIENCE_VERSION
 
 _RECORDS: dict[str, Any] = {

@@ -13,7 +13,7 @@ import numpy as np
 from solmap.photogrammetry.archive.companding import Companding, InverseTable
 from solmap.photogrammetry.archive.radiometry import Radiometry
 from solmap.photogrammetry.archive.vignetting import FlatField, RadialVignetting
-from solmap.products.arrays import read_archive, write_archive
+from solmap.products.formats.documents.archives import read_archive, write_archive
 
 
 def radiometry_digest(radiometry: Radiometry) -> str:

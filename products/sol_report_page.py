@@ -9,10 +9,16 @@ from typing import Any
 
 from jinja2 import Environment, StrictUndefined
 
+from solmap.products.catalogue.workspace import Workspace
 from solmap.products.errors import ProductError
-from solmap.products.provenance import SOFTWARE
-from solmap.products.sol_report import MOST_THUMBNAILS, SolFacts, sol_facts, thumbnail, why_unpaired
-from solmap.products.workspace import Workspace
+from solmap.products.reports.sol_report import (
+    MOST_THUMBNAILS,
+    SolFacts,
+    sol_facts,
+    thumbnail,
+    why_unpaired,
+)
+from solmap.products.store.provenance import SOFTWARE
 
 MOST_ROWS = 300
 """Pairs or notes shown."""

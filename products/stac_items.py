@@ -21,12 +21,12 @@ from pystac.extensions.projection import ProjectionExtension
 from pystac.extensions.raster import DataType, NoDataStrings, RasterBand, RasterExtension
 
 from solmap.photogrammetry.arrays import PerPoint
-from solmap.products.catalogue import MissionEntry
+from solmap.products.catalogue.catalogue import MissionEntry
 from solmap.products.crs import MARS, LandingPoint, local_crs, lon_lat
+from solmap.products.formats.raster.raster import band_names, class_names, open_raster
 from solmap.products.model import Layer
-from solmap.products.provenance import adjustment_id
-from solmap.products.raster import band_names, class_names, open_raster
-from solmap.products.store import ProductStore
+from solmap.products.store.product_store import ProductStore
+from solmap.products.store.provenance import adjustment_id
 
 Box = tuple[float, float, float, float]
 PROCESSING = "https://stac-extensions.github.io/processing/v1.1.0/schema.json"

@@ -11,7 +11,7 @@ from rasterio.enums import Resampling
 from rasterio.windows import Window
 
 from solmap.photogrammetry.arrays import Picture
-from solmap.products.raster import grid_of, open_raster
+from solmap.products.formats.raster.raster import grid_of, open_raster
 
 _BLED_PX = 4
 """How far the edge of what was seen is carried on: the reach of filtering and of two mipmaps."""

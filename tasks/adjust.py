@@ -28,18 +28,18 @@ from solmap.photogrammetry.imagery import StereoMatches, StopId
 from solmap.photogrammetry.matching.hand_ties import HandTie
 from solmap.photogrammetry.matching.ties import Ties
 from solmap.photogrammetry.matching.tracks import TrackParams, build_tie_points
-from solmap.products.arrays import read_mast, read_matches, read_ties
-from solmap.products.control import read_control
-from solmap.products.holders import Holders
-from solmap.products.model import ProductKind, ProductRef, Recipe
-from solmap.products.network import (
+from solmap.products.formats.documents.archives import read_mast, read_matches, read_ties
+from solmap.products.formats.documents.control import read_control
+from solmap.products.formats.documents.network import (
     NetworkPart,
     NetworkProduct,
     part_document,
     product_document,
     read_network,
 )
-from solmap.products.store import ProductStore
+from solmap.products.holders import Holders
+from solmap.products.model import ProductKind, ProductRef, Recipe
+from solmap.products.store.product_store import ProductStore
 from solmap.tasks.hand_ties import carried_out, names_in, wanted
 from solmap.tasks.pairs import PairProducts
 from solmap.tasks.scopes import is_overall, network_scope, stop_scope

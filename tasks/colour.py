@@ -15,13 +15,13 @@ from solmap.photogrammetry.matching.resampling import resample
 from solmap.photogrammetry.terrain.colour import Triple, colour_filters, shows_the_same
 from solmap.photogrammetry.terrain.orthophoto import OrthophotoParams, rendering
 from solmap.photogrammetry.terrain.records import TerrainView
-from solmap.products.catalogue import ImageEntry
+from solmap.products.catalogue.catalogue import ImageEntry
+from solmap.products.catalogue.workspace import Workspace
 from solmap.products.crs import LandingPoint
+from solmap.products.formats.raster.raster import read_dtm
 from solmap.products.model import ProductKind, ProductRef, Recipe
-from solmap.products.provenance import provenance_tags
-from solmap.products.raster import read_dtm
-from solmap.products.store import ProductStore
-from solmap.products.workspace import Workspace
+from solmap.products.store.product_store import ProductStore
+from solmap.products.store.provenance import provenance_tags
 from solmap.tasks.images import ImageFile, image_file, image_record, read_product_image
 from solmap.tasks.orthophoto import write_rendering
 from solmap.tasks.stage import stage

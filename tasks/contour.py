@@ -8,10 +8,10 @@ from solmap.photogrammetry.terrain.contours import ContourParams
 from solmap.photogrammetry.terrain.contours import trace_contours as trace
 from solmap.products.contour_features import contour_feature
 from solmap.products.crs import LandingPoint
+from solmap.products.formats.raster.raster import read_dtm
+from solmap.products.formats.vector.geojson import write_features
 from solmap.products.model import ProductKind, ProductRef, Recipe
-from solmap.products.raster import read_dtm
-from solmap.products.store import ProductStore
-from solmap.products.vector import write_features
+from solmap.products.store.product_store import ProductStore
 from solmap.tasks.stage import stage
 
 

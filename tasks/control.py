@@ -20,13 +20,13 @@ from solmap.photogrammetry.errors import AdjustmentError
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.imagery import StopId
 from solmap.photogrammetry.orbital.stop_places import stop_in_image
-from solmap.products.control import control_product, read_control
+from solmap.products.catalogue.workspace import Workspace
 from solmap.products.crs import LandingPoint, east_north
 from solmap.products.errors import ProductError
+from solmap.products.formats.documents.control import control_product, read_control
+from solmap.products.formats.documents.network import read_network, whole_network
 from solmap.products.model import ProductKind, ProductRef, Recipe
-from solmap.products.network import read_network, whole_network
-from solmap.products.store import ProductStore
-from solmap.products.workspace import Workspace
+from solmap.products.store.product_store import ProductStore
 from solmap.tasks.intake import keep_file, write_bytes
 from solmap.tasks.orbital import Compare, StopMap, registered
 from solmap.tasks.orientations import MappedStop, read_orientations

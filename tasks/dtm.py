@@ -8,10 +8,10 @@ from solmap.photogrammetry.imagery import StopId
 from solmap.photogrammetry.terrain.dtm import DtmParams
 from solmap.photogrammetry.terrain.dtm import build_dtm as model_terrain
 from solmap.products.crs import LandingPoint, local_crs
+from solmap.products.formats.raster.raster import write_dtm
 from solmap.products.model import ProductKind, ProductRef, Recipe
-from solmap.products.provenance import provenance_tags
-from solmap.products.raster import write_dtm
-from solmap.products.store import ProductStore
+from solmap.products.store.product_store import ProductStore
+from solmap.products.store.provenance import provenance_tags
 from solmap.tasks.scopes import stop_scope
 from solmap.tasks.stage import stage
 from solmap.tasks.views import OrientedPair, inputs_of, read_views

@@ -16,11 +16,15 @@ from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.matching.hand_editing import Edited, HandBody, edited
 from solmap.photogrammetry.matching.hand_ties import HandTie, parse_hand_ties
 from solmap.photogrammetry.matching.ties import Ties
-from solmap.products.arrays import read_matches, read_parallax, read_right_turn
-from solmap.products.edits import EditKind, EditLog
+from solmap.products.catalogue.edits import EditKind, EditLog
+from solmap.products.catalogue.workspace import Workspace
+from solmap.products.formats.documents.archives import (
+    read_matches,
+    read_parallax,
+    read_right_turn,
+)
 from solmap.products.model import ProductKind, ProductRef
-from solmap.products.store import ProductStore
-from solmap.products.workspace import Workspace
+from solmap.products.store.product_store import ProductStore
 from solmap.tasks.intake import keep_file
 from solmap.tasks.pairs import PairProducts, read_pair, with_right_turned
 from solmap.tasks.scopes import file_scope

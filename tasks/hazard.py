@@ -7,10 +7,10 @@ from pathlib import Path
 from solmap.photogrammetry.terrain.hazard import HazardParams, hazards
 from solmap.products.classes import HAZARDS
 from solmap.products.crs import LandingPoint, local_crs
+from solmap.products.formats.raster.raster import read_dtm, write_classes
 from solmap.products.model import ProductKind, ProductRef, Recipe
-from solmap.products.provenance import provenance_tags
-from solmap.products.raster import read_dtm, write_classes
-from solmap.products.store import ProductStore
+from solmap.products.store.product_store import ProductStore
+from solmap.products.store.provenance import provenance_tags
 from solmap.tasks.stage import stage
 
 

@@ -1,6 +1,6 @@
 """Images as products, under the name that tasks know them by (see `products.images`)."""
 
-from solmap.products.images import (
+from solmap.products.catalogue.images import (
     REMEMBERED,
     ImageFile,
     image_file,

@@ -19,10 +19,10 @@ from solmap.photogrammetry.archive.radiometry import Radiometry
 from solmap.photogrammetry.archive.vector_files import parse_vector_file
 from solmap.photogrammetry.errors import PhotogrammetryError
 from solmap.photogrammetry.imagery import RoverImage
-from solmap.products.catalogue import ImageEntry, Outcome
+from solmap.products.catalogue.catalogue import ImageEntry, Outcome
+from solmap.products.catalogue.workspace import Workspace
 from solmap.products.model import ProductKind, ProductRef
-from solmap.products.passing import persistently
-from solmap.products.workspace import Workspace
+from solmap.products.store.faults import persistently
 from solmap.tasks.downlink_files import (
     VECTOR_SUFFIXES,
     file_bytes,

@@ -13,11 +13,11 @@ from solmap.photogrammetry.terrain.havens import Haven, HavenParams, winter_have
 from solmap.photogrammetry.terrain.insolation import Insolation, InsolationParams
 from solmap.photogrammetry.terrain.insolation import insolation as insolation_of
 from solmap.products.crs import LandingPoint, local_crs
+from solmap.products.formats.raster.raster import read_dtm, write_raster
+from solmap.products.formats.vector.geojson import Feature, write_features
 from solmap.products.model import ProductKind, ProductRef, Recipe
-from solmap.products.provenance import provenance_tags
-from solmap.products.raster import read_dtm, write_raster
-from solmap.products.store import ProductStore
-from solmap.products.vector import Feature, write_features
+from solmap.products.store.product_store import ProductStore
+from solmap.products.store.provenance import provenance_tags
 from solmap.tasks.stage import stage
 
 

@@ -28,11 +28,11 @@ from solmap.photogrammetry.frames import LSL, FrameKind, Pose, site_frame
 from solmap.photogrammetry.imagery import StopId
 from solmap.photogrammetry.traverse.differences import Difference, differences
 from solmap.photogrammetry.traverse.pictures import traverse_figure
-from solmap.products.arrays import finite, pose_document
 from solmap.products.crs import LandingPoint, lon_lat
+from solmap.products.formats.documents.archives import finite, pose_document
+from solmap.products.formats.documents.network import NetworkProduct, network_of, traverses
 from solmap.products.model import ProductKind, ProductRef, Recipe, Scope, ScopeLevel
-from solmap.products.network import NetworkProduct, network_of, traverses
-from solmap.products.store import ProductStore
+from solmap.products.store.product_store import ProductStore
 from solmap.tasks.scopes import region_scope
 from solmap.tasks.stage import stage
 from solmap.tasks.telemetry import Telemetry

@@ -17,9 +17,9 @@ from solmap.photogrammetry.matching.vertical_parallax import (
     rotation_of_the_bar,
     vertical_parallax,
 )
-from solmap.products.arrays import write_dense, write_matches
+from solmap.products.formats.documents.archives import write_dense, write_matches
 from solmap.products.model import ProductKind, Recipe
-from solmap.products.store import ProductStore
+from solmap.products.store.product_store import ProductStore
 from solmap.tasks.pairs import (
     PairFiles,
     PairProducts,

@@ -18,9 +18,9 @@ from solmap.photogrammetry.traverse.placed import traverse_of_vectors
 from solmap.photogrammetry.traverse.records import Traverse
 from solmap.photogrammetry.traverse.tables import MissionTable, parse_mission_table
 from solmap.products.crs import LandingPoint, east_north
+from solmap.products.formats.vector.geojson import Feature, write_features
 from solmap.products.model import ProductKind, ProductRef, Recipe
-from solmap.products.store import ProductStore
-from solmap.products.vector import Feature, write_features
+from solmap.products.store.product_store import ProductStore
 from solmap.tasks.intake import ContentDigest
 from solmap.tasks.scopes import region_scope
 

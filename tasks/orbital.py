@@ -23,14 +23,14 @@ from solmap.photogrammetry.orbital.records import (
 )
 from solmap.photogrammetry.orbital.registration import RegistrationParams, register
 from solmap.photogrammetry.terrain.grid import FINEST_CELL_M, Bounds, MapGrid, union
-from solmap.products.arrays import finite
 from solmap.products.crs import LandingPoint, local_crs
 from solmap.products.errors import ProductError
 from solmap.products.foreign import foreign_bounds, read_foreign
+from solmap.products.formats.documents.archives import finite
+from solmap.products.formats.raster.orthophoto import write_orthophoto
 from solmap.products.model import ProductKind, ProductRef, Recipe
-from solmap.products.pictures import write_orthophoto
-from solmap.products.provenance import provenance_tags
-from solmap.products.store import ProductStore
+from solmap.products.store.product_store import ProductStore
+from solmap.products.store.provenance import provenance_tags
 from solmap.tasks.intake import ContentDigest, write_bytes
 from solmap.tasks.scopes import file_scope, region_scope
 from solmap.tasks.stage import stage

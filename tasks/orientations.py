@@ -20,7 +20,7 @@ from solmap.photogrammetry.adjustment.movement import ReissueParams, ground_shif
 from solmap.photogrammetry.adjustment.records import AdjustedPair
 from solmap.products.holders import Holders, holders_document, holders_of_document
 from solmap.products.model import ProductKind, ProductRef, Recipe
-from solmap.products.store import ProductStore
+from solmap.products.store.product_store import ProductStore
 from solmap.tasks.adjust import read_network
 from solmap.tasks.stage import stage
 from solmap.tasks.views import Orientation

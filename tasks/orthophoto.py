@@ -13,11 +13,11 @@ from solmap.photogrammetry.arrays import Classes
 from solmap.photogrammetry.terrain.mosaic import NO_SOURCE
 from solmap.photogrammetry.terrain.orthophoto import OrthophotoParams, Rendering, put, rendering
 from solmap.products.crs import LandingPoint, local_crs
+from solmap.products.formats.raster.orthophoto import Piece, write_pieces, write_sources
+from solmap.products.formats.raster.raster import read_dtm
 from solmap.products.model import ProductKind, ProductRef, Recipe
-from solmap.products.pictures import Piece, write_pieces, write_sources
-from solmap.products.provenance import provenance_tags
-from solmap.products.raster import read_dtm
-from solmap.products.store import ProductStore
+from solmap.products.store.product_store import ProductStore
+from solmap.products.store.provenance import provenance_tags
 from solmap.tasks.stage import stage
 from solmap.tasks.views import OrientedPair, inputs_of, read_views
 

@@ -10,11 +10,11 @@ from solmap.photogrammetry.imagery import StopId
 from solmap.photogrammetry.terrain.facets import Facet, FacetParams, find_facets
 from solmap.photogrammetry.terrain.view_model import ViewModelParams, view_meshes
 from solmap.products.crs import LandingPoint
-from solmap.products.gltf import Encoding, write_glb
+from solmap.products.formats.mesh.gltf import Encoding, write_glb
+from solmap.products.formats.mesh.models import notes_of
+from solmap.products.formats.vector.geojson import Feature, write_features
 from solmap.products.model import ProductKind, ProductRef, Recipe
-from solmap.products.models import notes_of
-from solmap.products.store import ProductStore
-from solmap.products.vector import Feature, write_features
+from solmap.products.store.product_store import ProductStore
 from solmap.tasks.scopes import stop_scope
 from solmap.tasks.stage import stage
 from solmap.tasks.views import OrientedPair, inputs_of, read_views

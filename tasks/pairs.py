@@ -14,10 +14,14 @@ from solmap.photogrammetry.imagery import Eye, RoverImage, StopId
 from solmap.photogrammetry.matching.records import EpipolarImages, MatchedPair, MatchedStop
 from solmap.photogrammetry.matching.resampling import epipolar_images
 from solmap.photogrammetry.matching.vertical_parallax import turned_in_place
-from solmap.products.arrays import read_matches, read_parallax, read_right_turn
-from solmap.products.catalogue import ImageEntry
+from solmap.products.catalogue.catalogue import ImageEntry
+from solmap.products.formats.documents.archives import (
+    read_matches,
+    read_parallax,
+    read_right_turn,
+)
 from solmap.products.model import ProductRef
-from solmap.products.store import ProductStore
+from solmap.products.store.product_store import ProductStore
 from solmap.tasks.images import ImageFile, image_file, read_product_image
 from solmap.tasks.telemetry import TelemetryStop
 

@@ -22,20 +22,20 @@ from solmap.photogrammetry.terrain.panorama import Panorama, PanoramaParams, pan
 from solmap.photogrammetry.terrain.panorama_image import PanoramaImage
 from solmap.photogrammetry.terrain.seams import registration
 from solmap.photogrammetry.terrain.sight_ranges import StandingPlane
-from solmap.products.arrays import read_matches, read_right_turn
-from solmap.products.catalogue import ImageEntry
-from solmap.products.model import ProductKind, ProductRef, Recipe
-from solmap.products.panorama import (
+from solmap.products.catalogue.catalogue import ImageEntry
+from solmap.products.catalogue.workspace import Workspace
+from solmap.products.formats.documents.archives import read_matches, read_right_turn
+from solmap.products.formats.raster.panorama import (
     Ground,
     blank_ground,
     pieces_of,
     write_panorama,
     write_panorama_ground,
 )
-from solmap.products.provenance import provenance_tags
-from solmap.products.raster import read_dtm
-from solmap.products.store import ProductStore
-from solmap.products.workspace import Workspace
+from solmap.products.formats.raster.raster import read_dtm
+from solmap.products.model import ProductKind, ProductRef, Recipe
+from solmap.products.store.product_store import ProductStore
+from solmap.products.store.provenance import provenance_tags
 from solmap.tasks.images import ImageFile, image_file, image_record, read_product_image
 from solmap.tasks.pairs import pair_frame, with_right_turned
 from solmap.tasks.scopes import stop_scope

@@ -13,12 +13,12 @@ from solmap.photogrammetry.terrain.point_cloud import (
     point_cloud,
 )
 from solmap.products.crs import LandingPoint
+from solmap.products.formats.mesh.models import notes_of
+from solmap.products.formats.mesh.ply import write_ply
+from solmap.products.formats.mesh.tiles3d import TilesetWriter
 from solmap.products.model import ProductKind, ProductRef, Recipe
-from solmap.products.models import notes_of
-from solmap.products.ply import write_ply
 from solmap.products.points_glb import write_points
-from solmap.products.store import ProductStore
-from solmap.products.tiles3d import TilesetWriter
+from solmap.products.store.product_store import ProductStore
 from solmap.tasks.scopes import stop_scope
 from solmap.tasks.stage import stage
 from solmap.tasks.views import OrientedPair, inputs_of, read_views

@@ -7,14 +7,14 @@ import sqlite3
 from collections.abc import Collection, Iterable, Sequence
 from typing import Literal
 
-from solmap.products.catalogue import MissionEntry, Outcome
-from solmap.products.mission_features import MissionFeatures
+from solmap.products.catalogue.catalogue import MissionEntry, Outcome
+from solmap.products.catalogue.workspace import Workspace
+from solmap.products.features.mission_features import MissionFeatures
+from solmap.products.formats.mesh.models import extent_of_model
+from solmap.products.formats.raster.panorama import place_of_panorama
+from solmap.products.formats.raster.raster import summarise
+from solmap.products.formats.vector.geojson import read_features
 from solmap.products.model import Layer, ProductKind, ProductRef
-from solmap.products.models import extent_of_model
-from solmap.products.panorama import place_of_panorama
-from solmap.products.raster import summarise
-from solmap.products.vector import read_features
-from solmap.products.workspace import Workspace
 from solmap.tasks.stac import update_stac
 from solmap.tasks.stage import stage
 

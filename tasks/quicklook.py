@@ -25,11 +25,11 @@ from solmap.photogrammetry.matching.tie_pictures import Shown, caption, draw_she
 from solmap.photogrammetry.matching.ties import Ties
 from solmap.photogrammetry.terrain.pictures import class_picture, relief_picture
 from solmap.photogrammetry.terrain.surface import HillshadeParams
-from solmap.products.arrays import read_dense
 from solmap.products.errors import ProductError
+from solmap.products.formats.documents.archives import read_dense
+from solmap.products.formats.raster.raster import read_dtm
 from solmap.products.model import ProductKind, ProductRef, Recipe
-from solmap.products.raster import read_dtm
-from solmap.products.store import ProductStore
+from solmap.products.store.product_store import ProductStore
 from solmap.tasks.pairs import PairProducts, read_matched_pair
 from solmap.tasks.scopes import pair_scope
 from solmap.tasks.stage import stage

@@ -13,11 +13,16 @@ import numpy as np
 from solmap.photogrammetry.terrain.ground import MAP_FROM_LSL
 from solmap.photogrammetry.terrain.region import RegionParams
 from solmap.products.crs import LandingPoint, local_crs
+from solmap.products.formats.raster.raster import grid_of, open_raster
+from solmap.products.formats.raster.region import (
+    RegionFiles,
+    RegionSource,
+    read_seams,
+    write_region,
+)
 from solmap.products.model import ProductKind, ProductRef, Recipe
-from solmap.products.provenance import provenance_tags
-from solmap.products.raster import grid_of, open_raster
-from solmap.products.region import RegionFiles, RegionSource, read_seams, write_region
-from solmap.products.store import ProductStore
+from solmap.products.store.product_store import ProductStore
+from solmap.products.store.provenance import provenance_tags
 from solmap.tasks.scopes import part_scope
 from solmap.tasks.stage import stage
 

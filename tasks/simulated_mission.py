@@ -21,11 +21,11 @@ from solmap.photogrammetry.adjustment.params import AdjustmentParams
 from solmap.photogrammetry.synthetic.edr import Exposure, label_bytes
 from solmap.photogrammetry.synthetic.mission import MissionPlan, SimulatedMission, simulate_mission
 from solmap.photogrammetry.synthetic.mission_images import MISSION, exposures, mission_names
-from solmap.products.arrays import pose_document
-from solmap.products.catalogue import ImageEntry
+from solmap.products.catalogue.catalogue import ImageEntry
+from solmap.products.catalogue.workspace import Workspace
+from solmap.products.formats.documents.archives import pose_document
+from solmap.products.formats.documents.network import NetworkProduct, product_document
 from solmap.products.model import ProductKind, ProductRef, Recipe
-from solmap.products.network import NetworkProduct, product_document
-from solmap.products.workspace import Workspace
 from solmap.tasks.intake import ContentDigest, write_bytes
 from solmap.tasks.scopes import image_scope, network_scope, region_scope
 from solmap.tasks.stage import stage

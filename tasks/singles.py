@@ -24,17 +24,17 @@ from solmap.photogrammetry.matching.single_views import MonoParams, SingleView
 from solmap.photogrammetry.matching.tie_pictures import Shown
 from solmap.photogrammetry.matching.ties import Ties
 from solmap.photogrammetry.terrain.colour import shows_the_same
-from solmap.products.arrays import (
+from solmap.products.catalogue.catalogue import ImageEntry
+from solmap.products.catalogue.workspace import Workspace
+from solmap.products.formats.documents.archives import (
     finite,
     geometry_document,
     geometry_of_document,
     read_ties,
     write_ties,
 )
-from solmap.products.catalogue import ImageEntry
 from solmap.products.model import ProductKind, ProductRef, Recipe, Scope, ScopeLevel
-from solmap.products.store import ProductStore
-from solmap.products.workspace import Workspace
+from solmap.products.store.product_store import ProductStore
 from solmap.tasks.images import ImageFile, image_file, image_record, read_product_image
 from solmap.tasks.pairs import PairProducts, pair_frame, read_matched_pair
 from solmap.tasks.quicklook import write_sheet

@@ -18,10 +18,10 @@ from solmap.photogrammetry.terrain.surface import (
     slope_of,
 )
 from solmap.products.crs import LandingPoint, local_crs
+from solmap.products.formats.raster.raster import read_dtm, write_raster
 from solmap.products.model import ProductKind, ProductRef, Recipe
-from solmap.products.provenance import provenance_tags
-from solmap.products.raster import read_dtm, write_raster
-from solmap.products.store import ProductStore
+from solmap.products.store.product_store import ProductStore
+from solmap.products.store.provenance import provenance_tags
 from solmap.tasks.stage import stage
 
 Bands = Mapping[str, Raster]

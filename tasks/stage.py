@@ -20,7 +20,7 @@ from prefect.tasks import exponential_backoff
 
 from solmap.products.cycles import look_seldom
 from solmap.products.effort import Effort
-from solmap.products.passing import can_pass
+from solmap.products.store.faults import can_pass
 
 log = logging.getLogger(__name__)
 P = ParamSpec("P")

@@ -15,8 +15,8 @@ from solmap.photogrammetry.archive.vector_files import (
 from solmap.photogrammetry.errors import FrameError
 from solmap.photogrammetry.frames import LSL, FrameTree, Pose, site_frame
 from solmap.photogrammetry.imagery import RoverImage, StopId
+from solmap.products.catalogue.workspace import Workspace
 from solmap.products.model import ProductKind
-from solmap.products.workspace import Workspace
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -23,9 +23,9 @@ from solmap.photogrammetry.matching.inter_stereo import (
     tie_inter_stereo,
 )
 from solmap.photogrammetry.matching.records import MatchedStop
-from solmap.products.arrays import finite, pose_document, write_ties
+from solmap.products.formats.documents.archives import finite, pose_document, write_ties
 from solmap.products.model import ProductKind, ProductRef, Recipe, Scope, ScopeLevel
-from solmap.products.store import ProductStore
+from solmap.products.store.product_store import ProductStore
 from solmap.tasks.pairs import PairProducts, read_matched_stop
 from solmap.tasks.quicklook import write_link_picture, write_ties_picture
 from solmap.tasks.scopes import stop_scope

@@ -9,9 +9,9 @@ import numpy as np
 
 from solmap.photogrammetry.traverse.pictures import SIGMAS
 from solmap.products.crs import LandingPoint
-from solmap.products.geopackage import write_geopackage
-from solmap.products.network import NetworkProduct
-from solmap.products.vector import Feature, FeatureCollection
+from solmap.products.formats.documents.network import NetworkProduct
+from solmap.products.formats.vector.geojson import Feature, FeatureCollection
+from solmap.products.formats.vector.geopackage import write_geopackage
 from solmap.tasks.vectors import stop_features, traverse_features
 
 ELLIPSE_POINTS = 64

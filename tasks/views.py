@@ -13,9 +13,9 @@ from solmap.photogrammetry.imagery import Eye
 from solmap.photogrammetry.matching.resampling import resample
 from solmap.photogrammetry.terrain.hardware import without_rover
 from solmap.photogrammetry.terrain.records import PoseCovariance, TerrainView
-from solmap.products.arrays import read_dense, read_matches
+from solmap.products.formats.documents.archives import read_dense, read_matches
 from solmap.products.model import ProductRef
-from solmap.products.store import ProductStore
+from solmap.products.store.product_store import ProductStore
 from solmap.tasks.images import read_product_image
 from solmap.tasks.pairs import PairProducts
 

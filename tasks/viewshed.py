@@ -10,10 +10,10 @@ import numpy as np
 from solmap.photogrammetry.terrain.viewshed import ViewshedParams, viewshed_of_stop
 from solmap.products.classes import SIGHTS
 from solmap.products.crs import LandingPoint, local_crs
+from solmap.products.formats.raster.raster import read_dtm, write_classes
 from solmap.products.model import ProductKind, ProductRef, Recipe
-from solmap.products.provenance import provenance_tags
-from solmap.products.raster import read_dtm, write_classes
-from solmap.products.store import ProductStore
+from solmap.products.store.product_store import ProductStore
+from solmap.products.store.provenance import provenance_tags
 from solmap.tasks.stage import stage
 from solmap.tasks.views import OrientedPair
 

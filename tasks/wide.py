@@ -17,18 +17,18 @@ from solmap.photogrammetry.matching.wide_stereo import WideMatches, WideParams, 
 from solmap.photogrammetry.terrain.dtm import build_dtm as model_terrain
 from solmap.photogrammetry.terrain.far import FarDtmParams
 from solmap.photogrammetry.terrain.records import TerrainView
-from solmap.products.arrays import (
+from solmap.products.crs import LandingPoint, local_crs
+from solmap.products.formats.documents.archives import (
     read_dense,
     read_matches,
     read_parallax,
     write_dense,
     write_matches,
 )
-from solmap.products.crs import LandingPoint, local_crs
+from solmap.products.formats.raster.raster import write_dtm
 from solmap.products.model import ProductKind, ProductRef, Recipe
-from solmap.products.provenance import provenance_tags
-from solmap.products.raster import write_dtm
-from solmap.products.store import ProductStore
+from solmap.products.store.product_store import ProductStore
+from solmap.products.store.provenance import provenance_tags
 from solmap.tasks.images import read_product_image
 from solmap.tasks.scopes import pair_scope, stop_scope
 from solmap.tasks.stage import stage

@@ -79,7 +79,7 @@ def postgres() -> Iterator[Any]:
     try:
         with running_postgres() as server:
             yield server
-            from solmap.products.database import close_pools  # noqa: PLC0415 - slow to import
+            from solmap.products.catalogue.database import close_pools  # noqa: PLC0415 - slow to import
 
             close_pools()  # before the server stops
     except NoPostgresError as error:
@@ -92,7 +92,7 @@ def catalogue_url(request: pytest.FixtureRequest) -> Iterator[str | None]:
     if request.param == "SQLite":
         yield None
         return
-    from solmap.products.database import close_pools  # noqa: PLC0415 - slow to import
+    from solmap.products.catalogue.database import close_pools  # noqa: PLC0415 - slow to import
 
     yield request.getfixturevalue("postgres").database()
     close_pools()

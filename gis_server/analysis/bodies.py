@@ -14,8 +14,8 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from solmap.photogrammetry.terrain.viewshed import Sight
+from solmap.products.formats.raster.tiling import HALF_SIDE_M
 from solmap.products.model import Layer, ProductRef
-from solmap.products.tiling import HALF_SIDE_M
 
 UNITS = (
     "metres, degrees and pixels as the names end; elevation above the tangent plane at the landing "

@@ -25,9 +25,9 @@ from solmap.photogrammetry.terrain.ground_samples import (
     bilinear,
     finest,
 )
+from solmap.products.formats.raster.raster import band_names, grid_of
 from solmap.products.model import Layer, ProductKind
-from solmap.products.raster import band_names, grid_of
-from solmap.products.store import ProductStore
+from solmap.products.store.product_store import ProductStore
 
 MODELS = (ProductKind.DTM, ProductKind.REGION_DTM, ProductKind.FAR_DTM)
 """Kinds of terrain models, in metres above the tangent plane."""

@@ -18,9 +18,9 @@ from solmap.photogrammetry.cameras.model import CameraModel
 from solmap.photogrammetry.cameras.single import single_image
 from solmap.photogrammetry.imagery import Eye, RoverImage
 from solmap.photogrammetry.terrain.ground import MAP_FROM_LSL
-from solmap.products.catalogue import ImageEntry
-from solmap.products.network import NetworkProduct
-from solmap.products.oriented import OrientedMission, geometry_of, matches_of
+from solmap.products.catalogue.catalogue import ImageEntry
+from solmap.products.catalogue.oriented_images import OrientedMission, geometry_of, matches_of
+from solmap.products.formats.documents.network import NetworkProduct
 
 _FAR_M = 1e4
 """How far away a point that has no place is taken to lie."""

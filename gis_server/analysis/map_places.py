@@ -16,9 +16,9 @@ from solmap.photogrammetry.terrain.ground_samples import NOWHERE
 from solmap.photogrammetry.terrain.oriented_image import (
     StopPose,
 )
-from solmap.products.catalogue import ImageEntry
+from solmap.products.catalogue.catalogue import ImageEntry
+from solmap.products.catalogue.oriented_images import OrientedMission
 from solmap.products.model import Layer, ScopeLevel
-from solmap.products.oriented import OrientedMission
 
 NORMAL_M = 0.25
 """Half of the square that the normal of the ground is found in: the baseline of slopes."""

@@ -14,9 +14,9 @@ from solmap.gis_server.analysis.ground import Ground, cell_of
 from solmap.gis_server.rendering.readers import RasterPool
 from solmap.photogrammetry.arrays import Classes, Raster
 from solmap.photogrammetry.terrain.grid import Bounds, MapGrid
+from solmap.products.formats.raster.raster import band_names, grid_of
 from solmap.products.model import Layer
-from solmap.products.raster import band_names, grid_of
-from solmap.products.store import ProductStore
+from solmap.products.store.product_store import ProductStore
 
 
 def mosaic(ground: Ground, grid: MapGrid) -> tuple[Raster, list[Layer]]:

@@ -20,9 +20,9 @@ from solmap.photogrammetry.adjustment.quality_records import QualityParams
 from solmap.photogrammetry.adjustment.records import BLUNDER, USED, AdjustedNetwork, AdjustedPair
 from solmap.photogrammetry.adjustment.weaknesses import Links, shared_ties, weaknesses
 from solmap.photogrammetry.terrain.ground import MAP_FROM_LSL
-from solmap.products.catalogue import ImageEntry
+from solmap.products.catalogue.catalogue import ImageEntry
+from solmap.products.formats.documents.network import NetworkProduct
 from solmap.products.model import ProductRef
-from solmap.products.network import NetworkProduct
 
 MOST_PAIRS = 2000
 """Pairs and single images that one answer draws."""

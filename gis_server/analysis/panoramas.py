@@ -15,11 +15,11 @@ from solmap.gis_server.rendering.readers import RasterPool
 from solmap.photogrammetry.arrays import Vector3
 from solmap.photogrammetry.terrain.angle_grid import NODE, direction
 from solmap.photogrammetry.terrain.ground import MAP_FROM_LSL
+from solmap.products.catalogue.oriented_images import OrientedMission
 from solmap.products.errors import OutsideCoverageError, ProductNotFoundError
+from solmap.products.formats.raster.panorama import PanoramaFacts, read_facts
 from solmap.products.model import Layer, ProductKind, ProductRef
-from solmap.products.oriented import OrientedMission
-from solmap.products.panorama import PanoramaFacts, read_facts
-from solmap.products.store import ProductStore
+from solmap.products.store.product_store import ProductStore
 
 FAR_M = 10_000.0
 """Where a direction is projected from that meets no known ground: without parallax."""

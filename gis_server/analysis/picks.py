@@ -24,8 +24,8 @@ from solmap.photogrammetry.matching.hand_refinement import (
     measured_pick,
 )
 from solmap.photogrammetry.matching.resampling import GROUND_M
-from solmap.products.catalogue import ImageEntry
-from solmap.products.oriented import MatchedEyes, OrientedMission
+from solmap.products.catalogue.catalogue import ImageEntry
+from solmap.products.catalogue.oriented_images import MatchedEyes, OrientedMission
 
 PixelHere = Annotated[float, Field(ge=-1, le=1e5)]
 ImageHere = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,127}$")]

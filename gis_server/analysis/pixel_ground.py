@@ -26,9 +26,9 @@ from solmap.photogrammetry.terrain.oriented_image import (
     epipolar_curve,
 )
 from solmap.photogrammetry.terrain.viewshed import ViewshedParams
-from solmap.products.catalogue import ImageEntry
+from solmap.products.catalogue.catalogue import ImageEntry
+from solmap.products.catalogue.oriented_images import OrientedMission
 from solmap.products.model import Layer
-from solmap.products.oriented import OrientedMission
 
 _USUAL = ViewshedParams()
 _NEAREST_M, _FURTHEST_M, _CURVE_POINTS = 1.0, 200.0, 96

@@ -22,8 +22,8 @@ from solmap.photogrammetry.terrain.oriented_image import (
 )
 from solmap.photogrammetry.terrain.sight_line import places_between, sight_line
 from solmap.photogrammetry.terrain.viewshed import Sight, ViewshedParams
-from solmap.products.catalogue import ImageEntry
-from solmap.products.oriented import OrientedMission
+from solmap.products.catalogue.catalogue import ImageEntry
+from solmap.products.catalogue.oriented_images import OrientedMission
 
 _USUAL = ViewshedParams()
 LIFT_M = 0.05

@@ -25,7 +25,7 @@ from solmap.photogrammetry.arrays import Float64, ImagePoints
 from solmap.photogrammetry.terrain.ground import MAP_FROM_LSL
 from solmap.photogrammetry.terrain.ground_point import GroundPoint
 from solmap.photogrammetry.terrain.oriented_image import Ellipse
-from solmap.products.catalogue import ImageEntry
+from solmap.products.catalogue.catalogue import ImageEntry
 
 
 class EllipseBody(BaseModel):

@@ -19,11 +19,11 @@ from solmap.photogrammetry.imagery import RoverImage, StopId
 from solmap.photogrammetry.terrain.ground import MAP_FROM_LSL
 from solmap.photogrammetry.terrain.hardware import BODIES
 from solmap.photogrammetry.terrain.oriented_image import OrientedImage, Pointing, StopPose
-from solmap.products.catalogue import ImageEntry
-from solmap.products.images import image_record
+from solmap.products.catalogue.catalogue import ImageEntry
+from solmap.products.catalogue.images import image_record
+from solmap.products.catalogue.workspace import Workspace
+from solmap.products.formats.documents.network import NetworkProduct
 from solmap.products.model import ProductRef
-from solmap.products.network import NetworkProduct
-from solmap.products.workspace import Workspace
 
 Place = tuple[float, float, float]
 """(east, north, up)."""

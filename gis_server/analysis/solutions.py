@@ -18,17 +18,17 @@ from solmap.photogrammetry.adjustment.quality import ellipse
 from solmap.photogrammetry.adjustment.records import AdjustedStop
 from solmap.photogrammetry.traverse.differences import Differences, differences, shared
 from solmap.photogrammetry.traverse.records import Traverse
-from solmap.products.catalogue import Catalogue
+from solmap.products.catalogue.catalogue import Catalogue
 from solmap.products.errors import ProductNotFoundError
-from solmap.products.model import ProductKind, ProductRef
-from solmap.products.network import (
+from solmap.products.formats.documents.network import (
     NetworkProduct,
     latest_network,
     network_of,
     published_networks,
     traverses,
 )
-from solmap.products.store import ProductStore
+from solmap.products.model import ProductKind, ProductRef
+from solmap.products.store.product_store import ProductStore
 
 LATEST = "latest"
 TELEMETRY = "telemetry"

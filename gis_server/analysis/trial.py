@@ -38,8 +38,8 @@ from solmap.photogrammetry.matching.hand_editing import HandBody, edited, epipol
 from solmap.photogrammetry.matching.hand_ties import HandAction, HandPoint, HandTie
 from solmap.photogrammetry.matching.ties import Ties, joined
 from solmap.photogrammetry.terrain.ground import MAP_FROM_LSL
+from solmap.products.catalogue.oriented_images import OrientedMission, geometry_of, matches_of
 from solmap.products.model import ProductRef
-from solmap.products.oriented import OrientedMission, geometry_of, matches_of
 
 _MOST_STANDING = 4
 """Pairs of stops that are remembered as they stand, a few megabytes each."""

@@ -17,9 +17,9 @@ from solmap.gis_server.analysis.refusal import RefusedError
 from solmap.gis_server.rendering.readers import RasterPool
 from solmap.photogrammetry.arrays import PerPoint
 from solmap.photogrammetry.terrain.measure import polygon_of
+from solmap.products.formats.raster.raster import class_names, grid_of
 from solmap.products.model import Layer
-from solmap.products.raster import class_names, grid_of
-from solmap.products.store import ProductStore
+from solmap.products.store.product_store import ProductStore
 
 _CELLS = 4_000_000
 """Cells that are looked at; of larger windows an overview is read."""

@@ -30,10 +30,10 @@ from solmap.gis_server.ogc.html import feature_page, items_page
 from solmap.gis_server.ogc.links import GEOJSON, HTML, JSON, BaseOf, Link, link
 from solmap.gis_server.routes.parameters import AGAIN, MissionName
 from solmap.gis_server.services import Services, ServicesOf
-from solmap.products.catalogue import MissionEntry
+from solmap.products.catalogue.catalogue import MissionEntry
 from solmap.products.errors import ProductNotFoundError
-from solmap.products.feature_collections import BY_ID, COLLECTIONS, CollectionOf
 from solmap.products.feature_query import IndexedFeature
+from solmap.products.features.collections import BY_ID, COLLECTIONS, CollectionOf
 from solmap.products.stac_items import degrees
 
 router = APIRouter(prefix="/ogc/{mission}", tags=["ogc features"])

@@ -9,7 +9,7 @@ from typing import Any
 
 from solmap.gis_server.ogc.formats import Placed
 from solmap.gis_server.ogc.links import Link
-from solmap.products.feature_collections import CollectionOf
+from solmap.products.features.collections import CollectionOf
 
 _FRAME = """<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><title>{title}</title>

@@ -19,7 +19,7 @@ from solmap.gis_server.routes.parameters import AGAIN, MissionName
 from solmap.gis_server.services import ServicesOf
 from solmap.products.crs import MARS, local_crs
 from solmap.products.errors import ProductNotFoundError
-from solmap.products.feature_collections import BY_ID
+from solmap.products.features.collections import BY_ID
 
 router = APIRouter(prefix="/ogc/{mission}", tags=["ogc"])
 _COMMON = "http://www.opengis.net/spec/ogcapi-common-1/1.0/conf"

@@ -18,10 +18,10 @@ from solmap.gis_server.rendering.styles import DEFAULT, STYLES, styles_of
 from solmap.gis_server.rendering.tiles import render_tile
 from solmap.gis_server.routes.parameters import AGAIN, MissionName
 from solmap.gis_server.services import Services, ServicesOf
-from solmap.products.catalogue import MissionEntry
+from solmap.products.catalogue.catalogue import MissionEntry
 from solmap.products.errors import ProductNotFoundError
+from solmap.products.formats.raster.tiling import MAX_ZOOM, TileAddress
 from solmap.products.model import Layer, ProductKind
-from solmap.products.tiling import MAX_ZOOM, TileAddress
 
 Number = Annotated[int, Path(ge=0)]
 

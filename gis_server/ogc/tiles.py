@@ -31,7 +31,7 @@ from solmap.gis_server.rendering.styles import DEFAULT
 from solmap.gis_server.routes.looks import AskedLook
 from solmap.gis_server.routes.parameters import AGAIN, MissionName
 from solmap.gis_server.services import Services, ServicesOf
-from solmap.products.catalogue import MissionEntry
+from solmap.products.catalogue.catalogue import MissionEntry
 
 router = APIRouter(prefix="/ogc/{mission}", tags=["ogc tiles"])
 _PART = "http://www.opengis.net/spec/ogcapi-tiles-1/1.0/conf"

@@ -16,11 +16,11 @@ from solmap.gis_server.ogc.crs import Crs, uri_of
 from solmap.gis_server.ogc.links import JSON, Link, link
 from solmap.gis_server.rendering.styles import DEFAULT, Style, styles_of
 from solmap.photogrammetry.terrain.grid import BLOCK, Bounds
-from solmap.products.catalogue import MissionEntry
+from solmap.products.catalogue.catalogue import MissionEntry
 from solmap.products.crs import LandingPoint, local_proj4
+from solmap.products.formats.raster.tiling import CELL_SIZES, tile_matrix_set, zoom_of
 from solmap.products.model import Layer
 from solmap.products.stac_items import degrees
-from solmap.products.tiling import CELL_SIZES, tile_matrix_set, zoom_of
 
 _REL = "http://www.opengis.net/def/rel/ogc/1.0"
 TILING_SCHEME, TILESETS_MAP = f"{_REL}/tiling-scheme", f"{_REL}/tilesets-map"

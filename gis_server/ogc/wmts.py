@@ -33,9 +33,9 @@ from solmap.gis_server.rendering.styles import DEFAULT
 from solmap.gis_server.routes.looks import AskedLook
 from solmap.gis_server.routes.parameters import AGAIN, MissionName
 from solmap.gis_server.services import Services, ServicesOf
-from solmap.products.catalogue import MissionEntry
+from solmap.products.catalogue.catalogue import MissionEntry
 from solmap.products.errors import OutsideCoverageError, ProductNotFoundError
-from solmap.products.tiling import TileAddress
+from solmap.products.formats.raster.tiling import TileAddress
 
 router = APIRouter(prefix="/ogc/{mission}/wmts", tags=["ogc tiles"])
 CONFORMANCE: tuple[str, ...] = ()

@@ -13,11 +13,16 @@ from xml.etree import ElementTree as ET
 from solmap.gis_server.ogc.tilesets import collection_id, finest, legend_address, limits_at, tms_id
 from solmap.gis_server.rendering.styles import DEFAULT, styles_of
 from solmap.photogrammetry.terrain.grid import BLOCK, Bounds
-from solmap.products.catalogue import MissionEntry
+from solmap.products.catalogue.catalogue import MissionEntry
 from solmap.products.crs import local_proj4
+from solmap.products.formats.raster.tiling import (
+    CELL_SIZES,
+    EXTENT,
+    HALF_SIDE_M,
+    whole_zoom_of,
+)
 from solmap.products.model import Layer
 from solmap.products.stac_items import degrees
-from solmap.products.tiling import CELL_SIZES, EXTENT, HALF_SIDE_M, whole_zoom_of
 
 _WMTS, _OWS = "http://www.opengis.net/wmts/1.0", "http://www.opengis.net/ows/1.1"
 _XLINK = "http://www.w3.org/1999/xlink"

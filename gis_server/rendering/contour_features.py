@@ -18,10 +18,10 @@ from solmap.photogrammetry.terrain.contours import (
 )
 from solmap.photogrammetry.terrain.grid import Bounds
 from solmap.products.contour_features import contour_feature
+from solmap.products.formats.raster.raster import grid_of
+from solmap.products.formats.vector.geojson import Feature
 from solmap.products.model import Layer, ProductKind
-from solmap.products.raster import grid_of
-from solmap.products.store import ProductStore
-from solmap.products.vector import Feature
+from solmap.products.store.product_store import ProductStore
 
 _MOST_CELLS = 8_000_000
 """Cells to trace at once: two seconds of a processor."""

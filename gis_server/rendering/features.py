@@ -8,7 +8,7 @@ from pathlib import Path
 
 import shapely
 
-from solmap.products.vector import Feature, FeatureCollection, read_features
+from solmap.products.formats.vector.geojson import Feature, FeatureCollection, read_features
 
 _SHAPES = {"Point": shapely.Point, "LineString": shapely.LineString}
 

@@ -11,9 +11,9 @@ from typing import Any
 from solmap.gis_server.rendering.features import index_of
 from solmap.gis_server.rendering.readers import RasterPool
 from solmap.products.errors import ProductError
+from solmap.products.formats.raster.raster import class_names, values_in
 from solmap.products.model import Layer, ProductKind, ScopeLevel
-from solmap.products.raster import class_names, values_in
-from solmap.products.store import ProductStore
+from solmap.products.store.product_store import ProductStore
 
 log = logging.getLogger(__name__)
 

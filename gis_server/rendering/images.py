@@ -21,11 +21,11 @@ from solmap.gis_server.rendering.kept import Kept
 from solmap.photogrammetry.arrays import GreyImage, Picture
 from solmap.photogrammetry.imagery import Eye
 from solmap.photogrammetry.matching.resampling import resample
-from solmap.products.catalogue import ImageEntry
+from solmap.products.catalogue.catalogue import ImageEntry
+from solmap.products.catalogue.images import ImageFile, image_file, read_product_image
+from solmap.products.catalogue.oriented_images import geometry_of, matches_of, record_of
+from solmap.products.catalogue.workspace import Workspace
 from solmap.products.errors import OutsideCoverageError, ProductNotFoundError
-from solmap.products.images import ImageFile, image_file, read_product_image
-from solmap.products.oriented import geometry_of, matches_of, record_of
-from solmap.products.workspace import Workspace
 
 TILE = 256
 _DEPTHS = (255.0, 4095.0, 65535.0)

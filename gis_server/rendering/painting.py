@@ -25,9 +25,9 @@ from solmap.gis_server.rendering.shading import (
 )
 from solmap.gis_server.rendering.styles import ELEVATIONS, PICTURES, STYLES, Style, range_of
 from solmap.products.errors import ProductNotFoundError
+from solmap.products.formats.raster.raster import band_names
+from solmap.products.formats.raster.tiling import TileAddress
 from solmap.products.model import Layer, ProductKind
-from solmap.products.raster import band_names
-from solmap.products.tiling import TileAddress
 
 _NOT_AVERAGED = {ProductKind.ASPECT, ProductKind.REGION_ASPECT} | {
     kind for kind, style in STYLES.items() if style.is_classes

@@ -22,8 +22,8 @@ from rasterio.enums import Resampling
 from rasterio.windows import Window
 
 from solmap.photogrammetry.terrain.grid import BLOCK
-from solmap.products.raster import grid_of
-from solmap.products.tiling import TileAddress
+from solmap.products.formats.raster.raster import grid_of
+from solmap.products.formats.raster.tiling import TileAddress
 
 
 @dataclass(frozen=True, slots=True, eq=False)

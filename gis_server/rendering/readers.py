@@ -17,7 +17,7 @@ from pathlib import Path
 import rasterio
 from rasterio.errors import RasterioError
 
-from solmap.products.raster import open_raster, unreadable
+from solmap.products.formats.raster.raster import open_raster, unreadable
 
 # Of a machine's memory GDAL would take a twentieth for blocks. The variable counts megabytes and is
 # read once; set as an option from Python the same number would count bytes.

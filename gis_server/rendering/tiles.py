@@ -16,9 +16,9 @@ from solmap.gis_server.rendering.readers import RasterPool
 from solmap.gis_server.rendering.styles import ELEVATIONS, PICTURES, Style, range_of
 from solmap.photogrammetry.terrain.grid import BLOCK
 from solmap.products.errors import ProductNotFoundError
+from solmap.products.formats.raster.tiling import TileAddress
 from solmap.products.model import Layer
-from solmap.products.store import ProductStore
-from solmap.products.tiling import TileAddress
+from solmap.products.store.product_store import ProductStore
 
 PLAIN = Look()
 """Every layer as it is shown by default."""

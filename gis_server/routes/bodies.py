@@ -10,10 +10,10 @@ from pydantic import BaseModel
 from solmap.gis_server.rendering.identify import FeatureFound, Identified, LayerValue
 from solmap.gis_server.rendering.styles import PICTURES, STYLES, legend_of, range_of
 from solmap.photogrammetry.terrain.grid import BLOCK, Bounds, union
-from solmap.products.catalogue import ImageEntry, MissionEntry
+from solmap.products.catalogue.catalogue import ImageEntry, MissionEntry
 from solmap.products.crs import LandingPoint, local_crs, local_proj4, lon_lat
+from solmap.products.formats.raster.tiling import CELL_SIZES, EXTENT, whole_zoom_of, zoom_of
 from solmap.products.model import Layer
-from solmap.products.tiling import CELL_SIZES, EXTENT, whole_zoom_of, zoom_of
 
 _NO_LAYERS: Bounds = (-50.0, -50.0, 50.0, 50.0)
 """Shown of a mission with nothing on its map yet, metres."""

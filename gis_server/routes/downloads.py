@@ -16,12 +16,12 @@ from solmap.gis_server.ogc.links import base_of
 from solmap.gis_server.routes.layers import MEDIA_TYPES
 from solmap.gis_server.routes.parameters import AGAIN, FOREVER, Bounds, LayerPath, MissionName
 from solmap.gis_server.services import ServicesOf
-from solmap.products.clip import clip_features, clip_raster
 from solmap.products.errors import OutsideCoverageError, ProductError, StoreAwayError
-from solmap.products.geopackage import write_geopackage
+from solmap.products.formats.cutouts import clip_features, clip_raster
+from solmap.products.formats.vector.geojson import read_features, write_features
+from solmap.products.formats.vector.geopackage import write_geopackage
 from solmap.products.model import Layer
-from solmap.products.store import ProductStore
-from solmap.products.vector import read_features, write_features
+from solmap.products.store.product_store import ProductStore
 
 router = APIRouter(tags=["downloads"])
 Program = Literal["gdal", "qgis", "pystac", "browser"]

@@ -25,7 +25,7 @@ from solmap.gis_server.routes.parameters import AGAIN, Metres, MissionName
 from solmap.gis_server.services import ServicesOf
 from solmap.photogrammetry.terrain.driving import DrivingParams
 from solmap.products.crs import local_crs
-from solmap.products.raster import write_raster
+from solmap.products.formats.raster.raster import write_raster
 
 router = APIRouter(prefix="/api/missions/{mission}", tags=["analysis"])
 _USUAL = DrivingParams()

@@ -12,9 +12,9 @@ from solmap.gis_server.access import Analyst
 from solmap.gis_server.routes.parameters import AGAIN, LARGEST_ID, MissionName
 from solmap.gis_server.services import Services, ServicesOf
 from solmap.photogrammetry.matching.hand_ties import parse_hand_ties
-from solmap.products.edits import Edit, EditConflictError, EditKind
-from solmap.products.events import EDITS_CHANGED
-from solmap.products.tiling import HALF_SIDE_M
+from solmap.products.catalogue.edits import Edit, EditConflictError, EditKind
+from solmap.products.catalogue.events import EDITS_CHANGED
+from solmap.products.formats.raster.tiling import HALF_SIDE_M
 
 router = APIRouter(prefix="/api/missions/{mission}", tags=["edits"])
 Number = Annotated[int, Path(ge=1, le=LARGEST_ID)]

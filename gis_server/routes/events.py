@@ -12,7 +12,7 @@ from fastapi.sse import EventSourceResponse, ServerSentEvent
 from solmap.gis_server.live import TooManyListenersError
 from solmap.gis_server.routes.parameters import LARGEST_ID
 from solmap.gis_server.services import ServicesOf
-from solmap.products.events import Event
+from solmap.products.catalogue.events import Event
 
 router = APIRouter(prefix="/api", tags=["live"])
 _RETRY_MS = 2000

@@ -14,7 +14,7 @@ from fastapi.responses import FileResponse, StreamingResponse
 
 from solmap.gis_server.routes.parameters import FOREVER
 from solmap.products.model import ProductRef
-from solmap.products.store import ProductStore
+from solmap.products.store.product_store import ProductStore
 
 _RANGE = re.compile(r"bytes=(\d*)-(\d*)$", re.ASCII)
 _UNSATISFIABLE = 416

@@ -17,8 +17,8 @@ from solmap.gis_server.routes.parameters import AGAIN, ImageName
 from solmap.gis_server.services import ServicesOf
 from solmap.photogrammetry.matching.hand_editing import epipolar_point
 from solmap.photogrammetry.matching.resampling import GROUND_M
-from solmap.products.oriented import geometry_of, matches_of, record_of
-from solmap.products.workspace import Workspace
+from solmap.products.catalogue.oriented_images import geometry_of, matches_of, record_of
+from solmap.products.catalogue.workspace import Workspace
 
 router = APIRouter(prefix="/images", tags=["images"])
 _MAX_ZOOM = 12

@@ -14,10 +14,10 @@ from solmap.gis_server.routes.files import product_response
 from solmap.gis_server.routes.parameters import FOREVER, Bounds, LayerPath
 from solmap.gis_server.services import ServicesOf
 from solmap.products.errors import ProductNotFoundError
-from solmap.products.feature_texts import FeatureTexts, texts_of
-from solmap.products.geopackage import write_geopackage
+from solmap.products.features.texts import FeatureTexts, texts_of
+from solmap.products.formats.vector.geojson import read_features
+from solmap.products.formats.vector.geopackage import write_geopackage
 from solmap.products.model import SUFFIX, Layer
-from solmap.products.vector import read_features
 
 router = APIRouter(tags=["layers"])
 _MOST_AT_ONCE = 20_000

@@ -23,9 +23,9 @@ from solmap.gis_server.routes.bodies import (
 )
 from solmap.gis_server.routes.parameters import AGAIN, LAST_SOL, Metres, MissionName
 from solmap.gis_server.services import Services, ServicesOf
+from solmap.products.catalogue.workspace import Workspace
 from solmap.products.model import Layer
 from solmap.products.sol_report_page import sol_report
-from solmap.products.workspace import Workspace
 
 router = APIRouter(prefix="/api/missions", tags=["missions"])
 _IMAGES = TypeAdapter(list[Image])

@@ -13,16 +13,16 @@ from solmap.gis_server.services import ServicesOf
 from solmap.photogrammetry.terrain.printable import SolidParams, solid_of
 from solmap.products.crs import local_crs
 from solmap.products.errors import ProductNotFoundError
-from solmap.products.model import Layer, ProductKind, ScopeLevel
-from solmap.products.raster import read_dtm
-from solmap.products.stl import stl_bytes
-from solmap.products.tiles3d import (
+from solmap.products.formats.mesh.stl import stl_bytes
+from solmap.products.formats.mesh.tiles3d import (
     TILESET,
     external_tileset,
     read_member,
     read_tileset,
     tileset_document,
 )
+from solmap.products.formats.raster.raster import read_dtm
+from solmap.products.model import Layer, ProductKind, ScopeLevel
 
 router = APIRouter(tags=["models"])
 TILESETS = (ProductKind.TILESET, ProductKind.POINT_TILES)

@@ -24,9 +24,9 @@ from solmap.gis_server.analysis.solutions import (
 )
 from solmap.gis_server.routes.parameters import AGAIN, ImageName, MissionName
 from solmap.gis_server.services import ServicesOf
+from solmap.products.catalogue.oriented_images import OrientedMission
+from solmap.products.catalogue.workspace import Workspace
 from solmap.products.errors import ProductNotFoundError
-from solmap.products.oriented import OrientedMission
-from solmap.products.workspace import Workspace
 
 router = APIRouter(prefix="/api/missions/{mission}", tags=["network"])
 

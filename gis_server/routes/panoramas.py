@@ -29,9 +29,9 @@ from solmap.gis_server.routes.parameters import (
     ScopeName,
 )
 from solmap.gis_server.services import Services, ServicesOf
+from solmap.products.catalogue.oriented_images import OrientedMission
+from solmap.products.catalogue.workspace import Workspace
 from solmap.products.model import Layer, ProductKind
-from solmap.products.oriented import OrientedMission
-from solmap.products.workspace import Workspace
 
 router = APIRouter(tags=["panoramas"])
 TILE = 256

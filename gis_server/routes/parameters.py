@@ -7,8 +7,8 @@ from typing import Annotated
 from fastapi import Depends, HTTPException, Path, Query
 
 from solmap.gis_server.services import ServicesOf
+from solmap.products.formats.raster.tiling import HALF_SIDE_M, MAX_ZOOM, TileAddress
 from solmap.products.model import Layer, ProductKind
-from solmap.products.tiling import HALF_SIDE_M, MAX_ZOOM, TileAddress
 
 MissionName = Annotated[str, Path(pattern=r"^[A-Za-z0-9_-]{1,64}$", examples=["MER2"])]
 ScopeName = Annotated[

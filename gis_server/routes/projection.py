@@ -28,9 +28,9 @@ from solmap.gis_server.routes.parameters import Metres, MissionName
 from solmap.gis_server.services import Services, ServicesOf
 from solmap.photogrammetry.terrain.ground import MAP_FROM_LSL
 from solmap.photogrammetry.terrain.ground_point import GroundPoint
-from solmap.products.catalogue import ImageEntry
-from solmap.products.oriented import OrientedMission
-from solmap.products.workspace import Workspace
+from solmap.products.catalogue.catalogue import ImageEntry
+from solmap.products.catalogue.oriented_images import OrientedMission
+from solmap.products.catalogue.workspace import Workspace
 
 router = APIRouter(prefix="/api/missions/{mission}", tags=["projection"])
 _LARGEST_PX = 1e5

@@ -14,8 +14,8 @@ from solmap.gis_server.analysis.scene import (
 )
 from solmap.gis_server.routes.parameters import AGAIN, MissionName
 from solmap.gis_server.services import ServicesOf
-from solmap.products.network import network_of, published_networks
-from solmap.products.workspace import Workspace
+from solmap.products.catalogue.workspace import Workspace
+from solmap.products.formats.documents.network import network_of, published_networks
 
 router = APIRouter(prefix="/api/missions/{mission}/scene", tags=["models"])
 

@@ -24,8 +24,8 @@ from solmap.gis_server.routes.looks import AskedLook
 from solmap.gis_server.routes.tiles import picture_of, values_of
 from solmap.gis_server.services import Services
 from solmap.products.errors import ProductError
+from solmap.products.formats.raster.tiling import TileAddress
 from solmap.products.model import ProductKind
-from solmap.products.tiling import TileAddress
 
 _TILE = re.compile(
     r"/tiles/([a-z0-9][a-z0-9_.-]{0,127})/([a-z-]{1,32})/([0-9a-f]{16})"

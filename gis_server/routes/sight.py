@@ -22,7 +22,7 @@ from solmap.gis_server.services import ServicesOf
 from solmap.photogrammetry.terrain.viewshed import ViewshedParams
 from solmap.products.classes import SIGHTS
 from solmap.products.crs import local_crs
-from solmap.products.raster import write_classes
+from solmap.products.formats.raster.raster import write_classes
 
 router = APIRouter(prefix="/api/missions/{mission}", tags=["analysis"])
 _USUAL = ViewshedParams()

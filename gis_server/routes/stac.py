@@ -18,7 +18,7 @@ from solmap.gis_server.routes.parameters import AGAIN, Digest, LayerPath, Missio
 from solmap.gis_server.services import Services, ServicesOf
 from solmap.products.errors import ProductNotFoundError
 from solmap.products.model import SUFFIX
-from solmap.products.stac import FOLDER
+from solmap.products.reports.stac import FOLDER
 
 router = APIRouter(tags=["stac"])
 ItemName = Annotated[str, Path(pattern=r"^[a-z0-9][a-z0-9_.-]{0,191}$")]

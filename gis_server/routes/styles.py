@@ -19,8 +19,8 @@ from solmap.gis_server.routes.looks import AskedLook
 from solmap.gis_server.routes.parameters import FOREVER, Bounds, LayerPath
 from solmap.gis_server.services import ServicesOf
 from solmap.products.errors import ProductNotFoundError
+from solmap.products.formats.vector.geojson import FeatureCollection, local_geojson
 from solmap.products.model import Layer
-from solmap.products.vector import FeatureCollection, local_geojson
 
 router = APIRouter(prefix="/api/layers/{scope}/{kind}/{digest}", tags=["layers"])
 Asked = Annotated[AskedLook, Query()]

@@ -9,8 +9,8 @@ from solmap.gis_server.analysis.trial import tried
 from solmap.gis_server.analysis.trial_bodies import TrialAnswer, TrialQuestion
 from solmap.gis_server.routes.parameters import MissionName
 from solmap.gis_server.services import Services, ServicesOf
-from solmap.products.oriented import OrientedMission
-from solmap.products.workspace import Workspace
+from solmap.products.catalogue.oriented_images import OrientedMission
+from solmap.products.catalogue.workspace import Workspace
 
 router = APIRouter(prefix="/api/missions/{mission}", tags=["hand ties"])
 

@@ -14,8 +14,8 @@ from solmap.gis_server.rendering.tiles import render_tile, render_values
 from solmap.gis_server.routes.looks import AskedLook
 from solmap.gis_server.routes.parameters import FOREVER, Address, LayerPath
 from solmap.gis_server.services import Services, ServicesOf
+from solmap.products.formats.raster.tiling import TileAddress
 from solmap.products.model import Layer
-from solmap.products.tiling import TileAddress
 
 router = APIRouter(tags=["tiles"])
 BandName = Annotated[str, Query(pattern=r"^[a-z_]{0,64}$", description="the first by default")]

@@ -11,10 +11,14 @@ from solmap.gis_server.analysis.solutions import OVERALL
 from solmap.gis_server.routes.bodies import MapLayer, layer_body
 from solmap.gis_server.routes.parameters import AGAIN, LayerPath, ScopeName
 from solmap.gis_server.services import Services, ServicesOf
+from solmap.products.catalogue.layer_versions import (
+    solutions_behind,
+    solutions_of_mission,
+    versions_of,
+)
+from solmap.products.catalogue.runs import Run
 from solmap.products.errors import ProductNotFoundError
-from solmap.products.layer_versions import solutions_behind, solutions_of_mission, versions_of
 from solmap.products.model import Layer, ProductKind
-from solmap.products.runs import Run
 
 router = APIRouter(prefix="/api/layers", tags=["layers"])
 _RUNS = 500

@@ -10,9 +10,9 @@ import pytest
 from fastapi.testclient import TestClient
 
 from solmap.gis_server.app import create_app
-from solmap.products.mission_features import MissionFeatures
+from solmap.products.catalogue.workspace import Workspace
+from solmap.products.features.mission_features import MissionFeatures
 from solmap.products.model import ProductKind
-from solmap.products.workspace import Workspace
 from tests.support.large_mission import write_mission
 
 BOX = "175.50,-14.55,175.52,-14.53"

@@ -15,7 +15,7 @@ from solmap.photogrammetry.terrain.levels import TilesetParams, drawn_tiles
 from solmap.photogrammetry.terrain.model3d import ModelParams, TerrainDrawing, TexturedMesh
 from solmap.photogrammetry.terrain.records import Dtm, GroundClass
 from solmap.photogrammetry.terrain.right_triangles import RightTriangles
-from solmap.products.gltf import Encoding, write_glb
+from solmap.products.formats.mesh.gltf import Encoding, write_glb
 
 CELL_M, SIDE = 0.04, 1500
 """60 x 60 m in cells of 0.04 m."""

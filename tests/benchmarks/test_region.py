@@ -18,8 +18,8 @@ from solmap.photogrammetry.terrain.grid import MapGrid
 from solmap.photogrammetry.terrain.records import Dtm, GroundClass
 from solmap.photogrammetry.terrain.region import RegionParams
 from solmap.products.crs import LandingPoint, local_crs
-from solmap.products.raster import write_dtm
-from solmap.products.region import RegionFiles, RegionSource, write_region
+from solmap.products.formats.raster.raster import write_dtm
+from solmap.products.formats.raster.region import RegionFiles, RegionSource, write_region
 
 LANDING = LandingPoint("a plain", 175.0, -14.5, 3_393_000.0, "assumed")
 SIDES_M = (690.0, 640.0)

@@ -28,13 +28,13 @@ from solmap.gis_server.rendering.looks import Look
 from solmap.gis_server.rendering.readers import RasterPool
 from solmap.gis_server.rendering.tiles import render_tile
 from solmap.photogrammetry.terrain.grid import BLOCK, MapGrid
-from solmap.products.catalogue import Catalogue, MissionEntry
+from solmap.products.catalogue.catalogue import Catalogue, MissionEntry
 from solmap.products.crs import LandingPoint, local_crs
+from solmap.products.formats.raster.orthophoto import write_orthophoto
+from solmap.products.formats.raster.raster import summarise, write_raster
+from solmap.products.formats.raster.tiling import TileAddress, tile_matrix_set, zoom_of
 from solmap.products.model import Layer, ProductKind, Recipe, Scope, ScopeLevel
-from solmap.products.pictures import write_orthophoto
-from solmap.products.raster import summarise, write_raster
-from solmap.products.store import ProductStore
-from solmap.products.tiling import TileAddress, tile_matrix_set, zoom_of
+from solmap.products.store.product_store import ProductStore
 from tests.support.live_server import Server
 from tests.support.tile_load import Load, load
 from tests.support.tile_servers import running

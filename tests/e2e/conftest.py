@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from solmap.products.workspace import Workspace
+from solmap.products.catalogue.workspace import Workspace
 from tests.support.bowl_store import fill
 from tests.support.browsing import Server, open_browser, open_page
 from tests.support.stereo_viewer import fill as fill_with_images

@@ -11,9 +11,9 @@ from typer.testing import CliRunner
 from solmap.flows.cli import app
 from solmap.flows.judgement import true_stops
 from solmap.flows.listing import latest_networks, position_rows
+from solmap.products.catalogue.workspace import Workspace
+from solmap.products.formats.documents.network import read_network
 from solmap.products.model import ProductKind
-from solmap.products.network import read_network
-from solmap.products.workspace import Workspace
 
 pytestmark = pytest.mark.slow
 SHIFT = (5.0, -2.0)

@@ -13,9 +13,9 @@ from solmap.flows.dips import dips_of_rocks
 from solmap.flows.listing import position_rows, product_rows
 from solmap.photogrammetry.terrain.facets import FacetParams
 from solmap.photogrammetry.terrain.records import GroundClass
+from solmap.products.formats.mesh.models import extent_of_model
+from solmap.products.formats.raster.raster import read_dtm, read_raster
 from solmap.products.model import ProductKind
-from solmap.products.models import extent_of_model
-from solmap.products.raster import read_dtm, read_raster
 from tests.support.gltf_validator import validate_glb
 
 STOP_KINDS = {"dtm", "orthophoto", "sources", "slope", "aspect", "hillshade", "contours"}

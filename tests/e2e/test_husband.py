@@ -13,7 +13,7 @@ import pytest
 
 from solmap.flows.judgement import judge_positions, judge_terrain, true_stops
 from solmap.flows.listing import position_rows, product_rows
-from solmap.products.workspace import Workspace
+from solmap.products.catalogue.workspace import Workspace
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(1800)]
 

@@ -6,7 +6,7 @@ from fastapi.testclient import TestClient
 
 from solmap.gis_server.app import create_app
 from solmap.photogrammetry.terrain.ground import MAP_FROM_LSL
-from solmap.products.oriented import OrientedMission
+from solmap.products.catalogue.oriented_images import OrientedMission
 
 MISSION = "/api/missions/MER2"
 

@@ -9,8 +9,8 @@ import pytest
 
 from solmap.flows.listing import latest_networks, position_rows
 from solmap.flows.report import report_rows
+from solmap.products.catalogue.workspace import Workspace
 from solmap.products.model import ProductKind
-from solmap.products.workspace import Workspace
 from solmap.tasks.orientations import read_orientations
 
 pytestmark = pytest.mark.slow

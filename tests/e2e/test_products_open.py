@@ -9,8 +9,8 @@ import pytest
 import rasterio
 from rio_cogeo import cog_validate
 
+from solmap.products.formats.raster.raster import class_names
 from solmap.products.model import ProductKind
-from solmap.products.raster import class_names
 
 PANORAMAS = {"panorama", "panorama-ground"}
 """Rasters of directions and not of places on the map."""

@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from solmap.products.catalogue import MissionEntry
+from solmap.products.catalogue.catalogue import MissionEntry
+from solmap.products.catalogue.workspace import Workspace
 from solmap.products.crs import lon_lat
-from solmap.products.workspace import Workspace
 from tests.support.bowl_store import (
     CONTOUR_RADIUS_M,
     GALE,

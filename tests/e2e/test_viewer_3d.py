@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
-from solmap.products.workspace import Workspace
+from solmap.products.catalogue.workspace import Workspace
 from tests.support.bowl_store import STOPS, elevation_at
 from tests.support.browsing import Server, at, look, pixel_of, ready, screenshot, until
 from tests.support.scene_store import POINT_GREYS, POINTS, fill_scene, heading, place_of

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from solmap.products.workspace import Workspace
+from solmap.products.catalogue.workspace import Workspace
 from tests.support.browsing import ROOT, Server, at, look, open_page, ready, screenshot
 from tests.support.scene_store import fill_scene
 

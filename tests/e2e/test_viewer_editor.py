@@ -9,11 +9,11 @@ import httpx
 import numpy as np
 import pytest
 
-from solmap.products.access import Role, TokenBook
-from solmap.products.edits import EditKind, EditLog
+from solmap.products.catalogue.edits import EditKind, EditLog
+from solmap.products.catalogue.tokens import Role, TokenBook
+from solmap.products.catalogue.workspace import Workspace
+from solmap.products.formats.documents.network import read_network
 from solmap.products.model import ProductKind
-from solmap.products.network import read_network
-from solmap.products.workspace import Workspace
 from tests.support.browsing import Server, look, ready, screenshot, until
 
 Point = tuple[float, float]

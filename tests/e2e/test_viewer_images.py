@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from solmap.photogrammetry.terrain.ground import MAP_FROM_LSL
-from solmap.products.oriented import OrientedMission
+from solmap.products.catalogue.oriented_images import OrientedMission
 from tests.support.browsing import ROOT, field, look, pixel_of, ready, screenshot, until
 from tests.support.stereo_viewer import RESIDUAL_PX
 

@@ -9,9 +9,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from solmap.products.catalogue.workspace import Workspace
+from solmap.products.formats.raster.raster import summarise, write_dtm
 from solmap.products.model import Layer, ProductKind, Recipe, Scope, ScopeLevel
-from solmap.products.raster import summarise, write_dtm
-from solmap.products.workspace import Workspace
 from tests.support.bowl_store import CRS, GRID, STOPS, dtm, fill
 from tests.support.browsing import (
     Server,

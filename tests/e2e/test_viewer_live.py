@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from solmap.products.catalogue.workspace import Workspace
+from solmap.products.formats.raster.raster import summarise, write_raster
 from solmap.products.model import Layer, ProductKind, Recipe
-from solmap.products.raster import summarise, write_raster
-from solmap.products.workspace import Workspace
 from tests.support.bowl_store import CRS, GRID, REGION
 from tests.support.browsing import (
     at,

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from solmap.photogrammetry.terrain.hazard import Hazard
+from solmap.products.catalogue.workspace import Workspace
 from solmap.products.classes import HAZARDS
+from solmap.products.formats.raster.raster import write_classes
 from solmap.products.model import ProductKind
-from solmap.products.raster import write_classes
-from solmap.products.workspace import Workspace
 from tests.support.bowl_store import CRS, GRID, Shop, fill
 from tests.support.browsing import (
     Server,

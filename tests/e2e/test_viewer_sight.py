@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from solmap.products.workspace import Workspace
+from solmap.products.catalogue.workspace import Workspace
 from tests.support.browsing import (
     Server,
     at,

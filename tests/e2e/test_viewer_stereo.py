@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from solmap.products.workspace import Workspace
+from solmap.products.catalogue.workspace import Workspace
 from tests.support.browsing import Server, look, screenshot
 from tests.support.scene_store import fill_scene
 

@@ -13,10 +13,10 @@ from solmap.photogrammetry.matching.vertical_parallax import turned_in_place
 from solmap.photogrammetry.synthetic.world import RenderJob, TraverseParams, WorldParams, make_world
 from solmap.photogrammetry.terrain.dtm import DtmParams
 from solmap.photogrammetry.terrain.orthophoto import OrthophotoParams
-from solmap.products.arrays import read_matches
+from solmap.products.catalogue.workspace import Workspace
 from solmap.products.crs import LandingPoint
-from solmap.products.pictures import read_sources
-from solmap.products.workspace import Workspace
+from solmap.products.formats.documents.archives import read_matches
+from solmap.products.formats.raster.orthophoto import read_sources
 from solmap.tasks import colour
 from solmap.tasks.colour import colour_frames, render_colour
 from solmap.tasks.dtm import build_dtm

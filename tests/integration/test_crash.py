@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from solmap.products.workspace import Workspace
+from solmap.products.catalogue.workspace import Workspace
 from tests.support.disorder import differences
 from tests.support.kill_moments import Moment, Step, Watch
 from tests.support.product_keeper import keep_products

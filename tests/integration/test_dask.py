@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from solmap.products.store import ProductStore
+from solmap.products.store.product_store import ProductStore
 from tests.support.engine_overhead import run_on, stages
 
 pytest.importorskip("prefect_dask", reason="prefect-dask is not installed (solmap[cluster])")

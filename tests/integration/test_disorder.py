@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from solmap.products.catalogue.pruning import _known
+from solmap.products.catalogue.workspace import Workspace
 from solmap.products.model import ProductKind, ProductRef
-from solmap.products.pruning import _known
-from solmap.products.workspace import Workspace
 from solmap.tasks.orientations import read_orientations
 from tests.support.disorder import deliveries, differences
 from tests.support.small_downlink import (

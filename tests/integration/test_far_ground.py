@@ -13,9 +13,9 @@ from solmap.photogrammetry.synthetic.world import (
     simulate_downlink,
 )
 from solmap.photogrammetry.terrain.records import Dtm
+from solmap.products.catalogue.workspace import Workspace
+from solmap.products.formats.raster.raster import read_dtm
 from solmap.products.model import FAR, Layer, ProductKind
-from solmap.products.raster import read_dtm
-from solmap.products.workspace import Workspace
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(1800)]
 

@@ -11,9 +11,9 @@ from solmap.photogrammetry.imagery import TieKind
 from solmap.photogrammetry.matching.inter_stereo import InterStereoParams
 from solmap.photogrammetry.synthetic.traverse import TraverseParams
 from solmap.photogrammetry.synthetic.world import WorldParams, make_world, render_jobs
-from solmap.products.arrays import read_matches, read_ties, write_ties
+from solmap.products.catalogue.workspace import Workspace
+from solmap.products.formats.documents.archives import read_matches, read_ties, write_ties
 from solmap.products.model import ProductKind, Recipe, Scope, ScopeLevel
-from solmap.products.workspace import Workspace
 from solmap.tasks.adjust import NetworkParams, NetworkStep, adjust_network, read_network
 from solmap.tasks.hand_ties import all_wishes, concerning
 from solmap.tasks.images import image_records

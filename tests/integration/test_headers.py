@@ -6,7 +6,7 @@ import pytest
 from fastapi.testclient import TestClient
 
 from solmap.gis_server.app import create_app
-from solmap.products.workspace import Workspace
+from solmap.products.catalogue.workspace import Workspace
 from tests.support.bowl_store import fill
 
 ELSEWHERE = "https://maps.example.org"

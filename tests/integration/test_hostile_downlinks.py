@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from solmap.flows.simulation import write_downlink
-from solmap.products.workspace import Workspace
+from solmap.products.catalogue.workspace import Workspace
 
 
 @pytest.fixture(scope="module")

@@ -20,7 +20,7 @@ from solmap.photogrammetry.synthetic.world import (
     render_jobs,
     simulate_downlink,
 )
-from solmap.products.workspace import Workspace
+from solmap.products.catalogue.workspace import Workspace
 from solmap.tasks.images import image_file, image_record, read_product_image
 from solmap.tasks.ingest import Delivery, ingest_downlink
 from solmap.tasks.telemetry import read_telemetry

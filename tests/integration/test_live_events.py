@@ -16,7 +16,7 @@ import httpx
 import numpy as np
 import pytest
 
-from solmap.products.catalogue import Catalogue
+from solmap.products.catalogue.catalogue import Catalogue
 from tests.support.live_server import serving
 
 _TELL = """
@@ -127,7 +127,7 @@ def test_events_of_other_missions_are_left_out_when_one_is_named(root):
 
 def test_who_missed_what_is_forgotten_is_told_to_ask_everything_anew(root):
     catalogue = Catalogue.open(root)
-    from solmap.products.events import EVENTS  # noqa: PLC0415
+    from solmap.products.catalogue.events import EVENTS  # noqa: PLC0415
 
     for _ in range(5):
         catalogue.tell("run.changed", {})

@@ -18,8 +18,8 @@ import httpx
 import numpy as np
 import pytest
 
-from solmap.products.store import ProductStore
-from solmap.products.workspace import Workspace
+from solmap.products.catalogue.workspace import Workspace
+from solmap.products.store.product_store import ProductStore
 from tests.support.live_server import running
 from tests.support.live_server import serving as serve
 

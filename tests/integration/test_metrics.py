@@ -9,9 +9,9 @@ import httpx
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
-from solmap.products.catalogue import Catalogue
-from solmap.products.runs import Run, RunBook, RunState
-from solmap.products.workspace import Workspace
+from solmap.products.catalogue.catalogue import Catalogue
+from solmap.products.catalogue.runs import Run, RunBook, RunState
+from solmap.products.catalogue.workspace import Workspace
 from tests.support.bowl_store import fill
 from tests.support.live_server import serving
 

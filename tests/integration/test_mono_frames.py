@@ -8,8 +8,8 @@ import pytest
 
 from solmap.photogrammetry.adjustment.modes import AdjustmentMode
 from solmap.photogrammetry.terrain.oriented_image import as_pointed
+from solmap.products.catalogue.workspace import Workspace
 from solmap.products.model import ProductKind, Recipe
-from solmap.products.workspace import Workspace
 from solmap.tasks.adjust import NetworkParams, NetworkStep, adjust_network, read_network
 from solmap.tasks.images import image_record, image_records
 from solmap.tasks.ingest import ingest_downlink

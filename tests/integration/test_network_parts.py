@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from solmap.photogrammetry.adjustment.weaknesses import shared_ties
+from solmap.products.catalogue.pruning import PruningParams, prune
+from solmap.products.catalogue.workspace import Workspace
 from solmap.products.errors import ProductNotFoundError
-from solmap.products.network import read_network, whole_network
-from solmap.products.pruning import PruningParams, prune
-from solmap.products.workspace import Workspace
+from solmap.products.formats.documents.network import read_network, whole_network
 from tests.support.mission_growth import walked
 from tests.support.simulated_sols import SimulatedSols
 

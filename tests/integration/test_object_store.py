@@ -20,13 +20,13 @@ import pytest
 from fastapi.testclient import TestClient
 
 from solmap.gis_server.app import create_app
+from solmap.products.catalogue.workspace import Workspace
 from solmap.products.errors import ProductError, ProductNotFoundError, StoreAwayError
+from solmap.products.formats.mesh.tiles3d import TilesetWriter
+from solmap.products.formats.raster.tiling import TileAddress
 from solmap.products.model import Layer, ProductKind, Recipe, Scope, ScopeLevel
-from solmap.products.shelves import Elsewhere
-from solmap.products.store import ProductStore
-from solmap.products.tiles3d import TilesetWriter
-from solmap.products.tiling import TileAddress
-from solmap.products.workspace import Workspace
+from solmap.products.store.backends import Elsewhere
+from solmap.products.store.product_store import ProductStore
 from solmap.tasks.stac import update_stac
 from tests.support.bowl_store import GRID, REGION, fill
 from tests.support.object_store import (

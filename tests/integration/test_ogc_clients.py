@@ -11,9 +11,9 @@ import pystac
 import pytest
 from pyproj import CRS, Transformer
 
+from solmap.products.catalogue.workspace import Workspace
 from solmap.products.crs import MARS, local_crs
-from solmap.products.vector import read_features
-from solmap.products.workspace import Workspace
+from solmap.products.formats.vector.geojson import read_features
 from solmap.tasks.stac import update_stac
 from tests.support.large_mission import LANDING, write_mission
 from tests.support.live_server import serving

@@ -21,8 +21,8 @@ from pyproj import CRS as ProjCrs
 from rasterio.windows import from_bounds
 
 from solmap.products.crs import local_crs
+from solmap.products.formats.raster.tiling import CELL_SIZES, TileAddress, zoom_of
 from solmap.products.model import ProductKind
-from solmap.products.tiling import CELL_SIZES, TileAddress, zoom_of
 from tests.support.live_server import serving
 from tests.unit.gis_server.conftest import (
     CELL_M,

@@ -13,12 +13,12 @@ from solmap.config.landing import landing_site
 from solmap.config.settings import Settings
 from solmap.flows.cli import app
 from solmap.photogrammetry.terrain.records import Dtm
-from solmap.products.catalogue import MissionEntry
+from solmap.products.catalogue.catalogue import MissionEntry
+from solmap.products.catalogue.workspace import Workspace
 from solmap.products.crs import local_crs
+from solmap.products.formats.raster.orthophoto import read_orthophoto, write_orthophoto
+from solmap.products.formats.raster.raster import write_dtm
 from solmap.products.model import ProductKind, Recipe, Scope, ScopeLevel
-from solmap.products.pictures import read_orthophoto, write_orthophoto
-from solmap.products.raster import write_dtm
-from solmap.products.workspace import Workspace
 from solmap.tasks.publish import publish
 from tests.support.orbital_scenes import scene
 

@@ -9,9 +9,9 @@ import time
 import pytest
 import sqlalchemy as sa
 
-from solmap.products import events
-from solmap.products.catalogue import Catalogue
-from solmap.products.database import close_pools, writing
+from solmap.products.catalogue import events
+from solmap.products.catalogue.catalogue import Catalogue
+from solmap.products.catalogue.database import close_pools, writing
 from solmap.products.errors import ProductError, StoreAwayError
 from tests.unit.products.test_catalogue import MISSION, a_layer, an_image
 

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from solmap.products.pruning import PruningParams, prune
-from solmap.products.workspace import Workspace
+from solmap.products.catalogue.pruning import PruningParams, prune
+from solmap.products.catalogue.workspace import Workspace
 from tests.support.small_downlink import write_coarse_pipeline, write_small_downlink
 from tests.support.store_checks import Contents, faults
 

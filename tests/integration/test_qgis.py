@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 import pytest
 
-from solmap.products.vector import Feature
+from solmap.products.formats.vector.geojson import Feature
 from tests.support.live_server import serving
 from tests.unit.gis_server.conftest import build, elevation_at, haven
 

@@ -17,8 +17,8 @@ from solmap.photogrammetry.archive.vignetting import RadialVignetting
 from solmap.photogrammetry.stretching import stretched
 from solmap.photogrammetry.synthetic.traverse import TraverseParams
 from solmap.photogrammetry.synthetic.world import WorldParams, make_world, render_jobs, text_files
+from solmap.products.catalogue.workspace import Workspace
 from solmap.products.model import ProductKind, Recipe
-from solmap.products.workspace import Workspace
 from solmap.tasks.images import image_file, read_product_image
 from solmap.tasks.ingest import ingest_downlink
 from solmap.tasks.match import MatchParams, match_stereo_pair

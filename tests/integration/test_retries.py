@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 
 from solmap.photogrammetry.errors import MatchingError
+from solmap.products.catalogue.workspace import Workspace
 from solmap.products.errors import StoreFullError
 from solmap.products.model import ProductKind, ProductRef, Recipe, Scope, ScopeLevel
-from solmap.products.store import ProductStore
-from solmap.products.workspace import Workspace
+from solmap.products.store.product_store import ProductStore
 from tests.support.small_downlink import write_coarse_pipeline, write_small_downlink
 from tests.support.store_checks import faults
 

@@ -5,7 +5,7 @@ import pytest
 from prefect.exceptions import ObjectNotFound
 
 from solmap.flows import requests
-from solmap.products.catalogue import Catalogue
+from solmap.products.catalogue.catalogue import Catalogue
 from solmap.products.run_requests import RequestBook, RequestKind, RequestState
 
 

@@ -17,12 +17,12 @@ from pyproj import CRS as ProjCrs
 from rasterio.windows import Window
 
 from solmap.photogrammetry.terrain.grid import MapGrid
-from solmap.products.catalogue import Catalogue, MissionEntry
+from solmap.products.catalogue.catalogue import Catalogue, MissionEntry
 from solmap.products.crs import MARS, LandingPoint, local_crs
+from solmap.products.formats.raster.raster import write_raster
+from solmap.products.formats.vector.geojson import Feature, write_features
 from solmap.products.model import Layer, ProductKind, Recipe, Scope, ScopeLevel
-from solmap.products.raster import write_raster
-from solmap.products.store import ProductStore
-from solmap.products.vector import Feature, write_features
+from solmap.products.store.product_store import ProductStore
 from tests.support.live_server import serving
 
 LANDING = LandingPoint("Columbia Memorial Station", 175.4729, -14.5692, 3_393_000.0, "a test")

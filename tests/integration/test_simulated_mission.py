@@ -8,10 +8,10 @@ import pytest
 
 from solmap.photogrammetry.errors import PhotogrammetryError
 from solmap.photogrammetry.synthetic.mission import MissionPlan
-from solmap.products.images import image_record
+from solmap.products.catalogue.images import image_record
+from solmap.products.catalogue.workspace import Workspace
+from solmap.products.formats.vector.geojson import read_features
 from solmap.products.model import ProductKind
-from solmap.products.vector import read_features
-from solmap.products.workspace import Workspace
 
 STOPS = 8
 PLAN = MissionPlan(stops=STOPS, distance_m=112.0, gaps=1)

@@ -15,10 +15,10 @@ from solmap.photogrammetry.synthetic.world import (
     WorldParams,
     make_world,
 )
-from solmap.products.arrays import read_matches
+from solmap.products.catalogue.workspace import Workspace
+from solmap.products.formats.documents.archives import read_matches
 from solmap.products.model import ProductKind, Recipe
-from solmap.products.store import ProductStore
-from solmap.products.workspace import Workspace
+from solmap.products.store.product_store import ProductStore
 from solmap.tasks.images import ImageFile
 from solmap.tasks.match import MatchParams, match_stereo_pair
 from solmap.tasks.pairs import PairFiles

@@ -16,13 +16,13 @@ import numpy as np
 
 from solmap.photogrammetry.terrain.grid import MapGrid
 from solmap.photogrammetry.terrain.records import Dtm
-from solmap.products.catalogue import ImageEntry, MissionEntry
+from solmap.products.catalogue.catalogue import ImageEntry, MissionEntry
+from solmap.products.catalogue.workspace import Workspace
 from solmap.products.crs import LandingPoint, local_crs
+from solmap.products.formats.raster.orthophoto import write_orthophoto
+from solmap.products.formats.raster.raster import summarise, write_dtm, write_raster
+from solmap.products.formats.vector.geojson import Feature, write_features
 from solmap.products.model import Layer, ProductKind, Recipe, Scope, ScopeLevel
-from solmap.products.pictures import write_orthophoto
-from solmap.products.raster import summarise, write_dtm, write_raster
-from solmap.products.vector import Feature, write_features
-from solmap.products.workspace import Workspace
 
 LANDING = LandingPoint("Columbia Memorial Station", 175.4729, -14.5692, 3_393_000.0, "a test")
 GALE = LandingPoint("Bradbury Landing", 137.4417, -4.5895, 3_391_000.0, "a test")

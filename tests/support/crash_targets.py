@@ -22,7 +22,7 @@ import uvicorn
 
 import solmap.flows.downlink  # noqa: F401 - before processes are forked
 from solmap.gis_server.app import create_app
-from solmap.products.tiling import TileAddress
+from solmap.products.formats.raster.tiling import TileAddress
 
 
 def process(downlink: Path, store: Path, pipeline: Path, log: Path) -> None:

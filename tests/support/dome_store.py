@@ -14,13 +14,13 @@ import numpy as np
 
 from solmap.photogrammetry.terrain.hazard import Hazard
 from solmap.photogrammetry.terrain.records import Dtm
-from solmap.products.catalogue import MissionEntry
+from solmap.products.catalogue.catalogue import MissionEntry
+from solmap.products.catalogue.workspace import Workspace
 from solmap.products.classes import HAZARDS
+from solmap.products.formats.raster.orthophoto import write_orthophoto
+from solmap.products.formats.raster.raster import write_classes, write_dtm
+from solmap.products.formats.vector.geojson import Feature
 from solmap.products.model import ProductKind
-from solmap.products.pictures import write_orthophoto
-from solmap.products.raster import write_classes, write_dtm
-from solmap.products.vector import Feature
-from solmap.products.workspace import Workspace
 from tests.support.bowl_store import CRS, GRID, LANDING, Shop, surface, viewing
 
 STRIP = (20.0, 28.0)

@@ -27,7 +27,7 @@ def stages() -> dict[str, Any]:
     """Stages to try an engine with; made here because Prefect reads its settings at import."""
     from solmap.products.errors import ProductError, StoreFullError  # noqa: PLC0415
     from solmap.products.model import ProductKind, ProductRef, Scope, ScopeLevel  # noqa: PLC0415
-    from solmap.products.store import ProductStore  # noqa: PLC0415
+    from solmap.products.store.product_store import ProductStore  # noqa: PLC0415
     from solmap.tasks.stage import stage  # noqa: PLC0415
 
     @stage(task_run_name="nothing")
@@ -74,7 +74,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         start_engine(Path(folder))
         from solmap.flows.outcomes import settled  # noqa: PLC0415
-        from solmap.products.store import ProductStore  # noqa: PLC0415
+        from solmap.products.store.product_store import ProductStore  # noqa: PLC0415
 
         store, nothing = ProductStore.open(Path(folder)), stages()["nothing"]
 

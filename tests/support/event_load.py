@@ -17,7 +17,7 @@ import httpx
 import numpy as np
 
 from solmap.gis_server.live import MOST_LISTENERS
-from solmap.products.catalogue import Catalogue
+from solmap.products.catalogue.catalogue import Catalogue
 from tests.support.live_server import serving
 
 LISTENERS, EVENTS = 100, 20

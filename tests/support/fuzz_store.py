@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
-from solmap.products.access import Role, TokenBook
-from solmap.products.workspace import Workspace
+from solmap.products.catalogue.tokens import Role, TokenBook
+from solmap.products.catalogue.workspace import Workspace
 from tests.support import bowl_store, stereo_viewer
 
 OPERATOR = "fuzz"

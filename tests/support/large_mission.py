@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from solmap.products.catalogue import Catalogue, ImageEntry, MissionEntry
+from solmap.products.catalogue.catalogue import Catalogue, ImageEntry, MissionEntry
 from solmap.products.crs import LandingPoint
+from solmap.products.formats.vector.geojson import Feature, write_features
 from solmap.products.model import Layer, ProductKind, ProductRef, Recipe, Scope, ScopeLevel
-from solmap.products.store import ProductStore
-from solmap.products.vector import Feature, write_features
+from solmap.products.store.product_store import ProductStore
 
 LANDING = LandingPoint("Columbia Memorial Station", 175.4729, -14.5692, 3_393_000.0, "a test")
 REGION = Scope(ScopeLevel.REGION, "mer2")

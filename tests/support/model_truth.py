@@ -15,9 +15,9 @@ import numpy as np
 
 from solmap.photogrammetry.terrain.model3d import ModelParams, SurfaceMesh, TerrainDrawing
 from solmap.photogrammetry.terrain.view_model import ViewModelParams, view_meshes
+from solmap.products.catalogue.workspace import Workspace
+from solmap.products.formats.raster.raster import read_dtm
 from solmap.products.model import ProductKind
-from solmap.products.raster import read_dtm
-from solmap.products.workspace import Workspace
 from tests.support.terrain_truth import BANDS_M, Truth, stops_of
 
 PLACES = 200_000

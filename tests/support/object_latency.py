@@ -20,11 +20,11 @@ from pathlib import Path
 
 import numpy as np
 
-from solmap.products.catalogue import Catalogue
+from solmap.products.catalogue.catalogue import Catalogue
+from solmap.products.formats.raster.tiling import TileAddress, zoom_of
 from solmap.products.model import Layer, ProductKind, Recipe, Scope, ScopeLevel
-from solmap.products.shelves import Elsewhere
-from solmap.products.store import ProductStore
-from solmap.products.tiling import TileAddress, zoom_of
+from solmap.products.store.backends import Elsewhere
+from solmap.products.store.product_store import ProductStore
 from tests.support.live_server import _SERVE, Server, running
 from tests.support.object_store import (
     ObjectStore,

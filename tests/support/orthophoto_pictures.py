@@ -13,8 +13,8 @@ import rasterio
 from rasterio.enums import Resampling
 from rasterio.windows import Window
 
+from solmap.products.catalogue.workspace import Workspace
 from solmap.products.model import ProductKind
-from solmap.products.workspace import Workspace
 
 SIDE = 640
 QUALITY = 68

@@ -33,9 +33,9 @@ from solmap.photogrammetry.terrain.grid import MapGrid
 from solmap.photogrammetry.terrain.ground import camera_on_map
 from solmap.photogrammetry.terrain.orthophoto import OrthophotoParams, render_orthophoto
 from solmap.photogrammetry.terrain.records import Dtm, GroundClass, TerrainView
+from solmap.products.catalogue.workspace import Workspace
+from solmap.products.formats.raster.orthophoto import read_orthophoto
 from solmap.products.model import ProductKind
-from solmap.products.pictures import read_orthophoto
-from solmap.products.workspace import Workspace
 from tests.support.husband_truth import JudgedPair, judged_pairs
 from tests.support.simulated_stops import SimulatedStop, WorldOfStops, simulated_stop
 

@@ -3,8 +3,8 @@
 import sys
 from pathlib import Path
 
+from solmap.products.catalogue.workspace import Workspace
 from solmap.products.model import ProductKind, Recipe, Scope, ScopeLevel
-from solmap.products.workspace import Workspace
 
 STOP = Scope(ScopeLevel.STOP, "mer2-site0010-drive0000")
 PRODUCTS = 250

@@ -21,9 +21,9 @@ from solmap.gis_server.rendering.readers import RasterPool
 from solmap.photogrammetry.terrain.ground import MAP_FROM_LSL
 from solmap.photogrammetry.terrain.ground_point import first_meeting
 from solmap.photogrammetry.terrain.viewshed import Sight
+from solmap.products.catalogue.oriented_images import OrientedMission
+from solmap.products.catalogue.workspace import Workspace
 from solmap.products.errors import ProductError
-from solmap.products.oriented import OrientedMission
-from solmap.products.workspace import Workspace
 from tests.support.husband_truth import _bilinear, _grid, true_pose
 
 FARTHEST_M = 25.0

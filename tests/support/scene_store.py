@@ -27,16 +27,16 @@ from solmap.photogrammetry.synthetic.rig import CAMERAS, Instrument, Pointing
 from solmap.photogrammetry.terrain.levels import TilesetParams
 from solmap.photogrammetry.terrain.model3d import ModelParams
 from solmap.photogrammetry.terrain.point_cloud import PointCloud, cloud_tiles
-from solmap.products.arrays import pose_document
-from solmap.products.catalogue import ImageEntry, MissionEntry
+from solmap.products.catalogue.catalogue import ImageEntry, MissionEntry
+from solmap.products.catalogue.workspace import Workspace
+from solmap.products.formats.documents.archives import pose_document
+from solmap.products.formats.mesh.models import extent_of_model
+from solmap.products.formats.mesh.tiles3d import TilesetWriter
+from solmap.products.formats.raster.orthophoto import write_orthophoto
+from solmap.products.formats.raster.raster import write_dtm
+from solmap.products.formats.vector.geojson import Feature
 from solmap.products.model import Layer, ProductKind, ProductRef, Recipe, Scope, ScopeLevel
-from solmap.products.models import extent_of_model
-from solmap.products.pictures import write_orthophoto
 from solmap.products.points_glb import write_points
-from solmap.products.raster import write_dtm
-from solmap.products.tiles3d import TilesetWriter
-from solmap.products.vector import Feature
-from solmap.products.workspace import Workspace
 from tests.support.bowl_store import (
     CRS,
     GRID,

@@ -18,9 +18,14 @@ from solmap.photogrammetry.matching.ties import Ties
 from solmap.photogrammetry.synthetic.edr import Exposure
 from solmap.photogrammetry.synthetic.mission import MissionPlan, SimulatedMission, simulate_mission
 from solmap.photogrammetry.synthetic.mission_images import exposures, mission_names
-from solmap.products.arrays import pose_document, write_archive, write_matches, write_ties
+from solmap.products.catalogue.workspace import Workspace
+from solmap.products.formats.documents.archives import (
+    pose_document,
+    write_archive,
+    write_matches,
+    write_ties,
+)
 from solmap.products.model import ProductKind, ProductRef, Recipe
-from solmap.products.workspace import Workspace
 
 FEWEST = 5
 """Ties between two stops below which they are not linked."""

@@ -15,9 +15,9 @@ import numpy as np
 
 from solmap.photogrammetry.archive.reading import read_image
 from solmap.photogrammetry.terrain.footprints import FootprintParams
+from solmap.products.formats.documents.network import latest_network
+from solmap.products.formats.vector.geojson import read_features
 from solmap.products.model import Layer, ProductKind, ProductRef, Recipe, Scope, ScopeLevel
-from solmap.products.network import latest_network
-from solmap.products.vector import read_features
 from solmap.tasks.vectors import draw_vectors
 from tests.support.panorama_store import publish_panoramas
 from tests.unit.gis_server.stereo.stereo_store import LANDING, StereoStore, build_stereo_store

@@ -15,7 +15,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from solmap.products.model import ProductKind, ScopeLevel
-from solmap.products.store import ProductStore
+from solmap.products.store.product_store import ProductStore
 
 LEVELS = {ScopeLevel.PAIR, ScopeLevel.STOP, ScopeLevel.SOL}
 """What products of a sol are about; those of the whole mission come once a downlink."""

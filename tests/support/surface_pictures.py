@@ -32,7 +32,7 @@ from solmap.photogrammetry.terrain.surface import (
     slope_of,
 )
 from solmap.photogrammetry.terrain.viewshed import ViewshedParams, eye_above, viewshed
-from solmap.products.cog import RasterClass
+from solmap.products.formats.raster.cog import RasterClass
 from solmap.products.model import ProductKind
 
 GRID = MapGrid(-40.96, 40.96, 0.04, 2048, 2048)

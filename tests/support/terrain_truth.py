@@ -28,8 +28,8 @@ from solmap.photogrammetry.terrain.dtm import DtmParams, Gridding, build_dtm
 from solmap.photogrammetry.terrain.grid import MapGrid
 from solmap.photogrammetry.terrain.ground import SightParams
 from solmap.photogrammetry.terrain.records import Dtm, GroundClass, TerrainView
+from solmap.products.catalogue.workspace import Workspace
 from solmap.products.model import ProductKind, ProductRef
-from solmap.products.workspace import Workspace
 from solmap.tasks.adjust import read_network
 from solmap.tasks.images import read_product_image
 from solmap.tasks.pairs import PairProducts, pairs_of

@@ -46,8 +46,8 @@ def _titiler(root: Path) -> Any:
     from morecantile.defaults import TileMatrixSets  # noqa: PLC0415
     from titiler.core import factory  # noqa: PLC0415
 
-    from solmap.products.catalogue import Catalogue  # noqa: PLC0415
-    from solmap.products.tiling import tile_matrix_set  # noqa: PLC0415
+    from solmap.products.catalogue.catalogue import Catalogue  # noqa: PLC0415
+    from solmap.products.formats.raster.tiling import tile_matrix_set  # noqa: PLC0415
 
     (mission,) = Catalogue.open(root).missions()
     sets = TileMatrixSets({"local": tile_matrix_set(mission.landing)})

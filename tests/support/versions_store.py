@@ -24,11 +24,11 @@ from solmap.photogrammetry.adjustment.records import (
 from solmap.photogrammetry.frames import LSL, Frame, FrameKind, Pose, rover_frame
 from solmap.photogrammetry.imagery import StopId, TiePoints
 from solmap.photogrammetry.terrain.grid import MapGrid
-from solmap.products.arrays import pose_document
+from solmap.products.catalogue.workspace import Workspace
+from solmap.products.formats.documents.archives import pose_document
+from solmap.products.formats.raster.orthophoto import write_orthophoto
+from solmap.products.formats.raster.raster import summarise, write_raster
 from solmap.products.model import Layer, ProductKind, ProductRef, Recipe, Scope, ScopeLevel
-from solmap.products.pictures import write_orthophoto
-from solmap.products.raster import summarise, write_raster
-from solmap.products.workspace import Workspace
 from solmap.tasks.orientations import choose_orientations, read_orientations
 from tests.support.bowl_store import CRS, STOPS, fill
 

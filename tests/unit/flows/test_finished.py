@@ -4,10 +4,10 @@ import pytest
 
 from solmap.flows.finished import FinishedSols
 from solmap.flows.sol_inputs import SolReport, Standing
-from solmap.products.catalogue import Catalogue
+from solmap.products.catalogue.catalogue import Catalogue
+from solmap.products.catalogue.workspace import Workspace
 from solmap.products.model import ProductKind, ProductRef, Recipe, Scope, ScopeLevel
-from solmap.products.store import ProductStore
-from solmap.products.workspace import Workspace
+from solmap.products.store.product_store import ProductStore
 from tests.unit.products.test_catalogue import STOP, an_image
 
 SCOPES = {sol: Scope(ScopeLevel.SOL, f"mer2-sol0{sol}") for sol in (155, 156)}

@@ -6,8 +6,8 @@ import pytest
 
 from solmap.flows.leftovers import withdraw_leftovers
 from solmap.flows.sol_inputs import SolReport
+from solmap.products.catalogue.workspace import Workspace
 from solmap.products.model import ProductKind, ProductRef, Recipe, Scope, ScopeLevel
-from solmap.products.workspace import Workspace
 from solmap.tasks.scopes import pair_scope, sol_scope
 from tests.unit.products.test_catalogue import MISSION, STOP, a_layer, an_image
 

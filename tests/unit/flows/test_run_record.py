@@ -5,8 +5,8 @@ from sqlalchemy.exc import OperationalError
 
 from solmap.flows.progress import report
 from solmap.flows.run_record import recorded
-from solmap.products.runs import RunBook, RunState
-from solmap.products.workspace import Workspace
+from solmap.products.catalogue.runs import RunBook, RunState
+from solmap.products.catalogue.workspace import Workspace
 
 
 @pytest.fixture

@@ -15,14 +15,19 @@ from solmap.gis_server.app import create_app
 from solmap.photogrammetry.terrain.grid import MapGrid
 from solmap.photogrammetry.terrain.hazard import Hazard
 from solmap.photogrammetry.terrain.records import Dtm
-from solmap.products.catalogue import Catalogue, ImageEntry, MissionEntry
+from solmap.products.catalogue.catalogue import Catalogue, ImageEntry, MissionEntry
 from solmap.products.classes import HAZARDS
 from solmap.products.crs import LandingPoint, local_crs
+from solmap.products.formats.raster.orthophoto import write_orthophoto
+from solmap.products.formats.raster.raster import (
+    summarise,
+    write_classes,
+    write_dtm,
+    write_raster,
+)
+from solmap.products.formats.vector.geojson import Feature, write_features
 from solmap.products.model import Layer, ProductKind, ProductRef, Recipe, Scope, ScopeLevel
-from solmap.products.pictures import write_orthophoto
-from solmap.products.raster import summarise, write_classes, write_dtm, write_raster
-from solmap.products.store import ProductStore
-from solmap.products.vector import Feature, write_features
+from solmap.products.store.product_store import ProductStore
 
 LANDING = LandingPoint("Columbia Memorial Station", 175.4729, -14.5692, 3_393_000.0, "a test")
 CRS = local_crs(LANDING)

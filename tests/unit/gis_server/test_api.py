@@ -11,9 +11,9 @@ from pyproj import CRS as ProjCrs
 
 from solmap.gis_server.app import create_app
 from solmap.gis_server.routes.bodies import mission_body
-from solmap.products.catalogue import MissionEntry
+from solmap.products.catalogue.catalogue import MissionEntry
+from solmap.products.formats.raster.raster import write_raster
 from solmap.products.model import Layer, ProductKind, Recipe
-from solmap.products.raster import write_raster
 from tests.unit.gis_server.conftest import (
     CRS,
     GRID,

@@ -9,10 +9,10 @@ import pytest
 import rasterio
 
 from solmap.products.crs import local_crs
+from solmap.products.formats.mesh.stl import read_stl
 from solmap.products.model import ProductKind
-from solmap.products.stac import write_catalogue, write_items
+from solmap.products.reports.stac import write_catalogue, write_items
 from solmap.products.stac_items import Taken
-from solmap.products.stl import read_stl
 from tests.unit.gis_server.conftest import (
     CELL_M,
     LANDING,
@@ -67,7 +67,7 @@ def test_a_box_that_is_none_is_refused(client, world, query, status, says):
 
 
 def test_a_box_with_too_many_cells_is_refused_by_number(client, world, monkeypatch):
-    monkeypatch.setattr("solmap.products.clip.MOST_CELLS", 100)
+    monkeypatch.setattr("solmap.products.formats.cutouts.MOST_CELLS", 100)
     answer = part_of(client, world, ProductKind.DTM, bbox="0,0,9,9")
     assert answer.status_code == 400
     assert "more than the 100 handed out at once" in answer.json()["description"]

@@ -6,8 +6,8 @@ import pytest
 from fastapi.testclient import TestClient
 
 from solmap.gis_server.app import create_app
-from solmap.products.runs import Run, RunBook, RunState
-from solmap.products.workspace import Workspace
+from solmap.products.catalogue.runs import Run, RunBook, RunState
+from solmap.products.catalogue.workspace import Workspace
 from tests.support.versions_store import fill_versions
 
 

@@ -6,7 +6,7 @@ import pytest
 import sqlalchemy as sa
 
 from solmap.gis_server.live import EventTail, TooManyListenersError
-from solmap.products.catalogue import Catalogue
+from solmap.products.catalogue.catalogue import Catalogue
 
 
 @pytest.fixture

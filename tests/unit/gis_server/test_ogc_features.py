@@ -13,10 +13,10 @@ from fastapi.testclient import TestClient
 from pyproj import CRS, Transformer
 
 from solmap.gis_server.app import create_app
+from solmap.products.catalogue.edits import EditKind, EditLog
 from solmap.products.crs import MARS, local_crs
-from solmap.products.edits import EditKind, EditLog
+from solmap.products.formats.vector.geojson import Feature
 from solmap.products.model import ProductKind
-from solmap.products.vector import Feature
 from tests.unit.gis_server.conftest import LANDING, STOP
 
 BASE = "http://testserver/ogc/MER2"

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 
 from solmap.gis_server.app import create_app
 from solmap.gis_server.ogc.tilesets import limits_at
+from solmap.products.formats.raster.tiling import MAX_ZOOM, TileAddress
 from solmap.products.model import ProductKind
-from solmap.products.tiling import MAX_ZOOM, TileAddress
 from tests.unit.gis_server.conftest import STOP, constant
 
 PLACES = st.integers(-400_000, 400_000).map(lambda halves: halves / 200.0)

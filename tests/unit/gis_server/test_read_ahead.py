@@ -10,10 +10,10 @@ from fastapi.testclient import TestClient
 
 from solmap.gis_server.app import create_app
 from solmap.gis_server.read_ahead import ReadAhead
-from solmap.products import feature_texts
-from solmap.products.events import LAYERS_PUBLISHED, RUN_CHANGED, Event
+from solmap.products.catalogue.events import LAYERS_PUBLISHED, RUN_CHANGED, Event
+from solmap.products.features import texts as feature_texts
+from solmap.products.formats.vector.geojson import Feature
 from solmap.products.model import ProductKind
-from solmap.products.vector import Feature
 
 SQUARE = np.array([[0.0, 0.0], [20.0, 0.0], [20.0, 20.0], [0.0, 20.0]])
 

@@ -9,8 +9,8 @@ from solmap.gis_server.errors import install_error_table
 from solmap.gis_server.rendering.floats import decode_values
 from solmap.gis_server.routes import tiles
 from solmap.gis_server.services import open_services
+from solmap.products.formats.raster.tiling import TileAddress, zoom_of
 from solmap.products.model import ProductKind
-from solmap.products.tiling import TileAddress, zoom_of
 from tests.support.pictures import unpacked
 from tests.unit.gis_server.conftest import CELL_M, STOP, constant, ref_of
 

@@ -7,8 +7,8 @@ import rasterio
 from rasterio.io import MemoryFile
 
 from solmap.photogrammetry.terrain.records import Dtm
+from solmap.products.formats.raster.raster import write_dtm
 from solmap.products.model import ProductKind
-from solmap.products.raster import write_dtm
 from tests.unit.gis_server.conftest import CRS, GRID, STOP, elevation_at, picture, plane
 
 API = "/api/missions/MER2"

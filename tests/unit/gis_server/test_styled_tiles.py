@@ -21,9 +21,9 @@ from solmap.photogrammetry.terrain.surface import (
     northerly_tilt,
     slope,
 )
+from solmap.products.formats.raster.raster import write_dtm
+from solmap.products.formats.raster.tiling import TileAddress, zoom_of
 from solmap.products.model import ProductKind
-from solmap.products.raster import write_dtm
-from solmap.products.tiling import TileAddress, zoom_of
 from tests.support.pictures import unpacked
 from tests.unit.gis_server.conftest import CELL_M, CRS, GRID, STOP, build
 

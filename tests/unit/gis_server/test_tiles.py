@@ -11,9 +11,13 @@ from solmap.gis_server.rendering.patches import read_tile
 from solmap.gis_server.rendering.png import indexed_png
 from solmap.gis_server.rendering.readers import RasterPool
 from solmap.gis_server.rendering.tiles import empty_tile, render_tile
+from solmap.products.formats.raster.orthophoto import (
+    source_colour,
+    write_pieces,
+    write_sources,
+)
+from solmap.products.formats.raster.tiling import CELL_SIZES, MAX_ZOOM, TileAddress, zoom_of
 from solmap.products.model import ProductKind
-from solmap.products.pictures import source_colour, write_pieces, write_sources
-from solmap.products.tiling import CELL_SIZES, MAX_ZOOM, TileAddress, zoom_of
 from tests.support.pictures import unpacked
 from tests.unit.gis_server.conftest import (
     CELL_M,

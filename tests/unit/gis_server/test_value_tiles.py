@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 from solmap.gis_server.rendering.floats import decode_values, encode_values
+from solmap.products.formats.raster.tiling import TileAddress, zoom_of
 from solmap.products.model import ProductKind
-from solmap.products.tiling import TileAddress, zoom_of
 from tests.unit.gis_server.conftest import (
     CELL_M,
     GRID,

@@ -2,7 +2,7 @@
 
 import pytest
 
-from solmap.products.access import Role, TokenBook
+from solmap.products.catalogue.tokens import Role, TokenBook
 from solmap.products.errors import ProductNotFoundError
 
 

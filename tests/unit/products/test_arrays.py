@@ -14,7 +14,8 @@ from solmap.photogrammetry.frames import (
 )
 from solmap.photogrammetry.imagery import StereoMatches
 from solmap.photogrammetry.matching.dense import DenseMatches, SharedSigma
-from solmap.products.arrays import (
+from solmap.products.errors import ProductError
+from solmap.products.formats.documents.archives import (
     finite,
     read_dense,
     read_matches,
@@ -22,7 +23,6 @@ from solmap.products.arrays import (
     write_dense,
     write_matches,
 )
-from solmap.products.errors import ProductError
 
 
 def a_geometry() -> EpipolarPair:

@@ -3,7 +3,7 @@ from datetime import UTC, datetime
 
 import pytest
 
-from solmap.products.catalogue import Catalogue, ImageEntry, MissionEntry, Outcome
+from solmap.products.catalogue.catalogue import Catalogue, ImageEntry, MissionEntry, Outcome
 from solmap.products.crs import LandingPoint
 from solmap.products.errors import ProductNotFoundError
 from solmap.products.model import Layer, ProductKind, ProductRef, Scope, ScopeLevel

@@ -8,12 +8,17 @@ from hypothesis import strategies as st
 from pyproj import CRS
 
 from solmap.photogrammetry.terrain.grid import MapGrid
-from solmap.products.clip import MOST_CELLS, clip_features, clip_raster
-from solmap.products.cog import RasterClass
 from solmap.products.crs import LandingPoint, local_crs
 from solmap.products.errors import OutsideCoverageError, ProductError
-from solmap.products.raster import class_names, grid_of, write_classes, write_raster
-from solmap.products.vector import Feature, FeatureCollection
+from solmap.products.formats.cutouts import MOST_CELLS, clip_features, clip_raster
+from solmap.products.formats.raster.cog import RasterClass
+from solmap.products.formats.raster.raster import (
+    class_names,
+    grid_of,
+    write_classes,
+    write_raster,
+)
+from solmap.products.formats.vector.geojson import Feature, FeatureCollection
 
 LANDING = LandingPoint("Columbia Memorial Station", 175.4729, -14.5692, 3_393_000.0, "a test")
 GRID = MapGrid.covering((-40.0, -30.0, 40.0, 30.0), 0.16)
@@ -88,7 +93,7 @@ def test_classes_keep_their_names_and_colours(tmp_path):
 
 
 def test_more_cells_than_are_handed_out_are_refused_by_number(dtm, tmp_path, monkeypatch):
-    monkeypatch.setattr("solmap.products.clip.MOST_CELLS", 1000)
+    monkeypatch.setattr("solmap.products.formats.cutouts.MOST_CELLS", 1000)
     with pytest.raises(ProductError, match=r"256 x 256 cells in 2 bands, more than the 1000"):
         clip_raster(dtm, tmp_path / "part.tif", (0.0, 0.0, 256 * 0.16, 256 * 0.16))
     assert not list(tmp_path.iterdir())

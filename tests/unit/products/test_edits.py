@@ -4,7 +4,7 @@ import sqlite3
 
 import pytest
 
-from solmap.products.edits import EditConflictError, EditKind, EditLog
+from solmap.products.catalogue.edits import EditConflictError, EditKind, EditLog
 from solmap.products.errors import ProductNotFoundError
 from solmap.products.run_requests import RequestBook, RequestKind, RequestState
 

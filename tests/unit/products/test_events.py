@@ -2,8 +2,8 @@
 
 import pytest
 
-from solmap.products import events
-from solmap.products.catalogue import Catalogue
+from solmap.products.catalogue import events
+from solmap.products.catalogue.catalogue import Catalogue
 
 
 @pytest.fixture

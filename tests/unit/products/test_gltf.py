@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 
 from solmap.photogrammetry.terrain.model3d import SurfaceMesh, TexturedMesh, mean_normals
 from solmap.products.errors import ProductError
-from solmap.products.gltf import Encoding, box_of_glb, read_glb, write_glb
+from solmap.products.formats.mesh.gltf import Encoding, box_of_glb, read_glb, write_glb
 from tests.support.gltf_validator import validate_glb
 
 ORIGIN = (7000.0, -3000.0, -20.0)

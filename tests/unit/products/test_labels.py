@@ -8,12 +8,12 @@ from solmap.photogrammetry.errors import PhotogrammetryError
 from solmap.photogrammetry.synthetic.edr import label_bytes
 from solmap.photogrammetry.synthetic.mission import MissionPlan, simulate_mission
 from solmap.photogrammetry.synthetic.mission_images import exposures, mission_names
-from solmap.products import images
-from solmap.products.catalogue import Catalogue
+from solmap.products.catalogue import images
+from solmap.products.catalogue.catalogue import Catalogue
+from solmap.products.catalogue.workspace import Workspace
 from solmap.products.labels import LabelBook, label_of_text, text_of_label
 from solmap.products.model import ProductKind, ProductRef, Scope, ScopeLevel
-from solmap.products.store import ProductStore
-from solmap.products.workspace import Workspace
+from solmap.products.store.product_store import ProductStore
 from tests.unit.products.test_catalogue import an_image
 
 PLAN = MissionPlan(stops=2, distance_m=20.0, gaps=0, control_every=0)

@@ -7,7 +7,7 @@ import time
 import pytest
 
 from solmap.products.effort import Effort
-from solmap.products.logs import JsonLines, SharedLog, keep_logs, noted
+from solmap.products.store.logs import JsonLines, SharedLog, keep_logs, noted
 
 
 @pytest.fixture

@@ -9,11 +9,11 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 import pytest
 
 from solmap.products.errors import ProductError, StoreAwayError
+from solmap.products.formats.raster.raster import open_raster
 from solmap.products.object_client import bucket_and_prefix, client_of
-from solmap.products.passing import can_pass
-from solmap.products.raster import open_raster
-from solmap.products.shelves import Elsewhere
-from solmap.products.store import ProductStore
+from solmap.products.store.backends import Elsewhere
+from solmap.products.store.faults import can_pass
+from solmap.products.store.product_store import ProductStore
 from tests.support.object_store import environment, environment_of
 
 pytest.importorskip("obstore", reason="obstore is not installed")

@@ -10,7 +10,7 @@ from sqlalchemy.exc import OperationalError
 
 from solmap.photogrammetry.errors import MatchingError
 from solmap.products.errors import ProductError, StoreAwayError, StoreFullError
-from solmap.products.passing import can_pass
+from solmap.products.store.faults import can_pass
 
 
 @pytest.mark.parametrize(

@@ -8,10 +8,10 @@ import pytest
 from solmap.photogrammetry.terrain.levels import TilePlace
 from solmap.photogrammetry.terrain.point_cloud import PointCloud
 from solmap.products.errors import ProductError
-from solmap.products.gltf import read_glb
-from solmap.products.ply import read_ply, write_ply
+from solmap.products.formats.mesh.gltf import read_glb
+from solmap.products.formats.mesh.ply import read_ply, write_ply
+from solmap.products.formats.mesh.tiles3d import TilesetWriter, read_tileset
 from solmap.products.points_glb import write_points
-from solmap.products.tiles3d import TilesetWriter, read_tileset
 
 
 @pytest.fixture

@@ -5,12 +5,12 @@ from pathlib import Path
 
 import pytest
 
+from solmap.products.catalogue.pruning import PruningParams, prunable, prune
+from solmap.products.catalogue.workspace import Workspace
 from solmap.products.errors import ProductError
 from solmap.products.finished import FinishedBook
-from solmap.products.locks import working
 from solmap.products.model import Layer, ProductKind, ProductRef, Recipe, Scope, ScopeLevel
-from solmap.products.pruning import PruningParams, prunable, prune
-from solmap.products.workspace import Workspace
+from solmap.products.store.locks import working
 
 STOP = Scope(ScopeLevel.STOP, "mer2-site0010-drive0000")
 PAIR = Scope(ScopeLevel.PAIR, "2n1")

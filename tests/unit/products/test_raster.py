@@ -11,7 +11,7 @@ from solmap.photogrammetry.terrain.grid import MapGrid
 from solmap.photogrammetry.terrain.records import Dtm, GroundClass
 from solmap.products.crs import IAU_RADIUS_M, LandingPoint, local_crs
 from solmap.products.errors import ProductError, ProductNotFoundError
-from solmap.products.pictures import (
+from solmap.products.formats.raster.orthophoto import (
     read_orthophoto,
     read_sources,
     source_colour,
@@ -19,7 +19,7 @@ from solmap.products.pictures import (
     write_pieces,
     write_sources,
 )
-from solmap.products.raster import (
+from solmap.products.formats.raster.raster import (
     crs_of,
     read_dtm,
     read_raster,

@@ -6,11 +6,16 @@ import pytest
 from solmap.photogrammetry.terrain.grid import MapGrid
 from solmap.photogrammetry.terrain.records import Dtm, GroundClass
 from solmap.photogrammetry.terrain.region import RegionParams, StopTerrain, coarser_dtm, fuse_block
-from solmap.products import region
 from solmap.products.crs import LandingPoint, local_crs
 from solmap.products.errors import ProductError
-from solmap.products.raster import read_dtm, read_raster, write_dtm
-from solmap.products.region import RegionFiles, RegionSource, read_seams, write_region
+from solmap.products.formats.raster import region
+from solmap.products.formats.raster.raster import read_dtm, read_raster, write_dtm
+from solmap.products.formats.raster.region import (
+    RegionFiles,
+    RegionSource,
+    read_seams,
+    write_region,
+)
 
 CRS = local_crs(LandingPoint("a plain", 175.0, -14.5, 3_393_000.0, "assumed"))
 PARAMS = RegionParams()

@@ -6,9 +6,9 @@ import sys
 
 import pytest
 
-from solmap.products.catalogue import Catalogue
+from solmap.products.catalogue.catalogue import Catalogue
+from solmap.products.catalogue.runs import Run, RunBook, RunState
 from solmap.products.errors import ProductNotFoundError
-from solmap.products.runs import Run, RunBook, RunState
 
 
 @pytest.fixture

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import pytest
 
+from solmap.products.catalogue.layer_versions import solutions_behind, solutions_of_mission
+from solmap.products.catalogue.workspace import Workspace
 from solmap.products.holders import Holders, holders_document
-from solmap.products.layer_versions import solutions_behind, solutions_of_mission
 from solmap.products.model import ProductKind, ProductRef, Recipe, Scope, ScopeLevel
-from solmap.products.workspace import Workspace
 
 FIRST, SECOND = "mer2-site0010-drive0000", "mer2-site0010-drive0064"
 

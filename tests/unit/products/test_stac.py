@@ -14,15 +14,15 @@ from pystac.validation import JsonSchemaSTACValidator
 from pystac.validation.local_validator import get_local_schema_cache
 
 from solmap.photogrammetry.terrain.grid import MapGrid
-from solmap.products.catalogue import MissionEntry
+from solmap.products.catalogue.catalogue import MissionEntry
 from solmap.products.crs import LandingPoint, local_crs, lon_lat
+from solmap.products.formats.raster.orthophoto import write_pieces, write_sources
+from solmap.products.formats.raster.raster import write_raster
+from solmap.products.formats.vector.geojson import Feature, write_features
 from solmap.products.model import Layer, ProductKind, Recipe, Scope, ScopeLevel
-from solmap.products.pictures import write_pieces, write_sources
-from solmap.products.raster import write_raster
-from solmap.products.stac import write_catalogue, write_items
+from solmap.products.reports.stac import write_catalogue, write_items
 from solmap.products.stac_items import PROCESSING, SOLAR_SYSTEM, Taken
-from solmap.products.store import ProductStore
-from solmap.products.vector import Feature, write_features
+from solmap.products.store.product_store import ProductStore
 
 LANDING = LandingPoint("floor of Gusev", 175.4729, -14.5692, 3_393_000.0, "a test")
 GUSEV = MissionEntry("MER2", "Spirit, Gusev crater", LANDING, None)

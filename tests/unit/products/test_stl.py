@@ -10,7 +10,7 @@ import pytest
 from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.terrain.printable import SolidParams, solid_of
 from solmap.products.errors import ProductError
-from solmap.products.stl import read_stl, stl_bytes
+from solmap.products.formats.mesh.stl import read_stl, stl_bytes
 from tests.support.bowl_store import dtm
 
 RADIUS_M = 38.0

@@ -7,7 +7,7 @@ import pytest
 
 from solmap.products.errors import ProductNotFoundError, StoreFullError
 from solmap.products.model import ProductKind, Recipe, Scope, ScopeLevel
-from solmap.products.store import ProductStore
+from solmap.products.store.product_store import ProductStore
 
 SCOPE = Scope(ScopeLevel.STOP, "mer2-site0010-drive0064")
 

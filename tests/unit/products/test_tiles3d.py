@@ -11,7 +11,7 @@ import pytest
 
 from solmap.photogrammetry.terrain.levels import TilePlace
 from solmap.products.errors import ProductError, ProductNotFoundError
-from solmap.products.tiles3d import (
+from solmap.products.formats.mesh.tiles3d import (
     TilesetWriter,
     box_of,
     external_tileset,

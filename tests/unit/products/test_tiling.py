@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from solmap.photogrammetry.terrain.grid import BLOCK, MapGrid
 from solmap.products.crs import LandingPoint, local_crs
 from solmap.products.errors import OutsideCoverageError, ProductError
-from solmap.products.tiling import (
+from solmap.products.formats.raster.tiling import (
     CELL_SIZES,
     EXTENT,
     MAX_ZOOM,

@@ -11,12 +11,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pyproj import CRS
 
-from solmap.products import feature_texts
 from solmap.products.crs import IAU_RADIUS_M, MARS, LandingPoint, local_crs, lon_lat
 from solmap.products.errors import ProductError, ProductNotFoundError
-from solmap.products.feature_texts import texts_of
-from solmap.products.geopackage import write_geopackage
-from solmap.products.vector import Feature, FeatureCollection, read_features, write_features
+from solmap.products.features import texts as feature_texts
+from solmap.products.features.texts import texts_of
+from solmap.products.formats.vector.geojson import (
+    Feature,
+    FeatureCollection,
+    read_features,
+    write_features,
+)
+from solmap.products.formats.vector.geopackage import write_geopackage
 
 GUSEV = LandingPoint("floor of Gusev", 175.4729, -14.5692, 3_393_000.0, "a test")
 ON_IAU = LandingPoint("Columbia Memorial Station", 175.4729, -14.5692, IAU_RADIUS_M, "a test")

@@ -13,14 +13,14 @@ from solmap.photogrammetry.adjustment.params import AdjustmentParams
 from solmap.photogrammetry.adjustment.records import select
 from solmap.photogrammetry.errors import AdjustmentError
 from solmap.photogrammetry.synthetic.networks import simulate_network
-from solmap.products.arrays import pose_document
-from solmap.products.catalogue import MissionEntry
-from solmap.products.control import read_control
+from solmap.products.catalogue.catalogue import MissionEntry
+from solmap.products.catalogue.workspace import Workspace
 from solmap.products.crs import LandingPoint, lon_lat
 from solmap.products.errors import ProductError
+from solmap.products.formats.documents.archives import pose_document
+from solmap.products.formats.documents.control import read_control
+from solmap.products.formats.documents.network import read_network
 from solmap.products.model import ProductKind, Recipe, Scope, ScopeLevel
-from solmap.products.network import read_network
-from solmap.products.workspace import Workspace
 from solmap.tasks.control import FrameParams, control_of, take_control
 from solmap.tasks.publish import publish
 

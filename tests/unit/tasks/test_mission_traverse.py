@@ -11,10 +11,10 @@ from solmap.flows.cli import app
 from solmap.photogrammetry.body_fixed import MARS_RADIUS_M
 from solmap.photogrammetry.errors import TraverseError
 from solmap.photogrammetry.traverse.tables import parse_mission_table
+from solmap.products.catalogue.workspace import Workspace
 from solmap.products.crs import LandingPoint
+from solmap.products.formats.vector.geojson import read_features
 from solmap.products.model import ProductKind
-from solmap.products.vector import read_features
-from solmap.products.workspace import Workspace
 from solmap.tasks.mission_traverse import draw_mission_traverse, read_traverses
 
 LANDING = LandingPoint("here", 175.4729, -14.5692, 3_393_000.0, "a test")

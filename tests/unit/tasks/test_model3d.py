@@ -9,14 +9,14 @@ from solmap.photogrammetry.terrain.grid import MapGrid
 from solmap.photogrammetry.terrain.levels import TilesetParams
 from solmap.photogrammetry.terrain.model3d import ModelParams
 from solmap.photogrammetry.terrain.records import Dtm, GroundClass
-from solmap.products.catalogue import MissionEntry
+from solmap.products.catalogue.catalogue import MissionEntry
+from solmap.products.catalogue.workspace import Workspace
 from solmap.products.crs import LandingPoint, local_crs
-from solmap.products.gltf import box_of_glb, read_glb
+from solmap.products.formats.mesh.gltf import box_of_glb, read_glb
+from solmap.products.formats.mesh.tiles3d import read_member, read_tileset
+from solmap.products.formats.raster.orthophoto import write_orthophoto
+from solmap.products.formats.raster.raster import write_dtm
 from solmap.products.model import ProductKind, ProductRef, Recipe, Scope, ScopeLevel
-from solmap.products.pictures import write_orthophoto
-from solmap.products.raster import write_dtm
-from solmap.products.tiles3d import read_member, read_tileset
-from solmap.products.workspace import Workspace
 from solmap.tasks.model3d import model_terrain, tile_terrain
 from solmap.tasks.publish import layer_of
 from tests.support.gltf_validator import validate_glb

@@ -9,9 +9,9 @@ from solmap.photogrammetry.terrain.records import Dtm, GroundClass
 from solmap.photogrammetry.terrain.region import RegionParams
 from solmap.photogrammetry.terrain.surface import HillshadeParams
 from solmap.products.crs import LandingPoint, local_crs
+from solmap.products.formats.raster.raster import open_raster, read_dtm, write_dtm
 from solmap.products.model import MAPPED, SUFFIX, ProductKind, ProductRef, Recipe, Scope, ScopeLevel
-from solmap.products.raster import open_raster, read_dtm, write_dtm
-from solmap.products.store import ProductStore
+from solmap.products.store.product_store import ProductStore
 from solmap.tasks.contour import trace_contours
 from solmap.tasks.publish import RASTERS, TITLES
 from solmap.tasks.region import fuse_region, seam_notes

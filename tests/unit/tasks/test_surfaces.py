@@ -13,10 +13,10 @@ from solmap.photogrammetry.terrain.insolation import InsolationParams
 from solmap.photogrammetry.terrain.records import Dtm, GroundClass
 from solmap.photogrammetry.terrain.viewshed import Sight
 from solmap.products.crs import LandingPoint, local_crs
+from solmap.products.formats.raster.raster import open_raster, read_raster, write_dtm
+from solmap.products.formats.vector.geojson import read_features
 from solmap.products.model import ProductKind, ProductRef, Recipe, Scope, ScopeLevel
-from solmap.products.raster import open_raster, read_raster, write_dtm
-from solmap.products.store import ProductStore
-from solmap.products.vector import read_features
+from solmap.products.store.product_store import ProductStore
 from solmap.tasks.hazard import map_hazards
 from solmap.tasks.insolation import map_insolation
 from solmap.tasks.publish import RASTERS, TITLES

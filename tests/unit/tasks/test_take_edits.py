@@ -3,8 +3,8 @@
 import pytest
 
 from solmap.photogrammetry.matching.hand_ties import HandAction
-from solmap.products.edits import EditKind, EditLog
-from solmap.products.workspace import Workspace
+from solmap.products.catalogue.edits import EditKind, EditLog
+from solmap.products.catalogue.workspace import Workspace
 from solmap.tasks.hand_ties import all_wishes, take_edits
 
 VETO = {"action": "veto", "first_image": "A", "second_image": "B"}

@@ -7,9 +7,9 @@ from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.frames import Frame, FrameKind, Pose, rover_frame
 from solmap.photogrammetry.imagery import StereoMatches, StopId
 from solmap.photogrammetry.matching.wide_eyes import InstrumentLimits
-from solmap.products.arrays import write_matches
+from solmap.products.formats.documents.archives import write_matches
 from solmap.products.model import ProductKind, Recipe
-from solmap.products.store import ProductStore
+from solmap.products.store.product_store import ProductStore
 from solmap.tasks.images import ImageFile
 from solmap.tasks.pairs import PairFiles, PairProducts
 from solmap.tasks.scopes import pair_scope

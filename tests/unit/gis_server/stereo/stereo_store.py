@@ -35,12 +35,16 @@ from solmap.photogrammetry.synthetic.world import RenderJob, WorldParams, make_w
 from solmap.photogrammetry.terrain.grid import MapGrid
 from solmap.photogrammetry.terrain.ground_samples import bilinear
 from solmap.photogrammetry.terrain.records import Dtm, GroundClass
-from solmap.products.arrays import pose_document, write_dense, write_matches
-from solmap.products.catalogue import ImageEntry, MissionEntry
+from solmap.products.catalogue.catalogue import ImageEntry, MissionEntry
+from solmap.products.catalogue.workspace import Workspace
 from solmap.products.crs import LandingPoint, local_crs
+from solmap.products.formats.documents.archives import (
+    pose_document,
+    write_dense,
+    write_matches,
+)
+from solmap.products.formats.raster.raster import read_dtm, summarise, write_dtm
 from solmap.products.model import Layer, ProductKind, ProductRef, Recipe, Scope, ScopeLevel
-from solmap.products.raster import read_dtm, summarise, write_dtm
-from solmap.products.workspace import Workspace
 from solmap.tasks.match import geometry_of
 
 LANDING = LandingPoint("Columbia Memorial Station", 175.4729, -14.5692, 3_393_000.0, "a test")

@@ -7,7 +7,7 @@ import pytest
 
 from solmap.gis_server.analysis.picks import stored_point
 from solmap.photogrammetry.terrain.ground_point import first_meeting
-from solmap.products.oriented import OrientedMission
+from solmap.products.catalogue.oriented_images import OrientedMission
 
 pytestmark = pytest.mark.slow  # a world is rendered first
 API = "/api/missions/MER2"

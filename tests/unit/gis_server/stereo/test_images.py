@@ -8,7 +8,7 @@ from solmap.gis_server.rendering.kept import Kept
 from solmap.photogrammetry.archive.reading import read_image
 from solmap.photogrammetry.imagery import Eye
 from solmap.photogrammetry.matching.resampling import resample
-from solmap.products.oriented import geometry_of, matches_of, record_of
+from solmap.products.catalogue.oriented_images import geometry_of, matches_of, record_of
 
 pytestmark = pytest.mark.slow  # a world is rendered first
 

@@ -1,0 +1,277 @@
+"""The catalogue: which missions, images and layers there are, and which version is the latest.
+
+One transaction publishes everything that belongs together; readers see all of it or nothing. The
+catalogue is a database (SQLite in the store's folder unless another URL is given), the products are
+files: the catalogue holds references and what the map needs to know without opening them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import sqlalchemy as sa
+
+from solmap.products.catalogue.database import engine_of, found_tables, writing
+from solmap.products.catalogue.events import (
+    IMAGES_INGESTED,
+    LAYERS_PUBLISHED,
+    MISSION_CHANGED,
+    Event,
+    append,
+    events_since,
+    last_event,
+)
+from solmap.products.catalogue.tables import (
+    IMAGES,
+    LATEST,
+    LAYERS,
+    MISSIONS,
+    OUTCOMES,
+    TABLES,
+    count_ingested,
+    keys_of,
+    point,
+    put,
+    times_ingested,
+)
+from solmap.products.catalogue_records import (
+    ImageEntry,
+    MissionEntry,
+    Outcome,
+    document_of,
+    image_entry,
+    layer_of,
+    mission_entry,
+    outcome_of,
+)
+from solmap.products.errors import ProductNotFoundError
+from solmap.products.model import LEVEL, Layer, ProductKind, ProductRef, Scope
+
+__all__ = ["Catalogue", "Event", "ImageEntry", "MissionEntry", "Outcome"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Catalogue:
+    """The database of what has been published."""
+
+    engine: sa.Engine
+
+    @classmethod
+    def open(cls, root: Path, url: str | None = None) -> Catalogue:
+        """Open or found the catalogue of the store at `root`, or at a database URL.
+
+        Raises:
+            ProductError: the URL cannot be used, or its database does not answer.
+        """
+        engine = engine_of(root / "catalogue.sqlite", url)
+        found_tables(engine, TABLES)
+        return cls(engine)
+
+    def missions(self) -> list[MissionEntry]:
+        """All missions, by name."""
+        rows = self._documents(sa.select(MISSIONS.c.document).order_by(MISSIONS.c.mission))
+        return [mission_entry(row) for row in rows]
+
+    def mission(self, name: str) -> MissionEntry:
+        """One mission.
+
+        Raises:
+            ProductNotFoundError: nothing of that mission is in the store.
+        """
+        for entry in self.missions():
+            if entry.mission == name:
+                return entry
+        raise ProductNotFoundError(f"no mission {name!r} is in the store")
+
+    def images(
+        self, mission: str | None = None, stop: str | None = None, sol: int | None = None
+    ) -> list[ImageEntry]:
+        """Images, by identifier; all, or those of a mission, stop or sol."""
+        query = sa.select(IMAGES.c.document).order_by(IMAGES.c.id)
+        for column, value in (
+            (IMAGES.c.mission, mission),
+            (IMAGES.c.stop, stop),
+            (IMAGES.c.sol, sol),
+        ):
+            if value is not None:
+                query = query.where(column == value)
+        return [image_entry(row) for row in self._documents(query)]
+
+    def image(self, image_id: str) -> ImageEntry:
+        """One image.
+
+        Raises:
+            ProductNotFoundError: no such image has been ingested.
+        """
+        query = sa.select(IMAGES.c.document).where(IMAGES.c.id == image_id)
+        for row in self._documents(query):
+            return image_entry(row)
+        raise ProductNotFoundError(f"no image {image_id!r} has been ingested")
+
+    def images_version(self, mission: str) -> str:
+        """Changes whenever an image of a mission is ingested, anew or for the first time."""
+        query = sa.select(sa.func.count()).select_from(IMAGES).where(IMAGES.c.mission == mission)
+        with self.engine.connect() as connection:
+            count = connection.execute(query).scalar_one()
+            return f"{count}-{times_ingested(connection, mission)}"
+
+    def layers(
+        self, mission: str | None = None, kinds: Collection[ProductKind] | None = None
+    ) -> list[Layer]:
+        """The latest layer of every scope and kind; all, or those of a mission or of some kinds."""
+        query = sa.select(LAYERS.c.document).join(
+            LATEST,
+            (LATEST.c.scope == LAYERS.c.scope)
+            & (LATEST.c.kind == LAYERS.c.kind)
+            & (LATEST.c.digest == LAYERS.c.digest),
+        )
+        if mission is not None:
+            query = query.where(LAYERS.c.mission == mission)
+        if kinds is not None:
+            query = query.where(LAYERS.c.kind.in_([str(kind) for kind in kinds]))
+        query = query.order_by(LAYERS.c.scope, LAYERS.c.kind)
+        return [layer_of(row) for row in self._documents(query)]
+
+    def layer(self, scope: str, kind: ProductKind, digest: str | None = None) -> Layer:
+        """One layer: the version with `digest`, or the latest.
+
+        Raises:
+            ProductNotFoundError: no such layer has been published.
+        """
+        query = sa.select(LAYERS.c.document).where(
+            LAYERS.c.scope == scope, LAYERS.c.kind == str(kind)
+        )
+        if digest is None:
+            newest = sa.select(LATEST.c.digest).where(
+                LATEST.c.scope == scope, LATEST.c.kind == str(kind)
+            )
+            query = query.where(LAYERS.c.digest == newest.scalar_subquery())
+        else:
+            query = query.where(LAYERS.c.digest == digest)
+        for row in self._documents(query):
+            return layer_of(row)
+        version = f" with digest {digest}" if digest else ""
+        raise ProductNotFoundError(f"no {kind} of {scope}{version} has been published")
+
+    def latest(self, scope: str, kind: ProductKind) -> str | None:
+        """The digest that the pointer of a scope and kind is at, published as a layer or not."""
+        query = sa.select(LATEST.c.digest).where(
+            LATEST.c.scope == scope, LATEST.c.kind == str(kind)
+        )
+        with self.engine.connect() as connection:
+            return connection.execute(query).scalar_one_or_none()
+
+    def pointers(self, kind: ProductKind) -> list[ProductRef]:
+        """What the pointers of a kind are at, by scope: inputs and stages that are no layers."""
+        query = sa.select(LATEST).where(LATEST.c.kind == str(kind)).order_by(LATEST.c.scope)
+        level = LEVEL[kind]
+        with self.engine.connect() as connection:
+            return [
+                ProductRef(kind, Scope(level, row.scope), row.digest)
+                for row in connection.execute(query)
+            ]
+
+    def outcomes(self) -> list[Outcome]:
+        """How the last processing of every file and sol ended, by subject."""
+        rows = self._documents(sa.select(OUTCOMES.c.document).order_by(OUTCOMES.c.subject))
+        return [outcome_of(row) for row in rows]
+
+    def events_since(self, event_id: int) -> list[Event]:
+        """Events after `event_id`, oldest first."""
+        with self.engine.connect() as connection:
+            return events_since(connection, event_id)
+
+    def version(self) -> int:
+        """The number of the last event: while it stays, so does what is published."""
+        with self.engine.connect() as connection:
+            return last_event(connection)
+
+    def published(self) -> int:
+        """Like `version`, but runs that get on and edits of people leave it as it is."""
+        kinds = (LAYERS_PUBLISHED, IMAGES_INGESTED, MISSION_CHANGED)
+        with self.engine.connect() as connection:  # those of them may be forgotten, newer ones not
+            return last_event(connection, kinds) or last_event(connection)
+
+    def tell(self, kind: str, document: dict[str, Any]) -> None:
+        """Append an event that belongs to no other change of the catalogue."""
+        with writing(self.engine) as connection:
+            append(connection, kind, document)
+
+    def publish(
+        self,
+        *,
+        missions: Iterable[MissionEntry] = (),
+        images: Iterable[ImageEntry] = (),
+        layers: Sequence[Layer] = (),
+        pointers: Iterable[ProductRef] = (),
+        outcomes: Iterable[Outcome] = (),
+    ) -> None:
+        """Publish all of it in one transaction; `pointers` are products that are no map layers."""
+        with writing(self.engine) as connection:
+            for entry in missions:
+                if put(connection, MISSIONS, {"mission": entry.mission}, document_of(entry)):
+                    append(connection, MISSION_CHANGED, {"mission": entry.mission})
+            _put_images(connection, list(images))
+            _put_layers(connection, layers)
+            for ref in pointers:
+                point(connection, ref)
+            for outcome in outcomes:
+                put(connection, OUTCOMES, {"subject": outcome.subject}, document_of(outcome))
+
+    def withdraw(self, layers: Sequence[Layer], pointers: Sequence[ProductRef] = ()) -> None:
+        """Have the map show layers no longer, all at once; their versions are known further on.
+
+        `pointers` are products that are no layers, and the latest of their kind no longer.
+        """
+        with writing(self.engine) as connection:
+            _withdraw(connection, layers)
+            for ref in pointers:
+                connection.execute(LATEST.delete().where(_is_latest(ref)))
+
+    def _documents(self, query: sa.Select[Any]) -> list[dict[str, Any]]:
+        with self.engine.connect() as connection:
+            return [row[0] for row in connection.execute(query)]
+
+
+def _put_images(connection: sa.Connection, images: Sequence[ImageEntry]) -> None:
+    counts: dict[str, int] = {}
+    for image in images:
+        columns = {"mission": image.mission, "stop": image.stop, "sol": image.sol}
+        if put(connection, IMAGES, {"id": image.id}, document_of(image), **columns):
+            counts[image.mission] = counts.get(image.mission, 0) + 1
+    for mission, count in counts.items():
+        count_ingested(connection, mission, count)
+        append(connection, IMAGES_INGESTED, {"mission": mission, "images": count})
+
+
+def _put_layers(connection: sa.Connection, layers: Sequence[Layer]) -> None:
+    fresh: dict[str, list[str]] = {}
+    for layer in layers:
+        has_moved = point(connection, layer.ref)
+        keys = keys_of(layer.ref) | {"digest": layer.ref.digest}
+        is_new = put(connection, LAYERS, keys, document_of(layer), mission=layer.mission)
+        if has_moved or is_new:
+            fresh.setdefault(layer.mission, []).append(layer.id)
+    for mission, ids in fresh.items():
+        append(connection, LAYERS_PUBLISHED, {"mission": mission, "layers": ids})
+
+
+def _withdraw(connection: sa.Connection, layers: Sequence[Layer]) -> None:
+    gone: dict[str, list[str]] = {}
+    for layer in layers:
+        if connection.execute(LATEST.delete().where(_is_latest(layer.ref))).rowcount:
+            gone.setdefault(layer.mission, []).append(layer.id)
+    for mission, ids in gone.items():
+        append(connection, LAYERS_PUBLISHED, {"mission": mission, "layers": ids})
+
+
+def _is_latest(ref: ProductRef) -> sa.ColumnElement[bool]:
+    keys = keys_of(ref)
+    return sa.and_(
+        LATEST.c.scope == keys["scope"],
+        LATEST.c.kind == keys["kind"],
+        LATEST.c.digest == ref.digest,
+    )

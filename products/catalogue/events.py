@@ -1,0 +1,77 @@
+"""What has happened in a store, in order: browsers are told of it while they look.
+
+Their numbers are in the order in which the transactions ended, for these take turns
+(`products.database.writing`): who has seen number 7 will never be told of a 6 later.
+
+Events are rows that are only appended, in the transaction that made them true, and forgotten when
+there are many newer ones. Who was away asks for those after the last it has seen; where these are
+gone already, `is_gone` says so and everything is to be asked anew.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any
+
+import sqlalchemy as sa
+
+from solmap.products.catalogue.database import Text
+from solmap.products.catalogue.tables import TABLES
+
+KEPT = 10_000
+"""Events; a downlink makes some hundred."""
+LAYERS_PUBLISHED, IMAGES_INGESTED, MISSION_CHANGED = (
+    "layers.published",
+    "images.ingested",
+    "mission.changed",
+)
+RUN_CHANGED, EDITS_CHANGED, REQUESTS_CHANGED = "run.changed", "edits.changed", "requests.changed"
+EVENTS = sa.Table(
+    "events",
+    TABLES,
+    sa.Column("id", sa.Integer, primary_key=True, autoincrement=True),
+    sa.Column("kind", Text, nullable=False),
+    sa.Column("document", sa.JSON, nullable=False),
+    sa.Column("at", Text, nullable=False),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """Something the browser wants to hear about."""
+
+    id: int
+    kind: str
+    document: dict[str, Any]
+    at: str
+    """UTC, ISO 8601."""
+
+
+def append(connection: sa.Connection, kind: str, document: dict[str, Any]) -> None:
+    """Add an event to what else its transaction does."""
+    at = datetime.now(UTC).isoformat(timespec="milliseconds")
+    added = connection.execute(EVENTS.insert().values(kind=kind, document=document, at=at))
+    (number,) = added.inserted_primary_key or (0,)
+    connection.execute(EVENTS.delete().where(EVENTS.c.id <= number - KEPT))
+
+
+def events_since(connection: sa.Connection, event_id: int) -> list[Event]:
+    """Events after `event_id`, oldest first."""
+    query = sa.select(EVENTS).where(EVENTS.c.id > event_id).order_by(EVENTS.c.id)
+    return [Event(*row) for row in connection.execute(query)]
+
+
+def last_event(connection: sa.Connection, kinds: Collection[str] = ()) -> int:
+    """The number of the newest event, of any kind or of some; 0 before the first."""
+    query = sa.select(EVENTS.c.id).order_by(EVENTS.c.id.desc()).limit(1)
+    if kinds:
+        query = query.where(EVENTS.c.kind.in_(kinds))
+    return connection.execute(query).scalar_one_or_none() or 0
+
+
+def is_gone(connection: sa.Connection, event_id: int) -> bool:
+    """Whether events after `event_id` have been forgotten already."""
+    oldest = connection.execute(sa.select(sa.func.min(EVENTS.c.id))).scalar_one()
+    return oldest is not None and event_id + 1 < oldest

@@ -1,0 +1,153 @@
+"""The versions of a layer: which there are, and which solution of the network each is drawn by.
+
+Nothing that was published goes away, so earlier versions can be looked at and compared. The recipe
+of a map holds the orientations of its pairs and no network (`tasks.orientations`): the map holds
+for the solutions whose orientations say the same of its pairs. What is made from maps holds for the
+solutions that all of them hold for; what is drawn from a network names it.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import sqlalchemy as sa
+
+from solmap.products.catalogue.catalogue import Catalogue
+from solmap.products.catalogue.tables import LAYERS
+from solmap.products.catalogue_records import layer_of
+from solmap.products.formats.documents.network import published_networks
+from solmap.products.holders import Holders, holders_of_document
+from solmap.products.model import LEVEL, Layer, ProductKind, ProductRef, Scope, ScopeLevel
+from solmap.products.store.product_store import ProductStore
+
+Oriented = frozenset[tuple[str, tuple[float, ...], tuple[float, ...]]]
+"""Pairs, and from where they look: rotation and translation."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Origin:
+    """What a recipe says of where a product comes from."""
+
+    networks: tuple[ProductRef, ...]
+    oriented: Oriented
+    maps: tuple[ProductRef, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Solution:
+    """A network, and the orientations that stops are mapped with since it."""
+
+    network: ProductRef
+    made_at: str
+    oriented: tuple[Oriented, ...]
+    """By stops, those that the network touched first."""
+
+    def has(self, looked: Oriented) -> bool:
+        """Whether stops were mapped with all of these."""
+        missing = set(looked)
+        for of_stop in self.oriented:
+            if not of_stop.isdisjoint(missing):
+                missing -= of_stop
+            if not missing:
+                return True
+        return False
+
+
+def versions_of(scope: str, kind: ProductKind, catalogue: Catalogue) -> list[Layer]:
+    """All published versions of a layer, newest first; none where none was published."""
+    query = sa.select(LAYERS.c.document).where(LAYERS.c.scope == scope, LAYERS.c.kind == str(kind))
+    with catalogue.engine.connect() as connection:
+        layers = [layer_of(row[0]) for row in connection.execute(query)]
+    latest = catalogue.latest(scope, kind)
+    layers.sort(key=lambda one: (one.made_at, one.ref.digest == latest), reverse=True)
+    return layers
+
+
+def solutions_of_mission(mission: str, catalogue: Catalogue, store: ProductStore) -> list[Solution]:
+    """All solutions of a mission that stops were mapped by or drawn from, oldest first."""
+    found = [
+        _solution(ref, tuple(store.versions(ProductKind.ORIENTATIONS, ref.scope)), store)
+        for published in published_networks(mission, catalogue)
+        for ref in store.versions(ProductKind.NETWORK, published.scope)
+    ]
+    return sorted(found, key=lambda one: (one.made_at, one.network))
+
+
+def solutions_behind(
+    ref: ProductRef, solutions: list[Solution], store: ProductStore
+) -> list[ProductRef]:
+    """The networks that a product holds for, the one it was made for first; none if unknown."""
+    origin = _origin(ref, store)
+    if origin.networks:
+        return list(origin.networks)
+    if origin.oriented:
+        return [one.network for one in solutions if one.has(origin.oriented)]
+    behind = [solutions_behind(one, solutions, store) for one in origin.maps if store.has(one)]
+    if not behind:
+        return []
+    return [ref for ref in behind[0] if all(ref in others for others in behind)]
+
+
+@lru_cache(maxsize=1024)
+def _solution(
+    network: ProductRef, orientations: tuple[ProductRef, ...], store: ProductStore
+) -> Solution:
+    oriented: list[Oriented] = []
+    for ref in orientations:
+        if network in _inputs(store.provenance(ref)["recipe"]):
+            own, holders = _mapped(ref, store)
+            oriented += own.values()
+            oriented += [_mapped(holder, store)[0][stop] for stop, holder in holders.items()]
+    return Solution(network, store.made_at(network), tuple(oriented))
+
+
+@lru_cache(maxsize=2048)
+def _mapped(ref: ProductRef, store: ProductStore) -> tuple[dict[str, Oriented], Holders]:
+    """What `tasks.orientations` chose, by stop, and the products that hold the other stops."""
+    document = json.loads(store.path(ref).read_text())
+    rows = document["mapped"] if isinstance(document, dict) else document  # as it was written once
+    holders = holders_of_document(document["holders"]) if isinstance(document, dict) else {}
+    own = {row["stop"]: frozenset(_pose(one) for one in row["orientations"]) for row in rows}
+    return own, holders
+
+
+@lru_cache(maxsize=4096)
+def _origin(ref: ProductRef, store: ProductStore) -> _Origin:
+    recipe = store.provenance(ref)["recipe"]
+    inputs = _inputs(recipe)
+    maps = (ProductKind.DTM, ProductKind.FAR_DTM, ProductKind.REGION_DTM)
+    return _Origin(
+        tuple(one for one in inputs if one.kind is ProductKind.NETWORK),
+        frozenset(_pose(one) for one in _orientations(recipe["params"])),
+        tuple(one for one in inputs if one.kind in maps),
+    )
+
+
+def _inputs(recipe: dict[str, Any]) -> list[ProductRef]:
+    """The inputs of a recipe; of a map's stop the level is right, which paths do not need."""
+    split = (text.split("/") for text in recipe["inputs"])
+    return [
+        ProductRef(kind, Scope(LEVEL.get(kind, ScopeLevel.STOP), scope), digest)
+        for kind, scope, digest in ((ProductKind(k), s, d) for k, s, d in split)
+    ]
+
+
+def _orientations(params: Any) -> Iterator[dict[str, Any]]:  # noqa: ANN401 - any parameters
+    """The records of orientations in the parameters of a recipe."""
+    if isinstance(params, dict):
+        if params.get("") == "Orientation":
+            yield params
+        else:
+            for value in params.values():
+                yield from _orientations(value)
+    elif isinstance(params, list):
+        for value in params:
+            yield from _orientations(value)
+
+
+def _pose(record: dict[str, Any]) -> tuple[str, tuple[float, ...], tuple[float, ...]]:
+    return record["pair_id"], tuple(record["rotation"]), tuple(record["translation_m"])

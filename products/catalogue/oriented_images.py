@@ -1,0 +1,191 @@
+"""Images as the latest adjusted network has them: placed, pointed, and matched with a partner."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from solmap.photogrammetry.adjustment.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.records import AdjustedPair
+from solmap.photogrammetry.cameras.epipolar import EpipolarPair
+from solmap.photogrammetry.cameras.model import CameraModel
+from solmap.photogrammetry.imagery import Eye, RoverImage, StopId
+from solmap.photogrammetry.matching.dense import DenseMatches
+from solmap.photogrammetry.matching.vertical_parallax import turned_in_place
+from solmap.photogrammetry.terrain.oriented_image import OrientedImage, Pointing, StopPose
+from solmap.products.catalogue.catalogue import ImageEntry
+from solmap.products.catalogue.images import image_record
+from solmap.products.catalogue.workspace import Workspace
+from solmap.products.errors import ProductNotFoundError
+from solmap.products.formats.documents.archives import (
+    read_dense,
+    read_matches,
+    read_right_turn,
+)
+from solmap.products.formats.documents.network import (
+    NetworkProduct,
+    latest_network,
+    network_of,
+)
+from solmap.products.model import ProductKind, ProductRef, Scope, ScopeLevel
+
+_NETWORKS = 2
+_MATCHED = 20
+"""Pairs whose dense matches are kept in memory, some 8 MB each."""
+_IMAGES = 4096
+"""Oriented images that are remembered, 4 kB each: a network and an image never change."""
+_ORIENTED: dict[tuple[Path, ProductRef, ImageEntry], OrientedImage] = {}
+_POINTED = float(np.radians(AdjustmentParams().pointing_deg))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MatchedEyes:
+    """The pair that an image belongs to, and what was matched in it."""
+
+    pair_id: str
+    geometry: EpipolarPair
+    left: CameraModel
+    """Of the image as stored, in the rover frame, by its label."""
+    right: CameraModel
+    dense: DenseMatches
+
+    def camera(self, eye: str) -> CameraModel:
+        """The camera of one eye."""
+        return self.right if eye == Eye.RIGHT else self.left
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OrientedMission:
+    """The images of a mission by its latest network."""
+
+    ref: ProductRef
+    """The network."""
+    network: NetworkProduct
+    stops: Mapping[StopId, StopPose]
+    """Where the stops are, in the order of the traverse."""
+    pairs: Mapping[str, AdjustedPair]
+    """Adjusted pairs and single images, by identifier."""
+    workspace: Workspace
+
+    @classmethod
+    def latest(cls, mission: str, workspace: Workspace) -> OrientedMission:
+        """The mission as it was adjusted last.
+
+        Raises:
+            ProductNotFoundError: it has not been adjusted yet.
+        """
+        ref = latest_network(mission, workspace.catalogue)
+        network = network_of(ref, workspace.store)
+        return cls(ref, network, *_placed(network), workspace)
+
+    def pair_of(self, entry: ImageEntry) -> AdjustedPair | None:
+        """The adjusted pair, or single image, that an image is part of."""
+        return self.pairs.get(entry.id) or self.pairs.get(entry.partner or "")
+
+    def record(self, entry: ImageEntry) -> RoverImage:
+        """The image's label; the right camera of a pair as matching found it to stand."""
+        return record_of(entry, self.workspace)
+
+    def oriented(self, entry: ImageEntry) -> OrientedImage:
+        """The image on the map.
+
+        Raises:
+            ProductNotFoundError: its stop is not in the network.
+        """
+        key = (self.workspace.store.root, self.ref, entry)
+        known = _ORIENTED.get(key)
+        if known is None:
+            known = _ORIENTED[key] = self._oriented(entry)
+            while len(_ORIENTED) > _IMAGES:
+                _ORIENTED.pop(next(iter(_ORIENTED)), None)
+        return known
+
+    def _oriented(self, entry: ImageEntry) -> OrientedImage:
+        pose = self.stops.get(entry.stop_id)
+        if pose is None:
+            raise ProductNotFoundError(
+                f"{entry.id} was taken at {entry.stop}, which the latest network of "
+                f"{entry.mission} does not hold; run the sol it was taken on"
+            )
+        pair = self.pair_of(entry)
+        if pair is None:
+            return OrientedImage.of(self.record(entry), pose, Pointing.of_label(_POINTED))
+        pointing = Pointing(pair.pointing, pair.pointing_covariance)
+        return OrientedImage.of(self.record(entry), pose, pointing)
+
+    def eyes(self, entry: ImageEntry) -> MatchedEyes | None:
+        """The matched pair that an image is part of; None for one without partner or matches."""
+        return matched_eyes(entry, self.workspace)
+
+
+def record_of(entry: ImageEntry, workspace: Workspace) -> RoverImage:
+    """An image's label; the right camera of a pair as matching found it to stand."""
+    image = image_record(entry, workspace)
+    matches = matches_of(entry, workspace) if entry.eye == Eye.RIGHT else None
+    turn = _right_turn(workspace.store.path(matches)) if matches else None
+    if turn is None:
+        return image
+    camera = turned_in_place(image.camera, image.stop.frame, np.array(turn))
+    return replace(image, camera=camera)
+
+
+def matches_of(entry: ImageEntry, workspace: Workspace) -> ProductRef | None:
+    """What was matched in the pair that an image is part of; None where nothing was."""
+    pair_id = entry.id if entry.eye == Eye.LEFT else entry.partner
+    scope = Scope(ScopeLevel.PAIR, (pair_id or "").lower())
+    digest = workspace.catalogue.latest(scope.name, ProductKind.MATCHES)
+    return None if digest is None else ProductRef(ProductKind.MATCHES, scope, digest)
+
+
+def geometry_of(matches: ProductRef, workspace: Workspace) -> EpipolarPair:
+    """The geometry that a pair was matched in."""
+    return _geometry(workspace.store.path(matches))
+
+
+def matched_eyes(entry: ImageEntry, workspace: Workspace) -> MatchedEyes | None:
+    """The matched pair that an image is part of; None for one without partner or matches."""
+    matches = matches_of(entry, workspace)
+    if matches is None or entry.partner is None:
+        return None
+    digest = workspace.catalogue.latest(matches.scope.name, ProductKind.PARALLAX)
+    if digest is None:
+        return None
+    other = workspace.catalogue.image(entry.partner)
+    left, right = (entry, other) if entry.eye == Eye.LEFT else (other, entry)
+    parallax = ProductRef(ProductKind.PARALLAX, matches.scope, digest)
+    return MatchedEyes(
+        left.id,
+        geometry_of(matches, workspace),
+        record_of(left, workspace).camera,
+        record_of(right, workspace).camera,
+        _dense(workspace.store.path(parallax)),
+    )
+
+
+@lru_cache(maxsize=_NETWORKS)
+def _placed(
+    network: NetworkProduct,
+) -> tuple[dict[StopId, StopPose], dict[str, AdjustedPair]]:
+    """Stops in the order of the traverse, and pairs by identifier, of a network."""
+    adjusted = network.adjusted
+    stops = {s.stop: StopPose(s.stop, s.lsl_from_rover, s.covariance) for s in adjusted.stops}
+    return stops, {pair.pair_id: pair for pair in adjusted.pairs}
+
+
+@lru_cache(maxsize=1024)
+def _geometry(path: Path) -> EpipolarPair:
+    return read_matches(path)[0]
+
+
+@lru_cache(maxsize=1024)
+def _right_turn(path: Path) -> tuple[float, float, float] | None:
+    return read_right_turn(path)
+
+
+@lru_cache(maxsize=_MATCHED)
+def _dense(path: Path) -> DenseMatches:
+    return read_dense(path)

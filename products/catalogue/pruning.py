@@ -1,0 +1,210 @@
+"""Pruning: what nothing refers to any more goes, what is needed or young stays.
+
+Needed are
+
+- what a pointer of the catalogue is at, and every image with its browse picture and tables;
+- what finished sols left, be it mapped again by later ones: so long as it is there, a rerun passes
+  them over;
+- of each kind and scope some versions before the one that is published, for comparison;
+- what is younger than an age: a run that was killed made it, and the next one will ask for it;
+- what the recipes of all these name, and the recipes of those: a published map can be made again
+  from what lies in the store;
+- of what no pointer is ever at (pictures of stages, ties, matches between stops) the newest that
+  was made from needed products only: a rerun looks it up.
+
+All else is what earlier parameters or earlier adjustments made. It goes from the catalogue first,
+in one transaction, and then from the disk; killed in between, the next pruning ends the work.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from datetime import UTC, datetime, timedelta
+from typing import Any
+
+import sqlalchemy as sa
+
+from solmap.products.catalogue.database import writing
+from solmap.products.catalogue.tables import FINISHED, LATEST, LAYERS
+from solmap.products.catalogue.workspace import Workspace
+from solmap.products.errors import ProductError
+from solmap.products.model import ProductKind, ProductRef
+from solmap.products.store.locks import alone, runs_lock
+
+UNPUBLISHED = {
+    ProductKind.QUICKLOOK,
+    ProductKind.LINKS,
+    ProductKind.TIES,
+    ProductKind.MATCHES,
+    ProductKind.PARALLAX,
+}
+"""Kinds of which some products are looked up by reruns although nothing refers to them."""
+
+
+@dataclass(frozen=True, slots=True)
+class PruningParams:
+    """What is kept beside what is needed."""
+
+    versions: int = 2
+    """Of each kind and scope: the published one, and those before it."""
+    youngest: timedelta = timedelta(days=7)
+    """What is younger stays."""
+
+    def __post_init__(self) -> None:
+        if self.versions < 1 or self.youngest < timedelta(0):
+            raise ProductError(
+                f"pruning keeps at least one version and ages are not negative, but "
+                f"{self.versions} versions and {self.youngest} were asked for"
+            )
+
+
+@dataclass(frozen=True, slots=True)
+class Prunable:
+    """A product that may go."""
+
+    ref: ProductRef
+    size: int
+    """Bytes, its provenance not counted."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Known:
+    """What the store says of a product."""
+
+    ref: ProductRef
+    inputs: tuple[str, ...]
+    params: str
+    """The class of its parameters: two products that differ in it are no versions of each other."""
+    made_at: str
+    size: int
+
+
+@dataclass(slots=True)
+class _Needs:
+    """The names of what is needed, and of what that was made from."""
+
+    known: Mapping[str, _Known]
+    names: set[str] = field(default_factory=set)
+
+    def add(self, names: Iterable[str]) -> None:
+        """Products, what they were made from, and so on."""
+        waiting = [name for name in names if name in self.known]
+        while waiting:
+            name = waiting.pop()
+            if name not in self.names:
+                self.names.add(name)
+                waiting += [one for one in self.known[name].inputs if one in self.known]
+
+
+def prunable(workspace: Workspace, params: PruningParams) -> list[Prunable]:
+    """What may go from a store, by kind, scope and digest; nothing is removed."""
+    known = dict(_known(workspace))
+    needs = _Needs(known)
+    published = set(_published(workspace))
+    needs.add(published)
+    youngest = (datetime.now(UTC) - params.youngest).isoformat(timespec="seconds")
+    needs.add(name for name, one in known.items() if one.made_at > youngest)
+    needs.add(_versions(known, published, params.versions))
+    while found := list(_unpublished(known, needs.names)):
+        needs.add(found)
+    return [Prunable(one.ref, one.size) for name, one in known.items() if name not in needs.names]
+
+
+def prune(workspace: Workspace, params: PruningParams) -> list[Prunable]:
+    """Remove what may go; what went.
+
+    Raises:
+        ProductError: a run is going on, which may need what nothing refers to yet.
+    """
+    with alone(runs_lock(workspace.store.root)) as is_alone:
+        if not is_alone:
+            raise ProductError(
+                f"a run is working on {workspace.store.root}: prune when it has ended"
+            )
+        found = prunable(workspace, params)
+        _forget(workspace, [one.ref for one in found])
+        for one in found:
+            workspace.store.remove(one.ref)
+    return found
+
+
+def _known(workspace: Workspace) -> Iterator[tuple[str, _Known]]:
+    store = workspace.store
+    for ref in store.refs():
+        notes = store.provenance(ref)
+        recipe = notes["recipe"]
+        inputs = (*recipe["inputs"], *_named_in(recipe["params"]))
+        params = recipe["params"]
+        sort = params.get("", "") if isinstance(params, dict) else ""
+        yield _name(ref), _Known(ref, inputs, sort, notes["made_at"], notes["bytes"])
+
+
+def _named_in(params: Any) -> Iterator[str]:  # noqa: ANN401 - plain JSON
+    """Products that parameters name, as `products.model.plain` writes them."""
+    if isinstance(params, dict):
+        if params.get("") == ProductRef.__name__:
+            yield f"{params['kind']}/{params['scope']['name']}/{params['digest']}"
+        for value in params.values():
+            yield from _named_in(value)
+    elif isinstance(params, list):
+        for value in params:
+            yield from _named_in(value)
+
+
+def _published(workspace: Workspace) -> Iterator[str]:
+    """What pointers are at, what finished sols left, and the images."""
+    with workspace.catalogue.engine.connect() as connection:
+        for row in connection.execute(sa.select(LATEST)):
+            yield f"{row.kind}/{row.scope}/{row.digest}"
+        finished = connection.execute(sa.select(FINISHED.c.document)).scalars().all()
+    for document in finished:
+        for text in (*document["standing"], *document["layers"], *document.get("pointers", ())):
+            yield _name(ProductRef.of_text(text))
+    for image in workspace.catalogue.images():
+        for ref in (image.ref, image.browse, image.radiometry):
+            if ref is not None:
+                yield _name(ref)
+
+
+def _versions(known: Mapping[str, _Known], published: set[str], count: int) -> Iterator[str]:
+    """The newest versions beside what is published, of each kind and scope that is."""
+    earlier: dict[tuple[str, str], list[_Known]] = {}
+    pointed = {tuple(name.split("/")[:2]) for name in published}
+    for name, one in known.items():
+        key = str(one.ref.kind), one.ref.scope.name
+        if key in pointed and name not in published:
+            earlier.setdefault(key, []).append(one)
+    for versions in earlier.values():
+        versions.sort(key=lambda one: (one.made_at, one.ref.digest), reverse=True)
+        yield from (_name(one.ref) for one in versions[: count - 1])
+
+
+def _unpublished(known: Mapping[str, _Known], needed: set[str]) -> Iterator[str]:
+    """The newest of each sort of what no pointer is at and needed products alone have made."""
+    newest: dict[tuple[object, ...], _Known] = {}
+    for one in known.values():
+        if one.ref.kind in UNPUBLISHED and one.inputs and needed.issuperset(one.inputs):
+            made_from = tuple(sorted(name.rpartition("/")[0] for name in one.inputs))
+            sort = (one.ref.kind, one.ref.scope.name, one.params, made_from)
+            if sort not in newest or newest[sort].made_at <= one.made_at:
+                newest[sort] = one
+    names = (_name(one.ref) for one in newest.values())
+    return (name for name in names if name not in needed)
+
+
+def _forget(workspace: Workspace, refs: Iterable[ProductRef]) -> None:
+    """Have the catalogue know layers no longer, all at once."""
+    with writing(workspace.catalogue.engine) as connection:
+        for ref in refs:
+            connection.execute(
+                LAYERS.delete().where(
+                    LAYERS.c.scope == ref.scope.name,
+                    LAYERS.c.kind == str(ref.kind),
+                    LAYERS.c.digest == ref.digest,
+                )
+            )
+
+
+def _name(ref: ProductRef) -> str:
+    return f"{ref.kind}/{ref.scope.name}/{ref.digest}"

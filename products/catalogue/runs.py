@@ -1,0 +1,145 @@
+"""Runs: what is being processed or has been, how far it is, and how it ended.
+
+A flow writes its own record, so that who looks at the map need not ask the orchestrator. Every
+change is an event too (`products.events`). A run whose process is gone without having said how it
+ended is `lost`: it was killed.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import secrets
+import socket
+from collections.abc import Iterable
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from enum import StrEnum
+from pathlib import Path
+from typing import Any
+
+import sqlalchemy as sa
+
+from solmap.products.catalogue.database import writing
+from solmap.products.catalogue.events import RUN_CHANGED, append
+from solmap.products.catalogue.tables import RUNS, put
+from solmap.products.errors import ProductNotFoundError
+
+KEPT = 500
+"""Records; older ones are forgotten."""
+_LINES = 500
+"""Kept of what a run said."""
+
+
+class RunState(StrEnum):
+    """How a run stands."""
+
+    RUNNING = "running"
+    SUCCEEDED = "succeeded"
+    FAILED = "failed"
+    LOST = "lost"
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """One run of a flow."""
+
+    id: str
+    kind: str
+    """The flow: `downlink`, `overall adjustment`."""
+    subject: str
+    """What it works on: the name of a folder, a mission."""
+    state: RunState
+    started_at: str
+    """UTC, ISO 8601, as all times."""
+    changed_at: str
+    ended_at: str | None = None
+    stage: str | None = None
+    done: int = 0
+    total: int = 0
+    """Parts of the stage that are finished, and all."""
+    lines: tuple[str, ...] = ()
+    """What it said, oldest first."""
+    process: str = ""
+    """Host and number of the process."""
+
+    @classmethod
+    def start(cls, kind: str, subject: str) -> Run:
+        """A run of this process that begins now."""
+        now = _now()
+        name = f"{now[:19].replace(':', '').replace('-', '')}-{secrets.token_hex(3)}"
+        return cls(name, kind, subject, RunState.RUNNING, now, now, process=_this_process())
+
+    def at(self, stage: str, done: int, total: int) -> Run:
+        """The run, so far along."""
+        return dataclasses.replace(self, changed_at=_now(), stage=stage, done=done, total=total)
+
+    def said(self, lines: Iterable[str]) -> Run:
+        """The run with further lines."""
+        kept = (*self.lines, *lines)[-_LINES:]
+        return dataclasses.replace(self, changed_at=_now(), lines=kept)
+
+    def ended(self, state: RunState) -> Run:
+        """The run at its end."""
+        now = _now()
+        return dataclasses.replace(self, changed_at=now, ended_at=now, state=state)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RunBook:
+    """The records of runs in the catalogue's database."""
+
+    engine: sa.Engine
+
+    def write(self, run: Run) -> None:
+        """Insert or replace a record, and tell of it."""
+        told = {
+            name: getattr(run, name)
+            for name in ("id", "kind", "subject", "state", "stage", "done", "total")
+        }
+        with writing(self.engine) as connection:
+            columns = {"started_at": run.started_at}
+            put(connection, RUNS, {"id": run.id}, dataclasses.asdict(run), **columns)
+            append(connection, RUN_CHANGED, {**told, "state": str(run.state)})
+            oldest = sa.select(RUNS.c.id).order_by(RUNS.c.started_at.desc()).offset(KEPT)
+            connection.execute(RUNS.delete().where(RUNS.c.id.in_(oldest.limit(KEPT))))
+
+    def runs(self, limit: int = 50) -> list[Run]:
+        """The newest first."""
+        query = sa.select(RUNS.c.document).order_by(RUNS.c.started_at.desc()).limit(limit)
+        with self.engine.connect() as connection:
+            return [_run(row[0]) for row in connection.execute(query)]
+
+    def run(self, name: str) -> Run:
+        """One run.
+
+        Raises:
+            ProductNotFoundError: there is none of that name.
+        """
+        query = sa.select(RUNS.c.document).where(RUNS.c.id == name)
+        with self.engine.connect() as connection:
+            for row in connection.execute(query):
+                return _run(row[0])
+        raise ProductNotFoundError(f"no run {name!r} is known")
+
+
+def _run(document: dict[str, Any]) -> Run:
+    state, lines = RunState(document["state"]), tuple(document["lines"])
+    found = Run(**{**document, "state": state, "lines": lines})
+    if state is RunState.RUNNING and _is_gone(found.process):
+        return dataclasses.replace(found, state=RunState.LOST)
+    return found
+
+
+def _this_process() -> str:
+    return f"{socket.gethostname()}-{os.getpid()}"
+
+
+def _is_gone(process: str) -> bool:
+    """Whether a process of this machine has ended; of others nothing is known."""
+    host, _, number = process.rpartition("-")
+    return host == socket.gethostname() and not Path(f"/proc/{number}").exists()
+
+
+def _now() -> str:
+    return datetime.now(UTC).isoformat(timespec="milliseconds")

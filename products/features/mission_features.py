@@ -1,0 +1,195 @@
+"""The features of a mission, collection by collection, out of an index that fills itself.
+
+    features = MissionFeatures.open(store, catalogue)
+    features.page(BY_ID["tie-points"], "MER2", Selection(...), limit=100)
+
+Publishing fills the index ahead of time (`fill`); where nobody did, the first request does.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import logging
+import sqlite3
+import threading
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from tempfile import gettempdir
+from typing import Any
+
+import shapely
+import shapely.geometry
+
+from solmap.products.catalogue.catalogue import Catalogue, ImageEntry
+from solmap.products.catalogue.edits import Edit, EditKind, EditLog
+from solmap.products.errors import ProductError
+from solmap.products.feature_drawing import image_properties
+from solmap.products.feature_query import IndexedFeature
+from solmap.products.feature_times import FeatureTimes, moment, times_of
+from solmap.products.features.collections import COLLECTIONS, CollectionOf
+from solmap.products.features.index import FeatureIndex
+from solmap.products.formats.vector.geojson import Feature, read_features
+from solmap.products.model import Layer, ProductKind, ScopeLevel
+from solmap.products.store.product_store import ProductStore
+
+log = logging.getLogger(__name__)
+FOLDER = "index"
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """What a collection takes from one layer."""
+
+    key: str
+    """Names its version in the index."""
+    family: str
+    layer: Layer | None
+    """None: people wrote it."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MissionFeatures:
+    """The index of a store and what fills it."""
+
+    store: ProductStore
+    catalogue: Catalogue
+    index: FeatureIndex
+    _filling: threading.Lock = field(default_factory=threading.Lock)
+    _known: dict[tuple[str, str], tuple[int, list[str]]] = field(default_factory=dict)
+    """By collection and mission: a version of the catalogue, and what `keys` answers to it."""
+
+    @classmethod
+    def open(cls, store: ProductStore, catalogue: Catalogue) -> MissionFeatures:
+        """Open the index of a store, in the store or, where nothing may be written, beside it."""
+        name = "features.sqlite"
+        try:
+            index = FeatureIndex.open(store.root / FOLDER / name)
+        except (OSError, sqlite3.OperationalError):
+            digest = hashlib.sha256(str(store.root).encode()).hexdigest()[:16]
+            index = FeatureIndex.open(Path(gettempdir()) / f"solmap-{digest}" / name)
+        return cls(store, catalogue, index)
+
+    def keys(self, collection: CollectionOf, mission: str) -> list[str]:
+        """The layers of a collection in the index, which holds all of them when this returns."""
+        asked, version = (collection.id, mission), self.catalogue.version()
+        if asked not in self._known or self._known[asked][0] != version:
+            parts = list(self._parts(collection, mission))
+            if collection.is_written:
+                parts = [self._written(collection, mission)]
+            if self.index.missing(part.key for part in parts):
+                self._fill(collection, mission, parts)
+            self._known[asked] = version, [part.key for part in parts]
+        return self._known[asked][1]
+
+    def fill(self, mission: str, kinds: Collection[ProductKind]) -> None:
+        """Take what has been published of some kinds into the index.
+
+        Collections of other kinds may have changed, too: that of footprints lists every image that
+        was ever taken. They are filled when they are published, or asked for.
+        """
+        for collection in COLLECTIONS:
+            if any(kind in kinds for kind in collection.kinds):
+                self.keys(collection, mission)
+
+    def _written(self, collection: CollectionOf, mission: str) -> Part:
+        """What people wrote, up to now."""
+        edits = EditLog.of(self.store.root).edits(mission)
+        family = f"{collection.id}/{mission}"
+        return Part(f"{family}/{edits[-1].id if edits else 0}", family, None)
+
+    def _fill(self, collection: CollectionOf, mission: str, parts: list[Part]) -> None:
+        with self._filling:
+            missing = set(self.index.missing(part.key for part in parts))
+            images = {entry.id: entry for entry in self.catalogue.images(mission)}
+            for part in parts:
+                if part.key in missing:
+                    rows = (
+                        self._rows(collection, part.layer, images)
+                        if part.layer
+                        else self._annotations(mission)
+                    )
+                    self.index.put(part.key, part.family, rows)
+
+    def _parts(self, collection: CollectionOf, mission: str) -> Iterator[Part]:
+        images = f"/{self.catalogue.images_version(mission)}" if collection.all_images else ""
+        for layer in self.catalogue.layers(mission, collection.kinds):
+            family = f"{collection.id}/{layer.id}"
+            sols = ",".join(map(str, layer.sols))
+            yield Part(f"{family}/{layer.ref.digest}/{sols}{images}", family, layer)
+
+    def _annotations(self, mission: str) -> Iterator[IndexedFeature]:
+        """The annotations that count. When one was written is when it is of."""
+        for edit in EditLog.of(self.store.root).counting(EditKind.ANNOTATION, mission):
+            try:
+                yield _annotation(edit)
+            except (ValueError, shapely.errors.ShapelyError) as error:
+                log.warning("annotation %d has no shape and is left out: %s", edit.id, error)
+
+    def _rows(
+        self, collection: CollectionOf, layer: Layer, images: Mapping[str, ImageEntry]
+    ) -> Iterator[IndexedFeature]:
+        """A layer that cannot be read is logged and empty: the others are still worth asking."""
+        try:
+            features = read_features(self.store.path(layer.ref)).features
+        except ProductError as error:
+            log.warning("%s", error)
+            return
+        of_mission = layer.ref.scope.name == layer.mission.lower()
+        times, seen = FeatureTimes(images, layer), set()
+        for number, one in enumerate(collection.draw(features, images), 1):
+            own = one.id or str(number)
+            name = own if of_mission else f"{layer.ref.scope.name}.{own}"
+            seen.add(one.id)
+            yield _row(name, one, layer, times)
+        if collection.all_images:
+            for entry in images.values():
+                if entry.id not in seen:
+                    yield _unplaced(entry)
+
+
+def _annotation(edit: Edit) -> IndexedFeature:
+    shape = _drawn(edit.document["geometry"])
+    said = {"text": edit.document["text"], "colour": edit.document.get("colour")}
+    told = {**said, "author": edit.author, "at": edit.at, "note": edit.note}
+    at = moment(edit.at)
+    text = json.dumps(told, ensure_ascii=False)
+    return IndexedFeature(str(edit.id), shapely.to_wkb(shape), text, None, (at, at))
+
+
+def _drawn(geometry: Mapping[str, Any]) -> shapely.Geometry:
+    """The shape of an annotation, without elevations unless every place of it has one."""
+    try:
+        return shapely.geometry.shape(geometry)
+    except ValueError:  # some places have one and others have none
+        level = {**geometry, "coordinates": _level(geometry["coordinates"])}
+        return shapely.geometry.shape(level)
+
+
+def _level(part: Any) -> Any:  # noqa: ANN401 - places, or lists of them
+    """Places as (east, north), whatever else is known of them."""
+    if isinstance(part[0], int | float):
+        return part[:2]
+    return [_level(one) for one in part]
+
+
+def _row(name: str, feature: Feature, layer: Layer, times: FeatureTimes) -> IndexedFeature:
+    known = dict(feature.properties)
+    if layer.ref.scope.level is ScopeLevel.STOP:
+        known.setdefault("stop", layer.ref.scope.name)
+    text = json.dumps(known, ensure_ascii=False)
+    return IndexedFeature(name, shapely.to_wkb(shape_of(feature)), text, *times.of(known))
+
+
+def _unplaced(entry: ImageEntry) -> IndexedFeature:
+    properties = json.dumps(image_properties(entry), ensure_ascii=False)
+    return IndexedFeature(entry.id, None, properties, (entry.sol, entry.sol), times_of([entry]))
+
+
+def shape_of(feature: Feature) -> shapely.Geometry:
+    """The geometry, metres of the local map."""
+    outline, *holes = feature.rings
+    if feature.geometry == "Polygon":
+        return shapely.Polygon(outline, holes)
+    return shapely.Point(outline[0]) if feature.geometry == "Point" else shapely.LineString(outline)

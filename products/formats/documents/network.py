@@ -1,0 +1,221 @@
+"""The adjusted network of a mission as a product, read back.
+
+The network of a sol holds the stops that its step touched. All others are as earlier steps left
+them, each in a product of its own (`ProductKind.SETTLED`) or in an overall adjustment, and the
+network of the sol names these: so it does not grow with the traverse.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from solmap.photogrammetry.adjustment.assembly import assembled, part_at
+from solmap.photogrammetry.adjustment.documents import network_document, network_of_document
+from solmap.photogrammetry.adjustment.records import AdjustedNetwork
+from solmap.photogrammetry.body_fixed import map_from_lsl
+from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.imagery import StopId
+from solmap.photogrammetry.traverse.records import Traverse
+from solmap.products.catalogue.catalogue import Catalogue
+from solmap.products.errors import ProductNotFoundError
+from solmap.products.formats.documents.archives import pose_document, pose_of_document
+from solmap.products.holders import Holders, holders_document, holders_of_document
+from solmap.products.model import ProductKind, ProductRef
+from solmap.products.store.product_store import ProductStore
+
+_NETWORKS = 4
+"""Whole networks that are remembered; a large one takes seconds to read."""
+_PARTS = 2
+"""Networks of sols that are remembered: that of a sol, and the one before it."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NetworkPart:
+    """Some stops of a network, with where and when telemetry has them."""
+
+    telemetry: dict[StopId, Pose]
+    sols: dict[StopId, tuple[int, ...]]
+    adjusted: AdjustedNetwork
+
+    def at(self, stops: Collection[StopId]) -> NetworkPart:
+        """The part at some stops, with all ties that their pairs see."""
+        adjusted = part_at(self.adjusted, frozenset(stops))
+        inside = [stop.stop for stop in adjusted.stops]
+        return NetworkPart(
+            {stop: self.telemetry[stop] for stop in inside},
+            {stop: self.sols[stop] for stop in inside},
+            adjusted,
+        )
+
+    @property
+    def settled(self) -> NetworkPart:
+        """The same without what steps carry on from one to the next: memory and control."""
+        return replace(self, adjusted=replace(self.adjusted, memory=None, control=(), frames=()))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NetworkProduct:
+    """The network of a mission after a sol: the stops that its step touched, or all of them."""
+
+    mission: str
+    sol: int
+    telemetry: dict[StopId, Pose]
+    sols: dict[StopId, tuple[int, ...]]
+    adjusted: AdjustedNetwork
+    links: tuple[dict[str, Any], ...]
+    """What came of every pair of stops that was tried, this sol."""
+    report: dict[str, Any]
+    """The report of this network's own adjustment."""
+    by_hand: tuple[str, ...] = ()
+    """What became of the hand ties, line by line."""
+    holders: Holders = field(default_factory=dict)
+    """The products that hold the stops which are not in this one."""
+
+    @property
+    def part(self) -> NetworkPart:
+        """The stops that are in it."""
+        return NetworkPart(self.telemetry, self.sols, self.adjusted)
+
+    def with_stops(self, names: Collection[str], store: ProductStore) -> NetworkProduct:
+        """The network with those of the named stops, too, that other products hold."""
+        wanted = {name: self.holders[name] for name in names if name in self.holders}
+        if not wanted:
+            return self
+        parts = [*_parts(wanted, store), self.part]
+        return replace(
+            self,
+            telemetry={stop: pose for part in parts for stop, pose in part.telemetry.items()},
+            sols={stop: sols for part in parts for stop, sols in part.sols.items()},
+            adjusted=assembled([part.adjusted for part in parts]),
+            holders={name: at for name, at in self.holders.items() if name not in wanted},
+        )
+
+
+@lru_cache(maxsize=_PARTS)
+def read_network(ref: ProductRef, store: ProductStore) -> NetworkProduct:
+    """The network of a sol, at the stops that its step touched; remembered for those after it."""
+    document = json.loads(store.path(ref).read_text())
+    part = _part(document)
+    return NetworkProduct(
+        mission=document["mission"],
+        sol=document["sol"],
+        telemetry=part.telemetry,
+        sols=part.sols,
+        adjusted=part.adjusted,
+        links=tuple(document["links"]),
+        report=document["network"]["reports"][-1],
+        by_hand=tuple(document.get("by_hand", ())),
+        holders=holders_of_document(document.get("holders", {})),
+    )
+
+
+def whole_network(ref: ProductRef, store: ProductStore) -> NetworkProduct:
+    """The network of a mission after a sol, with all stops up to it."""
+    network = read_network(ref, store)
+    return network.with_stops(network.holders, store)
+
+
+@lru_cache(maxsize=_NETWORKS)
+def network_of(ref: ProductRef, store: ProductStore) -> NetworkProduct:
+    """A whole network, remembered: a product never changes."""
+    return whole_network(ref, store)
+
+
+def part_document(part: NetworkPart) -> dict[str, Any]:
+    """Some stops of a network for JSON."""
+    return {
+        "stops": [
+            {
+                "mission": stop.mission,
+                "site": stop.site,
+                "drive": stop.drive,
+                "sols": list(part.sols[stop]),
+                "telemetry": pose_document(pose),
+            }
+            for stop, pose in part.telemetry.items()
+        ],
+        "network": network_document(part.adjusted),
+    }
+
+
+def product_document(network: NetworkProduct) -> dict[str, Any]:
+    """The network of a sol for JSON, as `read_network` reads it."""
+    document = part_document(network.part)
+    document["network"]["reports"] = [network.report]
+    return {
+        "mission": network.mission,
+        "sol": network.sol,
+        **document,
+        "links": list(network.links),
+        "by_hand": list(network.by_hand),
+        "holders": holders_document(network.holders),
+    }
+
+
+def _part(document: dict[str, Any]) -> NetworkPart:
+    """The twin of `part_document`."""
+    stops = {_stop_of(row): row for row in document["stops"]}
+    return NetworkPart(
+        {stop: pose_of_document(row["telemetry"]) for stop, row in stops.items()},
+        {stop: tuple(row["sols"]) for stop, row in stops.items()},
+        network_of_document(document["network"]),
+    )
+
+
+def _parts(wanted: Mapping[str, ProductRef], store: ProductStore) -> list[NetworkPart]:
+    """The parts that hold some stops, one for each product that has to be read."""
+    by_product: dict[ProductRef, set[str]] = {}
+    for name, ref in wanted.items():
+        by_product.setdefault(ref, set()).add(name)
+    parts = []
+    for ref, names in by_product.items():
+        part = _part(json.loads(store.path(ref).read_text()))
+        parts.append(part.at([stop for stop in part.telemetry if str(stop) in names]))
+    return parts
+
+
+def published_networks(mission: str, catalogue: Catalogue) -> list[ProductRef]:
+    """The published networks of a mission, the latest last.
+
+    Names sort by sol, an overall adjustment after that of its sol.
+    """
+    prefix = f"{mission.lower()}-sol"
+    refs = [r for r in catalogue.pointers(ProductKind.NETWORK) if r.scope.name.startswith(prefix)]
+    return sorted(refs, key=lambda ref: ref.scope.name)
+
+
+def latest_network(mission: str, catalogue: Catalogue) -> ProductRef:
+    """The network of a mission that was published last.
+
+    Raises:
+        ProductNotFoundError: there is none.
+    """
+    refs = published_networks(mission, catalogue)
+    if not refs:
+        raise ProductNotFoundError(
+            f"no network of {mission} has been adjusted yet, so no image has a place; run a sol"
+        )
+    return refs[-1]
+
+
+def traverses(product: NetworkProduct) -> tuple[Traverse, Traverse]:
+    """The traverse of a network by telemetry, and as adjusted."""
+    stops = product.adjusted.stops
+    names = tuple(f"{stop.stop.site}/{stop.stop.drive}" for stop in stops)
+    sols = np.array([min(product.sols[stop.stop]) for stop in stops], dtype=np.int32)
+    told = np.array([product.telemetry[stop.stop].translation_m for stop in stops])
+    true = np.array([stop.lsl_from_rover.translation_m for stop in stops])
+    return (
+        Traverse("telemetry", names, sols, map_from_lsl(told)),
+        Traverse("adjusted", names, sols, map_from_lsl(true)),
+    )
+
+
+def _stop_of(row: dict[str, Any]) -> StopId:
+    return StopId(row["mission"], row["site"], row["drive"])

@@ -1,0 +1,154 @@
+"""Orthophotos on disk: 8-bit pictures, grey or in colour, and what they came from.
+
+Brightness is stretched to 1 .. 255, band by band, and 0 is where nothing was seen; a band's scale
+and offset lead back to brightness. The sources are a class layer of their own at the cells of the
+terrain model: which image each patch of ground was taken from, by name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+from pyproj import CRS
+from rasterio.enums import ColorInterp
+from rasterio.windows import Window
+
+from solmap.photogrammetry.arrays import Classes, Float32, Raster
+from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.products.errors import ProductError
+from solmap.products.formats.raster.cog import Band, Notes, RasterClass, new_cog
+from solmap.products.formats.raster.raster import (
+    class_names,
+    grid_of,
+    open_raster,
+    write_classes,
+)
+
+Stretch = tuple[float, float]
+"""Brightness shown as black and as white."""
+Piece = tuple[int, int, Float32[np.ndarray, "bands rows cols"]]
+"""First row and column of a part of a picture, and its brightness; NaN where nothing was seen."""
+_GREY = (("brightness", ColorInterp.gray),)
+_COLOUR = (("red", ColorInterp.red), ("green", ColorInterp.green), ("blue", ColorInterp.blue))
+_STRETCH_PERCENTILES = (0.5, 99.5)
+"""Brightness that becomes black and white: what lies beyond is glint, deep shadow or noise."""
+_MOST_SOURCES = 255
+
+
+def write_pieces(
+    path: Path,
+    grid: MapGrid,
+    pieces: Iterable[Piece],
+    crs: CRS,
+    *,
+    stretches: Sequence[Stretch],
+    tags: Mapping[str, str] | None = None,
+) -> None:
+    """Write a picture piece by piece, grey with one stretch and colour with three.
+
+    Args:
+        path: The file to write.
+        grid: Where the cells lie.
+        pieces: The parts of the picture; what none of them covers was not seen.
+        crs: The local CRS of the landing site.
+        stretches: Brightness shown black and white, by band.
+        tags: What else to keep with the file.
+    """
+    kinds = _GREY if len(stretches) == 1 else _COLOUR
+    bands = [
+        Band(name, "", scale, low - scale, colour)
+        for (name, colour), (low, scale) in zip(kinds, map(_step, stretches), strict=True)
+    ]
+    with new_cog(path, grid, crs, Notes("uint8", tuple(bands), tags=tags)) as dataset:
+        for row, col, brightness in pieces:
+            shape = brightness.shape
+            stack = [_grey(band, s) for band, s in zip(brightness, stretches, strict=True)]
+            dataset.write(np.stack(stack), window=Window(col, row, shape[2], shape[1]))
+
+
+def write_orthophoto(
+    path: Path,
+    grid: MapGrid,
+    brightness: Raster,
+    crs: CRS,
+    *,
+    stretch: Stretch | None = None,
+    tags: Mapping[str, str] | None = None,
+) -> None:
+    """Write brightness (NaN where nothing was seen) as a grey picture.
+
+    By default, two percentiles of what was seen are shown black and white.
+    """
+    stretches = [stretch or _stretch_of(brightness)]
+    write_pieces(path, grid, [(0, 0, brightness[None])], crs, stretches=stretches, tags=tags)
+
+
+def read_orthophoto(path: Path) -> tuple[MapGrid, Raster]:
+    """Brightness as `write_orthophoto` was given it, to half a grey step; NaN where unseen."""
+    with open_raster(path) as dataset:
+        grey = dataset.read(1)
+        brightness = grey.astype(np.float32) * dataset.scales[0] + dataset.offsets[0]
+        return grid_of(dataset), np.where(grey > 0, brightness, np.nan).astype(np.float32)
+
+
+def write_sources(
+    path: Path,
+    grid: MapGrid,
+    source: Classes,
+    names: Sequence[str],
+    crs: CRS,
+    *,
+    tags: Mapping[str, str] | None = None,
+) -> None:
+    """Write which image each cell came from: 1 for the first of `names`, 0 for none.
+
+    Raises:
+        ProductError: there are more images than fit.
+    """
+    if len(names) > _MOST_SOURCES:
+        raise ProductError(f"{path.name}: {len(names)} images, but {_MOST_SOURCES} can be told")
+    classes = tuple(RasterClass(i, name, source_colour(i)) for i, name in enumerate(names, start=1))
+    write_classes(path, grid, source, crs, name="source", classes=classes, tags=tags)
+
+
+def read_sources(path: Path) -> tuple[MapGrid, Classes, tuple[str, ...]]:
+    """What `write_sources` was given."""
+    with open_raster(path) as dataset:
+        return grid_of(dataset), dataset.read(1), tuple(class_names(dataset).values())
+
+
+def source_colour(number: int) -> str:
+    """A colour for an image, unlike those of its neighbours in the panorama: `#rrggbb`.
+
+    Hues go around by the golden ratio, so that the first few and any few in a row differ.
+    """
+    hue = int(number * 0.618034 * 180) % 180
+    lightness_saturation = (90 + 60 * (number % 3), 160)
+    hls = np.array([[[hue, *lightness_saturation]]], np.uint8)
+    red, green, blue = cv2.cvtColor(hls, cv2.COLOR_HLS2RGB)[0, 0].tolist()
+    return f"#{red:02x}{green:02x}{blue:02x}"
+
+
+def _step(stretch: Stretch) -> tuple[float, float]:
+    """The brightness shown black, and that of one step of grey: 1 is black, 255 is white."""
+    low, high = stretch
+    return low, (high - low) / 254.0
+
+
+def _grey(brightness: Raster, stretch: Stretch) -> Classes:
+    low, step = _step(stretch)
+    scaled = (brightness - np.float32(low)) * np.float32(1 / step) + np.float32(1)
+    seen = np.isfinite(scaled)
+    grey = np.rint(np.clip(scaled, 1.0, 255.0, out=scaled), out=scaled)
+    return np.where(seen, grey, np.float32(0)).astype(np.uint8)
+
+
+def _stretch_of(brightness: Raster) -> Stretch:
+    seen = brightness[np.isfinite(brightness)]
+    if not seen.size:
+        return 0.0, 254.0
+    low, high = (float(value) for value in np.percentile(seen, _STRETCH_PERCENTILES))
+    return (low, high) if high > low else (low - 1.0, low + 1.0)

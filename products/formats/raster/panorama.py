@@ -1,0 +1,160 @@
+"""Panoramas on disk: a picture in azimuth and elevation, and where on the ground its pixels lie.
+
+The picture is a GeoTIFF whose "map" is the sphere of directions: x is azimuth clockwise from north,
+y elevation above the horizon, both in degrees, with a CRS of its own that says so. Its companion is
+four times as coarse and holds, in each direction, the distance to the ground (NaN for sky and for
+ground that the terrain model does not know) and the number of the image that is shown.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import rasterio
+from pyproj import CRS
+
+from solmap.photogrammetry.arrays import Float32, Vector3
+from solmap.photogrammetry.terrain.angle_grid import NODE, AngleGrid
+from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.terrain.ground import MAP_FROM_LSL
+from solmap.photogrammetry.terrain.mosaic import NO_SOURCE
+from solmap.photogrammetry.terrain.panorama import Panorama, PanoramaBlock
+from solmap.photogrammetry.terrain.seams import Registration
+from solmap.products.errors import ProductError
+from solmap.products.formats.raster.orthophoto import Piece, write_pieces
+from solmap.products.formats.raster.raster import open_raster, write_raster
+
+ANGLES = CRS.from_wkt(
+    'ENGCRS["Azimuth and elevation",EDATUM["Projection centre of a panorama"],CS[Cartesian,2],'
+    'AXIS["azimuth (az)",east],AXIS["elevation (el)",north],'
+    'ANGLEUNIT["degree",0.0174532925199433]]'
+)
+_TAG = "PANORAMA"
+_NEAR_M = 0.5
+"""Half a side of the box on the map that a panorama is said to be taken in."""
+
+Ground = Float32[np.ndarray, "two down across"]
+"""Distance in metres and number of the image, from 1, at the nodes of a panorama."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PanoramaFacts:
+    """What a panorama says of itself."""
+
+    grid: AngleGrid
+    centre: Vector3
+    """East, north and elevation it is seen from, metres of the local map."""
+    eye: str
+    images: tuple[str, ...]
+    ground: str | None
+    """Digest of the companion that knows the ground."""
+    registration: Mapping[str, Any]
+    """`median_px` and `p90_px` of the shifts between neighbouring images, and every seam's."""
+
+
+def write_panorama(
+    path: Path,
+    made: Panorama,
+    pieces: Iterable[Piece],
+    found: Registration,
+    ground: str,
+    tags: Mapping[str, str],
+) -> None:
+    """Draw a panorama into a file, piece by piece."""
+    facts = {
+        "centre_enu_m": (MAP_FROM_LSL @ made.centre).tolist(),
+        "eye": str(made.params.eye),
+        "images": [image.id for image in made.images],
+        "ground": ground,
+        "registration": _registration(found),
+    }
+    place = _map_of(made.grid, 1)
+    named = {_TAG: json.dumps(facts, separators=(",", ":")), **tags}
+    write_pieces(path, place, pieces, ANGLES, stretches=[made.stretch], tags=named)
+
+
+def write_panorama_ground(path: Path, made: Panorama, ground: Ground, tags: dict[str, str]) -> None:
+    """Write how far the ground is in each direction, and in which image it is seen."""
+    distance, source = ground
+    bands = {"distance": distance, "image": source}
+    place = _map_of(made.grid, NODE)
+    write_raster(path, place, bands, ANGLES, unit={"distance": "m"}, tags=tags, overviews="NEAREST")
+
+
+def pieces_of(blocks: Iterable[PanoramaBlock], ground: Ground) -> Iterator[Piece]:
+    """The blocks of a panorama as pieces of a picture; `ground` is filled on the way."""
+    for block in blocks:
+        row, col = block.row // NODE, block.col // NODE
+        rows, cols = block.sources.shape
+        ranges, part = block.ranges, ground[:, row : row + rows, col : col + cols]
+        shown = block.sources != NO_SOURCE
+        part[0] = np.where(shown & ranges.is_measured, ranges.range_m, np.nan)
+        part[1] = np.where(shown, block.sources.astype(np.float32) + 1, np.nan)
+        yield block.row, block.col, block.brightness[None]
+
+
+def blank_ground(grid: AngleGrid) -> Ground:
+    """Directions of which nothing is known yet."""
+    return np.full((2, grid.rows // NODE, grid.cols // NODE), np.nan, np.float32)
+
+
+def read_facts(dataset: rasterio.DatasetReader) -> PanoramaFacts:
+    """What an open panorama says of itself.
+
+    Raises:
+        ProductError: the file is none.
+    """
+    text = dataset.tags().get(_TAG)
+    if text is None:
+        raise ProductError(f"{dataset.name} is no panorama: it has no tag {_TAG}; make it again")
+    said = json.loads(text)
+    at = dataset.transform
+    grid = AngleGrid(at.c, at.f, at.a, dataset.height, dataset.width)
+    return PanoramaFacts(
+        grid,
+        np.array(said["centre_enu_m"]),
+        said["eye"],
+        tuple(said["images"]),
+        said["ground"],
+        said["registration"],
+    )
+
+
+def place_of_panorama(path: Path) -> tuple[float, float, float, float]:
+    """A small box on the map around where a panorama was taken."""
+    with open_raster(path) as dataset:
+        east, north, _ = read_facts(dataset).centre.tolist()
+    return east - _NEAR_M, north - _NEAR_M, east + _NEAR_M, north + _NEAR_M
+
+
+def _map_of(grid: AngleGrid, coarser: int) -> MapGrid:
+    """The directions as a raster's place; node n of a coarser one is the middle of pixel n."""
+    cell = grid.cell_deg * coarser
+    aside = (grid.cell_deg - cell) / 2
+    rows, cols = grid.rows // coarser, grid.cols // coarser
+    return MapGrid(grid.west_deg + aside, grid.top_deg - aside, cell, rows, cols)
+
+
+def _registration(found: Registration) -> dict[str, Any]:
+    def number(value: float) -> float | None:
+        return round(value, 3) if np.isfinite(value) else None
+
+    seams: Sequence[dict[str, Any]] = [
+        {
+            "first": seam.first,
+            "second": seam.second,
+            "patches": seam.patches,
+            "shift_px": number(seam.shift_px),
+        }
+        for seam in found.seams
+    ]
+    return {
+        "median_px": number(found.median_px),
+        "p90_px": number(found.p90_px),
+        "seams": seams,
+    }

@@ -1,0 +1,289 @@
+"""Rasters on disk: bands of one grid, in the local CRS of the landing site, and read back.
+
+How the bytes are laid out is decided in `products.cog`. An averaged `class` of a DTM's overview
+lies between its classes.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import Any, get_args
+
+import numpy as np
+import rasterio
+from pyproj import CRS
+from rasterio.enums import ColorInterp
+from rasterio.errors import RasterioError, RasterioIOError
+from rasterio.session import DummySession
+from rasterio.windows import Window
+
+from solmap.photogrammetry.arrays import Classes, Raster
+from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.terrain.records import Dtm
+from solmap.products.errors import ProductError, ProductNotFoundError, StoreAwayError
+from solmap.products.formats.raster.cog import (
+    Band,
+    Halving,
+    Kind,
+    Notes,
+    RasterClass,
+    new_cog,
+)
+
+_DIRECTIONS = {"aspect"}
+"""Bands whose values run in a circle."""
+_DTM_UNITS = {"elevation": "m", "standard_deviation": "m", "observations": "", "class": ""}
+_POSE_DEVIATION = "pose_deviation"
+"""Band of a DTM whose poses are not taken for true: the part of the deviation that cells share."""
+_IN_PLACE = {
+    "GDAL_DISABLE_READDIR_ON_OPEN": "EMPTY_DIR",
+    "GDAL_INGESTED_BYTES_AT_OPEN": "32768",
+}
+"""Nothing lies beside a product that GDAL might look for, and its header is had in one request."""
+_LASTING = ("not recognized", "Access Denied", "AccessKeyId", "signature", "bucket does not exist")
+"""What GDAL says of objects that asking again does not open: broken ones, wrong keys, no bucket."""
+_LOOK = 1 << 20
+"""Cells that are looked at for a summary: an overview of at most this many."""
+
+
+@dataclass(frozen=True, slots=True)
+class BandSummary:
+    """What a catalogue or legend wants to know of a band."""
+
+    name: str
+    unit: str
+    range: tuple[float, float] | None
+    """1st and 99th percentile of the measured values; None where nothing was measured."""
+
+
+def write_raster(  # noqa: PLR0913 - the properties of one file
+    path: Path,
+    grid: MapGrid,
+    bands: Mapping[str, Raster | np.ndarray],
+    crs: CRS,
+    *,
+    unit: str | Mapping[str, str] = "",
+    tags: Mapping[str, str] | None = None,
+    overviews: Halving | None = None,
+    scale: tuple[float, float] = (1.0, 0.0),
+) -> None:
+    """Write the bands of one grid, float32 with NaN or uint8 with 0 where nothing was measured.
+
+    Args:
+        path: The file to write.
+        grid: Where the cells lie, metres of the local map.
+        bands: Cell values by the name of the band.
+        crs: The local CRS of the landing site.
+        unit: Unit of all bands, or of each by name: `m`, `degree`.
+        tags: What else to keep with the file, as text.
+        overviews: How four cells become one; by default the mean, but of directions the nearest.
+        scale: (scale, offset) from stored to true values.
+
+    Raises:
+        ProductError: a band does not fit the grid, or types are mixed or unknown.
+    """
+    stack = _stacked(path, grid, bands)
+    units = {name: unit if isinstance(unit, str) else unit.get(name, "") for name in bands}
+    halving = overviews or ("NEAREST" if _DIRECTIONS & set(bands) else "AVERAGE")
+    kind: Kind = "float32" if stack[0].dtype == np.float32 else "uint8"
+    colours = [ColorInterp.gray, *[ColorInterp.undefined] * (len(stack) - 1)]
+    named = tuple(Band(n, units[n], *scale, c) for n, c in zip(bands, colours, strict=True))
+    with new_cog(path, grid, crs, Notes(kind, named, halving, tags)) as dataset:
+        for index, band in enumerate(stack, start=1):
+            dataset.write(band, index)
+
+
+def write_classes(  # noqa: PLR0913 - the properties of one file
+    path: Path,
+    grid: MapGrid,
+    codes: Classes,
+    crs: CRS,
+    *,
+    name: str,
+    classes: Sequence[RasterClass],
+    tags: Mapping[str, str] | None = None,
+) -> None:
+    """Write a layer of classes, 0 where nothing is known, with their names and colours inside."""
+    if codes.shape != grid.shape:
+        raise ProductError(f"{path.name}: {codes.shape} classes on a grid of {grid.shape}")
+    band = Band(name, colour=ColorInterp.palette)
+    notes = Notes("uint8", (band,), "NEAREST", tags, tuple(classes))
+    with new_cog(path, grid, crs, notes) as dataset:
+        dataset.write(codes, 1)
+
+
+def _stacked(
+    path: Path, grid: MapGrid, bands: Mapping[str, Raster | np.ndarray]
+) -> list[np.ndarray]:
+    if not bands:
+        raise ProductError(f"{path.name} would have no band")
+    stack = [np.asarray(band) for band in bands.values()]
+    types = {band.dtype.name for band in stack}
+    if len(types) > 1 or not types <= set(get_args(Kind)):
+        raise ProductError(f"{path.name}: bands are all float32 or all uint8, not {sorted(types)}")
+    for name, band in zip(bands, stack, strict=True):
+        if band.shape != grid.shape:
+            raise ProductError(
+                f"{path.name}: band {name} has {band.shape} cells on a grid of {grid.shape}"
+            )
+    return stack
+
+
+def open_raster(address: Path | str) -> rasterio.DatasetReader:
+    """Open a raster for reading: a file, or by GDAL's address of an object.
+
+    Raises:
+        ProductNotFoundError: there is no such file.
+        StoreAwayError: the object store does not answer.
+        ProductError: it cannot be read as a raster.
+    """
+    try:
+        if isinstance(address, Path):
+            return rasterio.open(address)
+        with rasterio.Env(DummySession(), **_IN_PLACE):
+            return rasterio.open(address)
+    except RasterioIOError as error:
+        name = PurePosixPath(address).name
+        if (
+            not Path(address).is_file()
+            if isinstance(address, Path)
+            else "key does not" in str(error)
+        ):
+            raise ProductNotFoundError(
+                f"{name} is not there; run the flow that makes it"
+            ) from error
+        if isinstance(address, str) and not any(word in str(error) for word in _LASTING):
+            raise StoreAwayError(f"the store of {name} does not answer: {error}") from error
+        raise ProductError(f"{name} cannot be read as a raster: {error}") from error
+
+
+def unreadable(address: Path | str, error: RasterioError) -> ProductError:
+    """What to say of an open raster that a part could not be read of."""
+    name = PurePosixPath(address).name
+    if isinstance(address, str):  # which of the two GDAL does not say
+        return StoreAwayError(f"the store of {name} does not answer, or it is broken: {error}")
+    return ProductError(f"{name} is broken: {error}; make it again")
+
+
+def grid_of(dataset: rasterio.DatasetReader) -> MapGrid:
+    """Where the cells of an open raster lie."""
+    transform = dataset.transform
+    return MapGrid(transform.c, transform.f, transform.a, dataset.height, dataset.width)
+
+
+def read_raster(path: Path) -> tuple[MapGrid, dict[str, np.ndarray]]:
+    """The grid and the stored values of every band, by name: what `write_raster` was given.
+
+    Raises:
+        ProductNotFoundError: there is no such file.
+        ProductError: the file is broken.
+    """
+    with open_raster(path) as dataset:
+        try:
+            stack = dataset.read()
+        except RasterioError as error:
+            raise unreadable(path, error) from error
+        return grid_of(dataset), dict(zip(band_names(dataset), stack, strict=True))
+
+
+def band_names(dataset: rasterio.DatasetReader) -> list[str]:
+    """What the bands of an open raster are called."""
+    return [name or f"band {i}" for i, name in enumerate(dataset.descriptions, start=1)]
+
+
+def class_names(dataset: rasterio.DatasetReader) -> dict[int, str]:
+    """What the values of a layer of classes stand for; nothing for other rasters."""
+    named = json.loads(dataset.tags().get("CLASSES", "{}"))
+    return {int(value): str(name) for value, name in named.items()}
+
+
+def crs_of(path: Path) -> CRS:
+    """The CRS that a raster carries."""
+    with open_raster(path) as dataset:
+        return CRS.from_wkt(dataset.crs.to_wkt(version="WKT2_2019"))
+
+
+def summarise(path: Path) -> tuple[MapGrid, tuple[BandSummary, ...]]:
+    """Grid, and name, unit and range of true values of every band, from an overview."""
+    with open_raster(path) as dataset:
+        shrink = max(1.0, math.sqrt(dataset.width * dataset.height / _LOOK))
+        shape = (math.ceil(dataset.height / shrink), math.ceil(dataset.width / shrink))
+        looks = dataset.read(out_shape=(dataset.count, *shape), masked=True)
+        bands = zip(
+            band_names(dataset), dataset.units, looks, dataset.scales, dataset.offsets, strict=True
+        )
+        return grid_of(dataset), tuple(
+            BandSummary(name, unit or "", _range_of(look, scale, offset))
+            for name, unit, look, scale, offset in bands
+        )
+
+
+def _range_of(
+    values: np.ma.MaskedArray[Any, Any], scale: float, offset: float
+) -> tuple[float, float] | None:
+    measured = values.compressed()
+    if not measured.size:
+        return None
+    low, high = np.percentile(measured.astype(np.float64) * scale + offset, (1.0, 99.0))
+    return float(low), float(high)
+
+
+def write_dtm(path: Path, dtm: Dtm, crs: CRS, *, tags: Mapping[str, str] | None = None) -> None:
+    """Write a terrain model: elevation, deviation, observations, class, deviation of the pose."""
+    bands = {
+        "elevation": dtm.elevation,
+        "standard_deviation": dtm.sigma_m,
+        "observations": dtm.observations,
+        "class": dtm.ground.astype(np.float32),
+        **({} if dtm.pose_sigma_m is None else {_POSE_DEVIATION: dtm.pose_sigma_m}),
+    }
+    units = {**_DTM_UNITS, _POSE_DEVIATION: "m"}
+    notes = {"VERTICAL": "metres above the tangent plane at the landing point", **(tags or {})}
+    write_raster(path, dtm.grid, bands, crs, unit=units, tags=notes)
+
+
+def read_dtm(path: Path) -> Dtm:
+    """Read what `write_dtm` wrote.
+
+    Raises:
+        ProductError: the file is no terrain model.
+    """
+    grid, bands = read_raster(path)
+    missing = [name for name in _DTM_UNITS if name not in bands]
+    if missing:
+        raise ProductError(f"{path.name} is no terrain model: it has no band {missing[0]}")
+    return Dtm(
+        grid=grid,
+        elevation=bands["elevation"],
+        sigma_m=bands["standard_deviation"],
+        observations=np.nan_to_num(bands["observations"]),  # blocks that hold nothing are not kept
+        ground=np.nan_to_num(bands["class"]).astype(np.uint8),
+        pose_sigma_m=bands.get(_POSE_DEVIATION),
+    )
+
+
+def values_at(path: Path, east: float, north: float) -> dict[str, float] | None:
+    """True values of every band at a place; see `values_in`."""
+    with open_raster(path) as dataset:
+        return values_in(dataset, east, north)
+
+
+def values_in(
+    dataset: rasterio.DatasetReader, east: float, north: float
+) -> dict[str, float] | None:
+    """True values of every band in the cell that holds a place; None beyond the raster's edge.
+
+    NaN where nothing was measured.
+    """
+    found = grid_of(dataset).cell_at(east, north)
+    if found is None:
+        return None
+    row, col = found
+    cell = dataset.read(window=Window(col, row, 1, 1), masked=True)[:, 0, 0]
+    stored = np.ma.filled(cell.astype(np.float64), np.nan)
+    true = stored * np.array(dataset.scales) + np.array(dataset.offsets)
+    return dict(zip(band_names(dataset), (float(value) for value in true), strict=True))

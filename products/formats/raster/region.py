@@ -1,0 +1,243 @@
+"""A region's terrain model on disk: read and written tile by tile, whatever its size.
+
+A tile and the halo that its cells depend on are read from the models of the stops that reach it,
+fused, and written; the rest of the region is never in memory. Models with finer cells are averaged
+down, those with coarser ones (far ground) are interpolated.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+import rasterio
+from pyproj import CRS
+from rasterio.windows import Window
+
+from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.terrain.records import Dtm
+from solmap.photogrammetry.terrain.region import (
+    RegionBlock,
+    RegionParams,
+    StopTerrain,
+    coarser_dtm,
+    finer_dtm,
+    fuse_block,
+)
+from solmap.photogrammetry.terrain.region_seams import Seam, SeamCounter
+from solmap.products.errors import ProductError
+from solmap.products.formats.raster.cog import Band, Notes, new_cog
+from solmap.products.formats.raster.raster import band_names, grid_of, open_raster
+
+TILE = 512
+"""Cells along the side of a tile: two blocks of the file."""
+CACHE_MB = 64
+"""What GDAL may keep of blocks; its default is a twentieth of the machine's memory."""
+DTM_BANDS = (
+    Band("elevation", "m"),
+    Band("standard_deviation", "m"),
+    Band("observations"),
+    Band("class"),
+    Band("pose_deviation", "m"),
+    Band("nearest_stop"),
+)
+SEAM_BANDS = (Band("disagreement", "m"), Band("disagreement_in_sigmas"))
+
+
+@dataclass(frozen=True, slots=True)
+class RegionSource:
+    """A stop's terrain model among those of a region."""
+
+    name: str
+    """The stop."""
+    place: tuple[float, float]
+    """East and north of its cameras, metres."""
+    path: Path
+
+
+@dataclass(frozen=True, slots=True)
+class RegionFiles:
+    """What is written of a region."""
+
+    dtm: Path
+    seams: Path
+
+
+def write_region(
+    files: RegionFiles,
+    sources: Sequence[RegionSource],
+    params: RegionParams,
+    crs: CRS,
+    tags: tuple[Mapping[str, str], Mapping[str, str]] = ({}, {}),
+) -> tuple[Seam, ...]:
+    """Fuse the models of stops to one of the region; how far any two of them disagree.
+
+    `tags` are kept with the model and with the seams.
+
+    Raises:
+        ProductError: the cells of a model are no power of two of the region's.
+    """
+    names = {"STOPS": json.dumps([source.name for source in sources])}
+    height = {"VERTICAL": "metres above the tangent plane at the landing point"}
+    of_model, of_seams = ({**names, **own} for own in tags)
+    counter = SeamCounter()
+    with contextlib.ExitStack() as held:
+        held.enter_context(rasterio.Env(GDAL_CACHEMAX=CACHE_MB))
+        opened = [
+            _Source(k, one, held.enter_context(open_raster(one.path)), params.cell_m)
+            for k, one in enumerate(sources)
+        ]
+        grid = _grid_around([one.grid for one in opened], params.cell_m)
+        dtm = held.enter_context(
+            new_cog(files.dtm, grid, crs, Notes("float32", DTM_BANDS, tags={**of_model, **height}))
+        )
+        seams = held.enter_context(
+            new_cog(files.seams, grid, crs, Notes("float32", SEAM_BANDS, tags=of_seams))
+        )
+        for row, col in _tiles(grid):
+            _fuse_tile((row, col), grid, opened, params, (dtm, seams), counter)
+        found = counter.seams()
+        seams.update_tags(SEAMS=json.dumps([asdict(seam) for seam in found]))
+    return found
+
+
+def read_seams(path: Path) -> tuple[tuple[str, ...], tuple[Seam, ...]]:
+    """The stops of a region, and how far any two of them disagree."""
+    with open_raster(path) as dataset:
+        tags = dataset.tags()
+    rows = json.loads(tags["SEAMS"])
+    stops = tuple(json.loads(tags["STOPS"]))
+    return stops, tuple(Seam(**{**row, "stops": tuple(row["stops"])}) for row in rows)
+
+
+def _grid_around(grids: Sequence[MapGrid], cell_m: float) -> MapGrid:
+    bounds = np.array([grid.bounds for grid in grids])
+    (west, south), (east, north) = bounds[:, :2].min(axis=0), bounds[:, 2:].max(axis=0)
+    return MapGrid.covering((float(west), float(south), float(east), float(north)), cell_m)
+
+
+def _tiles(grid: MapGrid) -> Iterator[tuple[int, int]]:
+    for row in range(0, grid.rows, TILE):
+        for col in range(0, grid.cols, TILE):
+            yield row, col
+
+
+def _fuse_tile(
+    corner: tuple[int, int],
+    grid: MapGrid,
+    sources: Sequence[_Source],
+    params: RegionParams,
+    out: tuple[rasterio.io.DatasetWriter, rasterio.io.DatasetWriter],
+    counter: SeamCounter,
+) -> None:
+    """Read, fuse and write one tile; nothing where no stop reaches."""
+    row, col = corner
+    rows, cols = min(TILE, grid.rows - row), min(TILE, grid.cols - col)
+    halo = params.halo
+    around = grid.part(row - halo, col - halo, rows + 2 * halo, cols + 2 * halo)
+    reached = [one for one in sources if one.reaches(grid.part(row, col, rows, cols))]
+    stops = [StopTerrain(one.number, one.source.place, one.read(around)) for one in reached]
+    if not stops:
+        return
+    inside = (slice(halo, halo + rows), slice(halo, halo + cols))
+    block = fuse_block(stops, params)
+    counter.add(stops, inside)
+    window = Window(col, row, cols, rows)
+    for dataset, layers in zip(out, _layers(block), strict=True):
+        dataset.write(np.stack([layer[inside] for layer in layers]), window=window)
+
+
+def _layers(block: RegionBlock) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    dtm = block.dtm
+    assert dtm.pose_sigma_m is not None  # noqa: S101 - fusion gives it
+    return (
+        [
+            dtm.elevation,
+            dtm.sigma_m,
+            dtm.observations,
+            dtm.ground.astype(np.float32),
+            dtm.pose_sigma_m,
+            block.nearest,
+        ],
+        [block.seam_m, block.seam_sigmas],
+    )
+
+
+class _Source:
+    """An open model of a stop, read in the cells of the region."""
+
+    def __init__(
+        self, number: int, source: RegionSource, dataset: rasterio.DatasetReader, cell_m: float
+    ) -> None:
+        self.number, self.source, self._dataset = number, source, dataset
+        self.grid = grid_of(dataset)
+        self._bands = band_names(dataset)
+        ratio = np.log2(cell_m / self.grid.cell_m)
+        if abs(ratio - round(ratio)) > 1e-6:  # noqa: PLR2004 - rounding of a decimal fraction
+            raise ProductError(
+                f"the model of {source.name} has cells of {self.grid.cell_m} m, the region's of "
+                f"{cell_m} m: one is to be the other times a power of two"
+            )
+        self._coarser, self._finer = 2 ** max(0, round(ratio)), 2 ** max(0, round(-ratio))
+
+    def reaches(self, tile: MapGrid) -> bool:
+        """Whether the model covers any of a tile."""
+        west, south, east, north = tile.bounds
+        w, s, e, n = self.grid.bounds
+        return w < east and e > west and s < north and n > south
+
+    def read(self, around: MapGrid) -> Dtm:
+        """The model on a grid of the region's cells; nothing known beyond its own."""
+        if self._finer == 1:
+            fine = self.grid.cell_m
+            rows, cols = (count * self._coarser for count in around.shape)
+            return coarser_dtm(
+                self._window(MapGrid(around.west, around.north, fine, rows, cols)), self._coarser
+            )
+        row = round((self.grid.north - around.north) / around.cell_m)
+        col = round((around.west - self.grid.west) / around.cell_m)
+        first_row, first_col = row // self._finer - 1, col // self._finer - 1
+        last_row = (row + around.rows) // self._finer + 2
+        last_col = (col + around.cols) // self._finer + 2
+        wide = self.grid.part(first_row, first_col, last_row - first_row, last_col - first_col)
+        finer = finer_dtm(self._window(wide), self._finer)
+        return _cut(finer, around, row - first_row * self._finer, col - first_col * self._finer)
+
+    def _window(self, wanted: MapGrid) -> Dtm:
+        """The model on a grid of its own cells that may reach beyond it."""
+        row = round((self.grid.north - wanted.north) / wanted.cell_m)
+        col = round((wanted.west - self.grid.west) / wanted.cell_m)
+        top, left = max(0, row), max(0, col)
+        bottom = max(top, min(self.grid.rows, row + wanted.rows))
+        right = max(left, min(self.grid.cols, col + wanted.cols))
+        stack = np.full((len(self._bands), *wanted.shape), np.nan, dtype=np.float32)
+        if bottom > top and right > left:
+            there = (slice(None), slice(top - row, bottom - row), slice(left - col, right - col))
+            stack[there] = self._dataset.read(window=Window(left, top, right - left, bottom - top))
+        bands = dict(zip(self._bands, stack, strict=True))
+        return Dtm(
+            wanted,
+            bands["elevation"],
+            bands["standard_deviation"],
+            np.nan_to_num(bands["observations"]),
+            np.nan_to_num(bands["class"]).astype(np.uint8),
+            bands.get("pose_deviation"),
+        )
+
+
+def _cut(dtm: Dtm, wanted: MapGrid, row: int, col: int) -> Dtm:
+    """The part of a model on a grid that lies in its own."""
+    inside = (slice(row, row + wanted.rows), slice(col, col + wanted.cols))
+    pose = None if dtm.pose_sigma_m is None else dtm.pose_sigma_m[inside]
+    return Dtm(
+        wanted,
+        dtm.elevation[inside],
+        dtm.sigma_m[inside],
+        dtm.observations[inside],
+        dtm.ground[inside],
+        pose,
+    )

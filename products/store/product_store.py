@@ -1,0 +1,262 @@
+"""The store: products are made once, then read by reference.
+
+A product is drafted in a folder of its own and put into place when it is whole, so that one that
+is there is complete, whatever was killed. Beside each product lies its provenance: the recipe,
+when and how long it was made, its size and checksum. The product's own bytes hold no dates, so the
+same recipe gives the same bytes.
+
+Bytes lie in the store's folder, or in an object store; drafts, databases and what can be made anew
+(indexes, copies of objects) lie in the folder always.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import os
+import shutil
+import socket
+import tempfile
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from solmap.products.disk import is_full
+from solmap.products.effort import Effort
+from solmap.products.errors import ProductError, ProductNotFoundError, StoreFullError
+from solmap.products.model import LEVEL, SUFFIX, ProductKind, ProductRef, Recipe, Scope, ScopeLevel
+from solmap.products.store.backends import (
+    Elsewhere,
+    FolderShelf,
+    Shelf,
+    elsewhere_of,
+    remember,
+)
+from solmap.products.store.object_backend import bucket_shelf
+
+_CHUNK = 1 << 20
+_PRODUCTS = "products"
+
+
+@dataclass(frozen=True, slots=True)
+class ProductStore:
+    """Products, each under the digest of its recipe."""
+
+    root: Path
+    """The folder of this machine."""
+    elsewhere: Elsewhere | None = None
+    """Where products lie if not in the folder."""
+
+    @classmethod
+    def open(cls, root: Path, elsewhere: Elsewhere | None = None) -> ProductStore:
+        """Open or found the store at `root`, and clear the drafts that killed processes left.
+
+        Raises:
+            ProductError: the folder cannot be made or written to, or the URL cannot be used.
+            StoreAwayError: the object store does not answer.
+        """
+        store = cls(root.resolve())
+        try:
+            store._drafts.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise ProductError(
+                f"{root} cannot hold a store: {error.strerror}; name a folder that can be written"
+            ) from error
+        store._clear_dead_drafts()
+        elsewhere = elsewhere_of(store.root, elsewhere)
+        if elsewhere is None:
+            return store
+        bucket_shelf(elsewhere, store.root).probe()
+        remember(elsewhere, store.root)
+        return cls(store.root, elsewhere)
+
+    @property
+    def _shelf(self) -> Shelf:
+        if self.elsewhere is None:
+            return FolderShelf(self.root)
+        return bucket_shelf(self.elsewhere, self.root)
+
+    @property
+    def _drafts(self) -> Path:
+        return self.root / "drafts"
+
+    def path(self, ref: ProductRef) -> Path:
+        """A file of this machine that holds the product; read it soon, and do not change it.
+
+        Raises:
+            ProductNotFoundError: it has not been made.
+        """
+        path = self._shelf.path(_name(ref))
+        if path is None:
+            raise _not_found(ref)
+        return path
+
+    def address(self, ref: ProductRef) -> Path | str:
+        """What GDAL opens to read parts of a raster where it lies, be it made or not."""
+        return self._shelf.address(_name(ref))
+
+    def size(self, ref: ProductRef) -> int:
+        """How many bytes the product has.
+
+        Raises:
+            ProductNotFoundError: it has not been made.
+        """
+        size = self._shelf.size(_name(ref))
+        if size is None:
+            raise _not_found(ref)
+        return size
+
+    def chunks(self, ref: ProductRef, start: int, end: int) -> Iterator[bytes]:
+        """The bytes of a product from `start` up to `end` in order, a few at a time."""
+        return self._shelf.chunks(_name(ref), start, end)
+
+    def has(self, ref: ProductRef) -> bool:
+        """Whether the product has been made."""
+        return self._shelf.has(_name(ref))
+
+    def versions(self, kind: ProductKind, scope: Scope) -> list[ProductRef]:
+        """All products of a kind and scope, latest or not, in the order in which they were made."""
+        names = self._shelf.names(f"{_PRODUCTS}/{kind}/{scope.name}")
+        found = [ProductRef(kind, scope, digest) for digest in _digests(names, kind)]
+        if len(found) < 2:  # noqa: PLR2004 - one needs no order, and no reading
+            return found
+        return sorted(found, key=lambda ref: (self.made_at(ref), ref.digest))
+
+    def refs(self) -> Iterator[ProductRef]:
+        """Every product there is, latest or not, in the order of their names."""
+        for kind in sorted(ProductKind):
+            for name in sorted(self._shelf.names(f"{_PRODUCTS}/{kind}")):
+                scope = name.split("/")[2]
+                for digest in _digests([name], kind):
+                    yield ProductRef(kind, Scope(self._level(kind, name), scope), digest)
+
+    def remove(self, ref: ProductRef) -> None:
+        """Have a product no longer; it may be gone already. Its provenance goes after it."""
+        self._shelf.remove(_name(ref))
+        self._shelf.remove(_provenance_name(_name(ref)))
+
+    def make(self, recipe: Recipe, write: Callable[[Path], None]) -> ProductRef:
+        """Make the product of `recipe` with `write`, unless it is there already.
+
+        Raises:
+            StoreFullError: the disk is full; the draft is gone, everything made before remains.
+            StoreAwayError: the object store does not answer; nothing of the product can be seen.
+        """
+        ref = recipe.ref
+        if self.has(ref):
+            return ref
+        name = _name(ref)
+        effort = Effort()
+        with self._draft() as folder, self._explaining_full_disk(ref):
+            draft = folder / PurePosixPath(name).name
+            write(draft)
+            notes = folder / PurePosixPath(_provenance_name(name)).name
+            notes.write_text(json.dumps(_provenance(recipe, draft, effort)))
+            # the product last: where it is, its provenance is too
+            self._shelf.take(notes, _provenance_name(name), once=False)
+            self._shelf.take(draft, name, once=True)
+        return ref
+
+    def provenance(self, ref: ProductRef) -> dict[str, Any]:
+        """Recipe, date, duration, size and checksum of a product."""
+        found = self._shelf.read(_provenance_name(_name(ref)))
+        if found is None:
+            raise _not_found(ref)
+        return json.loads(found)
+
+    def made_at(self, ref: ProductRef) -> str:
+        """When the product was made, UTC, ISO 8601."""
+        return str(self.provenance(ref)["made_at"])
+
+    def write_document(self, name: str, text: str) -> None:
+        """Write or replace a document beside the products, such as `stac/catalog.json`."""
+        with self._draft() as folder:
+            draft = folder / "document"
+            draft.write_text(text, encoding="utf-8")
+            self._shelf.take(draft, name, once=False)
+
+    def document(self, name: str) -> str | None:
+        """A document beside the products; None where there is none."""
+        found = self._shelf.read(name)
+        return None if found is None else found.decode()
+
+    def _level(self, kind: ProductKind, name: str) -> ScopeLevel:
+        """What a product is about; where its kind does not say the level, its provenance does."""
+        if kind in LEVEL:
+            return LEVEL[kind]
+        notes = self._shelf.read(_provenance_name(name)) or b"{}"
+        return ScopeLevel(json.loads(notes)["recipe"]["scope"]["level"])
+
+    @contextlib.contextmanager
+    def _draft(self) -> Iterator[Path]:
+        self._drafts.mkdir(parents=True, exist_ok=True)  # a store that another machine opened
+        prefix = f"{socket.gethostname()}-{os.getpid()}-"
+        folder = Path(tempfile.mkdtemp(prefix=prefix, dir=self._drafts))
+        try:
+            yield folder
+        finally:
+            shutil.rmtree(folder, ignore_errors=True)
+
+    @contextlib.contextmanager
+    def _explaining_full_disk(self, ref: ProductRef) -> Iterator[None]:
+        """Say plainly that the disk is full, also where a library only says that writing failed."""
+        try:
+            yield
+        except Exception as error:
+            if is_full(self.root, error):
+                raise StoreFullError(
+                    f"the disk is full while making {ref.kind} of {ref.scope}; free some space "
+                    "and run again: what was made before is kept"
+                ) from error
+            raise
+
+    def _clear_dead_drafts(self) -> None:
+        mine = f"{socket.gethostname()}-"
+        for folder in self._drafts.glob(f"{mine}*"):
+            process = folder.name.removeprefix(mine).split("-")[0]
+            if process.isdigit() and not Path(f"/proc/{process}").exists():
+                shutil.rmtree(folder, ignore_errors=True)
+
+
+def _name(ref: ProductRef) -> str:
+    return f"{_PRODUCTS}/{ref.file_name}"
+
+
+def _provenance_name(name: str) -> str:
+    folder, _, file = name.rpartition("/")
+    return f"{folder}/{file.split('.')[0]}.provenance.json"
+
+
+def _digests(names: Iterable[str], kind: ProductKind) -> Iterator[str]:
+    """The digests of the products among some names; provenance may end like a product."""
+    suffix = SUFFIX[kind]
+    for name in names:
+        digest = name.rpartition("/")[2].removesuffix(suffix)
+        if name.endswith(suffix) and "." not in digest:
+            yield digest
+
+
+def _not_found(ref: ProductRef) -> ProductNotFoundError:
+    return ProductNotFoundError(
+        f"{ref.kind} of {ref.scope} with digest {ref.digest} is not in the store; "
+        "run the flow that makes it"
+    )
+
+
+def _provenance(recipe: Recipe, draft: Path, effort: Effort) -> dict[str, Any]:
+    digest = hashlib.sha256()
+    with draft.open("rb") as file:
+        while chunk := file.read(_CHUNK):
+            digest.update(chunk)
+    return {
+        "recipe": recipe.document,
+        "made_at": datetime.now(UTC).isoformat(timespec="seconds"),
+        **effort.spent(),
+        "bytes": draft.stat().st_size,
+        "sha256": digest.hexdigest(),
+        "software": f"solmap {version('solmap')}",
+    }

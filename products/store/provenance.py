@@ -1,0 +1,80 @@
+"""What a product says of how it was made: tags inside rasters, and the adjustment behind it."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator
+from importlib.metadata import version
+from typing import Any
+
+from solmap.products.errors import ProductNotFoundError
+from solmap.products.model import ProductKind, ProductRef, Recipe, Scope, ScopeLevel
+from solmap.products.store.product_store import ProductStore
+
+SOFTWARE = f"solmap {version('solmap')}"
+_ADJUSTED = {"Orientation"}
+"""Records of a recipe that an adjustment gave."""
+
+
+def provenance_tags(recipe: Recipe) -> dict[str, str]:
+    """Tags with a product's name, inputs, parameters, software and version of the science.
+
+    The parameters hold the adjusted orientations a map was made with, number by number, for a map
+    depends on these and not on the network they came from; `ADJUSTMENT` names them.
+    """
+    document, ref = recipe.document, recipe.ref
+    adjustment = _named(document["params"])
+    return {
+        "PRODUCT": f"{ref.kind}/{ref.scope}/{ref.digest}",
+        "INPUTS": " ".join(document["inputs"]),
+        "PARAMETERS": json.dumps(document["params"], separators=(",", ":"), sort_keys=True),
+        "SCIENCE_VERSION": str(recipe.science),
+        "TIFFTAG_SOFTWARE": SOFTWARE,
+        **({"ADJUSTMENT": adjustment} if adjustment else {}),
+    }
+
+
+def adjustment_id(ref: ProductRef, store: ProductStore) -> str | None:
+    """What names the adjustment behind a product: its orientations' digest, or its network.
+
+    Products of one stop with equal names were made from the very same orientations. None where no
+    adjustment stands behind it, or its inputs are gone.
+    """
+    try:
+        recipe = store.provenance(ref)["recipe"]
+    except ProductNotFoundError:
+        return None
+    named = _named(recipe["params"])
+    if named:
+        return named
+    for text in recipe["inputs"]:
+        kind, scope, digest = text.split("/")
+        if kind == ProductKind.NETWORK:
+            return str(text)
+        earlier = ProductRef(ProductKind(kind), Scope(ScopeLevel.STOP, scope), digest)
+        found = adjustment_id(earlier, store)
+        if found:
+            return found
+    return None
+
+
+def _named(params: Any) -> str | None:  # noqa: ANN401 - plain JSON
+    rows = list(_adjusted(params))
+    if not rows:
+        return None
+    text = json.dumps(rows, sort_keys=True, separators=(",", ":"))
+    return f"orientations-{hashlib.sha256(text.encode()).hexdigest()[:16]}"
+
+
+def _adjusted(value: Any) -> Iterator[dict[str, Any]]:  # noqa: ANN401 - plain JSON
+    """The records in some parameters that an adjustment gave."""
+    if isinstance(value, dict):
+        if value.get("") in _ADJUSTED:
+            yield value
+        else:
+            for part in value.values():
+                yield from _adjusted(part)
+    elif isinstance(value, list):
+        for part in value:
+            yield from _adjusted(part)
