@@ -14,16 +14,29 @@ export OMP_NUM_THREADS ?= 1
 export PREFECT_SERVER_ANALYTICS_ENABLED = false
 export DO_NOT_TRACK = 1
 
-.PHONY: setup viewer demo test test-all check audit bench peers fuzz docs clean
+PIP_INSTALL := $(BIN)/pip install --quiet --disable-pip-version-check --no-deps
 
-setup: $(VENV)/.installed
+.PHONY: setup cluster develop viewer demo test test-all test-wheel check audit bench peers fuzz docs wheel clean
+
+setup: $(VENV)/.installed  ## What a user needs.
 
 $(VENV)/.installed: requirements.lock pyproject.toml
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --requirement requirements.lock
-	$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --editable .
+	$(PIP_INSTALL) --requirement requirements.lock
+	$(PIP_INSTALL) --editable .
 	touch $@
 
+cluster: $(VENV)/.cluster  ## Also what PostgreSQL, an object store and Dask need.
+
+$(VENV)/.cluster: $(VENV)/.installed requirements-cluster.lock
+	$(PIP_INSTALL) --requirement requirements-cluster.lock
+	touch $@
+
+develop: $(VENV)/.develop  ## Also what tests, checks and documentation need.
+
+$(VENV)/.develop: $(VENV)/.cluster requirements-dev.lock
+	$(PIP_INSTALL) --requirement requirements-dev.lock
+	touch $@
 
 # npm is the machine's if it has one, else that of a Python package that carries Node.
 HAVE_NPM := $(shell command -v npm)
@@ -31,7 +44,7 @@ NPM := $(if $(HAVE_NPM),npm,PATH="$(abspath $(BIN)):$$PATH" npm)
 NPM_INSTALLED := $(if $(HAVE_NPM),,$(VENV)/.node-installed)
 
 $(VENV)/.node-installed: requirements-node.lock $(VENV)/.installed
-	$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --requirement requirements-node.lock
+	$(PIP_INSTALL) --requirement requirements-node.lock
 	touch $@
 
 viewer: $(VIEWER)/dist/index.html
@@ -49,45 +62,52 @@ demo: setup viewer  ## A synthetic downlink through every stage to the map in th
 REPEATABLE := --hypothesis-profile=repeatable
 
 # Units on both cores; the rest starts engines and browsers that use both by themselves.
-test: setup viewer  ## Everything that continuous integration asks for.
+test: develop viewer  ## Everything that continuous integration asks for.
 	$(MAKE) check
 	cd $(VIEWER) && $(NPM) test --silent
 	$(BIN)/pytest -m "not slow" $(REPEATABLE) --numprocesses 2 --dist loadfile tests/unit
 	$(BIN)/pytest -m "not slow" $(REPEATABLE) tests/integration tests/e2e
 
-test-all: setup viewer  ## Also what takes minutes: the rendered traverse, long simulations.
+test-all: develop viewer  ## Also what takes minutes: the rendered traverse, long simulations.
 	$(MAKE) check
 	cd $(VIEWER) && $(NPM) test --silent
 	$(BIN)/pytest --numprocesses 2 --dist loadfile tests/unit
 	$(BIN)/pytest tests/integration tests/e2e
 
-check: setup  ## Style, types and the direction of imports.
+check: develop  ## Style, types and the direction of imports.
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-audit: setup  ## Known weaknesses of what is pinned; says plainly where nobody can be asked.
+audit: develop  ## Known weaknesses of what is pinned; says plainly where nobody can be asked.
 	$(BIN)/python .ci/audit
 
 # Without the checks of array types that every test runs under: they would be timed too.
-bench: setup  ## Times and ratios against a peer in the same run.
+bench: develop  ## Times and ratios against a peer in the same run.
 	$(BIN)/pytest -o addopts=--import-mode=importlib tests/benchmarks --benchmark-only --benchmark-disable-gc --benchmark-columns=min,median,rounds
 
-peers: setup  ## Rivals that `make bench` compares adjustment and tiles with; without them it skips.
-	$(BIN)/pip install --quiet --disable-pip-version-check --no-deps gtsam==4.3.0 pyceres==2.6 pycolmap==4.2.1 titiler.core==2.4.0 geojson-pydantic==2.2.0 simplejson==4.3.0
+peers: develop  ## Rivals that `make bench` compares adjustment and tiles with; without them it skips.
+	$(PIP_INSTALL) gtsam==4.3.0 pyceres==2.6 pycolmap==4.2.1 titiler.core==2.4.0 geojson-pydantic==2.2.0 simplejson==4.3.0
 
 FUZZ_SECONDS ?= 30
 FUZZ_TARGETS := label vicar image detached raster pds4 metadata camera picture vectors localisations names
 
-fuzz: setup  ## Every reader under mutated files; guided by coverage where atheris is installed.
+fuzz: develop  ## Every reader under mutated files; guided by coverage where atheris is installed.
 	for target in $(FUZZ_TARGETS); do \
 	  $(BIN)/python tests/fuzz/fuzz_readers.py $$target -max_total_time=$(FUZZ_SECONDS) \
 	    -timeout=10 -rss_limit_mb=1500 -max_len=70000 || exit 1; \
 	done
 
-docs: setup
+docs: develop
 	$(BIN)/mkdocs build --strict
 
+wheel: setup viewer  ## dist/solmap-*.whl, the built viewer inside.
+	rm -rf build dist
+	$(BIN)/pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir dist .
+
+test-wheel: develop wheel  ## The wheel in an empty environment: simulate, run, serve.
+	$(BIN)/pytest tests/packaging
+
 clean:
-	rm -rf $(VENV) .demo $(VIEWER)/dist $(VIEWER)/node_modules
+	rm -rf $(VENV) .demo build dist $(VIEWER)/dist $(VIEWER)/node_modules
