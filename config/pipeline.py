@@ -25,10 +25,14 @@ from solmap.photogrammetry.matching.single_views import MonoParams
 from solmap.photogrammetry.matching.sparse import SparseParams
 from solmap.photogrammetry.matching.tracks import TrackParams
 from solmap.photogrammetry.matching.wide_stereo import WideParams
-from solmap.photogrammetry.terrain.contours import ContourParams, RegionContourParams
-from solmap.photogrammetry.terrain.dtm import DtmParams
+from solmap.photogrammetry.terrain.contours import (
+    ContourParams,
+    FarContourParams,
+    RegionContourParams,
+)
+from solmap.photogrammetry.terrain.dtm.region_dtm import RegionParams
+from solmap.photogrammetry.terrain.dtm.stop_dtm import DtmParams, FarDtmParams
 from solmap.photogrammetry.terrain.facets import FacetParams
-from solmap.photogrammetry.terrain.far import FarContourParams, FarDtmParams
 from solmap.photogrammetry.terrain.footprints import FootprintParams
 from solmap.photogrammetry.terrain.havens import HavenParams
 from solmap.photogrammetry.terrain.hazard import HazardParams
@@ -38,7 +42,6 @@ from solmap.photogrammetry.terrain.model3d import ModelParams
 from solmap.photogrammetry.terrain.orthophoto import OrthophotoParams
 from solmap.photogrammetry.terrain.panorama import PanoramaParams
 from solmap.photogrammetry.terrain.point_cloud import PointCloudParams
-from solmap.photogrammetry.terrain.region import RegionParams
 from solmap.photogrammetry.terrain.surface import HillshadeParams, SlopeParams
 from solmap.photogrammetry.terrain.view_model import ViewModelParams
 from solmap.photogrammetry.terrain.viewshed import ViewshedParams

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from solmap.photogrammetry.arrays import Raster
 from solmap.photogrammetry.frames import rotation_of_quaternion
-from solmap.photogrammetry.terrain.records import Dtm
+from solmap.photogrammetry.terrain.dtm.records import Dtm
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.errors import ProductNotFoundError
 from solmap.products.formats.raster.raster import read_dtm

@@ -12,7 +12,7 @@ from solmap.config.workspace import open_workspace
 from solmap.photogrammetry.imagery import StopId
 from solmap.photogrammetry.orbital.registration import RegistrationParams
 from solmap.photogrammetry.orbital.search import SearchParams
-from solmap.photogrammetry.terrain.grid import union
+from solmap.photogrammetry.terrain.dtm.grid import union
 from solmap.products.catalogue.catalogue import MissionEntry
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.errors import ProductNotFoundError

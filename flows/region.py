@@ -7,7 +7,7 @@ from collections.abc import Set
 from solmap.config.landing import landing_site
 from solmap.config.pipeline import PipelineConfig, load_pipeline
 from solmap.config.settings import Settings
-from solmap.photogrammetry.terrain.region_extent import regions_of
+from solmap.photogrammetry.terrain.dtm.region_dtm import regions_of
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.crs import LandingPoint
 from solmap.products.model import REGION, Layer, ProductKind, ProductRef, Scope

@@ -22,7 +22,7 @@ from solmap.photogrammetry.synthetic.world import (
     render_jobs,
     text_files,
 )
-from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.products.crs import local_crs
 from solmap.products.formats.raster.raster import write_raster
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import shapely
 
-from solmap.photogrammetry.terrain.grid import Bounds
+from solmap.photogrammetry.terrain.dtm.grid import Bounds
 
 COLUMNS = "f.name, f.shape, f.properties, f.first_sol, f.last_sol, f.first, f.last"
 """What `feature_of` reads."""

@@ -12,7 +12,7 @@ from rasterio.transform import Affine
 from rasterio.warp import reproject, transform_bounds
 
 from solmap.photogrammetry.arrays import Raster
-from solmap.photogrammetry.terrain.grid import Bounds, MapGrid
+from solmap.photogrammetry.terrain.dtm.grid import Bounds, MapGrid
 from solmap.products.errors import ProductError
 from solmap.products.formats.raster.raster import open_raster
 

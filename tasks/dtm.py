@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from solmap.photogrammetry.imagery import StopId
-from solmap.photogrammetry.terrain.dtm import DtmParams
-from solmap.photogrammetry.terrain.dtm import build_dtm as model_terrain
+from solmap.photogrammetry.terrain.dtm.stop_dtm import DtmParams
+from solmap.photogrammetry.terrain.dtm.stop_dtm import build_dtm as model_terrain
 from solmap.products.crs import LandingPoint, local_crs
 from solmap.products.formats.raster.raster import write_dtm
 from solmap.products.model import ProductKind, ProductRef, Recipe

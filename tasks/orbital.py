@@ -22,7 +22,7 @@ from solmap.photogrammetry.orbital.records import (
     Registration,
 )
 from solmap.photogrammetry.orbital.registration import RegistrationParams, register
-from solmap.photogrammetry.terrain.grid import FINEST_CELL_M, Bounds, MapGrid, union
+from solmap.photogrammetry.terrain.dtm.grid import FINEST_CELL_M, Bounds, MapGrid, union
 from solmap.products.crs import LandingPoint, local_crs
 from solmap.products.errors import ProductError
 from solmap.products.foreign import foreign_bounds, read_foreign

@@ -16,8 +16,8 @@ from solmap.photogrammetry.cameras.single import single_image
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.imagery import Eye, RoverImage, StopId
 from solmap.photogrammetry.terrain.colour import shows_the_same
-from solmap.photogrammetry.terrain.ground import MAP_FROM_LSL
-from solmap.photogrammetry.terrain.hardware import BODIES
+from solmap.photogrammetry.terrain.dtm.ground import MAP_FROM_LSL
+from solmap.photogrammetry.terrain.dtm.rover_body import BODIES
 from solmap.photogrammetry.terrain.panorama import Panorama, PanoramaParams, panorama
 from solmap.photogrammetry.terrain.panorama_image import PanoramaImage
 from solmap.photogrammetry.terrain.seams import registration

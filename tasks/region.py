@@ -10,8 +10,8 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from solmap.photogrammetry.terrain.ground import MAP_FROM_LSL
-from solmap.photogrammetry.terrain.region import RegionParams
+from solmap.photogrammetry.terrain.dtm.ground import MAP_FROM_LSL
+from solmap.photogrammetry.terrain.dtm.region_dtm import RegionParams
 from solmap.products.crs import LandingPoint, local_crs
 from solmap.products.formats.raster.raster import grid_of, open_raster
 from solmap.products.formats.raster.region import (

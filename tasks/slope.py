@@ -7,7 +7,7 @@ from functools import cache
 from pathlib import Path
 
 from solmap.photogrammetry.arrays import Raster
-from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.photogrammetry.terrain.relief import Relief, mapped_relief
 from solmap.photogrammetry.terrain.surface import (
     HillshadeParams,

@@ -11,8 +11,8 @@ from solmap.photogrammetry.adjustment.records import AdjustedPair
 from solmap.photogrammetry.frames import LSL, Frame, Pose
 from solmap.photogrammetry.imagery import Eye
 from solmap.photogrammetry.matching.resampling import resample
-from solmap.photogrammetry.terrain.hardware import without_rover
-from solmap.photogrammetry.terrain.records import PoseCovariance, TerrainView
+from solmap.photogrammetry.terrain.dtm.records import PoseCovariance, TerrainView
+from solmap.photogrammetry.terrain.dtm.rover_body import without_rover
 from solmap.products.formats.documents.archives import read_dense, read_matches
 from solmap.products.model import ProductRef
 from solmap.products.store.product_store import ProductStore

@@ -14,9 +14,9 @@ from solmap.photogrammetry.imagery import Eye, StereoMatches, StopId
 from solmap.photogrammetry.matching.resampling import resample
 from solmap.photogrammetry.matching.wide_eyes import InstrumentLimits, WideEye, in_order, wide_pairs
 from solmap.photogrammetry.matching.wide_stereo import WideMatches, WideParams, match_wide
-from solmap.photogrammetry.terrain.dtm import build_dtm as model_terrain
-from solmap.photogrammetry.terrain.far import FarDtmParams
-from solmap.photogrammetry.terrain.records import TerrainView
+from solmap.photogrammetry.terrain.dtm.records import TerrainView
+from solmap.photogrammetry.terrain.dtm.stop_dtm import FarDtmParams
+from solmap.photogrammetry.terrain.dtm.stop_dtm import build_dtm as model_terrain
 from solmap.products.crs import LandingPoint, local_crs
 from solmap.products.formats.documents.archives import (
     read_dense,

@@ -22,7 +22,7 @@ from solmap.gis_server.analysis.refusal import RefusedError
 from solmap.gis_server.rendering.png import indexed_png
 from solmap.photogrammetry.arrays import Classes, Float64, Raster
 from solmap.photogrammetry.terrain.driving import DrivingParams, Reach, reach
-from solmap.photogrammetry.terrain.grid import Bounds, MapGrid
+from solmap.photogrammetry.terrain.dtm.grid import Bounds, MapGrid
 from solmap.products.model import Layer, ProductKind
 
 HAZARD_KINDS = (ProductKind.HAZARD, ProductKind.REGION_HAZARD)

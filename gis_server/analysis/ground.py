@@ -17,8 +17,8 @@ from rasterio.windows import Window
 from solmap.gis_server.analysis.refusal import RefusedError
 from solmap.gis_server.rendering.readers import RasterPool
 from solmap.photogrammetry.arrays import Flags
-from solmap.photogrammetry.terrain.grid import MapGrid
-from solmap.photogrammetry.terrain.ground_samples import (
+from solmap.photogrammetry.terrain.dtm.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.resampling import (
     NOWHERE,
     GroundSamples,
     MapPoints,

@@ -17,7 +17,7 @@ from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.cameras.model import CameraModel
 from solmap.photogrammetry.cameras.single import single_image
 from solmap.photogrammetry.imagery import Eye, RoverImage
-from solmap.photogrammetry.terrain.ground import MAP_FROM_LSL
+from solmap.photogrammetry.terrain.dtm.ground import MAP_FROM_LSL
 from solmap.products.catalogue.catalogue import ImageEntry
 from solmap.products.catalogue.oriented_images import OrientedMission, geometry_of, matches_of
 from solmap.products.formats.documents.network import NetworkProduct

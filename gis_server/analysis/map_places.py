@@ -7,12 +7,12 @@ import numpy as np
 from solmap.gis_server.analysis.ground import Ground
 from solmap.gis_server.analysis.refusal import RefusedError
 from solmap.photogrammetry.imagery import StopId
-from solmap.photogrammetry.terrain.ground import MAP_FROM_LSL
+from solmap.photogrammetry.terrain.dtm.ground import MAP_FROM_LSL
+from solmap.photogrammetry.terrain.dtm.resampling import NOWHERE
 from solmap.photogrammetry.terrain.ground_point import (
     GroundPoint,
     normal_at,
 )
-from solmap.photogrammetry.terrain.ground_samples import NOWHERE
 from solmap.photogrammetry.terrain.oriented_image import (
     StopPose,
 )

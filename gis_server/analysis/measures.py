@@ -20,7 +20,7 @@ from solmap.gis_server.analysis.bodies import (
 )
 from solmap.gis_server.analysis.ground import BEST, Ground
 from solmap.gis_server.analysis.refusal import RefusedError
-from solmap.photogrammetry.terrain.ground_samples import NOWHERE, GroundSamples, MapPoints
+from solmap.photogrammetry.terrain.dtm.resampling import NOWHERE, GroundSamples, MapPoints
 from solmap.photogrammetry.terrain.measure import (
     measure_line,
     places_inside,

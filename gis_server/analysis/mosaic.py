@@ -13,7 +13,7 @@ from rasterio.windows import Window
 from solmap.gis_server.analysis.ground import Ground, cell_of
 from solmap.gis_server.rendering.readers import RasterPool
 from solmap.photogrammetry.arrays import Classes, Raster
-from solmap.photogrammetry.terrain.grid import Bounds, MapGrid
+from solmap.photogrammetry.terrain.dtm.grid import Bounds, MapGrid
 from solmap.products.formats.raster.raster import band_names, grid_of
 from solmap.products.model import Layer
 from solmap.products.store.product_store import ProductStore

@@ -19,7 +19,7 @@ from solmap.gis_server.analysis.scene import Place, on_map
 from solmap.photogrammetry.adjustment.quality_records import QualityParams
 from solmap.photogrammetry.adjustment.records import BLUNDER, USED, AdjustedNetwork, AdjustedPair
 from solmap.photogrammetry.adjustment.weaknesses import Links, shared_ties, weaknesses
-from solmap.photogrammetry.terrain.ground import MAP_FROM_LSL
+from solmap.photogrammetry.terrain.dtm.ground import MAP_FROM_LSL
 from solmap.products.catalogue.catalogue import ImageEntry
 from solmap.products.formats.documents.network import NetworkProduct
 from solmap.products.model import ProductRef

@@ -11,7 +11,8 @@ from solmap.gis_server.analysis.map_places import NORMAL_M, frame_of
 from solmap.gis_server.analysis.refusal import RefusedError
 from solmap.photogrammetry.arrays import Float64, ImagePoints, Vector3
 from solmap.photogrammetry.imagery import Eye
-from solmap.photogrammetry.terrain.ground import MAP_FROM_LSL
+from solmap.photogrammetry.terrain.dtm.ground import MAP_FROM_LSL
+from solmap.photogrammetry.terrain.dtm.resampling import NOWHERE
 from solmap.photogrammetry.terrain.ground_point import (
     GroundPoint,
     by_parallax,
@@ -19,7 +20,6 @@ from solmap.photogrammetry.terrain.ground_point import (
     normal_at,
     on_terrain,
 )
-from solmap.photogrammetry.terrain.ground_samples import NOWHERE
 from solmap.photogrammetry.terrain.matched_pixel import matched_pixel
 from solmap.photogrammetry.terrain.oriented_image import (
     OrientedImage,

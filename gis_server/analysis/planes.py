@@ -24,7 +24,7 @@ from solmap.gis_server.analysis.refusal import RefusedError
 from solmap.photogrammetry.arrays import Covariances3
 from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.terrain.attitude import attitude
-from solmap.photogrammetry.terrain.ground_samples import NOWHERE, GroundSamples, MapPoints
+from solmap.photogrammetry.terrain.dtm.resampling import NOWHERE, GroundSamples, MapPoints
 from solmap.photogrammetry.terrain.measure import places_inside, polygon_of
 from solmap.photogrammetry.terrain.plane_fit import PlaneFit, fit_plane
 from solmap.photogrammetry.terrain.volume import CORRELATION_M

@@ -10,7 +10,7 @@ import numpy as np
 from solmap.gis_server.analysis.ground import Ground
 from solmap.photogrammetry.arrays import Float64
 from solmap.photogrammetry.imagery import Eye
-from solmap.photogrammetry.terrain.ground import MAP_FROM_LSL
+from solmap.photogrammetry.terrain.dtm.ground import MAP_FROM_LSL
 from solmap.photogrammetry.terrain.ground_point import (
     GroundPoint,
 )

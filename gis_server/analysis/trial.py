@@ -37,7 +37,7 @@ from solmap.photogrammetry.imagery import StopId
 from solmap.photogrammetry.matching.hand_editing import HandBody, edited, epipolar_point
 from solmap.photogrammetry.matching.hand_ties import HandAction, HandPoint, HandTie
 from solmap.photogrammetry.matching.ties import Ties, joined
-from solmap.photogrammetry.terrain.ground import MAP_FROM_LSL
+from solmap.photogrammetry.terrain.dtm.ground import MAP_FROM_LSL
 from solmap.products.catalogue.oriented_images import OrientedMission, geometry_of, matches_of
 from solmap.products.model import ProductRef
 

@@ -17,7 +17,7 @@ from solmap.gis_server.analysis.mosaic import mosaic
 from solmap.gis_server.analysis.sight import raised
 from solmap.gis_server.rendering.png import indexed_png
 from solmap.photogrammetry.arrays import Classes, Vector3
-from solmap.photogrammetry.terrain.grid import Bounds, MapGrid
+from solmap.photogrammetry.terrain.dtm.grid import Bounds, MapGrid
 from solmap.photogrammetry.terrain.viewshed import Sight, ViewshedParams, viewshed
 from solmap.products.classes import SIGHTS
 from solmap.products.model import Layer

@@ -17,7 +17,7 @@ import numpy as np
 import shapely
 from fastapi import HTTPException
 
-from solmap.photogrammetry.terrain.grid import Bounds
+from solmap.photogrammetry.terrain.dtm.grid import Bounds
 from solmap.products.crs import MARS_URN, LandingPoint, east_north, lon_lat
 from solmap.products.feature_query import Area
 from solmap.products.stac_items import degrees

@@ -10,7 +10,7 @@ from fastapi import HTTPException, Query, Request
 
 from solmap.gis_server.ogc.crs import Crs, area_of, bbox_of, crs_named
 from solmap.gis_server.ogc.formats import FILES, Format
-from solmap.photogrammetry.terrain.grid import Bounds
+from solmap.photogrammetry.terrain.dtm.grid import Bounds
 from solmap.products.crs import LandingPoint
 from solmap.products.feature_query import Extent, Selection
 from solmap.products.feature_times import moment

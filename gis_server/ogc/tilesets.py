@@ -15,7 +15,7 @@ from typing import Any
 from solmap.gis_server.ogc.crs import Crs, uri_of
 from solmap.gis_server.ogc.links import JSON, Link, link
 from solmap.gis_server.rendering.styles import DEFAULT, Style, styles_of
-from solmap.photogrammetry.terrain.grid import BLOCK, Bounds
+from solmap.photogrammetry.terrain.dtm.grid import BLOCK, Bounds
 from solmap.products.catalogue.catalogue import MissionEntry
 from solmap.products.crs import LandingPoint, local_proj4
 from solmap.products.formats.raster.tiling import CELL_SIZES, tile_matrix_set, zoom_of

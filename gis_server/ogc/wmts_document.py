@@ -12,7 +12,7 @@ from xml.etree import ElementTree as ET
 
 from solmap.gis_server.ogc.tilesets import collection_id, finest, legend_address, limits_at, tms_id
 from solmap.gis_server.rendering.styles import DEFAULT, styles_of
-from solmap.photogrammetry.terrain.grid import BLOCK, Bounds
+from solmap.photogrammetry.terrain.dtm.grid import BLOCK, Bounds
 from solmap.products.catalogue.catalogue import MissionEntry
 from solmap.products.crs import local_proj4
 from solmap.products.formats.raster.tiling import (

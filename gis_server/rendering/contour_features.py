@@ -16,7 +16,7 @@ from solmap.photogrammetry.terrain.contours import (
     RegionContourParams,
     trace_contours,
 )
-from solmap.photogrammetry.terrain.grid import Bounds
+from solmap.photogrammetry.terrain.dtm.grid import Bounds
 from solmap.products.contour_features import contour_feature
 from solmap.products.formats.raster.raster import grid_of
 from solmap.products.formats.vector.geojson import Feature

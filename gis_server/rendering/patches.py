@@ -21,7 +21,7 @@ import rasterio
 from rasterio.enums import Resampling
 from rasterio.windows import Window
 
-from solmap.photogrammetry.terrain.grid import BLOCK
+from solmap.photogrammetry.terrain.dtm.grid import BLOCK
 from solmap.products.formats.raster.raster import grid_of
 from solmap.products.formats.raster.tiling import TileAddress
 

@@ -14,7 +14,7 @@ from solmap.gis_server.rendering.patches import read_patch
 from solmap.gis_server.rendering.png import indexed_png
 from solmap.gis_server.rendering.readers import RasterPool
 from solmap.gis_server.rendering.styles import ELEVATIONS, PICTURES, Style, range_of
-from solmap.photogrammetry.terrain.grid import BLOCK
+from solmap.photogrammetry.terrain.dtm.grid import BLOCK
 from solmap.products.errors import ProductNotFoundError
 from solmap.products.formats.raster.tiling import TileAddress
 from solmap.products.model import Layer

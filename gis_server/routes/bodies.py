@@ -9,7 +9,7 @@ from pydantic import BaseModel
 
 from solmap.gis_server.rendering.identify import FeatureFound, Identified, LayerValue
 from solmap.gis_server.rendering.styles import PICTURES, STYLES, legend_of, range_of
-from solmap.photogrammetry.terrain.grid import BLOCK, Bounds, union
+from solmap.photogrammetry.terrain.dtm.grid import BLOCK, Bounds, union
 from solmap.products.catalogue.catalogue import ImageEntry, MissionEntry
 from solmap.products.crs import LandingPoint, local_crs, local_proj4, lon_lat
 from solmap.products.formats.raster.tiling import CELL_SIZES, EXTENT, whole_zoom_of, zoom_of

@@ -31,7 +31,7 @@ from solmap.photogrammetry.orbital.refinement import (
 )
 from solmap.photogrammetry.orbital.registration import Method, Place, RegistrationParams, best_place
 from solmap.photogrammetry.orbital.search import Landscape, SearchParams, lookup, samples_of, search
-from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 
 OTHER_PLACE_CELLS = 8.0
 """Places so far apart are different ones."""

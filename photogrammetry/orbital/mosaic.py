@@ -10,7 +10,7 @@ from solmap.photogrammetry.arrays import Raster
 from solmap.photogrammetry.errors import OrbitalError
 from solmap.photogrammetry.orbital.predictors import SURROUNDINGS_M, smoothed
 from solmap.photogrammetry.orbital.records import GroundMap
-from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 
 
 def ground_map(

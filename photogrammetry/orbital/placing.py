@@ -8,7 +8,7 @@ import numpy as np
 from solmap.photogrammetry.arrays import Raster
 from solmap.photogrammetry.orbital.records import Correction, OrbitalImage
 from solmap.photogrammetry.orbital.search import samples_of
-from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 
 STRIP = 2048
 """Rows and columns looked up at a time; OpenCV takes fewer than 32768."""

@@ -21,7 +21,7 @@ import numpy as np
 
 from solmap.photogrammetry.arrays import Float64, Mask, Raster
 from solmap.photogrammetry.orbital.records import GroundMap, OrbitalImage
-from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 
 SURROUNDINGS_M = 6.0
 """Standard deviation of the Gaussian whose mean is taken out: some rocks and ripples wide."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from solmap.photogrammetry.arrays import Float64, Raster
 from solmap.photogrammetry.errors import OrbitalError
-from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -19,7 +19,7 @@ from solmap.photogrammetry.arrays import Float64
 from solmap.photogrammetry.errors import OrbitalError
 from solmap.photogrammetry.orbital.predictors import Contrast, Predicted
 from solmap.photogrammetry.orbital.search import ALL, lookup, samples_of, whiten
-from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 
 CLUSTER_M = 5.0
 """Side of the squares whose residuals may depend on each other: wider than any rock's shadow."""

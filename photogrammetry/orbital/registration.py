@@ -25,7 +25,7 @@ from solmap.photogrammetry.orbital.predictors import Contrast, Predicted, local_
 from solmap.photogrammetry.orbital.records import Correction, GroundMap, OrbitalImage, Registration
 from solmap.photogrammetry.orbital.refinement import refine
 from solmap.photogrammetry.orbital.search import Landscape, SearchParams, search
-from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,7 +22,7 @@ from scipy.linalg import cholesky, solve_triangular
 from solmap.photogrammetry.arrays import Float64, Mask
 from solmap.photogrammetry.errors import OrbitalError
 from solmap.photogrammetry.orbital.predictors import Contrast, Predicted, Stack
-from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 
 FEWEST_CELLS = 400
 """Of a map: fewer say nothing about a place (10 m by 10 m at HiRISE's best)."""

@@ -30,7 +30,7 @@ from solmap.photogrammetry.synthetic.traverse import (
     standing,
     stop_ids,
 )
-from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 
 SOL_S = 88_775.42064
 CLOCK_OF_SOL_0 = 126_322_960

@@ -17,8 +17,8 @@ import shapely
 
 from solmap.photogrammetry.arrays import Bool, Covariances3, Float64, ObjectPoints
 from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.terrain.dtm.records import Dtm, GroundClass
 from solmap.photogrammetry.terrain.plane_fit import SHARED_PX, PlaneFit, fit_plane
-from solmap.photogrammetry.terrain.records import Dtm, GroundClass
 
 Corners = Float64[np.ndarray, "n 2"]
 """(east, north) of an outline's corners in order, metres of the local map."""

@@ -24,7 +24,8 @@ import numpy as np
 
 from solmap.photogrammetry.arrays import Float32, Float64, Raster
 from solmap.photogrammetry.errors import TerrainError
-from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.terrain.contours import ContourParams
+from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.photogrammetry.terrain.simplification import simplified
 
 STEPS = (1.0, 2.0, 2.5, 5.0)
@@ -162,3 +163,15 @@ def _blurred(raster: Raster, sigma: float) -> Raster:
 
 def _length_m(points: Float64[np.ndarray, "n 2"]) -> float:
     return float(np.hypot(*np.diff(points, axis=0).T).sum())
+
+
+@dataclass(frozen=True, slots=True)
+class FarContourParams(ContourParams):
+    """How to trace contours of far ground."""
+
+    smoothing_m: float = 3.2
+    """Five cells, as in the map of a stop."""
+    min_length_m: float = 16.0
+    """Twenty-five cells, as in the map of a stop."""
+    simplify_m: float = 0.32
+    """Half a cell."""

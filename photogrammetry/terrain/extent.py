@@ -8,9 +8,9 @@ import numpy as np
 
 from solmap.photogrammetry.arrays import Flags, Raster, Vector3
 from solmap.photogrammetry.errors import TerrainError
-from solmap.photogrammetry.terrain.grid import BLOCK, MapGrid
+from solmap.photogrammetry.terrain.dtm.grid import BLOCK, MapGrid
+from solmap.photogrammetry.terrain.dtm.records import Dtm
 from solmap.photogrammetry.terrain.looks import Look
-from solmap.photogrammetry.terrain.records import Dtm
 
 
 def bounds_to_show(dtm: Dtm, looks: Sequence[Look]) -> tuple[float, float, float, float]:

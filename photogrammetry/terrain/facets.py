@@ -15,20 +15,20 @@ import numpy as np
 from solmap.photogrammetry.arrays import Covariances3, Mask, ObjectPoints
 from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.terrain.attitude import Attitude, attitude
-from solmap.photogrammetry.terrain.ground import (
+from solmap.photogrammetry.terrain.dtm.ground import (
     MAP_FROM_LSL,
     SightParams,
     camera_on_map,
     map_from_pair_rotation,
     trusted_parallax,
 )
+from solmap.photogrammetry.terrain.dtm.records import TerrainView
 from solmap.photogrammetry.terrain.planar_regions import (
     ParallaxSamples,
     RegionParams,
     planar_regions,
 )
 from solmap.photogrammetry.terrain.plane_fit import SHARED_PX, PlaneFit, fit_plane
-from solmap.photogrammetry.terrain.records import TerrainView
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,8 +21,8 @@ from solmap.photogrammetry.arrays import Directions, Flags, Float64, ImagePoints
 from solmap.photogrammetry.cameras.model import CameraModel
 from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.frames import FrameKind, Pose
-from solmap.photogrammetry.terrain.ground import MAP_FROM_LSL
-from solmap.photogrammetry.terrain.records import Dtm
+from solmap.photogrammetry.terrain.dtm.ground import MAP_FROM_LSL
+from solmap.photogrammetry.terrain.dtm.records import Dtm
 
 Outline = Float64[np.ndarray, "corners 2"]
 """(east, north) in metres; a closed ring repeats its first point."""

@@ -24,8 +24,8 @@ import numpy as np
 from solmap.photogrammetry.arrays import Float64, PerPoint, Vector3
 from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.frames import Pose
-from solmap.photogrammetry.terrain.ground import MAP_FROM_LSL
-from solmap.photogrammetry.terrain.ground_samples import MapPoints
+from solmap.photogrammetry.terrain.dtm.ground import MAP_FROM_LSL
+from solmap.photogrammetry.terrain.dtm.resampling import MapPoints
 from solmap.photogrammetry.terrain.oriented_image import OrientedImage, StopPose, between
 from solmap.photogrammetry.terrain.plane_fit import Covariance3
 

@@ -21,7 +21,7 @@ import numpy as np
 
 from solmap.photogrammetry.arrays import Bool, Float64
 from solmap.photogrammetry.errors import TerrainError
-from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.photogrammetry.terrain.insolation import Insolation
 from solmap.photogrammetry.terrain.surface import northerly_tilt_of, slope_of
 

@@ -26,10 +26,10 @@ import numpy as np
 
 from solmap.photogrammetry.arrays import Classes, Raster
 from solmap.photogrammetry.errors import TerrainError
-from solmap.photogrammetry.terrain.coarse import coarsened
-from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.records import Dtm
+from solmap.photogrammetry.terrain.dtm.resampling import coarsened
 from solmap.photogrammetry.terrain.planes import Gradients, fit_planes
-from solmap.photogrammetry.terrain.records import Dtm
 
 STRIP = 1024
 """Rows that are judged together."""

@@ -27,8 +27,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from solmap.photogrammetry.arrays import Float32, Float64, PerPoint, Raster
-from solmap.photogrammetry.terrain.coarse import coarsened, manageable_cell_m, seen_window
-from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.resampling import (
+    coarsened,
+    manageable_cell_m,
+    seen_window,
+)
 from solmap.photogrammetry.terrain.horizon import AZIMUTHS, Horizons, horizons
 from solmap.photogrammetry.terrain.planes import Gradients, gradients
 from solmap.photogrammetry.terrain.sky import beam_share, diffuse_share

@@ -21,8 +21,8 @@ import cv2
 import numpy as np
 
 from solmap.photogrammetry.arrays import Float32, Float64, GreyImage, Mask, Raster, Vector3
-from solmap.photogrammetry.terrain.ground import camera_on_map, map_from_pair_rotation
-from solmap.photogrammetry.terrain.records import TerrainView
+from solmap.photogrammetry.terrain.dtm.ground import camera_on_map, map_from_pair_rotation
+from solmap.photogrammetry.terrain.dtm.records import TerrainView
 
 NEAREST_M = 0.05
 """Depths below this are behind or inside the camera."""

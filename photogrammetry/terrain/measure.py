@@ -17,7 +17,7 @@ import shapely
 
 from solmap.photogrammetry.arrays import Flags, PerPoint
 from solmap.photogrammetry.errors import TerrainError
-from solmap.photogrammetry.terrain.ground_samples import GroundSamples, MapPoints
+from solmap.photogrammetry.terrain.dtm.resampling import GroundSamples, MapPoints
 from solmap.photogrammetry.terrain.profile import Stations
 
 Elevations = Callable[[MapPoints], PerPoint]

@@ -24,8 +24,8 @@ from solmap.photogrammetry.arrays import (
     Raster,
 )
 from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.terrain.dtm.records import Dtm
 from solmap.photogrammetry.terrain.planes import Gradients, gradients
-from solmap.photogrammetry.terrain.records import Dtm
 from solmap.photogrammetry.terrain.right_triangles import GridMesh, RightTriangles
 
 Bounds = tuple[float, float, float, float]

@@ -18,12 +18,12 @@ import numpy as np
 from solmap.photogrammetry.arrays import Float32, Float64, GreyImage, Raster
 from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.terrain.balance import Balance
+from solmap.photogrammetry.terrain.dtm.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.records import Dtm, TerrainView
 from solmap.photogrammetry.terrain.extent import bounds_to_show, windows
-from solmap.photogrammetry.terrain.grid import MapGrid
 from solmap.photogrammetry.terrain.looks import Look
 from solmap.photogrammetry.terrain.mosaic import NO_SOURCE, Sources, blended, shares
 from solmap.photogrammetry.terrain.patches import Patch
-from solmap.photogrammetry.terrain.records import Dtm, TerrainView
 from solmap.photogrammetry.terrain.samples import sampled
 
 Stretch = tuple[float, float]

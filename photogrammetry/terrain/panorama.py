@@ -26,10 +26,10 @@ from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.imagery import Eye
 from solmap.photogrammetry.terrain.angle_grid import NODE, AngleGrid, direction
 from solmap.photogrammetry.terrain.balance import balance
-from solmap.photogrammetry.terrain.ground import MAP_FROM_LSL
+from solmap.photogrammetry.terrain.dtm.ground import MAP_FROM_LSL
+from solmap.photogrammetry.terrain.dtm.records import Dtm
 from solmap.photogrammetry.terrain.mosaic import NO_SOURCE, Sources
 from solmap.photogrammetry.terrain.panorama_image import PanoramaImage, enlarged
-from solmap.photogrammetry.terrain.records import Dtm
 from solmap.photogrammetry.terrain.sight_ranges import SightRanges, StandingPlane, sight_ranges
 
 SAMPLES = 1 << 16

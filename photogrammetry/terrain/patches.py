@@ -13,8 +13,8 @@ import cv2
 import numpy as np
 
 from solmap.photogrammetry.arrays import Bool, Float32, Raster, Vector3
-from solmap.photogrammetry.terrain.grid import MapGrid
-from solmap.photogrammetry.terrain.records import Dtm
+from solmap.photogrammetry.terrain.dtm.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.records import Dtm
 
 MARGIN = 1
 """Cells around a block that its interpolation reaches into."""

@@ -32,7 +32,7 @@ import numpy as np
 
 from solmap.photogrammetry.arrays import Bool, Float32, Raster
 from solmap.photogrammetry.errors import TerrainError
-from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 
 Gradients = Float32[np.ndarray, "2 rows cols"]
 """Rise per metre towards east and towards north; NaN where no plane could be fitted."""

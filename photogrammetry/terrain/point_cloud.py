@@ -21,14 +21,14 @@ import numpy as np
 from solmap.photogrammetry.arrays import Float32, Float64, UInt8
 from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.stretching import black_and_white
-from solmap.photogrammetry.terrain.ground import (
+from solmap.photogrammetry.terrain.dtm.ground import (
     SightParams,
     camera_on_map,
     ground_of,
     trusted_parallax,
 )
+from solmap.photogrammetry.terrain.dtm.records import TerrainView
 from solmap.photogrammetry.terrain.levels import TilePlace
-from solmap.photogrammetry.terrain.records import TerrainView
 
 SAMPLED = 37
 """Every how many pixels the brightness is looked at."""

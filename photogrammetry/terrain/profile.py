@@ -24,7 +24,7 @@ import numpy as np
 
 from solmap.photogrammetry.arrays import Int32, PerPoint
 from solmap.photogrammetry.errors import TerrainError
-from solmap.photogrammetry.terrain.ground_samples import GroundSamples, MapPoints
+from solmap.photogrammetry.terrain.dtm.resampling import GroundSamples, MapPoints
 
 SAME_M = 1e-6
 """Places that are nearer to each other than this are one."""

@@ -17,10 +17,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from solmap.photogrammetry.arrays import Raster
-from solmap.photogrammetry.terrain.coarse import coarse_grid, manageable_cell_m, place_means
-from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.records import Dtm
+from solmap.photogrammetry.terrain.dtm.resampling import (
+    coarse_grid,
+    manageable_cell_m,
+    place_means,
+)
 from solmap.photogrammetry.terrain.planes import fit_planes, window_cells, window_mean
-from solmap.photogrammetry.terrain.records import Dtm
 from solmap.photogrammetry.terrain.surface import Normals, SlopeParams, normals_of
 
 STRIP = 512

@@ -10,8 +10,8 @@ import numpy as np
 from solmap.photogrammetry.arrays import Float32, Float64
 from solmap.photogrammetry.stretching import black_and_white
 from solmap.photogrammetry.terrain.balance import balance
+from solmap.photogrammetry.terrain.dtm.records import Dtm
 from solmap.photogrammetry.terrain.looks import Look
-from solmap.photogrammetry.terrain.records import Dtm
 
 SIDE = 200
 """Root of the number of cells at which the brightness of views is compared."""

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from solmap.photogrammetry.arrays import Float64, PerPoint, Vector3
-from solmap.photogrammetry.terrain.ground_samples import MapPoints
+from solmap.photogrammetry.terrain.dtm.resampling import MapPoints
 from solmap.photogrammetry.terrain.viewshed import Sight
 
 NEAR_M = 0.3

@@ -17,8 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from solmap.photogrammetry.arrays import Bool, Float64, Vector3
-from solmap.photogrammetry.terrain.ground_samples import bilinear
-from solmap.photogrammetry.terrain.records import Dtm
+from solmap.photogrammetry.terrain.dtm.records import Dtm
+from solmap.photogrammetry.terrain.dtm.resampling import bilinear
 
 NEAREST_M, FARTHEST_M = 0.3, 300.0
 GROWTH = 1.01

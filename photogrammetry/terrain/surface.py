@@ -17,8 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from solmap.photogrammetry.arrays import Float32, Raster
+from solmap.photogrammetry.terrain.dtm.records import Dtm
 from solmap.photogrammetry.terrain.planes import Gradients, gradients
-from solmap.photogrammetry.terrain.records import Dtm
 
 Normals = Float32[np.ndarray, "3 rows cols"]
 """Unit normals (north, east, down) in the LSL, pointing up; NaN where none could be fitted."""

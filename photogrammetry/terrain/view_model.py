@@ -27,18 +27,18 @@ import numpy as np
 from solmap.photogrammetry.arrays import Bool, GreyImage, Mask, ParallaxMap, Picture
 from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.stretching import black_and_white
-from solmap.photogrammetry.terrain.ground import (
+from solmap.photogrammetry.terrain.dtm.ground import (
     Planes3,
     SightParams,
     camera_on_map,
+    continuous_quads,
     ground_of,
     largest_step_px,
     trusted_parallax,
 )
+from solmap.photogrammetry.terrain.dtm.records import TerrainView
 from solmap.photogrammetry.terrain.looks import NEAREST_M, Look
-from solmap.photogrammetry.terrain.mesh import continuous_quads
 from solmap.photogrammetry.terrain.model3d import SurfaceMesh, TexturedMesh, mean_normals
-from solmap.photogrammetry.terrain.records import TerrainView
 from solmap.photogrammetry.terrain.right_triangles import RightTriangles
 
 HIDDEN_PX = 1.0

@@ -27,9 +27,9 @@ import numpy as np
 
 from solmap.photogrammetry.arrays import Classes, Float32, Int32, Raster, Vector3
 from solmap.photogrammetry.errors import TerrainError
-from solmap.photogrammetry.terrain.coarse import coarsened, manageable_cell_m
-from solmap.photogrammetry.terrain.grid import MapGrid
-from solmap.photogrammetry.terrain.records import Dtm, GroundClass
+from solmap.photogrammetry.terrain.dtm.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.records import Dtm, GroundClass
+from solmap.photogrammetry.terrain.dtm.resampling import coarsened, manageable_cell_m
 
 Rays = Float32[np.ndarray, "rays steps"]
 """Values along rays from the eye, one row a ray."""

@@ -23,7 +23,7 @@ import numpy as np
 
 from solmap.photogrammetry.arrays import Float64, PerPoint, Vector3
 from solmap.photogrammetry.errors import TerrainError
-from solmap.photogrammetry.terrain.ground_samples import GroundSamples, MapPoints
+from solmap.photogrammetry.terrain.dtm.resampling import GroundSamples, MapPoints
 
 CORRELATION_M = 0.15
 """Side of the square within which places share their error: see `SurfaceParams`."""

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from cachetools import LRUCache, cached
 
-from solmap.photogrammetry.terrain.grid import Bounds
+from solmap.photogrammetry.terrain.dtm.grid import Bounds
 from solmap.products.crs import local_proj4
 from solmap.products.formats.vector.geojson import PlacedFeatures, read_placed
 

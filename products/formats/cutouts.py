@@ -18,7 +18,7 @@ from pyproj import CRS
 from rasterio.errors import RasterioError
 from rasterio.windows import Window
 
-from solmap.photogrammetry.terrain.grid import Bounds, MapGrid
+from solmap.photogrammetry.terrain.dtm.grid import Bounds, MapGrid
 from solmap.products.errors import OutsideCoverageError, ProductError
 from solmap.products.formats.raster.cog import Band, Notes, RasterClass, new_cog
 from solmap.products.formats.raster.raster import (

@@ -16,7 +16,7 @@ from typing import Any
 
 import pystac
 
-from solmap.photogrammetry.terrain.grid import union
+from solmap.photogrammetry.terrain.dtm.grid import union
 from solmap.products.catalogue.catalogue import MissionEntry
 from solmap.products.model import Layer
 from solmap.products.stac_items import ON_MARS, SOLAR_SYSTEM, Taken, degrees, item_id, item_of

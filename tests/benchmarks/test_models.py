@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from scipy.ndimage import map_coordinates
 
-from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.records import Dtm, GroundClass
 from solmap.photogrammetry.terrain.levels import TilesetParams, drawn_tiles
 from solmap.photogrammetry.terrain.model3d import ModelParams, TerrainDrawing, TexturedMesh
-from solmap.photogrammetry.terrain.records import Dtm, GroundClass
 from solmap.photogrammetry.terrain.right_triangles import RightTriangles
 from solmap.products.formats.mesh.gltf import Encoding, write_glb
 

@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.terrain.grid import MapGrid
-from solmap.photogrammetry.terrain.records import Dtm, GroundClass
-from solmap.photogrammetry.terrain.region import RegionParams
+from solmap.photogrammetry.terrain.dtm.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.records import Dtm, GroundClass
+from solmap.photogrammetry.terrain.dtm.region_dtm import RegionParams
 from solmap.products.crs import LandingPoint, local_crs
 from solmap.products.formats.raster.raster import write_dtm
 from solmap.products.formats.raster.region import RegionFiles, RegionSource, write_region

@@ -15,14 +15,14 @@ import pytest
 import rasterio
 
 from solmap.photogrammetry.synthetic.world import WorldParams, make_world
-from solmap.photogrammetry.terrain.coarse import coarsened
 from solmap.photogrammetry.terrain.contours import ContourParams, trace_contours
-from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.records import Dtm, GroundClass
+from solmap.photogrammetry.terrain.dtm.resampling import coarsened
 from solmap.photogrammetry.terrain.havens import HavenParams, winter_havens
 from solmap.photogrammetry.terrain.hazard import HazardParams, hazards
 from solmap.photogrammetry.terrain.horizon import horizons
 from solmap.photogrammetry.terrain.insolation import InsolationParams, insolation
-from solmap.photogrammetry.terrain.records import Dtm, GroundClass
 from solmap.photogrammetry.terrain.relief import mapped_relief
 from solmap.photogrammetry.terrain.surface import SlopeParams
 from solmap.photogrammetry.terrain.viewshed import Sight, ViewshedParams, eye_above, viewshed

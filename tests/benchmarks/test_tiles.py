@@ -27,7 +27,7 @@ from rio_tiler.io import Reader
 from solmap.gis_server.rendering.looks import Look
 from solmap.gis_server.rendering.readers import RasterPool
 from solmap.gis_server.rendering.tiles import render_tile
-from solmap.photogrammetry.terrain.grid import BLOCK, MapGrid
+from solmap.photogrammetry.terrain.dtm.grid import BLOCK, MapGrid
 from solmap.products.catalogue.catalogue import Catalogue, MissionEntry
 from solmap.products.crs import LandingPoint, local_crs
 from solmap.products.formats.raster.orthophoto import write_orthophoto

@@ -11,8 +11,8 @@ from typer.testing import CliRunner
 from solmap.flows.cli import app
 from solmap.flows.dips import dips_of_rocks
 from solmap.flows.listing import position_rows, product_rows
+from solmap.photogrammetry.terrain.dtm.records import GroundClass
 from solmap.photogrammetry.terrain.facets import FacetParams
-from solmap.photogrammetry.terrain.records import GroundClass
 from solmap.products.formats.mesh.models import extent_of_model
 from solmap.products.formats.raster.raster import read_dtm, read_raster
 from solmap.products.model import ProductKind

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.terrain.ground import MAP_FROM_LSL
+from solmap.photogrammetry.terrain.dtm.ground import MAP_FROM_LSL
 from solmap.products.catalogue.oriented_images import OrientedMission
 from tests.support.browsing import ROOT, field, look, pixel_of, ready, screenshot, until
 from tests.support.stereo_viewer import RESIDUAL_PX

@@ -9,7 +9,7 @@ import math
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.terrain.ground import MAP_FROM_LSL
+from solmap.photogrammetry.terrain.dtm.ground import MAP_FROM_LSL
 from solmap.products.catalogue.oriented_images import OrientedMission
 from tests.support.browsing import colour_at, look, pixel_of, ready, screenshot, until
 from tests.support.stereo_viewer import OLDER_STEP_NED_M

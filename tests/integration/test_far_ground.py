@@ -12,7 +12,7 @@ from solmap.photogrammetry.synthetic.world import (
     make_world,
     simulate_downlink,
 )
-from solmap.photogrammetry.terrain.records import Dtm
+from solmap.photogrammetry.terrain.dtm.records import Dtm
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.formats.raster.raster import read_dtm
 from solmap.products.model import FAR, Layer, ProductKind

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from solmap.config.landing import landing_site
 from solmap.config.settings import Settings
 from solmap.flows.cli import app
-from solmap.photogrammetry.terrain.records import Dtm
+from solmap.photogrammetry.terrain.dtm.records import Dtm
 from solmap.products.catalogue.catalogue import MissionEntry
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.crs import local_crs

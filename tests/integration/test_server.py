@@ -16,7 +16,7 @@ import rasterio
 from pyproj import CRS as ProjCrs
 from rasterio.windows import Window
 
-from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.products.catalogue.catalogue import Catalogue, MissionEntry
 from solmap.products.crs import MARS, LandingPoint, local_crs
 from solmap.products.formats.raster.raster import write_raster

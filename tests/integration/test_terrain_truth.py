@@ -13,9 +13,9 @@ from solmap.photogrammetry.matching.dense import match_densely_with_sigma
 from solmap.photogrammetry.synthetic.scene import Shot, World
 from solmap.photogrammetry.synthetic.traverse import TraverseParams
 from solmap.photogrammetry.synthetic.world import RenderJob, WorldParams, make_world
-from solmap.photogrammetry.terrain.dtm import DtmParams
-from solmap.photogrammetry.terrain.grid import MapGrid
-from solmap.photogrammetry.terrain.records import TerrainView
+from solmap.photogrammetry.terrain.dtm.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.records import TerrainView
+from solmap.photogrammetry.terrain.dtm.stop_dtm import DtmParams
 from solmap.tasks.match import geometry_of
 from solmap.tasks.pairs import resampled
 from tests.support.terrain_truth import Judgement, StopInTruth, Truth, judge

@@ -14,8 +14,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from solmap.photogrammetry.terrain.grid import MapGrid
-from solmap.photogrammetry.terrain.records import Dtm
+from solmap.photogrammetry.terrain.dtm.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.records import Dtm
 from solmap.products.catalogue.catalogue import ImageEntry, MissionEntry
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.crs import LandingPoint, local_crs

@@ -24,7 +24,7 @@ from solmap.photogrammetry.orbital.registration import register
 from solmap.photogrammetry.synthetic.lattice import Window
 from solmap.photogrammetry.synthetic.lighting import Sun, lit
 from solmap.photogrammetry.synthetic.terrain import TERRAINS, Terrain
-from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 
 CELL_M = 0.25
 HALF_M = 64.0

@@ -28,11 +28,11 @@ from solmap.photogrammetry.imagery import StopId
 from solmap.photogrammetry.matching.dense import match_densely
 from solmap.photogrammetry.matching.records import EpipolarImages
 from solmap.photogrammetry.synthetic.lighting import GRAIN_M, GRAINS, LitGround
-from solmap.photogrammetry.terrain.dtm import DtmParams, build_dtm
-from solmap.photogrammetry.terrain.grid import MapGrid
-from solmap.photogrammetry.terrain.ground import camera_on_map
+from solmap.photogrammetry.terrain.dtm.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.ground import camera_on_map
+from solmap.photogrammetry.terrain.dtm.records import Dtm, GroundClass, TerrainView
+from solmap.photogrammetry.terrain.dtm.stop_dtm import DtmParams, build_dtm
 from solmap.photogrammetry.terrain.orthophoto import OrthophotoParams, render_orthophoto
-from solmap.photogrammetry.terrain.records import Dtm, GroundClass, TerrainView
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.formats.raster.orthophoto import read_orthophoto
 from solmap.products.model import ProductKind

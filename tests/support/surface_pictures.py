@@ -17,12 +17,12 @@ from solmap.gis_server.rendering.colours import indices_of, palette_of
 from solmap.gis_server.rendering.styles import STYLES
 from solmap.photogrammetry.arrays import Classes, Picture, Raster
 from solmap.photogrammetry.synthetic.world import WorldParams, make_world
-from solmap.photogrammetry.terrain.coarse import coarsened
-from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.records import Dtm, GroundClass
+from solmap.photogrammetry.terrain.dtm.resampling import coarsened
 from solmap.photogrammetry.terrain.havens import Haven, HavenParams, winter_havens
 from solmap.photogrammetry.terrain.hazard import HazardParams, hazards
 from solmap.photogrammetry.terrain.insolation import InsolationParams, insolation
-from solmap.photogrammetry.terrain.records import Dtm, GroundClass
 from solmap.photogrammetry.terrain.relief import mapped_relief
 from solmap.photogrammetry.terrain.surface import (
     HillshadeParams,

@@ -24,10 +24,10 @@ import rasterio
 from solmap.photogrammetry.imagery import StopId
 from solmap.photogrammetry.synthetic.traverse import TraverseParams
 from solmap.photogrammetry.synthetic.world import WorldParams, make_world
-from solmap.photogrammetry.terrain.dtm import DtmParams, Gridding, build_dtm
-from solmap.photogrammetry.terrain.grid import MapGrid
-from solmap.photogrammetry.terrain.ground import SightParams
-from solmap.photogrammetry.terrain.records import Dtm, GroundClass, TerrainView
+from solmap.photogrammetry.terrain.dtm.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.ground import SightParams
+from solmap.photogrammetry.terrain.dtm.records import Dtm, GroundClass, TerrainView
+from solmap.photogrammetry.terrain.dtm.stop_dtm import DtmParams, Gridding, build_dtm
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.model import ProductKind, ProductRef
 from solmap.tasks.adjust import read_network

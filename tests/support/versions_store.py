@@ -23,7 +23,7 @@ from solmap.photogrammetry.adjustment.records import (
 )
 from solmap.photogrammetry.frames import LSL, Frame, FrameKind, Pose, rover_frame
 from solmap.photogrammetry.imagery import StopId, TiePoints
-from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.formats.documents.archives import pose_document
 from solmap.products.formats.raster.orthophoto import write_orthophoto

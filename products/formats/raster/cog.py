@@ -32,7 +32,7 @@ from rasterio.errors import RasterioError
 from rasterio.shutil import copy as copy_raster
 from rasterio.transform import Affine
 
-from solmap.photogrammetry.terrain.grid import BLOCK, MapGrid
+from solmap.photogrammetry.terrain.dtm.grid import BLOCK, MapGrid
 from solmap.products.disk import is_full
 
 Kind = Literal["float32", "uint8"]

@@ -17,7 +17,7 @@ from rasterio.enums import ColorInterp
 from rasterio.windows import Window
 
 from solmap.photogrammetry.arrays import Classes, Float32, Raster
-from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.products.errors import ProductError
 from solmap.products.formats.raster.cog import Band, Notes, RasterClass, new_cog
 from solmap.products.formats.raster.raster import (

@@ -20,8 +20,8 @@ from pyproj import CRS
 
 from solmap.photogrammetry.arrays import Float32, Vector3
 from solmap.photogrammetry.terrain.angle_grid import NODE, AngleGrid
-from solmap.photogrammetry.terrain.grid import MapGrid
-from solmap.photogrammetry.terrain.ground import MAP_FROM_LSL
+from solmap.photogrammetry.terrain.dtm.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.ground import MAP_FROM_LSL
 from solmap.photogrammetry.terrain.mosaic import NO_SOURCE
 from solmap.photogrammetry.terrain.panorama import Panorama, PanoramaBlock
 from solmap.photogrammetry.terrain.seams import Registration

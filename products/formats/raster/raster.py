@@ -22,8 +22,8 @@ from rasterio.session import DummySession
 from rasterio.windows import Window
 
 from solmap.photogrammetry.arrays import Classes, Raster
-from solmap.photogrammetry.terrain.grid import MapGrid
-from solmap.photogrammetry.terrain.records import Dtm
+from solmap.photogrammetry.terrain.dtm.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.records import Dtm
 from solmap.products.errors import ProductError, ProductNotFoundError, StoreAwayError
 from solmap.products.formats.raster.cog import (
     Band,

@@ -18,17 +18,17 @@ import rasterio
 from pyproj import CRS
 from rasterio.windows import Window
 
-from solmap.photogrammetry.terrain.grid import MapGrid
-from solmap.photogrammetry.terrain.records import Dtm
-from solmap.photogrammetry.terrain.region import (
+from solmap.photogrammetry.terrain.dtm.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.records import Dtm
+from solmap.photogrammetry.terrain.dtm.region_dtm import (
     RegionBlock,
     RegionParams,
+    Seam,
+    SeamCounter,
     StopTerrain,
-    coarser_dtm,
-    finer_dtm,
     fuse_block,
 )
-from solmap.photogrammetry.terrain.region_seams import Seam, SeamCounter
+from solmap.photogrammetry.terrain.dtm.resampling import coarser_dtm, finer_dtm
 from solmap.products.errors import ProductError
 from solmap.products.formats.raster.cog import Band, Notes, new_cog
 from solmap.products.formats.raster.raster import band_names, grid_of, open_raster

@@ -19,7 +19,7 @@ from functools import lru_cache
 import morecantile
 from pyproj import CRS
 
-from solmap.photogrammetry.terrain.grid import BLOCK, FINEST_CELL_M
+from solmap.photogrammetry.terrain.dtm.grid import BLOCK, FINEST_CELL_M
 from solmap.products.crs import LandingPoint, local_crs
 from solmap.products.errors import OutsideCoverageError, ProductError
 

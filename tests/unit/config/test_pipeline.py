@@ -4,7 +4,7 @@ import pytest
 
 from solmap.config.errors import ConfigError
 from solmap.config.pipeline import SHIPPED, PipelineConfig, load_pipeline
-from solmap.photogrammetry.terrain.far import FarDtmParams
+from solmap.photogrammetry.terrain.dtm.stop_dtm import FarDtmParams
 
 
 def test_every_shipped_pipeline_can_be_loaded():

@@ -12,9 +12,9 @@ import pytest
 from fastapi.testclient import TestClient
 
 from solmap.gis_server.app import create_app
-from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.records import Dtm
 from solmap.photogrammetry.terrain.hazard import Hazard
-from solmap.photogrammetry.terrain.records import Dtm
 from solmap.products.catalogue.catalogue import Catalogue, ImageEntry, MissionEntry
 from solmap.products.classes import HAZARDS
 from solmap.products.crs import LandingPoint, local_crs

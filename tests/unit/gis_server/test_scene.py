@@ -11,7 +11,7 @@ from fastapi.testclient import TestClient
 from solmap.gis_server.app import create_app
 from solmap.photogrammetry.imagery import Eye
 from solmap.photogrammetry.synthetic.rig import CAMERAS, Instrument
-from solmap.photogrammetry.terrain.ground import MAP_FROM_LSL
+from solmap.photogrammetry.terrain.dtm.ground import MAP_FROM_LSL
 from solmap.products.catalogue.catalogue import MissionEntry
 from solmap.products.catalogue.oriented_images import OrientedMission
 from solmap.products.catalogue.workspace import Workspace

@@ -6,7 +6,7 @@ import pytest
 import rasterio
 from rasterio.io import MemoryFile
 
-from solmap.photogrammetry.terrain.records import Dtm
+from solmap.photogrammetry.terrain.dtm.records import Dtm
 from solmap.products.formats.raster.raster import write_dtm
 from solmap.products.model import ProductKind
 from tests.unit.gis_server.conftest import CRS, GRID, STOP, elevation_at, picture, plane

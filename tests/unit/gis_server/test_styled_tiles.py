@@ -12,7 +12,7 @@ from solmap.gis_server.rendering.readers import RasterPool
 from solmap.gis_server.rendering.shading import OF_TERRAIN
 from solmap.gis_server.rendering.styles import STYLES, styles_of
 from solmap.gis_server.rendering.tiles import render_tile
-from solmap.photogrammetry.terrain.records import Dtm
+from solmap.photogrammetry.terrain.dtm.records import Dtm
 from solmap.photogrammetry.terrain.surface import (
     HillshadeParams,
     SlopeParams,

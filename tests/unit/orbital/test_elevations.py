@@ -8,7 +8,7 @@ import pytest
 from solmap.photogrammetry.errors import OrbitalError
 from solmap.photogrammetry.orbital.elevations import register_elevations
 from solmap.photogrammetry.orbital.records import OrbitalDtm
-from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from tests.support.orbital_scenes import dtm_scene
 
 

@@ -8,7 +8,7 @@ import pytest
 from solmap.photogrammetry.errors import OrbitalError
 from solmap.photogrammetry.orbital.records import Correction, GroundMap, OrbitalImage
 from solmap.photogrammetry.orbital.registration import register
-from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from tests.support.orbital_scenes import scene
 
 

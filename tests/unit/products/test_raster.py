@@ -7,8 +7,8 @@ import rasterio
 from rasterio.enums import ColorInterp
 from rio_cogeo import cog_validate
 
-from solmap.photogrammetry.terrain.grid import MapGrid
-from solmap.photogrammetry.terrain.records import Dtm, GroundClass
+from solmap.photogrammetry.terrain.dtm.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.records import Dtm, GroundClass
 from solmap.products.crs import IAU_RADIUS_M, LandingPoint, local_crs
 from solmap.products.errors import ProductError, ProductNotFoundError
 from solmap.products.formats.raster.orthophoto import (

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.terrain.grid import MapGrid
-from solmap.photogrammetry.terrain.records import Dtm, GroundClass
-from solmap.photogrammetry.terrain.region import RegionParams, StopTerrain, coarser_dtm, fuse_block
+from solmap.photogrammetry.terrain.dtm.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.records import Dtm, GroundClass
+from solmap.photogrammetry.terrain.dtm.region_dtm import RegionParams, StopTerrain, fuse_block
+from solmap.photogrammetry.terrain.dtm.resampling import coarser_dtm
 from solmap.products.crs import LandingPoint, local_crs
 from solmap.products.errors import ProductError
 from solmap.products.formats.raster import region

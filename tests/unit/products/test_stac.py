@@ -13,7 +13,7 @@ from pystac.extensions.raster import RasterExtension
 from pystac.validation import JsonSchemaSTACValidator
 from pystac.validation.local_validator import get_local_schema_cache
 
-from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.products.catalogue.catalogue import MissionEntry
 from solmap.products.crs import LandingPoint, local_crs, lon_lat
 from solmap.products.formats.raster.orthophoto import write_pieces, write_sources

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from solmap.photogrammetry.terrain.grid import BLOCK, MapGrid
+from solmap.photogrammetry.terrain.dtm.grid import BLOCK, MapGrid
 from solmap.products.crs import LandingPoint, local_crs
 from solmap.products.errors import OutsideCoverageError, ProductError
 from solmap.products.formats.raster.tiling import (

@@ -9,7 +9,7 @@ from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.synthetic.lattice import Fractal, Window, bilinear, node_distance_m
 from solmap.photogrammetry.synthetic.rocks import RockField, raise_rocks
 from solmap.photogrammetry.synthetic.terrain import TERRAINS, Terrain
-from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 
 
 @pytest.mark.parametrize("kind", TERRAINS)

@@ -30,7 +30,7 @@ from solmap.photogrammetry.synthetic.world import (
     true_parallax,
     truth,
 )
-from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 
 SMALL = WorldParams(
     terrain="hills",

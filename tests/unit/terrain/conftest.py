@@ -10,8 +10,8 @@ import pytest
 
 from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.frames import LSL, Frame, FrameKind, Pose
-from solmap.photogrammetry.terrain.grid import MapGrid
-from solmap.photogrammetry.terrain.records import Dtm, GroundClass, TerrainView
+from solmap.photogrammetry.terrain.dtm.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.records import Dtm, GroundClass, TerrainView
 
 MAST_M = 1.5
 Surface = Callable[[np.ndarray, np.ndarray], np.ndarray]

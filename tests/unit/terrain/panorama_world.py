@@ -9,9 +9,9 @@ import numpy as np
 from solmap.photogrammetry.frames import LSL, Pose
 from solmap.photogrammetry.imagery import Eye, StopId
 from solmap.photogrammetry.synthetic.rig import CAMERAS, Instrument, Pointing
-from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.records import Dtm
 from solmap.photogrammetry.terrain.panorama_image import PanoramaImage
-from solmap.photogrammetry.terrain.records import Dtm
 from solmap.photogrammetry.terrain.sight_ranges import StandingPlane
 
 STOP = StopId("MER2", 10, 64)

@@ -8,7 +8,7 @@ import pytest
 from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.terrain.attitude import attitude
 from solmap.photogrammetry.terrain.cell_plane import CellPlaneParams, plane_of_cells
-from solmap.photogrammetry.terrain.records import GroundClass
+from solmap.photogrammetry.terrain.dtm.records import GroundClass
 
 PARAMS = CellPlaneParams()
 OUTLINE = np.array([[-1.0, -1.0], [1.0, -1.0], [0.5, 1.0], [-1.0, 0.8]])

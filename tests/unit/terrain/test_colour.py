@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from solmap.photogrammetry.terrain.colour import colour_filters
-from solmap.photogrammetry.terrain.dtm import DtmParams, build_dtm
+from solmap.photogrammetry.terrain.dtm.stop_dtm import DtmParams, build_dtm
 from solmap.photogrammetry.terrain.orthophoto import OrthophotoParams, render_orthophoto, rendering
 
 

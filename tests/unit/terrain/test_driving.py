@@ -7,7 +7,7 @@ import pytest
 
 from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.terrain.driving import DrivingParams, reach
-from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.photogrammetry.terrain.hazard import Hazard
 
 GRID = MapGrid.covering((-20.0, -20.0, 20.0, 20.0), 0.16)

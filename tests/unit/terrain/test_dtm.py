@@ -9,9 +9,9 @@ from scipy.spatial.transform import Rotation
 from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.matching.dense import SharedSigma
-from solmap.photogrammetry.terrain.dtm import DtmParams, build_dtm
-from solmap.photogrammetry.terrain.grid import BLOCK, MapGrid
-from solmap.photogrammetry.terrain.records import GroundClass
+from solmap.photogrammetry.terrain.dtm.grid import BLOCK, MapGrid
+from solmap.photogrammetry.terrain.dtm.records import GroundClass
+from solmap.photogrammetry.terrain.dtm.stop_dtm import DtmParams, build_dtm
 
 UNSEEN, MEASURED, INTERPOLATED, OCCLUDED = GroundClass
 PARAMS = DtmParams(max_relative_sigma=0.05)  # the small test camera has little parallax

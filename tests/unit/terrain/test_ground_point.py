@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from solmap.photogrammetry.frames import LSL, Frame, FrameKind, Pose
-from solmap.photogrammetry.terrain.ground import MAP_FROM_LSL
+from solmap.photogrammetry.terrain.dtm.ground import MAP_FROM_LSL
 from solmap.photogrammetry.terrain.ground_point import (
     UP,
     by_parallax,

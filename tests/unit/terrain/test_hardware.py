@@ -3,8 +3,8 @@
 import numpy as np
 
 from solmap.photogrammetry.frames import Frame, FrameKind, Pose
-from solmap.photogrammetry.terrain.hardware import BODIES, without_rover
-from solmap.photogrammetry.terrain.records import TerrainView
+from solmap.photogrammetry.terrain.dtm.records import TerrainView
+from solmap.photogrammetry.terrain.dtm.rover_body import BODIES, without_rover
 
 
 def seen_from(scenes, forward_m, height_m, dip_deg, distance_m) -> TerrainView:

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from solmap.photogrammetry.errors import TerrainError
-from solmap.photogrammetry.terrain.coarse import coarsened
-from solmap.photogrammetry.terrain.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.resampling import coarsened
 from solmap.photogrammetry.terrain.horizon import horizons
 from solmap.photogrammetry.terrain.insolation import (
     InsolationParams,

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.terrain.dtm.records import Dtm
 from solmap.photogrammetry.terrain.levels import DrawnTile, TilePlace, TilesetParams, drawn_tiles
 from solmap.photogrammetry.terrain.model3d import SurfaceMesh, TerrainDrawing
-from solmap.photogrammetry.terrain.records import Dtm
 
 SIDE = 600
 

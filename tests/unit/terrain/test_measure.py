@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from solmap.photogrammetry.errors import TerrainError
-from solmap.photogrammetry.terrain.ground_samples import GroundSamples
+from solmap.photogrammetry.terrain.dtm.resampling import GroundSamples
 from solmap.photogrammetry.terrain.measure import (
     MOST_PLACES,
     measure_line,

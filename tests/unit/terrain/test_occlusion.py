@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.terrain.dtm import DtmParams, build_dtm
-from solmap.photogrammetry.terrain.records import GroundClass
+from solmap.photogrammetry.terrain.dtm.records import GroundClass
+from solmap.photogrammetry.terrain.dtm.stop_dtm import DtmParams, build_dtm
 
 UNSEEN, MEASURED, INTERPOLATED, OCCLUDED = GroundClass
 PARAMS = DtmParams(max_relative_sigma=0.05)

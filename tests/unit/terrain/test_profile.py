@@ -2,8 +2,13 @@ import numpy as np
 import pytest
 
 from solmap.photogrammetry.errors import TerrainError
-from solmap.photogrammetry.terrain.grid import MapGrid
-from solmap.photogrammetry.terrain.ground_samples import NOWHERE, GroundSamples, bilinear, finest
+from solmap.photogrammetry.terrain.dtm.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.resampling import (
+    NOWHERE,
+    GroundSamples,
+    bilinear,
+    finest,
+)
 from solmap.photogrammetry.terrain.profile import profile, stations
 
 GRID = MapGrid(-10.0, 10.0, 0.1, 200, 200)

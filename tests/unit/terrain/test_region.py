@@ -6,15 +6,14 @@ import numpy as np
 import pytest
 
 from solmap.photogrammetry.errors import TerrainError
-from solmap.photogrammetry.terrain.records import Dtm, GroundClass
-from solmap.photogrammetry.terrain.region import (
+from solmap.photogrammetry.terrain.dtm.records import Dtm, GroundClass
+from solmap.photogrammetry.terrain.dtm.region_dtm import (
     RegionParams,
+    SeamCounter,
     StopTerrain,
-    coarser_dtm,
-    finer_dtm,
     fuse_block,
 )
-from solmap.photogrammetry.terrain.region_seams import SeamCounter
+from solmap.photogrammetry.terrain.dtm.resampling import coarser_dtm, finer_dtm
 
 UNSEEN, MEASURED, INTERPOLATED, OCCLUDED = GroundClass
 PARAMS = RegionParams(cell_m=0.08)

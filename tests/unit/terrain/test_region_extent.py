@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from solmap.photogrammetry.terrain.region_extent import regions_of
+from solmap.photogrammetry.terrain.dtm.region_dtm import regions_of
 
 
 def around(east: float, north: float, half: float = 30.0) -> tuple[float, float, float, float]:

@@ -5,9 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.terrain.dtm import DtmParams, Gridding, build_dtm
-from solmap.photogrammetry.terrain.records import Dtm, GroundClass
-from solmap.photogrammetry.terrain.tin import fill_by_triangles
+from solmap.photogrammetry.terrain.dtm.records import Dtm, GroundClass
+from solmap.photogrammetry.terrain.dtm.stop_dtm import (
+    DtmParams,
+    Gridding,
+    build_dtm,
+    fill_by_triangles,
+)
 
 UNSEEN, MEASURED, INTERPOLATED, OCCLUDED = GroundClass
 PARAMS = DtmParams(max_relative_sigma=0.05, method=Gridding.TIN)

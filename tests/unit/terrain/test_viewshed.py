@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from solmap.photogrammetry.errors import TerrainError
-from solmap.photogrammetry.terrain.grid import MapGrid
-from solmap.photogrammetry.terrain.records import GroundClass
+from solmap.photogrammetry.terrain.dtm.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.records import GroundClass
 from solmap.photogrammetry.terrain.viewshed import (
     Sight,
     ViewshedParams,

@@ -32,9 +32,9 @@ from solmap.photogrammetry.matching.dense import DenseMatches
 from solmap.photogrammetry.synthetic.scene import Shot, World
 from solmap.photogrammetry.synthetic.traverse import TraverseParams
 from solmap.photogrammetry.synthetic.world import RenderJob, WorldParams, make_world, true_parallax
-from solmap.photogrammetry.terrain.grid import MapGrid
-from solmap.photogrammetry.terrain.ground_samples import bilinear
-from solmap.photogrammetry.terrain.records import Dtm, GroundClass
+from solmap.photogrammetry.terrain.dtm.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.records import Dtm, GroundClass
+from solmap.photogrammetry.terrain.dtm.resampling import bilinear
 from solmap.products.catalogue.catalogue import ImageEntry, MissionEntry
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.crs import LandingPoint, local_crs

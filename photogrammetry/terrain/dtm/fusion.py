@@ -1,0 +1,257 @@
+"""What all views of a stop say of all cells, weighed and brought to one level a cell.
+
+The variances are those of `dtm`. Views are averaged with weights 1/sigma_h^2, those that disagree
+by more than two sigma counting for less (Huber), and what disagreement remains enlarges the
+standard deviation.
+
+An error of a view's pose, a turn w and a shift t with the covariance C, moves a point at P from the
+camera by w x P + t. On ground with the normal n = (-g, 1) the elevation at a fixed place changes by
+
+    dh = w . (P x n) + t . n                  sigma_pose^2 = a' C a,  a = (P x n, n)
+
+Views of one stop hang on one mast and one stop, and images hardly tell what their pointings have in
+common, so these errors do not average out: with the shares w_v of the views in a cell, the part of
+the poses in its standard deviation is sum(w_v sigma_pose,v), as if they were one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from solmap.photogrammetry.arrays import Float32, Float64, Raster
+from solmap.photogrammetry.matching.dense import SharedSigma
+from solmap.photogrammetry.terrain.dtm.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.ground import (
+    MAP_FROM_LSL,
+    SightParams,
+    camera_on_map,
+    map_from_pair_rotation,
+)
+from solmap.photogrammetry.terrain.dtm.heights import ViewHeights
+from solmap.photogrammetry.terrain.dtm.records import PoseCovariance, TerrainView
+from solmap.photogrammetry.terrain.planes import Gradients
+
+HUBER = 2.0
+"""Standard deviations beyond which a view counts for less."""
+ROUNDS = 3
+"""Rounds of reweighting; the weights hardly change after two."""
+TINY_M2 = 1e-10
+"""Least variance: a hundredth of a millimetre squared."""
+
+PATCH = 4
+"""Cells along the side of a patch that has one gradient: the baseline of slopes is some patches."""
+
+PerEntry = Float32[np.ndarray, " entries"]
+PerCell = Float64[np.ndarray, " cells"]
+
+
+@dataclass(frozen=True, slots=True)
+class FusionParams(SightParams):
+    """How well the elevation of a cell is known."""
+
+    sigma_image_px: float = 0.25
+    """Standard deviation of an image coordinate: half a pixel's rounding by the matching window."""
+    correlation_px: float = 9.0
+    """Side of the window that refines dense parallax: pixels this close share their error."""
+    roughness: float = 0.2
+    """How far ground strays between pixels, over the length: the slope of rocky plains over some
+    decimetres is about ten degrees (RMS)."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Entries:
+    """What all views say of all cells, one row a view and cell; a view's rows stand together."""
+
+    grid: MapGrid
+    view: tuple[slice, ...]
+    """The rows of every view."""
+    cell: np.ndarray
+    height: Float64[np.ndarray, " entries"]
+    points: PerEntry
+    scatter: PerEntry
+    sigma_px: PerEntry
+    sag: PerEntry
+
+    @classmethod
+    def of(cls, heights: Sequence[ViewHeights], grid: MapGrid) -> Entries:
+        """The entries that fall into the grid."""
+        first_row, first_col = round(-grid.north / grid.cell_m), round(grid.west / grid.cell_m)
+        parts, rows, start = [], [], 0
+        for one in heights:
+            row, col = one.row - first_row, one.col - first_col
+            inside = (row >= 0) & (row < grid.rows) & (col >= 0) & (col < grid.cols)
+            cell = row[inside] * grid.cols + col[inside]
+            fields = (one.height, one.points, one.scatter, one.sigma_px, one.sag)
+            parts.append((cell, *(field[inside] for field in fields)))
+            rows.append(slice(start, start := start + len(cell)))
+        columns = (np.concatenate(column) for column in zip(*parts, strict=True))
+        return cls(grid, tuple(rows), *columns)
+
+    def __len__(self) -> int:
+        return len(self.cell)
+
+    def sums(self, weights: np.ndarray) -> PerCell:
+        """Sum of the weights of every cell's entries."""
+        return np.bincount(self.cell, weights, minlength=self.grid.rows * self.grid.cols)
+
+    @property
+    def patch(self) -> np.ndarray:
+        """The patch of every entry, counted along the rows of patches."""
+        row, col = np.divmod(self.cell, self.grid.cols)
+        return row // PATCH * self.patches[1] + col // PATCH
+
+    @property
+    def patches(self) -> tuple[int, int]:
+        """Rows and columns of patches."""
+        return -(-self.grid.rows // PATCH), -(-self.grid.cols // PATCH)
+
+    def patch_means(self) -> Raster:
+        """Mean height of the entries of every patch; NaN where there are none."""
+        size = self.patches[0] * self.patches[1]
+        patch = self.patch
+        with np.errstate(invalid="ignore"):
+            mean = np.bincount(patch, self.height, size) / np.bincount(patch, minlength=size)
+        return mean.reshape(self.patches).astype(np.float32)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Variances:
+    """Variance of the elevation of every entry, square metres."""
+
+    own: PerEntry
+    """By matching and by the roughness of the ground."""
+    pose: PerEntry
+    """By the pose of the view."""
+
+
+def variances(
+    entries: Entries, views: Sequence[TerrainView], gradient: Gradients, params: FusionParams
+) -> Variances:
+    """How well every entry is known, on ground whose patches have this gradient."""
+    own, pose = (np.empty(len(entries), dtype=np.float32) for _ in range(2))
+    for (rows, ground), view in zip(_grounds(entries, views, gradient), views, strict=True):
+        own[rows] = _own_variance(entries, rows, ground, view, params)
+        pose[rows] = _pose_variance(ground, view.covariance)
+    return Variances(own, pose)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Ground:
+    """Where the cells of a view's entries lie, and how they are inclined."""
+
+    P: Float32[np.ndarray, "3 entries"]
+    """East, north and up from the camera, metres."""
+    g: Float32[np.ndarray, "2 entries"]
+
+    @property
+    def leaving(self) -> PerEntry:
+        """The part of P that leaves the ground, metres; below zero where it is seen from above."""
+        return self.P[2] - self.g[0] * self.P[0] - self.g[1] * self.P[1]
+
+
+def _grounds(
+    entries: Entries, views: Sequence[TerrainView], gradient: Gradients
+) -> Iterator[tuple[slice, _Ground]]:
+    """The ground of every view's entries."""
+    grid, inclined = entries.grid, gradient.reshape(2, -1)[:, entries.patch]
+    for rows, view in zip(entries.view, views, strict=True):
+        camera = camera_on_map(view.lsl_from_pair)
+        east, north = (place - camera[k] for k, place in enumerate(grid.centres()))
+        cell = entries.cell[rows]
+        row, col = np.divmod(cell, grid.cols)
+        P = np.empty((3, len(cell)), dtype=np.float32)
+        P[0], P[1] = east.astype(np.float32)[col], north.astype(np.float32)[row]
+        P[2] = entries.height[rows] - camera[2]
+        yield rows, _Ground(P, inclined[:, rows])
+
+
+def _own_variance(
+    entries: Entries, rows: slice, ground: _Ground, view: TerrainView, params: FusionParams
+) -> PerEntry:
+    """The variance that a view's entries have of their own (see `dtm`)."""
+    focal, base = np.float32(view.geometry.focal_px), np.float32(view.geometry.base_m)
+    cell_m, P = np.float32(entries.grid.cell_m), ground.P
+    forward = map_from_pair_rotation(view.lsl_from_pair)[:, 2].astype(np.float32)
+    Z = np.maximum(forward @ P, cell_m)
+    points, leaving = entries.points[rows], ground.leaving
+    along = np.square(leaving * Z / (focal * base))
+    shared = np.square(_shared_px(view, focal * base / Z))
+    own = np.maximum(np.square(entries.sigma_px[rows]) - shared, np.float32(0))
+    across = np.square(np.float32(params.sigma_image_px) / focal * Z)
+    across *= 1 + np.square(ground.g[0]) + np.square(ground.g[1])
+    matches = np.maximum(np.float32(1), points / np.float32(params.correlation_px**2))
+    grazing = np.clip(1 + leaving / np.maximum(np.abs(P[2]), cell_m), 0, 1)
+    unresolved = np.float32(params.correlation_px) / focal * Z * grazing
+    return (
+        (along * own + across) / matches
+        + along * shared
+        + np.square(entries.scatter[rows]) / np.maximum(np.float32(1), points)
+        + np.square(np.float32(params.roughness) * entries.sag[rows])
+        + np.square(unresolved) / np.float32(12)
+    )
+
+
+def _shared_px(view: TerrainView, parallax_px: PerEntry) -> PerEntry:
+    """Standard deviation that every entry's parallax shares with all others of its view."""
+    shared = view.shared or SharedSigma()
+    return np.hypot(np.float32(shared.offset_px), np.float32(shared.stretch) * parallax_px)
+
+
+def _pose_variance(ground: _Ground, covariance: PoseCovariance | None) -> PerEntry:
+    """Variance by the pose, a' C a, of every entry; 0 where the pose is taken for true."""
+    if covariance is None:
+        return np.zeros(ground.P.shape[1], dtype=np.float32)
+    turned = np.kron(np.eye(2), MAP_FROM_LSL)
+    values, vectors = np.linalg.eigh(turned @ covariance @ turned.T)
+    root = (vectors * np.sqrt(np.maximum(values, 0))).T.astype(np.float32)  # a'Ca = |root a|^2
+    (x, y, z), (g, h) = ground.P, ground.g
+    a = np.stack([y + z * h, -z * g - x, y * g - x * h, -g, -h, np.ones_like(g)])
+    return np.einsum("ij,ij->j", moved := root @ a, moved)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Levels:
+    """Elevation of every cell and how well it is known; NaN where there is no entry."""
+
+    level: PerCell
+    sigma_m: PerCell
+    pose_sigma_m: PerCell
+
+
+def fuse(entries: Entries, known: Variances) -> Levels:
+    """The weighted mean of every cell's entries."""
+    variance = np.maximum(known.own + known.pose, np.float32(TINY_M2)).astype(np.float64)
+    weight = 1 / variance
+    several = entries.sums(np.ones_like(weight))[entries.cell] > 1
+    excess = np.ones(entries.grid.rows * entries.grid.cols)
+    if several.any():
+        weight[several], cells, above = _reweighted(
+            entries.cell[several], entries.height[several], variance[several]
+        )
+        excess[cells] = np.maximum(1.0, above)
+    total = entries.sums(weight)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        level = entries.sums(weight * entries.height) / total
+        own = entries.sums(weight**2 * known.own) / total**2 * excess
+        pose = entries.sums(weight * np.sqrt(known.pose)) / total
+        return Levels(level, np.sqrt(own + pose**2), pose)
+
+
+def _reweighted(
+    cell: np.ndarray, height: np.ndarray, variance: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Weights of entries that share their cells, these cells, and how far they disagree there.
+
+    The disagreement is the variance of unit weight: 1 where it is as stated.
+    """
+    cells, at = np.unique(cell, return_inverse=True)
+    reweighting, deviation = np.ones_like(variance), np.sqrt(variance)
+    for _ in range(ROUNDS):
+        weight = reweighting / variance
+        level = np.bincount(at, weight * height) / np.bincount(at, weight)
+        off = np.abs(height - level[at]) / deviation
+        reweighting = HUBER / np.maximum(HUBER, off)
+    return weight, cells, np.bincount(at, off**2 * reweighting) / (np.bincount(at) - 1)

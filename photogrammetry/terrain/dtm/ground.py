@@ -1,0 +1,247 @@
+"""The ground as one view sees it: which parallaxes are trusted, and where they lie.
+
+Neighbouring pixels of the left epipolar image form a mesh. With p = f B / Z, a plane that passes h
+below the camera (measured along the image's y axis) changes by B / h pixels of parallax a line,
+whatever its distance, so continuous ground has small steps everywhere and an occlusion edge does
+not: the step tells them apart. The relative standard deviation along the view is
+
+    sigma_Z / Z = sigma_p / p
+
+which is how far a view is believed. Coordinates are (east, north, up) in metres from the camera, in
+single precision: a hundredth of a millimetre at a hundred metres.
+
+The mesh between neighbouring pixels of one surface.
+
+Four neighbouring pixels make a quad. The quad is ground that was really seen when none of its sides
+steps by more parallax than continuous ground does (see `ground`) nor is longer than a set gap.
+Farther away the quads grow larger than the cells of the map, and samples inside them, bilinear
+between the corners, tell which cells they cover and at what height.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from solmap.photogrammetry.arrays import Float32, Float64, Mask, ParallaxMap, Vector3
+from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.terrain.dtm.records import TerrainView
+
+Planes3 = Float32[np.ndarray, "3 lines samples"]
+"""East, north and up of every pixel, metres from the camera; NaN where not trusted."""
+
+MAP_FROM_LSL = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+"""Turns (north, east, down) into (east, north, up)."""
+SUBPIXEL = 16
+"""Steps a pixel in which parallax is compared when regions are grown."""
+
+
+@dataclass(frozen=True, slots=True)
+class SightParams:
+    """Which parallaxes to trust and what to take for one continuous surface."""
+
+    sigma_parallax_px: float = 0.25
+    """Standard deviation of a dense parallax: published stereo has 0.32 px on board and 0.1-0.2 px
+    with a good sub-pixel matcher on texture (NPO-42487; Di et al. 2008)."""
+    max_relative_sigma: float = 0.03
+    """Largest standard deviation along the view over the distance. Three percent is reached at 29 m
+    by Navcam and 129 m by Pancam: the extents of the paper's maps (section 5)."""
+    radius_m: float = 60.0
+    """Farthest ground from the camera: half of the 120 m that the paper maps from Pancam."""
+    max_spike_px: float = 0.75
+    """Largest distance from the median of the neighbourhood: three standard deviations."""
+    min_height_m: float = 0.4
+    """Least height of the camera above the plane of continuous ground, which may then step by
+    B / height a pixel: 0.5 px with Navcam, 0.75 px with Pancam. Flat ground lies 1.5 m below a mast
+    and 0.5 m below a hazard camera; a plane any nearer is seen edge-on, as are only the sides and
+    backs of rocks."""
+    min_region_px: int = 100
+    """Smallest connected patch of parallax: two matching windows of 7 x 7 side by side."""
+    max_gap_m: float = 0.5
+    """Widest gap bridged between neighbouring pixels: the line spacing of Navcam on flat ground at
+    the end of its range, Z^2 / (f h) = 29^2 / (1222 x 1.5) = 0.46 m."""
+
+
+def map_from_pair_rotation(lsl_from_pair: Pose) -> Float64[np.ndarray, "3 3"]:
+    """Rotation from (right, down, forward) of a pair to (east, north, up)."""
+    return MAP_FROM_LSL @ lsl_from_pair.rotation
+
+
+def camera_on_map(lsl_from_pair: Pose) -> Vector3:
+    """East, north and elevation of the left camera, metres."""
+    return MAP_FROM_LSL @ lsl_from_pair.translation_m
+
+
+def reach_m(view: TerrainView, params: SightParams) -> float:
+    """Farthest ground from the camera that a view is believed to show, metres on the map.
+
+    The corners of the image look aside by up to half its diagonal, and see as deep.
+    """
+    geometry = view.geometry
+    depth = geometry.focal_px * geometry.base_m * params.max_relative_sigma
+    aside = np.hypot(geometry.samples, geometry.lines) / 2 / geometry.focal_px
+    return float(min(params.radius_m, depth / params.sigma_parallax_px * np.hypot(1, aside)))
+
+
+def trusted_parallax(view: TerrainView, params: SightParams) -> ParallaxMap:
+    """The parallax without what is too far, alone, or between two surfaces.
+
+    A pixel stays when it agrees with the median of its 5 x 5 neighbourhood, unmatched neighbours
+    counting as infinitely far: pixels smeared between a rock and the ground behind it are few and
+    lie near neither. Patches that hang together by small steps must reach a smallest size.
+    """
+    parallax = np.where(view.mask & np.isfinite(view.parallax), view.parallax, 0.0)
+    parallax = parallax.astype(np.float32)
+    farthest = params.sigma_parallax_px / params.max_relative_sigma
+    parallax[parallax < farthest] = 0.0
+    spike = np.abs(parallax - cv2.medianBlur(parallax, 5)) > params.max_spike_px
+    parallax[spike] = 0.0
+    steps = np.clip(parallax * SUBPIXEL, 0, np.iinfo(np.int16).max).astype(np.int16)
+    step = round(largest_step_px(view.geometry.base_m, params) * SUBPIXEL)
+    cv2.filterSpeckles(steps, 0, params.min_region_px, step)
+    return np.where(steps > 0, parallax, np.float32(np.nan))
+
+
+def largest_step_px(base_m: float, params: SightParams) -> float:
+    """Largest step of parallax between neighbouring pixels of continuous ground."""
+    return base_m / params.min_height_m
+
+
+def ground_of(view: TerrainView, parallax: ParallaxMap, params: SightParams) -> Planes3:
+    """Where every trusted pixel lies, from the camera; NaN beyond the radius."""
+    geometry = view.geometry
+    rotation = map_from_pair_rotation(view.lsl_from_pair)
+    across = (np.arange(parallax.shape[1]) - geometry.centre_px[0]) / geometry.focal_px
+    down = (np.arange(parallax.shape[0]) - geometry.centre_px[1]) / geometry.focal_px
+    depth = np.float32(geometry.focal_px * geometry.base_m) / parallax
+    planes = np.empty((3, *parallax.shape), dtype=np.float32)
+    for axis, (right, below, forward) in enumerate(rotation):
+        ray = (right * across[None, :] + below * down[:, None] + forward).astype(np.float32)
+        np.multiply(ray, depth, out=planes[axis])
+    planes[:, np.hypot(planes[0], planes[1]) > params.radius_m] = np.nan
+    return planes
+
+
+Samples3 = Float32[np.ndarray, "3 n"]
+"""East, north and up of samples of the surface, metres from the camera."""
+SAMPLES_AT_ONCE = 2_000_000
+"""Mesh samples held at one time: some tens of megabytes."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Quads:
+    """Quads of continuous ground."""
+
+    corner: np.ndarray
+    """Their first corners: line and sample, counted along the lines of the image."""
+    lines_m: Float32[np.ndarray, " n"]
+    """Distance on the map between their lines."""
+    samples_m: Float32[np.ndarray, " n"]
+    """Distance on the map between their samples."""
+
+    def __len__(self) -> int:
+        return len(self.corner)
+
+
+def continuous_quads(planes: Planes3, parallax: ParallaxMap, step_px: float, gap_m: float) -> Quads:
+    """Quads none of whose sides steps by more than `step_px` of parallax or `gap_m` on the map."""
+    with np.errstate(invalid="ignore"):
+        down_step = np.abs(np.diff(parallax, axis=0)) <= step_px
+        across_step = np.abs(np.diff(parallax, axis=1)) <= step_px
+        down_m2, across_m2 = (_squared_steps(planes, axis) for axis in (0, 1))
+        down_step &= down_m2 <= np.float32(gap_m**2)
+        across_step &= across_m2 <= np.float32(gap_m**2)
+    whole = down_step[:, :-1] & down_step[:, 1:] & across_step[:-1] & across_step[1:]
+    row, col = np.nonzero(whole)
+    return Quads(
+        corner=row * parallax.shape[1] + col,
+        lines_m=np.sqrt(np.maximum(down_m2[row, col], down_m2[row, col + 1])),
+        samples_m=np.sqrt(np.maximum(across_m2[row, col], across_m2[row + 1, col])),
+    )
+
+
+def _squared_steps(planes: Planes3, axis: int) -> np.ndarray:
+    """Squared distance on the map between neighbouring pixels along an axis of the image."""
+    east, north = (np.diff(plane, axis=axis) for plane in planes[:2])
+    return east * east + north * north
+
+
+def in_a_quad(quads: Quads, shape: tuple[int, int]) -> Mask:
+    """Pixels that are a corner of some quad: those that hang together with others."""
+    corner = np.zeros(shape[0] * shape[1], dtype=np.bool_)
+    for shift in (0, 1, shape[1], shape[1] + 1):
+        corner[quads.corner + shift] = True
+    return corner.reshape(shape)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MeshSamples:
+    """Samples between the pixels of a mesh."""
+
+    points: Samples3
+    sag_m: Float32[np.ndarray, " n"]
+    """Length that the ground between may stray over: L t (1 - t), L the spacing of the lines and
+    t the place between them."""
+
+
+def mesh_samples(planes: Planes3, quads: Quads, spacing_m: float) -> Iterator[MeshSamples]:
+    """Samples that cover the quads which are wider than `spacing_m`, piece by piece.
+
+    A quad is divided into as many parts as its sides need.
+    """
+    held: list[MeshSamples] = []
+    count = 0
+    for piece in _divided_quads(planes, quads, spacing_m):
+        held.append(piece)
+        count += len(piece.sag_m)
+        if count > SAMPLES_AT_ONCE:
+            yield _joined(held)
+            held, count = [], 0
+    if held:
+        yield _joined(held)
+
+
+def _joined(pieces: list[MeshSamples]) -> MeshSamples:
+    return MeshSamples(
+        np.concatenate([one.points for one in pieces], axis=1),
+        np.concatenate([one.sag_m for one in pieces]),
+    )
+
+
+def _divided_quads(planes: Planes3, quads: Quads, spacing_m: float) -> Iterator[MeshSamples]:
+    """Samples of the quads, those of equal division together."""
+    down = np.ceil(np.maximum(1, quads.lines_m / spacing_m)).astype(np.int64)
+    across = np.ceil(np.maximum(1, quads.samples_m / spacing_m)).astype(np.int64)
+    wide = np.flatnonzero(down * across > 1)  # elsewhere the pixels themselves are close enough
+    code = down[wide] * (int(across.max(initial=1)) + 1) + across[wide]
+    order = wide[np.argsort(code, kind="stable")]
+    _, starts = np.unique(np.sort(code), return_index=True)
+    flat = planes.reshape(3, -1)
+    for group in np.split(order, starts[1:]) if len(order) else ():
+        parts = (int(down[group[0]]), int(across[group[0]]))
+        piece = max(1, SAMPLES_AT_ONCE // (parts[0] * parts[1]))
+        for first in range(0, len(group), piece):
+            chosen = group[first : first + piece]
+            corner, lines_m = quads.corner[chosen], quads.lines_m[chosen]
+            yield _divide(flat, corner, lines_m, planes.shape[2], parts)
+
+
+def _divide(
+    flat: np.ndarray, corner: np.ndarray, lines_m: np.ndarray, width: int, parts: tuple[int, int]
+) -> MeshSamples:
+    """Bilinear samples at the middles of `parts` (down, across) of quads."""
+    t = ((np.arange(parts[0], dtype=np.float32) + 0.5) / parts[0])[:, None]
+    s = ((np.arange(parts[1], dtype=np.float32) + 0.5) / parts[1])[None, :]
+    upper = _between(flat[:, corner, None], flat[:, corner + 1, None], s)
+    lower = _between(flat[:, corner + width, None], flat[:, corner + width + 1, None], s)
+    points = _between(upper[:, :, None, :], lower[:, :, None, :], t)
+    bow = np.broadcast_to(t * (1 - t), parts).ravel()
+    return MeshSamples(points.reshape(3, -1), (lines_m[:, None] * bow).ravel())
+
+
+def _between(one: np.ndarray, other: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """Points at these shares of the way from one to the other."""
+    return one + share * (other - one)

@@ -1,0 +1,256 @@
+"""Terrain models on coarser cells: for questions that a rover's size asks, not a pebble's.
+
+The elevation of a coarse cell is the mean of the cells in it that have one. The grid of the result
+is one of whole blocks again, so that its map tiles are read and never resampled.
+
+Terrain models read at single places, and the finest of several models at each.
+
+Elevation between cell centres is bilinear over the cells that are known, where these carry more
+than half of the weight: a gap stays a gap. Standard deviations are averaged with the same weights,
+as if neighbouring cells shared their errors, which is never too good.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from solmap.photogrammetry.arrays import Float32, Float64, Int32, PerPoint, Raster
+from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.terrain.dtm.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.records import Dtm, GroundClass
+
+CoarseRaster = Float32[np.ndarray, "coarse_rows coarse_cols"]
+"""Values of larger cells."""
+LEAST_SHARE = 0.25
+"""Share of a coarse cell's area that must have been seen. A quarter: of 4 x 4 cells, one row."""
+
+
+def coarse_grid(grid: MapGrid, cell_m: float) -> MapGrid:
+    """The grid of whole blocks with larger cells around a grid; itself if its cells are as large.
+
+    Raises:
+        TerrainError: `cell_m` is not 0.01 m times a power of two.
+    """
+    is_coarser = cell_m > grid.cell_m * (1 + 1e-9)
+    return MapGrid.covering(grid.bounds, cell_m) if is_coarser else grid
+
+
+def seen_window(elevation: Raster) -> tuple[slice, slice]:
+    """The smallest window that holds all elevations.
+
+    Raises:
+        TerrainError: there is none.
+    """
+    known = np.isfinite(elevation)
+    rows, cols = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
+    if not len(rows):
+        raise TerrainError("a terrain model without elevations has nothing to map: look at its log")
+    return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(cols[0]), int(cols[-1]) + 1)
+
+
+def manageable_cell_m(elevation: Raster, grid: MapGrid, cell_m: float, most_cells: int) -> float:
+    """`cell_m`, doubled until what was seen of a terrain model has no more than `most_cells`."""
+    rows, cols = seen_window(elevation)
+    area_m2 = (rows.stop - rows.start) * (cols.stop - cols.start) * grid.cell_m**2
+    while area_m2 > most_cells * cell_m**2:
+        cell_m *= 2
+    return cell_m
+
+
+def coarsened(elevation: Raster, grid: MapGrid, cell_m: float) -> tuple[CoarseRaster, MapGrid]:
+    """Mean elevation of larger cells, and their grid; NaN where too little was seen."""
+    coarse = coarse_grid(grid, cell_m)
+    if coarse is grid:
+        return elevation, grid
+    whole = np.full(coarse.shape, np.nan, np.float32)
+    place_means(whole, coarse, elevation, grid)
+    return whole, coarse
+
+
+def place_means(whole: CoarseRaster, coarse: MapGrid, values: Raster, grid: MapGrid) -> None:
+    """Put the means of a raster's cells, or of a part of it, into the larger cells that hold them.
+
+    Args:
+        whole: The larger cells, changed in place.
+        coarse: Their grid.
+        values: The cells; parts of a raster begin and end on whole larger cells.
+        grid: Their grid, on the same lattice.
+    """
+    factor = round(coarse.cell_m / grid.cell_m)
+    top = round((coarse.north - grid.north) / grid.cell_m)
+    left = round((grid.west - coarse.west) / grid.cell_m)
+    rows, cols = -(-(top + grid.rows) // factor), -(-(left + grid.cols) // factor)
+    first_row, first_col = top // factor, left // factor
+    before = (top - first_row * factor, left - first_col * factor)
+    after = (rows * factor - top - grid.rows, cols * factor - left - grid.cols)
+    around = ((before[0], after[0]), (before[1], after[1]))
+    padded = np.pad(values, around, constant_values=np.nan) if any(map(any, around)) else values
+    whole[first_row:rows, first_col:cols] = _means(padded, factor)
+
+
+def _means(values: Raster, factor: int) -> CoarseRaster:
+    """Means over blocks of `factor` x `factor` cells; NaN where too little is known."""
+    known = np.isfinite(values)
+    level = np.float32(np.mean(values[known], dtype=np.float64)) if known.any() else np.float32(0)
+    size = (values.shape[1] // factor, values.shape[0] // factor)
+    share, total = (
+        cv2.resize(part, size, interpolation=cv2.INTER_AREA)
+        for part in (known.astype(np.float32), np.where(known, values - level, np.float32(0)))
+    )
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.where(share >= LEAST_SHARE, total / share + level, np.float32(np.nan))
+
+
+MapPoints = Float64[np.ndarray, "n 2"]
+"""(east, north) in metres of the local map."""
+LEAST_KNOWN = 0.5
+"""Weight of known cells below which a place counts as not measured."""
+NOWHERE = -1
+"""Source of a place that no model knows."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GroundSamples:
+    """The ground at n places; NaN where it was not measured."""
+
+    elevation: PerPoint
+    """Metres above the tangent plane."""
+    sigma_m: PerPoint
+    """Standard deviation of the elevation, that of the poses included."""
+    pose_sigma_m: PerPoint
+    """The part of it that neighbouring places share; 0 where poses are taken for true."""
+    source: Int32[np.ndarray, " n"]
+    """Number of the model that an elevation is of; `NOWHERE` where none has one."""
+
+    def __len__(self) -> int:
+        return len(self.elevation)
+
+    @property
+    def own_sigma_m(self) -> PerPoint:
+        """Standard deviation without what neighbouring places share."""
+        return np.sqrt(np.maximum(self.sigma_m**2 - self.pose_sigma_m**2, 0.0))
+
+    @classmethod
+    def none(cls, n: int) -> GroundSamples:
+        """Places of which nothing is known."""
+        unknown = np.full(n, np.nan)
+        return cls(unknown, unknown.copy(), unknown.copy(), np.full(n, NOWHERE, np.int32))
+
+
+def bilinear(values: Raster, grid: MapGrid, places: MapPoints) -> PerPoint:
+    """Cell values between cell centres; NaN beyond the grid and in gaps."""
+    row = (grid.north - places[:, 1]) / grid.cell_m - 0.5
+    col = (places[:, 0] - grid.west) / grid.cell_m - 0.5
+    inside = (row >= -0.5) & (row < grid.rows - 0.5) & (col >= -0.5) & (col < grid.cols - 0.5)  # noqa: PLR2004 - half a cell
+    first_row, first_col = (
+        np.floor(np.where(inside, at, 0.0)).astype(np.int64) for at in (row, col)
+    )
+    down, right = np.where(inside, row - first_row, 0.0), np.where(inside, col - first_col, 0.0)
+    total, weight = np.zeros(len(places)), np.zeros(len(places))
+    for step_down, step_right in ((0, 0), (0, 1), (1, 0), (1, 1)):
+        value = values[
+            np.clip(first_row + step_down, 0, grid.rows - 1),
+            np.clip(first_col + step_right, 0, grid.cols - 1),
+        ].astype(np.float64)
+        share = np.where(step_down, down, 1 - down) * np.where(step_right, right, 1 - right)
+        share = np.where(np.isfinite(value), share, 0.0)
+        total += share * np.where(np.isfinite(value), value, 0.0)
+        weight += share
+    known = inside & (weight > LEAST_KNOWN)
+    return np.where(known, total / np.where(known, weight, 1.0), np.nan)
+
+
+def finest(models: Sequence[tuple[float, GroundSamples]]) -> GroundSamples:
+    """At every place what the model of the finest cell says; of equal cells, the surest.
+
+    Args:
+        models: Cell size in metres and samples of each model, all at the same places. Their own
+            sources are kept.
+    """
+    if not models:
+        raise ValueError("there is no model to choose from")
+    cells = sorted({cell_m for cell_m, _ in models})
+    rank = np.stack(
+        [np.where(np.isfinite(s.elevation), float(cells.index(c)), np.inf) for c, s in models]
+    )
+    sigma = np.stack([np.nan_to_num(s.sigma_m, nan=np.inf) for _, s in models])
+    sigma = np.where(rank == rank.min(axis=0), sigma, np.inf)
+    unsure = np.where(np.isfinite(sigma), sigma, np.finfo(np.float64).max)
+    best = np.argmin(np.where(rank == rank.min(axis=0), unsure, np.inf), axis=0)
+
+    def chosen(name: str) -> np.ndarray:
+        values: np.ndarray = np.stack([getattr(s, name) for _, s in models])
+        return values[best, np.arange(values.shape[1])]
+
+    return GroundSamples(
+        chosen("elevation"), chosen("sigma_m"), chosen("pose_sigma_m"), chosen("source")
+    )
+
+
+def best_class(classes: Sequence[np.ndarray]) -> np.ndarray:
+    """Measured before interpolated; without an elevation occluded, if any says so."""
+    found = np.zeros_like(classes[0])
+    for ground in (GroundClass.OCCLUDED, GroundClass.INTERPOLATED, GroundClass.MEASURED):
+        found[np.any([one == ground for one in classes], axis=0)] = ground
+    return found
+
+
+def coarser_dtm(dtm: Dtm, factor: int) -> Dtm:
+    """A terrain model with cells `factor` times as wide; its errors are as large as they were.
+
+    Neighbouring cells share matches, so that their mean is hardly better than one of them.
+    """
+    if factor == 1:
+        return dtm
+    grid = dtm.grid
+    if grid.rows % factor or grid.cols % factor:
+        raise TerrainError(f"{grid.shape} cells cannot be joined {factor} by {factor}")
+    known = _parts(np.isfinite(dtm.elevation), factor)
+    count = known.sum(axis=(1, 3))
+
+    def mean(layer: np.ndarray) -> np.ndarray:
+        sums = np.where(known, _parts(layer, factor), 0).sum(axis=(1, 3))
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return (sums / count).astype(np.float32)
+
+    pose = None if dtm.pose_sigma_m is None else mean(dtm.pose_sigma_m)
+    parts = _parts(dtm.ground, factor)
+    quarters = [parts[:, i, :, j] for i in range(factor) for j in range(factor)]
+    return Dtm(
+        MapGrid(grid.west, grid.north, grid.cell_m * factor, *count.shape),
+        mean(dtm.elevation),
+        np.sqrt(mean(np.square(dtm.sigma_m))),
+        _parts(dtm.observations, factor).sum(axis=(1, 3)),
+        best_class(quarters),
+        pose,
+    )
+
+
+def finer_dtm(dtm: Dtm, factor: int) -> Dtm:
+    """A terrain model with cells a `factor`-th as wide: elevations bilinear, all else repeated."""
+
+    def repeated(layer: np.ndarray) -> np.ndarray:
+        return layer.repeat(factor, axis=0).repeat(factor, axis=1)
+
+    grid = dtm.grid
+    wide = (grid.cols * factor, grid.rows * factor)
+    smooth = cv2.resize(dtm.elevation, wide, interpolation=cv2.INTER_LINEAR)
+    elevation = repeated(dtm.elevation)
+    elevation = np.where(np.isfinite(smooth), smooth, elevation)
+    return Dtm(
+        MapGrid(grid.west, grid.north, grid.cell_m / factor, wide[1], wide[0]),
+        elevation,
+        repeated(dtm.sigma_m),
+        repeated(dtm.observations) / np.float32(factor**2),
+        repeated(dtm.ground),
+        None if dtm.pose_sigma_m is None else repeated(dtm.pose_sigma_m),
+    )
+
+
+def _parts(layer: np.ndarray, factor: int) -> np.ndarray:
+    rows, cols = layer.shape
+    return layer.reshape(rows // factor, factor, cols // factor, factor)

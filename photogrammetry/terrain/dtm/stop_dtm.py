@@ -1,0 +1,252 @@
+"""The terrain model of a stop: all dense parallax of its pairs, fused cell by cell.
+
+Every view gives each cell it sees one height. A cell stands for the ground that a person looking
+straight down would see in it: where points of two levels fall into one cell (a rock's top and the
+ground at its foot) the upper part counts, so rocks keep their tops. A cell with points is MEASURED;
+one that only the mesh between neighbouring pixels of one surface crosses is INTERPOLATED.
+
+A parallax error dp moves a point along its ray by P dp/p (P: from camera to point). On ground with
+gradient g (rise per metre) the elevation at a fixed place changes by the part of this that leaves
+the ground, so with f the focal length and Z the depth
+
+    sigma_h^2 = (sigma_p/p)^2 (P_up - g.P_plan)^2 / k + (Z sigma_i/f)^2 (1 + g.g) / k
+                + (sigma_a/p)^2 (P_up - g.P_plan)^2
+                + s^2 / n + (r sag)^2 + (c Z/f)^2 / 12 G^2
+
+where sigma_a is what all parallaxes of a view share (two stops as one instrument; else 0), sigma_p
+is the rest, n points share k = max(1, n / c^2) independent matches (windows of c x c pixels
+overlap), s is the scatter within the cell and r the roughness of ground between pixels. Flat ground
+is known to (sigma_p/p) times the camera's height: centimetres at 20 m, though the range is not.
+
+The last term is for ground that stereo takes for seen although it is not. Relief lower than the
+window's height on the ground, c Z/f, is not resolved, and hides ground of which the matcher makes
+a ramp along the line of sight, up to as much too high. Such ramps are seen edge-on: their plane
+passes closer below the camera than they lie below it, so with h = -(P_up - g.P_plan) the share
+
+    G = 1 - h / |P_up|      between 0 and 1
+
+of that uncertainty (uniform over the window) is added. It is 0 on level and on rising ground.
+
+To this comes what the poses leave open, and views are averaged (`fusion`).
+
+Parameters of far ground's own map: what two stops see as one instrument (`wide_stereo`).
+
+At 200 m a Navcam pixel covers 0.16 m across the line of sight and, from a mast, twenty metres along
+it, so cells are larger, gaps wider and lines smoother than in the map of a stop.
+
+TIN: gaps between measured cells filled by triangles, as in the paper (section 5).
+
+The measured cells of a terrain model, each the weighted mean of its points, are triangulated on
+the map (Delaunay). A cell without points takes the plane of its triangle if none of the triangle's
+sides is longer than the widest gap that may be bridged and if nothing hides it (`occlusion`). With
+the barycentric coordinates l of the cell the variance is
+
+    sigma^2 = sum(l sigma_i^2) + (r L q)^2,      q = (1 - sum l^2) / 2
+
+where L is the triangle's longest side and r the roughness of ground: in the middle of a side L q is
+L/4, as in the mesh between two lines of an image.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+import cv2
+import numpy as np
+from scipy.spatial import Delaunay
+
+from solmap.photogrammetry.arrays import Float64
+from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.terrain.dtm.fusion import (
+    PATCH,
+    Entries,
+    FusionParams,
+    Levels,
+    fuse,
+    variances,
+)
+from solmap.photogrammetry.terrain.dtm.grid import BLOCK, MapGrid
+from solmap.photogrammetry.terrain.dtm.heights import ViewHeights, view_heights
+from solmap.photogrammetry.terrain.dtm.occlusion import mark_occluded
+from solmap.photogrammetry.terrain.dtm.records import Dtm, GroundClass, TerrainView
+from solmap.photogrammetry.terrain.planes import Gradients, gradients
+
+STEEPEST = 1.0
+"""Gradient above which a cell's own slope is not believed: beyond 45 degrees, a rock's side."""
+
+
+class Gridding(StrEnum):
+    """What becomes of cells between the measured ones (paper, section 5)."""
+
+    GRID = "grid"
+    """They are crossed by the mesh of pixels that hang together in an image."""
+    TIN = "tin"
+    """They lie in a triangle of measured cells."""
+
+
+@dataclass(frozen=True, slots=True)
+class DtmParams(FusionParams):
+    """How to build a terrain model."""
+
+    method: Gridding = Gridding.GRID
+    """The mesh knows where the image jumps and takes less than half of the time; elevations between
+    triangles are a tenth to a fifth more accurate (docs/benchmarks.md)."""
+
+    cell_m: float = 0.04
+    """Side of a cell: four orthophoto cells, and the spacing of Navcam samples at 50 m."""
+    slope_baseline_m: float = 0.5
+    """Baseline of the slope that enters the standard deviation: some cells, less than a rover."""
+
+
+def build_dtm(views: Sequence[TerrainView], params: DtmParams, grid: MapGrid | None = None) -> Dtm:
+    """The terrain model of all views, on `grid` or on the smallest grid of whole blocks.
+
+    Raises:
+        TerrainError: no view has a trusted parallax, or none falls into `grid`.
+    """
+    meshed = params.method is Gridding.GRID
+    heights = [view_heights(view, params, params.cell_m, meshed=meshed) for view in views]
+    if not any(len(one) for one in heights):
+        raise TerrainError(
+            f"none of the {len(views)} views has a parallax above "
+            f"{params.sigma_parallax_px / params.max_relative_sigma:.1f} px within "
+            f"{params.radius_m} m: look at the matching, or allow a larger max_relative_sigma"
+        )
+    grid = grid or _grid_around(heights, params.cell_m)
+    if grid.cell_m != params.cell_m:
+        raise TerrainError(f"the grid's cells are {grid.cell_m} m, the parameters' {params.cell_m}")
+    entries = Entries.of(heights, grid)
+    if not len(entries):
+        raise TerrainError(f"no measured ground falls into the grid {grid.bounds}")
+    gradient = _believable_gradient(entries, params)
+    dtm = _dtm(entries, fuse(entries, variances(entries, views, gradient, params)))
+    ground = mark_occluded(dtm.ground, dtm.elevation, grid, views, params)
+    dtm = replace(dtm, ground=ground)
+    return dtm if meshed else fill_by_triangles(dtm, params.max_gap_m, params.roughness)
+
+
+def _believable_gradient(entries: Entries, params: DtmParams) -> Gradients:
+    """The gradient of the ground in patches; 0 where it is unknown or too steep for ground."""
+    patch_m = PATCH * params.cell_m
+    gradient = gradients(entries.patch_means(), patch_m, params.slope_baseline_m, 0.25)
+    gradient[~(np.abs(gradient) < STEEPEST)] = 0.0
+    return gradient
+
+
+def _grid_around(heights: Sequence[ViewHeights], cell_m: float) -> MapGrid:
+    """The smallest grid of whole blocks that holds all cells."""
+    seen = [one for one in heights if len(one)]
+    first_row, last_row = min(o.row.min() for o in seen), max(o.row.max() for o in seen)
+    first_col, last_col = min(o.col.min() for o in seen), max(o.col.max() for o in seen)
+    top, bottom = int(first_row) // BLOCK, int(last_row) // BLOCK + 1
+    left, right = int(first_col) // BLOCK, int(last_col) // BLOCK + 1
+    block_m = BLOCK * cell_m
+    rows, cols = (bottom - top) * BLOCK, (right - left) * BLOCK
+    return MapGrid(left * block_m, -top * block_m, cell_m, rows, cols)
+
+
+def _dtm(entries: Entries, fused: Levels) -> Dtm:
+    """The record of the fused cells."""
+    grid, seen = entries.grid, np.isfinite(fused.level)
+    points = entries.sums(entries.points)
+    ground = np.where(points > 0, GroundClass.MEASURED, GroundClass.INTERPOLATED)
+    ground = np.where(seen, ground, GroundClass.UNSEEN).astype(np.uint8)
+    layers = (fused.level, fused.sigma_m, points, fused.pose_sigma_m)
+    elevation, sigma_m, observations, pose_sigma_m = (
+        layer.reshape(grid.shape).astype(np.float32) for layer in layers
+    )
+    return Dtm(grid, elevation, sigma_m, observations, ground.reshape(grid.shape), pose_sigma_m)
+
+
+@dataclass(frozen=True, slots=True)
+class FarDtmParams(DtmParams):
+    """How to build a terrain model of far ground."""
+
+    cell_m: float = 0.64
+    """Four Navcam pixels at 200 m; sixteen cells of a stop's model, so that both maps nest."""
+    max_relative_sigma: float = 0.1
+    """A base of 10 m reaches ten percent beyond a kilometre: the radius ends the map before."""
+    radius_m: float = 400.0
+    """Where errors in range have grown to a twentieth with a base of 10 m (docs/benchmarks.md)."""
+    max_spike_px: float = 5.0
+    """Parallax changes by B / h a line, seven pixels with 10 m: by far more than with a bar."""
+    max_gap_m: float = 8.0
+    """Widest gap bridged. The line spacing Z^2 / f (h + Z s) of ground that rises away from the
+    camera by s a metre is 1.5 m for s = 0.1 at 200 m, and 8 m for s = 0.013."""
+    slope_baseline_m: float = 8.0
+    """Some cells, as in the model of a stop."""
+
+
+LEAST_NODES = 4
+"""A triangulation of fewer points is none."""
+
+Weights3 = Float64[np.ndarray, "n 3"]
+
+
+def fill_by_triangles(dtm: Dtm, gap_m: float, roughness: float) -> Dtm:
+    """A model of measured and occluded cells with its gaps of up to `gap_m` filled."""
+    measured = dtm.ground == GroundClass.MEASURED
+    near = cv2.distanceTransform((~measured).astype(np.uint8), cv2.DIST_L2, 5) * dtm.grid.cell_m
+    # no place in a triangle is farther from a corner than its longest side over the root of three
+    open_ = (dtm.ground == GroundClass.UNSEEN) & (near <= gap_m / np.sqrt(3))
+    border = cv2.dilate(open_.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    nodes = np.argwhere(measured & (border | ~_surrounded(measured)))
+    cells = np.argwhere(open_)
+    if len(nodes) < LEAST_NODES or not len(cells):
+        return dtm
+    found = _Triangles.around(nodes, cells, gap_m / dtm.grid.cell_m)
+    return found.filled(dtm, roughness)
+
+
+def _surrounded(measured: np.ndarray) -> np.ndarray:
+    """Measured cells whose eight neighbours are measured: no triangle of theirs holds a gap."""
+    return cv2.erode(measured.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Triangles:
+    """Cells that lie in a triangle of measured ones."""
+
+    cells: np.ndarray
+    """(n, 2): row and column."""
+    corners: np.ndarray
+    """(n, 3, 2): rows and columns of the measured cells around."""
+    weights: Weights3
+    side: np.ndarray
+    """Longest side, cells."""
+
+    @classmethod
+    def around(cls, nodes: np.ndarray, cells: np.ndarray, gap: float) -> _Triangles:
+        """The triangles around some cells whose sides are no longer than `gap` cells."""
+        mesh = Delaunay(nodes.astype(np.float64))
+        sides = np.diff(nodes[mesh.simplices[:, [0, 1, 2, 0]]], axis=1)
+        longest = np.sqrt((sides.astype(np.float64) ** 2).sum(axis=2)).max(axis=1)
+        triangle = mesh.find_simplex(cells.astype(np.float64))
+        inside = (triangle >= 0) & (longest[triangle] <= gap)
+        cells, triangle = cells[inside], triangle[inside]
+        frame = mesh.transform[triangle]
+        first = np.einsum("nij,nj->ni", frame[:, :2], cells - frame[:, 2])
+        weights = np.column_stack([first, 1 - first.sum(axis=1)])
+        return cls(cells, nodes[mesh.simplices[triangle]], weights, longest[triangle])
+
+    def mean(self, layer: np.ndarray) -> np.ndarray:
+        """A layer's values on the planes of the triangles."""
+        at_corners = layer[self.corners[..., 0], self.corners[..., 1]]
+        return np.einsum("ni,ni->n", self.weights, at_corners)
+
+    def filled(self, dtm: Dtm, roughness: float) -> Dtm:
+        """The model with these cells interpolated."""
+        row, col = self.cells.T
+        spread = (1 - np.square(self.weights).sum(axis=1)) / 2
+        stray = roughness * self.side * dtm.grid.cell_m * spread
+        variance = np.maximum(self.mean(np.square(dtm.sigma_m.astype(np.float64))), 0)
+        elevation, sigma_m, ground = dtm.elevation.copy(), dtm.sigma_m.copy(), dtm.ground.copy()
+        elevation[row, col] = self.mean(elevation.astype(np.float64))
+        sigma_m[row, col] = np.sqrt(variance + np.square(stray))
+        ground[row, col] = GroundClass.INTERPOLATED
+        pose = None if dtm.pose_sigma_m is None else dtm.pose_sigma_m.copy()
+        if pose is not None:
+            pose[row, col] = self.mean(pose)
+        return replace(dtm, elevation=elevation, sigma_m=sigma_m, ground=ground, pose_sigma_m=pose)
