@@ -11,7 +11,12 @@ import numpy as np
 
 from solmap.photogrammetry.arrays import Classes
 from solmap.photogrammetry.terrain.mosaic import NO_SOURCE
-from solmap.photogrammetry.terrain.orthophoto import OrthophotoParams, Rendering, put, rendering
+from solmap.photogrammetry.terrain.rendering import (
+    OrthophotoParams,
+    Rendering,
+    put,
+    rendering,
+)
 from solmap.products.crs import LandingPoint, local_crs
 from solmap.products.formats.raster.orthophoto import Piece, write_pieces, write_sources
 from solmap.products.formats.raster.raster import read_dtm

@@ -7,7 +7,7 @@ import numpy as np
 
 from solmap.photogrammetry.arrays import Picture, Raster
 from solmap.photogrammetry.terrain.dtm.records import Dtm, GroundClass
-from solmap.photogrammetry.terrain.orthophoto import Orthophoto
+from solmap.photogrammetry.terrain.rendering import Orthophoto
 from solmap.photogrammetry.terrain.surface import HillshadeParams, hillshade
 
 CLASS_COLOURS = {

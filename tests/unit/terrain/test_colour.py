@@ -7,7 +7,11 @@ import pytest
 
 from solmap.photogrammetry.terrain.colour import colour_filters
 from solmap.photogrammetry.terrain.dtm.stop_dtm import DtmParams, build_dtm
-from solmap.photogrammetry.terrain.orthophoto import OrthophotoParams, render_orthophoto, rendering
+from solmap.photogrammetry.terrain.rendering import (
+    OrthophotoParams,
+    render_orthophoto,
+    rendering,
+)
 
 
 @pytest.mark.parametrize(

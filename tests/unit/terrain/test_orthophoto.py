@@ -9,7 +9,11 @@ from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.terrain.balance import balance
 from solmap.photogrammetry.terrain.dtm.records import GroundClass
 from solmap.photogrammetry.terrain.dtm.stop_dtm import DtmParams, build_dtm
-from solmap.photogrammetry.terrain.orthophoto import NO_SOURCE, OrthophotoParams, render_orthophoto
+from solmap.photogrammetry.terrain.rendering import (
+    NO_SOURCE,
+    OrthophotoParams,
+    render_orthophoto,
+)
 
 PARAMS = OrthophotoParams()
 TERRAIN = DtmParams(max_relative_sigma=0.05)

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from solmap.photogrammetry.terrain.dtm.records import GroundClass
-from solmap.photogrammetry.terrain.orthophoto import Orthophoto
 from solmap.photogrammetry.terrain.pictures import class_picture, orthophoto_picture, relief_picture
+from solmap.photogrammetry.terrain.rendering import Orthophoto
 from solmap.photogrammetry.terrain.surface import HillshadeParams
 
 
