@@ -39,10 +39,10 @@ from solmap.photogrammetry.terrain.hazard import HazardParams
 from solmap.photogrammetry.terrain.insolation import InsolationParams
 from solmap.photogrammetry.terrain.levels import TilesetParams
 from solmap.photogrammetry.terrain.model3d import ModelParams
-from solmap.photogrammetry.terrain.panorama import PanoramaParams
+from solmap.photogrammetry.terrain.orthophoto.panorama import PanoramaParams
+from solmap.photogrammetry.terrain.orthophoto.rendering import OrthophotoParams
 from solmap.photogrammetry.terrain.point_cloud import PointCloudParams
-from solmap.photogrammetry.terrain.rendering import OrthophotoParams
-from solmap.photogrammetry.terrain.surface import HillshadeParams, SlopeParams
+from solmap.photogrammetry.terrain.slope import HillshadeParams, SlopeParams
 from solmap.photogrammetry.terrain.view_model import ViewModelParams
 from solmap.photogrammetry.terrain.viewshed import ViewshedParams
 

@@ -12,9 +12,13 @@ import numpy as np
 from solmap.photogrammetry.arrays import GreyImage
 from solmap.photogrammetry.imagery import Eye, RoverImage
 from solmap.photogrammetry.matching.resampling import resample
-from solmap.photogrammetry.terrain.colour import Triple, colour_filters, shows_the_same
 from solmap.photogrammetry.terrain.dtm.records import TerrainView
-from solmap.photogrammetry.terrain.rendering import OrthophotoParams, rendering
+from solmap.photogrammetry.terrain.orthophoto.colour import (
+    Triple,
+    colour_filters,
+    shows_the_same,
+)
+from solmap.photogrammetry.terrain.orthophoto.rendering import OrthophotoParams, rendering
 from solmap.products.catalogue.catalogue import ImageEntry
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.crs import LandingPoint

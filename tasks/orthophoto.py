@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from solmap.photogrammetry.arrays import Classes
-from solmap.photogrammetry.terrain.mosaic import NO_SOURCE
-from solmap.photogrammetry.terrain.rendering import (
+from solmap.photogrammetry.terrain.orthophoto.mosaic import NO_SOURCE
+from solmap.photogrammetry.terrain.orthophoto.rendering import (
     OrthophotoParams,
     Rendering,
     put,

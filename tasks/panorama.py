@@ -15,13 +15,17 @@ from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.cameras.single import single_image
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.imagery import Eye, RoverImage, StopId
-from solmap.photogrammetry.terrain.colour import shows_the_same
 from solmap.photogrammetry.terrain.dtm.ground import MAP_FROM_LSL
 from solmap.photogrammetry.terrain.dtm.rover_body import BODIES
-from solmap.photogrammetry.terrain.panorama import Panorama, PanoramaParams, panorama
-from solmap.photogrammetry.terrain.panorama_image import PanoramaImage
-from solmap.photogrammetry.terrain.seams import registration
-from solmap.photogrammetry.terrain.sight_ranges import StandingPlane
+from solmap.photogrammetry.terrain.orthophoto.colour import shows_the_same
+from solmap.photogrammetry.terrain.orthophoto.panorama import (
+    Panorama,
+    PanoramaImage,
+    PanoramaParams,
+    panorama,
+)
+from solmap.photogrammetry.terrain.orthophoto.panorama_grid import StandingPlane
+from solmap.photogrammetry.terrain.orthophoto.panorama_seams import registration
 from solmap.products.catalogue.catalogue import ImageEntry
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.formats.documents.archives import read_matches, read_right_turn

@@ -23,7 +23,7 @@ from solmap.photogrammetry.matching.resampling import resample
 from solmap.photogrammetry.matching.single_views import MonoParams, SingleView
 from solmap.photogrammetry.matching.tie_pictures import Shown
 from solmap.photogrammetry.matching.ties import Ties
-from solmap.photogrammetry.terrain.colour import shows_the_same
+from solmap.photogrammetry.terrain.orthophoto.colour import shows_the_same
 from solmap.products.catalogue.catalogue import ImageEntry
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.formats.documents.archives import (

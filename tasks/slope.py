@@ -8,12 +8,13 @@ from pathlib import Path
 
 from solmap.photogrammetry.arrays import Raster
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
-from solmap.photogrammetry.terrain.relief import Relief, mapped_relief
-from solmap.photogrammetry.terrain.surface import (
+from solmap.photogrammetry.terrain.slope import (
     HillshadeParams,
+    Relief,
     SlopeParams,
     aspect_of,
     hillshade,
+    mapped_relief,
     northerly_tilt_of,
     slope_of,
 )

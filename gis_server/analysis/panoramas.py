@@ -13,8 +13,8 @@ from rasterio.windows import Window
 
 from solmap.gis_server.rendering.readers import RasterPool
 from solmap.photogrammetry.arrays import Vector3
-from solmap.photogrammetry.terrain.angle_grid import NODE, direction
 from solmap.photogrammetry.terrain.dtm.ground import MAP_FROM_LSL
+from solmap.photogrammetry.terrain.orthophoto.panorama_grid import NODE, direction
 from solmap.products.catalogue.oriented_images import OrientedMission
 from solmap.products.errors import OutsideCoverageError, ProductNotFoundError
 from solmap.products.formats.raster.panorama import PanoramaFacts, read_facts

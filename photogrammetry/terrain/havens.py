@@ -23,7 +23,7 @@ from solmap.photogrammetry.arrays import Bool, Float64
 from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.photogrammetry.terrain.insolation import Insolation
-from solmap.photogrammetry.terrain.surface import northerly_tilt_of, slope_of
+from solmap.photogrammetry.terrain.slope import northerly_tilt_of, slope_of
 
 Ring = Float64[np.ndarray, "_ 2"]
 """(east, north), metres; the first and last are equal."""

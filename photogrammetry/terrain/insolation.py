@@ -36,6 +36,7 @@ from solmap.photogrammetry.terrain.dtm.resampling import (
 from solmap.photogrammetry.terrain.horizon import AZIMUTHS, Horizons, horizons
 from solmap.photogrammetry.terrain.planes import Gradients, gradients
 from solmap.photogrammetry.terrain.sky import beam_share, diffuse_share
+from solmap.photogrammetry.terrain.slope import Normals, normals_of
 from solmap.photogrammetry.terrain.sun import (
     SOL_HOURS,
     Season,
@@ -43,7 +44,6 @@ from solmap.photogrammetry.terrain.sun import (
     local_winter,
     sun_directions,
 )
-from solmap.photogrammetry.terrain.surface import Normals, normals_of
 
 STEP_HOURS = 0.25
 """Longest step between suns, Mars hours: the sun moves by less than four degrees."""

@@ -37,8 +37,8 @@ from solmap.photogrammetry.terrain.dtm.ground import (
     trusted_parallax,
 )
 from solmap.photogrammetry.terrain.dtm.records import TerrainView
-from solmap.photogrammetry.terrain.looks import NEAREST_M, Look
 from solmap.photogrammetry.terrain.model3d import SurfaceMesh, TexturedMesh, mean_normals
+from solmap.photogrammetry.terrain.orthophoto.view_sampling import NEAREST_M, Look
 from solmap.photogrammetry.terrain.right_triangles import RightTriangles
 
 HIDDEN_PX = 1.0

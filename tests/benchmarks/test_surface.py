@@ -23,8 +23,7 @@ from solmap.photogrammetry.terrain.havens import HavenParams, winter_havens
 from solmap.photogrammetry.terrain.hazard import HazardParams, hazards
 from solmap.photogrammetry.terrain.horizon import horizons
 from solmap.photogrammetry.terrain.insolation import InsolationParams, insolation
-from solmap.photogrammetry.terrain.relief import mapped_relief
-from solmap.photogrammetry.terrain.surface import SlopeParams
+from solmap.photogrammetry.terrain.slope import SlopeParams, mapped_relief
 from solmap.photogrammetry.terrain.viewshed import Sight, ViewshedParams, eye_above, viewshed
 
 GRID = MapGrid(-30.72, 30.72, 0.04, 1536, 1536)

@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.terrain.angle_grid import AngleGrid
 from solmap.photogrammetry.terrain.dtm.ground import MAP_FROM_LSL
 from solmap.photogrammetry.terrain.ground_point import first_meeting
+from solmap.photogrammetry.terrain.orthophoto.panorama_grid import AngleGrid
 from tests.support.browsing import look, pixel_of, screenshot, until
 
 pytestmark = pytest.mark.slow  # a world is rendered first

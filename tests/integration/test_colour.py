@@ -12,7 +12,7 @@ from solmap.photogrammetry.imagery import Eye
 from solmap.photogrammetry.matching.vertical_parallax import turned_in_place
 from solmap.photogrammetry.synthetic.world import RenderJob, TraverseParams, WorldParams, make_world
 from solmap.photogrammetry.terrain.dtm.stop_dtm import DtmParams
-from solmap.photogrammetry.terrain.rendering import OrthophotoParams
+from solmap.photogrammetry.terrain.orthophoto.rendering import OrthophotoParams
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.crs import LandingPoint
 from solmap.products.formats.documents.archives import read_matches

@@ -32,7 +32,10 @@ from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.photogrammetry.terrain.dtm.ground import camera_on_map
 from solmap.photogrammetry.terrain.dtm.records import Dtm, GroundClass, TerrainView
 from solmap.photogrammetry.terrain.dtm.stop_dtm import DtmParams, build_dtm
-from solmap.photogrammetry.terrain.rendering import OrthophotoParams, render_orthophoto
+from solmap.photogrammetry.terrain.orthophoto.rendering import (
+    OrthophotoParams,
+    render_orthophoto,
+)
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.formats.raster.orthophoto import read_orthophoto
 from solmap.products.model import ProductKind

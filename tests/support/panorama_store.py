@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from solmap.photogrammetry.imagery import Eye
-from solmap.photogrammetry.terrain.panorama import PanoramaParams
+from solmap.photogrammetry.terrain.orthophoto.panorama import PanoramaParams
 from solmap.products.catalogue.oriented_images import matches_of
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.formats.documents.network import latest_network, network_of

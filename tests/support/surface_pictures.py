@@ -23,11 +23,11 @@ from solmap.photogrammetry.terrain.dtm.resampling import coarsened
 from solmap.photogrammetry.terrain.havens import Haven, HavenParams, winter_havens
 from solmap.photogrammetry.terrain.hazard import HazardParams, hazards
 from solmap.photogrammetry.terrain.insolation import InsolationParams, insolation
-from solmap.photogrammetry.terrain.relief import mapped_relief
-from solmap.photogrammetry.terrain.surface import (
+from solmap.photogrammetry.terrain.slope import (
     HillshadeParams,
     SlopeParams,
     hillshade,
+    mapped_relief,
     northerly_tilt_of,
     slope_of,
 )

@@ -19,12 +19,12 @@ import rasterio
 from pyproj import CRS
 
 from solmap.photogrammetry.arrays import Float32, Vector3
-from solmap.photogrammetry.terrain.angle_grid import NODE, AngleGrid
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.photogrammetry.terrain.dtm.ground import MAP_FROM_LSL
-from solmap.photogrammetry.terrain.mosaic import NO_SOURCE
-from solmap.photogrammetry.terrain.panorama import Panorama, PanoramaBlock
-from solmap.photogrammetry.terrain.seams import Registration
+from solmap.photogrammetry.terrain.orthophoto.mosaic import NO_SOURCE
+from solmap.photogrammetry.terrain.orthophoto.panorama import Panorama, PanoramaBlock
+from solmap.photogrammetry.terrain.orthophoto.panorama_grid import NODE, AngleGrid
+from solmap.photogrammetry.terrain.orthophoto.panorama_seams import Registration
 from solmap.products.errors import ProductError
 from solmap.products.formats.raster.orthophoto import Piece, write_pieces
 from solmap.products.formats.raster.raster import open_raster, write_raster

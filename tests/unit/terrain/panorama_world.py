@@ -11,8 +11,8 @@ from solmap.photogrammetry.imagery import Eye, StopId
 from solmap.photogrammetry.synthetic.rig import CAMERAS, Instrument, Pointing
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.photogrammetry.terrain.dtm.records import Dtm
-from solmap.photogrammetry.terrain.panorama_image import PanoramaImage
-from solmap.photogrammetry.terrain.sight_ranges import StandingPlane
+from solmap.photogrammetry.terrain.orthophoto.panorama import PanoramaImage
+from solmap.photogrammetry.terrain.orthophoto.panorama_grid import StandingPlane
 
 STOP = StopId("MER2", 10, 64)
 BOWL_M = 60.0

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.terrain.colour import colour_filters
 from solmap.photogrammetry.terrain.dtm.stop_dtm import DtmParams, build_dtm
-from solmap.photogrammetry.terrain.rendering import (
+from solmap.photogrammetry.terrain.orthophoto.colour import colour_filters
+from solmap.photogrammetry.terrain.orthophoto.rendering import (
     OrthophotoParams,
     render_orthophoto,
     rendering,

@@ -16,8 +16,8 @@ from solmap.photogrammetry.terrain.insolation import (
     sky_view,
 )
 from solmap.photogrammetry.terrain.planes import gradients
+from solmap.photogrammetry.terrain.slope import normals_of
 from solmap.photogrammetry.terrain.sun import Season, daily_insolation_above
-from solmap.photogrammetry.terrain.surface import normals_of
 
 GUSEV = math.radians(-14.735)
 CLEAR = InsolationParams(ls_deg=(90.0,), optical_depth=0.0)

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from solmap.photogrammetry.errors import TerrainError
-from solmap.photogrammetry.terrain.balance import balance
 from solmap.photogrammetry.terrain.dtm.records import GroundClass
 from solmap.photogrammetry.terrain.dtm.stop_dtm import DtmParams, build_dtm
-from solmap.photogrammetry.terrain.rendering import (
+from solmap.photogrammetry.terrain.orthophoto.brightness import balance
+from solmap.photogrammetry.terrain.orthophoto.rendering import (
     NO_SOURCE,
     OrthophotoParams,
     render_orthophoto,

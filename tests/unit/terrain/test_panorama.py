@@ -8,11 +8,16 @@ import numpy as np
 import pytest
 
 from solmap.photogrammetry.errors import TerrainError
-from solmap.photogrammetry.terrain.angle_grid import NODE, AngleGrid, direction
-from solmap.photogrammetry.terrain.mosaic import NO_SOURCE
-from solmap.photogrammetry.terrain.panorama import PanoramaParams, panorama
-from solmap.photogrammetry.terrain.seams import registration
-from solmap.photogrammetry.terrain.sight_ranges import StandingPlane, sight_ranges
+from solmap.photogrammetry.terrain.orthophoto.mosaic import NO_SOURCE
+from solmap.photogrammetry.terrain.orthophoto.panorama import PanoramaParams, panorama
+from solmap.photogrammetry.terrain.orthophoto.panorama_grid import (
+    NODE,
+    AngleGrid,
+    StandingPlane,
+    direction,
+    sight_ranges,
+)
+from solmap.photogrammetry.terrain.orthophoto.panorama_seams import registration
 from tests.unit.terrain.panorama_world import (
     LANDMARKS,
     PLANE,

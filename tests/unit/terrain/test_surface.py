@@ -8,18 +8,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from solmap.photogrammetry.errors import TerrainError
-from solmap.photogrammetry.terrain.relief import mapped_relief, relief
-from solmap.photogrammetry.terrain.surface import (
+from solmap.photogrammetry.terrain.slope import (
     HillshadeParams,
     SlopeParams,
     aspect,
     aspect_of,
     gradients,
     hillshade,
+    mapped_relief,
     normals,
     normals_of,
     northerly_tilt,
     northerly_tilt_of,
+    relief,
     slope,
     slope_of,
 )

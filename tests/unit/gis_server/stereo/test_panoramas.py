@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.terrain.angle_grid import AngleGrid
 from solmap.photogrammetry.terrain.dtm.ground import MAP_FROM_LSL
+from solmap.photogrammetry.terrain.orthophoto.panorama_grid import AngleGrid
 from tests.support.panorama_store import publish_panoramas
 from tests.unit.gis_server.stereo.test_projection import API, ask, images, true_place
 

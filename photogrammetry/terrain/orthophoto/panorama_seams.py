@@ -14,9 +14,8 @@ from itertools import combinations
 import cv2
 import numpy as np
 
-from solmap.photogrammetry.terrain.angle_grid import NODE
-from solmap.photogrammetry.terrain.panorama import Panorama
-from solmap.photogrammetry.terrain.panorama_image import PanoramaImage, enlarged
+from solmap.photogrammetry.terrain.orthophoto.panorama import Panorama, PanoramaImage, enlarged
+from solmap.photogrammetry.terrain.orthophoto.panorama_grid import NODE
 
 PATCHES_ACROSS = 16
 """Of an image: neighbours in a panorama share a fifth of it."""

@@ -19,13 +19,17 @@ import numpy as np
 
 from solmap.photogrammetry.arrays import Flags, Float32, Float64, GreyImage, Raster, Vector3
 from solmap.photogrammetry.errors import TerrainError
-from solmap.photogrammetry.terrain.balance import Balance
 from solmap.photogrammetry.terrain.dtm.grid import BLOCK, MapGrid
 from solmap.photogrammetry.terrain.dtm.records import Dtm, TerrainView
-from solmap.photogrammetry.terrain.looks import Look
-from solmap.photogrammetry.terrain.mosaic import NO_SOURCE, Sources, blended, shares
-from solmap.photogrammetry.terrain.patches import Patch
-from solmap.photogrammetry.terrain.samples import sampled
+from solmap.photogrammetry.terrain.orthophoto.brightness import Balance, sampled
+from solmap.photogrammetry.terrain.orthophoto.mosaic import (
+    NO_SOURCE,
+    Patch,
+    Sources,
+    blended,
+    shares,
+)
+from solmap.photogrammetry.terrain.orthophoto.view_sampling import Look
 
 Stretch = tuple[float, float]
 """Brightness to show as black and as white."""

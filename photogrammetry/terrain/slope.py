@@ -1,0 +1,238 @@
+"""Slope, aspect, northerly tilt and hillshade of a terrain model.
+
+They follow from the planes fitted around every cell over a baseline (`terrain.planes`). With the
+gradient (g_e, g_n) the normal in the LSL (north u, east v, down w; pointing up, so w < 0) is
+unit(-g_n, -g_e, -1), and as in VICAR's `marsslope`
+
+    slope = 90 deg + atan(w / sqrt(u^2 + v^2)),   aspect = atan2(v, u),   northerly tilt = asin(u)
+
+The aspect is the azimuth in which the ground falls, clockwise from north. Hillshade is the cosine
+of the sun's incidence, as for a Lambert surface, with no cast shadow.
+
+Relief of a terrain model over a baseline: normals, how certain slope is, and roughness.
+
+All follow from the planes fitted around every cell (`terrain.planes`). Slope is uncertain by
+
+    sigma^2 = d' (k v C^-1) d / (1 + g^2)^2        d = g / |g|, the direction of the slope
+
+which on level ground is the deviation of its gradient; v is the variance of the cells without what
+their poses share, and k the number of cells below one matching window. Roughness is the standard
+deviation of the elevations from the plane: a terrain model's own noise is in it. VICAR's
+`marsrough` gives the largest deviation in a ring of 4 cm instead, for an arm's tool.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from solmap.photogrammetry.arrays import Float32, Raster
+from solmap.photogrammetry.terrain.dtm.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.records import Dtm
+from solmap.photogrammetry.terrain.dtm.resampling import (
+    coarse_grid,
+    manageable_cell_m,
+    place_means,
+)
+from solmap.photogrammetry.terrain.planes import (
+    Gradients,
+    fit_planes,
+    gradients,
+    window_cells,
+    window_mean,
+)
+
+Normals = Float32[np.ndarray, "3 rows cols"]
+"""Unit normals (north, east, down) in the LSL, pointing up; NaN where none could be fitted."""
+
+
+@dataclass(frozen=True, slots=True)
+class SlopeParams:
+    """How to map slope, aspect, northerly tilt and roughness."""
+
+    baseline_m: float = 1.1
+    """Length over which slope is felt: about a wheel base, so that pebbles do not count."""
+    min_share: float = 0.5
+    """Least share of the window that must have an elevation: at a straight edge, half has."""
+    correlation_px: float = 9.0
+    """Side of the window that refines dense parallax: points this close share their error. Seen
+    from afar few points lie in a cell, so that the window covers many cells."""
+    correlation_m: float = 0.15
+    """Least length over which neighbouring cells share their error, however close: what is left of
+    lens, light and matching is smooth over some decimetres."""
+    cell_m: float = 0.08
+    """Least side of a cell on the map: what is felt over a baseline of 1.1 m hardly changes over
+    less. Every cell of the terrain model has its plane; a map's cell is the mean of some."""
+    most_cells: int = 20_000_000
+    """Cells at most, 1 GB: of larger areas the cells are doubled. A stop has 1 million."""
+
+
+@dataclass(frozen=True, slots=True)
+class HillshadeParams:
+    """How to shade relief."""
+
+    sun_azimuth_deg: float = 315.0
+    """Clockwise from north. North-west, as on printed maps: lit from below, relief inverts."""
+    sun_elevation_deg: float = 45.0
+    """Above the horizon: flat ground is middle grey."""
+    exaggeration: float = 1.0
+    """Factor on heights."""
+    baseline_cells: int = 3
+    """Side of the window in cells: the smallest that fits a plane, so that edges stay crisp."""
+
+
+def normals_of(gradient: Gradients) -> Normals:
+    """Unit normals of surfaces with these gradients."""
+    down = -1.0 / np.sqrt(1.0 + gradient[0] ** 2 + gradient[1] ** 2)
+    return np.stack([gradient[1] * down, gradient[0] * down, down]).astype(np.float32)
+
+
+def normals(dtm: Dtm, params: SlopeParams) -> Normals:
+    """Normals of a terrain model over the baseline."""
+    return normals_of(
+        gradients(dtm.elevation, dtm.grid.cell_m, params.baseline_m, params.min_share)
+    )
+
+
+def slope(dtm: Dtm, params: SlopeParams) -> Raster:
+    """Slope in degrees from the horizontal."""
+    return slope_of(normals(dtm, params))
+
+
+def aspect(dtm: Dtm, params: SlopeParams) -> Raster:
+    """Azimuth in which the ground falls, degrees clockwise from north; NaN where level."""
+    return aspect_of(normals(dtm, params))
+
+
+def northerly_tilt(dtm: Dtm, params: SlopeParams) -> Raster:
+    """Tilt towards north in degrees, positive where the ground faces north."""
+    return northerly_tilt_of(normals(dtm, params))
+
+
+def slope_of(normal: Normals) -> Raster:
+    """Slope in degrees of surfaces with these normals."""
+    u, v, w = normal
+    return np.degrees(np.arctan2(np.hypot(u, v), -w))
+
+
+def aspect_of(normal: Normals) -> Raster:
+    """Aspect in degrees of surfaces with these normals; NaN where level."""
+    u, v, _ = normal
+    azimuth = np.mod(np.degrees(np.arctan2(v, u)), np.float32(360.0))
+    azimuth[azimuth >= 360.0] = 0.0  # noqa: PLR2004 - a full circle, reached by rounding
+    azimuth[np.hypot(u, v) < 1e-6] = np.nan  # noqa: PLR2004 - single precision of a unit vector
+    return azimuth
+
+
+def northerly_tilt_of(normal: Normals) -> Raster:
+    """Tilt towards north in degrees of surfaces with these normals."""
+    return np.degrees(np.arcsin(np.clip(normal[0], -1, 1)))
+
+
+def hillshade(dtm: Dtm, params: HillshadeParams) -> Raster:
+    """Brightness, 0 to 1, of the ground lit by a sun as given; 0 on slopes turned away."""
+    baseline_m = params.baseline_cells * dtm.grid.cell_m
+    gradient = gradients(dtm.elevation, dtm.grid.cell_m, baseline_m) * params.exaggeration
+    azimuth, elevation = np.radians([params.sun_azimuth_deg, params.sun_elevation_deg])
+    sun = np.array(
+        [
+            np.cos(elevation) * np.cos(azimuth),
+            np.cos(elevation) * np.sin(azimuth),
+            -np.sin(elevation),
+        ]
+    )
+    return np.clip(np.einsum("i,ijk->jk", sun, normals_of(gradient)), 0.0, 1.0).astype(np.float32)
+
+
+STRIP = 512
+"""Rows that are worked on together: 70 MB of a stop's width."""
+LEAST_STEEPNESS = 1e-6
+"""Gradient below which ground has no direction in which it falls: single precision."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Relief:
+    """What planes fitted over one baseline say of every cell."""
+
+    normal: Normals
+    slope_sigma_deg: Raster
+    """Standard deviation of the slope."""
+    roughness_m: Raster
+    """Standard deviation of the elevations from the plane."""
+
+    @property
+    def layers(self) -> tuple[Raster, ...]:
+        """North, east and down of the normal, deviation of the slope, and roughness."""
+        return (*self.normal, self.slope_sigma_deg, self.roughness_m)
+
+
+def relief(dtm: Dtm, params: SlopeParams) -> Relief:
+    """Normals of a terrain model over the baseline, how certain they are, and roughness."""
+    cell_m = dtm.grid.cell_m
+    fit = fit_planes(dtm.elevation, cell_m, params.baseline_m, params.min_share)
+    pose = np.float32(0) if dtm.pose_sigma_m is None else dtm.pose_sigma_m
+    own = np.maximum(dtm.sigma_m**2 - pose**2, 0)  # a tilted pose tilts all slopes, by 0.1 degrees
+    variance = window_mean(own, cell_m, params.baseline_m)
+    shared = _cells_that_share(dtm, params)
+    g_e, g_n = fit.gradient
+    C_ee, C_en, C_nn = fit.shape
+    steepness = np.maximum(np.hypot(g_e, g_n), LEAST_STEEPNESS)
+    d_e, d_n = g_e / steepness, np.where(steepness > LEAST_STEEPNESS, g_n / steepness, 1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        along = (C_nn * d_e**2 - 2 * C_en * d_e * d_n + C_ee * d_n**2) / (C_ee * C_nn - C_en**2)
+        sigma = np.sqrt(shared * variance * along) / (1 + steepness**2)
+    return Relief(normals_of(fit.gradient), np.degrees(sigma), fit.scatter)
+
+
+def _cells_that_share(dtm: Dtm, params: SlopeParams) -> Raster:
+    """Number k of neighbouring cells that share one error: those below a window of matched points.
+
+    At most a quarter of the plane's window: a tilt that all of it shares would be no error of slope
+    but of pose.
+    """
+    cell_m = dtm.grid.cell_m
+    points = window_mean(dtm.observations, cell_m, params.baseline_m)
+    least = max(1.0, (params.correlation_m / cell_m) ** 2)
+    most = max(least, (params.baseline_m / cell_m) ** 2 / 4)
+    with np.errstate(divide="ignore"):
+        return np.clip(np.float32(params.correlation_px**2) / points, least, most)
+
+
+def mapped_relief(dtm: Dtm, params: SlopeParams) -> tuple[Relief, MapGrid]:
+    """The same as means over cells of at least `params.cell_m`, and their grid.
+
+    Strips of the model are worked on one after the other, so that a region takes no more memory
+    than its map.
+    """
+    cell_m = max(dtm.grid.cell_m, params.cell_m)
+    cell_m = manageable_cell_m(dtm.elevation, dtm.grid, cell_m, params.most_cells)
+    place = coarse_grid(dtm.grid, cell_m)
+    layers = np.full((5, *place.shape), np.nan, np.float32)
+    margin = window_cells(dtm.grid, params.baseline_m)
+    for top in range(0, dtm.grid.rows, STRIP):
+        rows = min(STRIP, dtm.grid.rows - top)
+        above = min(top, margin)
+        around = _strip(dtm, top - above, rows + above + margin)
+        own = (slice(above, above + rows), slice(None))
+        fine = relief(around, params)
+        for whole, part in zip(layers, fine.layers, strict=True):
+            place_means(whole, place, part[own], dtm.grid.part(top, 0, rows, dtm.grid.cols))
+    north, east, down, sigma, rough = layers
+    length = np.sqrt(north**2 + east**2 + down**2)
+    return Relief(np.stack([north, east, down]) / length, sigma, rough), place
+
+
+def _strip(dtm: Dtm, top: int, rows: int) -> Dtm:
+    """Some rows of a terrain model, fewer at its lower edge."""
+    rows = min(rows, dtm.grid.rows - top)
+    own = slice(top, top + rows)
+    pose = None if dtm.pose_sigma_m is None else dtm.pose_sigma_m[own]
+    return Dtm(
+        dtm.grid.part(top, 0, rows, dtm.grid.cols),
+        dtm.elevation[own],
+        dtm.sigma_m[own],
+        dtm.observations[own],
+        dtm.ground[own],
+        pose,
+    )
