@@ -14,17 +14,14 @@ from solmap.config.pipeline import load_pipeline
 from solmap.config.radiometry import load_radiometry
 from solmap.config.settings import Settings
 from solmap.config.workspace import open_workspace
-from solmap.flows.artifacts import leave_report
-from solmap.flows.failures import isolated, mended
-from solmap.flows.finished import FinishedSols
-from solmap.flows.leftovers import withdraw_leftovers
-from solmap.flows.mission_layers import draw_mission
+from solmap.flows.finished import FinishedSols, withdraw_leftovers
+from solmap.flows.mission import draw_mission, map_regions
 from solmap.flows.overall import overall_sols, process_overall
-from solmap.flows.progress import report as report_progress
-from solmap.flows.region import map_regions
-from solmap.flows.run_names import downlink_name, folder_name, rename_run
-from solmap.flows.run_record import recorded
-from solmap.flows.runners import on_workers
+from solmap.flows.runtime.failures import isolated, mended
+from solmap.flows.runtime.progress import report as report_progress
+from solmap.flows.runtime.run_page import downlink_name, folder_name, leave_report, rename_run
+from solmap.flows.runtime.run_record import recorded
+from solmap.flows.runtime.runners import on_workers
 from solmap.flows.sol import process_sol
 from solmap.flows.sol_inputs import SolReport, Standing
 from solmap.photogrammetry.adjustment.modes import AdjustmentMode

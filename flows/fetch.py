@@ -19,7 +19,7 @@ from solmap.config.archive import Archive, load_archive
 from solmap.config.errors import ConfigError
 from solmap.config.records import record_of
 from solmap.config.settings import Settings
-from solmap.flows.progress import report as report_progress
+from solmap.flows.runtime.progress import report as report_progress
 from solmap.photogrammetry.archive.index_pairs import (
     IndexEntry,
     IndexFindings,

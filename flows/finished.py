@@ -3,12 +3,19 @@
 A sol depends on the images up to it, on the vector files, hand ties and control of the mission, on
 the settings, and on the adjustment before it. A late image changes the key of its sol and, by the
 adjustments, of those after it; what these need in turn is looked up or made anew as ever.
+
+What earlier runs published and the sols of a mission no longer give.
+
+Images that come late change which stops are linked and which images make pairs: then a stop may
+have no far ground any more, and an image no partner. The sols of a run, those that it passed over
+included, are all there is to be shown of stops; what else is there would depend on the order in
+which files came.
 """
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence, Set
 from dataclasses import dataclass
 from importlib.metadata import version
 
@@ -19,7 +26,9 @@ from solmap.flows.sol_inputs import SolReport, Standing
 from solmap.photogrammetry.errors import PhotogrammetryError
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.finished import FinishedBook
-from solmap.products.model import SCIENCE_VERSION, ProductKind, ProductRef, Scope
+from solmap.products.model import LEVEL, SCIENCE_VERSION, ProductKind, ProductRef, Scope, ScopeLevel
+from solmap.tasks.publish import withdraw
+from solmap.tasks.scopes import is_of_mission, pair_scope
 
 PARTS = "standing", "layers", "pointers"
 """What the document of a finished sol lists: what it leaves to the next, and what it published."""
@@ -120,3 +129,46 @@ def _names_of(error: type[Exception]) -> Iterator[str]:
 
 def _digest(*parts: str) -> str:
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()
+
+
+BY_COMMAND = {ProductKind.DIPS}
+"""Layers of stops that people have made too, by commands of their own."""
+
+Latest = Set[tuple[ProductKind, Scope]]
+
+
+def withdraw_leftovers(mission: str, sols: Sequence[SolReport], workspace: Workspace) -> None:
+    """Withdraw what none of the sols published; `sols` are all of the mission.
+
+    Where one failed in a way that may pass, everything stays: what it published was good, and the
+    next run will tell.
+    """
+    if not sols or not all(map(is_finished, sols)):
+        return
+    given = {(ref.kind, ref.scope) for sol in sols for ref in (*sol.published, *sol.pointed)}
+    layers = [
+        layer
+        for layer in workspace.catalogue.layers(mission)
+        if layer.ref.scope.level is ScopeLevel.STOP
+        and layer.ref.kind not in BY_COMMAND
+        and (layer.ref.kind, layer.ref.scope) not in given
+    ]
+    pointers = _pointers(mission, given, workspace)
+    if layers or pointers:
+        withdraw(workspace.catalogue.mission(mission), layers, pointers, workspace)
+
+
+def _pointers(mission: str, given: Latest, workspace: Workspace) -> list[ProductRef]:
+    """Of pairs, stops and sols, what the catalogue points at and no sol gave."""
+    images = workspace.catalogue.images(mission)
+    pairs = {pair_scope(image.id) for image in images}
+    stops = {image.stop for image in images}
+    levels = {ScopeLevel.PAIR, ScopeLevel.STOP, ScopeLevel.SOL}
+    return [
+        ref
+        for kind in ProductKind
+        if LEVEL.get(kind) in levels
+        for ref in workspace.catalogue.pointers(kind)
+        if (ref.kind, ref.scope) not in given
+        and (ref.scope in pairs or ref.scope.name in stops or is_of_mission(ref.scope, mission))
+    ]

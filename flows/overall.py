@@ -7,11 +7,11 @@ from pathlib import Path
 from prefect import flow
 
 from solmap.config.workspace import open_workspace
-from solmap.flows.artifacts import leave_adjustments
-from solmap.flows.mission_layers import draw_mission
-from solmap.flows.region import map_regions
-from solmap.flows.run_record import recorded
-from solmap.flows.runners import on_workers
+from solmap.flows.mission import draw_mission, map_regions, missions_of
+from solmap.flows.overall import readjust
+from solmap.flows.runtime.run_page import leave_adjustments, mission_name
+from solmap.flows.runtime.run_record import recorded
+from solmap.flows.runtime.runners import on_workers
 from solmap.flows.sol import map_what_moved
 from solmap.flows.sol_inputs import SolReport, Standing, gather_all
 from solmap.products.catalogue.workspace import Workspace
@@ -89,3 +89,23 @@ def standing_of(network: ProductRef, workspace: Workspace) -> Standing | None:
 def _networks(mission: str, workspace: Workspace) -> list[ProductRef]:
     published = workspace.catalogue.pointers(ProductKind.NETWORK)
     return [ref for ref in published if is_of_mission(ref.scope, mission)]
+
+
+@flow(name="overall-adjustment", flow_run_name=mission_name)
+def adjust_all(store: Path, pipeline: str = "default", mission: str | None = None) -> list[str]:
+    """Adjust all stops of every mission, or of one, together; map again what moved.
+
+    Args:
+        store: Folder of products and catalogue.
+        pipeline: Name of a shipped pipeline, or path of a TOML file.
+        mission: As its labels have it: MER2; every mission where none is given.
+
+    Returns:
+        Notes, a line each; failures begin with the mission and `failed`.
+    """
+    notes: list[str] = []
+    for name in missions_of(store, mission):
+        report = readjust(name, store, pipeline)
+        notes += [f"{name}: {note}" for note in report.notes]
+        notes += [f"{name} failed: {line}" for line in report.failures]
+    return notes

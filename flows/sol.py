@@ -7,14 +7,10 @@ from pathlib import Path
 
 from prefect import flow
 
-from solmap.flows.failures import keep
-from solmap.flows.outcomes import settled
+from solmap.flows.runtime.failures import keep, settled
 from solmap.flows.sol_inputs import SolInputs, SolReport, Standing, gather
-from solmap.flows.sol_maps import map_stops
-from solmap.flows.sol_models import model_stops
+from solmap.flows.sol_maps import draw_panoramas, map_far_ground, map_stops, model_stops
 from solmap.flows.sol_network import adjust_stops, match_pairs
-from solmap.flows.sol_panoramas import draw_panoramas
-from solmap.flows.sol_wide import map_far_ground
 from solmap.photogrammetry.adjustment.movement import ReissueParams
 from solmap.photogrammetry.imagery import StopId
 from solmap.products.catalogue.catalogue import Outcome

@@ -1,24 +1,48 @@
-"""Map the stops of a sol from their adjusted pairs."""
+"""Map the stops of a sol from their adjusted pairs.
+
+The surfaces of a terrain model: what its ground means, whichever ground it is.
+
+Model the stops of a sol in three dimensions, and measure the planes of their rocks.
+
+Draw the panoramas of a sol's stops.
+
+Map the far ground that two linked stops see as one stereo instrument.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 from prefect.futures import PrefectFuture
 
-from solmap.flows.outcomes import layers_by_first, promised, settled
-from solmap.flows.sol_inputs import SolInputs, SolReport
-from solmap.flows.surfaces import submit_meaning, submit_shape
+from solmap.config.pipeline import PipelineConfig
+from solmap.flows.runtime.failures import by_first, layers_by_first, promised, settled
+from solmap.flows.sol_inputs import SolInputs, SolReport, Standing
+from solmap.photogrammetry.errors import MatchingError, TerrainError
 from solmap.photogrammetry.imagery import StopId
-from solmap.products.model import ProductRef
+from solmap.photogrammetry.terrain.contours import ContourParams
+from solmap.products.crs import LandingPoint
+from solmap.products.model import ProductKind, ProductRef
+from solmap.products.store.product_store import ProductStore
+from solmap.tasks.adjust import read_network
 from solmap.tasks.colour import colour_frames, render_colour
+from solmap.tasks.contour import trace_contours
 from solmap.tasks.dtm import build_dtm
+from solmap.tasks.hazard import map_hazards
+from solmap.tasks.insolation import map_insolation
+from solmap.tasks.model3d import model_terrain, tile_terrain
 from solmap.tasks.orientations import MappedStop, read_orientations
 from solmap.tasks.orthophoto import render_orthophoto
+from solmap.tasks.outcrop import map_dips, model_views
 from solmap.tasks.pairs import PairProducts
+from solmap.tasks.panorama import draw_panorama, oriented_frames
+from solmap.tasks.points import make_points
 from solmap.tasks.quicklook import picture_terrain
+from solmap.tasks.slope import map_relief, shade_relief
 from solmap.tasks.views import OrientedPair
 from solmap.tasks.viewshed import highest_camera, map_viewshed
+from solmap.tasks.wide import WidePair, build_far_dtm, choose_wide_pairs, match_wide_pair, wide_id
 
 NO_LAYER = "picture"
 """What is made of a stop only to be looked at beside the products."""
@@ -77,3 +101,164 @@ def oriented_pairs(
     """The pairs of a stop that the network has, looking from where the stop is mapped with them."""
     known = {o.pair_id: o for o in mapped.orientations} if mapped else {}
     return tuple(OrientedPair(p, known[p.files.id]) for p in pairs if p.files.id in known)
+
+
+Futures = dict[str, PrefectFuture[Any]]
+"""By what is made: one product, or several at once."""
+
+
+def submit_shape(
+    terrain: ProductRef,
+    contour: ContourParams,
+    config: PipelineConfig,
+    landing: LandingPoint,
+    store: ProductStore,
+) -> Futures:
+    """What shows the shape of the ground to the eye: for any terrain model."""
+    return {
+        "hillshade": shade_relief.submit(terrain, config.hillshade, landing, store),
+        "contours": trace_contours.submit(terrain, contour, landing, store),
+    }
+
+
+def submit_meaning(
+    terrain: ProductRef, config: PipelineConfig, landing: LandingPoint, store: ProductStore
+) -> Futures:
+    """What the ground means to a rover on it: for terrain models as fine as a rover feels."""
+    return {
+        "relief": map_relief.submit(terrain, config.slope, landing, store),
+        "insolation": map_insolation.submit(
+            terrain, config.insolation, config.havens, landing, store
+        ),
+        "hazard": map_hazards.submit(terrain, config.hazard, landing, store),
+    }
+
+
+def model_stops(
+    inputs: SolInputs,
+    orientations: ProductRef,
+    matched: Mapping[StopId, list[PairProducts]],
+    mapped: Mapping[StopId, list[ProductRef]],
+    report: SolReport,
+) -> dict[StopId, list[ProductRef]]:
+    """Models of every stop that has been mapped, and of what its pairs see."""
+    wanted, store, landing = inputs.config.models, inputs.workspace.store, inputs.landing
+    poses = read_orientations(orientations, store, [str(stop) for stop in mapped])
+    futures: dict[tuple[StopId, str], PrefectFuture[Any]] = {}
+    for stop, layers in mapped.items():
+        of = {ref.kind: ref for ref in layers}
+        ground = of.get(ProductKind.DTM), of.get(ProductKind.ORTHOPHOTO)
+        if ground[0] and ground[1] and wanted.of_terrain:
+            terrain = (ground[0], ground[1])
+            futures[stop, "model"] = model_terrain.submit(*terrain, wanted.terrain, landing, store)
+            futures[stop, "3D tiles"] = tile_terrain.submit(*terrain, wanted.tiles, landing, store)
+        pairs = oriented_pairs(matched[stop], poses.get(str(stop)))
+        if wanted.of_views:
+            futures[stop, "model of what pairs see"] = model_views.submit(
+                stop, pairs, wanted.views, landing, store
+            )
+        if wanted.of_points:
+            futures[stop, "points"] = make_points.submit(stop, pairs, wanted.points, landing, store)
+        if wanted.dips_of_facets:
+            futures[stop, "dips"] = map_dips.submit(stop, pairs, wanted.facets, landing, store)
+    done, failed = settled(f"sol {report.sol}: model the stops", futures)
+    causes = {f"{kind} of {stop}": cause for (stop, kind), cause in failed.items()}
+    report.tell("model", causes, "no", TerrainError)
+    return layers_by_first(done)
+
+
+def draw_panoramas(
+    inputs: SolInputs,
+    orientations: ProductRef,
+    matched: Mapping[StopId, list[PairProducts]],
+    mapped: Mapping[StopId, list[ProductRef]],
+    report: SolReport,
+) -> dict[StopId, tuple[ProductRef, ProductRef]]:
+    """The panorama of every stop of the window, and what it knows of the ground."""
+    wanted, workspace = inputs.config.panoramas, inputs.workspace
+    if not wanted.enabled:
+        return {}
+    poses = read_orientations(
+        orientations, workspace.store, [str(one.stop) for one in inputs.window]
+    )
+    futures: dict[StopId, PrefectFuture[Any]] = {}
+    for stop in (one.stop for one in inputs.window if str(one.stop) in poses):
+        entries = workspace.catalogue.images(inputs.mission.mission, stop=str(stop))
+        frames = oriented_frames(
+            [entry for entry in entries if entry.sol <= inputs.sol],
+            {pair.files.id: pair.matches for pair in matched.get(stop, ())},
+            poses[str(stop)].orientations,
+            wanted.drawing.eye,
+            workspace,
+        )
+        dtm = {ref.kind: ref for ref in mapped.get(stop, ())}.get(ProductKind.DTM)
+        if frames:
+            futures[stop] = draw_panorama.submit(stop, frames, dtm, wanted.drawing, workspace.store)
+    done, failed = settled(f"sol {report.sol}: draw the panoramas", futures)
+    causes = {f"panorama of {stop}": cause for stop, cause in failed.items()}
+    report.tell("draw", causes, "no", TerrainError)
+    return done
+
+
+LACKING, FINDINGS = "no far ground,", (MatchingError, TerrainError)
+"""How it is told that the images do not give it, and by which errors that is known."""
+
+
+def map_far_ground(
+    inputs: SolInputs,
+    standing: Standing,
+    matched: Mapping[StopId, list[PairProducts]],
+    report: SolReport,
+) -> dict[StopId, list[ProductRef]]:
+    """A map of far ground for every stop that is linked with earlier ones, if that is wanted."""
+    if not inputs.config.wide.enabled:
+        return {}
+    pairs = _match(inputs, standing, matched, report)
+    config, store, landing = inputs.config, inputs.workspace.store, inputs.landing
+    futures = {}
+    for stop, views in pairs.items():
+        dtm = build_far_dtm.submit(stop, tuple(views), config.wide.dtm, landing, store)
+        terrain = promised(dtm)
+        futures[stop, "elevation"] = dtm
+        shape = submit_shape(terrain, config.wide.contour, config, landing, store)
+        futures |= {(stop, what): surface for what, surface in shape.items()}
+    done, failed = settled(f"sol {report.sol}: map far ground", futures)
+    causes = {f"{kind} of {stop}": cause for (stop, kind), cause in failed.items()}
+    report.tell("map far ground", causes, LACKING, *FINDINGS)
+    return by_first(done)
+
+
+def _match(
+    inputs: SolInputs,
+    standing: Standing,
+    matched: Mapping[StopId, list[PairProducts]],
+    report: SolReport,
+) -> dict[StopId, list[WidePair]]:
+    """What was matched between the pairs of linked stops, by the later stop."""
+    store, params = inputs.workspace.store, inputs.config.wide.matching
+    mapped = read_orientations(standing.orientations, store, [str(stop) for stop in matched])
+    oriented = {
+        stop: oriented_pairs(pairs, mapped.get(str(stop))) for stop, pairs in matched.items()
+    }
+    futures: dict[tuple[StopId, str], PrefectFuture[WidePair]] = {}
+    for earlier, later in _linked(standing, matched, inputs):
+        chosen = choose_wide_pairs(oriented[later], oriented[earlier], params.limits, store)
+        for eyes in chosen:
+            futures[later, wide_id(eyes)] = match_wide_pair.submit(*eyes, params, store)
+    done, failed = settled(f"sol {report.sol}: match pairs across stops", futures)
+    causes = {name: cause for (_, name), cause in failed.items()}
+    report.tell("map far ground", causes, LACKING, *FINDINGS)
+    return by_first(done)
+
+
+def _linked(
+    standing: Standing, matched: Mapping[StopId, list[PairProducts]], inputs: SolInputs
+) -> list[tuple[StopId, StopId]]:
+    """Stops of the window that ties join, the earlier one first."""
+    names = {str(stop): stop for stop in matched}
+    links = read_network(standing.network, inputs.workspace.store).links
+    return [
+        (names[link["earlier"]], names[link["later"]])
+        for link in links
+        if link["linked"] and {link["earlier"], link["later"]} <= names.keys()
+    ]

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from solmap.flows.outcomes import settled
+from solmap.flows.runtime.failures import settled
 from solmap.flows.sol_inputs import SolInputs, SolReport, Standing, candidates
 from solmap.photogrammetry.imagery import StopId
 from solmap.photogrammetry.matching.hand_ties import HandTie

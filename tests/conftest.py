@@ -62,7 +62,7 @@ def husband(shared_data: Path) -> Path:
 @pytest.fixture(scope="session")
 def engine(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Prefect's embedded server with a database in a temporary folder."""
-    from solmap.flows.engine import prepare_engine  # noqa: PLC0415 - before Prefect is imported
+    from solmap.flows.runtime.engine import prepare_engine  # noqa: PLC0415 - before Prefect is imported
 
     prepare_engine(tmp_path_factory.mktemp("engine"))
     from prefect.testing.utilities import prefect_test_harness  # noqa: PLC0415

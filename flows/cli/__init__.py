@@ -14,18 +14,26 @@ import typer
 from rich.markup import escape
 
 from solmap.config.settings import Settings
-from solmap.flows import archive_commands, simulation_commands
-from solmap.flows.console import errors, fail, out, progress_shown, show_rows, workspace_of
-from solmap.flows.control_commands import app as control
-from solmap.flows.dip_commands import app as dip
-from solmap.flows.engine_server import start_engine
-from solmap.flows.options import JsonOption, StoreOption, store_of
-from solmap.flows.orbital_commands import app as orbital
-from solmap.flows.prune_commands import prune
-from solmap.flows.solid_commands import stl
-from solmap.flows.token_commands import app as token
-from solmap.flows.traverse_commands import app as traverse
-from solmap.flows.up_commands import up
+from solmap.flows.cli import processing as archive_commands
+from solmap.flows.cli import simulation as simulation_commands
+from solmap.flows.cli.console import (
+    JsonOption,
+    StoreOption,
+    errors,
+    fail,
+    out,
+    progress_shown,
+    show_rows,
+    store_of,
+    workspace_of,
+)
+from solmap.flows.cli.maintenance import prune
+from solmap.flows.cli.maintenance import token_app as token
+from solmap.flows.cli.orbital import control, orbital
+from solmap.flows.cli.processing import up
+from solmap.flows.cli.terrain import dip, stl
+from solmap.flows.cli.traverse import app as traverse
+from solmap.flows.runtime.engine import start_engine
 
 app = typer.Typer(
     help="From a Mars rover's stereo images to maps in the browser.",
@@ -115,7 +123,7 @@ def ties(
     store: StoreOption = None,
 ) -> None:
     """Take a file of hand ties into the store; the next run adds, vetoes and moves them."""
-    from solmap.flows.ties import take_ties_file  # noqa: PLC0415
+    from solmap.flows.external_data import take_ties_file  # noqa: PLC0415
     from solmap.photogrammetry.errors import PhotogrammetryError  # noqa: PLC0415
 
     try:
@@ -153,7 +161,7 @@ def serve(
 @app.command()
 def positions(store: StoreOption = None, *, as_json: JsonOption = False) -> None:
     """Where the rover stood: telemetry and adjusted position of every stop, in the LSL."""
-    from solmap.flows.listing import position_rows  # noqa: PLC0415
+    from solmap.flows.cli.tables import position_rows  # noqa: PLC0415
 
     rows = position_rows(workspace_of(store_of(store)))
     show_rows(
@@ -164,7 +172,7 @@ def positions(store: StoreOption = None, *, as_json: JsonOption = False) -> None
 @app.command()
 def products(store: StoreOption = None, *, as_json: JsonOption = False) -> None:
     """Every published product and the file it lies in."""
-    from solmap.flows.listing import product_rows  # noqa: PLC0415
+    from solmap.flows.cli.tables import product_rows  # noqa: PLC0415
 
     rows = product_rows(workspace_of(store_of(store)))
     show_rows(rows, ["kind", "scope", "cell_m", "path"], as_json)
@@ -180,10 +188,10 @@ def status(
     as_json: JsonOption = False,
 ) -> None:
     """How the last processing of every file and sol ended."""
-    from solmap.flows.listing import outcome_rows  # noqa: PLC0415
+    from solmap.flows.cli.tables import outcome_rows  # noqa: PLC0415
 
     if timings:
-        from solmap.flows.report import timing_rows  # noqa: PLC0415
+        from solmap.flows.cli.tables import timing_rows  # noqa: PLC0415
 
         columns = ["kind", "count", "seconds", "cpu_s", "peak_rss_mb"]
         show_rows(timing_rows(workspace_of(store_of(store))), columns, as_json)
@@ -206,7 +214,7 @@ def report(  # noqa: PLR0913 - the words of the command
     show: Annotated[bool, typer.Option("--open", help="Open the last one in the browser.")] = False,
 ) -> None:
     """A sol as one page (`report MER2 156`), or how good every adjustment is, in rows."""
-    from solmap.flows.report import report_rows, write_sol_report  # noqa: PLC0415
+    from solmap.flows.cli.tables import report_rows, write_sol_report  # noqa: PLC0415
 
     if mission_of_sol is not None:
         if sol is None:

@@ -9,8 +9,8 @@ import pytest
 from typer.testing import CliRunner
 
 from solmap.flows.cli import app
-from solmap.flows.judgement import true_stops
-from solmap.flows.listing import latest_networks, position_rows
+from solmap.flows.cli.evaluation import true_stops
+from solmap.flows.cli.tables import latest_networks, position_rows
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.formats.documents.network import read_network
 from solmap.products.model import ProductKind

@@ -9,8 +9,8 @@ from fastapi.testclient import TestClient
 from typer.testing import CliRunner
 
 from solmap.flows.cli import app
+from solmap.flows.cli.tables import position_rows, product_rows
 from solmap.flows.dips import dips_of_rocks
-from solmap.flows.listing import position_rows, product_rows
 from solmap.photogrammetry.terrain.dtm.records import GroundClass
 from solmap.photogrammetry.terrain.facets import FacetParams
 from solmap.products.formats.mesh.models import extent_of_model

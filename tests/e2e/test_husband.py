@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from solmap.flows.judgement import judge_positions, judge_terrain, true_stops
-from solmap.flows.listing import position_rows, product_rows
+from solmap.flows.cli.evaluation import judge_positions, judge_terrain, true_stops
+from solmap.flows.cli.tables import position_rows, product_rows
 from solmap.products.catalogue.workspace import Workspace
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(1800)]

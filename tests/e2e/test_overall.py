@@ -7,8 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from solmap.flows.listing import latest_networks, position_rows
-from solmap.flows.report import report_rows
+from solmap.flows.cli.tables import latest_networks, position_rows, report_rows
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.model import ProductKind
 from solmap.tasks.orientations import read_orientations

@@ -15,7 +15,7 @@ pytestmark = [pytest.mark.timeout(300), pytest.mark.usefixtures("engine")]
 def _one_cluster():
     """The cluster that flows keep ends with these tests."""
     yield
-    from solmap.flows.runners import own_cluster  # noqa: PLC0415 - imports Prefect
+    from solmap.flows.runtime.runners import own_cluster  # noqa: PLC0415 - imports Prefect
 
     if own_cluster.cache_info().currsize:
         own_cluster(2).close()
@@ -24,8 +24,8 @@ def _one_cluster():
 
 def outcome(engine: str, store: ProductStore):
     """What comes of good tasks, of one that fails, and of one that waits for it."""
-    from solmap.flows.outcomes import promised, settled  # noqa: PLC0415 - imports Prefect
-    from solmap.flows.progress import listening  # noqa: PLC0415
+    from solmap.flows.runtime.failures import promised, settled  # noqa: PLC0415 - imports Prefect
+    from solmap.flows.runtime.progress import listening  # noqa: PLC0415
 
     task, steps = stages(), []
 
@@ -57,7 +57,7 @@ def test_workers_give_the_same_results_and_say_the_same_of_failures(tmp_path):
 
 
 def test_a_full_disk_stops_the_flow_on_workers_too():
-    from solmap.flows.outcomes import settled  # noqa: PLC0415 - imports Prefect
+    from solmap.flows.runtime.failures import settled  # noqa: PLC0415 - imports Prefect
     from solmap.products.errors import StoreFullError  # noqa: PLC0415
 
     task = stages()["full"]
@@ -67,7 +67,7 @@ def test_a_full_disk_stops_the_flow_on_workers_too():
 
 @pytest.mark.slow
 def test_a_worker_that_is_killed_again_and_again_is_one_failure(tmp_path):
-    from solmap.flows.outcomes import settled  # noqa: PLC0415 - imports Prefect
+    from solmap.flows.runtime.failures import settled  # noqa: PLC0415 - imports Prefect
 
     store, task = ProductStore.open(tmp_path / "store"), stages()
 

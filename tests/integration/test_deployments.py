@@ -15,7 +15,7 @@ def deployed(engine, tmp_path_factory):  # noqa: ARG001 - deployed to it
     """All deployments, as the engine gives them back."""
     from prefect.client.orchestration import get_client  # noqa: PLC0415 - after its settings
 
-    from solmap.flows.deployments import deployments  # noqa: PLC0415 - as above
+    from solmap.flows.service.deployments import deployments  # noqa: PLC0415 - as above
 
     folder = tmp_path_factory.mktemp("up")
     made = deployments(Settings(inbox=folder / "inbox"), folder / "store")
@@ -62,7 +62,7 @@ def _asked(flow):
 
 
 def test_a_run_is_named_by_what_it_does():
-    from solmap.flows.run_names import sols_text  # noqa: PLC0415 - imports Prefect
+    from solmap.flows.runtime.run_page import sols_text  # noqa: PLC0415 - imports Prefect
 
     assert sols_text([158, 156, 157]) == "156-158"
     assert sols_text([156, 158, 159, 163]) == "156,158-159,163"

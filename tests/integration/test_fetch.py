@@ -23,7 +23,7 @@ from typer.testing import CliRunner
 
 from solmap.config.archive import load_archive
 from solmap.config.errors import ConfigError
-from solmap.flows.progress import Step, listening
+from solmap.flows.runtime.progress import Step, listening
 from solmap.photogrammetry.archive.file_names import parse_file_name
 from solmap.photogrammetry.synthetic.traverse import TraverseParams
 from solmap.photogrammetry.synthetic.world import WorldParams, make_world, render_jobs

@@ -106,8 +106,8 @@ def run(store: ProductStore, attempts: list[int], write: Callable[[Path], object
 def test_a_broken_pair_and_a_broken_sol_stop_nothing_else_and_are_told_everywhere(
     tmp_path: Path,
 ) -> None:
+    from solmap.flows.cli.tables import outcome_rows  # noqa: PLC0415
     from solmap.flows.downlink import process_downlink  # noqa: PLC0415 - after the engine's settings
-    from solmap.flows.listing import outcome_rows  # noqa: PLC0415
 
     downlink = write_small_downlink(tmp_path / "downlink", pairs=2)
     pipeline = str(write_coarse_pipeline(tmp_path / "coarse.toml"))

@@ -4,7 +4,7 @@ import httpx
 import pytest
 from prefect.exceptions import ObjectNotFound
 
-from solmap.flows import requests
+from solmap.flows.service import submission as requests
 from solmap.products.catalogue.catalogue import Catalogue
 from solmap.products.run_requests import RequestBook, RequestKind, RequestState
 

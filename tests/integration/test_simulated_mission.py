@@ -25,7 +25,7 @@ KINDS = {
 
 
 def simulated(root, plan=PLAN):
-    from solmap.flows.simulated_mission import simulate_into  # noqa: PLC0415 - needs the engine's settings
+    from solmap.flows.simulation import simulate_into  # noqa: PLC0415 - needs the engine's settings
 
     return simulate_into(root, plan, 1)
 

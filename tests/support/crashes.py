@@ -32,8 +32,8 @@ from pathlib import Path
 import numpy as np
 import psutil
 
-from solmap.flows.children import Child
-from solmap.flows.engine_server import _free_port, address, await_engine, engine_child
+from solmap.flows.runtime.children import Child
+from solmap.flows.runtime.engine import _free_port, address, await_engine, engine_child
 from solmap.products.catalogue.workspace import Workspace
 from tests.support.kill_moments import Moment, Watch
 from tests.support.small_downlink import write_coarse_pipeline, write_small_downlink

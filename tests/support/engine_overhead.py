@@ -18,7 +18,7 @@ from typing import Any
 
 import psutil
 
-from solmap.flows.engine_server import start_engine
+from solmap.flows.runtime.engine import start_engine
 
 TASKS = 40
 
@@ -55,7 +55,7 @@ def run_on(engine: str, body: Callable[[], Any], workers: int = 2) -> Any:
     """What `body` gives in a flow whose tasks run on an engine."""
     from prefect import flow  # noqa: PLC0415
 
-    from solmap.flows.runners import on_workers  # noqa: PLC0415
+    from solmap.flows.runtime.runners import on_workers  # noqa: PLC0415
 
     os.environ["SOLMAP_TASK_RUNNER"], os.environ["SOLMAP_TASK_WORKERS"] = engine, str(workers)
     try:
@@ -73,7 +73,7 @@ def main() -> None:
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         start_engine(Path(folder))
-        from solmap.flows.outcomes import settled  # noqa: PLC0415
+        from solmap.flows.runtime.failures import settled  # noqa: PLC0415
         from solmap.products.store.product_store import ProductStore  # noqa: PLC0415
 
         store, nothing = ProductStore.open(Path(folder)), stages()["nothing"]

@@ -111,7 +111,7 @@ def network_of_sol(*, on_engine: bool) -> Callable[..., Any]:
     from prefect import flow  # noqa: PLC0415
 
     from solmap.flows import sol as sols  # noqa: PLC0415
-    from solmap.flows.runners import on_workers  # noqa: PLC0415
+    from solmap.flows.runtime.runners import on_workers  # noqa: PLC0415
     from solmap.flows.sol_inputs import SolReport, Standing, gather  # noqa: PLC0415
     from solmap.flows.sol_network import adjust_stops, match_pairs  # noqa: PLC0415
     from solmap.tasks.orientations import choose_orientations  # noqa: PLC0415
@@ -165,7 +165,7 @@ def main() -> None:
     parser.add_argument("--whole", default="10,50,100,200,300,400,500", help="sols on the engine")
     arguments = parser.parse_args()
     arguments.store.mkdir(parents=True, exist_ok=True)
-    from solmap.flows.engine_server import start_engine  # noqa: PLC0415
+    from solmap.flows.runtime.engine import start_engine  # noqa: PLC0415
 
     start_engine(arguments.store)
     whole = {int(sol) for sol in arguments.whole.split(",")}
@@ -191,7 +191,7 @@ def walked(
 ) -> Iterator[tuple[Any, dict[str, float]]]:
     """What each sol leaves to the next, and what it cost."""
     from solmap.config.workspace import open_workspace  # noqa: PLC0415
-    from solmap.flows.mission_layers import draw_mission  # noqa: PLC0415
+    from solmap.flows.mission import draw_mission  # noqa: PLC0415
     from solmap.flows.sol_inputs import gather  # noqa: PLC0415
     from solmap.tasks.scopes import sol_of  # noqa: PLC0415
 

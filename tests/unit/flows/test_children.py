@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from solmap.flows.children import Child
+from solmap.flows.runtime.children import Child
 
 SLEEPER = (sys.executable, "-c", "import time; time.sleep(60)")
 STUBBORN = (

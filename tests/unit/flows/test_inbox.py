@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from solmap.flows.inbox import Inbox, InboxParams
+from solmap.flows.service.inbox import Inbox, InboxParams
 
 PARAMS = InboxParams(settle_s=10.0, patience_s=60.0)
 

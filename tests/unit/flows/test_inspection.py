@@ -11,8 +11,13 @@ import pytest
 from typer.testing import CliRunner
 
 from solmap.flows.cli import app
-from solmap.flows.inspection import InspectionError, inspect_file, inspect_files, write_png
-from solmap.flows.inspection_text import report_of
+from solmap.flows.cli.inspection import (
+    InspectionError,
+    inspect_file,
+    inspect_files,
+    write_png,
+)
+from solmap.flows.cli.inspection_text import report_of
 from solmap.photogrammetry.archive.reading import read_image
 from solmap.photogrammetry.synthetic.traverse import TraverseParams
 from solmap.photogrammetry.synthetic.world import WorldParams, make_world, render_jobs

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from solmap.flows.leftovers import withdraw_leftovers
+from solmap.flows.finished import withdraw_leftovers
 from solmap.flows.sol_inputs import SolReport
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.model import ProductKind, ProductRef, Recipe, Scope, ScopeLevel

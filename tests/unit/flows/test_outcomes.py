@@ -1,6 +1,6 @@
 """Results of tasks, put in order."""
 
-from solmap.flows.outcomes import by_first
+from solmap.flows.runtime.failures import by_first
 
 
 def test_results_are_listed_by_the_first_part_of_their_keys_in_their_order():

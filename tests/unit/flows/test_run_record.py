@@ -3,8 +3,8 @@
 import pytest
 from sqlalchemy.exc import OperationalError
 
-from solmap.flows.progress import report
-from solmap.flows.run_record import recorded
+from solmap.flows.runtime.progress import report
+from solmap.flows.runtime.run_record import recorded
 from solmap.products.catalogue.runs import RunBook, RunState
 from solmap.products.catalogue.workspace import Workspace
 

@@ -1,23 +1,56 @@
-"""Map the regions that the stops of a mission show together, once they have been mapped."""
+"""The layers of a whole mission: traverse, stops, footprints, pointing lines, ties; its table.
+
+Map the regions that the stops of a mission show together, once they have been mapped.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Set
+from pathlib import Path
+
+from prefect import flow
 
 from solmap.config.landing import landing_site
 from solmap.config.pipeline import PipelineConfig, load_pipeline
 from solmap.config.settings import Settings
+from solmap.config.workspace import open_workspace
+from solmap.flows.mission import map_regions
+from solmap.flows.runtime.run_page import mission_name
+from solmap.flows.runtime.run_record import recorded
 from solmap.photogrammetry.terrain.dtm.region_dtm import regions_of
+from solmap.products.catalogue.catalogue import MissionEntry
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.crs import LandingPoint
 from solmap.products.model import REGION, Layer, ProductKind, ProductRef, Scope
+from solmap.products.store.locks import turn
 from solmap.products.store.product_store import ProductStore
 from solmap.tasks.contour import trace_contours
 from solmap.tasks.hazard import map_hazards
+from solmap.tasks.images import image_records
 from solmap.tasks.insolation import map_insolation
+from solmap.tasks.localisation import localise
 from solmap.tasks.publish import publish, withdraw
 from solmap.tasks.region import fuse_region, seam_notes
 from solmap.tasks.slope import map_relief, shade_relief
+from solmap.tasks.telemetry import read_telemetry, vector_files
+from solmap.tasks.vectors import draw_vectors
+
+
+def draw_mission(
+    mission: str, network: ProductRef, workspace: Workspace, pipeline: str
+) -> str | None:
+    """Draw and publish them; what is to be said of the mission's frame, if anything."""
+    site = landing_site(mission, Settings().landing_sites)
+    entries = workspace.catalogue.images(mission)
+    telemetry = read_telemetry(image_records(entries, workspace), vector_files(mission, workspace))
+    params = load_pipeline(pipeline).footprints
+    layers = draw_vectors(mission, network, entries, params, site.landing, workspace)
+    sols = tuple(sorted({entry.sol for entry in entries}))
+    entry = MissionEntry(mission, site.title, site.landing, telemetry.note)
+    told = localise(network, telemetry, site.landing, workspace.store)
+    publish(entry, [(ref, sols) for ref in layers], told, (), workspace)
+    return telemetry.note
+
 
 LEAST_STOPS = 2
 """A region is more than the map of one stop."""
@@ -82,3 +115,30 @@ def _surfaces(
         *map_insolation(dtm, config.insolation, config.havens, landing, store),
         map_hazards(dtm, config.hazard, landing, store),
     ]
+
+
+@flow(name="refresh-region", flow_run_name=mission_name)
+def refresh_regions(
+    store: Path, pipeline: str = "default", mission: str | None = None
+) -> list[str]:
+    """Join the stops of every mission, or of one, to regions anew where any of them changed.
+
+    Args:
+        store: Folder of products and catalogue.
+        pipeline: Name of a shipped pipeline, or path of a TOML file.
+        mission: As its labels have it: MER2; every mission where none is given.
+    """
+    workspace = open_workspace(store)
+    notes: list[str] = []
+    for name in missions_of(store, mission):
+        with turn(workspace.store.root, name), recorded("region", name, workspace) as record:
+            seams = map_regions(name, workspace, pipeline)
+            record.say(seams)
+            notes += [f"{name}: {line}" for line in seams]
+    return notes
+
+
+def missions_of(store: Path, mission: str | None) -> list[str]:
+    if mission is not None:
+        return [mission.upper()]
+    return [entry.mission for entry in open_workspace(store).catalogue.missions()]

@@ -17,13 +17,12 @@ from typing import TYPE_CHECKING
 from httpx import HTTPError
 
 from solmap.config.settings import Settings
-from solmap.flows.children import Child
-from solmap.flows.engine import prepare_engine
-from solmap.flows.engine_server import address, await_engine, engine_child
-from solmap.flows.inbox import Inbox, InboxParams
+from solmap.flows.runtime.children import Child
+from solmap.flows.runtime.engine import address, await_engine, engine_child, prepare_engine
+from solmap.flows.service.inbox import Inbox, InboxParams
 
 if TYPE_CHECKING:
-    from solmap.flows.submitted import Submitted
+    from solmap.flows.service.submission import Submitted
 
 LOOK_EVERY_S = 2.0
 _STUCK_S = 300.0
@@ -65,11 +64,11 @@ class Machine:
         engine = engine_child(self.store, self.settings.engine_port, has_pages=True)
         self._keep(engine)
         await_engine(engine, self.settings.engine_port)
-        from solmap.flows import submitted  # noqa: PLC0415 - after the engine's settings
+        from solmap.flows.service import submission as submitted  # noqa: PLC0415 - after the engine's settings
 
         if dead := submitted.bury_the_dead():
             self.say(f"{dead} runs had died with the last `solmap up`; what they made is kept")
-        self._child("scheduler", sys.executable, "-m", "solmap.flows.deployments")
+        self._child("scheduler", sys.executable, "-m", "solmap.flows.service.deployments")
         self._child("map", sys.executable, "-m", "solmap.flows.cli", "serve", *self._address())
         if self.settings.inbox is not None:
             self.settings.inbox.mkdir(parents=True, exist_ok=True)
@@ -117,7 +116,7 @@ class Machine:
     def _tend_inbox(self) -> None:
         if self._inbox is None:
             return
-        from solmap.flows import submitted  # noqa: PLC0415 - after the engine's settings
+        from solmap.flows.service import submission as submitted  # noqa: PLC0415 - after the engine's settings
 
         if self._running is not None:
             ended = submitted.state_of(self._running)
@@ -134,7 +133,7 @@ class Machine:
 
     def _tend_requests(self) -> None:
         """Hand what people asked for on the map to the scheduler."""
-        from solmap.flows.requests import submit_requests  # noqa: PLC0415 - after the engine's settings
+        from solmap.flows.service.submission import submit_requests  # noqa: PLC0415 - after the engine's settings
 
         for line in submit_requests(self.store, has_inbox=self._inbox is not None):
             self.say(line)
@@ -144,7 +143,7 @@ class Machine:
         if now - self._looked_for_stuck_at < _STUCK_S / 5:
             return
         self._looked_for_stuck_at = now
-        from solmap.flows import submitted  # noqa: PLC0415 - after the engine's settings
+        from solmap.flows.service import submission as submitted  # noqa: PLC0415 - after the engine's settings
 
         scheduler = self._children["scheduler"]
         if scheduler.is_alive and submitted.is_stuck(_STUCK_S):

@@ -1,21 +1,31 @@
-"""`solmap dip`: strike and dip of ground and of rocks (`flows.dips` does the work)."""
+"""`solmap dip`: strike and dip of ground and of rocks (`flows.dips` does the work).
+
+`solmap stl`: the terrain of a stop as a solid that can be printed.
+"""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from solmap.flows.console import fail, show_rows, workspace_of
-from solmap.flows.options import JsonOption, StoreOption, store_of
+from solmap.flows.cli.console import (
+    JsonOption,
+    StoreOption,
+    fail,
+    show_rows,
+    store_of,
+    workspace_of,
+)
 
-app = typer.Typer(help="Strike and dip of planes.", no_args_is_help=True)
+dip = typer.Typer(help="Strike and dip of planes.", no_args_is_help=True)
 
 Stop = Annotated[str, typer.Argument(help="As `solmap positions` names it")]
 ANGLES = ["strike_deg", "sigma_strike_deg", "dip_deg", "sigma_dip_deg"]
 
 
-@app.command()
+@dip.command()
 def ground(
     stop: Stop,
     corner: Annotated[
@@ -39,7 +49,7 @@ def ground(
     show_rows([found.row()], [*ANGLES, "dip_direction_deg", "rms_m", "cells"], as_json)
 
 
-@app.command()
+@dip.command()
 def rocks(
     stop: Stop,
     pipeline: Annotated[str, typer.Option(help="Shipped pipeline or TOML file")] = "default",
@@ -72,3 +82,35 @@ def _corners(texts: list[str]) -> list[tuple[float, float]]:
         return [(east, north) for east, north in pairs]
     except ValueError:
         fail(f"corners are given as `--corner EAST,NORTH` in metres, not {' '.join(texts)}")
+
+
+def stl(
+    stop: Annotated[str, typer.Argument(help="As `solmap positions` names it")],
+    file: Annotated[Path, typer.Argument(help="The STL file to write")],
+    base_m: Annotated[
+        float, typer.Option(min=0, help="How far the base lies below; 0: no base")
+    ] = 0.5,
+    tolerance_m: Annotated[float, typer.Option(min=0.005, help="Of the surface, metres")] = 0.05,
+    store: StoreOption = None,
+) -> None:
+    """Write the terrain model of a stop as a watertight solid (binary STL, metres)."""
+    from solmap.photogrammetry.errors import PhotogrammetryError  # noqa: PLC0415 - slow to import
+    from solmap.photogrammetry.terrain.printable import SolidParams, solid_of  # noqa: PLC0415
+    from solmap.products.errors import ProductError, ProductNotFoundError  # noqa: PLC0415
+    from solmap.products.formats.mesh.stl import stl_bytes  # noqa: PLC0415
+    from solmap.products.formats.raster.raster import read_dtm  # noqa: PLC0415
+    from solmap.products.model import ProductKind  # noqa: PLC0415
+
+    workspace = workspace_of(store_of(store))
+    try:
+        ref = workspace.catalogue.layer(stop, ProductKind.DTM).ref
+        solid = solid_of(read_dtm(workspace.store.path(ref)), SolidParams(tolerance_m, base_m))
+        file.write_bytes(stl_bytes(solid))
+    except ProductNotFoundError:
+        fail(f"no stop {stop} has a terrain model; `solmap products` lists those that have one")
+    except (PhotogrammetryError, ProductError, OSError) as error:
+        fail(str(error))
+    kind = "watertight" if solid.is_watertight else "open"
+    typer.echo(
+        f"{file}: {len(solid.triangles)} triangles, {kind}, {abs(solid.volume_m3):.1f} m3 inside"
+    )

@@ -1,10 +1,15 @@
-"""Runs asked of Prefect's server, and what became of them."""
+"""Requests for runs that people made on the map, handed to the scheduler.
+
+Runs asked of Prefect's server, and what became of them.
+"""
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
+from pathlib import Path
 from typing import cast
 from uuid import UUID
 
@@ -19,10 +24,48 @@ from prefect.client.schemas.filters import (
 from prefect.client.schemas.objects import FlowRun, StateType
 from prefect.client.schemas.sorting import FlowRunSort
 from prefect.deployments import run_deployment
+from prefect.exceptions import ObjectNotFound
 from prefect.states import Crashed
 from prefect.types import DateTime
 
-from solmap.flows.deployments import DOWNLINK
+from solmap.config.workspace import open_catalogue
+from solmap.flows.service.deployments import DOWNLINK, OVERALL, REGION
+from solmap.products.catalogue.events import REQUESTS_CHANGED
+from solmap.products.run_requests import RequestBook, RequestKind, RequestState, RunRequest
+
+_DEPLOYMENT = {
+    RequestKind.OVERALL: OVERALL,
+    RequestKind.REGION: REGION,
+}
+
+
+def submit_requests(store: Path, *, has_inbox: bool) -> list[str]:
+    """Submit what waits; a line for each request that was taken or refused.
+
+    A scheduler that has just begun does not know its deployments yet: requests go on waiting.
+
+    Raises:
+        HTTPError: Prefect's server does not answer; the request goes on waiting.
+    """
+    book, lines = RequestBook.of(store), []
+    for asked in book.waiting():
+        with contextlib.suppress(ObjectNotFound):
+            state, answer = _submitted(asked, has_inbox=has_inbox)
+            book.answer(asked.id, state, answer)
+            document = {"request": asked.id, "state": str(state), "answer": answer}
+            open_catalogue(store).tell(REQUESTS_CHANGED, document)
+            lines.append(f"{asked.author} asked for {asked.kind}: {state}, {answer}")
+    return lines
+
+
+def _submitted(asked: RunRequest, *, has_inbox: bool) -> tuple[RequestState, str]:
+    if asked.kind is RequestKind.DOWNLINK:
+        if not has_inbox:
+            return RequestState.REFUSED, "no inbox is watched; start `solmap up --inbox`"
+        return RequestState.TAKEN, submit(DOWNLINK, {})
+    parameters = {"mission": asked.mission} if asked.mission else {}
+    return RequestState.TAKEN, submit(_DEPLOYMENT[asked.kind], parameters)
+
 
 _TAKEN = [StateType.RUNNING, StateType.PENDING, StateType.CANCELLING]
 

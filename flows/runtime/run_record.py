@@ -15,7 +15,7 @@ from contextlib import contextmanager
 
 from sqlalchemy.exc import SQLAlchemyError
 
-from solmap.flows.progress import Step, listening
+from solmap.flows.runtime.progress import Step, listening
 from solmap.products.catalogue.runs import Run, RunBook, RunState
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.store.logs import keep_logs, noted

@@ -1,4 +1,9 @@
-"""An orbital image becomes the base of the map, registered to what the rover mapped."""
+"""An orbital image becomes the base of the map, registered to what the rover mapped.
+
+Control measured by people: taken into the store, listed, and taken back.
+
+Hand ties from the command line: `solmap ties FILE` takes a file into the store.
+"""
 
 from __future__ import annotations
 
@@ -10,10 +15,11 @@ from solmap.config.landing import landing_site
 from solmap.config.settings import Settings
 from solmap.config.workspace import open_workspace
 from solmap.photogrammetry.imagery import StopId
+from solmap.photogrammetry.matching.hand_ties import HandAction
 from solmap.photogrammetry.orbital.registration import RegistrationParams
 from solmap.photogrammetry.orbital.search import SearchParams
 from solmap.photogrammetry.terrain.dtm.grid import union
-from solmap.products.catalogue.catalogue import MissionEntry
+from solmap.products.catalogue.catalogue import MissionEntry, Outcome
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.errors import ProductNotFoundError
 from solmap.products.formats.documents.control import read_control, refused_stops
@@ -23,7 +29,11 @@ from solmap.tasks.control import (
     FrameParams,
     MappedWith,
     control_by_image,
+    control_of,
+    take_control,
 )
+from solmap.tasks.downlink_files import file_bytes
+from solmap.tasks.hand_ties import names_in, take_hand_ties, wishes_in
 from solmap.tasks.orbital import (
     Compare,
     StopMap,
@@ -150,3 +160,83 @@ def _raised(correction: dict[str, Any]) -> str:
     if correction.get("up_m") is None:
         return ""
     return f", raised by {correction['up_m']:+.2f} m ({correction['sigma_up_m']:.2f})"
+
+
+def add_control(file: Path, mission: str, root: Path, params: FrameParams) -> str:
+    """Publish a file of measured control; one line on what it holds.
+
+    Raises:
+        AdjustmentError: the file is broken, or names a stop that is not known.
+        ProductNotFoundError: no network of the mission is in the store.
+    """
+    workspace = open_workspace(root)
+    site = landing_site(mission, Settings().landing_sites)
+    standing = latest_standing(mission, workspace)
+    if standing is None:
+        raise ProductNotFoundError(
+            f"no network of {mission} is in the store; `solmap run` its downlink first"
+        )
+    store = workspace.store
+    ref = take_control(file.name, file.read_bytes(), standing.network, params, site.landing, store)
+    publish.fn(MissionEntry(mission, site.title, site.landing, None), [], [ref], (), workspace)
+    frame, found = read_control(ref, store)
+    if not found:
+        return f"{file.name} is empty: what it held before counts no more"
+    return f"{frame.name}: {len(found)} places; `solmap adjust --overall` weighs them in"
+
+
+def control_rows(mission: str, root: Path) -> list[dict[str, Any]]:
+    """Every place of a stop that counts as control."""
+    workspace = open_workspace(root)
+    rows = []
+    for ref in control_of(mission, workspace):
+        frame, control = read_control(ref, workspace.store)
+        rows += [
+            {
+                "frame": frame.name,
+                "stop": str(one.stop),
+                "east_m": round(one.east_m, 3),
+                "north_m": round(one.north_m, 3),
+                "sigma_m": round(float(one.covariance[:2, :2].trace() / 2) ** 0.5, 3),
+                "up_m": one.up_m,
+                "azimuth_deg": one.azimuth_deg and round(one.azimuth_deg, 3),
+            }
+            for one in control
+        ]
+    return rows
+
+
+@dataclass(frozen=True, slots=True)
+class TakenTies:
+    """What a file of hand ties holds."""
+
+    name: str
+    counts: dict[HandAction, int]
+    strangers: tuple[str, ...]
+    """Images and stops that it names and the store does not have yet."""
+
+    def __str__(self) -> str:
+        said = ", ".join(f"{count} to {action}" for action, count in self.counts.items())
+        return f"{self.name}: {said}; the next run carries them out"
+
+
+def take_ties_file(file: Path, root: Path) -> TakenTies:
+    """Take a file of hand ties into the store at `root`; an earlier one of its name is replaced.
+
+    Raises:
+        PhotogrammetryError: the file cannot be read; one line says where and why.
+        OSError: there is no such file.
+    """
+    data = file_bytes(file)
+    wishes = wishes_in(data, file.name)
+    workspace = open_workspace(root)
+    ref = take_hand_ties(file.name, data, workspace.store)
+    entries = workspace.catalogue.images()
+    known = {entry.id for entry in entries} | {entry.stop for entry in entries}
+    counts = {action: sum(wish.action is action for wish in wishes) for action in HandAction}
+    taken = TakenTies(file.name, counts, tuple(sorted(names_in(wishes) - known)))
+    workspace.catalogue.publish(
+        pointers=[ref],
+        outcomes=[Outcome.now(file.name, (str(taken),))],
+    )
+    return taken

@@ -1,17 +1,23 @@
-"""Commands about files of the archive: bring them here, and look into them."""
+"""Commands about files of the archive: bring them here, and look into them.
+
+`solmap up`: everything on one machine.
+"""
 
 from __future__ import annotations
 
 import json
+import signal
+import threading
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.markup import escape
 
-from solmap.flows.console import errors, fail, out, progress_shown
-from solmap.flows.engine_server import start_engine
-from solmap.flows.options import JsonOption
+from solmap.config.settings import Settings
+from solmap.flows.cli.console import JsonOption, StoreOption, errors, fail, out, progress_shown
+from solmap.flows.runtime.engine import start_engine
+from solmap.products.store.locks import alone
 
 if TYPE_CHECKING:
     from solmap.flows.fetch import FetchReport
@@ -61,8 +67,8 @@ def inspect(
     as_json: JsonOption = False,
 ) -> None:
     """What an image is: when and where it was taken, where it looks, its camera and partner."""
-    from solmap.flows.inspection import InspectionError, inspect_files, write_png  # noqa: PLC0415
-    from solmap.flows.inspection_text import report_of  # noqa: PLC0415
+    from solmap.flows.cli.inspection import InspectionError, inspect_files, write_png  # noqa: PLC0415
+    from solmap.flows.cli.inspection_text import report_of  # noqa: PLC0415
 
     if png is not None and len(files) != 1:
         fail(f"--png writes the picture of one image, but {len(files)} are named")
@@ -96,3 +102,36 @@ def _end(report: FetchReport) -> None:
 
 COMMANDS = (fetch, inspect)
 """As the command line has them."""
+
+
+def up(
+    store: StoreOption = None,
+    inbox: Annotated[
+        Path | None, typer.Option(help="Folder that downlinks arrive in. [env: SOLMAP_INBOX]")
+    ] = None,
+    port: Annotated[int | None, typer.Option(help="Port of the map. [env: SOLMAP_PORT]")] = None,
+) -> None:
+    """Run everything: the map, the schedules, and whatever arrives in the inbox. Ctrl-C stops."""
+    from solmap.flows.service.machine import LOOK_EVERY_S, Machine  # noqa: PLC0415 - `solmap --help` answers at once
+
+    settings = Settings()
+    root = (store or settings.store).resolve()
+    given = {"store": root, "inbox": inbox or settings.inbox, "port": port or settings.port}
+    settings = settings.model_copy(update=given)
+    stopping = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stopping.set())
+    with alone(root / "up.lock") as is_alone:
+        if not is_alone:
+            fail(f"another `solmap up` runs on {root}; stop it first")
+        machine = Machine(settings, lambda line: out.print(line, highlight=False))
+        try:
+            machine.start()
+            out.print(f"map at http://{settings.host}:{settings.port}/", highlight=False)
+            out.print(f"runs at {machine.engine_url}/  (Ctrl-C stops both)", highlight=False)
+            while not stopping.wait(LOOK_EVERY_S):
+                machine.tend()
+        except TimeoutError as error:
+            fail(str(error))
+        finally:
+            machine.stop()

@@ -7,9 +7,17 @@ from typing import Annotated
 
 import typer
 
-from solmap.flows.console import fail, out, progress_shown, show_rows, workspace_of
-from solmap.flows.engine_server import start_engine
-from solmap.flows.options import JsonOption, StoreOption, store_of
+from solmap.flows.cli.console import (
+    JsonOption,
+    StoreOption,
+    fail,
+    out,
+    progress_shown,
+    show_rows,
+    store_of,
+    workspace_of,
+)
+from solmap.flows.runtime.engine import start_engine
 
 
 def simulate(
@@ -43,7 +51,7 @@ def simulate_mission(
         plan = MissionPlan(stops=stops, distance_m=distance, gaps=gaps, control_every=control)
         start_engine(root)
         with progress_shown():
-            from solmap.flows.simulated_mission import simulate_into  # noqa: PLC0415 - Prefect is ready now
+            from solmap.flows.simulation import simulate_into  # noqa: PLC0415 - Prefect is ready now
 
             told = simulate_into(root, plan, seed)
     except PhotogrammetryError as error:
@@ -58,8 +66,8 @@ def judge(
     as_json: JsonOption = False,
 ) -> None:
     """State the errors of positions and terrain against a simulated world's truth."""
-    from solmap.flows.judgement import judge_positions, judge_terrain, true_stops  # noqa: PLC0415
-    from solmap.flows.listing import position_rows  # noqa: PLC0415
+    from solmap.flows.cli.evaluation import judge_positions, judge_terrain, true_stops  # noqa: PLC0415
+    from solmap.flows.cli.tables import position_rows  # noqa: PLC0415
 
     workspace = workspace_of(store_of(store))
     positions_judged = judge_positions(position_rows(workspace), true_stops(truth))

@@ -7,8 +7,7 @@ from typing import Annotated
 
 import typer
 
-from solmap.flows.console import errors, fail, out, show_rows
-from solmap.flows.options import StoreOption, store_of
+from solmap.flows.cli.console import StoreOption, errors, fail, out, show_rows, store_of
 
 app = typer.Typer(help="Where the rover really was.", no_args_is_help=True)
 
@@ -86,7 +85,7 @@ def hang(
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
 ) -> None:
     """Hang an uncontrolled mosaic on points of the track: turn, scale, and what remains."""
-    from solmap.flows.mosaic import hang_mosaic  # noqa: PLC0415 - slow to import
+    from solmap.flows.traverse import hang_mosaic  # noqa: PLC0415 - slow to import
     from solmap.photogrammetry.errors import PhotogrammetryError  # noqa: PLC0415
 
     try:
@@ -107,7 +106,7 @@ def simulate_points(
     rotation: Annotated[float, typer.Option(help="Of the mosaic against the map, degrees")] = 1.3,
 ) -> None:
     """Points of a track in a simulated mosaic, with the answer to them beside (.truth.json)."""
-    from solmap.flows.mosaic import write_simulated  # noqa: PLC0415 - slow to import
+    from solmap.flows.traverse import write_simulated  # noqa: PLC0415 - slow to import
 
     truth = write_simulated(file, seed, rotation)
     out.print(f"{file}; the answer is in {truth}", highlight=False)

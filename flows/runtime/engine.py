@@ -1,4 +1,10 @@
-"""Prefect's server as a child process, for as long as the process that needs it.
+"""Prefect's settings for a run on one machine; imported before Prefect is.
+
+A run needs no network and no server of its own: without `PREFECT_API_URL` Prefect starts its
+embedded server for as long as the run lasts. Its database lies in the store, and it reports nothing
+to anybody. What is set in the environment wins.
+
+Prefect's server as a child process, for as long as the process that needs it.
 
 Prefect would start one by itself, but a run that is killed would leave that one behind. One that
 dies is started again on the same port with the same database: the run asks again and goes on.
@@ -16,8 +22,27 @@ import time
 import urllib.request
 from pathlib import Path
 
-from solmap.flows.children import Child
-from solmap.flows.engine import prepare_engine
+from solmap.flows.runtime.children import Child
+
+
+def prepare_engine(store: Path) -> None:
+    """Set what Prefect reads at import; call before the first import of a flow."""
+    defaults = {
+        "PREFECT_HOME": str(store.resolve() / "prefect"),
+        "PREFECT_SERVER_ANALYTICS_ENABLED": "false",
+        "PREFECT_CLOUD_ENABLE_ORCHESTRATION_TELEMETRY": "false",
+        "DO_NOT_TRACK": "1",
+        # The terminal shows progress and outcomes; Prefect's own lines are on its run page.
+        "PREFECT_LOGGING_HANDLERS_CONSOLE_LEVEL": "CRITICAL",
+        "PREFECT_SERVER_EPHEMERAL_STARTUP_TIMEOUT_SECONDS": "300",
+        # Small-block linear algebra is far slower with two BLAS threads than with one.
+        "OPENBLAS_NUM_THREADS": "1",
+    }
+    for name, value in defaults.items():
+        os.environ.setdefault(name, value)
+    # Prefect makes the folder itself but not its parents, and then waits for its server in vain.
+    Path(os.environ["PREFECT_HOME"]).expanduser().mkdir(parents=True, exist_ok=True)
+
 
 log = logging.getLogger(__name__)
 

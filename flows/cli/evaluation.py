@@ -88,7 +88,7 @@ def judge_positions(rows: list[dict[str, Any]], stops: list[TrueStop]) -> list[d
 
 def judge_terrain(workspace: Workspace, truth_dir: Path) -> list[dict[str, Any]]:
     """Vertical errors of every stop's terrain model by range from the rover, a row a band."""
-    from solmap.flows.listing import position_rows  # noqa: PLC0415 - brings the engine with it
+    from solmap.flows.cli.tables import position_rows  # noqa: PLC0415 - brings the engine with it
 
     judged = []
     for row in position_rows(workspace):

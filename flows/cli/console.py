@@ -1,4 +1,7 @@
-"""What the command line shows: progress while a run goes on, and how it ended."""
+"""What the command line shows: progress while a run goes on, and how it ended.
+
+Options that several commands have.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +10,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 from rich.console import Console
@@ -15,7 +18,8 @@ from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from solmap.flows.progress import Step, listening
+from solmap.config.settings import Settings
+from solmap.flows.runtime.progress import Step, listening
 
 if TYPE_CHECKING:
     from solmap.products.catalogue.workspace import Workspace
@@ -104,3 +108,14 @@ def _cell(value: Any) -> str:  # noqa: ANN401 - anything JSON holds
     if isinstance(value, list):
         return ", ".join(_cell(item) for item in value)
     return "" if value is None else str(value)
+
+
+StoreOption = Annotated[
+    Path | None, typer.Option("--store", help="Folder of products. [env: SOLMAP_STORE]")
+]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
+
+
+def store_of(given: Path | None) -> Path:
+    """The store that is named, or else the one of the settings."""
+    return given or Settings().store

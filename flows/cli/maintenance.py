@@ -1,0 +1,134 @@
+"""`solmap prune`: remove what nothing refers to any more.
+
+`solmap token`: who may write on the map.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from datetime import timedelta
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from solmap.flows.cli.console import (
+    JsonOption,
+    StoreOption,
+    fail,
+    out,
+    show_rows,
+    store_of,
+    workspace_of,
+)
+from solmap.products.catalogue.pruning import Prunable, PruningParams, prunable
+from solmap.products.catalogue.pruning import prune as remove
+from solmap.products.catalogue.tokens import Role, TokenBook
+from solmap.products.errors import ProductError, ProductNotFoundError
+
+_MB = 1e6
+
+
+def prune(
+    store: StoreOption = None,
+    older_than: Annotated[
+        float, typer.Option(help="Days; what is younger stays", min=0.0)
+    ] = PruningParams().youngest / timedelta(days=1),
+    versions: Annotated[
+        int, typer.Option(help="Kept of each product, the published one counted", min=1)
+    ] = PruningParams().versions,
+    *,
+    yes: Annotated[bool, typer.Option("--yes", help="Remove it; else it is only told.")] = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Say what nothing refers to any more, and with --yes remove it; published maps stay."""
+    workspace = workspace_of(store_of(store))
+    try:
+        params = PruningParams(versions, timedelta(days=older_than))
+        found = remove(workspace, params) if yes else prunable(workspace, params)
+    except ProductError as error:
+        fail(str(error))
+    rows = _rows(found)
+    if as_json:
+        typer.echo(json.dumps({"removed": yes, "products": rows}, indent=2))
+        return
+    if rows:
+        show_rows(rows, ["kind", "products", "megabytes"], False)  # noqa: FBT003
+    megabytes = sum(one.size for one in found) / _MB
+    verb = "removed" if yes else "would go; --yes removes them"
+    out.print(f"{len(found)} products, {megabytes:.1f} MB, {verb}", highlight=False)
+
+
+def _rows(found: Sequence[Prunable]) -> list[dict[str, Any]]:
+    """How many of each kind, and how large."""
+    kinds = sorted({one.ref.kind for one in found})
+    of = {kind: [one.size for one in found if one.ref.kind is kind] for kind in kinds}
+    return [
+        {"kind": str(kind), "products": len(sizes), "megabytes": round(sum(sizes) / _MB, 3)}
+        for kind, sizes in of.items()
+    ]
+
+
+token_app = typer.Typer(
+    help="Tokens: who may edit ties, annotate and start runs.", no_args_is_help=True
+)
+
+
+def _book(store: Path | None) -> TokenBook:
+    root = store_of(store)
+    if not root.is_dir():
+        fail(f"{root} is no store; `solmap run` makes one")
+    return TokenBook.of(root)
+
+
+@token_app.command()
+def add(
+    name: Annotated[str, typer.Argument(help="Whose it is; edits are signed with it")],
+    role: Annotated[
+        str, typer.Option(help="viewer; analyst: edits and annotations; operator: runs too")
+    ] = "analyst",
+    days: Annotated[int | None, typer.Option(help="It ends by itself after so many", min=1)] = None,
+    store: StoreOption = None,
+) -> None:
+    """Make a token and print it; it is shown only now."""
+    if role.upper() not in Role.__members__:
+        fail(f"--role {role} is none of {', '.join(str(one) for one in Role)}")
+    if not name.strip():
+        fail("a token has a name: edits are signed with it")
+    _, text = _book(store).add(name.strip(), Role.named(role), days)
+    out.print(text, highlight=False, soft_wrap=True)
+
+
+@token_app.command("list")
+def list_tokens(
+    store: StoreOption = None,
+    *,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """Every token without its secret, revoked ones too."""
+    rows = [
+        {
+            "id": token.id,
+            "name": token.name,
+            "role": str(token.role),
+            "made_at": token.made_at,
+            "ends_at": token.ends_at,
+            "state": "valid" if token.is_valid else "revoked" if token.revoked_at else "ended",
+        }
+        for token in _book(store).tokens()
+    ]
+    show_rows(rows, ["id", "name", "role", "made_at", "ends_at", "state"], as_json)
+
+
+@token_app.command()
+def revoke(
+    number: Annotated[str, typer.Argument(help="The id that `solmap token list` shows")],
+    store: StoreOption = None,
+) -> None:
+    """Have a token open nothing any more."""
+    try:
+        token = _book(store).revoke(number)
+    except ProductNotFoundError as error:
+        fail(str(error))
+    out.print(f"the token of {token.name} ({token.id}) is revoked", highlight=False)

@@ -1,0 +1,111 @@
+"""`solmap orbital`: an orbital image under the rover's map (`flows.orbital` does the work).
+
+`solmap control`: places of stops that people measured (`flows.control` does the work).
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from solmap.flows.cli.console import StoreOption, fail, out, show_rows, store_of
+
+orbital = typer.Typer(help="Orbital images under the rover's map.", no_args_is_help=True)
+
+
+ShiftSigma = Annotated[
+    float, typer.Option(help="Standard deviation of its georeference east and north, metres")
+]
+RotationSigma = Annotated[float, typer.Option(help="The same of its rotation, degrees")]
+
+
+@orbital.command()
+def add_image(  # noqa: PLR0913 - options
+    file: Annotated[Path, typer.Argument(help="A georeferenced image, any Mars CRS")],
+    mission: Annotated[str, typer.Option(help="MER2 (Spirit), MER1 (Opportunity) ...")] = "MER2",
+    store: Annotated[
+        Path | None, typer.Option("--store", help="Folder of products. [env: SOLMAP_STORE]")
+    ] = None,
+    reach: Annotated[
+        float, typer.Option(help="How far off it, or a stop, may be, metres", min=1.0, max=200.0)
+    ] = 12.0,
+    shift_sigma: ShiftSigma = 50.0,
+    rotation_sigma: RotationSigma = 0.1,
+    *,
+    as_claimed: Annotated[
+        bool, typer.Option("--as-claimed", help="Trust its georeference; register nothing.")
+    ] = False,
+    heights: Annotated[
+        bool, typer.Option("--dtm", help="It is a terrain model: heights are compared.")
+    ] = False,
+    no_control: Annotated[
+        bool, typer.Option("--no-control", help="Do not find the stops in it one by one.")
+    ] = False,
+) -> None:
+    """Find where an orbital image lies on the rover's map, and show it there as base layer."""
+    from solmap.flows.external_data import OrbitalWish, add_orbital  # noqa: PLC0415 - slow to import
+    from solmap.products.errors import ProductError  # noqa: PLC0415
+    from solmap.tasks.control import FrameParams  # noqa: PLC0415
+
+    try:
+        frame = None if no_control else FrameParams(shift_sigma, rotation_sigma)
+        wish = OrbitalWish(registered=not as_claimed, reach_m=reach, control=frame, heights=heights)
+        said = add_orbital(file, mission.upper(), store_of(store), wish)
+    except (ProductError, OSError) as error:
+        fail(str(error))
+    for line in said:
+        out.print(line, highlight=False)
+
+
+@orbital.callback()
+def group() -> None:
+    """Orbital images under the rover's map."""
+
+
+control = typer.Typer(help="Places of stops in orbital images, as control.", no_args_is_help=True)
+
+Mission = Annotated[str, typer.Option(help="MER2 (Spirit), MER1 (Opportunity) ...")]
+
+
+@control.command()
+def add_measured(
+    file: Annotated[Path, typer.Argument(help="CSV or GeoJSON: stop, place, sigma_m ...")],
+    mission: Mission = "MER2",
+    store: StoreOption = None,
+    shift_sigma: ShiftSigma = 50.0,
+    rotation_sigma: RotationSigma = 0.1,
+    scale_sigma: Annotated[float, typer.Option(help="The same of its scale")] = 1e-3,
+) -> None:
+    """Take measured places of stops as control; a file of the same name before counts no more.
+
+    The places may lie on an orbital image that is off as a whole: its place is found with the
+    network. With all three standard deviations zero they are places on the map itself.
+    """
+    from solmap.flows.external_data import add_control  # noqa: PLC0415 - slow to import
+    from solmap.photogrammetry.errors import PhotogrammetryError  # noqa: PLC0415
+    from solmap.products.errors import ProductError  # noqa: PLC0415
+    from solmap.tasks.control import FrameParams  # noqa: PLC0415
+
+    try:
+        params = FrameParams(shift_sigma, rotation_sigma, scale_sigma)
+        said = add_control(file, mission.upper(), store_of(store), params)
+    except (PhotogrammetryError, ProductError, OSError) as error:
+        fail(str(error))
+    out.print(said, highlight=False)
+
+
+@control.command("list")
+def show(
+    mission: Mission = "MER2",
+    store: StoreOption = None,
+    *,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
+) -> None:
+    """Every place that counts as control, by registration or by hand."""
+    from solmap.flows.external_data import control_rows  # noqa: PLC0415 - slow to import
+
+    rows = control_rows(mission.upper(), store_of(store))
+    columns = ["frame", "stop", "east_m", "north_m", "sigma_m", "up_m", "azimuth_deg"]
+    show_rows(rows, columns, as_json)
