@@ -25,26 +25,25 @@ from solmap.photogrammetry.matching.single_views import MonoParams
 from solmap.photogrammetry.matching.sparse import SparseParams
 from solmap.photogrammetry.matching.tracks import TrackParams
 from solmap.photogrammetry.matching.wide_stereo import WideParams
-from solmap.photogrammetry.terrain.contours import (
-    ContourParams,
-    FarContourParams,
-    RegionContourParams,
-)
 from solmap.photogrammetry.terrain.dtm.region_dtm import RegionParams
 from solmap.photogrammetry.terrain.dtm.stop_dtm import DtmParams, FarDtmParams
 from solmap.photogrammetry.terrain.facets import FacetParams
-from solmap.photogrammetry.terrain.footprints import FootprintParams
-from solmap.photogrammetry.terrain.havens import HavenParams
-from solmap.photogrammetry.terrain.hazard import HazardParams
-from solmap.photogrammetry.terrain.insolation import InsolationParams
 from solmap.photogrammetry.terrain.levels import TilesetParams
+from solmap.photogrammetry.terrain.light_maps import HavenParams, InsolationParams
 from solmap.photogrammetry.terrain.model3d import ModelParams
 from solmap.photogrammetry.terrain.orthophoto.panorama import PanoramaParams
 from solmap.photogrammetry.terrain.orthophoto.rendering import OrthophotoParams
 from solmap.photogrammetry.terrain.point_cloud import PointCloudParams
-from solmap.photogrammetry.terrain.slope import HillshadeParams, SlopeParams
+from solmap.photogrammetry.terrain.relief.contours import (
+    ContourParams,
+    FarContourParams,
+    RegionContourParams,
+)
+from solmap.photogrammetry.terrain.relief.slope import HillshadeParams, SlopeParams
+from solmap.photogrammetry.terrain.traversability.hazard import HazardParams
 from solmap.photogrammetry.terrain.view_model import ViewModelParams
-from solmap.photogrammetry.terrain.viewshed import ViewshedParams
+from solmap.photogrammetry.terrain.visibility.footprints import FootprintParams
+from solmap.photogrammetry.terrain.visibility.viewshed import ViewshedParams
 
 SHIPPED = Path(__file__).parent / "pipelines"
 

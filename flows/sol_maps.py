@@ -21,7 +21,7 @@ from solmap.flows.runtime.failures import by_first, layers_by_first, promised, s
 from solmap.flows.sol_inputs import SolInputs, SolReport, Standing
 from solmap.photogrammetry.errors import MatchingError, TerrainError
 from solmap.photogrammetry.imagery import StopId
-from solmap.photogrammetry.terrain.contours import ContourParams
+from solmap.photogrammetry.terrain.relief.contours import ContourParams
 from solmap.products.crs import LandingPoint
 from solmap.products.model import ProductKind, ProductRef
 from solmap.products.store.product_store import ProductStore

@@ -6,8 +6,8 @@ green, bad ground yellow to red, and lightness falls from one to the other.
 
 from __future__ import annotations
 
-from solmap.photogrammetry.terrain.hazard import Hazard
-from solmap.photogrammetry.terrain.viewshed import Sight
+from solmap.photogrammetry.terrain.traversability.hazard import Hazard
+from solmap.photogrammetry.terrain.visibility.viewshed import Sight
 from solmap.products.formats.raster.cog import RasterClass
 
 HAZARDS = (

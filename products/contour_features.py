@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from solmap.photogrammetry.terrain.contours import Contour
+from solmap.photogrammetry.terrain.relief.contours import Contour
 from solmap.products.formats.vector.geojson import Feature
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from solmap.photogrammetry.terrain.contours import ContourParams
-from solmap.photogrammetry.terrain.contours import trace_contours as trace
+from solmap.photogrammetry.terrain.relief.contours import ContourParams
+from solmap.photogrammetry.terrain.relief.contours import trace_contours as trace
 from solmap.products.contour_features import contour_feature
 from solmap.products.crs import LandingPoint
 from solmap.products.formats.raster.raster import read_dtm

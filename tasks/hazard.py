@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from solmap.photogrammetry.terrain.hazard import HazardParams, hazards
+from solmap.photogrammetry.terrain.traversability.hazard import HazardParams, hazards
 from solmap.products.classes import HAZARDS
 from solmap.products.crs import LandingPoint, local_crs
 from solmap.products.formats.raster.raster import read_dtm, write_classes

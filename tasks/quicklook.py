@@ -24,7 +24,7 @@ from solmap.photogrammetry.matching.sparse import SparseParams, match_interest_p
 from solmap.photogrammetry.matching.tie_pictures import Shown, caption, draw_sheet, misfits
 from solmap.photogrammetry.matching.ties import Ties
 from solmap.photogrammetry.terrain.pictures import class_picture, relief_picture
-from solmap.photogrammetry.terrain.slope import HillshadeParams
+from solmap.photogrammetry.terrain.relief.slope import HillshadeParams
 from solmap.products.errors import ProductError
 from solmap.products.formats.documents.archives import read_dense
 from solmap.products.formats.raster.raster import read_dtm

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from solmap.photogrammetry.arrays import Raster
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
-from solmap.photogrammetry.terrain.slope import (
+from solmap.photogrammetry.terrain.relief.slope import (
     HillshadeParams,
     Relief,
     SlopeParams,

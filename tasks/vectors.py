@@ -13,13 +13,13 @@ from solmap.photogrammetry.adjustment.records import USED, AdjustedStop
 from solmap.photogrammetry.body_fixed import map_from_lsl
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.imagery import RoverImage
-from solmap.photogrammetry.terrain.footprints import (
+from solmap.photogrammetry.terrain.oriented_image import as_pointed
+from solmap.photogrammetry.terrain.visibility.footprints import (
     FootprintParams,
     Ground,
     footprint,
     pointing_line,
 )
-from solmap.photogrammetry.terrain.oriented_image import as_pointed
 from solmap.products.catalogue.catalogue import ImageEntry
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.crs import LandingPoint

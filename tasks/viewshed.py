@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from solmap.photogrammetry.terrain.viewshed import ViewshedParams, viewshed_of_stop
+from solmap.photogrammetry.terrain.visibility.viewshed import ViewshedParams, viewshed_of_stop
 from solmap.products.classes import SIGHTS
 from solmap.products.crs import LandingPoint, local_crs
 from solmap.products.formats.raster.raster import read_dtm, write_classes

@@ -13,7 +13,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from solmap.photogrammetry.terrain.viewshed import Sight
+from solmap.photogrammetry.terrain.visibility.viewshed import Sight
 from solmap.products.formats.raster.tiling import HALF_SIDE_M
 from solmap.products.model import Layer, ProductRef
 

@@ -21,8 +21,8 @@ from solmap.gis_server.analysis.mosaic import mosaic, worst_of
 from solmap.gis_server.analysis.refusal import RefusedError
 from solmap.gis_server.rendering.png import indexed_png
 from solmap.photogrammetry.arrays import Classes, Float64, Raster
-from solmap.photogrammetry.terrain.driving import DrivingParams, Reach, reach
 from solmap.photogrammetry.terrain.dtm.grid import Bounds, MapGrid
+from solmap.photogrammetry.terrain.traversability.driving import DrivingParams, Reach, reach
 from solmap.products.model import Layer, ProductKind
 
 HAZARD_KINDS = (ProductKind.HAZARD, ProductKind.REGION_HAZARD)

@@ -25,7 +25,7 @@ from solmap.photogrammetry.terrain.oriented_image import (
     OrientedImage,
     epipolar_curve,
 )
-from solmap.photogrammetry.terrain.viewshed import ViewshedParams
+from solmap.photogrammetry.terrain.visibility.viewshed import ViewshedParams
 from solmap.products.catalogue.catalogue import ImageEntry
 from solmap.products.catalogue.oriented_images import OrientedMission
 from solmap.products.model import Layer

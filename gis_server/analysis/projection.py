@@ -20,8 +20,12 @@ from solmap.photogrammetry.terrain.oriented_image import (
     OrientedImage,
     in_images_of,
 )
-from solmap.photogrammetry.terrain.sight_line import places_between, sight_line
-from solmap.photogrammetry.terrain.viewshed import Sight, ViewshedParams
+from solmap.photogrammetry.terrain.visibility.viewshed import (
+    Sight,
+    ViewshedParams,
+    places_between,
+    sight_line,
+)
 from solmap.products.catalogue.catalogue import ImageEntry
 from solmap.products.catalogue.oriented_images import OrientedMission
 

@@ -12,7 +12,7 @@ from solmap.gis_server.analysis.ground import Ground
 from solmap.gis_server.analysis.measures import used_in
 from solmap.gis_server.analysis.refusal import RefusedError
 from solmap.photogrammetry.arrays import Vector3
-from solmap.photogrammetry.terrain.sight_line import places_between, sight_line
+from solmap.photogrammetry.terrain.visibility.viewshed import places_between, sight_line
 
 FARTHEST_M = 2000.0
 """Longest line of sight, and largest radius of a viewshed."""

@@ -18,7 +18,7 @@ from solmap.gis_server.analysis.sight import raised
 from solmap.gis_server.rendering.png import indexed_png
 from solmap.photogrammetry.arrays import Classes, Vector3
 from solmap.photogrammetry.terrain.dtm.grid import Bounds, MapGrid
-from solmap.photogrammetry.terrain.viewshed import Sight, ViewshedParams, viewshed
+from solmap.photogrammetry.terrain.visibility.viewshed import Sight, ViewshedParams, viewshed
 from solmap.products.classes import SIGHTS
 from solmap.products.model import Layer
 

@@ -10,13 +10,13 @@ from rasterio.windows import Window
 
 from solmap.gis_server.rendering.looks import UnknownLookError
 from solmap.gis_server.rendering.readers import RasterPool
-from solmap.photogrammetry.terrain.contours import (
+from solmap.photogrammetry.terrain.dtm.grid import Bounds
+from solmap.photogrammetry.terrain.relief.contours import (
     Contour,
     ContourParams,
     RegionContourParams,
     trace_contours,
 )
-from solmap.photogrammetry.terrain.dtm.grid import Bounds
 from solmap.products.contour_features import contour_feature
 from solmap.products.formats.raster.raster import grid_of
 from solmap.products.formats.vector.geojson import Feature

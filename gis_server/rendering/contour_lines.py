@@ -20,7 +20,11 @@ import numpy as np
 from solmap.gis_server.rendering.looks import Look
 from solmap.gis_server.rendering.patches import Patch
 from solmap.photogrammetry.arrays import Raster
-from solmap.photogrammetry.terrain.contours import ContourParams, interval_by_relief, smoothed
+from solmap.photogrammetry.terrain.relief.contours import (
+    ContourParams,
+    interval_by_relief,
+    smoothed,
+)
 from solmap.products.model import Layer
 
 _PARAMS = ContourParams()

@@ -23,7 +23,7 @@ from solmap.gis_server.routes.geotiffs import geotiff
 from solmap.gis_server.routes.missions import map_layers
 from solmap.gis_server.routes.parameters import AGAIN, Metres, MissionName
 from solmap.gis_server.services import ServicesOf
-from solmap.photogrammetry.terrain.driving import DrivingParams
+from solmap.photogrammetry.terrain.traversability.driving import DrivingParams
 from solmap.products.crs import local_crs
 from solmap.products.formats.raster.raster import write_raster
 

@@ -12,7 +12,7 @@ from solmap.photogrammetry.cameras.model import CameraModel
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.imagery import Eye
 from solmap.photogrammetry.matching.hand_editing import epipolar_point
-from solmap.photogrammetry.terrain.viewshed import Sight
+from solmap.photogrammetry.terrain.visibility.viewshed import Sight
 
 LEAST_TOLERANCE_PX = 0.5
 """By which a parallax may differ from the expected one before it is of other ground: twice the

@@ -8,7 +8,7 @@ import numpy as np
 from solmap.photogrammetry.arrays import Picture, Raster
 from solmap.photogrammetry.terrain.dtm.records import Dtm, GroundClass
 from solmap.photogrammetry.terrain.orthophoto.rendering import Orthophoto
-from solmap.photogrammetry.terrain.slope import HillshadeParams, hillshade
+from solmap.photogrammetry.terrain.relief.slope import HillshadeParams, hillshade
 
 CLASS_COLOURS = {
     GroundClass.UNSEEN: (0, 0, 0, 0),

@@ -15,16 +15,25 @@ import pytest
 import rasterio
 
 from solmap.photogrammetry.synthetic.world import WorldParams, make_world
-from solmap.photogrammetry.terrain.contours import ContourParams, trace_contours
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.photogrammetry.terrain.dtm.records import Dtm, GroundClass
 from solmap.photogrammetry.terrain.dtm.resampling import coarsened
-from solmap.photogrammetry.terrain.havens import HavenParams, winter_havens
-from solmap.photogrammetry.terrain.hazard import HazardParams, hazards
 from solmap.photogrammetry.terrain.horizon import horizons
-from solmap.photogrammetry.terrain.insolation import InsolationParams, insolation
-from solmap.photogrammetry.terrain.slope import SlopeParams, mapped_relief
-from solmap.photogrammetry.terrain.viewshed import Sight, ViewshedParams, eye_above, viewshed
+from solmap.photogrammetry.terrain.light_maps import (
+    HavenParams,
+    InsolationParams,
+    insolation,
+    winter_havens,
+)
+from solmap.photogrammetry.terrain.relief.contours import ContourParams, trace_contours
+from solmap.photogrammetry.terrain.relief.slope import SlopeParams, mapped_relief
+from solmap.photogrammetry.terrain.traversability.hazard import HazardParams, hazards
+from solmap.photogrammetry.terrain.visibility.viewshed import (
+    Sight,
+    ViewshedParams,
+    eye_above,
+    viewshed,
+)
 
 GRID = MapGrid(-30.72, 30.72, 0.04, 1536, 1536)
 GUSEV = math.radians(-14.735)

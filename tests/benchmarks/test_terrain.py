@@ -15,13 +15,13 @@ from scipy.interpolate import LinearNDInterpolator
 
 from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.frames import LSL, Frame, FrameKind, Pose
-from solmap.photogrammetry.terrain.contours import ContourParams, trace_contours
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.photogrammetry.terrain.dtm.ground import SightParams, ground_of, trusted_parallax
 from solmap.photogrammetry.terrain.dtm.records import Dtm, GroundClass, TerrainView
 from solmap.photogrammetry.terrain.dtm.stop_dtm import DtmParams, Gridding, build_dtm
 from solmap.photogrammetry.terrain.orthophoto.rendering import OrthophotoParams, rendering
-from solmap.photogrammetry.terrain.slope import SlopeParams, slope
+from solmap.photogrammetry.terrain.relief.contours import ContourParams, trace_contours
+from solmap.photogrammetry.terrain.relief.slope import SlopeParams, slope
 
 SIDE_PX, FOCAL_PX, BASE_M, MAST_M, DIP = 1024, 1222.0, 0.2, 1.5, np.radians(18)
 

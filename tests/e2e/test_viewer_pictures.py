@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.terrain.hazard import Hazard
+from solmap.photogrammetry.terrain.traversability.hazard import Hazard
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.classes import HAZARDS
 from solmap.products.formats.raster.raster import write_classes

@@ -13,7 +13,7 @@ import math
 import numpy as np
 
 from solmap.photogrammetry.terrain.dtm.records import Dtm
-from solmap.photogrammetry.terrain.hazard import Hazard
+from solmap.photogrammetry.terrain.traversability.hazard import Hazard
 from solmap.products.catalogue.catalogue import MissionEntry
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.classes import HAZARDS

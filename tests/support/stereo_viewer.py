@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from solmap.photogrammetry.archive.reading import read_image
-from solmap.photogrammetry.terrain.footprints import FootprintParams
+from solmap.photogrammetry.terrain.visibility.footprints import FootprintParams
 from solmap.products.formats.documents.network import latest_network
 from solmap.products.formats.vector.geojson import read_features
 from solmap.products.model import Layer, ProductKind, ProductRef, Recipe, Scope, ScopeLevel

@@ -20,10 +20,14 @@ from solmap.photogrammetry.synthetic.world import WorldParams, make_world
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.photogrammetry.terrain.dtm.records import Dtm, GroundClass
 from solmap.photogrammetry.terrain.dtm.resampling import coarsened
-from solmap.photogrammetry.terrain.havens import Haven, HavenParams, winter_havens
-from solmap.photogrammetry.terrain.hazard import HazardParams, hazards
-from solmap.photogrammetry.terrain.insolation import InsolationParams, insolation
-from solmap.photogrammetry.terrain.slope import (
+from solmap.photogrammetry.terrain.light_maps import (
+    Haven,
+    HavenParams,
+    InsolationParams,
+    insolation,
+    winter_havens,
+)
+from solmap.photogrammetry.terrain.relief.slope import (
     HillshadeParams,
     SlopeParams,
     hillshade,
@@ -31,7 +35,12 @@ from solmap.photogrammetry.terrain.slope import (
     northerly_tilt_of,
     slope_of,
 )
-from solmap.photogrammetry.terrain.viewshed import ViewshedParams, eye_above, viewshed
+from solmap.photogrammetry.terrain.traversability.hazard import HazardParams, hazards
+from solmap.photogrammetry.terrain.visibility.viewshed import (
+    ViewshedParams,
+    eye_above,
+    viewshed,
+)
 from solmap.products.formats.raster.cog import RasterClass
 from solmap.products.model import ProductKind
 

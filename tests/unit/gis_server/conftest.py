@@ -14,7 +14,7 @@ from fastapi.testclient import TestClient
 from solmap.gis_server.app import create_app
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.photogrammetry.terrain.dtm.records import Dtm
-from solmap.photogrammetry.terrain.hazard import Hazard
+from solmap.photogrammetry.terrain.traversability.hazard import Hazard
 from solmap.products.catalogue.catalogue import Catalogue, ImageEntry, MissionEntry
 from solmap.products.classes import HAZARDS
 from solmap.products.crs import LandingPoint, local_crs

@@ -13,7 +13,7 @@ from solmap.gis_server.rendering.shading import OF_TERRAIN
 from solmap.gis_server.rendering.styles import STYLES, styles_of
 from solmap.gis_server.rendering.tiles import render_tile
 from solmap.photogrammetry.terrain.dtm.records import Dtm
-from solmap.photogrammetry.terrain.slope import (
+from solmap.photogrammetry.terrain.relief.slope import (
     HillshadeParams,
     SlopeParams,
     aspect,

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.terrain.contours import RegionContourParams
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.photogrammetry.terrain.dtm.records import Dtm, GroundClass
 from solmap.photogrammetry.terrain.dtm.region_dtm import RegionParams
-from solmap.photogrammetry.terrain.slope import HillshadeParams
+from solmap.photogrammetry.terrain.relief.contours import RegionContourParams
+from solmap.photogrammetry.terrain.relief.slope import HillshadeParams
 from solmap.products.crs import LandingPoint, local_crs
 from solmap.products.formats.raster.raster import open_raster, read_dtm, write_dtm
 from solmap.products.model import MAPPED, SUFFIX, ProductKind, ProductRef, Recipe, Scope, ScopeLevel

@@ -8,10 +8,9 @@ import pytest
 from solmap.config.pipeline import PipelineConfig
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.photogrammetry.terrain.dtm.records import Dtm, GroundClass
-from solmap.photogrammetry.terrain.havens import HavenParams
-from solmap.photogrammetry.terrain.hazard import Hazard
-from solmap.photogrammetry.terrain.insolation import InsolationParams
-from solmap.photogrammetry.terrain.viewshed import Sight
+from solmap.photogrammetry.terrain.light_maps import HavenParams, InsolationParams
+from solmap.photogrammetry.terrain.traversability.hazard import Hazard
+from solmap.photogrammetry.terrain.visibility.viewshed import Sight
 from solmap.products.crs import LandingPoint, local_crs
 from solmap.products.formats.raster.raster import open_raster, read_raster, write_dtm
 from solmap.products.formats.vector.geojson import read_features

@@ -6,7 +6,7 @@ from shapely import STRtree
 from shapely.geometry import LineString
 
 from solmap.photogrammetry.errors import TerrainError
-from solmap.photogrammetry.terrain.contours import (
+from solmap.photogrammetry.terrain.relief.contours import (
     ContourParams,
     RegionContourParams,
     interval_by_relief,

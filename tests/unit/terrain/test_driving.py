@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from solmap.photogrammetry.errors import TerrainError
-from solmap.photogrammetry.terrain.driving import DrivingParams, reach
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
-from solmap.photogrammetry.terrain.hazard import Hazard
+from solmap.photogrammetry.terrain.traversability.driving import DrivingParams, reach
+from solmap.photogrammetry.terrain.traversability.hazard import Hazard
 
 GRID = MapGrid.covering((-20.0, -20.0, 20.0, 20.0), 0.16)
 HALF = GRID.cell_m / 2

@@ -15,7 +15,11 @@ from solmap.photogrammetry.frames import (
     rover_frame,
     site_frame,
 )
-from solmap.photogrammetry.terrain.footprints import Ground, footprint, pointing_line
+from solmap.photogrammetry.terrain.visibility.footprints import (
+    Ground,
+    footprint,
+    pointing_line,
+)
 
 SIZE = (1024, 1024)
 LEVEL = Ground(0.0)

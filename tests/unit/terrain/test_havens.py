@@ -7,8 +7,12 @@ import pytest
 from shapely.geometry import Polygon
 
 from solmap.photogrammetry.errors import TerrainError
-from solmap.photogrammetry.terrain.havens import HavenParams, winter_havens
-from solmap.photogrammetry.terrain.insolation import InsolationParams, insolation
+from solmap.photogrammetry.terrain.light_maps import (
+    HavenParams,
+    InsolationParams,
+    insolation,
+    winter_havens,
+)
 
 GUSEV = math.radians(-14.735)
 PARAMS = HavenParams()

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from solmap.photogrammetry.errors import TerrainError
-from solmap.photogrammetry.terrain import hazard as hazard_module
-from solmap.photogrammetry.terrain.hazard import Hazard, HazardParams, hazards
+from solmap.photogrammetry.terrain.traversability import hazard as hazard_module
+from solmap.photogrammetry.terrain.traversability.hazard import Hazard, HazardParams, hazards
 
 PARAMS = HazardParams()
 

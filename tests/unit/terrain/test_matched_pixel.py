@@ -3,7 +3,7 @@ import pytest
 
 from solmap.photogrammetry.imagery import Eye
 from solmap.photogrammetry.terrain.matched_pixel import matched_pixel, sight_by_parallax
-from solmap.photogrammetry.terrain.viewshed import Sight
+from solmap.photogrammetry.terrain.visibility.viewshed import Sight
 from tests.unit.terrain.conftest import looking
 
 GEOMETRY, LSL_FROM_PAIR = looking(0.0, 15.0)

@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.terrain.sight_line import places_between, sight_line
-from solmap.photogrammetry.terrain.viewshed import Sight
+from solmap.photogrammetry.terrain.visibility.viewshed import Sight, places_between, sight_line
 
 EYE = np.array([0.0, 0.0, 1.5])
 TARGET = np.array([0.0, 20.0, 0.1])

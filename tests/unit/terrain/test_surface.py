@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from solmap.photogrammetry.errors import TerrainError
-from solmap.photogrammetry.terrain.slope import (
+from solmap.photogrammetry.terrain.relief.slope import (
     HillshadeParams,
     SlopeParams,
     aspect,

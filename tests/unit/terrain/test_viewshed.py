@@ -6,7 +6,7 @@ import pytest
 from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.photogrammetry.terrain.dtm.records import GroundClass
-from solmap.photogrammetry.terrain.viewshed import (
+from solmap.photogrammetry.terrain.visibility.viewshed import (
     Sight,
     ViewshedParams,
     eye_above,

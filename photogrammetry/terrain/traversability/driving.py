@@ -24,7 +24,7 @@ from scipy.sparse.csgraph import dijkstra
 from solmap.photogrammetry.arrays import Bool, Classes, Float64, Int32, Raster
 from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
-from solmap.photogrammetry.terrain.hazard import Hazard
+from solmap.photogrammetry.terrain.traversability.hazard import Hazard
 
 Places = Float64[np.ndarray, "n 2"]
 """(east, north) in metres of the local map."""
