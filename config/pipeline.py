@@ -28,12 +28,12 @@ from solmap.photogrammetry.matching.wide_stereo import WideParams
 from solmap.photogrammetry.terrain.dtm.region_dtm import RegionParams
 from solmap.photogrammetry.terrain.dtm.stop_dtm import DtmParams, FarDtmParams
 from solmap.photogrammetry.terrain.facets import FacetParams
-from solmap.photogrammetry.terrain.levels import TilesetParams
-from solmap.photogrammetry.terrain.light_maps import HavenParams, InsolationParams
-from solmap.photogrammetry.terrain.model3d import ModelParams
+from solmap.photogrammetry.terrain.insolation.maps import HavenParams, InsolationParams
+from solmap.photogrammetry.terrain.mesh.point_cloud import PointCloudParams
+from solmap.photogrammetry.terrain.mesh.surface_mesh import ModelParams, TilesetParams
+from solmap.photogrammetry.terrain.mesh.view_mesh import ViewModelParams
 from solmap.photogrammetry.terrain.orthophoto.panorama import PanoramaParams
 from solmap.photogrammetry.terrain.orthophoto.rendering import OrthophotoParams
-from solmap.photogrammetry.terrain.point_cloud import PointCloudParams
 from solmap.photogrammetry.terrain.relief.contours import (
     ContourParams,
     FarContourParams,
@@ -41,7 +41,6 @@ from solmap.photogrammetry.terrain.relief.contours import (
 )
 from solmap.photogrammetry.terrain.relief.slope import HillshadeParams, SlopeParams
 from solmap.photogrammetry.terrain.traversability.hazard import HazardParams
-from solmap.photogrammetry.terrain.view_model import ViewModelParams
 from solmap.photogrammetry.terrain.visibility.footprints import FootprintParams
 from solmap.photogrammetry.terrain.visibility.viewshed import ViewshedParams
 

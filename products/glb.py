@@ -12,11 +12,11 @@ import cv2
 import numpy as np
 
 from solmap.photogrammetry.arrays import Picture
-from solmap.photogrammetry.terrain.model3d import SurfaceMesh, TexturedMesh
+from solmap.photogrammetry.terrain.mesh.surface_mesh import SurfaceMesh, TexturedMesh
 from solmap.products.errors import ProductError
 from solmap.products.formats.mesh.draco import compress
 
-MAGIC, VERSION, _JSON, _BIN = 0x46546C67, 2, 0x4E4F534A, 0x004E4942
+_MAGIC, _VERSION, _JSON, _BIN = 0x46546C67, 2, 0x4E4F534A, 0x004E4942
 _FLOAT, _BYTE, _USHORT, _UINT = 5126, 5120, 5123, 5125
 _VERTICES, _INDICES = 34962, 34963
 _LARGEST_SHORT = 65534
@@ -150,12 +150,7 @@ class Glb:
 
     def bytes(self, origin: tuple[float, float, float], notes: dict[str, Any]) -> bytes:
         """The whole file."""
-        text = json.dumps(self._document(origin, notes), separators=(",", ":")).encode()
-        text += b" " * (-len(text) % 4)
-        total = 12 + 8 + len(text) + 8 + len(self.binary)
-        head = struct.pack("<3I", MAGIC, VERSION, total)
-        chunks = struct.pack("<2I", len(text), _JSON), struct.pack("<2I", len(self.binary), _BIN)
-        return b"".join([head, chunks[0], text, chunks[1], bytes(self.binary)])
+        return glb_bytes(self._document(origin, notes), bytes(self.binary))
 
     def _document(
         self, origin: tuple[float, float, float], notes: dict[str, Any]
@@ -185,6 +180,15 @@ class Glb:
             "bufferViews": self.views,
             "buffers": [{"byteLength": len(self.binary)}],
         }
+
+
+def glb_bytes(document: dict[str, Any], binary: bytes) -> bytes:
+    """A glTF binary: its header, the document and the binary part."""
+    text = json.dumps(document, separators=(",", ":")).encode()
+    text += b" " * (-len(text) % 4)
+    head = struct.pack("<3I", _MAGIC, _VERSION, 12 + 8 + len(text) + 8 + len(binary))
+    chunks = struct.pack("<2I", len(text), _JSON), struct.pack("<2I", len(binary), _BIN)
+    return b"".join([head, chunks[0], text, chunks[1], binary])
 
 
 _SAMPLER = {

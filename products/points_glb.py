@@ -8,18 +8,14 @@ equal bytes.
 
 from __future__ import annotations
 
-import json
-import struct
 from typing import Any
 
 import numpy as np
 
-from solmap.photogrammetry.terrain.point_cloud import PointCloud
-from solmap.products.glb import MAGIC, VERSION
+from solmap.photogrammetry.terrain.mesh.point_cloud import PointCloud
+from solmap.products.glb import _FLOAT, _STEPS, _USHORT, _VERTICES, glb_bytes
 
-_FLOAT, _USHORT, _POINTS, _ARRAY = 5126, 5123, 0, 34962
-_JSON, _BIN = 0x4E4F534A, 0x004E4942
-_STEPS = 65535
+_POINTS = 0
 
 
 def write_points(cloud: PointCloud) -> bytes:
@@ -53,7 +49,7 @@ def write_points(cloud: PointCloud) -> bytes:
                 "byteOffset": offset,
                 "byteLength": len(part),
                 "byteStride": stride,
-                "target": _ARRAY,
+                "target": _VERTICES,
             }
         )
         offset += len(part)
@@ -74,7 +70,7 @@ def write_points(cloud: PointCloud) -> bytes:
         "bufferViews": views,
         "buffers": [{"byteLength": offset}],
     }
-    return _binary(document, b"".join(parts))
+    return glb_bytes(document, b"".join(parts))
 
 
 def _linear() -> np.ndarray:
@@ -82,12 +78,3 @@ def _linear() -> np.ndarray:
     grey = np.arange(256) / 255
     light = np.where(grey <= 0.04045, grey / 12.92, ((grey + 0.055) / 1.055) ** 2.4)  # noqa: PLR2004 - sRGB
     return np.rint(light * _STEPS).astype("<u2")
-
-
-def _binary(document: dict[str, Any], data: bytes) -> bytes:
-    text = json.dumps(document, separators=(",", ":")).encode()
-    text += b" " * (-len(text) % 4)
-    total = 12 + 8 + len(text) + 8 + len(data)
-    head = struct.pack("<3I", MAGIC, VERSION, total)
-    chunks = struct.pack("<2I", len(text), _JSON), struct.pack("<2I", len(data), _BIN)
-    return b"".join([head, chunks[0], text, chunks[1], data])

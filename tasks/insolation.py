@@ -9,14 +9,14 @@ from pathlib import Path
 import numpy as np
 
 from solmap.photogrammetry.body_fixed import planetographic
-from solmap.photogrammetry.terrain.light_maps import (
+from solmap.photogrammetry.terrain.insolation.maps import (
     Haven,
     HavenParams,
     Insolation,
     InsolationParams,
     winter_havens,
 )
-from solmap.photogrammetry.terrain.light_maps import insolation as insolation_of
+from solmap.photogrammetry.terrain.insolation.maps import insolation as insolation_of
 from solmap.products.crs import LandingPoint, local_crs
 from solmap.products.formats.raster.raster import read_dtm, write_raster
 from solmap.products.formats.vector.geojson import Feature, write_features

@@ -6,13 +6,15 @@ from pathlib import Path
 
 import numpy as np
 
-from solmap.photogrammetry.terrain.levels import DrawnTile, TilesetParams, drawn_tiles
-from solmap.photogrammetry.terrain.model3d import (
+from solmap.photogrammetry.terrain.mesh.surface_mesh import (
     Bounds,
+    DrawnTile,
     ModelParams,
     SurfaceMesh,
     TerrainDrawing,
     TexturedMesh,
+    TilesetParams,
+    drawn_tiles,
 )
 from solmap.products.crs import LandingPoint
 from solmap.products.formats.mesh.gltf import Encoding, write_glb

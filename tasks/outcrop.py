@@ -8,7 +8,7 @@ import numpy as np
 
 from solmap.photogrammetry.imagery import StopId
 from solmap.photogrammetry.terrain.facets import Facet, FacetParams, find_facets
-from solmap.photogrammetry.terrain.view_model import ViewModelParams, view_meshes
+from solmap.photogrammetry.terrain.mesh.view_mesh import ViewModelParams, view_meshes
 from solmap.products.crs import LandingPoint
 from solmap.products.formats.mesh.gltf import Encoding, write_glb
 from solmap.products.formats.mesh.models import notes_of

@@ -6,7 +6,7 @@ from functools import cache
 from pathlib import Path
 
 from solmap.photogrammetry.imagery import StopId
-from solmap.photogrammetry.terrain.point_cloud import (
+from solmap.photogrammetry.terrain.mesh.point_cloud import (
     PointCloud,
     PointCloudParams,
     cloud_tiles,

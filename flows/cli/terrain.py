@@ -95,7 +95,7 @@ def stl(
 ) -> None:
     """Write the terrain model of a stop as a watertight solid (binary STL, metres)."""
     from solmap.photogrammetry.errors import PhotogrammetryError  # noqa: PLC0415 - slow to import
-    from solmap.photogrammetry.terrain.printable import SolidParams, solid_of  # noqa: PLC0415
+    from solmap.photogrammetry.terrain.mesh.solid import SolidParams, solid_of  # noqa: PLC0415
     from solmap.products.errors import ProductError, ProductNotFoundError  # noqa: PLC0415
     from solmap.products.formats.mesh.stl import stl_bytes  # noqa: PLC0415
     from solmap.products.formats.raster.raster import read_dtm  # noqa: PLC0415

@@ -10,7 +10,7 @@ from pydantic import BaseModel
 from solmap.gis_server.analysis.refusal import RefusedError
 from solmap.gis_server.routes.parameters import AGAIN, FOREVER, Digest, MissionName, ScopeName
 from solmap.gis_server.services import ServicesOf
-from solmap.photogrammetry.terrain.printable import SolidParams, solid_of
+from solmap.photogrammetry.terrain.mesh.solid import SolidParams, solid_of
 from solmap.products.crs import local_crs
 from solmap.products.errors import ProductNotFoundError
 from solmap.products.formats.mesh.stl import stl_bytes

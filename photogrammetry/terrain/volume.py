@@ -17,11 +17,13 @@ first part falls away.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import shapely
 
-from solmap.photogrammetry.arrays import Float64, PerPoint, Vector3
+from solmap.photogrammetry.arrays import Flags, Float64, PerPoint, Vector3
 from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.terrain.dtm.resampling import GroundSamples, MapPoints
 
@@ -124,3 +126,56 @@ def volume(places: MapPoints, ground: GroundSamples, base: Base, area_m2: float)
         float(h.max()),
         float(h.min()),
     )
+
+
+Elevations = Callable[[MapPoints], PerPoint]
+"""Elevation at (east, north); NaN where the ground is not known."""
+
+
+MOST_PLACES = 250_000
+"""Places inside a polygon at which the ground is read."""
+
+
+def polygon_of(corners: MapPoints) -> shapely.Polygon:
+    """The polygon of a ring of corners, closed or not.
+
+    Raises:
+        TerrainError: it crosses itself or has no area.
+    """
+    polygon = shapely.Polygon(corners)
+    if not polygon.is_valid or not polygon.area > 0:
+        why = shapely.is_valid_reason(polygon)
+        raise TerrainError(f"the corners span no simple polygon ({why}): draw it without crossing")
+    return polygon
+
+
+def places_inside(
+    polygon: shapely.Polygon, cell_m: float, most: int = MOST_PLACES
+) -> tuple[MapPoints, float]:
+    """Centres of the cells of a lattice that lie in a polygon, and the cell: `cell_m` or more.
+
+    The cell is widened where the polygon's box would hold more than `most` of them.
+
+    Raises:
+        TerrainError: no centre lies in it.
+    """
+    west, south, east, north = polygon.bounds
+    cell = max(cell_m, float(np.sqrt((east - west) * (north - south) / most)))
+    across = west + (np.arange(int(np.ceil((east - west) / cell))) + 0.5) * cell
+    down = south + (np.arange(int(np.ceil((north - south) / cell))) + 0.5) * cell
+    places = np.stack([axis.ravel() for axis in np.meshgrid(across, down)], axis=1)
+    inside: Flags = shapely.contains_xy(polygon, places[:, 0], places[:, 1])
+    if not inside.any():
+        raise TerrainError(
+            f"the polygon of {polygon.area:.3g} m2 holds no cell of {cell:.3g} m: draw a larger one"
+        )
+    return places[inside], cell
+
+
+def steepening(places: MapPoints, elevations: Elevations, half_m: float) -> PerPoint:
+    """Area of the ground over its area on the map, from its slope over 2 `half_m`; NaN in gaps."""
+    squares = np.zeros(len(places))
+    for step in half_m * np.eye(2):
+        rise = (elevations(places + step) - elevations(places - step)) / (2 * half_m)
+        squares += rise**2
+    return np.sqrt(1 + squares)

@@ -12,9 +12,14 @@ from scipy.ndimage import map_coordinates
 
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.photogrammetry.terrain.dtm.records import Dtm, GroundClass
-from solmap.photogrammetry.terrain.levels import TilesetParams, drawn_tiles
-from solmap.photogrammetry.terrain.model3d import ModelParams, TerrainDrawing, TexturedMesh
-from solmap.photogrammetry.terrain.right_triangles import RightTriangles
+from solmap.photogrammetry.terrain.mesh.right_triangles import RightTriangles
+from solmap.photogrammetry.terrain.mesh.surface_mesh import (
+    ModelParams,
+    TerrainDrawing,
+    TexturedMesh,
+    TilesetParams,
+    drawn_tiles,
+)
 from solmap.products.formats.mesh.gltf import Encoding, write_glb
 
 CELL_M, SIDE = 0.04, 1500

@@ -18,8 +18,8 @@ from solmap.photogrammetry.synthetic.world import WorldParams, make_world
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.photogrammetry.terrain.dtm.records import Dtm, GroundClass
 from solmap.photogrammetry.terrain.dtm.resampling import coarsened
-from solmap.photogrammetry.terrain.horizon import horizons
-from solmap.photogrammetry.terrain.light_maps import (
+from solmap.photogrammetry.terrain.insolation.horizon import horizons
+from solmap.photogrammetry.terrain.insolation.maps import (
     HavenParams,
     InsolationParams,
     insolation,

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.terrain.sun import Season, sun_directions
+from solmap.photogrammetry.terrain.insolation.sun import Season, sun_directions
 from tests.support.bowl_store import LANDING
 from tests.support.browsing import at, colour_at, look, pixel_of, screenshot, until
 

@@ -125,7 +125,7 @@ def build(workspace: Workspace) -> None:
 
 
 def write_tileset(path: Path) -> None:
-    from solmap.photogrammetry.terrain.levels import TilePlace  # noqa: PLC0415
+    from solmap.photogrammetry.terrain.mesh.surface_mesh import TilePlace  # noqa: PLC0415
 
     with TilesetWriter(path, {}) as writer:
         for place in (TilePlace(0, 0, 0), TilePlace(1, 0, 0)):

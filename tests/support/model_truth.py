@@ -13,8 +13,12 @@ from pathlib import Path
 
 import numpy as np
 
-from solmap.photogrammetry.terrain.model3d import ModelParams, SurfaceMesh, TerrainDrawing
-from solmap.photogrammetry.terrain.view_model import ViewModelParams, view_meshes
+from solmap.photogrammetry.terrain.mesh.surface_mesh import (
+    ModelParams,
+    SurfaceMesh,
+    TerrainDrawing,
+)
+from solmap.photogrammetry.terrain.mesh.view_mesh import ViewModelParams, view_meshes
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.formats.raster.raster import read_dtm
 from solmap.products.model import ProductKind

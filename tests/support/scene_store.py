@@ -24,9 +24,8 @@ from solmap.photogrammetry.imagery import Eye, StopId, TiePoints
 from solmap.photogrammetry.synthetic.edr import Exposure, edr_bytes
 from solmap.photogrammetry.synthetic.lighting import Sun
 from solmap.photogrammetry.synthetic.rig import CAMERAS, Instrument, Pointing
-from solmap.photogrammetry.terrain.levels import TilesetParams
-from solmap.photogrammetry.terrain.model3d import ModelParams
-from solmap.photogrammetry.terrain.point_cloud import PointCloud, cloud_tiles
+from solmap.photogrammetry.terrain.mesh.point_cloud import PointCloud, cloud_tiles
+from solmap.photogrammetry.terrain.mesh.surface_mesh import ModelParams, TilesetParams
 from solmap.products.catalogue.catalogue import ImageEntry, MissionEntry
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.formats.documents.archives import pose_document

@@ -24,11 +24,9 @@ from typing import Any
 
 import numpy as np
 
-from solmap.photogrammetry.terrain.model3d import TexturedMesh
+from solmap.photogrammetry.terrain.mesh.surface_mesh import TexturedMesh
 from solmap.products.errors import ProductError
-from solmap.products.glb import MAGIC, VERSION, Encoding, Glb
-
-__all__ = ["Encoding", "box_of_glb", "read_glb", "write_glb"]
+from solmap.products.glb import _MAGIC, _VERSION, Encoding, Glb
 
 
 def write_glb(
@@ -66,7 +64,7 @@ def read_glb(data: bytes) -> tuple[dict[str, Any], bytes]:
     Raises:
         ProductError: it is none.
     """
-    if data[:8] != struct.pack("<2I", MAGIC, VERSION):
+    if data[:8] != struct.pack("<2I", _MAGIC, _VERSION):
         raise ProductError(f"a glTF 2.0 binary begins with b'glTF' and 2, not with {data[:8]!r}")
     try:
         (length,) = struct.unpack_from("<I", data, 12)

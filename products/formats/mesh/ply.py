@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from solmap.photogrammetry.terrain.point_cloud import PointCloud
+from solmap.photogrammetry.terrain.mesh.point_cloud import PointCloud
 from solmap.products.errors import ProductError
 
 _ROW = np.dtype(

@@ -11,7 +11,7 @@ import struct
 
 import numpy as np
 
-from solmap.photogrammetry.terrain.printable import Solid
+from solmap.photogrammetry.terrain.mesh.solid import Solid
 from solmap.products.errors import ProductError
 
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("unused", "<u2")])

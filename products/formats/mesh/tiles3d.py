@@ -28,7 +28,7 @@ from typing import Any, Literal, Self
 import numpy as np
 
 from solmap.photogrammetry.arrays import ObjectPoints
-from solmap.photogrammetry.terrain.levels import TilePlace
+from solmap.photogrammetry.terrain.mesh.surface_mesh import TilePlace
 from solmap.products.errors import ProductError, ProductNotFoundError
 
 TILESET = "tileset.json"

@@ -7,7 +7,11 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from solmap.photogrammetry.terrain.model3d import SurfaceMesh, TexturedMesh, mean_normals
+from solmap.photogrammetry.terrain.mesh.surface_mesh import (
+    SurfaceMesh,
+    TexturedMesh,
+    mean_normals,
+)
 from solmap.products.errors import ProductError
 from solmap.products.formats.mesh.gltf import Encoding, box_of_glb, read_glb, write_glb
 from tests.support.gltf_validator import validate_glb

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.terrain.levels import TilePlace
-from solmap.photogrammetry.terrain.point_cloud import PointCloud
+from solmap.photogrammetry.terrain.mesh.point_cloud import PointCloud
+from solmap.photogrammetry.terrain.mesh.surface_mesh import TilePlace
 from solmap.products.errors import ProductError
 from solmap.products.formats.mesh.gltf import read_glb
 from solmap.products.formats.mesh.ply import read_ply, write_ply

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.terrain.point_cloud import PointCloud
+from solmap.photogrammetry.terrain.mesh.point_cloud import PointCloud
 from solmap.products.formats.mesh.ply import write_ply
 from solmap.products.points_glb import write_points
 from tests.support.gltf_validator import validate_glb

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from solmap.photogrammetry.errors import TerrainError
-from solmap.photogrammetry.terrain.printable import SolidParams, solid_of
+from solmap.photogrammetry.terrain.mesh.solid import SolidParams, solid_of
 from solmap.products.errors import ProductError
 from solmap.products.formats.mesh.stl import read_stl, stl_bytes
 from tests.support.bowl_store import dtm

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.terrain.levels import TilePlace
+from solmap.photogrammetry.terrain.mesh.surface_mesh import TilePlace
 from solmap.products.errors import ProductError, ProductNotFoundError
 from solmap.products.formats.mesh.tiles3d import (
     TilesetWriter,

@@ -7,8 +7,7 @@ from fastapi.testclient import TestClient
 from solmap.gis_server.app import create_app
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.photogrammetry.terrain.dtm.records import Dtm, GroundClass
-from solmap.photogrammetry.terrain.levels import TilesetParams
-from solmap.photogrammetry.terrain.model3d import ModelParams
+from solmap.photogrammetry.terrain.mesh.surface_mesh import ModelParams, TilesetParams
 from solmap.products.catalogue.catalogue import MissionEntry
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.crs import LandingPoint, local_crs

@@ -8,7 +8,7 @@ import pytest
 from solmap.config.pipeline import PipelineConfig
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.photogrammetry.terrain.dtm.records import Dtm, GroundClass
-from solmap.photogrammetry.terrain.light_maps import HavenParams, InsolationParams
+from solmap.photogrammetry.terrain.insolation.maps import HavenParams, InsolationParams
 from solmap.photogrammetry.terrain.traversability.hazard import Hazard
 from solmap.photogrammetry.terrain.visibility.viewshed import Sight
 from solmap.products.crs import LandingPoint, local_crs

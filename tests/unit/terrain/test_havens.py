@@ -7,7 +7,7 @@ import pytest
 from shapely.geometry import Polygon
 
 from solmap.photogrammetry.errors import TerrainError
-from solmap.photogrammetry.terrain.light_maps import (
+from solmap.photogrammetry.terrain.insolation.maps import (
     HavenParams,
     InsolationParams,
     insolation,

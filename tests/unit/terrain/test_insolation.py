@@ -8,16 +8,16 @@ import pytest
 from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.photogrammetry.terrain.dtm.resampling import coarsened
-from solmap.photogrammetry.terrain.horizon import horizons
-from solmap.photogrammetry.terrain.light_maps import (
+from solmap.photogrammetry.terrain.insolation.horizon import horizons
+from solmap.photogrammetry.terrain.insolation.maps import (
     InsolationParams,
     horizon_towards,
     insolation,
     sky_view,
 )
+from solmap.photogrammetry.terrain.insolation.sun import Season, daily_insolation_above
 from solmap.photogrammetry.terrain.planes import gradients
 from solmap.photogrammetry.terrain.relief.slope import normals_of
-from solmap.photogrammetry.terrain.sun import Season, daily_insolation_above
 
 GUSEV = math.radians(-14.735)
 CLEAR = InsolationParams(ls_deg=(90.0,), optical_depth=0.0)

@@ -5,8 +5,14 @@ import pytest
 
 from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.terrain.dtm.records import Dtm
-from solmap.photogrammetry.terrain.levels import DrawnTile, TilePlace, TilesetParams, drawn_tiles
-from solmap.photogrammetry.terrain.model3d import SurfaceMesh, TerrainDrawing
+from solmap.photogrammetry.terrain.mesh.surface_mesh import (
+    DrawnTile,
+    SurfaceMesh,
+    TerrainDrawing,
+    TilePlace,
+    TilesetParams,
+    drawn_tiles,
+)
 
 SIDE = 600
 

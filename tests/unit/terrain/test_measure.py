@@ -3,16 +3,15 @@ import pytest
 
 from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.terrain.dtm.resampling import GroundSamples
-from solmap.photogrammetry.terrain.measure import (
+from solmap.photogrammetry.terrain.lines import measure_line, rise_between, stations
+from solmap.photogrammetry.terrain.volume import (
     MOST_PLACES,
-    measure_line,
+    Base,
     places_inside,
     polygon_of,
-    rise_between,
     steepening,
+    volume,
 )
-from solmap.photogrammetry.terrain.profile import stations
-from solmap.photogrammetry.terrain.volume import Base, volume
 
 SQUARE = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 10.0], [0.0, 10.0]])
 

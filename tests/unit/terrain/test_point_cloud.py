@@ -8,7 +8,11 @@ import numpy as np
 import pytest
 
 from solmap.photogrammetry.errors import TerrainError
-from solmap.photogrammetry.terrain.point_cloud import PointCloudParams, cloud_tiles, point_cloud
+from solmap.photogrammetry.terrain.mesh.point_cloud import (
+    PointCloudParams,
+    cloud_tiles,
+    point_cloud,
+)
 
 NEAR = PointCloudParams(max_relative_sigma=0.03, spacing_m=0.05)  # the small camera sees 7 m
 NOISE_PX = 0.2

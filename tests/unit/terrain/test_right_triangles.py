@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from solmap.photogrammetry.errors import TerrainError
-from solmap.photogrammetry.terrain.right_triangles import GridMesh, RightTriangles
+from solmap.photogrammetry.terrain.mesh.right_triangles import GridMesh, RightTriangles
 
 
 def rough(seed: int, shape=(37, 50)) -> np.ndarray:

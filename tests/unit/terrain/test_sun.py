@@ -8,13 +8,15 @@ from scipy.optimize import brentq
 
 from solmap.photogrammetry.body_fixed import planetographic
 from solmap.photogrammetry.errors import TerrainError
-from solmap.photogrammetry.terrain.sky import beam_share, diffuse_share, net_flux
-from solmap.photogrammetry.terrain.sun import (
+from solmap.photogrammetry.terrain.insolation.sun import (
     SOL_HOURS,
     Season,
+    beam_share,
     daily_insolation_above,
+    diffuse_share,
     half_day,
     local_winter,
+    net_flux,
     sun_directions,
 )
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from solmap.photogrammetry.errors import TerrainError
-from solmap.photogrammetry.terrain.model3d import SurfaceMesh
-from solmap.photogrammetry.terrain.view_model import ViewModelParams, view_meshes
+from solmap.photogrammetry.terrain.mesh.surface_mesh import SurfaceMesh
+from solmap.photogrammetry.terrain.mesh.view_mesh import ViewModelParams, view_meshes
 
 NEAR = ViewModelParams(max_relative_sigma=0.03)  # the small camera of these tests sees 7 m
 

@@ -37,9 +37,13 @@ from solmap.photogrammetry.terrain.dtm.ground import (
     trusted_parallax,
 )
 from solmap.photogrammetry.terrain.dtm.records import TerrainView
-from solmap.photogrammetry.terrain.model3d import SurfaceMesh, TexturedMesh, mean_normals
+from solmap.photogrammetry.terrain.mesh.right_triangles import RightTriangles
+from solmap.photogrammetry.terrain.mesh.surface_mesh import (
+    SurfaceMesh,
+    TexturedMesh,
+    mean_normals,
+)
 from solmap.photogrammetry.terrain.orthophoto.view_sampling import NEAREST_M, Look
-from solmap.photogrammetry.terrain.right_triangles import RightTriangles
 
 HIDDEN_PX = 1.0
 """How far a matched parallax may exceed the expected one before the ground counts as hidden: four

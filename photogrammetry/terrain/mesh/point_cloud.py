@@ -28,7 +28,7 @@ from solmap.photogrammetry.terrain.dtm.ground import (
     trusted_parallax,
 )
 from solmap.photogrammetry.terrain.dtm.records import TerrainView
-from solmap.photogrammetry.terrain.levels import TilePlace
+from solmap.photogrammetry.terrain.mesh.surface_mesh import TilePlace
 
 SAMPLED = 37
 """Every how many pixels the brightness is looked at."""

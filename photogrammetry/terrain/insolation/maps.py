@@ -46,21 +46,22 @@ from solmap.photogrammetry.terrain.dtm.resampling import (
     manageable_cell_m,
     seen_window,
 )
-from solmap.photogrammetry.terrain.horizon import AZIMUTHS, Horizons, horizons
+from solmap.photogrammetry.terrain.insolation.horizon import AZIMUTHS, Horizons, horizons
+from solmap.photogrammetry.terrain.insolation.sun import (
+    SOL_HOURS,
+    Season,
+    beam_share,
+    diffuse_share,
+    half_day,
+    local_winter,
+    sun_directions,
+)
 from solmap.photogrammetry.terrain.planes import Gradients, gradients
 from solmap.photogrammetry.terrain.relief.slope import (
     Normals,
     normals_of,
     northerly_tilt_of,
     slope_of,
-)
-from solmap.photogrammetry.terrain.sky import beam_share, diffuse_share
-from solmap.photogrammetry.terrain.sun import (
-    SOL_HOURS,
-    Season,
-    half_day,
-    local_winter,
-    sun_directions,
 )
 
 STEP_HOURS = 0.25

@@ -13,6 +13,14 @@ apart: neighbouring cells of a terrain model come from the same windows of match
     sigma(tan a) = sqrt(2) sigma_h / (L / 2)
 
 with sigma_h the standard deviation of a single elevation without its shared part.
+
+Lengths, areas and directions on the map and on the ground.
+
+Lengths on the ground are of straight steps of one baseline: with shorter steps the noise of a
+terrain model would make every line longer. Over ground that was not measured a step has its length
+on the map. The area of a polygon on the map is that of the shoelace formula about its own middle,
+
+    A = 1/2 |sum e_i n_(i+1) - e_(i+1) n_i|.
 """
 
 from __future__ import annotations
@@ -119,3 +127,70 @@ def _tangent(s: PerPoint, h: PerPoint, baseline_m: float) -> PerPoint:
         span = np.sqrt(12.0 * np.maximum(spread, 0.0) / count)  # of stations at equal distances
     enough = known & (count >= LEAST_STATIONS) & (span >= LEAST_SPAN * baseline_m)
     return np.where(enough, tangent, np.nan)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LineMeasured:
+    """A line on the map and on the ground."""
+
+    map_length_m: float
+    surface_length_m: float
+    """Along the ground, by steps of the stations."""
+    measured_share: float
+    """Part of the line, on the map, whose steps have elevations at both ends."""
+    leg_length_m: PerPoint
+    leg_azimuth: PerPoint
+    """Radians, clockwise from the map's north, 0 to 2 pi."""
+
+
+@dataclass(frozen=True, slots=True)
+class Rise:
+    """From one place to another."""
+
+    map_length_m: float
+    rise_m: float
+    sigma_rise_m: float
+    straight_m: float
+    """In space."""
+    slope: float
+    """Radians, positive where the second place is higher."""
+    sigma_slope: float
+
+
+def measure_line(corners: MapPoints, along: Stations, ground: GroundSamples) -> LineMeasured:
+    """Length and directions of a line whose ground was read at stations."""
+    legs = np.diff(corners, axis=0)
+    steps = np.diff(along.distance_m)
+    climbs = np.diff(ground.elevation)
+    known = np.isfinite(climbs)
+    surface = np.where(known, np.hypot(steps, np.where(known, climbs, 0.0)), steps)
+    total = float(along.distance_m[-1])
+    return LineMeasured(
+        map_length_m=total,
+        surface_length_m=float(surface.sum()),
+        measured_share=float(steps[known].sum() / total),
+        leg_length_m=np.hypot(*legs.T),
+        leg_azimuth=np.arctan2(legs[:, 0], legs[:, 1]) % (2 * np.pi),
+    )
+
+
+def rise_between(places: MapPoints, ground: GroundSamples) -> Rise:
+    """Difference of elevation and slope from the first of two places to the second.
+
+    What both share of their poses' error cancels if they are of one model.
+
+    Raises:
+        TerrainError: a place has no elevation, or both are one.
+    """
+    heights = ground.elevation
+    if not np.isfinite(heights).all():
+        raise TerrainError("one of the two places has no elevation: take places on mapped ground")
+    run = float(np.hypot(*(places[1] - places[0])))
+    if not run > 0:
+        raise TerrainError("there is no slope between a place and itself")
+    rise = float(heights[1] - heights[0])
+    same = ground.source[0] == ground.source[1]
+    sigma = float(np.linalg.norm(ground.own_sigma_m if same else ground.sigma_m))
+    tangent = rise / run
+    slope, sigma_slope = np.arctan(tangent), sigma / run / (1 + tangent**2)
+    return Rise(run, rise, sigma, float(np.hypot(run, rise)), float(slope), float(sigma_slope))

@@ -20,7 +20,7 @@ import numpy as np
 from solmap.photogrammetry.arrays import Float64, Int32, ObjectPoints
 from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.terrain.dtm.records import Dtm
-from solmap.photogrammetry.terrain.model3d import TerrainDrawing
+from solmap.photogrammetry.terrain.mesh.surface_mesh import TerrainDrawing
 
 Triangles = Int32[np.ndarray, "triangles 3"]
 
