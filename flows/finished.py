@@ -24,8 +24,8 @@ from solmap.config.pipeline import load_pipeline
 from solmap.config.settings import Settings
 from solmap.flows.sol_inputs import SolReport, Standing
 from solmap.photogrammetry.errors import PhotogrammetryError
+from solmap.products.catalogue.runs import FinishedBook
 from solmap.products.catalogue.workspace import Workspace
-from solmap.products.finished import FinishedBook
 from solmap.products.model import LEVEL, SCIENCE_VERSION, ProductKind, ProductRef, Scope, ScopeLevel
 from solmap.tasks.publish import withdraw
 from solmap.tasks.scopes import is_of_mission, pair_scope

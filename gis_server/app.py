@@ -49,9 +49,8 @@ from solmap.gis_server.routes import (
 from solmap.gis_server.routes.shortcut import TileShortcut
 from solmap.gis_server.services import open_services
 from solmap.gis_server.small_bodies import SmallBodies
-from solmap.products.cycles import look_seldom
 from solmap.products.store.backends import Elsewhere
-from solmap.products.store.logs import keep_logs
+from solmap.products.store.process import keep_logs, look_seldom
 
 _HEADERS = {
     "Content-Security-Policy": (

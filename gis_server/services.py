@@ -14,12 +14,11 @@ from solmap.gis_server.live import EventTail
 from solmap.gis_server.read_ahead import ReadAhead
 from solmap.gis_server.rendering.readers import RasterPool
 from solmap.products.catalogue.catalogue import Catalogue
-from solmap.products.catalogue.edits import EditLog
+from solmap.products.catalogue.edits import EditLog, RequestBook
 from solmap.products.catalogue.runs import RunBook
 from solmap.products.catalogue.tokens import TokenBook
 from solmap.products.features.mission_features import MissionFeatures
 from solmap.products.model import Layer, ProductKind
-from solmap.products.run_requests import RequestBook
 from solmap.products.store.backends import Elsewhere
 from solmap.products.store.product_store import ProductStore
 

@@ -31,13 +31,13 @@ from solmap.photogrammetry.matching.tracks import TrackParams, build_tie_points
 from solmap.products.formats.documents.archives import read_mast, read_matches, read_ties
 from solmap.products.formats.documents.control import read_control
 from solmap.products.formats.documents.network import (
+    Holders,
     NetworkPart,
     NetworkProduct,
     part_document,
     product_document,
     read_network,
 )
-from solmap.products.holders import Holders
 from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.products.store.product_store import ProductStore
 from solmap.tasks.hand_ties import carried_out, names_in, wanted

@@ -6,10 +6,9 @@ from pathlib import Path
 
 from solmap.photogrammetry.terrain.relief.contours import ContourParams
 from solmap.photogrammetry.terrain.relief.contours import trace_contours as trace
-from solmap.products.contour_features import contour_feature
 from solmap.products.crs import LandingPoint
 from solmap.products.formats.raster.raster import read_dtm
-from solmap.products.formats.vector.geojson import write_features
+from solmap.products.formats.vector.geojson import contour_feature, write_features
 from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.products.store.product_store import ProductStore
 from solmap.tasks.stage import stage

@@ -5,9 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from solmap.photogrammetry.terrain.traversability.hazard import HazardParams, hazards
-from solmap.products.classes import HAZARDS
 from solmap.products.crs import LandingPoint, local_crs
-from solmap.products.formats.raster.raster import read_dtm, write_classes
+from solmap.products.formats.raster.raster import HAZARDS, read_dtm, write_classes
 from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.products.store.product_store import ProductStore
 from solmap.products.store.provenance import provenance_tags

@@ -20,10 +20,10 @@ from solmap.products.crs import LandingPoint
 from solmap.products.formats.mesh.gltf import Encoding, write_glb
 from solmap.products.formats.mesh.models import notes_of
 from solmap.products.formats.mesh.tiles3d import TEXELS, TilesetWriter
+from solmap.products.formats.raster.orthophoto import read_texture
 from solmap.products.formats.raster.raster import read_dtm
 from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.products.store.product_store import ProductStore
-from solmap.products.textures import read_texture
 from solmap.tasks.stage import stage
 
 

@@ -25,9 +25,9 @@ from solmap.photogrammetry.orbital.registration import RegistrationParams, regis
 from solmap.photogrammetry.terrain.dtm.grid import FINEST_CELL_M, Bounds, MapGrid, union
 from solmap.products.crs import LandingPoint, local_crs
 from solmap.products.errors import ProductError
-from solmap.products.foreign import foreign_bounds, read_foreign
 from solmap.products.formats.documents.archives import finite
 from solmap.products.formats.raster.orthophoto import write_orthophoto
+from solmap.products.formats.raster.raster import foreign_bounds, read_foreign
 from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.products.store.product_store import ProductStore
 from solmap.products.store.provenance import provenance_tags

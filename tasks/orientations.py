@@ -18,7 +18,11 @@ from typing import Any
 
 from solmap.photogrammetry.adjustment.movement import ReissueParams, ground_shift_m
 from solmap.photogrammetry.adjustment.records import AdjustedPair
-from solmap.products.holders import Holders, holders_document, holders_of_document
+from solmap.products.formats.documents.network import (
+    Holders,
+    holders_document,
+    holders_of_document,
+)
 from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.products.store.product_store import ProductStore
 from solmap.tasks.adjust import read_network

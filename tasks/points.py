@@ -13,11 +13,11 @@ from solmap.photogrammetry.terrain.mesh.point_cloud import (
     point_cloud,
 )
 from solmap.products.crs import LandingPoint
+from solmap.products.formats.mesh.gltf import write_points
 from solmap.products.formats.mesh.models import notes_of
 from solmap.products.formats.mesh.ply import write_ply
 from solmap.products.formats.mesh.tiles3d import TilesetWriter
 from solmap.products.model import ProductKind, ProductRef, Recipe
-from solmap.products.points_glb import write_points
 from solmap.products.store.product_store import ProductStore
 from solmap.tasks.scopes import stop_scope
 from solmap.tasks.stage import stage

@@ -7,8 +7,7 @@ from collections.abc import Iterable, Sequence
 from solmap.products.catalogue.catalogue import ImageEntry, MissionEntry
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.model import Layer, ScopeLevel
-from solmap.products.reports.stac import write_catalogue, write_items
-from solmap.products.stac_items import Taken
+from solmap.products.reports.stac import Taken, write_catalogue, write_items
 
 
 def update_stac(mission: MissionEntry, fresh: Sequence[Layer], workspace: Workspace) -> None:

@@ -18,9 +18,8 @@ from prefect.cache_policies import NO_CACHE
 from prefect.client.schemas.objects import State, TaskRun
 from prefect.tasks import exponential_backoff
 
-from solmap.products.cycles import look_seldom
-from solmap.products.effort import Effort
 from solmap.products.store.faults import can_pass
+from solmap.products.store.process import Effort, look_seldom
 
 log = logging.getLogger(__name__)
 P = ParamSpec("P")

@@ -8,9 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from solmap.photogrammetry.terrain.visibility.viewshed import ViewshedParams, viewshed_of_stop
-from solmap.products.classes import SIGHTS
 from solmap.products.crs import LandingPoint, local_crs
-from solmap.products.formats.raster.raster import read_dtm, write_classes
+from solmap.products.formats.raster.raster import SIGHTS, read_dtm, write_classes
 from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.products.store.product_store import ProductStore
 from solmap.products.store.provenance import provenance_tags

@@ -15,8 +15,7 @@ from solmap.products.catalogue.workspace import Workspace
 from solmap.products.crs import MARS, local_proj4
 from solmap.products.formats.documents.network import whole_network
 from solmap.products.model import Layer, ProductKind, ProductRef
-from solmap.products.reports.sol_report import timings
-from solmap.products.sol_report_page import sol_report
+from solmap.products.reports.sol_report import sol_report, timings
 from solmap.tasks.scopes import is_of_mission
 
 

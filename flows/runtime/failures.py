@@ -19,9 +19,9 @@ from solmap.flows.runtime.progress import report
 from solmap.photogrammetry.errors import PhotogrammetryError
 from solmap.products.catalogue.catalogue import Outcome
 from solmap.products.catalogue.workspace import Workspace
-from solmap.products.disk import is_full
 from solmap.products.errors import ProductError, StoreFullError
 from solmap.products.model import ProductRef
+from solmap.products.store.faults import is_full
 
 log = logging.getLogger(__name__)
 

@@ -18,7 +18,7 @@ from sqlalchemy.exc import SQLAlchemyError
 from solmap.flows.runtime.progress import Step, listening
 from solmap.products.catalogue.runs import Run, RunBook, RunState
 from solmap.products.catalogue.workspace import Workspace
-from solmap.products.store.logs import keep_logs, noted
+from solmap.products.store.process import keep_logs, noted
 
 log = logging.getLogger(__name__)
 _AT_MOST_EVERY_S = 0.5

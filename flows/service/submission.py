@@ -30,8 +30,8 @@ from prefect.types import DateTime
 
 from solmap.config.workspace import open_catalogue
 from solmap.flows.service.deployments import DOWNLINK, OVERALL, REGION
+from solmap.products.catalogue.edits import RequestBook, RequestKind, RequestState, RunRequest
 from solmap.products.catalogue.events import REQUESTS_CHANGED
-from solmap.products.run_requests import RequestBook, RequestKind, RequestState, RunRequest
 
 _DEPLOYMENT = {
     RequestKind.OVERALL: OVERALL,

@@ -19,7 +19,7 @@ from solmap.gis_server.rendering.png import indexed_png
 from solmap.photogrammetry.arrays import Classes, Vector3
 from solmap.photogrammetry.terrain.dtm.grid import Bounds, MapGrid
 from solmap.photogrammetry.terrain.visibility.viewshed import Sight, ViewshedParams, viewshed
-from solmap.products.classes import SIGHTS
+from solmap.products.formats.raster.raster import SIGHTS
 from solmap.products.model import Layer
 
 MOST_CELLS = 1_500_000

@@ -19,8 +19,8 @@ from fastapi import HTTPException
 
 from solmap.photogrammetry.terrain.dtm.grid import Bounds
 from solmap.products.crs import MARS_URN, LandingPoint, east_north, lon_lat
-from solmap.products.feature_query import Area
-from solmap.products.stac_items import degrees
+from solmap.products.features.index import Area
+from solmap.products.reports.stac import degrees
 
 MARS_URI = "http://www.opengis.net/def/crs/IAU/2015/49900"
 _DEGREES_DECIMALS, _METRES_DECIMALS = 9, 4

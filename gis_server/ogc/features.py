@@ -32,9 +32,9 @@ from solmap.gis_server.routes.parameters import AGAIN, MissionName
 from solmap.gis_server.services import Services, ServicesOf
 from solmap.products.catalogue.catalogue import MissionEntry
 from solmap.products.errors import ProductNotFoundError
-from solmap.products.feature_query import IndexedFeature
 from solmap.products.features.collections import BY_ID, COLLECTIONS, CollectionOf
-from solmap.products.stac_items import degrees
+from solmap.products.features.index import IndexedFeature
+from solmap.products.reports.stac import degrees
 
 router = APIRouter(prefix="/ogc/{mission}", tags=["ogc features"])
 _PART_1 = "http://www.opengis.net/spec/ogcapi-features-1/1.0/conf"

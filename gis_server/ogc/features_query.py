@@ -12,8 +12,8 @@ from solmap.gis_server.ogc.crs import Crs, area_of, bbox_of, crs_named
 from solmap.gis_server.ogc.formats import FILES, Format
 from solmap.photogrammetry.terrain.dtm.grid import Bounds
 from solmap.products.crs import LandingPoint
-from solmap.products.feature_query import Extent, Selection
-from solmap.products.feature_times import moment
+from solmap.products.features.index import Extent, Selection
+from solmap.products.features.mission_features import moment
 
 DEFAULT_LIMIT, MOST = 100, 10_000
 """Features of a page."""

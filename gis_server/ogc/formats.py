@@ -23,7 +23,7 @@ from pyproj import CRS
 
 from solmap.gis_server.ogc.crs import Crs, placed
 from solmap.products.crs import MARS, MARS_URN, LandingPoint, local_crs
-from solmap.products.feature_query import IndexedFeature
+from solmap.products.features.index import IndexedFeature
 from solmap.products.formats.vector.geopackage import column_of
 
 

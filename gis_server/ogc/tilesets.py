@@ -20,7 +20,7 @@ from solmap.products.catalogue.catalogue import MissionEntry
 from solmap.products.crs import LandingPoint, local_proj4
 from solmap.products.formats.raster.tiling import CELL_SIZES, tile_matrix_set, zoom_of
 from solmap.products.model import Layer
-from solmap.products.stac_items import degrees
+from solmap.products.reports.stac import degrees
 
 _REL = "http://www.opengis.net/def/rel/ogc/1.0"
 TILING_SCHEME, TILESETS_MAP = f"{_REL}/tiling-scheme", f"{_REL}/tilesets-map"

@@ -22,7 +22,7 @@ from solmap.products.formats.raster.tiling import (
     whole_zoom_of,
 )
 from solmap.products.model import Layer
-from solmap.products.stac_items import degrees
+from solmap.products.reports.stac import degrees
 
 _WMTS, _OWS = "http://www.opengis.net/wmts/1.0", "http://www.opengis.net/ows/1.1"
 _XLINK = "http://www.w3.org/1999/xlink"

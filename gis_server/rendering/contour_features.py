@@ -17,9 +17,8 @@ from solmap.photogrammetry.terrain.relief.contours import (
     RegionContourParams,
     trace_contours,
 )
-from solmap.products.contour_features import contour_feature
 from solmap.products.formats.raster.raster import grid_of
-from solmap.products.formats.vector.geojson import Feature
+from solmap.products.formats.vector.geojson import Feature, contour_feature
 from solmap.products.model import Layer, ProductKind
 from solmap.products.store.product_store import ProductStore
 

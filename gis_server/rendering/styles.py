@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 
 from solmap.gis_server.rendering.colours import GREY, INFERNO, RED_BLUE, TWILIGHT, VIRIDIS, Ramp
-from solmap.products.classes import HAZARDS, SIGHTS
 from solmap.products.errors import ProductNotFoundError
 from solmap.products.formats.raster.cog import RasterClass
+from solmap.products.formats.raster.raster import HAZARDS, SIGHTS
 from solmap.products.model import Layer, ProductKind
 
 DEFAULT = "default"

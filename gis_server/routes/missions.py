@@ -25,7 +25,7 @@ from solmap.gis_server.routes.parameters import AGAIN, LAST_SOL, Metres, Mission
 from solmap.gis_server.services import Services, ServicesOf
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.model import Layer
-from solmap.products.sol_report_page import sol_report
+from solmap.products.reports.sol_report import sol_report
 
 router = APIRouter(prefix="/api/missions", tags=["missions"])
 _IMAGES = TypeAdapter(list[Image])

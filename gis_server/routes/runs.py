@@ -11,11 +11,11 @@ from pydantic import BaseModel, ConfigDict, Field
 from solmap.gis_server.access import Operator
 from solmap.gis_server.routes.parameters import AGAIN, FOREVER, Digest, ScopeName
 from solmap.gis_server.services import ServicesOf
+from solmap.products.catalogue.edits import RequestKind, RequestState, RunRequest
 from solmap.products.catalogue.events import REQUESTS_CHANGED
 from solmap.products.catalogue.runs import Run, RunState
 from solmap.products.errors import ProductNotFoundError
 from solmap.products.model import ProductKind
-from solmap.products.run_requests import RequestKind, RequestState, RunRequest
 
 router = APIRouter(prefix="/api", tags=["runs"])
 RunName = Annotated[str, Path(pattern=r"^[A-Za-z0-9-]{1,64}$")]

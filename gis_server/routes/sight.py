@@ -20,9 +20,8 @@ from solmap.gis_server.routes.geotiffs import geotiff
 from solmap.gis_server.routes.parameters import AGAIN, Metres, MissionName
 from solmap.gis_server.services import ServicesOf
 from solmap.photogrammetry.terrain.visibility.viewshed import ViewshedParams
-from solmap.products.classes import SIGHTS
 from solmap.products.crs import local_crs
-from solmap.products.formats.raster.raster import write_classes
+from solmap.products.formats.raster.raster import SIGHTS, write_classes
 
 router = APIRouter(prefix="/api/missions/{mission}", tags=["analysis"])
 _USUAL = ViewshedParams()

@@ -5,11 +5,14 @@ in another order than their transactions end, and who asks for events "after num
 that is committed later. So writers take turns there too (an advisory lock that ends with the
 transaction, whatever becomes of its process): numbers are in the order of commits, and what a
 writer reads stays true until it has written. Readers wait for nobody.
+
+The tables of the catalogue, and how they are written to.
 """
 
 from __future__ import annotations
 
 import atexit
+import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -22,6 +25,7 @@ from sqlalchemy.engine.interfaces import DBAPIConnection
 from sqlalchemy.exc import ArgumentError, NoSuchModuleError, OperationalError
 
 from solmap.products.errors import ProductError, StoreAwayError
+from solmap.products.model import ProductRef
 
 Text = sa.String().with_variant(postgresql.VARCHAR(collation="C"), "postgresql")
 """Text that both sort by its bytes, whatever the language of the database."""
@@ -134,3 +138,118 @@ def _begin(connection: sa.Connection) -> None:
     """One who will write takes the turn at once: to find out later that it is gone is too late."""
     writes = connection.get_execution_options().get(_WRITES)
     connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")
+
+
+TABLES = sa.MetaData()
+MISSIONS = sa.Table(
+    "missions",
+    TABLES,
+    sa.Column("mission", Text, primary_key=True),
+    sa.Column("document", sa.JSON, nullable=False),
+)
+IMAGES = sa.Table(
+    "images",
+    TABLES,
+    sa.Column("id", Text, primary_key=True),
+    sa.Column("mission", Text, nullable=False, index=True),
+    sa.Column("stop", Text, nullable=False, index=True),
+    sa.Column("sol", sa.Integer, nullable=False, index=True),
+    sa.Column("document", sa.JSON, nullable=False),
+)
+LAYERS = sa.Table(
+    "layers",
+    TABLES,
+    sa.Column("scope", Text, primary_key=True),
+    sa.Column("kind", Text, primary_key=True),
+    sa.Column("digest", Text, primary_key=True),
+    sa.Column("mission", Text, nullable=False, index=True),
+    sa.Column("document", sa.JSON, nullable=False),
+)
+LATEST = sa.Table(
+    "latest",
+    TABLES,
+    sa.Column("scope", Text, primary_key=True),
+    sa.Column("kind", Text, primary_key=True),
+    sa.Column("digest", Text, nullable=False),
+)
+OUTCOMES = sa.Table(
+    "outcomes",
+    TABLES,
+    sa.Column("subject", Text, primary_key=True),
+    sa.Column("document", sa.JSON, nullable=False),
+)
+
+RUNS = sa.Table(
+    "runs",
+    TABLES,
+    sa.Column("id", Text, primary_key=True),
+    sa.Column("started_at", Text, nullable=False, index=True),
+    sa.Column("document", sa.JSON, nullable=False),
+)
+
+INGESTED = sa.Table(
+    "ingested",
+    TABLES,
+    sa.Column("mission", Text, primary_key=True),
+    sa.Column("times", sa.Integer, nullable=False),
+)
+"""How often images of a mission were taken in, anew or for the first time."""
+
+FINISHED = sa.Table(
+    "finished",
+    TABLES,
+    sa.Column("scope", Text, primary_key=True),
+    sa.Column("key", Text, nullable=False),
+    sa.Column("document", sa.JSON, nullable=False),
+)
+
+LABELS = sa.Table(
+    "labels",
+    TABLES,
+    sa.Column("digest", Text, primary_key=True),
+    sa.Column("document", Text, nullable=False),
+)
+
+
+def keys_of(ref: ProductRef) -> dict[str, str]:
+    """The columns of what is the latest of a scope and kind."""
+    return {"scope": ref.scope.name, "kind": str(ref.kind)}
+
+
+def put(
+    connection: sa.Connection,
+    table: sa.Table,
+    keys: dict[str, Any],
+    document: dict[str, Any],
+    **columns: Any,  # noqa: ANN401 - column values
+) -> bool:
+    """Insert or replace a row; whether it says anything new."""
+    where = sa.and_(*(table.c[name] == value for name, value in keys.items()))
+    before = connection.execute(sa.select(table.c.document).where(where)).scalar_one_or_none()
+    if before is not None and before == json.loads(json.dumps(document)):
+        return False
+    upsert(connection, table, keys, {**columns, "document": document})
+    return True
+
+
+def point(connection: sa.Connection, ref: ProductRef) -> bool:
+    """Move the pointer of a scope and kind; whether it moved."""
+    keys = keys_of(ref)
+    where = sa.and_(LATEST.c.scope == keys["scope"], LATEST.c.kind == keys["kind"])
+    before = connection.execute(sa.select(LATEST.c.digest).where(where)).scalar_one_or_none()
+    if before == ref.digest:
+        return False
+    upsert(connection, LATEST, keys, {"digest": ref.digest})
+    return True
+
+
+def count_ingested(connection: sa.Connection, mission: str, images: int) -> None:
+    """Count images that were taken in, so that others see that there are some."""
+    before = times_ingested(connection, mission)
+    upsert(connection, INGESTED, {"mission": mission}, {"times": before + images})
+
+
+def times_ingested(connection: sa.Connection, mission: str) -> int:
+    """How many images of a mission were ever taken in."""
+    query = sa.select(INGESTED.c.times).where(INGESTED.c.mission == mission)
+    return connection.execute(query).scalar_one_or_none() or 0

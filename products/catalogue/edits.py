@@ -4,21 +4,45 @@ Nothing here is a product and no product is changed by it: edits of ties are wis
 run carries out, as it does those of files (`photogrammetry.matching.hand_ties`). They lie in a
 database of their own, `edits.sqlite`. The log of edits is only ever appended to, and the database
 itself refuses anything else: taking one back is an edit too, and so is taking that back.
+
+The database of what people write on the map: edits, and requests for runs.
+
+Requests for runs: asked for on the map, taken by whoever runs flows (`solmap up`).
 """
 
 from __future__ import annotations
 
 import json
+import sqlite3
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
-from solmap.products.edit_database import FILE, transaction
 from solmap.products.errors import ProductError, ProductNotFoundError
 
-_SCHEMA = """
+FILE = "edits.sqlite"
+_WAIT_S = 30.0
+"""For others who write."""
+
+
+@contextmanager
+def transaction(path: Path, schema: str) -> Iterator[sqlite3.Connection]:
+    """A transaction on the database, which is made with the schema where it is not there yet."""
+    connection = sqlite3.connect(path, timeout=_WAIT_S)
+    try:
+        with connection:
+            connection.execute("PRAGMA journal_mode=WAL")
+            connection.executescript(schema)
+            yield connection
+    finally:
+        connection.close()
+
+
+_EDITS_SCHEMA = """
 CREATE TABLE IF NOT EXISTS edits(
     id INTEGER PRIMARY KEY AUTOINCREMENT, mission TEXT NOT NULL, kind TEXT NOT NULL,
     document TEXT NOT NULL, author TEXT NOT NULL, at TEXT NOT NULL, note TEXT NOT NULL,
@@ -101,7 +125,7 @@ class EditLog:
         """All edits, or those of a mission, in their order; also those that count no more."""
         if not self.path.is_file():
             return []
-        with transaction(self.path, _SCHEMA) as connection:
+        with transaction(self.path, _EDITS_SCHEMA) as connection:
             rows = connection.execute(
                 "SELECT id, mission, kind, document, author, at, note, undoes FROM edits "
                 "WHERE ? IS NULL OR mission = ? ORDER BY id",
@@ -128,7 +152,7 @@ class EditLog:
     ) -> Edit:
         at = datetime.now(UTC).isoformat(timespec="milliseconds")
         row = (mission, str(kind), json.dumps(document), author, at, note, undoes)
-        with transaction(self.path, _SCHEMA) as connection:
+        with transaction(self.path, _EDITS_SCHEMA) as connection:
             added = connection.execute(
                 "INSERT INTO edits(mission, kind, document, author, at, note, undoes) "
                 "VALUES(?,?,?,?,?,?,?)",
@@ -142,3 +166,102 @@ def _edit(row: tuple[Any, ...], counts: bool) -> Edit:  # noqa: FBT001 - a fact 
     number, mission, kind, document, author, at, note, undoes = row
     known = json.loads(document)
     return Edit(number, mission, EditKind(kind), known, author, at, note, undoes, counts)
+
+
+_REQUESTS_SCHEMA = """CREATE TABLE IF NOT EXISTS requests(
+    id INTEGER PRIMARY KEY AUTOINCREMENT, kind TEXT NOT NULL, mission TEXT, author TEXT NOT NULL,
+    at TEXT NOT NULL, state TEXT NOT NULL, answer TEXT)"""
+_COLUMNS = "id, kind, mission, author, at, state, answer"
+
+
+class RequestKind(StrEnum):
+    """What is to be run."""
+
+    DOWNLINK = "downlink"
+    """Process what is in the inbox."""
+    OVERALL = "overall adjustment"
+    """Adjust all stops of a mission, or of all, together."""
+    REGION = "region"
+    """Join stops to regions anew."""
+
+
+class RequestState(StrEnum):
+    """What became of it."""
+
+    WAITING = "waiting"
+    TAKEN = "taken"
+    REFUSED = "refused"
+
+
+@dataclass(frozen=True, slots=True)
+class RunRequest:
+    """Somebody wants a run."""
+
+    id: int
+    kind: RequestKind
+    mission: str | None
+    """Of which mission; None: of all."""
+    author: str
+    at: str
+    """UTC, ISO 8601."""
+    state: RequestState
+    answer: str | None
+    """The name of the run, or why there is none."""
+
+
+@dataclass(frozen=True, slots=True)
+class RequestBook:
+    """The requests of a store."""
+
+    path: Path
+
+    @classmethod
+    def of(cls, root: Path) -> RequestBook:
+        """Those of the store at `root`; nothing is written before the first."""
+        return cls(root / FILE)
+
+    def ask(self, kind: RequestKind, mission: str | None, author: str) -> RunRequest:
+        """Add a request, unless the same is waiting already; the one that waits."""
+        with transaction(self.path, _REQUESTS_SCHEMA) as connection:
+            connection.execute("BEGIN IMMEDIATE")
+            same = connection.execute(
+                f"SELECT {_COLUMNS} FROM requests "  # noqa: S608 - our own words
+                "WHERE kind = ? AND mission IS ? AND state = ?",
+                (kind, mission, RequestState.WAITING),
+            ).fetchone()
+            if same:
+                return _request(same)
+            at = datetime.now(UTC).isoformat(timespec="milliseconds")
+            number = connection.execute(
+                "INSERT INTO requests(kind, mission, author, at, state) VALUES(?,?,?,?,?)",
+                (kind, mission, author, at, RequestState.WAITING),
+            ).lastrowid
+        return RunRequest(number or 0, kind, mission, author, at, RequestState.WAITING, None)
+
+    def requests(self, limit: int = 50) -> list[RunRequest]:
+        """The newest first."""
+        if not self.path.is_file():
+            return []
+        with transaction(self.path, _REQUESTS_SCHEMA) as connection:
+            rows = connection.execute(
+                f"SELECT {_COLUMNS} FROM requests ORDER BY id DESC LIMIT ?",  # noqa: S608
+                (limit,),
+            )
+            return [_request(row) for row in rows]
+
+    def waiting(self) -> list[RunRequest]:
+        """Those that nobody has taken, oldest first."""
+        asked = self.requests(limit=1000)
+        return [one for one in reversed(asked) if one.state is RequestState.WAITING]
+
+    def answer(self, number: int, state: RequestState, answer: str) -> None:
+        """Say what became of a request."""
+        with transaction(self.path, _REQUESTS_SCHEMA) as connection:
+            connection.execute(
+                "UPDATE requests SET state = ?, answer = ? WHERE id = ?", (state, answer, number)
+            )
+
+
+def _request(row: tuple[int, str, str | None, str, str, str, str | None]) -> RunRequest:
+    number, kind, mission, author, at, state, answer = row
+    return RunRequest(number, RequestKind(kind), mission, author, at, RequestState(state), answer)

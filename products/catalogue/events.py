@@ -17,8 +17,7 @@ from typing import Any
 
 import sqlalchemy as sa
 
-from solmap.products.catalogue.database import Text
-from solmap.products.catalogue.tables import TABLES
+from solmap.products.catalogue.database import TABLES, Text
 
 KEPT = 10_000
 """Events; a downlink makes some hundred."""

@@ -1,19 +1,118 @@
-"""Images as products: how their labels and pixels are read back."""
+"""Images as products: how their labels and pixels are read back.
+
+Labels as the catalogue remembers them: reading one from its image takes milliseconds.
+
+A run needs the labels of a whole mission, to chain its stops; of ten thousand images that is a
+minute of parsing. So what a label says is kept as JSON under the digest of its image and the
+version of what reads it. It holds nothing that the images do not say again.
+"""
 
 from __future__ import annotations
 
+import dataclasses
+import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from enum import Enum
+from importlib.metadata import version
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+import sqlalchemy as sa
+from sqlalchemy.exc import SQLAlchemyError
 
 from solmap.photogrammetry.archive.reading import ReadImage, read_image, read_image_record
-from solmap.photogrammetry.imagery import RoverImage
+from solmap.photogrammetry.cameras.cahv import Cahv
+from solmap.photogrammetry.cameras.cahvor import Cahvor
+from solmap.photogrammetry.cameras.cahvore import Cahvore
+from solmap.photogrammetry.frames import Frame, FrameKind, Pose
+from solmap.photogrammetry.imagery import Eye, RoverImage, StopId
 from solmap.products.catalogue.catalogue import ImageEntry
+from solmap.products.catalogue.database import LABELS, upsert, writing
 from solmap.products.catalogue.workspace import Workspace
-from solmap.products.labels import LabelBook
-from solmap.products.model import ProductRef
-from solmap.products.radiometry import read_radiometry
+from solmap.products.formats.documents.archives import read_radiometry
+from solmap.products.model import SCIENCE_VERSION, ProductRef
 from solmap.products.store.product_store import ProductStore
+
+_RECORDS: dict[str, Any] = {
+    record.__name__: record for record in (RoverImage, StopId, Pose, Frame, Cahv, Cahvor, Cahvore)
+}
+_NAMES: dict[str, Any] = {name.__name__: name for name in (Eye, FrameKind)}
+_READER = f"{SCIENCE_VERSION}/{version('solmap')}"
+_AT_ONCE = 500
+"""Rows asked for or written in one statement."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LabelBook:
+    """The labels in the catalogue's database."""
+
+    engine: sa.Engine
+
+    def known(self, digests: Iterable[str]) -> dict[str, RoverImage]:
+        """Those of some images that are kept, by the digest of the image."""
+        found: dict[str, RoverImage] = {}
+        with self.engine.connect() as connection:
+            for some in _batches(digests):
+                names = [f"{digest}/{_READER}" for digest in some]
+                query = sa.select(LABELS).where(LABELS.c.digest.in_(names))
+                for name, text in connection.execute(query):
+                    found[name.partition("/")[0]] = label_of_text(text)
+        return found
+
+    def keep(self, labels: Mapping[str, RoverImage]) -> None:
+        """Keep labels by the digests of their images; where nothing may be written, none."""
+        try:
+            with writing(self.engine) as connection:
+                for digest, label in labels.items():
+                    text = {"document": text_of_label(label)}
+                    upsert(connection, LABELS, {"digest": f"{digest}/{_READER}"}, text)
+        except SQLAlchemyError:
+            return
+
+
+def text_of_label(label: RoverImage) -> str:
+    """What a label says, as JSON; every number comes back as it was."""
+    return json.dumps(_document(label))
+
+
+def label_of_text(text: str) -> RoverImage:
+    """The twin of `text_of_label`."""
+    label: RoverImage = _value(json.loads(text))
+    return label
+
+
+def _document(value: Any) -> Any:  # noqa: ANN401 - any part of a label
+    if isinstance(value, Enum):
+        return {"": type(value).__name__, "value": value.value}
+    if dataclasses.is_dataclass(value):
+        parts = {part.name: getattr(value, part.name) for part in dataclasses.fields(value)}
+        return {"": type(value).__name__, **{name: _document(part) for name, part in parts.items()}}
+    if isinstance(value, np.ndarray):
+        return {"": "array", "value": value.tolist()}
+    if isinstance(value, tuple):
+        return [_document(part) for part in value]
+    return value
+
+
+def _value(document: Any) -> Any:  # noqa: ANN401 - as above
+    if isinstance(document, list):
+        return tuple(map(_value, document))
+    if not isinstance(document, dict):
+        return document
+    kind = document[""]
+    if kind == "array":
+        return np.array(document["value"], dtype=np.float64)
+    if kind in _NAMES:
+        return _NAMES[kind](document["value"])
+    return _RECORDS[kind](**{name: _value(part) for name, part in document.items() if name})
+
+
+def _batches(digests: Iterable[str]) -> Iterable[list[str]]:
+    known = list(digests)
+    return (known[start : start + _AT_ONCE] for start in range(0, len(known), _AT_ONCE))
+
 
 REMEMBERED = 1 << 15
 """Labels that one process keeps: more than the Navcam frames of a rover; some 6 kB each."""

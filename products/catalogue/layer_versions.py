@@ -16,11 +16,13 @@ from typing import Any
 
 import sqlalchemy as sa
 
-from solmap.products.catalogue.catalogue import Catalogue
-from solmap.products.catalogue.tables import LAYERS
-from solmap.products.catalogue_records import layer_of
-from solmap.products.formats.documents.network import published_networks
-from solmap.products.holders import Holders, holders_of_document
+from solmap.products.catalogue.catalogue import Catalogue, layer_of
+from solmap.products.catalogue.database import LAYERS
+from solmap.products.formats.documents.network import (
+    Holders,
+    holders_of_document,
+    published_networks,
+)
 from solmap.products.model import LEVEL, Layer, ProductKind, ProductRef, Scope, ScopeLevel
 from solmap.products.store.product_store import ProductStore
 

@@ -25,8 +25,7 @@ from typing import Any
 
 import sqlalchemy as sa
 
-from solmap.products.catalogue.database import writing
-from solmap.products.catalogue.tables import FINISHED, LATEST, LAYERS
+from solmap.products.catalogue.database import FINISHED, LATEST, LAYERS, writing
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.errors import ProductError
 from solmap.products.model import ProductKind, ProductRef

@@ -4,6 +4,8 @@
     features.page(BY_ID["tie-points"], "MER2", Selection(...), limit=100)
 
 Publishing fills the index ahead of time (`fill`); where nobody did, the first request does.
+
+When what a feature shows was seen: sols, and moments of UTC, from the images behind it.
 """
 
 from __future__ import annotations
@@ -13,8 +15,10 @@ import json
 import logging
 import sqlite3
 import threading
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from functools import lru_cache
 from pathlib import Path
 from tempfile import gettempdir
 from typing import Any
@@ -25,14 +29,65 @@ import shapely.geometry
 from solmap.products.catalogue.catalogue import Catalogue, ImageEntry
 from solmap.products.catalogue.edits import Edit, EditKind, EditLog
 from solmap.products.errors import ProductError
-from solmap.products.feature_drawing import image_properties
-from solmap.products.feature_query import IndexedFeature
-from solmap.products.feature_times import FeatureTimes, moment, times_of
-from solmap.products.features.collections import COLLECTIONS, CollectionOf
-from solmap.products.features.index import FeatureIndex
+from solmap.products.features.collections import COLLECTIONS, CollectionOf, image_properties
+from solmap.products.features.index import FeatureIndex, IndexedFeature
 from solmap.products.formats.vector.geojson import Feature, read_features
 from solmap.products.model import Layer, ProductKind, ScopeLevel
 from solmap.products.store.product_store import ProductStore
+
+Sols = tuple[int, int]
+Times = tuple[str, str]
+
+
+class FeatureTimes:
+    """The images of a mission, asked when a feature of a layer was seen."""
+
+    def __init__(self, images: Mapping[str, ImageEntry], layer: Layer) -> None:
+        """Features that name neither sol nor image are as old as their layer."""
+        self._images, self._layer = images, layer
+        self._known: dict[tuple[Sols, str | None], Times | None] = {}
+
+    def of(self, properties: Mapping[str, Any]) -> tuple[Sols | None, Times | None]:
+        """First and last sol, and first and last start of the images behind a feature."""
+        named = [properties.get("image"), *(properties.get("pairs") or ())]
+        behind = [self._images[name] for name in named if name in self._images]
+        own = properties.get("sol", properties.get("sols"))
+        listed = [own] if isinstance(own, int) else own
+        known = listed or [image.sol for image in behind] or self._layer.sols
+        if not known:
+            return None, None
+        sols = min(known), max(known)
+        return sols, times_of(behind) if behind else self._of_stop(sols, properties.get("stop"))
+
+    def _of_stop(self, sols: Sols, stop: str | None) -> Times | None:
+        """The images of some sols, and of a stop where one is named."""
+        asked = sols, stop
+        if asked not in self._known:
+            self._known[asked] = times_of(
+                image
+                for image in self._images.values()
+                if sols[0] <= image.sol <= sols[1] and stop in (None, image.stop)
+            )
+        return self._known[asked]
+
+
+def times_of(images: Iterable[ImageEntry]) -> Times | None:
+    """First and last start of images; None where no label tells it."""
+    known = sorted(moment(image.start_time) for image in images if image.start_time)
+    return (known[0], known[-1]) if known else None
+
+
+@lru_cache(maxsize=65536)  # an image is behind many features
+def moment(text: str) -> str:
+    """A moment in the form that all of the index have: UTC with milliseconds.
+
+    Raises:
+        ValueError: it is no moment.
+    """
+    told = datetime.fromisoformat(text)
+    utc = told.astimezone(UTC) if told.tzinfo else told.replace(tzinfo=UTC)
+    return utc.isoformat(timespec="milliseconds").replace("+00:00", "Z")
+
 
 log = logging.getLogger(__name__)
 FOLDER = "index"

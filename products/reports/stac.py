@@ -6,21 +6,198 @@
 
 Links are relative, so the folder of the store may be moved or served as it is. The catalogue lies
 where the products lie; every file is replaced by a whole one.
+
+One layer as a STAC item: where, when, what bands, how it was made.
+
+Items follow STAC 1.1 with the extensions projection 2.0, raster 1.1, processing 1.1, classification
+2.0 and ssys 1.1 (what body the degrees are on). GeoJSON means the Earth; `ssys:targets` says Mars,
+and `proj:wkt2` and `proj:transform` say where the cells lie on its map.
 """
 
 from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pystac
+import rasterio
+from pystac.extensions.classification import Classification, ClassificationExtension
+from pystac.extensions.projection import ProjectionExtension
+from pystac.extensions.raster import DataType, NoDataStrings, RasterBand, RasterExtension
 
+from solmap.photogrammetry.arrays import PerPoint
 from solmap.photogrammetry.terrain.dtm.grid import union
 from solmap.products.catalogue.catalogue import MissionEntry
+from solmap.products.crs import MARS, LandingPoint, local_crs, lon_lat
+from solmap.products.formats.raster.raster import band_names, class_names, open_raster
 from solmap.products.model import Layer
-from solmap.products.stac_items import ON_MARS, SOLAR_SYSTEM, Taken, degrees, item_id, item_of
 from solmap.products.store.product_store import ProductStore
+from solmap.products.store.provenance import adjustment_id
+
+Box = tuple[float, float, float, float]
+PROCESSING = "https://stac-extensions.github.io/processing/v1.1.0/schema.json"
+SOLAR_SYSTEM = "https://stac-extensions.github.io/ssys/v1.1.0/schema.json"
+ON_MARS = {"ssys:targets": ["Mars"], "ssys:target_class": "planet"}
+_MEDIA = {
+    ".tif": pystac.MediaType.COG,
+    ".geojson": pystac.MediaType.GEOJSON,
+    ".glb": "model/gltf-binary",
+}
+_DECIMALS = 9
+"""Of degrees: 0.06 mm."""
+
+
+@dataclass(frozen=True, slots=True)
+class Taken:
+    """When the images of a layer were taken."""
+
+    first: datetime
+    last: datetime
+
+    @classmethod
+    def of(cls, layer: Layer, times: Iterable[str | None]) -> Taken:
+        """From the images' own times, UTC; when it was made where none has any."""
+        known = sorted(_moment(time) for time in times if time)
+        made = _moment(layer.made_at)
+        return cls(known[0], known[-1]) if known else cls(made, made)
+
+
+def item_of(layer: Layer, mission: MissionEntry, taken: Taken, store: ProductStore) -> pystac.Item:
+    """A layer as a STAC item; links and places of files are relative to its own."""
+    provenance = store.provenance(layer.ref)
+    name = str(layer.ref.scope)
+    item = pystac.Item(
+        id=item_id(layer),
+        geometry=outline(layer.bounds, mission.landing) if any(layer.bounds) else None,
+        bbox=list(degrees(layer.bounds, mission.landing)) if any(layer.bounds) else None,
+        datetime=taken.first,
+        start_datetime=taken.first,
+        end_datetime=taken.last,
+        properties={
+            "title": f"{layer.title}, {name}",
+            "created": layer.made_at.replace("+00:00", "Z"),
+            "mission": layer.mission,
+            **({"gsd": layer.cell_m} if layer.cell_m else {}),
+            **ON_MARS,
+            **_processing(provenance, store, layer),
+        },
+        stac_extensions=[PROCESSING, SOLAR_SYSTEM],
+        collection=mission.mission,
+    )
+    _add_assets(item, layer)
+    if layer.type == "raster":
+        _describe_raster(item, store.path(layer.ref), mission.landing)
+    elif layer.type == "vector":
+        ProjectionExtension.ext(item, add_if_missing=True).apply(code=MARS)
+    for rel, href in (
+        ("root", "../catalog.json"),
+        ("parent", "collection.json"),
+        ("collection", "collection.json"),
+    ):
+        item.add_link(pystac.Link(rel, href, pystac.MediaType.JSON))
+    return item
+
+
+def item_id(layer: Layer) -> str:
+    """The name of a layer's item, which stays when the layer is made anew."""
+    return f"{layer.ref.scope}-{layer.ref.kind}"
+
+
+def _processing(provenance: dict[str, Any], store: ProductStore, layer: Layer) -> dict[str, object]:
+    """Software, lineage and adjustment of a product."""
+    recipe = provenance["recipe"]
+    software, version = provenance["software"].split(" ", 1)
+    return {
+        "processing:software": {software: version},
+        "processing:lineage": f"{layer.ref.kind} from {', '.join(recipe['inputs']) or 'nothing'}; "
+        f"science version {recipe['science']}",
+        "solmap:digest": layer.ref.digest,
+        "solmap:adjustment": adjustment_id(layer.ref, store),
+        "solmap:sols": list(layer.sols),
+    }
+
+
+def _add_assets(item: pystac.Item, layer: Layer) -> None:
+    file = Path("../../products") / layer.ref.file_name
+    media = _MEDIA.get(file.suffix, "application/octet-stream")
+    item.add_asset("data", pystac.Asset(str(file), layer.title, media_type=media, roles=["data"]))
+    notes = file.with_name(f"{layer.ref.digest}.provenance.json")
+    item.add_asset(
+        "provenance",
+        pystac.Asset(
+            str(notes), "How it was made", media_type=pystac.MediaType.JSON, roles=["metadata"]
+        ),
+    )
+
+
+def _describe_raster(item: pystac.Item, path: Path, landing: LandingPoint) -> None:
+    """Projection, bands and classes of a raster's file."""
+    asset = item.assets["data"]
+    with open_raster(path) as dataset:
+        ProjectionExtension.ext(item, add_if_missing=True).apply(
+            wkt2=local_crs(landing).to_wkt(),
+            shape=[dataset.height, dataset.width],
+            transform=list(dataset.transform)[:6],
+            bbox=list(dataset.bounds),
+        )
+        RasterExtension.ext(asset, add_if_missing=True).bands = _bands(dataset)
+        asset.extra_fields["bands"] = [{"name": name} for name in band_names(dataset)]
+        classes = class_names(dataset)
+        if classes:
+            colours = dataset.colormap(1)
+            ClassificationExtension.ext(asset, add_if_missing=True).classes = [
+                Classification.create(
+                    value, name=name, color_hint=bytes(colours[value][:3]).hex().upper()
+                )
+                for value, name in classes.items()
+            ]
+
+
+def _bands(dataset: rasterio.DatasetReader) -> list[RasterBand]:
+    nodata = NoDataStrings.NAN if np.isnan(dataset.nodata) else dataset.nodata
+    return [
+        RasterBand.create(
+            nodata=nodata,
+            data_type=DataType(kind),
+            unit=unit or None,
+            scale=scale,
+            offset=offset,
+            spatial_resolution=dataset.transform.a,
+        )
+        for kind, unit, scale, offset in zip(
+            dataset.dtypes, dataset.units, dataset.scales, dataset.offsets, strict=True
+        )
+    ]
+
+
+def degrees(bounds: Box, landing: LandingPoint) -> Box:
+    """(west, south, east, north) in planetocentric degrees of a box on the local map, metres."""
+    corners = np.round(np.column_stack(lon_lat(landing, *_corners(bounds))), _DECIMALS)
+    (west, south), (east, north) = corners.min(axis=0).tolist(), corners.max(axis=0).tolist()
+    return west, south, east, north
+
+
+def outline(bounds: Box, landing: LandingPoint) -> dict[str, Any]:
+    """The box as a GeoJSON polygon in planetocentric degrees."""
+    ring = np.round(np.column_stack(lon_lat(landing, *_corners(bounds))), _DECIMALS).tolist()
+    return {"type": "Polygon", "coordinates": [[*ring, ring[0]]]}
+
+
+def _corners(bounds: Box) -> tuple[PerPoint, PerPoint]:
+    west, south, east, north = bounds
+    return np.array([west, east, east, west]), np.array([south, south, north, north])
+
+
+def _moment(time: str) -> datetime:
+    """A time of a label or of the store, with or without its zone, which is UTC."""
+    moment = datetime.fromisoformat(time)
+    return moment if moment.tzinfo else moment.replace(tzinfo=UTC)
+
 
 FOLDER = "stac"
 

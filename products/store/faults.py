@@ -3,14 +3,18 @@
 A network file system that hangs for a moment or a database that another process holds is gone at
 the next attempt. Images that cannot be matched, settings that are wrong and a disk that is full are
 not: the same call would fail in the same way.
+
+Whether a write failed because the disk is full.
 """
 
 from __future__ import annotations
 
 import errno
+import shutil
 import sqlite3
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import TypeVar
 
 from sqlalchemy.exc import DBAPIError, OperationalError
@@ -83,3 +87,17 @@ def _database_is_away(error: DBAPIError) -> bool:
         return can_pass(error.orig)
     is_full = getattr(error.orig, "sqlstate", None) == _FULL_DISK
     return (isinstance(error, OperationalError) or error.connection_invalidated) and not is_full
+
+
+NEXT_TO_NOTHING = 1 << 20
+"""Bytes free on a disk that a failed write is blamed on."""
+
+
+def is_full(folder: Path, error: Exception) -> bool:
+    """Whether `error`, met while writing below `folder`, means that its disk is full.
+
+    Libraries often say only that writing failed; then the space that is left tells.
+    """
+    number = error.errno if isinstance(error, OSError) else None
+    full = number in (errno.ENOSPC, errno.EDQUOT)
+    return full or shutil.disk_usage(folder).free < NEXT_TO_NOTHING

@@ -3,21 +3,32 @@
 An object appears at once and whole, whether it was sent in one piece or in parts. Two makers of the
 same product do not collide: small ones are created only where there is none, large ones replace
 equal bytes. Tasks read copies on this machine, GDAL reads the objects in place.
+
+How an object store is reached: its endpoint, its client, and what its errors mean.
+
+Keys, region and endpoint come from the usual AWS_* variables; GDAL is told the same endpoint.
+
+Copies of remote files on this machine, the least recently used removed first.
+
+A copy appears by renaming, so it is whole; all processes of a machine share the folder. What was
+asked for a moment ago stays, even over the limit: somebody is about to open it.
 """
 
 from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Iterator
-from dataclasses import dataclass
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from datetime import timedelta
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
+from urllib.parse import urlsplit
 
-from solmap.products.errors import StoreAwayError
-from solmap.products.object_client import bucket_and_prefix, client_of, endpoint, explaining, says
-from solmap.products.read_cache import ReadCache
+from solmap.products.errors import ProductError, StoreAwayError
 from solmap.products.store.backends import Elsewhere
 
 if TYPE_CHECKING:
@@ -174,3 +185,206 @@ def _shelf(elsewhere: Elsewhere, root: Path, _process: int, _endpoint: str) -> B
     bucket, prefix = bucket_and_prefix(elsewhere.url)
     cache = ReadCache(root / _CACHE, round(elsewhere.cache_gb * (1 << 30)))
     return BucketShelf(bucket, prefix, client_of(bucket, prefix), cache)
+
+
+_RETRIES, _RETRY_S = 4, 60
+_CONNECT_S, _SILENCE_S, _REQUEST_S = 5, 60, 600
+_AMAZON = "https://s3.amazonaws.com"
+_URLS = "say SOLMAP_STORE_URL=s3://bucket/prefix, or leave it out"
+_REFUSALS = ("AccessDenied", "InvalidAccessKeyId", "SignatureDoesNotMatch", "403 Forbidden")
+_GDAL = {
+    "GDAL_HTTP_MAX_RETRY": "3",
+    "GDAL_HTTP_RETRY_DELAY": "0.2",
+    "GDAL_HTTP_CONNECTTIMEOUT": str(_CONNECT_S),
+    "GDAL_HTTP_TIMEOUT": str(_SILENCE_S),
+}
+
+
+def bucket_and_prefix(url: str) -> tuple[str, str]:
+    """The two parts of `s3://bucket/prefix`.
+
+    Raises:
+        ProductError: the URL is of another kind.
+    """
+    parts = urlsplit(url)
+    if parts.scheme != "s3" or not parts.netloc or parts.query or parts.fragment:
+        raise ProductError(f"products cannot lie at {url!r}; {_URLS}")
+    return parts.netloc, parts.path.strip("/")
+
+
+def client_of(bucket: str, prefix: str) -> S3Store:
+    """A client of the objects below a prefix; threads may share it, processes may not.
+
+    Raises:
+        ProductError: what reads objects is not installed.
+    """
+    try:
+        from obstore.store import S3Store  # noqa: PLC0415 - only where a store is given by URL
+    except ModuleNotFoundError as error:
+        raise ProductError(
+            f"products at s3://{bucket}/{prefix} are read with obstore, which is not installed; "
+            "install solmap with its extra `cluster`"
+        ) from error
+    _tell_gdal(bucket)
+    return S3Store(
+        bucket,
+        prefix=prefix or None,
+        client_options={
+            "allow_http": endpoint().startswith("http://"),
+            "connect_timeout": timedelta(seconds=_CONNECT_S),
+            "read_timeout": timedelta(seconds=_SILENCE_S),
+            "timeout": timedelta(seconds=_REQUEST_S),
+        },
+        retry_config={"max_retries": _RETRIES, "retry_timeout": timedelta(seconds=_RETRY_S)},
+    )
+
+
+def endpoint() -> str:
+    """Where the object store is."""
+    names = ("AWS_ENDPOINT_URL_S3", "AWS_ENDPOINT_URL", "AWS_ENDPOINT")
+    return next((url for url in map(os.environ.get, names) if url), _AMAZON)
+
+
+def _tell_gdal(bucket: str) -> None:
+    """Give GDAL the same endpoint in its own words; it reads the variables of keys by itself.
+
+    What it could not open it would remember as absent, long after the store answers again.
+    """
+    os.environ["CPL_VSIL_CURL_NON_CACHED"] = f"/vsis3/{bucket}"
+    for name, value in _GDAL.items():
+        os.environ.setdefault(name, value)
+    if os.environ.get("AWS_DEFAULT_REGION"):
+        os.environ.setdefault("AWS_REGION", os.environ["AWS_DEFAULT_REGION"])
+    if endpoint() == _AMAZON:
+        return
+    parts = urlsplit(endpoint())
+    os.environ["AWS_S3_ENDPOINT"] = parts.netloc + parts.path.rstrip("/")
+    os.environ["AWS_HTTPS"] = "NO" if parts.scheme == "http" else "YES"
+    os.environ["AWS_VIRTUAL_HOSTING"] = "FALSE"
+
+
+@contextlib.contextmanager
+def explaining(url: str, *, sending: bool = False) -> Iterator[None]:
+    """Say what the object store's errors mean, and what to do about them.
+
+    Raises:
+        FileNotFoundError: there is no such object.
+        StoreAwayError: nobody answers, which may pass.
+        ProductError: there is no such bucket, or the keys do not open it.
+    """
+    from obstore.exceptions import (  # noqa: PLC0415
+        BaseError,
+        PermissionDeniedError,
+        UnauthenticatedError,
+    )
+
+    try:
+        yield
+    except (BaseError, FileNotFoundError) as error:
+        is_missing = isinstance(error, FileNotFoundError)
+        if says(error, ("NoSuchBucket",)) or (sending and is_missing):
+            raise ProductError(
+                f"there is no bucket {urlsplit(url).netloc} at {endpoint()}; make it, or set "
+                "SOLMAP_STORE_URL and AWS_ENDPOINT_URL right"
+            ) from error
+        if is_missing:
+            raise
+        refused = isinstance(error, PermissionDeniedError | UnauthenticatedError)
+        if refused or says(error, _REFUSALS):
+            raise ProductError(
+                f"{endpoint()} does not open {url} with these keys: {_first(error)}; "
+                "set AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY and AWS_REGION right"
+            ) from error
+        raise StoreAwayError(
+            f"the object store {url} at {endpoint()} does not answer: {_first(error)}; "
+            "is it running, and is AWS_ENDPOINT_URL right?"
+        ) from error
+
+
+def says(error: Exception, words: tuple[str, ...]) -> bool:
+    """Whether an error of the client has one of some words."""
+    return any(word in str(error) for word in words)
+
+
+def _first(error: Exception) -> str:
+    """What happened, without the client's own record of it."""
+    return " ".join(str(error).partition("Debug source")[0].split())
+
+
+_JUST_USED_S = 300.0
+_TOUCHED_S = 10.0
+"""Uses closer together than this are one use."""
+_SLACK = 20
+"""Room is made whenever a process has added this part of the limit, and that much more of it."""
+_DEAD_S = 3600.0
+"""A copy that has been half done for so long belongs to a process that was killed."""
+_HALF = ".half-"
+
+
+@dataclass(slots=True, eq=False)
+class ReadCache:
+    """A folder of copies."""
+
+    folder: Path
+    limit: int
+    """Bytes of copies to keep."""
+    _added: int = field(default=0, init=False)
+    """Bytes since room was last made."""
+
+    def path(self, name: str, fetch: Callable[[Path], None]) -> Path:
+        """The copy of a file; `fetch` writes it where it is not here yet."""
+        path = self.folder / name
+        try:
+            _touch(path)
+        except FileNotFoundError:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            descriptor, half = tempfile.mkstemp(prefix=_HALF, dir=path.parent)
+            os.close(descriptor)
+            try:
+                fetch(Path(half))
+                self.adopt(Path(half), name)
+            finally:
+                Path(half).unlink(missing_ok=True)
+        return path
+
+    def adopt(self, file: Path, name: str) -> None:
+        """Take a whole file of the same disk as the copy."""
+        path = self.folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self._added += file.stat().st_size
+        os.utime(file)
+        file.replace(path)
+        if self._added >= self.limit // _SLACK:
+            self._added = 0
+            self.make_room()
+
+    def forget(self, name: str) -> None:
+        """Have no copy of a file."""
+        (self.folder / name).unlink(missing_ok=True)
+
+    def make_room(self) -> None:
+        """Remove what was not used for longest, until there is some room below the limit."""
+        now, copies = time.time(), []
+        for path in self.folder.rglob("*"):
+            with contextlib.suppress(FileNotFoundError):  # others make room too
+                stat = path.stat()
+                if path.is_file():
+                    copies.append((stat.st_mtime, stat.st_size, path))
+        held = sum(size for _, size, _ in copies)
+        for used, size, path in sorted(copies):
+            half = path.name.startswith(_HALF)
+            if now - used < (_DEAD_S if half else _JUST_USED_S):
+                continue
+            if half or held > self.limit - 2 * self.limit // _SLACK:
+                path.unlink(missing_ok=True)
+                held -= size
+
+
+def _touch(path: Path) -> None:
+    """Note that a copy is used.
+
+    Raises:
+        FileNotFoundError: there is none.
+    """
+    if time.time() - path.stat().st_mtime > _TOUCHED_S:
+        os.utime(path)

@@ -25,8 +25,6 @@ from importlib.metadata import version
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from solmap.products.disk import is_full
-from solmap.products.effort import Effort
 from solmap.products.errors import ProductError, ProductNotFoundError, StoreFullError
 from solmap.products.model import LEVEL, SUFFIX, ProductKind, ProductRef, Recipe, Scope, ScopeLevel
 from solmap.products.store.backends import (
@@ -36,7 +34,9 @@ from solmap.products.store.backends import (
     elsewhere_of,
     remember,
 )
+from solmap.products.store.faults import is_full
 from solmap.products.store.object_backend import bucket_shelf
+from solmap.products.store.process import Effort
 
 _CHUNK = 1 << 20
 _PRODUCTS = "products"

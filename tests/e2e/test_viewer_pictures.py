@@ -7,8 +7,7 @@ import pytest
 
 from solmap.photogrammetry.terrain.traversability.hazard import Hazard
 from solmap.products.catalogue.workspace import Workspace
-from solmap.products.classes import HAZARDS
-from solmap.products.formats.raster.raster import write_classes
+from solmap.products.formats.raster.raster import HAZARDS, write_classes
 from solmap.products.model import ProductKind
 from tests.support.bowl_store import CRS, GRID, Shop, fill
 from tests.support.browsing import (

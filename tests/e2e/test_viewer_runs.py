@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from solmap.products.catalogue.edits import EditKind, EditLog
+from solmap.products.catalogue.edits import EditKind, EditLog, RequestBook
 from solmap.products.catalogue.runs import Run, RunBook, RunState
 from solmap.products.catalogue.tokens import Role, TokenBook
 from solmap.products.model import ProductKind, Recipe
-from solmap.products.run_requests import RequestBook
 from tests.support.bowl_store import REGION
 from tests.support.browsing import at, look, pixel_of, ready, screenshot, until
 

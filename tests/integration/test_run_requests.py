@@ -6,7 +6,7 @@ from prefect.exceptions import ObjectNotFound
 
 from solmap.flows.service import submission as requests
 from solmap.products.catalogue.catalogue import Catalogue
-from solmap.products.run_requests import RequestBook, RequestKind, RequestState
+from solmap.products.catalogue.edits import RequestBook, RequestKind, RequestState
 
 
 @pytest.fixture

@@ -10,11 +10,10 @@ from typer.testing import CliRunner
 
 from solmap.flows.cli import app as command
 from solmap.gis_server.app import create_app
+from solmap.products.catalogue.catalogue import Outcome
 from solmap.products.catalogue.workspace import Workspace
-from solmap.products.catalogue_records import Outcome
 from solmap.products.errors import ProductNotFoundError
-from solmap.products.reports.sol_report import sol_facts, thumbnail, timings
-from solmap.products.sol_report_page import sol_report
+from solmap.products.reports.sol_report import sol_facts, sol_report, thumbnail, timings
 from tests.support.bowl_store import UNPAIRED, fill
 
 EVIL = "<script>alert(1)</script>"

@@ -16,9 +16,8 @@ from solmap.photogrammetry.terrain.dtm.records import Dtm
 from solmap.photogrammetry.terrain.traversability.hazard import Hazard
 from solmap.products.catalogue.catalogue import MissionEntry
 from solmap.products.catalogue.workspace import Workspace
-from solmap.products.classes import HAZARDS
 from solmap.products.formats.raster.orthophoto import write_orthophoto
-from solmap.products.formats.raster.raster import write_classes, write_dtm
+from solmap.products.formats.raster.raster import HAZARDS, write_classes, write_dtm
 from solmap.products.formats.vector.geojson import Feature
 from solmap.products.model import ProductKind
 from tests.support.bowl_store import CRS, GRID, LANDING, Shop, surface, viewing

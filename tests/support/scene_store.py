@@ -29,13 +29,13 @@ from solmap.photogrammetry.terrain.mesh.surface_mesh import ModelParams, Tileset
 from solmap.products.catalogue.catalogue import ImageEntry, MissionEntry
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.formats.documents.archives import pose_document
+from solmap.products.formats.mesh.gltf import write_points
 from solmap.products.formats.mesh.models import extent_of_model
 from solmap.products.formats.mesh.tiles3d import TilesetWriter
 from solmap.products.formats.raster.orthophoto import write_orthophoto
 from solmap.products.formats.raster.raster import write_dtm
 from solmap.products.formats.vector.geojson import Feature
 from solmap.products.model import Layer, ProductKind, ProductRef, Recipe, Scope, ScopeLevel
-from solmap.products.points_glb import write_points
 from tests.support.bowl_store import (
     CRS,
     GRID,

@@ -3,6 +3,11 @@
 The network of a sol holds the stops that its step touched. All others are as earlier steps left
 them, each in a product of its own (`ProductKind.SETTLED`) or in an overall adjustment, and the
 network of the sol names these: so it does not grow with the traverse.
+
+Who holds what a document does not hold itself: other products, by stop.
+
+A sol changes a few stops of a mission. What it says of the others would be said again by every sol,
+so a document of a sol names the earlier product that says it.
 """
 
 from __future__ import annotations
@@ -25,9 +30,22 @@ from solmap.photogrammetry.traverse.records import Traverse
 from solmap.products.catalogue.catalogue import Catalogue
 from solmap.products.errors import ProductNotFoundError
 from solmap.products.formats.documents.archives import pose_document, pose_of_document
-from solmap.products.holders import Holders, holders_document, holders_of_document
 from solmap.products.model import ProductKind, ProductRef
 from solmap.products.store.product_store import ProductStore
+
+Holders = dict[str, ProductRef]
+"""The product that holds a stop, by the name of the stop."""
+
+
+def holders_document(holders: Mapping[str, ProductRef]) -> dict[str, str]:
+    """As plain JSON, in the order of the stops."""
+    return {name: ref.text for name, ref in sorted(holders.items())}
+
+
+def holders_of_document(document: Mapping[str, str]) -> Holders:
+    """The twin of `holders_document`."""
+    return {name: ProductRef.of_text(text) for name, text in document.items()}
+
 
 _NETWORKS = 4
 """Whole networks that are remembered; a large one takes seconds to read."""

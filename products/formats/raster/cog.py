@@ -33,7 +33,7 @@ from rasterio.shutil import copy as copy_raster
 from rasterio.transform import Affine
 
 from solmap.photogrammetry.terrain.dtm.grid import BLOCK, MapGrid
-from solmap.products.disk import is_full
+from solmap.products.store.faults import is_full
 
 Kind = Literal["float32", "uint8"]
 Halving = Literal["AVERAGE", "NEAREST"]

@@ -2,6 +2,13 @@
 
 How the bytes are laid out is decided in `products.cog`. An averaged `class` of a DTM's overview
 lies between its classes.
+
+What the values of class layers mean, and the colours they are drawn in.
+
+Colours keep apart without colour vision (Paul Tol's bright and muted sets): good ground is blue or
+green, bad ground yellow to red, and lightness falls from one to the other.
+
+Rasters of others, read onto the local map: orbital images and terrain models in any Mars CRS.
 """
 
 from __future__ import annotations
@@ -16,14 +23,18 @@ from typing import Any, get_args
 import numpy as np
 import rasterio
 from pyproj import CRS
-from rasterio.enums import ColorInterp
-from rasterio.errors import RasterioError, RasterioIOError
+from rasterio.enums import ColorInterp, Resampling
+from rasterio.errors import CRSError, RasterioError, RasterioIOError
 from rasterio.session import DummySession
+from rasterio.transform import Affine
+from rasterio.warp import reproject, transform_bounds
 from rasterio.windows import Window
 
 from solmap.photogrammetry.arrays import Classes, Raster
-from solmap.photogrammetry.terrain.dtm.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.grid import Bounds, MapGrid
 from solmap.photogrammetry.terrain.dtm.records import Dtm
+from solmap.photogrammetry.terrain.traversability.hazard import Hazard
+from solmap.photogrammetry.terrain.visibility.viewshed import Sight
 from solmap.products.errors import ProductError, ProductNotFoundError, StoreAwayError
 from solmap.products.formats.raster.cog import (
     Band,
@@ -287,3 +298,72 @@ def values_in(
     stored = np.ma.filled(cell.astype(np.float64), np.nan)
     true = stored * np.array(dataset.scales) + np.array(dataset.offsets)
     return dict(zip(band_names(dataset), (float(value) for value in true), strict=True))
+
+
+HAZARDS = (
+    RasterClass(Hazard.TRAVERSABLE, "traversable", "#44bb99"),
+    RasterClass(Hazard.ROUGH, "too rough", "#eedd88"),
+    RasterClass(Hazard.STEP, "step too high", "#ee8866"),
+    RasterClass(Hazard.STEEP, "too steep", "#aa3377"),
+)
+SIGHTS = (
+    RasterClass(Sight.VISIBLE, "visible", "#77aadd"),
+    RasterClass(Sight.HIDDEN, "hidden", "#664422"),
+)
+
+
+MOST_CELLS = 100_000_000
+"""Of an image that is read whole: 10,000 x 10,000."""
+
+
+def foreign_bounds(path: Path, crs: CRS) -> tuple[Bounds, float]:
+    """(west, south, east, north) of a raster on the local map, and the side of its cells, metres.
+
+    Raises:
+        ProductError: it has no georeference, or one that is not on Mars.
+    """
+    with open_raster(path) as dataset:
+        if dataset.crs is None:
+            raise ProductError(f"{path.name} has no CRS: georeference it, or give control points")
+        try:
+            bounds = transform_bounds(dataset.crs, crs.to_wkt(), *dataset.bounds, densify_pts=21)
+        except (CRSError, RasterioError) as error:
+            raise ProductError(f"{path.name} is not on this map: {error}") from error
+        if not np.isfinite(bounds).all():
+            raise ProductError(f"{path.name} does not lie near the landing site")
+        width_m = (bounds[2] - bounds[0]) / dataset.width
+        height_m = (bounds[3] - bounds[1]) / dataset.height
+    return bounds, float(np.sqrt(width_m * height_m))
+
+
+def read_foreign(path: Path, grid: MapGrid, crs: CRS, band: int = 1) -> Raster:
+    """A band of a raster on a grid of the local map; NaN where it has nothing.
+
+    Larger cells are interpolated, smaller ones averaged.
+
+    Raises:
+        ProductError: the grid is too large to be read whole, or the file is broken.
+    """
+    if grid.rows * grid.cols > MOST_CELLS:
+        raise ProductError(f"{path.name} on {grid.shape} cells is too large: ask for less ground")
+    out = np.full(grid.shape, np.nan, dtype=np.float32)
+    transform = Affine(grid.cell_m, 0.0, grid.west, 0.0, -grid.cell_m, grid.north)
+    with open_raster(path) as dataset:
+        finer = abs(dataset.transform.a) < grid.cell_m / 1.5
+        try:
+            values = dataset.read(band, masked=True).astype(np.float32).filled(np.nan)
+            reproject(
+                values,
+                out,
+                src_transform=dataset.transform,
+                src_crs=dataset.crs,
+                src_nodata=np.nan,
+                dst_transform=transform,
+                dst_crs=crs.to_wkt(),
+                dst_nodata=np.nan,
+                resampling=Resampling.average if finer else Resampling.cubic,
+            )
+        except (CRSError, RasterioError) as error:
+            raise ProductError(f"{path.name} cannot be read: {error}") from error
+        scale, offset = dataset.scales[band - 1], dataset.offsets[band - 1]
+    return out * np.float32(scale) + np.float32(offset)

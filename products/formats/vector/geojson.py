@@ -12,6 +12,8 @@ rover's traverse in the Pacific. The files therefore
 
 Longitude and latitude are those of the local CRS (see `products.crs`), so that vectors and rasters
 of a site fall on each other in any program.
+
+Contours as features.
 """
 
 from __future__ import annotations
@@ -28,6 +30,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 import orjson
 
+from solmap.photogrammetry.terrain.relief.contours import Contour
 from solmap.products.crs import MARS_URN, LandingPoint, east_north, local_proj4, lon_lat
 from solmap.products.errors import ProductError, ProductNotFoundError
 
@@ -287,3 +290,13 @@ def _rings_of(geometry: Mapping[str, Any]) -> list[list[list[float]]]:
     if geometry["type"] == "Point":
         return [[nested]]
     return [nested] if geometry["type"] == "LineString" else nested
+
+
+def contour_feature(contour: Contour) -> Feature:
+    """A contour as a line at its elevation, metres of the local map."""
+    up = np.full(len(contour.points), contour.elevation_m)
+    return Feature(
+        "LineString",
+        np.column_stack([contour.points, up]),
+        {"elevation_m": contour.elevation_m, "is_index": contour.is_index},
+    )

@@ -16,10 +16,10 @@ from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.photogrammetry.terrain.dtm.records import Dtm
 from solmap.photogrammetry.terrain.traversability.hazard import Hazard
 from solmap.products.catalogue.catalogue import Catalogue, ImageEntry, MissionEntry
-from solmap.products.classes import HAZARDS
 from solmap.products.crs import LandingPoint, local_crs
 from solmap.products.formats.raster.orthophoto import write_orthophoto
 from solmap.products.formats.raster.raster import (
+    HAZARDS,
     summarise,
     write_classes,
     write_dtm,

@@ -11,8 +11,7 @@ import rasterio
 from solmap.products.crs import local_crs
 from solmap.products.formats.mesh.stl import read_stl
 from solmap.products.model import ProductKind
-from solmap.products.reports.stac import write_catalogue, write_items
-from solmap.products.stac_items import Taken
+from solmap.products.reports.stac import Taken, write_catalogue, write_items
 from tests.unit.gis_server.conftest import (
     CELL_M,
     LANDING,

@@ -6,10 +6,9 @@ from fastapi.testclient import TestClient
 from solmap.gis_server.app import create_app
 from solmap.gis_server.small_bodies import MOST_BYTES
 from solmap.photogrammetry.matching.hand_ties import COLUMNS
-from solmap.products.catalogue.edits import EditLog
+from solmap.products.catalogue.edits import EditLog, RequestBook
 from solmap.products.catalogue.runs import Run, RunBook, RunState
 from solmap.products.catalogue.tokens import Role, TokenBook
-from solmap.products.run_requests import RequestBook
 from tests.unit.gis_server.conftest import STOP
 
 IMAGE = "2N140000000EFFA000P1600L0M1"

@@ -4,9 +4,15 @@ import sqlite3
 
 import pytest
 
-from solmap.products.catalogue.edits import EditConflictError, EditKind, EditLog
+from solmap.products.catalogue.edits import (
+    EditConflictError,
+    EditKind,
+    EditLog,
+    RequestBook,
+    RequestKind,
+    RequestState,
+)
 from solmap.products.errors import ProductNotFoundError
-from solmap.products.run_requests import RequestBook, RequestKind, RequestState
 
 
 @pytest.fixture

@@ -9,8 +9,7 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from solmap.products.feature_query import Area, IndexedFeature, Selection
-from solmap.products.features.index import FeatureIndex
+from solmap.products.features.index import Area, FeatureIndex, IndexedFeature, Selection
 
 NOON = "2004-06-11T12:00:00.000Z"
 

@@ -10,8 +10,8 @@ from solmap.photogrammetry.synthetic.mission import MissionPlan, simulate_missio
 from solmap.photogrammetry.synthetic.mission_images import exposures, mission_names
 from solmap.products.catalogue import images
 from solmap.products.catalogue.catalogue import Catalogue
+from solmap.products.catalogue.images import LabelBook, label_of_text, text_of_label
 from solmap.products.catalogue.workspace import Workspace
-from solmap.products.labels import LabelBook, label_of_text, text_of_label
 from solmap.products.model import ProductKind, ProductRef, Scope, ScopeLevel
 from solmap.products.store.product_store import ProductStore
 from tests.unit.products.test_catalogue import an_image

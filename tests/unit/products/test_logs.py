@@ -6,8 +6,7 @@ import time
 
 import pytest
 
-from solmap.products.effort import Effort
-from solmap.products.store.logs import JsonLines, SharedLog, keep_logs, noted
+from solmap.products.store.process import Effort, JsonLines, SharedLog, keep_logs, noted
 
 
 @pytest.fixture

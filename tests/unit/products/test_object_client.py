@@ -10,9 +10,9 @@ import pytest
 
 from solmap.products.errors import ProductError, StoreAwayError
 from solmap.products.formats.raster.raster import open_raster
-from solmap.products.object_client import bucket_and_prefix, client_of
 from solmap.products.store.backends import Elsewhere
 from solmap.products.store.faults import can_pass
+from solmap.products.store.object_backend import bucket_and_prefix, client_of
 from solmap.products.store.product_store import ProductStore
 from tests.support.object_store import environment, environment_of
 

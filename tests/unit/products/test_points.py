@@ -8,10 +8,9 @@ import pytest
 from solmap.photogrammetry.terrain.mesh.point_cloud import PointCloud
 from solmap.photogrammetry.terrain.mesh.surface_mesh import TilePlace
 from solmap.products.errors import ProductError
-from solmap.products.formats.mesh.gltf import read_glb
+from solmap.products.formats.mesh.gltf import read_glb, write_points
 from solmap.products.formats.mesh.ply import read_ply, write_ply
 from solmap.products.formats.mesh.tiles3d import TilesetWriter, read_tileset
-from solmap.products.points_glb import write_points
 
 
 @pytest.fixture

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from solmap.photogrammetry.terrain.mesh.point_cloud import PointCloud
+from solmap.products.formats.mesh.gltf import write_points
 from solmap.products.formats.mesh.ply import write_ply
-from solmap.products.points_glb import write_points
 from tests.support.gltf_validator import validate_glb
 
 VIEWER = Path(__file__).resolve().parents[3] / "gis_server" / "viewer"

@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from solmap.products.catalogue.pruning import PruningParams, prunable, prune
+from solmap.products.catalogue.runs import FinishedBook
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.errors import ProductError
-from solmap.products.finished import FinishedBook
 from solmap.products.model import Layer, ProductKind, ProductRef, Recipe, Scope, ScopeLevel
 from solmap.products.store.locks import working
 

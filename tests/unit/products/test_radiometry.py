@@ -8,7 +8,11 @@ from solmap.photogrammetry.archive.companding import (
 )
 from solmap.photogrammetry.archive.radiometry import PixelState, Radiometry
 from solmap.photogrammetry.archive.vignetting import RadialVignetting
-from solmap.products.radiometry import radiometry_digest, read_radiometry, write_radiometry
+from solmap.products.formats.documents.archives import (
+    radiometry_digest,
+    read_radiometry,
+    write_radiometry,
+)
 
 COUNTS = np.arange(0, 4096, 16, dtype=np.float32)
 MODEL = RadialVignetting(k1=-0.2, k2=0.05, centre=(500.0, 510.5), source="a test")

@@ -3,7 +3,7 @@ import time
 
 import pytest
 
-from solmap.products.read_cache import ReadCache
+from solmap.products.store.object_backend import ReadCache
 
 
 def fetch_of(size, asked):

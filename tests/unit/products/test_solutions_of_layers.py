@@ -9,7 +9,7 @@ import pytest
 
 from solmap.products.catalogue.layer_versions import solutions_behind, solutions_of_mission
 from solmap.products.catalogue.workspace import Workspace
-from solmap.products.holders import Holders, holders_document
+from solmap.products.formats.documents.network import Holders, holders_document
 from solmap.products.model import ProductKind, ProductRef, Recipe, Scope, ScopeLevel
 
 FIRST, SECOND = "mer2-site0010-drive0000", "mer2-site0010-drive0064"

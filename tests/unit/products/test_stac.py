@@ -20,8 +20,13 @@ from solmap.products.formats.raster.orthophoto import write_pieces, write_source
 from solmap.products.formats.raster.raster import write_raster
 from solmap.products.formats.vector.geojson import Feature, write_features
 from solmap.products.model import Layer, ProductKind, Recipe, Scope, ScopeLevel
-from solmap.products.reports.stac import write_catalogue, write_items
-from solmap.products.stac_items import PROCESSING, SOLAR_SYSTEM, Taken
+from solmap.products.reports.stac import (
+    PROCESSING,
+    SOLAR_SYSTEM,
+    Taken,
+    write_catalogue,
+    write_items,
+)
 from solmap.products.store.product_store import ProductStore
 
 LANDING = LandingPoint("floor of Gusev", 175.4729, -14.5692, 3_393_000.0, "a test")
