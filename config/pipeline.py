@@ -27,8 +27,8 @@ from solmap.photogrammetry.matching.tracks import TrackParams
 from solmap.photogrammetry.matching.wide_stereo import WideParams
 from solmap.photogrammetry.terrain.dtm.region_dtm import RegionParams
 from solmap.photogrammetry.terrain.dtm.stop_dtm import DtmParams, FarDtmParams
-from solmap.photogrammetry.terrain.facets import FacetParams
 from solmap.photogrammetry.terrain.insolation.maps import HavenParams, InsolationParams
+from solmap.photogrammetry.terrain.measure.facets import FacetParams
 from solmap.photogrammetry.terrain.mesh.point_cloud import PointCloudParams
 from solmap.photogrammetry.terrain.mesh.surface_mesh import ModelParams, TilesetParams
 from solmap.photogrammetry.terrain.mesh.view_mesh import ViewModelParams

@@ -9,9 +9,13 @@ import numpy as np
 
 from solmap.flows.sol_maps import oriented_pairs
 from solmap.photogrammetry.imagery import StopId
-from solmap.photogrammetry.terrain.attitude import Attitude, attitude
-from solmap.photogrammetry.terrain.cell_plane import CellPlaneParams, plane_of_cells
-from solmap.photogrammetry.terrain.facets import FacetParams
+from solmap.photogrammetry.terrain.measure.facets import FacetParams
+from solmap.photogrammetry.terrain.measure.strike_dip import (
+    Attitude,
+    CellPlaneParams,
+    attitude,
+    plane_of_cells,
+)
 from solmap.photogrammetry.terrain.plane_fit import PlaneFit
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.errors import ProductNotFoundError

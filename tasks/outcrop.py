@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from solmap.photogrammetry.imagery import StopId
-from solmap.photogrammetry.terrain.facets import Facet, FacetParams, find_facets
+from solmap.photogrammetry.terrain.measure.facets import Facet, FacetParams, find_facets
 from solmap.photogrammetry.terrain.mesh.view_mesh import ViewModelParams, view_meshes
 from solmap.products.crs import LandingPoint
 from solmap.products.formats.mesh.gltf import Encoding, write_glb

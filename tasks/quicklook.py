@@ -23,12 +23,12 @@ from solmap.photogrammetry.matching.records import MatchedPair, MatchedStop
 from solmap.photogrammetry.matching.sparse import SparseParams, match_interest_points
 from solmap.photogrammetry.matching.tie_pictures import Shown, caption, draw_sheet, misfits
 from solmap.photogrammetry.matching.ties import Ties
-from solmap.photogrammetry.terrain.pictures import class_picture, relief_picture
 from solmap.photogrammetry.terrain.relief.slope import HillshadeParams
 from solmap.products.errors import ProductError
 from solmap.products.formats.documents.archives import read_dense
 from solmap.products.formats.raster.raster import read_dtm
 from solmap.products.model import ProductKind, ProductRef, Recipe
+from solmap.products.reports.terrain_figures import class_picture, relief_picture
 from solmap.products.store.product_store import ProductStore
 from solmap.tasks.pairs import PairProducts, read_matched_pair
 from solmap.tasks.scopes import pair_scope

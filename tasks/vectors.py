@@ -13,7 +13,7 @@ from solmap.photogrammetry.adjustment.records import USED, AdjustedStop
 from solmap.photogrammetry.body_fixed import map_from_lsl
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.imagery import RoverImage
-from solmap.photogrammetry.terrain.oriented_image import as_pointed
+from solmap.photogrammetry.terrain.measure.oriented_image import as_pointed
 from solmap.photogrammetry.terrain.visibility.footprints import (
     FootprintParams,
     Ground,

@@ -38,7 +38,7 @@ def ground(
     """Strike and dip of the ground inside an outline, from the stop's terrain model."""
     from solmap.flows.dips import dip_of_ground  # noqa: PLC0415 - slow to import
     from solmap.photogrammetry.errors import PhotogrammetryError  # noqa: PLC0415
-    from solmap.photogrammetry.terrain.cell_plane import CellPlaneParams  # noqa: PLC0415
+    from solmap.photogrammetry.terrain.measure.strike_dip import CellPlaneParams  # noqa: PLC0415
     from solmap.products.errors import ProductError  # noqa: PLC0415
 
     workspace = workspace_of(store_of(store))

@@ -9,13 +9,8 @@ from solmap.gis_server.analysis.refusal import RefusedError
 from solmap.photogrammetry.imagery import StopId
 from solmap.photogrammetry.terrain.dtm.ground import MAP_FROM_LSL
 from solmap.photogrammetry.terrain.dtm.resampling import NOWHERE
-from solmap.photogrammetry.terrain.ground_point import (
-    GroundPoint,
-    normal_at,
-)
-from solmap.photogrammetry.terrain.oriented_image import (
-    StopPose,
-)
+from solmap.photogrammetry.terrain.measure.ground_point import GroundPoint, normal_at
+from solmap.photogrammetry.terrain.measure.oriented_image import StopPose
 from solmap.products.catalogue.catalogue import ImageEntry
 from solmap.products.catalogue.oriented_images import OrientedMission
 from solmap.products.model import Layer, ScopeLevel

@@ -21,8 +21,19 @@ from solmap.gis_server.analysis.bodies import (
 from solmap.gis_server.analysis.ground import BEST, Ground
 from solmap.gis_server.analysis.refusal import RefusedError
 from solmap.photogrammetry.terrain.dtm.resampling import NOWHERE, GroundSamples, MapPoints
-from solmap.photogrammetry.terrain.lines import SAME_M, measure_line, rise_between, stations
-from solmap.photogrammetry.terrain.volume import Base, places_inside, polygon_of, steepening, volume
+from solmap.photogrammetry.terrain.measure.areas import (
+    Base,
+    places_inside,
+    polygon_of,
+    steepening,
+    volume,
+)
+from solmap.photogrammetry.terrain.measure.lines import (
+    SAME_M,
+    measure_line,
+    rise_between,
+    stations,
+)
 from solmap.products.crs import LandingPoint, lon_lat
 
 _STEEP_PLACES = 10_000

@@ -13,18 +13,15 @@ from solmap.photogrammetry.arrays import Float64, ImagePoints, Vector3
 from solmap.photogrammetry.imagery import Eye
 from solmap.photogrammetry.terrain.dtm.ground import MAP_FROM_LSL
 from solmap.photogrammetry.terrain.dtm.resampling import NOWHERE
-from solmap.photogrammetry.terrain.ground_point import (
+from solmap.photogrammetry.terrain.measure.ground_point import (
     GroundPoint,
     by_parallax,
     first_meeting,
+    matched_pixel,
     normal_at,
     on_terrain,
 )
-from solmap.photogrammetry.terrain.matched_pixel import matched_pixel
-from solmap.photogrammetry.terrain.oriented_image import (
-    OrientedImage,
-    epipolar_curve,
-)
+from solmap.photogrammetry.terrain.measure.oriented_image import OrientedImage, epipolar_curve
 from solmap.photogrammetry.terrain.visibility.viewshed import ViewshedParams
 from solmap.products.catalogue.catalogue import ImageEntry
 from solmap.products.catalogue.oriented_images import OrientedMission

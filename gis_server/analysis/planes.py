@@ -23,10 +23,14 @@ from solmap.gis_server.analysis.measures import used_in
 from solmap.gis_server.analysis.refusal import RefusedError
 from solmap.photogrammetry.arrays import Covariances3
 from solmap.photogrammetry.errors import TerrainError
-from solmap.photogrammetry.terrain.attitude import attitude
 from solmap.photogrammetry.terrain.dtm.resampling import NOWHERE, GroundSamples, MapPoints
+from solmap.photogrammetry.terrain.measure.areas import (
+    CORRELATION_M,
+    places_inside,
+    polygon_of,
+)
+from solmap.photogrammetry.terrain.measure.strike_dip import attitude
 from solmap.photogrammetry.terrain.plane_fit import PlaneFit, fit_plane
-from solmap.photogrammetry.terrain.volume import CORRELATION_M, places_inside, polygon_of
 
 _MOST_POINTS = 2500
 _LEAST_SIGMA_M = 0.002

@@ -12,7 +12,7 @@ from pydantic import BaseModel, Field
 from solmap.gis_server.analysis.bodies import UNITS, LayerAsked, LayerUsed, Line, Question, numbers
 from solmap.gis_server.analysis.ground import BEST, Ground
 from solmap.photogrammetry.terrain.dtm.resampling import NOWHERE
-from solmap.photogrammetry.terrain.lines import Profile, profile, stations
+from solmap.photogrammetry.terrain.measure.lines import Profile, profile, stations
 
 _USUAL_STATIONS = 1000
 """Stations of a line whose step nobody chose; short lines have one a cell."""

@@ -11,11 +11,8 @@ from solmap.gis_server.analysis.ground import Ground
 from solmap.photogrammetry.arrays import Float64
 from solmap.photogrammetry.imagery import Eye
 from solmap.photogrammetry.terrain.dtm.ground import MAP_FROM_LSL
-from solmap.photogrammetry.terrain.ground_point import (
-    GroundPoint,
-)
-from solmap.photogrammetry.terrain.matched_pixel import sight_by_parallax
-from solmap.photogrammetry.terrain.oriented_image import (
+from solmap.photogrammetry.terrain.measure.ground_point import GroundPoint, sight_by_parallax
+from solmap.photogrammetry.terrain.measure.oriented_image import (
     Ellipse,
     OrientedImage,
     in_images_of,

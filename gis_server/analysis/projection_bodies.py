@@ -23,8 +23,8 @@ from solmap.gis_server.analysis.pixel_ground import Found
 from solmap.gis_server.analysis.projection import Seen
 from solmap.photogrammetry.arrays import Float64, ImagePoints
 from solmap.photogrammetry.terrain.dtm.ground import MAP_FROM_LSL
-from solmap.photogrammetry.terrain.ground_point import GroundPoint
-from solmap.photogrammetry.terrain.oriented_image import Ellipse
+from solmap.photogrammetry.terrain.measure.ground_point import GroundPoint
+from solmap.photogrammetry.terrain.measure.oriented_image import Ellipse
 from solmap.products.catalogue.catalogue import ImageEntry
 
 

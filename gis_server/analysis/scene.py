@@ -18,7 +18,11 @@ from solmap.photogrammetry.arrays import ObjectPoints, Vector3
 from solmap.photogrammetry.imagery import RoverImage, StopId
 from solmap.photogrammetry.terrain.dtm.ground import MAP_FROM_LSL
 from solmap.photogrammetry.terrain.dtm.rover_body import BODIES
-from solmap.photogrammetry.terrain.oriented_image import OrientedImage, Pointing, StopPose
+from solmap.photogrammetry.terrain.measure.oriented_image import (
+    OrientedImage,
+    Pointing,
+    StopPose,
+)
 from solmap.products.catalogue.catalogue import ImageEntry
 from solmap.products.catalogue.images import image_record
 from solmap.products.catalogue.workspace import Workspace

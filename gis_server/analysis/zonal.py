@@ -16,7 +16,7 @@ from solmap.gis_server.analysis.bodies import UNITS, LayerUsed, Polygon, Questio
 from solmap.gis_server.analysis.refusal import RefusedError
 from solmap.gis_server.rendering.readers import RasterPool
 from solmap.photogrammetry.arrays import PerPoint
-from solmap.photogrammetry.terrain.volume import polygon_of
+from solmap.photogrammetry.terrain.measure.areas import polygon_of
 from solmap.products.formats.raster.raster import class_names, grid_of
 from solmap.products.model import Layer
 from solmap.products.store.product_store import ProductStore

@@ -27,7 +27,7 @@ from solmap.gis_server.routes.analysis import ground_of
 from solmap.gis_server.routes.parameters import Metres, MissionName
 from solmap.gis_server.services import Services, ServicesOf
 from solmap.photogrammetry.terrain.dtm.ground import MAP_FROM_LSL
-from solmap.photogrammetry.terrain.ground_point import GroundPoint
+from solmap.photogrammetry.terrain.measure.ground_point import GroundPoint
 from solmap.products.catalogue.catalogue import ImageEntry
 from solmap.products.catalogue.oriented_images import OrientedMission
 from solmap.products.catalogue.workspace import Workspace

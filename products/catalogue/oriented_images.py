@@ -16,7 +16,11 @@ from solmap.photogrammetry.cameras.model import CameraModel
 from solmap.photogrammetry.imagery import Eye, RoverImage, StopId
 from solmap.photogrammetry.matching.dense import DenseMatches
 from solmap.photogrammetry.matching.vertical_parallax import turned_in_place
-from solmap.photogrammetry.terrain.oriented_image import OrientedImage, Pointing, StopPose
+from solmap.photogrammetry.terrain.measure.oriented_image import (
+    OrientedImage,
+    Pointing,
+    StopPose,
+)
 from solmap.products.catalogue.catalogue import ImageEntry
 from solmap.products.catalogue.images import image_record
 from solmap.products.catalogue.workspace import Workspace

@@ -12,7 +12,7 @@ from solmap.flows.cli import app
 from solmap.flows.cli.tables import position_rows, product_rows
 from solmap.flows.dips import dips_of_rocks
 from solmap.photogrammetry.terrain.dtm.records import GroundClass
-from solmap.photogrammetry.terrain.facets import FacetParams
+from solmap.photogrammetry.terrain.measure.facets import FacetParams
 from solmap.products.formats.mesh.models import extent_of_model
 from solmap.products.formats.raster.raster import read_dtm, read_raster
 from solmap.products.model import ProductKind

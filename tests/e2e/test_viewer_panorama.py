@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from solmap.photogrammetry.terrain.dtm.ground import MAP_FROM_LSL
-from solmap.photogrammetry.terrain.ground_point import first_meeting
+from solmap.photogrammetry.terrain.measure.ground_point import first_meeting
 from solmap.photogrammetry.terrain.orthophoto.panorama_grid import AngleGrid
 from tests.support.browsing import look, pixel_of, screenshot, until
 

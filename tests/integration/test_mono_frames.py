@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from solmap.photogrammetry.adjustment.modes import AdjustmentMode
-from solmap.photogrammetry.terrain.oriented_image import as_pointed
+from solmap.photogrammetry.terrain.measure.oriented_image import as_pointed
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.model import ProductKind, Recipe
 from solmap.tasks.adjust import NetworkParams, NetworkStep, adjust_network, read_network

@@ -17,8 +17,12 @@ import numpy as np
 from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.terrain.dtm.ground import trusted_parallax
 from solmap.photogrammetry.terrain.dtm.records import TerrainView
-from solmap.photogrammetry.terrain.facets import FacetParams, _points
-from solmap.photogrammetry.terrain.planar_regions import ParallaxSamples, planar_regions
+from solmap.photogrammetry.terrain.measure.facets import (
+    FacetParams,
+    ParallaxSamples,
+    _points,
+    planar_regions,
+)
 from solmap.photogrammetry.terrain.plane_fit import fit_plane
 from tests.support.terrain_truth import Truth, stops_of
 

@@ -17,8 +17,8 @@ from solmap.gis_server.analysis.picks import RefineQuestion, refined_pick
 from solmap.gis_server.analysis.profiles import ProfileQuestion, ask_profile
 from solmap.gis_server.analysis.refusal import RefusedError
 from solmap.gis_server.rendering.readers import RasterPool
-from solmap.photogrammetry.terrain.ground_point import first_meeting
-from solmap.photogrammetry.terrain.lines import _tangent
+from solmap.photogrammetry.terrain.measure.ground_point import first_meeting
+from solmap.photogrammetry.terrain.measure.lines import _tangent
 from solmap.products.catalogue.oriented_images import OrientedMission
 from solmap.products.catalogue.workspace import Workspace
 from tests.support.husband_truth import true_pose

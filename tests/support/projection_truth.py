@@ -19,7 +19,7 @@ from solmap.gis_server.analysis.pixel_ground import ground_at
 from solmap.gis_server.analysis.projection import seen_in, with_sight
 from solmap.gis_server.rendering.readers import RasterPool
 from solmap.photogrammetry.terrain.dtm.ground import MAP_FROM_LSL
-from solmap.photogrammetry.terrain.ground_point import first_meeting
+from solmap.photogrammetry.terrain.measure.ground_point import first_meeting
 from solmap.photogrammetry.terrain.visibility.viewshed import Sight
 from solmap.products.catalogue.oriented_images import OrientedMission
 from solmap.products.catalogue.workspace import Workspace

@@ -6,9 +6,12 @@ import numpy as np
 import pytest
 
 from solmap.photogrammetry.errors import TerrainError
-from solmap.photogrammetry.terrain.attitude import attitude
-from solmap.photogrammetry.terrain.cell_plane import CellPlaneParams, plane_of_cells
 from solmap.photogrammetry.terrain.dtm.records import GroundClass
+from solmap.photogrammetry.terrain.measure.strike_dip import (
+    CellPlaneParams,
+    attitude,
+    plane_of_cells,
+)
 
 PARAMS = CellPlaneParams()
 OUTLINE = np.array([[-1.0, -1.0], [1.0, -1.0], [0.5, 1.0], [-1.0, 0.8]])

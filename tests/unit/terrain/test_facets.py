@@ -7,8 +7,12 @@ import numpy as np
 import pytest
 
 from solmap.photogrammetry.errors import TerrainError
-from solmap.photogrammetry.terrain.facets import FacetParams, find_facets
-from solmap.photogrammetry.terrain.planar_regions import RegionParams, local_planes
+from solmap.photogrammetry.terrain.measure.facets import (
+    FacetParams,
+    RegionParams,
+    find_facets,
+    local_planes,
+)
 
 PARAMS = FacetParams(max_relative_sigma=0.03)  # the small camera of these tests sees 7 m
 

@@ -3,7 +3,7 @@ import pytest
 
 from solmap.photogrammetry.frames import LSL, Frame, FrameKind, Pose
 from solmap.photogrammetry.terrain.dtm.ground import MAP_FROM_LSL
-from solmap.photogrammetry.terrain.ground_point import (
+from solmap.photogrammetry.terrain.measure.ground_point import (
     UP,
     by_parallax,
     first_meeting,

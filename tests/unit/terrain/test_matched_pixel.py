@@ -2,7 +2,10 @@ import numpy as np
 import pytest
 
 from solmap.photogrammetry.imagery import Eye
-from solmap.photogrammetry.terrain.matched_pixel import matched_pixel, sight_by_parallax
+from solmap.photogrammetry.terrain.measure.ground_point import (
+    matched_pixel,
+    sight_by_parallax,
+)
 from solmap.photogrammetry.terrain.visibility.viewshed import Sight
 from tests.unit.terrain.conftest import looking
 

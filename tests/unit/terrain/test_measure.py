@@ -3,8 +3,7 @@ import pytest
 
 from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.terrain.dtm.resampling import GroundSamples
-from solmap.photogrammetry.terrain.lines import measure_line, rise_between, stations
-from solmap.photogrammetry.terrain.volume import (
+from solmap.photogrammetry.terrain.measure.areas import (
     MOST_PLACES,
     Base,
     places_inside,
@@ -12,6 +11,7 @@ from solmap.photogrammetry.terrain.volume import (
     steepening,
     volume,
 )
+from solmap.photogrammetry.terrain.measure.lines import measure_line, rise_between, stations
 
 SQUARE = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 10.0], [0.0, 10.0]])
 

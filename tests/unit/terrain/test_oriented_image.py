@@ -5,7 +5,7 @@ from scipy.spatial.transform import Rotation
 from solmap.photogrammetry.cameras.cahv import Cahv
 from solmap.photogrammetry.frames import LSL, Pose
 from solmap.photogrammetry.imagery import StopId
-from solmap.photogrammetry.terrain.oriented_image import (
+from solmap.photogrammetry.terrain.measure.oriented_image import (
     Ellipse,
     OrientedImage,
     StopPose,

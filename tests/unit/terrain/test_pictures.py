@@ -6,8 +6,12 @@ import numpy as np
 
 from solmap.photogrammetry.terrain.dtm.records import GroundClass
 from solmap.photogrammetry.terrain.orthophoto.rendering import Orthophoto
-from solmap.photogrammetry.terrain.pictures import class_picture, orthophoto_picture, relief_picture
 from solmap.photogrammetry.terrain.relief.slope import HillshadeParams
+from solmap.products.reports.terrain_figures import (
+    class_picture,
+    orthophoto_picture,
+    relief_picture,
+)
 
 
 def test_unseen_ground_is_clear_in_every_picture(scenes):

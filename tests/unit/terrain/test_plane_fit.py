@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from solmap.photogrammetry.errors import TerrainError
-from solmap.photogrammetry.terrain.attitude import attitude
+from solmap.photogrammetry.terrain.measure.strike_dip import attitude
 from solmap.photogrammetry.terrain.plane_fit import fit_plane
 
 TRIALS = 400

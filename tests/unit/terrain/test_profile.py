@@ -9,7 +9,7 @@ from solmap.photogrammetry.terrain.dtm.resampling import (
     bilinear,
     finest,
 )
-from solmap.photogrammetry.terrain.lines import profile, stations
+from solmap.photogrammetry.terrain.measure.lines import profile, stations
 
 GRID = MapGrid(-10.0, 10.0, 0.1, 200, 200)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from solmap.gis_server.analysis.picks import stored_point
-from solmap.photogrammetry.terrain.ground_point import first_meeting
+from solmap.photogrammetry.terrain.measure.ground_point import first_meeting
 from solmap.products.catalogue.oriented_images import OrientedMission
 
 pytestmark = pytest.mark.slow  # a world is rendered first

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from solmap.photogrammetry.terrain.dtm.ground import MAP_FROM_LSL
-from solmap.photogrammetry.terrain.ground_point import first_meeting
+from solmap.photogrammetry.terrain.measure.ground_point import first_meeting
 
 pytestmark = pytest.mark.slow  # a world is rendered first
 API = "/api/missions/MER2"
