@@ -9,6 +9,7 @@ import numpy as np
 
 from solmap.flows.sol_maps import oriented_pairs
 from solmap.photogrammetry.imagery import StopId
+from solmap.photogrammetry.planes import PlaneFit
 from solmap.photogrammetry.terrain.measure.facets import FacetParams
 from solmap.photogrammetry.terrain.measure.strike_dip import (
     Attitude,
@@ -16,7 +17,6 @@ from solmap.photogrammetry.terrain.measure.strike_dip import (
     attitude,
     plane_of_cells,
 )
-from solmap.photogrammetry.terrain.plane_fit import PlaneFit
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.errors import ProductNotFoundError
 from solmap.products.formats.raster.raster import read_dtm

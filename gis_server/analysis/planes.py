@@ -23,6 +23,7 @@ from solmap.gis_server.analysis.measures import used_in
 from solmap.gis_server.analysis.refusal import RefusedError
 from solmap.photogrammetry.arrays import Covariances3
 from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.planes import PlaneFit, fit_plane
 from solmap.photogrammetry.terrain.dtm.resampling import NOWHERE, GroundSamples, MapPoints
 from solmap.photogrammetry.terrain.measure.areas import (
     CORRELATION_M,
@@ -30,7 +31,6 @@ from solmap.photogrammetry.terrain.measure.areas import (
     polygon_of,
 )
 from solmap.photogrammetry.terrain.measure.strike_dip import attitude
-from solmap.photogrammetry.terrain.plane_fit import PlaneFit, fit_plane
 
 _MOST_POINTS = 2500
 _LEAST_SIGMA_M = 0.002

@@ -14,8 +14,7 @@ import numpy as np
 
 from solmap.gis_server.rendering.looks import Look, UnknownLookError
 from solmap.photogrammetry.arrays import Raster
-from solmap.photogrammetry.terrain.nine_cells import nine_cell_gradients
-from solmap.photogrammetry.terrain.planes import Gradients, gradients
+from solmap.photogrammetry.planes import Gradients, nine_cell_gradients, window_gradients
 
 _WIDEST = 128
 """Cells that a window may reach to either side: half a tile."""
@@ -44,7 +43,7 @@ def gradient_of(elevation: Raster, cell_m: float, half: int) -> Gradients:
     """Rise per metre towards east and north; the outer `half` cells are without meaning."""
     if half == 1:
         return nine_cell_gradients(elevation, cell_m)
-    return gradients(elevation, cell_m, (2 * half + 1) * cell_m)
+    return window_gradients(elevation, cell_m, (2 * half + 1) * cell_m)
 
 
 def hillshade(gradient: Gradients, look: Look) -> Raster:

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.planes import fit_plane
 from solmap.photogrammetry.terrain.dtm.ground import trusted_parallax
 from solmap.photogrammetry.terrain.dtm.records import TerrainView
 from solmap.photogrammetry.terrain.measure.facets import (
@@ -23,7 +24,6 @@ from solmap.photogrammetry.terrain.measure.facets import (
     _points,
     planar_regions,
 )
-from solmap.photogrammetry.terrain.plane_fit import fit_plane
 from tests.support.terrain_truth import Truth, stops_of
 
 LEAST_M = 0.5

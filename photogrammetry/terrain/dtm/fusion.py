@@ -23,6 +23,7 @@ import numpy as np
 
 from solmap.photogrammetry.arrays import Float32, Float64, Raster
 from solmap.photogrammetry.matching.dense import SharedSigma
+from solmap.photogrammetry.planes import Gradients
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.photogrammetry.terrain.dtm.ground import (
     MAP_FROM_LSL,
@@ -32,7 +33,6 @@ from solmap.photogrammetry.terrain.dtm.ground import (
 )
 from solmap.photogrammetry.terrain.dtm.heights import ViewHeights
 from solmap.photogrammetry.terrain.dtm.records import PoseCovariance, TerrainView
-from solmap.photogrammetry.terrain.planes import Gradients
 
 HUBER = 2.0
 """Standard deviations beyond which a view counts for less."""

@@ -59,6 +59,7 @@ from scipy.spatial import Delaunay
 
 from solmap.photogrammetry.arrays import Float64
 from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.planes import Gradients, window_gradients
 from solmap.photogrammetry.terrain.dtm.fusion import (
     PATCH,
     Entries,
@@ -71,7 +72,6 @@ from solmap.photogrammetry.terrain.dtm.grid import BLOCK, MapGrid
 from solmap.photogrammetry.terrain.dtm.heights import ViewHeights, view_heights
 from solmap.photogrammetry.terrain.dtm.occlusion import mark_occluded
 from solmap.photogrammetry.terrain.dtm.records import Dtm, GroundClass, TerrainView
-from solmap.photogrammetry.terrain.planes import Gradients, gradients
 
 STEEPEST = 1.0
 """Gradient above which a cell's own slope is not believed: beyond 45 degrees, a rock's side."""
@@ -130,7 +130,7 @@ def build_dtm(views: Sequence[TerrainView], params: DtmParams, grid: MapGrid | N
 def _believable_gradient(entries: Entries, params: DtmParams) -> Gradients:
     """The gradient of the ground in patches; 0 where it is unknown or too steep for ground."""
     patch_m = PATCH * params.cell_m
-    gradient = gradients(entries.patch_means(), patch_m, params.slope_baseline_m, 0.25)
+    gradient = window_gradients(entries.patch_means(), patch_m, params.slope_baseline_m, 0.25)
     gradient[~(np.abs(gradient) < STEEPEST)] = 0.0
     return gradient
 

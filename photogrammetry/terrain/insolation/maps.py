@@ -40,6 +40,7 @@ import numpy as np
 
 from solmap.photogrammetry.arrays import Bool, Float32, Float64, PerPoint, Raster
 from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.planes import Gradients, window_gradients
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.photogrammetry.terrain.dtm.resampling import (
     coarsened,
@@ -56,7 +57,6 @@ from solmap.photogrammetry.terrain.insolation.sun import (
     local_winter,
     sun_directions,
 )
-from solmap.photogrammetry.terrain.planes import Gradients, gradients
 from solmap.photogrammetry.terrain.relief.slope import (
     Normals,
     normals_of,
@@ -114,7 +114,7 @@ def insolation(
     coarse, coarse_grid = coarsened(elevation, grid, cell_m)
     window = seen_window(coarse)
     seen = np.ascontiguousarray(coarse[window])
-    gradient = gradients(seen, coarse_grid.cell_m, params.baseline_m, params.min_share)
+    gradient = window_gradients(seen, coarse_grid.cell_m, params.baseline_m, params.min_share)
     normal = normals_of(gradient)
     rise = horizons(seen, coarse_grid.cell_m)
     sky = sky_view(rise, gradient)

@@ -38,6 +38,7 @@ from solmap.photogrammetry.arrays import (
     PerPoint,
 )
 from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.planes import SHARED_PX, PlaneFit, fit_plane, parallax_planes
 from solmap.photogrammetry.terrain.dtm.ground import (
     MAP_FROM_LSL,
     SightParams,
@@ -47,7 +48,6 @@ from solmap.photogrammetry.terrain.dtm.ground import (
 )
 from solmap.photogrammetry.terrain.dtm.records import TerrainView
 from solmap.photogrammetry.terrain.measure.strike_dip import Attitude, attitude
-from solmap.photogrammetry.terrain.plane_fit import SHARED_PX, PlaneFit, fit_plane
 
 Coefficients = Float64[np.ndarray, " 3"]
 """(a, b, c) of the parallax a + b x + c y, pixels from the principal point."""
@@ -109,7 +109,7 @@ class ParallaxSamples:
         params: RegionParams,
     ) -> ParallaxSamples:
         """Samples of a parallax map, NaN where it is not trusted."""
-        own, rms_px = local_planes(parallax, params.window_px)
+        own, rms_px = parallax_planes(parallax, params.window_px)
         pick = (slice(params.step_px // 2, None, params.step_px),) * 2
         row, col = (np.arange(n, dtype=np.float64)[pick[0]] for n in parallax.shape)
         a, b, c = (one[pick] for one in own)
@@ -222,34 +222,6 @@ def _on_plane(
         return np.zeros_like(on)
     _, labels = cv2.connectedComponents(on.astype(np.uint8), connectivity=4)
     return labels == labels[at]
-
-
-def local_planes(
-    parallax: ParallaxMap, window_px: int
-) -> tuple[Float32[np.ndarray, "3 lines samples"], ParallaxMap]:
-    """Plane of parallax around every pixel, and the root mean square distance from it.
-
-    The plane is (a, b, c) of a + b x + c y, x and y counted from the pixel itself. NaN where less
-    than the whole window was matched: a plane over part of it leans on an edge.
-    """
-    half = window_px // 2
-    steps = np.arange(-half, half + 1, dtype=np.float32)
-    ones = np.ones_like(steps)
-    known = np.isfinite(parallax)
-    level = float(np.median(parallax[known])) if known.any() else 0.0
-    p = np.where(known, parallax - np.float32(level), np.float32(0))
-    full = cv2.erode(known.astype(np.uint8), np.ones((window_px, window_px), np.uint8)) > 0
-    full[:half], full[-half:], full[:, :half], full[:, -half:] = (False,) * 4
-    count, square = window_px**2, window_px * float(np.sum(steps**2))
-    a = cv2.sepFilter2D(p, cv2.CV_32F, ones, ones) / count
-    b = cv2.sepFilter2D(p, cv2.CV_32F, steps, ones) / square
-    c = cv2.sepFilter2D(p, cv2.CV_32F, ones, steps) / square
-    squares = cv2.sepFilter2D(p.astype(np.float64) ** 2, cv2.CV_64F, ones, ones) / count
-    spread = squares - a.astype(np.float64) ** 2 - (b**2 + c**2) * (square / count)
-    planes = np.stack([a + np.float32(level), b, c])
-    planes[:, ~full] = np.nan
-    rms = np.sqrt(np.maximum(spread, 0)).astype(np.float32)
-    return planes, np.where(full, rms, np.float32(np.nan))
 
 
 @dataclass(frozen=True, slots=True)

@@ -29,6 +29,7 @@ from solmap.photogrammetry.cameras.model import CameraModel
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.imagery import Eye
 from solmap.photogrammetry.matching.hand_editing import epipolar_point
+from solmap.photogrammetry.planes import Covariance3
 from solmap.photogrammetry.terrain.dtm.ground import MAP_FROM_LSL
 from solmap.photogrammetry.terrain.dtm.resampling import MapPoints
 from solmap.photogrammetry.terrain.measure.oriented_image import (
@@ -36,7 +37,6 @@ from solmap.photogrammetry.terrain.measure.oriented_image import (
     StopPose,
     between,
 )
-from solmap.photogrammetry.terrain.plane_fit import Covariance3
 from solmap.photogrammetry.terrain.visibility.viewshed import Sight
 
 UP = np.array([0.0, 0.0, -1.0])

@@ -30,8 +30,8 @@ from solmap.photogrammetry.cameras.model import CameraModel
 from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.frames import LSL, Pose
 from solmap.photogrammetry.imagery import RoverImage, StopId
+from solmap.photogrammetry.planes import Covariance3
 from solmap.photogrammetry.terrain.dtm.records import PoseCovariance
-from solmap.photogrammetry.terrain.plane_fit import Covariance3
 
 ImagePlace = Float64[np.ndarray, " 2"]
 """(sample, line)."""

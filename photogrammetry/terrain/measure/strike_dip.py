@@ -24,8 +24,8 @@ import shapely
 
 from solmap.photogrammetry.arrays import Bool, Covariances3, Float64, ObjectPoints
 from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.planes import SHARED_PX, PlaneFit, fit_plane
 from solmap.photogrammetry.terrain.dtm.records import Dtm, GroundClass
-from solmap.photogrammetry.terrain.plane_fit import SHARED_PX, PlaneFit, fit_plane
 
 LEVEL = 3.0
 """Standard deviations within which a level plane leaves the strike undefined."""

@@ -37,9 +37,9 @@ from solmap.photogrammetry.arrays import (
     Raster,
 )
 from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.planes import Gradients, window_gradients
 from solmap.photogrammetry.terrain.dtm.records import Dtm
 from solmap.photogrammetry.terrain.mesh.right_triangles import GridMesh, RightTriangles
-from solmap.photogrammetry.terrain.planes import Gradients, gradients
 
 Bounds = tuple[float, float, float, float]
 """(west, south, east, north), metres."""
@@ -136,7 +136,7 @@ class TerrainDrawing:
                 f"of {dtm.grid.rows} x {dtm.grid.cols} cells no four neighbours have an elevation, "
                 "so there is no surface to draw"
             )
-        gradient = gradients(dtm.elevation, cell_m, max(NORMAL_M, 3 * cell_m), CORNER)
+        gradient = window_gradients(dtm.elevation, cell_m, max(NORMAL_M, 3 * cell_m), CORNER)
         triangles = RightTriangles.of(dtm.elevation, whole)
         seen = whole.astype(np.float32)
         return cls(*dtm.grid.centres(), dtm.elevation, gradient, seen, triangles)

@@ -28,19 +28,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from solmap.photogrammetry.arrays import Float32, Raster
+from solmap.photogrammetry.planes import (
+    Gradients,
+    fit_window_planes,
+    window_cells,
+    window_gradients,
+    window_mean,
+)
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.photogrammetry.terrain.dtm.records import Dtm
 from solmap.photogrammetry.terrain.dtm.resampling import (
     coarse_grid,
     manageable_cell_m,
     place_means,
-)
-from solmap.photogrammetry.terrain.planes import (
-    Gradients,
-    fit_planes,
-    gradients,
-    window_cells,
-    window_mean,
 )
 
 Normals = Float32[np.ndarray, "3 rows cols"]
@@ -91,7 +91,7 @@ def normals_of(gradient: Gradients) -> Normals:
 def normals(dtm: Dtm, params: SlopeParams) -> Normals:
     """Normals of a terrain model over the baseline."""
     return normals_of(
-        gradients(dtm.elevation, dtm.grid.cell_m, params.baseline_m, params.min_share)
+        window_gradients(dtm.elevation, dtm.grid.cell_m, params.baseline_m, params.min_share)
     )
 
 
@@ -133,7 +133,7 @@ def northerly_tilt_of(normal: Normals) -> Raster:
 def hillshade(dtm: Dtm, params: HillshadeParams) -> Raster:
     """Brightness, 0 to 1, of the ground lit by a sun as given; 0 on slopes turned away."""
     baseline_m = params.baseline_cells * dtm.grid.cell_m
-    gradient = gradients(dtm.elevation, dtm.grid.cell_m, baseline_m) * params.exaggeration
+    gradient = window_gradients(dtm.elevation, dtm.grid.cell_m, baseline_m) * params.exaggeration
     azimuth, elevation = np.radians([params.sun_azimuth_deg, params.sun_elevation_deg])
     sun = np.array(
         [
@@ -170,7 +170,7 @@ class Relief:
 def relief(dtm: Dtm, params: SlopeParams) -> Relief:
     """Normals of a terrain model over the baseline, how certain they are, and roughness."""
     cell_m = dtm.grid.cell_m
-    fit = fit_planes(dtm.elevation, cell_m, params.baseline_m, params.min_share)
+    fit = fit_window_planes(dtm.elevation, cell_m, params.baseline_m, params.min_share)
     pose = np.float32(0) if dtm.pose_sigma_m is None else dtm.pose_sigma_m
     own = np.maximum(dtm.sigma_m**2 - pose**2, 0)  # a tilted pose tilts all slopes, by 0.1 degrees
     variance = window_mean(own, cell_m, params.baseline_m)

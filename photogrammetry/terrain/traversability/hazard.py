@@ -26,10 +26,10 @@ import numpy as np
 
 from solmap.photogrammetry.arrays import Classes, Raster
 from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.planes import Gradients, fit_window_planes
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.photogrammetry.terrain.dtm.records import Dtm
 from solmap.photogrammetry.terrain.dtm.resampling import coarsened
-from solmap.photogrammetry.terrain.planes import Gradients, fit_planes
 
 STRIP = 1024
 """Rows that are judged together."""
@@ -102,7 +102,7 @@ def _judged_in_strips(elevation: Raster, sigma_m: Raster, params: HazardParams) 
 
 def judged(elevation: Raster, sigma_m: Raster, params: HazardParams) -> Classes:
     """A `Hazard` for every cell of a terrain model of `cell_m`."""
-    fit = fit_planes(elevation, params.cell_m, params.window_m, params.min_share / 2)
+    fit = fit_window_planes(elevation, params.cell_m, params.window_m, params.min_share / 2)
     tilt = np.degrees(np.arctan(np.hypot(fit.gradient[0], fit.gradient[1])))
     step = _over_the_window(steps(elevation, fit.gradient, params), params)
     ratios = np.stack(

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.planes import window_gradients
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.photogrammetry.terrain.dtm.resampling import coarsened
 from solmap.photogrammetry.terrain.insolation.horizon import horizons
@@ -16,7 +17,6 @@ from solmap.photogrammetry.terrain.insolation.maps import (
     sky_view,
 )
 from solmap.photogrammetry.terrain.insolation.sun import Season, daily_insolation_above
-from solmap.photogrammetry.terrain.planes import gradients
 from solmap.photogrammetry.terrain.relief.slope import normals_of
 
 GUSEV = math.radians(-14.735)
@@ -153,7 +153,9 @@ def test_level_ground_sees_the_whole_sky_and_a_slope_less():
         grid = MapGrid(0.0, 0.0, 0.16, 64, 64)
         east, north = np.meshgrid(*grid.centres())
         elevation = surface(east, north).astype(np.float32)
-        seen = sky_view(np.zeros((36, 64, 64), np.float32), gradients(elevation, grid.cell_m, 1.1))
+        seen = sky_view(
+            np.zeros((36, 64, 64), np.float32), window_gradients(elevation, grid.cell_m, 1.1)
+        )
         # an endless plane sees the sky above it: (1 + cos S) / 2
         expected = (1 + math.cos(math.radians(slope_deg))) / 2
         np.testing.assert_allclose(seen[20:-20, 20:-20], expected, atol=2e-3)

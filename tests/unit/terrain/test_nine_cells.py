@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.terrain.nine_cells import nine_cell_gradients
-from solmap.photogrammetry.terrain.planes import gradients
+from solmap.photogrammetry.planes import nine_cell_gradients, window_gradients
 
 
 @pytest.mark.parametrize("missing", [0.0, 0.1, 0.4, 0.8, 1.0])
@@ -10,7 +9,7 @@ def test_planes_through_nine_cells_are_those_fitted_over_three(rng, missing):
     elevation = rng.normal(-1900.0, 0.05, (60, 70)).astype(np.float32)
     elevation[rng.random(elevation.shape) < missing] = np.nan
     quick = nine_cell_gradients(elevation, 0.08)[:, 1:-1, 1:-1]
-    fitted = gradients(elevation, 0.08, 0.24)[:, 1:-1, 1:-1]
+    fitted = window_gradients(elevation, 0.08, 0.24)[:, 1:-1, 1:-1]
     np.testing.assert_array_equal(np.isnan(quick), np.isnan(fitted))
     assert np.isfinite(quick).any() == (missing < 1.0)
     # 1900 m have steps of 0.12 mm in single precision, which both start from.

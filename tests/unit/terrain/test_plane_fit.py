@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.planes import fit_plane
 from solmap.photogrammetry.terrain.measure.strike_dip import attitude
-from solmap.photogrammetry.terrain.plane_fit import fit_plane
 
 TRIALS = 400
 CAMERA = np.array([0.0, 0.0, 1.5])

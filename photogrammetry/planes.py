@@ -1,0 +1,493 @@
+"""The plane through points of unequal, correlated coordinates.
+
+A point known with the covariance C lies off the plane n.P = d by n.P - d with the variance n'C n.
+The plane that makes the points likeliest, whatever the true points are, minimises
+
+    sum r^2,    r = (n.P - d) / sigma,    sigma^2 = n'C n
+
+over unit normals n and distances d: total least squares with an ellipsoid a point. It is found by
+Gauss-Newton. With t perpendicular to n, a small turn of n towards t changes r by t.Q/sigma,
+where Q = P - C n r/sigma is the place on the plane that P most likely came from, and
+
+    N = sum a a' / sigma^2,    a = (t1.Q, t2.Q, -1)
+
+is the normal matrix. Replacing Q by P, as weighted least squares does, tilts the plane towards the
+longest axes of the ellipsoids: the views. The inverse of N is the covariance of both angles and of
+d once the part of N is taken off that noise makes by spreading the points within the plane,
+
+    sum t' (C - C n n'C / sigma^2) t / sigma^2
+
+for along a line or in one spot nothing else may be left; such points are refused. Where points
+scatter by more than they claim the covariance is enlarged by sigma0^2.
+
+Planes fitted to a terrain model around every cell: gradient, scatter and their certainty.
+
+Around every cell a plane h = a + g_e e + g_n n is fitted by least squares to the cells with an
+elevation inside a square window, whose side is the baseline over which slope is felt. With the
+weights m = 1 where there is an elevation, and e, n counted from the middle of the window, all
+sums are convolutions of m, m h and their moments, and the normal equations
+
+    | S_1  S_e  S_n  | | a   |   | S_h  |
+    | S_e  S_ee S_en | | g_e | = | S_eh |
+    | S_n  S_en S_nn | | g_n |   | S_nh |
+
+are solved in every cell at once: exact on tilted planes, whatever cells are missing. With the
+centred sums C_xy = S_xy - S_x S_y / S_1 the elevations scatter around the plane by
+
+    s^2 = (C_hh - g_e C_eh - g_n C_nh) / (S_1 - 3)
+
+and errors of the cells with the mean variance v, of which k neighbours share one, give the gradient
+the covariance k v C^-1.
+
+The raster is worked through block by block with the window's margin, each from its own mean plane:
+memory does not grow with the map, and single precision keeps a tenth of a millimetre anywhere.
+
+The gradient of the plane through a cell and its eight neighbours, fast.
+
+Where all nine are known the plane of least squares (`terrain.planes`) is a sum of neighbours,
+
+    g_e = (sum of the three to the east - sum of the three to the west) / 6 cells
+    g_n = (sum of the three to the north - sum of the three to the south) / 6 cells
+
+which takes a hundredth of the time. Only where some of the nine are missing a plane is fitted, with
+the same normal equations and the same demands on the cells as there.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from solmap.photogrammetry.arrays import (
+    Bool,
+    Covariances3,
+    Float32,
+    Float64,
+    ObjectPoints,
+    ParallaxMap,
+    PerPoint,
+    Raster,
+    Vector3,
+)
+from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.planes import SHARED_PX, PlaneFit, fit_plane
+from solmap.photogrammetry.terrain.dtm.grid import MapGrid
+
+SHARED_PX = 25.0
+"""Side of the square of pixels whose dense parallaxes count as one for the tilt of a plane: three
+matching windows. Against the truth of the rendered and of a simulated traverse planes of 0.3 to 1 m
+are as far off as this has it; with one window they would claim half or a third of their error."""
+LEAST_POINTS = 3
+ROUNDS = 50
+CONVERGED = 1e-10
+"""Radians and extents of the points, by which the last round may have moved the plane."""
+LARGEST_SIGMA = np.radians(15.0)
+"""Standard deviation of the normal above which points are no plane but a line or a cloud."""
+CHANCE = 4.0
+"""Standard deviations, sqrt(2 / n) of it, by which noise may make more of the normal matrix."""
+SINGULAR = 1e-12
+"""Part of the largest eigenvalue below which another one is nothing."""
+
+Covariance3 = Float64[np.ndarray, "3 3"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlaneFit:
+    """A plane fitted to points, (east, north, up) in metres."""
+
+    centre: Vector3
+    """Mean of the points, dropped onto the plane."""
+    normal: Vector3
+    """Unit normal, pointing up."""
+    covariance: Covariance3
+    """Of the normal, square radians: singular along the normal itself."""
+    sigma_m: float
+    """Standard deviation of the plane's place at its centre, along the normal."""
+    rms_m: float
+    """Root mean square distance of the points from the plane."""
+    sigma0: float
+    """Scatter of the points over what their covariances claim; 1 without redundancy."""
+    points: int
+
+
+def fit_plane(
+    points: ObjectPoints, covariances: Covariances3, turning: Covariance3 | None = None
+) -> PlaneFit:
+    """The likeliest plane through points known with these covariances.
+
+    Args:
+        points: (east, north, up), metres.
+        covariances: Of each point on its own, square metres.
+        turning: Covariance of a small rotation (east, north, up; radians) that all points share,
+            such as that of the camera's pointing; none by default.
+
+    Raises:
+        TerrainError: there are too few points, or they lie along a line.
+    """
+    if len(points) < LEAST_POINTS:
+        raise TerrainError(
+            f"a plane needs {LEAST_POINTS} points that are not on one line, not {len(points)}: "
+            "pick more"
+        )
+    middle = points.mean(axis=0)
+    P = points - middle
+    extent = max(float(np.sqrt((P**2).sum(axis=1).mean())), 1e-9)
+    n, d = _first_plane(P, covariances), 0.0
+    for _ in range(ROUNDS):
+        angles, shift = _step(*_normal_equations(P, covariances, n, d))
+        n = n + angles @ _across(n)
+        n /= np.linalg.norm(n)
+        d += shift
+        if max(np.abs(angles).max(), abs(shift) / extent) < CONVERGED:
+            break
+    off = P @ n - d
+    sigma0 = _sigma0(off, covariances, n)
+    N = _normal_equations(P, covariances, n, d)[0]
+    noise = _made_by_noise(covariances, n)
+    N[:2, :2] -= noise
+    N /= max(1.0, sigma0**2)
+    surely = N[:2, :2] - CHANCE * np.sqrt(2 / len(points)) * noise
+    if not np.linalg.eigvalsh(surely)[0] > 1 / LARGEST_SIGMA**2:
+        raise TerrainError(
+            f"{len(points)} points over {extent:.3g} m (root mean square) do not hold a plane: it "
+            "may turn about the line along which they lie; pick points to the side of it"
+        )
+    inverse = np.linalg.inv(N)
+    t = _across(n)
+    n, t, d = (n, t, d) if n[2] >= 0 else (-n, -t, -d)
+    covariance = t.T @ inverse[:2, :2] @ t
+    if turning is not None:
+        cross = np.cross(np.eye(3), n)
+        covariance = covariance + cross.T @ turning @ cross
+    return PlaneFit(
+        centre=middle + d * n,
+        normal=n,
+        covariance=covariance,
+        sigma_m=float(np.sqrt(inverse[2, 2])),
+        rms_m=float(np.sqrt(np.mean(off**2))),
+        sigma0=sigma0,
+        points=len(points),
+    )
+
+
+def _first_plane(P: ObjectPoints, covariances: Covariances3) -> Vector3:
+    """Normal of the plane through points that weigh by their size of error, all round alike."""
+    weight = 1 / np.trace(covariances, axis1=1, axis2=2)
+    centred = P - np.average(P, axis=0, weights=weight)
+    return np.linalg.eigh((weight[:, None] * centred).T @ centred)[1][:, 0]
+
+
+def _across(n: Vector3) -> Float64[np.ndarray, "2 3"]:
+    """Two unit vectors perpendicular to n and to each other."""
+    least = np.eye(3)[np.argmin(np.abs(n))]
+    first = np.cross(n, least)
+    first /= np.linalg.norm(first)
+    return np.stack([first, np.cross(n, first)])
+
+
+def _normal_equations(
+    P: ObjectPoints, covariances: Covariances3, n: Vector3, d: float
+) -> tuple[Covariance3, Vector3]:
+    """Matrix and right-hand side for both angles and d."""
+    towards = np.einsum("nij,j->ni", covariances, n)
+    variance = towards @ n
+    off = P @ n - d
+    Q = P - towards * (off / variance)[:, None]
+    a = np.column_stack([Q @ _across(n).T, -np.ones(len(P))])
+    return (a / variance[:, None]).T @ a, -(a.T @ (off / variance))
+
+
+def _step(N: Covariance3, right: Vector3) -> tuple[Float64[np.ndarray, " 2"], float]:
+    """Solution of the normal equations; what they do not hold stays as it is."""
+    step = np.linalg.pinv(N, rcond=SINGULAR, hermitian=True) @ right
+    return step[:2], float(step[2])
+
+
+def _made_by_noise(covariances: Covariances3, n: Vector3) -> Float64[np.ndarray, "2 2"]:
+    """The part of the normal matrix of both angles that points in one spot would have, too."""
+    t = _across(n)
+    towards = np.einsum("nij,j->ni", covariances, n)
+    variance = towards @ n
+    along = towards @ t.T
+    within = np.einsum("ai,nij,bj->nab", t, covariances, t)
+    within -= along[:, :, None] * along[:, None, :] / variance[:, None, None]
+    return np.sum(within / variance[:, None, None], axis=0)
+
+
+def _sigma0(off: PerPoint, covariances: Covariances3, n: Vector3) -> float:
+    redundancy = len(off) - LEAST_POINTS
+    if redundancy < 1:
+        return 1.0
+    variance = np.einsum("i,nij,j->n", n, covariances, n)
+    return float(np.sqrt(np.sum(off**2 / variance) / redundancy))
+
+
+Gradients = Float32[np.ndarray, "2 rows cols"]
+"""Rise per metre towards east and towards north; NaN where no plane could be fitted."""
+Shapes = Float32[np.ndarray, "3 rows cols"]
+"""C_ee, C_en, C_nn of the cells that a plane was fitted to, square metres."""
+
+LEAST_SPREAD = 0.02
+"""Second moment of the cells used, along their thinnest direction, over that of a full window. A
+strip of cells a seventh as wide as the window is the least that holds a plane."""
+BLOCK = 256
+"""Side of the blocks in cells: what is worked on fits a processor's cache."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WindowPlanes:
+    """The planes around every cell."""
+
+    gradient: Gradients
+    scatter: Raster
+    """Standard deviation of the elevations from the plane, metres."""
+    shape: Shapes
+
+
+def window_gradients(
+    elevation: Raster, cell_m: float, baseline_m: float, min_share: float = 0.5
+) -> Gradients:
+    """Gradient of the plane through the cells of a window of side `baseline_m` around each cell."""
+    half = _half_window(elevation.shape, cell_m, baseline_m)
+    found = np.full((2, *elevation.shape), np.nan, np.float32)
+    for block in _raster_blocks(elevation, half):
+        sums = _Sums.of(elevation[block.around], half, min_share)
+        found[(slice(None), *block.own)] = sums.gradient[(slice(None), *block.inner)]
+    return found / np.float32(cell_m)
+
+
+def fit_window_planes(
+    elevation: Raster, cell_m: float, baseline_m: float, min_share: float = 0.5
+) -> WindowPlanes:
+    """The same planes with their scatter, and the shape of the cells they were fitted to."""
+    half = _half_window(elevation.shape, cell_m, baseline_m)
+    gradient, shape, scatter = (
+        np.full((*bands, *elevation.shape), np.nan, np.float32) for bands in ((2,), (3,), ())
+    )
+    for block in _raster_blocks(elevation, half):
+        sums = _Sums.of(elevation[block.around], half, min_share)
+        gradient[(slice(None), *block.own)] = sums.gradient[(slice(None), *block.inner)]
+        shape[(slice(None), *block.own)] = sums.shape[(slice(None), *block.inner)]
+        scatter[block.own] = sums.scatter()[block.inner]
+    return WindowPlanes(gradient / np.float32(cell_m), scatter, shape * np.float32(cell_m**2))
+
+
+def window_mean(values: Raster, cell_m: float, baseline_m: float) -> Raster:
+    """Mean over the same windows of what is known; NaN where nothing is."""
+    half = _half_window(values.shape, cell_m, baseline_m)
+    known = np.isfinite(values)
+    side = (2 * half + 1, 2 * half + 1)
+    total, count = (
+        cv2.boxFilter(part, cv2.CV_32F, side, normalize=False, borderType=cv2.BORDER_CONSTANT)
+        for part in (np.where(known, values, np.float32(0)), known.astype(np.float32))
+    )
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.where(count > 0, total / count, np.float32(np.nan)).astype(np.float32)
+
+
+def window_cells(grid: MapGrid, baseline_m: float) -> int:
+    """Cells that a window reaches to either side."""
+    return _half_window(grid.shape, grid.cell_m, baseline_m)
+
+
+def _half_window(shape: tuple[int, ...], cell_m: float, baseline_m: float) -> int:
+    """Cells on either side of the middle one.
+
+    Raises:
+        TerrainError: the window is larger than the terrain model.
+    """
+    half = max(1, round((baseline_m / cell_m - 1) / 2))
+    if 2 * half + 1 > min(shape) * 2:
+        raise TerrainError(
+            f"a baseline of {baseline_m} m is {2 * half + 1} cells of {cell_m} m, but the terrain "
+            f"model has only {shape}: take a shorter baseline"
+        )
+    return half
+
+
+@dataclass(frozen=True, slots=True)
+class _Block:
+    """A part of a raster, with the margin that its windows reach into."""
+
+    own: tuple[slice, slice]
+    around: tuple[slice, slice]
+    inner: tuple[slice, slice]
+    """The part's own cells in what is around it."""
+
+
+def _raster_blocks(elevation: Raster, half: int) -> Iterator[_Block]:
+    """The blocks with an elevation."""
+    rows, cols = elevation.shape
+    for top, left in itertools.product(range(0, rows, BLOCK), range(0, cols, BLOCK)):
+        bottom, right = min(top + BLOCK, rows), min(left + BLOCK, cols)
+        above, before = max(0, top - half), max(0, left - half)
+        block = _Block(
+            (slice(top, bottom), slice(left, right)),
+            (slice(above, bottom + half), slice(before, right + half)),
+            (slice(top - above, bottom - above), slice(left - before, right - before)),
+        )
+        if np.isfinite(elevation[block.own]).any():
+            yield block
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Sums:
+    """Centred sums over the windows of one block, lengths in cells."""
+
+    bent: Gradients
+    """Gradient over that of the block's mean plane."""
+    trend: Float32[np.ndarray, "2 1 1"]
+    """Gradient of the block's mean plane."""
+    shape: Shapes
+    count: Raster
+    height: Raster
+    """Elevation over the block's mean plane; 0 where unknown."""
+    half: int
+    rise: tuple[Raster, Raster, Raster]
+    """S_h, C_eh and C_nh."""
+
+    @classmethod
+    def of(cls, elevation: Raster, half: int, min_share: float) -> _Sums:
+        known = np.isfinite(elevation)
+        trend, rest = _detrended(elevation, known)
+        m, h = known.astype(np.float32), np.where(known, rest, np.float32(0))
+        S_1, S_e, S_n = (_moment(m, half, powers) for powers in ((0, 0), (1, 0), (0, 1)))
+        S_ee, S_en, S_nn = (_moment(m, half, powers) for powers in ((2, 0), (1, 1), (0, 2)))
+        S_h, S_eh, S_nh = (_moment(h, half, powers) for powers in ((0, 0), (1, 0), (0, 1)))
+        with np.errstate(invalid="ignore", divide="ignore"):
+            C_ee, C_en, C_nn = S_ee - S_e**2 / S_1, S_en - S_e * S_n / S_1, S_nn - S_n**2 / S_1
+            C_eh, C_nh = S_eh - S_e * S_h / S_1, S_nh - S_n * S_h / S_1
+            determinant = C_ee * C_nn - C_en**2
+            bent = np.stack([C_nn * C_eh - C_en * C_nh, C_ee * C_nh - C_en * C_eh]) / determinant
+            thinnest = (C_ee + C_nn) / 2 - np.sqrt((C_ee - C_nn) ** 2 / 4 + C_en**2)
+        window = 2 * half + 1
+        full = window * window * (window * window - 1) / 12
+        fits = known & (S_1 / window**2 >= min_share) & (thinnest > LEAST_SPREAD * full)
+        bent[:, ~fits] = np.nan
+        return cls(bent, trend, np.stack([C_ee, C_en, C_nn]), S_1, h, half, (S_h, C_eh, C_nh))
+
+    @property
+    def gradient(self) -> Gradients:
+        """Rise a cell towards east and north."""
+        return self.bent + self.trend
+
+    def scatter(self) -> Raster:
+        """Standard deviation from the plane."""
+        S_h, C_eh, C_nh = self.rise
+        S_hh = _moment(self.height**2, self.half, (0, 0))
+        with np.errstate(invalid="ignore", divide="ignore"):
+            C_hh = S_hh - S_h**2 / self.count
+            left = C_hh - self.bent[0] * C_eh - self.bent[1] * C_nh
+            return np.sqrt(np.maximum(left, 0) / (self.count - 3))
+
+
+def _detrended(
+    elevation: Raster, known: Bool[np.ndarray, "rows cols"]
+) -> tuple[Float32[np.ndarray, "2 1 1"], Raster]:
+    """Gradient of the mean plane, rise a cell to east and north, and what lies over that plane."""
+    row, col = np.argwhere(known).T
+    some = slice(None, None, max(1, len(row) // 1000))
+    row, col = row[some], col[some]
+    sums = np.column_stack([np.ones(len(row)), col, row])
+    level, east, south = np.linalg.lstsq(sums, elevation[row, col].astype(np.float64))[0]
+    down = np.arange(elevation.shape[0], dtype=np.float32)[:, None]
+    right = np.arange(elevation.shape[1], dtype=np.float32)[None, :]
+    plane = np.float32(level) + np.float32(east) * right + np.float32(south) * down
+    return np.array([east, -south], np.float32).reshape(2, 1, 1), elevation - plane
+
+
+def _moment(values: Raster, half: int, powers: tuple[int, int]) -> Raster:
+    """Sum of values times e^a n^b over the window around every cell, in cells; north is up."""
+    steps = np.arange(-half, half + 1, dtype=np.float32)
+    return cv2.sepFilter2D(
+        values,
+        cv2.CV_32F,
+        steps ** powers[0],
+        (-steps) ** powers[1],
+        borderType=cv2.BORDER_CONSTANT,
+    )
+
+
+_STEP = np.array([-1.0, 0.0, 1.0], np.float32)
+_ONES = np.ones(3, np.float32)
+_AROUND = np.array([(n, e) for n in (1, 0, -1) for e in (-1, 0, 1)], np.float32)
+"""Steps to the north and to the east of the nine cells, row by row."""
+_MIN_SHARE = 0.5
+_FULL_SPREAD = 6.0
+"""Second moment of nine cells in either direction."""
+
+
+def nine_cell_gradients(elevation: Raster, cell_m: float) -> Gradients:
+    """Rise per metre towards east and north; NaN where unknown and in the outermost cells."""
+    known = np.isfinite(elevation)
+    found = np.full((2, *elevation.shape), np.nan, np.float32)
+    if not known.any():
+        return found
+    heights = elevation - elevation[known][0]  # single precision is finest near 0
+    all_nine = cv2.erode(known.astype(np.uint8), np.ones((3, 3), np.uint8)).astype(bool)
+    for axis, (across, down) in zip(found, ((_STEP, _ONES), (_ONES, -_STEP)), strict=True):
+        sums = cv2.sepFilter2D(heights, cv2.CV_32F, across, down)
+        np.divide(sums, np.float32(6 * cell_m), out=axis, where=all_nine)
+    row, col = np.nonzero((known & ~all_nine)[1:-1, 1:-1])
+    if len(row):
+        found[:, row + 1, col + 1] = _fitted(_nine(heights, row, col)) / np.float32(cell_m)
+    found[:, [0, -1], :] = found[:, :, [0, -1]] = np.nan
+    return found
+
+
+def _nine(heights: Raster, row: np.ndarray, col: np.ndarray) -> Float32[np.ndarray, "9 n"]:
+    """The nine cells from (row, col) on, over the one in the middle."""
+    down, right = np.divmod(np.arange(9), 3)
+    nine = heights[row + down[:, None], col + right[:, None]]
+    return nine - nine[4]
+
+
+def _fitted(nine: Float32[np.ndarray, "9 n"]) -> Float32[np.ndarray, "2 n"]:
+    """Rise a cell of the planes through what is known; NaN where that holds none."""
+    known: Bool[np.ndarray, "9 n"] = np.isfinite(nine)
+    m, h = known.astype(np.float32), np.where(known, nine, np.float32(0))
+    n, e = _AROUND[:, :1], _AROUND[:, 1:]
+    S_1, S_e, S_n, S_h = (sums.sum(axis=0) for sums in (m, m * e, m * n, m * h))
+    C_ee = (m * e * e).sum(axis=0) - S_e**2 / S_1
+    C_en = (m * e * n).sum(axis=0) - S_e * S_n / S_1
+    C_nn = (m * n * n).sum(axis=0) - S_n**2 / S_1
+    C_eh = (m * e * h).sum(axis=0) - S_e * S_h / S_1
+    C_nh = (m * n * h).sum(axis=0) - S_n * S_h / S_1
+    thinnest = (C_ee + C_nn) / 2 - np.sqrt((C_ee - C_nn) ** 2 / 4 + C_en**2)
+    fits = (_MIN_SHARE * len(m) <= S_1) & (thinnest > LEAST_SPREAD * _FULL_SPREAD)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        gradient = np.stack([C_nn * C_eh - C_en * C_nh, C_ee * C_nh - C_en * C_eh])
+        gradient /= C_ee * C_nn - C_en**2
+    return np.where(fits, gradient, np.float32(np.nan)).astype(np.float32)
+
+
+def parallax_planes(
+    parallax: ParallaxMap, window_px: int
+) -> tuple[Float32[np.ndarray, "3 lines samples"], ParallaxMap]:
+    """Plane of parallax around every pixel, and the root mean square distance from it.
+
+    The plane is (a, b, c) of a + b x + c y, x and y counted from the pixel itself. NaN where less
+    than the whole window was matched: a plane over part of it leans on an edge.
+    """
+    half = window_px // 2
+    steps = np.arange(-half, half + 1, dtype=np.float32)
+    ones = np.ones_like(steps)
+    known = np.isfinite(parallax)
+    level = float(np.median(parallax[known])) if known.any() else 0.0
+    p = np.where(known, parallax - np.float32(level), np.float32(0))
+    full = cv2.erode(known.astype(np.uint8), np.ones((window_px, window_px), np.uint8)) > 0
+    full[:half], full[-half:], full[:, :half], full[:, -half:] = (False,) * 4
+    count, square = window_px**2, window_px * float(np.sum(steps**2))
+    a = cv2.sepFilter2D(p, cv2.CV_32F, ones, ones) / count
+    b = cv2.sepFilter2D(p, cv2.CV_32F, steps, ones) / square
+    c = cv2.sepFilter2D(p, cv2.CV_32F, ones, steps) / square
+    squares = cv2.sepFilter2D(p.astype(np.float64) ** 2, cv2.CV_64F, ones, ones) / count
+    spread = squares - a.astype(np.float64) ** 2 - (b**2 + c**2) * (square / count)
+    planes = np.stack([a + np.float32(level), b, c])
+    planes[:, ~full] = np.nan
+    rms = np.sqrt(np.maximum(spread, 0)).astype(np.float32)
+    return planes, np.where(full, rms, np.float32(np.nan))
