@@ -19,11 +19,15 @@ import numpy as np
 
 from solmap.config.errors import ConfigError
 from solmap.config.records import record_of
-from solmap.photogrammetry.archive.companding import Companding, InverseTable
-from solmap.photogrammetry.archive.pixels import read_pixels
-from solmap.photogrammetry.archive.radiometry import Radiometry
-from solmap.photogrammetry.archive.reading import read_label
-from solmap.photogrammetry.archive.vignetting import FlatField, RadialVignetting
+from solmap.photogrammetry.archive.images.pixels import read_pixels
+from solmap.photogrammetry.archive.images.radiometry import (
+    Companding,
+    FlatField,
+    InverseTable,
+    RadialVignetting,
+    Radiometry,
+)
+from solmap.photogrammetry.archive.images.reading import read_label
 from solmap.photogrammetry.errors import PhotogrammetryError, PixelError
 
 TABLES = frozenset({"hosts", "companding", "vignetting", "flat_fields"})

@@ -20,7 +20,7 @@ from solmap.config.errors import ConfigError
 from solmap.config.records import record_of
 from solmap.config.settings import Settings
 from solmap.flows.runtime.progress import report as report_progress
-from solmap.photogrammetry.archive.index_pairs import (
+from solmap.photogrammetry.archive.tables.volume_index import (
     IndexEntry,
     IndexFindings,
     IndexSelection,

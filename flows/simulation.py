@@ -20,10 +20,7 @@ from solmap.config.workspace import open_workspace
 from solmap.flows.mission import draw_mission
 from solmap.flows.runtime.progress import report
 from solmap.photogrammetry.errors import PhotogrammetryError
-from solmap.photogrammetry.synthetic.mission import MissionPlan
-from solmap.photogrammetry.synthetic.mission_images import MISSION
-from solmap.photogrammetry.synthetic.traverse import TraverseParams
-from solmap.photogrammetry.synthetic.world import (
+from solmap.photogrammetry.synthetic.downlink import (
     DownlinkFile,
     RenderJob,
     World,
@@ -32,6 +29,8 @@ from solmap.photogrammetry.synthetic.world import (
     render_jobs,
     text_files,
 )
+from solmap.photogrammetry.synthetic.mission import MISSION, MissionPlan
+from solmap.photogrammetry.synthetic.traverse import TraverseParams
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.products.catalogue.catalogue import MissionEntry, Outcome
 from solmap.products.catalogue.workspace import Workspace

@@ -22,11 +22,13 @@ from solmap.photogrammetry.traverse.differences import Difference, Differences, 
 from solmap.photogrammetry.traverse.georeference import (
     Georeference,
     MapTransform,
+    MosaicPoints,
     TrackComparison,
     compare_tracks,
     georeference,
+    parse_points,
+    simulate_mosaic,
 )
-from solmap.photogrammetry.traverse.mosaics import MosaicPoints, parse_points, simulate_mosaic
 from solmap.photogrammetry.traverse.pictures import traverse_figure
 from solmap.photogrammetry.traverse.records import Traverse
 from solmap.products.catalogue.catalogue import MissionEntry

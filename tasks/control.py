@@ -13,13 +13,13 @@ from pathlib import Path
 
 import numpy as np
 
-from solmap.photogrammetry.adjustment.control import ControlFrame, StopControl
 from solmap.photogrammetry.adjustment.control_files import ControlRow, parse_control
-from solmap.photogrammetry.adjustment.records import AdjustedNetwork
+from solmap.photogrammetry.adjustment.model.adjusted_network import AdjustedNetwork
+from solmap.photogrammetry.adjustment.model.network import ControlFrame, StopControl
 from solmap.photogrammetry.errors import AdjustmentError
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.imagery import StopId
-from solmap.photogrammetry.orbital.stop_places import stop_in_image
+from solmap.photogrammetry.orbital.registration import stop_in_image
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.crs import LandingPoint, east_north
 from solmap.products.errors import ProductError

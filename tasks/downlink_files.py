@@ -6,9 +6,9 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from solmap.photogrammetry.archive.detached import MAX_DETACHED_BYTES, joined
-from solmap.photogrammetry.archive.pictures import is_picture
-from solmap.photogrammetry.archive.reading import has_attached_label
+from solmap.photogrammetry.archive.images.pixels import is_picture
+from solmap.photogrammetry.archive.images.reading import has_attached_label
+from solmap.photogrammetry.archive.labels.detached import MAX_DETACHED_BYTES, joined
 from solmap.photogrammetry.errors import LabelError
 from solmap.tasks.hand_ties import is_hand_ties
 

@@ -14,9 +14,9 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from solmap.photogrammetry.archive.images.radiometry import Radiometry
 from solmap.photogrammetry.archive.partners import find_stereo_pairs
-from solmap.photogrammetry.archive.radiometry import Radiometry
-from solmap.photogrammetry.archive.vector_files import parse_vector_file
+from solmap.photogrammetry.archive.tables.vector_files import parse_vector_file
 from solmap.photogrammetry.errors import PhotogrammetryError
 from solmap.photogrammetry.imagery import RoverImage
 from solmap.products.catalogue.catalogue import ImageEntry, Outcome

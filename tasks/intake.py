@@ -14,8 +14,8 @@ from pathlib import Path
 
 import cv2
 
-from solmap.photogrammetry.archive.radiometry import PixelState, Radiometry
-from solmap.photogrammetry.archive.reading import ReadImage, describe_image, read_image
+from solmap.photogrammetry.archive.images.radiometry import PixelState, Radiometry
+from solmap.photogrammetry.archive.images.reading import ReadImage, describe_image, read_image
 from solmap.photogrammetry.imagery import RoverImage
 from solmap.photogrammetry.stretching import stretched
 from solmap.products.catalogue.catalogue import ImageEntry, Outcome

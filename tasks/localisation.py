@@ -20,9 +20,9 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from solmap.photogrammetry.adjustment.records import AdjustedStop
-from solmap.photogrammetry.archive.vector_files import Solution, VectorFile
-from solmap.photogrammetry.archive.vector_writing import PlacedStop, places_text, vector_text
+from solmap.photogrammetry.adjustment.model.adjusted_network import AdjustedStop
+from solmap.photogrammetry.archive.tables.places import PlacedStop, places_text
+from solmap.photogrammetry.archive.tables.vector_files import Solution, VectorFile, vector_text
 from solmap.photogrammetry.figures import png, svg
 from solmap.photogrammetry.frames import LSL, FrameKind, Pose, site_frame
 from solmap.photogrammetry.imagery import StopId

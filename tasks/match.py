@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 
-from solmap.photogrammetry.archive.reading import ReadImage
+from solmap.photogrammetry.archive.images.reading import ReadImage
 from solmap.photogrammetry.cameras.epipolar import EpipolarPair, epipolar_pair
 from solmap.photogrammetry.imagery import RoverImage
 from solmap.photogrammetry.matching.dense import DenseParams, match_densely_with_sigma

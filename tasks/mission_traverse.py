@@ -10,13 +10,20 @@ from typing import Any
 
 import numpy as np
 
-from solmap.photogrammetry.archive.places import LOCALISED, parse_locations, parse_places
-from solmap.photogrammetry.archive.vector_files import VectorFile, parse_vector_file
+from solmap.photogrammetry.archive.tables.places import (
+    LOCALISED,
+    parse_locations,
+    parse_places,
+)
+from solmap.photogrammetry.archive.tables.vector_files import VectorFile, parse_vector_file
 from solmap.photogrammetry.errors import TraverseError
 from solmap.photogrammetry.traverse.differences import differences, shared
-from solmap.photogrammetry.traverse.placed import traverse_of_vectors
 from solmap.photogrammetry.traverse.records import Traverse
-from solmap.photogrammetry.traverse.tables import MissionTable, parse_mission_table
+from solmap.photogrammetry.traverse.sources import (
+    MissionTable,
+    parse_mission_table,
+    traverse_of_vectors,
+)
 from solmap.products.crs import LandingPoint, east_north
 from solmap.products.formats.vector.geojson import Feature, write_features
 from solmap.products.model import ProductKind, ProductRef, Recipe

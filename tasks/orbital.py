@@ -13,15 +13,14 @@ from typing import Any
 import numpy as np
 
 from solmap.photogrammetry.orbital.elevations import register_elevations
-from solmap.photogrammetry.orbital.mosaic import ground_map
-from solmap.photogrammetry.orbital.placing import placed
+from solmap.photogrammetry.orbital.ground_map import ground_map
 from solmap.photogrammetry.orbital.records import (
     Correction,
     OrbitalDtm,
     OrbitalImage,
     Registration,
 )
-from solmap.photogrammetry.orbital.registration import RegistrationParams, register
+from solmap.photogrammetry.orbital.registration import RegistrationParams, placed, register
 from solmap.photogrammetry.terrain.dtm.grid import FINEST_CELL_M, Bounds, MapGrid, union
 from solmap.products.crs import LandingPoint, local_crs
 from solmap.products.errors import ProductError

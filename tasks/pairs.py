@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from solmap.photogrammetry.archive.reading import ReadImage
+from solmap.photogrammetry.archive.images.reading import ReadImage
 from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.frames import Frame, FrameKind
 from solmap.photogrammetry.imagery import Eye, RoverImage, StopId

@@ -10,9 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from solmap.photogrammetry.archive.reading import ReadImage
-from solmap.photogrammetry.cameras.epipolar import EpipolarPair
-from solmap.photogrammetry.cameras.single import single_image
+from solmap.photogrammetry.archive.images.reading import ReadImage
+from solmap.photogrammetry.cameras.epipolar import EpipolarPair, single_image
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.imagery import Eye, RoverImage, StopId
 from solmap.photogrammetry.terrain.dtm.ground import MAP_FROM_LSL

@@ -13,14 +13,20 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from solmap.photogrammetry.adjustment.adjust import adjust_overall
-from solmap.photogrammetry.adjustment.datum import with_control
 from solmap.photogrammetry.adjustment.documents import report_document
-from solmap.photogrammetry.adjustment.modes import AdjustmentMode
-from solmap.photogrammetry.adjustment.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.model.datum import with_control
+from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.modes.mission import AdjustmentMode
+from solmap.photogrammetry.adjustment.modes.overall import adjust_overall
 from solmap.photogrammetry.synthetic.edr import Exposure, label_bytes
-from solmap.photogrammetry.synthetic.mission import MissionPlan, SimulatedMission, simulate_mission
-from solmap.photogrammetry.synthetic.mission_images import MISSION, exposures, mission_names
+from solmap.photogrammetry.synthetic.mission import (
+    MISSION,
+    MissionPlan,
+    SimulatedMission,
+    exposures,
+    mission_names,
+    simulate_mission,
+)
 from solmap.products.catalogue.catalogue import ImageEntry
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.formats.documents.archives import pose_document

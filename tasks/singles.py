@@ -13,8 +13,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from solmap.photogrammetry.adjustment.records import PairGeometry
-from solmap.photogrammetry.cameras.single import single_image
+from solmap.photogrammetry.adjustment.model.network import PairGeometry
+from solmap.photogrammetry.cameras.epipolar import single_image
 from solmap.photogrammetry.imagery import Eye, RoverImage, StopId
 from solmap.photogrammetry.matching.conjugates import View
 from solmap.photogrammetry.matching.mono import MonoTies, tie_single_images

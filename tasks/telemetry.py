@@ -6,7 +6,7 @@ from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from solmap.photogrammetry.archive.vector_files import (
+from solmap.photogrammetry.archive.tables.vector_files import (
     VectorFile,
     lsl_tree,
     parse_vector_file,

@@ -21,19 +21,19 @@ import numpy as np
 from solmap.config.errors import ConfigError
 from solmap.config.radiometry import load_radiometry
 from solmap.config.settings import Settings
-from solmap.photogrammetry.archive.detached import text_of_label
 from solmap.photogrammetry.archive.file_names import FileName, parse_file_name
-from solmap.photogrammetry.archive.label import Label
-from solmap.photogrammetry.archive.missions import mission_of_host
-from solmap.photogrammetry.archive.partners import MAX_CLOCK_DIFFERENCE, find_stereo_pairs
-from solmap.photogrammetry.archive.radiometry import Radiometry
-from solmap.photogrammetry.archive.reading import (
+from solmap.photogrammetry.archive.images.radiometry import Radiometry
+from solmap.photogrammetry.archive.images.reading import (
     DescribedImage,
     ReadImage,
     describe_image,
     has_attached_label,
     read_image,
 )
+from solmap.photogrammetry.archive.labels.detached import text_of_label
+from solmap.photogrammetry.archive.labels.label import Label
+from solmap.photogrammetry.archive.missions import mission_of_host
+from solmap.photogrammetry.archive.partners import MAX_CLOCK_DIFFERENCE, find_stereo_pairs
 from solmap.photogrammetry.arrays import Vector3
 from solmap.photogrammetry.cameras.cahv import Cahv, interior_orientation
 from solmap.photogrammetry.cameras.cahvor import Cahvor

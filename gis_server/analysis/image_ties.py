@@ -11,11 +11,15 @@ import numpy as np
 from pydantic import BaseModel
 
 from solmap.gis_server.analysis.bodies import UNITS, NetworkUsed, number
-from solmap.photogrammetry.adjustment.records import BLUNDER, UNUSED, USED, AdjustedTies
+from solmap.photogrammetry.adjustment.model.adjusted_network import (
+    BLUNDER,
+    UNUSED,
+    USED,
+    AdjustedTies,
+)
 from solmap.photogrammetry.arrays import Float64, ImagePoints, Int32
-from solmap.photogrammetry.cameras.epipolar import EpipolarPair
+from solmap.photogrammetry.cameras.epipolar import EpipolarPair, single_image
 from solmap.photogrammetry.cameras.model import CameraModel
-from solmap.photogrammetry.cameras.single import single_image
 from solmap.photogrammetry.imagery import Eye, RoverImage
 from solmap.photogrammetry.terrain.dtm.ground import MAP_FROM_LSL
 from solmap.products.catalogue.catalogue import ImageEntry

@@ -14,10 +14,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from solmap.photogrammetry.archive.image import Camera, camera_model
-from solmap.photogrammetry.archive.label import Label
+from solmap.photogrammetry.archive.images.rover_image import Camera, camera_model
+from solmap.photogrammetry.archive.labels.label import Label
 from solmap.photogrammetry.archive.missions import Mission
-from solmap.photogrammetry.archive.vector_files import VectorFile, lsl_tree, poses
+from solmap.photogrammetry.archive.tables.vector_files import VectorFile, lsl_tree, poses
 from solmap.photogrammetry.body_fixed import MarsPoint, body_from_lsl
 from solmap.photogrammetry.cameras.cahvore import Cahvore
 from solmap.photogrammetry.cameras.photogrammetric import photogrammetric

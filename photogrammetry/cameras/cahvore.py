@@ -38,7 +38,7 @@ from solmap.photogrammetry.cameras.cahv import (
     perspective_rays,
     settle,
 )
-from solmap.photogrammetry.cameras.radial import (
+from solmap.photogrammetry.cameras.cahvor import (
     NEWTON_STEPS,
     NEWTON_STOP,
     check_radial,

@@ -21,16 +21,20 @@ import numpy as np
 
 from solmap.photogrammetry.arrays import Float64
 from solmap.photogrammetry.errors import OrbitalError
-from solmap.photogrammetry.orbital.predictors import Contrast, Predicted, smoothed
+from solmap.photogrammetry.orbital.ground_map import Contrast, Predicted, smoothed
 from solmap.photogrammetry.orbital.records import Correction, GroundMap, OrbitalDtm, Registration
-from solmap.photogrammetry.orbital.refinement import (
+from solmap.photogrammetry.orbital.registration import Method, Place, RegistrationParams, best_place
+from solmap.photogrammetry.orbital.search import (
     CONVERGED,
     ITERATIONS,
     LEAST_SHOWN,
+    Landscape,
+    SearchParams,
     clustered_covariance,
+    lookup,
+    samples_of,
+    search,
 )
-from solmap.photogrammetry.orbital.registration import Method, Place, RegistrationParams, best_place
-from solmap.photogrammetry.orbital.search import Landscape, SearchParams, lookup, samples_of, search
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 
 OTHER_PLACE_CELLS = 8.0

@@ -10,6 +10,23 @@ Every place and rotation within reach is tried (`search`), the best refined to a
 
 On ground without features all places fit alike, and the answer is that it cannot be told. A wrong
 place is worse than none.
+
+An orbital image drawn where it truly lies.
+
+Where a single stop lies in an orbital image: control for the adjustment.
+
+The stop's own map is registered to the image as if it were the only one. A correction (see
+`records.Correction`) carries what the image claims, p, to where the rover's map has it,
+
+    x = c + R (p - c) + t
+
+so the rover itself, at x with azimuth A, lies in the image at
+
+    p = c + R' (x - c - t)          azimuth A + rotation
+
+with the covariance of (t, rotation) carried over, and in an orbital terrain model its height too.
+The place depends on how the map lies about the rover, and no longer on where the adjustment had put
+both.
 """
 
 from __future__ import annotations
@@ -17,14 +34,22 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+import cv2
 import numpy as np
 
-from solmap.photogrammetry.arrays import Mask
+from solmap.photogrammetry.adjustment.model.network import StopControl
+from solmap.photogrammetry.arrays import Mask, Raster
 from solmap.photogrammetry.errors import OrbitalError
-from solmap.photogrammetry.orbital.predictors import Contrast, Predicted, local_contrast, predictors
+from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.imagery import StopId
+from solmap.photogrammetry.orbital.ground_map import (
+    Contrast,
+    Predicted,
+    local_contrast,
+    predictors,
+)
 from solmap.photogrammetry.orbital.records import Correction, GroundMap, OrbitalImage, Registration
-from solmap.photogrammetry.orbital.refinement import refine
-from solmap.photogrammetry.orbital.search import Landscape, SearchParams, search
+from solmap.photogrammetry.orbital.search import Landscape, SearchParams, refine, samples_of, search
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 
 
@@ -144,3 +169,78 @@ def _doubt(fit: _Fit, cell_m: float, params: RegistrationParams, method: Method)
     if sigma_m > params.largest_sigma_cells * cell_m:
         return f"cannot tell: the place is only known to {sigma_m:.2f} m"
     return ""
+
+
+STRIP = 2048
+"""Rows and columns looked up at a time; OpenCV takes fewer than 32768."""
+
+
+def placed(image: OrbitalImage, grid: MapGrid, correction: Correction | None) -> Raster:
+    """The image on a grid of the map, moved by a correction; NaN beyond it."""
+    out = np.full(grid.shape, np.nan, dtype=np.float32)
+    known = np.isfinite(image.brightness)
+    layers = np.where(known, image.brightness, 0.0).astype(np.float32), known.astype(np.float32)
+    east, north = grid.centres()
+    for top in range(0, grid.rows, STRIP):
+        for left in range(0, grid.cols, STRIP):
+            part = np.s_[top : top + STRIP, left : left + STRIP]
+            true_east, true_north = np.meshgrid(east[part[1]], north[part[0]])
+            samples = samples_of(image.grid, *_claimed(true_east, true_north, correction))
+            value, weight = (cv2.remap(layer, *samples, cv2.INTER_LINEAR) for layer in layers)
+            with np.errstate(invalid="ignore", divide="ignore"):
+                out[part] = np.where(np.asarray(weight) > 0.5, value / weight, np.nan)  # noqa: PLR2004
+    return out
+
+
+def _claimed(
+    east: np.ndarray, north: np.ndarray, correction: Correction | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Where the georeference puts what truly lies at places: `Correction.apply` undone."""
+    if correction is None:
+        return east, north
+    c, s = (f(np.radians(correction.rotation_deg)) for f in (np.cos, np.sin))
+    centre_e, centre_n = correction.centre_m
+    de = east - centre_e - correction.east_m
+    dn = north - centre_n - correction.north_m
+    return centre_e + c * de + s * dn, centre_n - s * de + c * dn
+
+
+def stop_in_image(
+    stop: StopId, lsl_from_rover: Pose, correction: Correction, frame: str
+) -> StopControl:
+    """Where an image shows a stop whose map it was registered to.
+
+    Args:
+        stop: its name.
+        lsl_from_rover: the pose that its map was made with.
+        correction: of the image, onto that map alone.
+        frame: the name of the image.
+    """
+    north, east, _ = lsl_from_rover.translation_m.tolist()
+    theta = np.radians(correction.rotation_deg)
+    c, s = np.cos(theta), np.sin(theta)
+    back = np.array([[c, s], [-s, c]])
+    arm = np.array([east - correction.east_m, north - correction.north_m])
+    arm = arm - np.asarray(correction.centre_m)
+    place = np.asarray(correction.centre_m) + back @ arm
+    rotation = lsl_from_rover.rotation
+    azimuth = np.degrees(np.arctan2(rotation[1, 0], rotation[0, 0])) + correction.rotation_deg
+    J = np.zeros((3, 3))
+    J[:2, :2] = -back
+    J[:2, 2] = np.array([[-s, c], [-c, -s]]) @ arm
+    J[2, 2] = 1.0
+    C = J @ correction.covariance @ J.T
+    up_m = None
+    if correction.up_m is not None and correction.sigma_up_m is not None:
+        up_m = float(-lsl_from_rover.translation_m[2] - correction.up_m)
+        C = np.insert(np.insert(C, 2, 0.0, axis=0), 2, 0.0, axis=1)
+        C[2, 2] = correction.sigma_up_m**2
+    return StopControl(
+        stop,
+        frame,
+        float(place[0]),
+        float(place[1]),
+        (C + C.T) / 2,
+        up_m,
+        float((azimuth + 180.0) % 360.0 - 180.0),
+    )

@@ -22,8 +22,7 @@ import numpy as np
 
 from solmap.photogrammetry.arrays import Vector3
 from solmap.photogrammetry.synthetic.lattice import Nodes, Window, stream_of
-from solmap.photogrammetry.synthetic.rocks import raise_rocks
-from solmap.photogrammetry.synthetic.terrain import Terrain
+from solmap.photogrammetry.synthetic.terrain import Terrain, raise_rocks
 
 SKY_LIGHT = 0.22
 """Light of the dusty sky, as a share of the sun's at right angles."""

@@ -9,10 +9,22 @@ the parameters.
 A similarity turns and scales; an affinity may also stretch in one direction and shear, as mosaics
 of several strips do. Both are fitted by least squares about the centroid, so that shift and turn do
 not depend on each other.
+
+Points that a rover track has in an uncontrolled orbital mosaic: read, and simulated.
+
+The comparison of Di et al. 2008 (section 4) as a whole: nine stops or so are identified on the
+track in a mosaic of unknown place, rotation and scale; the mosaic is georeferenced with them, both
+tracks are laid on one start, and what remains is reported (`georeference`).
+
+Simulated points have an answer that is known and not only close to one: what displaces them is
+freed of all that a similarity of the mosaic's track could take up, so that georeferencing must give
+back exactly the rotation and scale put in, and the displacements as residuals.
 """
 
 from __future__ import annotations
 
+import csv
+import io
 import math
 from dataclasses import dataclass
 from enum import StrEnum
@@ -146,3 +158,114 @@ def _matrix(found: np.ndarray, transform: MapTransform) -> Float64[np.ndarray, "
         return found.reshape(2, 2)
     a, b = found
     return np.array([[a, -b], [b, a]])
+
+
+COLUMNS = ("name", "mosaic_x_m", "mosaic_y_m", "east_m", "north_m")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MosaicPoints:
+    """The same places in a mosaic and on the map, in the order of the track."""
+
+    names: tuple[str, ...]
+    mosaic_m: Float64[np.ndarray, "points 2"]
+    map_m: Float64[np.ndarray, "points 2"]
+    """(east, north)."""
+
+    def table(self) -> str:
+        """As CSV, to the tenth of a millimetre."""
+        rows = np.hstack([self.mosaic_m, self.map_m])
+        lines = [
+            ",".join([name, *(f"{value:.4f}" for value in row)])
+            for name, row in zip(self.names, rows.tolist(), strict=True)
+        ]
+        return "\n".join([",".join(COLUMNS), *lines]) + "\n"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SimulatedMosaic:
+    """Points in a simulated mosaic, and the answer that georeferencing must give."""
+
+    points: MosaicPoints
+    rotation_deg: float
+    """By which the mosaic is turned counter-clockwise onto the map."""
+    scale: float
+    residuals_m: Float64[np.ndarray, "points 2"]
+    """Georeferenced mosaic less map, (east, north)."""
+
+    @property
+    def differences_m(self) -> Float64[np.ndarray, " points"]:
+        """Of both tracks, laid on one start."""
+        return np.hypot(*(self.residuals_m - self.residuals_m[0]).T)
+
+    @property
+    def end_percent(self) -> float:
+        """The last difference, percent of the way along the map's track."""
+        way = np.hypot(*np.diff(self.points.map_m, axis=0).T).sum()
+        return 100 * float(self.differences_m[-1] / way)
+
+
+def parse_points(text: str, source: str) -> MosaicPoints:
+    """Read a table of points.
+
+    Raises:
+        TraverseError: names the file, the line and what is wrong.
+    """
+    rows = list(csv.reader(io.StringIO(text.removeprefix("\ufeff"))))
+    names = [name.strip().lower() for name in rows[0]] if rows else []
+    lost = [name for name in COLUMNS if name not in names]
+    if lost:
+        raise TraverseError(f"{source}: the first line lacks {lost[0]}; it names {COLUMNS}")
+    at = [names.index(name) for name in COLUMNS]
+    found, labels = [], []
+    for number, row in enumerate(rows[1:], 2):
+        if not any(value.strip() for value in row):
+            continue
+        try:
+            values = [float(row[k]) for k in at[1:]]
+        except (ValueError, IndexError) as error:
+            raise TraverseError(
+                f"{source}, line {number}: four numbers are expected: {error}"
+            ) from error
+        if not all(map(math.isfinite, values)):
+            raise TraverseError(f"{source}, line {number}: coordinates must be finite")
+        labels.append(row[at[0]].strip())
+        found.append(values)
+    table = np.array(found, dtype=np.float64).reshape(-1, 4)
+    return MosaicPoints(tuple(labels), table[:, :2], table[:, 2:])
+
+
+def simulate_mosaic(
+    rng: np.random.Generator,
+    *,
+    points: int = 9,
+    length_m: float = 3000.0,
+    rotation_deg: float = 1.3,
+    scale: float = 1.002,
+    displaced_m: float = 8.0,
+) -> SimulatedMosaic:
+    """A track in a mosaic that is turned, scaled, shifted, and displaces every point.
+
+    Args:
+        rng: source of all randomness.
+        points: identified on the track.
+        length_m: of the track.
+        rotation_deg: by which the mosaic must be turned onto the map.
+        scale: by which it must be scaled.
+        displaced_m: root mean square of what is left at the points.
+    """
+    heading = np.cumsum(rng.normal(0.0, 0.4, points - 1)) + rng.uniform(-np.pi, np.pi)
+    steps = length_m / (points - 1) * np.column_stack([np.sin(heading), np.cos(heading)])
+    track = np.vstack([np.zeros(2), np.cumsum(steps, axis=0)])
+    drawn = rng.normal(size=2 * points)
+    middle, units = track - track.mean(axis=0), np.tile(np.eye(2), (points, 1))
+    across = np.column_stack([-middle[:, 1], middle[:, 0]])
+    taken = np.column_stack([middle.ravel(), across.ravel(), units])
+    Q, _ = np.linalg.qr(taken)
+    left = (drawn - Q @ (Q.T @ drawn)).reshape(points, 2)
+    left = left * (displaced_m / np.sqrt((left**2).sum(axis=1).mean()))
+    c, s = np.cos(np.radians(rotation_deg)), np.sin(np.radians(rotation_deg))
+    turn = scale * np.array([[c, -s], [s, c]])
+    mosaic = (track - rng.uniform(-500, 500, 2)) @ np.linalg.inv(turn).T
+    names = tuple(f"P{k + 1}" for k in range(points))
+    return SimulatedMosaic(MosaicPoints(names, mosaic, track - left), rotation_deg, scale, left)

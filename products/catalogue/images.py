@@ -22,7 +22,11 @@ import numpy as np
 import sqlalchemy as sa
 from sqlalchemy.exc import SQLAlchemyError
 
-from solmap.photogrammetry.archive.reading import ReadImage, read_image, read_image_record
+from solmap.photogrammetry.archive.images.reading import (
+    ReadImage,
+    read_image,
+    read_image_record,
+)
 from solmap.photogrammetry.cameras.cahv import Cahv
 from solmap.photogrammetry.cameras.cahvor import Cahvor
 from solmap.photogrammetry.cameras.cahvore import Cahvore

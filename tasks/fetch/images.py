@@ -7,9 +7,9 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
 
-from solmap.photogrammetry.archive.index_pairs import IndexEntry
-from solmap.photogrammetry.archive.label import MAX_LABEL_BYTES
-from solmap.photogrammetry.archive.reading import read_label
+from solmap.photogrammetry.archive.images.reading import read_label
+from solmap.photogrammetry.archive.labels.label import MAX_LABEL_BYTES
+from solmap.photogrammetry.archive.tables.volume_index import IndexEntry
 from solmap.photogrammetry.errors import LabelError
 from solmap.tasks.fetch.errors import DiskError, FetchError, WrongContentError
 from solmap.tasks.fetch.partial import PartialFile

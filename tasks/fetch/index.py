@@ -7,18 +7,16 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from solmap.photogrammetry.archive.index_pairs import (
+from solmap.photogrammetry.archive.labels.label import MAX_LABEL_BYTES
+from solmap.photogrammetry.archive.tables.volume_index import (
     IndexFindings,
-    IndexSelection,
-    find_in_index,
-)
-from solmap.photogrammetry.archive.index_table import (
     IndexLayout,
     IndexRow,
+    IndexSelection,
+    find_in_index,
     parse_index_label,
     read_index_rows,
 )
-from solmap.photogrammetry.archive.label import MAX_LABEL_BYTES
 from solmap.photogrammetry.errors import LabelError
 from solmap.tasks.fetch.errors import DiskError, FetchError, WrongContentError
 from solmap.tasks.fetch.transfer import Transfer

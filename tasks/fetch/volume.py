@@ -13,7 +13,7 @@ import re
 from dataclasses import dataclass
 from urllib.parse import quote
 
-from solmap.photogrammetry.archive.index_pairs import IndexEntry
+from solmap.photogrammetry.archive.tables.volume_index import IndexEntry
 from solmap.tasks.fetch.errors import FetchError
 
 _PLAIN = re.compile(r"[A-Za-z0-9_#-][A-Za-z0-9_.#-]*\Z")

@@ -23,13 +23,13 @@ from solmap.photogrammetry.matching.resampling import epipolar_images
 from solmap.photogrammetry.matching.sparse import match_sparsely
 from solmap.photogrammetry.matching.vertical_parallax import vertical_parallax
 from solmap.photogrammetry.stretching import stretched
-from solmap.photogrammetry.synthetic.rig import Instrument
-from solmap.photogrammetry.synthetic.world import (
+from solmap.photogrammetry.synthetic.downlink import (
     TraverseParams,
     WorldParams,
     make_world,
     photograph,
 )
+from solmap.photogrammetry.synthetic.rig import Instrument
 
 pytestmark = pytest.mark.benchmark(timer=time.process_time)
 

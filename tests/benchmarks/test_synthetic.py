@@ -4,9 +4,13 @@ import pytest
 
 from solmap.photogrammetry.imagery import Eye
 from solmap.photogrammetry.synthetic import lighting
-from solmap.photogrammetry.synthetic.photograph import view_of
-from solmap.photogrammetry.synthetic.render import first_hits
-from solmap.photogrammetry.synthetic.world import WorldParams, make_world, photograph, render_jobs
+from solmap.photogrammetry.synthetic.downlink import (
+    WorldParams,
+    make_world,
+    photograph,
+    render_jobs,
+)
+from solmap.photogrammetry.synthetic.render import first_hits, view_of
 
 
 @pytest.fixture(scope="module")

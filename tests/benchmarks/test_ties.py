@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.archive.reading import read_image_record
+from solmap.photogrammetry.archive.images.reading import read_image_record
 from solmap.photogrammetry.imagery import StopId
 from solmap.photogrammetry.matching.cross_site import CrossSiteParams, StopViews, tie_cross_site
 from solmap.photogrammetry.matching.inter_stereo import InterStereoParams, tie_inter_stereo

@@ -10,8 +10,12 @@ from typer.testing import CliRunner
 
 from solmap.flows.cli import app
 from solmap.flows.cli.tables import position_rows
-from solmap.photogrammetry.archive.places import parse_places
-from solmap.photogrammetry.archive.vector_files import lsl_tree, parse_vector_file, poses
+from solmap.photogrammetry.archive.tables.places import parse_places
+from solmap.photogrammetry.archive.tables.vector_files import (
+    lsl_tree,
+    parse_vector_file,
+    poses,
+)
 from solmap.photogrammetry.frames import LSL, rover_frame
 
 

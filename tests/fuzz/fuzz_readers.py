@@ -36,17 +36,24 @@ except ImportError:
 with (
     atheris.instrument_imports(include=["photogrammetry"]) if atheris else contextlib.nullcontext()
 ):
-    from solmap.photogrammetry.archive.detached import joined
     from solmap.photogrammetry.archive.file_names import parse_file_name
-    from solmap.photogrammetry.archive.label import parse_label
-    from solmap.photogrammetry.archive.m2020 import camera_of_metadata, rover_image_of_metadata
-    from solmap.photogrammetry.archive.pds4 import parse_pds4_label
-    from solmap.photogrammetry.archive.pictures import read_picture
-    from solmap.photogrammetry.archive.places import parse_localisations
-    from solmap.photogrammetry.archive.rasters import read_raster
-    from solmap.photogrammetry.archive.reading import read_image
-    from solmap.photogrammetry.archive.vector_files import lsl_tree, parse_vector_file, poses
-    from solmap.photogrammetry.archive.vicar import parse_vicar_label
+    from solmap.photogrammetry.archive.images.derived_rasters import read_raster
+    from solmap.photogrammetry.archive.images.json_metadata import (
+        camera_of_metadata,
+        rover_image_of_metadata,
+    )
+    from solmap.photogrammetry.archive.images.pixels import read_picture
+    from solmap.photogrammetry.archive.images.reading import read_image
+    from solmap.photogrammetry.archive.labels.detached import joined
+    from solmap.photogrammetry.archive.labels.label import parse_label
+    from solmap.photogrammetry.archive.labels.pds4 import parse_pds4_label
+    from solmap.photogrammetry.archive.labels.vicar import parse_vicar_label
+    from solmap.photogrammetry.archive.tables.places import parse_localisations
+    from solmap.photogrammetry.archive.tables.vector_files import (
+        lsl_tree,
+        parse_vector_file,
+        poses,
+    )
     from solmap.photogrammetry.errors import PhotogrammetryError
 
 NAME = "2n292280938effb100p0703l0m1.img"

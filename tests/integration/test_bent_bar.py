@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.archive.reading import read_image
+from solmap.photogrammetry.archive.images.reading import read_image
 from solmap.photogrammetry.matching.vertical_parallax import turned_in_place, vertical_parallax
+from solmap.photogrammetry.synthetic.downlink import WorldParams, make_world, render_jobs
 from solmap.photogrammetry.synthetic.traverse import TraverseParams
-from solmap.photogrammetry.synthetic.world import WorldParams, make_world, render_jobs
 from solmap.tasks.match import with_rows_in_line
 
 

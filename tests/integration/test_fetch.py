@@ -25,8 +25,8 @@ from solmap.config.archive import load_archive
 from solmap.config.errors import ConfigError
 from solmap.flows.runtime.progress import Step, listening
 from solmap.photogrammetry.archive.file_names import parse_file_name
+from solmap.photogrammetry.synthetic.downlink import WorldParams, make_world, render_jobs
 from solmap.photogrammetry.synthetic.traverse import TraverseParams
-from solmap.photogrammetry.synthetic.world import WorldParams, make_world, render_jobs
 
 VOLUME = "/mer2no_0xxx"
 TABLE, LABEL = f"{VOLUME}/index/edrindex.tab", f"{VOLUME}/index/edrindex.lbl"

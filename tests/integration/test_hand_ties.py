@@ -5,12 +5,12 @@ import pytest
 from typer.testing import CliRunner
 
 from solmap.flows.cli import app
-from solmap.photogrammetry.adjustment.modes import AdjustmentMode
-from solmap.photogrammetry.adjustment.records import USED
+from solmap.photogrammetry.adjustment.model.adjusted_network import USED
+from solmap.photogrammetry.adjustment.modes.mission import AdjustmentMode
 from solmap.photogrammetry.imagery import TieKind
 from solmap.photogrammetry.matching.inter_stereo import InterStereoParams
+from solmap.photogrammetry.synthetic.downlink import WorldParams, make_world, render_jobs
 from solmap.photogrammetry.synthetic.traverse import TraverseParams
-from solmap.photogrammetry.synthetic.world import WorldParams, make_world, render_jobs
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.formats.documents.archives import read_matches, read_ties, write_ties
 from solmap.products.model import ProductKind, Recipe, Scope, ScopeLevel

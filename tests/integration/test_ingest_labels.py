@@ -9,17 +9,21 @@ import cv2
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.archive.detached import apart
-from solmap.photogrammetry.archive.reading import ReadImage, read_image, read_image_record
+from solmap.photogrammetry.archive.images.reading import (
+    ReadImage,
+    read_image,
+    read_image_record,
+)
+from solmap.photogrammetry.archive.labels.detached import apart
 from solmap.photogrammetry.frames import LSL, Pose, site_frame
 from solmap.photogrammetry.imagery import StopId
-from solmap.photogrammetry.synthetic.traverse import TraverseParams
-from solmap.photogrammetry.synthetic.world import (
+from solmap.photogrammetry.synthetic.downlink import (
     WorldParams,
     make_world,
     render_jobs,
     simulate_downlink,
 )
+from solmap.photogrammetry.synthetic.traverse import TraverseParams
 from solmap.products.catalogue.workspace import Workspace
 from solmap.tasks.images import image_file, image_record, read_product_image
 from solmap.tasks.ingest import Delivery, ingest_downlink

@@ -12,11 +12,16 @@ from typer.testing import CliRunner
 
 from solmap.config.radiometry import load_radiometry
 from solmap.flows.cli import app
-from solmap.photogrammetry.archive.reading import read_image
-from solmap.photogrammetry.archive.vignetting import RadialVignetting
+from solmap.photogrammetry.archive.images.radiometry import RadialVignetting
+from solmap.photogrammetry.archive.images.reading import read_image
 from solmap.photogrammetry.stretching import stretched
+from solmap.photogrammetry.synthetic.downlink import (
+    WorldParams,
+    make_world,
+    render_jobs,
+    text_files,
+)
 from solmap.photogrammetry.synthetic.traverse import TraverseParams
-from solmap.photogrammetry.synthetic.world import WorldParams, make_world, render_jobs, text_files
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.model import ProductKind, Recipe
 from solmap.tasks.images import image_file, read_product_image

@@ -7,12 +7,12 @@ are judged by `python -m tests.support.terrain_truth` and stated in docs/benchma
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.archive.reading import ReadImage, read_image
+from solmap.photogrammetry.archive.images.reading import ReadImage, read_image
 from solmap.photogrammetry.imagery import Eye
 from solmap.photogrammetry.matching.dense import match_densely_with_sigma
+from solmap.photogrammetry.synthetic.downlink import RenderJob, WorldParams, make_world
 from solmap.photogrammetry.synthetic.scene import Shot, World
 from solmap.photogrammetry.synthetic.traverse import TraverseParams
-from solmap.photogrammetry.synthetic.world import RenderJob, WorldParams, make_world
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.photogrammetry.terrain.dtm.records import TerrainView
 from solmap.photogrammetry.terrain.dtm.stop_dtm import DtmParams

@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.archive.reading import read_image
+from solmap.photogrammetry.archive.images.reading import read_image
 from solmap.photogrammetry.imagery import Eye
 from solmap.photogrammetry.matching.wide_stereo import WideParams
-from solmap.photogrammetry.synthetic.world import (
+from solmap.photogrammetry.synthetic.downlink import (
     RenderJob,
     TraverseParams,
     World,

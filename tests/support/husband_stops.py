@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
+from solmap.photogrammetry.archive.images.reading import read_image
 from solmap.photogrammetry.archive.partners import find_stereo_pairs
-from solmap.photogrammetry.archive.reading import read_image
 from solmap.photogrammetry.frames import LSL, Pose, rotation_of_quaternion
 from solmap.photogrammetry.imagery import StopId
 from solmap.photogrammetry.matching.dense import match_densely

@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 import rasterio
 
+from solmap.photogrammetry.archive.images.reading import read_image
 from solmap.photogrammetry.archive.partners import find_stereo_pairs
-from solmap.photogrammetry.archive.reading import read_image
 from solmap.photogrammetry.cameras.cahvor import Cahvor
 from solmap.photogrammetry.frames import LSL, Pose
 from solmap.photogrammetry.imagery import RoverImage

@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from solmap.photogrammetry.archive.reading import read_image
+from solmap.photogrammetry.archive.images.reading import read_image
 from solmap.photogrammetry.frames import LSL, Pose
 from solmap.photogrammetry.matching.surface_ties import SurfaceTieParams, tie_by_shape
 from solmap.photogrammetry.matching.surface_views import SurfaceView

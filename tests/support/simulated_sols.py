@@ -16,8 +16,13 @@ from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.imagery import StereoMatches, StopId, TiePoints
 from solmap.photogrammetry.matching.ties import Ties
 from solmap.photogrammetry.synthetic.edr import Exposure
-from solmap.photogrammetry.synthetic.mission import MissionPlan, SimulatedMission, simulate_mission
-from solmap.photogrammetry.synthetic.mission_images import exposures, mission_names
+from solmap.photogrammetry.synthetic.mission import (
+    MissionPlan,
+    SimulatedMission,
+    exposures,
+    mission_names,
+    simulate_mission,
+)
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.formats.documents.archives import (
     pose_document,

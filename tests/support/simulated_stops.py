@@ -13,20 +13,20 @@ from pathlib import Path
 
 import numpy as np
 
-from solmap.photogrammetry.archive.reading import ReadImage, read_image
+from solmap.photogrammetry.archive.images.reading import ReadImage, read_image
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.imagery import Eye, StopId
 from solmap.photogrammetry.matching.dense import match_densely
 from solmap.photogrammetry.matching.records import MatchedPair, MatchedStop
 from solmap.photogrammetry.matching.sparse import SparseParams, match_sparsely
-from solmap.photogrammetry.synthetic.scene import Shot, World
-from solmap.photogrammetry.synthetic.world import (
+from solmap.photogrammetry.synthetic.downlink import (
     RenderJob,
     TraverseParams,
     WorldParams,
     make_world,
     true_parallax,
 )
+from solmap.photogrammetry.synthetic.scene import Shot, World
 from solmap.tasks.match import geometry_of
 from solmap.tasks.pairs import resampled
 

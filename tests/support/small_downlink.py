@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from solmap.photogrammetry.synthetic.downlink import WorldParams, simulate_downlink
 from solmap.photogrammetry.synthetic.traverse import TraverseParams
-from solmap.photogrammetry.synthetic.world import WorldParams, simulate_downlink
 
 COARSE = """\
 [dtm]

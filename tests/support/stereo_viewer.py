@@ -13,7 +13,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from solmap.photogrammetry.archive.reading import read_image
+from solmap.photogrammetry.archive.images.reading import read_image
 from solmap.photogrammetry.terrain.visibility.footprints import FootprintParams
 from solmap.products.formats.documents.network import latest_network
 from solmap.products.formats.vector.geojson import read_features

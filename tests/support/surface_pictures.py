@@ -16,7 +16,7 @@ import numpy as np
 from solmap.gis_server.rendering.colours import indices_of, palette_of
 from solmap.gis_server.rendering.styles import STYLES
 from solmap.photogrammetry.arrays import Classes, Picture, Raster
-from solmap.photogrammetry.synthetic.world import WorldParams, make_world
+from solmap.photogrammetry.synthetic.downlink import WorldParams, make_world
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.photogrammetry.terrain.dtm.records import Dtm, GroundClass
 from solmap.photogrammetry.terrain.dtm.resampling import coarsened

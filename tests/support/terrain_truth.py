@@ -22,8 +22,8 @@ import numpy as np
 import rasterio
 
 from solmap.photogrammetry.imagery import StopId
+from solmap.photogrammetry.synthetic.downlink import WorldParams, make_world
 from solmap.photogrammetry.synthetic.traverse import TraverseParams
-from solmap.photogrammetry.synthetic.world import WorldParams, make_world
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.photogrammetry.terrain.dtm.ground import SightParams
 from solmap.photogrammetry.terrain.dtm.records import Dtm, GroundClass, TerrainView

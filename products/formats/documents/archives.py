@@ -17,9 +17,13 @@ from typing import Any
 
 import numpy as np
 
-from solmap.photogrammetry.archive.companding import Companding, InverseTable
-from solmap.photogrammetry.archive.radiometry import Radiometry
-from solmap.photogrammetry.archive.vignetting import FlatField, RadialVignetting
+from solmap.photogrammetry.archive.images.radiometry import (
+    Companding,
+    FlatField,
+    InverseTable,
+    RadialVignetting,
+    Radiometry,
+)
 from solmap.photogrammetry.arrays import ParallaxMap
 from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.frames import Frame, FrameKind, Pose

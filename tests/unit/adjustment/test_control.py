@@ -7,20 +7,22 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from solmap.photogrammetry.adjustment.adjust import adjust_overall
-from solmap.photogrammetry.adjustment.collinearity import State
-from solmap.photogrammetry.adjustment.control import ControlFrame, StopControl
-from solmap.photogrammetry.adjustment.control_equations import Control
-from solmap.photogrammetry.adjustment.datum import MAP, with_control
 from solmap.photogrammetry.adjustment.documents import network_document, network_of_document
-from solmap.photogrammetry.adjustment.modes import AdjustmentMode, advance
-from solmap.photogrammetry.adjustment.params import AdjustmentParams
-from solmap.photogrammetry.adjustment.records import select
-from solmap.photogrammetry.adjustment.rotations import rotation_of_vector
-from solmap.photogrammetry.adjustment.sequential import adjust_sequential, begin
+from solmap.photogrammetry.adjustment.model.collinearity import State
+from solmap.photogrammetry.adjustment.model.control_equations import Control
+from solmap.photogrammetry.adjustment.model.datum import with_control
+from solmap.photogrammetry.adjustment.model.network import MAP, ControlFrame, StopControl, select
+from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.model.small_matrices import rotation_of_vector
+from solmap.photogrammetry.adjustment.modes.mission import AdjustmentMode, advance
+from solmap.photogrammetry.adjustment.modes.overall import adjust_overall
+from solmap.photogrammetry.adjustment.modes.sequential import adjust_sequential, begin
 from solmap.photogrammetry.adjustment.smoothing import smoothed
 from solmap.photogrammetry.errors import AdjustmentError
-from solmap.photogrammetry.synthetic.control import simulate_control, with_first_attitude_unsure
+from solmap.photogrammetry.synthetic.mission import (
+    simulate_control,
+    with_first_attitude_unsure,
+)
 from solmap.photogrammetry.synthetic.networks import simulate_network
 
 SMALL = {"pairs_per_stop": 5, "inter_ties": 8, "intra_ties": 0}

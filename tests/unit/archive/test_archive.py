@@ -6,12 +6,16 @@ import cv2
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.archive.image import camera_model
-from solmap.photogrammetry.archive.label import parse_label
+from solmap.photogrammetry.archive.images.pixels import radiance_scale, read_pixels
+from solmap.photogrammetry.archive.images.reading import (
+    read_image,
+    read_image_record,
+    read_label,
+)
+from solmap.photogrammetry.archive.images.rover_image import camera_model
+from solmap.photogrammetry.archive.labels.label import parse_label
+from solmap.photogrammetry.archive.labels.vicar import parse_vicar_label
 from solmap.photogrammetry.archive.partners import find_stereo_pairs
-from solmap.photogrammetry.archive.pixels import radiance_scale, read_pixels
-from solmap.photogrammetry.archive.reading import read_image, read_image_record, read_label
-from solmap.photogrammetry.archive.vicar import parse_vicar_label
 from solmap.photogrammetry.cameras.cahv import Cahv
 from solmap.photogrammetry.cameras.cahvor import Cahvor
 from solmap.photogrammetry.cameras.cahvore import Cahvore

@@ -7,7 +7,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from solmap.photogrammetry.archive.detached import (
+from solmap.photogrammetry.archive.images.reading import (
+    describe_image,
+    has_attached_label,
+    read_image,
+    read_image_record,
+    read_label,
+)
+from solmap.photogrammetry.archive.labels.detached import (
     MAX_DETACHED_BYTES,
     LabelKind,
     apart,
@@ -16,14 +23,7 @@ from solmap.photogrammetry.archive.detached import (
     kind_of_label,
     text_of_label,
 )
-from solmap.photogrammetry.archive.label import MAX_LABEL_BYTES
-from solmap.photogrammetry.archive.reading import (
-    describe_image,
-    has_attached_label,
-    read_image,
-    read_image_record,
-    read_label,
-)
+from solmap.photogrammetry.archive.labels.label import MAX_LABEL_BYTES
 from solmap.photogrammetry.errors import LabelError, PixelError
 
 NAME = "2n292280938effb100p0703l0m1.img"

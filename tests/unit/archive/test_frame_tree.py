@@ -9,9 +9,9 @@ from solmap.photogrammetry.archive.frame_tree import (
     mast_frame,
     rover_from_mast,
 )
-from solmap.photogrammetry.archive.label import parse_label
+from solmap.photogrammetry.archive.labels.label import parse_label
 from solmap.photogrammetry.archive.missions import MER
-from solmap.photogrammetry.archive.vector_files import parse_vector_file
+from solmap.photogrammetry.archive.tables.vector_files import parse_vector_file
 from solmap.photogrammetry.body_fixed import MarsPoint, geographic
 from solmap.photogrammetry.errors import LabelError
 from solmap.photogrammetry.frames import BODY_FIXED, LSL, Frame, FrameKind, Pose, site_frame

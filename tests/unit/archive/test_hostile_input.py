@@ -7,10 +7,10 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from solmap.photogrammetry.archive.label import parse_label
-from solmap.photogrammetry.archive.reading import read_image, read_image_record
-from solmap.photogrammetry.archive.vector_files import parse_vector_file, poses
-from solmap.photogrammetry.archive.vicar import parse_vicar_label
+from solmap.photogrammetry.archive.images.reading import read_image, read_image_record
+from solmap.photogrammetry.archive.labels.label import parse_label
+from solmap.photogrammetry.archive.labels.vicar import parse_vicar_label
+from solmap.photogrammetry.archive.tables.vector_files import parse_vector_file, poses
 from solmap.photogrammetry.errors import LabelError, PixelError, VectorFileError
 
 NAME = "2n292280938effb100p0703l0m1.img"

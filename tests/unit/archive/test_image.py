@@ -3,10 +3,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.archive.image import camera_model, rover_image
-from solmap.photogrammetry.archive.label import parse_label
+from solmap.photogrammetry.archive.images.reading import read_image, read_image_record
+from solmap.photogrammetry.archive.images.rover_image import camera_model, rover_image
+from solmap.photogrammetry.archive.labels.label import parse_label
 from solmap.photogrammetry.archive.missions import MER, MISSIONS, Mission
-from solmap.photogrammetry.archive.reading import read_image, read_image_record
 from solmap.photogrammetry.cameras.cahv import Cahv
 from solmap.photogrammetry.errors import LabelError, PixelError
 from solmap.photogrammetry.frames import rotation_of_quaternion, rover_frame, site_frame

@@ -8,9 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from solmap.photogrammetry.archive.index_pairs import IndexSelection, find_in_index
-from solmap.photogrammetry.archive.index_table import (
+from solmap.photogrammetry.archive.tables.volume_index import (
     IndexLayout,
+    IndexSelection,
+    find_in_index,
     parse_index_label,
     read_index_rows,
 )

@@ -3,7 +3,7 @@ import time
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.archive.label import (
+from solmap.photogrammetry.archive.labels.label import (
     MAX_LABEL_BYTES,
     Quantity,
     label_text,

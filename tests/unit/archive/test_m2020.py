@@ -5,7 +5,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from solmap.photogrammetry.archive.m2020 import camera_of_metadata, rover_image_of_metadata
+from solmap.photogrammetry.archive.images.json_metadata import (
+    camera_of_metadata,
+    rover_image_of_metadata,
+)
 from solmap.photogrammetry.cameras.cahv import Cahv
 from solmap.photogrammetry.cameras.cahvor import Cahvor
 from solmap.photogrammetry.cameras.cahvore import Cahvore

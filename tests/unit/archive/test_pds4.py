@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.archive.image import rover_image
-from solmap.photogrammetry.archive.pds4 import parse_pds4_label
-from solmap.photogrammetry.archive.reading import read_image, read_image_record
+from solmap.photogrammetry.archive.images.reading import read_image, read_image_record
+from solmap.photogrammetry.archive.images.rover_image import rover_image
+from solmap.photogrammetry.archive.labels.pds4 import parse_pds4_label
 from solmap.photogrammetry.cameras.cahv import interior_orientation
 from solmap.photogrammetry.cameras.cahvore import Cahvore
 from solmap.photogrammetry.errors import LabelError

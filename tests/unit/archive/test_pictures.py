@@ -2,7 +2,7 @@ import cv2
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.archive.pictures import picture_size, read_picture
+from solmap.photogrammetry.archive.images.pixels import picture_size, read_picture
 from solmap.photogrammetry.errors import PixelError
 
 

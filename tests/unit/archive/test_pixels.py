@@ -3,8 +3,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.archive.label import parse_label
-from solmap.photogrammetry.archive.pixels import pixel_layout, radiance_scale, read_pixels
+from solmap.photogrammetry.archive.images.pixels import (
+    pixel_layout,
+    radiance_scale,
+    read_pixels,
+)
+from solmap.photogrammetry.archive.labels.label import parse_label
 from solmap.photogrammetry.errors import LabelError, PixelError
 
 

@@ -3,12 +3,16 @@ import re
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.archive.places import (
+from solmap.photogrammetry.archive.tables.places import (
     parse_localisations,
     parse_locations,
     parse_places,
 )
-from solmap.photogrammetry.archive.vector_files import lsl_tree, parse_vector_file, poses
+from solmap.photogrammetry.archive.tables.vector_files import (
+    lsl_tree,
+    parse_vector_file,
+    poses,
+)
 from solmap.photogrammetry.errors import VectorFileError
 from solmap.photogrammetry.frames import LSL, FrameKind, rover_frame, site_frame
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.archive.rasters import RasterKind, read_raster
+from solmap.photogrammetry.archive.images.derived_rasters import RasterKind, read_raster
 from solmap.photogrammetry.errors import LabelError, PhotogrammetryError, PixelError
 from solmap.photogrammetry.frames import rover_frame, site_frame
 

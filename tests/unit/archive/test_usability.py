@@ -1,22 +1,19 @@
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.archive.companding import (
+from solmap.photogrammetry.archive.images.pixels import full_scale, read_pixels, received, saturated
+from solmap.photogrammetry.archive.images.radiometry import (
     Companding,
     InverseTable,
+    RadialVignetting,
+    Radiometry,
     coded_by,
+    evened_out,
     expanded,
+    needs_flat_field,
     square_root_table,
 )
-from solmap.photogrammetry.archive.pixels import read_pixels
-from solmap.photogrammetry.archive.radiometry import Radiometry
-from solmap.photogrammetry.archive.reading import read_image, read_label
-from solmap.photogrammetry.archive.usability import full_scale, received, saturated
-from solmap.photogrammetry.archive.vignetting import (
-    RadialVignetting,
-    evened_out,
-    needs_flat_field,
-)
+from solmap.photogrammetry.archive.images.reading import read_image, read_label
 from solmap.photogrammetry.errors import LabelError, PixelError
 
 NAME = "2n292280938effb100p0703l0m1.img"

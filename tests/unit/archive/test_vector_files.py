@@ -4,7 +4,7 @@ import time
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.archive.vector_files import (
+from solmap.photogrammetry.archive.tables.vector_files import (
     joined_priority,
     lsl_tree,
     parse_vector_file,

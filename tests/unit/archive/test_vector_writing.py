@@ -1,14 +1,14 @@
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.archive.places import parse_places
-from solmap.photogrammetry.archive.vector_files import (
+from solmap.photogrammetry.archive.tables.places import PlacedStop, parse_places, places_text
+from solmap.photogrammetry.archive.tables.vector_files import (
     Solution,
     VectorFile,
     parse_vector_file,
     rover_pose,
+    vector_text,
 )
-from solmap.photogrammetry.archive.vector_writing import PlacedStop, places_text, vector_text
 from solmap.photogrammetry.frames import (
     LSL,
     FrameKind,

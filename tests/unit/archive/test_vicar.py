@@ -3,10 +3,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.archive.label import Quantity
-from solmap.photogrammetry.archive.pixels import read_pixels
-from solmap.photogrammetry.archive.reading import read_image
-from solmap.photogrammetry.archive.vicar import parse_vicar_label, vicar_label_end
+from solmap.photogrammetry.archive.images.pixels import read_pixels
+from solmap.photogrammetry.archive.images.reading import read_image
+from solmap.photogrammetry.archive.labels.label import Quantity
+from solmap.photogrammetry.archive.labels.vicar import parse_vicar_label, vicar_label_end
 from solmap.photogrammetry.errors import LabelError, PixelError
 
 TEXT = (

@@ -4,10 +4,9 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from solmap.photogrammetry.cameras.cahv import Cahv
-from solmap.photogrammetry.cameras.cahvor import Cahvor
+from solmap.photogrammetry.cameras.cahvor import Cahvor, largest_square, undistorted
 from solmap.photogrammetry.cameras.cahvore import Cahvore
 from solmap.photogrammetry.cameras.model import CameraModel
-from solmap.photogrammetry.cameras.radial import largest_square, undistorted
 from solmap.photogrammetry.errors import CameraError
 from solmap.photogrammetry.frames import Pose, rotation_of_roll_pitch_yaw, rover_frame, site_frame
 

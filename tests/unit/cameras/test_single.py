@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from solmap.photogrammetry.cameras.cahv import Cahv
-from solmap.photogrammetry.cameras.single import single_image
+from solmap.photogrammetry.cameras.epipolar import single_image
 from solmap.photogrammetry.frames import Frame, FrameKind, rover_frame
 
 ROVER, OWN = rover_frame(1, 0), Frame(FrameKind.PAIR, (1,))
@@ -34,7 +34,7 @@ def test_the_camera_stands_where_the_label_has_it(camera):
 
 
 def test_all_that_a_real_frame_shows_is_covered(shared_data):
-    from solmap.photogrammetry.archive.reading import read_image  # noqa: PLC0415
+    from solmap.photogrammetry.archive.images.reading import read_image  # noqa: PLC0415
 
     path = shared_data / "mer_spirit_sol1869_troy" / "2n292280938effb100p0703l0m1.img"
     image = read_image(path.read_bytes(), path.name).image

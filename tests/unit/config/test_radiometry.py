@@ -4,7 +4,7 @@ import pytest
 from solmap.config.errors import ConfigError
 from solmap.config.radiometry import load_radiometry
 from solmap.config.settings import Settings
-from solmap.photogrammetry.archive.vignetting import RadialVignetting
+from solmap.photogrammetry.archive.images.radiometry import RadialVignetting
 
 COUNTS = list(range(0, 4096, 16))
 TABLE = f"counts = {COUNTS}"

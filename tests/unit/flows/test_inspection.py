@@ -18,9 +18,9 @@ from solmap.flows.cli.inspection import (
     write_png,
 )
 from solmap.flows.cli.inspection_text import report_of
-from solmap.photogrammetry.archive.reading import read_image
+from solmap.photogrammetry.archive.images.reading import read_image
+from solmap.photogrammetry.synthetic.downlink import WorldParams, make_world, render_jobs
 from solmap.photogrammetry.synthetic.traverse import TraverseParams
-from solmap.photogrammetry.synthetic.world import WorldParams, make_world, render_jobs
 
 SPIRIT = "mer_spirit_sol1869_troy/2n292280938effb100p0703l0m1.img"
 

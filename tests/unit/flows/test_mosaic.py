@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 
 from solmap.flows.cli import app
 from solmap.photogrammetry.errors import TraverseError
-from solmap.photogrammetry.traverse.mosaics import parse_points, simulate_mosaic
+from solmap.photogrammetry.traverse.georeference import parse_points, simulate_mosaic
 
 
 def run(*command):

@@ -18,7 +18,7 @@ from solmap.photogrammetry.matching.records import EpipolarImages
 from solmap.photogrammetry.matching.resampling import epipolar_images
 from solmap.photogrammetry.matching.sparse import largest_parallax_px, match_sparsely
 from solmap.photogrammetry.stretching import stretched
-from solmap.photogrammetry.synthetic.world import (
+from solmap.photogrammetry.synthetic.downlink import (
     TraverseParams,
     WorldParams,
     make_world,

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.archive.reading import read_image
+from solmap.photogrammetry.archive.images.reading import read_image
 from solmap.photogrammetry.cameras.cahv import Cahv
 from solmap.photogrammetry.cameras.epipolar import epipolar_pair
 from solmap.photogrammetry.frames import Frame, FrameKind, rover_frame

@@ -21,14 +21,14 @@ from solmap.photogrammetry.matching.resampling import epipolar_images
 from solmap.photogrammetry.matching.vertical_parallax import VerticalParallax
 from solmap.photogrammetry.matching.wide_eyes import InstrumentLimits, WideEye, wide_pairs
 from solmap.photogrammetry.matching.wide_stereo import match_wide
-from solmap.photogrammetry.synthetic.render import View, first_hits, turned
-from solmap.photogrammetry.synthetic.truth import _pair_rays
-from solmap.photogrammetry.synthetic.world import (
+from solmap.photogrammetry.synthetic.downlink import (
     TraverseParams,
     WorldParams,
     make_world,
     photograph,
 )
+from solmap.photogrammetry.synthetic.render import View, first_hits, turned
+from solmap.photogrammetry.synthetic.truth import _pair_rays
 
 PAIR = Frame(FrameKind.PAIR, (0,))
 

@@ -7,7 +7,7 @@ import numpy as np
 from solmap.photogrammetry.frames import LSL, Pose, rotation_of_roll_pitch_yaw
 from solmap.photogrammetry.imagery import StopId
 from solmap.photogrammetry.orbital.records import Correction
-from solmap.photogrammetry.orbital.stop_places import stop_in_image
+from solmap.photogrammetry.orbital.registration import stop_in_image
 
 STOP = StopId("MER2", 10, 64)
 COVARIANCE = np.array([[4e-2, 1e-2, 1e-3], [1e-2, 9e-2, -2e-3], [1e-3, -2e-3, 1e-3]])

@@ -3,11 +3,15 @@
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.archive.reading import read_image_record
+from solmap.photogrammetry.archive.images.reading import read_image_record
 from solmap.photogrammetry.errors import PhotogrammetryError
 from solmap.photogrammetry.synthetic.edr import label_bytes
-from solmap.photogrammetry.synthetic.mission import MissionPlan, simulate_mission
-from solmap.photogrammetry.synthetic.mission_images import exposures, mission_names
+from solmap.photogrammetry.synthetic.mission import (
+    MissionPlan,
+    exposures,
+    mission_names,
+    simulate_mission,
+)
 from solmap.products.catalogue import images
 from solmap.products.catalogue.catalogue import Catalogue
 from solmap.products.catalogue.images import LabelBook, label_of_text, text_of_label

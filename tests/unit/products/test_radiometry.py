@@ -1,13 +1,14 @@
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.archive.companding import (
+from solmap.photogrammetry.archive.images.radiometry import (
     Companding,
     InverseTable,
+    PixelState,
+    RadialVignetting,
+    Radiometry,
     square_root_table,
 )
-from solmap.photogrammetry.archive.radiometry import PixelState, Radiometry
-from solmap.photogrammetry.archive.vignetting import RadialVignetting
 from solmap.products.formats.documents.archives import (
     radiometry_digest,
     read_radiometry,

@@ -3,14 +3,19 @@
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.adjustment.adjust import adjust_overall
-from solmap.photogrammetry.adjustment.datum import MAP, with_control
-from solmap.photogrammetry.adjustment.params import AdjustmentParams
-from solmap.photogrammetry.archive.reading import read_image, read_image_record
+from solmap.photogrammetry.adjustment.model.datum import with_control
+from solmap.photogrammetry.adjustment.model.network import MAP
+from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.modes.overall import adjust_overall
+from solmap.photogrammetry.archive.images.reading import read_image, read_image_record
 from solmap.photogrammetry.errors import PhotogrammetryError
 from solmap.photogrammetry.synthetic.edr import label_bytes
-from solmap.photogrammetry.synthetic.mission import MissionPlan, simulate_mission
-from solmap.photogrammetry.synthetic.mission_images import exposures, mission_names
+from solmap.photogrammetry.synthetic.mission import (
+    MissionPlan,
+    exposures,
+    mission_names,
+    simulate_mission,
+)
 
 PLAN = MissionPlan(
     stops=40, distance_m=560.0, pairs_per_stop=6, inter_ties=6, intra_ties=2, gaps=2,

@@ -7,8 +7,7 @@ from hypothesis import strategies as st
 
 from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.synthetic.lattice import Fractal, Window, bilinear, node_distance_m
-from solmap.photogrammetry.synthetic.rocks import RockField, raise_rocks
-from solmap.photogrammetry.synthetic.terrain import TERRAINS, Terrain
+from solmap.photogrammetry.synthetic.terrain import TERRAINS, RockField, Terrain, raise_rocks
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 
 

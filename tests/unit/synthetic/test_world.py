@@ -9,18 +9,18 @@ import numpy as np
 import pytest
 
 from solmap.photogrammetry.archive.file_names import parse_file_name
-from solmap.photogrammetry.archive.reading import read_image
-from solmap.photogrammetry.archive.vector_files import lsl_tree, parse_vector_file, poses
+from solmap.photogrammetry.archive.images.reading import read_image
+from solmap.photogrammetry.archive.tables.vector_files import (
+    lsl_tree,
+    parse_vector_file,
+    poses,
+)
 from solmap.photogrammetry.cameras.epipolar import epipolar_pair
 from solmap.photogrammetry.errors import FrameError, PhotogrammetryError
 from solmap.photogrammetry.frames import Frame, FrameKind, site_frame
 from solmap.photogrammetry.imagery import Eye
 from solmap.photogrammetry.synthetic import lighting
-from solmap.photogrammetry.synthetic.photograph import view_of
-from solmap.photogrammetry.synthetic.render import first_hits
-from solmap.photogrammetry.synthetic.rig import GROUND_M
-from solmap.photogrammetry.synthetic.traverse import TraverseParams, sun_at
-from solmap.photogrammetry.synthetic.world import (
+from solmap.photogrammetry.synthetic.downlink import (
     WorldParams,
     make_world,
     photograph,
@@ -30,6 +30,9 @@ from solmap.photogrammetry.synthetic.world import (
     true_parallax,
     truth,
 )
+from solmap.photogrammetry.synthetic.render import first_hits, view_of
+from solmap.photogrammetry.synthetic.rig import GROUND_M
+from solmap.photogrammetry.synthetic.traverse import TraverseParams, sun_at
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 
 SMALL = WorldParams(

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 from solmap.flows.cli import app
 from solmap.photogrammetry.body_fixed import MARS_RADIUS_M
 from solmap.photogrammetry.errors import TraverseError
-from solmap.photogrammetry.traverse.tables import parse_mission_table
+from solmap.photogrammetry.traverse.sources import parse_mission_table
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.crs import LandingPoint
 from solmap.products.formats.vector.geojson import read_features

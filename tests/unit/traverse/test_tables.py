@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from solmap.photogrammetry.errors import TraverseError
-from solmap.photogrammetry.traverse.tables import Equirectangular, parse_mission_table
+from solmap.photogrammetry.traverse.sources import Equirectangular, parse_mission_table
 
 HEAD = "SITE,DRIVE,START_SOL,END_SOL,RAW_X,RAW_Y,RAW_Z,CORRECTED_X,CORRECTED_Y\n"
 ROWS = (

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from solmap.photogrammetry.adjustment.documents import network_document
-from solmap.photogrammetry.adjustment.records import (
+from solmap.photogrammetry.adjustment.model.adjusted_network import (
     USED,
     AdjustedNetwork,
     AdjustedPair,
@@ -24,14 +24,19 @@ from solmap.photogrammetry.adjustment.records import (
     AdjustedTies,
     AdjustmentReport,
 )
-from solmap.photogrammetry.archive.reading import ReadImage, read_image
+from solmap.photogrammetry.archive.images.reading import ReadImage, read_image
 from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.imagery import Eye, StereoMatches, TieKind, TiePoints
 from solmap.photogrammetry.matching.dense import DenseMatches
+from solmap.photogrammetry.synthetic.downlink import (
+    RenderJob,
+    WorldParams,
+    make_world,
+    true_parallax,
+)
 from solmap.photogrammetry.synthetic.scene import Shot, World
 from solmap.photogrammetry.synthetic.traverse import TraverseParams
-from solmap.photogrammetry.synthetic.world import RenderJob, WorldParams, make_world, true_parallax
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.photogrammetry.terrain.dtm.records import Dtm, GroundClass
 from solmap.photogrammetry.terrain.dtm.resampling import bilinear

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from solmap.gis_server.rendering.kept import Kept
-from solmap.photogrammetry.archive.reading import read_image
+from solmap.photogrammetry.archive.images.reading import read_image
 from solmap.photogrammetry.imagery import Eye
 from solmap.photogrammetry.matching.resampling import resample
 from solmap.products.catalogue.oriented_images import geometry_of, matches_of, record_of

@@ -5,11 +5,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.adjustment.adjust import adjust
-from solmap.photogrammetry.adjustment.params import AdjustmentParams
-from solmap.photogrammetry.adjustment.records import Network, PairGeometry, StopPrior
-from solmap.photogrammetry.archive.reading import read_image
-from solmap.photogrammetry.cameras.single import single_image
+from solmap.photogrammetry.adjustment.model.network import Network, PairGeometry, StopPrior
+from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.modes.overall import adjust
+from solmap.photogrammetry.archive.images.reading import read_image
+from solmap.photogrammetry.cameras.epipolar import single_image
 from solmap.photogrammetry.frames import LSL, Frame, FrameKind, Pose
 from solmap.photogrammetry.imagery import Eye, StereoMatches
 from solmap.photogrammetry.matching.conjugates import View

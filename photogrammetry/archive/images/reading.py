@@ -12,22 +12,30 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from solmap.photogrammetry.archive.detached import (
+from solmap.photogrammetry.archive.images.json_metadata import rover_image_of_metadata
+from solmap.photogrammetry.archive.images.pixels import (
+    is_picture,
+    read_picture,
+    read_pixels,
+    received,
+    saturated,
+)
+from solmap.photogrammetry.archive.images.radiometry import (
+    PixelState,
+    Radiometry,
+    radiometric,
+)
+from solmap.photogrammetry.archive.images.rover_image import rover_image
+from solmap.photogrammetry.archive.labels.detached import (
     LabelKind,
     apart,
     kind_of_label,
     text_of_label,
 )
-from solmap.photogrammetry.archive.image import rover_image
-from solmap.photogrammetry.archive.label import Label, label_text, parse_label
-from solmap.photogrammetry.archive.m2020 import rover_image_of_metadata
+from solmap.photogrammetry.archive.labels.label import Label, label_text, parse_label
+from solmap.photogrammetry.archive.labels.pds4 import parse_pds4_label
+from solmap.photogrammetry.archive.labels.vicar import START, parse_vicar_label
 from solmap.photogrammetry.archive.missions import MISSIONS, Mission
-from solmap.photogrammetry.archive.pds4 import parse_pds4_label
-from solmap.photogrammetry.archive.pictures import is_picture, read_picture
-from solmap.photogrammetry.archive.pixels import read_pixels
-from solmap.photogrammetry.archive.radiometry import PixelState, Radiometry, radiometric
-from solmap.photogrammetry.archive.usability import received, saturated
-from solmap.photogrammetry.archive.vicar import START, parse_vicar_label
 from solmap.photogrammetry.arrays import GreyImage, Mask
 from solmap.photogrammetry.errors import FrameError, LabelError, PixelError
 from solmap.photogrammetry.imagery import RoverImage

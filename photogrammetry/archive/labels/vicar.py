@@ -15,7 +15,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 
-from solmap.photogrammetry.archive.label import (
+from solmap.photogrammetry.archive.labels.label import (
     MAX_LABEL_BYTES,
     Label,
     Quantity,

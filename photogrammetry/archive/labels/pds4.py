@@ -21,7 +21,13 @@ import re
 from collections.abc import Iterator, Sequence
 from xml.etree.ElementTree import Element
 
-from solmap.photogrammetry.archive.label import Label, Quantity, Value, known, number_of
+from solmap.photogrammetry.archive.labels.label import (
+    Label,
+    Quantity,
+    Value,
+    known,
+    number_of,
+)
 from solmap.photogrammetry.archive.xml_text import local_name, xml_root
 from solmap.photogrammetry.errors import LabelError
 

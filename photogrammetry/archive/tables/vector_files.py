@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
@@ -319,3 +319,40 @@ def _shown(element: ET.Element) -> str:
     index = "".join(f" {name}={element.get(name)}" for name in ("name", "index1", "index2")
                     if element.get(name) is not None)  # fmt: skip
     return f"<{element.tag[:40]}{index[:80]}>"
+
+
+FRAME_NAMES = {FrameKind.SITE: "SITE_FRAME", FrameKind.ROVER: "ROVER_FRAME"}
+
+
+Digits = Callable[[float], str]
+
+
+def _plain(value: float) -> str:
+    return f"{value:.9f}"
+
+
+def vector_text(file: VectorFile, number: Digits = _plain) -> str:
+    """The XML of a vector file; `parse_vector_file` reads it back."""
+    first = file.solutions[0]
+    site = f' index1="{first.counter[0]}"' if file.kind == "rvf" else ""
+    entries = "".join(f'  <entry solution_id="{name}"/>\n' for name in file.priority)
+    solutions = "".join(_solution_text(one, number) for one in file.solutions)
+    return (
+        '<?xml version="1.0" encoding="UTF-8"?>\n'
+        f'<rmc_file mission="{file.mission}" variant="Master_{file.kind.upper()}"{site}>\n'
+        f" <priority>\n{entries} </priority>\n{solutions}</rmc_file>\n"
+    )
+
+
+def _solution_text(one: Solution, number: Digits) -> str:
+    index = " ".join(f'index{k}="{value}"' for k, value in enumerate(one.counter, 1))
+    place = " ".join(f'{axis}="{number(v)}"' for axis, v in zip("xyz", one.offset_m, strict=True))
+    turn = zip(("s", "v1", "v2", "v3"), one.quaternion, strict=True)
+    attitude = " ".join(f'{axis}="{number(v)}"' for axis, v in turn)
+    added = f'add_date="{one.added}" ' if one.added else ""
+    head = f'solution_id="{one.solution_id}" name="{FRAME_NAMES[one.kind]}"'
+    return (
+        f" <solution {head} {added}{index}>\n"
+        f'  <reference_frame name="SITE_FRAME" index1="{one.reference_site}"/>\n'
+        f"  <offset {place}/>\n  <orientation {attitude}/>\n </solution>\n"
+    )

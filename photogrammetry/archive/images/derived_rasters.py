@@ -24,14 +24,14 @@ from enum import StrEnum
 import numpy as np
 
 from solmap.photogrammetry.archive.file_names import parse_file_name
-from solmap.photogrammetry.archive.label import Label, parse_label
-from solmap.photogrammetry.archive.pixels import (
+from solmap.photogrammetry.archive.images.pixels import (
     constants,
     pixel_layout,
     stored_values,
     too_short,
 )
-from solmap.photogrammetry.archive.reading import read_label
+from solmap.photogrammetry.archive.images.reading import read_label
+from solmap.photogrammetry.archive.labels.label import Label, parse_label
 from solmap.photogrammetry.arrays import Float32, Mask
 from solmap.photogrammetry.errors import LabelError, PixelError
 from solmap.photogrammetry.frames import Frame, FrameKind, rover_frame, site_frame

@@ -14,7 +14,7 @@ from __future__ import annotations
 import re
 from enum import StrEnum
 
-from solmap.photogrammetry.archive.label import MAX_LABEL_BYTES, parse_label
+from solmap.photogrammetry.archive.labels.label import MAX_LABEL_BYTES, parse_label
 from solmap.photogrammetry.errors import LabelError
 
 FRONT = "SOLMAP_DETACHED_LABEL = {size:010d}\r\n"

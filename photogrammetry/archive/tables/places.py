@@ -18,23 +18,32 @@ taken.
 
 Both become the `VectorFile` that SVF and RVF files are read into, so `poses` chooses between all of
 them by one order of priority. Positions refer to site 0, not to the site the stop belongs to.
+
+Vector files and PLACES tables, written: an own solution as other tools read one.
+
+A pair of SVF and RVFs is written as a whole: sites where the solution's chain has them, rovers in
+their sites, so that whoever composes both comes out at the stop's place in the LSL. Offsets are
+written to a tenth of a millimetre, quaternions to 1e-9.
 """
 
 from __future__ import annotations
 
 import csv
 import io
+import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from solmap.photogrammetry.archive.vector_files import Solution, VectorFile
+from solmap.photogrammetry.archive.tables.vector_files import Solution, VectorFile
 from solmap.photogrammetry.archive.xml_text import xml_root
 from solmap.photogrammetry.errors import FrameError, VectorFileError
-from solmap.photogrammetry.frames import FrameKind
+from solmap.photogrammetry.frames import FrameKind, Pose, roll_pitch_yaw_of_rotation
+from solmap.photogrammetry.imagery import StopId
 
 LOCALISED = "localised"
 PRIORITY = (LOCALISED, "adjusted", "telemetry")
@@ -245,3 +254,58 @@ def _numbers(
         shown = ", ".join(given)
         raise VectorFileError(f"{where}: {names} should be numbers, but are {shown[:60]!a}")
     return values
+
+
+PLACES_HEAD = (
+    *PLACES_COLUMNS[:3],
+    "pose",
+    *PLACES_COLUMNS[3:],
+    "planetocentric_latitude",
+    "longitude",
+    "roll",
+    "pitch",
+    "yaw",
+    *QUATERNION,
+    "sclk",
+    "sol",
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlacedStop:
+    """A stop of a solution, in the LSL and on Mars."""
+
+    stop: StopId
+    lsl_from_rover: Pose
+    longitude_deg: float
+    latitude_deg: float
+    """Planetocentric."""
+    clock: float | None
+    """Spacecraft clock of its first image, seconds; None where it is not known."""
+    sol: int
+
+
+def places_text(stops: Iterable[PlacedStop]) -> str:
+    """A PLACES table of rover stops; `parse_places` reads it back."""
+    sheet = io.StringIO()
+    writer = csv.writer(sheet, lineterminator="\n")
+    writer.writerow(PLACES_HEAD)
+    for placed in stops:
+        pose = placed.lsl_from_rover
+        angles = np.degrees(roll_pitch_yaw_of_rotation(pose.rotation))
+        writer.writerow(
+            (
+                "ROVER",
+                placed.stop.site,
+                placed.stop.drive,
+                "",
+                *(f"{value:.4f}" for value in pose.translation_m),
+                f"{placed.latitude_deg:.9f}",
+                f"{placed.longitude_deg:.9f}",
+                *(f"{angle:.5f}" for angle in angles),
+                *(f"{value:.9f}" for value in pose.quaternion),
+                "" if placed.clock is None or math.isnan(placed.clock) else f"{placed.clock:.3f}",
+                placed.sol,
+            )
+        )
+    return sheet.getvalue()

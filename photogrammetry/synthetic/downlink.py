@@ -1,4 +1,10 @@
-"""A world with known truth, and the downlink of a rover that drives through it: the entrance.
+"""Site and rover vector files: the telemetry solution of the traverse, as the archive keeps it.
+
+One SVF a rover holds the origin of every site in the site before; one RVF a site holds the pose of
+the rover at every motion counter (facts 4.3). The first site is given in site 0 with no offset, so
+that the LSL begins at the first stop. Numbers have six digits, as in the archive.
+
+A world with known truth, and the downlink of a rover that drives through it: the entrance.
 
     world = make_world(WorldParams(terrain="hills"), rng_seed=4)
     files = [*text_files(world), *(job.run(world) for job in render_jobs(world))]
@@ -10,16 +16,61 @@ from a stream of its own: files come out the same one by one, in threads, or in 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from datetime import datetime
+from typing import Literal
 
+import numpy as np
+
+from solmap.photogrammetry.archive.tables.vector_files import Solution, VectorFile, vector_text
+from solmap.photogrammetry.frames import FrameKind
 from solmap.photogrammetry.imagery import Eye
-from solmap.photogrammetry.synthetic.edr import CLOCK_ZERO, edr_bytes
-from solmap.photogrammetry.synthetic.photograph import photograph
+from solmap.photogrammetry.synthetic.edr import CLOCK_ZERO, edr_bytes, number
+from solmap.photogrammetry.synthetic.render import photograph
 from solmap.photogrammetry.synthetic.scene import Shot, World, WorldParams, make_world
-from solmap.photogrammetry.synthetic.traverse import TraverseParams
+from solmap.photogrammetry.synthetic.traverse import Stop, TraverseParams
 from solmap.photogrammetry.synthetic.truth import true_parallax, truth
-from solmap.photogrammetry.synthetic.vector_files import rover_vector_files, site_vector_file
+
+LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
+
+
+def site_vector_file(stops: Sequence[Stop], added: datetime) -> str:
+    """The SVF: every site in the one before it."""
+    sites = {stop.id.site: stop.lsl_from_site.translation_m for stop in stops}
+    solutions, before = [], (0, np.zeros(3))
+    for site, origin in sites.items():
+        offset = origin - before[1]
+        solutions.append(
+            Solution("telemetry", FrameKind.SITE, (site,), before[0], offset, LEVEL, _date(added))
+        )
+        before = (site, origin)
+    return _text("svf", solutions)
+
+
+def rover_vector_files(stops: Sequence[Stop], added: datetime) -> dict[int, str]:
+    """The RVF of every site: the rover at each of its stops."""
+    return {
+        site: _text("rvf", [_rover_solution(stop, added) for stop in stops if stop.id.site == site])
+        for site in dict.fromkeys(stop.id.site for stop in stops)
+    }
+
+
+def _rover_solution(stop: Stop, added: datetime) -> Solution:
+    pose = stop.site_from_rover
+    counter = (stop.id.site, stop.id.drive, 0, 0, 0)
+    offset, turn = pose.translation_m, pose.quaternion
+    return Solution("telemetry", FrameKind.ROVER, counter, stop.id.site, offset, turn, _date(added))
+
+
+def _text(kind: Literal["svf", "rvf"], solutions: Sequence[Solution]) -> str:
+    file = VectorFile("", "MER2", kind, ("telemetry",), tuple(solutions))
+    return vector_text(file, number)
+
+
+def _date(added: datetime) -> str:
+    return f"{added:%Y-%m-%dT%H:%M:%SZ}"
+
 
 __all__ = [
     "DownlinkFile",

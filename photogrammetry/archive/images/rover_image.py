@@ -20,7 +20,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from solmap.photogrammetry.archive.file_names import FileName, parse_file_name
-from solmap.photogrammetry.archive.label import Label
+from solmap.photogrammetry.archive.labels.label import Label
 from solmap.photogrammetry.archive.missions import MISSIONS, Mission, mission_of_host
 from solmap.photogrammetry.cameras.cahv import Cahv
 from solmap.photogrammetry.cameras.cahvor import Cahvor
