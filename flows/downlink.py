@@ -24,7 +24,7 @@ from solmap.flows.runtime.run_record import recorded
 from solmap.flows.runtime.runners import on_workers
 from solmap.flows.sol import process_sol
 from solmap.flows.sol_inputs import SolReport, Standing
-from solmap.photogrammetry.adjustment.modes import AdjustmentMode
+from solmap.photogrammetry.adjustment.modes.mission import AdjustmentMode
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.model import Scope
 from solmap.products.store.locks import turn

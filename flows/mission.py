@@ -14,7 +14,6 @@ from solmap.config.landing import landing_site
 from solmap.config.pipeline import PipelineConfig, load_pipeline
 from solmap.config.settings import Settings
 from solmap.config.workspace import open_workspace
-from solmap.flows.mission import map_regions
 from solmap.flows.runtime.run_page import mission_name
 from solmap.flows.runtime.run_record import recorded
 from solmap.photogrammetry.terrain.dtm.region_dtm import regions_of

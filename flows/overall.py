@@ -8,7 +8,6 @@ from prefect import flow
 
 from solmap.config.workspace import open_workspace
 from solmap.flows.mission import draw_mission, map_regions, missions_of
-from solmap.flows.overall import readjust
 from solmap.flows.runtime.run_page import leave_adjustments, mission_name
 from solmap.flows.runtime.run_record import recorded
 from solmap.flows.runtime.runners import on_workers

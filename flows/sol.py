@@ -11,7 +11,7 @@ from solmap.flows.runtime.failures import keep, settled
 from solmap.flows.sol_inputs import SolInputs, SolReport, Standing, gather
 from solmap.flows.sol_maps import draw_panoramas, map_far_ground, map_stops, model_stops
 from solmap.flows.sol_network import adjust_stops, match_pairs
-from solmap.photogrammetry.adjustment.movement import ReissueParams
+from solmap.photogrammetry.adjustment.quality.movement import ReissueParams
 from solmap.photogrammetry.imagery import StopId
 from solmap.products.catalogue.catalogue import Outcome
 from solmap.products.model import ProductRef

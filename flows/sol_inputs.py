@@ -11,7 +11,7 @@ from solmap.config.landing import landing_site
 from solmap.config.pipeline import PipelineConfig, load_pipeline
 from solmap.config.settings import Settings
 from solmap.config.workspace import open_workspace
-from solmap.photogrammetry.adjustment.modes import AdjustmentMode
+from solmap.photogrammetry.adjustment.modes.mission import AdjustmentMode
 from solmap.photogrammetry.imagery import StopId
 from solmap.photogrammetry.matching.neighbours import link_candidates
 from solmap.products.catalogue.catalogue import ImageEntry, MissionEntry

@@ -1,7 +1,4 @@
-"""What the command line shows: progress while a run goes on, and how it ended.
-
-Options that several commands have.
-"""
+"""What commands share: output, progress bars, tables, errors, and the options of a store."""
 
 from __future__ import annotations
 

@@ -14,6 +14,7 @@ import numpy as np
 import rasterio
 from scipy.spatial.transform import Rotation
 
+from solmap.flows.cli.tables import position_rows
 from solmap.photogrammetry.arrays import Raster
 from solmap.photogrammetry.frames import rotation_of_quaternion
 from solmap.photogrammetry.terrain.dtm.records import Dtm
@@ -88,8 +89,6 @@ def judge_positions(rows: list[dict[str, Any]], stops: list[TrueStop]) -> list[d
 
 def judge_terrain(workspace: Workspace, truth_dir: Path) -> list[dict[str, Any]]:
     """Vertical errors of every stop's terrain model by range from the rover, a row a band."""
-    from solmap.flows.cli.tables import position_rows  # noqa: PLC0415 - brings the engine with it
-
     judged = []
     for row in position_rows(workspace):
         try:

@@ -1,7 +1,4 @@
-"""`solmap prune`: remove what nothing refers to any more.
-
-`solmap token`: who may write on the map.
-"""
+"""`solmap prune`, which removes unreferenced products, and `solmap token`: who may write."""
 
 from __future__ import annotations
 
@@ -42,7 +39,7 @@ def prune(
     yes: Annotated[bool, typer.Option("--yes", help="Remove it; else it is only told.")] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Say what nothing refers to any more, and with --yes remove it; published maps stay."""
+    """List unreferenced products, and with --yes delete them; published maps stay."""
     workspace = workspace_of(store_of(store))
     try:
         params = PruningParams(versions, timedelta(days=older_than))
@@ -70,7 +67,7 @@ def _rows(found: Sequence[Prunable]) -> list[dict[str, Any]]:
     ]
 
 
-token_app = typer.Typer(
+tokens = typer.Typer(
     help="Tokens: who may edit ties, annotate and start runs.", no_args_is_help=True
 )
 
@@ -82,7 +79,7 @@ def _book(store: Path | None) -> TokenBook:
     return TokenBook.of(root)
 
 
-@token_app.command()
+@tokens.command()
 def add(
     name: Annotated[str, typer.Argument(help="Whose it is; edits are signed with it")],
     role: Annotated[
@@ -100,7 +97,7 @@ def add(
     out.print(text, highlight=False, soft_wrap=True)
 
 
-@token_app.command("list")
+@tokens.command("list")
 def list_tokens(
     store: StoreOption = None,
     *,
@@ -121,12 +118,12 @@ def list_tokens(
     show_rows(rows, ["id", "name", "role", "made_at", "ends_at", "state"], as_json)
 
 
-@token_app.command()
+@tokens.command()
 def revoke(
     number: Annotated[str, typer.Argument(help="The id that `solmap token list` shows")],
     store: StoreOption = None,
 ) -> None:
-    """Have a token open nothing any more."""
+    """Revoke a token: it opens nothing any more."""
     try:
         token = _book(store).revoke(number)
     except ProductNotFoundError as error:

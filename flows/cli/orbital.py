@@ -1,7 +1,4 @@
-"""`solmap orbital`: an orbital image under the rover's map (`flows.orbital` does the work).
-
-`solmap control`: places of stops that people measured (`flows.control` does the work).
-"""
+"""`solmap orbital` and `solmap control`: orbital images, and positions of stops measured in them."""
 
 from __future__ import annotations
 
@@ -21,7 +18,7 @@ ShiftSigma = Annotated[
 RotationSigma = Annotated[float, typer.Option(help="The same of its rotation, degrees")]
 
 
-@orbital.command()
+@orbital.command("add")
 def add_image(  # noqa: PLR0913 - options
     file: Annotated[Path, typer.Argument(help="A georeferenced image, any Mars CRS")],
     mission: Annotated[str, typer.Option(help="MER2 (Spirit), MER1 (Opportunity) ...")] = "MER2",
@@ -69,7 +66,7 @@ control = typer.Typer(help="Places of stops in orbital images, as control.", no_
 Mission = Annotated[str, typer.Option(help="MER2 (Spirit), MER1 (Opportunity) ...")]
 
 
-@control.command()
+@control.command("add")
 def add_measured(
     file: Annotated[Path, typer.Argument(help="CSV or GeoJSON: stop, place, sigma_m ...")],
     mission: Mission = "MER2",

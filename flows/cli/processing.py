@@ -1,11 +1,8 @@
-"""Commands about files of the archive: bring them here, and look into them.
-
-`solmap up`: everything on one machine.
-"""
+"""Commands that process: a downlink, a mission anew, an archive's images, manual ties; servers."""
 
 from __future__ import annotations
 
-import json
+import os
 import signal
 import threading
 from pathlib import Path
@@ -15,12 +12,77 @@ import typer
 from rich.markup import escape
 
 from solmap.config.settings import Settings
-from solmap.flows.cli.console import JsonOption, StoreOption, errors, fail, out, progress_shown
+from solmap.flows.cli.console import StoreOption, errors, fail, out, progress_shown, store_of
 from solmap.flows.runtime.engine import start_engine
 from solmap.products.store.locks import alone
 
 if TYPE_CHECKING:
     from solmap.flows.fetch import FetchReport
+
+PipelineOption = Annotated[
+    str | None,
+    typer.Option("--pipeline", help="Shipped pipeline or a TOML file. [env: SOLMAP_PIPELINE]"),
+]
+
+
+def run(
+    downlink: Annotated[Path, typer.Argument(help="Folder searched for images and vector files")],
+    store: StoreOption = None,
+    pipeline: PipelineOption = None,
+) -> None:
+    """Take a downlink from raw images to published layers; a second run does nothing twice."""
+    if not downlink.is_dir():
+        fail(f"{downlink} is no folder; name the folder that the downlink's files lie in")
+    root = store_of(store)
+    from solmap.config.errors import ConfigError  # noqa: PLC0415
+    from solmap.products.errors import ProductError  # noqa: PLC0415
+
+    try:
+        start_engine(root)
+        with progress_shown():
+            from solmap.flows.downlink import process_downlink  # noqa: PLC0415 - Prefect is ready now
+
+            report = process_downlink(downlink.resolve(), root, pipeline or Settings().pipeline)
+    except (ConfigError, ProductError, TimeoutError) as error:
+        fail(str(error))
+    for line in report.warnings:
+        errors.print(f"[yellow]warning[/yellow] {line}", highlight=False)
+    for line in report.failures:
+        errors.print(f"[red]failed[/red] {line}", highlight=False)
+    out.print(str(report), highlight=False)
+    if not report.succeeded:
+        raise typer.Exit(1)
+
+
+def adjust(
+    mission: Annotated[str, typer.Option(help="MER2 (Spirit), MER1 (Opportunity), ...")],
+    store: StoreOption = None,
+    pipeline: PipelineOption = None,
+    *,
+    overall: Annotated[
+        bool, typer.Option("--overall", help="All stops and all ties in one adjustment.")
+    ] = False,
+) -> None:
+    """Adjust a mission again, and map again the stops that move; later sols go on from there."""
+    if not overall:
+        fail("say --overall: sol by sol a mission is adjusted by `solmap run`")
+    root = store_of(store)
+    from solmap.config.errors import ConfigError  # noqa: PLC0415
+    from solmap.products.errors import ProductError  # noqa: PLC0415
+
+    try:
+        start_engine(root)
+        with progress_shown():
+            from solmap.flows.overall import readjust  # noqa: PLC0415 - Prefect is ready now
+
+            report = readjust(mission.upper(), root, pipeline or Settings().pipeline)
+    except (ConfigError, ProductError, TimeoutError) as error:
+        fail(str(error))
+    for line in report.failures:
+        errors.print("[red]failed[/red] " + escape(line), highlight=False)
+    out.print(escape("\n".join(report.notes)), highlight=False)
+    if report.failures:
+        raise typer.Exit(1)
 
 
 def fetch(
@@ -58,50 +120,43 @@ def fetch(
     _end(report)
 
 
-def inspect(
-    files: Annotated[
-        list[Path], typer.Argument(help="Images (.img, .png, .jpg) or labels (.lbl, .xml)")
-    ],
-    png: Annotated[Path | None, typer.Option(help="Write a stretched picture of the image")] = None,
-    *,
-    as_json: JsonOption = False,
+def ties(
+    file: Annotated[Path, typer.Argument(help="Hand ties, CSV or GeoJSON")],
+    store: StoreOption = None,
 ) -> None:
-    """What an image is: when and where it was taken, where it looks, its camera and partner."""
-    from solmap.flows.cli.inspection import InspectionError, inspect_files, write_png  # noqa: PLC0415
-    from solmap.flows.cli.inspection_text import report_of  # noqa: PLC0415
+    """Take a file of hand ties into the store; the next run adds, vetoes and moves them."""
+    from solmap.flows.external_data import take_ties_file  # noqa: PLC0415
+    from solmap.photogrammetry.errors import PhotogrammetryError  # noqa: PLC0415
 
-    if png is not None and len(files) != 1:
-        fail(f"--png writes the picture of one image, but {len(files)} are named")
-    findings, faults = inspect_files(files)
-    if as_json:
-        typer.echo(json.dumps(findings, indent=2))
-    else:
-        for number, finding in enumerate(findings):
-            typer.echo(("\n" if number else "") + report_of(finding))
     try:
-        if png is not None and not faults:
-            write_png(files[0], png)
-    except InspectionError as error:
-        faults.append(str(error))
-    for fault in faults:
-        errors.print("[red]error[/red] " + escape(fault), highlight=False)
-    if faults:
-        raise typer.Exit(1)
+        taken = take_ties_file(file, store_of(store))
+    except (PhotogrammetryError, OSError) as error:
+        fail(escape(str(error)))
+    for name in taken.strangers:
+        errors.print(f"[yellow]warning[/yellow] {escape(name)} is not in the store (yet)")
+    out.print(escape(str(taken)), highlight=False)
 
 
-def _end(report: FetchReport) -> None:
-    """Print how a fetch ended, and exit with 1 where something failed."""
-    for line in report.warnings:
-        errors.print("[yellow]warning[/yellow] " + escape(line), highlight=False)
-    for line in report.failures:
-        errors.print("[red]failed[/red] " + escape(line), highlight=False)
-    out.print(escape(str(report)), highlight=False)
-    if not report.succeeded:
-        raise typer.Exit(1)
+def serve(
+    store: StoreOption = None,
+    port: Annotated[int | None, typer.Option(help="Port. [env: SOLMAP_PORT]")] = None,
+    host: Annotated[str | None, typer.Option(help="Address. [env: SOLMAP_HOST]")] = None,
+) -> None:
+    """Serve the map, its tiles and features; the API is described at /docs."""
+    import uvicorn  # noqa: PLC0415
 
-
-COMMANDS = (fetch, inspect)
-"""As the command line has them."""
+    settings = Settings()
+    address, listening_port = host or settings.host, port or settings.port
+    os.environ["SOLMAP_STORE"] = str(store_of(store).resolve())
+    out.print(f"map at http://{address}:{listening_port}/  (Ctrl-C stops)", highlight=False)
+    uvicorn.run(
+        "solmap.gis_server.app:create_app_from_settings",
+        factory=True,
+        host=address,
+        port=listening_port,
+        log_level="warning",
+        timeout_graceful_shutdown=2,  # browsers that listen for events never hang up
+    )
 
 
 def up(
@@ -135,3 +190,18 @@ def up(
             fail(str(error))
         finally:
             machine.stop()
+
+
+def _end(report: FetchReport) -> None:
+    """Print how a fetch ended, and exit with 1 where something failed."""
+    for line in report.warnings:
+        errors.print("[yellow]warning[/yellow] " + escape(line), highlight=False)
+    for line in report.failures:
+        errors.print("[red]failed[/red] " + escape(line), highlight=False)
+    out.print(escape(str(report)), highlight=False)
+    if not report.succeeded:
+        raise typer.Exit(1)
+
+
+COMMANDS = (run, adjust, fetch, ties, serve, up)
+"""As the command line has them."""

@@ -1,7 +1,4 @@
-"""`solmap dip`: strike and dip of ground and of rocks (`flows.dips` does the work).
-
-`solmap stl`: the terrain of a stop as a solid that can be printed.
-"""
+"""`solmap dip` and `solmap stl`: strike and dip, and the terrain of a stop as a solid to print."""
 
 from __future__ import annotations
 

@@ -76,7 +76,7 @@ def export(
 
 
 @app.command("georeference")
-def hang(
+def georeference_track(
     file: Annotated[
         Path, typer.Argument(help="CSV: name, mosaic_x_m, mosaic_y_m, east_m, north_m")
     ],
@@ -84,7 +84,7 @@ def hang(
     affine: Annotated[bool, typer.Option("--affine", help="Six parameters, not four.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
 ) -> None:
-    """Hang an uncontrolled mosaic on points of the track: turn, scale, and what remains."""
+    """Georeference an uncontrolled mosaic by points of the traverse: rotation, scale, residuals."""
     from solmap.flows.traverse import hang_mosaic  # noqa: PLC0415 - slow to import
     from solmap.photogrammetry.errors import PhotogrammetryError  # noqa: PLC0415
 

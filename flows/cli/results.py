@@ -1,0 +1,124 @@
+"""Commands that show: what a store holds, how its sols and adjustments went, what an image is."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.markup import escape
+
+from solmap.flows.cli.console import (
+    JsonOption,
+    StoreOption,
+    errors,
+    fail,
+    show_rows,
+    store_of,
+    workspace_of,
+)
+
+
+def positions(store: StoreOption = None, *, as_json: JsonOption = False) -> None:
+    """Where the rover stood: telemetry and adjusted position of every stop, in the LSL."""
+    from solmap.flows.cli.tables import position_rows  # noqa: PLC0415
+
+    rows = position_rows(workspace_of(store_of(store)))
+    show_rows(
+        rows, ["stop", "telemetry_ned_m", "adjusted_ned_m", "sigma_ned_m", "held_by"], as_json
+    )
+
+
+def products(store: StoreOption = None, *, as_json: JsonOption = False) -> None:
+    """Every published product and the file it lies in."""
+    from solmap.flows.cli.tables import product_rows  # noqa: PLC0415
+
+    rows = product_rows(workspace_of(store_of(store)))
+    show_rows(rows, ["kind", "scope", "cell_m", "path"], as_json)
+
+
+def status(
+    store: StoreOption = None,
+    *,
+    timings: Annotated[
+        bool, typer.Option("--timings", help="What the latest products took, by kind.")
+    ] = False,
+    as_json: JsonOption = False,
+) -> None:
+    """How the last processing of every file and sol ended."""
+    from solmap.flows.cli.tables import outcome_rows  # noqa: PLC0415
+
+    if timings:
+        from solmap.flows.cli.tables import timing_rows  # noqa: PLC0415
+
+        columns = ["kind", "count", "seconds", "cpu_s", "peak_rss_mb"]
+        show_rows(timing_rows(workspace_of(store_of(store))), columns, as_json)
+        return
+    rows = outcome_rows(workspace_of(store_of(store)))
+    show_rows(rows, ["subject", "ended", "notes"], as_json)
+
+
+def report(  # noqa: PLR0913 - the words of the command
+    mission_of_sol: Annotated[
+        str | None, typer.Argument(metavar="MISSION", help="with a sol: the report of that sol")
+    ] = None,
+    sol: Annotated[int | None, typer.Argument(min=0)] = None,
+    store: StoreOption = None,
+    out: Annotated[Path | None, typer.Option(help="File of the sol's report.")] = None,
+    mission: Annotated[str | None, typer.Option(help="MER2 (Spirit), MER1 ...; or all")] = None,
+    *,
+    as_json: JsonOption = False,
+    show: Annotated[bool, typer.Option("--open", help="Open the last one in the browser.")] = False,
+) -> None:
+    """A sol as one page (`report MER2 156`), or how good every adjustment is, in rows."""
+    from solmap.flows.cli.tables import report_rows, write_sol_report  # noqa: PLC0415
+
+    if mission_of_sol is not None:
+        if sol is None:
+            fail(f"name the sol too: `solmap report {mission_of_sol} 156 --out FILE`")
+        target = out or Path(f"{mission_of_sol.lower()}-sol{sol:04d}.html")
+        write_sol_report(mission_of_sol, sol, workspace_of(store_of(store)), target)
+        typer.echo(str(target))
+        if show:
+            typer.launch(str(target.resolve()))
+        return
+    rows = report_rows(workspace_of(store_of(store)), mission)
+    show_rows(rows, ["adjustment", "made_at", "page"], as_json)
+    if show and rows:
+        typer.launch(rows[-1]["page"])
+
+
+def inspect(
+    files: Annotated[
+        list[Path], typer.Argument(help="Images (.img, .png, .jpg) or labels (.lbl, .xml)")
+    ],
+    png: Annotated[Path | None, typer.Option(help="Write a stretched picture of the image")] = None,
+    *,
+    as_json: JsonOption = False,
+) -> None:
+    """What an image is: when and where it was taken, where it looks, its camera and partner."""
+    from solmap.flows.cli.inspection import InspectionError, inspect_files, write_png  # noqa: PLC0415
+    from solmap.flows.cli.inspection_text import report_of  # noqa: PLC0415
+
+    if png is not None and len(files) != 1:
+        fail(f"--png writes the picture of one image, but {len(files)} are named")
+    findings, faults = inspect_files(files)
+    if as_json:
+        typer.echo(json.dumps(findings, indent=2))
+    else:
+        for number, finding in enumerate(findings):
+            typer.echo(("\n" if number else "") + report_of(finding))
+    try:
+        if png is not None and not faults:
+            write_png(files[0], png)
+    except InspectionError as error:
+        faults.append(str(error))
+    for fault in faults:
+        errors.print("[red]error[/red] " + escape(fault), highlight=False)
+    if faults:
+        raise typer.Exit(1)
+
+
+COMMANDS = (positions, products, status, report, inspect)
+"""As the command line has them."""
