@@ -129,7 +129,7 @@ def export_files(folder: Path, mission: str, root: Path) -> list[Path]:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class HungMosaic:
+class GeoreferencedMosaic:
     """A mosaic on the map, and how its track differs from the map's."""
 
     points: MosaicPoints
@@ -177,7 +177,7 @@ class HungMosaic:
         }
 
 
-def hang_mosaic(file: Path, *, affine: bool = False) -> HungMosaic:
+def georeference_mosaic(file: Path, *, affine: bool = False) -> GeoreferencedMosaic:
     """Georeference a mosaic by the points that a file gives.
 
     Raises:
@@ -186,7 +186,9 @@ def hang_mosaic(file: Path, *, affine: bool = False) -> HungMosaic:
     points = parse_points(file.read_text(encoding="utf-8"), file.name)
     transform = MapTransform.AFFINITY if affine else MapTransform.SIMILARITY
     fit = georeference(points.mosaic_m, points.map_m, transform)
-    return HungMosaic(points, fit, compare_tracks(fit.apply(points.mosaic_m), points.map_m))
+    return GeoreferencedMosaic(
+        points, fit, compare_tracks(fit.apply(points.mosaic_m), points.map_m)
+    )
 
 
 def write_simulated(file: Path, seed: int, rotation_deg: float) -> Path:

@@ -51,7 +51,7 @@ def true_stops(truth_dir: Path) -> list[TrueStop]:
     ]
 
 
-def judge_positions(rows: list[dict[str, Any]], stops: list[TrueStop]) -> list[dict[str, Any]]:
+def evaluate_positions(rows: list[dict[str, Any]], stops: list[TrueStop]) -> list[dict[str, Any]]:
     """Errors of telemetry and adjustment, a row a stop; percent is of the way driven until there.
 
     Args:
@@ -87,7 +87,7 @@ def judge_positions(rows: list[dict[str, Any]], stops: list[TrueStop]) -> list[d
     return judged
 
 
-def judge_terrain(workspace: Workspace, truth_dir: Path) -> list[dict[str, Any]]:
+def evaluate_terrain(workspace: Workspace, truth_dir: Path) -> list[dict[str, Any]]:
     """Vertical errors of every stop's terrain model by range from the rover, a row a band."""
     judged = []
     for row in position_rows(workspace):

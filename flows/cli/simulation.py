@@ -59,19 +59,19 @@ def simulate_mission(
     out.print(told, highlight=False)
 
 
-def judge(
+def evaluate(
     truth: Annotated[Path, typer.Argument(help="Folder `truth` of a simulated downlink")],
     store: StoreOption = None,
     *,
     as_json: JsonOption = False,
 ) -> None:
     """State the errors of positions and terrain against a simulated world's truth."""
-    from solmap.flows.cli.evaluation import judge_positions, judge_terrain, true_stops  # noqa: PLC0415
+    from solmap.flows.cli.evaluation import evaluate_positions, evaluate_terrain, true_stops  # noqa: PLC0415
     from solmap.flows.cli.tables import position_rows  # noqa: PLC0415
 
     workspace = workspace_of(store_of(store))
-    positions_judged = judge_positions(position_rows(workspace), true_stops(truth))
-    terrain_judged = judge_terrain(workspace, truth)
+    positions_judged = evaluate_positions(position_rows(workspace), true_stops(truth))
+    terrain_judged = evaluate_terrain(workspace, truth)
     if as_json:
         show_rows([{"positions": positions_judged, "terrain": terrain_judged}], [], as_json)
         return
@@ -79,5 +79,5 @@ def judge(
     show_rows(terrain_judged, list(terrain_judged[0]) if terrain_judged else [], as_json)
 
 
-COMMANDS = (simulate, simulate_mission, judge)
+COMMANDS = (simulate, simulate_mission, evaluate)
 """As the command line has them."""

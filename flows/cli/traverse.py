@@ -85,11 +85,11 @@ def georeference_track(
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
 ) -> None:
     """Georeference an uncontrolled mosaic by points of the traverse: rotation, scale, residuals."""
-    from solmap.flows.traverse import hang_mosaic  # noqa: PLC0415 - slow to import
+    from solmap.flows.traverse import georeference_mosaic  # noqa: PLC0415 - slow to import
     from solmap.photogrammetry.errors import PhotogrammetryError  # noqa: PLC0415
 
     try:
-        found = hang_mosaic(file, affine=affine)
+        found = georeference_mosaic(file, affine=affine)
     except (PhotogrammetryError, OSError) as error:
         fail(str(error))
     if as_json:

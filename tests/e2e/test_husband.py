@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from solmap.flows.cli.evaluation import judge_positions, judge_terrain, true_stops
+from solmap.flows.cli.evaluation import evaluate_positions, evaluate_terrain, true_stops
 from solmap.flows.cli.tables import position_rows, product_rows
 from solmap.products.catalogue.workspace import Workspace
 
@@ -31,7 +31,7 @@ def store(engine: None, husband: Path, tmp_path_factory: pytest.TempPathFactory)
 @pytest.fixture(scope="module")
 def judged(store: Path, husband: Path) -> list[dict[str, Any]]:
     rows = position_rows(Workspace.open(store))
-    return judge_positions(rows, true_stops(husband / "truth"))
+    return evaluate_positions(rows, true_stops(husband / "truth"))
 
 
 def test_every_stop_has_every_product(store):
@@ -65,7 +65,7 @@ def test_stops_err_by_what_they_state(judged):
 
 
 def test_terrain_of_the_held_stop_is_as_good_as_stereo_allows(store, husband):
-    rows = judge_terrain(Workspace.open(store), husband / "truth")
+    rows = evaluate_terrain(Workspace.open(store), husband / "truth")
     held = {tuple(row["range_m"]): row for row in rows if "site0010-drive0000" in row["stop"]}
     for (_, far_m), row in held.items():
         # a row of pixels that is 0.25 px off moves ground by range * 0.25 / 1222 px across the ray,
