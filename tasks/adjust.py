@@ -13,20 +13,18 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from solmap.photogrammetry.adjustment.datum import with_control
 from solmap.photogrammetry.adjustment.documents import report_document
-from solmap.photogrammetry.adjustment.modes import AdjustmentMode, advance
-from solmap.photogrammetry.adjustment.params import AdjustmentParams
-from solmap.photogrammetry.adjustment.records import (
+from solmap.photogrammetry.adjustment.model.adjusted_network import (
     AdjustedNetwork,
     AdjustmentReport,
-    Network,
-    PairGeometry,
-    StopPrior,
 )
+from solmap.photogrammetry.adjustment.model.datum import with_control
+from solmap.photogrammetry.adjustment.model.network import Network, PairGeometry, StopPrior
+from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.modes.mission import AdjustmentMode, advance
 from solmap.photogrammetry.imagery import StereoMatches, StopId
 from solmap.photogrammetry.matching.hand_ties import HandTie
-from solmap.photogrammetry.matching.ties import Ties
+from solmap.photogrammetry.matching.records import Ties
 from solmap.photogrammetry.matching.tracks import TrackParams, build_tie_points
 from solmap.products.formats.documents.archives import read_mast, read_matches, read_ties
 from solmap.products.formats.documents.control import read_control

@@ -19,10 +19,9 @@ from solmap.photogrammetry.matching.birds_eye import PlaneFit, overlay_picture
 from solmap.photogrammetry.matching.cross_site import CrossSiteParams, SiteLink, StopViews
 from solmap.photogrammetry.matching.landmark_pictures import draw_features
 from solmap.photogrammetry.matching.pictures import draw_pair
-from solmap.photogrammetry.matching.records import MatchedPair, MatchedStop
+from solmap.photogrammetry.matching.records import MatchedPair, MatchedStop, Ties
 from solmap.photogrammetry.matching.sparse import SparseParams, match_interest_points
 from solmap.photogrammetry.matching.tie_pictures import Shown, caption, draw_sheet, misfits
-from solmap.photogrammetry.matching.ties import Ties
 from solmap.photogrammetry.terrain.relief.slope import HillshadeParams
 from solmap.products.errors import ProductError
 from solmap.products.formats.documents.archives import read_dense

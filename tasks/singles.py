@@ -18,11 +18,10 @@ from solmap.photogrammetry.cameras.epipolar import single_image
 from solmap.photogrammetry.imagery import Eye, RoverImage, StopId
 from solmap.photogrammetry.matching.conjugates import View
 from solmap.photogrammetry.matching.mono import MonoTies, tie_single_images
-from solmap.photogrammetry.matching.records import MatchedPair
+from solmap.photogrammetry.matching.records import MatchedPair, Ties
 from solmap.photogrammetry.matching.resampling import resample
 from solmap.photogrammetry.matching.single_views import MonoParams, SingleView
 from solmap.photogrammetry.matching.tie_pictures import Shown
-from solmap.photogrammetry.matching.ties import Ties
 from solmap.photogrammetry.terrain.orthophoto.colour import shows_the_same
 from solmap.products.catalogue.catalogue import ImageEntry
 from solmap.products.catalogue.workspace import Workspace

@@ -22,21 +22,26 @@ from solmap.gis_server.analysis.trial_bodies import (
     TrialQuestion,
     TrialReport,
 )
-from solmap.photogrammetry.adjustment.params import AdjustmentParams
-from solmap.photogrammetry.adjustment.preview import Preview, Veto, as_it_stands, part_of, preview
-from solmap.photogrammetry.adjustment.records import (
+from solmap.photogrammetry.adjustment.model.adjusted_network import (
     BLUNDER,
     USED,
     AdjustedNetwork,
     AdjustedStop,
     AdjustmentReport,
-    Network,
-    StopPrior,
+)
+from solmap.photogrammetry.adjustment.model.network import Network, StopPrior
+from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.modes.preview import (
+    Preview,
+    Veto,
+    as_it_stands,
+    part_of,
+    preview,
 )
 from solmap.photogrammetry.imagery import StopId
 from solmap.photogrammetry.matching.hand_editing import HandBody, edited, epipolar_point
 from solmap.photogrammetry.matching.hand_ties import HandAction, HandPoint, HandTie
-from solmap.photogrammetry.matching.ties import Ties, joined
+from solmap.photogrammetry.matching.records import Ties, joined
 from solmap.photogrammetry.terrain.dtm.ground import MAP_FROM_LSL
 from solmap.products.catalogue.oriented_images import OrientedMission, geometry_of, matches_of
 from solmap.products.model import ProductRef

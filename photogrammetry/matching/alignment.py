@@ -33,7 +33,7 @@ from solmap.photogrammetry.arrays import Flags, Float64, ObjectPoints, PerPoint
 from solmap.photogrammetry.cameras.epipolar import EpipolarPair, projection_partials
 from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.frames import Pose
-from solmap.photogrammetry.matching.ties import Ties
+from solmap.photogrammetry.matching.records import Ties
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,8 +15,9 @@ import numpy as np
 
 from solmap.photogrammetry.arrays import GreyImage, Int32
 from solmap.photogrammetry.matching.interest_points import FoerstnerParams, interest_points
+from solmap.photogrammetry.matching.least_squares import refined_offsets
 from solmap.photogrammetry.matching.records import EpipolarImages
-from solmap.photogrammetry.matching.vertical_parallax import VerticalParallax, refined_offsets
+from solmap.photogrammetry.matching.vertical_parallax import VerticalParallax
 
 BACK_PX = 1
 """Distance by which the way back may miss: places are whole pixels."""

@@ -26,7 +26,7 @@ from solmap.photogrammetry.matching.birds_eye import (
     placed_on,
 )
 from solmap.photogrammetry.matching.masked_correlation import Spectra, coefficient, lagged
-from solmap.photogrammetry.matching.robust import robust_sigma
+from solmap.photogrammetry.robust import robust_sigma
 
 LEAST_REACH_M = 4.0
 """What correlates by chance is judged by shifts of this much at least, wherever the gate ends."""

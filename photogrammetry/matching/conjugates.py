@@ -13,11 +13,19 @@ other see square cells of 5 cm in common and nothing finer. On the grid the patc
 normalised cross-correlation inside a window, which a second, nearly as good place makes ambiguous
 (Di et al. 2008, section 5, ask for uniqueness), and refined by least-squares matching
 (`patch_fit`).
+
+Matched pairs made ready for tying: pyramids, candidates, and parallax wherever it is asked for.
+
+A conjugate found in the left image of a pair is a tie once its parallax is known. The dense
+parallax gives the local surface; the parallax itself is measured anew at the very point, by
+least-squares matching of the left patch in the right image over that surface, so that a tie does
+not inherit the smoothing and the pixel-locking of the dense matcher.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -31,9 +39,17 @@ from solmap.photogrammetry.arrays import (
     Mask,
     PerPoint,
 )
+from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.errors import MatchingError
-from solmap.photogrammetry.matching.local_surface import image_pyramid, mapped
-from solmap.photogrammetry.matching.patch_fit import fit_patches
+from solmap.photogrammetry.matching.least_squares import fit_patches
+from solmap.photogrammetry.matching.parallax_planes import (
+    ParallaxPlanes,
+    image_pyramid,
+    mapped,
+    parallax_planes,
+    right_from_left,
+)
+from solmap.photogrammetry.matching.records import MatchedPair
 
 MOST_SAMPLES = 8
 """A cell of the grid is the mean of at most 8 x 8 samples of a finer image."""
@@ -261,3 +277,98 @@ def _least_squares(
         & (np.abs(fits.affine - np.eye(2)).max(axis=(1, 2)) <= params.largest_stretch)
     )
     return offset, sigma, correlation, settled
+
+
+LARGEST_Y_PX = 1.0
+"""Vertical parallax at which a match in the right image is not the same point."""
+DEFINED_PX = 0.02
+"""An interest point is where it is by definition; what is left is the resampling of its image."""
+DENSE_AGREES_PX = 1.5
+"""The measured parallax may differ this much, and three times the surface's roughness, from it."""
+
+
+@dataclass(frozen=True, eq=False)
+class TieView:
+    """A matched pair with what tying needs of it, worked out once."""
+
+    pair: MatchedPair
+    left: View
+    right: View
+    half_px: int
+    """Half the width of the local surfaces."""
+
+    @classmethod
+    def of(cls, pair: MatchedPair, half_px: int = 10) -> TieView:
+        """Make a pair ready."""
+        images = pair.images
+        return cls(
+            pair,
+            View.of(images.left, images.left_mask),
+            View.of(images.right, images.right_mask),
+            half_px,
+        )
+
+    @cached_property
+    def planes(self) -> ParallaxPlanes:
+        """Local surfaces around every sparse match of the pair."""
+        return parallax_planes(self.pair.parallax, self.pair.matches.left, self.half_px)
+
+    @property
+    def geometry(self) -> EpipolarPair:
+        """The pair's ideal stereo camera."""
+        return self.pair.images.geometry
+
+    @property
+    def ground_sigma_m(self) -> PerPoint:
+        """Standard deviation in range of every sparse match, metres: Z^2 sigma_p / (B f)."""
+        matches, g = self.pair.matches, self.geometry
+        scale = g.focal_px * g.base_m
+        return scale * matches.sigma_px / np.maximum(matches.parallax_px, 1e-3) ** 2
+
+
+def measured_parallax(
+    view: TieView, points: ImagePoints, params: ConjugateParams
+) -> tuple[PerPoint, PerPoint]:
+    """(parallax, its standard deviation) at left image points; NaN where it cannot be measured."""
+    parallax, sigma = np.full(len(points), np.nan), np.full(len(points), np.nan)
+    if not len(points):
+        return parallax, sigma
+    planes = parallax_planes(view.pair.parallax, points, params.half_px)
+    ok = planes.found & (planes.parallax_px > 0)
+    some = _rows(planes, ok)
+    found = find_conjugates(
+        view.left,
+        view.right,
+        points[ok],
+        right_from_left(points[ok], some),
+        2,
+        replace(params, ambiguity=1.0),
+    )
+    value = points[ok, 0] - found.points[:, 0]
+    near = np.abs(value - some.parallax_px) < DENSE_AGREES_PX + 3 * some.residual_px
+    level = np.abs(found.points[:, 1] - points[ok, 1]) < LARGEST_Y_PX
+    good = found.found & near & level & (value > 0)
+    parallax[np.flatnonzero(ok)[good]] = value[good]
+    sigma[np.flatnonzero(ok)[good]] = np.maximum(found.sigma_px[good], params.parallax_floor_px)
+    return parallax, sigma
+
+
+def _rows(planes: ParallaxPlanes, rows: Flags) -> ParallaxPlanes:
+    """The planes of some points."""
+    return ParallaxPlanes(planes.parallax_px[rows], planes.gradient[rows], planes.residual_px[rows])
+
+
+def in_view(view: TieView, left: ImagePoints, margin_px: int) -> Flags:
+    """Whether image points lie on usable pixels, away from the frame."""
+    g = view.geometry
+    with np.errstate(invalid="ignore"):
+        inside = (
+            (left[:, 0] >= margin_px)
+            & (left[:, 0] <= g.samples - 1 - margin_px)
+            & (left[:, 1] >= margin_px)
+            & (left[:, 1] <= g.lines - 1 - margin_px)
+        )
+    usable = np.zeros(len(left), dtype=bool)
+    col, row = np.round(left[inside]).astype(np.int64).T
+    usable[inside] = view.left.mask[row, col]
+    return usable

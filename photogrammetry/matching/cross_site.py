@@ -41,7 +41,7 @@ from solmap.photogrammetry.matching.cross_site_trials import (
     decoys,
 )
 from solmap.photogrammetry.matching.hypotheses import HypothesisParams, hypotheses
-from solmap.photogrammetry.matching.records import MatchedStop
+from solmap.photogrammetry.matching.records import MatchedStop, Ties, joined
 from solmap.photogrammetry.matching.shared_ground import (
     counted_as_one,
     spread_out,
@@ -60,7 +60,6 @@ from solmap.photogrammetry.matching.stop_views import StopViews
 from solmap.photogrammetry.matching.surface_ties import SurfaceTieParams, tie_by_shape
 from solmap.photogrammetry.matching.surface_views import SurfaceView
 from solmap.photogrammetry.matching.tie_refinement import pointed
-from solmap.photogrammetry.matching.ties import Ties, joined
 
 __all__ = ["CrossSiteParams", "SiteLink", "StopViews", "VerdictParams", "tie_cross_site"]
 

@@ -20,10 +20,10 @@ import numpy as np
 from solmap.photogrammetry.arrays import Flags, Float64, ImagePoints, ObjectPoints, PerPoint
 from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.matching.conjugates import in_view
 from solmap.photogrammetry.matching.ground_patches import GroundView
 from solmap.photogrammetry.matching.patch_cells import common_cells, no_finer
 from solmap.photogrammetry.matching.shared_ground import lying_apart
-from solmap.photogrammetry.matching.tie_views import in_view
 
 
 @dataclass(frozen=True, slots=True)

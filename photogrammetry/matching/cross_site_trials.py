@@ -21,9 +21,9 @@ from solmap.photogrammetry.matching.birds_eye import PlaneFit, SearchGate
 from solmap.photogrammetry.matching.cross_site_candidates import Candidates, Gap, plans_between
 from solmap.photogrammetry.matching.cross_site_gate import PoseCovariance, between_levels, pose_of
 from solmap.photogrammetry.matching.ground_matching import GroundMatchingParams, match_ground
+from solmap.photogrammetry.matching.records import Ties
 from solmap.photogrammetry.matching.stop_views import StopViews
 from solmap.photogrammetry.matching.tie_refinement import RefinementParams, refined
-from solmap.photogrammetry.matching.ties import Ties
 
 LEAST_TO_ALIGN = 6
 """Ties for the six unknowns of a pose with some redundancy."""

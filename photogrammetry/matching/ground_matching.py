@@ -15,16 +15,16 @@ import numpy as np
 
 from solmap.photogrammetry.arrays import Flags, Float32, ImagePoints, PerPoint
 from solmap.photogrammetry.errors import MatchingError
-from solmap.photogrammetry.matching.conjugates import ConjugateParams, match_patches
-from solmap.photogrammetry.matching.cross_site_candidates import Plan, horizontal_turn
-from solmap.photogrammetry.matching.ground_spread import spread_on_the_ground
-from solmap.photogrammetry.matching.tie_views import (
+from solmap.photogrammetry.matching.conjugates import (
+    ConjugateParams,
     TieView,
-    dense_parallax,
     in_view,
+    match_patches,
     measured_parallax,
 )
-from solmap.photogrammetry.matching.ties import Ties, joined
+from solmap.photogrammetry.matching.cross_site_candidates import Plan, horizontal_turn
+from solmap.photogrammetry.matching.ground_spread import spread_on_the_ground
+from solmap.photogrammetry.matching.records import Ties, joined
 
 WINDOW_STEP = 8
 """Windows grow in steps of so many cells: patches of one size are drawn together."""
@@ -185,3 +185,15 @@ def _blurred(stack: Float32[np.ndarray, "n a a"], sigma: float) -> Float32[np.nd
     for patch in stack:
         cv2.GaussianBlur(patch, (0, 0), sigma, dst=patch)
     return stack
+
+
+def dense_parallax(
+    view: TieView, points: ImagePoints, sigma_px: float
+) -> tuple[PerPoint, PerPoint]:
+    """(parallax, its standard deviation) at left image points, as dense matching has it."""
+    lines, samples = view.pair.parallax.shape
+    col = np.clip(np.round(points[:, 0]), 0, samples - 1).astype(np.int64)
+    row = np.clip(np.round(points[:, 1]), 0, lines - 1).astype(np.int64)
+    parallax = view.pair.parallax[row, col].astype(np.float64)
+    parallax[parallax <= 0] = np.nan
+    return parallax, np.where(np.isfinite(parallax), sigma_px, np.nan)

@@ -33,9 +33,9 @@ from solmap.photogrammetry.arrays import (
     ObjectPoints,
     PerPoint,
 )
+from solmap.photogrammetry.matching.conjugates import TieView
 from solmap.photogrammetry.matching.ground_surface import GroundSurface
 from solmap.photogrammetry.matching.patch_cells import smallest_stretch
-from solmap.photogrammetry.matching.tie_views import TieView
 
 SLOPE_STEP_M = 0.25
 LEAST_SEEN = 0.7

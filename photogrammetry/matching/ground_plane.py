@@ -11,13 +11,12 @@ image, which is what semi-global matching favours.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import cv2
 import numpy as np
 
-from solmap.photogrammetry.arrays import Float64, Mask, ParallaxMap, Picture
+from solmap.photogrammetry.arrays import Mask, ParallaxMap, Picture
 from solmap.photogrammetry.matching.normalisation import NormalisedImage, eight_bit
+from solmap.photogrammetry.matching.parallax_planes import ParallaxPlane, fit_plane
 from solmap.photogrammetry.matching.semi_global import SemiGlobalParams, matched_both_ways
 
 REDUCED_SEARCH_PX = 128
@@ -31,19 +30,6 @@ WHOLLY = 0.99
 
 FIT_POINTS = 20_000
 """Points that the plane is fitted to; more do not change it."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ParallaxPlane:
-    """Parallax of a plane, at + per_sample x + per_line y, in pixels."""
-
-    at: float
-    per_sample: float
-    per_line: float
-
-    def parallax_px(self, samples: np.ndarray, lines: np.ndarray) -> np.ndarray:
-        """Parallax of left image points."""
-        return self.at + self.per_sample * samples + self.per_line * lines
 
 
 def rough_parallax(
@@ -102,25 +88,6 @@ def _plane_and_relief(reduced: ParallaxMap, scale: int) -> tuple[ParallaxPlane, 
         int(np.floor(relief.min())) - margin,
         int(np.ceil(relief.max())) + margin,
     )
-
-
-def fit_plane(
-    points: Float64[np.ndarray, "n 2"], parallax_px: Float64[np.ndarray, " n"], steps: int = 15
-) -> ParallaxPlane:
-    """The plane of least absolute deviations, by repeated weighting."""
-    design = np.column_stack([np.ones(len(points)), points / 1000.0])
-    weight = np.ones(len(points))
-    solution = np.zeros(3)
-    for _ in range(steps):
-        normal = (design * weight[:, None]).T @ design + 1e-9 * np.eye(3)
-        solution = np.linalg.solve(normal, design.T @ (weight * parallax_px))
-        weight = 1.0 / np.maximum(np.abs(parallax_px - design @ solution), 0.1)
-    # the right image is shifted by the plane: it may be stretched, never folded
-    per_sample = float(np.clip(solution[1] / 1000.0, -0.5, 0.5))
-    at = float(
-        np.median(parallax_px - per_sample * points[:, 0] - solution[2] / 1e3 * points[:, 1])
-    )
-    return ParallaxPlane(at, per_sample, float(solution[2] / 1000.0))
 
 
 def _matched_about(

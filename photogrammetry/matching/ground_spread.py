@@ -20,8 +20,8 @@ from __future__ import annotations
 import numpy as np
 
 from solmap.photogrammetry.arrays import Float64, ImagePoints, PerPoint
-from solmap.photogrammetry.matching.local_surface import parallax_planes
-from solmap.photogrammetry.matching.tie_views import TieView
+from solmap.photogrammetry.matching.conjugates import TieView
+from solmap.photogrammetry.matching.parallax_planes import parallax_planes
 
 RELIEF_M = 0.015
 """r: what soil and pebbles rise above the mean of a patch; against truth 1 to 2 cm."""

@@ -21,8 +21,8 @@ from solmap.photogrammetry.arrays import Flags, Float64, ImagePoints, ParallaxMa
 from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.cameras.model import CameraModel
 from solmap.photogrammetry.matching.hand_ties import HandAction, HandPoint, HandTie
+from solmap.photogrammetry.matching.records import Ties, joined
 from solmap.photogrammetry.matching.resampling import GROUND_M
-from solmap.photogrammetry.matching.ties import Ties, joined
 
 STEPS = 8
 """Each makes the error some fifty times smaller."""

@@ -21,7 +21,11 @@ from solmap.photogrammetry.matching.conjugates import (
     common_grids,
     find_conjugates,
 )
-from solmap.photogrammetry.matching.local_surface import mapped, parallax_planes, plane_homographies
+from solmap.photogrammetry.matching.parallax_planes import (
+    mapped,
+    parallax_planes,
+    plane_homographies,
+)
 
 LARGEST_REACH_PX = 40.0
 LEAST_REACH = 2

@@ -20,15 +20,21 @@ from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.imagery import StopId
 from solmap.photogrammetry.matching.alignment import AlignmentParams, align
-from solmap.photogrammetry.matching.conjugates import ConjugateParams
-from solmap.photogrammetry.matching.records import MatchedStop
-from solmap.photogrammetry.matching.tie_views import (
+from solmap.photogrammetry.matching.conjugates import (
+    DEFINED_PX,
+    ConjugateParams,
+    Conjugates,
     TieView,
+    _rows,
+    find_conjugates,
     in_view,
-    predicted_points,
-    tie_pair,
+    measured_parallax,
 )
-from solmap.photogrammetry.matching.ties import Ties, joined
+from solmap.photogrammetry.matching.parallax_planes import (
+    ParallaxPlanes,
+    plane_homographies,
+)
+from solmap.photogrammetry.matching.records import MatchedStop, Ties, joined
 
 REACH_SIGMAS = 3.0
 
@@ -202,3 +208,73 @@ def _verified(
         for (first, second), n in looked.items()
     )
     return PairTies(stop.stop, kept, links, pointing, rms_px)
+
+
+def predicted_points(
+    source: TieView, target: TieView, target_from_source: Pose, rows: Flags
+) -> tuple[
+    Float64[np.ndarray, "some 2"], Float64[np.ndarray, " some"], Float64[np.ndarray, "some 3"]
+]:
+    """(image, parallax, point) in the target of some sparse matches of the source."""
+    matches = source.pair.matches
+    points = source.geometry.triangulate(matches.left[rows], matches.parallax_px[rows])
+    in_target = target_from_source.apply(points)
+    left, parallax = target.geometry.project(in_target)
+    return left, parallax, in_target
+
+
+def tie_pair(  # noqa: PLR0913, PLR0917 - two views, what joins them, which matches, and how
+    source: TieView,
+    target: TieView,
+    target_from_source: Pose,
+    rows: Int32[np.ndarray, " n"],
+    reach: int,
+    params: ConjugateParams,
+    pair_ids: tuple[str, ...],
+) -> Ties:
+    """Ties between sparse matches `rows` of the source pair and wherever they are in the target."""
+    matches = source.pair.matches
+    planes = ParallaxPlanes(
+        matches.parallax_px[rows], source.planes.gradient[rows], source.planes.residual_px[rows]
+    )
+    good = np.isfinite(planes.gradient).all(axis=1)
+    rows, planes = rows[good], _rows(planes, good)
+    points = matches.left[rows]
+    maps = plane_homographies(source.geometry, target.geometry, target_from_source, points, planes)
+    found = find_conjugates(source.left, target.left, points, maps, reach, params)
+    parallax, sigma_parallax = measured_parallax(target, found.points[found.found], params)
+    floor_px = params.parallax_floor_px
+    return _assembled(source, target, rows, found, parallax, sigma_parallax, pair_ids, floor_px)
+
+
+def _assembled(  # noqa: PLR0913, PLR0917 - gathers the columns of the ties
+    source: TieView,
+    target: TieView,
+    rows: Int32[np.ndarray, " n"],
+    found: Conjugates,
+    parallax: Float64[np.ndarray, " found"],
+    sigma_parallax: Float64[np.ndarray, " found"],
+    pair_ids: tuple[str, ...],
+    floor_px: float,
+) -> Ties:
+    """Found conjugates with measured parallax, as ties."""
+    matches, some = source.pair.matches, rows[found.found]
+    indices = [
+        np.full(len(some), pair_ids.index(v.pair.pair_id), np.int32) for v in (source, target)
+    ]
+    ties = Ties(
+        pair_ids,
+        indices[0],
+        indices[1],
+        matches.left[some],
+        found.points[found.found],
+        matches.parallax_px[some],
+        parallax,
+        np.full(len(some), DEFINED_PX),
+        found.sigma_px[found.found],
+        np.maximum(matches.sigma_px[some], floor_px),
+        sigma_parallax,
+        np.full(len(some), DEFINED_PX),
+        found.sigma_px[found.found],
+    )
+    return ties.taking(np.isfinite(parallax))

@@ -29,8 +29,8 @@ from scipy.spatial.transform import Rotation as ScipyRotation
 from solmap.photogrammetry.arrays import Flags, Float64, ImagePoints, PerPoint, Vector3
 from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.frames import Pose
-from solmap.photogrammetry.matching.robust import robust_sigma
 from solmap.photogrammetry.matching.verification import VerificationParams, follows_the_terrain
+from solmap.photogrammetry.robust import robust_sigma
 
 SCALES_PX = (8.0, 3.0, 1.0, 0.4)
 """At which the loss turns, one after the other: from twice a usual pointing error to matching."""

@@ -19,7 +19,7 @@ from solmap.photogrammetry.arrays import ImagePoints, PerPoint
 from solmap.photogrammetry.imagery import StopId
 from solmap.photogrammetry.matching.conjugates import Conjugates, View
 from solmap.photogrammetry.matching.mast_swing import Swing
-from solmap.photogrammetry.matching.records import MatchedPair
+from solmap.photogrammetry.matching.records import MatchedPair, Ties, joined
 from solmap.photogrammetry.matching.single_views import MonoParams, SingleView
 from solmap.photogrammetry.matching.swing_search import (
     candidates,
@@ -29,7 +29,6 @@ from solmap.photogrammetry.matching.swing_search import (
     scouted,
     verified,
 )
-from solmap.photogrammetry.matching.ties import Ties, joined
 
 NAN = float("nan")
 

@@ -1,12 +1,26 @@
-"""What matching hands on: epipolar images, matched pairs and the stops they were taken at."""
+"""What matching hands on: epipolar images, matched pairs and the stops they were taken at.
+
+Ties: one feature measured in two stereo pairs, each time with its parallax.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 
 import numpy as np
 
-from solmap.photogrammetry.arrays import Float64, GreyImage, Mask, ParallaxMap
+from solmap.photogrammetry.arrays import (
+    Flags,
+    Float64,
+    GreyImage,
+    ImagePoints,
+    Int32,
+    Mask,
+    ParallaxMap,
+    PerPoint,
+)
 from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.frames import Pose
@@ -52,3 +66,76 @@ class MatchedStop:
     lsl_from_rover: Pose
     covariance: Float64[np.ndarray, "6 6"]
     """Of the pose: rotation vector in the LSL (radians), then position in the LSL (metres)."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Ties:
+    """n features, each measured in the pairs `pair_ids[first[k]]` and `pair_ids[second[k]]`.
+
+    Sigmas are standard deviations, in pixels, of the sample, of the parallax and of the line: what
+    is found along grazing ground is less sure of its sample than of its line.
+    """
+
+    pair_ids: tuple[str, ...]
+    first: Int32[np.ndarray, " n"]
+    second: Int32[np.ndarray, " n"]
+    first_left: ImagePoints
+    second_left: ImagePoints
+    first_parallax_px: PerPoint
+    second_parallax_px: PerPoint
+    first_sigma_px: PerPoint
+    second_sigma_px: PerPoint
+    first_sigma_parallax_px: PerPoint
+    second_sigma_parallax_px: PerPoint
+    first_sigma_line_px: PerPoint
+    second_sigma_line_px: PerPoint
+
+    def __post_init__(self) -> None:
+        lengths = {f.name: len(getattr(self, f.name)) for f in fields(self)[1:]}
+        if len(set(lengths.values())) > 1:
+            raise MatchingError(f"the columns of ties differ in length: {lengths}")
+
+    def __len__(self) -> int:
+        return len(self.first)
+
+    @classmethod
+    def none(cls, pair_ids: tuple[str, ...]) -> Ties:
+        """No ties at all."""
+        whole, flat = np.zeros(0, np.int32), np.zeros(0)
+        return cls(
+            pair_ids,
+            whole,
+            whole,
+            np.zeros((0, 2)),
+            np.zeros((0, 2)),
+            *[flat.copy() for _ in "12345678"],
+        )
+
+    def taking(self, rows: Flags) -> Ties:
+        """The ties of some rows."""
+        return Ties(self.pair_ids, *(getattr(self, f.name)[rows] for f in fields(self)[1:]))
+
+    def swapped(self) -> Ties:
+        """First and second exchanged."""
+        names = [f.name for f in fields(self)[1:]]
+        others = [
+            name.replace("first", "second") if "first" in name else name.replace("second", "first")
+            for name in names
+        ]
+        return Ties(self.pair_ids, *(getattr(self, name) for name in others))
+
+    def counts(self) -> dict[tuple[str, str], int]:
+        """Number of ties by (first, second) pair."""
+        found = Counter(zip(self.first.tolist(), self.second.tolist(), strict=True))
+        return {(self.pair_ids[i], self.pair_ids[j]): n for (i, j), n in sorted(found.items())}
+
+
+def joined(ties: Sequence[Ties], pair_ids: tuple[str, ...]) -> Ties:
+    """All ties of several sets that share the list of pairs."""
+    for some in ties:
+        if some.pair_ids != pair_ids:
+            raise MatchingError("only ties that share one list of pairs can be joined")
+    if not ties:
+        return Ties.none(pair_ids)
+    columns = (np.concatenate([getattr(t, f.name) for t in ties]) for f in fields(Ties)[1:])
+    return Ties(pair_ids, *columns)

@@ -31,7 +31,7 @@ import numpy as np
 
 from solmap.photogrammetry.arrays import GreyImage, Mask, ParallaxMap
 from solmap.photogrammetry.matching.normalisation import NormalisedImage
-from solmap.photogrammetry.matching.sampling import along_rows, row_coefficients, row_slope
+from solmap.photogrammetry.matching.resampling import along_rows, row_coefficients, row_slope
 
 SLOPE_NOISE = 1.39
 """Variance of the spline's slope over that of white noise."""

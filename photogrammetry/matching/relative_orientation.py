@@ -24,8 +24,8 @@ from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.cameras.model import CameraModel
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.matching.dense import SharedSigma
-from solmap.photogrammetry.matching.robust import robust_sigma
 from solmap.photogrammetry.matching.vertical_parallax import VerticalParallax, turned_in_place
+from solmap.photogrammetry.robust import robust_sigma
 
 STEPS = 10
 """Reweightings."""

@@ -23,7 +23,7 @@ from scipy.spatial import KDTree
 
 from solmap.photogrammetry.arrays import ImagePoints, PerPoint
 from solmap.photogrammetry.matching.least_squares import LeastSquaresMatcher, RefinedParallax
-from solmap.photogrammetry.matching.robust import MAD_TO_SIGMA
+from solmap.photogrammetry.robust import MAD_TO_SIGMA
 
 BELOW_HALF = 2.0
 """Relief below the whole window over that between the half and the whole one, H = 1/2."""

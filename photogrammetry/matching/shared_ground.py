@@ -27,7 +27,7 @@ import numpy as np
 
 from solmap.photogrammetry.arrays import Flags, Float64, Int32, PerPoint
 from solmap.photogrammetry.cameras.epipolar import EpipolarPair
-from solmap.photogrammetry.matching.ties import Ties
+from solmap.photogrammetry.matching.records import Ties
 
 SHARED_HEIGHT_M = 0.006
 """b: in simulated and rendered worlds ground seen from 14 m and from 8 m differs by 3 to 9 mm."""

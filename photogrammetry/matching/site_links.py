@@ -11,8 +11,8 @@ from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.imagery import StopId
 from solmap.photogrammetry.matching.alignment import Alignment
 from solmap.photogrammetry.matching.birds_eye import PlaneFit
+from solmap.photogrammetry.matching.records import Ties
 from solmap.photogrammetry.matching.stop_views import StopViews
-from solmap.photogrammetry.matching.ties import Ties
 
 
 @dataclass(frozen=True, slots=True)

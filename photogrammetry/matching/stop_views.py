@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 from solmap.photogrammetry.imagery import StopId
 from solmap.photogrammetry.matching.birds_eye import BirdsEyeParams, BirdsEyeView, birds_eye_views
+from solmap.photogrammetry.matching.conjugates import TieView
 from solmap.photogrammetry.matching.ground_patches import GroundView
 from solmap.photogrammetry.matching.ground_surface import GroundSurface
 from solmap.photogrammetry.matching.records import MatchedStop
-from solmap.photogrammetry.matching.tie_views import TieView
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -36,8 +36,8 @@ from solmap.photogrammetry.arrays import (
     Vector3,
 )
 from solmap.photogrammetry.errors import MatchingError
-from solmap.photogrammetry.matching.robust import robust_sigma
 from solmap.photogrammetry.matching.surface_views import SurfaceView, unit
+from solmap.photogrammetry.robust import robust_sigma
 
 MOTION = 6
 """Unknowns of a rigid motion: rotation vector, shift."""

@@ -20,7 +20,7 @@ import numpy as np
 
 from solmap.photogrammetry.arrays import Flags, Float64, Int32, ObjectPoints, PerPoint
 from solmap.photogrammetry.errors import MatchingError
-from solmap.photogrammetry.matching.robust import robust_sigma
+from solmap.photogrammetry.matching.records import Ties
 from solmap.photogrammetry.matching.surface_alignment import (
     Couple,
     Ground,
@@ -29,7 +29,7 @@ from solmap.photogrammetry.matching.surface_alignment import (
     weighed,
 )
 from solmap.photogrammetry.matching.surface_views import SurfaceView
-from solmap.photogrammetry.matching.ties import Ties
+from solmap.photogrammetry.robust import robust_sigma
 
 DEFINED_PX = 0.02
 """A point of the earlier stop is where it is by definition."""

@@ -11,7 +11,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
-import cv2
 import numpy as np
 
 from solmap.photogrammetry.arrays import (
@@ -27,14 +26,8 @@ from solmap.photogrammetry.arrays import (
 )
 from solmap.photogrammetry.cameras.epipolar import EpipolarPair, projection_partials
 from solmap.photogrammetry.frames import Pose
-from solmap.photogrammetry.matching.local_surface import ParallaxPlanes
+from solmap.photogrammetry.matching.parallax_planes import EVERY, ParallaxPlanes, parallax_facets
 
-TAKEN = 2
-"""Every second sample and line of the parallax is taken,"""
-KEPT = 2
-"""and of the planes about them every second one is kept."""
-EVERY = TAKEN * KEPT
-"""Pixels between planes; their windows are wider."""
 LEAST_SHARE = 0.5
 """A plane needs parallax at half of the pixels of its window."""
 
@@ -109,42 +102,6 @@ class SurfaceView:
     def facing(self, normals: Directions, places: ObjectPoints) -> PerPoint:
         """Sine of the angle under which facets are seen; below zero from behind."""
         return (normals * unit(places - self.centre)).sum(axis=1)
-
-
-def parallax_facets(parallax: ParallaxMap, half_px: int) -> Float32[np.ndarray, "4 rows cols"]:
-    """Planes fitted to windows of the parallax: value, gradient along sample and line, residual.
-
-    A window takes every second pixel of 2 `half_px` + 1: parallax is smooth over more than that.
-    """
-    p = parallax[::TAKEN, ::TAKEN].astype(np.float64)
-    known = p > 0  # NaN is not
-    one, p = known.astype(np.float64), np.where(known, p, 0.0)
-    col, row = np.meshgrid(*(float(TAKEN) * np.arange(n) for n in p.shape[::-1]))
-    side = 2 * (half_px // TAKEN) + 1
-
-    def summed(values: np.ndarray) -> np.ndarray:
-        of_all = cv2.boxFilter(
-            values, -1, (side, side), normalize=False, borderType=cv2.BORDER_CONSTANT
-        )
-        return of_all[::KEPT, ::KEPT]
-
-    x, y = col[::KEPT, ::KEPT], row[::KEPT, ::KEPT]
-    n, sx, sy = summed(one), summed(one * col), summed(one * row)
-    sxx, sxy, syy = (summed(one * square) for square in (col * col, col * row, row * row))
-    sp, sxp, syp, spp = summed(p), summed(col * p), summed(row * p), summed(p * p)
-    u, v = sx - x * n, sy - y * n  # about the window's middle
-    uu = sxx - 2 * x * sx + x * x * n
-    uv = sxy - x * sy - y * sx + x * y * n
-    vv = syy - 2 * y * sy + y * y * n
-    normal = np.stack([n, u, v, u, uu, uv, v, uv, vv], axis=-1).reshape(*n.shape, 3, 3)
-    right = np.stack([sp, sxp - x * sp, syp - y * sp], axis=-1)
-    enough = n >= LEAST_SHARE * side**2
-    normal[~enough] = np.eye(3)
-    plane = np.linalg.solve(normal, right[..., None])[..., 0]
-    left_over = spp - (plane * right).sum(axis=-1)
-    residual = np.sqrt(np.maximum(left_over, 0.0) / np.maximum(n - 3, 1.0))
-    found = np.stack([*np.moveaxis(plane, -1, 0), residual])
-    return np.where(enough, found, np.nan).astype(np.float32)
 
 
 def unit(vectors: ObjectPoints) -> Directions:

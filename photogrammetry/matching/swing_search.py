@@ -15,8 +15,8 @@ from scipy.spatial import KDTree
 from solmap.photogrammetry.arrays import Float64, ImagePoints, PerPoint, Vector3
 from solmap.photogrammetry.matching.conjugates import ConjugateParams, Conjugates, find_conjugates
 from solmap.photogrammetry.matching.interest_points import interest_points, strongest_by_cell
-from solmap.photogrammetry.matching.local_surface import calibration
 from solmap.photogrammetry.matching.mast_swing import Swing, SwingVerdict, turned, verify
+from solmap.photogrammetry.matching.parallax_planes import calibration
 from solmap.photogrammetry.matching.records import MatchedPair
 from solmap.photogrammetry.matching.single_views import MonoParams, SingleView
 

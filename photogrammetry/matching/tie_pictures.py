@@ -18,8 +18,7 @@ from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.matching.alignment import AlignmentParams, align
 from solmap.photogrammetry.matching.pictures import in_three_bands
-from solmap.photogrammetry.matching.records import MatchedPair
-from solmap.photogrammetry.matching.ties import Ties
+from solmap.photogrammetry.matching.records import MatchedPair, Ties
 
 GAP_PX = 8
 COLUMNS = 2

@@ -19,16 +19,20 @@ from solmap.photogrammetry.arrays import Float64, Int32
 from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.matching.alignment import Alignment
-from solmap.photogrammetry.matching.conjugates import ConjugateParams, find_conjugates
+from solmap.photogrammetry.matching.conjugates import (
+    ConjugateParams,
+    TieView,
+    find_conjugates,
+    measured_parallax,
+)
 from solmap.photogrammetry.matching.ground_spread import spread_on_the_ground
-from solmap.photogrammetry.matching.local_surface import (
+from solmap.photogrammetry.matching.parallax_planes import (
     ParallaxPlanes,
     mapped,
     parallax_planes,
     plane_homographies,
 )
-from solmap.photogrammetry.matching.tie_views import TieView, measured_parallax
-from solmap.photogrammetry.matching.ties import Ties
+from solmap.photogrammetry.matching.records import Ties
 
 MEASURED_AGAIN = ("left", "parallax_px", "sigma_px", "sigma_line_px", "sigma_parallax_px")
 """Columns of a second measurement."""

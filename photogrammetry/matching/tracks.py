@@ -24,7 +24,7 @@ from scipy.spatial import cKDTree
 from solmap.photogrammetry.arrays import Flags, ImagePoints, Int32, PerPoint
 from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.imagery import StereoMatches, StopId, TieKind, TiePoints
-from solmap.photogrammetry.matching.ties import Ties
+from solmap.photogrammetry.matching.records import Ties
 
 MEASURED = ("parallax_px", "sigma_px", "sigma_parallax_px", "sigma_line_px")
 """Columns that a tie has for both of its pairs, and tie points for every observation."""

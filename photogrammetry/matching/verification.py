@@ -20,7 +20,7 @@ from scipy import ndimage
 from scipy.spatial import KDTree
 
 from solmap.photogrammetry.arrays import Flags, Float64, ImagePoints, PerPoint
-from solmap.photogrammetry.matching.robust import MAD_TO_SIGMA
+from solmap.photogrammetry.robust import MAD_TO_SIGMA
 
 PLANE_STEPS = 6
 """Repeated weightings of the neighbours' plane."""

@@ -24,10 +24,10 @@ from solmap.photogrammetry.cameras.model import CameraModel
 from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.frames import Frame, Pose
 from solmap.photogrammetry.matching.interest_points import strongest_by_cell
+from solmap.photogrammetry.matching.least_squares import refined_offsets
 from solmap.photogrammetry.matching.records import EpipolarImages
-from solmap.photogrammetry.matching.robust import robust_sigma
-from solmap.photogrammetry.matching.sampling import at_points, coefficients_of
 from solmap.photogrammetry.matching.sparse import SparseParams, match_interest_points
+from solmap.photogrammetry.robust import robust_sigma
 
 LINE_TOLERANCE_PX = 6
 """Rows searched to either side: 0.3 degrees of a Navcam, twice what real bars were off."""
@@ -143,36 +143,6 @@ def _design(measured: VerticalParallax) -> np.ndarray:
     x = (measured.left[:, 0] - measured.parallax_px - cx) / f
     y = (measured.left[:, 1] - cy) / f
     return f * np.column_stack([1 + y * y, -x * y, -x])
-
-
-def refined_offsets(
-    images: EpipolarImages, pixels: np.ndarray, start: np.ndarray, window_px: int, steps: int = 6
-) -> np.ndarray:
-    """Shift of each left window in the right image, along samples and lines; NaN if not found."""
-    if not len(pixels):
-        return start
-    half = window_px // 2
-    dy, dx = (w.ravel() for w in np.mgrid[-half : half + 1, -half : half + 1])
-    x, y = pixels[:, 0, None] + dx, pixels[:, 1, None] + dy
-    gy, gx = np.gradient(images.left)
-    left = _centred(images.left[y, x])
-    design = np.stack([_centred(gx[y, x]), _centred(gy[y, x])], axis=2)
-    normal = np.einsum("nki,nkj->nij", design, design) + 1e-6 * np.eye(2)
-    coefficients = coefficients_of(images.right)
-    offset = start.copy()
-    step = np.full_like(start, np.inf)
-    for _ in range(steps):
-        place = (x + offset[:, 0, None], y + offset[:, 1, None])
-        right = _centred(at_points(coefficients, *(p.astype(np.float32) for p in place)))
-        gain = (left * right).sum(axis=1) / np.maximum((right * right).sum(axis=1), 1e-12)
-        residual = left - gain[:, None] * right
-        step = np.linalg.solve(normal, np.einsum("nki,nk->ni", design, residual)[:, :, None])[
-            :, :, 0
-        ]
-        step = step.clip(-1, 1)
-        offset += step
-    lost = (np.abs(offset - start) > 2).any(axis=1) | (np.abs(step) > 0.05).any(axis=1)  # noqa: PLR2004
-    return np.where(lost[:, None], np.nan, offset)
 
 
 def _centred(windows: np.ndarray) -> np.ndarray:

@@ -31,7 +31,7 @@ import numpy as np
 from solmap.photogrammetry.arrays import Float64, Int32, Raster
 from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.matching.birds_eye import SearchGate
-from solmap.photogrammetry.matching.robust import robust_sigma
+from solmap.photogrammetry.robust import robust_sigma
 
 CUT_SIGMAS = 2.5
 """A vote ends here; its weight has fallen to 4 %."""

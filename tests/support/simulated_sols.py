@@ -14,7 +14,7 @@ import numpy as np
 
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.imagery import StereoMatches, StopId, TiePoints
-from solmap.photogrammetry.matching.ties import Ties
+from solmap.photogrammetry.matching.records import Ties
 from solmap.photogrammetry.synthetic.edr import Exposure
 from solmap.photogrammetry.synthetic.mission import (
     MissionPlan,

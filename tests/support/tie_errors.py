@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
-from solmap.photogrammetry.matching.ties import Ties
+from solmap.photogrammetry.matching.records import Ties
 from tests.support.simulated_stops import SimulatedStop, true_pair
 
 

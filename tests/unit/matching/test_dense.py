@@ -9,7 +9,7 @@ from solmap.photogrammetry.matching.dense import (
     match_densely_with_sigma,
     parallax_sigma,
 )
-from solmap.photogrammetry.matching.ground_plane import fit_plane
+from solmap.photogrammetry.matching.parallax_planes import fit_plane
 from solmap.photogrammetry.matching.records import EpipolarImages
 from solmap.photogrammetry.matching.refinement import RefinementParams
 from solmap.photogrammetry.matching.sparse import match_sparsely

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.matching.robust import robust_sigma
+from solmap.photogrammetry.robust import robust_sigma
 
 
 def test_the_spread_of_normal_residuals_is_their_sigma_whatever_a_few_blunders(rng):

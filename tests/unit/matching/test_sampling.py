@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from solmap.photogrammetry.matching.sampling import (
+from solmap.photogrammetry.matching.resampling import (
     along_rows,
     at_points,
     coefficients_of,

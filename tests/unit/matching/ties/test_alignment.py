@@ -7,7 +7,7 @@ from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.frames import Frame, FrameKind, Pose, rover_frame
 from solmap.photogrammetry.matching import alignment
 from solmap.photogrammetry.matching.alignment import AlignmentParams, align
-from solmap.photogrammetry.matching.ties import Ties
+from solmap.photogrammetry.matching.records import Ties
 
 FIRST, SECOND = rover_frame(1, 0), rover_frame(1, 8)
 PRIOR = np.diag([0.01, 0.01, 0.03, 2.0, 2.0, 1.0]) ** 2

@@ -7,9 +7,9 @@ from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.frames import Frame, FrameKind, Pose
 from solmap.photogrammetry.imagery import StereoMatches
 from solmap.photogrammetry.matching import ground_spread
+from solmap.photogrammetry.matching.conjugates import TieView
 from solmap.photogrammetry.matching.ground_spread import spread_on_the_ground
 from solmap.photogrammetry.matching.records import EpipolarImages, MatchedPair
-from solmap.photogrammetry.matching.tie_views import TieView
 
 HEIGHT_M = 1.5
 ROVER, PAIR = Frame(FrameKind.ROVER, (1, 0)), Frame(FrameKind.PAIR, (1, 0, 0, 0))

@@ -11,7 +11,7 @@ from solmap.photogrammetry.imagery import Eye, StopId
 from solmap.photogrammetry.matching.hand_editing import HandBody, epipolar_point
 from solmap.photogrammetry.matching.hand_editing import edited as carried_out
 from solmap.photogrammetry.matching.hand_ties import HandAction, HandPoint, HandTie
-from solmap.photogrammetry.matching.ties import Ties
+from solmap.photogrammetry.matching.records import Ties
 from solmap.photogrammetry.synthetic.rig import CAMERAS, Instrument, Pointing
 
 STOP = StopId("MER2", 10, 0)

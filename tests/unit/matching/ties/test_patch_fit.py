@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from solmap.photogrammetry.matching.patch_fit import correlated, fit_patches
+from solmap.photogrammetry.matching.least_squares import correlated, fit_patches
 
 HALF, REACH = 10, 5
 PATCHES = 400

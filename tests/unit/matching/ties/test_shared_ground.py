@@ -5,6 +5,7 @@ import pytest
 
 from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.frames import Frame, FrameKind, Pose
+from solmap.photogrammetry.matching.records import Ties
 from solmap.photogrammetry.matching.shared_ground import (
     SHARED_HEIGHT_M,
     SHARED_PARALLAX_PX,
@@ -13,7 +14,6 @@ from solmap.photogrammetry.matching.shared_ground import (
     weighed_down,
     with_shared_errors,
 )
-from solmap.photogrammetry.matching.ties import Ties
 
 
 def some_ties(n):

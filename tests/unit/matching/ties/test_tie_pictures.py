@@ -5,6 +5,7 @@ from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.matching.alignment import AlignmentParams
 from solmap.photogrammetry.matching.inter_stereo import InterStereoParams, tie_inter_stereo
+from solmap.photogrammetry.matching.records import Ties
 from solmap.photogrammetry.matching.tie_pictures import (
     GAP_PX,
     SHEET_PX,
@@ -13,7 +14,6 @@ from solmap.photogrammetry.matching.tie_pictures import (
     draw_ties,
     misfits,
 )
-from solmap.photogrammetry.matching.ties import Ties
 
 FITS = np.zeros(1)
 

@@ -3,7 +3,7 @@ import pytest
 
 from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.imagery import StereoMatches, StopId, TieKind
-from solmap.photogrammetry.matching.ties import Ties, joined
+from solmap.photogrammetry.matching.records import Ties, joined
 from solmap.photogrammetry.matching.tracks import (
     TrackParams,
     build_tie_points,

@@ -1,0 +1,164 @@
+"""What hand ties would do to two stops, before anything is saved.
+
+The network of both stops alone is adjusted twice with the first one held where it is: with the ties
+there are (`as_it_stands`), and from there with what a person wants added and dropped. The
+difference is what the hand ties do. Other stops have no say, so the next adjustment of the whole
+network moves less. Points that one pair alone sees say nothing of poses and stay out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from solmap.photogrammetry.adjustment.model.adjusted_network import (
+    AdjustedNetwork,
+    AdjustedStop,
+    AdjustmentReport,
+)
+from solmap.photogrammetry.adjustment.model.network import (
+    Network,
+    PairGeometry,
+    StopPrior,
+    select,
+)
+from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.modes.overall import adjust
+from solmap.photogrammetry.arrays import Flags, Float64, Int32, PerPoint
+from solmap.photogrammetry.cameras.epipolar import EpipolarPair
+from solmap.photogrammetry.errors import AdjustmentError
+from solmap.photogrammetry.imagery import StopId, TiePoints
+from solmap.photogrammetry.matching.records import Ties
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Veto:
+    """Automatic measurements that a person does not believe."""
+
+    pair_id: str
+    left: Float64[np.ndarray, " 2"] | None
+    """Where, in the left epipolar image; None: everywhere."""
+    other: str
+    """Only of points that this pair sees, too; empty: of all."""
+    tolerance_px: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Preview:
+    """Two stops with and without hand ties."""
+
+    before: AdjustedStop
+    """The second stop, with the ties there are."""
+    after: AdjustedStop
+    report_before: AdjustmentReport
+    report: AdjustmentReport
+    residuals_px: Float64[np.ndarray, "n 2 3"]
+    """Of each hand tie, in both pairs: sample, line, parallax; NaN where not measured."""
+    standardised: Float64[np.ndarray, "n 2 3"]
+    status: Int32[np.ndarray, "n 2"]
+    vetoed: int
+    """Observations dropped."""
+
+
+def part_of(
+    network: AdjustedNetwork,
+    priors: Mapping[StopId, StopPrior],
+    geometries: Mapping[str, EpipolarPair],
+    pivots: Mapping[str, tuple[float, float, float] | None],
+) -> Network:
+    """The network of some stops out of an adjusted one; pairs without geometry stay out."""
+    pairs = tuple(
+        PairGeometry(pair.pair_id, pair.stop, geometries[pair.pair_id], pivots.get(pair.pair_id))
+        for pair in network.pairs
+        if pair.stop in priors and pair.pair_id in geometries
+    )
+    names = {pair.pair_id for pair in pairs}
+    seen = network.ties.observations
+    inside = np.array([name in names for name in seen.pair_ids], dtype=bool)
+    rows = inside[seen.pair] if len(seen) else np.zeros(0, dtype=bool)
+    rows[rows] = np.bincount(seen.point[rows])[seen.point[rows]] > 1
+    order = tuple(priors[stop.stop] for stop in network.stops if stop.stop in priors)
+    return Network(order, pairs, select(seen, rows))
+
+
+def as_it_stands(
+    network: Network, start: AdjustedNetwork, params: AdjustmentParams
+) -> tuple[AdjustedNetwork, AdjustmentReport]:
+    """The second stop of a network of two adjusted with the ties there are, the first one held.
+
+    Raises:
+        AdjustmentError: the network is not of two stops.
+    """
+    if len(network.stops) != 2:  # noqa: PLR2004 - the title
+        raise AdjustmentError(
+            f"a preview is of two stops that the network holds, not of {len(network.stops)}"
+        )
+    return adjust(network, {network.stop_ids[0]}, params, start, "without hand ties")
+
+
+def preview(
+    network: Network,
+    standing: tuple[AdjustedNetwork, AdjustmentReport],
+    hand: Ties,
+    vetoes: Sequence[Veto],
+    params: AdjustmentParams,
+) -> Preview:
+    """Adjust the second stop with hand ties, from how it stands without them."""
+    held, free = network.stop_ids
+    kept = _kept(network.ties, vetoes)
+    ties = with_ties(select(network.ties, kept), hand)
+    with_hand = Network(network.stops, network.pairs, ties)
+    before, report_before = standing
+    after, report = adjust(with_hand, {held}, params, before, "with hand ties")
+    n = 2 * len(hand)
+    rows = slice(len(after.ties.status) - n, None)
+    return Preview(
+        before.stop(free),
+        after.stop(free),
+        report_before,
+        report,
+        after.ties.residuals_px[rows].reshape(-1, 2, 3),
+        after.ties.standardised[rows].reshape(-1, 2, 3),
+        after.ties.status[rows].reshape(-1, 2),
+        int((~kept).sum()),
+    )
+
+
+def with_ties(points: TiePoints, hand: Ties) -> TiePoints:
+    """Tie points and, at their end, one for each hand tie: two observations each."""
+    names = tuple(dict.fromkeys((*points.pair_ids, *hand.pair_ids)))
+    number = np.array([names.index(name) for name in hand.pair_ids] or [0], dtype=np.int32)
+    first = int(points.point.max(initial=-1)) + 1
+    pair = np.column_stack([number[hand.first], number[hand.second]]).ravel()
+
+    def both(name: str) -> PerPoint:
+        sides = [getattr(hand, f"{side}_{name}") for side in ("first", "second")]
+        return np.column_stack(sides).ravel()
+
+    left = np.stack([hand.first_left, hand.second_left], axis=1).reshape(-1, 2)
+    return TiePoints(
+        names,
+        np.concatenate([points.point, first + np.repeat(np.arange(len(hand)), 2)]).astype(np.int32),
+        np.concatenate([points.pair, pair]).astype(np.int32),
+        np.concatenate([points.left, left]),
+        *(
+            np.concatenate([getattr(points, name), both(name)])
+            for name in ("parallax_px", "sigma_px", "sigma_parallax_px", "sigma_line_px")
+        ),
+    )
+
+
+def _kept(ties: TiePoints, vetoes: Sequence[Veto]) -> Flags:
+    """The observations that no veto means."""
+    kept = np.ones(len(ties), dtype=bool)
+    names = np.array(ties.pair_ids, dtype=object)[ties.pair] if len(ties) else np.zeros(0, object)
+    for veto in vetoes:
+        meant = names == veto.pair_id
+        if veto.left is not None:
+            meant &= np.linalg.norm(ties.left - veto.left, axis=1) <= veto.tolerance_px
+        if veto.other:
+            meant &= np.isin(ties.point, ties.point[names == veto.other])
+        kept &= ~meant
+    return kept
