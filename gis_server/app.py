@@ -9,107 +9,34 @@ from importlib.metadata import version
 from pathlib import Path
 
 from fastapi import FastAPI
-from starlette.datastructures import MutableHeaders
 from starlette.middleware.cors import CORSMiddleware
-from starlette.middleware.gzip import DEFAULT_EXCLUDED_CONTENT_TYPES, GZipMiddleware
-from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from solmap.config.settings import Settings
+from solmap.gis_server.collaboration import accounts, edits, runs
 from solmap.gis_server.errors import install_error_table
 from solmap.gis_server.metrics import Measured, Metrics
+from solmap.gis_server.middleware import CompressText, SecurityHeaders, SmallBodies
 from solmap.gis_server.ogc import features, landing, wmts
 from solmap.gis_server.ogc import tiles as ogc_tiles
 from solmap.gis_server.openapi import complete
 from solmap.gis_server.routes import (
-    account,
     analysis,
     downloads,
-    driving,
-    edits,
     events,
     images,
     layers,
-    metrics,
     missions,
     models,
     network,
-    pages,
     panoramas,
     projection,
-    runs,
-    scene,
-    sight,
-    stac,
-    start,
-    styles,
-    ties,
+    server,
     tiles,
-    versions,
 )
 from solmap.gis_server.routes.shortcut import TileShortcut
 from solmap.gis_server.services import open_services
-from solmap.gis_server.small_bodies import SmallBodies
 from solmap.products.store.backends import Elsewhere
 from solmap.products.store.process import keep_logs, look_seldom
-
-_HEADERS = {
-    "Content-Security-Policy": (
-        "default-src 'self'; script-src 'self' 'wasm-unsafe-eval'; connect-src 'self' blob:; "
-        "img-src 'self' data: blob:; style-src 'self' 'unsafe-inline'; worker-src 'self' blob:; "
-        "frame-ancestors 'none'; base-uri 'none'; form-action 'self'"
-    ),
-    "X-Content-Type-Options": "nosniff",
-    "Referrer-Policy": "same-origin",
-    "Cross-Origin-Opener-Policy": "same-origin",
-    "X-Frame-Options": "DENY",
-    "Permissions-Policy": (
-        "camera=(), microphone=(), geolocation=(), payment=(), usb=(), serial=(), midi=(), "
-        "display-capture=()"
-    ),
-}
-"""Nothing from elsewhere is loaded, nobody embeds the map, no other origin is let in (no CORS).
-`wasm-unsafe-eval` lets the decoder of compressed 3D models, which is served from here, be compiled
-in a worker; it allows no JavaScript from text. Pictures inside models are read as blobs."""
-
-
-_PACKED = ("/tiles/", "/models/", "/download/", "/products/", "/images/", "/panoramas/")
-"""What is served below these is compressed already, or asked for by ranges."""
-
-
-class SecurityHeaders:
-    """Adds the headers to every answer."""
-
-    def __init__(self, app: ASGIApp) -> None:
-        self.app = app
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass the request on and put the headers on the answer."""
-
-        async def with_headers(message: Message) -> None:
-            if message["type"] == "http.response.start":
-                headers = MutableHeaders(scope=message)
-                for name, value in _HEADERS.items():
-                    headers.setdefault(name, value)
-            await send(message)
-
-        await self.app(scope, receive, with_headers)
-
-
-class CompressText:
-    """Compresses what is text; files asked for by range and pictures go out as they are."""
-
-    def __init__(self, app: ASGIApp) -> None:
-        excluded = (*DEFAULT_EXCLUDED_CONTENT_TYPES, "image/tiff", "application/octet-stream")
-        self.plain = app
-        self.compressing = GZipMiddleware(
-            app, minimum_size=1000, compresslevel=5, exclude_content_types=excluded
-        )
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Choose by the address: tiles, models, downloads and images are never compressed."""
-        path = scope.get("path", "")
-        raw = path.startswith(_PACKED)
-        await (self.plain if raw else self.compressing)(scope, receive, send)
 
 
 def create_app(
@@ -151,38 +78,29 @@ def create_app(
     app.state.metrics = Metrics(services)
     install_error_table(app)
     for module in (
-        start,
         missions,
         layers,
-        versions,
         models,
-        scene,
         analysis,
-        sight,
-        driving,
-        ties,
         projection,
         network,
-        styles,
         tiles,
         images,
         landing,
         downloads,
-        stac,
         events,
-        account,
+        accounts,
         edits,
         runs,
         features,
         ogc_tiles,
         wmts,
         panoramas,
-        metrics,
-        pages,
+        server,
     ):
         app.include_router(module.router)
     complete(app)
-    pages.install_pages(app, viewer_dist or pages.SHIPPED_VIEWER)
+    server.install_pages(app, viewer_dist or server.SHIPPED_VIEWER)
     app.add_middleware(SmallBodies)
     app.add_middleware(CompressText)
     app.add_middleware(TileShortcut, services=services, metrics=app.state.metrics)

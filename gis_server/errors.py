@@ -12,8 +12,8 @@ from fastapi.responses import JSONResponse
 from starlette.exceptions import HTTPException
 from starlette.routing import compile_path
 
-from solmap.gis_server.analysis.refusal import RefusedError
-from solmap.gis_server.rendering.looks import UnknownLookError
+from solmap.gis_server.analysis.bodies import UnanswerableError
+from solmap.gis_server.rendering.styles import UnknownStyleError
 from solmap.photogrammetry.errors import AdjustmentError, CameraError, MatchingError, TerrainError
 from solmap.products.errors import (
     OutsideCoverageError,
@@ -29,9 +29,9 @@ STATUS: dict[type[Exception], HTTPStatus] = {
     OutsideCoverageError: HTTPStatus.NOT_FOUND,
     StoreFullError: HTTPStatus.INSUFFICIENT_STORAGE,
     StoreAwayError: HTTPStatus.SERVICE_UNAVAILABLE,
-    UnknownLookError: HTTPStatus.UNPROCESSABLE_ENTITY,
+    UnknownStyleError: HTTPStatus.UNPROCESSABLE_ENTITY,
     ProductError: HTTPStatus.INTERNAL_SERVER_ERROR,
-    RefusedError: HTTPStatus.UNPROCESSABLE_ENTITY,
+    UnanswerableError: HTTPStatus.UNPROCESSABLE_ENTITY,
     TerrainError: HTTPStatus.UNPROCESSABLE_ENTITY,
     CameraError: HTTPStatus.UNPROCESSABLE_ENTITY,
     MatchingError: HTTPStatus.UNPROCESSABLE_ENTITY,

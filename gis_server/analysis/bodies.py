@@ -3,6 +3,8 @@
 Names end in their unit: `_m` metres, `_deg` degrees, `_px` pixels. East, north and elevation are
 metres of the mission's local map, elevation above the tangent plane at the landing point. Azimuths
 are clockwise from north. Standard deviations are one sigma. `null` is "not measured".
+
+What is asked for and cannot be computed, said in one sentence.
 """
 
 from __future__ import annotations
@@ -92,3 +94,7 @@ def numbers(values: Iterable[float] | np.ndarray, digits: int = 4) -> list[float
 def number(value: float | None, digits: int = 4) -> float | None:
     """One such number."""
     return None if value is None else numbers([value], digits)[0]
+
+
+class UnanswerableError(Exception):
+    """The question has no answer as it stands; says what was expected and what to try."""

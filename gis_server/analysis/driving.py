@@ -15,10 +15,8 @@ import rasterio.features
 from affine import Affine
 from pydantic import BaseModel
 
-from solmap.gis_server.analysis.bodies import UNITS, LayerUsed, numbers
-from solmap.gis_server.analysis.ground import Ground
-from solmap.gis_server.analysis.mosaic import mosaic, worst_of
-from solmap.gis_server.analysis.refusal import RefusedError
+from solmap.gis_server.analysis.bodies import UNITS, LayerUsed, UnanswerableError, numbers
+from solmap.gis_server.analysis.ground import Ground, mosaic, worst_of
 from solmap.gis_server.rendering.png import indexed_png
 from solmap.photogrammetry.arrays import Classes, Float64, Raster
 from solmap.photogrammetry.terrain.dtm.grid import Bounds, MapGrid
@@ -105,7 +103,7 @@ def drives_from(
     """
     maps = [layer for layer in hazards if layer.ref.kind in HAZARD_KINDS and layer.cell_m]
     if not maps:
-        raise RefusedError(
+        raise UnanswerableError(
             "this mission has no hazard maps yet, without which no way is safe: process its sols "
             "with a pipeline that makes them"
         )

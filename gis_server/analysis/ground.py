@@ -2,6 +2,8 @@
 
 Models are read in windows around the places asked for. Where places lie far apart the windows are
 cut, so that a long line never reads the whole of a large model.
+
+Terrain models read together onto one grid: for questions about an area.
 """
 
 from __future__ import annotations
@@ -12,12 +14,13 @@ from dataclasses import dataclass
 
 import numpy as np
 import rasterio
+from rasterio.enums import Resampling
 from rasterio.windows import Window
 
-from solmap.gis_server.analysis.refusal import RefusedError
-from solmap.gis_server.rendering.readers import RasterPool
-from solmap.photogrammetry.arrays import Flags
-from solmap.photogrammetry.terrain.dtm.grid import MapGrid
+from solmap.gis_server.analysis.bodies import UnanswerableError
+from solmap.gis_server.rendering.reading import RasterPool
+from solmap.photogrammetry.arrays import Classes, Flags, Raster
+from solmap.photogrammetry.terrain.dtm.grid import Bounds, MapGrid
 from solmap.photogrammetry.terrain.dtm.resampling import (
     NOWHERE,
     GroundSamples,
@@ -59,7 +62,7 @@ class Ground:
         chosen = [layer for layer in models if asked in (BEST, layer.id)]
         if not chosen:
             names = ", ".join(layer.id for layer in models[:5]) or "none"
-            raise RefusedError(
+            raise UnanswerableError(
                 f"{asked} is no terrain model of this mission; there are {names}; "
                 f"'{BEST}' takes the finest at every place"
             )
@@ -142,3 +145,94 @@ def _around(grid: MapGrid, places: MapPoints) -> Window:
     bottom = min(grid.rows, math.floor(float(row.max())) + 2)
     left, top = min(left, grid.cols - 1), min(top, grid.rows - 1)
     return Window(left, top, max(1, right - left), max(1, bottom - top))
+
+
+def mosaic(ground: Ground, grid: MapGrid) -> tuple[Raster, list[Layer]]:
+    """Elevation on a grid: at every cell of the finest model that has one, of equals the surest.
+
+    Models of smaller cells are averaged, those of larger ones repeated. Returned with the models
+    that have a say.
+    """
+    elevation = np.full(grid.shape, np.nan, np.float32)
+    best = np.full(grid.shape, np.inf, np.float32)
+    number = np.full(grid.shape, -1, np.int32)
+    order = sorted(range(len(ground.models)), key=lambda k: -cell_of(ground.models[k]))
+    former = math.inf
+    for k in order:
+        layer = ground.models[k]
+        part = _overlap(layer.bounds, grid)
+        if part is None:
+            continue
+        if cell_of(layer) < former:  # a finer model speaks wherever it has measured
+            former, best[:] = cell_of(layer), np.inf
+        with ground.pool.reading(ground.store.address(layer.ref)) as dataset:
+            height, sigma = _read_part(dataset, grid, part)
+        rows, cols = part
+        better = np.isfinite(height) & (sigma < best[rows, cols])
+        elevation[rows, cols][better] = height[better]
+        best[rows, cols][better] = sigma[better]
+        number[rows, cols][better] = k
+    used = sorted(set(number[number >= 0].tolist()))
+    return elevation, [ground.models[k] for k in used]
+
+
+def _overlap(bounds: Bounds, grid: MapGrid) -> tuple[slice, slice] | None:
+    """Rows and columns of a grid that lie wholly within bounds; None where there are none."""
+    west, south, east, north = bounds
+    rows = slice(
+        max(0, math.ceil((grid.north - north) / grid.cell_m - 1e-6)),
+        min(grid.rows, math.floor((grid.north - south) / grid.cell_m + 1e-6)),
+    )
+    cols = slice(
+        max(0, math.ceil((west - grid.west) / grid.cell_m - 1e-6)),
+        min(grid.cols, math.floor((east - grid.west) / grid.cell_m + 1e-6)),
+    )
+    return (rows, cols) if rows.stop > rows.start and cols.stop > cols.start else None
+
+
+def _read_part(
+    dataset: rasterio.DatasetReader, grid: MapGrid, part: tuple[slice, slice]
+) -> tuple[Raster, Raster]:
+    """Elevation and its standard deviation on a part of the grid."""
+    window, shape = _window(grid_of(dataset), grid, part)
+    names = band_names(dataset)
+    wanted = [names.index(n) + 1 for n in ("elevation", "standard_deviation") if n in names]
+    how = Resampling.average if window.width > shape[1] else Resampling.nearest
+    read = dataset.read(wanted, window=window, out_shape=(len(wanted), *shape), resampling=how)
+    sigma = read[1] if len(read) > 1 else np.zeros(shape, np.float32)
+    unsure: Raster = np.where(np.isfinite(sigma), sigma, np.float32(1e6))
+    return read[0], unsure
+
+
+def worst_of(
+    layers: Sequence[Layer], grid: MapGrid, store: ProductStore, pool: RasterPool
+) -> tuple[Classes, list[Layer]]:
+    """Classes on a grid: at every cell the highest code of all layers, 0 where none knows it.
+
+    Returned with the layers that lie on the grid.
+    """
+    found = np.zeros(grid.shape, np.uint8)
+    used = []
+    for layer in layers:
+        part = _overlap(layer.bounds, grid)
+        if part is None:
+            continue
+        with pool.reading(store.address(layer.ref)) as dataset:
+            window, shape = _window(grid_of(dataset), grid, part)
+            codes = dataset.read(1, window=window, out_shape=shape, resampling=Resampling.nearest)
+        here = found[part]
+        np.maximum(here, codes, out=here)
+        used.append(layer)
+    return found, used
+
+
+def _window(
+    own: MapGrid, grid: MapGrid, part: tuple[slice, slice]
+) -> tuple[Window, tuple[int, int]]:
+    """Where a part of a grid lies among the cells of a file, and its rows and columns."""
+    rows, cols = part
+    ratio = grid.cell_m / own.cell_m
+    top = (own.north - grid.north) / own.cell_m + rows.start * ratio
+    left = (grid.west - own.west) / own.cell_m + cols.start * ratio
+    shape = (rows.stop - rows.start, cols.stop - cols.start)
+    return Window(left, top, shape[1] * ratio, shape[0] * ratio), shape

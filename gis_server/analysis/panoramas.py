@@ -11,7 +11,7 @@ import rasterio
 from pydantic import BaseModel
 from rasterio.windows import Window
 
-from solmap.gis_server.rendering.readers import RasterPool
+from solmap.gis_server.rendering.reading import RasterPool
 from solmap.photogrammetry.arrays import Vector3
 from solmap.photogrammetry.terrain.dtm.ground import MAP_FROM_LSL
 from solmap.photogrammetry.terrain.orthophoto.panorama_grid import NODE, direction

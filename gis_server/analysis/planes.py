@@ -17,10 +17,10 @@ from solmap.gis_server.analysis.bodies import (
     MetresHere,
     Polygon,
     Question,
+    UnanswerableError,
 )
 from solmap.gis_server.analysis.ground import BEST, Ground, cell_of
 from solmap.gis_server.analysis.measures import used_in
-from solmap.gis_server.analysis.refusal import RefusedError
 from solmap.photogrammetry.arrays import Covariances3
 from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.planes import PlaneFit, fit_plane
@@ -82,7 +82,7 @@ def fitted_plane(question: PlaneQuestion, ground: Ground) -> PlaneAnswer:
         TerrainError: they hold no plane.
     """
     if (question.points is None) == (question.polygon is None):
-        raise RefusedError("a plane goes through `points` or a `polygon`: give one of them")
+        raise UnanswerableError("a plane goes through `points` or a `polygon`: give one of them")
     places, heights = _places(question, ground)
     read = ground.at(places)
     on_ground = np.isnan(heights)

@@ -12,10 +12,9 @@ from functools import lru_cache
 import numpy as np
 from pydantic import BaseModel
 
-from solmap.gis_server.analysis.bodies import UNITS, number
-from solmap.gis_server.analysis.refusal import RefusedError
-from solmap.photogrammetry.adjustment.quality import ellipse
-from solmap.photogrammetry.adjustment.records import AdjustedStop
+from solmap.gis_server.analysis.bodies import UNITS, UnanswerableError, number
+from solmap.photogrammetry.adjustment.model.adjusted_network import AdjustedStop
+from solmap.photogrammetry.adjustment.quality.network_quality import ellipse
 from solmap.photogrammetry.traverse.differences import Differences, differences, shared
 from solmap.photogrammetry.traverse.records import Traverse
 from solmap.products.catalogue.catalogue import Catalogue
@@ -165,7 +164,7 @@ def compare(
     other = told if reference is None else traverses(reference[1])[1]
     common, adjusted = shared(other, adjusted)
     if len(common) < 2:  # noqa: PLR2004 - a leg has two ends
-        raise RefusedError(
+        raise UnanswerableError(
             f"{_name(named)} and {_name(reference)} have {len(common)} stops in common; "
             "a traverse is compared from two on"
         )

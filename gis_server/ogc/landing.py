@@ -9,13 +9,12 @@ from fastapi.responses import JSONResponse
 
 from solmap.gis_server.ogc import features, tiles, wmts
 from solmap.gis_server.ogc.crs import Crs, crs_named
-from solmap.gis_server.ogc.features_query import form_of
+from solmap.gis_server.ogc.documents import HTML, JSON, link, link_list, page, paragraph, table
+from solmap.gis_server.ogc.features import form_of
 from solmap.gis_server.ogc.formats import Format
-from solmap.gis_server.ogc.html import link_list, page, paragraph, table
-from solmap.gis_server.ogc.links import HTML, JSON, BaseOf, link
-from solmap.gis_server.ogc.maps import raster_named
+from solmap.gis_server.ogc.tiles import raster_named
 from solmap.gis_server.ogc.tilesets import collection_document
-from solmap.gis_server.routes.parameters import AGAIN, MissionName
+from solmap.gis_server.parameters import AGAIN, BaseOf, MissionName
 from solmap.gis_server.services import ServicesOf
 from solmap.products.crs import MARS, local_crs
 from solmap.products.errors import ProductNotFoundError

@@ -13,8 +13,8 @@ import math
 from typing import Any
 
 from solmap.gis_server.ogc.crs import Crs, uri_of
-from solmap.gis_server.ogc.links import JSON, Link, link
-from solmap.gis_server.rendering.styles import DEFAULT, Style, styles_of
+from solmap.gis_server.ogc.documents import JSON, Link, link
+from solmap.gis_server.rendering.styles import DEFAULT, TileStyle, styles_of
 from solmap.photogrammetry.terrain.dtm.grid import BLOCK, Bounds
 from solmap.products.catalogue.catalogue import MissionEntry
 from solmap.products.crs import LandingPoint, local_proj4
@@ -171,7 +171,7 @@ def _tiles_address(layer: Layer, style: str, base: str) -> str:
 
 
 def _title(layer: Layer, style: str) -> str:
-    chosen: Style = styles_of(layer.ref.kind)[style]
+    chosen: TileStyle = styles_of(layer.ref.kind)[style]
     return f"{layer.title}: {chosen.title}" if chosen.title else layer.title
 
 

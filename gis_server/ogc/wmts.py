@@ -4,20 +4,27 @@
     /ogc/{mission}/wmts?service=WMTS&request=GetCapabilities    and GetTile
 
 Names of parameters may be written in any case. What is wrong is answered with an exception report.
+
+What a WMTS can do, as the XML of OGC 07-057r7 (WMTS 1.0.0).
+
+The CRS is given as a PROJ string: GDAL takes that, WKT or a URN of an authority, but no address on
+the web, and the map of a landing site is in no authority's list. Scale denominators count pixels of
+0.28 mm, as the standard has them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from functools import lru_cache
 from http import HTTPStatus
 from typing import Annotated, Any
+from xml.etree import ElementTree as ET
 
 from fastapi import APIRouter, Query, Request, Response
 
-from solmap.gis_server.ogc.links import BaseOf, Link, link
-from solmap.gis_server.ogc.maps import (
+from solmap.gis_server.ogc.documents import Link, link
+from solmap.gis_server.ogc.tiles import (
     Known,
     Matrix,
     Raster,
@@ -27,15 +34,142 @@ from solmap.gis_server.ogc.maps import (
     raster_named,
     rasters,
 )
-from solmap.gis_server.ogc.wmts_document import capabilities, exception_report
-from solmap.gis_server.rendering.looks import Look, UnknownLookError
-from solmap.gis_server.rendering.styles import DEFAULT
+from solmap.gis_server.ogc.tilesets import collection_id, finest, legend_address, limits_at, tms_id
+from solmap.gis_server.parameters import AGAIN, BaseOf, MissionName
+from solmap.gis_server.rendering.styles import DEFAULT, StyleQuery, UnknownStyleError, styles_of
 from solmap.gis_server.routes.looks import AskedLook
-from solmap.gis_server.routes.parameters import AGAIN, MissionName
 from solmap.gis_server.services import Services, ServicesOf
+from solmap.photogrammetry.terrain.dtm.grid import BLOCK, Bounds
 from solmap.products.catalogue.catalogue import MissionEntry
+from solmap.products.crs import local_proj4
 from solmap.products.errors import OutsideCoverageError, ProductNotFoundError
-from solmap.products.formats.raster.tiling import TileAddress
+from solmap.products.formats.raster.tiling import (
+    CELL_SIZES,
+    EXTENT,
+    HALF_SIDE_M,
+    TileAddress,
+    whole_zoom_of,
+)
+from solmap.products.model import Layer
+from solmap.products.reports.stac import degrees
+
+_WMTS, _OWS = "http://www.opengis.net/wmts/1.0", "http://www.opengis.net/ows/1.1"
+_XLINK = "http://www.w3.org/1999/xlink"
+_PIXEL_M = 0.00028
+_ZOOMS_OUT = 3
+"""Zooms below that at which a layer fills one tile that it is offered at."""
+for _prefix, _name in (("", _WMTS), ("ows", _OWS), ("xlink", _XLINK)):
+    ET.register_namespace(_prefix, _name)
+
+
+def capabilities(mission: MissionEntry, layers: Iterable[Layer], base: str) -> bytes:
+    """All layers, their styles and the tile matrix set."""
+    root = ET.Element(f"{{{_WMTS}}}Capabilities", version="1.0.0")
+    service = ET.SubElement(root, f"{{{_OWS}}}ServiceIdentification")
+    _ows(service, "Title", f"Maps of {mission.title}")
+    _ows(service, "Abstract", f"Mars, metres east and north of {mission.landing.name}")
+    _ows(service, "ServiceType", "OGC WMTS")
+    _ows(service, "ServiceTypeVersion", "1.0.0")
+    _operations(root, f"{base}/wmts")
+    contents = ET.SubElement(root, f"{{{_WMTS}}}Contents")
+    for layer in layers:
+        _layer(contents, layer, mission, base)
+    _tile_matrix_set(contents, mission)
+    address = {f"{{{_XLINK}}}href": f"{base}/wmts/1.0.0/WMTSCapabilities.xml"}
+    ET.SubElement(root, f"{{{_WMTS}}}ServiceMetadataURL", address)
+    return _bytes(root)
+
+
+def exception_report(code: str, text: str, locator: str = "") -> bytes:
+    """What was wrong with a request."""
+    root = ET.Element(f"{{{_OWS}}}ExceptionReport", version="1.1.0")
+    told = {"exceptionCode": code, **({"locator": locator} if locator else {})}
+    found = ET.SubElement(root, f"{{{_OWS}}}Exception", told)
+    _ows(found, "ExceptionText", text)
+    return _bytes(root)
+
+
+def _operations(root: ET.Element, address: str) -> None:
+    metadata = ET.SubElement(root, f"{{{_OWS}}}OperationsMetadata")
+    for name in ("GetCapabilities", "GetTile"):
+        operation = ET.SubElement(metadata, f"{{{_OWS}}}Operation", name=name)
+        http = ET.SubElement(ET.SubElement(operation, f"{{{_OWS}}}DCP"), f"{{{_OWS}}}HTTP")
+        get = ET.SubElement(http, f"{{{_OWS}}}Get", {f"{{{_XLINK}}}href": f"{address}?"})
+        constraint = ET.SubElement(get, f"{{{_OWS}}}Constraint", name="GetEncoding")
+        _ows(ET.SubElement(constraint, f"{{{_OWS}}}AllowedValues"), "Value", "KVP")
+
+
+def _layer(contents: ET.Element, layer: Layer, mission: MissionEntry, base: str) -> None:
+    found = ET.SubElement(contents, f"{{{_WMTS}}}Layer")
+    _ows(found, "Title", layer.title)
+    _box(found, "BoundingBox", layer.bounds, local_proj4(mission.landing))
+    _box(found, "WGS84BoundingBox", degrees(layer.bounds, mission.landing))  # degrees of Mars
+    _ows(found, "Identifier", collection_id(layer))
+    for name, style in styles_of(layer.ref.kind).items():
+        one = ET.SubElement(
+            found, f"{{{_WMTS}}}Style", isDefault="true" if name == DEFAULT else "false"
+        )
+        _ows(one, "Title", style.title or layer.title)
+        _ows(one, "Identifier", name)
+        address = {f"{{{_XLINK}}}href": legend_address(layer, name, base)}
+        ET.SubElement(one, f"{{{_WMTS}}}LegendURL", address, format="image/png")
+    _wmts(found, "Format", "image/png")
+    link = ET.SubElement(found, f"{{{_WMTS}}}TileMatrixSetLink")
+    _wmts(link, "TileMatrixSet", tms_id(mission.landing))
+    limits = ET.SubElement(link, f"{{{_WMTS}}}TileMatrixSetLimits")
+    for zoom in range(max(0, whole_zoom_of(layer.bounds) - _ZOOMS_OUT), finest(layer) + 1):
+        limit = ET.SubElement(limits, f"{{{_WMTS}}}TileMatrixLimits")
+        for name, value in limits_at(zoom, layer.bounds).items():
+            _wmts(limit, name[0].upper() + name[1:], str(value))
+    template = (
+        f"{base}/wmts/1.0.0/{collection_id(layer)}/{{Style}}/{{TileMatrixSet}}/{{TileMatrix}}/"
+        "{TileRow}/{TileCol}.png"
+    )
+    ET.SubElement(
+        found,
+        f"{{{_WMTS}}}ResourceURL",
+        format="image/png",
+        resourceType="tile",
+        template=template,
+    )
+
+
+def _tile_matrix_set(contents: ET.Element, mission: MissionEntry) -> None:
+    found = ET.SubElement(contents, f"{{{_WMTS}}}TileMatrixSet")
+    _ows(found, "Identifier", tms_id(mission.landing))
+    crs = local_proj4(mission.landing)
+    _box(found, "BoundingBox", EXTENT, crs)
+    _ows(found, "SupportedCRS", crs)
+    for zoom, cell_m in enumerate(CELL_SIZES):
+        matrix = ET.SubElement(found, f"{{{_WMTS}}}TileMatrix")
+        _ows(matrix, "Identifier", str(zoom))
+        _wmts(matrix, "ScaleDenominator", repr(cell_m / _PIXEL_M))
+        _wmts(matrix, "TopLeftCorner", f"{-HALF_SIDE_M!r} {HALF_SIDE_M!r}")
+        for name in ("TileWidth", "TileHeight"):
+            _wmts(matrix, name, str(BLOCK))
+        for name in ("MatrixWidth", "MatrixHeight"):
+            _wmts(matrix, name, str(2**zoom))
+
+
+def _box(parent: ET.Element, name: str, bounds: Bounds, crs: str = "") -> None:
+    west, south, east, north = bounds
+    named = {"crs": crs} if crs else {}
+    box = ET.SubElement(parent, f"{{{_OWS}}}{name}", named)
+    _ows(box, "LowerCorner", f"{west!r} {south!r}")
+    _ows(box, "UpperCorner", f"{east!r} {north!r}")
+
+
+def _ows(parent: ET.Element, name: str, text: str) -> None:
+    ET.SubElement(parent, f"{{{_OWS}}}{name}").text = text
+
+
+def _wmts(parent: ET.Element, name: str, text: str) -> None:
+    ET.SubElement(parent, f"{{{_WMTS}}}{name}").text = text
+
+
+def _bytes(root: ET.Element) -> bytes:
+    return bytes(ET.tostring(root, encoding="utf-8", xml_declaration=True))
+
 
 router = APIRouter(prefix="/ogc/{mission}/wmts", tags=["ogc tiles"])
 CONFORMANCE: tuple[str, ...] = ()
@@ -119,11 +253,11 @@ def _tile(mission: str, asked: Mapping[str, str], services: Services, known: str
         layer = raster_named(_given(asked, "layer"), mission, services)
         address = TileAddress(*(_number(asked, n) for n in ("tilematrix", "tilecol", "tilerow")))
         _check_format(asked)
-        look = Look(asked.get("style") or DEFAULT)
+        look = StyleQuery(asked.get("style") or DEFAULT)
         return latest_tile(layer, address, look, services, known)
     except OutsideCoverageError as error:
         raise _RequestError("TileOutOfRange", str(error), "tilematrix") from error
-    except (ProductNotFoundError, UnknownLookError) as error:
+    except (ProductNotFoundError, UnknownStyleError) as error:
         raise _RequestError("InvalidParameterValue", str(error), "layer") from error
 
 

@@ -6,18 +6,22 @@ tiles and stretches of one image cost little; nothing is written.
 
 An anaglyph holds the left image in red and the right one in green and blue. Ground whose parallax
 equals the shift falls together in both, and lies in the plane of the screen.
+
+Arrays that cost time to make, kept in memory up to a number of bytes.
 """
 
 from __future__ import annotations
 
 import math
+import threading
+from collections import OrderedDict
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 from enum import StrEnum
 
 import cv2
 import numpy as np
 
-from solmap.gis_server.rendering.kept import Kept
 from solmap.photogrammetry.arrays import GreyImage, Picture
 from solmap.photogrammetry.imagery import Eye
 from solmap.photogrammetry.matching.resampling import resample
@@ -27,10 +31,43 @@ from solmap.products.catalogue.oriented_images import geometry_of, matches_of, r
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.errors import OutsideCoverageError, ProductNotFoundError
 
+
+class ArrayCache:
+    """The arrays asked for last; the least recently used go first."""
+
+    def __init__(self, limit: int) -> None:
+        """Keep at most `limit` bytes."""
+        self._limit = limit
+        self._arrays: OrderedDict[Hashable, np.ndarray] = OrderedDict()
+        self._bytes = 0
+        self._lock = threading.Lock()
+
+    def get(self, key: Hashable, make: Callable[[], np.ndarray]) -> np.ndarray:
+        """The array of a key, made if it is not there."""
+        with self._lock:
+            if key in self._arrays:
+                self._arrays.move_to_end(key)
+                return self._arrays[key]
+        array = make()
+        array.flags.writeable = False
+        with self._lock:
+            if key not in self._arrays:
+                self._arrays[key] = array
+                self._bytes += array.nbytes
+            while self._bytes > self._limit and len(self._arrays) > 1:
+                self._bytes -= self._arrays.popitem(last=False)[1].nbytes
+        return array
+
+    @property
+    def bytes(self) -> int:
+        """What is kept now."""
+        return self._bytes
+
+
 TILE = 256
 _DEPTHS = (255.0, 4095.0, 65535.0)
 """Largest values of 8, 12 and 16 bits."""
-_KEPT = Kept(256 << 20)
+_KEPT = ArrayCache(256 << 20)
 """Some thirty Navcam pairs with their smaller copies."""
 
 

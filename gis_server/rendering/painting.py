@@ -1,4 +1,11 @@
-"""How a tile is painted: one function for every way in which a raster becomes a picture."""
+"""How a tile is painted: one function for every way in which a raster becomes a picture.
+
+What is drawn of a terrain model's cells: shades, slopes and directions.
+
+All follow from the gradient of the plane fitted to the elevations around a cell, as those of the
+layers that are made once (`terrain.surface`). A cell is a pixel of the tile: seen from afar the
+ground is felt over a longer way, so that a hillshade is as crisp, and as right, at every zoom.
+"""
 
 from __future__ import annotations
 
@@ -11,23 +18,103 @@ import numpy as np
 import rasterio
 from rasterio.enums import Resampling
 
-from solmap.gis_server.rendering.colours import indices_of, palette_of, stretched
-from solmap.gis_server.rendering.contour_lines import contour_cover, contour_margin, interval_of
-from solmap.gis_server.rendering.looks import Look
-from solmap.gis_server.rendering.patches import Patch, read_patch, read_tile
+from solmap.gis_server.rendering.contours import contour_cover, contour_margin, interval_of
 from solmap.gis_server.rendering.png import colour_png, indexed_png
-from solmap.gis_server.rendering.shading import (
-    OF_TERRAIN,
-    gradient_of,
-    hillshade,
-    margin_of,
-    north_facing,
+from solmap.gis_server.rendering.reading import Patch, read_patch, read_tile
+from solmap.gis_server.rendering.styles import (
+    ELEVATIONS,
+    PICTURES,
+    STYLES,
+    StyleQuery,
+    TileStyle,
+    UnknownStyleError,
+    indices_of,
+    palette_of,
+    range_of,
+    stretched,
 )
-from solmap.gis_server.rendering.styles import ELEVATIONS, PICTURES, STYLES, Style, range_of
+from solmap.photogrammetry.arrays import Raster
+from solmap.photogrammetry.planes import Gradients, nine_cell_gradients, window_gradients
 from solmap.products.errors import ProductNotFoundError
 from solmap.products.formats.raster.raster import band_names
 from solmap.products.formats.raster.tiling import TileAddress
 from solmap.products.model import Layer, ProductKind
+
+_WIDEST = 128
+"""Cells that a window may reach to either side: half a tile."""
+_LEVEL = np.float32(1e-6)
+"""Gradient below which ground has no aspect: single precision."""
+
+
+def margin_of(look: StyleQuery, cell_m: float) -> int:
+    """Cells that a window reaches to either side.
+
+    Raises:
+        UnknownLookError: it is too wide for a tile.
+    """
+    if look.baseline_m is None:
+        return 1
+    half = max(1, round((look.baseline_m / cell_m - 1) / 2))
+    if half > _WIDEST:
+        raise UnknownStyleError(
+            f"a baseline of {look.baseline_m:g} m is {2 * half + 1} cells of {cell_m:g} m; ask for "
+            f"one below {2 * _WIDEST * cell_m:g} m or for a tile of a lower zoom"
+        )
+    return half
+
+
+def gradient_of(elevation: Raster, cell_m: float, half: int) -> Gradients:
+    """Rise per metre towards east and north; the outer `half` cells are without meaning."""
+    if half == 1:
+        return nine_cell_gradients(elevation, cell_m)
+    return window_gradients(elevation, cell_m, (2 * half + 1) * cell_m)
+
+
+def hillshade(gradient: Gradients, look: StyleQuery) -> Raster:
+    """Cosine of the sun's incidence, 0 to 1: 0 where the ground turns away from the sun."""
+    azimuth, elevation = math.radians(look.azimuth_deg), math.radians(look.elevation_deg)
+    g_e, g_n = gradient * np.float32(look.exaggeration)
+    across = np.float32(math.cos(elevation) * math.sin(azimuth))
+    along = np.float32(math.cos(elevation) * math.cos(azimuth))
+    light = np.float32(math.sin(elevation)) - across * g_e - along * g_n
+    light /= np.sqrt(np.float32(1.0) + g_e * g_e + g_n * g_n)
+    return np.clip(light, 0.0, 1.0)
+
+
+def slope(gradient: Gradients, _look: StyleQuery) -> Raster:
+    """Degrees from the horizontal."""
+    return np.degrees(np.arctan(np.hypot(*gradient)))
+
+
+def aspect(gradient: Gradients, _look: StyleQuery) -> Raster:
+    """Azimuth in which the ground falls, degrees clockwise from north; NaN where level."""
+    g_e, g_n = gradient
+    azimuth = np.degrees(np.arctan2(-g_e, -g_n))
+    azimuth[azimuth < 0] += np.float32(360.0)
+    azimuth[(np.abs(g_e) < _LEVEL) & (np.abs(g_n) < _LEVEL)] = np.nan
+    return azimuth
+
+
+def northerly_tilt(gradient: Gradients, _look: StyleQuery) -> Raster:
+    """Tilt towards north in degrees, positive where the ground faces north."""
+    g_e, g_n = gradient
+    return np.degrees(np.arctan(-g_n / np.sqrt(np.float32(1.0) + g_e * g_e)))
+
+
+def north_facing(tilt: Raster, look: StyleQuery) -> Raster:
+    """Tilt towards north where it reaches the threshold, NaN elsewhere."""
+    return np.where(tilt >= np.float32(look.threshold_deg), tilt, np.float32(np.nan))
+
+
+OF_TERRAIN: dict[str, Callable[[Gradients, StyleQuery], Raster]] = {
+    "hillshade": hillshade,
+    "slope": slope,
+    "aspect": aspect,
+    "northerly-tilt": northerly_tilt,
+    "north-facing": lambda gradient, look: north_facing(northerly_tilt(gradient, look), look),
+}
+"""What follows from the gradient, by the name of the style."""
+
 
 _NOT_AVERAGED = {ProductKind.ASPECT, ProductKind.REGION_ASPECT} | {
     kind for kind, style in STYLES.items() if style.is_classes
@@ -45,8 +132,8 @@ class Canvas:
 
     layer: Layer
     address: TileAddress
-    look: Look
-    style: Style
+    look: StyleQuery
+    style: TileStyle
     dataset: rasterio.DatasetReader
 
     @property
@@ -85,7 +172,9 @@ def band_index(layer: Layer, dataset: rasterio.DatasetReader, name: str) -> int:
     return names.index(name) + 1
 
 
-def painter_of(layer: Layer, look: Look, style: Style) -> Callable[[Canvas], bytes | None]:
+def painter_of(
+    layer: Layer, look: StyleQuery, style: TileStyle
+) -> Callable[[Canvas], bytes | None]:
     """How a layer is painted in a style; a painter returns None where nothing was measured."""
     kind = layer.ref.kind
     if style.is_colour:

@@ -3,27 +3,95 @@
 The range of a style is fixed where the quantity has one of its own (slope, aspect, hillshade), so
 that a colour means the same on every sol, and the layer's otherwise. What is drawn of a terrain
 model beside its elevation is computed for every tile (`rendering.shading`).
+
+Colour ramps, palettes and the index of a value in them.
+
+Index 0 of a palette is transparent (not measured), 1 to 255 run from the low to the high end of
+a range. viridis and inferno rise in lightness and read well without colour vision; twilight is
+cyclic, so that directions of 359 and 1 degrees look alike; red-blue is light in the middle.
+
+How somebody wants to see a layer: which of its styles, and with what sun, colours and limits.
+
+A legend as a picture, for clients that show no other.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
+import cv2
 import numpy as np
+from pydantic import BaseModel
 
-from solmap.gis_server.rendering.colours import GREY, INFERNO, RED_BLUE, TWILIGHT, VIRIDIS, Ramp
+from solmap.gis_server.rendering.styles import PICTURES, STYLES, legend_of, range_of
 from solmap.products.errors import ProductNotFoundError
 from solmap.products.formats.raster.cog import RasterClass
 from solmap.products.formats.raster.raster import HAZARDS, SIGHTS
 from solmap.products.model import Layer, ProductKind
+
+LEVELS = 254
+"""Steps between index 1 and index 255."""
+Ramp = tuple[str, ...]
+"""Colours, `#rrggbb`, evenly spaced over a range."""
+
+
+def _ramp(colours: str) -> Ramp:
+    return tuple(colours.split())
+
+
+GREY = ("#000000", "#ffffff")
+VIRIDIS = _ramp("#440154 #472d7b #3b528b #2c728e #21918c #28ae80 #5ec962 #addc30 #fde725")
+INFERNO = _ramp("#000004 #210c4a #57106e #8a226a #bc3754 #e45a31 #f98e09 #f9cb35 #fcffa4")
+RED_BLUE = _ramp("#67001f #b2182b #d6604d #f4a582 #f7f7f7 #92c5de #4393c3 #2166ac #053061")
+TWILIGHT = _ramp("#e2d9e2 #95b5c7 #6276ba #592a8f #2f1436 #741e4f #b25652 #cca389 #e2d9e2")
+RAMPS: dict[str, Ramp] = {
+    "grey": GREY,
+    "viridis": VIRIDIS,
+    "inferno": INFERNO,
+    "red-blue": RED_BLUE,
+    "twilight": TWILIGHT,
+}
+"""By the name that tiles are asked for with."""
+
+
+@lru_cache(maxsize=64)
+def palette_of(ramp: Ramp) -> np.ndarray:
+    """256 rows of red, green and blue; row 0 is never seen."""
+    anchors = np.array([_rgb(colour) for colour in ramp], dtype=np.float64)
+    at = np.linspace(0.0, 1.0, len(anchors))
+    where = np.concatenate([[0.0], np.linspace(0.0, 1.0, LEVELS + 1)])
+    channels = [np.interp(where, at, anchors[:, channel]) for channel in range(3)]
+    palette = np.rint(np.column_stack(channels)).astype(np.uint8)
+    palette.setflags(write=False)
+    return palette
+
+
+def _rgb(colour: str) -> tuple[int, ...]:
+    return tuple(int(colour[i : i + 2], 16) for i in (1, 3, 5))
+
+
+def stretched(palette: np.ndarray, low: float, high: float) -> np.ndarray:
+    """The palette of a picture whose indices `low` and `high` are its black and its white."""
+    index = np.clip((np.arange(256) - low) / (high - low) * LEVELS + 1.5, 1, 255)
+    return palette[index.astype(int)]
+
+
+def indices_of(values: np.ndarray, low: float, high: float) -> np.ndarray:
+    """Palette indices of float values; NaN becomes 0."""
+    steps = (values - np.float32(low)) * np.float32(LEVELS / (high - low)) + np.float32(1.5)
+    np.clip(steps, 1.0, 255.0, out=steps)
+    np.copyto(steps, 0.0, where=np.isnan(steps))
+    return steps.astype(np.uint8)
+
 
 DEFAULT = "default"
 """The style of a kind that is drawn unless another is asked for."""
 
 
 @dataclass(frozen=True, slots=True)
-class Style:
+class TileStyle:
     """Colours of a quantity."""
 
     colours: Ramp
@@ -44,30 +112,30 @@ class Style:
 
 
 STYLES = {
-    ProductKind.DTM: Style(VIRIDIS, unit="m"),
-    ProductKind.ORTHOPHOTO: Style(GREY, has_legend=False),
-    ProductKind.ORBITAL: Style(GREY, has_legend=False),
-    ProductKind.SOURCES: Style(GREY, has_legend=False, is_classes=True),
-    ProductKind.COLOUR: Style(GREY, has_legend=False, is_colour=True),
-    ProductKind.SLOPE: Style(INFERNO, (0.0, 40.0), "degree"),
-    ProductKind.ASPECT: Style(TWILIGHT, (0.0, 360.0), "degree"),
-    ProductKind.NORTHERLY_TILT: Style(RED_BLUE, (-20.0, 20.0), "degree"),
-    ProductKind.ROUGHNESS: Style(VIRIDIS, (0.0, 0.1), "m"),
-    ProductKind.INSOLATION: Style(INFERNO, unit="Wh/m2/sol"),
-    ProductKind.VIEWSHED: Style(GREY, is_classes=True, classes=SIGHTS),
-    ProductKind.HAZARD: Style(GREY, is_classes=True, classes=HAZARDS),
-    ProductKind.HILLSHADE: Style(GREY, (0.0, 1.0), has_legend=False),
-    ProductKind.FAR_DTM: Style(VIRIDIS, unit="m"),
-    ProductKind.FAR_HILLSHADE: Style(GREY, (0.0, 1.0), has_legend=False),
-    ProductKind.REGION_DTM: Style(VIRIDIS, unit="m"),
-    ProductKind.REGION_SEAMS: Style(INFERNO, (0.0, 0.3), "m"),
-    ProductKind.REGION_HILLSHADE: Style(GREY, (0.0, 1.0), has_legend=False),
-    ProductKind.REGION_SLOPE: Style(INFERNO, (0.0, 40.0), "degree"),
-    ProductKind.REGION_ASPECT: Style(TWILIGHT, (0.0, 360.0), "degree"),
-    ProductKind.REGION_NORTHERLY_TILT: Style(RED_BLUE, (-20.0, 20.0), "degree"),
-    ProductKind.REGION_ROUGHNESS: Style(VIRIDIS, (0.0, 0.1), "m"),
-    ProductKind.REGION_INSOLATION: Style(INFERNO, unit="Wh/m2/sol"),
-    ProductKind.REGION_HAZARD: Style(GREY, is_classes=True, classes=HAZARDS),
+    ProductKind.DTM: TileStyle(VIRIDIS, unit="m"),
+    ProductKind.ORTHOPHOTO: TileStyle(GREY, has_legend=False),
+    ProductKind.ORBITAL: TileStyle(GREY, has_legend=False),
+    ProductKind.SOURCES: TileStyle(GREY, has_legend=False, is_classes=True),
+    ProductKind.COLOUR: TileStyle(GREY, has_legend=False, is_colour=True),
+    ProductKind.SLOPE: TileStyle(INFERNO, (0.0, 40.0), "degree"),
+    ProductKind.ASPECT: TileStyle(TWILIGHT, (0.0, 360.0), "degree"),
+    ProductKind.NORTHERLY_TILT: TileStyle(RED_BLUE, (-20.0, 20.0), "degree"),
+    ProductKind.ROUGHNESS: TileStyle(VIRIDIS, (0.0, 0.1), "m"),
+    ProductKind.INSOLATION: TileStyle(INFERNO, unit="Wh/m2/sol"),
+    ProductKind.VIEWSHED: TileStyle(GREY, is_classes=True, classes=SIGHTS),
+    ProductKind.HAZARD: TileStyle(GREY, is_classes=True, classes=HAZARDS),
+    ProductKind.HILLSHADE: TileStyle(GREY, (0.0, 1.0), has_legend=False),
+    ProductKind.FAR_DTM: TileStyle(VIRIDIS, unit="m"),
+    ProductKind.FAR_HILLSHADE: TileStyle(GREY, (0.0, 1.0), has_legend=False),
+    ProductKind.REGION_DTM: TileStyle(VIRIDIS, unit="m"),
+    ProductKind.REGION_SEAMS: TileStyle(INFERNO, (0.0, 0.3), "m"),
+    ProductKind.REGION_HILLSHADE: TileStyle(GREY, (0.0, 1.0), has_legend=False),
+    ProductKind.REGION_SLOPE: TileStyle(INFERNO, (0.0, 40.0), "degree"),
+    ProductKind.REGION_ASPECT: TileStyle(TWILIGHT, (0.0, 360.0), "degree"),
+    ProductKind.REGION_NORTHERLY_TILT: TileStyle(RED_BLUE, (-20.0, 20.0), "degree"),
+    ProductKind.REGION_ROUGHNESS: TileStyle(VIRIDIS, (0.0, 0.1), "m"),
+    ProductKind.REGION_INSOLATION: TileStyle(INFERNO, unit="Wh/m2/sol"),
+    ProductKind.REGION_HAZARD: TileStyle(GREY, is_classes=True, classes=HAZARDS),
 }
 """Slopes end at 40 degrees: loose ground is no steeper, and no rover climbs it."""
 
@@ -77,21 +145,21 @@ PICTURES = {ProductKind.ORTHOPHOTO, ProductKind.ORBITAL, ProductKind.COLOUR} | {
 }
 """Kinds of eight bits; all others are rasters of 32-bit floats and have tiles of values."""
 
-_NORTH_FACING = Style(RED_BLUE, (-20.0, 20.0), "degree", title="Slopes that face north")
+_NORTH_FACING = TileStyle(RED_BLUE, (-20.0, 20.0), "degree", title="Slopes that face north")
 _OF_TERRAIN = {
-    "hillshade": Style(GREY, (0.0, 1.0), has_legend=False, title="Hillshade"),
-    "shaded-relief": Style(VIRIDIS, unit="m", title="Elevation, shaded"),
-    "slope": Style(INFERNO, (0.0, 40.0), "degree", title="Slope"),
-    "aspect": Style(TWILIGHT, (0.0, 360.0), "degree", title="Aspect"),
-    "northerly-tilt": Style(RED_BLUE, (-20.0, 20.0), "degree", title="Tilt towards north"),
+    "hillshade": TileStyle(GREY, (0.0, 1.0), has_legend=False, title="Hillshade"),
+    "shaded-relief": TileStyle(VIRIDIS, unit="m", title="Elevation, shaded"),
+    "slope": TileStyle(INFERNO, (0.0, 40.0), "degree", title="Slope"),
+    "aspect": TileStyle(TWILIGHT, (0.0, 360.0), "degree", title="Aspect"),
+    "northerly-tilt": TileStyle(RED_BLUE, (-20.0, 20.0), "degree", title="Tilt towards north"),
     "north-facing": _NORTH_FACING,
-    "uncertainty": Style(
+    "uncertainty": TileStyle(
         INFERNO, (0.0, 0.5), "m", band="standard_deviation", title="Standard deviation of elevation"
     ),
-    "contours": Style(("#8c4a12",), has_legend=False, title="Contours"),
+    "contours": TileStyle(("#8c4a12",), has_legend=False, title="Contours"),
 }
 _OF_SLOPE = {
-    "uncertainty": Style(
+    "uncertainty": TileStyle(
         INFERNO,
         (0.0, 5.0),
         "degree",
@@ -108,7 +176,7 @@ _MORE = {
 }
 
 
-def styles_of(kind: ProductKind) -> dict[str, Style]:
+def styles_of(kind: ProductKind) -> dict[str, TileStyle]:
     """All styles of a kind of raster by name, the default first.
 
     Raises:
@@ -121,13 +189,13 @@ def styles_of(kind: ProductKind) -> dict[str, Style]:
         raise ProductNotFoundError(f"{kind} has no tiles; {drawn} have") from None
 
 
-def range_of(style: Style, layer: Layer) -> tuple[float, float]:
+def range_of(style: TileStyle, layer: Layer) -> tuple[float, float]:
     """Values at the two ends of the colours."""
     low, high = style.range or layer.range or (0.0, 1.0)
     return (low, high) if high > low else (low - 0.5, low + 0.5)
 
 
-def legend_of(layer: Layer, style: Style | None = None) -> dict[str, Any] | None:
+def legend_of(layer: Layer, style: TileStyle | None = None) -> dict[str, Any] | None:
     """Value and colour along the range, for what needs explaining; by default the kind's style."""
     style = style or STYLES.get(layer.ref.kind)
     if style is None or not style.has_legend:
@@ -138,3 +206,117 @@ def legend_of(layer: Layer, style: Style | None = None) -> dict[str, Any] | None
     values = np.linspace(*range_of(style, layer), len(style.colours))
     stops = [[round(float(v), 3), colour] for v, colour in zip(values, style.colours, strict=True)]
     return {"stops": stops, "unit": style.unit or layer.unit or ""}
+
+
+class UnknownStyleError(Exception):
+    """A layer cannot be shown as somebody asked for."""
+
+
+@dataclass(frozen=True, slots=True)
+class StyleQuery:
+    """What was asked for; the defaults are those of the layers that are made once."""
+
+    style: str = DEFAULT
+    colours: str | None = None
+    """Name of a ramp; the style's own by default."""
+    low: float | None = None
+    """Value of the first colour, in the layer's unit; the style's own by default."""
+    high: float | None = None
+    azimuth_deg: float = 315.0
+    """Of the sun, clockwise from north. North-west, as on printed maps."""
+    elevation_deg: float = 45.0
+    """Of the sun above the horizon."""
+    exaggeration: float = 1.0
+    """Factor on heights, for shading only."""
+    threshold_deg: float = 5.0
+    """Tilt towards north from which on ground counts as facing north."""
+    baseline_m: float | None = None
+    """Length over which a slope is felt; three of the tile's cells by default."""
+    interval_m: float | None = None
+    """Between contours; chosen by the layer's range by default."""
+
+
+def resolve_style(layer: Layer, look: StyleQuery) -> TileStyle:
+    """The style of a layer with the colours and range that were asked for.
+
+    Raises:
+        ProductNotFoundError: the layer has no tiles.
+        UnknownLookError: it has no such style, or there are no such colours.
+    """
+    styles = styles_of(layer.ref.kind)
+    if look.style not in styles:
+        raise UnknownStyleError(f"{layer.id} has no style {look.style}; it has {', '.join(styles)}")
+    style = styles[look.style]
+    if look.colours is None and look.low is None and look.high is None:
+        return style
+    if style.is_classes or style.is_colour:
+        raise UnknownStyleError(
+            f"{layer.id} has colours of its own: leave out colours, low and high"
+        )
+    low, high = range_of(style, layer)
+    ends = low if look.low is None else look.low, high if look.high is None else look.high
+    if not ends[0] < ends[1]:
+        raise UnknownStyleError(
+            f"low={ends[0]:g} is not below high={ends[1]:g}; the range of {layer.id} is {low:g} to "
+            f"{high:g}"
+        )
+    return replace(style, colours=_ramp_of(look.colours, style), range=ends)
+
+
+def _ramp_of(name: str | None, style: TileStyle) -> tuple[str, ...]:
+    if name is None:
+        return style.colours
+    if name not in RAMPS:
+        raise UnknownStyleError(f"there are no colours {name}; there are {', '.join(RAMPS)}")
+    return RAMPS[name]
+
+
+_BAR, _ROW, _TOP, _WIDTH = 24, 22, 30, 220
+_INK, _PAPER = (40, 40, 40), 255
+_FONT, _SIZE = cv2.FONT_HERSHEY_SIMPLEX, 0.42
+
+
+def draw_legend(layer: Layer, style: TileStyle) -> bytes:
+    """PNG of the colours of a style with their values or the names of their classes."""
+    legend = legend_of(layer, style) or {"stops": [], "unit": "", "classes": []}
+    classes = [(one["name"], one["colour"]) for one in legend.get("classes", [])]
+    stops = [(f"{value:.5g}", colour) for value, colour in reversed(legend["stops"])]
+    rows = stops or classes
+    picture = np.full((_TOP + _ROW * max(1, len(rows)) + 8, _WIDTH, 3), _PAPER, np.uint8)
+    unit = f" ({legend['unit']})" if legend["unit"] else ""
+    _write(picture, f"{style.title or layer.ref.kind}{unit}", 8, 18)
+    for number, (text, colour) in enumerate(rows):
+        top = _TOP + _ROW * number
+        red, green, blue = palette_of((colour,) * 2)[1].tolist()
+        picture[top : top + _ROW - (2 if classes else 0), 8 : 8 + _BAR] = blue, green, red
+        _write(picture, text, 16 + _BAR, top + 15)
+    if stops:
+        _blend(picture, style, len(stops))
+    return bytes(cv2.imencode(".png", picture)[1])
+
+
+def _blend(picture: np.ndarray, style: TileStyle, count: int) -> None:
+    """A bar without steps, the low end below; every value stands at the middle of its row."""
+    rows = _ROW * count
+    share = np.clip((rows - _ROW / 2 - np.arange(rows)) / (rows - _ROW), 0.0, 1.0)
+    colours = palette_of(style.colours)[np.rint(1 + 254 * share).astype(int)]
+    picture[_TOP : _TOP + rows, 8 : 8 + _BAR] = colours[:, None, ::-1]
+
+
+def _write(picture: np.ndarray, text: str, left: int, base: int) -> None:
+    cv2.putText(picture, text, (left, base), _FONT, _SIZE, _INK, 1, cv2.LINE_AA)
+
+
+class LegendClass(BaseModel):
+    """A class of ground and its colour."""
+
+    name: str
+    colour: str
+
+
+class Legend(BaseModel):
+    """Values and their colours, or classes and theirs."""
+
+    stops: list[tuple[float, str]]
+    unit: str
+    classes: list[LegendClass] = []

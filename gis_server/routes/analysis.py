@@ -1,34 +1,81 @@
-"""Measuring on the map: what is asked comes as a body, nothing is written."""
+"""Measuring on the map: what is asked comes as a body, nothing is written.
+
+Answers that are GeoTIFFs made for the question.
+
+What can be seen from where: viewsheds as areas, picture and GeoTIFF, and lines of sight.
+
+Where a rover can drive: isochrones as areas, picture and GeoTIFF, and ways free of hazards.
+"""
 
 from __future__ import annotations
 
-from fastapi import APIRouter, Response
+from collections.abc import Callable
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Annotated
 
-from solmap.gis_server.analysis.ground import Ground
+from fastapi import APIRouter, Depends, Query, Request, Response
+
+from solmap.gis_server.analysis.bodies import UnanswerableError
+from solmap.gis_server.analysis.driving import (
+    MOST_BANDS,
+    USUAL_SPEED_M_H,
+    Drives,
+    ReachAnswer,
+    RouteAnswer,
+    drives_from,
+    reach_answer,
+    reach_png,
+    route_answer,
+)
+from solmap.gis_server.analysis.ground import BEST, Ground
+from solmap.gis_server.analysis.layer_values import ZonalAnswer, ZonalQuestion, zonal
 from solmap.gis_server.analysis.measures import (
     AreaAnswer,
     AreaQuestion,
     LineAnswer,
     LineQuestion,
+    ProfileAnswer,
+    ProfileQuestion,
     VolumeAnswer,
     VolumeQuestion,
+    ask_profile,
     measured_area,
     measured_line,
     measured_volume,
-)
-from solmap.gis_server.analysis.planes import PlaneAnswer, PlaneQuestion, fitted_plane
-from solmap.gis_server.analysis.profiles import (
-    ProfileAnswer,
-    ProfileQuestion,
-    ask_profile,
     profile_answer,
     profile_csv,
 )
-from solmap.gis_server.analysis.refusal import RefusedError
-from solmap.gis_server.analysis.zonal import ZonalAnswer, ZonalQuestion, zonal
+from solmap.gis_server.analysis.planes import PlaneAnswer, PlaneQuestion, fitted_plane
+from solmap.gis_server.analysis.visibility import (
+    FARTHEST_M,
+    End,
+    Seen,
+    SightAnswer,
+    ViewshedAnswer,
+    line_of_sight,
+    seen_from,
+    viewshed_answer,
+    viewshed_png,
+)
+from solmap.gis_server.parameters import AGAIN, Metres, MissionName
 from solmap.gis_server.routes.missions import map_layers
-from solmap.gis_server.routes.parameters import MissionName
 from solmap.gis_server.services import Services, ServicesOf
+from solmap.photogrammetry.terrain.traversability.driving import DrivingParams
+from solmap.photogrammetry.terrain.visibility.viewshed import ViewshedParams
+from solmap.products.crs import local_crs
+from solmap.products.formats.raster.raster import SIGHTS, write_classes, write_raster
+
+
+def geotiff(name: str, write: Callable[[Path], None]) -> Response:
+    """A GeoTIFF to be kept as `name`, as `write` writes it to a path."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / name
+        write(path)
+        body = path.read_bytes()
+    disposition = {"content-disposition": f'attachment; filename="{name}"'}
+    return Response(body, media_type="image/tiff", headers={**AGAIN, **disposition})
+
 
 router = APIRouter(prefix="/api/missions/{mission}", tags=["analysis"])
 
@@ -93,4 +140,166 @@ def zonal_statistics(
     for layer in map_layers(mission, services):
         if layer.id == question.layer:
             return zonal(question, layer, services.store, services.pool)
-    raise RefusedError(f"{question.layer} is no layer of {mission}; /layers lists them")
+    raise UnanswerableError(f"{question.layer} is no layer of {mission}; /layers lists them")
+
+
+_VIEWSHED = ViewshedParams()
+Height = Annotated[float, Query(ge=0, le=100, description="above the ground, metres")]
+Elevation = Annotated[
+    float | None, Query(ge=-1e5, le=1e5, description="of the ground, where the map knows none")
+]
+LayerId = Annotated[str, Query(max_length=200, description="a terrain model, or `best`")]
+Unseen = Annotated[
+    float, Query(ge=0, le=FARTHEST_M, description="longest unmapped stretch that is looked over")
+]
+
+
+def _seen(  # noqa: PLR0913 - the query
+    *,
+    mission: MissionName,
+    services: ServicesOf,
+    east: Metres,
+    north: Metres,
+    mast_m: Height = _VIEWSHED.eye_height_m,
+    target_m: Height = _VIEWSHED.target_height_m,
+    radius_m: Annotated[float, Query(gt=0, le=FARTHEST_M)] = 50.0,
+    max_unseen_m: Unseen = _VIEWSHED.max_unseen_m,
+    elevation: Elevation = None,
+    layer: LayerId = BEST,
+) -> Seen:
+    params = ViewshedParams(mast_m, target_m, max_unseen_m, radius_m)
+    ground = ground_of(mission, layer, services)
+    return seen_from((east, north), elevation, params, ground)
+
+
+SeenHere = Annotated[Seen, Depends(_seen)]
+"""The viewshed that a query asks for."""
+
+
+@router.get("/viewshed")
+def viewshed(seen: SeenHere, request: Request, response: Response) -> ViewshedAnswer:
+    """The ground that can be seen from an eye on a mast: areas, and what is visible as GeoJSON."""
+    response.headers.update(AGAIN)
+    return viewshed_answer(seen, request.url.query, request.url.path)
+
+
+@router.get("/viewshed.png", response_class=Response)
+def viewshed_picture(seen: SeenHere) -> Response:
+    """The same as a picture on the bounds that /viewshed tells: visible blue, hidden brown."""
+    return Response(viewshed_png(seen), media_type="image/png", headers=AGAIN)
+
+
+@router.get("/viewshed.tif", response_class=Response)
+def viewshed_geotiff(mission: MissionName, seen: SeenHere, services: ServicesOf) -> Response:
+    """The same as a GeoTIFF of classes in the local CRS."""
+    crs = local_crs(services.catalogue.mission(mission).landing)
+    return geotiff(
+        "viewshed.tif",
+        lambda path: write_classes(path, seen.grid, seen.sight, crs, name="sight", classes=SIGHTS),
+    )
+
+
+@router.get("/line-of-sight")
+def sight(  # noqa: PLR0913 - the query
+    *,
+    mission: MissionName,
+    services: ServicesOf,
+    east: Metres,
+    north: Metres,
+    to_east: Metres,
+    to_north: Metres,
+    eye_m: Height = _VIEWSHED.eye_height_m,
+    target_m: Height = _VIEWSHED.target_height_m,
+    elevation: Elevation = None,
+    to_elevation: Elevation = None,
+    max_unseen_m: Unseen = _VIEWSHED.max_unseen_m,
+    layer: LayerId = BEST,
+) -> SightAnswer:
+    """Whether a target can be seen from an eye, with the ground between and what is in the way."""
+    ground = ground_of(mission, layer, services)
+    eye = End((east, north), elevation, eye_m)
+    target = End((to_east, to_north), to_elevation, target_m)
+    return line_of_sight(eye, target, max_unseen_m, ground)
+
+
+_DRIVING = DrivingParams()
+LONGEST_DRIVE_M = 500.0
+Farthest = Annotated[float, Query(gt=0, le=LONGEST_DRIVE_M, description="longest way, metres")]
+Gap = Annotated[
+    float,
+    Query(ge=0, le=5, description="unknown ground less wide than this is driven over, metres"),
+]
+Stand = Annotated[
+    float, Query(ge=0, le=10, description="unknown ground so near the start is safe, metres")
+]
+Interval = Annotated[
+    float, Query(ge=0.1, le=LONGEST_DRIVE_M, description="of driving, between isochrones, metres")
+]
+Speed = Annotated[float, Query(gt=0, le=1000, description="metres an hour")]
+
+
+def _drives(  # noqa: PLR0913 - the query
+    *,
+    mission: MissionName,
+    services: ServicesOf,
+    east: Metres,
+    north: Metres,
+    farthest_m: Farthest = 50.0,
+    gap_m: Gap = _DRIVING.gap_m,
+    stand_m: Stand = _DRIVING.stand_m,
+) -> Drives:
+    ground = ground_of(mission, BEST, services)
+    params = DrivingParams(stand_m, gap_m, farthest_m)
+    return drives_from((east, north), params, map_layers(mission, services), ground)
+
+
+DrivesHere = Annotated[Drives, Depends(_drives)]
+"""The ways from the place that a query asks for."""
+
+
+@router.get("/reach")
+def reachable(
+    drives: DrivesHere,
+    request: Request,
+    response: Response,
+    interval_m: Interval = 5.0,
+    speed_m_h: Speed = USUAL_SPEED_M_H,
+) -> ReachAnswer:
+    """How far a rover drives to the ground around it, past all hazards: isochrones as GeoJSON.
+
+    Isochrones are at most 50; ground beyond the last counts to it.
+    """
+    response.headers.update(AGAIN)
+    interval_m = max(interval_m, drives.params.farthest_m / MOST_BANDS)
+    return reach_answer(drives, interval_m, speed_m_h, request.url.query, request.url.path)
+
+
+@router.get("/reach.png", response_class=Response)
+def reach_picture(drives: DrivesHere, interval_m: Interval = 5.0) -> Response:
+    """The same as a picture on the bounds that /reach tells: near is yellow, far is blue."""
+    interval_m = max(interval_m, drives.params.farthest_m / MOST_BANDS)
+    return Response(reach_png(drives, interval_m), media_type="image/png", headers=AGAIN)
+
+
+@router.get("/reach.tif", response_class=Response)
+def reach_geotiff(mission: MissionName, drives: DrivesHere, services: ServicesOf) -> Response:
+    """The metres driven to every cell, as a GeoTIFF in the local CRS; NaN where no way leads."""
+    crs = local_crs(services.catalogue.mission(mission).landing)
+    found = drives.found
+    return geotiff(
+        "reach.tif",
+        lambda path: write_raster(path, found.grid, {"drive": found.drive_m}, crs, unit="m"),
+    )
+
+
+@router.get("/route")
+def route(
+    drives: DrivesHere,
+    response: Response,
+    to_east: Metres,
+    to_north: Metres,
+    speed_m_h: Speed = USUAL_SPEED_M_H,
+) -> RouteAnswer:
+    """The shortest way between two places that keeps to ground free of hazards."""
+    response.headers.update(AGAIN)
+    return route_answer(drives, (to_east, to_north), speed_m_h)

@@ -1,29 +1,118 @@
-"""Downloads of parts, and the addresses of everything for other programs."""
+"""Downloads of parts, and the addresses of everything for other programs.
+
+A product's file over HTTP, whole or by ranges, from a folder or out of an object store.
+
+Objects are streamed through: who may read the map needs no key of the object store, and need not
+even reach it.
+
+The STAC catalogue of the store over HTTP, and the files that its assets point to.
+
+Its links are relative. Served from here they lead from the catalogue to its items, and from an item
+to its file, as they do on disk.
+"""
 
 from __future__ import annotations
 
+import json
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, HTTPException, Query, Request, Response
-from fastapi.responses import FileResponse
+from fastapi import Path as PathParameter
+from fastapi.responses import FileResponse, JSONResponse, StreamingResponse
 from pydantic import BaseModel
 from starlette.background import BackgroundTask
 
-from solmap.gis_server.ogc.links import base_of
-from solmap.gis_server.routes.layers import MEDIA_TYPES
-from solmap.gis_server.routes.parameters import AGAIN, FOREVER, Bounds, LayerPath, MissionName
-from solmap.gis_server.services import ServicesOf
-from solmap.products.errors import OutsideCoverageError, ProductError, StoreAwayError
+from solmap.gis_server.parameters import (
+    AGAIN,
+    FOREVER,
+    Bounds,
+    Digest,
+    LayerPath,
+    MissionName,
+    base_of,
+)
+from solmap.gis_server.services import Services, ServicesOf
+from solmap.products.errors import (
+    OutsideCoverageError,
+    ProductError,
+    ProductNotFoundError,
+    StoreAwayError,
+)
 from solmap.products.formats.cutouts import clip_features, clip_raster
 from solmap.products.formats.vector.geojson import read_features, write_features
 from solmap.products.formats.vector.geopackage import write_geopackage
-from solmap.products.model import Layer
+from solmap.products.model import SUFFIX, Layer, ProductRef
+from solmap.products.reports.stac import FOLDER
 from solmap.products.store.product_store import ProductStore
 
-router = APIRouter(tags=["downloads"])
+_RANGE = re.compile(r"bytes=(\d*)-(\d*)$", re.ASCII)
+_UNSATISFIABLE = 416
+
+
+def product_response(
+    ref: ProductRef,
+    store: ProductStore,
+    request: Request,
+    media_type: str,
+    filename: str | None = None,
+) -> Response:
+    """A product's file, or the one range of it that is asked for.
+
+    Raises:
+        ProductNotFoundError: it is not in the store.
+        StoreAwayError: the object store does not answer.
+    """
+    if isinstance(store.address(ref), Path):
+        path = store.path(ref)
+        return FileResponse(path, media_type=media_type, filename=filename, headers=FOREVER)
+    size = store.size(ref)
+    headers = {**FOREVER, "accept-ranges": "bytes", "etag": f'"{ref.digest}"'}
+    if filename is not None:
+        headers["content-disposition"] = f'attachment; filename="{filename}"'
+    asked = _asked(request, size, headers["etag"])
+    start, end = asked or (0, size)
+    status = 206 if asked else 200
+    if asked:
+        headers["content-range"] = f"bytes {start}-{end - 1}/{size}"
+    headers["content-length"] = str(end - start)
+    if request.method == "HEAD":
+        return Response(status_code=status, headers=headers, media_type=media_type)
+    body = store.chunks(ref, start, end)
+    return StreamingResponse(body, status, headers=headers, media_type=media_type)
+
+
+def _asked(request: Request, size: int, tag: str) -> tuple[int, int] | None:
+    """First byte of a range, and the one after its last; None where one range is not asked for.
+
+    Raises:
+        HTTPException: the range lies beyond the file.
+    """
+    found = _RANGE.match(request.headers.get("range", "").replace(" ", ""))
+    if found is None or request.headers.get("if-range", tag) != tag or found[0] == "bytes=-":
+        return None
+    first, last = found[1], found[2]
+    start = int(first) if first else max(0, size - int(last))
+    end = min(size, int(last) + 1) if first and last else size
+    if start >= end:
+        raise HTTPException(
+            _UNSATISFIABLE,
+            f"the file has {size} bytes",
+            headers={"content-range": f"bytes */{size}"},
+        )
+    return start, end
+
+
+router = APIRouter()
+MEDIA_TYPES = {
+    ".tif": "image/tiff; application=geotiff; profile=cloud-optimized",
+    ".geojson": "application/geo+json",
+    ".glb": "model/gltf-binary",
+    ".3tz": "application/vnd.maxar.archive.3tz+zip",
+}
 Program = Literal["gdal", "qgis", "pystac", "browser"]
 VectorForm = Annotated[
     Literal["geojson", "gpkg"], Query(alias="f", description="of features; rasters are GeoTIFF")
@@ -44,7 +133,9 @@ class Address(BaseModel):
     """Where to paste it."""
 
 
-@router.get("/download/{scope}/{kind}/{digest}/clip", response_class=FileResponse)
+@router.get(
+    "/download/{scope}/{kind}/{digest}/clip", tags=["downloads"], response_class=FileResponse
+)
 def clip(
     layer: LayerPath, services: ServicesOf, bounds: Bounds, form: VectorForm = "geojson"
 ) -> Response:
@@ -94,7 +185,7 @@ def _cut(layer: Layer, store: ProductStore, bounds: Bounds, where: tuple[Path, s
     return path
 
 
-@router.get("/api/missions/{mission}/addresses")
+@router.get("/api/missions/{mission}/addresses", tags=["downloads"])
 def addresses(
     mission: MissionName, services: ServicesOf, request: Request, response: Response
 ) -> list[Address]:
@@ -149,3 +240,82 @@ def _files(root: str, layers: list[Layer]) -> Iterator[Address]:
             program="gdal",
             how="anywhere that takes the name of a raster file; QGIS: Data Source Manager > Raster",
         )
+
+
+@router.get("/download/{scope}/{kind}/{digest}.gpkg", tags=["layers"], response_class=Response)
+def geopackage(layer: LayerPath, services: ServicesOf) -> Response:
+    """The features of a layer as a GeoPackage in metres of the local map."""
+    if layer.type != "vector":
+        raise ProductNotFoundError(f"{layer.id} is a raster: it is a GeoTIFF and no GeoPackage")
+    collection = read_features(services.store.path(layer.ref))
+    if not collection.features:
+        raise ProductNotFoundError(f"{layer.id} has no feature that a GeoPackage could hold")
+    name = f"{layer.ref.scope.name}_{layer.ref.kind}"
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / f"{name}.gpkg"
+        write_geopackage(path, collection, str(layer.ref.kind))
+        body = path.read_bytes()
+    disposition = {"content-disposition": f'attachment; filename="{name}_{layer.ref.digest}.gpkg"'}
+    return Response(
+        body, headers={**FOREVER, **disposition}, media_type="application/geopackage+sqlite3"
+    )
+
+
+@router.head("/download/{scope}/{kind}/{digest}", tags=["layers"], include_in_schema=False)
+@router.get("/download/{scope}/{kind}/{digest}", tags=["layers"], response_class=FileResponse)
+def download(layer: LayerPath, services: ServicesOf, request: Request) -> Response:
+    """The layer's file, whole or by ranges: GeoTIFF in the local CRS, GeoJSON in Mars degrees."""
+    suffix = SUFFIX[layer.ref.kind]
+    media_type = MEDIA_TYPES.get(suffix, "application/octet-stream")
+    name = f"{layer.ref.scope.name}_{layer.ref.kind}_{layer.ref.digest}{suffix}"
+    return product_response(layer.ref, services.store, request, media_type, name)
+
+
+ItemName = Annotated[str, PathParameter(pattern=r"^[a-z0-9][a-z0-9_.-]{0,191}$")]
+Suffix = Annotated[str, PathParameter(pattern=r"^[a-z0-9]{1,8}$")]
+
+
+@router.get("/stac/catalog.json", tags=["stac"])
+def catalogue(services: ServicesOf) -> JSONResponse:
+    """The missions of the store as a STAC catalogue."""
+    return _document("catalog.json", services, "application/json")
+
+
+@router.get("/stac/{mission}/collection.json", tags=["stac"])
+def collection(mission: MissionName, services: ServicesOf) -> JSONResponse:
+    """The layers of a mission as a STAC collection."""
+    return _document(f"{mission}/collection.json", services, "application/json")
+
+
+@router.get("/stac/{mission}/{item}.json", tags=["stac"])
+def item(mission: MissionName, item: ItemName, services: ServicesOf) -> JSONResponse:
+    """A layer as a STAC item, with its files."""
+    return _document(f"{mission}/{item}.json", services, "application/geo+json")
+
+
+@router.get("/products/{kind}/{scope}/{digest}.provenance.json", tags=["stac"])
+def provenance(layer: LayerPath, services: ServicesOf) -> dict[str, Any]:
+    """How the file of a STAC item was made."""
+    return services.store.provenance(layer.ref)
+
+
+@router.head("/products/{kind}/{scope}/{digest}.{suffix}", tags=["stac"], include_in_schema=False)
+@router.get(
+    "/products/{kind}/{scope}/{digest}.{suffix}", tags=["stac"], response_class=FileResponse
+)
+def file(
+    layer: LayerPath, digest: Digest, suffix: Suffix, services: ServicesOf, request: Request
+) -> Response:
+    """The file of a STAC item, whole or by ranges."""
+    wanted = SUFFIX[layer.ref.kind]
+    if suffix != wanted.removeprefix("."):
+        raise ProductNotFoundError(f"{layer.id} is a {wanted}: {digest}{wanted}")
+    media_type = MEDIA_TYPES.get(wanted, "application/octet-stream")
+    return product_response(layer.ref, services.store, request, media_type)
+
+
+def _document(name: str, services: Services, media_type: str) -> JSONResponse:
+    body = services.store.document(f"{FOLDER}/{name}")
+    if body is None:
+        raise ProductNotFoundError(f"the STAC catalogue has no {name}; publishing writes it")
+    return JSONResponse(json.loads(body), headers=AGAIN, media_type=media_type)

@@ -10,7 +10,7 @@ from fastapi import APIRouter, Depends, Header, HTTPException, Query
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 
 from solmap.gis_server.live import TooManyListenersError
-from solmap.gis_server.routes.parameters import LARGEST_ID
+from solmap.gis_server.parameters import LARGEST_ID
 from solmap.gis_server.services import ServicesOf
 from solmap.products.catalogue.events import Event
 

@@ -10,10 +10,9 @@ from fastapi import APIRouter, Depends, HTTPException, Path, Query, Request, Res
 from fastapi.responses import FileResponse
 from pydantic import BaseModel
 
-from solmap.gis_server.analysis.bodies import numbers
-from solmap.gis_server.analysis.refusal import RefusedError
+from solmap.gis_server.analysis.bodies import UnanswerableError, numbers
+from solmap.gis_server.parameters import AGAIN, ImageName
 from solmap.gis_server.rendering.images import TILE, Shown, Stretch, Style, png_of
-from solmap.gis_server.routes.parameters import AGAIN, ImageName
 from solmap.gis_server.services import ServicesOf
 from solmap.photogrammetry.matching.hand_editing import epipolar_point
 from solmap.photogrammetry.matching.resampling import GROUND_M
@@ -129,7 +128,9 @@ def point(
     entry = services.catalogue.image(image)
     matches = matches_of(entry, workspace) if entry.partner else None
     if matches is None:
-        raise RefusedError(f"{entry.id} has no matched partner, so there is no linearised image")
+        raise UnanswerableError(
+            f"{entry.id} has no matched partner, so there is no linearised image"
+        )
     geometry, camera = geometry_of(matches, workspace), record_of(entry, workspace).camera
     stored = linear = np.array([sample, line])
     if given == "stored":

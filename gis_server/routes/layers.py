@@ -1,37 +1,58 @@
-"""One layer: its features, its provenance, its file."""
+"""One layer: its features, its provenance, its file.
+
+The versions of a layer: what was published before what is on the map now.
+
+How a layer may be drawn: its styles, their legends, and contours at any interval.
+"""
 
 from __future__ import annotations
 
 from http import HTTPStatus
-from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
-from fastapi import APIRouter, HTTPException, Query, Request, Response
-from fastapi.responses import FileResponse, JSONResponse
+from fastapi import APIRouter, HTTPException, Query, Response
+from fastapi.responses import JSONResponse
+from pydantic import BaseModel
 
-from solmap.gis_server.routes.files import product_response
-from solmap.gis_server.routes.parameters import FOREVER, Bounds, LayerPath
-from solmap.gis_server.services import ServicesOf
+from solmap.gis_server.analysis.solutions import OVERALL
+from solmap.gis_server.parameters import AGAIN, FOREVER, Bounds, LayerPath, ScopeName
+from solmap.gis_server.rendering.contours import contours_in, interval_of
+from solmap.gis_server.rendering.styles import (
+    ELEVATIONS,
+    PICTURES,
+    RAMPS,
+    STYLES,
+    Legend,
+    StyleQuery,
+    TileStyle,
+    draw_legend,
+    legend_of,
+    range_of,
+    resolve_style,
+    styles_of,
+)
+from solmap.gis_server.routes.looks import AskedLook
+from solmap.gis_server.services import Services, ServicesOf
+from solmap.photogrammetry.terrain.dtm.grid import Bounds
+from solmap.products.catalogue.layer_versions import (
+    solutions_behind,
+    solutions_of_mission,
+    versions_of,
+)
+from solmap.products.catalogue.runs import Run
 from solmap.products.errors import ProductNotFoundError
 from solmap.products.features.texts import FeatureTexts, texts_of
-from solmap.products.formats.vector.geojson import read_features
-from solmap.products.formats.vector.geopackage import write_geopackage
-from solmap.products.model import SUFFIX, Layer
+from solmap.products.formats.raster.tiling import CELL_SIZES, whole_zoom_of, zoom_of
+from solmap.products.formats.vector.geojson import FeatureCollection, local_geojson
+from solmap.products.model import Layer, ProductKind
 
-router = APIRouter(tags=["layers"])
+router = APIRouter(prefix="/api/layers", tags=["layers"])
 _MOST_AT_ONCE = 20_000
 """Features: some 30 MB."""
 AskedNames = Annotated[tuple[str, ...], Query(max_length=200)]
-MEDIA_TYPES = {
-    ".tif": "image/tiff; application=geotiff; profile=cloud-optimized",
-    ".geojson": "application/geo+json",
-    ".glb": "model/gltf-binary",
-    ".3tz": "application/vnd.maxar.archive.3tz+zip",
-}
 
 
-@router.get("/api/layers/{scope}/{kind}/{digest}/features.geojson", response_class=JSONResponse)
+@router.get("/{scope}/{kind}/{digest}/features.geojson", response_class=JSONResponse)
 def features(
     layer: LayerPath, services: ServicesOf, bounds: Bounds, ids: AskedNames = ()
 ) -> Response:
@@ -70,37 +91,250 @@ def _all_of(layer: Layer, texts: FeatureTexts) -> int:
     return count
 
 
-@router.get("/api/layers/{scope}/{kind}/{digest}/provenance")
+@router.get("/{scope}/{kind}/{digest}/provenance")
 def provenance(layer: LayerPath, services: ServicesOf, response: Response) -> dict[str, Any]:
     """How the layer was made: recipe, inputs, parameters, time and checksum."""
     response.headers.update(FOREVER)
     return services.store.provenance(layer.ref)
 
 
-@router.get("/download/{scope}/{kind}/{digest}.gpkg", response_class=Response)
-def geopackage(layer: LayerPath, services: ServicesOf) -> Response:
-    """The features of a layer as a GeoPackage in metres of the local map."""
-    if layer.type != "vector":
-        raise ProductNotFoundError(f"{layer.id} is a raster: it is a GeoTIFF and no GeoPackage")
-    collection = read_features(services.store.path(layer.ref))
-    if not collection.features:
-        raise ProductNotFoundError(f"{layer.id} has no feature that a GeoPackage could hold")
-    name = f"{layer.ref.scope.name}_{layer.ref.kind}"
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / f"{name}.gpkg"
-        write_geopackage(path, collection, str(layer.ref.kind))
-        body = path.read_bytes()
-    disposition = {"content-disposition": f'attachment; filename="{name}_{layer.ref.digest}.gpkg"'}
-    return Response(
-        body, headers={**FOREVER, **disposition}, media_type="application/geopackage+sqlite3"
+_ZOOMS_OUT = 3
+"""Zooms below that at which a layer fills one tile: there it is 32 pixels, then a dot."""
+
+
+class MapLayer(BaseModel):
+    """A layer of the map and the addresses of its parts."""
+
+    id: str
+    scope: str
+    level: str
+    kind: str
+    digest: str
+    title: str
+    type: Literal["raster", "vector"]
+    bounds: Bounds
+    cell_m: float | None
+    minzoom: int
+    maxzoom: int
+    unit: str | None
+    range: tuple[float, float] | None
+    sols: tuple[int, ...]
+    made_at: str
+    tiles: str | None
+    values: str | None
+    """Tiles of values, for shading in the browser."""
+    styles: str | None
+    """What `style` of a tile may be, with legends."""
+    features: str | None
+    legend: Legend | None
+    download: str
+    provenance: str
+
+
+def layer_body(layer: Layer) -> MapLayer:
+    """A layer and its addresses."""
+    ref = layer.ref
+    place = f"{ref.scope.name}/{ref.kind}/{ref.digest}"
+    style = STYLES.get(ref.kind) if layer.type == "raster" else None
+    is_vector = layer.type == "vector"
+    return MapLayer(
+        id=layer.id,
+        scope=ref.scope.name,
+        level=str(ref.scope.level),
+        kind=str(ref.kind),
+        digest=ref.digest,
+        title=layer.title,
+        type="vector" if is_vector else "raster",
+        bounds=layer.bounds,
+        cell_m=layer.cell_m,
+        minzoom=max(0, whole_zoom_of(layer.bounds) - _ZOOMS_OUT),
+        maxzoom=len(CELL_SIZES) - 1 if layer.cell_m is None else zoom_of(layer.cell_m),
+        unit=layer.unit,
+        range=range_of(style, layer) if style and layer.range else layer.range,
+        sols=layer.sols,
+        made_at=layer.made_at,
+        tiles=f"/tiles/{place}/{{z}}/{{x}}/{{y}}.png" if style else None,
+        values=_values_of(layer, place) if style else None,
+        styles=f"/api/layers/{place}/styles" if style else None,
+        features=f"/api/layers/{place}/features.geojson" if is_vector else None,
+        legend=Legend.model_validate(legend) if (legend := legend_of(layer)) else None,
+        download=f"/download/{place}",
+        provenance=f"/api/layers/{place}/provenance",
     )
 
 
-@router.head("/download/{scope}/{kind}/{digest}", include_in_schema=False)
-@router.get("/download/{scope}/{kind}/{digest}", response_class=FileResponse)
-def download(layer: LayerPath, services: ServicesOf, request: Request) -> Response:
-    """The layer's file, whole or by ranges: GeoTIFF in the local CRS, GeoJSON in Mars degrees."""
-    suffix = SUFFIX[layer.ref.kind]
-    media_type = MEDIA_TYPES.get(suffix, "application/octet-stream")
-    name = f"{layer.ref.scope.name}_{layer.ref.kind}_{layer.ref.digest}{suffix}"
-    return product_response(layer.ref, services.store, request, media_type, name)
+def _values_of(layer: Layer, place: str) -> str | None:
+    is_picture = layer.ref.kind in PICTURES
+    return None if is_picture else f"/tiles/{place}/{{z}}/{{x}}/{{y}}.values"
+
+
+_RUNS = 500
+
+
+class SolutionBehind(BaseModel):
+    """An adjustment that a version holds for."""
+
+    id: str
+    """As in `/solutions`."""
+    scope: str
+    is_overall: bool
+
+
+class RunBehind(BaseModel):
+    """The run that a version was made in."""
+
+    id: str
+    kind: str
+    subject: str
+
+
+class LayerVersion(BaseModel):
+    """A layer as it was published once."""
+
+    layer: MapLayer
+    """Its `id` ends in `@` and the digest."""
+    is_latest: bool
+    solutions: list[SolutionBehind]
+    """Those that the version holds for, the one it was made for first; none where unknown."""
+    run: RunBehind | None
+    """Null where no record of a run covers the time when it was made."""
+
+
+class LayerVersions(BaseModel):
+    """Some of the versions of a layer, newest first."""
+
+    total: int
+    versions: list[LayerVersion]
+
+
+@router.get("/{scope}/{kind}/versions")
+def versions(
+    scope: ScopeName,
+    kind: ProductKind,
+    services: ServicesOf,
+    response: Response,
+    limit: Annotated[int, Query(ge=1, le=100)] = 20,
+    offset: Annotated[int, Query(ge=0)] = 0,
+) -> LayerVersions:
+    """Every version of a layer that was ever published, with the solutions it holds for."""
+    response.headers.update(AGAIN)
+    found = versions_of(scope, kind, services.catalogue)
+    if not found or found[0].type == "model":
+        raise ProductNotFoundError(f"no {kind} of {scope} is a layer of the map")
+    page = found[offset : offset + limit]
+    return LayerVersions(total=len(found), versions=_bodies(page, services))
+
+
+@router.get("/{scope}/{kind}/{digest}")
+def version(layer: LayerPath, services: ServicesOf, response: Response) -> LayerVersion:
+    """One version of a layer."""
+    response.headers.update(AGAIN)
+    if layer.type == "model":
+        raise ProductNotFoundError(f"{layer.id} is a model and no layer of the map")
+    return _bodies([layer], services)[0]
+
+
+def _bodies(layers: list[Layer], services: Services) -> list[LayerVersion]:
+    store, catalogue = services.store, services.catalogue
+    runs = services.runs.runs(_RUNS)
+    bodies = []
+    for layer in layers:
+        solutions = solutions_of_mission(layer.mission, catalogue, store)
+        behind = solutions_behind(layer.ref, solutions, store)
+        body = layer_body(layer)
+        latest = catalogue.latest(layer.ref.scope.name, layer.ref.kind)
+        body.id = f"{layer.id}@{layer.ref.digest}"
+        bodies.append(
+            LayerVersion(
+                layer=body,
+                is_latest=layer.ref.digest == latest,
+                solutions=[
+                    SolutionBehind(
+                        id=f"{ref.scope.name}/{ref.digest}",
+                        scope=ref.scope.name,
+                        is_overall=ref.scope.name.endswith(OVERALL),
+                    )
+                    for ref in behind
+                ],
+                run=_run_at(layer.made_at, runs),
+            )
+        )
+    return bodies
+
+
+def _run_at(made_at: str, runs: list[Run]) -> RunBehind | None:
+    """The newest run that was going on then; times of products are whole seconds."""
+    second = made_at[:19]
+    for run in runs:
+        ended = run.ended_at or run.changed_at
+        if run.started_at[:19] <= second <= ended[:19]:
+            return RunBehind(id=run.id, kind=run.kind, subject=run.subject)
+    return None
+
+
+Asked = Annotated[AskedLook, Query()]
+Interval = Annotated[
+    float | None,
+    Query(ge=0.001, le=1000, allow_inf_nan=False, description="metres; by the relief by default"),
+]
+
+
+class NamedStyle(BaseModel):
+    """A style of a layer."""
+
+    style: str
+    title: str
+    legend: Legend | None
+
+
+class Styles(BaseModel):
+    """The styles of a layer, the default first, and the names of the colours they can have."""
+
+    styles: list[NamedStyle]
+    colours: list[str]
+
+
+@router.get("/{scope}/{kind}/{digest}/styles")
+def styles(layer: LayerPath, response: Response) -> Styles:
+    """How the tiles of a layer may be drawn: `?style=` of a tile."""
+    response.headers.update(FOREVER)
+    named = [_named(layer, name, style) for name, style in styles_of(layer.ref.kind).items()]
+    return Styles(styles=named, colours=list(RAMPS))
+
+
+@router.get("/{scope}/{kind}/{digest}/legend")
+def legend(layer: LayerPath, asked: Asked, response: Response) -> Legend:
+    """Values and colours of the layer's tiles when they are asked for with the same query."""
+    response.headers.update(FOREVER)
+    found = legend_of(layer, resolve_style(layer, asked.look))
+    if found is None:
+        raise ProductNotFoundError(f"{layer.id} needs no legend in the style {asked.style}")
+    return Legend.model_validate(found)
+
+
+@router.get("/{scope}/{kind}/{digest}/legend.png", response_class=Response)
+def legend_picture(layer: LayerPath, asked: Asked) -> Response:
+    """The legend as a picture."""
+    body = draw_legend(layer, resolve_style(layer, asked.look))
+    return Response(body, media_type="image/png", headers=FOREVER)
+
+
+@router.get("/{scope}/{kind}/{digest}/contours.geojson", response_class=JSONResponse)
+def contours(
+    layer: LayerPath, bounds: Bounds, services: ServicesOf, interval: Interval = None
+) -> Response:
+    """Contours of a terrain model at any interval, in metres of the local map."""
+    if layer.ref.kind not in ELEVATIONS:
+        raise ProductNotFoundError(f"{layer.id} is no terrain model: it has no contours")
+    interval_m = interval_of(layer, StyleQuery(interval_m=interval))
+    found = contours_in(layer, interval_m, bounds, services.store, services.pool)
+    landing = services.catalogue.mission(layer.mission).landing
+    body = local_geojson(FeatureCollection(landing, tuple(found), {}))
+    body["solmap:interval_m"] = interval_m
+    return JSONResponse(body, headers=FOREVER, media_type="application/geo+json")
+
+
+def _named(layer: Layer, name: str, style: TileStyle) -> NamedStyle:
+    legend = legend_of(layer, style)
+    body = None if legend is None else Legend.model_validate(legend)
+    return NamedStyle(style=name, title=style.title or layer.title, legend=body)

@@ -1,46 +1,192 @@
-"""Missions, their layers and images, and what lies at a place."""
+"""Missions, their layers and images, and what lies at a place.
+
+The bodies of answers, and how catalogue records become them.
+
+Answers that are long and the same for everybody until something is published.
+
+All that the first view of the map asks for, in one answer.
+"""
 
 from __future__ import annotations
 
+import gzip
+from collections.abc import Iterable
+from dataclasses import dataclass
 from functools import lru_cache
+from hashlib import blake2b
+from http import HTTPStatus
 from typing import Annotated
 
-from fastapi import APIRouter, Path, Query, Response
+from fastapi import APIRouter, Depends, Header, Path, Query, Response
 from fastapi.responses import HTMLResponse
-from pydantic import TypeAdapter
+from pydantic import BaseModel, TypeAdapter
 
-from solmap.gis_server.kept_answers import AskerOf, KeptAnswer
-from solmap.gis_server.rendering.identify import identify
-from solmap.gis_server.routes.bodies import (
-    Image,
-    MapLayer,
-    Mission,
+from solmap.gis_server.analysis.layer_values import (
     Place,
-    image_body,
-    layer_body,
-    mission_body,
+    identify,
     place_body,
 )
-from solmap.gis_server.routes.parameters import AGAIN, LAST_SOL, Metres, MissionName
+from solmap.gis_server.parameters import AGAIN, LAST_SOL, Metres, MissionName
+from solmap.gis_server.routes.layers import MapLayer, layer_body
 from solmap.gis_server.services import Services, ServicesOf
+from solmap.photogrammetry.terrain.dtm.grid import BLOCK, Bounds, union
+from solmap.products.catalogue.catalogue import ImageEntry, MissionEntry
 from solmap.products.catalogue.workspace import Workspace
+from solmap.products.crs import local_crs, local_proj4
+from solmap.products.formats.raster.tiling import CELL_SIZES, EXTENT
 from solmap.products.model import Layer
 from solmap.products.reports.sol_report import sol_report
 
-router = APIRouter(prefix="/api/missions", tags=["missions"])
+_NO_LAYERS: Bounds = (-50.0, -50.0, 50.0, 50.0)
+"""Shown of a mission with nothing on its map yet, metres."""
+
+
+class Landing(BaseModel):
+    """Where the map is tied to Mars."""
+
+    name: str
+    longitude: float
+    latitude: float
+    radius_m: float
+    source: str
+
+
+class LocalCrs(BaseModel):
+    """The map's coordinate system, as WKT2 and for proj4js."""
+
+    wkt: str
+    proj4: str
+
+
+class TileMatrixSet(BaseModel):
+    """How the map is cut into tiles."""
+
+    extent: Bounds
+    cell_sizes: tuple[float, ...]
+    tile_size: int
+
+
+class Mission(BaseModel):
+    """A mission and its map; `bounds` hold all its layers, metres."""
+
+    mission: str
+    title: str
+    landing: Landing
+    crs: LocalCrs
+    lsl_note: str | None
+    tile_matrix_set: TileMatrixSet
+    bounds: Bounds
+
+
+class Image(BaseModel):
+    """An image of the rover and the addresses of its files."""
+
+    id: str
+    mission: str
+    stop: str
+    site: int
+    drive: int
+    sol: int
+    instrument: str
+    eye: str
+    product_type: str
+    start_time: str | None
+    local_solar_time: str | None
+    partner: str | None
+    unpaired_because: str | None
+    browse: str
+    original: str
+
+
+def mission_body(entry: MissionEntry, layers: Iterable[Layer]) -> Mission:
+    """A mission and the extent of its layers."""
+    landing = entry.landing
+    return Mission(
+        mission=entry.mission,
+        title=entry.title,
+        landing=Landing.model_validate(landing, from_attributes=True),
+        crs=LocalCrs(wkt=local_crs(landing).to_wkt(), proj4=local_proj4(landing)),
+        lsl_note=entry.lsl_note,
+        tile_matrix_set=TileMatrixSet(extent=EXTENT, cell_sizes=CELL_SIZES, tile_size=BLOCK),
+        bounds=_around(layer.bounds for layer in layers),
+    )
+
+
+def _around(boxes: Iterable[Bounds]) -> Bounds:
+    filled = [box for box in boxes if any(box)]  # a layer without features is published as 0 0 0 0
+    return union(filled) if filled else _NO_LAYERS
+
+
+def image_body(entry: ImageEntry) -> Image:
+    """An image and its addresses."""
+    known = {name: getattr(entry, name) for name in Image.model_fields if hasattr(entry, name)}
+    known["browse"] = f"/images/{entry.id}/browse.png"
+    known["original"] = f"/images/{entry.id}/original"
+    return Image.model_validate(known)
+
+
+_FAST = 5
+"""Of gzip: twice as fast as 9, and hardly longer."""
+
+
+@dataclass(frozen=True, slots=True)
+class CachedResponse:
+    """JSON, plain and compressed, and a tag that is another when its content is."""
+
+    plain: bytes
+    compressed: bytes
+    tag: str
+
+    @classmethod
+    def of(cls, body: bytes) -> CachedResponse:
+        """An answer to keep."""
+        tag = f'W/"{blake2b(body, digest_size=8).hexdigest()}"'
+        return cls(body, gzip.compress(body, _FAST, mtime=0), tag)
+
+
+@dataclass(frozen=True, slots=True)
+class CacheState:
+    """What a browser has already, and what it can read."""
+
+    known: str
+    has_gzip: bool
+
+    def answer(self, kept: CachedResponse) -> Response:
+        """The answer, or that it is the one the browser has."""
+        headers = {**AGAIN, "ETag": kept.tag, "Vary": "Accept-Encoding"}
+        if kept.tag in self.known:
+            return Response(status_code=HTTPStatus.NOT_MODIFIED, headers=headers)
+        if self.has_gzip:
+            headers["Content-Encoding"] = "gzip"
+        body = kept.compressed if self.has_gzip else kept.plain
+        return Response(body, media_type="application/json", headers=headers)
+
+
+def _cache_state(
+    known: Annotated[str, Header(alias="If-None-Match", max_length=1000)] = "",
+    encodings: Annotated[str, Header(alias="Accept-Encoding", max_length=1000)] = "",
+) -> CacheState:
+    return CacheState(known, "gzip" in encodings)
+
+
+CacheStateOf = Annotated[CacheState, Depends(_cache_state)]
+"""Who asks."""
+
+
+router = APIRouter(prefix="/api", tags=["missions"])
 _IMAGES = TypeAdapter(list[Image])
-_KEPT = 16
+_CACHED_LISTS = 16
 """Lists of images; one of 10,000 is 4 MB."""
 
 
-@router.get("")
+@router.get("/missions")
 def missions(services: ServicesOf, response: Response) -> list[Mission]:
     """All missions, where their maps lie on Mars and how these are cut into tiles."""
     response.headers.update(AGAIN)
     return missions_of(services)
 
 
-@router.get("/{mission}/layers")
+@router.get("/missions/{mission}/layers")
 def layers(mission: MissionName, services: ServicesOf, response: Response) -> list[MapLayer]:
     """The latest layer of every scope and kind."""
     response.headers.update(AGAIN)
@@ -48,11 +194,11 @@ def layers(mission: MissionName, services: ServicesOf, response: Response) -> li
     return [layer_body(layer) for layer in map_layers(mission, services)]
 
 
-@router.get("/{mission}/images", response_model=list[Image])
+@router.get("/missions/{mission}/images", response_model=list[Image])
 def images(
     mission: MissionName,
     services: ServicesOf,
-    asker: AskerOf,
+    asker: CacheStateOf,
     sol: Annotated[int | None, Query(ge=0, le=LAST_SOL)] = None,
     stop: Annotated[str | None, Query(max_length=128)] = None,
 ) -> Response:
@@ -62,16 +208,16 @@ def images(
     return asker.answer(_images(services, mission, stop, sol, version))
 
 
-@lru_cache(maxsize=_KEPT)
+@lru_cache(maxsize=_CACHED_LISTS)
 def _images(
     services: Services, mission: str, stop: str | None, sol: int | None, _version: str
-) -> KeptAnswer:
+) -> CachedResponse:
     """Of 10,000 images it takes a second to write."""
     found = [image_body(entry) for entry in services.catalogue.images(mission, stop, sol)]
-    return KeptAnswer.of(_IMAGES.dump_json(found))
+    return CachedResponse.of(_IMAGES.dump_json(found))
 
 
-@router.get("/{mission}/sols/{sol}/report", response_class=HTMLResponse)
+@router.get("/missions/{mission}/sols/{sol}/report", response_class=HTMLResponse)
 def sol_page(
     mission: MissionName, sol: Annotated[int, Path(ge=0, le=LAST_SOL)], services: ServicesOf
 ) -> HTMLResponse:
@@ -80,7 +226,7 @@ def sol_page(
     return HTMLResponse(sol_report(mission, sol, workspace), headers=AGAIN)
 
 
-@router.get("/{mission}/identify")
+@router.get("/missions/{mission}/identify")
 def identify_place(
     mission: MissionName, east: Metres, north: Metres, services: ServicesOf, response: Response
 ) -> Place:
@@ -104,3 +250,41 @@ def map_layers(mission: str, services: Services) -> list[Layer]:
     """The latest layers that are on the map: models and panoramas are looked at elsewhere."""
     latest = services.catalogue.layers(mission)
     return [layer for layer in latest if layer.type in {"raster", "vector"}]
+
+
+LAST_EVENT = "Last-Event-ID"
+_CACHED_STARTS = 2
+"""Answers; of 96 layers it is 50 kB."""
+
+
+class Start(BaseModel):
+    """Where the map begins."""
+
+    missions: list[Mission]
+    """All of the store."""
+    mission: str | None
+    """The one whose layers these are: the first; null if there is none."""
+    layers: list[MapLayer]
+    """The latest layer of every scope and kind."""
+
+
+@router.get("/start", response_model=Start)
+def start(services: ServicesOf, asker: CacheStateOf) -> Response:
+    """All missions, and the layers of the first; written anew only when something was published.
+
+    The header `Last-Event-ID` names the last event that is in it: who asks `/api/events` for those
+    `since` misses none.
+    """
+    seen = services.catalogue.version()  # before all else: what happens meanwhile is told again
+    answer = asker.answer(_written(services, services.catalogue.published()))
+    answer.headers[LAST_EVENT] = str(seen)
+    return answer
+
+
+@lru_cache(maxsize=_CACHED_STARTS)
+def _written(services: Services, _version: int) -> CachedResponse:
+    found = missions_of(services)
+    first = found[0].mission if found else None
+    layers = [layer_body(layer) for layer in map_layers(first, services)] if first else []
+    whole = Start(missions=found, mission=first, layers=layers)
+    return CachedResponse.of(whole.model_dump_json().encode())

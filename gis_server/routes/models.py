@@ -1,4 +1,7 @@
-"""Models in three dimensions: which there are, their tiles, and a mission's as one tileset."""
+"""Models in three dimensions: which there are, their tiles, and a mission's as one tileset.
+
+What a view in three dimensions draws besides the ground: stops, the rover and its cameras.
+"""
 
 from __future__ import annotations
 
@@ -7,12 +10,20 @@ from typing import Annotated, Any, Literal
 from fastapi import APIRouter, Path, Query, Response
 from pydantic import BaseModel
 
-from solmap.gis_server.analysis.refusal import RefusedError
-from solmap.gis_server.routes.parameters import AGAIN, FOREVER, Digest, MissionName, ScopeName
+from solmap.gis_server.analysis.bodies import UnanswerableError
+from solmap.gis_server.analysis.scene import (
+    SceneCameras,
+    SceneStops,
+    scene_cameras,
+    scene_stops,
+)
+from solmap.gis_server.parameters import AGAIN, FOREVER, Digest, MissionName, ScopeName
 from solmap.gis_server.services import ServicesOf
 from solmap.photogrammetry.terrain.mesh.solid import SolidParams, solid_of
+from solmap.products.catalogue.workspace import Workspace
 from solmap.products.crs import local_crs
 from solmap.products.errors import ProductNotFoundError
+from solmap.products.formats.documents.network import network_of, published_networks
 from solmap.products.formats.mesh.stl import stl_bytes
 from solmap.products.formats.mesh.tiles3d import (
     TILESET,
@@ -90,7 +101,7 @@ def stl(
     """
     layer = services.layer(scope, ProductKind.DTM, digest)
     if layer.ref.scope.level is not ScopeLevel.STOP:
-        raise RefusedError(f"{layer.id} is larger than a stop's: cut a part of it out instead")
+        raise UnanswerableError(f"{layer.id} is larger than a stop's: cut a part of it out instead")
     model = read_dtm(services.store.path(layer.ref))
     body = stl_bytes(solid_of(model, SolidParams(tolerance_m, base_m)))
     name = f'attachment; filename="{scope}_terrain_{digest}.stl"'
@@ -134,3 +145,33 @@ def _body(layer: Layer) -> Model:
         download=f"/download/{place}",
         provenance=f"/api/layers/{place}/provenance",
     )
+
+
+@router.get("/api/missions/{mission}/scene/stops")
+def stops(mission: MissionName, services: ServicesOf, response: Response) -> SceneStops:
+    """Places, attitudes and error ellipsoids of all stops, as last adjusted."""
+    response.headers.update(AGAIN)
+    services.catalogue.mission(mission)
+    published = published_networks(mission, services.catalogue)
+    if not published:
+        return SceneStops(network=None, body=None, stops=[])
+    return scene_stops(published[-1], network_of(published[-1], services.store))
+
+
+@router.get("/api/missions/{mission}/scene/cameras")
+def cameras(
+    mission: MissionName,
+    stop: Annotated[str, Query(max_length=128)],
+    services: ServicesOf,
+    response: Response,
+) -> SceneCameras:
+    """Projection centres and viewing rays of the images of a stop, their pointing corrected."""
+    response.headers.update(AGAIN)
+    services.catalogue.mission(mission)
+    published = published_networks(mission, services.catalogue)
+    if not published:
+        return SceneCameras(network=None, cameras=[])
+    workspace = Workspace(services.store, services.catalogue)
+    entries = services.catalogue.images(mission, stop)
+    network = network_of(published[-1], services.store)
+    return scene_cameras(published[-1], network, entries, workspace)

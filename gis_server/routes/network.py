@@ -1,4 +1,7 @@
-"""The adjusted network: its solutions, how far they differ, its graph, and the ties of an image."""
+"""The adjusted network: its solutions, how far they differ, its graph, and the ties of an image.
+
+Hand ties before they are saved: a picked point measured, and ties tried on two stops.
+"""
 
 from __future__ import annotations
 
@@ -6,10 +9,19 @@ from typing import Annotated
 
 from fastapi import APIRouter, Query, Response
 
-from solmap.gis_server.analysis.image_ties import ImageTies, image_ties
-from solmap.gis_server.analysis.network_graph import (
+from solmap.gis_server.analysis.manual_ties import (
+    RefineAnswer,
+    RefineQuestion,
+    TrialAnswer,
+    TrialQuestion,
+    refined_pick,
+    tried,
+)
+from solmap.gis_server.analysis.network import (
+    ImageTies,
     NetworkGraph,
     PairGraph,
+    image_ties,
     network_graph,
     pair_graph,
 )
@@ -22,13 +34,13 @@ from solmap.gis_server.analysis.solutions import (
     network_named,
     solutions,
 )
-from solmap.gis_server.routes.parameters import AGAIN, ImageName, MissionName
-from solmap.gis_server.services import ServicesOf
+from solmap.gis_server.parameters import AGAIN, ImageName, MissionName
+from solmap.gis_server.services import Services, ServicesOf
 from solmap.products.catalogue.oriented_images import OrientedMission
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.errors import ProductNotFoundError
 
-router = APIRouter(prefix="/api/missions/{mission}", tags=["network"])
+router = APIRouter(prefix="/api/missions/{mission}")
 
 _NAME = r"[a-z0-9][a-z0-9_.-]{0,127}/[0-9a-f]{16}"
 SolutionName = Annotated[
@@ -41,7 +53,7 @@ ReferenceName = Annotated[
 ]
 
 
-@router.get("/solutions")
+@router.get("/solutions", tags=["network"])
 def all_solutions(mission: MissionName, services: ServicesOf, response: Response) -> list[Solution]:
     """Every adjustment that the store holds, newest sol first."""
     response.headers.update(AGAIN)
@@ -49,7 +61,7 @@ def all_solutions(mission: MissionName, services: ServicesOf, response: Response
     return solutions(mission, services.catalogue, services.store)
 
 
-@router.get("/traverse")
+@router.get("/traverse", tags=["network"])
 def traverse(
     mission: MissionName,
     services: ServicesOf,
@@ -66,7 +78,7 @@ def traverse(
     return compare(named, other)
 
 
-@router.get("/network")
+@router.get("/network", tags=["network"])
 def network(
     mission: MissionName,
     services: ServicesOf,
@@ -79,7 +91,7 @@ def network(
     return network_graph(*network_named(mission, solution, services.catalogue, services.store))
 
 
-@router.get("/network/pairs")
+@router.get("/network/pairs", tags=["network"])
 def pairs(
     mission: MissionName,
     stop: Annotated[str, Query(max_length=128)],
@@ -97,7 +109,7 @@ def pairs(
     return pair_graph(*named, stop, entries)
 
 
-@router.get("/images/{image}/ties")
+@router.get("/images/{image}/ties", tags=["network"])
 def ties(
     mission: MissionName, image: ImageName, services: ServicesOf, response: Response
 ) -> ImageTies:
@@ -107,3 +119,20 @@ def ties(
     workspace = Workspace(services.store, services.catalogue)
     oriented = OrientedMission.latest(mission, workspace)
     return image_ties(services.catalogue.image(image), oriented)
+
+
+@router.post("/refine", tags=["hand ties"])
+def refine(mission: MissionName, question: RefineQuestion, services: ServicesOf) -> RefineAnswer:
+    """Measure a picked point to a fraction of a pixel, by least-squares matching."""
+    return refined_pick(question, _oriented(mission, services))
+
+
+@router.post("/preview-adjustment", tags=["hand ties"])
+def preview(mission: MissionName, question: TrialQuestion, services: ServicesOf) -> TrialAnswer:
+    """Adjust two stops with hand ties and without; computes only, writes nothing."""
+    return tried(question, _oriented(mission, services))
+
+
+def _oriented(mission: str, services: Services) -> OrientedMission:
+    services.catalogue.mission(mission)
+    return OrientedMission.latest(mission, Workspace(services.store, services.catalogue))

@@ -10,7 +10,7 @@ from fastapi import APIRouter, Path, Query, Response
 from pydantic import BaseModel
 
 from solmap.gis_server.analysis.ground import BEST
-from solmap.gis_server.analysis.map_places import point_on_map
+from solmap.gis_server.analysis.image_to_ground import point_on_map
 from solmap.gis_server.analysis.panoramas import (
     DirectionSeen,
     PanoramaAsked,
@@ -18,9 +18,7 @@ from solmap.gis_server.analysis.panoramas import (
     facts_of,
     tile_of,
 )
-from solmap.gis_server.rendering.png import indexed_png
-from solmap.gis_server.routes.analysis import ground_of
-from solmap.gis_server.routes.parameters import (
+from solmap.gis_server.parameters import (
     AGAIN,
     FOREVER,
     Digest,
@@ -28,6 +26,8 @@ from solmap.gis_server.routes.parameters import (
     MissionName,
     ScopeName,
 )
+from solmap.gis_server.rendering.png import indexed_png
+from solmap.gis_server.routes.analysis import ground_of
 from solmap.gis_server.services import Services, ServicesOf
 from solmap.products.catalogue.oriented_images import OrientedMission
 from solmap.products.catalogue.workspace import Workspace

@@ -7,12 +7,18 @@ from typing import Annotated, Any
 import numpy as np
 from fastapi import APIRouter, Query
 
-from solmap.gis_server.analysis.bodies import LayerUsed, NetworkUsed
+from solmap.gis_server.analysis.bodies import LayerUsed, NetworkUsed, UnanswerableError
 from solmap.gis_server.analysis.ground import BEST, Ground
-from solmap.gis_server.analysis.map_places import frame_of, images_within, point_on_map, stop_named
-from solmap.gis_server.analysis.pixel_ground import Found, curve_in, ground_at
-from solmap.gis_server.analysis.projection import seen_in, with_sight
-from solmap.gis_server.analysis.projection_bodies import (
+from solmap.gis_server.analysis.image_to_ground import (
+    Found,
+    curve_in,
+    frame_of,
+    ground_at,
+    images_within,
+    point_on_map,
+    stop_named,
+)
+from solmap.gis_server.analysis.projection import (
     GroundToImage,
     ImageToGround,
     ImageToImage,
@@ -21,10 +27,11 @@ from solmap.gis_server.analysis.projection_bodies import (
     layers_used,
     predicted_body,
     seen_body,
+    seen_in,
+    with_sight,
 )
-from solmap.gis_server.analysis.refusal import RefusedError
+from solmap.gis_server.parameters import Metres, MissionName
 from solmap.gis_server.routes.analysis import ground_of
-from solmap.gis_server.routes.parameters import Metres, MissionName
 from solmap.gis_server.services import Services, ServicesOf
 from solmap.photogrammetry.terrain.dtm.ground import MAP_FROM_LSL
 from solmap.photogrammetry.terrain.measure.ground_point import GroundPoint
@@ -132,7 +139,7 @@ def _known(mission: str, layer: str, services: Services) -> tuple[OrientedMissio
 def _entry(mission: str, image: str, services: Services) -> ImageEntry:
     entry = services.catalogue.image(image.upper())
     if entry.mission != mission:
-        raise RefusedError(f"{entry.id} is an image of {entry.mission}, not of {mission}")
+        raise UnanswerableError(f"{entry.id} is an image of {entry.mission}, not of {mission}")
     return entry
 
 

@@ -19,7 +19,7 @@ from starlette.datastructures import Headers
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from solmap.gis_server.metrics import Metrics
-from solmap.gis_server.rendering.looks import Look, UnknownLookError
+from solmap.gis_server.rendering.styles import StyleQuery, UnknownStyleError
 from solmap.gis_server.routes.looks import AskedLook
 from solmap.gis_server.routes.tiles import picture_of, values_of
 from solmap.gis_server.services import Services
@@ -67,12 +67,12 @@ class TileShortcut:
                     encoding = Headers(scope=scope).get("accept-encoding", "")
                     return values_of(layer, address, self.services, encoding)
                 return picture_of(layer, address, self.services, _look_of(query))
-        except (ProductError, UnknownLookError, ValidationError, ValueError):
+        except (ProductError, UnknownStyleError, ValidationError, ValueError):
             return None
 
 
 @lru_cache(maxsize=256)
-def _look_of(query: bytes) -> Look:
+def _look_of(query: bytes) -> StyleQuery:
     """The look that a query asks for.
 
     Raises:

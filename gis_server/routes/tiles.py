@@ -7,12 +7,11 @@ from typing import Annotated
 
 from fastapi import APIRouter, Header, Query, Response
 
-from solmap.gis_server.rendering.deflate import gunzipped
-from solmap.gis_server.rendering.floats import MEDIA_TYPE
-from solmap.gis_server.rendering.looks import Look
-from solmap.gis_server.rendering.tiles import render_tile, render_values
+from solmap.gis_server.parameters import FOREVER, Address, LayerPath
+from solmap.gis_server.rendering.png import gunzipped
+from solmap.gis_server.rendering.styles import StyleQuery
+from solmap.gis_server.rendering.tiles import MEDIA_TYPE, render_tile, render_values
 from solmap.gis_server.routes.looks import AskedLook
-from solmap.gis_server.routes.parameters import FOREVER, Address, LayerPath
 from solmap.gis_server.services import Services, ServicesOf
 from solmap.products.formats.raster.tiling import TileAddress
 from solmap.products.model import Layer
@@ -47,7 +46,9 @@ def values(
     return values_of(layer, address, services, accept_encoding, band)
 
 
-def picture_of(layer: Layer, address: TileAddress, services: Services, look: Look) -> Response:
+def picture_of(
+    layer: Layer, address: TileAddress, services: Services, look: StyleQuery
+) -> Response:
     """The answer with the picture of a tile."""
     body = render_tile(layer, address, services.store, services.pool, look)
     return Response(body, media_type="image/png", headers=FOREVER)

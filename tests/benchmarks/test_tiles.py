@@ -24,8 +24,8 @@ import pytest
 from rio_tiler.colormap import cmap
 from rio_tiler.io import Reader
 
-from solmap.gis_server.rendering.looks import Look
-from solmap.gis_server.rendering.readers import RasterPool
+from solmap.gis_server.rendering.reading import RasterPool
+from solmap.gis_server.rendering.styles import StyleQuery
 from solmap.gis_server.rendering.tiles import render_tile
 from solmap.photogrammetry.terrain.dtm.grid import BLOCK, MapGrid
 from solmap.products.catalogue.catalogue import Catalogue, MissionEntry
@@ -151,12 +151,12 @@ def _note(benchmark, size: int) -> None:
 ASKED = 80
 """Tiles of a round over HTTP."""
 PICTURES = {
-    "orthophoto": (ProductKind.ORTHOPHOTO, Look(), {}),
-    "colour relief": (ProductKind.DTM, Look(), {"colormap_name": "viridis"}),
-    "hillshade made once": (ProductKind.HILLSHADE, Look(), {}),
+    "orthophoto": (ProductKind.ORTHOPHOTO, StyleQuery(), {}),
+    "colour relief": (ProductKind.DTM, StyleQuery(), {"colormap_name": "viridis"}),
+    "hillshade made once": (ProductKind.HILLSHADE, StyleQuery(), {}),
     "hillshade on the fly": (
         ProductKind.DTM,
-        Look("hillshade"),
+        StyleQuery("hillshade"),
         {"algorithm": "hillshade", "buffer": "3"},
     ),
 }
@@ -201,7 +201,7 @@ def _path(server: str, picture: str, served: Served, address: TileAddress) -> st
     place = f"{address.zoom}/{address.column}/{address.row}.png"
     match server:
         case "ours":
-            style = "" if look == Look() else f"?style={look.style}"
+            style = "" if look == StyleQuery() else f"?style={look.style}"
             return f"/tiles/{layer.ref.scope.name}/{kind}/{layer.ref.digest}/{place}{style}"
         case "files":
             return f"/{_file_of(picture, address)}"

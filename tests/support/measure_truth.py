@@ -12,11 +12,11 @@ from pathlib import Path
 
 import numpy as np
 
+from solmap.gis_server.analysis.bodies import UnanswerableError
 from solmap.gis_server.analysis.ground import BEST, Ground
-from solmap.gis_server.analysis.picks import RefineQuestion, refined_pick
-from solmap.gis_server.analysis.profiles import ProfileQuestion, ask_profile
-from solmap.gis_server.analysis.refusal import RefusedError
-from solmap.gis_server.rendering.readers import RasterPool
+from solmap.gis_server.analysis.manual_ties import RefineQuestion, refined_pick
+from solmap.gis_server.analysis.measures import ProfileQuestion, ask_profile
+from solmap.gis_server.rendering.reading import RasterPool
 from solmap.photogrammetry.terrain.measure.ground_point import first_meeting
 from solmap.photogrammetry.terrain.measure.lines import _tangent
 from solmap.products.catalogue.oriented_images import OrientedMission
@@ -75,7 +75,7 @@ def picks(workspace: Workspace, folder: Path, wanted: int, *, same_stop: bool) -
         second = {"image": image, "sample": moved[0], "line": moved[1]}
         try:
             found = refined_pick(RefineQuestion(first=first, second=second), mission)
-        except RefusedError:
+        except UnanswerableError:
             continue
         if found.found:
             off.append(np.hypot(found.sample - at[0], found.line - at[1]))

@@ -15,9 +15,9 @@ from pathlib import Path
 import numpy as np
 
 from solmap.gis_server.analysis.ground import BEST, Ground
-from solmap.gis_server.analysis.pixel_ground import ground_at
+from solmap.gis_server.analysis.image_to_ground import ground_at
 from solmap.gis_server.analysis.projection import seen_in, with_sight
-from solmap.gis_server.rendering.readers import RasterPool
+from solmap.gis_server.rendering.reading import RasterPool
 from solmap.photogrammetry.terrain.dtm.ground import MAP_FROM_LSL
 from solmap.photogrammetry.terrain.measure.ground_point import first_meeting
 from solmap.photogrammetry.terrain.visibility.viewshed import Sight

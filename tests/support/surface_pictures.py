@@ -13,8 +13,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from solmap.gis_server.rendering.colours import indices_of, palette_of
-from solmap.gis_server.rendering.styles import STYLES
+from solmap.gis_server.rendering.styles import STYLES, indices_of, palette_of
 from solmap.photogrammetry.arrays import Classes, Picture, Raster
 from solmap.photogrammetry.synthetic.downlink import WorldParams, make_world
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid

@@ -10,7 +10,7 @@ from fastapi.testclient import TestClient
 from pyproj import CRS as ProjCrs
 
 from solmap.gis_server.app import create_app
-from solmap.gis_server.routes.bodies import mission_body
+from solmap.gis_server.routes.missions import mission_body
 from solmap.products.catalogue.catalogue import MissionEntry
 from solmap.products.formats.raster.raster import write_raster
 from solmap.products.model import Layer, ProductKind, Recipe

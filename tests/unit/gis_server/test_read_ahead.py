@@ -9,7 +9,7 @@ import pytest
 from fastapi.testclient import TestClient
 
 from solmap.gis_server.app import create_app
-from solmap.gis_server.read_ahead import ReadAhead
+from solmap.gis_server.services import ReadAhead
 from solmap.products.catalogue.events import LAYERS_PUBLISHED, RUN_CHANGED, Event
 from solmap.products.features import texts as feature_texts
 from solmap.products.formats.vector.geojson import Feature

@@ -6,7 +6,7 @@ from fastapi import FastAPI
 from fastapi.testclient import TestClient
 
 from solmap.gis_server.errors import install_error_table
-from solmap.gis_server.rendering.floats import decode_values
+from solmap.gis_server.rendering.tiles import decode_values
 from solmap.gis_server.routes import tiles
 from solmap.gis_server.services import open_services
 from solmap.products.formats.raster.tiling import TileAddress, zoom_of

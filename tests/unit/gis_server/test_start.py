@@ -8,7 +8,7 @@ from http import HTTPStatus
 from fastapi.testclient import TestClient
 
 from solmap.gis_server.app import create_app
-from solmap.gis_server.routes import start
+from solmap.gis_server.routes import missions as start
 
 
 def test_the_map_begins_with_all_missions_and_the_layers_of_the_first(client):

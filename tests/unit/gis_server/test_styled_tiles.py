@@ -6,11 +6,17 @@ import cv2
 import numpy as np
 import pytest
 
-from solmap.gis_server.rendering.colours import RED_BLUE, VIRIDIS, indices_of, palette_of
-from solmap.gis_server.rendering.looks import Look
-from solmap.gis_server.rendering.readers import RasterPool
-from solmap.gis_server.rendering.shading import OF_TERRAIN
-from solmap.gis_server.rendering.styles import STYLES, styles_of
+from solmap.gis_server.rendering.painting import OF_TERRAIN
+from solmap.gis_server.rendering.reading import RasterPool
+from solmap.gis_server.rendering.styles import (
+    RED_BLUE,
+    STYLES,
+    VIRIDIS,
+    StyleQuery,
+    indices_of,
+    palette_of,
+    styles_of,
+)
 from solmap.gis_server.rendering.tiles import render_tile
 from solmap.photogrammetry.terrain.dtm.records import Dtm
 from solmap.photogrammetry.terrain.relief.slope import (
@@ -82,7 +88,7 @@ OF_WHOLE_MODEL = {
 @pytest.mark.parametrize("style", OF_WHOLE_MODEL)
 def test_a_tile_shows_what_the_same_computation_gives_of_the_whole_model(hilly, terrain, style):
     """Also in the outermost pixels: tiles know their neighbours."""
-    look = Look(style, azimuth_deg=200.0, elevation_deg=30.0)
+    look = StyleQuery(style, azimuth_deg=200.0, elevation_deg=30.0)
     expected = block_of(OF_WHOLE_MODEL[style](hills()), INSIDE)
     chosen = styles_of(ProductKind.DTM)[style]
     indices = indices_of(expected, *chosen.range)
@@ -103,7 +109,7 @@ def test_a_tile_shows_what_the_same_computation_gives_of_the_whole_model(hilly, 
 
 def test_a_baseline_is_felt_as_by_the_layers_that_are_made_once(hilly, terrain):
     expected = block_of(slope(hills(), SlopeParams(1.1)), INSIDE)
-    shown = drawn(hilly, terrain, INSIDE, Look("slope", "grey", 0.0, 60.0, baseline_m=1.1))
+    shown = drawn(hilly, terrain, INSIDE, StyleQuery("slope", "grey", 0.0, 60.0, baseline_m=1.1))
     known = np.isfinite(expected)
     np.testing.assert_array_equal(shown[..., 3] > 0, known)
     grey = np.clip(expected / 60.0, 0.0, 1.0)[known] * 255
@@ -114,7 +120,7 @@ def test_a_baseline_is_felt_as_by_the_layers_that_are_made_once(hilly, terrain):
 @pytest.mark.parametrize("zoom", [OWN_ZOOM - 1, OWN_ZOOM, OWN_ZOOM + 1])
 def test_tiles_meet_without_a_seam(hilly, terrain, style, zoom):
     """Two tiles side by side show what one drawn across their edge would show."""
-    look = Look(style)
+    look = StyleQuery(style)
     west = TileAddress.holding(-0.1, -0.1, zoom)
     east = TileAddress(zoom, west.column + 1, west.row)
     both = np.hstack([drawn(hilly, terrain, at, look) for at in (west, east)])
@@ -140,7 +146,7 @@ def _drawn_at(world, layer, west, look):
 def test_a_plane_has_the_same_shade_at_every_zoom(world, zoom):
     """A hillshade that took the cell of the raster for that of the tile would darken or fade."""
     layer = world.catalogue.layer(STOP.name, ProductKind.DTM)
-    shown = drawn(world, layer, TileAddress.holding(5.0, 5.0, zoom), Look("hillshade"))
+    shown = drawn(world, layer, TileAddress.holding(5.0, 5.0, zoom), StyleQuery("hillshade"))
     seen = shown[shown[..., 3] > 0][:, 0]
     g_e, g_n = PLANE
     sine = np.sin(np.radians(45.0))
@@ -152,7 +158,7 @@ def test_a_plane_has_the_same_shade_at_every_zoom(world, zoom):
 
 
 def test_the_sun_turns_with_its_azimuth(hilly, terrain):
-    looks = [Look("hillshade", azimuth_deg=a, exaggeration=0.2) for a in (0, 90, 180)]
+    looks = [StyleQuery("hillshade", azimuth_deg=a, exaggeration=0.2) for a in (0, 90, 180)]
     suns = [drawn(hilly, terrain, INSIDE, look) for look in looks]
     for one, other in itertools.combinations(suns, 2):
         assert np.abs(one.astype(int) - other).max() > 50
@@ -161,8 +167,10 @@ def test_the_sun_turns_with_its_azimuth(hilly, terrain):
 
 
 def test_a_sun_overhead_shades_by_slope_alone_and_exaggeration_darkens(hilly, terrain):
-    overhead = drawn(hilly, terrain, INSIDE, Look("hillshade", elevation_deg=90.0))
-    steeper = drawn(hilly, terrain, INSIDE, Look("hillshade", elevation_deg=90.0, exaggeration=2.0))
+    overhead = drawn(hilly, terrain, INSIDE, StyleQuery("hillshade", elevation_deg=90.0))
+    steeper = drawn(
+        hilly, terrain, INSIDE, StyleQuery("hillshade", elevation_deg=90.0, exaggeration=2.0)
+    )
     seen = overhead[..., 3] > 0
     expected = np.cos(np.radians(block_of(OF_WHOLE_MODEL["slope"](hills()), INSIDE)))
     assert np.abs(overhead[..., 0] - 255 * expected)[seen].max() < 1.6
@@ -172,7 +180,7 @@ def test_a_sun_overhead_shades_by_slope_alone_and_exaggeration_darkens(hilly, te
 @pytest.mark.parametrize("threshold", [-90.0, 0.0, 5.0, 20.0])
 def test_north_facing_ground_is_what_leans_north_by_the_threshold(hilly, terrain, threshold):
     tilt = block_of(OF_WHOLE_MODEL["northerly-tilt"](hills()), INSIDE)
-    shown = drawn(hilly, terrain, INSIDE, Look("north-facing", threshold_deg=threshold))
+    shown = drawn(hilly, terrain, INSIDE, StyleQuery("north-facing", threshold_deg=threshold))
     clear = np.abs(tilt - threshold) > 1e-3
     np.testing.assert_array_equal((shown[..., 3] > 0)[clear], (tilt >= threshold)[clear])
 
@@ -180,14 +188,14 @@ def test_north_facing_ground_is_what_leans_north_by_the_threshold(hilly, terrain
 def test_north_facing_ground_of_the_tilt_layer_has_its_threshold_too(world):
     layer = world.catalogue.layer(STOP.name, ProductKind.NORTHERLY_TILT)  # -5 degrees everywhere
     for threshold, is_seen in ((-10.0, True), (0.0, False)):
-        shown = drawn(world, layer, INSIDE, Look("north-facing", threshold_deg=threshold))
+        shown = drawn(world, layer, INSIDE, StyleQuery("north-facing", threshold_deg=threshold))
         assert (shown[..., 3] > 0).all() == is_seen
     assert (shown[..., 3] == 0).all()
 
 
 def test_uncertainty_shows_the_deviation(world):
     layer = world.catalogue.layer(STOP.name, ProductKind.DTM)
-    shown = drawn(world, layer, INSIDE, Look("uncertainty", "grey", 0.0, 0.04))
+    shown = drawn(world, layer, INSIDE, StyleQuery("uncertainty", "grey", 0.0, 0.04))
     assert np.abs(shown[..., 0].astype(int) - 128).max() <= 1  # 0.02 m everywhere
 
 
@@ -201,7 +209,7 @@ def test_shaded_level_ground_keeps_its_colour(own_world):
     layer = own_world.publish_raster(
         ProductKind.DTM, STOP, lambda path: write_dtm(path, level, CRS), version=2
     )
-    look = Look("shaded-relief", low=0.0, high=6.0)
+    look = StyleQuery("shaded-relief", low=0.0, high=6.0)
     shown = drawn(own_world, layer, INSIDE, look)
     np.testing.assert_allclose(
         shown[..., :3].reshape(-1, 3) - palette_of(VIRIDIS)[128].astype(int), 0, atol=1
@@ -212,7 +220,7 @@ def test_contours_lie_where_the_ground_has_their_elevation(world):
     """On a plane of 1 in 10 to the east contours of 1 m are lines 8.9 m apart."""
     layer = world.catalogue.layer(STOP.name, ProductKind.DTM)
     address = TileAddress.holding(5.0, 5.0, OWN_ZOOM)
-    shown = drawn(world, layer, address, Look("contours", interval_m=1.0))
+    shown = drawn(world, layer, address, StyleQuery("contours", interval_m=1.0))
     west, north = address.west_north
     at = (np.arange(256) + 0.5) * CELL_M
     east, north = np.meshgrid(west + at, north - at)
@@ -229,13 +237,13 @@ def test_contours_lie_where_the_ground_has_their_elevation(world):
 
 def test_a_picture_is_stretched_by_its_palette(world):
     layer = world.catalogue.layer(STOP.name, ProductKind.ORTHOPHOTO)
-    plain = drawn(world, layer, INSIDE, Look())
+    plain = drawn(world, layer, INSIDE, StyleQuery())
     low, high = 60.0, 180.0  # brightness, of 0 to 254
-    shown = drawn(world, layer, INSIDE, Look(low=low, high=high))
+    shown = drawn(world, layer, INSIDE, StyleQuery(low=low, high=high))
     brightness = plain[..., 0] / 255 * 254
     expected = np.clip((brightness - low) / (high - low), 0.0, 1.0) * 255
     assert np.abs(shown[..., 0] - expected).max() < 4.5  # a step of the picture is 2.1 here
-    tinted = drawn(world, layer, INSIDE, Look(colours="red-blue"))
+    tinted = drawn(world, layer, INSIDE, StyleQuery(colours="red-blue"))
     assert (tinted[0, 0, :3] == palette_of(RED_BLUE)[plain[0, 0, 0]]).all() or tinted.any()
 
 
@@ -260,7 +268,7 @@ def test_a_style_is_asked_for_in_the_query(client, world):
     query = {"style": "slope", "colours": "viridis", "low": 0, "high": 15, "baseline": 0.5}
     answer = asked(client, world, ProductKind.DTM, **query)
     assert answer.status_code == 200
-    look = Look("slope", "viridis", 0.0, 15.0, baseline_m=0.5)
+    look = StyleQuery("slope", "viridis", 0.0, 15.0, baseline_m=0.5)
     drawn_so = render_tile(layer, INSIDE, world.store, RasterPool(), look)
     assert unpacked(answer.content) == unpacked(drawn_so)
     assert answer.headers["cache-control"].endswith("immutable")

@@ -6,10 +6,9 @@ import pytest
 from fastapi.testclient import TestClient
 
 from solmap.gis_server.app import create_app
-from solmap.gis_server.rendering.colours import TWILIGHT, indices_of, palette_of
-from solmap.gis_server.rendering.patches import read_tile
 from solmap.gis_server.rendering.png import indexed_png
-from solmap.gis_server.rendering.readers import RasterPool
+from solmap.gis_server.rendering.reading import RasterPool, read_tile
+from solmap.gis_server.rendering.styles import TWILIGHT, indices_of, palette_of
 from solmap.gis_server.rendering.tiles import empty_tile, render_tile
 from solmap.products.formats.raster.orthophoto import (
     source_colour,

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from solmap.gis_server.rendering.floats import decode_values, encode_values
+from solmap.gis_server.rendering.tiles import decode_values, encode_values
 from solmap.products.formats.raster.tiling import TileAddress, zoom_of
 from solmap.products.model import ProductKind
 from tests.unit.gis_server.conftest import (

@@ -4,7 +4,7 @@ import pytest
 from fastapi.testclient import TestClient
 
 from solmap.gis_server.app import create_app
-from solmap.gis_server.small_bodies import MOST_BYTES
+from solmap.gis_server.middleware import MOST_BYTES
 from solmap.photogrammetry.matching.hand_ties import COLUMNS
 from solmap.products.catalogue.edits import EditLog, RequestBook
 from solmap.products.catalogue.runs import Run, RunBook, RunState
@@ -90,7 +90,7 @@ def test_an_analyst_edits_and_takes_back_and_everybody_reads_the_log(client, tok
 
 
 def test_the_columns_of_an_edit_are_those_of_a_file_of_hand_ties():
-    from solmap.gis_server.routes.edits import TieEdit  # noqa: PLC0415
+    from solmap.gis_server.collaboration.edits import TieEdit  # noqa: PLC0415
 
     assert list(TieEdit.model_fields) == list(COLUMNS)
 

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from solmap.gis_server.analysis.picks import stored_point
+from solmap.gis_server.analysis.manual_ties import stored_point
 from solmap.photogrammetry.terrain.measure.ground_point import first_meeting
 from solmap.products.catalogue.oriented_images import OrientedMission
 

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from solmap.gis_server.rendering.kept import Kept
+from solmap.gis_server.rendering.images import ArrayCache
 from solmap.photogrammetry.archive.images.reading import read_image
 from solmap.photogrammetry.imagery import Eye
 from solmap.photogrammetry.matching.resampling import resample
@@ -142,7 +142,7 @@ def test_an_image_without_partner_has_no_stereo(client):
 
 
 def test_what_is_kept_stays_within_its_bytes():
-    kept, made = Kept(1000), []
+    kept, made = ArrayCache(1000), []
 
     def make(key):
         made.append(key)

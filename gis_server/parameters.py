@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from fastapi import Depends, HTTPException, Path, Query
+from fastapi import Depends, HTTPException, Path, Query, Request
 
 from solmap.gis_server.services import ServicesOf
 from solmap.products.formats.raster.tiling import HALF_SIDE_M, MAX_ZOOM, TileAddress
@@ -71,3 +71,16 @@ def _bounds(
 
 Bounds = Annotated[tuple[float, float, float, float] | None, Depends(_bounds)]
 """(west, south, east, north) in metres of the local map, or None."""
+
+
+def base_of(request: Request, mission: str) -> str:
+    """The landing page of a mission, as the client wrote its host."""
+    return f"{str(request.base_url).rstrip('/')}/ogc/{mission}"
+
+
+def _base(request: Request, mission: MissionName) -> str:
+    return base_of(request, mission)
+
+
+BaseOf = Annotated[str, Depends(_base)]
+"""The address of the mission's landing page, without a slash at its end."""

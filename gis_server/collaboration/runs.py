@@ -8,8 +8,8 @@ from fastapi import APIRouter, Path, Query, Response
 from fastapi.responses import FileResponse
 from pydantic import BaseModel, ConfigDict, Field
 
-from solmap.gis_server.access import Operator
-from solmap.gis_server.routes.parameters import AGAIN, FOREVER, Digest, ScopeName
+from solmap.gis_server.collaboration.accounts import Operator
+from solmap.gis_server.parameters import AGAIN, FOREVER, Digest, ScopeName
 from solmap.gis_server.services import ServicesOf
 from solmap.products.catalogue.edits import RequestKind, RequestState, RunRequest
 from solmap.products.catalogue.events import REQUESTS_CHANGED

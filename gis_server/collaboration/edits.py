@@ -8,8 +8,8 @@ from typing import Annotated, Any, Literal
 from fastapi import APIRouter, HTTPException, Path, Query, Response
 from pydantic import BaseModel, ConfigDict, Field
 
-from solmap.gis_server.access import Analyst
-from solmap.gis_server.routes.parameters import AGAIN, LARGEST_ID, MissionName
+from solmap.gis_server.collaboration.accounts import Analyst
+from solmap.gis_server.parameters import AGAIN, LARGEST_ID, MissionName
 from solmap.gis_server.services import Services, ServicesOf
 from solmap.photogrammetry.matching.hand_ties import parse_hand_ties
 from solmap.products.catalogue.edits import Edit, EditConflictError, EditKind

@@ -3,16 +3,19 @@
 Reading is open to all. Writing takes a token with a role, in the header
 `Authorization: Bearer solmap_...`; no cookie is ever set, so no other site makes a browser write.
 Where nobody has a token nothing can be written at all.
+
+Who a token belongs to, and what it lets them do.
 """
 
 from __future__ import annotations
 
 import time
 from collections import deque
-from typing import Annotated
+from typing import Annotated, Literal
 
-from fastapi import Depends, HTTPException, Request
+from fastapi import APIRouter, Depends, HTTPException, Request, Response
 from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
+from pydantic import BaseModel
 
 from solmap.gis_server.services import ServicesOf
 from solmap.products.catalogue.tokens import Role, Token
@@ -111,3 +114,22 @@ class Requires:
 
 Analyst = Annotated[Token, Depends(Requires(Role.ANALYST))]
 Operator = Annotated[Token, Depends(Requires(Role.OPERATOR))]
+
+
+router = APIRouter(prefix="/api", tags=["account"])
+
+
+class Account(BaseModel):
+    """The holder of a token."""
+
+    name: str
+    role: Literal["viewer", "analyst", "operator"]
+    ends_at: str | None
+    """UTC, ISO 8601; null: never."""
+
+
+@router.get("/account")
+def account(who: Holder, response: Response) -> Account:
+    """Whose token the request shows; 401 or 403 says why there is none."""
+    response.headers["Cache-Control"] = "no-store"
+    return Account.model_validate({"name": who.name, "role": str(who.role), "ends_at": who.ends_at})

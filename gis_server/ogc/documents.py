@@ -1,4 +1,7 @@
-"""The pages of OGC API for people: plain tables that need nothing from elsewhere."""
+"""Links between the documents of OGC API, and the address that they start from.
+
+The pages of OGC API for people: plain tables that need nothing from elsewhere.
+"""
 
 from __future__ import annotations
 
@@ -8,8 +11,17 @@ from html import escape
 from typing import Any
 
 from solmap.gis_server.ogc.formats import Placed
-from solmap.gis_server.ogc.links import Link
 from solmap.products.features.collections import CollectionOf
+
+Link = dict[str, str]
+JSON, GEOJSON, HTML = "application/json", "application/geo+json", "text/html"
+
+
+def link(rel: str, href: str, media_type: str, title: str = "") -> Link:
+    """A link as OGC API has it."""
+    named = {"title": title} if title else {}
+    return {"rel": rel, "href": href, "type": media_type, **named}
+
 
 _FRAME = """<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><title>{title}</title>

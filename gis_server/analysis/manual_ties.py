@@ -1,4 +1,9 @@
-"""Hand ties tried on two stops: what they change, and how well they fit. Nothing is kept."""
+"""Points that a person picks in images: measured to a fraction of a pixel, and tried as ties.
+
+What is asked of a trial of hand ties, and what it answers.
+
+Hand ties tried on two stops: what they change, and how well they fit. Nothing is kept.
+"""
 
 from __future__ import annotations
 
@@ -6,22 +11,21 @@ import threading
 from collections import OrderedDict
 from collections.abc import Collection
 from pathlib import Path
+from typing import Annotated, Literal
 
 import numpy as np
+from pydantic import BaseModel, Field
 from scipy.spatial.transform import Rotation
 
-from solmap.gis_server.analysis.bodies import NetworkUsed, number, numbers
-from solmap.gis_server.analysis.picks import left_entry
-from solmap.gis_server.analysis.refusal import RefusedError
-from solmap.gis_server.analysis.trial_bodies import (
-    StopChange,
-    TiePoint,
-    TieResidual,
-    TieWish,
-    TrialAnswer,
-    TrialQuestion,
-    TrialReport,
+from solmap.gis_server.analysis.bodies import (
+    UNITS,
+    NetworkUsed,
+    Question,
+    UnanswerableError,
+    number,
+    numbers,
 )
+from solmap.gis_server.rendering.images import linearised
 from solmap.photogrammetry.adjustment.model.adjusted_network import (
     BLUNDER,
     USED,
@@ -38,13 +42,229 @@ from solmap.photogrammetry.adjustment.modes.preview import (
     part_of,
     preview,
 )
-from solmap.photogrammetry.imagery import StopId
+from solmap.photogrammetry.arrays import Float64, ImagePoints
+from solmap.photogrammetry.cameras.epipolar import EpipolarPair
+from solmap.photogrammetry.cameras.model import CameraModel
+from solmap.photogrammetry.errors import MatchingError
+from solmap.photogrammetry.imagery import Eye, StopId
+from solmap.photogrammetry.matching.conjugates import View
 from solmap.photogrammetry.matching.hand_editing import HandBody, edited, epipolar_point
-from solmap.photogrammetry.matching.hand_ties import HandAction, HandPoint, HandTie
+from solmap.photogrammetry.matching.hand_refinement import (
+    LARGEST_REACH_PX,
+    PickedView,
+    PickParams,
+    measured_pick,
+)
+from solmap.photogrammetry.matching.hand_ties import (
+    SIGMA_PX,
+    TOLERANCE_PX,
+    HandAction,
+    HandPoint,
+    HandTie,
+)
 from solmap.photogrammetry.matching.records import Ties, joined
+from solmap.photogrammetry.matching.resampling import GROUND_M
 from solmap.photogrammetry.terrain.dtm.ground import MAP_FROM_LSL
-from solmap.products.catalogue.oriented_images import OrientedMission, geometry_of, matches_of
+from solmap.products.catalogue.catalogue import ImageEntry
+from solmap.products.catalogue.oriented_images import (
+    MatchedEyes,
+    OrientedMission,
+    geometry_of,
+    matches_of,
+)
 from solmap.products.model import ProductRef
+
+PixelHere = Annotated[float, Field(ge=-1, le=1e5)]
+ImageHere = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,127}$")]
+
+
+class Picked(Question):
+    """A point of an image as stored, pixels; of a pair, of its left image."""
+
+    image: ImageHere
+    sample: PixelHere
+    line: PixelHere
+
+
+class RefineQuestion(Question):
+    """One feature as a person picked it in the left images of two pairs."""
+
+    first: Picked
+    second: Picked
+    reach_px: Annotated[float, Field(gt=0, le=LARGEST_REACH_PX)] = PickParams().reach_px
+    """Within which the second point is looked for."""
+
+
+class RefineAnswer(BaseModel):
+    """The second point, measured; the first is taken for what it is."""
+
+    units: str = UNITS
+    found: bool
+    said: str | None
+    """Why it was not found."""
+    image: str
+    sample: float
+    line: float
+    """As picked where it was not found."""
+    moved_px: float
+    sigma_px: float | None
+    correlation: float | None
+    network: NetworkUsed
+
+
+def refined_pick(question: RefineQuestion, mission: OrientedMission) -> RefineAnswer:
+    """Measure the second of two picked points by least-squares matching."""
+    sides = [_side(point, mission) for point in (question.first, question.second)]
+    (first, at, _), (second, start, eyes) = sides
+    picked = np.array([question.second.sample, question.second.line])
+    try:
+        found = measured_pick(first, second, at, start, PickParams(reach_px=question.reach_px))
+        place = stored_point(eyes.left, eyes.geometry, np.array([found.place]))[0]
+        said, sigma, correlation = None, found.sigma_px, found.correlation
+    except MatchingError as error:
+        place, said, sigma, correlation = picked, str(error), None, None
+    return RefineAnswer(
+        found=said is None,
+        said=said,
+        image=eyes.pair_id,
+        sample=round(float(place[0]), 3),
+        line=round(float(place[1]), 3),
+        moved_px=round(float(np.linalg.norm(place - picked)), 3),
+        sigma_px=None if sigma is None else round(sigma, 3),
+        correlation=None if correlation is None else round(correlation, 3),
+        network=NetworkUsed.of(mission.ref),
+    )
+
+
+def stored_point(camera: CameraModel, geometry: EpipolarPair, points: ImagePoints) -> ImagePoints:
+    """Where points of an epipolar image lie in the image as stored."""
+    return camera.project(camera.centre + GROUND_M * geometry.directions(points))
+
+
+def left_entry(image: str, mission: OrientedMission) -> tuple[ImageEntry, MatchedEyes]:
+    """The left image of a matched pair by its name.
+
+    Raises:
+        RefusedError: the image is a right one, or its pair was not matched.
+    """
+    entry = mission.workspace.catalogue.image(image.upper())
+    if entry.eye != Eye.LEFT:
+        raise UnanswerableError(
+            f"{entry.id} is a {entry.eye} image; ties are measured in left ones: pick in "
+            f"{entry.partner or 'another image'}"
+        )
+    eyes = mission.eyes(entry)
+    if eyes is None or mission.pair_of(entry) is None:
+        raise UnanswerableError(f"{entry.id} has no matched partner in the latest network")
+    return entry, eyes
+
+
+def _side(
+    point: Picked, mission: OrientedMission
+) -> tuple[PickedView, Float64[np.ndarray, " 2"], MatchedEyes]:
+    entry, eyes = left_entry(point.image, mission)
+    pair = mission.pair_of(entry)
+    assert pair is not None  # noqa: S101 - asked of by `left_entry`
+    grey = linearised(entry, mission.workspace)
+    mask = np.isfinite(grey)
+    view = View.of(np.where(mask, grey, np.float32(0)), mask)
+    place = epipolar_point(eyes.left, eyes.geometry, (point.sample, point.line))
+    if not eyes.geometry.shows(place[None])[0]:
+        raise UnanswerableError(
+            f"sample {point.sample:g}, line {point.line:g} is not on {entry.id}"
+        )
+    picked = PickedView(view, eyes.geometry, eyes.dense.parallax_px, pair.lsl_from_pair)
+    return picked, place, eyes
+
+
+_MOST_TIES = 500
+
+
+class TiePoint(Question):
+    """A point of an image as stored; of a pair, of its left image, with or without the right."""
+
+    image: ImageHere
+    sample: PixelHere | None = None
+    line: PixelHere | None = None
+    right_sample: PixelHere | None = None
+    right_line: PixelHere | None = None
+
+
+class TieWish(Question):
+    """A row of a file of hand ties."""
+
+    action: Literal["add", "veto", "move"] = "add"
+    first: TiePoint
+    second: TiePoint
+    sigma_px: Annotated[float, Field(gt=0, le=100)] = SIGMA_PX
+    tolerance_px: Annotated[float, Field(gt=0, le=100)] = TOLERANCE_PX
+
+
+class TrialQuestion(Question):
+    """Hand ties between images of two stops."""
+
+    ties: Annotated[list[TieWish], Field(min_length=1, max_length=_MOST_TIES)]
+
+
+class TieResidual(BaseModel):
+    """How well a hand tie fits: observed minus computed, in epipolar pixels of each pair."""
+
+    tie: int
+    """Its number in the question."""
+    status: str
+    """used; blunder: it contradicts the others and was set aside."""
+    residual_px: float | None
+    """Length of both images' residuals together, root mean square of a coordinate."""
+    first: list[float | None]
+    """(sample, line, parallax)."""
+    second: list[float | None]
+    largest_standardised: float | None
+    """Largest residual over its own standard deviation: above 4 it is a blunder."""
+
+
+class StopChange(BaseModel):
+    """By how much the second stop moves, and how sure it is."""
+
+    east_m: float
+    north_m: float
+    up_m: float
+    turn_deg: float
+    """Angle of the rotation between both solutions."""
+    azimuth_deg: float
+    """Clockwise."""
+    sigma_east_m: float
+    sigma_north_m: float
+    sigma_up_m: float
+
+
+class TrialReport(BaseModel):
+    """What an adjustment found."""
+
+    summary: str
+    is_usable: bool
+    sigma0: float | None
+    redundancy: int
+    blunders: int
+    cross_site_ties: int
+
+
+class TrialAnswer(BaseModel):
+    """What hand ties would do."""
+
+    units: str = UNITS
+    held_stop: str
+    moved_stop: str
+    change: StopChange
+    """By the hand ties alone."""
+    before: TrialReport
+    after: TrialReport
+    ties: list[TieResidual]
+    notes: list[str]
+    """Ties that could not be carried out, and why."""
+    vetoed: int
+    """Automatic observations dropped."""
+    network: NetworkUsed
+
 
 _MOST_STANDING = 4
 """Pairs of stops that are remembered as they stand, a few megabytes each."""
@@ -64,7 +284,7 @@ def tried(question: TrialQuestion, mission: OrientedMission) -> TrialAnswer:
     hand, placed, notes = _placed(wishes, bodies)
     vetoes = [veto for wish in wishes if (veto := _veto(wish, bodies))]
     if not (len(hand) or vetoes):
-        raise RefusedError(f"no tie could be carried out: {'; '.join(notes)}")
+        raise UnanswerableError(f"no tie could be carried out: {'; '.join(notes)}")
     network, standing = _standing(mission, frozenset(stops))
     found = preview(network, standing, hand, vetoes, AdjustmentParams())
     return _answer(found, network.stop_ids, placed, notes, mission)
@@ -95,10 +315,12 @@ def _stops(question: TrialQuestion, mission: OrientedMission) -> set[StopId]:
     stops = {mission.workspace.catalogue.image(name).stop_id for name in _names(question)}
     unknown = sorted(str(stop) for stop in stops if stop not in mission.stops)
     if unknown:
-        raise RefusedError(f"{unknown[0]} is not in the latest network of this mission")
+        raise UnanswerableError(f"{unknown[0]} is not in the latest network of this mission")
     if len(stops) != 2:  # noqa: PLR2004
         named = ", ".join(sorted(str(stop) for stop in stops))
-        raise RefusedError(f"a trial is of ties between two stops; these images are at {named}")
+        raise UnanswerableError(
+            f"a trial is of ties between two stops; these images are at {named}"
+        )
     return stops
 
 
@@ -119,7 +341,7 @@ def _point(point: TiePoint) -> HandPoint:
     places = []
     for sample, line in pairs:
         if (sample is None) != (line is None):
-            raise RefusedError(f"sample and line go together; one is missing in {point.image}")
+            raise UnanswerableError(f"sample and line go together; one is missing in {point.image}")
         places.append(None if sample is None or line is None else (sample, line))
     return HandPoint(point.image.upper(), places[0], places[1])
 
