@@ -42,11 +42,12 @@ def test_deployments_have_descriptions_tags_and_the_schedules_of_the_settings(de
 
 
 def test_the_file_of_deployments_says_the_same_as_what_is_served(deployed):
+    from prefect.flows import load_flow_from_entrypoint  # noqa: PLC0415 - after the engine is set
+
     written = yaml.safe_load((ROOT / "prefect.yaml").read_text())["deployments"]
     assert len(written) == len(deployed)
     for told in written:
-        module, _, function = told["entrypoint"].partition(":")
-        flow = getattr(__import__(module[:-3].replace("/", "."), fromlist=["_"]), function)
+        flow = load_flow_from_entrypoint(told["entrypoint"])
         served = deployed[flow.name]
         assert told["name"] == served.name
         assert told["tags"] == served.tags
