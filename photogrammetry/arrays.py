@@ -27,6 +27,9 @@ ObjectPoints: TypeAlias = Float64[np.ndarray, "n 3"]
 Directions: TypeAlias = Float64[np.ndarray, "n 3"]
 """Unit vectors, in the frame that the parameter's name gives."""
 
+Covariance3: TypeAlias = Float64[np.ndarray, "3 3"]
+"""Covariance of one point (square metres), direction or rotation (square radians)."""
+
 Covariances3: TypeAlias = Float64[np.ndarray, "n 3 3"]
 """Covariance matrices of object points, square metres."""
 
@@ -57,6 +60,7 @@ Classes: TypeAlias = UInt8[np.ndarray, "rows cols"]
 __all__ = [
     "Bool",
     "Classes",
+    "Covariance3",
     "Covariances3",
     "Directions",
     "Flags",

@@ -1,56 +1,59 @@
-"""The plane through points of unequal, correlated coordinates.
+"""Planes fitted to points, to rasters and to parallax: one function for each kind of error.
 
-A point known with the covariance C lies off the plane n.P = d by n.P - d with the variance n'C n.
-The plane that makes the points likeliest, whatever the true points are, minimises
+| function | fitted to | minimises | errors |
+| --- | --- | --- | --- |
+| `fit_plane` | points in space | distances along the normal | a covariance for every point |
+| `least_squares_plane` | values over a plane | squares of values | equal |
+| `least_squares_plane_with_cofactors` | the same | the same | equal; states the plane's own |
+| `least_deviations_plane` | the same | absolute values | with blunders |
+| `window_gradients`, `fit_window_planes` | a raster with gaps, around each cell | squares | equal |
+| `nine_cell_gradients` | the same, 3 x 3 cells | squares | equal |
+| `filled_gradients` | a raster without gaps, around every cell | squares | equal |
+| `whole_window_planes` | whole windows of a parallax map | squares | equal |
+
+**Points in space.** A point known with the covariance C lies off the plane n.P = d by n.P - d with
+the variance n'C n. The plane that makes the points likeliest, whatever the true points are,
+minimises
 
     sum r^2,    r = (n.P - d) / sigma,    sigma^2 = n'C n
 
-over unit normals n and distances d: total least squares with an ellipsoid a point. It is found by
-Gauss-Newton. With t perpendicular to n, a small turn of n towards t changes r by t.Q/sigma,
-where Q = P - C n r/sigma is the place on the plane that P most likely came from, and
+over unit normals n and distances d: total least squares with an error ellipsoid for every point. It
+is found by Gauss-Newton. With t perpendicular to n, a small turn of n towards t changes r by
+t.Q/sigma, where Q = P - C n r/sigma is the place on the plane that P most likely came from, and
 
     N = sum a a' / sigma^2,    a = (t1.Q, t2.Q, -1)
 
 is the normal matrix. Replacing Q by P, as weighted least squares does, tilts the plane towards the
-longest axes of the ellipsoids: the views. The inverse of N is the covariance of both angles and of
-d once the part of N is taken off that noise makes by spreading the points within the plane,
+longest axes of the ellipsoids: the lines of sight. The inverse of N is the covariance of both
+angles and of d, once the part that noise adds to N by spreading the points within the plane is
+subtracted,
 
     sum t' (C - C n n'C / sigma^2) t / sigma^2
 
-for along a line or in one spot nothing else may be left; such points are refused. Where points
-scatter by more than they claim the covariance is enlarged by sigma0^2.
+For points along a line or in one spot nothing is left; such points are refused. Where points
+scatter by more than their covariances state, the covariance of the plane is multiplied by sigma0^2.
 
-Planes fitted to a terrain model around every cell: gradient, scatter and their certainty.
-
-Around every cell a plane h = a + g_e e + g_n n is fitted by least squares to the cells with an
-elevation inside a square window, whose side is the baseline over which slope is felt. With the
-weights m = 1 where there is an elevation, and e, n counted from the middle of the window, all
-sums are convolutions of m, m h and their moments, and the normal equations
+**Windows of a raster.** Around every cell a plane h = a + g_e e + g_n n is fitted by least squares
+to the cells with a value inside a square window, whose side is called the baseline. With the
+weights m = 1 where there is a value, and e, n counted from the middle of the window, all sums are
+convolutions of m, m h and their moments, and the normal equations
 
     | S_1  S_e  S_n  | | a   |   | S_h  |
     | S_e  S_ee S_en | | g_e | = | S_eh |
     | S_n  S_en S_nn | | g_n |   | S_nh |
 
 are solved in every cell at once: exact on tilted planes, whatever cells are missing. With the
-centred sums C_xy = S_xy - S_x S_y / S_1 the elevations scatter around the plane by
+centred sums C_xy = S_xy - S_x S_y / S_1 the values scatter around the plane by
 
     s^2 = (C_hh - g_e C_eh - g_n C_nh) / (S_1 - 3)
 
 and errors of the cells with the mean variance v, of which k neighbours share one, give the gradient
-the covariance k v C^-1.
+the covariance k v C^-1. The raster is processed block by block with the window's margin, each block
+relative to its own mean plane: memory does not grow with the map, and single precision resolves a
+tenth of a millimetre anywhere.
 
-The raster is worked through block by block with the window's margin, each from its own mean plane:
-memory does not grow with the map, and single precision keeps a tenth of a millimetre anywhere.
-
-The gradient of the plane through a cell and its eight neighbours, fast.
-
-Where all nine are known the plane of least squares (`terrain.planes`) is a sum of neighbours,
-
-    g_e = (sum of the three to the east - sum of the three to the west) / 6 cells
-    g_n = (sum of the three to the north - sum of the three to the south) / 6 cells
-
-which takes a hundredth of the time. Only where some of the nine are missing a plane is fitted, with
-the same normal equations and the same demands on the cells as there.
+Planes of parallax around single image points, in windows with edges, are fitted in
+`matching.parallax_planes`.
 """
 
 from __future__ import annotations
@@ -64,6 +67,7 @@ import numpy as np
 
 from solmap.photogrammetry.arrays import (
     Bool,
+    Covariance3,
     Covariances3,
     Float32,
     Float64,
@@ -74,8 +78,11 @@ from solmap.photogrammetry.arrays import (
     Vector3,
 )
 from solmap.photogrammetry.errors import TerrainError
-from solmap.photogrammetry.planes import SHARED_PX, PlaneFit, fit_plane
-from solmap.photogrammetry.terrain.dtm.grid import MapGrid
+
+Gradients = Float32[np.ndarray, "2 rows cols"]
+"""Rise per metre towards east and towards north; NaN where no plane could be fitted."""
+Shapes = Float32[np.ndarray, "3 rows cols"]
+"""C_ee, C_en, C_nn of the cells that a plane was fitted to, square metres."""
 
 SHARED_PX = 25.0
 """Side of the square of pixels whose dense parallaxes count as one for the tilt of a plane: three
@@ -83,6 +90,8 @@ matching windows. Against the truth of the rendered and of a simulated traverse 
 are as far off as this has it; with one window they would claim half or a third of their error."""
 LEAST_POINTS = 3
 ROUNDS = 50
+REWEIGHTINGS = 15
+"""Rounds of least squares that approach least absolute deviations."""
 CONVERGED = 1e-10
 """Radians and extents of the points, by which the last round may have moved the plane."""
 LARGEST_SIGMA = np.radians(15.0)
@@ -90,9 +99,19 @@ LARGEST_SIGMA = np.radians(15.0)
 CHANCE = 4.0
 """Standard deviations, sqrt(2 / n) of it, by which noise may make more of the normal matrix."""
 SINGULAR = 1e-12
-"""Part of the largest eigenvalue below which another one is nothing."""
-
-Covariance3 = Float64[np.ndarray, "3 3"]
+"""Part of the largest eigenvalue below which another one counts as zero."""
+LEAST_SPREAD = 0.02
+"""Second moment of the cells used, along their thinnest direction, over that of a full window. A
+strip of cells a seventh as wide as the window is the least that holds a plane."""
+BLOCK = 256
+"""Side of the blocks in cells: what is worked on fits a processor's cache."""
+_STEP = np.array([-1.0, 0.0, 1.0], np.float32)
+_ONES = np.ones(3, np.float32)
+_AROUND = np.array([(n, e) for n in (1, 0, -1) for e in (-1, 0, 1)], np.float32)
+"""Steps to the north and to the east of the nine cells, row by row."""
+_MIN_SHARE = 0.5
+_FULL_SPREAD = 6.0
+"""Second moment of nine cells in either direction."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -226,16 +245,44 @@ def _sigma0(off: PerPoint, covariances: Covariances3, n: Vector3) -> float:
     return float(np.sqrt(np.sum(off**2 / variance) / redundancy))
 
 
-Gradients = Float32[np.ndarray, "2 rows cols"]
-"""Rise per metre towards east and towards north; NaN where no plane could be fitted."""
-Shapes = Float32[np.ndarray, "3 rows cols"]
-"""C_ee, C_en, C_nn of the cells that a plane was fitted to, square metres."""
+def least_squares_plane(x: PerPoint, y: PerPoint, values: PerPoint) -> Vector3:
+    """(a, b, c) of the plane a + b x + c y with the least squares of residuals; no gaps allowed."""
+    design = np.column_stack([np.ones(len(values)), x, y])
+    return np.linalg.lstsq(design, values, rcond=None)[0]
 
-LEAST_SPREAD = 0.02
-"""Second moment of the cells used, along their thinnest direction, over that of a full window. A
-strip of cells a seventh as wide as the window is the least that holds a plane."""
-BLOCK = 256
-"""Side of the blocks in cells: what is worked on fits a processor's cache."""
+
+def least_squares_plane_with_cofactors(
+    x: PerPoint, y: PerPoint, values: PerPoint
+) -> tuple[Vector3, Covariance3, float]:
+    """The same plane by its normal equations, their inverse, and the variance of unit weight.
+
+    Raises:
+        TerrainError: the places lie on a line.
+    """
+    design = np.column_stack([np.ones(len(values)), x, y])
+    if np.linalg.matrix_rank(design) < design.shape[1]:
+        raise TerrainError("the measured places lie on a line: they hold no plane")
+    cofactors = np.linalg.inv(design.T @ design)
+    plane = cofactors @ design.T @ values
+    residuals = values - design @ plane
+    return plane, cofactors, float(residuals @ residuals) / max(len(values) - LEAST_POINTS, 1)
+
+
+def least_deviations_plane(
+    x: PerPoint, y: PerPoint, values: PerPoint, least_deviation: float
+) -> Vector3:
+    """(a, b, c) of the plane a + b x + c y with the least sum of absolute residuals.
+
+    By least squares, repeated with the weights 1 / max(|residual|, `least_deviation`).
+    """
+    design = np.column_stack([np.ones(len(values)), x, y])
+    weight = np.ones(len(values))
+    plane = np.zeros(3)
+    for _ in range(REWEIGHTINGS):
+        normal = (design * weight[:, None]).T @ design + 1e-9 * np.eye(3)
+        plane = np.linalg.solve(normal, design.T @ (weight * values))
+        weight = 1.0 / np.maximum(np.abs(values - design @ plane), least_deviation)
+    return plane
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -252,7 +299,7 @@ def window_gradients(
     elevation: Raster, cell_m: float, baseline_m: float, min_share: float = 0.5
 ) -> Gradients:
     """Gradient of the plane through the cells of a window of side `baseline_m` around each cell."""
-    half = _half_window(elevation.shape, cell_m, baseline_m)
+    half = half_window(elevation.shape, cell_m, baseline_m)
     found = np.full((2, *elevation.shape), np.nan, np.float32)
     for block in _raster_blocks(elevation, half):
         sums = _Sums.of(elevation[block.around], half, min_share)
@@ -264,7 +311,7 @@ def fit_window_planes(
     elevation: Raster, cell_m: float, baseline_m: float, min_share: float = 0.5
 ) -> WindowPlanes:
     """The same planes with their scatter, and the shape of the cells they were fitted to."""
-    half = _half_window(elevation.shape, cell_m, baseline_m)
+    half = half_window(elevation.shape, cell_m, baseline_m)
     gradient, shape, scatter = (
         np.full((*bands, *elevation.shape), np.nan, np.float32) for bands in ((2,), (3,), ())
     )
@@ -278,7 +325,7 @@ def fit_window_planes(
 
 def window_mean(values: Raster, cell_m: float, baseline_m: float) -> Raster:
     """Mean over the same windows of what is known; NaN where nothing is."""
-    half = _half_window(values.shape, cell_m, baseline_m)
+    half = half_window(values.shape, cell_m, baseline_m)
     known = np.isfinite(values)
     side = (2 * half + 1, 2 * half + 1)
     total, count = (
@@ -289,13 +336,8 @@ def window_mean(values: Raster, cell_m: float, baseline_m: float) -> Raster:
         return np.where(count > 0, total / count, np.float32(np.nan)).astype(np.float32)
 
 
-def window_cells(grid: MapGrid, baseline_m: float) -> int:
-    """Cells that a window reaches to either side."""
-    return _half_window(grid.shape, grid.cell_m, baseline_m)
-
-
-def _half_window(shape: tuple[int, ...], cell_m: float, baseline_m: float) -> int:
-    """Cells on either side of the middle one.
+def half_window(shape: tuple[int, ...], cell_m: float, baseline_m: float) -> int:
+    """Cells that a window of side `baseline_m` reaches to either side of its middle one.
 
     Raises:
         TerrainError: the window is larger than the terrain model.
@@ -358,17 +400,13 @@ class _Sums:
         S_1, S_e, S_n = (_moment(m, half, powers) for powers in ((0, 0), (1, 0), (0, 1)))
         S_ee, S_en, S_nn = (_moment(m, half, powers) for powers in ((2, 0), (1, 1), (0, 2)))
         S_h, S_eh, S_nh = (_moment(h, half, powers) for powers in ((0, 0), (1, 0), (0, 1)))
-        with np.errstate(invalid="ignore", divide="ignore"):
-            C_ee, C_en, C_nn = S_ee - S_e**2 / S_1, S_en - S_e * S_n / S_1, S_nn - S_n**2 / S_1
-            C_eh, C_nh = S_eh - S_e * S_h / S_1, S_nh - S_n * S_h / S_1
-            determinant = C_ee * C_nn - C_en**2
-            bent = np.stack([C_nn * C_eh - C_en * C_nh, C_ee * C_nh - C_en * C_eh]) / determinant
-            thinnest = (C_ee + C_nn) / 2 - np.sqrt((C_ee - C_nn) ** 2 / 4 + C_en**2)
+        found = _solve((S_1, S_e, S_n), (S_ee, S_en, S_nn), (S_h, S_eh, S_nh))
         window = 2 * half + 1
         full = window * window * (window * window - 1) / 12
-        fits = known & (S_1 / window**2 >= min_share) & (thinnest > LEAST_SPREAD * full)
-        bent[:, ~fits] = np.nan
-        return cls(bent, trend, np.stack([C_ee, C_en, C_nn]), S_1, h, half, (S_h, C_eh, C_nh))
+        fits = known & (S_1 / window**2 >= min_share) & (found.thinnest > LEAST_SPREAD * full)
+        found.gradient[:, ~fits] = np.nan
+        rise = (S_h, *found.rise)
+        return cls(found.gradient, trend, np.stack(found.spread), S_1, h, half, rise)
 
     @property
     def gradient(self) -> Gradients:
@@ -385,6 +423,35 @@ class _Sums:
             return np.sqrt(np.maximum(left, 0) / (self.count - 3))
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Solution:
+    """The plane of every window, and the centred sums that it follows from."""
+
+    gradient: np.ndarray
+    """Towards east and north."""
+    spread: tuple[np.ndarray, np.ndarray, np.ndarray]
+    """C_ee, C_en and C_nn."""
+    rise: tuple[np.ndarray, np.ndarray]
+    """C_eh and C_nh."""
+    thinnest: np.ndarray
+    """Second moment of the cells along their thinnest direction."""
+
+
+_Sums3 = tuple[np.ndarray, np.ndarray, np.ndarray]
+
+
+def _solve(first: _Sums3, second: _Sums3, values: _Sums3) -> _Solution:
+    """Solve the normal equations from (S_1, S_e, S_n), (S_ee, S_en, S_nn), (S_h, S_eh, S_nh)."""
+    (S_1, S_e, S_n), (S_ee, S_en, S_nn), (S_h, S_eh, S_nh) = first, second, values
+    with np.errstate(invalid="ignore", divide="ignore"):
+        C_ee, C_en, C_nn = S_ee - S_e**2 / S_1, S_en - S_e * S_n / S_1, S_nn - S_n**2 / S_1
+        C_eh, C_nh = S_eh - S_e * S_h / S_1, S_nh - S_n * S_h / S_1
+        determinant = C_ee * C_nn - C_en**2
+        gradient = np.stack([C_nn * C_eh - C_en * C_nh, C_ee * C_nh - C_en * C_eh]) / determinant
+        thinnest = (C_ee + C_nn) / 2 - np.sqrt((C_ee - C_nn) ** 2 / 4 + C_en**2)
+    return _Solution(gradient, (C_ee, C_en, C_nn), (C_eh, C_nh), thinnest)
+
+
 def _detrended(
     elevation: Raster, known: Bool[np.ndarray, "rows cols"]
 ) -> tuple[Float32[np.ndarray, "2 1 1"], Raster]:
@@ -392,11 +459,12 @@ def _detrended(
     row, col = np.argwhere(known).T
     some = slice(None, None, max(1, len(row) // 1000))
     row, col = row[some], col[some]
-    sums = np.column_stack([np.ones(len(row)), col, row])
-    level, east, south = np.linalg.lstsq(sums, elevation[row, col].astype(np.float64))[0]
-    down = np.arange(elevation.shape[0], dtype=np.float32)[:, None]
-    right = np.arange(elevation.shape[1], dtype=np.float32)[None, :]
-    plane = np.float32(level) + np.float32(east) * right + np.float32(south) * down
+    heights = elevation[row, col].astype(np.float64)
+    right, down = col.astype(np.float64), row.astype(np.float64)
+    level, east, south = least_squares_plane(right, down, heights)
+    rows = np.arange(elevation.shape[0], dtype=np.float32)[:, None]
+    cols = np.arange(elevation.shape[1], dtype=np.float32)[None, :]
+    plane = np.float32(level) + np.float32(east) * cols + np.float32(south) * rows
     return np.array([east, -south], np.float32).reshape(2, 1, 1), elevation - plane
 
 
@@ -410,15 +478,6 @@ def _moment(values: Raster, half: int, powers: tuple[int, int]) -> Raster:
         (-steps) ** powers[1],
         borderType=cv2.BORDER_CONSTANT,
     )
-
-
-_STEP = np.array([-1.0, 0.0, 1.0], np.float32)
-_ONES = np.ones(3, np.float32)
-_AROUND = np.array([(n, e) for n in (1, 0, -1) for e in (-1, 0, 1)], np.float32)
-"""Steps to the north and to the east of the nine cells, row by row."""
-_MIN_SHARE = 0.5
-_FULL_SPREAD = 6.0
-"""Second moment of nine cells in either direction."""
 
 
 def nine_cell_gradients(elevation: Raster, cell_m: float) -> Gradients:
@@ -452,20 +511,28 @@ def _fitted(nine: Float32[np.ndarray, "9 n"]) -> Float32[np.ndarray, "2 n"]:
     m, h = known.astype(np.float32), np.where(known, nine, np.float32(0))
     n, e = _AROUND[:, :1], _AROUND[:, 1:]
     S_1, S_e, S_n, S_h = (sums.sum(axis=0) for sums in (m, m * e, m * n, m * h))
-    C_ee = (m * e * e).sum(axis=0) - S_e**2 / S_1
-    C_en = (m * e * n).sum(axis=0) - S_e * S_n / S_1
-    C_nn = (m * n * n).sum(axis=0) - S_n**2 / S_1
-    C_eh = (m * e * h).sum(axis=0) - S_e * S_h / S_1
-    C_nh = (m * n * h).sum(axis=0) - S_n * S_h / S_1
-    thinnest = (C_ee + C_nn) / 2 - np.sqrt((C_ee - C_nn) ** 2 / 4 + C_en**2)
-    fits = (_MIN_SHARE * len(m) <= S_1) & (thinnest > LEAST_SPREAD * _FULL_SPREAD)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        gradient = np.stack([C_nn * C_eh - C_en * C_nh, C_ee * C_nh - C_en * C_eh])
-        gradient /= C_ee * C_nn - C_en**2
-    return np.where(fits, gradient, np.float32(np.nan)).astype(np.float32)
+    S_ee, S_en, S_nn = (sums.sum(axis=0) for sums in (m * e * e, m * e * n, m * n * n))
+    S_eh, S_nh = (sums.sum(axis=0) for sums in (m * e * h, m * n * h))
+    found = _solve((S_1, S_e, S_n), (S_ee, S_en, S_nn), (S_h, S_eh, S_nh))
+    fits = (_MIN_SHARE * len(m) <= S_1) & (found.thinnest > LEAST_SPREAD * _FULL_SPREAD)
+    return np.where(fits, found.gradient, np.float32(np.nan)).astype(np.float32)
 
 
-def parallax_planes(
+def filled_gradients(elevation: Raster, cell_m: float, half: int) -> Gradients:
+    """Rise per metre towards east and north over windows of `half` cells either way.
+
+    Without care for missing cells: they count as 0.
+    """
+    steps = np.arange(-half, half + 1, dtype=np.float32)
+    slope = steps / np.float32((steps**2).sum() * cell_m)
+    level = np.full_like(steps, 1 / len(steps))
+    filled = np.nan_to_num(elevation)
+    east = cv2.sepFilter2D(filled, cv2.CV_32F, slope, level, borderType=cv2.BORDER_REPLICATE)
+    north = cv2.sepFilter2D(filled, cv2.CV_32F, level, -slope, borderType=cv2.BORDER_REPLICATE)
+    return np.stack([east, north])
+
+
+def whole_window_planes(
     parallax: ParallaxMap, window_px: int
 ) -> tuple[Float32[np.ndarray, "3 lines samples"], ParallaxMap]:
     """Plane of parallax around every pixel, and the root mean square distance from it.

@@ -32,8 +32,7 @@ from solmap.photogrammetry.arrays import (
 )
 from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.frames import Pose
-from solmap.photogrammetry.matching.parallax_planes import ParallaxPlanes
-from solmap.photogrammetry.matching.surface_views import LEAST_SHARE
+from solmap.photogrammetry.planes import least_deviations_plane
 
 LEAST_SHARE = 0.5
 """A plane needs parallax at half of the pixels around the point."""
@@ -53,6 +52,10 @@ class ParallaxPlanes:
     def found(self) -> Flags:
         """Where a plane was fitted."""
         return np.isfinite(self.parallax_px)
+
+    def taking(self, rows: Flags) -> ParallaxPlanes:
+        """The planes of some points."""
+        return ParallaxPlanes(self.parallax_px[rows], self.gradient[rows], self.residual_px[rows])
 
     def normals(self, points: ImagePoints, geometry: EpipolarPair) -> Float64[np.ndarray, "n 3"]:
         """The planes n . X = 1 of the pair's frame, 1/metres, by the image points they are about.
@@ -234,16 +237,11 @@ class ParallaxPlane:
 
 
 def fit_plane(
-    points: Float64[np.ndarray, "n 2"], parallax_px: Float64[np.ndarray, " n"], steps: int = 15
+    points: Float64[np.ndarray, "n 2"], parallax_px: Float64[np.ndarray, " n"]
 ) -> ParallaxPlane:
     """The plane of least absolute deviations, by repeated weighting."""
-    design = np.column_stack([np.ones(len(points)), points / 1000.0])
-    weight = np.ones(len(points))
-    solution = np.zeros(3)
-    for _ in range(steps):
-        normal = (design * weight[:, None]).T @ design + 1e-9 * np.eye(3)
-        solution = np.linalg.solve(normal, design.T @ (weight * parallax_px))
-        weight = 1.0 / np.maximum(np.abs(parallax_px - design @ solution), 0.1)
+    x, y = (points / 1000.0).T
+    solution = least_deviations_plane(x, y, parallax_px, 0.1)
     # the right image is shifted by the plane: it may be stretched, never folded
     per_sample = float(np.clip(solution[1] / 1000.0, -0.5, 0.5))
     at = float(

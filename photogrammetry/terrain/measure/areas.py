@@ -25,6 +25,7 @@ import shapely
 
 from solmap.photogrammetry.arrays import Flags, Float64, PerPoint, Vector3
 from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.planes import least_squares_plane_with_cofactors
 from solmap.photogrammetry.terrain.dtm.resampling import GroundSamples, MapPoints
 
 CORRELATION_M = 0.15
@@ -64,15 +65,12 @@ class Base:
                 "draw the polygon around measured ground, or give an elevation of the base"
             )
         origin = places[known].mean(axis=0)
-        design = np.column_stack([np.ones(known.sum()), places[known] - origin])
-        if np.linalg.matrix_rank(design) < design.shape[1]:
-            raise TerrainError("the measured places of the rim lie on a line: they hold no plane")
-        inverse = np.linalg.inv(design.T @ design)
-        parameters = inverse @ design.T @ ground.elevation[known]
-        left = ground.elevation[known] - design @ parameters
-        variance = float(left @ left) / max(known.sum() - 3, 1)
+        east, north = (places[known] - origin).T
+        parameters, cofactors, variance = least_squares_plane_with_cofactors(
+            east, north, ground.elevation[known]
+        )
         shared = max(1.0, CORRELATION_M / spacing_m)
-        return cls(origin, parameters, shared * variance * inverse, floats=True)
+        return cls(origin, parameters, shared * variance * cofactors, floats=True)
 
     def at(self, places: MapPoints) -> PerPoint:
         """Elevation of the base."""

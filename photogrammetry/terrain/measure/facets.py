@@ -38,7 +38,13 @@ from solmap.photogrammetry.arrays import (
     PerPoint,
 )
 from solmap.photogrammetry.errors import TerrainError
-from solmap.photogrammetry.planes import SHARED_PX, PlaneFit, fit_plane, parallax_planes
+from solmap.photogrammetry.planes import (
+    SHARED_PX,
+    PlaneFit,
+    fit_plane,
+    least_squares_plane,
+    whole_window_planes,
+)
 from solmap.photogrammetry.terrain.dtm.ground import (
     MAP_FROM_LSL,
     SightParams,
@@ -109,7 +115,7 @@ class ParallaxSamples:
         params: RegionParams,
     ) -> ParallaxSamples:
         """Samples of a parallax map, NaN where it is not trusted."""
-        own, rms_px = parallax_planes(parallax, params.window_px)
+        own, rms_px = whole_window_planes(parallax, params.window_px)
         pick = (slice(params.step_px // 2, None, params.step_px),) * 2
         row, col = (np.arange(n, dtype=np.float64)[pick[0]] for n in parallax.shape)
         a, b, c = (one[pick] for one in own)
@@ -146,7 +152,7 @@ class ParallaxSamples:
     def fit(self, region: Mask) -> Coefficients:
         """The plane of parallax through the samples of a region."""
         x, y, p = self._of(region)
-        return np.linalg.lstsq(np.column_stack([np.ones(len(p)), x, y]), p, rcond=None)[0]
+        return least_squares_plane(x, y, p)
 
     def bow(self, region: Mask) -> float:
         """Root mean square by which a region bends: a second-degree surface less the plane."""

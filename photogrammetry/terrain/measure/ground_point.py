@@ -23,13 +23,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from solmap.photogrammetry.arrays import Float64, ImagePoints, ParallaxMap, PerPoint, Vector3
+from solmap.photogrammetry.arrays import (
+    Covariance3,
+    Float64,
+    ImagePoints,
+    ParallaxMap,
+    PerPoint,
+    Vector3,
+)
 from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.cameras.model import CameraModel
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.imagery import Eye
 from solmap.photogrammetry.matching.hand_editing import epipolar_point
-from solmap.photogrammetry.planes import Covariance3
+from solmap.photogrammetry.planes import least_squares_plane
 from solmap.photogrammetry.terrain.dtm.ground import MAP_FROM_LSL
 from solmap.photogrammetry.terrain.dtm.resampling import MapPoints
 from solmap.photogrammetry.terrain.measure.oriented_image import (
@@ -177,8 +184,7 @@ def normal_at(place: Float64[np.ndarray, " 2"], elevations: Elevations, half_m: 
     known = np.isfinite(heights)
     if known.sum() < 6:  # noqa: PLR2004 - twice the unknowns of a plane
         return UP.copy()
-    design = np.column_stack([np.ones(known.sum()), east[known], north[known]])
-    _, to_east, to_north = np.linalg.lstsq(design, heights[known])[0]
+    _, to_east, to_north = least_squares_plane(east[known], north[known], heights[known])
     normal = np.array([-to_north, -to_east, -1.0])
     return normal / np.linalg.norm(normal)
 

@@ -25,12 +25,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation as ScipyRotation
 
-from solmap.photogrammetry.arrays import Flags, Float64, ImagePoints, Vector3
+from solmap.photogrammetry.arrays import Covariance3, Flags, Float64, ImagePoints, Vector3
 from solmap.photogrammetry.cameras.model import CameraModel
 from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.frames import LSL, Pose
 from solmap.photogrammetry.imagery import RoverImage, StopId
-from solmap.photogrammetry.planes import Covariance3
 from solmap.photogrammetry.terrain.dtm.records import PoseCovariance
 
 ImagePlace = Float64[np.ndarray, " 2"]

@@ -28,6 +28,7 @@ import numpy as np
 from jaxtyping import UInt16
 
 from solmap.photogrammetry.arrays import Bool, Float32, Raster, Vector3
+from solmap.photogrammetry.planes import filled_gradients
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.photogrammetry.terrain.dtm.records import Dtm
 from solmap.photogrammetry.terrain.orthophoto.view_sampling import Look, Sight
@@ -112,16 +113,8 @@ def _carried_on(elevation: Raster) -> Raster:
 
 
 def _normals(elevation: Raster, cell_m: float, half: int) -> Float32[np.ndarray, "3 rows cols"]:
-    """Unit normals (east, north, up) of planes through the cells up to `half` cells away.
-
-    The sums of `surface.gradients` without its care for missing cells: these have been filled.
-    """
-    steps = np.arange(-half, half + 1, dtype=np.float32)
-    slope = steps / np.float32((steps**2).sum() * cell_m)
-    level = np.full_like(steps, 1 / len(steps))
-    filled = np.nan_to_num(elevation)
-    east = cv2.sepFilter2D(filled, cv2.CV_32F, slope, level, borderType=cv2.BORDER_REPLICATE)
-    north = cv2.sepFilter2D(filled, cv2.CV_32F, level, -slope, borderType=cv2.BORDER_REPLICATE)
+    """Unit normals (east, north, up) of planes through the cells up to `half` cells away."""
+    east, north = filled_gradients(elevation, cell_m, half)
     upright = 1 / np.sqrt(1 + east * east + north * north)
     return np.stack([-east * upright, -north * upright, upright])
 

@@ -31,7 +31,7 @@ from solmap.photogrammetry.arrays import Float32, Raster
 from solmap.photogrammetry.planes import (
     Gradients,
     fit_window_planes,
-    window_cells,
+    half_window,
     window_gradients,
     window_mean,
 )
@@ -209,7 +209,7 @@ def mapped_relief(dtm: Dtm, params: SlopeParams) -> tuple[Relief, MapGrid]:
     cell_m = manageable_cell_m(dtm.elevation, dtm.grid, cell_m, params.most_cells)
     place = coarse_grid(dtm.grid, cell_m)
     layers = np.full((5, *place.shape), np.nan, np.float32)
-    margin = window_cells(dtm.grid, params.baseline_m)
+    margin = half_window(dtm.grid.shape, dtm.grid.cell_m, params.baseline_m)
     for top in range(0, dtm.grid.rows, STRIP):
         rows = min(STRIP, dtm.grid.rows - top)
         above = min(top, margin)
