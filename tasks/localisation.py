@@ -23,15 +23,15 @@ from matplotlib.figure import Figure
 from solmap.photogrammetry.adjustment.model.adjusted_network import AdjustedStop
 from solmap.photogrammetry.archive.tables.places import PlacedStop, places_text
 from solmap.photogrammetry.archive.tables.vector_files import Solution, VectorFile, vector_text
-from solmap.photogrammetry.figures import png, svg
 from solmap.photogrammetry.frames import LSL, FrameKind, Pose, site_frame
 from solmap.photogrammetry.imagery import StopId
 from solmap.photogrammetry.traverse.differences import Difference, differences
-from solmap.photogrammetry.traverse.pictures import traverse_figure
 from solmap.products.crs import LandingPoint, lon_lat
 from solmap.products.formats.documents.archives import finite, pose_document
 from solmap.products.formats.documents.network import NetworkProduct, network_of, traverses
 from solmap.products.model import ProductKind, ProductRef, Recipe, Scope, ScopeLevel
+from solmap.products.reports.figures import png, svg
+from solmap.products.reports.traverse_figure import traverse_figure
 from solmap.products.store.product_store import ProductStore
 from solmap.tasks.scopes import region_scope
 from solmap.tasks.stage import stage

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from solmap.photogrammetry.traverse.pictures import SIGMAS
 from solmap.products.crs import LandingPoint
 from solmap.products.formats.documents.network import NetworkProduct
 from solmap.products.formats.vector.geojson import Feature, FeatureCollection
 from solmap.products.formats.vector.geopackage import write_geopackage
+from solmap.products.reports.traverse_figure import SIGMAS
 from solmap.tasks.vectors import stop_features, traverse_features
 
 ELLIPSE_POINTS = 64

@@ -14,12 +14,16 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
 
-from solmap.photogrammetry.adjustment.camera_residuals import image_size_px, tied_rows
-from solmap.photogrammetry.adjustment.quality_records import CameraResiduals, PairCamera, Quality
-from solmap.photogrammetry.adjustment.records import USED, AdjustedNetwork
-from solmap.photogrammetry.figures import FAINT, INK, svg
+from solmap.photogrammetry.adjustment.model.adjusted_network import USED, AdjustedNetwork
+from solmap.photogrammetry.adjustment.quality.network_quality import image_size_px, tied_rows
+from solmap.photogrammetry.adjustment.quality.records import (
+    CameraResiduals,
+    PairCamera,
+    Quality,
+)
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.imagery import StopId, TieKind
+from solmap.products.reports.figures import FAINT, INK, svg
 
 T = TypeVar("T")
 

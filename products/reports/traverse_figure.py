@@ -10,9 +10,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
 
 from solmap.photogrammetry.arrays import Float64
-from solmap.photogrammetry.figures import ADJUSTED_RED, FAINT, INK, TELEMETRY_BLUE, svg
 from solmap.photogrammetry.traverse.differences import Differences
 from solmap.photogrammetry.traverse.records import Traverse
+from solmap.products.reports.figures import ADJUSTED_RED, FAINT, INK, TELEMETRY_BLUE, svg
 
 SIGMAS = 3.0
 """Error ellipses are drawn this many standard deviations large."""
