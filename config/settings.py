@@ -9,7 +9,7 @@ from pydantic import Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from solmap.config import archive, landing
-from solmap.products.store.backends import Elsewhere
+from solmap.products.store.backends import ObjectStorage
 
 
 class TaskRunnerName(StrEnum):
@@ -69,9 +69,9 @@ class Settings(BaseSettings):
     """Port of Prefect's server and its run pages; it listens on this machine only."""
 
     @property
-    def elsewhere(self) -> Elsewhere | None:
+    def elsewhere(self) -> ObjectStorage | None:
         """Where products lie if not in the store's folder."""
-        return Elsewhere(self.store_url, self.store_cache_gb) if self.store_url else None
+        return ObjectStorage(self.store_url, self.store_cache_gb) if self.store_url else None
 
     @property
     def map_url(self) -> str:

@@ -27,7 +27,7 @@ from solmap.flows.sol_inputs import SolReport, Standing
 from solmap.photogrammetry.adjustment.modes.mission import AdjustmentMode
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.model import Scope
-from solmap.products.store.locks import turn
+from solmap.products.store.locks import exclusive_lock
 from solmap.tasks.hand_ties import take_edits
 from solmap.tasks.ingest import Delivery, ingest_downlink
 from solmap.tasks.scopes import network_scope
@@ -90,7 +90,7 @@ def process_downlink(
         for mission in delivery.missions:
             told = f"{mission}: {{}}"
             with (
-                turn(workspace.store.root, mission, partial(_say_waiting, mission)),
+                exclusive_lock(workspace.store.root, mission, partial(_say_waiting, mission)),
                 isolated(mission.lower(), workspace, report.failures, told),
             ):
                 _process_mission(mission, workspace, pipeline, report)

@@ -24,7 +24,7 @@ from solmap.config.pipeline import load_pipeline
 from solmap.config.settings import Settings
 from solmap.flows.sol_inputs import SolReport, Standing
 from solmap.photogrammetry.errors import PhotogrammetryError
-from solmap.products.catalogue.runs import FinishedBook
+from solmap.products.catalogue.runs import FinishedSols
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.model import LEVEL, SCIENCE_VERSION, ProductKind, ProductRef, Scope, ScopeLevel
 from solmap.tasks.publish import withdraw
@@ -40,7 +40,7 @@ class FinishedSols:
 
     mission: str
     workspace: Workspace
-    book: FinishedBook
+    book: FinishedSols
     common: str
     """Digest of what all sols depend on."""
     images: dict[int, str]
@@ -49,7 +49,7 @@ class FinishedSols:
     @classmethod
     def of(cls, mission: str, workspace: Workspace, pipeline: str) -> FinishedSols:
         """Look at everything that sols are made from, but for the adjustments."""
-        book = FinishedBook(workspace.catalogue.engine)
+        book = FinishedSols(workspace.catalogue.engine)
         common = _digest(*_common(mission, workspace, pipeline))
         return cls(mission, workspace, book, common, _images(mission, workspace))
 

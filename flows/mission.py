@@ -21,7 +21,7 @@ from solmap.products.catalogue.catalogue import MissionEntry
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.crs import LandingPoint
 from solmap.products.model import REGION, Layer, ProductKind, ProductRef, Scope
-from solmap.products.store.locks import turn
+from solmap.products.store.locks import exclusive_lock
 from solmap.products.store.product_store import ProductStore
 from solmap.tasks.contour import trace_contours
 from solmap.tasks.hazard import map_hazards
@@ -130,7 +130,10 @@ def refresh_regions(
     workspace = open_workspace(store)
     notes: list[str] = []
     for name in missions_of(store, mission):
-        with turn(workspace.store.root, name), recorded("region", name, workspace) as record:
+        with (
+            exclusive_lock(workspace.store.root, name),
+            recorded("region", name, workspace) as record,
+        ):
             seams = map_regions(name, workspace, pipeline)
             record.say(seams)
             notes += [f"{name}: {line}" for line in seams]

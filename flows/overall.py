@@ -16,7 +16,7 @@ from solmap.flows.sol_inputs import SolReport, Standing, gather_all
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.errors import ProductNotFoundError
 from solmap.products.model import ProductKind, ProductRef
-from solmap.products.store.locks import turn
+from solmap.products.store.locks import exclusive_lock
 from solmap.tasks.hand_ties import take_edits
 from solmap.tasks.scopes import is_of_mission, is_overall, sol_of
 
@@ -47,7 +47,7 @@ def readjust(mission: str, store: Path, pipeline: str = "default") -> SolReport:
     """
     workspace = open_workspace(store)
     with (
-        turn(workspace.store.root, mission),
+        exclusive_lock(workspace.store.root, mission),
         recorded("overall adjustment", mission, workspace) as record,
     ):
         take_edits(workspace)

@@ -35,15 +35,15 @@ from solmap.gis_server.routes import (
 )
 from solmap.gis_server.routes.shortcut import TileShortcut
 from solmap.gis_server.services import open_services
-from solmap.products.store.backends import Elsewhere
-from solmap.products.store.process import keep_logs, look_seldom
+from solmap.products.store.backends import ObjectStorage
+from solmap.products.store.process import collect_garbage_seldom, log_to_store
 
 
 def create_app(
     store_root: Path,
     viewer_dist: Path | None = None,
     catalogue_url: str | None = None,
-    elsewhere: Elsewhere | None = None,
+    elsewhere: ObjectStorage | None = None,
     origins: Sequence[str] = (),
 ) -> FastAPI:
     """The server of the store at `store_root`.
@@ -120,8 +120,8 @@ def create_app(
 def create_app_from_settings() -> FastAPI:
     """The server of the store that the environment names (`SOLMAP_STORE`), as a process."""
     settings = Settings()
-    keep_logs(settings.store, "server")
-    look_seldom()
+    log_to_store(settings.store, "server")
+    collect_garbage_seldom()
     return create_app(
         settings.store,
         catalogue_url=settings.catalogue_url,

@@ -20,14 +20,14 @@ from fastapi import Depends, Request
 from solmap.gis_server.live import EventTail
 from solmap.gis_server.rendering.reading import RasterPool
 from solmap.products.catalogue.catalogue import Catalogue
-from solmap.products.catalogue.edits import EditLog, RequestBook
+from solmap.products.catalogue.edits import EditLog, RunRequests
 from solmap.products.catalogue.events import LAYERS_PUBLISHED, Event
-from solmap.products.catalogue.runs import RunBook
-from solmap.products.catalogue.tokens import TokenBook
+from solmap.products.catalogue.runs import RunRecords
+from solmap.products.catalogue.tokens import Tokens
 from solmap.products.features.mission_features import MissionFeatures
-from solmap.products.features.texts import texts_of
+from solmap.products.features.texts import feature_texts
 from solmap.products.model import Layer, ProductKind
-from solmap.products.store.backends import Elsewhere
+from solmap.products.store.backends import ObjectStorage
 from solmap.products.store.product_store import ProductStore
 
 log = logging.getLogger(__name__)
@@ -50,7 +50,7 @@ class ReadAhead:
         """Read the latest version of every layer that grows; those that are known take no time."""
         try:
             for layer in self.catalogue.layers(kinds=GROWING):
-                texts_of(self.store.path(layer.ref))
+                feature_texts(self.store.path(layer.ref))
         except Exception as error:  # noqa: BLE001 - pages must hear of what was published all the same
             log.warning("layers were not read ahead: %r", error)
 
@@ -75,14 +75,14 @@ class Services:
     tail: EventTail
     """What happens in the store, for those who listen."""
     ahead: ReadAhead
-    tokens: TokenBook
+    tokens: Tokens
     edits: EditLog
-    runs: RunBook
-    requests: RequestBook
+    runs: RunRecords
+    requests: RunRequests
 
 
 def open_services(
-    root: Path, catalogue_url: str | None = None, elsewhere: Elsewhere | None = None
+    root: Path, catalogue_url: str | None = None, elsewhere: ObjectStorage | None = None
 ) -> Services:
     """Open the store at `root` for reading; catalogue and products may lie elsewhere."""
     store, catalogue = ProductStore.open(root, elsewhere), Catalogue.open(root, catalogue_url)
@@ -96,10 +96,10 @@ def open_services(
         features=features,
         tail=EventTail(catalogue.engine, before=ahead.published),
         ahead=ahead,
-        tokens=TokenBook.of(store.root),
+        tokens=Tokens.of(store.root),
         edits=EditLog.of(store.root),
-        runs=RunBook(catalogue.engine),
-        requests=RequestBook.of(store.root),
+        runs=RunRecords(catalogue.engine),
+        requests=RunRequests.of(store.root),
     )
 
 

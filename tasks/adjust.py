@@ -29,9 +29,9 @@ from solmap.photogrammetry.matching.tracks import TrackParams, build_tie_points
 from solmap.products.formats.documents.archives import read_mast, read_matches, read_ties
 from solmap.products.formats.documents.control import read_control
 from solmap.products.formats.documents.network import (
-    Holders,
     NetworkPart,
     NetworkProduct,
+    References,
     part_document,
     product_document,
     read_network,
@@ -214,7 +214,7 @@ def _document(
     adjusted: AdjustedNetwork,
     report: AdjustmentReport,
     joining: _Joining,
-    holders: Holders,
+    holders: References,
 ) -> dict[str, Any]:
     part = NetworkPart(
         {stop.stop: stop.lsl_from_rover for stop in step.stops},

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from solmap.photogrammetry.terrain.traversability.hazard import HazardParams, hazards
 from solmap.products.crs import LandingPoint, local_crs
-from solmap.products.formats.raster.raster import HAZARDS, read_dtm, write_classes
+from solmap.products.formats.raster.raster import HAZARD_CLASSES, read_dtm, write_classes
 from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.products.store.product_store import ProductStore
 from solmap.products.store.provenance import provenance_tags
@@ -24,7 +24,7 @@ def map_hazards(
         codes, grid = hazards(read_dtm(store.path(dtm)), params)
         tags = provenance_tags(recipe)
         write_classes(
-            path, grid, codes, local_crs(landing), name="hazard", classes=HAZARDS, tags=tags
+            path, grid, codes, local_crs(landing), name="hazard", classes=HAZARD_CLASSES, tags=tags
         )
 
     return store.make(recipe, write)

@@ -22,7 +22,7 @@ from solmap.photogrammetry.imagery import RoverImage
 from solmap.products.catalogue.catalogue import ImageEntry, Outcome
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.model import ProductKind, ProductRef
-from solmap.products.store.faults import persistently
+from solmap.products.store.faults import retry_transient
 from solmap.tasks.downlink_files import (
     VECTOR_SUFFIXES,
     file_bytes,
@@ -91,7 +91,7 @@ def ingest_downlink(
 
 def _take(path: Path, intake: Intake) -> Taken:
     try:
-        return persistently(lambda: _taken(path, intake))
+        return retry_transient(lambda: _taken(path, intake))
     except (PhotogrammetryError, OSError) as error:
         return _fault(path.name, str(error))
 

@@ -26,7 +26,7 @@ from solmap.products.crs import LandingPoint, local_crs
 from solmap.products.errors import ProductError
 from solmap.products.formats.documents.archives import finite
 from solmap.products.formats.raster.orthophoto import write_orthophoto
-from solmap.products.formats.raster.raster import foreign_bounds, read_foreign
+from solmap.products.formats.raster.raster import bounds_on_map, read_onto_grid
 from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.products.store.product_store import ProductStore
 from solmap.products.store.provenance import provenance_tags
@@ -106,17 +106,17 @@ def registered(
     """What comes of registering an image to the map of some stops, and the side of its cells."""
     crs = local_crs(landing)
     dtms = [store.path(stop.dtm) for stop in stops]
-    bounds = union([foreign_bounds(dtm, crs)[0] for dtm in dtms])
-    claimed, cell_m = foreign_bounds(store.path(image), crs)
+    bounds = union([bounds_on_map(dtm, crs)[0] for dtm in dtms])
+    claimed, cell_m = bounds_on_map(store.path(image), crs)
     grid = grid_around(bounds, cell_m)
     ground = ground_map(
         grid,
-        (read_foreign(dtm, grid, crs) for dtm in dtms),
-        (read_foreign(store.path(stop.orthophoto), grid, crs) for stop in stops),
+        (read_onto_grid(dtm, grid, crs) for dtm in dtms),
+        (read_onto_grid(store.path(stop.orthophoto), grid, crs) for stop in stops),
     )
     reach_m = params.registration.search.reach_m
     shown = grid_around(_widened(bounds, 2 * reach_m, claimed), cell_m)
-    values = read_foreign(store.path(image), shown, crs)
+    values = read_onto_grid(store.path(image), shown, crs)
     if params.heights:
         model = OrbitalDtm(shown, values)
         return register_elevations(ground, model, params.registration), cell_m
@@ -140,12 +140,12 @@ def draw_base(
     def write(path: Path) -> None:
         crs = local_crs(landing)
         correction = None if registration is None else read_correction(registration, store)
-        claimed, cell_m = foreign_bounds(store.path(image), crs)
+        claimed, cell_m = bounds_on_map(store.path(image), crs)
         bounds = _widened(mapped, MARGIN_M, claimed)
         shown = grid_around(bounds, cell_m)
         level = max(0, math.floor(math.log2(cell_m / FINEST_CELL_M)))
         grid = MapGrid.covering(bounds, FINEST_CELL_M * 2**level)
-        source = OrbitalImage(shown, read_foreign(store.path(image), shown, crs))
+        source = OrbitalImage(shown, read_onto_grid(store.path(image), shown, crs))
         drawn = placed(source, grid, correction)
         write_orthophoto(path, grid, drawn, crs, tags=provenance_tags(recipe))
 

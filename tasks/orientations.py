@@ -16,12 +16,12 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from solmap.photogrammetry.adjustment.movement import ReissueParams, ground_shift_m
-from solmap.photogrammetry.adjustment.records import AdjustedPair
+from solmap.photogrammetry.adjustment.model.adjusted_network import AdjustedPair
+from solmap.photogrammetry.adjustment.quality.movement import ReissueParams, ground_shift_m
 from solmap.products.formats.documents.network import (
-    Holders,
-    holders_document,
-    holders_of_document,
+    References,
+    references_document,
+    references_of_document,
 )
 from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.products.store.product_store import ProductStore
@@ -58,7 +58,7 @@ def choose_orientations(
         holders = {stop: ref for stop, ref in known.items() if stop not in by_stop}
         document = {
             "mapped": [asdict(mapped) for mapped in chosen],
-            "holders": holders_document(holders),
+            "holders": references_document(holders),
         }
         path.write_text(json.dumps(document))
 
@@ -108,16 +108,16 @@ def read_orientations(
     return further | own
 
 
-def holders_of_orientations(ref: ProductRef, store: ProductStore) -> Holders:
+def holders_of_orientations(ref: ProductRef, store: ProductStore) -> References:
     """The products that hold what each stop of a mission is mapped with."""
     own, holders = _read(ref, store)
     return holders | dict.fromkeys(own, ref)
 
 
-def _read(ref: ProductRef, store: ProductStore) -> tuple[dict[str, MappedStop], Holders]:
+def _read(ref: ProductRef, store: ProductStore) -> tuple[dict[str, MappedStop], References]:
     document = json.loads(store.path(ref).read_text())
     rows = document["mapped"] if isinstance(document, dict) else document  # as it was written once
-    holders = holders_of_document(document["holders"]) if isinstance(document, dict) else {}
+    holders = references_of_document(document["holders"]) if isinstance(document, dict) else {}
     return {row["stop"]: _mapped_of(row) for row in rows}, holders
 
 

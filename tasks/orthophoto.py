@@ -18,7 +18,11 @@ from solmap.photogrammetry.terrain.orthophoto.rendering import (
     rendering,
 )
 from solmap.products.crs import LandingPoint, local_crs
-from solmap.products.formats.raster.orthophoto import Piece, write_pieces, write_sources
+from solmap.products.formats.raster.orthophoto import (
+    BrightnessBlock,
+    write_brightness_blocks,
+    write_sources,
+)
 from solmap.products.formats.raster.raster import read_dtm
 from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.products.store.product_store import ProductStore
@@ -65,10 +69,10 @@ def write_rendering(
 ) -> None:
     """Render block by block into a file, and note in `codes` which view each cell came from."""
     pieces, crs = _pieces(made, codes), local_crs(landing)
-    write_pieces(path, made.grid, pieces, crs, stretches=made.stretch, tags=tags)
+    write_brightness_blocks(path, made.grid, pieces, crs, stretches=made.stretch, tags=tags)
 
 
-def _pieces(made: Rendering, codes: Classes) -> Iterator[Piece]:
+def _pieces(made: Rendering, codes: Classes) -> Iterator[BrightnessBlock]:
     """The blocks of a picture; `codes` takes 1 for the first view, 0 for none."""
     for block in made.blocks():
         numbers = np.where(block.sources == NO_SOURCE, 0, block.sources + 1).astype(np.uint8)

@@ -31,7 +31,7 @@ from solmap.products.formats.documents.archives import read_matches, read_right_
 from solmap.products.formats.raster.panorama import (
     Ground,
     blank_ground,
-    pieces_of,
+    brightness_blocks,
     write_panorama,
     write_panorama_ground,
 )
@@ -121,13 +121,13 @@ def draw_panorama(
 
     def write_picture(path: Path) -> None:
         made, distances = prepared()
-        pieces, tags = pieces_of(made.blocks(), distances), provenance_tags(picture)
+        pieces, tags = brightness_blocks(made.blocks(), distances), provenance_tags(picture)
         write_panorama(path, made, pieces, registration(made), ground.ref.digest, tags)
 
     def write_ground(path: Path) -> None:
         made, distances = prepared()
         if not np.isfinite(distances[1]).any():  # the picture was there already
-            deque(pieces_of(made.blocks(), distances), maxlen=0)
+            deque(brightness_blocks(made.blocks(), distances), maxlen=0)
         write_panorama_ground(path, made, distances, provenance_tags(ground))
 
     return store.make(picture, write_picture), store.make(ground, write_ground)

@@ -11,7 +11,7 @@ from solmap.products.catalogue.catalogue import MissionEntry, Outcome
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.features.mission_features import MissionFeatures
 from solmap.products.formats.mesh.models import extent_of_model
-from solmap.products.formats.raster.panorama import place_of_panorama
+from solmap.products.formats.raster.panorama import panorama_bounds
 from solmap.products.formats.raster.raster import summarise
 from solmap.products.formats.vector.geojson import read_features
 from solmap.products.model import Layer, ProductKind, ProductRef
@@ -153,7 +153,7 @@ def layer_of(mission: str, ref: ProductRef, sols: tuple[int, ...], workspace: Wo
         bounds, cell_m = grid.bounds, grid.cell_m
         unit, value_range = bands[0].unit or None, bands[0].range
     elif ref.kind is ProductKind.PANORAMA:
-        bounds, unit = place_of_panorama(path), "degree"
+        bounds, unit = panorama_bounds(path), "degree"
     elif ref.kind in MODELS:
         bounds, value_range = extent_of_model(path)
         unit = "m"

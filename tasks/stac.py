@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from solmap.products.catalogue.catalogue import ImageEntry, MissionEntry
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.model import Layer, ScopeLevel
-from solmap.products.reports.stac import Taken, write_catalogue, write_items
+from solmap.products.reports.stac import AcquisitionTimes, write_catalogue, write_items
 
 
 def update_stac(mission: MissionEntry, fresh: Sequence[Layer], workspace: Workspace) -> None:
@@ -18,13 +18,15 @@ def update_stac(mission: MissionEntry, fresh: Sequence[Layer], workspace: Worksp
     write_items(((layer, _taken(layer, images)) for layer in fresh), mission, workspace.store)
     times = [image.start_time for image in images]
     layers = catalogue.layers(mission.mission)
-    write_catalogue(catalogue.missions(), layers, Taken.of(fresh[0], times), workspace.store)
+    write_catalogue(
+        catalogue.missions(), layers, AcquisitionTimes.of(fresh[0], times), workspace.store
+    )
 
 
-def _taken(layer: Layer, images: Iterable[ImageEntry]) -> Taken:
+def _taken(layer: Layer, images: Iterable[ImageEntry]) -> AcquisitionTimes:
     """When the images behind a layer were taken: those of its stop and sols."""
     of_stop = layer.ref.scope.level is ScopeLevel.STOP
-    return Taken.of(
+    return AcquisitionTimes.of(
         layer,
         (
             image.start_time

@@ -18,8 +18,8 @@ from prefect.cache_policies import NO_CACHE
 from prefect.client.schemas.objects import State, TaskRun
 from prefect.tasks import exponential_backoff
 
-from solmap.products.store.faults import can_pass
-from solmap.products.store.process import Effort, look_seldom
+from solmap.products.store.faults import is_transient
+from solmap.products.store.process import ResourceMeter, collect_garbage_seldom
 
 log = logging.getLogger(__name__)
 P = ParamSpec("P")
@@ -55,8 +55,8 @@ def _logged(work: Callable[P, R], name: str) -> Callable[P, R]:
 
     @wraps(work)
     def logged(*args: P.args, **kwargs: P.kwargs) -> R:
-        look_seldom()
-        effort, failed = Effort(), "failed"
+        collect_garbage_seldom()
+        effort, failed = ResourceMeter(), "failed"
         try:
             made = work(*args, **kwargs)
             failed = ""
@@ -76,5 +76,5 @@ def may_pass(_task: Task[Any, Any], _run: TaskRun, state: State[Any]) -> bool:
     """Whether a stage that failed is worth another attempt."""
     error = state.data
     return isinstance(error, httpx.TransportError) or (
-        isinstance(error, BaseException) and can_pass(error)
+        isinstance(error, BaseException) and is_transient(error)
     )

@@ -9,7 +9,7 @@ import numpy as np
 
 from solmap.photogrammetry.terrain.visibility.viewshed import ViewshedParams, viewshed_of_stop
 from solmap.products.crs import LandingPoint, local_crs
-from solmap.products.formats.raster.raster import SIGHTS, read_dtm, write_classes
+from solmap.products.formats.raster.raster import VISIBILITY_CLASSES, read_dtm, write_classes
 from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.products.store.product_store import ProductStore
 from solmap.products.store.provenance import provenance_tags
@@ -47,6 +47,6 @@ def map_viewshed(
         tags = {"EYE_EAST_NORTH_UP_M": f"{eye.east} {eye.north} {eye.up}"}
         tags |= {"TARGET_HEIGHT_M": f"{params.target_height_m:g}", **provenance_tags(recipe)}
         crs = local_crs(landing)
-        write_classes(path, grid, seen, crs, name="sight", classes=SIGHTS, tags=tags)
+        write_classes(path, grid, seen, crs, name="sight", classes=VISIBILITY_CLASSES, tags=tags)
 
     return store.make(recipe, write)

@@ -19,9 +19,13 @@ from solmap.flows.cli.console import (
     store_of,
     workspace_of,
 )
-from solmap.products.catalogue.pruning import Prunable, PruningParams, prunable
+from solmap.products.catalogue.pruning import (
+    PruningParams,
+    UnreferencedProduct,
+    unreferenced_products,
+)
 from solmap.products.catalogue.pruning import prune as remove
-from solmap.products.catalogue.tokens import Role, TokenBook
+from solmap.products.catalogue.tokens import Role, Tokens
 from solmap.products.errors import ProductError, ProductNotFoundError
 
 _MB = 1e6
@@ -43,7 +47,7 @@ def prune(
     workspace = workspace_of(store_of(store))
     try:
         params = PruningParams(versions, timedelta(days=older_than))
-        found = remove(workspace, params) if yes else prunable(workspace, params)
+        found = remove(workspace, params) if yes else unreferenced_products(workspace, params)
     except ProductError as error:
         fail(str(error))
     rows = _rows(found)
@@ -57,7 +61,7 @@ def prune(
     out.print(f"{len(found)} products, {megabytes:.1f} MB, {verb}", highlight=False)
 
 
-def _rows(found: Sequence[Prunable]) -> list[dict[str, Any]]:
+def _rows(found: Sequence[UnreferencedProduct]) -> list[dict[str, Any]]:
     """How many of each kind, and how large."""
     kinds = sorted({one.ref.kind for one in found})
     of = {kind: [one.size for one in found if one.ref.kind is kind] for kind in kinds}
@@ -72,11 +76,11 @@ tokens = typer.Typer(
 )
 
 
-def _book(store: Path | None) -> TokenBook:
+def _book(store: Path | None) -> Tokens:
     root = store_of(store)
     if not root.is_dir():
         fail(f"{root} is no store; `solmap run` makes one")
-    return TokenBook.of(root)
+    return Tokens.of(root)
 
 
 @tokens.command()

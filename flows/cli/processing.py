@@ -14,7 +14,7 @@ from rich.markup import escape
 from solmap.config.settings import Settings
 from solmap.flows.cli.console import StoreOption, errors, fail, out, progress_shown, store_of
 from solmap.flows.runtime.engine import start_engine
-from solmap.products.store.locks import alone
+from solmap.products.store.locks import try_lock
 
 if TYPE_CHECKING:
     from solmap.flows.fetch import FetchReport
@@ -176,7 +176,7 @@ def up(
     stopping = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stopping.set())
-    with alone(root / "up.lock") as is_alone:
+    with try_lock(root / "up.lock") as is_alone:
         if not is_alone:
             fail(f"another `solmap up` runs on {root}; stop it first")
         machine = Machine(settings, lambda line: out.print(line, highlight=False))

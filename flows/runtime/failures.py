@@ -21,7 +21,7 @@ from solmap.products.catalogue.catalogue import Outcome
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.errors import ProductError, StoreFullError
 from solmap.products.model import ProductRef
-from solmap.products.store.faults import is_full
+from solmap.products.store.faults import is_disk_full
 
 log = logging.getLogger(__name__)
 
@@ -46,7 +46,7 @@ def isolated(
     except StoreFullError:
         raise
     except Exception as error:
-        if is_full(workspace.store.root, error):
+        if is_disk_full(workspace.store.root, error):
             raise StoreFullError(
                 f"the disk is full while working on {subject}; free some space and run again: "
                 "what was made before is kept"

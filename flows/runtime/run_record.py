@@ -16,9 +16,9 @@ from contextlib import contextmanager
 from sqlalchemy.exc import SQLAlchemyError
 
 from solmap.flows.runtime.progress import Step, listening
-from solmap.products.catalogue.runs import Run, RunBook, RunState
+from solmap.products.catalogue.runs import Run, RunRecords, RunState
 from solmap.products.catalogue.workspace import Workspace
-from solmap.products.store.process import keep_logs, noted
+from solmap.products.store.process import log_context, log_to_store
 
 log = logging.getLogger(__name__)
 _AT_MOST_EVERY_S = 0.5
@@ -28,7 +28,7 @@ _AT_MOST_EVERY_S = 0.5
 class RunRecord:
     """The record of a run; that it cannot be written never stops the run."""
 
-    def __init__(self, run: Run, book: RunBook) -> None:
+    def __init__(self, run: Run, book: RunRecords) -> None:
         self._run, self._book = run, book
         self._written_at = 0.0
         self._has_failed = False
@@ -77,10 +77,10 @@ def recorded(kind: str, subject: str, workspace: Workspace) -> Iterator[RunRecor
 
     Nothing is pruned meanwhile.
     """
-    keep_logs(workspace.store.root, "flows")
-    record = RunRecord(Run.start(kind, subject), RunBook(workspace.catalogue.engine))
+    log_to_store(workspace.store.root, "flows")
+    record = RunRecord(Run.start(kind, subject), RunRecords(workspace.catalogue.engine))
     try:
-        with listening(record.step), noted(run=record.name, flow=kind, of=subject):
+        with listening(record.step), log_context(run=record.name, flow=kind, of=subject):
             log.info("%s of %s begins", kind, subject)
             yield record
             log.info("%s of %s ends", kind, subject)

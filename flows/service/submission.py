@@ -30,7 +30,7 @@ from prefect.types import DateTime
 
 from solmap.config.workspace import open_catalogue
 from solmap.flows.service.deployments import DOWNLINK, OVERALL, REGION
-from solmap.products.catalogue.edits import RequestBook, RequestKind, RequestState, RunRequest
+from solmap.products.catalogue.edits import RequestKind, RequestState, RunRequest, RunRequests
 from solmap.products.catalogue.events import REQUESTS_CHANGED
 
 _DEPLOYMENT = {
@@ -47,7 +47,7 @@ def submit_requests(store: Path, *, has_inbox: bool) -> list[str]:
     Raises:
         HTTPError: Prefect's server does not answer; the request goes on waiting.
     """
-    book, lines = RequestBook.of(store), []
+    book, lines = RunRequests.of(store), []
     for asked in book.waiting():
         with contextlib.suppress(ObjectNotFound):
             state, answer = _submitted(asked, has_inbox=has_inbox)

@@ -67,7 +67,7 @@ from solmap.photogrammetry.matching.resampling import GROUND_M
 from solmap.photogrammetry.terrain.dtm.ground import MAP_FROM_LSL
 from solmap.products.catalogue.catalogue import ImageEntry
 from solmap.products.catalogue.oriented_images import (
-    MatchedEyes,
+    MatchedPair,
     OrientedMission,
     geometry_of,
     matches_of,
@@ -141,7 +141,7 @@ def stored_point(camera: CameraModel, geometry: EpipolarPair, points: ImagePoint
     return camera.project(camera.centre + GROUND_M * geometry.directions(points))
 
 
-def left_entry(image: str, mission: OrientedMission) -> tuple[ImageEntry, MatchedEyes]:
+def left_entry(image: str, mission: OrientedMission) -> tuple[ImageEntry, MatchedPair]:
     """The left image of a matched pair by its name.
 
     Raises:
@@ -161,7 +161,7 @@ def left_entry(image: str, mission: OrientedMission) -> tuple[ImageEntry, Matche
 
 def _side(
     point: Picked, mission: OrientedMission
-) -> tuple[PickedView, Float64[np.ndarray, " 2"], MatchedEyes]:
+) -> tuple[PickedView, Float64[np.ndarray, " 2"], MatchedPair]:
     entry, eyes = left_entry(point.image, mission)
     pair = mission.pair_of(entry)
     assert pair is not None  # noqa: S101 - asked of by `left_entry`

@@ -17,7 +17,7 @@ from solmap.photogrammetry.terrain.dtm.ground import MAP_FROM_LSL
 from solmap.photogrammetry.terrain.orthophoto.panorama_grid import NODE, direction
 from solmap.products.catalogue.oriented_images import OrientedMission
 from solmap.products.errors import OutsideCoverageError, ProductNotFoundError
-from solmap.products.formats.raster.panorama import PanoramaFacts, read_facts
+from solmap.products.formats.raster.panorama import PanoramaFacts, read_panorama_facts
 from solmap.products.model import Layer, ProductKind, ProductRef
 from solmap.products.store.product_store import ProductStore
 
@@ -167,7 +167,7 @@ def facts_of(layer: Layer, store: ProductStore, pool: RasterPool) -> PanoramaFac
 @lru_cache(maxsize=_FACTS)
 def _facts(ref: ProductRef, store: ProductStore, pool: RasterPool) -> PanoramaFacts:
     with pool.reading(store.address(ref)) as dataset:
-        return read_facts(dataset)
+        return read_panorama_facts(dataset)
 
 
 def tile_of(dataset: rasterio.DatasetReader, scale: int, x: int, y: int, side: int) -> np.ndarray:

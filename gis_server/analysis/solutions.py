@@ -17,15 +17,9 @@ from solmap.photogrammetry.adjustment.model.adjusted_network import AdjustedStop
 from solmap.photogrammetry.adjustment.quality.network_quality import ellipse
 from solmap.photogrammetry.traverse.differences import Differences, differences, shared
 from solmap.photogrammetry.traverse.records import Traverse
-from solmap.products.catalogue.catalogue import Catalogue
+from solmap.products.catalogue.catalogue import Catalogue, latest_network, published_networks
 from solmap.products.errors import ProductNotFoundError
-from solmap.products.formats.documents.network import (
-    NetworkProduct,
-    latest_network,
-    network_of,
-    published_networks,
-    traverses,
-)
+from solmap.products.formats.documents.network import NetworkProduct, network_of, traverses
 from solmap.products.model import ProductKind, ProductRef
 from solmap.products.store.product_store import ProductStore
 

@@ -34,7 +34,7 @@ from solmap.photogrammetry.terrain.visibility.viewshed import (
     sight_line,
     viewshed,
 )
-from solmap.products.formats.raster.raster import SIGHTS
+from solmap.products.formats.raster.raster import VISIBILITY_CLASSES
 from solmap.products.model import Layer
 
 FARTHEST_M = 2000.0
@@ -242,6 +242,6 @@ def _area(ring: list[list[float]]) -> float:
 def viewshed_png(seen: Seen) -> bytes:
     """The viewshed as a picture on its bounds; unknown ground is transparent."""
     palette = np.zeros((256, 3), np.uint8)
-    for kind in SIGHTS:
+    for kind in VISIBILITY_CLASSES:
         palette[kind.value] = tuple(bytes.fromhex(kind.colour.removeprefix("#")))
     return indexed_png(seen.sight, palette, b"\x00\xa0\xa0")

@@ -11,7 +11,7 @@ from html import escape
 from typing import Any
 
 from solmap.gis_server.ogc.formats import Placed
-from solmap.products.features.collections import CollectionOf
+from solmap.products.features.collections import CollectionDefinition
 
 Link = dict[str, str]
 JSON, GEOJSON, HTML = "application/json", "application/geo+json", "text/html"
@@ -77,7 +77,7 @@ def _cell(value: Any) -> str:  # noqa: ANN401 - a property
 
 
 def items_page(
-    known: CollectionOf, features: Placed, links: Iterable[Link], counts: Mapping[str, int]
+    known: CollectionDefinition, features: Placed, links: Iterable[Link], counts: Mapping[str, int]
 ) -> str:
     """A page of features as a table."""
     rows = (
@@ -92,7 +92,7 @@ def items_page(
     )
 
 
-def feature_page(known: CollectionOf, features: Placed, links: Iterable[Link]) -> str:
+def feature_page(known: CollectionDefinition, features: Placed, links: Iterable[Link]) -> str:
     """One feature, a row for each property."""
     (one,), (row,), (shape,) = features.features, features.rows(), features.shapes()
     place = {"name": "place", "value": "" if shape is None else shape.wkt}

@@ -43,7 +43,7 @@ from solmap.photogrammetry.terrain.dtm.grid import Bounds
 from solmap.products.catalogue.catalogue import MissionEntry
 from solmap.products.crs import LandingPoint
 from solmap.products.errors import ProductNotFoundError
-from solmap.products.features.collections import BY_ID, COLLECTIONS, CollectionOf
+from solmap.products.features.collections import BY_ID, COLLECTIONS, CollectionDefinition
 from solmap.products.features.index import Extent, IndexedFeature, Selection
 from solmap.products.features.mission_features import moment
 from solmap.products.reports.stac import degrees
@@ -218,7 +218,7 @@ CollectionId = Annotated[str, Path(pattern=r"^[a-z-]{1,64}$", examples=["tie-poi
 FeatureId = Annotated[str, Path(pattern=r"^[A-Za-z0-9_.-]{1,160}$")]
 
 
-def _collection(collection: CollectionId) -> CollectionOf:
+def _collection(collection: CollectionId) -> CollectionDefinition:
     if collection not in BY_ID:
         raise ProductNotFoundError(
             f"no collection {collection!r} of features; there are {', '.join(BY_ID)}"
@@ -226,7 +226,7 @@ def _collection(collection: CollectionId) -> CollectionOf:
     return BY_ID[collection]
 
 
-Known = Annotated[CollectionOf, Depends(_collection)]
+Known = Annotated[CollectionDefinition, Depends(_collection)]
 
 
 def landing_links(base: str) -> list[Link]:
@@ -241,7 +241,7 @@ def collections(mission: MissionEntry, services: Services, base: str) -> list[di
 
 
 def collection(
-    known: CollectionOf, mission: MissionEntry, services: Services, base: str
+    known: CollectionDefinition, mission: MissionEntry, services: Services, base: str
 ) -> dict[str, Any]:
     """What a collection is, where and when its features are, and how to get them."""
     here = f"{base}/collections/{known.id}"
@@ -350,12 +350,12 @@ def item(
     return Response(text, headers=headers, media_type=GEOJSON)
 
 
-def _fields(known: CollectionOf, mission: str, services: Services) -> Mapping[str, str]:
+def _fields(known: CollectionDefinition, mission: str, services: Services) -> Mapping[str, str]:
     return services.features.index.fields(services.features.keys(known, mission))
 
 
 def _found(
-    known: CollectionOf, entry: MissionEntry, services: Services, asked: Asked
+    known: CollectionDefinition, entry: MissionEntry, services: Services, asked: Asked
 ) -> tuple[list[IndexedFeature], int]:
     """The features of the page, and how many there are on all pages."""
     index, keys = services.features.index, services.features.keys(known, entry.mission)
@@ -368,7 +368,7 @@ def _found(
 
 def _placed(
     found: Sequence[IndexedFeature],
-    known: CollectionOf,
+    known: CollectionDefinition,
     entry: MissionEntry,
     crs: Crs,
     request: Request,
@@ -378,7 +378,7 @@ def _placed(
 
 
 def _page_links(
-    request: Request, base: str, known: CollectionOf, asked: Asked, counts: tuple[int, int]
+    request: Request, base: str, known: CollectionDefinition, asked: Asked, counts: tuple[int, int]
 ) -> list[Link]:
     """This page, the next and the one before, and the same features in other formats."""
     returned, matched = counts

@@ -27,7 +27,7 @@ from solmap.photogrammetry.imagery import Eye
 from solmap.photogrammetry.matching.resampling import resample
 from solmap.products.catalogue.catalogue import ImageEntry
 from solmap.products.catalogue.images import ImageFile, image_file, read_product_image
-from solmap.products.catalogue.oriented_images import geometry_of, matches_of, record_of
+from solmap.products.catalogue.oriented_images import geometry_of, matched_record, matches_of
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.errors import OutsideCoverageError, ProductNotFoundError
 
@@ -241,7 +241,7 @@ def _grey(entry: ImageEntry, style: Style, workspace: Workspace) -> GreyImage:
         return np.where(read.mask, read.pixels, np.float32(np.nan))
     matches = matches_of(entry, workspace)
     assert matches is not None  # noqa: S101 - asked of before
-    camera = record_of(entry, workspace).camera
+    camera = matched_record(entry, workspace).camera
     geometry = geometry_of(matches, workspace)
     image, mask = resample(read.pixels, read.mask, camera, geometry, Eye(entry.eye))
     return np.where(mask, image, np.float32(np.nan))

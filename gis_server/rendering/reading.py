@@ -35,7 +35,7 @@ from rasterio.errors import RasterioError
 from rasterio.windows import Window
 
 from solmap.photogrammetry.terrain.dtm.grid import BLOCK
-from solmap.products.formats.raster.raster import grid_of, open_raster, unreadable
+from solmap.products.formats.raster.raster import grid_of, open_raster, read_error
 from solmap.products.formats.raster.tiling import TileAddress
 
 # Of a machine's memory GDAL would take a twentieth for blocks. The variable counts megabytes and is
@@ -77,7 +77,7 @@ class RasterPool:
             yield dataset
         except RasterioError as error:
             dataset.close()
-            raise unreadable(address, error) from error
+            raise read_error(address, error) from error
         except BaseException:
             dataset.close()
             raise

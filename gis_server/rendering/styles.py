@@ -28,7 +28,7 @@ from pydantic import BaseModel
 from solmap.gis_server.rendering.styles import PICTURES, STYLES, legend_of, range_of
 from solmap.products.errors import ProductNotFoundError
 from solmap.products.formats.raster.cog import RasterClass
-from solmap.products.formats.raster.raster import HAZARDS, SIGHTS
+from solmap.products.formats.raster.raster import HAZARD_CLASSES, VISIBILITY_CLASSES
 from solmap.products.model import Layer, ProductKind
 
 LEVELS = 254
@@ -122,8 +122,8 @@ STYLES = {
     ProductKind.NORTHERLY_TILT: TileStyle(RED_BLUE, (-20.0, 20.0), "degree"),
     ProductKind.ROUGHNESS: TileStyle(VIRIDIS, (0.0, 0.1), "m"),
     ProductKind.INSOLATION: TileStyle(INFERNO, unit="Wh/m2/sol"),
-    ProductKind.VIEWSHED: TileStyle(GREY, is_classes=True, classes=SIGHTS),
-    ProductKind.HAZARD: TileStyle(GREY, is_classes=True, classes=HAZARDS),
+    ProductKind.VIEWSHED: TileStyle(GREY, is_classes=True, classes=VISIBILITY_CLASSES),
+    ProductKind.HAZARD: TileStyle(GREY, is_classes=True, classes=HAZARD_CLASSES),
     ProductKind.HILLSHADE: TileStyle(GREY, (0.0, 1.0), has_legend=False),
     ProductKind.FAR_DTM: TileStyle(VIRIDIS, unit="m"),
     ProductKind.FAR_HILLSHADE: TileStyle(GREY, (0.0, 1.0), has_legend=False),
@@ -135,7 +135,7 @@ STYLES = {
     ProductKind.REGION_NORTHERLY_TILT: TileStyle(RED_BLUE, (-20.0, 20.0), "degree"),
     ProductKind.REGION_ROUGHNESS: TileStyle(VIRIDIS, (0.0, 0.1), "m"),
     ProductKind.REGION_INSOLATION: TileStyle(INFERNO, unit="Wh/m2/sol"),
-    ProductKind.REGION_HAZARD: TileStyle(GREY, is_classes=True, classes=HAZARDS),
+    ProductKind.REGION_HAZARD: TileStyle(GREY, is_classes=True, classes=HAZARD_CLASSES),
 }
 """Slopes end at 40 degrees: loose ground is no steeper, and no rover climbs it."""
 

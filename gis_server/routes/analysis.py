@@ -64,7 +64,7 @@ from solmap.gis_server.services import Services, ServicesOf
 from solmap.photogrammetry.terrain.traversability.driving import DrivingParams
 from solmap.photogrammetry.terrain.visibility.viewshed import ViewshedParams
 from solmap.products.crs import local_crs
-from solmap.products.formats.raster.raster import SIGHTS, write_classes, write_raster
+from solmap.products.formats.raster.raster import VISIBILITY_CLASSES, write_classes, write_raster
 
 
 def geotiff(name: str, write: Callable[[Path], None]) -> Response:
@@ -195,7 +195,9 @@ def viewshed_geotiff(mission: MissionName, seen: SeenHere, services: ServicesOf)
     crs = local_crs(services.catalogue.mission(mission).landing)
     return geotiff(
         "viewshed.tif",
-        lambda path: write_classes(path, seen.grid, seen.sight, crs, name="sight", classes=SIGHTS),
+        lambda path: write_classes(
+            path, seen.grid, seen.sight, crs, name="sight", classes=VISIBILITY_CLASSES
+        ),
     )
 
 

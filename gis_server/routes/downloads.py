@@ -42,7 +42,7 @@ from solmap.products.errors import (
     ProductNotFoundError,
     StoreAwayError,
 )
-from solmap.products.formats.cutouts import clip_features, clip_raster
+from solmap.products.formats.cropping import crop_features, crop_raster
 from solmap.products.formats.vector.geojson import read_features, write_features
 from solmap.products.formats.vector.geopackage import write_geopackage
 from solmap.products.model import SUFFIX, Layer, ProductRef
@@ -172,11 +172,11 @@ def _cut(layer: Layer, store: ProductStore, bounds: Bounds, where: tuple[Path, s
     name = f"{layer.ref.scope.name}_{layer.ref.kind}_{layer.ref.digest}_part"
     if layer.type == "raster":
         path = folder / f"{name}.tif"
-        clip_raster(store.address(layer.ref), path, bounds)
+        crop_raster(store.address(layer.ref), path, bounds)
         return path
     if layer.type != "vector":
         raise ProductError(f"{layer.id} is no map but a {layer.type}: it is handed out whole")
-    part = clip_features(read_features(store.path(layer.ref)), bounds)
+    part = crop_features(read_features(store.path(layer.ref)), bounds)
     path = folder / f"{name}.{form}"
     if form == "gpkg":
         write_geopackage(path, part, str(layer.ref.kind))

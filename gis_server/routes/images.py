@@ -16,7 +16,7 @@ from solmap.gis_server.rendering.images import TILE, Shown, Stretch, Style, png_
 from solmap.gis_server.services import ServicesOf
 from solmap.photogrammetry.matching.hand_editing import epipolar_point
 from solmap.photogrammetry.matching.resampling import GROUND_M
-from solmap.products.catalogue.oriented_images import geometry_of, matches_of, record_of
+from solmap.products.catalogue.oriented_images import geometry_of, matched_record, matches_of
 from solmap.products.catalogue.workspace import Workspace
 
 router = APIRouter(prefix="/images", tags=["images"])
@@ -90,7 +90,7 @@ def info(image: ImageName, services: ServicesOf, response: Response) -> ImageInf
     workspace = Workspace(services.store, services.catalogue)
     entry = services.catalogue.image(image)
     matches = matches_of(entry, workspace) if entry.partner else None
-    flat = record_of(entry, workspace)
+    flat = matched_record(entry, workspace)
     sizes = dict.fromkeys((Style.RAW, Style.STRETCHED), (flat.samples, flat.lines))
     if matches is not None:
         geometry = geometry_of(matches, workspace)
@@ -131,7 +131,7 @@ def point(
         raise UnanswerableError(
             f"{entry.id} has no matched partner, so there is no linearised image"
         )
-    geometry, camera = geometry_of(matches, workspace), record_of(entry, workspace).camera
+    geometry, camera = geometry_of(matches, workspace), matched_record(entry, workspace).camera
     stored = linear = np.array([sample, line])
     if given == "stored":
         linear = epipolar_point(camera, geometry, (sample, line))

@@ -41,7 +41,7 @@ from solmap.products.catalogue.layer_versions import (
 )
 from solmap.products.catalogue.runs import Run
 from solmap.products.errors import ProductNotFoundError
-from solmap.products.features.texts import FeatureTexts, texts_of
+from solmap.products.features.texts import FeatureTexts, feature_texts
 from solmap.products.formats.raster.tiling import CELL_SIZES, whole_zoom_of, zoom_of
 from solmap.products.formats.vector.geojson import FeatureCollection, local_geojson
 from solmap.products.model import Layer, ProductKind
@@ -64,7 +64,7 @@ def features(
     """
     if layer.type != "vector":
         raise ProductNotFoundError(f"{layer.id} is a raster: it has tiles and no features")
-    texts = texts_of(services.store.path(layer.ref))
+    texts = feature_texts(services.store.path(layer.ref))
     if ids:
         numbers = texts.named(ids)
     elif bounds is not None:

@@ -20,10 +20,11 @@ from solmap.gis_server.analysis.scene import (
 from solmap.gis_server.parameters import AGAIN, FOREVER, Digest, MissionName, ScopeName
 from solmap.gis_server.services import ServicesOf
 from solmap.photogrammetry.terrain.mesh.solid import SolidParams, solid_of
+from solmap.products.catalogue.catalogue import published_networks
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.crs import local_crs
 from solmap.products.errors import ProductNotFoundError
-from solmap.products.formats.documents.network import network_of, published_networks
+from solmap.products.formats.documents.network import network_of
 from solmap.products.formats.mesh.stl import stl_bytes
 from solmap.products.formats.mesh.tiles3d import (
     TILESET,

@@ -19,6 +19,7 @@ from typing import Any
 import sqlalchemy as sa
 
 from solmap.photogrammetry.imagery import StopId
+from solmap.products.catalogue.catalogue import Catalogue
 from solmap.products.catalogue.database import (
     IMAGES,
     LATEST,
@@ -27,13 +28,13 @@ from solmap.products.catalogue.database import (
     OUTCOMES,
     TABLES,
     count_ingested,
+    create_tables,
     engine_of,
-    found_tables,
-    keys_of,
-    point,
-    put,
+    move_pointer,
+    pointer_keys,
+    put_document,
     times_ingested,
-    writing,
+    write_transaction,
 )
 from solmap.products.catalogue.events import (
     IMAGES_INGESTED,
@@ -160,7 +161,7 @@ class Catalogue:
             ProductError: the URL cannot be used, or its database does not answer.
         """
         engine = engine_of(root / "catalogue.sqlite", url)
-        found_tables(engine, TABLES)
+        create_tables(engine, TABLES)
         return cls(engine)
 
     def missions(self) -> list[MissionEntry]:
@@ -290,7 +291,7 @@ class Catalogue:
 
     def tell(self, kind: str, document: dict[str, Any]) -> None:
         """Append an event that belongs to no other change of the catalogue."""
-        with writing(self.engine) as connection:
+        with write_transaction(self.engine) as connection:
             append(connection, kind, document)
 
     def publish(
@@ -303,23 +304,27 @@ class Catalogue:
         outcomes: Iterable[Outcome] = (),
     ) -> None:
         """Publish all of it in one transaction; `pointers` are products that are no map layers."""
-        with writing(self.engine) as connection:
+        with write_transaction(self.engine) as connection:
             for entry in missions:
-                if put(connection, MISSIONS, {"mission": entry.mission}, document_of(entry)):
+                if put_document(
+                    connection, MISSIONS, {"mission": entry.mission}, document_of(entry)
+                ):
                     append(connection, MISSION_CHANGED, {"mission": entry.mission})
             _put_images(connection, list(images))
             _put_layers(connection, layers)
             for ref in pointers:
-                point(connection, ref)
+                move_pointer(connection, ref)
             for outcome in outcomes:
-                put(connection, OUTCOMES, {"subject": outcome.subject}, document_of(outcome))
+                put_document(
+                    connection, OUTCOMES, {"subject": outcome.subject}, document_of(outcome)
+                )
 
     def withdraw(self, layers: Sequence[Layer], pointers: Sequence[ProductRef] = ()) -> None:
         """Have the map show layers no longer, all at once; their versions are known further on.
 
         `pointers` are products that are no layers, and the latest of their kind no longer.
         """
-        with writing(self.engine) as connection:
+        with write_transaction(self.engine) as connection:
             _withdraw(connection, layers)
             for ref in pointers:
                 connection.execute(LATEST.delete().where(_is_latest(ref)))
@@ -333,7 +338,7 @@ def _put_images(connection: sa.Connection, images: Sequence[ImageEntry]) -> None
     counts: dict[str, int] = {}
     for image in images:
         columns = {"mission": image.mission, "stop": image.stop, "sol": image.sol}
-        if put(connection, IMAGES, {"id": image.id}, document_of(image), **columns):
+        if put_document(connection, IMAGES, {"id": image.id}, document_of(image), **columns):
             counts[image.mission] = counts.get(image.mission, 0) + 1
     for mission, count in counts.items():
         count_ingested(connection, mission, count)
@@ -343,9 +348,9 @@ def _put_images(connection: sa.Connection, images: Sequence[ImageEntry]) -> None
 def _put_layers(connection: sa.Connection, layers: Sequence[Layer]) -> None:
     fresh: dict[str, list[str]] = {}
     for layer in layers:
-        has_moved = point(connection, layer.ref)
-        keys = keys_of(layer.ref) | {"digest": layer.ref.digest}
-        is_new = put(connection, LAYERS, keys, document_of(layer), mission=layer.mission)
+        has_moved = move_pointer(connection, layer.ref)
+        keys = pointer_keys(layer.ref) | {"digest": layer.ref.digest}
+        is_new = put_document(connection, LAYERS, keys, document_of(layer), mission=layer.mission)
         if has_moved or is_new:
             fresh.setdefault(layer.mission, []).append(layer.id)
     for mission, ids in fresh.items():
@@ -362,9 +367,33 @@ def _withdraw(connection: sa.Connection, layers: Sequence[Layer]) -> None:
 
 
 def _is_latest(ref: ProductRef) -> sa.ColumnElement[bool]:
-    keys = keys_of(ref)
+    keys = pointer_keys(ref)
     return sa.and_(
         LATEST.c.scope == keys["scope"],
         LATEST.c.kind == keys["kind"],
         LATEST.c.digest == ref.digest,
     )
+
+
+def published_networks(mission: str, catalogue: Catalogue) -> list[ProductRef]:
+    """The published networks of a mission, the latest last.
+
+    Names sort by sol, an overall adjustment after that of its sol.
+    """
+    prefix = f"{mission.lower()}-sol"
+    refs = [r for r in catalogue.pointers(ProductKind.NETWORK) if r.scope.name.startswith(prefix)]
+    return sorted(refs, key=lambda ref: ref.scope.name)
+
+
+def latest_network(mission: str, catalogue: Catalogue) -> ProductRef:
+    """The network of a mission that was published last.
+
+    Raises:
+        ProductNotFoundError: there is none.
+    """
+    refs = published_networks(mission, catalogue)
+    if not refs:
+        raise ProductNotFoundError(
+            f"no network of {mission} has been adjusted yet, so no image has a place; run a sol"
+        )
+    return refs[-1]

@@ -87,7 +87,7 @@ def _engine(url: str) -> sa.Engine:
 _URLS = "say SOLMAP_CATALOGUE_URL=postgresql+psycopg://user:password@host/database, or leave it out"
 
 
-def found_tables(engine: sa.Engine, tables: sa.MetaData) -> None:
+def create_tables(engine: sa.Engine, tables: sa.MetaData) -> None:
     """Make the tables that are not there yet; processes that start together take turns.
 
     Raises:
@@ -96,7 +96,7 @@ def found_tables(engine: sa.Engine, tables: sa.MetaData) -> None:
     try:
         if set(tables.tables) <= set(sa.inspect(engine).get_table_names()):
             return  # also where nothing may be written
-        with writing(engine) as connection:
+        with write_transaction(engine) as connection:
             tables.create_all(connection)
     except OperationalError as error:
         if engine.dialect.name == "sqlite":
@@ -109,7 +109,7 @@ def found_tables(engine: sa.Engine, tables: sa.MetaData) -> None:
 
 
 @contextmanager
-def writing(engine: sa.Engine) -> Iterator[sa.Connection]:
+def write_transaction(engine: sa.Engine) -> Iterator[sa.Connection]:
     """A transaction that writes, alone among writers from its first statement on."""
     with engine.connect().execution_options(**{_WRITES: True}) as connection, connection.begin():
         if connection.dialect.name == "postgresql":
@@ -211,12 +211,12 @@ LABELS = sa.Table(
 )
 
 
-def keys_of(ref: ProductRef) -> dict[str, str]:
+def pointer_keys(ref: ProductRef) -> dict[str, str]:
     """The columns of what is the latest of a scope and kind."""
     return {"scope": ref.scope.name, "kind": str(ref.kind)}
 
 
-def put(
+def put_document(
     connection: sa.Connection,
     table: sa.Table,
     keys: dict[str, Any],
@@ -232,9 +232,9 @@ def put(
     return True
 
 
-def point(connection: sa.Connection, ref: ProductRef) -> bool:
+def move_pointer(connection: sa.Connection, ref: ProductRef) -> bool:
     """Move the pointer of a scope and kind; whether it moved."""
-    keys = keys_of(ref)
+    keys = pointer_keys(ref)
     where = sa.and_(LATEST.c.scope == keys["scope"], LATEST.c.kind == keys["kind"])
     before = connection.execute(sa.select(LATEST.c.digest).where(where)).scalar_one_or_none()
     if before == ref.digest:

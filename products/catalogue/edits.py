@@ -210,13 +210,13 @@ class RunRequest:
 
 
 @dataclass(frozen=True, slots=True)
-class RequestBook:
+class RunRequests:
     """The requests of a store."""
 
     path: Path
 
     @classmethod
-    def of(cls, root: Path) -> RequestBook:
+    def of(cls, root: Path) -> RunRequests:
         """Those of the store at `root`; nothing is written before the first."""
         return cls(root / FILE)
 

@@ -33,7 +33,7 @@ from solmap.photogrammetry.cameras.cahvore import Cahvore
 from solmap.photogrammetry.frames import Frame, FrameKind, Pose
 from solmap.photogrammetry.imagery import Eye, RoverImage, StopId
 from solmap.products.catalogue.catalogue import ImageEntry
-from solmap.products.catalogue.database import LABELS, upsert, writing
+from solmap.products.catalogue.database import LABELS, upsert, write_transaction
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.formats.documents.archives import read_radiometry
 from solmap.products.model import SCIENCE_VERSION, ProductRef
@@ -49,7 +49,7 @@ _AT_ONCE = 500
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LabelBook:
+class LabelCache:
     """The labels in the catalogue's database."""
 
     engine: sa.Engine
@@ -68,7 +68,7 @@ class LabelBook:
     def keep(self, labels: Mapping[str, RoverImage]) -> None:
         """Keep labels by the digests of their images; where nothing may be written, none."""
         try:
-            with writing(self.engine) as connection:
+            with write_transaction(self.engine) as connection:
                 for digest, label in labels.items():
                     text = {"document": text_of_label(label)}
                     upsert(connection, LABELS, {"digest": f"{digest}/{_READER}"}, text)
@@ -161,7 +161,7 @@ def image_record(entry: ImageEntry, workspace: Workspace) -> RoverImage:
 def image_records(entries: Iterable[ImageEntry], workspace: Workspace) -> list[RoverImage]:
     """The labels of several ingested images; the catalogue keeps them from now on."""
     asked = {_name(entry, workspace): entry for entry in entries}
-    book = LabelBook(workspace.catalogue.engine)
+    book = LabelCache(workspace.catalogue.engine)
     kept = book.known(digest for root, digest in asked if (root, digest) not in _remembered)
     _remember({(workspace.store.root, digest): label for digest, label in kept.items()})
     fresh = [name for name in asked if name not in _remembered]

@@ -16,17 +16,13 @@ from typing import Any
 
 import sqlalchemy as sa
 
-from solmap.products.catalogue.catalogue import Catalogue, layer_of
+from solmap.products.catalogue.catalogue import Catalogue, layer_of, published_networks
 from solmap.products.catalogue.database import LAYERS
-from solmap.products.formats.documents.network import (
-    Holders,
-    holders_of_document,
-    published_networks,
-)
+from solmap.products.formats.documents.network import References, references_of_document
 from solmap.products.model import LEVEL, Layer, ProductKind, ProductRef, Scope, ScopeLevel
 from solmap.products.store.product_store import ProductStore
 
-Oriented = frozenset[tuple[str, tuple[float, ...], tuple[float, ...]]]
+PairOrientations = frozenset[tuple[str, tuple[float, ...], tuple[float, ...]]]
 """Pairs, and from where they look: rotation and translation."""
 
 
@@ -35,7 +31,7 @@ class _Origin:
     """What a recipe says of where a product comes from."""
 
     networks: tuple[ProductRef, ...]
-    oriented: Oriented
+    oriented: PairOrientations
     maps: tuple[ProductRef, ...]
 
 
@@ -45,10 +41,10 @@ class Solution:
 
     network: ProductRef
     made_at: str
-    oriented: tuple[Oriented, ...]
+    oriented: tuple[PairOrientations, ...]
     """By stops, those that the network touched first."""
 
-    def has(self, looked: Oriented) -> bool:
+    def has(self, looked: PairOrientations) -> bool:
         """Whether stops were mapped with all of these."""
         missing = set(looked)
         for of_stop in self.oriented:
@@ -98,21 +94,25 @@ def solutions_behind(
 def _solution(
     network: ProductRef, orientations: tuple[ProductRef, ...], store: ProductStore
 ) -> Solution:
-    oriented: list[Oriented] = []
+    oriented: list[PairOrientations] = []
     for ref in orientations:
         if network in _inputs(store.provenance(ref)["recipe"]):
-            own, holders = _mapped(ref, store)
+            own, holders = _orientations_by_stop(ref, store)
             oriented += own.values()
-            oriented += [_mapped(holder, store)[0][stop] for stop, holder in holders.items()]
+            oriented += [
+                _orientations_by_stop(holder, store)[0][stop] for stop, holder in holders.items()
+            ]
     return Solution(network, store.made_at(network), tuple(oriented))
 
 
 @lru_cache(maxsize=2048)
-def _mapped(ref: ProductRef, store: ProductStore) -> tuple[dict[str, Oriented], Holders]:
+def _orientations_by_stop(
+    ref: ProductRef, store: ProductStore
+) -> tuple[dict[str, PairOrientations], References]:
     """What `tasks.orientations` chose, by stop, and the products that hold the other stops."""
     document = json.loads(store.path(ref).read_text())
     rows = document["mapped"] if isinstance(document, dict) else document  # as it was written once
-    holders = holders_of_document(document["holders"]) if isinstance(document, dict) else {}
+    holders = references_of_document(document["holders"]) if isinstance(document, dict) else {}
     own = {row["stop"]: frozenset(_pose(one) for one in row["orientations"]) for row in rows}
     return own, holders
 

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from solmap.photogrammetry.adjustment.params import AdjustmentParams
-from solmap.photogrammetry.adjustment.records import AdjustedPair
+from solmap.photogrammetry.adjustment.model.adjusted_network import AdjustedPair
+from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
 from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.cameras.model import CameraModel
 from solmap.photogrammetry.imagery import Eye, RoverImage, StopId
@@ -21,7 +21,7 @@ from solmap.photogrammetry.terrain.measure.oriented_image import (
     Pointing,
     StopPose,
 )
-from solmap.products.catalogue.catalogue import ImageEntry
+from solmap.products.catalogue.catalogue import ImageEntry, latest_network
 from solmap.products.catalogue.images import image_record
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.errors import ProductNotFoundError
@@ -30,11 +30,7 @@ from solmap.products.formats.documents.archives import (
     read_matches,
     read_right_turn,
 )
-from solmap.products.formats.documents.network import (
-    NetworkProduct,
-    latest_network,
-    network_of,
-)
+from solmap.products.formats.documents.network import NetworkProduct, network_of
 from solmap.products.model import ProductKind, ProductRef, Scope, ScopeLevel
 
 _NETWORKS = 2
@@ -47,7 +43,7 @@ _POINTED = float(np.radians(AdjustmentParams().pointing_deg))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MatchedEyes:
+class MatchedPair:
     """The pair that an image belongs to, and what was matched in it."""
 
     pair_id: str
@@ -84,7 +80,7 @@ class OrientedMission:
         """
         ref = latest_network(mission, workspace.catalogue)
         network = network_of(ref, workspace.store)
-        return cls(ref, network, *_placed(network), workspace)
+        return cls(ref, network, *_stops_and_pairs(network), workspace)
 
     def pair_of(self, entry: ImageEntry) -> AdjustedPair | None:
         """The adjusted pair, or single image, that an image is part of."""
@@ -92,7 +88,7 @@ class OrientedMission:
 
     def record(self, entry: ImageEntry) -> RoverImage:
         """The image's label; the right camera of a pair as matching found it to stand."""
-        return record_of(entry, self.workspace)
+        return matched_record(entry, self.workspace)
 
     def oriented(self, entry: ImageEntry) -> OrientedImage:
         """The image on the map.
@@ -121,12 +117,12 @@ class OrientedMission:
         pointing = Pointing(pair.pointing, pair.pointing_covariance)
         return OrientedImage.of(self.record(entry), pose, pointing)
 
-    def eyes(self, entry: ImageEntry) -> MatchedEyes | None:
+    def eyes(self, entry: ImageEntry) -> MatchedPair | None:
         """The matched pair that an image is part of; None for one without partner or matches."""
-        return matched_eyes(entry, self.workspace)
+        return matched_pair(entry, self.workspace)
 
 
-def record_of(entry: ImageEntry, workspace: Workspace) -> RoverImage:
+def matched_record(entry: ImageEntry, workspace: Workspace) -> RoverImage:
     """An image's label; the right camera of a pair as matching found it to stand."""
     image = image_record(entry, workspace)
     matches = matches_of(entry, workspace) if entry.eye == Eye.RIGHT else None
@@ -150,7 +146,7 @@ def geometry_of(matches: ProductRef, workspace: Workspace) -> EpipolarPair:
     return _geometry(workspace.store.path(matches))
 
 
-def matched_eyes(entry: ImageEntry, workspace: Workspace) -> MatchedEyes | None:
+def matched_pair(entry: ImageEntry, workspace: Workspace) -> MatchedPair | None:
     """The matched pair that an image is part of; None for one without partner or matches."""
     matches = matches_of(entry, workspace)
     if matches is None or entry.partner is None:
@@ -161,17 +157,17 @@ def matched_eyes(entry: ImageEntry, workspace: Workspace) -> MatchedEyes | None:
     other = workspace.catalogue.image(entry.partner)
     left, right = (entry, other) if entry.eye == Eye.LEFT else (other, entry)
     parallax = ProductRef(ProductKind.PARALLAX, matches.scope, digest)
-    return MatchedEyes(
+    return MatchedPair(
         left.id,
         geometry_of(matches, workspace),
-        record_of(left, workspace).camera,
-        record_of(right, workspace).camera,
+        matched_record(left, workspace).camera,
+        matched_record(right, workspace).camera,
         _dense(workspace.store.path(parallax)),
     )
 
 
 @lru_cache(maxsize=_NETWORKS)
-def _placed(
+def _stops_and_pairs(
     network: NetworkProduct,
 ) -> tuple[dict[StopId, StopPose], dict[str, AdjustedPair]]:
     """Stops in the order of the traverse, and pairs by identifier, of a network."""

@@ -25,11 +25,11 @@ from typing import Any
 
 import sqlalchemy as sa
 
-from solmap.products.catalogue.database import FINISHED, LATEST, LAYERS, writing
+from solmap.products.catalogue.database import FINISHED, LATEST, LAYERS, write_transaction
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.errors import ProductError
 from solmap.products.model import ProductKind, ProductRef
-from solmap.products.store.locks import alone, runs_lock
+from solmap.products.store.locks import run_lock_path, try_lock
 
 UNPUBLISHED = {
     ProductKind.QUICKLOOK,
@@ -59,7 +59,7 @@ class PruningParams:
 
 
 @dataclass(frozen=True, slots=True)
-class Prunable:
+class UnreferencedProduct:
     """A product that may go."""
 
     ref: ProductRef
@@ -96,7 +96,7 @@ class _Needs:
                 waiting += [one for one in self.known[name].inputs if one in self.known]
 
 
-def prunable(workspace: Workspace, params: PruningParams) -> list[Prunable]:
+def unreferenced_products(workspace: Workspace, params: PruningParams) -> list[UnreferencedProduct]:
     """What may go from a store, by kind, scope and digest; nothing is removed."""
     known = dict(_known(workspace))
     needs = _Needs(known)
@@ -107,21 +107,25 @@ def prunable(workspace: Workspace, params: PruningParams) -> list[Prunable]:
     needs.add(_versions(known, published, params.versions))
     while found := list(_unpublished(known, needs.names)):
         needs.add(found)
-    return [Prunable(one.ref, one.size) for name, one in known.items() if name not in needs.names]
+    return [
+        UnreferencedProduct(one.ref, one.size)
+        for name, one in known.items()
+        if name not in needs.names
+    ]
 
 
-def prune(workspace: Workspace, params: PruningParams) -> list[Prunable]:
+def prune(workspace: Workspace, params: PruningParams) -> list[UnreferencedProduct]:
     """Remove what may go; what went.
 
     Raises:
         ProductError: a run is going on, which may need what nothing refers to yet.
     """
-    with alone(runs_lock(workspace.store.root)) as is_alone:
+    with try_lock(run_lock_path(workspace.store.root)) as is_alone:
         if not is_alone:
             raise ProductError(
                 f"a run is working on {workspace.store.root}: prune when it has ended"
             )
-        found = prunable(workspace, params)
+        found = unreferenced_products(workspace, params)
         _forget(workspace, [one.ref for one in found])
         for one in found:
             workspace.store.remove(one.ref)
@@ -194,7 +198,7 @@ def _unpublished(known: Mapping[str, _Known], needed: set[str]) -> Iterator[str]
 
 def _forget(workspace: Workspace, refs: Iterable[ProductRef]) -> None:
     """Have the catalogue know layers no longer, all at once."""
-    with writing(workspace.catalogue.engine) as connection:
+    with write_transaction(workspace.catalogue.engine) as connection:
         for ref in refs:
             connection.execute(
                 LAYERS.delete().where(

@@ -25,7 +25,13 @@ from typing import Any
 
 import sqlalchemy as sa
 
-from solmap.products.catalogue.database import FINISHED, RUNS, put, upsert, writing
+from solmap.products.catalogue.database import (
+    FINISHED,
+    RUNS,
+    put_document,
+    upsert,
+    write_transaction,
+)
 from solmap.products.catalogue.events import RUN_CHANGED, append
 from solmap.products.errors import ProductNotFoundError
 
@@ -90,7 +96,7 @@ class Run:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RunBook:
+class RunRecords:
     """The records of runs in the catalogue's database."""
 
     engine: sa.Engine
@@ -101,9 +107,9 @@ class RunBook:
             name: getattr(run, name)
             for name in ("id", "kind", "subject", "state", "stage", "done", "total")
         }
-        with writing(self.engine) as connection:
+        with write_transaction(self.engine) as connection:
             columns = {"started_at": run.started_at}
-            put(connection, RUNS, {"id": run.id}, dataclasses.asdict(run), **columns)
+            put_document(connection, RUNS, {"id": run.id}, dataclasses.asdict(run), **columns)
             append(connection, RUN_CHANGED, {**told, "state": str(run.state)})
             oldest = sa.select(RUNS.c.id).order_by(RUNS.c.started_at.desc()).offset(KEPT)
             connection.execute(RUNS.delete().where(RUNS.c.id.in_(oldest.limit(KEPT))))
@@ -150,7 +156,7 @@ def _now() -> str:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FinishedBook:
+class FinishedSols:
     """The finished sols in the catalogue's database."""
 
     engine: sa.Engine
@@ -165,11 +171,11 @@ class FinishedBook:
 
     def note(self, scope: str, key: str, document: dict[str, Any]) -> None:
         """Note that a sol is finished, instead of what was noted before."""
-        with writing(self.engine) as connection:
+        with write_transaction(self.engine) as connection:
             upsert(connection, FINISHED, {"scope": scope}, {"key": key, "document": document})
 
     def forget(self, first: str, of: str) -> None:
         """Forget the sols from the scope `first` on, of those whose names begin with `of`."""
         later = (FINISHED.c.scope >= first) & FINISHED.c.scope.startswith(of, autoescape=True)
-        with writing(self.engine) as connection:
+        with write_transaction(self.engine) as connection:
             connection.execute(FINISHED.delete().where(later))

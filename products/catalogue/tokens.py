@@ -66,13 +66,13 @@ class Token:
 
 
 @dataclass(frozen=True, slots=True)
-class TokenBook:
+class Tokens:
     """The tokens of a store."""
 
     path: Path
 
     @classmethod
-    def of(cls, root: Path) -> TokenBook:
+    def of(cls, root: Path) -> Tokens:
         """Those of the store at `root`; nothing is written before the first token is."""
         return cls(root / FILE)
 

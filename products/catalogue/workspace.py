@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from solmap.products.catalogue.catalogue import Catalogue
-from solmap.products.store.backends import Elsewhere
+from solmap.products.store.backends import ObjectStorage
 from solmap.products.store.product_store import ProductStore
 
 
@@ -19,7 +19,7 @@ class Workspace:
 
     @classmethod
     def open(
-        cls, root: Path, catalogue_url: str | None = None, elsewhere: Elsewhere | None = None
+        cls, root: Path, catalogue_url: str | None = None, elsewhere: ObjectStorage | None = None
     ) -> Workspace:
         """Open or found the workspace at `root`; catalogue and products may lie elsewhere."""
         store = ProductStore.open(root, elsewhere)

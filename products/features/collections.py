@@ -23,9 +23,7 @@ from solmap.products.model import ProductKind
 Draw = Callable[[Iterable[Feature], Mapping[str, ImageEntry]], Iterable[Feature]]
 
 
-def as_they_are(
-    features: Iterable[Feature], _images: Mapping[str, ImageEntry]
-) -> Iterable[Feature]:
+def unchanged(features: Iterable[Feature], _images: Mapping[str, ImageEntry]) -> Iterable[Feature]:
     """All of them."""
     return features
 
@@ -133,7 +131,7 @@ def image_properties(entry: ImageEntry) -> dict[str, Any]:
 
 
 @dataclass(frozen=True, slots=True)
-class CollectionOf:
+class CollectionDefinition:
     """A collection: what it is called, what layers it comes from, and how."""
 
     id: str
@@ -141,7 +139,7 @@ class CollectionOf:
     description: str
     geometry: Geometry | Literal["Unknown"]
     kinds: tuple[ProductKind, ...]
-    draw: Draw = as_they_are
+    draw: Draw = unchanged
     shows_images: bool = False
     """Whether a feature stands for an image, whose identifier it bears."""
     all_images: bool = False
@@ -151,7 +149,7 @@ class CollectionOf:
 
 
 COLLECTIONS = (
-    CollectionOf(
+    CollectionDefinition(
         "traverse-adjusted",
         "Traverse, adjusted",
         "Where the rover went by the bundle adjustment",
@@ -159,7 +157,7 @@ COLLECTIONS = (
         (ProductKind.TRAVERSE,),
         of_solution("adjusted"),
     ),
-    CollectionOf(
+    CollectionDefinition(
         "traverse-telemetry",
         "Traverse, telemetry",
         "Where the rover itself believed to be",
@@ -167,7 +165,7 @@ COLLECTIONS = (
         (ProductKind.TRAVERSE,),
         of_solution("telemetry"),
     ),
-    CollectionOf(
+    CollectionDefinition(
         "traverse-differences",
         "Differences of the traverses",
         "From each stop by telemetry to the same stop as adjusted, metres east, north and up",
@@ -175,7 +173,7 @@ COLLECTIONS = (
         (ProductKind.STOPS,),
         differences,
     ),
-    CollectionOf(
+    CollectionDefinition(
         "traverse-profile",
         "Profile of the traverse",
         "Stops with the distance driven to them and their elevation by telemetry and as adjusted",
@@ -183,7 +181,7 @@ COLLECTIONS = (
         (ProductKind.STOPS,),
         profile,
     ),
-    CollectionOf(
+    CollectionDefinition(
         "stops",
         "Stops, adjusted",
         "Stops with standard deviations, 1-sigma error ellipse and what holds them",
@@ -191,7 +189,7 @@ COLLECTIONS = (
         (ProductKind.STOPS,),
         of_solution("adjusted"),
     ),
-    CollectionOf(
+    CollectionDefinition(
         "stops-telemetry",
         "Stops, telemetry",
         "Stops where telemetry has them",
@@ -199,21 +197,21 @@ COLLECTIONS = (
         (ProductKind.STOPS,),
         of_solution("telemetry"),
     ),
-    CollectionOf(
+    CollectionDefinition(
         "mission-traverse",
         "Published traverses",
         "Traverses of the whole mission from published tables",
         "LineString",
         (ProductKind.MISSION_TRAVERSE,),
     ),
-    CollectionOf(
+    CollectionDefinition(
         "mission-stops",
         "Published stops",
         "Stops of the whole mission from published tables",
         "Point",
         (ProductKind.MISSION_STOPS,),
     ),
-    CollectionOf(
+    CollectionDefinition(
         "images",
         "Images",
         "Every image, where its camera stood; no place where its stop has none yet",
@@ -223,7 +221,7 @@ COLLECTIONS = (
         shows_images=True,
         all_images=True,
     ),
-    CollectionOf(
+    CollectionDefinition(
         "footprints",
         "Image footprints",
         "The ground that an image shows, taken for level",
@@ -232,7 +230,7 @@ COLLECTIONS = (
         with_times,
         shows_images=True,
     ),
-    CollectionOf(
+    CollectionDefinition(
         "pointing-lines",
         "Pointing lines",
         "From the camera to the ground in the middle of its image",
@@ -241,49 +239,49 @@ COLLECTIONS = (
         with_times,
         shows_images=True,
     ),
-    CollectionOf(
+    CollectionDefinition(
         "tie-points",
         "Tie points",
         "Tie points of the last adjustment with their residuals in the images",
         "Point",
         (ProductKind.TIE_POINTS,),
     ),
-    CollectionOf(
+    CollectionDefinition(
         "contours",
         "Contours",
         "Contours of the terrain models of stops",
         "LineString",
         (ProductKind.CONTOURS,),
     ),
-    CollectionOf(
+    CollectionDefinition(
         "far-contours",
         "Far contours",
         "Contours of far ground, matched from two stops",
         "LineString",
         (ProductKind.FAR_CONTOURS,),
     ),
-    CollectionOf(
+    CollectionDefinition(
         "region-contours",
         "Contours of regions",
         "Contours of the fused terrain models",
         "LineString",
         (ProductKind.REGION_CONTOURS,),
     ),
-    CollectionOf(
+    CollectionDefinition(
         "havens",
         "Winter havens",
         "Ground at the stops that is tilted to the sun in winter and safe to stand on",
         "Polygon",
         (ProductKind.HAVENS, ProductKind.REGION_HAVENS),
     ),
-    CollectionOf(
+    CollectionDefinition(
         "dips",
         "Strike and dip",
         "Planar facets with strike, dip and their standard deviations",
         "Point",
         (ProductKind.DIPS,),
     ),
-    CollectionOf(
+    CollectionDefinition(
         "annotations",
         "Annotations",
         "What people wrote on the map",

@@ -108,7 +108,7 @@ def condition_of(selection: Selection) -> tuple[str, list[Any]]:
 
     An area alone is answered by the boxes; features are looked up only for what boxes do not say.
     """
-    terms, values = _beside(selection)
+    terms, values = _other_conditions(selection)
     if not selection.area:
         terms.insert(0, "f.layer IN (SELECT number FROM asked)")
         return f"FROM features f WHERE {' AND '.join(terms)}", values
@@ -127,7 +127,7 @@ def condition_of(selection: Selection) -> tuple[str, list[Any]]:
     return f"FROM ({here}) b{join} WHERE {' AND '.join(terms)}", values
 
 
-def _beside(selection: Selection) -> tuple[list[str], list[Any]]:
+def _other_conditions(selection: Selection) -> tuple[list[str], list[Any]]:
     """What is asked of features beside where they are."""
     terms: list[str] = []
     values: list[Any] = []

@@ -29,7 +29,7 @@ import shapely.geometry
 from solmap.products.catalogue.catalogue import Catalogue, ImageEntry
 from solmap.products.catalogue.edits import Edit, EditKind, EditLog
 from solmap.products.errors import ProductError
-from solmap.products.features.collections import COLLECTIONS, CollectionOf, image_properties
+from solmap.products.features.collections import COLLECTIONS, CollectionDefinition, image_properties
 from solmap.products.features.index import FeatureIndex, IndexedFeature
 from solmap.products.formats.vector.geojson import Feature, read_features
 from solmap.products.model import Layer, ProductKind, ScopeLevel
@@ -126,7 +126,7 @@ class MissionFeatures:
             index = FeatureIndex.open(Path(gettempdir()) / f"solmap-{digest}" / name)
         return cls(store, catalogue, index)
 
-    def keys(self, collection: CollectionOf, mission: str) -> list[str]:
+    def keys(self, collection: CollectionDefinition, mission: str) -> list[str]:
         """The layers of a collection in the index, which holds all of them when this returns."""
         asked, version = (collection.id, mission), self.catalogue.version()
         if asked not in self._known or self._known[asked][0] != version:
@@ -148,13 +148,13 @@ class MissionFeatures:
             if any(kind in kinds for kind in collection.kinds):
                 self.keys(collection, mission)
 
-    def _written(self, collection: CollectionOf, mission: str) -> Part:
+    def _written(self, collection: CollectionDefinition, mission: str) -> Part:
         """What people wrote, up to now."""
         edits = EditLog.of(self.store.root).edits(mission)
         family = f"{collection.id}/{mission}"
         return Part(f"{family}/{edits[-1].id if edits else 0}", family, None)
 
-    def _fill(self, collection: CollectionOf, mission: str, parts: list[Part]) -> None:
+    def _fill(self, collection: CollectionDefinition, mission: str, parts: list[Part]) -> None:
         with self._filling:
             missing = set(self.index.missing(part.key for part in parts))
             images = {entry.id: entry for entry in self.catalogue.images(mission)}
@@ -167,7 +167,7 @@ class MissionFeatures:
                     )
                     self.index.put(part.key, part.family, rows)
 
-    def _parts(self, collection: CollectionOf, mission: str) -> Iterator[Part]:
+    def _parts(self, collection: CollectionDefinition, mission: str) -> Iterator[Part]:
         images = f"/{self.catalogue.images_version(mission)}" if collection.all_images else ""
         for layer in self.catalogue.layers(mission, collection.kinds):
             family = f"{collection.id}/{layer.id}"
@@ -183,7 +183,7 @@ class MissionFeatures:
                 log.warning("annotation %d has no shape and is left out: %s", edit.id, error)
 
     def _rows(
-        self, collection: CollectionOf, layer: Layer, images: Mapping[str, ImageEntry]
+        self, collection: CollectionDefinition, layer: Layer, images: Mapping[str, ImageEntry]
     ) -> Iterator[IndexedFeature]:
         """A layer that cannot be read is logged and empty: the others are still worth asking."""
         try:
@@ -205,7 +205,7 @@ class MissionFeatures:
 
 
 def _annotation(edit: Edit) -> IndexedFeature:
-    shape = _drawn(edit.document["geometry"])
+    shape = _annotation_shape(edit.document["geometry"])
     said = {"text": edit.document["text"], "colour": edit.document.get("colour")}
     told = {**said, "author": edit.author, "at": edit.at, "note": edit.note}
     at = moment(edit.at)
@@ -213,20 +213,20 @@ def _annotation(edit: Edit) -> IndexedFeature:
     return IndexedFeature(str(edit.id), shapely.to_wkb(shape), text, None, (at, at))
 
 
-def _drawn(geometry: Mapping[str, Any]) -> shapely.Geometry:
+def _annotation_shape(geometry: Mapping[str, Any]) -> shapely.Geometry:
     """The shape of an annotation, without elevations unless every place of it has one."""
     try:
         return shapely.geometry.shape(geometry)
     except ValueError:  # some places have one and others have none
-        level = {**geometry, "coordinates": _level(geometry["coordinates"])}
+        level = {**geometry, "coordinates": _without_elevation(geometry["coordinates"])}
         return shapely.geometry.shape(level)
 
 
-def _level(part: Any) -> Any:  # noqa: ANN401 - places, or lists of them
+def _without_elevation(part: Any) -> Any:  # noqa: ANN401 - places, or lists of them
     """Places as (east, north), whatever else is known of them."""
     if isinstance(part[0], int | float):
         return part[:2]
-    return [_level(one) for one in part]
+    return [_without_elevation(one) for one in part]
 
 
 def _row(name: str, feature: Feature, layer: Layer, times: FeatureTimes) -> IndexedFeature:

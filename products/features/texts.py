@@ -74,7 +74,7 @@ def _in_metres(item: Mapping[str, Any], rings: Sequence[np.ndarray]) -> dict[str
     return {**item, "geometry": {"type": form, "coordinates": nested}}
 
 
-def texts_of(path: Path) -> FeatureTexts:
+def feature_texts(path: Path) -> FeatureTexts:
     """The features of a file. Products never change, so they are read once.
 
     Who asks meanwhile waits: a map asks for a dozen boxes at a time, and each would read it.

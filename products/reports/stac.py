@@ -53,21 +53,23 @@ _DECIMALS = 9
 
 
 @dataclass(frozen=True, slots=True)
-class Taken:
+class AcquisitionTimes:
     """When the images of a layer were taken."""
 
     first: datetime
     last: datetime
 
     @classmethod
-    def of(cls, layer: Layer, times: Iterable[str | None]) -> Taken:
+    def of(cls, layer: Layer, times: Iterable[str | None]) -> AcquisitionTimes:
         """From the images' own times, UTC; when it was made where none has any."""
         known = sorted(_moment(time) for time in times if time)
         made = _moment(layer.made_at)
         return cls(known[0], known[-1]) if known else cls(made, made)
 
 
-def item_of(layer: Layer, mission: MissionEntry, taken: Taken, store: ProductStore) -> pystac.Item:
+def item_of(
+    layer: Layer, mission: MissionEntry, taken: AcquisitionTimes, store: ProductStore
+) -> pystac.Item:
     """A layer as a STAC item; links and places of files are relative to its own."""
     provenance = store.provenance(layer.ref)
     name = str(layer.ref.scope)
@@ -203,7 +205,7 @@ FOLDER = "stac"
 
 
 def write_items(
-    layers: Iterable[tuple[Layer, Taken]], mission: MissionEntry, store: ProductStore
+    layers: Iterable[tuple[Layer, AcquisitionTimes]], mission: MissionEntry, store: ProductStore
 ) -> None:
     """Write or replace the items of layers."""
     for layer, taken in layers:
@@ -213,7 +215,10 @@ def write_items(
 
 
 def write_catalogue(
-    missions: Sequence[MissionEntry], layers: Sequence[Layer], taken: Taken, store: ProductStore
+    missions: Sequence[MissionEntry],
+    layers: Sequence[Layer],
+    taken: AcquisitionTimes,
+    store: ProductStore,
 ) -> None:
     """Write the catalogue of all missions and the collection of the one whose layers these are."""
     catalogue = pystac.Catalog("solmap", "Maps made from the stereo images of Mars rovers")
@@ -229,7 +234,9 @@ def write_catalogue(
     _write(f"{name}/collection.json", document, store)
 
 
-def _collection(mission: MissionEntry, layers: Sequence[Layer], taken: Taken) -> pystac.Collection:
+def _collection(
+    mission: MissionEntry, layers: Sequence[Layer], taken: AcquisitionTimes
+) -> pystac.Collection:
     filled = [layer.bounds for layer in layers if any(layer.bounds)] or [(0.0, 0.0, 0.0, 0.0)]
     extent = union(degrees(bounds, mission.landing) for bounds in filled)
     collection = pystac.Collection(

@@ -20,7 +20,7 @@ _URL = "products.url"
 
 
 @dataclass(frozen=True, slots=True)
-class Elsewhere:
+class ObjectStorage:
     """An object store that products lie in."""
 
     url: str
@@ -29,7 +29,7 @@ class Elsewhere:
     """Of copies to keep on this machine."""
 
 
-class Shelf(Protocol):
+class StorageBackend(Protocol):
     """What the store asks of the place where its bytes lie."""
 
     def has(self, name: str) -> bool:
@@ -70,7 +70,7 @@ class Shelf(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class FolderShelf:
+class FolderBackend:
     """A folder on a disk; files come in by renaming, so drafts lie on the same disk."""
 
     root: Path
@@ -125,7 +125,7 @@ class FolderShelf:
         (self.root / name).unlink(missing_ok=True)
 
 
-def elsewhere_of(root: Path, asked: Elsewhere | None) -> Elsewhere | None:
+def object_storage_of(root: Path, asked: ObjectStorage | None) -> ObjectStorage | None:
     """Where the products of a store lie: at the URL that is asked for, or where they lay before.
 
     Raises:
@@ -134,7 +134,7 @@ def elsewhere_of(root: Path, asked: Elsewhere | None) -> Elsewhere | None:
     file = root / _URL
     before = file.read_text().strip() if file.is_file() else None
     if asked is None:
-        return None if before is None else Elsewhere(before)
+        return None if before is None else ObjectStorage(before)
     if asked.url == before:
         return asked
     if before is not None:
@@ -142,7 +142,7 @@ def elsewhere_of(root: Path, asked: Elsewhere | None) -> Elsewhere | None:
             f"the products of {root} lie at {before}, not at {asked.url}; set "
             f"SOLMAP_STORE_URL={before}, or copy them there and remove {file}"
         )
-    if any(FolderShelf(root).names("products")):
+    if any(FolderBackend(root).names("products")):
         raise ProductError(
             f"{root} holds products of its own; copy its folders products/ and stac/ to "
             f"{asked.url} with a tool of the object store and remove them here, or name another "
@@ -151,9 +151,9 @@ def elsewhere_of(root: Path, asked: Elsewhere | None) -> Elsewhere | None:
     return asked
 
 
-def remember(elsewhere: Elsewhere, root: Path) -> None:
+def remember_object_storage(elsewhere: ObjectStorage, root: Path) -> None:
     """Note where the products of a store lie."""
-    if elsewhere_of(root, None) != elsewhere:
+    if object_storage_of(root, None) != elsewhere:
         draft = root / f".{_URL}.{os.getpid()}"
         draft.write_text(f"{elsewhere.url}\n")
         draft.replace(root / _URL)

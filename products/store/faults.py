@@ -23,7 +23,7 @@ from solmap.products.errors import StoreAwayError
 
 T = TypeVar("T")
 
-PASSING = {
+TRANSIENT_ERRNOS = {
     errno.EIO,
     errno.EREMOTEIO,
     errno.ESTALE,
@@ -44,14 +44,14 @@ PASSING = {
     errno.EHOSTUNREACH,
 }
 """Numbers of errors of the system that a later attempt may not meet."""
-_PASSING_SQLITE = {sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED, sqlite3.SQLITE_IOERR}
+_TRANSIENT_SQLITE = {sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED, sqlite3.SQLITE_IOERR}
 _PRIMARY_CODE = 0xFF
 """The rest of an error code of SQLite is detail."""
 _FULL_DISK = "53100"
 """PostgreSQL's code of it."""
 
 
-def persistently(call: Callable[[], T], pauses_s: tuple[float, ...] = (0.5, 2.0, 8.0)) -> T:
+def retry_transient(call: Callable[[], T], pauses_s: tuple[float, ...] = (0.5, 2.0, 8.0)) -> T:
     """What a call gives; where something that can pass is in its way, it is tried again.
 
     For parts of a stage that have a fate of their own, like the files of a downlink; a stage as a
@@ -61,43 +61,45 @@ def persistently(call: Callable[[], T], pauses_s: tuple[float, ...] = (0.5, 2.0,
         try:
             return call()
         except Exception as error:
-            if not can_pass(error):
+            if not is_transient(error):
                 raise
             time.sleep(pause_s)
     return call()
 
 
-def can_pass(error: BaseException) -> bool:
+def is_transient(error: BaseException) -> bool:
     """Whether trying again may help against an error."""
     if isinstance(error, StoreAwayError):
         return True
     if isinstance(error, sqlite3.Error):
         code: int = getattr(error, "sqlite_errorcode", 0)
-        return code & _PRIMARY_CODE in _PASSING_SQLITE
+        return code & _PRIMARY_CODE in _TRANSIENT_SQLITE
     if isinstance(error, DBAPIError):
         return _database_is_away(error)
     if isinstance(error, OSError):
-        return error.errno in PASSING or isinstance(error, TimeoutError | ConnectionError)
+        return error.errno in TRANSIENT_ERRNOS or isinstance(error, TimeoutError | ConnectionError)
     return False
 
 
 def _database_is_away(error: DBAPIError) -> bool:
     """Whether the connection was lost, or another transaction was in the way."""
     if isinstance(error.orig, sqlite3.Error):
-        return can_pass(error.orig)
-    is_full = getattr(error.orig, "sqlstate", None) == _FULL_DISK
-    return (isinstance(error, OperationalError) or error.connection_invalidated) and not is_full
+        return is_transient(error.orig)
+    is_disk_full = getattr(error.orig, "sqlstate", None) == _FULL_DISK
+    return (
+        isinstance(error, OperationalError) or error.connection_invalidated
+    ) and not is_disk_full
 
 
-NEXT_TO_NOTHING = 1 << 20
+_FULL_BYTES = 1 << 20
 """Bytes free on a disk that a failed write is blamed on."""
 
 
-def is_full(folder: Path, error: Exception) -> bool:
+def is_disk_full(folder: Path, error: Exception) -> bool:
     """Whether `error`, met while writing below `folder`, means that its disk is full.
 
     Libraries often say only that writing failed; then the space that is left tells.
     """
     number = error.errno if isinstance(error, OSError) else None
     full = number in (errno.ENOSPC, errno.EDQUOT)
-    return full or shutil.disk_usage(folder).free < NEXT_TO_NOTHING
+    return full or shutil.disk_usage(folder).free < _FULL_BYTES

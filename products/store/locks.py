@@ -12,7 +12,9 @@ from pathlib import Path
 
 
 @contextmanager
-def turn(root: Path, name: str, on_wait: Callable[[], None] = lambda: None) -> Iterator[None]:
+def exclusive_lock(
+    root: Path, name: str, on_wait: Callable[[], None] = lambda: None
+) -> Iterator[None]:
     """Hold the turn called `name` in the store at `root`; wait for it where another holds it.
 
     Args:
@@ -32,22 +34,22 @@ def turn(root: Path, name: str, on_wait: Callable[[], None] = lambda: None) -> I
 
 
 @contextmanager
-def working(root: Path) -> Iterator[None]:
+def shared_run_lock(root: Path) -> Iterator[None]:
     """Make products in the store at `root`: nothing is pruned meanwhile; waits for a pruning."""
-    file = runs_lock(root)
+    file = run_lock_path(root)
     file.parent.mkdir(parents=True, exist_ok=True)
     with file.open("a") as opened:
         fcntl.flock(opened, fcntl.LOCK_SH)
         yield
 
 
-def runs_lock(root: Path) -> Path:
+def run_lock_path(root: Path) -> Path:
     """The lock file that runs share, and that whoever prunes holds alone."""
     return root / "locks" / "runs.lock"
 
 
 @contextmanager
-def alone(path: Path) -> Iterator[bool]:
+def try_lock(path: Path) -> Iterator[bool]:
     """Whether this process is the only one to hold the lock file at `path`; never waits."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("a") as file:

@@ -29,7 +29,7 @@ from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
 from solmap.products.errors import ProductError, StoreAwayError
-from solmap.products.store.backends import Elsewhere
+from solmap.products.store.backends import ObjectStorage
 
 if TYPE_CHECKING:
     from obstore.store import S3Store
@@ -42,7 +42,7 @@ _NO_CONDITIONS = ("NotImplemented", "501 Not Implemented")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class BucketShelf:
+class ObjectBackend:
     """Objects below `prefix` of a bucket, with copies on this machine."""
 
     bucket: str
@@ -70,7 +70,7 @@ class BucketShelf:
         import obstore  # noqa: PLC0415 - only where a store is given by URL
 
         try:
-            with explaining(self.url):
+            with explain_errors(self.url):
                 return bytes(obstore.get(self.store, name).bytes())
         except FileNotFoundError:
             return None
@@ -80,7 +80,7 @@ class BucketShelf:
         import obstore  # noqa: PLC0415
 
         try:
-            with explaining(self.url):
+            with explain_errors(self.url):
                 return obstore.head(self.store, name)["size"]
         except FileNotFoundError:
             return None
@@ -91,14 +91,14 @@ class BucketShelf:
 
         if start >= end:
             return
-        with explaining(self.url):
+        with explain_errors(self.url):
             found = obstore.get(self.store, name, options={"range": (start, end)})
             for chunk in found.stream(min_chunk_size=1 << 20):
                 yield bytes(chunk)
 
     def take(self, file: Path, name: str, *, once: bool) -> None:
         """Send a file; what was sent is the copy on this machine too, if it is to stay as it is."""
-        with explaining(self.url, sending=True):
+        with explain_errors(self.url, sending=True):
             is_ours = self._send(file, name, once=once)
         if once and is_ours:
             self.cache.adopt(file, name)
@@ -107,7 +107,7 @@ class BucketShelf:
         """All names below a folder."""
         import obstore  # noqa: PLC0415
 
-        with explaining(self.url):
+        with explain_errors(self.url):
             for batch in obstore.list(self.store, prefix=folder):
                 yield from (found["path"] for found in batch)
 
@@ -115,7 +115,7 @@ class BucketShelf:
         """Have the object no longer, nor a copy of it here."""
         import obstore  # noqa: PLC0415
 
-        with explaining(self.url), contextlib.suppress(FileNotFoundError):
+        with explain_errors(self.url), contextlib.suppress(FileNotFoundError):
             obstore.delete(self.store, name)
         self.cache.forget(name)
 
@@ -128,7 +128,7 @@ class BucketShelf:
         """
         import obstore  # noqa: PLC0415
 
-        with explaining(self.url):
+        with explain_errors(self.url):
             next(iter(obstore.list(self.store, chunk_size=1)), None)
 
     def _send(self, file: Path, name: str, *, once: bool) -> bool:
@@ -145,7 +145,7 @@ class BucketShelf:
             except AlreadyExistsError:
                 return False
             except BaseError as error:
-                if not says(error, _NO_CONDITIONS):
+                if not mentions(error, _NO_CONDITIONS):
                     raise
             else:
                 return True
@@ -155,7 +155,7 @@ class BucketShelf:
     def _fetch(self, name: str, half: Path) -> None:
         import obstore  # noqa: PLC0415
 
-        with explaining(self.url), half.open("wb") as opened:
+        with explain_errors(self.url), half.open("wb") as opened:
             found = obstore.get(self.store, name)
             for chunk in found.stream(min_chunk_size=1 << 20):
                 opened.write(chunk)
@@ -171,20 +171,22 @@ class BucketShelf:
         return f"s3://{self.bucket}/{self.prefix}".rstrip("/")
 
 
-def bucket_shelf(elsewhere: Elsewhere, root: Path) -> BucketShelf:
+def open_object_backend(elsewhere: ObjectStorage, root: Path) -> ObjectBackend:
     """The objects below a URL, with copies in a store's folder; one client for a whole process.
 
     Raises:
         ProductError: the URL is of another kind, or what reads it is not installed.
     """
-    return _shelf(elsewhere, root, os.getpid(), endpoint())
+    return _object_backend(elsewhere, root, os.getpid(), endpoint())
 
 
 @lru_cache(maxsize=16)
-def _shelf(elsewhere: Elsewhere, root: Path, _process: int, _endpoint: str) -> BucketShelf:
+def _object_backend(
+    elsewhere: ObjectStorage, root: Path, _process: int, _endpoint: str
+) -> ObjectBackend:
     bucket, prefix = bucket_and_prefix(elsewhere.url)
     cache = ReadCache(root / _CACHE, round(elsewhere.cache_gb * (1 << 30)))
-    return BucketShelf(bucket, prefix, client_of(bucket, prefix), cache)
+    return ObjectBackend(bucket, prefix, client_of(bucket, prefix), cache)
 
 
 _RETRIES, _RETRY_S = 4, 60
@@ -225,7 +227,7 @@ def client_of(bucket: str, prefix: str) -> S3Store:
             f"products at s3://{bucket}/{prefix} are read with obstore, which is not installed; "
             "install solmap with its extra `cluster`"
         ) from error
-    _tell_gdal(bucket)
+    _configure_gdal(bucket)
     return S3Store(
         bucket,
         prefix=prefix or None,
@@ -245,7 +247,7 @@ def endpoint() -> str:
     return next((url for url in map(os.environ.get, names) if url), _AMAZON)
 
 
-def _tell_gdal(bucket: str) -> None:
+def _configure_gdal(bucket: str) -> None:
     """Give GDAL the same endpoint in its own words; it reads the variables of keys by itself.
 
     What it could not open it would remember as absent, long after the store answers again.
@@ -264,7 +266,7 @@ def _tell_gdal(bucket: str) -> None:
 
 
 @contextlib.contextmanager
-def explaining(url: str, *, sending: bool = False) -> Iterator[None]:
+def explain_errors(url: str, *, sending: bool = False) -> Iterator[None]:
     """Say what the object store's errors mean, and what to do about them.
 
     Raises:
@@ -282,7 +284,7 @@ def explaining(url: str, *, sending: bool = False) -> Iterator[None]:
         yield
     except (BaseError, FileNotFoundError) as error:
         is_missing = isinstance(error, FileNotFoundError)
-        if says(error, ("NoSuchBucket",)) or (sending and is_missing):
+        if mentions(error, ("NoSuchBucket",)) or (sending and is_missing):
             raise ProductError(
                 f"there is no bucket {urlsplit(url).netloc} at {endpoint()}; make it, or set "
                 "SOLMAP_STORE_URL and AWS_ENDPOINT_URL right"
@@ -290,7 +292,7 @@ def explaining(url: str, *, sending: bool = False) -> Iterator[None]:
         if is_missing:
             raise
         refused = isinstance(error, PermissionDeniedError | UnauthenticatedError)
-        if refused or says(error, _REFUSALS):
+        if refused or mentions(error, _REFUSALS):
             raise ProductError(
                 f"{endpoint()} does not open {url} with these keys: {_first(error)}; "
                 "set AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY and AWS_REGION right"
@@ -301,7 +303,7 @@ def explaining(url: str, *, sending: bool = False) -> Iterator[None]:
         ) from error
 
 
-def says(error: Exception, words: tuple[str, ...]) -> bool:
+def mentions(error: Exception, words: tuple[str, ...]) -> bool:
     """Whether an error of the client has one of some words."""
     return any(word in str(error) for word in words)
 

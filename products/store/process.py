@@ -40,7 +40,7 @@ _context: ContextVar[Mapping[str, object]] = ContextVar("solmap_log", default=_N
 
 
 @contextmanager
-def noted(**facts: object) -> Iterator[None]:
+def log_context(**facts: object) -> Iterator[None]:
     """Have every line inside the block say what it belongs to: `run`, `sol`, `subject`."""
     before = _context.set({**_context.get(), **facts})
     try:
@@ -49,7 +49,7 @@ def noted(**facts: object) -> Iterator[None]:
         _context.reset(before)
 
 
-class JsonLines(logging.Formatter):
+class JsonLineFormatter(logging.Formatter):
     """A record as one line of JSON: time, level, logger, message, context and extras."""
 
     def format(self, record: logging.LogRecord) -> str:
@@ -69,7 +69,7 @@ class JsonLines(logging.Formatter):
         return json.dumps(line, default=str, ensure_ascii=False)
 
 
-class SharedLog(WatchedFileHandler):
+class SharedLogHandler(WatchedFileHandler):
     """A file of lines that several processes append to and that is renamed when it has grown."""
 
     def __init__(self, path: Path, most_bytes: int = MOST_BYTES, kept: int = KEPT) -> None:
@@ -97,13 +97,13 @@ class SharedLog(WatchedFileHandler):
                     newer.replace(older)
 
 
-def keep_logs(root: Path, program: str) -> None:
+def log_to_store(root: Path, program: str) -> None:
     """Have this process write what its packages say to `logs/PROGRAM.jsonl` of a store."""
     path = root.resolve() / "logs" / f"{program}.jsonl"
-    handler = SharedLog(path)
-    handler.setFormatter(JsonLines())
+    handler = SharedLogHandler(path)
+    handler.setFormatter(JsonLineFormatter())
     logger = logging.getLogger("solmap")
-    for old in [one for one in logger.handlers if isinstance(one, SharedLog)]:
+    for old in [one for one in logger.handlers if isinstance(one, SharedLogHandler)]:
         logger.removeHandler(old)
         old.close()
     logger.addHandler(handler)
@@ -116,7 +116,7 @@ def _peak_mb() -> float:
 
 
 @dataclass(frozen=True, slots=True)
-class Effort:
+class ResourceMeter:
     """Where clocks and memory stood when something began."""
 
     wall: float = field(default_factory=time.monotonic)
@@ -139,6 +139,6 @@ _OBJECTS = 50_000
 a million lists and no cycle: looking takes twice as long as reading."""
 
 
-def look_seldom() -> None:
+def collect_garbage_seldom() -> None:
     """Have this process look seldom; to say it again changes nothing."""
     gc.set_threshold(_OBJECTS)

@@ -28,15 +28,15 @@ from typing import Any
 from solmap.products.errors import ProductError, ProductNotFoundError, StoreFullError
 from solmap.products.model import LEVEL, SUFFIX, ProductKind, ProductRef, Recipe, Scope, ScopeLevel
 from solmap.products.store.backends import (
-    Elsewhere,
-    FolderShelf,
-    Shelf,
-    elsewhere_of,
-    remember,
+    FolderBackend,
+    ObjectStorage,
+    StorageBackend,
+    object_storage_of,
+    remember_object_storage,
 )
-from solmap.products.store.faults import is_full
-from solmap.products.store.object_backend import bucket_shelf
-from solmap.products.store.process import Effort
+from solmap.products.store.faults import is_disk_full
+from solmap.products.store.object_backend import open_object_backend
+from solmap.products.store.process import ResourceMeter
 
 _CHUNK = 1 << 20
 _PRODUCTS = "products"
@@ -48,11 +48,11 @@ class ProductStore:
 
     root: Path
     """The folder of this machine."""
-    elsewhere: Elsewhere | None = None
+    elsewhere: ObjectStorage | None = None
     """Where products lie if not in the folder."""
 
     @classmethod
-    def open(cls, root: Path, elsewhere: Elsewhere | None = None) -> ProductStore:
+    def open(cls, root: Path, elsewhere: ObjectStorage | None = None) -> ProductStore:
         """Open or found the store at `root`, and clear the drafts that killed processes left.
 
         Raises:
@@ -67,18 +67,18 @@ class ProductStore:
                 f"{root} cannot hold a store: {error.strerror}; name a folder that can be written"
             ) from error
         store._clear_dead_drafts()
-        elsewhere = elsewhere_of(store.root, elsewhere)
+        elsewhere = object_storage_of(store.root, elsewhere)
         if elsewhere is None:
             return store
-        bucket_shelf(elsewhere, store.root).probe()
-        remember(elsewhere, store.root)
+        open_object_backend(elsewhere, store.root).probe()
+        remember_object_storage(elsewhere, store.root)
         return cls(store.root, elsewhere)
 
     @property
-    def _shelf(self) -> Shelf:
+    def _shelf(self) -> StorageBackend:
         if self.elsewhere is None:
-            return FolderShelf(self.root)
-        return bucket_shelf(self.elsewhere, self.root)
+            return FolderBackend(self.root)
+        return open_object_backend(self.elsewhere, self.root)
 
     @property
     def _drafts(self) -> Path:
@@ -150,7 +150,7 @@ class ProductStore:
         if self.has(ref):
             return ref
         name = _name(ref)
-        effort = Effort()
+        effort = ResourceMeter()
         with self._draft() as folder, self._explaining_full_disk(ref):
             draft = folder / PurePosixPath(name).name
             write(draft)
@@ -207,7 +207,7 @@ class ProductStore:
         try:
             yield
         except Exception as error:
-            if is_full(self.root, error):
+            if is_disk_full(self.root, error):
                 raise StoreFullError(
                     f"the disk is full while making {ref.kind} of {ref.scope}; free some space "
                     "and run again: what was made before is kept"
@@ -247,7 +247,7 @@ def _not_found(ref: ProductRef) -> ProductNotFoundError:
     )
 
 
-def _provenance(recipe: Recipe, draft: Path, effort: Effort) -> dict[str, Any]:
+def _provenance(recipe: Recipe, draft: Path, effort: ResourceMeter) -> dict[str, Any]:
     digest = hashlib.sha256()
     with draft.open("rb") as file:
         while chunk := file.read(_CHUNK):

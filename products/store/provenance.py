@@ -24,7 +24,7 @@ def provenance_tags(recipe: Recipe) -> dict[str, str]:
     depends on these and not on the network they came from; `ADJUSTMENT` names them.
     """
     document, ref = recipe.document, recipe.ref
-    adjustment = _named(document["params"])
+    adjustment = orientations_id(document["params"])
     return {
         "PRODUCT": f"{ref.kind}/{ref.scope}/{ref.digest}",
         "INPUTS": " ".join(document["inputs"]),
@@ -45,7 +45,7 @@ def adjustment_id(ref: ProductRef, store: ProductStore) -> str | None:
         recipe = store.provenance(ref)["recipe"]
     except ProductNotFoundError:
         return None
-    named = _named(recipe["params"])
+    named = orientations_id(recipe["params"])
     if named:
         return named
     for text in recipe["inputs"]:
@@ -59,22 +59,22 @@ def adjustment_id(ref: ProductRef, store: ProductStore) -> str | None:
     return None
 
 
-def _named(params: Any) -> str | None:  # noqa: ANN401 - plain JSON
-    rows = list(_adjusted(params))
+def orientations_id(params: Any) -> str | None:  # noqa: ANN401 - plain JSON
+    rows = list(orientation_records(params))
     if not rows:
         return None
     text = json.dumps(rows, sort_keys=True, separators=(",", ":"))
     return f"orientations-{hashlib.sha256(text.encode()).hexdigest()[:16]}"
 
 
-def _adjusted(value: Any) -> Iterator[dict[str, Any]]:  # noqa: ANN401 - plain JSON
+def orientation_records(value: Any) -> Iterator[dict[str, Any]]:  # noqa: ANN401 - plain JSON
     """The records in some parameters that an adjustment gave."""
     if isinstance(value, dict):
         if value.get("") in _ADJUSTED:
             yield value
         else:
             for part in value.values():
-                yield from _adjusted(part)
+                yield from orientation_records(part)
     elif isinstance(value, list):
         for part in value:
-            yield from _adjusted(part)
+            yield from orientation_records(part)

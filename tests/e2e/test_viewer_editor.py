@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from solmap.products.catalogue.edits import EditKind, EditLog
-from solmap.products.catalogue.tokens import Role, TokenBook
+from solmap.products.catalogue.tokens import Role, Tokens
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.formats.documents.network import read_network
 from solmap.products.model import ProductKind
@@ -29,7 +29,7 @@ def own(true_images, tmp_path) -> Iterator[tuple[Workspace, str]]:
 
 
 def sign_in(page, workspace) -> None:
-    _, text = TokenBook.of(workspace.store.root).add("Ann", Role.ANALYST)
+    _, text = Tokens.of(workspace.store.root).add("Ann", Role.ANALYST)
     page.get_by_role("button", name="Sign in").click()
     page.locator('dialog input[type="password"]').fill(text)
     page.locator('dialog button[type="submit"]').click()

@@ -7,7 +7,7 @@ import pytest
 
 from solmap.photogrammetry.terrain.traversability.hazard import Hazard
 from solmap.products.catalogue.workspace import Workspace
-from solmap.products.formats.raster.raster import HAZARDS, write_classes
+from solmap.products.formats.raster.raster import HAZARD_CLASSES, write_classes
 from solmap.products.model import ProductKind
 from tests.support.bowl_store import CRS, GRID, Shop, fill
 from tests.support.browsing import (
@@ -39,7 +39,7 @@ def pictures(tmp_path_factory):
     codes = np.where(steep, Hazard.STEEP, Hazard.TRAVERSABLE).astype(np.uint8)
     Shop(workspace).raster(
         ProductKind.HAZARD,
-        lambda path: write_classes(path, GRID, codes, CRS, name="hazard", classes=HAZARDS),
+        lambda path: write_classes(path, GRID, codes, CRS, name="hazard", classes=HAZARD_CLASSES),
     )
     with Server(root) as server:
         yield server.url
@@ -99,7 +99,7 @@ def test_a_class_that_is_not_wanted_is_not_drawn_and_the_legend_says_so(page, pi
     row = opened(page, pictures, "hazard")
     row.locator(".opacity input").first.fill("1")
     before = [seen(page, place) for place in (WEST, EAST)]
-    colours = {one.name: rgb(one.colour) for one in HAZARDS}
+    colours = {one.name: rgb(one.colour) for one in HAZARD_CLASSES}
     assert before[0] == pytest.approx(colours["traversable"], abs=6)
     assert before[1] == pytest.approx(colours["too steep"], abs=6)
     row.get_by_label("too steep").uncheck()

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from solmap.products.catalogue.edits import EditKind, EditLog, RequestBook
-from solmap.products.catalogue.runs import Run, RunBook, RunState
-from solmap.products.catalogue.tokens import Role, TokenBook
+from solmap.products.catalogue.edits import EditKind, EditLog, RunRequests
+from solmap.products.catalogue.runs import Run, RunRecords, RunState
+from solmap.products.catalogue.tokens import Role, Tokens
 from solmap.products.model import ProductKind, Recipe
 from tests.support.bowl_store import REGION
 from tests.support.browsing import at, look, pixel_of, ready, screenshot, until
@@ -15,7 +15,7 @@ RESOLUTION = 0.1
 
 
 def sign_in(page, workspace, role: Role) -> None:
-    _, text = TokenBook.of(workspace.store.root).add("Ann", role)
+    _, text = Tokens.of(workspace.store.root).add("Ann", role)
     page.get_by_role("button", name="Sign in").click()
     page.locator('dialog input[type="password"]').fill(text)
     page.locator('dialog button[type="submit"]').click()
@@ -25,7 +25,7 @@ def sign_in(page, workspace, role: Role) -> None:
 def test_a_run_is_followed_while_it_goes_on(page, workspace, live):
     look(page, live)
     page.locator('[data-tab="runs"]').click()
-    book = RunBook(workspace.catalogue.engine)
+    book = RunRecords(workspace.catalogue.engine)
     run = Run.start("downlink", "sol 156").at("match pairs", 3, 12)
     book.write(run)
     row = page.locator(f'[data-run="{run.id}"]')
@@ -65,11 +65,11 @@ def test_only_an_operator_asks_for_runs_and_once(page, workspace, live):
     ready(page)
     page.locator('[data-wish="region"]').click()
     ready(page)
-    assert len(RequestBook.of(workspace.store.root).requests()) == 1
+    assert len(RunRequests.of(workspace.store.root).requests()) == 1
 
 
 def test_a_wrong_token_is_said_to_be_so_and_not_kept(page, workspace, live):
-    TokenBook.of(workspace.store.root).add("Ann", Role.ANALYST)
+    Tokens.of(workspace.store.root).add("Ann", Role.ANALYST)
     look(page, live)
     page.get_by_role("button", name="Sign in").click()
     page.locator('dialog input[type="password"]').fill("solmap_a_b")

@@ -10,7 +10,7 @@ import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
 from solmap.products.catalogue.catalogue import Catalogue
-from solmap.products.catalogue.runs import Run, RunBook, RunState
+from solmap.products.catalogue.runs import Run, RunRecords, RunState
 from solmap.products.catalogue.workspace import Workspace
 from tests.support.bowl_store import fill
 from tests.support.live_server import serving
@@ -20,7 +20,7 @@ from tests.support.live_server import serving
 def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, Path]]:
     root = tmp_path_factory.mktemp("metrics") / "store"
     fill(Workspace.open(root))
-    book = RunBook(Catalogue.open(root).engine)
+    book = RunRecords(Catalogue.open(root).engine)
     book.write(Run.start("downlink", "sol-155").ended(RunState.SUCCEEDED))
     book.write(Run.start("downlink", "sol-156").ended(RunState.FAILED))
     with serving(root) as address:

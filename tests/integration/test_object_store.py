@@ -25,7 +25,7 @@ from solmap.products.errors import ProductError, ProductNotFoundError, StoreAway
 from solmap.products.formats.mesh.tiles3d import TilesetWriter
 from solmap.products.formats.raster.tiling import TileAddress
 from solmap.products.model import Layer, ProductKind, Recipe, Scope, ScopeLevel
-from solmap.products.store.backends import Elsewhere
+from solmap.products.store.backends import ObjectStorage
 from solmap.products.store.product_store import ProductStore
 from solmap.tasks.stac import update_stac
 from tests.support.bowl_store import GRID, REGION, fill
@@ -107,7 +107,7 @@ class Worlds:
 def worlds(objects: ObjectStore, tmp_path_factory: pytest.TempPathFactory) -> Worlds:
     url = objects.bucket("worlds")
     here = Workspace.open(tmp_path_factory.mktemp("here"))
-    there = Workspace.open(tmp_path_factory.mktemp("there"), elsewhere=Elsewhere(url))
+    there = Workspace.open(tmp_path_factory.mktemp("there"), elsewhere=ObjectStorage(url))
     for workspace in (here, there):
         build(workspace)
     return Worlds(here, there)
@@ -231,7 +231,7 @@ def test_no_path_of_an_address_reaches_folder_or_bucket(worlds, inside):
 
 
 def test_versions_and_removal(url, tmp_path):
-    store = ProductStore.open(tmp_path, Elsewhere(url))
+    store = ProductStore.open(tmp_path, ObjectStorage(url))
     made = [store.make(image(n), writing(b"label")) for n in range(3)]
     assert set(store.versions(ProductKind.IMAGE, IMAGE)) == set(made)
     for _ in range(2):
@@ -244,25 +244,25 @@ def test_versions_and_removal(url, tmp_path):
 
 
 def test_a_store_that_another_process_is_handed_works_there(url, tmp_path):
-    store = ProductStore.open(tmp_path, Elsewhere(url))
+    store = ProductStore.open(tmp_path, ObjectStorage(url))
     ref = store.make(image(1), writing(b"label"))
     handed = pickle.loads(pickle.dumps(store))  # noqa: S301 - our own
     assert handed.path(ref).read_bytes() == b"label"
 
 
 def test_where_the_products_lie_is_remembered_and_not_mistaken(url, tmp_path):
-    ref = ProductStore.open(tmp_path, Elsewhere(url)).make(image(1), writing(b"label"))
+    ref = ProductStore.open(tmp_path, ObjectStorage(url)).make(image(1), writing(b"label"))
     assert ProductStore.open(tmp_path).has(ref)
     with pytest.raises(ProductError, match=f"lie at {url}, not at s3://other/maps"):
-        ProductStore.open(tmp_path, Elsewhere("s3://other/maps"))
+        ProductStore.open(tmp_path, ObjectStorage("s3://other/maps"))
     local = tmp_path / "local"
     ProductStore.open(local).make(image(1), writing(b"label"))
     with pytest.raises(ProductError, match="holds products of its own"):
-        ProductStore.open(local, Elsewhere(url))
+        ProductStore.open(local, ObjectStorage(url))
 
 
 def test_two_makers_of_one_product_keep_one(url, tmp_path):
-    stores = [ProductStore.open(tmp_path / str(n), Elsewhere(url)) for n in range(4)]
+    stores = [ProductStore.open(tmp_path / str(n), ObjectStorage(url)) for n in range(4)]
     together, made = threading.Barrier(len(stores)), []
 
     def write(path: Path) -> None:
@@ -314,12 +314,12 @@ def kill_makers(url: str, root: Path, kills: int) -> tuple[int, int]:
             time.sleep(rng.uniform(0.0, takes_s))
             maker.send_signal(signal.SIGKILL)
         killed += maker.returncode == -signal.SIGKILL
-        seen = ProductStore.open(root / f"reader{turn}", Elsewhere(url))
+        seen = ProductStore.open(root / f"reader{turn}", ObjectStorage(url))
         assert all(
             is_whole(seen, n) for n in range(4 * turn, 4 * turn + 4) if seen.has(image(n).ref)
         )
     subprocess.run([*command, "0", str(4 * kills)], check=True, stdout=subprocess.DEVNULL)
-    store = ProductStore.open(root / "judge", Elsewhere(url))
+    store = ProductStore.open(root / "judge", ObjectStorage(url))
     assert list(files_below(root / "maker" / "drafts")) == []
     return sum(is_whole(store, number) for number in range(4 * kills)), killed
 
@@ -338,7 +338,7 @@ def test_makers_killed_often_leave_nothing_half(url, tmp_path):
 
 
 def test_a_way_cut_while_a_large_product_is_sent_shows_nothing_of_it(url, wire, tmp_path):
-    store = ProductStore.open(tmp_path, Elsewhere(url))
+    store = ProductStore.open(tmp_path, ObjectStorage(url))
     wire.cut_after = LARGE // 2
     with pytest.raises(StoreAwayError, match=r"object store s3://.* does not answer"):
         store.make(image(1), writing(os.urandom(LARGE)))
@@ -351,7 +351,7 @@ def test_a_way_cut_while_a_large_product_is_sent_shows_nothing_of_it(url, wire, 
 
 
 def test_a_slow_way_is_waited_for(url, wire, tmp_path):
-    store = ProductStore.open(tmp_path, Elsewhere(url))
+    store = ProductStore.open(tmp_path, ObjectStorage(url))
     wire.pause_s = 0.5
     ref = store.make(image(1), writing(b"label"))
     forget_copies(tmp_path)
@@ -376,7 +376,7 @@ def test_the_server_says_that_the_store_is_away_and_goes_on_when_it_is_back(worl
 def test_an_object_store_that_is_away_is_named(url, wire, tmp_path):
     wire.cut()
     with pytest.raises(StoreAwayError, match=r"127.0.0.1:\d+ does not answer.*AWS_ENDPOINT_URL"):
-        ProductStore.open(tmp_path, Elsewhere(url))
+        ProductStore.open(tmp_path, ObjectStorage(url))
 
 
 @pytest.mark.usefixtures("objects")
@@ -384,14 +384,14 @@ def test_a_bucket_that_is_missing_is_named(tmp_path):
     with pytest.raises(
         ProductError, match=r"there is no bucket nowhere at http.*; make it, or set"
     ):
-        ProductStore.open(tmp_path, Elsewhere("s3://nowhere/maps"))
+        ProductStore.open(tmp_path, ObjectStorage("s3://nowhere/maps"))
 
 
 def test_keys_that_do_not_open_the_bucket_are_named(url, objects, tmp_path):
     objects.ask("POST", "moto-api/reset-auth", b"0")
     try:
         with pytest.raises(ProductError, match=r"does not open s3://.*AWS_ACCESS_KEY_ID"):
-            ProductStore.open(tmp_path, Elsewhere(url))
+            ProductStore.open(tmp_path, ObjectStorage(url))
     finally:
         objects.ask("POST", "moto-api/reset-auth", b"inf")
 
@@ -399,11 +399,11 @@ def test_keys_that_do_not_open_the_bucket_are_named(url, objects, tmp_path):
 @pytest.mark.parametrize("wrong", ["http://a/b", "s3:///prefix", "bucket/prefix", "gs://a/b"])
 def test_an_address_that_is_none_of_an_object_store_is_refused(wrong, tmp_path):
     with pytest.raises(ProductError, match="say SOLMAP_STORE_URL=s3://bucket/prefix"):
-        ProductStore.open(tmp_path, Elsewhere(wrong))
+        ProductStore.open(tmp_path, ObjectStorage(wrong))
 
 
 def test_documents_are_replaced_whole(url, tmp_path):
-    store = ProductStore.open(tmp_path, Elsewhere(url))
+    store = ProductStore.open(tmp_path, ObjectStorage(url))
     assert store.document("stac/catalog.json") is None
     for number in range(2):
         store.write_document("stac/catalog.json", json.dumps({"number": number}))
@@ -434,7 +434,7 @@ def test_a_whole_run_makes_the_same_products_by_configuration_alone(url, tmp_pat
         return run(command, **variables)
 
     took = [take(here), take(there, SOLMAP_STORE_URL=url)]
-    one, other = Workspace.open(here), Workspace.open(there, elsewhere=Elsewhere(url))
+    one, other = Workspace.open(here), Workspace.open(there, elsewhere=ObjectStorage(url))
     refs = list(one.store.refs())
     assert len(refs) > 20
     assert list(other.store.refs()) == refs

@@ -11,7 +11,7 @@ import sqlalchemy as sa
 
 from solmap.products.catalogue import events
 from solmap.products.catalogue.catalogue import Catalogue
-from solmap.products.catalogue.database import close_pools, writing
+from solmap.products.catalogue.database import close_pools, write_transaction
 from solmap.products.errors import ProductError, StoreAwayError
 from tests.unit.products.test_catalogue import MISSION, a_layer, an_image
 
@@ -55,7 +55,7 @@ def test_who_reads_events_while_others_write_misses_none(tmp_path, catalogue_url
 
     def write(number: int) -> None:
         for step in range(15):
-            with writing(catalogue.engine) as connection:
+            with write_transaction(catalogue.engine) as connection:
                 events.append(connection, "test", {"writer": number, "step": step})
                 time.sleep(0.002 * (number % 3))  # others end before those who began earlier
 
@@ -82,7 +82,7 @@ def test_who_reads_events_while_others_write_misses_none(tmp_path, catalogue_url
 def test_an_event_written_first_is_committed_first(postgres, tmp_path):
     catalogue = Catalogue.open(tmp_path, postgres.database())
     late = threading.Thread(target=catalogue.tell, args=("second", {}))
-    with writing(catalogue.engine) as connection:
+    with write_transaction(catalogue.engine) as connection:
         events.append(connection, "first", {})
         late.start()
         time.sleep(0.3)  # without turns the second would be there now, under a higher number
@@ -94,7 +94,7 @@ def test_an_event_written_first_is_committed_first(postgres, tmp_path):
 def test_readers_wait_for_no_writer_and_see_nothing_of_what_is_not_whole(tmp_path, catalogue_url):
     catalogue = Catalogue.open(tmp_path, catalogue_url)
     catalogue.publish(missions=[MISSION], layers=[a_layer()])
-    with writing(catalogue.engine) as connection:
+    with write_transaction(catalogue.engine) as connection:
         connection.execute(sa.text("DELETE FROM latest"))
         started = time.monotonic()
         assert catalogue.layers() == [a_layer()]

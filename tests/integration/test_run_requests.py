@@ -6,7 +6,7 @@ from prefect.exceptions import ObjectNotFound
 
 from solmap.flows.service import submission as requests
 from solmap.products.catalogue.catalogue import Catalogue
-from solmap.products.catalogue.edits import RequestBook, RequestKind, RequestState
+from solmap.products.catalogue.edits import RequestKind, RequestState, RunRequests
 
 
 @pytest.fixture
@@ -22,7 +22,7 @@ def submitted(monkeypatch):
 
 
 def test_requests_become_runs_of_their_deployments(tmp_path, submitted):
-    book, catalogue = RequestBook.of(tmp_path), Catalogue.open(tmp_path)
+    book, catalogue = RunRequests.of(tmp_path), Catalogue.open(tmp_path)
     book.ask(RequestKind.OVERALL, "MER2", "Ada")
     book.ask(RequestKind.DOWNLINK, None, "Ada")
     lines = requests.submit_requests(tmp_path, has_inbox=True)
@@ -37,7 +37,7 @@ def test_requests_become_runs_of_their_deployments(tmp_path, submitted):
 
 
 def test_a_downlink_without_an_inbox_is_refused(tmp_path, submitted):
-    book = RequestBook.of(tmp_path)
+    book = RunRequests.of(tmp_path)
     book.ask(RequestKind.DOWNLINK, None, "Ada")
     requests.submit_requests(tmp_path, has_inbox=False)
     (asked,) = book.requests()
@@ -51,7 +51,7 @@ def test_a_request_waits_while_the_scheduler_has_not_begun(tmp_path, monkeypatch
         raise ObjectNotFound(http_exc=Exception("404"))
 
     monkeypatch.setattr(requests, "submit", unknown)
-    book = RequestBook.of(tmp_path)
+    book = RunRequests.of(tmp_path)
     book.ask(RequestKind.REGION, None, "Ada")
     assert requests.submit_requests(tmp_path, has_inbox=False) == []
     assert len(book.waiting()) == 1
@@ -62,7 +62,7 @@ def test_a_request_waits_while_the_scheduler_does_not_answer(tmp_path, monkeypat
         raise httpx.ConnectError("refused")
 
     monkeypatch.setattr(requests, "submit", refuse)
-    book = RequestBook.of(tmp_path)
+    book = RunRequests.of(tmp_path)
     book.ask(RequestKind.REGION, None, "Ada")
     with pytest.raises(httpx.ConnectError):
         requests.submit_requests(tmp_path, has_inbox=False)

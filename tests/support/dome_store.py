@@ -17,7 +17,7 @@ from solmap.photogrammetry.terrain.traversability.hazard import Hazard
 from solmap.products.catalogue.catalogue import MissionEntry
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.formats.raster.orthophoto import write_orthophoto
-from solmap.products.formats.raster.raster import HAZARDS, write_classes, write_dtm
+from solmap.products.formats.raster.raster import HAZARD_CLASSES, write_classes, write_dtm
 from solmap.products.formats.vector.geojson import Feature
 from solmap.products.model import ProductKind
 from tests.support.bowl_store import CRS, GRID, LANDING, Shop, surface, viewing
@@ -86,7 +86,9 @@ def fill(workspace: Workspace) -> None:
     shop.raster(ProductKind.DTM, lambda path: write_dtm(path, model, CRS))
     shop.raster(
         ProductKind.HAZARD,
-        lambda path: write_classes(path, GRID, hazards(), CRS, name="hazard", classes=HAZARDS),
+        lambda path: write_classes(
+            path, GRID, hazards(), CRS, name="hazard", classes=HAZARD_CLASSES
+        ),
     )
     grey = np.where(np.isfinite(model.elevation), 128.0, np.nan).astype(np.float32)
     shop.raster(

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
-from solmap.products.catalogue.tokens import Role, TokenBook
+from solmap.products.catalogue.tokens import Role, Tokens
 from solmap.products.catalogue.workspace import Workspace
 from tests.support import bowl_store, stereo_viewer
 
@@ -34,7 +34,7 @@ def fill(root: Path, *, images: bool) -> str:
 
     with patch.object(catalogue, "publish", without_images):
         bowl_store.fill(workspace)
-    _, text = TokenBook.of(root).add(OPERATOR, Role.OPERATOR)
+    _, text = Tokens.of(root).add(OPERATOR, Role.OPERATOR)
     return text
 
 

@@ -218,7 +218,7 @@ def walked(
 def _standing(workspace: Any) -> Any:
     """Where a walk that was interrupted goes on; None at the beginning."""
     from solmap.flows.overall import standing_of  # noqa: PLC0415
-    from solmap.products.formats.documents.network import published_networks  # noqa: PLC0415
+    from solmap.products.catalogue.catalogue import published_networks  # noqa: PLC0415
 
     networks = published_networks("MER2", workspace.catalogue)
     return standing_of(networks[-1], workspace) if networks else None

@@ -23,7 +23,7 @@ import numpy as np
 from solmap.products.catalogue.catalogue import Catalogue
 from solmap.products.formats.raster.tiling import TileAddress, zoom_of
 from solmap.products.model import Layer, ProductKind, Recipe, Scope, ScopeLevel
-from solmap.products.store.backends import Elsewhere
+from solmap.products.store.backends import ObjectStorage
 from solmap.products.store.product_store import ProductStore
 from tests.support.live_server import _SERVE, Server, running
 from tests.support.object_store import (
@@ -55,7 +55,7 @@ def tile_paths(layers: Sequence[Layer], count: int, rng: np.random.Generator) ->
 def copied(root: Path, folder: Path, layers: Sequence[Layer], url: str) -> Path:
     """The store with its catalogue here and some of its rasters in the object store."""
     there = folder / "there"
-    store = ProductStore.open(there, Elsewhere(url))
+    store = ProductStore.open(there, ObjectStorage(url))
     with (
         contextlib.closing(sqlite3.connect(root / "catalogue.sqlite")) as source,
         contextlib.closing(sqlite3.connect(there / "catalogue.sqlite")) as target,
@@ -140,7 +140,7 @@ def main() -> None:
             there = copied(here, folder, layers, objects.bucket("maps"))
             trials = (
                 ProductStore.open(folder / "trial"),
-                ProductStore.open(folder / "trial there", Elsewhere(objects.bucket("trial"))),
+                ProductStore.open(folder / "trial there", ObjectStorage(objects.bucket("trial"))),
             )
             for place, root, trial in zip(
                 ("folder", "object store"), (here, there), trials, strict=True

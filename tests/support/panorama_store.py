@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from solmap.photogrammetry.imagery import Eye
 from solmap.photogrammetry.terrain.orthophoto.panorama import PanoramaParams
+from solmap.products.catalogue.catalogue import latest_network
 from solmap.products.catalogue.oriented_images import matches_of
 from solmap.products.catalogue.workspace import Workspace
-from solmap.products.formats.documents.network import latest_network, network_of
+from solmap.products.formats.documents.network import network_of
 from solmap.products.model import ProductKind
 from solmap.tasks.panorama import draw_panorama, oriented_frames
 from solmap.tasks.publish import layer_of

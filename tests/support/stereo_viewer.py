@@ -15,7 +15,7 @@ import numpy as np
 
 from solmap.photogrammetry.archive.images.reading import read_image
 from solmap.photogrammetry.terrain.visibility.footprints import FootprintParams
-from solmap.products.formats.documents.network import latest_network
+from solmap.products.catalogue.catalogue import latest_network
 from solmap.products.formats.vector.geojson import read_features
 from solmap.products.model import Layer, ProductKind, ProductRef, Recipe, Scope, ScopeLevel
 from solmap.tasks.vectors import draw_vectors

@@ -20,30 +20,28 @@ from typing import Any
 
 import numpy as np
 
-from solmap.photogrammetry.adjustment.assembly import assembled, part_at
 from solmap.photogrammetry.adjustment.documents import network_document, network_of_document
-from solmap.photogrammetry.adjustment.records import AdjustedNetwork
+from solmap.photogrammetry.adjustment.model.adjusted_network import AdjustedNetwork
+from solmap.photogrammetry.adjustment.model.assembly import assembled, part_at
 from solmap.photogrammetry.body_fixed import map_from_lsl
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.imagery import StopId
 from solmap.photogrammetry.traverse.records import Traverse
-from solmap.products.catalogue.catalogue import Catalogue
-from solmap.products.errors import ProductNotFoundError
 from solmap.products.formats.documents.archives import pose_document, pose_of_document
-from solmap.products.model import ProductKind, ProductRef
+from solmap.products.model import ProductRef
 from solmap.products.store.product_store import ProductStore
 
-Holders = dict[str, ProductRef]
+References = dict[str, ProductRef]
 """The product that holds a stop, by the name of the stop."""
 
 
-def holders_document(holders: Mapping[str, ProductRef]) -> dict[str, str]:
+def references_document(holders: Mapping[str, ProductRef]) -> dict[str, str]:
     """As plain JSON, in the order of the stops."""
     return {name: ref.text for name, ref in sorted(holders.items())}
 
 
-def holders_of_document(document: Mapping[str, str]) -> Holders:
-    """The twin of `holders_document`."""
+def references_of_document(document: Mapping[str, str]) -> References:
+    """The twin of `references_document`."""
     return {name: ProductRef.of_text(text) for name, text in document.items()}
 
 
@@ -92,7 +90,7 @@ class NetworkProduct:
     """The report of this network's own adjustment."""
     by_hand: tuple[str, ...] = ()
     """What became of the hand ties, line by line."""
-    holders: Holders = field(default_factory=dict)
+    holders: References = field(default_factory=dict)
     """The products that hold the stops which are not in this one."""
 
     @property
@@ -129,7 +127,7 @@ def read_network(ref: ProductRef, store: ProductStore) -> NetworkProduct:
         links=tuple(document["links"]),
         report=document["network"]["reports"][-1],
         by_hand=tuple(document.get("by_hand", ())),
-        holders=holders_of_document(document.get("holders", {})),
+        holders=references_of_document(document.get("holders", {})),
     )
 
 
@@ -172,7 +170,7 @@ def product_document(network: NetworkProduct) -> dict[str, Any]:
         **document,
         "links": list(network.links),
         "by_hand": list(network.by_hand),
-        "holders": holders_document(network.holders),
+        "holders": references_document(network.holders),
     }
 
 
@@ -196,30 +194,6 @@ def _parts(wanted: Mapping[str, ProductRef], store: ProductStore) -> list[Networ
         part = _part(json.loads(store.path(ref).read_text()))
         parts.append(part.at([stop for stop in part.telemetry if str(stop) in names]))
     return parts
-
-
-def published_networks(mission: str, catalogue: Catalogue) -> list[ProductRef]:
-    """The published networks of a mission, the latest last.
-
-    Names sort by sol, an overall adjustment after that of its sol.
-    """
-    prefix = f"{mission.lower()}-sol"
-    refs = [r for r in catalogue.pointers(ProductKind.NETWORK) if r.scope.name.startswith(prefix)]
-    return sorted(refs, key=lambda ref: ref.scope.name)
-
-
-def latest_network(mission: str, catalogue: Catalogue) -> ProductRef:
-    """The network of a mission that was published last.
-
-    Raises:
-        ProductNotFoundError: there is none.
-    """
-    refs = published_networks(mission, catalogue)
-    if not refs:
-        raise ProductNotFoundError(
-            f"no network of {mission} has been adjusted yet, so no image has a place; run a sol"
-        )
-    return refs[-1]
 
 
 def traverses(product: NetworkProduct) -> tuple[Traverse, Traverse]:

@@ -66,7 +66,7 @@ _EXTENSION = {
 
 
 @dataclass(slots=True)
-class Glb:
+class GlbWriter:
     """A file being put together: its document's lists and its binary part."""
 
     encoding: Encoding
@@ -274,7 +274,7 @@ def write_glb(
     drawn = [mesh for mesh in meshes if len(mesh.mesh)]
     if not drawn:
         raise ProductError("a model without a triangle is nothing to look at; leave it out")
-    file = Glb(encoding)
+    file = GlbWriter(encoding)
     for mesh in drawn:
         file.add(mesh, origin, jpeg_quality)
     return file.bytes(origin, dict(notes or {}))

@@ -33,10 +33,10 @@ from rasterio.shutil import copy as copy_raster
 from rasterio.transform import Affine
 
 from solmap.photogrammetry.terrain.dtm.grid import BLOCK, MapGrid
-from solmap.products.store.faults import is_full
+from solmap.products.store.faults import is_disk_full
 
 Kind = Literal["float32", "uint8"]
-Halving = Literal["AVERAGE", "NEAREST"]
+OverviewResampling = Literal["AVERAGE", "NEAREST"]
 _LOSSLESS = {"BLOCKSIZE": BLOCK, "COMPRESS": "DEFLATE", "SPARSE_OK": "TRUE", "BIGTIFF": "IF_SAFER"}
 _PREDICTOR = {"float32": "FLOATING_POINT", "uint8": "STANDARD"}
 _NODATA = {"float32": math.nan, "uint8": 0}
@@ -72,12 +72,12 @@ class RasterClass:
 
 
 @dataclass(frozen=True, slots=True)
-class Notes:
+class RasterDescription:
     """What a file says beside the values and places of its cells."""
 
     kind: Kind
     bands: tuple[Band, ...]
-    halving: Halving = "AVERAGE"
+    halving: OverviewResampling = "AVERAGE"
     """How four cells become one in the overviews."""
     tags: Mapping[str, str] | None = None
     classes: tuple[RasterClass, ...] = ()
@@ -85,8 +85,8 @@ class Notes:
 
 
 @contextlib.contextmanager
-def new_cog(
-    path: Path, grid: MapGrid, crs: CRS, notes: Notes
+def create_cog(
+    path: Path, grid: MapGrid, crs: CRS, notes: RasterDescription
 ) -> Iterator[rasterio.io.DatasetWriter]:
     """A dataset to write bands or windows to; it becomes a COG at `path` when all is written.
 
@@ -106,14 +106,14 @@ def new_cog(
             **_LOSSLESS,
         )
     except RasterioError as error:  # GDAL only says that writing failed
-        if is_full(path.parent, error):
+        if is_disk_full(path.parent, error):
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path)) from error
         raise
     finally:
         draft.unlink(missing_ok=True)
 
 
-def _profile(grid: MapGrid, crs: CRS, notes: Notes) -> dict[str, Any]:
+def _profile(grid: MapGrid, crs: CRS, notes: RasterDescription) -> dict[str, Any]:
     return {
         "driver": "GTiff",
         "width": grid.cols,
@@ -132,7 +132,7 @@ def _profile(grid: MapGrid, crs: CRS, notes: Notes) -> dict[str, Any]:
     }
 
 
-def _describe(dataset: rasterio.io.DatasetWriter, notes: Notes) -> None:
+def _describe(dataset: rasterio.io.DatasetWriter, notes: RasterDescription) -> None:
     bands: Sequence[Band] = notes.bands
     dataset.descriptions = tuple(band.name for band in bands)
     dataset.units = tuple(band.unit for band in bands)

@@ -22,7 +22,7 @@ from rasterio.windows import Window
 from solmap.photogrammetry.arrays import Classes, Float32, Picture, Raster
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.products.errors import ProductError
-from solmap.products.formats.raster.cog import Band, Notes, RasterClass, new_cog
+from solmap.products.formats.raster.cog import Band, RasterClass, RasterDescription, create_cog
 from solmap.products.formats.raster.raster import (
     class_names,
     grid_of,
@@ -32,7 +32,7 @@ from solmap.products.formats.raster.raster import (
 
 Stretch = tuple[float, float]
 """Brightness shown as black and as white."""
-Piece = tuple[int, int, Float32[np.ndarray, "bands rows cols"]]
+BrightnessBlock = tuple[int, int, Float32[np.ndarray, "bands rows cols"]]
 """First row and column of a part of a picture, and its brightness; NaN where nothing was seen."""
 _GREY = (("brightness", ColorInterp.gray),)
 _COLOUR = (("red", ColorInterp.red), ("green", ColorInterp.green), ("blue", ColorInterp.blue))
@@ -41,10 +41,10 @@ _STRETCH_PERCENTILES = (0.5, 99.5)
 _MOST_SOURCES = 255
 
 
-def write_pieces(
+def write_brightness_blocks(
     path: Path,
     grid: MapGrid,
-    pieces: Iterable[Piece],
+    pieces: Iterable[BrightnessBlock],
     crs: CRS,
     *,
     stretches: Sequence[Stretch],
@@ -65,7 +65,9 @@ def write_pieces(
         Band(name, "", scale, low - scale, colour)
         for (name, colour), (low, scale) in zip(kinds, map(_step, stretches), strict=True)
     ]
-    with new_cog(path, grid, crs, Notes("uint8", tuple(bands), tags=tags)) as dataset:
+    with create_cog(
+        path, grid, crs, RasterDescription("uint8", tuple(bands), tags=tags)
+    ) as dataset:
         for row, col, brightness in pieces:
             shape = brightness.shape
             stack = [_grey(band, s) for band, s in zip(brightness, stretches, strict=True)]
@@ -86,7 +88,9 @@ def write_orthophoto(
     By default, two percentiles of what was seen are shown black and white.
     """
     stretches = [stretch or _stretch_of(brightness)]
-    write_pieces(path, grid, [(0, 0, brightness[None])], crs, stretches=stretches, tags=tags)
+    write_brightness_blocks(
+        path, grid, [(0, 0, brightness[None])], crs, stretches=stretches, tags=tags
+    )
 
 
 def read_orthophoto(path: Path) -> tuple[MapGrid, Raster]:
@@ -188,10 +192,10 @@ def read_texture(path: Path, bounds: Bounds, max_px: int) -> tuple[Picture, Boun
             out_shape=shape,
             resampling=Resampling.average,
         )
-    return _bled(stored), grid.part(first_row, first_col, rows, cols).bounds
+    return _extend_edges(stored), grid.part(first_row, first_col, rows, cols).bounds
 
 
-def _bled(grey: Picture) -> Picture:
+def _extend_edges(grey: Picture) -> Picture:
     """The picture with seen pixels carried on into unseen ones (0), and grey beyond."""
     reach = np.ones((2 * _BLED_PX + 1,) * 2, np.uint8)
     carried = np.where(grey > 0, grey, cv2.dilate(grey, reach))

@@ -26,7 +26,7 @@ from solmap.photogrammetry.terrain.orthophoto.panorama import Panorama, Panorama
 from solmap.photogrammetry.terrain.orthophoto.panorama_grid import NODE, AngleGrid
 from solmap.photogrammetry.terrain.orthophoto.panorama_seams import Registration
 from solmap.products.errors import ProductError
-from solmap.products.formats.raster.orthophoto import Piece, write_pieces
+from solmap.products.formats.raster.orthophoto import BrightnessBlock, write_brightness_blocks
 from solmap.products.formats.raster.raster import open_raster, write_raster
 
 ANGLES = CRS.from_wkt(
@@ -60,7 +60,7 @@ class PanoramaFacts:
 def write_panorama(
     path: Path,
     made: Panorama,
-    pieces: Iterable[Piece],
+    pieces: Iterable[BrightnessBlock],
     found: Registration,
     ground: str,
     tags: Mapping[str, str],
@@ -75,7 +75,7 @@ def write_panorama(
     }
     place = _map_of(made.grid, 1)
     named = {_TAG: json.dumps(facts, separators=(",", ":")), **tags}
-    write_pieces(path, place, pieces, ANGLES, stretches=[made.stretch], tags=named)
+    write_brightness_blocks(path, place, pieces, ANGLES, stretches=[made.stretch], tags=named)
 
 
 def write_panorama_ground(path: Path, made: Panorama, ground: Ground, tags: dict[str, str]) -> None:
@@ -86,7 +86,7 @@ def write_panorama_ground(path: Path, made: Panorama, ground: Ground, tags: dict
     write_raster(path, place, bands, ANGLES, unit={"distance": "m"}, tags=tags, overviews="NEAREST")
 
 
-def pieces_of(blocks: Iterable[PanoramaBlock], ground: Ground) -> Iterator[Piece]:
+def brightness_blocks(blocks: Iterable[PanoramaBlock], ground: Ground) -> Iterator[BrightnessBlock]:
     """The blocks of a panorama as pieces of a picture; `ground` is filled on the way."""
     for block in blocks:
         row, col = block.row // NODE, block.col // NODE
@@ -103,7 +103,7 @@ def blank_ground(grid: AngleGrid) -> Ground:
     return np.full((2, grid.rows // NODE, grid.cols // NODE), np.nan, np.float32)
 
 
-def read_facts(dataset: rasterio.DatasetReader) -> PanoramaFacts:
+def read_panorama_facts(dataset: rasterio.DatasetReader) -> PanoramaFacts:
     """What an open panorama says of itself.
 
     Raises:
@@ -125,10 +125,10 @@ def read_facts(dataset: rasterio.DatasetReader) -> PanoramaFacts:
     )
 
 
-def place_of_panorama(path: Path) -> tuple[float, float, float, float]:
+def panorama_bounds(path: Path) -> tuple[float, float, float, float]:
     """A small box on the map around where a panorama was taken."""
     with open_raster(path) as dataset:
-        east, north, _ = read_facts(dataset).centre.tolist()
+        east, north, _ = read_panorama_facts(dataset).centre.tolist()
     return east - _NEAR_M, north - _NEAR_M, east + _NEAR_M, north + _NEAR_M
 
 

@@ -38,11 +38,11 @@ from solmap.photogrammetry.terrain.visibility.viewshed import Sight
 from solmap.products.errors import ProductError, ProductNotFoundError, StoreAwayError
 from solmap.products.formats.raster.cog import (
     Band,
-    Halving,
     Kind,
-    Notes,
+    OverviewResampling,
     RasterClass,
-    new_cog,
+    RasterDescription,
+    create_cog,
 )
 
 _DIRECTIONS = {"aspect"}
@@ -79,7 +79,7 @@ def write_raster(  # noqa: PLR0913 - the properties of one file
     *,
     unit: str | Mapping[str, str] = "",
     tags: Mapping[str, str] | None = None,
-    overviews: Halving | None = None,
+    overviews: OverviewResampling | None = None,
     scale: tuple[float, float] = (1.0, 0.0),
 ) -> None:
     """Write the bands of one grid, float32 with NaN or uint8 with 0 where nothing was measured.
@@ -103,7 +103,7 @@ def write_raster(  # noqa: PLR0913 - the properties of one file
     kind: Kind = "float32" if stack[0].dtype == np.float32 else "uint8"
     colours = [ColorInterp.gray, *[ColorInterp.undefined] * (len(stack) - 1)]
     named = tuple(Band(n, units[n], *scale, c) for n, c in zip(bands, colours, strict=True))
-    with new_cog(path, grid, crs, Notes(kind, named, halving, tags)) as dataset:
+    with create_cog(path, grid, crs, RasterDescription(kind, named, halving, tags)) as dataset:
         for index, band in enumerate(stack, start=1):
             dataset.write(band, index)
 
@@ -122,8 +122,8 @@ def write_classes(  # noqa: PLR0913 - the properties of one file
     if codes.shape != grid.shape:
         raise ProductError(f"{path.name}: {codes.shape} classes on a grid of {grid.shape}")
     band = Band(name, colour=ColorInterp.palette)
-    notes = Notes("uint8", (band,), "NEAREST", tags, tuple(classes))
-    with new_cog(path, grid, crs, notes) as dataset:
+    notes = RasterDescription("uint8", (band,), "NEAREST", tags, tuple(classes))
+    with create_cog(path, grid, crs, notes) as dataset:
         dataset.write(codes, 1)
 
 
@@ -172,7 +172,7 @@ def open_raster(address: Path | str) -> rasterio.DatasetReader:
         raise ProductError(f"{name} cannot be read as a raster: {error}") from error
 
 
-def unreadable(address: Path | str, error: RasterioError) -> ProductError:
+def read_error(address: Path | str, error: RasterioError) -> ProductError:
     """What to say of an open raster that a part could not be read of."""
     name = PurePosixPath(address).name
     if isinstance(address, str):  # which of the two GDAL does not say
@@ -197,7 +197,7 @@ def read_raster(path: Path) -> tuple[MapGrid, dict[str, np.ndarray]]:
         try:
             stack = dataset.read()
         except RasterioError as error:
-            raise unreadable(path, error) from error
+            raise read_error(path, error) from error
         return grid_of(dataset), dict(zip(band_names(dataset), stack, strict=True))
 
 
@@ -300,13 +300,13 @@ def values_in(
     return dict(zip(band_names(dataset), (float(value) for value in true), strict=True))
 
 
-HAZARDS = (
+HAZARD_CLASSES = (
     RasterClass(Hazard.TRAVERSABLE, "traversable", "#44bb99"),
     RasterClass(Hazard.ROUGH, "too rough", "#eedd88"),
     RasterClass(Hazard.STEP, "step too high", "#ee8866"),
     RasterClass(Hazard.STEEP, "too steep", "#aa3377"),
 )
-SIGHTS = (
+VISIBILITY_CLASSES = (
     RasterClass(Sight.VISIBLE, "visible", "#77aadd"),
     RasterClass(Sight.HIDDEN, "hidden", "#664422"),
 )
@@ -316,7 +316,7 @@ MOST_CELLS = 100_000_000
 """Of an image that is read whole: 10,000 x 10,000."""
 
 
-def foreign_bounds(path: Path, crs: CRS) -> tuple[Bounds, float]:
+def bounds_on_map(path: Path, crs: CRS) -> tuple[Bounds, float]:
     """(west, south, east, north) of a raster on the local map, and the side of its cells, metres.
 
     Raises:
@@ -336,7 +336,7 @@ def foreign_bounds(path: Path, crs: CRS) -> tuple[Bounds, float]:
     return bounds, float(np.sqrt(width_m * height_m))
 
 
-def read_foreign(path: Path, grid: MapGrid, crs: CRS, band: int = 1) -> Raster:
+def read_onto_grid(path: Path, grid: MapGrid, crs: CRS, band: int = 1) -> Raster:
     """A band of a raster on a grid of the local map; NaN where it has nothing.
 
     Larger cells are interpolated, smaller ones averaged.

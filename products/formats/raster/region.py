@@ -30,7 +30,7 @@ from solmap.photogrammetry.terrain.dtm.region_dtm import (
 )
 from solmap.photogrammetry.terrain.dtm.resampling import coarser_dtm, finer_dtm
 from solmap.products.errors import ProductError
-from solmap.products.formats.raster.cog import Band, Notes, new_cog
+from solmap.products.formats.raster.cog import Band, RasterDescription, create_cog
 from solmap.products.formats.raster.raster import band_names, grid_of, open_raster
 
 TILE = 512
@@ -93,10 +93,17 @@ def write_region(
         ]
         grid = _grid_around([one.grid for one in opened], params.cell_m)
         dtm = held.enter_context(
-            new_cog(files.dtm, grid, crs, Notes("float32", DTM_BANDS, tags={**of_model, **height}))
+            create_cog(
+                files.dtm,
+                grid,
+                crs,
+                RasterDescription("float32", DTM_BANDS, tags={**of_model, **height}),
+            )
         )
         seams = held.enter_context(
-            new_cog(files.seams, grid, crs, Notes("float32", SEAM_BANDS, tags=of_seams))
+            create_cog(
+                files.seams, grid, crs, RasterDescription("float32", SEAM_BANDS, tags=of_seams)
+            )
         )
         for row, col in _tiles(grid):
             _fuse_tile((row, col), grid, opened, params, (dtm, seams), counter)

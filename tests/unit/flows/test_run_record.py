@@ -5,7 +5,7 @@ from sqlalchemy.exc import OperationalError
 
 from solmap.flows.runtime.progress import report
 from solmap.flows.runtime.run_record import recorded
-from solmap.products.catalogue.runs import RunBook, RunState
+from solmap.products.catalogue.runs import RunRecords, RunState
 from solmap.products.catalogue.workspace import Workspace
 
 
@@ -15,7 +15,7 @@ def workspace(tmp_path):
 
 
 def kept(workspace):
-    (run,) = RunBook(workspace.catalogue.engine).runs()
+    (run,) = RunRecords(workspace.catalogue.engine).runs()
     return run
 
 
@@ -61,7 +61,7 @@ def test_a_record_that_cannot_be_written_does_not_stop_the_run(workspace, monkey
     def refuse(_book, _run):
         raise OperationalError("write", {}, Exception("database is locked"))
 
-    monkeypatch.setattr(RunBook, "write", refuse)
+    monkeypatch.setattr(RunRecords, "write", refuse)
     with recorded("downlink", "sol156", workspace):
         report("match pairs", 1, 1)
     assert "database is locked" in caplog.text

@@ -19,7 +19,7 @@ from solmap.products.catalogue.catalogue import Catalogue, ImageEntry, MissionEn
 from solmap.products.crs import LandingPoint, local_crs
 from solmap.products.formats.raster.orthophoto import write_orthophoto
 from solmap.products.formats.raster.raster import (
-    HAZARDS,
+    HAZARD_CLASSES,
     summarise,
     write_classes,
     write_dtm,
@@ -119,7 +119,7 @@ def hazards(path: Path) -> None:
     """Steep in the north, traversable in the south."""
     codes = np.where(np.isfinite(plane()), Hazard.TRAVERSABLE, Hazard.UNKNOWN).astype(np.uint8)
     codes[: GRID.rows // 2][codes[: GRID.rows // 2] > 0] = Hazard.STEEP
-    write_classes(path, GRID, codes, CRS, name="hazard", classes=HAZARDS)
+    write_classes(path, GRID, codes, CRS, name="hazard", classes=HAZARD_CLASSES)
 
 
 def haven() -> Feature:

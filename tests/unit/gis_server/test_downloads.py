@@ -11,7 +11,7 @@ import rasterio
 from solmap.products.crs import local_crs
 from solmap.products.formats.mesh.stl import read_stl
 from solmap.products.model import ProductKind
-from solmap.products.reports.stac import Taken, write_catalogue, write_items
+from solmap.products.reports.stac import AcquisitionTimes, write_catalogue, write_items
 from tests.unit.gis_server.conftest import (
     CELL_M,
     LANDING,
@@ -66,7 +66,7 @@ def test_a_box_that_is_none_is_refused(client, world, query, status, says):
 
 
 def test_a_box_with_too_many_cells_is_refused_by_number(client, world, monkeypatch):
-    monkeypatch.setattr("solmap.products.formats.cutouts.MOST_CELLS", 100)
+    monkeypatch.setattr("solmap.products.formats.cropping.MOST_CELLS", 100)
     answer = part_of(client, world, ProductKind.DTM, bbox="0,0,9,9")
     assert answer.status_code == 400
     assert "more than the 100 handed out at once" in answer.json()["description"]
@@ -85,7 +85,7 @@ def test_addresses_lead_to_everything(client):
 def test_the_stac_catalogue_is_served_with_the_files_that_it_points_to(client, world):
     assert client.get("/stac/catalog.json").status_code == 404
     (mission,), layers = world.catalogue.missions(), world.catalogue.layers("MER2")
-    taken = Taken.of(layers[0], ["2004-06-11T10:00:00Z"])
+    taken = AcquisitionTimes.of(layers[0], ["2004-06-11T10:00:00Z"])
     write_items([(layer, taken) for layer in layers], mission, world.store)
     write_catalogue([mission], layers, taken, world.store)
     assert client.get("/stac/catalog.json").json()["type"] == "Catalog"

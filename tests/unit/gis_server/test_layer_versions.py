@@ -6,7 +6,7 @@ import pytest
 from fastapi.testclient import TestClient
 
 from solmap.gis_server.app import create_app
-from solmap.products.catalogue.runs import Run, RunBook, RunState
+from solmap.products.catalogue.runs import Run, RunRecords, RunState
 from solmap.products.catalogue.workspace import Workspace
 from tests.support.versions_store import fill_versions
 
@@ -16,7 +16,7 @@ def store(tmp_path_factory):
     root = tmp_path_factory.mktemp("versions") / "store"
     run = Run.start("downlink", "a folder")
     versions = fill_versions(root)
-    RunBook(Workspace.open(root).catalogue.engine).write(run.ended(RunState.SUCCEEDED))
+    RunRecords(Workspace.open(root).catalogue.engine).write(run.ended(RunState.SUCCEEDED))
     with TestClient(create_app(root)) as client:
         yield client, versions
 

@@ -12,10 +12,10 @@ from solmap.gis_server.app import create_app
 from solmap.photogrammetry.imagery import Eye
 from solmap.photogrammetry.synthetic.rig import CAMERAS, Instrument
 from solmap.photogrammetry.terrain.dtm.ground import MAP_FROM_LSL
-from solmap.products.catalogue.catalogue import MissionEntry
+from solmap.products.catalogue.catalogue import MissionEntry, latest_network
 from solmap.products.catalogue.oriented_images import OrientedMission
 from solmap.products.catalogue.workspace import Workspace
-from solmap.products.formats.documents.network import latest_network, network_of
+from solmap.products.formats.documents.network import network_of
 from tests.support.bowl_store import LANDING, STOPS
 from tests.support.scene_store import (
     LAST,

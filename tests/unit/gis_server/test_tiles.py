@@ -12,7 +12,7 @@ from solmap.gis_server.rendering.styles import TWILIGHT, indices_of, palette_of
 from solmap.gis_server.rendering.tiles import empty_tile, render_tile
 from solmap.products.formats.raster.orthophoto import (
     source_colour,
-    write_pieces,
+    write_brightness_blocks,
     write_sources,
 )
 from solmap.products.formats.raster.tiling import CELL_SIZES, MAX_ZOOM, TileAddress, zoom_of
@@ -229,7 +229,9 @@ def pictured(own_world):
     own_world.publish_raster(
         ProductKind.COLOUR,
         STOP,
-        lambda path: write_pieces(path, GRID, [(0, 0, bands)], CRS, stretches=[(0.0, 254.0)] * 3),
+        lambda path: write_brightness_blocks(
+            path, GRID, [(0, 0, bands)], CRS, stretches=[(0.0, 254.0)] * 3
+        ),
     )
     with TestClient(create_app(own_world.root)) as opened:
         yield own_world, opened

@@ -6,9 +6,9 @@ from fastapi.testclient import TestClient
 from solmap.gis_server.app import create_app
 from solmap.gis_server.middleware import MOST_BYTES
 from solmap.photogrammetry.matching.hand_ties import COLUMNS
-from solmap.products.catalogue.edits import EditLog, RequestBook
-from solmap.products.catalogue.runs import Run, RunBook, RunState
-from solmap.products.catalogue.tokens import Role, TokenBook
+from solmap.products.catalogue.edits import EditLog, RunRequests
+from solmap.products.catalogue.runs import Run, RunRecords, RunState
+from solmap.products.catalogue.tokens import Role, Tokens
 from tests.unit.gis_server.conftest import STOP
 
 IMAGE = "2N140000000EFFA000P1600L0M1"
@@ -35,7 +35,7 @@ def client(own_world):
 @pytest.fixture
 def token_of(own_world):
     def make(role: Role) -> dict[str, str]:
-        _, text = TokenBook.of(own_world.root).add(f"an {role}", role)
+        _, text = Tokens.of(own_world.root).add(f"an {role}", role)
         return {"Authorization": f"Bearer {text}"}
 
     return make
@@ -57,7 +57,7 @@ def test_a_server_without_tokens_writes_nothing_and_says_how_to_get_one(
     assert answer.status_code == 403
     assert "solmap token add NAME --role analyst" in answer.json()["description"]
     assert EditLog.of(own_world.root).edits() == []
-    assert RequestBook.of(own_world.root).requests() == []
+    assert RunRequests.of(own_world.root).requests() == []
 
 
 @pytest.mark.parametrize(("path", "body"), WRITES)
@@ -162,7 +162,7 @@ def test_an_operator_asks_for_a_run_and_an_analyst_may_not(client, token_of):
 
 
 def test_runs_are_listed_with_progress_and_one_tells_what_it_said(client, own_world):
-    book = RunBook(own_world.catalogue.engine)
+    book = RunRecords(own_world.catalogue.engine)
     run = Run.start("downlink", "sol156").at("match pairs", 3, 10).said(["one image is broken"])
     book.write(run)
     (listed,) = client.get("/api/runs").json()["runs"]

@@ -2,13 +2,13 @@
 
 import pytest
 
-from solmap.products.catalogue.tokens import Role, TokenBook
+from solmap.products.catalogue.tokens import Role, Tokens
 from solmap.products.errors import ProductNotFoundError
 
 
 @pytest.fixture
 def book(tmp_path):
-    return TokenBook.of(tmp_path)
+    return Tokens.of(tmp_path)
 
 
 def test_a_token_is_known_by_its_text_and_by_nothing_else(book):

@@ -10,7 +10,7 @@ from pyproj import CRS
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.products.crs import LandingPoint, local_crs
 from solmap.products.errors import OutsideCoverageError, ProductError
-from solmap.products.formats.cutouts import MOST_CELLS, clip_features, clip_raster
+from solmap.products.formats.cropping import MOST_CELLS, crop_features, crop_raster
 from solmap.products.formats.raster.cog import RasterClass
 from solmap.products.formats.raster.raster import (
     class_names,
@@ -49,9 +49,9 @@ def test_a_part_has_the_cells_of_the_whole_where_they_were(
     part = tmp_path_factory.mktemp("part") / "part.tif"
     if box[2] <= GRID.bounds[0] or box[3] <= GRID.bounds[1]:
         with pytest.raises(OutsideCoverageError):
-            clip_raster(dtm, part, box)
+            crop_raster(dtm, part, box)
         return
-    clip_raster(dtm, part, box)
+    crop_raster(dtm, part, box)
     with rasterio.open(dtm) as whole, rasterio.open(part) as cut:
         window = rasterio.windows.from_bounds(*cut.bounds, transform=whole.transform)
         np.testing.assert_array_equal(cut.read(), whole.read(window=window.round()))
@@ -69,7 +69,7 @@ def test_a_part_has_the_cells_of_the_whole_where_they_were(
 
 def test_a_part_says_what_the_whole_says_and_where_it_was_cut(dtm, tmp_path):
     part = tmp_path / "part.tif"
-    clip_raster(dtm, part, (0.0, 0.0, 20.0, 20.0))
+    crop_raster(dtm, part, (0.0, 0.0, 20.0, 20.0))
     with rasterio.open(part) as cut:
         assert cut.descriptions == ("elevation", "standard_deviation")
         assert cut.units == ("m", "m")
@@ -85,7 +85,7 @@ def test_classes_keep_their_names_and_colours(tmp_path):
     codes[: GRID.rows // 2] = 2
     kinds = (RasterClass(1, "level", "#00ff00"), RasterClass(2, "steep", "#ff0000"))
     write_classes(whole, GRID, codes, local_crs(LANDING), name="hazard", classes=kinds)
-    clip_raster(whole, part, (-5.0, -5.0, 5.0, 5.0))
+    crop_raster(whole, part, (-5.0, -5.0, 5.0, 5.0))
     with rasterio.open(part) as cut:
         assert class_names(cut) == {1: "level", 2: "steep"}
         assert cut.colormap(1)[2] == (255, 0, 0, 255)
@@ -93,9 +93,9 @@ def test_classes_keep_their_names_and_colours(tmp_path):
 
 
 def test_more_cells_than_are_handed_out_are_refused_by_number(dtm, tmp_path, monkeypatch):
-    monkeypatch.setattr("solmap.products.formats.cutouts.MOST_CELLS", 1000)
+    monkeypatch.setattr("solmap.products.formats.cropping.MOST_CELLS", 1000)
     with pytest.raises(ProductError, match=r"256 x 256 cells in 2 bands, more than the 1000"):
-        clip_raster(dtm, tmp_path / "part.tif", (0.0, 0.0, 256 * 0.16, 256 * 0.16))
+        crop_raster(dtm, tmp_path / "part.tif", (0.0, 0.0, 256 * 0.16, 256 * 0.16))
     assert not list(tmp_path.iterdir())
     assert MOST_CELLS == 50_000_000
 
@@ -113,7 +113,7 @@ def test_lines_and_areas_are_cut_at_the_box():
             Feature("Point", np.array([[30.0, 3.0]]), {}, "out"),
         ),
     )
-    part = clip_features(whole, (0.0, 0.0, 10.0, 10.0))
+    part = crop_features(whole, (0.0, 0.0, 10.0, 10.0))
     assert [one.id for one in part.features] == ["1", "1", "2", "in"]
     first, second = part.features[:2]
     assert first.points.tolist() == [[0, 1, 9], [5, 1, 9], [5, 10, 9]]

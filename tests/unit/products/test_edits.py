@@ -8,9 +8,9 @@ from solmap.products.catalogue.edits import (
     EditConflictError,
     EditKind,
     EditLog,
-    RequestBook,
     RequestKind,
     RequestState,
+    RunRequests,
 )
 from solmap.products.errors import ProductNotFoundError
 
@@ -68,7 +68,7 @@ def test_nothing_is_written_before_the_first_edit(log):
 
 
 def test_the_same_wish_for_a_run_waits_once_until_it_is_taken(tmp_path):
-    book = RequestBook.of(tmp_path)
+    book = RunRequests.of(tmp_path)
     first = book.ask(RequestKind.OVERALL, "MER2", "Ada")
     assert book.ask(RequestKind.OVERALL, "MER2", "Ben") == first
     other = book.ask(RequestKind.OVERALL, None, "Ben")

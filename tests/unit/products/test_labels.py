@@ -14,7 +14,7 @@ from solmap.photogrammetry.synthetic.mission import (
 )
 from solmap.products.catalogue import images
 from solmap.products.catalogue.catalogue import Catalogue
-from solmap.products.catalogue.images import LabelBook, label_of_text, text_of_label
+from solmap.products.catalogue.images import LabelCache, label_of_text, text_of_label
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.model import ProductKind, ProductRef, Scope, ScopeLevel
 from solmap.products.store.product_store import ProductStore
@@ -77,7 +77,7 @@ def test_a_second_process_reads_no_image(labels, tmp_path, catalogue_url):
     again = images.image_records(entries, workspace)
     assert [text_of_label(one) for one in again] == [text_of_label(one) for one in first]
     digests = [entry.ref.digest for entry in entries]
-    assert set(LabelBook(workspace.catalogue.engine).known([*digests, "f" * 16])) == set(digests)
+    assert set(LabelCache(workspace.catalogue.engine).known([*digests, "f" * 16])) == set(digests)
 
 
 def _fields(entry):

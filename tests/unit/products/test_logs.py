@@ -6,7 +6,13 @@ import time
 
 import pytest
 
-from solmap.products.store.process import Effort, JsonLines, SharedLog, keep_logs, noted
+from solmap.products.store.process import (
+    JsonLineFormatter,
+    ResourceMeter,
+    SharedLogHandler,
+    log_context,
+    log_to_store,
+)
 
 
 @pytest.fixture
@@ -15,8 +21,8 @@ def log_of(tmp_path):
     handlers = []
 
     def make(most_bytes=2000, kept=2):
-        handler = SharedLog(tmp_path / "logs" / "flows.jsonl", most_bytes, kept)
-        handler.setFormatter(JsonLines())
+        handler = SharedLogHandler(tmp_path / "logs" / "flows.jsonl", most_bytes, kept)
+        handler.setFormatter(JsonLineFormatter())
         handlers.append(handler)
         logger = logging.Logger(f"logged-{len(handlers)}")  # noqa: LOG001 - not kept by name
         logger.addHandler(handler)
@@ -33,7 +39,7 @@ def lines_in(folder):
 
 
 def test_a_line_holds_what_was_said_and_what_it_belongs_to(tmp_path, log_of):
-    with noted(run="r1", sol=156), noted(subject="dtm"):
+    with log_context(run="r1", sol=156), log_context(subject="dtm"):
         log_of().info("%d cells", 7, extra={"seconds": 1.5})
     (line,) = lines_in(tmp_path)
     assert line["message"] == "7 cells"
@@ -43,7 +49,7 @@ def test_a_line_holds_what_was_said_and_what_it_belongs_to(tmp_path, log_of):
 
 
 def test_what_was_noted_ends_with_its_block(tmp_path, log_of):
-    with noted(run="r1"):
+    with log_context(run="r1"):
         pass
     log_of().info("later")
     assert "run" not in lines_in(tmp_path)[0]
@@ -96,7 +102,7 @@ def test_keeping_logs_twice_writes_a_line_once(tmp_path):
     before = logging.getLogger("solmap").handlers[:]
     try:
         for _ in range(2):
-            keep_logs(tmp_path, "flows")
+            log_to_store(tmp_path, "flows")
         logger.info("once")
         assert [line["message"] for line in lines_in(tmp_path)] == ["once"]
     finally:
@@ -107,12 +113,12 @@ def test_keeping_logs_twice_writes_a_line_once(tmp_path):
 
 
 def test_effort_tells_waiting_from_working():
-    effort = Effort()
+    effort = ResourceMeter()
     time.sleep(0.2)
     waited = effort.spent()
     assert waited["seconds"] >= 0.2
     assert waited["cpu_s"] < 0.1
-    effort = Effort()
+    effort = ResourceMeter()
     while effort.spent()["cpu_s"] < 0.1:
         sum(range(10_000))
     assert effort.spent()["seconds"] >= 0.1

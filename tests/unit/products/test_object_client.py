@@ -10,8 +10,8 @@ import pytest
 
 from solmap.products.errors import ProductError, StoreAwayError
 from solmap.products.formats.raster.raster import open_raster
-from solmap.products.store.backends import Elsewhere
-from solmap.products.store.faults import can_pass
+from solmap.products.store.backends import ObjectStorage
+from solmap.products.store.faults import is_transient
 from solmap.products.store.object_backend import bucket_and_prefix, client_of
 from solmap.products.store.product_store import ProductStore
 from tests.support.object_store import environment, environment_of
@@ -64,7 +64,7 @@ def test_what_gdal_says_is_told_apart(server, status, body, kind, passes):
     client_of("bucket", "maps")  # which tells GDAL where the server is
     with pytest.raises(kind) as refused:
         open_raster(f"/vsis3/bucket/maps/{status}.tif")
-    assert can_pass(refused.value) is passes
+    assert is_transient(refused.value) is passes
 
 
 @pytest.mark.parametrize(
@@ -77,8 +77,8 @@ def test_what_gdal_says_is_told_apart(server, status, body, kind, passes):
 def test_what_the_client_says_is_told_apart(server, tmp_path, status, body, said, passes):
     server.answer = status, body
     with pytest.raises(ProductError, match=said) as refused:
-        ProductStore.open(tmp_path, Elsewhere("s3://bucket/maps"))
-    assert can_pass(refused.value) is passes
+        ProductStore.open(tmp_path, ObjectStorage("s3://bucket/maps"))
+    assert is_transient(refused.value) is passes
     assert len(str(refused.value)) < 600
 
 

@@ -10,7 +10,7 @@ from sqlalchemy.exc import OperationalError
 
 from solmap.photogrammetry.errors import MatchingError
 from solmap.products.errors import ProductError, StoreAwayError, StoreFullError
-from solmap.products.store.faults import can_pass
+from solmap.products.store.faults import is_transient
 
 
 @pytest.mark.parametrize(
@@ -25,7 +25,7 @@ from solmap.products.store.faults import can_pass
     ],
 )
 def test_what_a_disk_or_network_may_do_better_next_time_can_pass(error: Exception) -> None:
-    assert can_pass(error)
+    assert is_transient(error)
 
 
 @pytest.mark.parametrize(
@@ -45,7 +45,7 @@ def test_what_a_disk_or_network_may_do_better_next_time_can_pass(error: Exceptio
     ],
 )
 def test_what_would_fail_in_the_same_way_cannot_pass(error: BaseException) -> None:
-    assert not can_pass(error)
+    assert not is_transient(error)
 
 
 def test_a_locked_database_can_pass_and_a_missing_table_cannot(tmp_path: Path) -> None:
@@ -62,8 +62,8 @@ def test_a_locked_database_can_pass_and_a_missing_table_cannot(tmp_path: Path) -
         other.execute(sa.text("SELECT * FROM lost"))
     holder.close()
     engine.dispose()
-    assert can_pass(locked.value)
-    assert not can_pass(missing.value)
+    assert is_transient(locked.value)
+    assert not is_transient(missing.value)
 
 
 def test_a_database_without_room_cannot_pass(tmp_path: Path) -> None:
@@ -72,4 +72,4 @@ def test_a_database_without_room_cannot_pass(tmp_path: Path) -> None:
     with pytest.raises(sqlite3.OperationalError, match="full") as full:
         small.execute("CREATE TABLE a(b)").execute("CREATE TABLE c(d)")
     small.close()
-    assert not can_pass(full.value)
+    assert not is_transient(full.value)

@@ -5,12 +5,12 @@ from pathlib import Path
 
 import pytest
 
-from solmap.products.catalogue.pruning import PruningParams, prunable, prune
-from solmap.products.catalogue.runs import FinishedBook
+from solmap.products.catalogue.pruning import PruningParams, prune, unreferenced_products
+from solmap.products.catalogue.runs import FinishedSols
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.errors import ProductError
 from solmap.products.model import Layer, ProductKind, ProductRef, Recipe, Scope, ScopeLevel
-from solmap.products.store.locks import working
+from solmap.products.store.locks import shared_run_lock
 
 STOP = Scope(ScopeLevel.STOP, "mer2-site0010-drive0000")
 PAIR = Scope(ScopeLevel.PAIR, "2n1")
@@ -36,7 +36,7 @@ def publish(workspace: Workspace, *refs: ProductRef) -> None:
 
 
 def gone(workspace: Workspace, params: PruningParams = NOW) -> set[ProductRef]:
-    told = [one.ref for one in prunable(workspace, params)]
+    told = [one.ref for one in unreferenced_products(workspace, params)]
     removed = [one.ref for one in prune(workspace, params)]
     assert removed == told
     assert not any(workspace.store.has(ref) for ref in removed)
@@ -102,7 +102,7 @@ def test_what_a_parameter_names_is_needed(workspace):
 def test_what_a_finished_sol_left_stays_though_a_later_one_mapped_it_again(workspace, mapped):
     standing = [f"{ref.kind}/stop/{ref.scope}/{ref.digest}" for ref in (mapped["matches"],)]
     layers = [f"{mapped['old'].kind}/stop/{STOP}/{mapped['old'].digest}"]
-    book = FinishedBook(workspace.catalogue.engine)
+    book = FinishedSols(workspace.catalogue.engine)
     book.note("mer2-sol0155", "key", {"standing": standing, "layers": layers})
     assert gone(workspace) == {mapped["old_slope"]}
 
@@ -110,8 +110,8 @@ def test_what_a_finished_sol_left_stays_though_a_later_one_mapped_it_again(works
 def test_nothing_is_pruned_while_a_run_goes_on(workspace, mapped):
     root = workspace.store.root
     with (
-        working(root),
-        working(root),
+        shared_run_lock(root),
+        shared_run_lock(root),
         pytest.raises(ProductError, match="prune when it has ended"),
     ):
         prune(workspace, NOW)

@@ -15,8 +15,8 @@ from solmap.products.formats.raster.orthophoto import (
     read_orthophoto,
     read_sources,
     source_colour,
+    write_brightness_blocks,
     write_orthophoto,
-    write_pieces,
     write_sources,
 )
 from solmap.products.formats.raster.raster import (
@@ -236,7 +236,7 @@ def test_a_colour_picture_is_written_piece_by_piece(tmp_path, rng):
     red = rng.uniform(0.0, 100.0, (3, 256, 512)).astype(np.float32)
     red[:, :10, :10] = np.nan
     stretches = [(0.0, 100.0), (0.0, 200.0), (-50.0, 100.0)]
-    write_pieces(tmp_path / "c.tif", GRID, [(256, 0, red)], CRS, stretches=stretches)
+    write_brightness_blocks(tmp_path / "c.tif", GRID, [(256, 0, red)], CRS, stretches=stretches)
     assert cog_validate(tmp_path / "c.tif", strict=True) == (True, [], [])
     with rasterio.open(tmp_path / "c.tif") as dataset:
         assert dataset.colorinterp == (ColorInterp.red, ColorInterp.green, ColorInterp.blue)

@@ -7,7 +7,7 @@ import sys
 import pytest
 
 from solmap.products.catalogue.catalogue import Catalogue
-from solmap.products.catalogue.runs import Run, RunBook, RunState
+from solmap.products.catalogue.runs import Run, RunRecords, RunState
 from solmap.products.errors import ProductNotFoundError
 
 
@@ -18,7 +18,7 @@ def catalogue(tmp_path, catalogue_url):
 
 @pytest.fixture
 def book(catalogue):
-    return RunBook(catalogue.engine)
+    return RunRecords(catalogue.engine)
 
 
 def test_a_run_is_read_as_it_was_written(book):

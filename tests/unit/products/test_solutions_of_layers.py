@@ -9,7 +9,7 @@ import pytest
 
 from solmap.products.catalogue.layer_versions import solutions_behind, solutions_of_mission
 from solmap.products.catalogue.workspace import Workspace
-from solmap.products.formats.documents.network import Holders, holders_document
+from solmap.products.formats.documents.network import References, references_document
 from solmap.products.model import ProductKind, ProductRef, Recipe, Scope, ScopeLevel
 
 FIRST, SECOND = "mer2-site0010-drive0000", "mer2-site0010-drive0064"
@@ -41,7 +41,7 @@ def looked(stop: str, east_m: float) -> Orientation:
 
 
 def solved(
-    workspace: Workspace, sol: int, touched: dict[str, float], holders: Holders
+    workspace: Workspace, sol: int, touched: dict[str, float], holders: References
 ) -> tuple[ProductRef, ProductRef]:
     """A network of a sol and the orientations chosen from it, of the stops that it touched."""
     scope = Scope(ScopeLevel.SOL, f"mer2-sol{sol:04d}")
@@ -53,7 +53,7 @@ def solved(
         {"stop": stop, "orientations": [vars_of(looked(stop, east))]}
         for stop, east in touched.items()
     ]
-    document = {"mapped": rows, "holders": holders_document(holders)}
+    document = {"mapped": rows, "holders": references_document(holders)}
     chosen = workspace.store.make(
         Recipe(ProductKind.ORIENTATIONS, scope, (network,)),
         lambda path: path.write_text(json.dumps(document)),

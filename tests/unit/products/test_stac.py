@@ -16,14 +16,14 @@ from pystac.validation.local_validator import get_local_schema_cache
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.products.catalogue.catalogue import MissionEntry
 from solmap.products.crs import LandingPoint, local_crs, lon_lat
-from solmap.products.formats.raster.orthophoto import write_pieces, write_sources
+from solmap.products.formats.raster.orthophoto import write_brightness_blocks, write_sources
 from solmap.products.formats.raster.raster import write_raster
 from solmap.products.formats.vector.geojson import Feature, write_features
 from solmap.products.model import Layer, ProductKind, Recipe, Scope, ScopeLevel
 from solmap.products.reports.stac import (
     PROCESSING,
     SOLAR_SYSTEM,
-    Taken,
+    AcquisitionTimes,
     write_catalogue,
     write_items,
 )
@@ -34,7 +34,9 @@ GUSEV = MissionEntry("MER2", "Spirit, Gusev crater", LANDING, None)
 GRID = MapGrid.covering((-5.0, -5.0, 5.0, 15.0), 0.04)
 STOP = Scope(ScopeLevel.STOP, "mer2-site0010-drive0064")
 CRS = local_crs(LANDING)
-TAKEN = Taken(datetime(2004, 6, 11, 10, tzinfo=UTC), datetime(2004, 6, 11, 10, 40, tzinfo=UTC))
+TAKEN = AcquisitionTimes(
+    datetime(2004, 6, 11, 10, tzinfo=UTC), datetime(2004, 6, 11, 10, 40, tzinfo=UTC)
+)
 
 
 def slope(path):
@@ -48,7 +50,7 @@ def sources(path):
 
 def colour(path):
     piece = (0, 0, np.full((3, 256, 256), 7.0, np.float32))
-    write_pieces(path, GRID, [piece], CRS, stretches=[(0.0, 10.0)] * 3)
+    write_brightness_blocks(path, GRID, [piece], CRS, stretches=[(0.0, 10.0)] * 3)
 
 
 def contours(path):

@@ -14,7 +14,7 @@ from pyproj import CRS
 from solmap.products.crs import IAU_RADIUS_M, MARS, LandingPoint, local_crs, lon_lat
 from solmap.products.errors import ProductError, ProductNotFoundError
 from solmap.products.features import texts as feature_texts
-from solmap.products.features.texts import texts_of
+from solmap.products.features.texts import feature_texts
 from solmap.products.formats.vector.geojson import (
     Feature,
     FeatureCollection,
@@ -93,7 +93,7 @@ def test_texts_in_local_metres_hold_the_points_to_a_tenth_of_a_millimetre(points
     with TemporaryDirectory() as folder:
         path = Path(folder) / "f.geojson"
         write_features(path, [line], GUSEV)
-        document = json.loads(texts_of(path).collection())
+        document = json.loads(feature_texts(path).collection())
     coordinates = np.array(document["features"][0]["geometry"]["coordinates"])
     # in degrees and back; PROJ takes what lies within 1e-10 radii of the origin for the origin
     at_origin = np.hypot(line.points[:, 0], line.points[:, 1]) < 1e-10 * GUSEV.radius_m
@@ -105,7 +105,7 @@ def test_texts_are_those_of_a_box_or_of_names(tmp_path):
     far = Feature("Point", np.array([[500.0, 0.0]]), {"n": 1}, "far")
     near = [Feature("Point", np.array([[k, 0.0]]), {"n": k}, f"near-{k}") for k in range(3)]
     write_features(tmp_path / "f.geojson", [far, *near], GUSEV)
-    texts = texts_of(tmp_path / "f.geojson")
+    texts = feature_texts(tmp_path / "f.geojson")
     assert texts.within((-1.0, -1.0, 1.5, 1.0)) == [1, 2]
     assert texts.named(["far", "nothing", "near-2"]) == [0, 3]
     some = json.loads(texts.collection([3, 0]))["features"]
@@ -173,7 +173,7 @@ def test_holes_of_polygons_are_kept(tmp_path):
     (hole,) = read.features[0].holes
     np.testing.assert_allclose(hole, SQUARE[:-1] / 5 + 2.0, atol=1.1e-4)
     assert [len(feature.holes) for feature in read.features[1:]] == [0, 0, 0]
-    drawn = json.loads(texts_of(tmp_path / "f.geojson").collection())["features"]
+    drawn = json.loads(feature_texts(tmp_path / "f.geojson").collection())["features"]
     drawn = drawn[0]["geometry"]["coordinates"]
     assert [ring[0] == ring[-1] for ring in drawn] == [True, True]
 
@@ -229,6 +229,6 @@ def test_a_file_is_read_once_however_many_ask_at_a_time(tmp_path, monkeypatch):
 
     monkeypatch.setattr(feature_texts, "read_placed", slowly)
     with ThreadPoolExecutor(6) as pool:
-        found = list(pool.map(texts_of, [tmp_path / "f.geojson"] * 6))
+        found = list(pool.map(feature_texts, [tmp_path / "f.geojson"] * 6))
     assert len(reads) == 1
     assert all(one is found[0] for one in found)

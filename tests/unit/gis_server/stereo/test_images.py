@@ -8,7 +8,7 @@ from solmap.gis_server.rendering.images import ArrayCache
 from solmap.photogrammetry.archive.images.reading import read_image
 from solmap.photogrammetry.imagery import Eye
 from solmap.photogrammetry.matching.resampling import resample
-from solmap.products.catalogue.oriented_images import geometry_of, matches_of, record_of
+from solmap.products.catalogue.oriented_images import geometry_of, matched_record, matches_of
 
 pytestmark = pytest.mark.slow  # a world is rendered first
 
@@ -54,7 +54,7 @@ def test_the_linearised_picture_is_what_matching_sees(stereo, stereo_client):
     entry = left_of(stereo)
     read = stored(stereo, entry)
     geometry = geometry_of(matches_of(entry, stereo.workspace), stereo.workspace)
-    camera = record_of(entry, stereo.workspace).camera
+    camera = matched_record(entry, stereo.workspace).camera
     image, mask = resample(read.pixels, read.mask, camera, geometry, Eye.LEFT)
     low, high = np.percentile(image[mask], [1, 99])
     shown = picture(stereo_client, f"/images/{entry.id}/linearised.png")

@@ -20,13 +20,13 @@ from rasterio.windows import Window
 
 from solmap.photogrammetry.terrain.dtm.grid import Bounds, MapGrid
 from solmap.products.errors import OutsideCoverageError, ProductError
-from solmap.products.formats.raster.cog import Band, Notes, RasterClass, new_cog
+from solmap.products.formats.raster.cog import Band, RasterClass, RasterDescription, create_cog
 from solmap.products.formats.raster.raster import (
     band_names,
     class_names,
     grid_of,
     open_raster,
-    unreadable,
+    read_error,
 )
 from solmap.products.formats.vector.geojson import Feature, FeatureCollection
 
@@ -39,7 +39,7 @@ _OWN = {"CLASSES", "AREA_OR_POINT"}
 """Tags that every file is given anew."""
 
 
-def clip_raster(source: Path | str, target: Path, bounds: Bounds) -> MapGrid:
+def crop_raster(source: Path | str, target: Path, bounds: Bounds) -> MapGrid:
     """Write the cells that a box touches as a Cloud Optimised GeoTIFF; the grid of the part.
 
     Raises:
@@ -56,7 +56,7 @@ def clip_raster(source: Path | str, target: Path, bounds: Bounds) -> MapGrid:
                 f"the {MOST_CELLS} handed out at once; take a smaller box, or the whole file"
             )
         crs = CRS.from_wkt(dataset.crs.to_wkt(version="WKT2_2019"))
-        with new_cog(target, part, crs, _notes_of(dataset)) as out:
+        with create_cog(target, part, crs, _notes_of(dataset)) as out:
             for row in range(0, part.rows, _AT_ONCE):
                 rows = min(_AT_ONCE, part.rows - row)
                 here = Window(window.col_off, window.row_off + row, part.cols, rows)
@@ -68,7 +68,7 @@ def _cells(dataset: rasterio.DatasetReader, source: Path | str, window: Window) 
     try:
         return dataset.read(window=window)
     except RasterioError as error:
-        raise unreadable(source, error) from error
+        raise read_error(source, error) from error
 
 
 def _window(dataset: rasterio.DatasetReader, bounds: Bounds) -> tuple[Window, MapGrid]:
@@ -87,7 +87,7 @@ def _window(dataset: rasterio.DatasetReader, bounds: Bounds) -> tuple[Window, Ma
     return window, grid.part(top, left, bottom - top, right - left)
 
 
-def _notes_of(dataset: rasterio.DatasetReader) -> Notes:
+def _notes_of(dataset: rasterio.DatasetReader) -> RasterDescription:
     """What the whole file says beside its values, and that this is a part of it."""
     classes = class_names(dataset)
     colours = dataset.colormap(1) if classes else {}
@@ -102,7 +102,7 @@ def _notes_of(dataset: rasterio.DatasetReader) -> Notes:
     bands = tuple(Band(name, unit or "", *rest) for name, unit, *rest in told)
     averaged = not classes and "aspect" not in {band.name for band in bands}
     tags = {name: text for name, text in dataset.tags().items() if name not in _OWN}
-    return Notes(
+    return RasterDescription(
         kind="uint8" if dataset.dtypes[0] == "uint8" else "float32",
         bands=bands,
         halving="AVERAGE" if averaged else "NEAREST",
@@ -114,7 +114,7 @@ def _notes_of(dataset: rasterio.DatasetReader) -> Notes:
     )
 
 
-def clip_features(collection: FeatureCollection, bounds: Bounds) -> FeatureCollection:
+def crop_features(collection: FeatureCollection, bounds: Bounds) -> FeatureCollection:
     """The features in a box; lines and areas are cut at it and may come in several parts."""
     box = shapely.box(*bounds)
     cut = tuple(part for one in collection.features for part in _cut(one, box))
