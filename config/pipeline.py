@@ -13,10 +13,10 @@ from pathlib import Path
 
 from solmap.config.errors import ConfigError
 from solmap.config.records import record_of
-from solmap.photogrammetry.adjustment.modes import AdjustmentMode
-from solmap.photogrammetry.adjustment.movement import ReissueParams
-from solmap.photogrammetry.adjustment.params import AdjustmentParams
-from solmap.photogrammetry.adjustment.quality_records import QualityParams
+from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.modes.mission import AdjustmentMode
+from solmap.photogrammetry.adjustment.quality.movement import ReissueParams
+from solmap.photogrammetry.adjustment.quality.records import QualityParams
 from solmap.photogrammetry.matching.cross_site import CrossSiteParams
 from solmap.photogrammetry.matching.dense import DenseParams
 from solmap.photogrammetry.matching.inter_stereo import InterStereoParams

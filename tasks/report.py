@@ -7,18 +7,18 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from solmap.photogrammetry.adjustment.quality import quality
+from solmap.photogrammetry.adjustment.quality.network_quality import quality
+from solmap.photogrammetry.adjustment.quality.records import (
+    PairCamera,
+    Quality,
+    QualityParams,
+    quality_document,
+)
 from solmap.photogrammetry.adjustment.quality_pictures import (
     growth_picture,
     residual_picture,
     statistics_picture,
     traverse_picture,
-)
-from solmap.photogrammetry.adjustment.quality_records import (
-    PairCamera,
-    Quality,
-    QualityParams,
-    quality_document,
 )
 from solmap.products.formats.documents.archives import read_matches
 from solmap.products.model import ProductKind, ProductRef, Recipe

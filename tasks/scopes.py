@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from solmap.photogrammetry.adjustment.modes import AdjustmentMode
+from solmap.photogrammetry.adjustment.modes.mission import AdjustmentMode
 from solmap.photogrammetry.imagery import StopId
 from solmap.products.model import Scope, ScopeLevel
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from solmap.photogrammetry.adjustment.records import USED, AdjustedStop
+from solmap.photogrammetry.adjustment.model.adjusted_network import USED, AdjustedStop
 from solmap.photogrammetry.body_fixed import map_from_lsl
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.imagery import RoverImage

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from solmap.photogrammetry.adjustment.records import AdjustedPair
+from solmap.photogrammetry.adjustment.model.adjusted_network import AdjustedPair
 from solmap.photogrammetry.frames import LSL, Frame, Pose
 from solmap.photogrammetry.imagery import Eye
 from solmap.photogrammetry.matching.resampling import resample

@@ -13,7 +13,7 @@ import numpy as np
 from pydantic import BaseModel
 
 from solmap.gis_server.analysis.bodies import UNITS
-from solmap.photogrammetry.adjustment.records import AdjustedStop
+from solmap.photogrammetry.adjustment.model.adjusted_network import AdjustedStop
 from solmap.photogrammetry.arrays import ObjectPoints, Vector3
 from solmap.photogrammetry.imagery import RoverImage, StopId
 from solmap.photogrammetry.terrain.dtm.ground import MAP_FROM_LSL

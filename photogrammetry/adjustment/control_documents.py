@@ -6,12 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from solmap.photogrammetry.adjustment.control import (
+from solmap.photogrammetry.adjustment.model.adjusted_network import (
     AdjustedControl,
     AdjustedFrame,
-    ControlFrame,
-    StopControl,
 )
+from solmap.photogrammetry.adjustment.model.network import ControlFrame, StopControl
 from solmap.photogrammetry.imagery import StopId
 
 Document = dict[str, Any]

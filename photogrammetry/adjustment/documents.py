@@ -18,7 +18,7 @@ from solmap.photogrammetry.adjustment.control_documents import (
     adjusted_frame_of_document,
 )
 from solmap.photogrammetry.adjustment.memory_documents import memory_document, memory_of_document
-from solmap.photogrammetry.adjustment.records import (
+from solmap.photogrammetry.adjustment.model.adjusted_network import (
     AdjustedNetwork,
     AdjustedPair,
     AdjustedStop,

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from solmap.photogrammetry.adjustment.records import Memory
+from solmap.photogrammetry.adjustment.model.adjusted_network import Memory
 from solmap.photogrammetry.imagery import StopId
 
 Document = dict[str, Any]

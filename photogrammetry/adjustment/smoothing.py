@@ -17,14 +17,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from solmap.photogrammetry.adjustment.collinearity import State
-from solmap.photogrammetry.adjustment.linear import Linear
-from solmap.photogrammetry.adjustment.marginal import Chart
-from solmap.photogrammetry.adjustment.params import AdjustmentParams
-from solmap.photogrammetry.adjustment.records import AdjustedStop, Network, select
-from solmap.photogrammetry.adjustment.retire import Conditional
-from solmap.photogrammetry.adjustment.sequential import Departure, Traverse
-from solmap.photogrammetry.adjustment.solver import Problem, linearise
+from solmap.photogrammetry.adjustment.model.adjusted_network import AdjustedStop
+from solmap.photogrammetry.adjustment.model.collinearity import State
+from solmap.photogrammetry.adjustment.model.network import Network, select
+from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.modes.sequential import Departure, Traverse
+from solmap.photogrammetry.adjustment.solver.marginal import Chart
+from solmap.photogrammetry.adjustment.solver.marginalisation import Conditional, Linear
+from solmap.photogrammetry.adjustment.solver.normal_equations import linearise
+from solmap.photogrammetry.adjustment.solver.problem import Problem
 from solmap.photogrammetry.arrays import Vector3
 from solmap.photogrammetry.frames import LSL, Pose
 from solmap.photogrammetry.imagery import StopId

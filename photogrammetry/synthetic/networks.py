@@ -17,9 +17,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from solmap.photogrammetry.adjustment.params import AdjustmentParams
-from solmap.photogrammetry.adjustment.records import Network, PairGeometry, StopPrior
-from solmap.photogrammetry.adjustment.rotations import rotation_of_vector
+from solmap.photogrammetry.adjustment.model.network import Network, PairGeometry, StopPrior
+from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.model.small_matrices import rotation_of_vector
 from solmap.photogrammetry.arrays import Float64, ImagePoints, ObjectPoints, PerPoint
 from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.frames import LSL, Frame, FrameKind, Pose, rotation_of_roll_pitch_yaw

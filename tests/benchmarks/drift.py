@@ -25,11 +25,11 @@ import numpy as np
 mpl.use("svg")
 import matplotlib.pyplot as plt
 
-from solmap.photogrammetry.adjustment.adjust import adjust_overall
-from solmap.photogrammetry.adjustment.params import AdjustmentParams
-from solmap.photogrammetry.adjustment.sequential import begin, extend
+from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.modes.overall import adjust_overall
+from solmap.photogrammetry.adjustment.modes.sequential import begin, extend
+from solmap.photogrammetry.adjustment.modes.stepwise import adjust_stepwise
 from solmap.photogrammetry.adjustment.smoothing import smoothed
-from solmap.photogrammetry.adjustment.stepwise import adjust_stepwise
 from solmap.photogrammetry.synthetic.networks import TelemetryErrors, simulate_network
 
 SLIPS = (0.01, 0.05, 0.1, 0.2)

@@ -24,9 +24,10 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-from solmap.photogrammetry.adjustment.adjust import adjust_overall
-from solmap.photogrammetry.adjustment.datum import MAP, with_control
-from solmap.photogrammetry.adjustment.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.model.datum import with_control
+from solmap.photogrammetry.adjustment.model.network import MAP
+from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.modes.overall import adjust_overall
 from solmap.photogrammetry.synthetic.mission import MissionPlan, simulate_mission
 from tests.benchmarks.drift import centres, stepwise
 

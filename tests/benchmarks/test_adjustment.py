@@ -13,15 +13,19 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.sparse import lil_matrix
 
-from solmap.photogrammetry.adjustment.adjust import _known, adjust_overall
-from solmap.photogrammetry.adjustment.collinearity import Observations, State, misclosures
-from solmap.photogrammetry.adjustment.initialise import initialise
-from solmap.photogrammetry.adjustment.params import AdjustmentParams
-from solmap.photogrammetry.adjustment.priors import Telemetry, telemetry_misclosures
-from solmap.photogrammetry.adjustment.problem import Problem
-from solmap.photogrammetry.adjustment.rotations import rotation_of_vector
-from solmap.photogrammetry.adjustment.solver import solve
-from solmap.photogrammetry.adjustment.stepwise import adjust_stepwise
+from solmap.photogrammetry.adjustment.initial.values import initialise
+from solmap.photogrammetry.adjustment.model.collinearity import (
+    Observations,
+    State,
+    misclosures,
+)
+from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.model.small_matrices import rotation_of_vector
+from solmap.photogrammetry.adjustment.model.telemetry import Telemetry, telemetry_misclosures
+from solmap.photogrammetry.adjustment.modes.overall import _known, adjust_overall
+from solmap.photogrammetry.adjustment.modes.stepwise import adjust_stepwise
+from solmap.photogrammetry.adjustment.solver.gauss_newton import solve
+from solmap.photogrammetry.adjustment.solver.problem import Problem
 from solmap.photogrammetry.synthetic.networks import TelemetryErrors, simulate_network
 from tests.support import adjustment_problems as problems
 from tests.support import bal

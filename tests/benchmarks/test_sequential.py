@@ -12,12 +12,12 @@ import time
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.adjustment import adjust, result
-from solmap.photogrammetry.adjustment.linear import Linear
-from solmap.photogrammetry.adjustment.params import AdjustmentParams
-from solmap.photogrammetry.adjustment.retire import leaving, retire
-from solmap.photogrammetry.adjustment.sequential import begin, extend
+from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.modes import overall as adjust
+from solmap.photogrammetry.adjustment.modes.sequential import begin, extend
 from solmap.photogrammetry.adjustment.smoothing import smoothed
+from solmap.photogrammetry.adjustment.solver import results as result
+from solmap.photogrammetry.adjustment.solver.marginalisation import Linear, leaving, retire
 from solmap.photogrammetry.synthetic.networks import simulate_network
 
 PARAMS = AdjustmentParams()

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.adjustment.modes import AdjustmentMode
+from solmap.photogrammetry.adjustment.modes.mission import AdjustmentMode
 from solmap.photogrammetry.terrain.measure.oriented_image import as_pointed
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.model import ProductKind, Recipe

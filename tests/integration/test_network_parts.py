@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.adjustment.weaknesses import shared_ties
+from solmap.photogrammetry.adjustment.quality.weaknesses import shared_ties
 from solmap.products.catalogue.pruning import PruningParams, prune
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.errors import ProductNotFoundError

@@ -16,14 +16,22 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from solmap.photogrammetry.adjustment.adjust import _known
-from solmap.photogrammetry.adjustment.collinearity import Observations, State, misclosures
-from solmap.photogrammetry.adjustment.initialise import initialise
-from solmap.photogrammetry.adjustment.params import AdjustmentParams
-from solmap.photogrammetry.adjustment.priors import Telemetry
-from solmap.photogrammetry.adjustment.problem import Problem
-from solmap.photogrammetry.adjustment.rotations import along_arcs, rotation_of_vector
-from solmap.photogrammetry.adjustment.solver import linearise, solve
+from solmap.photogrammetry.adjustment.initial.values import initialise
+from solmap.photogrammetry.adjustment.model.collinearity import (
+    Observations,
+    State,
+    misclosures,
+)
+from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.model.small_matrices import (
+    along_arcs,
+    rotation_of_vector,
+)
+from solmap.photogrammetry.adjustment.model.telemetry import Telemetry
+from solmap.photogrammetry.adjustment.modes.overall import _known
+from solmap.photogrammetry.adjustment.solver.gauss_newton import solve
+from solmap.photogrammetry.adjustment.solver.normal_equations import linearise
+from solmap.photogrammetry.adjustment.solver.problem import Problem
 
 PARAMS = AdjustmentParams(tolerance=1e-6)
 """Converged when all unknowns together move by less than a thousandth of a standard deviation."""

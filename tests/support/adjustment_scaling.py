@@ -18,10 +18,11 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from solmap.photogrammetry.adjustment.collinearity import Observations, State
-from solmap.photogrammetry.adjustment.priors import Telemetry
-from solmap.photogrammetry.adjustment.problem import Problem
-from solmap.photogrammetry.adjustment.solver import linearise, solve
+from solmap.photogrammetry.adjustment.model.collinearity import Observations, State
+from solmap.photogrammetry.adjustment.model.telemetry import Telemetry
+from solmap.photogrammetry.adjustment.solver.gauss_newton import solve
+from solmap.photogrammetry.adjustment.solver.normal_equations import linearise
+from solmap.photogrammetry.adjustment.solver.problem import Problem
 from solmap.photogrammetry.synthetic.networks import simulate_network
 from tests.support.adjustment_problems import PARAMS
 

@@ -22,15 +22,23 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from solmap.photogrammetry.adjustment.blocks import factorise
-from solmap.photogrammetry.adjustment.collinearity import Observations, Partials, State, Views
-from solmap.photogrammetry.adjustment.componentwise import by_component, turned
-from solmap.photogrammetry.adjustment.elimination import eliminate
-from solmap.photogrammetry.adjustment.moves import Correction
-from solmap.photogrammetry.adjustment.normals import Place, added
-from solmap.photogrammetry.adjustment.priors import Telemetry
-from solmap.photogrammetry.adjustment.problem import Problem
-from solmap.photogrammetry.adjustment.rotations import rotation_of_vector
+from solmap.photogrammetry.adjustment.model.collinearity import (
+    Observations,
+    Partials,
+    State,
+    Views,
+)
+from solmap.photogrammetry.adjustment.model.small_matrices import (
+    by_component,
+    rotation_of_vector,
+    turned,
+)
+from solmap.photogrammetry.adjustment.model.telemetry import Telemetry
+from solmap.photogrammetry.adjustment.solver.block_matrix import factorise
+from solmap.photogrammetry.adjustment.solver.elimination import eliminate
+from solmap.photogrammetry.adjustment.solver.gauss_newton import Correction
+from solmap.photogrammetry.adjustment.solver.normal_equations import Place, added
+from solmap.photogrammetry.adjustment.solver.problem import Problem
 from solmap.photogrammetry.errors import AdjustmentError
 from tests.support.adjustment_problems import Peer
 

@@ -16,9 +16,9 @@ from dataclasses import replace
 import numpy as np
 from scipy.stats import chi2
 
-from solmap.photogrammetry.adjustment.adjust import adjust_overall
-from solmap.photogrammetry.adjustment.control import MAP
-from solmap.photogrammetry.adjustment.sequential import adjust_sequential
+from solmap.photogrammetry.adjustment.model.network import MAP
+from solmap.photogrammetry.adjustment.modes.overall import adjust_overall
+from solmap.photogrammetry.adjustment.modes.sequential import adjust_sequential
 from tests.unit.adjustment.test_control import GAP, PARAMS, errors, simulated
 
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 import gtsam
 import numpy as np
 
-from solmap.photogrammetry.adjustment.rotations import rotation_of_vector
+from solmap.photogrammetry.adjustment.model.small_matrices import rotation_of_vector
 from tests.support.adjustment_problems import shared_rows
 from tests.support.gtsam_peer import optimised, point_key, stop_key
 

@@ -20,20 +20,20 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from solmap.photogrammetry.adjustment.adjust import adjust_overall
-from solmap.photogrammetry.adjustment.linear import Linear
-from solmap.photogrammetry.adjustment.params import AdjustmentParams
-from solmap.photogrammetry.adjustment.records import (
+from solmap.photogrammetry.adjustment.model.adjusted_network import (
     AdjustedNetwork,
     AdjustedStop,
     AdjustmentReport,
-    Network,
-    select,
 )
-from solmap.photogrammetry.adjustment.residuals import cofactors
-from solmap.photogrammetry.adjustment.sequential import begin, extend
-from solmap.photogrammetry.adjustment.solver import Problem, linearise
-from solmap.photogrammetry.adjustment.stepwise import adjust_stepwise
+from solmap.photogrammetry.adjustment.model.network import Network, select
+from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.modes.overall import adjust_overall
+from solmap.photogrammetry.adjustment.modes.sequential import begin, extend
+from solmap.photogrammetry.adjustment.modes.stepwise import adjust_stepwise
+from solmap.photogrammetry.adjustment.solver.marginalisation import Linear
+from solmap.photogrammetry.adjustment.solver.normal_equations import linearise
+from solmap.photogrammetry.adjustment.solver.problem import Problem
+from solmap.photogrammetry.adjustment.solver.residuals import cofactors
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.synthetic.networks import NetworkTruth, simulate_network
 

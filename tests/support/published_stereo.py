@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from solmap.photogrammetry.adjustment.collinearity import Observations, State
-from solmap.photogrammetry.adjustment.priors import Telemetry
+from solmap.photogrammetry.adjustment.model.collinearity import Observations, State
+from solmap.photogrammetry.adjustment.model.telemetry import Telemetry
 from tests.support.adjustment_problems import FIXED, RigProblem
 
 

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from solmap.photogrammetry.adjustment.documents import network_document
-from solmap.photogrammetry.adjustment.records import (
+from solmap.photogrammetry.adjustment.model.adjusted_network import (
     AdjustedNetwork,
     AdjustedStop,
     AdjustedTies,

@@ -13,14 +13,14 @@ from pathlib import Path
 import numpy as np
 
 from solmap.photogrammetry.adjustment.documents import network_document
-from solmap.photogrammetry.adjustment.movement import ReissueParams
-from solmap.photogrammetry.adjustment.records import (
+from solmap.photogrammetry.adjustment.model.adjusted_network import (
     AdjustedNetwork,
     AdjustedPair,
     AdjustedStop,
     AdjustedTies,
     AdjustmentReport,
 )
+from solmap.photogrammetry.adjustment.quality.movement import ReissueParams
 from solmap.photogrammetry.frames import LSL, Frame, FrameKind, Pose, rover_frame
 from solmap.photogrammetry.imagery import StopId, TiePoints
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid

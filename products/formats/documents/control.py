@@ -6,13 +6,13 @@ import json
 from collections.abc import Sequence
 from typing import Any
 
-from solmap.photogrammetry.adjustment.control import ControlFrame, StopControl
 from solmap.photogrammetry.adjustment.control_documents import (
     control_document,
     control_of_document,
     frame_document,
     frame_of_document,
 )
+from solmap.photogrammetry.adjustment.model.network import ControlFrame, StopControl
 from solmap.products.errors import ProductError
 from solmap.products.model import ProductRef
 from solmap.products.store.product_store import ProductStore

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.adjustment.collinearity import Observations, State
-from solmap.photogrammetry.adjustment.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.model.collinearity import Observations, State
+from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
 from solmap.photogrammetry.synthetic.networks import simulate_network
 
 

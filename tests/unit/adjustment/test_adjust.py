@@ -7,19 +7,14 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from solmap.photogrammetry.adjustment.adjust import adjust, adjust_overall
-from solmap.photogrammetry.adjustment.collinearity import misclosures, partials
-from solmap.photogrammetry.adjustment.params import AdjustmentParams
-from solmap.photogrammetry.adjustment.priors import Telemetry
-from solmap.photogrammetry.adjustment.records import (
-    BLUNDER,
-    UNUSED,
-    USED,
-    Network,
-    StopPrior,
-    select,
-)
-from solmap.photogrammetry.adjustment.solver import Problem, normal_equations
+from solmap.photogrammetry.adjustment.model.adjusted_network import BLUNDER, UNUSED, USED
+from solmap.photogrammetry.adjustment.model.collinearity import misclosures, partials
+from solmap.photogrammetry.adjustment.model.network import Network, StopPrior, select
+from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.model.telemetry import Telemetry
+from solmap.photogrammetry.adjustment.modes.overall import adjust, adjust_overall
+from solmap.photogrammetry.adjustment.solver.normal_equations import normal_equations
+from solmap.photogrammetry.adjustment.solver.problem import Problem
 from solmap.photogrammetry.errors import AdjustmentError
 from solmap.photogrammetry.frames import LSL, Pose
 from solmap.photogrammetry.imagery import StopId, TieKind

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.adjustment.adjust import adjust_overall
-from solmap.photogrammetry.adjustment.assembly import assembled, part_at
-from solmap.photogrammetry.adjustment.modes import AdjustmentMode, advance
-from solmap.photogrammetry.adjustment.weaknesses import shared_ties
+from solmap.photogrammetry.adjustment.model.assembly import assembled, part_at
+from solmap.photogrammetry.adjustment.modes.mission import AdjustmentMode, advance
+from solmap.photogrammetry.adjustment.modes.overall import adjust_overall
+from solmap.photogrammetry.adjustment.quality.weaknesses import shared_ties
 from solmap.photogrammetry.synthetic.networks import simulate_network
 
 

@@ -5,12 +5,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from solmap.photogrammetry.adjustment.blocks import factorise
-from solmap.photogrammetry.adjustment.collinearity import Observations, State
-from solmap.photogrammetry.adjustment.params import AdjustmentParams
-from solmap.photogrammetry.adjustment.pattern import BlockPattern
-from solmap.photogrammetry.adjustment.priors import Telemetry
-from solmap.photogrammetry.adjustment.solver import Problem, linearise, normal_equations
+from solmap.photogrammetry.adjustment.model.collinearity import Observations, State
+from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.model.telemetry import Telemetry
+from solmap.photogrammetry.adjustment.solver.block_matrix import BlockPattern, factorise
+from solmap.photogrammetry.adjustment.solver.normal_equations import (
+    linearise,
+    normal_equations,
+)
+from solmap.photogrammetry.adjustment.solver.problem import Problem
 from solmap.photogrammetry.errors import AdjustmentError
 from solmap.photogrammetry.synthetic.networks import simulate_network
 

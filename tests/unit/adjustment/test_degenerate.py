@@ -9,9 +9,10 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from solmap.photogrammetry.adjustment.adjust import adjust_overall, telemetry_network
-from solmap.photogrammetry.adjustment.params import AdjustmentParams
-from solmap.photogrammetry.adjustment.records import UNUSED, Lack, select
+from solmap.photogrammetry.adjustment.model.adjusted_network import UNUSED, Lack
+from solmap.photogrammetry.adjustment.model.network import select
+from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.modes.overall import adjust_overall, telemetry_network
 from solmap.photogrammetry.synthetic.networks import simulate_network
 
 

@@ -7,18 +7,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from solmap.photogrammetry.adjustment.collinearity import misclosures, partials
-from solmap.photogrammetry.adjustment.params import AdjustmentParams
-from solmap.photogrammetry.adjustment.priors import (
-    Telemetry,
-    telemetry_misclosures,
-    telemetry_partials,
-)
-from solmap.photogrammetry.adjustment.rotations import (
+from solmap.photogrammetry.adjustment.model.collinearity import misclosures, partials
+from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.model.small_matrices import (
     cross_matrix,
     inverse_left_jacobian,
     left_jacobian,
     rotation_of_vector,
+)
+from solmap.photogrammetry.adjustment.model.telemetry import (
+    Telemetry,
+    telemetry_misclosures,
+    telemetry_partials,
 )
 
 STEP = 1e-6

@@ -7,13 +7,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from solmap.photogrammetry.adjustment.elimination import orthonormal
-from solmap.photogrammetry.adjustment.layout import tie_groups
-from solmap.photogrammetry.adjustment.params import AdjustmentParams
-from solmap.photogrammetry.adjustment.priors import Telemetry
-from solmap.photogrammetry.adjustment.residuals import residuals
-from solmap.photogrammetry.adjustment.solver import Problem, linearise, normal_equations, solve
-from solmap.photogrammetry.adjustment.unknowns import Unknowns
+from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.model.telemetry import Telemetry
+from solmap.photogrammetry.adjustment.solver.elimination import orthonormal
+from solmap.photogrammetry.adjustment.solver.gauss_newton import solve
+from solmap.photogrammetry.adjustment.solver.layout import Unknowns, tie_groups
+from solmap.photogrammetry.adjustment.solver.normal_equations import (
+    linearise,
+    normal_equations,
+)
+from solmap.photogrammetry.adjustment.solver.problem import Problem
+from solmap.photogrammetry.adjustment.solver.residuals import residuals
 from solmap.photogrammetry.errors import AdjustmentError
 
 
@@ -76,8 +80,8 @@ def test_groups_that_fill_the_cache_lose_and_double_nothing(bent, monkeypatch):
     unknowns = Unknowns.of(np.zeros(3, dtype=bool), observations.pair_stop)
     used = np.ones(len(observations), dtype=bool)
     whole = tie_groups(observations, used, unknowns)
-    monkeypatch.setattr("solmap.photogrammetry.adjustment.layout.LEAST_POINTS", 3)
-    monkeypatch.setattr("solmap.photogrammetry.adjustment.layout.CACHED", 0)
+    monkeypatch.setattr("solmap.photogrammetry.adjustment.solver.layout.LEAST_POINTS", 3)
+    monkeypatch.setattr("solmap.photogrammetry.adjustment.solver.layout.CACHED", 0)
     parts = tie_groups(observations, used, unknowns)
     assert len(parts) > 2 * len(whole)
     for k in {group.seen for group in whole}:
@@ -94,7 +98,7 @@ def test_points_that_join_those_that_are_seen_more_often_say_the_same(bent, monk
     network, observations, state = bent
     telemetry, held = Telemetry.of(network, AdjustmentParams()), np.array([True, False, False])
     used = np.arange(len(observations)) % 7 > 0
-    monkeypatch.setattr("solmap.photogrammetry.adjustment.layout.OWN_GROUP", -1)
+    monkeypatch.setattr("solmap.photogrammetry.adjustment.solver.layout.OWN_GROUP", -1)
     apart = Problem.of(observations, telemetry, held, used)
     monkeypatch.undo()
     joined = Problem.of(observations, telemetry, held, used)

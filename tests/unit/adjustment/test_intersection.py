@@ -6,11 +6,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from solmap.photogrammetry.adjustment.adjust import adjust
-from solmap.photogrammetry.adjustment.collinearity import Observations, State
-from solmap.photogrammetry.adjustment.intersection import FURTHEST_BASES, with_rays_intersected
-from solmap.photogrammetry.adjustment.params import AdjustmentParams
-from solmap.photogrammetry.adjustment.records import Network, PairGeometry, StopPrior
+from solmap.photogrammetry.adjustment.initial.values import (
+    FURTHEST_BASES,
+    with_rays_intersected,
+)
+from solmap.photogrammetry.adjustment.model.collinearity import Observations, State
+from solmap.photogrammetry.adjustment.model.network import Network, PairGeometry, StopPrior
+from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.modes.overall import adjust
 from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.frames import LSL, Frame, FrameKind, Pose
 from solmap.photogrammetry.imagery import StopId, TiePoints

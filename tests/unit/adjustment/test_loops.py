@@ -5,13 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.adjustment.adjust import adjust_overall
-from solmap.photogrammetry.adjustment.alignment import RigidPoints, rigid_motion
-from solmap.photogrammetry.adjustment.collinearity import State
-from solmap.photogrammetry.adjustment.params import AdjustmentParams
-from solmap.photogrammetry.adjustment.pose_graph import Edges, relaxed
-from solmap.photogrammetry.adjustment.priors import Telemetry
-from solmap.photogrammetry.adjustment.rotations import along_arcs, rotation_of_vector
+from solmap.photogrammetry.adjustment.initial.alignment import RigidPoints, rigid_motion
+from solmap.photogrammetry.adjustment.initial.loops import Edges, relaxed
+from solmap.photogrammetry.adjustment.model.collinearity import State
+from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.model.small_matrices import (
+    along_arcs,
+    rotation_of_vector,
+)
+from solmap.photogrammetry.adjustment.model.telemetry import Telemetry
+from solmap.photogrammetry.adjustment.modes.overall import adjust_overall
 from solmap.photogrammetry.synthetic.networks import TelemetryErrors, simulate_network
 
 

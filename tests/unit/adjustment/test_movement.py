@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
-from solmap.photogrammetry.adjustment.movement import ReissueParams, ground_shift_m
+from solmap.photogrammetry.adjustment.quality.movement import ReissueParams, ground_shift_m
 from solmap.photogrammetry.errors import AdjustmentError
 from solmap.photogrammetry.frames import LSL, Frame, FrameKind, Pose
 

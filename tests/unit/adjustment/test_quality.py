@@ -6,14 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.adjustment.adjust import adjust_overall
-from solmap.photogrammetry.adjustment.quality import ellipse, quality
-from solmap.photogrammetry.adjustment.quality_records import (
+from solmap.photogrammetry.adjustment.model.adjusted_network import USED
+from solmap.photogrammetry.adjustment.modes.overall import adjust_overall
+from solmap.photogrammetry.adjustment.quality.network_quality import ellipse, quality
+from solmap.photogrammetry.adjustment.quality.records import (
     PairCamera,
     QualityParams,
     quality_document,
 )
-from solmap.photogrammetry.adjustment.records import USED
 from solmap.photogrammetry.imagery import TieKind
 from solmap.photogrammetry.synthetic.networks import LINES, simulate_network
 
@@ -31,7 +31,7 @@ def stated(network, adjusted, params=None, instrument=lambda _: "NAVCAM"):
 
 @pytest.fixture(scope="module")
 def clean():
-    from solmap.photogrammetry.adjustment.params import AdjustmentParams  # noqa: PLC0415
+    from solmap.photogrammetry.adjustment.model.params import AdjustmentParams  # noqa: PLC0415
 
     network, truth = simulate_network(np.random.default_rng(2), **SIZES)
     adjusted, report = adjust_overall(network, AdjustmentParams())
@@ -131,7 +131,7 @@ def test_weak_places_are_named(params):
         np.isin(network.ties.point, network.ties.point[~alone[network.ties.pair]])
         & alone[network.ties.pair]
     )
-    from solmap.photogrammetry.adjustment.records import select  # noqa: PLC0415
+    from solmap.photogrammetry.adjustment.model.network import select  # noqa: PLC0415
 
     cut = replace(network, ties=select(network.ties, ~across))
     adjusted, _ = adjust_overall(cut, params)

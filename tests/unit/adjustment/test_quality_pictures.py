@@ -5,9 +5,10 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.adjustment.adjust import adjust_overall, telemetry_network
-from solmap.photogrammetry.adjustment.params import AdjustmentParams
-from solmap.photogrammetry.adjustment.quality import quality
+from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.modes.overall import adjust_overall, telemetry_network
+from solmap.photogrammetry.adjustment.quality.network_quality import quality
+from solmap.photogrammetry.adjustment.quality.records import PairCamera, QualityParams
 from solmap.photogrammetry.adjustment.quality_pictures import (
     ellipse_scale,
     growth_picture,
@@ -15,7 +16,6 @@ from solmap.photogrammetry.adjustment.quality_pictures import (
     statistics_picture,
     traverse_picture,
 )
-from solmap.photogrammetry.adjustment.quality_records import PairCamera, QualityParams
 from solmap.photogrammetry.synthetic.networks import LINES, simulate_network
 
 

@@ -5,15 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.adjustment.adjust import adjust_overall
-from solmap.photogrammetry.adjustment.records import Network
-from solmap.photogrammetry.adjustment.rig import (
+from solmap.photogrammetry.adjustment.model.network import Network
+from solmap.photogrammetry.adjustment.model.small_matrices import rotation_of_vector
+from solmap.photogrammetry.adjustment.modes.overall import adjust_overall
+from solmap.photogrammetry.adjustment.quality.rig import (
     RigParams,
     calibrate_rig,
     parallax_partials,
     with_rig,
 )
-from solmap.photogrammetry.adjustment.rotations import rotation_of_vector
 from solmap.photogrammetry.errors import AdjustmentError
 from solmap.photogrammetry.synthetic.networks import NetworkTruth, TelemetryErrors, simulate_network
 

@@ -6,13 +6,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.adjustment.adjust import adjust_overall
-from solmap.photogrammetry.adjustment.collinearity import State
 from solmap.photogrammetry.adjustment.documents import network_document, network_of_document
-from solmap.photogrammetry.adjustment.marginal import Chart
-from solmap.photogrammetry.adjustment.rotations import rotation_of_vector
-from solmap.photogrammetry.adjustment.sequential import Traverse, adjust_sequential, begin, extend
+from solmap.photogrammetry.adjustment.model.collinearity import State
+from solmap.photogrammetry.adjustment.model.small_matrices import rotation_of_vector
+from solmap.photogrammetry.adjustment.modes.overall import adjust_overall
+from solmap.photogrammetry.adjustment.modes.sequential import (
+    Traverse,
+    adjust_sequential,
+    begin,
+    extend,
+)
 from solmap.photogrammetry.adjustment.smoothing import smoothed
+from solmap.photogrammetry.adjustment.solver.marginal import Chart
 from solmap.photogrammetry.errors import AdjustmentError
 from solmap.photogrammetry.synthetic.networks import simulate_network
 

@@ -6,9 +6,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.adjustment.adjust import adjust_overall
-from solmap.photogrammetry.adjustment.records import USED
-from solmap.photogrammetry.adjustment.stepwise import adjust_stepwise
+from solmap.photogrammetry.adjustment.model.adjusted_network import USED
+from solmap.photogrammetry.adjustment.modes.overall import adjust_overall
+from solmap.photogrammetry.adjustment.modes.stepwise import adjust_stepwise
 from solmap.photogrammetry.errors import AdjustmentError
 from solmap.photogrammetry.imagery import StopId
 from solmap.photogrammetry.synthetic.networks import simulate_network

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm, qr, solve_triangular
 
-from solmap.photogrammetry.adjustment.adjust import adjust_overall
+from solmap.photogrammetry.adjustment.modes.overall import adjust_overall
 from solmap.photogrammetry.synthetic.networks import simulate_network
 
 pytestmark = pytest.mark.slow
@@ -164,7 +164,7 @@ def dense_adjustment(network, params, start):
 
 @pytest.fixture(scope="module")
 def both():
-    from solmap.photogrammetry.adjustment.params import AdjustmentParams  # noqa: PLC0415
+    from solmap.photogrammetry.adjustment.model.params import AdjustmentParams  # noqa: PLC0415
 
     params = AdjustmentParams()
     network, truth = simulate_network(

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from solmap.photogrammetry.adjustment.movement import ReissueParams
-from solmap.photogrammetry.adjustment.records import AdjustedPair
+from solmap.photogrammetry.adjustment.model.adjusted_network import AdjustedPair
+from solmap.photogrammetry.adjustment.quality.movement import ReissueParams
 from solmap.photogrammetry.frames import LSL, Frame, FrameKind, Pose
 from solmap.photogrammetry.imagery import StopId
 from solmap.tasks.orientations import MappedStop, choose

@@ -1,0 +1,224 @@
+"""Initial values: stop by stop, a rigid alignment on what earlier stops have seen.
+
+Telemetry may be metres and degrees off; image rays from there do not meet. But the points that
+two stops triangulated from the same features differ by one rigid motion (paper, section 3.2), so
+each stop in turn is laid onto the earlier ones: minimise over its pose (R, c)
+
+    sum_i w_i e_i' S_i^-1 e_i + telemetry (tilt, azimuth, increment)     e_i = X_i - (R Y_i + c)
+
+with X_i the place that an earlier stop gives the point (LSL), Y_i the place in the rover frame of
+the new stop, and S_i the sum of their covariances: image coordinates, range (which dominates),
+and the mast pointing of both, wrong ties weighed down as in `alignment`. A stop without cross-site
+ties is carried along by its telemetry increment. Only stops up to `REACH` back count as long as
+there are ties with them: what the traverse comes back to later is off by all the drift since, and
+closes a loop in the graph of stops (`loops`).
+
+First places of points that only single images see: where their rays pass nearest each other.
+
+An observation without parallax is a ray, origin o and unit direction u in the LSL. The point X of
+two or more rays minimises the sum of its squared distances from them,
+
+    sum_i (I - u_i u_i') (X - o_i) = 0
+
+The images of a panorama stand centimetres apart, so pointing errors of 0.1 degrees make the rays of
+far points diverge. What would lie behind the cameras or further than `FURTHEST_BASES` times the
+distance between them is put there along the mean direction; points are adjusted by their inverse
+depth, so the adjustment finds the way from there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from solmap.photogrammetry.adjustment.initial.alignment import (
+    HALF,
+    ROUNDS,
+    Misfit,
+    RigidPoints,
+    TruncatedLoss,
+)
+from solmap.photogrammetry.adjustment.initial.loops import REACH, closed_loops
+from solmap.photogrammetry.adjustment.model.collinearity import (
+    Observations,
+    State,
+    Views,
+    pair_orientations,
+)
+from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.model.sightings import Overview, points_seen
+from solmap.photogrammetry.adjustment.model.small_matrices import rotation_of_vector
+from solmap.photogrammetry.adjustment.model.telemetry import (
+    Telemetry,
+    telemetry_misclosures,
+    telemetry_partials,
+)
+from solmap.photogrammetry.arrays import Flags, Float64
+
+UNCHECKED_TIES = 3
+"""So many ties place a stop without checking one another; telemetry must not contradict them."""
+
+
+def initialise(  # noqa: PLR0913, PLR0917 - the network, where it stands, and what is seen of it
+    observations: Observations,
+    telemetry: Telemetry,
+    held: np.ndarray,
+    params: AdjustmentParams,
+    known: State,
+    is_known: np.ndarray,
+    overview: Overview | None = None,
+) -> tuple[State, Views, np.ndarray]:
+    """Poses of all stops and points, what is seen from there, and which observations fit.
+
+    Stops that `is_known` or `held` keep the pose they have in `known`; the others are aligned.
+    """
+    overview = overview or Overview.of(observations, known.pointings, len(held), params)
+    seen, best = overview.seen, overview.best
+    state, fits = known, np.ones(len(observations), dtype=bool)
+    rows_of_stop = np.split(
+        np.argsort(observations.stop, kind="stable"),
+        np.cumsum(np.bincount(observations.stop, minlength=len(held)))[:-1],
+    )
+    earlier = np.full(observations.points, -1)
+    for k, ours in enumerate(best):
+        points = observations.point[ours]
+        if not (held[k] or is_known[k]):
+            state = _carried(state, telemetry, k)
+            shared = earlier[points] >= 0
+            recent = shared & (observations.stop_of(earlier[points]) >= k - REACH)
+            shared = recent if recent.any() else shared
+            theirs = earlier[points[shared]]
+            ties = RigidPoints(*overview.in_lsl(state, theirs), *overview.in_rover(ours[shared]))
+            state, weights = _aligned(state, telemetry, k, ties, params)
+            wrong = points[shared][weights < HALF]
+            rows = rows_of_stop[k]
+            fits[rows[np.isin(observations.point[rows], wrong)]] = False
+        fresh = (earlier[points] < 0) | (seen.size[ours] < seen.size[earlier[points]])
+        fresh |= observations.stop_of(earlier[points]) < k - REACH
+        fresh &= fits[ours]
+        earlier[points[fresh]] = ours[fresh]
+    state, astray = closed_loops(state, telemetry, held, overview, params)
+    fits[astray] = False
+    views = Views.of(state, observations)
+    points = points_seen(views, observations, seen, fits)
+    return replace(state, points=points), views.at(points.T.copy()), fits
+
+
+def carried(state: State, telemetry: Telemetry, held: np.ndarray, is_known: np.ndarray) -> State:
+    """The state with every other stop where telemetry leads from the stop before."""
+    for k in np.flatnonzero(~(held | is_known)).tolist():
+        state = _carried(state, telemetry, k)
+    return state
+
+
+def _carried(state: State, telemetry: Telemetry, k: int) -> State:
+    """Put stop k where its telemetry increment leads from the stop before."""
+    rotations, centres = state.rotations.copy(), state.centres.copy()
+    rotations[k] = telemetry.rotations[k]
+    centres[k] = telemetry.centres[k]
+    if k:
+        change = rotations[k - 1] @ telemetry.rotations[k - 1].T
+        azimuth = np.arctan2(change[1, 0] - change[0, 1], change[0, 0] + change[1, 1])
+        if not telemetry.is_fine[k]:
+            rotations[k] = rotation_of_vector(np.array([0.0, 0.0, azimuth])) @ rotations[k]
+        step = telemetry.centres[k] - telemetry.centres[k - 1]
+        centres[k] = centres[k - 1] + change @ step
+    return replace(state, rotations=rotations, centres=centres)
+
+
+def _aligned(
+    state: State, telemetry: Telemetry, k: int, ties: RigidPoints, params: AdjustmentParams
+) -> tuple[State, np.ndarray]:
+    """The state with stop k laid onto the others, and the weight (0..1) of each of its ties."""
+    loss = TruncatedLoss(np.ones(len(ties.X)))
+    if not len(loss.weights):
+        return state, loss.weights
+    gate, state_before = params.gross, state
+    link = telemetry.of_stops(_with_the_stop_before(k))
+    misfit = ties.misfit(state.rotations[k], state.centres[k])
+    for _ in range(ROUNDS):
+        state = _align_step(state, link, k, misfit, loss.weights)
+        misfit = ties.misfit(state.rotations[k], state.centres[k])
+        loss = loss.sharpened(misfit.standardised, gate)
+        if loss.is_settled:
+            break
+    aligned = _align_step(state, link, k, misfit, loss.weights)
+    unchecked = (loss.weights > HALF).sum() <= UNCHECKED_TIES
+    if unchecked and _telemetry_misfit(aligned, link, k) > gate:
+        return state_before, np.zeros(len(ties.X))
+    return aligned, loss.weights
+
+
+def _with_the_stop_before(k: int) -> np.ndarray:
+    return np.array([max(k - 1, 0), k])
+
+
+def _telemetry_misfit(state: State, link: Telemetry, k: int) -> float:
+    """How far stop k is from the telemetry that links it, in standard deviations."""
+    ends = state.of_stops(_with_the_stop_before(k))
+    return float(np.linalg.norm(telemetry_misclosures(ends, link)[1] * link.weight[1]))
+
+
+def _align_step(
+    state: State, link: Telemetry, k: int, misfit: Misfit, weights: np.ndarray
+) -> State:
+    """One Gauss-Newton step of the alignment, from a state and its misfit."""
+    N, n = misfit.normals(weights)
+    ends = state.of_stops(_with_the_stop_before(k))
+    l = telemetry_misclosures(ends, link)[1] * link.weight[1]
+    T = telemetry_partials(ends, link)[1, :, 6:] * link.weight[1][:, None]
+    N, n = N + T.T @ T, n + T.T @ l
+    x = np.linalg.solve(N + 1e-12 * np.eye(6) * np.trace(N), n)
+    rotations, centres = state.rotations.copy(), state.centres.copy()
+    rotations[k] = rotation_of_vector(x[:3]) @ rotations[k]
+    centres[k] = centres[k] + x[3:]
+    return replace(state, rotations=rotations, centres=centres)
+
+
+FURTHEST_BASES = 1000.0
+"""The parallax there is a pixel of a Navcam."""
+LEAST_BASE_M = 1e-3
+STIFFNESS = 1e-13
+"""Keeps parallel rays solvable; they end at the furthest distance."""
+
+
+def with_rays_intersected(state: State, observations: Observations, used: Flags) -> State:
+    """The state with every point placed that has no place but two or more used observations."""
+    lost = ~np.isfinite(state.points).all(axis=1)
+    rows = np.flatnonzero(used & lost[observations.point])
+    count = np.bincount(observations.point[rows], minlength=observations.points)
+    rows = rows[count[observations.point[rows]] > 1]
+    if not len(rows):
+        return state
+    origins, rays = _rays(state, observations, rows)
+    number, of = np.unique(observations.point[rows], return_inverse=True)
+    shape = (len(number), 3)
+    centre, mean, reach = np.zeros(shape), np.zeros(shape), np.full(len(number), LEAST_BASE_M)
+    np.add.at(centre, of, origins)
+    centre /= np.bincount(of)[:, None]
+    np.add.at(mean, of, rays)
+    mean /= np.linalg.norm(mean, axis=1, keepdims=True)
+    np.maximum.at(reach, of, 2.0 * np.linalg.norm(origins - centre[of], axis=1))
+    N, n = np.tile(STIFFNESS * np.eye(3), (len(number), 1, 1)), np.zeros(shape)
+    across = np.eye(3) - rays[:, :, None] * rays[:, None, :]
+    np.add.at(N, of, across)
+    np.add.at(n, of, (across @ (origins - centre[of])[:, :, None])[:, :, 0])
+    away = np.linalg.solve(N, n[:, :, None])[:, :, 0]
+    depth, furthest = (away * mean).sum(axis=1), reach * FURTHEST_BASES
+    bad = (depth <= 0) | (depth > furthest)
+    points = state.points.copy()
+    points[number] = centre + np.where(bad[:, None], furthest[:, None] * mean, away)
+    return replace(state, points=points)
+
+
+def _rays(
+    state: State, observations: Observations, rows: np.ndarray
+) -> tuple[Float64[np.ndarray, "m 3"], Float64[np.ndarray, "m 3"]]:
+    """Origin and unit direction of some observations, in the LSL."""
+    rotations, origins = pair_orientations(state, observations)
+    j = observations.pair[rows]
+    plane = observations.measured[rows, :2] - observations.centre_px[j]
+    rays = np.column_stack([plane / observations.focal_px[j, None], np.ones(len(rows))])
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    return origins[j], (rotations[j] @ rays[:, :, None])[:, :, 0]

@@ -1,0 +1,259 @@
+"""What enters an adjustment, and what comes out of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+import numpy as np
+
+from solmap.photogrammetry.adjustment.model.network import ControlFrame, StopControl
+from solmap.photogrammetry.arrays import Covariances3, Float64, Int32, ObjectPoints, Vector3
+from solmap.photogrammetry.errors import AdjustmentError
+from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.imagery import StopId, TieKind, TiePoints
+
+USED, BLUNDER, UNUSED = 0, 1, 2
+"""Status of an observation: in the adjustment; found wrong; without use for it (not placed)."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AdjustedStop:
+    """Where a stop is, how sure that is, and what holds it there."""
+
+    stop: StopId
+    lsl_from_rover: Pose
+    covariance: Float64[np.ndarray, "6 6"]
+    """Of rotation vector (radians) and position (metres), both in the LSL, one after the other."""
+    held: bool
+    """Held fixed as the datum of the adjustment that it was last in."""
+    is_tied: bool
+    """Whether cross-site ties or control join it, directly or through others, to the datum."""
+    held_by: str
+    """In words: the datum, how many ties with which stops, or the telemetry increment."""
+
+    @property
+    def sigma_ned_m(self) -> Vector3:
+        """Standard deviations of north, east and down, metres."""
+        return np.sqrt(np.clip(np.diagonal(self.covariance)[3:], 0.0, None))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AdjustedPair:
+    """Where a stereo pair looks from, after its mast pointing was corrected."""
+
+    pair_id: str
+    stop: StopId
+    lsl_from_pair: Pose
+    rover_from_pair: Pose
+    pointing: Vector3
+    """Rotation vector in the rover frame that turns the label's pair into the true one, radians."""
+    covariance: Float64[np.ndarray, "6 6"]
+    """Of the pair's pose: rotation vector (radians), then position of the left camera (metres),
+    both in the LSL."""
+    pointing_covariance: Float64[np.ndarray, "3 3"]
+    ties: int
+    """Observations used that join it to another pair; none: its pointing is the label's."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AdjustedTies:
+    """The tie points in object space and what became of their observations."""
+
+    observations: TiePoints
+    points: ObjectPoints
+    """In the LSL, by point number; NaN where not placed."""
+    covariances: Covariances3
+    kinds: tuple[TieKind, ...]
+    """By point number, counting only observations that were used."""
+    status: Int32[np.ndarray, " rows"]
+    """Per observation: USED, BLUNDER or UNUSED."""
+    residuals_px: Float64[np.ndarray, "rows 3"]
+    """Observed minus computed sample, line, parallax."""
+    standardised: Float64[np.ndarray, "rows 3"]
+    """Residual over its own standard deviation; NaN where nothing checks it."""
+    redundancy: Float64[np.ndarray, "rows 3"]
+    """Share of an error that shows in the residual, 0 to 1."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Memory:
+    """What a sequential adjustment keeps of the observations that it no longer looks at.
+
+    |root z - right|^2 in the coordinates z of `marginal`, about poses and pointings as they were
+    when the last stop left.
+    """
+
+    window: tuple[StopId, ...]
+    """The stops that have not left yet."""
+    stops: tuple[StopId, ...]
+    """Those of them that are spoken of."""
+    pair_ids: tuple[str, ...]
+    rotations: Float64[np.ndarray, "stops 3 3"]
+    centres: Float64[np.ndarray, "stops 3"]
+    pointings: Float64[np.ndarray, "pairs 3"]
+    root: Float64[np.ndarray, "r n"]
+    right: Float64[np.ndarray, " r"]
+    spent: float
+    surplus: int
+    grounded: tuple[bool, ...]
+    frames: tuple[str, ...] = ()
+    """Control frames that are spoken of."""
+    frame_places: Float64[np.ndarray, "frames 5"] = field(default_factory=lambda: np.zeros((0, 5)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AdjustedNetwork:
+    """The network after adjustment."""
+
+    stops: tuple[AdjustedStop, ...]
+    pairs: tuple[AdjustedPair, ...]
+    ties: AdjustedTies
+    memory: Memory | None = None
+    """Of a sequential adjustment, once stops have left its window."""
+    control: tuple[AdjustedControl, ...] = ()
+    frames: tuple[AdjustedFrame, ...] = ()
+
+    def stop(self, stop: StopId) -> AdjustedStop:
+        """The adjusted stop of that name."""
+        for adjusted in self.stops:
+            if adjusted.stop == stop:
+                return adjusted
+        raise AdjustmentError(f"{stop} is not in the adjusted network of {len(self.stops)} stops")
+
+    def pair(self, pair_id: str) -> AdjustedPair:
+        """The adjusted pair of that name."""
+        for adjusted in self.pairs:
+            if adjusted.pair_id == pair_id:
+                return adjusted
+        raise AdjustmentError(f"{pair_id} is not in the adjusted network: {len(self.pairs)} pairs")
+
+
+@dataclass(frozen=True, slots=True)
+class Consistency:
+    """How well the same points agree when seen from different pairs (paper, section 3.3)."""
+
+    comparisons: int
+    mean_2d_px: float
+    """Mean absolute difference between measured and back-projected image coordinates."""
+    mean_3d_m: float
+    """Mean absolute difference between the places that two pairs give the same point."""
+
+
+class Lack(StrEnum):
+    """What images do not tell of a stop."""
+
+    NO_TIES = "no ties"
+    BLUNDERS = "only ties that contradict"
+    ONE_TIE = "one tie"
+    LINE = "ties on a line"
+    PARTLY = "ties that leave freedom"
+    DETACHED = "detached from the datum"
+    SAME_PLACE = "reported at one place"
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """A part of the network that images do not determine, so that telemetry holds it."""
+
+    stop: StopId
+    lack: Lack
+    ties: int
+    """Tie points with stops that were placed before it."""
+    rank: int
+    """Of the six unknowns of its pose, how many images know better than telemetry."""
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class AdjustmentReport:
+    """What an adjustment found, good or bad."""
+
+    name: str
+    converged: bool
+    iterations: int
+    sigma0: float
+    """Standard deviation of unit weight; 1 when all stated standard deviations are true."""
+    redundancy: int
+    stops: int
+    pairs: int
+    ties: dict[TieKind, int] = field(default_factory=dict)
+    """Tie points used, by kind."""
+    blunders: int = 0
+    """Observations found wrong and set aside."""
+    control: int = 0
+    """Places of stops in control frames that were used."""
+    control_refused: tuple[str, ...] = ()
+    """Those set aside, with the reason."""
+    before: dict[TieKind, Consistency] = field(default_factory=dict)
+    after: dict[TieKind, Consistency] = field(default_factory=dict)
+    untied: tuple[StopId, ...] = ()
+    """Stops that no cross-site tie joins to the datum: telemetry alone holds them."""
+    message: str = ""
+    findings: tuple[Finding, ...] = ()
+    """What images do not determine, found before anything was solved."""
+
+    @property
+    def is_usable(self) -> bool:
+        """Whether it converged, with redundancy to judge it by and a sigma0 that is a number.
+
+        A network without any redundancy that converged is telemetry unchanged: usable as such only
+        by its covariances, and said so here.
+        """
+        return self.converged and self.redundancy > 0 and bool(np.isfinite(self.sigma0))
+
+    def __str__(self) -> str:
+        if not self.redundancy:
+            return f"{self.name}: nothing to adjust by, {self.stops} stops stand by telemetry"
+        ties = ", ".join(f"{self.ties.get(kind, 0)} {kind.value}" for kind in TieKind)
+        state = "converged" if self.converged else "NOT CONVERGED"
+        cross, was = self.after.get(TieKind.CROSS_SITE), self.before.get(TieKind.CROSS_SITE)
+        change = (
+            f", cross-site {was.mean_3d_m:.2g} m / {was.mean_2d_px:.3g} px -> "
+            f"{cross.mean_3d_m:.2g} m / {cross.mean_2d_px:.3g} px"
+            if cross and was and cross.comparisons
+            else ""
+        )
+        loose = f", {len(self.untied)} stops held by telemetry alone" if self.untied else ""
+        extra = f" ({self.message})" if self.message else ""
+        if self.control or self.control_refused:
+            refused = (
+                f", REFUSED: {'; '.join(self.control_refused)}" if self.control_refused else ""
+            )
+            extra = f", control at {self.control} stops{refused}{extra}"
+        return (
+            f"{self.name}: {state} after {self.iterations} iterations, sigma0 {self.sigma0:.3f}, "
+            f"redundancy {self.redundancy}, {self.stops} stops, {self.pairs} pairs, ties: {ties}, "
+            f"{self.blunders} blunders{change}{loose}{extra}"
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AdjustedControl:
+    """What became of a control observation."""
+
+    control: StopControl
+    used: bool
+    """Or set aside as a blunder."""
+    residual: Float64[np.ndarray, " 4"]
+    """Observed minus adjusted east, north, up (m) and azimuth (rad); NaN where not given."""
+    test: float
+    """Length of the residual in its own standard deviations; NaN where nothing checks it."""
+    redundancy: float
+    """Mean share of an error that shows in the residual, 0 to 1."""
+    note: str = ""
+    """Why it was set aside, or that nothing checks it."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AdjustedFrame:
+    """Where a control frame lies after adjustment."""
+
+    frame: ControlFrame
+    place: Float64[np.ndarray, " 5"]
+    """(t_east, t_north, t_up, b, a)."""
+    covariance: Float64[np.ndarray, "5 5"]
+
+
+KINDS = tuple(TieKind)
+"""From ties within a pair to those between stops."""

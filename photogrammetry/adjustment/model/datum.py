@@ -1,0 +1,92 @@
+"""What the coordinates of a network refer to.
+
+Images and telemetry tell where stops lie to each other. The first stop is the datum: its place is
+where telemetry has it, by definition, for the map begins there.
+
+Without control its attitude is taken for true as well: the stop is held. With control that would
+be wrong, for then the direction of north is measured twice, by the rover and by the orbital image;
+an error of a degree in the first azimuth moves the end of a traverse of 7 km by 120 m, and a held
+stop would put it on the image, or on the ties. So with control no stop is held: the place of the
+first one is observed in the map itself, to `PLACE_SIGMA_M`, and its attitude is what telemetry
+measures with its standard deviation. A first azimuth that is not FINE counts as propagated over one
+drive.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from collections.abc import Set as AbstractSet
+from dataclasses import replace
+
+import numpy as np
+
+from solmap.photogrammetry.adjustment.model.adjusted_network import AdjustedNetwork
+from solmap.photogrammetry.adjustment.model.network import MAP, ControlFrame, Network, StopControl
+from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
+from solmap.photogrammetry.imagery import StopId
+
+PLACE_SIGMA_M = 1e-3
+"""So closely the first stop keeps the place that defines the map."""
+
+
+def with_control(
+    network: Network,
+    frames: Iterable[ControlFrame],
+    control: Iterable[StopControl],
+    params: AdjustmentParams,
+) -> Network:
+    """A network with control; its first stop is then the datum by its place alone.
+
+    `network` begins with the first stop of the traverse. Control of stops that it does not have is
+    left out. Frames that are named again are replaced.
+    """
+    inside = set(network.stop_ids)
+    wanted = tuple(one for one in control if one.stop in inside)
+    own = tuple(frames)
+    names = {frame.name for frame in own} | {MAP.name}
+    kept = tuple(frame for frame in network.frames if frame.name not in names)
+    datum = () if network.datum_is_observed else (_datum(network, params),)
+    return replace(network, frames=(MAP, *kept, *own), control=(*datum, *network.control, *wanted))
+
+
+def held_stops(network: Network) -> frozenset[StopId]:
+    """The stops to hold as the datum: the first, or none if its place is observed."""
+    if network.datum_is_observed:
+        return frozenset()
+    return frozenset(network.stop_ids[:1])
+
+
+def says_otherwise(network: Network, adjusted: AdjustedNetwork, stops: AbstractSet[StopId]) -> bool:
+    """Whether a network has other control of some stops, or other frames, than was adjusted."""
+    now = [one for one in network.control if one.stop in stops]
+    then = [one.control for one in adjusted.control if one.control.stop in stops]
+    frames = {frame.name for frame in network.frames}
+    if len(now) != len(then) or {frame.frame.name for frame in adjusted.frames} - frames:
+        return True
+    if bool(network.frames) != bool(adjusted.frames):
+        return True
+    return not all(any(one.is_same(other) for other in then) for one in now)
+
+
+def with_remembered_frames(network: Network, adjusted: AdjustedNetwork) -> Network:
+    """The network with the control frames that stops which have left spoke of, if it lacks some.
+
+    Control may be taken back; what it said of stops that have left stays until they are adjusted
+    overall.
+    """
+    names = {frame.name for frame in network.frames}
+    spoken = set(adjusted.memory.frames) - names if adjusted.memory else set()
+    lost = tuple(one.frame for one in adjusted.frames if one.frame.name in spoken)
+    return replace(network, frames=(*network.frames, *lost)) if lost else network
+
+
+def _datum(network: Network, params: AdjustmentParams) -> StopControl:
+    first = network.stops[0]
+    pose = first.lsl_from_rover
+    north, east, down = pose.translation_m.tolist()
+    azimuth_deg, sigma = None, [PLACE_SIGMA_M] * 3
+    if not first.is_fine:
+        azimuth_deg = float(np.degrees(np.arctan2(pose.rotation[1, 0], pose.rotation[0, 0])))
+        sigma.append(float(np.radians(params.azimuth_step_deg)))
+    C = np.diag(np.square(sigma))
+    return StopControl(first.stop, MAP.name, east, north, C, -down, azimuth_deg)

@@ -1,0 +1,95 @@
+"""How the network of a mission goes on as new images come in (Di et al. 2008, section 3.2)."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import replace
+from enum import StrEnum
+
+import numpy as np
+
+from solmap.photogrammetry.adjustment.model.adjusted_network import (
+    AdjustedNetwork,
+    AdjustmentReport,
+)
+from solmap.photogrammetry.adjustment.model.assembly import merged_network
+from solmap.photogrammetry.adjustment.model.network import Network, select
+from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.modes.overall import adjust
+from solmap.photogrammetry.adjustment.modes.sequential import adjust_sequential, begin
+from solmap.photogrammetry.adjustment.modes.stepwise import adjust_stepwise, carrying
+from solmap.photogrammetry.errors import AdjustmentError
+from solmap.photogrammetry.imagery import StopId
+
+
+class AdjustmentMode(StrEnum):
+    """How the stops of a mission are adjusted as its sols come in."""
+
+    STEPWISE = "stepwise"
+    """Earlier stops are held, new ones estimated: the paper's mode during the mission."""
+    SEQUENTIAL = "sequential"
+    """The last stops move with every new one, what came before enters exactly."""
+    OVERALL = "overall"
+    """Sequential, and after the last sol of a downlink all stops and ties in one adjustment."""
+
+
+def advance(
+    mode: AdjustmentMode,
+    start: AdjustedNetwork | None,
+    network: Network,
+    new_stops: Collection[StopId],
+    params: AdjustmentParams,
+) -> tuple[AdjustedNetwork, AdjustmentReport]:
+    """The network with what is new in it; `start` is what was adjusted before.
+
+    A step that does not converge is reported, and telemetry stands for its stops.
+
+    Raises:
+        AdjustmentError: an overall adjustment did not converge, so `start` is better.
+    """
+    if mode is AdjustmentMode.OVERALL:
+        return _overall(network, params, start)
+    if start is not None and not new_stops:
+        return _pointed(start, network, params)
+    step = adjust_sequential if mode is AdjustmentMode.SEQUENTIAL else adjust_stepwise
+    adjusted, report = step(start, network, new_stops, params)
+    if report.converged:
+        return adjusted, report
+    untied = replace(network, ties=select(network.ties, np.zeros(0, np.int64)))
+    stands, _ = step(start, untied, new_stops, params)
+    return stands, replace(report, message="telemetry stands instead")
+
+
+def _overall(
+    network: Network, params: AdjustmentParams, start: AdjustedNetwork | None
+) -> tuple[AdjustedNetwork, AdjustmentReport]:
+    """All together; its oldest stops then leave it, so that later steps go on from it exactly."""
+    traverse, report = begin(network, params, start)
+    if not report.converged:
+        raise AdjustmentError(f"{report}; the network before stands")
+    return traverse.window, report
+
+
+def _pointed(
+    start: AdjustedNetwork, network: Network, params: AdjustmentParams
+) -> tuple[AdjustedNetwork, AdjustmentReport]:
+    """New images of known stops: only pointing is weighed, the stops stay with all that is known.
+
+    What a sequential adjustment inherits stays too: it spoke of the old images only.
+    """
+    known = {stop.stop: stop for stop in start.stops}
+    part = network.within(set(known))
+    held = set(part.stop_ids)
+    adjusted, report = adjust(part, held, params, start, "pointing at known stops")
+    kept = replace(
+        adjusted,
+        stops=tuple(known[stop.stop] for stop in adjusted.stops),
+        pairs=tuple(
+            carrying(pair, known[pair.stop].lsl_from_rover, known[pair.stop].covariance)
+            for pair in adjusted.pairs
+        ),
+        memory=start.memory,
+        control=start.control,
+        frames=start.frames,
+    )
+    return merged_network(start, kept, network), report

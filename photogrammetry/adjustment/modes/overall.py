@@ -1,0 +1,223 @@
+"""The adjustment of an image network.
+
+Stop by stop the network is first brought together (`initialise`), then adjusted as a whole in the
+two steps of `estimate`, each repeated until data snooping finds no further blunder. What telemetry
+knows is weighted in (`priors`), so nothing is ever undetermined but the datum: at least one stop
+is held.
+
+The datum are the stops that are held, what a sequential adjustment has inherited, or, with control,
+the place of the first stop (`datum`). The overall adjustment estimates all other stops; the modes
+that follow the rover stop by stop are in `stepwise` and `sequential`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Set as AbstractSet
+from dataclasses import replace
+
+import numpy as np
+
+from solmap.photogrammetry.adjustment.initial.diagnosis import (
+    Initial,
+    completed,
+    diagnose,
+    with_findings,
+    without_unchecked,
+)
+from solmap.photogrammetry.adjustment.initial.values import (
+    carried,
+    initialise,
+    with_rays_intersected,
+)
+from solmap.photogrammetry.adjustment.model.adjusted_network import (
+    BLUNDER,
+    AdjustedNetwork,
+    AdjustedTies,
+    AdjustmentReport,
+    Consistency,
+)
+from solmap.photogrammetry.adjustment.model.collinearity import Observations, State, Views
+from solmap.photogrammetry.adjustment.model.control_equations import (
+    Control,
+    frame_places,
+    known_used,
+)
+from solmap.photogrammetry.adjustment.model.datum import held_stops
+from solmap.photogrammetry.adjustment.model.network import Network, select
+from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.model.sightings import (
+    Comparisons,
+    Overview,
+    Sightings,
+    consistency,
+)
+from solmap.photogrammetry.adjustment.model.telemetry import Telemetry
+from solmap.photogrammetry.adjustment.solver.estimate import Outcome, Start, estimate
+from solmap.photogrammetry.adjustment.solver.marginal import Marginal
+from solmap.photogrammetry.adjustment.solver.results import assembled
+from solmap.photogrammetry.arrays import Float64
+from solmap.photogrammetry.errors import AdjustmentError
+from solmap.photogrammetry.imagery import StopId, TieKind, TiePoints
+
+
+def adjust(
+    network: Network,
+    held: AbstractSet[StopId],
+    params: AdjustmentParams,
+    start: AdjustedNetwork | None = None,
+    name: str = "adjust",
+    inherited: Marginal | None = None,
+) -> tuple[AdjustedNetwork, AdjustmentReport]:
+    """Adjust a network with some stops held where `start`, or else telemetry, has them.
+
+    Stops and pairs that `start` knows begin there; the others are aligned to them first. What
+    observations that are no longer in the network said of its stops may be `inherited`. Not
+    converging is returned and reported; look at `AdjustmentReport.is_usable`.
+
+    Raises:
+        AdjustmentError: no stop is held and nothing inherited, or a held one is not in the network.
+    """
+    return adjust_and_keep(network, held, params, start, name, inherited)[:2]
+
+
+def adjust_and_keep(
+    network: Network,
+    held: AbstractSet[StopId],
+    params: AdjustmentParams,
+    start: AdjustedNetwork | None = None,
+    name: str = "adjust",
+    inherited: Marginal | None = None,
+) -> tuple[AdjustedNetwork, AdjustmentReport, Outcome]:
+    """The same, with all that the iteration found."""
+    is_held = _held(network, held, has_datum=inherited is not None or network.datum_is_observed)
+    observations, telemetry = Observations.of(network), Telemetry.of(network, params)
+    known, is_known = _known(network, telemetry, observations, start)
+    root = is_held if is_held.any() or inherited else np.arange(len(is_held)) == 0
+    before = carried(known, telemetry, root, is_known)
+    overview = Overview.of(observations, known.pointings, len(root), params)
+    state, views, fits = initialise(
+        observations, telemetry, root, params, known, is_known, overview
+    )
+    if start:
+        fits &= ~_found_wrong(network.ties, start.ties)
+    placed = root if inherited is None else is_held | is_known
+    names, shown = network.stop_ids, frozenset(one.stop for one in network.control)
+    controlled = frozenset(k for k, stop in enumerate(names) if stop in shown)
+    initial = Initial(names, observations, telemetry, overview, state, fits, placed, controlled)
+    findings, alone = diagnose(initial)
+    if len(alone):
+        rest = without_unchecked(network, observations, alone)
+        adjusted, report, outcome = adjust_and_keep(rest, held, params, start, name, inherited)
+        return *completed((adjusted, report), network, findings), outcome
+    state = with_rays_intersected(state, observations, fits)
+    views = views.at(state.points.T.copy())
+    used = fits & views.are_in_front(observations.sights)
+    control = _control(network, start)
+    if control:
+        state = replace(state, frames=_frame_places(control, state, network, start))
+    beginning = Start(observations, telemetry, is_held, state, views, used, inherited, control)
+    outcome = estimate(beginning, params)
+    outcome = outcome.with_all_points(overview.seen)
+    agreement = _agreement(outcome, before, overview.seen)
+    result = assembled(network, is_held, outcome, agreement, name)
+    return *with_findings(result, findings), outcome
+
+
+def _found_wrong(ties: TiePoints, before: AdjustedTies) -> np.ndarray:
+    """Which observations were blunders in an adjustment before; they come back if they fit now."""
+    known, rows = before.observations, np.flatnonzero(before.status == BLUNDER)
+    places = known.left[rows].tolist()
+    wrong = {
+        (known.pair_ids[pair], x, y)
+        for pair, (x, y) in zip(known.pair[rows].tolist(), places, strict=True)
+    }
+    found = np.isin(ties.left[:, 0], known.left[rows, 0])
+    for row in np.flatnonzero(found).tolist():
+        found[row] = (ties.pair_ids[ties.pair[row]], *ties.left[row].tolist()) in wrong
+    return found
+
+
+def _agreement(
+    outcome: Outcome, before: State, seen: Sightings
+) -> tuple[dict[TieKind, Consistency], dict[TieKind, Consistency]]:
+    """How well sightings agree before and after the adjustment."""
+    observations = outcome.observations
+    compared = Comparisons.of(observations, seen, outcome.used)
+    return (
+        consistency(observations, Views.of(before, observations), seen, compared),
+        consistency(observations, outcome.views, seen, compared),
+    )
+
+
+def adjust_overall(
+    network: Network, params: AdjustmentParams, start: AdjustedNetwork | None = None
+) -> tuple[AdjustedNetwork, AdjustmentReport]:
+    """Adjust all stops at once, the first one held or, with control, its place alone: `datum`."""
+    if not network.stops:
+        raise AdjustmentError("there is no stop to adjust: the network is empty")
+    return adjust(network, held_stops(network), params, start, "overall adjustment")
+
+
+def _control(network: Network, start: AdjustedNetwork | None) -> Control | None:
+    """The control of a network; what was found wrong before starts aside."""
+    if not network.frames:
+        return None
+    control = Control.of(network)
+    return control.using(known_used(network.control, start.control)) if start else control
+
+
+def _frame_places(
+    control: Control, state: State, network: Network, start: AdjustedNetwork | None
+) -> Float64[np.ndarray, "frames 5"]:
+    """Where control frames start: as known from before, or as suits the stops."""
+    known = {frame.frame.name for frame in start.frames} if start else set()
+    is_known = np.array([frame.name in known for frame in network.frames], dtype=bool)
+    before = frame_places(start.frames if start else (), network)
+    return np.where(is_known[:, None], before, control.fitted(state))
+
+
+def telemetry_network(network: Network, params: AdjustmentParams) -> AdjustedNetwork:
+    """The network where telemetry alone has it, with the covariance that telemetry deserves.
+
+    The answer to fall back on when an adjustment is not usable; its ties are left out.
+    """
+    bare = replace(network, ties=select(network.ties, np.zeros(len(network.ties), dtype=bool)))
+    return adjust_overall(bare, params)[0]
+
+
+def _held(network: Network, held: AbstractSet[StopId], *, has_datum: bool) -> np.ndarray:
+    """Which stops are held; refuses a network without datum."""
+    strangers = sorted(set(held) - set(network.stop_ids))
+    if strangers:
+        raise AdjustmentError(f"{strangers[0]} cannot be held: it is not in the network")
+    if not (held or has_datum):
+        raise AdjustmentError(
+            f"the datum of the network of {len(network.stops)} stops is undefined: images and "
+            "telemetry increments only tell where stops are relative to each other; hold one stop "
+            "fixed, normally the first of the traverse"
+        )
+    return np.array([stop in held for stop in network.stop_ids], dtype=bool)
+
+
+def _known(
+    network: Network,
+    telemetry: Telemetry,
+    observations: Observations,
+    start: AdjustedNetwork | None,
+) -> tuple[State, np.ndarray]:
+    """Telemetry as a state, overwritten by what a former adjustment knows."""
+    rotations, centres = telemetry.rotations.copy(), telemetry.centres.copy()
+    pointings = np.zeros((len(network.pairs), 3))
+    is_known = np.zeros(len(centres), dtype=bool)
+    stops = {s.stop: s for s in start.stops} if start else {}
+    pairs = {p.pair_id: p for p in start.pairs} if start else {}
+    for k, stop in enumerate(network.stop_ids):
+        if stop in stops:
+            is_known[k] = True
+            rotations[k] = stops[stop].lsl_from_rover.rotation
+            centres[k] = stops[stop].lsl_from_rover.translation_m
+    for k, pair in enumerate(network.pairs):
+        if pair.pair_id in pairs:
+            pointings[k] = pairs[pair.pair_id].pointing
+    points = np.full((observations.points, 3), np.nan)
+    return State(rotations, centres, pointings, points), is_known

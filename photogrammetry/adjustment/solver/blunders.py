@@ -1,0 +1,288 @@
+"""How large the test of an observation may be before it counts as a blunder.
+
+T (see `residuals`) is held against s times a gate, s = max(1, robust spread 1.48 median |w| of its
+kind, cross-site or not): where matching or a bent bar promised more than it held, every residual is
+large, and that is a finding for sigma0 rather than a thousand blunders.
+
+The gate depends on how many blunders there are (Benjamini and Hochberg 1995): it lets good
+observations go with probability alpha (`critical_value`), or, among ties of a kind of which a share
+of k/n is wrong, with q k/n, so that at most a share q of what is set aside is good. A few blunders
+thus cost a mission no ties, and among many the small ones do not hide. That presumes that the
+others are as good as stated: where s is above one the gate stays with alpha.
+
+Data snooping: which observations cannot be what they claim (Baarda 1968).
+
+An observation is suspected where its test exceeds its gate (see `residuals` and `gates`), and comes
+back where what the others give of its point predicts it after all.
+
+Which control cannot be true: data snooping of places in control frames.
+
+With the whitened misclosure l of a stop's control at the solution, its derivatives A, the cofactors
+Z of all unknowns and the weight w that it had (1; 0 if set aside; less than 1 under a robust loss),
+what all other observations predict of it is tested as a whole,
+
+    T^2 = l' [(I + (1 - w) A Z A') (I - w A Z A')]^-1 l             chi distributed
+
+which is v' Q_vv^-1 v for w = 1. Of a frame only the worst is taken out a round, for a wrong place
+bends what is near it; those that fit after all come back. Where one of two places that contradict
+each other was taken out and nothing else checks the other, nothing tells which of them is wrong: it
+goes too.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from scipy.special import gammaincc, gammainccinv
+
+from solmap.photogrammetry.adjustment.model.collinearity import (
+    Observations,
+    State,
+    Views,
+    misclosures,
+    partials,
+    seen_differently,
+)
+from solmap.photogrammetry.adjustment.model.control_equations import Control
+from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.solver.elimination import EliminatedTies
+from solmap.photogrammetry.adjustment.solver.normal_equations import control_weights
+from solmap.photogrammetry.adjustment.solver.problem import Problem
+from solmap.photogrammetry.adjustment.solver.residuals import (
+    CERTAIN,
+    UNCHECKED,
+    Residuals,
+    joint_covariances,
+    pair_covariances,
+    point_covariances,
+    single_sightings,
+)
+from solmap.photogrammetry.arrays import Float64, PerPoint
+
+
+def gates(
+    observations: Observations, found: Residuals, used: np.ndarray, params: AdjustmentParams
+) -> np.ndarray:
+    """Gate of the test of every observation, by spread and blunders of its kind."""
+    T, measured = found.test.copy(), (observations.sights.weight > 0).sum(axis=0)
+    aside, joining = ~used & observations.is_stereo, _joins_stops(observations)
+    loose = _quantile(params.false_share, 3)  # no sign of a blunder whatever their share
+    gate = np.full(len(T), np.inf)
+    for of_kind in (joining, ~joining):
+        tested = of_kind & (found.test > 0)
+        spread = found.spread(of_kind)
+        T[of_kind] /= spread
+        p = np.sort(_chance(T[tested & (loose < T)], 3))
+        set_aside = int((aside & of_kind).sum())
+        share = _share_of_blunders(p, int(tested.sum()), set_aside, params.false_share)
+        if spread > 1.0:  # sigmas or model are not what was stated, and tails tell nothing
+            share = 0.0
+        for coordinates in (2, 3):
+            least = coordinates * float(gammaincc(0.5, params.critical_value**2 / 2))
+            alpha = max(least, params.false_share * share)
+            gate[of_kind & (measured == coordinates)] = spread * _quantile(alpha, coordinates)
+    return gate
+
+
+def _share_of_blunders(p: np.ndarray, tested: int, aside: int, false_share: float) -> float:
+    """How many observations of a kind are wrong for certain, as a share of all.
+
+    `p` are the smallest probabilities of their tests, ascending; others are set `aside` already.
+    """
+    found = aside + np.arange(len(p) + 1)
+    surely = np.maximum(found - CERTAIN * np.sqrt(found), 0.0) / max(tested + aside, 1)
+    passed = np.flatnonzero(p <= false_share * surely[1:])
+    return float(surely[passed[-1] + 1 if len(passed) else 0])
+
+
+def _chance(T: np.ndarray, coordinates: int) -> np.ndarray:
+    """Probability that noise alone exceeds T (chi distribution)."""
+    return gammaincc(coordinates / 2, np.square(T) / 2)
+
+
+@cache
+def _quantile(alpha: float, coordinates: int) -> float:
+    """What noise alone exceeds with probability alpha."""
+    return float(np.sqrt(2 * gammainccinv(coordinates / 2, alpha)))
+
+
+def _joins_stops(observations: Observations) -> np.ndarray:
+    """Which observations are of points that several stops see."""
+    point = observations.point
+    return seen_differently(point, observations.stop, observations.points)[point]
+
+
+LINEAR = 0.1
+"""A prediction tells something only while its depth is known to a tenth: within, errors propagate
+linearly."""
+
+
+def suspects(
+    problem: Problem, found: Residuals, used: np.ndarray, params: AdjustmentParams
+) -> np.ndarray:
+    """Numbers of the observations to take out: beyond their gate, and the worst in their pairs.
+
+    A blunder bends what is near it, and what is right there looks wrong too; so of the tie points
+    that a pair sees only the worst is taken out a round.
+    """
+    observations = problem.observations
+    excess = found.test / gates(observations, found, used, params)
+    rows = np.flatnonzero(excess > 1.0)
+    if not len(rows):
+        return rows
+    rows = rows[np.argsort(-excess[rows], kind="stable")]
+    pairs_of = _pairs_of_points(observations, np.unique(observations.point[rows]), used)
+    taken: set[int] = set()
+    worst = []
+    for row, point in zip(rows.tolist(), observations.point[rows].tolist(), strict=True):
+        if taken.isdisjoint(pairs_of[point]):
+            worst.append(row)
+            taken |= pairs_of[point]
+    return np.array(worst, dtype=np.int64)
+
+
+def _pairs_of_points(
+    observations: Observations, points: np.ndarray, used: np.ndarray
+) -> dict[int, set[int]]:
+    """The pairs whose observations of some points are used."""
+    rows = np.flatnonzero(used & np.isin(observations.point, points))
+    pairs_of: dict[int, set[int]] = {}
+    for point, pair in zip(
+        observations.point[rows].tolist(), observations.pair[rows].tolist(), strict=True
+    ):
+        pairs_of.setdefault(point, set()).add(pair)
+    return pairs_of
+
+
+def reinstated(  # noqa: PLR0913, PLR0917 - the network, where it stands, and what is known of it
+    problem: Problem,
+    state: State,
+    ties: tuple[EliminatedTies, ...],
+    found: Residuals,
+    used: np.ndarray,
+    inverse: np.ndarray,
+    params: AdjustmentParams,
+) -> np.ndarray:
+    """Numbers of observations set aside that fit after all.
+
+    An observation that was left out is predicted from the point that the others give; it comes back
+    when its misclosure is within its gate of what both uncertainties explain.
+    """
+    observations = problem.observations
+    joint = joint_covariances(problem, inverse)
+    C = point_covariances(problem, state, ties, inverse)
+    alone = used & observations.is_stereo
+    alone[problem.rows] = False
+    single = np.flatnonzero(alone)
+    views = Views.of(state, observations)
+    C[observations.point[single]] = single_sightings(
+        views, observations.sights.at(single), pair_covariances(views, joint)
+    )
+    rows = np.flatnonzero(~used & observations.is_stereo)
+    point = observations.point[rows]
+    rows = rows[
+        np.isfinite(C[point]).all(axis=(1, 2)) & np.isfinite(state.points[point]).all(axis=1)
+    ]
+    if not len(rows):
+        return rows
+    l = misclosures(state, observations, rows)
+    A_o, A_t = partials(state, observations, rows)
+    S = A_o @ joint[observations.pair[rows]] @ A_o.swapaxes(1, 2)
+    S += A_t @ C[observations.point[rows]] @ A_t.swapaxes(1, 2)
+    S[:, range(3), range(3)] += 1.0 / observations.weight[rows] ** 2
+    l_finite = np.nan_to_num(l, nan=np.inf)
+    with np.errstate(invalid="ignore"):
+        misfit = (l_finite * np.linalg.solve(S, l_finite[:, :, None])[:, :, 0]).sum(axis=1)
+    parallax = observations.measured[rows, 2] - l[:, 2]
+    sharp = np.sqrt(np.maximum(S[:, 2, 2], 0.0)) < LINEAR * parallax
+    small = np.sqrt(misfit) < gates(observations, found, used, params)[rows]
+    return rows[np.isfinite(l).all(axis=1) & sharp & small]
+
+
+CHI_MEDIAN = {2: 1.177, 3: 1.538, 4: 1.832}
+"""Median length of a standard normal vector of so many coordinates."""
+ALONE = 0.05
+"""Where so little of an error shows that what is left of a frame is not checked by the rest."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ControlTests:
+    """How well every control agrees with all the rest."""
+
+    length: PerPoint
+    """T; zero where nothing checks it."""
+    redundancy: PerPoint
+    """Mean share of an error that shows in the residual."""
+    gate: PerPoint
+    """T beyond which it is a blunder."""
+
+    def worst(self, control: Control) -> np.ndarray:
+        """Numbers of the worst blunder of every frame, and of what cannot be told from it."""
+        wrong = control.used & (self.length > self.gate) & ~control.is_datum
+        doubtful = control.used & (self.redundancy < ALONE) & ~control.is_datum
+        doubtful &= np.isin(control.frame, control.frame[~control.used])
+        found = [np.flatnonzero(doubtful)]
+        for frame in np.unique(control.frame[wrong]):
+            mine = wrong & (control.frame == frame)
+            found.append(np.flatnonzero(mine)[[self.length[mine].argmax()]])
+        return np.concatenate(found)
+
+    def fitting(self, control: Control) -> np.ndarray:
+        """Numbers of what was set aside and fits after all."""
+        return np.flatnonzero(~control.used & (self.length <= self.gate))
+
+
+def stand_out(control: Control, state: State, params: AdjustmentParams) -> bool:
+    """Whether some control is so far off that others could hide behind it, or is set aside."""
+    far = np.linalg.norm(control.whitened(state), axis=1) > params.critical_value
+    return bool((far | ~control.used).any())
+
+
+def control_tests(
+    problem: Problem,
+    state: State,
+    inverse: np.ndarray,
+    params: AdjustmentParams,
+    threshold: float | None = None,
+) -> ControlTests:
+    """Tests of all control at a solution; `threshold` is that of the robust loss."""
+    control, places = problem.control, problem.control_places
+    if control is None or places is None or not len(control.stop):
+        none = np.zeros(0)
+        return ControlTests(none, none, none)
+    l, (of_stop, of_frame) = control.whitened(state), control.partials(state)
+    A = np.concatenate([of_frame, of_stop], axis=2)
+    predicted = A @ inverse[places] @ A.mT
+    weight = control_weights(control, l, threshold)
+    w, unit = weight[:, None, None], np.eye(l.shape[1])
+    Q = unit - w * predicted
+    spread = (unit + (1.0 - w) * predicted) @ (Q + UNCHECKED * unit)
+    T = np.sqrt(np.maximum((l * np.linalg.solve(spread, l[:, :, None])[:, :, 0]).sum(axis=1), 0.0))
+    checked = np.clip(np.diagonal(Q, axis1=1, axis2=2), 0.0, 1.0) * control.is_given
+    count = control.is_given.sum(axis=1)
+    redundancy = checked.sum(axis=1) / count
+    T = np.where(checked.max(axis=1) > UNCHECKED, T, 0.0)
+    return ControlTests(T, redundancy, _gates(T, redundancy, count, control, params))
+
+
+def _gates(
+    T: PerPoint,
+    redundancy: PerPoint,
+    count: np.ndarray,
+    control: Control,
+    params: AdjustmentParams,
+) -> Float64[np.ndarray, " n"]:
+    """As for ties (`gates`): alpha of `critical_value`, widened where all fit worse than stated."""
+    gate = np.empty(len(T))
+    chance = float(gammaincc(0.5, params.critical_value**2 / 2))
+    median = np.array([CHI_MEDIAN[k] for k in count.tolist()])
+    for frame in np.unique(control.frame):
+        mine = control.frame == frame
+        free = float((redundancy * count)[mine].sum())
+        sure = 1.0 - CERTAIN * 1.17 / np.sqrt(max(free, 1.0))
+        gate[mine] = max(1.0, sure * float(np.median((T / median)[mine])))
+    for k in np.unique(count).tolist():
+        gate[count == k] *= np.sqrt(2 * gammainccinv(k / 2, k * chance))
+    return gate

@@ -1,0 +1,234 @@
+"""The estimate: solve, set blunders aside, and solve again until none is found.
+
+First with a robust loss, under which large blunders do not hide one another; what fits after all
+comes back. Then every remaining observation counts fully.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from solmap.photogrammetry.adjustment.model.collinearity import (
+    Observations,
+    State,
+    Views,
+)
+from solmap.photogrammetry.adjustment.model.control_equations import Control
+from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.model.sightings import Sightings, points_seen
+from solmap.photogrammetry.adjustment.model.telemetry import Telemetry
+from solmap.photogrammetry.adjustment.solver.blunders import (
+    ControlTests,
+    control_tests,
+    reinstated,
+    stand_out,
+    suspects,
+)
+from solmap.photogrammetry.adjustment.solver.elimination import EliminatedTies
+from solmap.photogrammetry.adjustment.solver.gauss_newton import Solution, solve
+from solmap.photogrammetry.adjustment.solver.marginal import Marginal
+from solmap.photogrammetry.adjustment.solver.normal_equations import (
+    Linearised,
+    Place,
+    linearise_at,
+)
+from solmap.photogrammetry.adjustment.solver.problem import Problem
+from solmap.photogrammetry.adjustment.solver.residuals import (
+    Residuals,
+    residuals,
+)
+from solmap.photogrammetry.arrays import Bool, Float64
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One step of the estimate."""
+
+    name: str
+    robust: bool
+    """Whether large residuals count linearly (Huber) rather than squared."""
+
+
+STEPS = (
+    Step("bring the stops together while blunders hide", robust=True),
+    Step("weigh every remaining tie fully", robust=False),
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Start:
+    """A network, and where its estimate starts."""
+
+    observations: Observations
+    telemetry: Telemetry
+    held: Bool[np.ndarray, " stops"]
+    state: State
+    views: Views
+    """What is seen from the state."""
+    used: Bool[np.ndarray, " rows"]
+    inherited: Marginal | None = None
+    control: Control | None = None
+
+    def problem(self, used: np.ndarray) -> Problem:
+        """With the observations in use."""
+        return Problem.of(
+            self.observations, self.telemetry, self.held, used, self.inherited, self.control
+        )
+
+    def with_control(self, numbers: np.ndarray, *, used: bool = True) -> Start:
+        """With some control used again, or set aside."""
+        if self.control is None or not len(numbers):
+            return self
+        return replace(
+            self, control=self.control.using(_changed(self.control.used, numbers, to=used))
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Judged:
+    """A solution with what its residuals say."""
+
+    problem: Problem
+    state: State
+    views: Views
+    now: Linearised
+    inverse: np.ndarray
+    found: Residuals
+    placed: ControlTests
+
+    @property
+    def refuted(self) -> np.ndarray:
+        """Numbers of control to set aside: the worst blunder of every frame."""
+        return self.placed.worst(self.problem.control) if self.problem.control else np.arange(0)
+
+    @property
+    def fitting(self) -> np.ndarray:
+        """Numbers of control that was set aside and fits after all."""
+        return self.placed.fitting(self.problem.control) if self.problem.control else np.arange(0)
+
+    @classmethod
+    def of(
+        cls,
+        problem: Problem,
+        solution: Solution,
+        params: AdjustmentParams,
+        threshold: float | None,
+    ) -> _Judged:
+        state = solution.state
+        at = solution.at or Place.of(problem, state)
+        now = solution.now or linearise_at(problem, at, threshold)
+        inverse = now.factor.inverse()
+        found = residuals(problem, now.ties, inverse)
+        placed = control_tests(problem, state, inverse, params, threshold)
+        return cls(problem, state, at.views, now, inverse, found, placed)
+
+
+def estimate(start: Start, params: AdjustmentParams) -> Outcome:
+    """Estimate all unknowns, and which observations are blunders."""
+    problem, used, iterations = start.problem(start.used), start.used, 0
+    at: State | Place = Place.of(problem, start.state, start.views)
+    for step in STEPS:
+        for further in reversed(range(params.max_rounds)):
+            aside = bool((~used & start.observations.is_stereo).any())
+            to_the_end = aside or start.control is not None
+            solution = solve(problem, at, params, robust=step.robust, to_the_end=to_the_end)
+            at, iterations = solution.at or solution.state, iterations + solution.iterations
+            if step.robust and not (aside or _stand_out(problem, solution, params)):
+                break
+            threshold = params.huber if step.robust else None
+            judged = _Judged.of(problem, solution, params, threshold)
+            wrong, refuted = suspects(problem, judged.found, used, params), judged.refuted
+            if not ((len(wrong) or len(refuted)) and further):
+                start = start.with_control(judged.fitting if step.robust else refuted[:0])
+                used, problem, state = _with_fitting(start, judged, used, params, step)
+                at = at if problem is judged.problem else state
+                break
+            start = start.with_control(refuted, used=False)
+            used = _changed(used, wrong, to=False)
+            problem, at = start.problem(used), solution.state
+    return Outcome(
+        start.observations,
+        judged.problem,
+        replace(solution, iterations=iterations, at=None, now=None),
+        judged.views,
+        used,
+        judged.found,
+        judged.now.ties,
+        judged.inverse,
+        judged.placed,
+    )
+
+
+def _stand_out(problem: Problem, solution: Solution, params: AdjustmentParams) -> bool:
+    """Whether anything is so far off that others could hide behind it."""
+    if problem.control and stand_out(problem.control, solution.state, params):
+        return True
+    return solution.stands_out(problem, params)
+
+
+def _with_fitting(
+    start: Start, judged: _Judged, used: np.ndarray, params: AdjustmentParams, step: Step
+) -> tuple[np.ndarray, Problem, State]:
+    """With what was set aside and fits after all, as long as blunders are looked for robustly.
+
+    Its points were in no adjustment while stops moved, and are placed anew.
+    """
+    before = start.problem(used) if len(judged.fitting) and step.robust else judged.problem
+    if not step.robust or used.all():
+        return used, before, judged.state
+    seen = Sightings.of(start.observations, params)
+    points = all_points(judged.problem, judged.views, used, seen)
+    state = replace(judged.state, points=points)
+    back = reinstated(
+        judged.problem, state, judged.now.ties, judged.found, used, judged.inverse, params
+    )
+    if not len(back):
+        return used, before, judged.state
+    used = _changed(used, back, to=True)
+    return used, start.problem(used), state
+
+
+def _changed(used: np.ndarray, rows: np.ndarray, *, to: bool) -> np.ndarray:
+    used = used.copy()
+    used[rows] = to
+    return used
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Outcome:
+    """All that the iteration found."""
+
+    observations: Observations
+    problem: Problem
+    solution: Solution
+    views: Views
+    """What is seen from the solution."""
+    used: np.ndarray
+    residuals: Residuals
+    ties: tuple[EliminatedTies, ...]
+    """As they were linearised last."""
+    inverse: np.ndarray
+    """Of the normal equations, on their pattern."""
+    placed: ControlTests
+    """Tests of control."""
+
+    def with_all_points(self, seen: Sightings) -> Outcome:
+        """The same with the places of points that one pair alone sees."""
+        points = all_points(self.problem, self.views, self.used, seen)
+        state = replace(self.solution.state, points=points)
+        views = self.views.at(points.T.copy())
+        return replace(self, solution=replace(self.solution, state=state), views=views)
+
+
+def all_points(
+    problem: Problem, views: Views, used: np.ndarray, seen: Sightings
+) -> Float64[np.ndarray, "points 3"]:
+    """All points, those that are in no adjustment where their sightings have them."""
+    observations = problem.observations
+    inside = np.zeros(observations.points, dtype=bool)
+    inside[problem.points] = True
+    points = points_seen(views, observations, seen, used & ~inside[observations.point])
+    points[problem.points] = views.points.T[problem.points]
+    return points

@@ -1,0 +1,389 @@
+"""Where every unknown of the normal equations lies.
+
+Which tie points are seen alike, and where their normal equations go.
+
+Images tell how stops lie to each other and nothing of where all of them lie: a common motion of the
+stops that see a tie point, the point moving along, changes no image coordinate. The observations of
+a point are therefore written in the motions of its stops relative to the first of them, the base b,
+
+    x_s = (d_s, dc_s)         rotation vector and shift of stop s, in the LSL
+    r_s = x_s - M_sb x_b      M_sb = | I               0 |      what a turn of b does to s,
+                                     | -[c_s - c_b]    I |      carried rigidly
+
+so that a point seen from one stop alone feels mast pointings and no pose: of its normal equations
+those of all points that the same pairs see (a signature) are added up before they go to their
+places. A point that several stops see feels the poses of all of them, that of the base by
+
+    A_b = -sum_s A_s M_sb,        in every row - a' [X - c_b], a', with a' the derivative by X
+
+Only the lower triangle of the normal matrix is computed.
+
+A group costs some time however few its points are, so a handful of points joins a group of points
+that are seen more often: their observations are repeated until they are as many, and repetitions
+carry no weight.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from itertools import groupby
+
+import numpy as np
+
+from solmap.photogrammetry.adjustment.model.collinearity import (
+    PAIR_UNKNOWNS,
+    STOP_UNKNOWNS,
+    Observations,
+)
+from solmap.photogrammetry.adjustment.model.network import FRAME_UNKNOWNS
+from solmap.photogrammetry.arrays import Float64
+from solmap.photogrammetry.errors import AdjustmentError
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Unknowns:
+    """Which orientations are free, and their places: stop by stop, pose first, then its pairs."""
+
+    sizes: np.ndarray
+    offsets: np.ndarray
+    stop_columns: np.ndarray
+    """(stops, 6) place inside the stop's block; -1 where held."""
+    pair_columns: np.ndarray
+    """(pairs, 3) place inside the block of the pair's stop; -1 where masts do not turn."""
+    pair_stop: np.ndarray
+    per_pair: int
+    """Unknowns of a pair: its pointing, or none where masts point as their labels say."""
+    frame_columns: np.ndarray
+    """(frames, 5) place inside the block of a control frame; -1 where certain. Blocks of frames
+    follow those of stops."""
+    count: int = field(init=False)
+    """How many."""
+    unpacked: tuple[np.ndarray, np.ndarray, np.ndarray] = field(init=False)
+    """Places of the columns of stops, pairs and frames in the vector of unknowns."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "count", int(self.sizes.sum()))
+        stops = np.arange(len(self.stop_columns))
+        unpacked = (
+            self.places(stops[:, None], self.stop_columns),
+            self.places(self.pair_stop[:, None], self.pair_columns),
+            self.places(self.frame_blocks[:, None], self.frame_columns),
+        )
+        object.__setattr__(self, "unpacked", unpacked)
+
+    @classmethod
+    def of(
+        cls,
+        held: np.ndarray,
+        pair_stop: np.ndarray,
+        *,
+        turning: bool = True,
+        frames: np.ndarray | None = None,
+    ) -> Unknowns:
+        """Number the unknowns of a network whose stops are held or free, and masts turn or not.
+
+        `frames` (n, 5) tells what is unknown of the places of control frames.
+        """
+        free = np.zeros((0, FRAME_UNKNOWNS), dtype=bool) if frames is None else frames
+        pose, per_pair = np.where(held, 0, STOP_UNKNOWNS), PAIR_UNKNOWNS if turning else 0
+        per_stop = np.bincount(pair_stop, minlength=len(held)).astype(np.int64)
+        of_stops = (pose + per_pair * per_stop).astype(np.int64)
+        sizes = np.concatenate([of_stops, free.sum(axis=1).astype(np.int64)])
+        frame_columns = np.where(free, np.cumsum(free, axis=1) - 1, -1)
+        stop_columns = np.where(held[:, None], -1, np.arange(STOP_UNKNOWNS))
+        by_stop = np.argsort(pair_stop, kind="stable")
+        slot = np.zeros(len(pair_stop), dtype=np.int64)
+        before = np.cumsum(per_stop) - per_stop
+        slot[by_stop] = np.arange(len(pair_stop)) - np.repeat(before, per_stop)
+        first = pose[pair_stop] + PAIR_UNKNOWNS * slot
+        pair_columns = np.where(turning, first[:, None] + np.arange(PAIR_UNKNOWNS), -1)
+        offsets = np.concatenate([[0], np.cumsum(sizes)])[:-1]
+        return cls(sizes, offsets, stop_columns, pair_columns, pair_stop, per_pair, frame_columns)
+
+    @property
+    def frame_blocks(self) -> np.ndarray:
+        """Blocks of the control frames."""
+        return len(self.stop_columns) + np.arange(len(self.frame_columns))
+
+    def columns(self, pair: np.ndarray) -> np.ndarray:
+        """(…, 9) places inside the stop's block of the unknowns an observation by `pair` feels."""
+        return np.concatenate(
+            [self.stop_columns[self.pair_stop[pair]], self.pair_columns[pair]], axis=-1
+        )
+
+    def places(self, blocks: np.ndarray, local: np.ndarray) -> np.ndarray:
+        """Places of columns in the vector of unknowns; what is held goes to a bin at its end."""
+        return np.where(local >= 0, self.offsets[blocks] + local, self.count)
+
+    def unpack(self, x: Float64[np.ndarray, " n"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Corrections (stops, 6), zero where held, (pairs, 3) and (frames, 5)."""
+        padded, (stops, pairs, frames) = np.append(x, 0.0), self.unpacked
+        return padded[stops], padded[pairs], padded[frames]
+
+
+CACHED = 100_000
+"""Numbers in the observation equations of a group, that they stay in a processor's own cache."""
+LEAST_POINTS = 64
+"""Points of a group where each is seen so often that its equations alone are long."""
+SHARED = 2
+"""Points a signature, on average, from which on it saves time to add them up first."""
+KEPT = 256
+"""Ways of being seen whose columns are remembered from one layout to the next."""
+OWN_GROUP = 1_000_000
+"""Products that a group must save by being one of its own: the calls for it take as long."""
+
+Kind = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""Points seen alike: rows (n, k), their pairs, and with which point every signature begins."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TieGroup:
+    """Some tie points with k observations each, shared out among their stops in the same way.
+
+    Columns: 6 for each stop after the base, then 3 for each observation's pair if masts turn
+    (relative); and 6 for the base besides (absolute).
+    """
+
+    rows: np.ndarray
+    """(k, n) observation numbers, some repeated; points in the order of their signatures."""
+    slots: tuple[int, ...]
+    """Which of the point's stops each of the k is from, ascending; the base is 0."""
+    first: np.ndarray
+    """Point with which each signature begins; where few points share one, each has its own."""
+    stops: np.ndarray
+    """(signatures, stops of a point)."""
+    local: np.ndarray
+    """(signatures, absolute columns) place of every column in its stop's block, -1 where held."""
+    per_pair: int
+    """Columns of a pair."""
+    counts: np.ndarray = field(init=False)
+    """(k, n) which observations count: those that do not repeat the one before."""
+    signature: np.ndarray = field(init=False)
+    """Signature of every point."""
+
+    def __post_init__(self) -> None:
+        counts, begins = np.ones(self.rows.shape, dtype=bool), np.zeros(self.points, dtype=np.int64)
+        np.not_equal(self.rows[1:], self.rows[:-1], out=counts[1:])
+        begins[self.first[1:]] = 1
+        object.__setattr__(self, "counts", counts)
+        object.__setattr__(self, "signature", begins.cumsum())
+
+    @classmethod
+    def of(
+        cls,
+        rows: np.ndarray,
+        slots: tuple[int, ...],
+        first: np.ndarray,
+        pair: np.ndarray,
+        unknowns: Unknowns,
+    ) -> TieGroup:
+        """The group of some observations by pairs `pair` (signatures, k)."""
+        stop = unknowns.pair_stop[pair].astype(np.int64)
+        stops = stop[:, [slots.index(slot) for slot in range(slots[-1] + 1)]]
+        of_pair = unknowns.pair_columns[:, : unknowns.per_pair]
+        local = _by_column(unknowns.stop_columns[stops], of_pair[pair])
+        return cls(rows, slots, first, stops, local, unknowns.per_pair)
+
+    def columns(self, of_stop: np.ndarray, of_pair: np.ndarray, pair: np.ndarray) -> np.ndarray:
+        """(signatures, absolute columns) where its columns go, by stop and by pair.
+
+        `pair` is that of every observation of the network.
+        """
+        pairs = pair[self.rows[:, self.first]].T
+        return _by_column(of_stop[self.stops], of_pair[pairs][:, :, : self.per_pair])
+
+    def of_points(self, numbers: np.ndarray) -> TieGroup:
+        """Some of the points, each with a signature of its own."""
+        of = self.signature[numbers]
+        return replace(
+            self,
+            rows=self.rows[:, numbers],
+            first=np.arange(len(numbers)),
+            stops=self.stops[of],
+            local=self.local[of],
+        )
+
+    @property
+    def seen(self) -> int:
+        """Observations per point."""
+        return len(self.slots)
+
+    @property
+    def points(self) -> int:
+        """How many."""
+        return self.rows.shape[1]
+
+    @property
+    def posed(self) -> int:
+        """How many columns of relative poses."""
+        return STOP_UNKNOWNS * self.slots[-1]
+
+    @property
+    def relative(self) -> int:
+        """How many relative columns."""
+        return self.posed + self.per_pair * self.seen
+
+    @property
+    def felt(self) -> int:
+        """How many leading absolute columns its normal equations feel: of one stop, no pose."""
+        return self.relative + (STOP_UNKNOWNS if self.slots[-1] else 0)
+
+    @property
+    def column_slots(self) -> np.ndarray:
+        """Which of the point's stops every absolute column belongs to."""
+        return _column_slots(self.slots, self.per_pair)
+
+    @property
+    def blocks(self) -> np.ndarray:
+        """(signatures, absolute columns) block of every column."""
+        return self.stops[:, self.column_slots]
+
+    @property
+    def triangle(self) -> tuple[np.ndarray, np.ndarray]:
+        """Rows and columns of the lower triangle of the felt columns, row by row.
+
+        Of two columns the row is that of the later stop, or of the later unknown of one stop.
+        """
+        return _triangle(self.slots, self.per_pair)
+
+    @property
+    def is_shared(self) -> bool:
+        """Whether several points share a signature."""
+        return len(self.first) < self.points
+
+
+def _by_column(of_stops: np.ndarray, of_pairs: np.ndarray) -> np.ndarray:
+    """What belongs to the absolute columns, from (n, stops, 6) and (n, k, 3)."""
+    n = len(of_stops)
+    others = of_stops[:, 1:].reshape(n, -1)
+    return np.concatenate([others, of_pairs.reshape(n, -1), of_stops[:, 0]], axis=1)
+
+
+@lru_cache(maxsize=KEPT)
+def _column_slots(slots: tuple[int, ...], per_pair: int) -> np.ndarray:
+    others = np.repeat(np.arange(1, slots[-1] + 1), STOP_UNKNOWNS)
+    return np.concatenate([others, np.repeat(slots, per_pair), np.zeros(STOP_UNKNOWNS, np.int64)])
+
+
+@lru_cache(maxsize=KEPT)
+def _triangle(slots: tuple[int, ...], per_pair: int) -> tuple[np.ndarray, np.ndarray]:
+    posed = STOP_UNKNOWNS * slots[-1]
+    relative = posed + per_pair * len(slots)
+    felt = relative + (STOP_UNKNOWNS if slots[-1] else 0)
+    is_pair = np.zeros(felt, dtype=bool)
+    is_pair[posed:relative] = True
+    place = np.arange(felt) + felt * (is_pair + 2 * _column_slots(slots, per_pair)[:felt])
+    i, j = np.tril_indices(felt)
+    swapped = place[i] < place[j]
+    return np.where(swapped, j, i), np.where(swapped, i, j)
+
+
+def tie_groups(
+    observations: Observations, used: np.ndarray, unknowns: Unknowns
+) -> tuple[TieGroup, ...]:
+    """Group the used observations by tie point; points with a single one are left out.
+
+    Raises:
+        AdjustmentError: a point was measured twice in one pair.
+    """
+    often = np.bincount(observations.point[used], minlength=observations.points) > 1
+    rows = np.flatnonzero(used & often[observations.point])
+    pair, point = observations.pair[rows], observations.point[rows].astype(np.int64)
+    along = np.empty(len(unknowns.pair_stop), dtype=np.int64)  # place of a pair, stop by stop
+    along[np.argsort(unknowns.pair_stop, kind="stable")] = np.arange(len(along))
+    order = np.argsort(point * len(along) + along[pair])
+    rows, pair, point = rows[order], pair[order], point[order]
+    twice = np.flatnonzero((pair[1:] == pair[:-1]) & (point[1:] == point[:-1]))
+    if len(twice):
+        raise AdjustmentError(
+            f"tie point {point[twice[0]]} was measured twice in pair {pair[twice[0]]} of the "
+            "network: a pair sees a point at one place, give one measurement or two points"
+        )
+    begin = np.flatnonzero(np.diff(point, prepend=-1))
+    counts = np.diff(begin, append=len(point))
+    kinds = [
+        kind
+        for k in np.flatnonzero(np.bincount(counts))[::-1].tolist()
+        for kind in _kinds(observations, rows[begin[counts == k][:, None] + np.arange(k)], unknowns)
+    ]
+    return tuple(group for kind in _joined(kinds, unknowns) for group in _groups(*kind, unknowns))
+
+
+def _joined(kinds: list[Kind], unknowns: Unknowns) -> list[Kind]:
+    """Kinds, most often seen first, with few points joining others that are seen more often."""
+    joined: list[Kind] = []
+    for kind in kinds:
+        seen = _seen_by_stop(kind, unknowns)
+        for i, (rows, pairs, first) in enumerate(joined):
+            more = _seen_by_stop(joined[i], unknowns)
+            if len(more) != len(seen) or (more < seen).any():
+                continue
+            if len(kind[0]) * (_products(more) - _products(seen)) > OWN_GROUP:
+                continue
+            repeats = np.ones(seen.sum(), dtype=np.int64)
+            repeats[np.cumsum(seen) - 1] += more - seen
+            take = np.repeat(np.arange(len(repeats)), repeats)
+            joined[i] = (
+                np.concatenate([rows, kind[0][:, take]]),
+                np.concatenate([pairs, kind[1][:, take]]),
+                np.concatenate([first, len(rows) + kind[2]]),
+            )
+            break
+        else:
+            joined.append(kind)
+    return joined
+
+
+def _seen_by_stop(kind: Kind, unknowns: Unknowns) -> np.ndarray:
+    """From how many pairs of each of its stops a point of a kind is seen."""
+    stops = unknowns.pair_stop[kind[1][0]].tolist()
+    return np.array([len(list(own)) for _, own in groupby(stops)])
+
+
+def _products(seen: np.ndarray) -> int:
+    """Products of the normal equations of a point seen so often from each of its stops."""
+    columns = STOP_UNKNOWNS * len(seen) * (len(seen) > 1) + PAIR_UNKNOWNS * int(seen.sum())
+    return 3 * int(seen.sum()) * columns**2 // 2
+
+
+def _kinds(observations: Observations, rows: np.ndarray, unknowns: Unknowns) -> Iterator[Kind]:
+    """Points with equally many observations, (n, k), parted by how they are shared among stops.
+
+    Gives rows and their pairs, sorted by stop and pair, and the point with which every signature
+    begins.
+    """
+    pairs = observations.pair[rows]
+    order = np.lexsort(pairs.T[::-1])
+    rows, pairs = rows[order], pairs[order]
+    new = np.ones(len(pairs), dtype=bool)
+    new[1:] = (pairs[1:] != pairs[:-1]).any(axis=1)
+    stops = unknowns.pair_stop[pairs[new]]
+    packed = np.packbits(stops[:, 1:] != stops[:, :-1], axis=1)
+    if (packed == packed[0]).all():
+        yield rows, pairs, np.flatnonzero(new)
+        return
+    kinds, kind = np.unique(packed.view(f"V{packed.shape[1]}")[:, 0], return_inverse=True)
+    for number in range(len(kinds)):
+        mine = (kind == number)[np.cumsum(new) - 1]
+        yield rows[mine], pairs[mine], np.flatnonzero(new[mine])
+
+
+def _groups(
+    rows: np.ndarray, pairs: np.ndarray, first: np.ndarray, unknowns: Unknowns
+) -> Iterator[TieGroup]:
+    """Points of one kind in groups that a processor's cache holds."""
+    k, stops = rows.shape[1], unknowns.pair_stop[pairs[0]]
+    slots = np.concatenate([[0], np.cumsum(stops[1:] != stops[:-1])])
+    columns = STOP_UNKNOWNS * (slots[-1] + 1) + PAIR_UNKNOWNS * k
+    size = max(CACHED // (3 * k * columns), LEAST_POINTS)
+    starts = np.zeros(len(rows), dtype=bool)
+    starts[first if len(rows) > SHARED * len(first) else slice(None)] = True
+    starts[::size] = True
+    for begin in range(0, len(rows), size):
+        part = slice(begin, begin + size)
+        own = np.flatnonzero(starts[part])
+        yield TieGroup.of(
+            rows[part].T.copy(), tuple(slots.tolist()), own, pairs[part][own], unknowns
+        )

@@ -1,0 +1,371 @@
+"""A network at the state to which it was adjusted, ready to be linearised there.
+
+A stop leaves the adjustment: its conditional, and the marginal of those that stay.
+
+Everything that touches the stop is linearised where the adjustment ended and triangulated (see
+`marginal`): all tie points that it saw, with all their observations and freed of the points as the
+adjustment did last (`elimination`); its tilt and azimuth, the step to the next stop, its mast
+pointing; and what it had inherited itself. Of a tie point that it saw, no later observation can be
+used any more.
+
+The whitened observation equations that touch a stop, in the columns of a chart.
+
+A x = l for corrections in the LSL, one row an observation, l in the last column. Where a stop is
+held its columns fall onto the last one too and are overwritten there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import get_lapack_funcs
+
+from solmap.photogrammetry.adjustment.model.adjusted_network import USED, AdjustedNetwork
+from solmap.photogrammetry.adjustment.model.collinearity import (
+    STOP_UNKNOWNS,
+    Observations,
+    State,
+    numbers,
+)
+from solmap.photogrammetry.adjustment.model.control_equations import (
+    ROWS,
+    Control,
+    frame_places,
+    known_used,
+)
+from solmap.photogrammetry.adjustment.model.network import FRAME_UNKNOWNS, Network
+from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.model.telemetry import (
+    Telemetry,
+    telemetry_misclosures,
+    telemetry_partials,
+)
+from solmap.photogrammetry.adjustment.solver.elimination import EliminatedTies
+from solmap.photogrammetry.adjustment.solver.estimate import Outcome
+from solmap.photogrammetry.adjustment.solver.marginal import Chart, Marginal
+from solmap.photogrammetry.arrays import Bool, Float64
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Linear:
+    """A network at the state where it is linearised."""
+
+    observations: Observations
+    telemetry: Telemetry
+    held: Bool[np.ndarray, " stops"]
+    state: State
+    used: Bool[np.ndarray, " rows"]
+    inherited: Marginal | None
+    grounded: Bool[np.ndarray, " stops"]
+    """Stops that images join to the datum."""
+    control: Control | None = None
+    ties: tuple[EliminatedTies, ...] = ()
+    """The used tie points that several pairs see, as the adjustment linearised them last."""
+
+    @classmethod
+    def of(
+        cls,
+        adjusted: AdjustedNetwork,
+        network: Network,
+        params: AdjustmentParams,
+        rows: np.ndarray | None = None,
+    ) -> Linear:
+        """A network at the state to which it was adjusted, with what it has inherited.
+
+        `rows` are those of the adjusted ties that the network has, if not all.
+        """
+        status = adjusted.ties.status if rows is None else adjusted.ties.status[rows]
+        stops = {stop.stop: stop for stop in adjusted.stops}
+        pairs = {pair.pair_id: pair for pair in adjusted.pairs}
+        poses = [stops[stop] for stop in network.stop_ids]
+        state = State(
+            np.array([stop.lsl_from_rover.rotation for stop in poses]),
+            np.array([stop.lsl_from_rover.translation_m for stop in poses]),
+            np.array([pairs[pair.pair_id].pointing for pair in network.pairs]).reshape(-1, 3),
+            adjusted.ties.points,
+            frame_places(adjusted.frames, network),
+        )
+        return cls(
+            Observations.of(network),
+            Telemetry.of(network, params),
+            np.array([stop.held for stop in poses], dtype=bool),
+            state,
+            status == USED,
+            Marginal.of(adjusted.memory, network) if adjusted.memory else None,
+            np.array([stop.is_tied for stop in poses], dtype=bool),
+            _control(adjusted, network),
+        )
+
+    @classmethod
+    def where_solved(cls, outcome: Outcome, grounded: Bool[np.ndarray, " stops"]) -> Linear:
+        """The network where an adjustment ended."""
+        problem = outcome.problem
+        return cls(
+            outcome.observations,
+            problem.telemetry,
+            problem.held,
+            outcome.solution.state,
+            outcome.used,
+            problem.inherited,
+            grounded,
+            problem.control,
+            outcome.ties,
+        )
+
+    def without(self, k: int, inherited: Marginal) -> Linear:
+        """The network after stop k has left, and every tie point that it saw."""
+        seen = np.zeros(self.observations.points, dtype=bool)
+        seen[self.observations.point[self.observations.stop == k]] = True
+        used = self.used & ~seen[self.observations.point]
+        return replace(self, used=used, inherited=inherited)
+
+
+def _control(adjusted: AdjustedNetwork, network: Network) -> Control | None:
+    """The control of a network, used where the adjustment used it."""
+    if not network.frames:
+        return None
+    control = Control.of(network)
+    return control.using(known_used(network.control, adjusted.control))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Conditional:
+    """Where a stop and its pairs are, given those that stayed: own z_s + other z_T = right."""
+
+    chart: Chart
+    leaving: np.ndarray
+    """Columns of the chart that left."""
+    own: Float64[np.ndarray, "s s"]
+    other: Float64[np.ndarray, "s t"]
+    right: Float64[np.ndarray, " s"]
+
+    @property
+    def staying(self) -> np.ndarray:
+        """Columns of the chart that stayed."""
+        return _others(self.chart.size, self.leaving)
+
+
+def _others(count: int, some: np.ndarray) -> np.ndarray:
+    """The numbers below `count` that are not among some."""
+    rest = np.ones(count, dtype=bool)
+    rest[some] = False
+    return np.flatnonzero(rest)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Leaving:
+    """A stop that is to leave a network, what goes with it, and what stays that it is tied to."""
+
+    stop: int
+    rows: np.ndarray
+    """Observations that go with it."""
+    stops: np.ndarray
+    pairs: np.ndarray
+
+
+def leaving(network: Linear, k: int) -> Leaving:
+    """Stop k, and what it leaves behind."""
+    observations, inherited = network.observations, network.inherited
+    seen = np.zeros(observations.points, dtype=bool)
+    seen[observations.point[observations.stop == k]] = True
+    rows = np.flatnonzero(network.used & seen[observations.point])
+    counts = np.bincount(observations.point[rows], minlength=observations.points)
+    rows = rows[counts[observations.point[rows]] > 1]
+    stops, pairs = observations.stop[rows], observations.pair[rows]
+    following = np.array([k + 1]) if k + 1 < len(network.held) else np.zeros(0, dtype=np.int64)
+    if inherited:
+        stops = np.concatenate([stops, inherited.stops])
+        pairs = np.concatenate([pairs, inherited.pairs])
+    stops, pairs = numbers(np.concatenate([stops, following])), numbers(pairs)
+    stays = (stops != k) & ~network.held[stops]
+    return Leaving(k, rows, stops[stays], pairs[observations.pair_stop[pairs] != k])
+
+
+def retire(network: Linear, leaves: Leaving) -> tuple[Conditional, Marginal]:
+    """Take a stop, the first that is left, out of a network."""
+    k, rows, stops, pairs = leaves.stop, leaves.rows, leaves.stops, leaves.pairs
+    mine = np.flatnonzero(network.observations.pair_stop == k)
+    own = np.zeros(0, dtype=np.int64) if network.held[k] else np.array([k])
+    frames = _frames(network, k)
+    state, of_chart = network.state, (np.append(own, stops), np.append(mine, pairs), frames)
+    chart = Chart.at(state, *of_chart)
+    columns = Columns.of(chart, len(network.held), len(state.pointings), len(state.frames))
+    told, placed = telemetry_rows(network, k, columns), control_rows(network, k, columns)
+    others = [told, placed, pointing_rows(network, mine, columns)]
+    told_of = len(told) + len(placed) + 3 * len(mine)
+    spent, surplus = 0.0, _coordinates(network.observations, rows) + told_of
+    if network.inherited:
+        others.append(inherited_rows(network.inherited, state, columns))
+        spent, surplus = network.inherited.spent, surplus + network.inherited.surplus
+    everything = np.concatenate([tie_rows(network, rows, columns), *others])
+    gone = np.append(columns.of_stop[own], columns.of_pair[mine])
+    conditional, root, right, rest = _triangulated(chart, _in_coordinates(everything, chart), gone)
+    stays = Chart.at(state, stops, pairs, frames)
+    grounded = network.grounded[stops]
+    return conditional, Marginal(stays, root, right, grounded, spent + rest, surplus - len(gone))
+
+
+def _frames(network: Linear, k: int) -> np.ndarray:
+    """Control frames that stop k, or what it inherited, speaks of, and whose place is unknown."""
+    frames, control = np.zeros(0, dtype=np.int64), network.control
+    if control:
+        used = control.frame[control.used & (control.stop == k)]
+        frames = np.unique(used[control.is_free[used].any(axis=1)])
+    return np.union1d(frames, network.inherited.frames) if network.inherited else frames
+
+
+def _coordinates(observations: Observations, rows: np.ndarray) -> int:
+    """Coordinates measured in some rows, beyond those that their points take up."""
+    return int((observations.weight[rows] > 0).sum()) - 3 * len(numbers(observations.point[rows]))
+
+
+def _in_coordinates(rows: np.ndarray, chart: Chart) -> np.ndarray:
+    """Equations of corrections in the LSL, where a chart is, as those of its coordinates."""
+    posed = STOP_UNKNOWNS * len(chart.stops)
+    rows[:, :posed] = rows[:, :posed] @ chart.poses_by_coordinates
+    return rows
+
+
+def _triangulated(
+    chart: Chart, A: np.ndarray, gone: np.ndarray
+) -> tuple[Conditional, np.ndarray, np.ndarray, float]:
+    """Conditional, and root, right-hand side and spent sum of squares of the marginal."""
+    s, n = len(gone), chart.size
+    R = triangulated(A[:, np.concatenate([gone, _others(n, gone), [n]])])
+    conditional = Conditional(chart, gone, R[:s, :s], R[:s, s:n], R[:s, n])
+    spent = float(R[n, n] ** 2) if len(R) > n else 0.0
+    return conditional, np.ascontiguousarray(R[s:n, s:n]), R[s:n, n].copy(), spent
+
+
+_geqrf = get_lapack_funcs("geqrf", dtype=np.float64)
+BLOCK = 32
+"""Columns that are triangulated together."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Columns:
+    """Columns of a chart by number of stop, pair, frame; the last one is for what is held."""
+
+    of_stop: np.ndarray
+    of_pair: np.ndarray
+    of_frame: np.ndarray
+    count: int
+
+    @classmethod
+    def of(cls, chart: Chart, stops: int, pairs: int, frames: int = 0) -> Columns:
+        """Of a chart in a network with so many stops, pairs and control frames."""
+        count, n, m = chart.size, len(chart.stops), len(chart.frames)
+        of_stop, of_pair = np.full((stops, 6), count), np.full((pairs, 3), count)
+        of_stop[chart.stops] = np.arange(6 * n).reshape(n, 6)
+        of_frame = np.full((frames, FRAME_UNKNOWNS), count)
+        end = count - FRAME_UNKNOWNS * m
+        of_pair[chart.pairs] = np.arange(6 * n, end).reshape(-1, 3)
+        of_frame[chart.frames] = np.arange(end, count).reshape(m, FRAME_UNKNOWNS)
+        return cls(of_stop, of_pair, of_frame, count)
+
+
+def tie_rows(network: Linear, rows: np.ndarray, columns: Columns) -> np.ndarray:
+    """Whitened observation equations of the tie points that some rows see, freed of the points."""
+    observations = network.observations
+    touched = np.zeros(observations.points, dtype=bool)
+    touched[observations.point[rows]] = True
+    parts = [np.zeros((0, columns.count + 1))]
+    for tie in network.ties:
+        mine = np.flatnonzero(touched[observations.point[tie.group.rows[0]]])
+        if not len(mine):
+            continue
+        group = tie.group.of_points(mine)
+        at = group.columns(columns.of_stop, columns.of_pair, observations.pair)[:, : group.felt]
+        own = at[:, group.posed : group.relative]
+        own[np.repeat(~group.counts.T, 3, axis=1)] = columns.count  # what repeats has none
+        parts.append(_in_columns(tie.free[mine], at, columns.count))
+    return np.concatenate(parts)
+
+
+def _in_columns(free: np.ndarray, at: np.ndarray, count: int) -> np.ndarray:
+    """Rows (n, 3 k, felt columns and l) of points whose columns belong `at` others of so many.
+
+    Triangulated where they touch so few columns that this saves products: fewer rows say the same.
+    """
+    n, rows, _ = free.shape
+    touched = np.append(numbers(at[at < count]), count)
+    narrow = np.zeros((n, rows, len(touched)))
+    each = np.arange(n)[:, None, None], np.arange(rows)[:, None]
+    narrow[*each, np.searchsorted(touched, at)[:, None]] = free[:, :, :-1]
+    narrow[:, :, -1] = free[:, :, -1]  # over the bin of what is held
+    equations = narrow.reshape(n * rows, -1)
+    m, own, all_ = len(equations), len(touched), count + 1
+    if m * own**2 + own * all_**2 < m * all_**2:
+        equations = triangulated(equations)
+    wide = np.zeros((len(equations), count + 1))
+    wide[:, touched] = equations
+    return wide
+
+
+def triangulated(rows: Float64[np.ndarray, "m n"]) -> Float64[np.ndarray, "r n"]:
+    """R of rows = Q R, with min(m, n) rows."""
+    n = rows.shape[1]
+    R = _geqrf(rows, lwork=BLOCK * n)[0]
+    return np.triu(R[:n])
+
+
+def telemetry_rows(network: Linear, k: int, columns: Columns) -> np.ndarray:
+    """Tilt and measured azimuth of the stop, and the step from it to the next."""
+    stops = np.arange(k, min(k + 2, len(network.held)))
+    ends, link = network.state.of_stops(stops), network.telemetry.of_stops(stops)
+    l = telemetry_misclosures(ends, link) * link.weight
+    A = telemetry_partials(ends, link) * link.weight[:, :, None]
+    dense = np.zeros((len(stops), 6, columns.count + 1))
+    dense[0][:, columns.of_stop[k]] = A[0, :, 6:]
+    if len(stops) > 1:
+        dense[1][:, columns.of_stop[k]] = A[1, :, :6]
+        dense[1][:, columns.of_stop[k + 1]] = A[1, :, 6:]
+    dense[:, :, -1] = l
+    counts = link.weight > 0
+    counts[0] &= not network.held[k]
+    counts[0, 3:] = False  # went with the stop before
+    counts[0, 2] &= link.is_fine[0]
+    counts[1:, :2] = False  # stay
+    counts[1:, 2] &= ~link.is_fine[1:]
+    return dense[counts]
+
+
+def pointing_rows(network: Linear, pairs: np.ndarray, columns: Columns) -> np.ndarray:
+    """The mast pointing of some pairs, observed to be zero."""
+    dense = np.zeros((3 * len(pairs), columns.count + 1))
+    dense[np.arange(3 * len(pairs)), columns.of_pair[pairs].ravel()] = 1.0
+    dense[:, -1] = -network.state.pointings[pairs].ravel()
+    return dense * network.telemetry.pointing_weight
+
+
+def control_rows(network: Linear, k: int, columns: Columns) -> np.ndarray:
+    """Where control has the stop, in frames whose place stays unknown."""
+    control = network.control
+    if control is None:
+        return np.zeros((0, columns.count + 1))
+    l, (of_stop, of_frame) = control.whitened(network.state), control.partials(network.state)
+    mine = np.flatnonzero(control.used & (control.stop == k))
+    dense = np.zeros((len(mine), ROWS, columns.count + 1))
+    for row, n in enumerate(mine.tolist()):
+        frame = control.frame[n]
+        free = control.is_free[frame]
+        dense[row][:, columns.of_stop[k]] = of_stop[n]
+        dense[row][:, columns.of_frame[frame][free]] = of_frame[n][:, free]
+    dense[:, :, -1] = l[mine]
+    return dense[control.is_given[mine]]
+
+
+def inherited_rows(inherited: Marginal, state: State, columns: Columns) -> np.ndarray:
+    """What the stop had inherited, in the columns of the chart."""
+    A, l = inherited.rows(state)
+    parts = (
+        columns.of_stop[inherited.stops],
+        columns.of_pair[inherited.pairs],
+        columns.of_frame[inherited.frames],
+    )
+    at = np.concatenate(parts, None)
+    dense = np.zeros((len(A), columns.count + 1))
+    dense[:, at] = A
+    dense[:, -1] = l
+    return dense

@@ -1,0 +1,257 @@
+"""Cost of a state, and the normal equations there."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from solmap.photogrammetry.adjustment.model.collinearity import State, Views
+from solmap.photogrammetry.adjustment.model.control_equations import Control
+from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.model.telemetry import (
+    telemetry_misclosures,
+    telemetry_partials,
+)
+from solmap.photogrammetry.adjustment.solver.block_matrix import Factor, factorise
+from solmap.photogrammetry.adjustment.solver.elimination import EliminatedTies, eliminate
+from solmap.photogrammetry.adjustment.solver.problem import LINK_TRIANGLE, Problem
+from solmap.photogrammetry.arrays import Float64
+
+CHI3_MEDIAN = 1.538
+"""Median length of a standard normal vector of three coordinates."""
+CACHED = 4096
+"""Observations that are looked at together, so that they stay in a processor's own cache."""
+
+FEW = 8
+"""So much longer takes it to add one value at its place than to go past one in the sum."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Place:
+    """A state, and what is seen from there."""
+
+    state: State
+    views: Views
+    l: np.ndarray
+    """(3, m) misclosures of the rows in the adjustment times their weights."""
+    links: np.ndarray = field(default_factory=lambda: np.zeros((0, 6)))
+    """(stops, 6) misclosures of telemetry times their weights."""
+    z: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    """Coordinates of what is inherited, see `marginal`."""
+
+    @classmethod
+    def of(cls, problem: Problem, state: State, views: Views | None = None) -> Place:
+        """Look from a state; `views` where it has been looked from already."""
+        views = views or Views.of(state, problem.observations)
+        l = np.empty_like(problem.sights.measured)
+        for begin in range(0, len(problem.sights), CACHED):
+            part = slice(begin, begin + CACHED)
+            sights = problem.sights.part(part)
+            np.multiply(views.misclosures(sights), sights.weight, out=l[:, part])
+        links = telemetry_misclosures(state, problem.telemetry) * problem.link_weight
+        known = problem.inherited
+        return cls(state, views, l, links, known.chart.coordinates(state) if known else np.zeros(0))
+
+
+def whitened(problem: Problem, state: State) -> np.ndarray:
+    """Misclosures of the rows in the adjustment times their weights, (3, m)."""
+    return Place.of(problem, state).l
+
+
+def lengths(l: np.ndarray) -> np.ndarray:
+    """Length of every column of (3, m)."""
+    return np.sqrt(l[0] ** 2 + l[1] ** 2 + l[2] ** 2)
+
+
+def huber_weights(t: np.ndarray, threshold: float) -> np.ndarray:
+    """Weights of squared residuals that make least squares minimise Huber's loss."""
+    return threshold / np.maximum(t, threshold)
+
+
+def huber_threshold(problem: Problem, at: Place, params: AdjustmentParams) -> float:
+    """Where the loss turns linear at a state: in units of the spread that residuals have there.
+
+    Far from the minimum every residual is large; were all taken for blunders, telemetry would win
+    over the images and the step lead astray.
+    """
+    t = lengths(at.l)
+    t = t[t > 0]  # what repeats others has no weight
+    spread = float(np.median(t)) / CHI3_MEDIAN if len(t) else 1.0
+    if problem.control and problem.control.used.any():
+        off = np.sort(control_lengths(problem.control, at.state)[problem.control.used])
+        spread = max(spread, float(off[(len(off) - 1) // 2]) / CHI3_MEDIAN)
+    return params.huber * max(1.0, spread)
+
+
+def control_lengths(control: Control, state: State) -> np.ndarray:
+    """How far every stop is from where control has it, in standard deviations."""
+    return np.linalg.norm(control.whitened(state), axis=1)
+
+
+def control_weights(
+    control: Control, l: np.ndarray, threshold: float | None
+) -> Float64[np.ndarray, " n"]:
+    """Weight of the squared misclosures of control: none if set aside, less under Huber's loss."""
+    weight = control.used.astype(float)
+    if threshold is None:
+        return weight
+    less = huber_weights(np.linalg.norm(l, axis=1), threshold)
+    return np.where(control.is_datum, weight, weight * less)
+
+
+def cost_of(problem: Problem, at: Place, threshold: float | None) -> float:
+    """The sum that is minimised; infinite where a point lies behind a camera."""
+    state = at.state
+    images = float(np.vdot(at.l, at.l)) if threshold is None else _loss(lengths(at.l), threshold)
+    if not np.isfinite(images):
+        return np.inf
+    telemetry = problem.telemetry
+    pointing = state.pointings * telemetry.pointing_weight if telemetry.masts_turn else np.zeros(0)
+    known = problem.inherited.cost_at(at.z) if problem.inherited else 0.0
+    if problem.control:
+        control = problem.control
+        off, doubtful = control_lengths(control, state), control.used & ~control.is_datum
+        known += _loss(off[doubtful], threshold) + _loss(off[control.is_datum], None)
+        known += float((control.prior_misclosures(state) ** 2).sum())
+    return images + float(np.vdot(at.links, at.links) + np.vdot(pointing, pointing)) + known
+
+
+def _loss(t: np.ndarray, threshold: float | None) -> float:
+    """Sum of squares, or of Huber's loss."""
+    if threshold is None:
+        return float((t**2).sum())
+    return float(np.where(t <= threshold, t**2, 2 * threshold * t - threshold**2).sum())
+
+
+def normal_equations(
+    problem: Problem, state: State, threshold: float | None
+) -> tuple[np.ndarray, np.ndarray, tuple[EliminatedTies, ...]]:
+    """Reduced normal matrix (flat), right-hand side (with a bin at the end), eliminated ties."""
+    flat, right, ties = _reduced(problem, Place.of(problem, state), threshold)
+    return problem.pattern.symmetric(flat), right, ties
+
+
+def _reduced(
+    problem: Problem, at: Place, threshold: float | None
+) -> tuple[np.ndarray, np.ndarray, tuple[EliminatedTies, ...]]:
+    """The same, the lower triangle of the matrix alone."""
+    flat, right, ties = added(problem, _eliminated(problem, at, threshold))
+    _add_telemetry(problem, at, flat, right)
+    _add_inherited(problem, at, flat, right)
+    _add_control(problem, at.state, flat, right, threshold)
+    flat[-1] = right[-1] = 0.0
+    return flat, right, ties
+
+
+def _eliminated(problem: Problem, at: Place, threshold: float | None) -> Iterator[EliminatedTies]:
+    """The groups of a problem, freed of their points."""
+    end, small = 0, len(problem.sights) <= CACHED
+    masts = at.views.masts()
+    together = at.views.partials(problem.sights, masts) if small else None
+    for group in problem.groups:
+        part = slice(end, end := end + group.rows.size)
+        l = at.l[:, part]
+        A = together.of(part) if together else at.views.partials(problem.sights.part(part), masts)
+        if threshold is not None:
+            root = np.sqrt(huber_weights(lengths(l), threshold))
+            l, A = l * root, A.weighted(root)
+        yield eliminate(group, l, A, at.views)
+
+
+def added(
+    problem: Problem, groups: Iterable[EliminatedTies]
+) -> tuple[np.ndarray, np.ndarray, tuple[EliminatedTies, ...]]:
+    """Normal equations of ties alone: lower triangle, right-hand side (both with bins), ties."""
+    flat, right = np.zeros(problem.pattern.length + 1), np.zeros(problem.unknowns.count + 1)
+    ties = []
+    for tie, place, right_place in zip(groups, problem.places, problem.right_places, strict=True):
+        N, n = tie.normals()
+        _add(flat, place, N)
+        _add(right, right_place, n)
+        ties.append(tie)
+    return flat, right, tuple(ties)
+
+
+def _add_telemetry(problem: Problem, at: Place, flat: np.ndarray, right: np.ndarray) -> None:
+    """Add tilt, azimuth, increments and mast pointing."""
+    A = telemetry_partials(at.state, problem.telemetry) * problem.link_weight[:, :, None]
+    _add(flat, problem.link_places, (A.swapaxes(1, 2) @ A)[:, *LINK_TRIANGLE])
+    _add(right, problem.link_right, (at.links[:, None, :] @ A)[:, 0])
+    if not problem.telemetry.masts_turn:
+        return
+    w2, (_, pointings, _) = problem.telemetry.pointing_weight**2, problem.unknowns.unpacked
+    flat[problem.pointing_places] += w2
+    right[pointings] -= w2 * at.state.pointings
+
+
+def _add_inherited(problem: Problem, at: Place, flat: np.ndarray, right: np.ndarray) -> None:
+    """Add what observations that have left said."""
+    if problem.inherited is None:
+        return
+    places, right_places = problem.inherited_places
+    N, n = problem.inherited.normals_at(at.state, at.z)
+    _add(flat, places, N)
+    _add(right, right_places, n)
+
+
+def _add_control(
+    problem: Problem, state: State, flat: np.ndarray, right: np.ndarray, threshold: float | None
+) -> None:
+    """Add where stops lie in control frames, and what is known of these beforehand."""
+    control, unknowns = problem.control, problem.unknowns
+    if control is None or problem.control_places is None or problem.frame_places is None:
+        return
+    l, (of_stop, of_frame) = control.whitened(state), control.partials(state)
+    weight = control_weights(control, l, threshold)
+    A = np.concatenate([of_frame, of_stop], axis=2) * np.sqrt(weight)[:, None, None]
+    l = l * np.sqrt(weight)[:, None]
+    _add(flat, problem.control_places, A.mT @ A)
+    places = [
+        unknowns.places(unknowns.frame_blocks[control.frame][:, None],
+                        unknowns.frame_columns[control.frame]),
+        unknowns.places(control.stop[:, None].astype(np.int64),
+                        unknowns.stop_columns[control.stop]),
+    ]  # fmt: skip
+    _add(right, np.hstack(places), (l[:, None, :] @ A)[:, 0])
+    W = control.prior
+    _add(flat, problem.frame_places, W.mT @ W)
+    own = unknowns.places(unknowns.frame_blocks[:, None], unknowns.frame_columns)
+    _add(right, own, (control.prior_misclosures(state)[:, None, :] @ W)[:, 0])
+
+
+def _add(total: np.ndarray, places: np.ndarray, values: np.ndarray) -> None:
+    """Add values at their places of a flat array: all at once if they are many in a small one."""
+    if FEW * places.size > len(total):
+        total += np.bincount(places.ravel(), values.ravel(), minlength=len(total))
+    else:
+        np.add.at(total, places.ravel(), values.ravel())
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Linearised:
+    """The problem at a state: factor of the normal equations, and the ties without their points."""
+
+    factor: Factor
+    right: np.ndarray
+    ties: tuple[EliminatedTies, ...]
+
+    def seen_from(self, at: Place) -> Linearised:
+        """The same with the misclosures of a place near by."""
+        ties, end = [], 0
+        for tie in self.ties:
+            part = slice(end, end := end + tie.group.rows.size)
+            ties.append(tie.with_misclosures(at.l[:, part]))
+        return replace(self, ties=tuple(ties))
+
+
+def linearise(problem: Problem, state: State, threshold: float | None) -> Linearised:
+    """The problem at a state, factored."""
+    return linearise_at(problem, Place.of(problem, state), threshold)
+
+
+def linearise_at(problem: Problem, at: Place, threshold: float | None) -> Linearised:
+    """The same where the state has been looked from already."""
+    flat, right, ties = _reduced(problem, at, threshold)
+    return Linearised(factorise(problem.pattern, flat), right, ties)
