@@ -18,6 +18,7 @@ from solmap.flows.runtime.run_page import mission_name
 from solmap.flows.runtime.run_record import recorded
 from solmap.photogrammetry.terrain.dtm.region_dtm import regions_of
 from solmap.products.catalogue.catalogue import MissionEntry
+from solmap.products.catalogue.images import image_records
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.crs import LandingPoint
 from solmap.products.model import REGION, Layer, ProductKind, ProductRef, Scope
@@ -25,7 +26,6 @@ from solmap.products.store.locks import exclusive_lock
 from solmap.products.store.product_store import ProductStore
 from solmap.tasks.contour import trace_contours
 from solmap.tasks.hazard import map_hazards
-from solmap.tasks.images import image_records
 from solmap.tasks.insolation import map_insolation
 from solmap.tasks.localisation import localise
 from solmap.tasks.publish import publish, withdraw
@@ -141,6 +141,7 @@ def refresh_regions(
 
 
 def missions_of(store: Path, mission: str | None) -> list[str]:
+    """The named mission, or all that a store has images of."""
     if mission is not None:
         return [mission.upper()]
     return [entry.mission for entry in open_workspace(store).catalogue.missions()]

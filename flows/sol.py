@@ -14,8 +14,8 @@ from solmap.flows.sol_network import adjust_stops, match_pairs
 from solmap.photogrammetry.adjustment.quality.movement import ReissueParams
 from solmap.photogrammetry.imagery import StopId
 from solmap.products.catalogue.catalogue import Outcome
+from solmap.products.formats.documents.network import read_network
 from solmap.products.model import ProductRef
-from solmap.tasks.adjust import read_network
 from solmap.tasks.orientations import MappedStop, choose_orientations, read_orientations
 from solmap.tasks.pairs import PairProducts
 from solmap.tasks.publish import publish

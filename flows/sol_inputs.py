@@ -15,11 +15,11 @@ from solmap.photogrammetry.adjustment.modes.mission import AdjustmentMode
 from solmap.photogrammetry.imagery import StopId
 from solmap.photogrammetry.matching.neighbours import link_candidates
 from solmap.products.catalogue.catalogue import ImageEntry, MissionEntry
+from solmap.products.catalogue.images import image_records
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.crs import LandingPoint
+from solmap.products.formats.documents.network import read_network
 from solmap.products.model import ProductRef
-from solmap.tasks.adjust import read_network
-from solmap.tasks.images import image_records
 from solmap.tasks.telemetry import Telemetry, TelemetryStop, read_telemetry, vector_files
 
 WINDOW = 3

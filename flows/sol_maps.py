@@ -23,9 +23,9 @@ from solmap.photogrammetry.errors import MatchingError, TerrainError
 from solmap.photogrammetry.imagery import StopId
 from solmap.photogrammetry.terrain.relief.contours import ContourParams
 from solmap.products.crs import LandingPoint
+from solmap.products.formats.documents.network import read_network
 from solmap.products.model import ProductKind, ProductRef
 from solmap.products.store.product_store import ProductStore
-from solmap.tasks.adjust import read_network
 from solmap.tasks.colour import colour_frames, render_colour
 from solmap.tasks.contour import trace_contours
 from solmap.tasks.dtm import build_dtm

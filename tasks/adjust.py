@@ -233,6 +233,3 @@ def _document(
         holders=holders,
     )
     return product_document(product)
-
-
-__all__ = ["NetworkParams", "NetworkProduct", "NetworkStep", "adjust_network", "read_network"]

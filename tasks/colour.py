@@ -20,13 +20,13 @@ from solmap.photogrammetry.terrain.orthophoto.colour import (
 )
 from solmap.photogrammetry.terrain.orthophoto.rendering import OrthophotoParams, rendering
 from solmap.products.catalogue.catalogue import ImageEntry
+from solmap.products.catalogue.images import ImageFile, image_file, image_record, read_product_image
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.crs import LandingPoint
 from solmap.products.formats.raster.raster import read_dtm
 from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.products.store.product_store import ProductStore
 from solmap.products.store.provenance import provenance_tags
-from solmap.tasks.images import ImageFile, image_file, image_record, read_product_image
 from solmap.tasks.orthophoto import write_rendering
 from solmap.tasks.stage import stage
 from solmap.tasks.views import OrientedPair, read_views

@@ -20,6 +20,7 @@ from solmap.photogrammetry.archive.tables.vector_files import parse_vector_file
 from solmap.photogrammetry.errors import PhotogrammetryError
 from solmap.photogrammetry.imagery import RoverImage
 from solmap.products.catalogue.catalogue import ImageEntry, Outcome
+from solmap.products.catalogue.images import image_record
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.model import ProductKind, ProductRef
 from solmap.products.store.faults import retry_transient
@@ -31,7 +32,6 @@ from solmap.tasks.downlink_files import (
     is_settled,
 )
 from solmap.tasks.hand_ties import is_hand_ties, take_hand_ties
-from solmap.tasks.images import image_record
 from solmap.tasks.intake import Intake, TakenImage, keep_file, one_of_each
 from solmap.tasks.stage import stage
 

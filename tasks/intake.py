@@ -19,10 +19,10 @@ from solmap.photogrammetry.archive.images.reading import ReadImage, describe_ima
 from solmap.photogrammetry.imagery import RoverImage
 from solmap.photogrammetry.stretching import stretched
 from solmap.products.catalogue.catalogue import ImageEntry, Outcome
+from solmap.products.catalogue.images import ImageFile
 from solmap.products.formats.documents.archives import radiometry_digest, write_radiometry
 from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.products.store.product_store import ProductStore
-from solmap.tasks.images import ImageFile
 from solmap.tasks.scopes import file_scope, image_scope, region_scope
 
 

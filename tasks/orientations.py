@@ -20,12 +20,12 @@ from solmap.photogrammetry.adjustment.model.adjusted_network import AdjustedPair
 from solmap.photogrammetry.adjustment.quality.movement import ReissueParams, ground_shift_m
 from solmap.products.formats.documents.network import (
     References,
+    read_network,
     references_document,
     references_of_document,
 )
 from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.products.store.product_store import ProductStore
-from solmap.tasks.adjust import read_network
 from solmap.tasks.stage import stage
 from solmap.tasks.views import Orientation
 

@@ -15,6 +15,7 @@ from solmap.photogrammetry.matching.records import EpipolarImages, MatchedPair, 
 from solmap.photogrammetry.matching.resampling import epipolar_images
 from solmap.photogrammetry.matching.vertical_parallax import turned_in_place
 from solmap.products.catalogue.catalogue import ImageEntry
+from solmap.products.catalogue.images import ImageFile, image_file, read_product_image
 from solmap.products.formats.documents.archives import (
     read_matches,
     read_parallax,
@@ -22,7 +23,6 @@ from solmap.products.formats.documents.archives import (
 )
 from solmap.products.model import ProductRef
 from solmap.products.store.product_store import ProductStore
-from solmap.tasks.images import ImageFile, image_file, read_product_image
 from solmap.tasks.telemetry import TelemetryStop
 
 CAMERAS = ("NAVCAM", "PANCAM", "MASTCAM", "FRONT_HAZCAM", "REAR_HAZCAM")

@@ -26,6 +26,7 @@ from solmap.photogrammetry.terrain.orthophoto.panorama import (
 from solmap.photogrammetry.terrain.orthophoto.panorama_grid import StandingPlane
 from solmap.photogrammetry.terrain.orthophoto.panorama_seams import registration
 from solmap.products.catalogue.catalogue import ImageEntry
+from solmap.products.catalogue.images import ImageFile, image_file, image_record, read_product_image
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.formats.documents.archives import read_matches, read_right_turn
 from solmap.products.formats.raster.panorama import (
@@ -39,7 +40,6 @@ from solmap.products.formats.raster.raster import read_dtm
 from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.products.store.product_store import ProductStore
 from solmap.products.store.provenance import provenance_tags
-from solmap.tasks.images import ImageFile, image_file, image_record, read_product_image
 from solmap.tasks.pairs import pair_frame, with_right_turned
 from solmap.tasks.scopes import stop_scope
 from solmap.tasks.singles import ON_THE_MAST

@@ -21,9 +21,9 @@ from solmap.photogrammetry.adjustment.quality_pictures import (
     traverse_picture,
 )
 from solmap.products.formats.documents.archives import read_matches
+from solmap.products.formats.documents.network import NetworkProduct, read_network
 from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.products.store.product_store import ProductStore
-from solmap.tasks.adjust import NetworkProduct, read_network
 from solmap.tasks.pairs import PairProducts
 from solmap.tasks.report_page import report_page
 from solmap.tasks.stage import stage

@@ -24,6 +24,7 @@ from solmap.photogrammetry.matching.single_views import MonoParams, SingleView
 from solmap.photogrammetry.matching.tie_pictures import Shown
 from solmap.photogrammetry.terrain.orthophoto.colour import shows_the_same
 from solmap.products.catalogue.catalogue import ImageEntry
+from solmap.products.catalogue.images import ImageFile, image_file, image_record, read_product_image
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.formats.documents.archives import (
     finite,
@@ -34,7 +35,6 @@ from solmap.products.formats.documents.archives import (
 )
 from solmap.products.model import ProductKind, ProductRef, Recipe, Scope, ScopeLevel
 from solmap.products.store.product_store import ProductStore
-from solmap.tasks.images import ImageFile, image_file, image_record, read_product_image
 from solmap.tasks.pairs import PairProducts, pair_frame, read_matched_pair
 from solmap.tasks.quicklook import write_sheet
 from solmap.tasks.stage import stage

@@ -21,12 +21,12 @@ from solmap.photogrammetry.terrain.visibility.footprints import (
     pointing_line,
 )
 from solmap.products.catalogue.catalogue import ImageEntry
+from solmap.products.catalogue.images import image_record
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.crs import LandingPoint
 from solmap.products.formats.documents.network import NetworkProduct, network_of
 from solmap.products.formats.vector.geojson import Feature, write_features
 from solmap.products.model import ProductKind, ProductRef, Recipe
-from solmap.tasks.images import image_record
 from solmap.tasks.scopes import region_scope
 from solmap.tasks.stage import stage
 

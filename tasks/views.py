@@ -13,10 +13,10 @@ from solmap.photogrammetry.imagery import Eye
 from solmap.photogrammetry.matching.resampling import resample
 from solmap.photogrammetry.terrain.dtm.records import PoseCovariance, TerrainView
 from solmap.photogrammetry.terrain.dtm.rover_body import without_rover
+from solmap.products.catalogue.images import read_product_image
 from solmap.products.formats.documents.archives import read_dense, read_matches
 from solmap.products.model import ProductRef
 from solmap.products.store.product_store import ProductStore
-from solmap.tasks.images import read_product_image
 from solmap.tasks.pairs import PairProducts
 
 

@@ -17,6 +17,7 @@ from solmap.photogrammetry.matching.wide_stereo import WideMatches, WideParams, 
 from solmap.photogrammetry.terrain.dtm.records import TerrainView
 from solmap.photogrammetry.terrain.dtm.stop_dtm import FarDtmParams
 from solmap.photogrammetry.terrain.dtm.stop_dtm import build_dtm as model_terrain
+from solmap.products.catalogue.images import read_product_image
 from solmap.products.crs import LandingPoint, local_crs
 from solmap.products.formats.documents.archives import (
     read_dense,
@@ -29,7 +30,6 @@ from solmap.products.formats.raster.raster import write_dtm
 from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.products.store.product_store import ProductStore
 from solmap.products.store.provenance import provenance_tags
-from solmap.tasks.images import read_product_image
 from solmap.tasks.scopes import pair_scope, stop_scope
 from solmap.tasks.stage import stage
 from solmap.tasks.views import OrientedPair, inputs_of

@@ -1,4 +1,4 @@
-"""`solmap orbital` and `solmap control`: orbital images, and positions of stops measured in them."""
+"""`solmap orbital` and `solmap control`: orbital images, and places of stops measured in them."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ def deployments(settings: Settings, store: Path) -> list[RunnerDeployment]:
     from solmap.flows.downlink import process_downlink  # noqa: PLC0415 - after the engine's settings
     from solmap.flows.fetch import fetch_archive  # noqa: PLC0415
     from solmap.flows.mission import refresh_regions  # noqa: PLC0415
-    from solmap.flows.overall import adjust_all
+    from solmap.flows.overall import adjust_all  # noqa: PLC0415
 
     made_from = {"store": str(store), "pipeline": settings.pipeline}
     inbox = {"downlink": str(settings.inbox.resolve())} if settings.inbox else {}

@@ -11,12 +11,13 @@ from solmap.photogrammetry.imagery import TieKind
 from solmap.photogrammetry.matching.inter_stereo import InterStereoParams
 from solmap.photogrammetry.synthetic.downlink import WorldParams, make_world, render_jobs
 from solmap.photogrammetry.synthetic.traverse import TraverseParams
+from solmap.products.catalogue.images import image_records
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.formats.documents.archives import read_matches, read_ties, write_ties
+from solmap.products.formats.documents.network import read_network
 from solmap.products.model import ProductKind, Recipe, Scope, ScopeLevel
-from solmap.tasks.adjust import NetworkParams, NetworkStep, adjust_network, read_network
+from solmap.tasks.adjust import NetworkParams, NetworkStep, adjust_network
 from solmap.tasks.hand_ties import all_wishes, concerning
-from solmap.tasks.images import image_records
 from solmap.tasks.ingest import ingest_downlink
 from solmap.tasks.match import MatchParams, match_stereo_pair
 from solmap.tasks.pairs import pairs_of, read_pair

@@ -24,8 +24,8 @@ from solmap.photogrammetry.synthetic.downlink import (
     simulate_downlink,
 )
 from solmap.photogrammetry.synthetic.traverse import TraverseParams
+from solmap.products.catalogue.images import image_file, image_record, read_product_image
 from solmap.products.catalogue.workspace import Workspace
-from solmap.tasks.images import image_file, image_record, read_product_image
 from solmap.tasks.ingest import Delivery, ingest_downlink
 from solmap.tasks.telemetry import read_telemetry
 

@@ -8,10 +8,11 @@ import pytest
 
 from solmap.photogrammetry.adjustment.modes.mission import AdjustmentMode
 from solmap.photogrammetry.terrain.measure.oriented_image import as_pointed
+from solmap.products.catalogue.images import image_record, image_records
 from solmap.products.catalogue.workspace import Workspace
+from solmap.products.formats.documents.network import read_network
 from solmap.products.model import ProductKind, Recipe
-from solmap.tasks.adjust import NetworkParams, NetworkStep, adjust_network, read_network
-from solmap.tasks.images import image_record, image_records
+from solmap.tasks.adjust import NetworkParams, NetworkStep, adjust_network
 from solmap.tasks.ingest import ingest_downlink
 from solmap.tasks.singles import MonoParams, read_singles, singles_notes, singles_of, tie_singles
 from solmap.tasks.telemetry import read_telemetry

@@ -22,9 +22,9 @@ from solmap.photogrammetry.synthetic.downlink import (
     text_files,
 )
 from solmap.photogrammetry.synthetic.traverse import TraverseParams
+from solmap.products.catalogue.images import image_file, read_product_image
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.model import ProductKind, Recipe
-from solmap.tasks.images import image_file, read_product_image
 from solmap.tasks.ingest import ingest_downlink
 from solmap.tasks.match import MatchParams, match_stereo_pair
 from solmap.tasks.pairs import pairs_of, read_pair

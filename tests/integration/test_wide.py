@@ -15,11 +15,11 @@ from solmap.photogrammetry.synthetic.downlink import (
     WorldParams,
     make_world,
 )
+from solmap.products.catalogue.images import ImageFile
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.formats.documents.archives import read_matches
 from solmap.products.model import ProductKind, Recipe
 from solmap.products.store.product_store import ProductStore
-from solmap.tasks.images import ImageFile
 from solmap.tasks.match import MatchParams, match_stereo_pair
 from solmap.tasks.pairs import PairFiles
 from solmap.tasks.scopes import image_scope

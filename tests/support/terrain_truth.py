@@ -28,10 +28,10 @@ from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.photogrammetry.terrain.dtm.ground import SightParams
 from solmap.photogrammetry.terrain.dtm.records import Dtm, GroundClass, TerrainView
 from solmap.photogrammetry.terrain.dtm.stop_dtm import DtmParams, Gridding, build_dtm
+from solmap.products.catalogue.images import read_product_image
 from solmap.products.catalogue.workspace import Workspace
+from solmap.products.formats.documents.network import read_network
 from solmap.products.model import ProductKind, ProductRef
-from solmap.tasks.adjust import read_network
-from solmap.tasks.images import read_product_image
 from solmap.tasks.pairs import PairProducts, pairs_of
 from solmap.tasks.scopes import pair_scope
 from solmap.tasks.views import Orientation, OrientedPair, read_views

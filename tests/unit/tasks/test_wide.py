@@ -7,10 +7,10 @@ from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.frames import Frame, FrameKind, Pose, rover_frame
 from solmap.photogrammetry.imagery import StereoMatches, StopId
 from solmap.photogrammetry.matching.wide_eyes import InstrumentLimits
+from solmap.products.catalogue.images import ImageFile
 from solmap.products.formats.documents.archives import write_matches
 from solmap.products.model import ProductKind, Recipe
 from solmap.products.store.product_store import ProductStore
-from solmap.tasks.images import ImageFile
 from solmap.tasks.pairs import PairFiles, PairProducts
 from solmap.tasks.scopes import pair_scope
 from solmap.tasks.views import Orientation, OrientedPair
