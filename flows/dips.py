@@ -22,12 +22,11 @@ from solmap.products.errors import ProductNotFoundError
 from solmap.products.formats.raster.raster import read_dtm
 from solmap.products.formats.vector.geojson import read_features
 from solmap.products.model import ProductKind, ProductRef
-from solmap.tasks.orientations import read_orientations
-from solmap.tasks.outcrop import map_dips
-from solmap.tasks.pairs import PairFiles, PairProducts, pairs_of
-from solmap.tasks.publish import publish
+from solmap.tasks.images.pairs import PairFiles, PairProducts, pairs_of
+from solmap.tasks.maps.models import map_dips
+from solmap.tasks.mission.publish import publish
+from solmap.tasks.network.orientations import OrientedPair, read_orientations
 from solmap.tasks.scopes import pair_scope
-from solmap.tasks.views import OrientedPair
 
 
 @dataclass(frozen=True, slots=True)

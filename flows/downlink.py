@@ -28,8 +28,8 @@ from solmap.photogrammetry.adjustment.modes.mission import AdjustmentMode
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.model import Scope
 from solmap.products.store.locks import exclusive_lock
-from solmap.tasks.hand_ties import take_edits
-from solmap.tasks.ingest import Delivery, ingest_downlink
+from solmap.tasks.images.ingest import Delivery, ingest_downlink
+from solmap.tasks.images.manual_ties import take_edits
 from solmap.tasks.scopes import network_scope
 
 

@@ -25,16 +25,16 @@ from solmap.products.errors import ProductNotFoundError
 from solmap.products.formats.documents.control import read_control, refused_stops
 from solmap.products.model import Layer, ProductKind, ProductRef, ScopeLevel
 from solmap.products.store.product_store import ProductStore
-from solmap.tasks.control import (
+from solmap.tasks.images.files import file_bytes
+from solmap.tasks.images.manual_ties import names_in, take_hand_ties, wishes_in
+from solmap.tasks.mission.control import (
     FrameParams,
     MappedWith,
     control_by_image,
     control_of,
     take_control,
 )
-from solmap.tasks.downlink_files import file_bytes
-from solmap.tasks.hand_ties import names_in, take_hand_ties, wishes_in
-from solmap.tasks.orbital import (
+from solmap.tasks.mission.orbital import (
     Compare,
     StopMap,
     draw_base,
@@ -42,7 +42,7 @@ from solmap.tasks.orbital import (
     register_orbital,
     take_orbital,
 )
-from solmap.tasks.publish import publish
+from solmap.tasks.mission.publish import publish
 from solmap.tasks.scopes import is_of_mission, stop_of
 
 

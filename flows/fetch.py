@@ -25,12 +25,10 @@ from solmap.photogrammetry.archive.tables.volume_index import (
     IndexFindings,
     IndexSelection,
 )
-from solmap.tasks.fetch.answers import open_client
-from solmap.tasks.fetch.errors import FetchError
+from solmap.tasks.fetch.answers import FetchError, open_client
 from solmap.tasks.fetch.images import fetch_images, is_whole, target_of
-from solmap.tasks.fetch.index import Index, fetch_index
+from solmap.tasks.fetch.index import Index, Volume, fetch_index
 from solmap.tasks.fetch.transfer import Transfer, TransferParams
-from solmap.tasks.fetch.volume import Volume
 
 STATE = ".fetch"
 """Folder of the indices inside of the folder of images."""

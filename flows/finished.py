@@ -27,7 +27,7 @@ from solmap.photogrammetry.errors import PhotogrammetryError
 from solmap.products.catalogue.runs import FinishedSols
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.model import LEVEL, SCIENCE_VERSION, ProductKind, ProductRef, Scope, ScopeLevel
-from solmap.tasks.publish import withdraw
+from solmap.tasks.mission.publish import withdraw
 from solmap.tasks.scopes import is_of_mission, pair_scope
 
 PARTS = "standing", "layers", "pointers"

@@ -24,15 +24,13 @@ from solmap.products.crs import LandingPoint
 from solmap.products.model import REGION, Layer, ProductKind, ProductRef, Scope
 from solmap.products.store.locks import exclusive_lock
 from solmap.products.store.product_store import ProductStore
-from solmap.tasks.contour import trace_contours
-from solmap.tasks.hazard import map_hazards
-from solmap.tasks.insolation import map_insolation
-from solmap.tasks.localisation import localise
-from solmap.tasks.publish import publish, withdraw
-from solmap.tasks.region import fuse_region, seam_notes
-from solmap.tasks.slope import map_relief, shade_relief
-from solmap.tasks.telemetry import read_telemetry, vector_files
-from solmap.tasks.vectors import draw_vectors
+from solmap.tasks.images.telemetry import read_telemetry, vector_files
+from solmap.tasks.maps.region import fuse_region, seam_notes
+from solmap.tasks.maps.suitability import map_hazards, map_insolation
+from solmap.tasks.maps.terrain import map_relief, shade_relief, trace_contours
+from solmap.tasks.mission.localisation import localise
+from solmap.tasks.mission.publish import publish, withdraw
+from solmap.tasks.mission.vectors import draw_vectors
 
 
 def draw_mission(

@@ -17,7 +17,7 @@ from solmap.products.catalogue.workspace import Workspace
 from solmap.products.errors import ProductNotFoundError
 from solmap.products.model import ProductKind, ProductRef
 from solmap.products.store.locks import exclusive_lock
-from solmap.tasks.hand_ties import take_edits
+from solmap.tasks.images.manual_ties import take_edits
 from solmap.tasks.scopes import is_of_mission, is_overall, sol_of
 
 

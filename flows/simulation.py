@@ -37,9 +37,8 @@ from solmap.products.catalogue.workspace import Workspace
 from solmap.products.crs import local_crs
 from solmap.products.formats.raster.raster import write_raster
 from solmap.products.model import ProductKind, ProductRef
-from solmap.tasks.publish import publish
-from solmap.tasks.report import report_quality
-from solmap.tasks.simulated_mission import (
+from solmap.tasks.mission.publish import publish
+from solmap.tasks.mission.simulation import (
     NO_PIXELS,
     SimulationParams,
     adjust_simulated,
@@ -48,6 +47,7 @@ from solmap.tasks.simulated_mission import (
     simulated,
     write_truth,
 )
+from solmap.tasks.network.report import report_quality
 
 TRUTH_CELL_M = 0.08
 WORKERS = 2

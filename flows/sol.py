@@ -16,12 +16,16 @@ from solmap.photogrammetry.imagery import StopId
 from solmap.products.catalogue.catalogue import Outcome
 from solmap.products.formats.documents.network import read_network
 from solmap.products.model import ProductRef
-from solmap.tasks.orientations import MappedStop, choose_orientations, read_orientations
-from solmap.tasks.pairs import PairProducts
-from solmap.tasks.publish import publish
-from solmap.tasks.report import report_quality
+from solmap.tasks.images.pairs import PairProducts
+from solmap.tasks.images.telemetry import why_unplaced
+from solmap.tasks.mission.publish import publish
+from solmap.tasks.network.orientations import (
+    MappedStop,
+    choose_orientations,
+    read_orientations,
+)
+from solmap.tasks.network.report import report_quality
 from solmap.tasks.scopes import network_scope
-from solmap.tasks.telemetry import why_unplaced
 
 
 @flow(name="sol", flow_run_name="{mission} sol {sol}")

@@ -20,7 +20,12 @@ from solmap.products.catalogue.workspace import Workspace
 from solmap.products.crs import LandingPoint
 from solmap.products.formats.documents.network import read_network
 from solmap.products.model import ProductRef
-from solmap.tasks.telemetry import Telemetry, TelemetryStop, read_telemetry, vector_files
+from solmap.tasks.images.telemetry import (
+    Telemetry,
+    TelemetryStop,
+    read_telemetry,
+    vector_files,
+)
 
 WINDOW = 3
 """Earlier stops that a sol may change: as far back as `adjust_stepwise` reaches."""

@@ -26,23 +26,21 @@ from solmap.products.crs import LandingPoint
 from solmap.products.formats.documents.network import read_network
 from solmap.products.model import ProductKind, ProductRef
 from solmap.products.store.product_store import ProductStore
-from solmap.tasks.colour import colour_frames, render_colour
-from solmap.tasks.contour import trace_contours
-from solmap.tasks.dtm import build_dtm
-from solmap.tasks.hazard import map_hazards
-from solmap.tasks.insolation import map_insolation
-from solmap.tasks.model3d import model_terrain, tile_terrain
-from solmap.tasks.orientations import MappedStop, read_orientations
-from solmap.tasks.orthophoto import render_orthophoto
-from solmap.tasks.outcrop import map_dips, model_views
-from solmap.tasks.pairs import PairProducts
-from solmap.tasks.panorama import draw_panorama, oriented_frames
-from solmap.tasks.points import make_points
-from solmap.tasks.quicklook import picture_terrain
-from solmap.tasks.slope import map_relief, shade_relief
-from solmap.tasks.views import OrientedPair
-from solmap.tasks.viewshed import highest_camera, map_viewshed
-from solmap.tasks.wide import WidePair, build_far_dtm, choose_wide_pairs, match_wide_pair, wide_id
+from solmap.tasks.images.pairs import PairProducts
+from solmap.tasks.maps.far_ground import (
+    WidePair,
+    build_far_dtm,
+    choose_wide_pairs,
+    match_wide_pair,
+    wide_id,
+)
+from solmap.tasks.maps.models import make_points, map_dips, model_terrain, model_views, tile_terrain
+from solmap.tasks.maps.orthophoto import colour_frames, render_colour, render_orthophoto
+from solmap.tasks.maps.panorama import draw_panorama, oriented_frames
+from solmap.tasks.maps.suitability import highest_camera, map_hazards, map_insolation, map_viewshed
+from solmap.tasks.maps.terrain import build_dtm, map_relief, shade_relief, trace_contours
+from solmap.tasks.network.orientations import MappedStop, OrientedPair, read_orientations
+from solmap.tasks.network.previews import picture_terrain
 
 NO_LAYER = "picture"
 """What is made of a stop only to be looked at beside the products."""

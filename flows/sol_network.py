@@ -12,20 +12,20 @@ from solmap.photogrammetry.imagery import StopId
 from solmap.photogrammetry.matching.hand_ties import HandTie
 from solmap.products.formats.documents.archives import read_right_turn
 from solmap.products.model import ProductRef
-from solmap.tasks.adjust import NetworkParams, NetworkStep, adjust_network
-from solmap.tasks.control import control_of
-from solmap.tasks.hand_ties import all_wishes, concerning
-from solmap.tasks.match import MatchParams, match_stereo_pair
-from solmap.tasks.pairs import PairProducts, pairs_of
-from solmap.tasks.quicklook import picture_pair
-from solmap.tasks.singles import (
+from solmap.tasks.images.manual_ties import all_wishes, concerning
+from solmap.tasks.images.pairs import PairProducts, pairs_of
+from solmap.tasks.mission.control import control_of
+from solmap.tasks.network.adjust import NetworkParams, NetworkStep, adjust_network
+from solmap.tasks.network.match import MatchParams, match_stereo_pair
+from solmap.tasks.network.previews import picture_pair
+from solmap.tasks.network.singles import (
     read_singles,
     singles_notes,
     singles_of,
     tie_singles,
     without_repeats,
 )
-from solmap.tasks.tie import StopProducts, link_stops, tie_stop
+from solmap.tasks.network.tie import StopProducts, link_stops, tie_stop
 
 
 def match_pairs(inputs: SolInputs, report: SolReport) -> dict[StopId, list[PairProducts]]:

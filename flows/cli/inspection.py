@@ -42,7 +42,12 @@ from solmap.photogrammetry.errors import LabelError, PhotogrammetryError
 from solmap.photogrammetry.frames import roll_pitch_yaw_of_rotation, rotation_of_quaternion
 from solmap.photogrammetry.imagery import RoverImage
 from solmap.photogrammetry.stretching import stretched
-from solmap.tasks.downlink_files import IMAGE_SUFFIXES, PICTURE_SUFFIXES, file_bytes, image_bytes
+from solmap.tasks.images.files import (
+    IMAGE_SUFFIXES,
+    PICTURE_SUFFIXES,
+    file_bytes,
+    image_bytes,
+)
 
 LABEL_SUFFIXES = frozenset({".lbl", ".xml", ".json"})
 NEIGHBOURS = IMAGE_SUFFIXES | PICTURE_SUFFIXES | {".lbl"}

@@ -44,7 +44,7 @@ def add_image(  # noqa: PLR0913 - options
     """Find where an orbital image lies on the rover's map, and show it there as base layer."""
     from solmap.flows.external_data import OrbitalWish, add_orbital  # noqa: PLC0415 - slow to import
     from solmap.products.errors import ProductError  # noqa: PLC0415
-    from solmap.tasks.control import FrameParams  # noqa: PLC0415
+    from solmap.tasks.mission.control import FrameParams  # noqa: PLC0415
 
     try:
         frame = None if no_control else FrameParams(shift_sigma, rotation_sigma)
@@ -83,7 +83,7 @@ def add_measured(
     from solmap.flows.external_data import add_control  # noqa: PLC0415 - slow to import
     from solmap.photogrammetry.errors import PhotogrammetryError  # noqa: PLC0415
     from solmap.products.errors import ProductError  # noqa: PLC0415
-    from solmap.tasks.control import FrameParams  # noqa: PLC0415
+    from solmap.tasks.mission.control import FrameParams  # noqa: PLC0415
 
     try:
         params = FrameParams(shift_sigma, rotation_sigma, scale_sigma)

@@ -100,7 +100,7 @@ def fetch(
 ) -> None:
     """Bring the stereo pairs of some sols here from the archive; a second call goes on."""
     from solmap.config.errors import ConfigError  # noqa: PLC0415
-    from solmap.tasks.fetch.errors import FetchError  # noqa: PLC0415
+    from solmap.tasks.fetch.answers import FetchError  # noqa: PLC0415
 
     try:
         start_engine(out_dir / ".fetch")

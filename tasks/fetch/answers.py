@@ -4,6 +4,8 @@
     other 4xx, redirects off the list, coded bytes    the next mirror
 
 Redirects are followed to listed hosts only, and never from https to http.
+
+What goes wrong while fetching, and what helps against it.
 """
 
 from __future__ import annotations
@@ -15,7 +17,31 @@ from urllib.parse import urlsplit
 
 import httpx
 
-from solmap.tasks.fetch.errors import NextMirrorError, TryAgainError
+
+class FetchError(Exception):
+    """Something could not be fetched; names the file and what every mirror answered."""
+
+
+class WrongContentError(FetchError):
+    """A file came whole, but is not what it should be."""
+
+
+class DiskError(FetchError):
+    """The disk is full or the folder cannot be written: nothing further can be fetched."""
+
+
+class TryAgainError(Exception):
+    """A fault that may pass; `reached` says whether the host was there at all."""
+
+    def __init__(self, reason: str, wait_s: float = 0.0, *, reached: bool = True) -> None:
+        super().__init__(reason)
+        self.wait_s = wait_s
+        self.reached = reached
+
+
+class NextMirrorError(Exception):
+    """A fault that asking the same server again does not mend."""
+
 
 USER_AGENT = "solmap"
 MAX_REDIRECTS = 5

@@ -11,10 +11,10 @@ from solmap.photogrammetry.archive.images.reading import read_label
 from solmap.photogrammetry.archive.labels.label import MAX_LABEL_BYTES
 from solmap.photogrammetry.archive.tables.volume_index import IndexEntry
 from solmap.photogrammetry.errors import LabelError
-from solmap.tasks.fetch.errors import DiskError, FetchError, WrongContentError
+from solmap.tasks.fetch.answers import DiskError, FetchError, WrongContentError
+from solmap.tasks.fetch.index import Volume, local_name
 from solmap.tasks.fetch.partial import PartialFile
 from solmap.tasks.fetch.transfer import Transfer
-from solmap.tasks.fetch.volume import Volume, local_name
 from solmap.tasks.stage import stage
 
 

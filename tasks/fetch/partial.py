@@ -18,7 +18,7 @@ from pathlib import Path
 
 import httpx
 
-from solmap.tasks.fetch.errors import NextMirrorError, TryAgainError, WrongContentError
+from solmap.tasks.fetch.answers import NextMirrorError, TryAgainError, WrongContentError
 
 MAX_FILE_BYTES = 1 << 30
 """Three times the largest index; a server that sends more without saying so is stopped."""

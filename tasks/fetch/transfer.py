@@ -18,13 +18,15 @@ from urllib.parse import urlsplit
 
 import httpx
 
-from solmap.tasks.fetch.answers import answer, body, host_of
-from solmap.tasks.fetch.errors import (
+from solmap.tasks.fetch.answers import (
     DiskError,
     FetchError,
     NextMirrorError,
     TryAgainError,
     WrongContentError,
+    answer,
+    body,
+    host_of,
 )
 from solmap.tasks.fetch.partial import PartialFile, Progress, Source
 

@@ -10,7 +10,7 @@ import pytest
 from solmap.flows.cli.tables import latest_networks, position_rows, report_rows
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.model import ProductKind
-from solmap.tasks.orientations import read_orientations
+from solmap.tasks.network.orientations import read_orientations
 
 pytestmark = pytest.mark.slow
 

@@ -22,15 +22,14 @@ from solmap.products.catalogue.workspace import Workspace
 from solmap.products.crs import LandingPoint
 from solmap.products.formats.documents.archives import read_matches
 from solmap.products.formats.raster.orthophoto import read_sources
-from solmap.tasks import colour
-from solmap.tasks.colour import colour_frames, render_colour
-from solmap.tasks.dtm import build_dtm
-from solmap.tasks.ingest import ingest_downlink
-from solmap.tasks.match import MatchParams, match_stereo_pair
-from solmap.tasks.orthophoto import render_orthophoto
-from solmap.tasks.pairs import pairs_of
-from solmap.tasks.singles import without_repeats
-from solmap.tasks.views import Orientation, OrientedPair
+from solmap.tasks.images.ingest import ingest_downlink
+from solmap.tasks.images.pairs import pairs_of
+from solmap.tasks.maps import orthophoto as colour
+from solmap.tasks.maps.orthophoto import colour_frames, render_colour, render_orthophoto
+from solmap.tasks.maps.terrain import build_dtm
+from solmap.tasks.network.match import MatchParams, match_stereo_pair
+from solmap.tasks.network.orientations import Orientation, OrientedPair
+from solmap.tasks.network.singles import without_repeats
 
 LANDING = LandingPoint("a simulated plain", 175.47, -14.57, 3_393_000.0, "a test")
 ORTHOPHOTO = OrthophotoParams(cell_m=0.02)

@@ -8,7 +8,7 @@ import pytest
 from solmap.products.catalogue.pruning import _known
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.model import ProductKind, ProductRef
-from solmap.tasks.orientations import read_orientations
+from solmap.tasks.network.orientations import read_orientations
 from tests.support.disorder import deliveries, differences
 from tests.support.small_downlink import (
     COARSE,

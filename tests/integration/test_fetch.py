@@ -461,8 +461,10 @@ def test_as_many_files_come_at_a_time_as_there_are_connections(archive, images, 
 
 
 def test_nothing_leads_from_https_to_http():
-    from solmap.tasks.fetch.answers import _redirected  # noqa: PLC0415 - slow to import
-    from solmap.tasks.fetch.errors import NextMirrorError  # noqa: PLC0415
+    from solmap.tasks.fetch.answers import (
+        NextMirrorError,  # noqa: PLC0415
+        _redirected,  # noqa: PLC0415 - slow to import
+    )
 
     def redirected(location):
         request = httpx.Request("GET", "https://a.example/x.img")
@@ -599,7 +601,7 @@ def test_a_page_in_place_of_an_image_is_refused(archive, images, fetch):
 
 
 def test_a_page_in_place_of_the_index_is_refused(archive, fetch):
-    from solmap.tasks.fetch.errors import FetchError  # noqa: PLC0415 - slow to import
+    from solmap.tasks.fetch.answers import FetchError  # noqa: PLC0415 - slow to import
 
     archive.put(TABLE, b"<html>\n<body>This archive has moved</body>\n</html>\n")
     with pytest.raises(FetchError, match=r"edrindex.tab: .*row 1 should be 933 bytes wide"):
@@ -663,7 +665,7 @@ def test_sols_without_a_pair_are_a_failure(archive, fetch):
 
 def test_two_fetches_do_not_write_to_one_folder_at_a_time(archive, fetch):
     from solmap.flows.fetch import _alone_in  # noqa: PLC0415 - slow to import
-    from solmap.tasks.fetch.errors import FetchError  # noqa: PLC0415
+    from solmap.tasks.fetch.answers import FetchError  # noqa: PLC0415
 
     with (
         _alone_in(fetch.folder / "out"),
@@ -673,7 +675,7 @@ def test_two_fetches_do_not_write_to_one_folder_at_a_time(archive, fetch):
 
 
 def test_a_place_that_cannot_be_written_ends_the_run_with_one_line(archive, images, fetch):
-    from solmap.tasks.fetch.errors import FetchError  # noqa: PLC0415 - slow to import
+    from solmap.tasks.fetch.answers import FetchError  # noqa: PLC0415 - slow to import
 
     name = next(iter(wanted(images)))
     (fetch.folder / "out" / f"{name}.part").mkdir(parents=True)

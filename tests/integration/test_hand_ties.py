@@ -16,13 +16,13 @@ from solmap.products.catalogue.workspace import Workspace
 from solmap.products.formats.documents.archives import read_matches, read_ties, write_ties
 from solmap.products.formats.documents.network import read_network
 from solmap.products.model import ProductKind, Recipe, Scope, ScopeLevel
-from solmap.tasks.adjust import NetworkParams, NetworkStep, adjust_network
-from solmap.tasks.hand_ties import all_wishes, concerning
-from solmap.tasks.ingest import ingest_downlink
-from solmap.tasks.match import MatchParams, match_stereo_pair
-from solmap.tasks.pairs import pairs_of, read_pair
-from solmap.tasks.telemetry import read_telemetry
-from solmap.tasks.tie import StopProducts, tie_stop
+from solmap.tasks.images.ingest import ingest_downlink
+from solmap.tasks.images.manual_ties import all_wishes, concerning
+from solmap.tasks.images.pairs import pairs_of, read_pair
+from solmap.tasks.images.telemetry import read_telemetry
+from solmap.tasks.network.adjust import NetworkParams, NetworkStep, adjust_network
+from solmap.tasks.network.match import MatchParams, match_stereo_pair
+from solmap.tasks.network.tie import StopProducts, tie_stop
 
 HEAD = (
     "action,first_image,first_sample,first_line,second_image,second_sample,second_line,sigma_px\n"

@@ -26,8 +26,8 @@ from solmap.photogrammetry.synthetic.downlink import (
 from solmap.photogrammetry.synthetic.traverse import TraverseParams
 from solmap.products.catalogue.images import image_file, image_record, read_product_image
 from solmap.products.catalogue.workspace import Workspace
-from solmap.tasks.ingest import Delivery, ingest_downlink
-from solmap.tasks.telemetry import read_telemetry
+from solmap.tasks.images.ingest import Delivery, ingest_downlink
+from solmap.tasks.images.telemetry import read_telemetry
 
 MSL = "NLB_517261274EDR_F0541610CCAM15900M1"
 M2020 = "NLF_0670_0726421423_362ECM_N0320604NCAM08111_01_095J01"

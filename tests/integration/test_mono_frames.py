@@ -12,10 +12,16 @@ from solmap.products.catalogue.images import image_record, image_records
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.formats.documents.network import read_network
 from solmap.products.model import ProductKind, Recipe
-from solmap.tasks.adjust import NetworkParams, NetworkStep, adjust_network
-from solmap.tasks.ingest import ingest_downlink
-from solmap.tasks.singles import MonoParams, read_singles, singles_notes, singles_of, tie_singles
-from solmap.tasks.telemetry import read_telemetry
+from solmap.tasks.images.ingest import ingest_downlink
+from solmap.tasks.images.telemetry import read_telemetry
+from solmap.tasks.network.adjust import NetworkParams, NetworkStep, adjust_network
+from solmap.tasks.network.singles import (
+    MonoParams,
+    read_singles,
+    singles_notes,
+    singles_of,
+    tie_singles,
+)
 
 
 @pytest.fixture(scope="module")

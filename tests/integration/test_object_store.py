@@ -27,7 +27,7 @@ from solmap.products.formats.raster.tiling import TileAddress
 from solmap.products.model import Layer, ProductKind, Recipe, Scope, ScopeLevel
 from solmap.products.store.backends import ObjectStorage
 from solmap.products.store.product_store import ProductStore
-from solmap.tasks.stac import update_stac
+from solmap.tasks.mission.publish import update_stac
 from tests.support.bowl_store import GRID, REGION, fill
 from tests.support.object_store import (
     NoObjectStoreError,

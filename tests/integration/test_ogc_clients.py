@@ -14,7 +14,7 @@ from pyproj import CRS, Transformer
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.crs import MARS, local_crs
 from solmap.products.formats.vector.geojson import read_features
-from solmap.tasks.stac import update_stac
+from solmap.tasks.mission.publish import update_stac
 from tests.support.large_mission import LANDING, write_mission
 from tests.support.live_server import serving
 

@@ -19,7 +19,7 @@ from solmap.products.crs import local_crs
 from solmap.products.formats.raster.orthophoto import read_orthophoto, write_orthophoto
 from solmap.products.formats.raster.raster import write_dtm
 from solmap.products.model import ProductKind, Recipe, Scope, ScopeLevel
-from solmap.tasks.publish import publish
+from solmap.tasks.mission.publish import publish
 from tests.support.orbital_scenes import scene
 
 SITE = landing_site("MER2", Settings().landing_sites)

@@ -25,9 +25,9 @@ from solmap.photogrammetry.synthetic.traverse import TraverseParams
 from solmap.products.catalogue.images import image_file, read_product_image
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.model import ProductKind, Recipe
-from solmap.tasks.ingest import ingest_downlink
-from solmap.tasks.match import MatchParams, match_stereo_pair
-from solmap.tasks.pairs import pairs_of, read_pair
+from solmap.tasks.images.ingest import ingest_downlink
+from solmap.tasks.images.pairs import pairs_of, read_pair
+from solmap.tasks.network.match import MatchParams, match_stereo_pair
 from solmap.tasks.scopes import pair_scope
 
 COUNTS = np.round(4095 * (np.arange(256) / 255) ** 1.9).astype(int)

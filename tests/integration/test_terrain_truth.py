@@ -16,8 +16,8 @@ from solmap.photogrammetry.synthetic.traverse import TraverseParams
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.photogrammetry.terrain.dtm.records import TerrainView
 from solmap.photogrammetry.terrain.dtm.stop_dtm import DtmParams
-from solmap.tasks.match import geometry_of
-from solmap.tasks.pairs import resampled
+from solmap.tasks.images.pairs import resampled
+from solmap.tasks.network.match import geometry_of
 from tests.support.terrain_truth import Judgement, StopInTruth, Truth, judge
 
 WORLDS = (("plains", 301), ("hills", 302), ("crater", 303))

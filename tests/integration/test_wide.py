@@ -20,11 +20,11 @@ from solmap.products.catalogue.workspace import Workspace
 from solmap.products.formats.documents.archives import read_matches
 from solmap.products.model import ProductKind, Recipe
 from solmap.products.store.product_store import ProductStore
-from solmap.tasks.match import MatchParams, match_stereo_pair
-from solmap.tasks.pairs import PairFiles
+from solmap.tasks.images.pairs import PairFiles
+from solmap.tasks.maps.far_ground import match_wide_pair, read_wide_view
+from solmap.tasks.network.match import MatchParams, match_stereo_pair
+from solmap.tasks.network.orientations import Orientation, OrientedPair
 from solmap.tasks.scopes import image_scope
-from solmap.tasks.views import Orientation, OrientedPair
-from solmap.tasks.wide import match_wide_pair, read_wide_view
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 

@@ -13,8 +13,8 @@ from solmap.photogrammetry.imagery import StopId
 from solmap.photogrammetry.matching.dense import match_densely
 from solmap.photogrammetry.matching.records import MatchedPair, MatchedStop
 from solmap.photogrammetry.matching.sparse import SparseParams, match_sparsely
-from solmap.tasks.match import geometry_of
-from solmap.tasks.pairs import resampled
+from solmap.tasks.images.pairs import resampled
+from solmap.tasks.network.match import geometry_of
 from tests.support.simulated_stops import CACHE, SimulatedStop, WorldOfStops, code_digest
 
 HUSBAND = WorldOfStops("husband", (0.0, 0.0), seed=0, stops=3)

@@ -20,8 +20,8 @@ from solmap.photogrammetry.cameras.cahvor import Cahvor
 from solmap.photogrammetry.frames import LSL, Pose
 from solmap.photogrammetry.imagery import RoverImage
 from solmap.photogrammetry.matching.records import EpipolarImages
-from solmap.tasks.match import geometry_of
-from solmap.tasks.pairs import resampled
+from solmap.tasks.images.pairs import resampled
+from solmap.tasks.network.match import geometry_of
 
 NEAREST_M, FURTHEST_M = 1.0, 90.0
 STEP = 1.001

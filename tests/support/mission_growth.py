@@ -114,8 +114,8 @@ def network_of_sol(*, on_engine: bool) -> Callable[..., Any]:
     from solmap.flows.runtime.runners import on_workers  # noqa: PLC0415
     from solmap.flows.sol_inputs import SolReport, Standing, gather  # noqa: PLC0415
     from solmap.flows.sol_network import adjust_stops, match_pairs  # noqa: PLC0415
-    from solmap.tasks.orientations import choose_orientations  # noqa: PLC0415
-    from solmap.tasks.report import report_quality  # noqa: PLC0415
+    from solmap.tasks.network.orientations import choose_orientations  # noqa: PLC0415
+    from solmap.tasks.network.report import report_quality  # noqa: PLC0415
 
     chosen = choose_orientations if on_engine else choose_orientations.fn
     stated = report_quality if on_engine else lambda *_: []

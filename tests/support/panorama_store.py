@@ -9,9 +9,9 @@ from solmap.products.catalogue.oriented_images import matches_of
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.formats.documents.network import network_of
 from solmap.products.model import ProductKind
-from solmap.tasks.panorama import draw_panorama, oriented_frames
-from solmap.tasks.publish import layer_of
-from solmap.tasks.views import Orientation
+from solmap.tasks.maps.panorama import draw_panorama, oriented_frames
+from solmap.tasks.mission.publish import layer_of
+from solmap.tasks.network.orientations import Orientation
 
 SOL = 156
 

@@ -239,7 +239,7 @@ def _keep(path, data: bytes) -> None:
 
 
 def _publish_models(workspace: Workspace) -> None:
-    from solmap.tasks.model3d import model_terrain, tile_terrain  # noqa: PLC0415 - slow to import
+    from solmap.tasks.maps.models import model_terrain, tile_terrain  # noqa: PLC0415 - slow to import
 
     store, scope = workspace.store, Scope(ScopeLevel.STOP, LAST)
     ground = store.make(Recipe(ProductKind.DTM, scope), lambda path: write_dtm(path, dtm(), CRS))

@@ -103,7 +103,7 @@ class SimulatedSols:
 
     def deliver(self, sols: Sequence[int], workspace: Workspace) -> None:
         """Enter the images of some sols in the catalogue, as ingesting does."""
-        from solmap.tasks.simulated_mission import _entry, _no_picture  # noqa: PLC0415 - brings the engine
+        from solmap.tasks.mission.simulation import _entry, _no_picture  # noqa: PLC0415 - brings the engine
 
         browse, entries = _no_picture(workspace), []
         for left, right in self.exposures:
@@ -129,8 +129,8 @@ class _Maker:
     def make(self) -> None:
         """Matches of the new pairs, ties of their stops, links to those before."""
         from solmap.flows.sol_network import _links  # noqa: PLC0415 - brings the engine
-        from solmap.tasks.pairs import pairs_of  # noqa: PLC0415
-        from solmap.tasks.tie import StopProducts  # noqa: PLC0415
+        from solmap.tasks.images.pairs import pairs_of  # noqa: PLC0415
+        from solmap.tasks.network.tie import StopProducts  # noqa: PLC0415
 
         inputs, store = self.inputs, self.inputs.workspace.store
         window, stops = {stop.stop: stop for stop in inputs.window}, self.sols.made
@@ -148,8 +148,8 @@ class _Maker:
                 self._linked(stops[old], stops[new], window[old], window[new])
 
     def _matched(self, pair: Any) -> Any:
-        from solmap.tasks.match import MatchParams  # noqa: PLC0415 - brings the engine
-        from solmap.tasks.pairs import PairProducts  # noqa: PLC0415
+        from solmap.tasks.images.pairs import PairProducts  # noqa: PLC0415
+        from solmap.tasks.network.match import MatchParams  # noqa: PLC0415 - brings the engine
         from solmap.tasks.scopes import pair_scope  # noqa: PLC0415
 
         config, store = self.inputs.config, self.inputs.workspace.store
@@ -174,7 +174,7 @@ class _Maker:
         return products
 
     def _linked(self, earlier: Any, later: Any, *telemetry: Any) -> None:
-        from solmap.tasks.tie import TelemetryPose, link_scope  # noqa: PLC0415 - brings the engine
+        from solmap.tasks.network.tie import TelemetryPose, link_scope  # noqa: PLC0415 - brings the engine
 
         rows = self.sols.seen.across.get((earlier.stop, later.stop), np.zeros((0, 2), dtype=int))
         is_linked = len(rows) >= FEWEST

@@ -27,8 +27,8 @@ from solmap.photogrammetry.synthetic.downlink import (
     true_parallax,
 )
 from solmap.photogrammetry.synthetic.scene import Shot, World
-from solmap.tasks.match import geometry_of
-from solmap.tasks.pairs import resampled
+from solmap.tasks.images.pairs import resampled
+from solmap.tasks.network.match import geometry_of
 
 ROOT = Path(__file__).resolve().parents[2]
 CACHE = ROOT / ".cache" / "cross_site"

@@ -18,7 +18,7 @@ from solmap.photogrammetry.terrain.visibility.footprints import FootprintParams
 from solmap.products.catalogue.catalogue import latest_network
 from solmap.products.formats.vector.geojson import read_features
 from solmap.products.model import Layer, ProductKind, ProductRef, Recipe, Scope, ScopeLevel
-from solmap.tasks.vectors import draw_vectors
+from solmap.tasks.mission.vectors import draw_vectors
 from tests.support.panorama_store import publish_panoramas
 from tests.unit.gis_server.stereo.stereo_store import LANDING, StereoStore, build_stereo_store
 

@@ -32,9 +32,9 @@ from solmap.products.catalogue.images import read_product_image
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.formats.documents.network import read_network
 from solmap.products.model import ProductKind, ProductRef
-from solmap.tasks.pairs import PairProducts, pairs_of
+from solmap.tasks.images.pairs import PairProducts, pairs_of
+from solmap.tasks.network.orientations import Orientation, OrientedPair, read_views
 from solmap.tasks.scopes import pair_scope
-from solmap.tasks.views import Orientation, OrientedPair, read_views
 from tests.support.husband_truth import true_pose
 
 BANDS_M = ((0, 5), (5, 10), (10, 20), (20, 40))

@@ -29,7 +29,7 @@ from solmap.products.formats.documents.archives import pose_document
 from solmap.products.formats.raster.orthophoto import write_orthophoto
 from solmap.products.formats.raster.raster import summarise, write_raster
 from solmap.products.model import Layer, ProductKind, ProductRef, Recipe, Scope, ScopeLevel
-from solmap.tasks.orientations import choose_orientations, read_orientations
+from solmap.tasks.network.orientations import choose_orientations, read_orientations
 from tests.support.bowl_store import CRS, STOPS, fill
 
 GRID = MapGrid.covering((-40.0, -40.0, 40.0, 40.0), 0.16)

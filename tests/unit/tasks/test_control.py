@@ -21,8 +21,8 @@ from solmap.products.formats.documents.archives import pose_document
 from solmap.products.formats.documents.control import read_control
 from solmap.products.formats.documents.network import read_network
 from solmap.products.model import ProductKind, Recipe, Scope, ScopeLevel
-from solmap.tasks.control import FrameParams, control_of, take_control
-from solmap.tasks.publish import publish
+from solmap.tasks.mission.control import FrameParams, control_of, take_control
+from solmap.tasks.mission.publish import publish
 
 LANDING = LandingPoint("somewhere", 175.47, -14.57, 3_396_190.0, "chosen")
 EXACT = FrameParams(0.0, 0.0, 0.0)

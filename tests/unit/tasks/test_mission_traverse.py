@@ -15,7 +15,7 @@ from solmap.products.catalogue.workspace import Workspace
 from solmap.products.crs import LandingPoint
 from solmap.products.formats.vector.geojson import read_features
 from solmap.products.model import ProductKind
-from solmap.tasks.mission_traverse import draw_mission_traverse, read_traverses
+from solmap.tasks.mission.imported_traverse import draw_mission_traverse, read_traverses
 
 LANDING = LandingPoint("here", 175.4729, -14.5692, 3_393_000.0, "a test")
 TABLE = (

@@ -16,8 +16,8 @@ from solmap.products.formats.mesh.tiles3d import read_member, read_tileset
 from solmap.products.formats.raster.orthophoto import write_orthophoto
 from solmap.products.formats.raster.raster import write_dtm
 from solmap.products.model import ProductKind, ProductRef, Recipe, Scope, ScopeLevel
-from solmap.tasks.model3d import model_terrain, tile_terrain
-from solmap.tasks.publish import layer_of
+from solmap.tasks.maps.models import model_terrain, tile_terrain
+from solmap.tasks.mission.publish import layer_of
 from tests.support.gltf_validator import validate_glb
 
 LANDING = LandingPoint("Columbia Memorial Station", 175.4729, -14.5692, 3_393_000.0, "a test")

@@ -9,8 +9,7 @@ from solmap.photogrammetry.adjustment.model.adjusted_network import AdjustedPair
 from solmap.photogrammetry.adjustment.quality.movement import ReissueParams
 from solmap.photogrammetry.frames import LSL, Frame, FrameKind, Pose
 from solmap.photogrammetry.imagery import StopId
-from solmap.tasks.orientations import MappedStop, choose
-from solmap.tasks.views import Orientation
+from solmap.tasks.network.orientations import MappedStop, Orientation, choose
 
 STOP = StopId("MER2", 10, 64)
 NAME = str(STOP)

@@ -12,11 +12,10 @@ from solmap.products.crs import LandingPoint, local_crs
 from solmap.products.formats.raster.raster import open_raster, read_dtm, write_dtm
 from solmap.products.model import MAPPED, SUFFIX, ProductKind, ProductRef, Recipe, Scope, ScopeLevel
 from solmap.products.store.product_store import ProductStore
-from solmap.tasks.contour import trace_contours
-from solmap.tasks.publish import RASTERS, TITLES
-from solmap.tasks.region import fuse_region, seam_notes
-from solmap.tasks.slope import shade_relief
-from solmap.tasks.views import Orientation
+from solmap.tasks.maps.region import fuse_region, seam_notes
+from solmap.tasks.maps.terrain import shade_relief, trace_contours
+from solmap.tasks.mission.publish import RASTERS, TITLES
+from solmap.tasks.network.orientations import Orientation
 
 LANDING = LandingPoint("Columbia Memorial Station", 175.4729, -14.5692, 3_393_000.0, "a test")
 CRS = local_crs(LANDING)

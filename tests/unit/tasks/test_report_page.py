@@ -19,7 +19,7 @@ from solmap.photogrammetry.adjustment.quality.records import (
 )
 from solmap.photogrammetry.synthetic.mission import simulate_control
 from solmap.photogrammetry.synthetic.networks import LINES, simulate_network
-from solmap.tasks.report_page import report_page
+from solmap.products.reports.quality_page import report_page
 
 
 class Blank(dict):

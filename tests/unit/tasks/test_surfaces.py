@@ -16,12 +16,16 @@ from solmap.products.formats.raster.raster import open_raster, read_raster, writ
 from solmap.products.formats.vector.geojson import read_features
 from solmap.products.model import ProductKind, ProductRef, Recipe, Scope, ScopeLevel
 from solmap.products.store.product_store import ProductStore
-from solmap.tasks.hazard import map_hazards
-from solmap.tasks.insolation import map_insolation
-from solmap.tasks.publish import RASTERS, TITLES
-from solmap.tasks.slope import RELIEF, map_relief
-from solmap.tasks.views import Orientation, OrientedPair
-from solmap.tasks.viewshed import Eye, highest_camera, map_viewshed
+from solmap.tasks.maps.suitability import (
+    Eye,
+    highest_camera,
+    map_hazards,
+    map_insolation,
+    map_viewshed,
+)
+from solmap.tasks.maps.terrain import RELIEF, map_relief
+from solmap.tasks.mission.publish import RASTERS, TITLES
+from solmap.tasks.network.orientations import Orientation, OrientedPair
 
 LANDING = LandingPoint("Columbia Memorial Station", 175.4729, -14.5692, 3_393_000.0, "a test")
 CONFIG = PipelineConfig()

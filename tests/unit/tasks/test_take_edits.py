@@ -5,7 +5,7 @@ import pytest
 from solmap.photogrammetry.matching.hand_ties import HandAction
 from solmap.products.catalogue.edits import EditKind, EditLog
 from solmap.products.catalogue.workspace import Workspace
-from solmap.tasks.hand_ties import all_wishes, take_edits
+from solmap.tasks.images.manual_ties import all_wishes, take_edits
 
 VETO = {"action": "veto", "first_image": "A", "second_image": "B"}
 ADD = {
@@ -49,7 +49,7 @@ def test_edits_are_wishes_until_they_are_taken_back(workspace):
 
 
 def test_files_of_hand_ties_stay_beside_the_edits(workspace):
-    from solmap.tasks.hand_ties import take_hand_ties  # noqa: PLC0415
+    from solmap.tasks.images.manual_ties import take_hand_ties  # noqa: PLC0415
 
     ref = take_hand_ties(
         "mine.ties.csv", b"action,first_image,second_image\nveto,X,Y\n", workspace.store

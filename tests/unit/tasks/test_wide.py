@@ -11,10 +11,10 @@ from solmap.products.catalogue.images import ImageFile
 from solmap.products.formats.documents.archives import write_matches
 from solmap.products.model import ProductKind, Recipe
 from solmap.products.store.product_store import ProductStore
-from solmap.tasks.pairs import PairFiles, PairProducts
+from solmap.tasks.images.pairs import PairFiles, PairProducts
+from solmap.tasks.maps.far_ground import choose_wide_pairs
+from solmap.tasks.network.orientations import Orientation, OrientedPair
 from solmap.tasks.scopes import pair_scope
-from solmap.tasks.views import Orientation, OrientedPair
-from solmap.tasks.wide import choose_wide_pairs
 
 
 @pytest.fixture

@@ -50,7 +50,7 @@ from solmap.products.formats.documents.archives import (
 )
 from solmap.products.formats.raster.raster import read_dtm, summarise, write_dtm
 from solmap.products.model import Layer, ProductKind, ProductRef, Recipe, Scope, ScopeLevel
-from solmap.tasks.match import geometry_of
+from solmap.tasks.network.match import geometry_of
 
 LANDING = LandingPoint("Columbia Memorial Station", 175.4729, -14.5692, 3_393_000.0, "a test")
 PARAMS = WorldParams(

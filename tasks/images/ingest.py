@@ -1,0 +1,319 @@
+"""Ingest: take over the files of a downlink, say what each is, and find the stereo partners.
+
+An image product is the file as it came, byte for byte, under the digest of its content; whoever
+needs its label or pixels reads them from there. Where the label is a file of its own (.lbl, .xml or
+.json beside the image), the product holds both, one after the other, each unchanged. A file that
+cannot be read is an outcome with one clear line, and stops nothing else; what is peculiar about the
+pixels of one that can is kept in its outcome, too.
+
+Taking one image into the store: the file as it came, its browse picture, its entry.
+
+How its pixels are read belongs to the image: of all that is known of the mission's cameras the part
+that its label calls for, kept as a small product. So a changed table makes anew what was made from
+images coded by it and nothing else, and where no table is given, recipes know of none.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import cv2
+
+from solmap.photogrammetry.archive.images.radiometry import PixelState, Radiometry
+from solmap.photogrammetry.archive.images.reading import ReadImage, describe_image, read_image
+from solmap.photogrammetry.archive.partners import find_stereo_pairs
+from solmap.photogrammetry.archive.tables.vector_files import parse_vector_file
+from solmap.photogrammetry.errors import PhotogrammetryError
+from solmap.photogrammetry.imagery import RoverImage
+from solmap.photogrammetry.stretching import stretched
+from solmap.products.catalogue.catalogue import ImageEntry, Outcome
+from solmap.products.catalogue.images import ImageFile, image_record
+from solmap.products.catalogue.workspace import Workspace
+from solmap.products.formats.documents.archives import radiometry_digest, write_radiometry
+from solmap.products.model import ProductKind, ProductRef, Recipe
+from solmap.products.store.faults import retry_transient
+from solmap.products.store.product_store import ProductStore
+from solmap.tasks.images.files import (
+    VECTOR_SUFFIXES,
+    ContentDigest,
+    file_bytes,
+    files_of,
+    image_bytes,
+    is_hand_ties,
+    is_settled,
+    keep_file,
+    write_bytes,
+)
+from solmap.tasks.images.manual_ties import take_hand_ties
+from solmap.tasks.scopes import image_scope, region_scope
+from solmap.tasks.stage import stage
+
+Taken = Outcome | ProductRef | TakenImage
+"""What became of a file: a fault, a vector file or hand ties, or an image in the store."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Delivery:
+    """What a downlink brought."""
+
+    images: tuple[RoverImage, ...]
+    faults: tuple[Outcome, ...]
+    """Files that could not be taken or do not count, and why."""
+    files: int
+
+    @property
+    def missions(self) -> tuple[str, ...]:
+        """The missions of its images, in the order they came."""
+        return tuple(dict.fromkeys(image.stop.mission for image in self.images))
+
+
+@stage(task_run_name="ingest-{downlink}")
+def ingest_downlink(
+    downlink: Path,
+    workspace: Workspace,
+    radiometry: Mapping[str, Radiometry] | None = None,
+    progress: Callable[[int, int], None] = lambda _done, _total: None,
+    settle_s: float = 0.0,
+) -> Delivery:
+    """Take every image and vector file below a folder into the store and catalogue.
+
+    Images of earlier downlinks are read again where `radiometry` (by spacecraft) has changed for
+    them. Files that changed less than `settle_s` seconds ago are left: they may still be arriving.
+    """
+    files = [file for file in files_of(downlink) if is_settled(file, settle_s)]
+    known = {entry.id: entry for entry in workspace.catalogue.images()}
+    intake = Intake(workspace.store, radiometry or {}, known)
+    taken: list[Taken] = []
+    with ThreadPoolExecutor(2) as pool:
+        for done, one in enumerate(pool.map(lambda file: _take(file, intake), files), 1):
+            progress(done, len(files))
+            taken.append(one)
+    images, aside = one_of_each([one for one in taken if isinstance(one, TakenImage)])
+    faults = [*(one for one in taken if isinstance(one, Outcome)), *aside]
+    delivered = tuple(image.record for image in images)
+    anew = list(_read_anew(intake, {image.id for image in delivered}))
+    images += [one for one in anew if isinstance(one, TakenImage)]
+    faults += [one for one in anew if isinstance(one, Outcome)]
+    workspace.catalogue.publish(
+        images=_paired(images, workspace),
+        pointers=[one for one in taken if isinstance(one, ProductRef)],
+        outcomes=[*faults, *_outcomes(images, workspace)],
+    )
+    return Delivery(delivered, tuple(faults), len(files))
+
+
+def _take(path: Path, intake: Intake) -> Taken:
+    try:
+        return retry_transient(lambda: _taken(path, intake))
+    except (PhotogrammetryError, OSError) as error:
+        return _fault(path.name, str(error))
+
+
+def _taken(path: Path, intake: Intake) -> Taken:
+    if path.suffix.lower() in VECTOR_SUFFIXES:
+        return _take_vectors(path, intake)
+    if is_hand_ties(path.name):
+        return take_hand_ties(path.name, file_bytes(path), intake.store)
+    return intake.take(path.name, image_bytes(path))
+
+
+def _read_anew(intake: Intake, delivered: set[str]) -> Iterator[Taken]:
+    """The images of earlier downlinks that are read with other tables now."""
+    for entry in intake.known.values():
+        if entry.id in delivered or not intake.is_read_otherwise(entry):
+            continue
+        name = f"{entry.id}.IMG"
+        try:
+            yield intake.take(name, intake.store.path(entry.ref).read_bytes())
+        except (PhotogrammetryError, OSError) as error:
+            yield _fault(name, str(error))
+
+
+def _fault(name: str, reason: str) -> Outcome:
+    reason = reason if name in reason else f"{name}: {reason}"
+    return Outcome.now(name, (reason,), is_failure=True)
+
+
+def _outcomes(images: Sequence[TakenImage], workspace: Workspace) -> list[Outcome]:
+    """Of images with peculiar pixels, and of those that could not be taken at an earlier time."""
+    before = {outcome.subject for outcome in workspace.catalogue.outcomes()}
+    return [
+        Outcome.now(image.file_name, image.entry.notes)
+        for image in images
+        if image.entry.notes or image.file_name in before
+    ]
+
+
+def _take_vectors(path: Path, intake: Intake) -> ProductRef:
+    data = file_bytes(path)
+    parse_vector_file(data.decode("utf-8", "replace"), path.name)  # refuses what is broken
+    return keep_file(ProductKind.VECTORS, path.name, data, intake.store)
+
+
+def _paired(images: Sequence[TakenImage], workspace: Workspace) -> list[ImageEntry]:
+    """The new entries and those already known at the same stops, with their partners filled in."""
+    by_id = {image.record.id: image.entry for image in images}
+    records = {image.record.id: image.record for image in images}
+    for stop in sorted({entry.stop for entry in by_id.values()}):
+        for known in workspace.catalogue.images(stop=stop):
+            if known.id not in by_id:
+                by_id[known.id] = known
+                records[known.id] = image_record(known, workspace)
+    pairing = find_stereo_pairs(list(records.values()))
+    partners = {pair.left.id: pair.right.id for pair in pairing.pairs}
+    partners |= {right: left for left, right in partners.items()}
+    return [
+        replace(
+            entry,
+            partner=partners.get(entry.id),
+            unpaired_because=pairing.unpaired.get(entry.id),
+        )
+        for entry in by_id.values()
+    ]
+
+
+@dataclass(frozen=True, slots=True)
+class BrowseParams:
+    """How a browse image is stretched."""
+
+    low_percent: float = 1.0
+    high_percent: float = 99.0
+    """Share of pixels below black and white: keeps specular pixels from darkening the rest."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TakenImage:
+    """An image that is in the store."""
+
+    file_name: str
+    record: RoverImage
+    entry: ImageEntry
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Intake:
+    """What images are taken into, and with."""
+
+    store: ProductStore
+    radiometry: Mapping[str, Radiometry]
+    """What is known of the cameras of each spacecraft."""
+    known: Mapping[str, ImageEntry]
+    """The images that were taken before, by identifier."""
+    _tables: dict[tuple[str, PixelState], ProductRef | None] = field(default_factory=dict)
+
+    def take(self, name: str, data: bytes) -> TakenImage | Outcome:
+        """Take an image; what is in the store already is looked up.
+
+        Of two files of one image the one made later on Earth counts, whichever comes first: the
+        other is left aside, with an outcome that says so.
+
+        Raises:
+            LabelError: the file holds no mapping image.
+            PixelError: its pixels are broken; nothing of it is kept.
+        """
+        described = describe_image(data, name)
+        record = described.image
+        scope = image_scope(record.id)
+        recipe = Recipe(ProductKind.IMAGE, scope, params=ContentDigest.of(data))
+        file = ImageFile(recipe.ref, self.tables_for(record.stop.mission, described.state))
+        browse = Recipe(ProductKind.BROWSE, scope, file.inputs, BrowseParams())
+        before = self.known.get(record.id)
+        if before is not None and _rank(before) > (record.created or "", recipe.ref.digest):
+            return left_aside(name, record.id)
+        if before is not None and before.browse == browse.ref and self.store.has(browse.ref):
+            notes = before.notes
+        else:
+            image = self._read(name, data, record.stop.mission)
+            self.store.make(recipe, lambda draft: write_bytes(draft, data))
+            self.store.make(browse, lambda draft: _write_browse(draft, image))
+            notes = image.notes
+        return TakenImage(name, record, _entry(record, described.state, file, browse.ref, notes))
+
+    def tables_for(self, mission: str, state: PixelState) -> ProductRef | None:
+        """The product of what pixels in a state are read with; None where that is nothing."""
+        if (mission, state) not in self._tables:
+            needed = self._of(mission).needed_by(state)
+            self._tables[mission, state] = (
+                None if needed.changes_nothing else self._keep(mission, needed)
+            )
+        return self._tables[mission, state]
+
+    def is_read_otherwise(self, entry: ImageEntry) -> bool:
+        """Whether a known image is read with other tables now than when it was taken."""
+        state = PixelState(entry.code, entry.darkened_by)
+        return self.tables_for(entry.mission, state) != entry.radiometry
+
+    def _read(self, name: str, data: bytes, mission: str) -> ReadImage:
+        return read_image(data, name, radiometry=self._of(mission))
+
+    def _of(self, mission: str) -> Radiometry:
+        return self.radiometry.get(mission, Radiometry())
+
+    def _keep(self, mission: str, needed: Radiometry) -> ProductRef:
+        digest = ContentDigest(radiometry_digest(needed))
+        recipe = Recipe(ProductKind.RADIOMETRY, region_scope(mission), params=digest)
+        return self.store.make(recipe, lambda draft: write_radiometry(draft, needed))
+
+
+def one_of_each(images: Sequence[TakenImage]) -> tuple[list[TakenImage], list[Outcome]]:
+    """The files that count, one for each image, and an outcome for each of the others."""
+    counts: dict[str, TakenImage] = {}
+    for image in sorted(images, key=lambda one: _rank(one.entry)):
+        counts[image.record.id] = image
+    refs = {image.entry.ref for image in counts.values()}
+    others = [image for image in images if image.entry.ref not in refs]
+    return list(counts.values()), [left_aside(one.file_name, one.record.id) for one in others]
+
+
+def left_aside(name: str, image_id: str) -> Outcome:
+    """How it ended for a file of an image that another file shows as well."""
+    why = f"{name}: another file of {image_id} was made later and counts; this one is left aside"
+    return Outcome.now(name, (why,))
+
+
+def _rank(entry: ImageEntry) -> tuple[str, str]:
+    """By this the files of one image are told apart: when they were made, and else by content."""
+    return entry.created or "", entry.ref.digest
+
+
+def _write_browse(draft: Path, image: ReadImage) -> None:
+    params = BrowseParams()
+    picture = stretched(image.pixels, image.mask, params.low_percent, params.high_percent)
+    encoded, png = cv2.imencode(".png", picture)
+    if not encoded:
+        raise OSError(f"{draft.name} could not be encoded as PNG")
+    draft.write_bytes(png.tobytes())
+
+
+def _entry(
+    image: RoverImage,
+    state: PixelState,
+    file: ImageFile,
+    browse: ProductRef,
+    notes: tuple[str, ...],
+) -> ImageEntry:
+    return ImageEntry(
+        id=image.id,
+        mission=image.stop.mission,
+        stop=str(image.stop),
+        site=image.stop.site,
+        drive=image.stop.drive,
+        sol=image.sol,
+        instrument=image.instrument,
+        eye=str(image.eye),
+        product_type=image.product_type,
+        start_time=image.start_time,
+        local_solar_time=image.local_solar_time,
+        partner=None,
+        unpaired_because=None,
+        ref=file.image,
+        browse=browse,
+        code=state.code,
+        darkened_by=state.darkened_by,
+        radiometry=file.radiometry,
+        notes=notes,
+        created=image.created,
+    )

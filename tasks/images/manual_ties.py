@@ -1,0 +1,118 @@
+"""Hand ties: kept as they came, and carried out on the automatic ties of a network.
+
+A file of hand ties is an input product. The version delivered last under a name counts; an emptied
+file takes all its wishes back. What a network depends on is not the file but the wishes in it that
+concern its images, so that a new row remakes what it touches and nothing else.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import replace
+
+from solmap.photogrammetry.cameras.epipolar import EpipolarPair
+from solmap.photogrammetry.errors import MatchingError
+from solmap.photogrammetry.matching.hand_editing import Edited, HandBody, edited
+from solmap.photogrammetry.matching.hand_ties import HandTie, parse_hand_ties
+from solmap.photogrammetry.matching.records import Ties
+from solmap.products.catalogue.edits import EditKind, EditLog
+from solmap.products.catalogue.workspace import Workspace
+from solmap.products.formats.documents.archives import (
+    read_matches,
+    read_parallax,
+    read_right_turn,
+)
+from solmap.products.model import ProductKind, ProductRef
+from solmap.products.store.product_store import ProductStore
+from solmap.tasks.images.files import keep_file
+from solmap.tasks.images.pairs import PairProducts, read_pair, with_right_turned
+from solmap.tasks.scopes import file_scope
+
+SUFFIXES = (".ties.csv", ".ties.geojson")
+"""What files of hand ties end in when they come with a downlink."""
+
+EDITS_FILE = "map-edits.ties.geojson"
+"""The file of hand ties that the edits on the map become."""
+
+
+def take_hand_ties(name: str, data: bytes, store: ProductStore) -> ProductRef:
+    """Take a file of hand ties into the store.
+
+    Raises:
+        MatchingError: it cannot be read; one line says where and why.
+    """
+    wishes_in(data, name)  # refuses what is broken
+    return keep_file(ProductKind.HAND_TIES, name, data, store)
+
+
+def wishes_in(data: bytes, name: str) -> tuple[HandTie, ...]:
+    """The rows of a file of hand ties."""
+    try:
+        text = data.decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise MatchingError(f"{name}: hand ties are text in UTF-8, but {error}") from error
+    return parse_hand_ties(text, name)
+
+
+def take_edits(workspace: Workspace) -> None:
+    """Take the edits of ties that people made on the map into the store, as a file of hand ties.
+
+    Edits that were taken back are not in it; where all were, it is empty and wishes for nothing.
+    """
+    edits = EditLog.of(workspace.store.root).counting(EditKind.TIE)
+    digest = workspace.catalogue.latest(file_scope(EDITS_FILE).name, ProductKind.HAND_TIES)
+    if not edits and digest is None:
+        return
+    rows = [{"properties": {**edit.document, "note": edit.note}} for edit in edits]
+    document = {"type": "FeatureCollection", "features": rows}
+    ref = take_hand_ties(EDITS_FILE, json.dumps(document).encode(), workspace.store)
+    workspace.catalogue.publish(pointers=[ref])
+
+
+def all_wishes(workspace: Workspace) -> tuple[HandTie, ...]:
+    """The rows of all files of hand ties, file by file."""
+    refs = workspace.catalogue.pointers(ProductKind.HAND_TIES)
+    return tuple(
+        wish
+        for ref in refs
+        for wish in wishes_in(workspace.store.path(ref).read_bytes(), ref.scope.name)
+    )
+
+
+def names_in(wishes: Iterable[HandTie]) -> set[str]:
+    """The images and stops that wishes name."""
+    points = (point for wish in wishes for point in (wish.first, wish.second))
+    return {point.image for point in points if point.image}
+
+
+def concerning(wishes: Iterable[HandTie], known: Collection[str]) -> tuple[HandTie, ...]:
+    """The wishes whose images and stops are all `known`."""
+    return tuple(wish for wish in wishes if names_in([wish]) <= set(known))
+
+
+def wanted(wishes: Iterable[HandTie]) -> tuple[HandTie, ...]:
+    """Wishes without where they stand, for recipes: the row of a file changes nothing."""
+    return tuple(replace(wish, row="") for wish in wishes)
+
+
+def carried_out(
+    wishes: Sequence[HandTie],
+    ties: Sequence[Ties],
+    pairs: Sequence[PairProducts],
+    store: ProductStore,
+) -> Edited:
+    """Automatic ties between pairs with the wishes of a person carried out."""
+    named = names_in(wishes)
+    bodies = {pair.files.id: _body(pair, store) for pair in pairs if pair.files.id in named}
+    return edited(ties, wishes, bodies, {p.files.id: str(p.files.stop) for p in pairs})
+
+
+def _body(pair: PairProducts, store: ProductStore) -> HandBody:
+    """A pair with the cameras of its original images."""
+    path = store.path(pair.matches)
+    geometry: EpipolarPair = read_matches(path)[0]
+    left, right = read_pair(pair.files, store)
+    turned = with_right_turned(right, read_right_turn(path))
+    parallax = read_parallax(store.path(pair.parallax))
+    return HandBody(pair.files.id, geometry, left.image.camera, turned.image.camera, parallax)

@@ -1,0 +1,129 @@
+"""Stereo pairs as products: which files they are, and how they are read back with their matches."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from solmap.photogrammetry.archive.images.reading import ReadImage
+from solmap.photogrammetry.cameras.epipolar import EpipolarPair
+from solmap.photogrammetry.frames import Frame, FrameKind
+from solmap.photogrammetry.imagery import Eye, RoverImage, StopId
+from solmap.photogrammetry.matching.records import EpipolarImages, MatchedPair, MatchedStop
+from solmap.photogrammetry.matching.resampling import epipolar_images
+from solmap.photogrammetry.matching.vertical_parallax import turned_in_place
+from solmap.products.catalogue.catalogue import ImageEntry
+from solmap.products.catalogue.images import ImageFile, image_file, read_product_image
+from solmap.products.formats.documents.archives import (
+    read_matches,
+    read_parallax,
+    read_right_turn,
+)
+from solmap.products.model import ProductRef
+from solmap.products.store.product_store import ProductStore
+from solmap.tasks.images.telemetry import TelemetryStop
+
+CAMERAS = ("NAVCAM", "PANCAM", "MASTCAM", "FRONT_HAZCAM", "REAR_HAZCAM")
+"""Instruments in the order that numbers a pair's frame."""
+
+
+@dataclass(frozen=True, slots=True)
+class PairFiles:
+    """The two images of a stereo pair, as products."""
+
+    id: str
+    """The left image's identifier stands for the pair."""
+    stop: StopId
+    sol: int
+    instrument: str
+    left: ImageFile
+    right: ImageFile
+
+    @property
+    def inputs(self) -> tuple[ProductRef, ...]:
+        """The products that the pixels of both depend on."""
+        return (*self.left.inputs, *self.right.inputs)
+
+
+@dataclass(frozen=True, slots=True)
+class PairProducts:
+    """A matched stereo pair, as products."""
+
+    files: PairFiles
+    matches: ProductRef
+    parallax: ProductRef
+
+    @property
+    def made(self) -> tuple[ProductRef, ProductRef]:
+        """What matching made of it."""
+        return self.matches, self.parallax
+
+
+def pairs_of(entries: Iterable[ImageEntry]) -> list[PairFiles]:
+    """The stereo pairs among catalogued images, by identifier."""
+    by_id = {entry.id: entry for entry in entries}
+    pairs = []
+    for entry in by_id.values():
+        if entry.eye != Eye.LEFT or entry.partner not in by_id:
+            continue
+        left, right = image_file(entry), image_file(by_id[entry.partner])
+        pairs.append(PairFiles(entry.id, entry.stop_id, entry.sol, entry.instrument, left, right))
+    return sorted(pairs, key=lambda pair: pair.id)
+
+
+def read_pair(pair: PairFiles, store: ProductStore) -> tuple[ReadImage, ReadImage]:
+    """Both images of a pair, label and pixels."""
+    return read_product_image(pair.left, store), read_product_image(pair.right, store)
+
+
+def pair_frame(image: RoverImage) -> Frame:
+    """The frame of the pair that a left image belongs to."""
+    camera = CAMERAS.index(image.instrument) if image.instrument in CAMERAS else len(CAMERAS)
+    return Frame(
+        FrameKind.PAIR, (image.stop.site, image.stop.drive, camera, round(image.clock * 1000))
+    )
+
+
+def with_right_turned(right: ReadImage, turn: tuple[float, float, float] | None) -> ReadImage:
+    """The right image with its camera as matching found it to stand; as labelled without a turn."""
+    if turn is None:
+        return right
+    image = right.image
+    camera = turned_in_place(image.camera, image.stop.frame, np.array(turn))
+    return replace(right, image=replace(image, camera=camera))
+
+
+def resampled(left: ReadImage, right: ReadImage, geometry: EpipolarPair) -> EpipolarImages:
+    """Both images in the geometry of their pair."""
+    return epipolar_images(
+        geometry,
+        (left.pixels, left.mask, left.image.camera),
+        (right.pixels, right.mask, right.image.camera),
+    )
+
+
+def read_matched_pair(pair: PairProducts, store: ProductStore) -> MatchedPair:
+    """A pair with its epipolar images and all that was matched in it."""
+    path = store.path(pair.matches)
+    geometry, matches = read_matches(path)
+    left, right = read_pair(pair.files, store)
+    return MatchedPair(
+        pair_id=pair.files.id,
+        instrument=pair.files.instrument,
+        images=resampled(left, with_right_turned(right, read_right_turn(path)), geometry),
+        matches=matches,
+        parallax=read_parallax(store.path(pair.parallax)),
+    )
+
+
+def read_matched_stop(
+    telemetry: TelemetryStop,
+    covariance: np.ndarray,
+    pairs: Sequence[PairProducts],
+    store: ProductStore,
+) -> MatchedStop:
+    """All matched pairs of a stop, placed by telemetry."""
+    matched = tuple(read_matched_pair(pair, store) for pair in pairs)
+    return MatchedStop(telemetry.stop, matched, telemetry.lsl_from_rover, covariance)

@@ -1,0 +1,179 @@
+"""Wide: two pairs of different stops matched as one stereo instrument, for far ground."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from solmap.photogrammetry.arrays import Vector3
+from solmap.photogrammetry.imagery import Eye, StereoMatches, StopId
+from solmap.photogrammetry.matching.resampling import resample
+from solmap.photogrammetry.matching.wide_eyes import InstrumentLimits, WideEye, in_order, wide_pairs
+from solmap.photogrammetry.matching.wide_stereo import WideMatches, WideParams, match_wide
+from solmap.photogrammetry.terrain.dtm.records import TerrainView
+from solmap.photogrammetry.terrain.dtm.stop_dtm import FarDtmParams
+from solmap.photogrammetry.terrain.dtm.stop_dtm import build_dtm as model_terrain
+from solmap.products.catalogue.images import read_product_image
+from solmap.products.crs import LandingPoint, local_crs
+from solmap.products.formats.documents.archives import (
+    read_dense,
+    read_matches,
+    read_parallax,
+    write_dense,
+    write_matches,
+)
+from solmap.products.formats.raster.raster import write_dtm
+from solmap.products.model import ProductKind, ProductRef, Recipe
+from solmap.products.store.product_store import ProductStore
+from solmap.products.store.provenance import provenance_tags
+from solmap.tasks.network.orientations import OrientedPair, inputs_of
+from solmap.tasks.scopes import pair_scope, stop_scope
+from solmap.tasks.stage import stage
+
+
+@dataclass(frozen=True, slots=True)
+class WidePair:
+    """Two oriented pairs, and what was matched between their left images, as products."""
+
+    eyes: tuple[OrientedPair, OrientedPair]
+    matches: ProductRef
+    """The geometry of the instrument, given in the LSL."""
+    parallax: ProductRef
+
+    @property
+    def inputs(self) -> tuple[ProductRef, ...]:
+        """The products that mapping reads."""
+        return (*inputs_of(self.eyes), self.matches, self.parallax)
+
+    @property
+    def id(self) -> str:
+        """Named after both pairs."""
+        return wide_id(self.eyes)
+
+
+def wide_id(eyes: tuple[OrientedPair, OrientedPair]) -> str:
+    """The identifiers of both pairs."""
+    return "-with-".join(eye.products.files.id for eye in eyes)
+
+
+def choose_wide_pairs(
+    ones: Iterable[OrientedPair],
+    others: Iterable[OrientedPair],
+    limits: InstrumentLimits,
+    store: ProductStore,
+) -> list[tuple[OrientedPair, OrientedPair]]:
+    """The pairs of two stops that make an instrument, without a look at their images."""
+    sides: tuple[dict[str, list[_Outlook]], ...] = ({}, {})
+    for side, pairs in zip(sides, (ones, others), strict=True):
+        for pair in pairs:
+            instrument = pair.products.files.instrument
+            if not instrument.endswith("HAZCAM"):  # they look at the ground before the wheels
+                side.setdefault(instrument, []).append(_Outlook.of(pair, store))
+    return [
+        (one.pair, other.pair)
+        for instrument in sorted(sides[0].keys() & sides[1].keys())
+        for one, other in wide_pairs(sides[0][instrument], sides[1][instrument], limits)
+    ]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Outlook:
+    """Where an oriented pair stands and looks, as far as its matches tell."""
+
+    pair: OrientedPair
+    centre: Vector3
+    view: Vector3
+
+    @classmethod
+    def of(cls, pair: OrientedPair, store: ProductStore) -> _Outlook:
+        geometry, _ = read_matches(store.path(pair.products.matches))
+        pose = pair.orientation.lsl_from(geometry.rover_from_pair.source)
+        half = np.array([(geometry.samples - 1) / 2, (geometry.lines - 1) / 2])
+        ray = np.r_[(half - geometry.centre_px) / geometry.focal_px, 1.0]
+        return cls(pair, pose.translation_m, pose.rotation @ ray / np.linalg.norm(ray))
+
+
+@stage(task_run_name="wide-{one.orientation.pair_id}")
+def match_wide_pair(
+    one: OrientedPair, other: OrientedPair, params: WideParams, store: ProductStore
+) -> WidePair:
+    """Match the left images of two pairs at different stops, as they are oriented."""
+    eyes = (one, other)
+
+    @cache
+    def matched() -> WideMatches:
+        left, right = in_order(read_eye(one, store), read_eye(other, store))
+        return match_wide(left, right, params)
+
+    def write_geometry(path: Path) -> None:
+        write_matches(path, matched().images.geometry, StereoMatches.none(wide_id(eyes)))
+
+    def write_parallax(path: Path) -> None:
+        write_dense(path, matched().dense)
+
+    inputs = inputs_of(eyes)
+    settings = (params, *(eye.orientation for eye in eyes))
+    scope = pair_scope(wide_id(eyes))
+    matches = Recipe(ProductKind.MATCHES, scope, inputs, settings)
+    parallax = Recipe(ProductKind.PARALLAX, scope, inputs, settings)
+    return WidePair(eyes, store.make(matches, write_geometry), store.make(parallax, write_parallax))
+
+
+def read_eye(pair: OrientedPair, store: ProductStore) -> WideEye:
+    """A pair as one eye of a wide instrument."""
+    geometry, _ = read_matches(store.path(pair.products.matches))
+    left = read_product_image(pair.products.files.left, store)
+    lsl_from_pair = pair.orientation.lsl_from(geometry.rover_from_pair.source)
+    return WideEye(
+        pair_id=pair.products.files.id,
+        image=left.pixels,
+        mask=left.mask,
+        camera=left.image.camera.moved(lsl_from_pair @ geometry.rover_from_pair.inverse),
+        bar=geometry,
+        lsl_from_bar=lsl_from_pair,
+        parallax=read_parallax(store.path(pair.products.parallax)),
+    )
+
+
+def read_wide_view(pair: WidePair, store: ProductStore) -> TerrainView:
+    """A wide pair as a look at the ground."""
+    geometry, _ = read_matches(store.path(pair.matches))
+    left, _ = in_order(*(read_eye(eye, store) for eye in pair.eyes))
+    of_left = next(eye for eye in pair.eyes if eye.products.files.id == left.pair_id)
+    image, mask = resample(left.image, left.mask, left.camera, geometry, Eye.LEFT)
+    dense = read_dense(store.path(pair.parallax))
+    return TerrainView(
+        pair_id=pair.id,
+        instrument=pair.eyes[0].products.files.instrument,
+        lsl_from_pair=geometry.rover_from_pair,
+        geometry=geometry,
+        parallax=dense.parallax_px,
+        image=image,
+        mask=mask,
+        sigma_px=dense.sigma_px,
+        shared=dense.shared,
+        covariance=of_left.orientation.covariance_6x6,
+    )
+
+
+@stage(task_run_name="far-dtm-{stop}")
+def build_far_dtm(
+    stop: StopId,
+    pairs: tuple[WidePair, ...],
+    params: FarDtmParams,
+    landing: LandingPoint,
+    store: ProductStore,
+) -> ProductRef:
+    """Build the terrain model of the far ground that a stop sees together with earlier ones."""
+    inputs = tuple(ref for pair in pairs for ref in pair.inputs)
+    recipe = Recipe(ProductKind.FAR_DTM, stop_scope(stop), inputs, (params, landing))
+
+    def write(path: Path) -> None:
+        made = model_terrain([read_wide_view(pair, store) for pair in pairs], params)
+        write_dtm(path, made, local_crs(landing), tags=provenance_tags(recipe))
+
+    return store.make(recipe, write)

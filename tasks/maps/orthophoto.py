@@ -1,0 +1,188 @@
+"""Orthophoto: a stop's images, seen from straight above, and which of them each cell came from.
+
+Colour orthophoto: Pancam frames of one pointing through three filters, laid on the terrain.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from solmap.photogrammetry.arrays import Classes, GreyImage
+from solmap.photogrammetry.imagery import Eye, RoverImage
+from solmap.photogrammetry.matching.resampling import resample
+from solmap.photogrammetry.terrain.dtm.records import TerrainView
+from solmap.photogrammetry.terrain.orthophoto.colour import (
+    Triple,
+    colour_filters,
+    shows_the_same,
+)
+from solmap.photogrammetry.terrain.orthophoto.mosaic import NO_SOURCE
+from solmap.photogrammetry.terrain.orthophoto.rendering import (
+    OrthophotoParams,
+    Rendering,
+    put,
+    rendering,
+)
+from solmap.products.catalogue.catalogue import ImageEntry
+from solmap.products.catalogue.images import ImageFile, image_file, image_record, read_product_image
+from solmap.products.catalogue.workspace import Workspace
+from solmap.products.crs import LandingPoint, local_crs
+from solmap.products.formats.raster.orthophoto import (
+    BrightnessBlock,
+    write_brightness_blocks,
+    write_sources,
+)
+from solmap.products.formats.raster.raster import read_dtm
+from solmap.products.model import ProductKind, ProductRef, Recipe
+from solmap.products.store.product_store import ProductStore
+from solmap.products.store.provenance import provenance_tags
+from solmap.tasks.network.orientations import OrientedPair, inputs_of, read_views
+from solmap.tasks.stage import stage
+
+
+@stage(task_run_name="orthophoto-{dtm.scope}")
+def render_orthophoto(
+    dtm: ProductRef,
+    pairs: tuple[OrientedPair, ...],
+    params: OrthophotoParams,
+    landing: LandingPoint,
+    store: ProductStore,
+) -> tuple[ProductRef, ProductRef]:
+    """Render the orthophoto of a terrain model from its images, and which each cell came from."""
+    orientations = tuple(pair.orientation for pair in pairs)
+    picture, sources = (
+        Recipe(kind, dtm.scope, (dtm, *inputs_of(pairs)), (params, landing, orientations))
+        for kind in (ProductKind.ORTHOPHOTO, ProductKind.SOURCES)
+    )
+
+    @cache
+    def prepared() -> tuple[Rendering, Classes]:
+        made = rendering(read_dtm(store.path(dtm)), read_views(pairs, store), params)
+        return made, np.zeros(made.source_grid.shape, np.uint8)
+
+    def write_picture(path: Path) -> None:
+        write_rendering(path, *prepared(), landing, provenance_tags(picture))
+
+    def write_codes(path: Path) -> None:
+        made, codes = prepared()
+        if not codes.any():  # the picture was there already
+            deque(_pieces(made, codes), maxlen=0)
+        tags = provenance_tags(sources)
+        write_sources(path, made.source_grid, codes, made.pair_ids, local_crs(landing), tags=tags)
+
+    return store.make(picture, write_picture), store.make(sources, write_codes)
+
+
+def write_rendering(
+    path: Path, made: Rendering, codes: Classes, landing: LandingPoint, tags: dict[str, str]
+) -> None:
+    """Render block by block into a file, and note in `codes` which view each cell came from."""
+    pieces, crs = _pieces(made, codes), local_crs(landing)
+    write_brightness_blocks(path, made.grid, pieces, crs, stretches=made.stretch, tags=tags)
+
+
+def _pieces(made: Rendering, codes: Classes) -> Iterator[BrightnessBlock]:
+    """The blocks of a picture; `codes` takes 1 for the first view, 0 for none."""
+    for block in made.blocks():
+        numbers = np.where(block.sources == NO_SOURCE, 0, block.sources + 1).astype(np.uint8)
+        put(codes, numbers, block.row // made.ratio, block.col // made.ratio)
+        yield block.row, block.col, block.brightness
+
+
+CAMERA = "PANCAM"
+
+
+@dataclass(frozen=True, slots=True)
+class ColourFrame:
+    """A mapped pair, and the images that its left camera took through three filters."""
+
+    pair: OrientedPair
+    filters: Triple
+    images: tuple[ImageFile, ImageFile, ImageFile]
+    """Red, green, blue."""
+
+    @property
+    def inputs(self) -> tuple[ProductRef, ...]:
+        """The products that it is made from."""
+        return (*self.pair.inputs, *(ref for image in self.images for ref in image.inputs))
+
+
+def colour_frames(
+    pairs: Iterable[OrientedPair], entries: Sequence[ImageEntry], workspace: Workspace
+) -> tuple[ColourFrame, ...]:
+    """The pairs of a stop that can be shown in colour, all through the same filters."""
+    records = {e.id: image_record(e, workspace) for e in entries if e.instrument == CAMERA}
+    known = {entry.id: entry for entry in entries}
+    frames = []
+    for pair in pairs:
+        left = records.get(pair.products.files.id)
+        frame = None if left is None else _frame(pair, left, records, known)
+        if frame is not None:
+            frames.append(frame)
+    usual = Counter(frame.filters for frame in frames).most_common(1)
+    return tuple(frame for frame in frames if frame.filters == usual[0][0])
+
+
+def _frame(
+    pair: OrientedPair,
+    left: RoverImage,
+    records: dict[str, RoverImage],
+    known: dict[str, ImageEntry],
+) -> ColourFrame | None:
+    """The pair in colour; None where its left camera did not use enough filters."""
+    by_filter: dict[int, RoverImage] = {}
+    for image in sorted(records.values(), key=lambda image: _preference(image, left)):
+        if image.filter_number and shows_the_same(left, image):
+            by_filter[image.filter_number] = image
+    filters = colour_filters(by_filter)
+    if filters is None:
+        return None
+    red, green, blue = (image_file(known[by_filter[number].id]) for number in filters)
+    return ColourFrame(pair, filters, (red, green, blue))
+
+
+def _preference(image: RoverImage, left: RoverImage) -> tuple[bool, int, str]:
+    """The same kind of product first, then large frames; the best comes last."""
+    return image.product_type == left.product_type, image.samples * image.lines, image.id
+
+
+@stage(task_run_name="colour-{dtm.scope}")
+def render_colour(
+    dtm: ProductRef,
+    frames: tuple[ColourFrame, ...],
+    params: OrthophotoParams,
+    landing: LandingPoint,
+    store: ProductStore,
+) -> ProductRef:
+    """Render the orthophoto of a terrain model in colour, where there are images for it."""
+    orientations = tuple(frame.pair.orientation for frame in frames)
+    inputs = (dtm, *(ref for frame in frames for ref in frame.inputs))
+    recipe = Recipe(ProductKind.COLOUR, dtm.scope, inputs, (params, landing, orientations))
+    filters = ", ".join(f"L{number}" for number in frames[0].filters)
+
+    def write(path: Path) -> None:
+        coloured = [_read(frame, store) for frame in frames]
+        views, bands = [view for view, _ in coloured], [images for _, images in coloured]
+        made = rendering(read_dtm(store.path(dtm)), views, params, bands)
+        tags = {"FILTERS": filters, **provenance_tags(recipe)}
+        write_rendering(path, made, np.zeros(made.source_grid.shape, np.uint8), landing, tags)
+
+    return store.make(recipe, write)
+
+
+def _read(frame: ColourFrame, store: ProductStore) -> tuple[TerrainView, list[GreyImage]]:
+    """The pair's view, usable where all three images are, and these in its geometry."""
+    (view,) = read_views([frame.pair], store)
+    bands, mask = [], view.mask
+    for file in frame.images:
+        read = read_product_image(file, store)
+        image, usable = resample(read.pixels, read.mask, read.image.camera, view.geometry, Eye.LEFT)
+        bands.append(image)
+        mask = mask & usable
+    return replace(view, mask=mask), bands

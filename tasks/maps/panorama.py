@@ -1,0 +1,176 @@
+"""Panorama: all that the images of a stop show around it, with their adjusted orientations."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from solmap.photogrammetry.archive.images.reading import ReadImage
+from solmap.photogrammetry.cameras.epipolar import EpipolarPair, single_image
+from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.imagery import Eye, RoverImage, StopId
+from solmap.photogrammetry.terrain.dtm.ground import MAP_FROM_LSL
+from solmap.photogrammetry.terrain.dtm.rover_body import BODIES
+from solmap.photogrammetry.terrain.orthophoto.colour import shows_the_same
+from solmap.photogrammetry.terrain.orthophoto.panorama import (
+    Panorama,
+    PanoramaImage,
+    PanoramaParams,
+    panorama,
+)
+from solmap.photogrammetry.terrain.orthophoto.panorama_grid import StandingPlane
+from solmap.photogrammetry.terrain.orthophoto.panorama_seams import registration
+from solmap.products.catalogue.catalogue import ImageEntry
+from solmap.products.catalogue.images import ImageFile, image_file, image_record, read_product_image
+from solmap.products.catalogue.workspace import Workspace
+from solmap.products.formats.documents.archives import read_matches, read_right_turn
+from solmap.products.formats.raster.panorama import (
+    Ground,
+    blank_ground,
+    brightness_blocks,
+    write_panorama,
+    write_panorama_ground,
+)
+from solmap.products.formats.raster.raster import read_dtm
+from solmap.products.model import ProductKind, ProductRef, Recipe
+from solmap.products.store.product_store import ProductStore
+from solmap.products.store.provenance import provenance_tags
+from solmap.tasks.images.pairs import pair_frame, with_right_turned
+from solmap.tasks.network.orientations import Orientation
+from solmap.tasks.network.singles import ON_THE_MAST
+from solmap.tasks.scopes import stop_scope
+from solmap.tasks.stage import stage
+
+SUN_FILTER = 8
+"""Of Pancam: it lets through a hundred-thousandth, for pictures of the sun."""
+
+
+@dataclass(frozen=True, slots=True)
+class OrientedFrame:
+    """An image and where it looks from."""
+
+    id: str
+    file: ImageFile
+    matches: ProductRef | None
+    """Of the pair that it belongs to; None for an image without partner."""
+    orientation: Orientation
+
+    @property
+    def inputs(self) -> tuple[ProductRef, ...]:
+        """The products that it is drawn from."""
+        return (*self.file.inputs, *((self.matches,) if self.matches else ()))
+
+
+def oriented_frames(
+    entries: Iterable[ImageEntry],
+    matches: Mapping[str, ProductRef],
+    orientations: Iterable[Orientation],
+    eye: Eye,
+    workspace: Workspace,
+) -> tuple[OrientedFrame, ...]:
+    """The images of one eye that the adjustment has oriented; of one pointing only one.
+
+    Args:
+        entries: The images of a stop.
+        matches: What was matched, by the pair.
+        orientations: Of the stop's pairs and single images.
+        eye: Which camera.
+        workspace: Where labels are read.
+    """
+    known = {orientation.pair_id: orientation for orientation in orientations}
+    kept: list[RoverImage] = []
+    frames = []
+    for entry in sorted(entries, key=lambda entry: (entry.partner is None, entry.id)):
+        pair = entry.id if entry.partner is None or entry.eye == Eye.LEFT else entry.partner
+        if entry.instrument not in ON_THE_MAST or entry.eye != eye or pair not in known:
+            continue
+        image = image_record(entry, workspace)
+        is_of_sun = image.instrument == "PANCAM" and image.filter_number == SUN_FILTER
+        if is_of_sun or any(shows_the_same(image, other) for other in kept):
+            continue
+        kept.append(image)
+        frames.append(OrientedFrame(entry.id, image_file(entry), matches.get(pair), known[pair]))
+    return tuple(frames)
+
+
+@stage(task_run_name="panorama-{stop}")
+def draw_panorama(
+    stop: StopId,
+    frames: tuple[OrientedFrame, ...],
+    dtm: ProductRef | None,
+    params: PanoramaParams,
+    store: ProductStore,
+) -> tuple[ProductRef, ProductRef]:
+    """Draw the panorama of a stop; beside it, how far the ground is in every direction."""
+    inputs = (*((dtm,) if dtm else ()), *(ref for frame in frames for ref in frame.inputs))
+    known = (params, tuple(frame.orientation for frame in frames))
+    picture, ground = (
+        Recipe(kind, stop_scope(stop), inputs, known)
+        for kind in (ProductKind.PANORAMA, ProductKind.PANORAMA_GROUND)
+    )
+
+    @cache
+    def prepared() -> tuple[Panorama, Ground]:
+        made = _panorama(stop, frames, dtm, params, store)
+        return made, blank_ground(made.grid)
+
+    def write_picture(path: Path) -> None:
+        made, distances = prepared()
+        pieces, tags = brightness_blocks(made.blocks(), distances), provenance_tags(picture)
+        write_panorama(path, made, pieces, registration(made), ground.ref.digest, tags)
+
+    def write_ground(path: Path) -> None:
+        made, distances = prepared()
+        if not np.isfinite(distances[1]).any():  # the picture was there already
+            deque(brightness_blocks(made.blocks(), distances), maxlen=0)
+        write_panorama_ground(path, made, distances, provenance_tags(ground))
+
+    return store.make(picture, write_picture), store.make(ground, write_ground)
+
+
+def _panorama(
+    stop: StopId,
+    frames: tuple[OrientedFrame, ...],
+    dtm: ProductRef | None,
+    params: PanoramaParams,
+    store: ProductStore,
+) -> Panorama:
+    read = [_read(frame, store) for frame in frames]
+    images = []
+    for one, lsl_from_rover in read:
+        camera = one.image.camera.moved(lsl_from_rover)
+        images.append(PanoramaImage.of(one.image.id, camera, one.pixels, one.mask))
+    terrain = read_dtm(store.path(dtm)) if dtm else None
+    return panorama(images, _standing_plane(read[0][1], stop), params, terrain)
+
+
+def _read(frame: OrientedFrame, store: ProductStore) -> tuple[ReadImage, Pose]:
+    """An image with its pixels, and the pose of its label's rover frame as adjusted."""
+    read = read_product_image(frame.file, store)
+    if frame.matches is None:
+        geometry = _alone(read.image)
+    else:
+        path = store.path(frame.matches)
+        geometry, _ = read_matches(path)
+        if read.image.eye is Eye.RIGHT:
+            read = with_right_turned(read, read_right_turn(path))
+    lsl_from_pair = frame.orientation.lsl_from(geometry.rover_from_pair.source)
+    return read, lsl_from_pair @ geometry.rover_from_pair.inverse
+
+
+def _alone(image: RoverImage) -> EpipolarPair:
+    size = (image.samples, image.lines)
+    return single_image(image.camera, size, image.stop.frame, pair_frame(image))
+
+
+def _standing_plane(lsl_from_rover: Pose, stop: StopId) -> StandingPlane:
+    """The plane under the wheels, in the local map."""
+    body = BODIES.get(stop.mission)
+    foot = np.array([[0.0, 0.0, body.ground_m if body else 0.0]])
+    upright = MAP_FROM_LSL @ lsl_from_rover.rotation @ np.array([0.0, 0.0, -1.0])
+    return StandingPlane(MAP_FROM_LSL @ lsl_from_rover.apply(foot)[0], upright)

@@ -1,0 +1,131 @@
+"""DTM: the terrain that a stop's pairs see.
+
+Contours of a terrain model.
+
+Slope, aspect, northerly tilt, roughness and hillshade of a terrain model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import cache
+from pathlib import Path
+
+from solmap.photogrammetry.arrays import Raster
+from solmap.photogrammetry.imagery import StopId
+from solmap.photogrammetry.terrain.dtm.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.stop_dtm import DtmParams
+from solmap.photogrammetry.terrain.dtm.stop_dtm import build_dtm as model_terrain
+from solmap.photogrammetry.terrain.relief.contours import ContourParams
+from solmap.photogrammetry.terrain.relief.contours import trace_contours as trace
+from solmap.photogrammetry.terrain.relief.slope import (
+    HillshadeParams,
+    Relief,
+    SlopeParams,
+    aspect_of,
+    hillshade,
+    mapped_relief,
+    northerly_tilt_of,
+    slope_of,
+)
+from solmap.products.crs import LandingPoint, local_crs
+from solmap.products.formats.raster.raster import read_dtm, write_dtm, write_raster
+from solmap.products.formats.vector.geojson import contour_feature, write_features
+from solmap.products.model import ProductKind, ProductRef, Recipe
+from solmap.products.store.product_store import ProductStore
+from solmap.products.store.provenance import provenance_tags
+from solmap.tasks.network.orientations import OrientedPair, inputs_of, read_views
+from solmap.tasks.scopes import stop_scope
+from solmap.tasks.stage import stage
+
+
+@stage(task_run_name="dtm-{stop}")
+def build_dtm(
+    stop: StopId,
+    pairs: tuple[OrientedPair, ...],
+    params: DtmParams,
+    landing: LandingPoint,
+    store: ProductStore,
+) -> ProductRef:
+    """Build the terrain model of a stop."""
+    orientations = tuple(pair.orientation for pair in pairs)
+    recipe = Recipe(
+        ProductKind.DTM, stop_scope(stop), inputs_of(pairs), (params, landing, orientations)
+    )
+
+    def write(path: Path) -> None:
+        made = model_terrain(read_views(pairs, store), params)
+        write_dtm(path, made, local_crs(landing), tags=provenance_tags(recipe))
+
+    return store.make(recipe, write)
+
+
+@stage(task_run_name="contours-{dtm.kind}-{dtm.scope}")
+def trace_contours(
+    dtm: ProductRef, params: ContourParams, landing: LandingPoint, store: ProductStore
+) -> ProductRef:
+    """Trace the contours of a terrain model."""
+
+    def write(path: Path) -> None:
+        terrain = read_dtm(store.path(dtm))
+        contours = trace(terrain.elevation, terrain.grid, params)
+        write_features(path, map(contour_feature, contours), landing)
+
+    kind = dtm.mapped_as(ProductKind.CONTOURS)
+    recipe = Recipe(kind, dtm.scope, (dtm,), (params, landing))
+    return store.make(recipe, write)
+
+
+Bands = Mapping[str, Raster]
+RELIEF: Mapping[ProductKind, tuple[str, Callable[[Relief], Bands]]] = {
+    ProductKind.SLOPE: (
+        "degree",
+        lambda r: {"slope": slope_of(r.normal), "standard_deviation": r.slope_sigma_deg},
+    ),
+    ProductKind.ASPECT: ("degree", lambda r: {"aspect": aspect_of(r.normal)}),
+    ProductKind.NORTHERLY_TILT: (
+        "degree",
+        lambda r: {"northerly_tilt": northerly_tilt_of(r.normal)},
+    ),
+    ProductKind.ROUGHNESS: ("m", lambda r: {"roughness": r.roughness_m}),
+}
+"""What is mapped of the planes over one baseline: kind, unit and bands."""
+
+
+@stage(task_run_name="relief-{dtm.kind}-{dtm.scope}")
+def map_relief(
+    dtm: ProductRef, params: SlopeParams, landing: LandingPoint, store: ProductStore
+) -> tuple[ProductRef, ...]:
+    """Map how steep the ground is, where it falls to, how it leans to the north, and how rough."""
+
+    @cache
+    def fitted() -> tuple[Relief, MapGrid]:
+        return mapped_relief(read_dtm(store.path(dtm)), params)
+
+    def made(kind: ProductKind, unit: str, bands_of: Callable[[Relief], Bands]) -> ProductRef:
+        recipe = Recipe(dtm.mapped_as(kind), dtm.scope, (dtm,), (params, landing))
+
+        def write(path: Path) -> None:
+            planes, grid = fitted()
+            tags = {"BASELINE_M": f"{params.baseline_m:g}", **provenance_tags(recipe)}
+            crs = local_crs(landing)
+            write_raster(path, grid, bands_of(planes), crs, unit=unit, tags=tags)
+
+        return store.make(recipe, write)
+
+    return tuple(made(kind, *what) for kind, what in RELIEF.items())
+
+
+@stage(task_run_name="hillshade-{dtm.kind}-{dtm.scope}")
+def shade_relief(
+    dtm: ProductRef, params: HillshadeParams, landing: LandingPoint, store: ProductStore
+) -> ProductRef:
+    """Shade the relief, for the eye."""
+    recipe = Recipe(dtm.mapped_as(ProductKind.HILLSHADE), dtm.scope, (dtm,), (params, landing))
+
+    def write(path: Path) -> None:
+        terrain = read_dtm(store.path(dtm))
+        bands = {"hillshade": hillshade(terrain, params)}
+        write_raster(path, terrain.grid, bands, local_crs(landing), tags=provenance_tags(recipe))
+
+    return store.make(recipe, write)

@@ -1,0 +1,203 @@
+"""Control: where stops lie in orbital images, by registration or as people measured it.
+
+A product of control is one frame, an orbital image or a file of measured points, with the places of
+stops in it (see `photogrammetry.adjustment.control`). The version made last under a name counts.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from solmap.photogrammetry.adjustment.control_files import ControlRow, parse_control
+from solmap.photogrammetry.adjustment.model.adjusted_network import AdjustedNetwork
+from solmap.photogrammetry.adjustment.model.network import ControlFrame, StopControl
+from solmap.photogrammetry.errors import AdjustmentError
+from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.imagery import StopId
+from solmap.photogrammetry.orbital.registration import stop_in_image
+from solmap.products.catalogue.workspace import Workspace
+from solmap.products.crs import LandingPoint, east_north
+from solmap.products.errors import ProductError
+from solmap.products.formats.documents.control import control_product, read_control
+from solmap.products.formats.documents.network import read_network, whole_network
+from solmap.products.model import ProductKind, ProductRef, Recipe
+from solmap.products.store.product_store import ProductStore
+from solmap.tasks.images.files import keep_file, write_bytes
+from solmap.tasks.mission.orbital import Compare, StopMap, registered
+from solmap.tasks.network.orientations import MappedStop, read_orientations
+from solmap.tasks.stage import stage
+
+
+@dataclass(frozen=True, slots=True)
+class FrameParams:
+    """How well the place of an orbital image, or of a map that points were measured in, is known.
+
+    Standard deviations; zero where it is certain.
+    """
+
+    shift_m: float = 50.0
+    """An image that was laid on older maps by hand; one that was controlled is good to some 5 m."""
+    rotation_deg: float = 0.1
+    """Orthoimages of HiRISE and CTX are off by a few metres over kilometres. An uncontrolled mosaic
+    may be turned by more than a degree (Di et al. 2008, section 4): say so, for beyond that the map
+    is turned with it rather than the image."""
+    scale: float = 1e-3
+
+    def __post_init__(self) -> None:
+        for name in ("shift_m", "rotation_deg", "scale"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value >= 0):
+                raise ProductError(
+                    f"{name} is a standard deviation: zero (certain) or more, not {value}"
+                )
+
+    def frame(
+        self, name: str, places: Sequence[StopControl], up_m: Sequence[float] = ()
+    ) -> ControlFrame:
+        """The frame, turned about the middle of what it shows.
+
+        `up_m`: how its heights differ from the rover's, for they are above another level.
+        """
+        middle = np.mean([one.values[:2] for one in places], axis=0) if places else np.zeros(2)
+        centre = float(middle[0]), float(middle[1])
+        frame = ControlFrame.claimed(
+            name, centre, shift_m=self.shift_m, rotation_deg=self.rotation_deg, scale=self.scale
+        )
+        level = np.array([0.0, 0.0, np.mean(up_m) if len(up_m) else 0.0, 0.0, 0.0])
+        return replace(frame, place=level)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MappedWith:
+    """A network, and what its stops are mapped with."""
+
+    network: ProductRef
+    orientations: ProductRef
+
+
+@stage(task_run_name="control-{image.scope}")
+def control_by_image(
+    image: ProductRef,
+    stops: dict[StopId, StopMap],
+    standing: MappedWith,
+    params: tuple[Compare, FrameParams],
+    landing: LandingPoint,
+    store: ProductStore,
+) -> ProductRef:
+    """Find every stop on its own in an orbital image."""
+    maps = tuple(ref for stop in stops.values() for ref in (stop.dtm, stop.orthophoto))
+    inputs = (image, standing.network, standing.orientations, *maps)
+    settings = (*params[0].settings, params[1], landing)
+    recipe = Recipe(ProductKind.CONTROL, image.scope, inputs, settings)
+
+    def write(path: Path) -> None:
+        names = [str(stop) for stop in stops]
+        adjusted = read_network(standing.network, store).with_stops(names, store).adjusted
+        mapped = read_orientations(standing.orientations, store, names)
+        found: list[StopControl] = []
+        up_m: list[float] = []
+        refused: dict[str, str] = {}
+        for stop, own in stops.items():
+            outcome, _ = registered(image, [own], params[0], landing, store)
+            if outcome.correction is None:
+                refused[str(stop)] = outcome.reason
+            else:
+                pose = _mapped_pose(stop, adjusted, mapped)
+                up_m += [outcome.correction.up_m] if outcome.correction.up_m else []
+                found.append(stop_in_image(stop, pose, outcome.correction, image.scope.name))
+        frame = params[1].frame(image.scope.name, found, up_m)
+        path.write_text(json.dumps(control_product(frame, found, refused)))
+
+    return store.make(recipe, write)
+
+
+def _mapped_pose(stop: StopId, adjusted: AdjustedNetwork, mapped: dict[str, MappedStop]) -> Pose:
+    """The pose of a rover that its maps were made with: up to the reissue limit off today's."""
+    pose = adjusted.stop(stop).lsl_from_rover
+    today = {pair.pair_id: pair.lsl_from_pair.translation_m for pair in adjusted.pairs}
+    of_maps = mapped[str(stop)].orientations
+    off = [np.array(o.translation_m) - today[o.pair_id] for o in of_maps if o.pair_id in today]
+    shift = np.mean(off, axis=0) if off else np.zeros(3)
+    return Pose(pose.target, pose.source, pose.rotation, pose.translation_m + shift)
+
+
+def take_control(
+    name: str,
+    data: bytes,
+    network: ProductRef,
+    params: FrameParams,
+    landing: LandingPoint,
+    store: ProductStore,
+) -> ProductRef:
+    """Take a file of measured control into the store.
+
+    Raises:
+        AdjustmentError: it cannot be read, or names a stop that is not in the network.
+    """
+    standing = whole_network(network, store)
+    mission, adjusted = standing.mission, standing.adjusted
+    try:
+        rows = parse_control(data.decode("utf-8"), mission, name)
+    except UnicodeDecodeError as error:
+        raise AdjustmentError(f"{name}: control is text in UTF-8, but {error}") from error
+    found = [_measured(row, adjusted, params, landing, name) for row in rows]
+    file = keep_file(ProductKind.CONTROL_FILE, name, data, store)
+    inputs = (file, *((network,) if any(row.map_point for row in rows) else ()))
+    recipe = Recipe(ProductKind.CONTROL, file.scope, inputs, (params, landing, mission))
+    frame = params.frame(file.scope.name, found)
+    text = json.dumps(control_product(frame, found, {}))
+    return store.make(recipe, lambda draft: write_bytes(draft, text.encode()))
+
+
+def _measured(
+    row: ControlRow,
+    adjusted: AdjustedNetwork,
+    params: FrameParams,
+    landing: LandingPoint,
+    source: str,
+) -> StopControl:
+    """Control of a stop by a row; of a point on its map carried over to the rover."""
+    known = {stop.stop: stop for stop in adjusted.stops}
+    if row.stop not in known:
+        raise AdjustmentError(
+            f"{source}: {row.stop} is not in the network of {len(known)} stops, from "
+            f"{adjusted.stops[0].stop} to {adjusted.stops[-1].stop}; `solmap status` lists them"
+        )
+    place = np.array(row.place)
+    if row.in_degrees:
+        place = np.concatenate(east_north(landing, *row.place))
+    variances = [row.sigma_m**2] * 2
+    if row.map_point:
+        north, east, _ = known[row.stop].lsl_from_rover.translation_m.tolist()
+        arm = np.array([east, north]) - row.map_point
+        turned = np.radians(params.rotation_deg) * float(np.linalg.norm(arm))
+        place, variances = place + arm, [row.sigma_m**2 + turned**2] * 2
+    variances += [row.up[1] ** 2] if row.up else []
+    variances += [float(np.radians(row.azimuth[1])) ** 2] if row.azimuth else []
+    frame = source.lower().replace(".", "-")
+    return StopControl(
+        row.stop,
+        frame,
+        float(place[0]),
+        float(place[1]),
+        np.diag(variances),
+        row.up[0] if row.up else None,
+        row.azimuth[0] if row.azimuth else None,
+    )
+
+
+def control_of(mission: str, workspace: Workspace) -> tuple[ProductRef, ...]:
+    """All control that is published for a mission."""
+    pointers = workspace.catalogue.pointers(ProductKind.CONTROL)
+    return tuple(ref for ref in pointers if _mission_of(ref, workspace.store) in {mission, None})
+
+
+def _mission_of(ref: ProductRef, store: ProductStore) -> str | None:
+    """The mission whose stops control is of; None where it has none any more."""
+    _, control = read_control(ref, store)
+    return control[0].stop.mission if control else None

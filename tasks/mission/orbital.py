@@ -1,0 +1,197 @@
+"""Orbital images: laid on what the rover mapped, and drawn as base layer of the map."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from solmap.photogrammetry.orbital.elevations import register_elevations
+from solmap.photogrammetry.orbital.ground_map import ground_map
+from solmap.photogrammetry.orbital.records import (
+    Correction,
+    OrbitalDtm,
+    OrbitalImage,
+    Registration,
+)
+from solmap.photogrammetry.orbital.registration import RegistrationParams, placed, register
+from solmap.photogrammetry.terrain.dtm.grid import FINEST_CELL_M, Bounds, MapGrid, union
+from solmap.products.crs import LandingPoint, local_crs
+from solmap.products.errors import ProductError
+from solmap.products.formats.documents.archives import finite
+from solmap.products.formats.raster.orthophoto import write_orthophoto
+from solmap.products.formats.raster.raster import bounds_on_map, read_onto_grid
+from solmap.products.model import ProductKind, ProductRef, Recipe
+from solmap.products.store.product_store import ProductStore
+from solmap.products.store.provenance import provenance_tags
+from solmap.tasks.images.files import ContentDigest, write_bytes
+from solmap.tasks.scopes import file_scope, region_scope
+from solmap.tasks.stage import stage
+
+MARGIN_M = 500.0
+"""An orbital image is drawn that far around what is mapped: what lies ahead, and a horizon."""
+
+
+@dataclass(frozen=True, slots=True)
+class StopMap:
+    """What registration reads of a mapped stop."""
+
+    dtm: ProductRef
+    orthophoto: ProductRef
+
+
+@dataclass(frozen=True, slots=True)
+class Compare:
+    """How an orbital image is compared with the rover's map."""
+
+    registration: RegistrationParams = field(default_factory=RegistrationParams)
+    heights: bool = False
+    """It is a terrain model: heights are compared with heights."""
+
+    @property
+    def settings(self) -> tuple[RegistrationParams | str, ...]:
+        """What a recipe depends on."""
+        return (self.registration, *(("heights",) if self.heights else ()))
+
+
+def take_orbital(file: Path, store: ProductStore) -> ProductRef:
+    """Keep an orbital image as it came."""
+    data = file.read_bytes()
+    scope = file_scope(file.name)
+    recipe = Recipe(ProductKind.ORBITAL_IMAGE, scope, params=ContentDigest.of(data))
+    return store.make(recipe, lambda draft: write_bytes(draft, data))
+
+
+@stage(task_run_name="register-{image.scope}")
+def register_orbital(
+    image: ProductRef,
+    stops: Sequence[StopMap],
+    params: Compare,
+    landing: LandingPoint,
+    store: ProductStore,
+) -> ProductRef:
+    """Find where an orbital image, or terrain model, lies on what the stops mapped."""
+    inputs = (image, *(ref for stop in stops for ref in (stop.dtm, stop.orthophoto)))
+    settings = (*params.settings, landing)
+    recipe = Recipe(ProductKind.ORBITAL_REGISTRATION, image.scope, inputs, settings)
+
+    def write(path: Path) -> None:
+        found, cell_m = registered(image, stops, params, landing, store)
+        document = {
+            "explained": found.explained,
+            "runner_up": found.runner_up,
+            "halves_apart_m": finite(found.halves_apart_m),
+            "reason": found.reason,
+            "cell_m": cell_m,
+            "correction": _document(found.correction),
+        }
+        path.write_text(json.dumps(document))
+
+    return store.make(recipe, write)
+
+
+def registered(
+    image: ProductRef,
+    stops: Sequence[StopMap],
+    params: Compare,
+    landing: LandingPoint,
+    store: ProductStore,
+) -> tuple[Registration, float]:
+    """What comes of registering an image to the map of some stops, and the side of its cells."""
+    crs = local_crs(landing)
+    dtms = [store.path(stop.dtm) for stop in stops]
+    bounds = union([bounds_on_map(dtm, crs)[0] for dtm in dtms])
+    claimed, cell_m = bounds_on_map(store.path(image), crs)
+    grid = grid_around(bounds, cell_m)
+    ground = ground_map(
+        grid,
+        (read_onto_grid(dtm, grid, crs) for dtm in dtms),
+        (read_onto_grid(store.path(stop.orthophoto), grid, crs) for stop in stops),
+    )
+    reach_m = params.registration.search.reach_m
+    shown = grid_around(_widened(bounds, 2 * reach_m, claimed), cell_m)
+    values = read_onto_grid(store.path(image), shown, crs)
+    if params.heights:
+        model = OrbitalDtm(shown, values)
+        return register_elevations(ground, model, params.registration), cell_m
+    return register(ground, OrbitalImage(shown, values), params.registration), cell_m
+
+
+@stage(task_run_name="base-{image.scope}")
+def draw_base(
+    mission: str,
+    image: ProductRef,
+    registration: ProductRef | None,
+    mapped: Bounds,
+    landing: LandingPoint,
+    store: ProductStore,
+) -> ProductRef:
+    """Draw an orbital image around what is mapped: where it truly lies, or where it claims to."""
+    inputs = (image,) if registration is None else (image, registration)
+    params = landing, [*mapped], MARGIN_M
+    recipe = Recipe(ProductKind.ORBITAL, region_scope(mission), inputs, params)
+
+    def write(path: Path) -> None:
+        crs = local_crs(landing)
+        correction = None if registration is None else read_correction(registration, store)
+        claimed, cell_m = bounds_on_map(store.path(image), crs)
+        bounds = _widened(mapped, MARGIN_M, claimed)
+        shown = grid_around(bounds, cell_m)
+        level = max(0, math.floor(math.log2(cell_m / FINEST_CELL_M)))
+        grid = MapGrid.covering(bounds, FINEST_CELL_M * 2**level)
+        source = OrbitalImage(shown, read_onto_grid(store.path(image), shown, crs))
+        drawn = placed(source, grid, correction)
+        write_orthophoto(path, grid, drawn, crs, tags=provenance_tags(recipe))
+
+    return store.make(recipe, write)
+
+
+def read_registration(ref: ProductRef, store: ProductStore) -> dict[str, Any]:
+    """What a registration found, as plain JSON."""
+    document: dict[str, Any] = json.loads(store.path(ref).read_text())
+    return document
+
+
+def read_correction(ref: ProductRef, store: ProductStore) -> Correction | None:
+    """The correction of a registration, if it found one."""
+    found = read_registration(ref, store)["correction"]
+    if found is None:
+        return None
+    return Correction(
+        found["east_m"],
+        found["north_m"],
+        found["rotation_deg"],
+        (found["centre_m"][0], found["centre_m"][1]),
+        np.array(found["covariance"]),
+        found.get("up_m"),
+        found.get("sigma_up_m"),
+    )
+
+
+def grid_around(bounds: Bounds, cell_m: float) -> MapGrid:
+    """A grid of cells of any size around bounds."""
+    west, south, east, north = bounds
+    rows, cols = math.ceil((north - south) / cell_m), math.ceil((east - west) / cell_m)
+    return MapGrid(west, north, cell_m, max(1, rows), max(1, cols))
+
+
+def _document(correction: Correction | None) -> dict[str, Any] | None:
+    if correction is None:
+        return None
+    fields = dataclasses.asdict(correction)
+    return {**fields, "covariance": correction.covariance.tolist()}
+
+
+def _widened(bounds: Bounds, margin_m: float, within: Bounds) -> Bounds:
+    """Bounds with a margin, cut to what there is."""
+    west, south = (max(bounds[k] - margin_m, within[k]) for k in (0, 1))
+    east, north = (min(bounds[k] + margin_m, within[k]) for k in (2, 3))
+    if not (east > west and north > south):
+        raise ProductError("the orbital image does not show the ground that was mapped")
+    return west, south, east, north

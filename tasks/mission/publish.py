@@ -1,0 +1,210 @@
+"""Publish: turn products into layers and move the catalogue's pointers, all at once.
+
+The STAC catalogue, brought up to date with what was just published.
+"""
+
+from __future__ import annotations
+
+import logging
+import sqlite3
+from collections.abc import Collection, Iterable, Sequence
+from typing import Literal
+
+from solmap.products.catalogue.catalogue import ImageEntry, MissionEntry, Outcome
+from solmap.products.catalogue.workspace import Workspace
+from solmap.products.features.mission_features import MissionFeatures
+from solmap.products.formats.mesh.models import extent_of_model
+from solmap.products.formats.raster.panorama import panorama_bounds
+from solmap.products.formats.raster.raster import summarise
+from solmap.products.formats.vector.geojson import read_features
+from solmap.products.model import Layer, ProductKind, ProductRef, ScopeLevel
+from solmap.products.reports.stac import AcquisitionTimes, write_catalogue, write_items
+from solmap.tasks.stage import stage
+
+log = logging.getLogger(__name__)
+
+TITLES = {
+    ProductKind.DTM: "Elevation",
+    ProductKind.ORTHOPHOTO: "Orthophoto",
+    ProductKind.SOURCES: "Source images",
+    ProductKind.COLOUR: "Colour orthophoto",
+    ProductKind.SLOPE: "Slope",
+    ProductKind.ASPECT: "Aspect",
+    ProductKind.HILLSHADE: "Hillshade",
+    ProductKind.NORTHERLY_TILT: "Northerly tilt",
+    ProductKind.ROUGHNESS: "Roughness",
+    ProductKind.INSOLATION: "Insolation",
+    ProductKind.HAVENS: "Winter havens",
+    ProductKind.VIEWSHED: "Seen from the stop",
+    ProductKind.HAZARD: "Hazards to a rover",
+    ProductKind.CONTOURS: "Contours",
+    ProductKind.MODEL: "Model of the terrain",
+    ProductKind.VIEW_MODEL: "Model of what pairs see",
+    ProductKind.TILESET: "Terrain as 3D tiles",
+    ProductKind.DIPS: "Strike and dip",
+    ProductKind.POINTS: "Point cloud",
+    ProductKind.POINT_TILES: "Point cloud as 3D tiles",
+    ProductKind.PANORAMA: "Panorama",
+    ProductKind.FAR_DTM: "Far elevation",
+    ProductKind.FAR_HILLSHADE: "Far hillshade",
+    ProductKind.FAR_CONTOURS: "Far contours",
+    ProductKind.REGION_DTM: "Elevation of the region",
+    ProductKind.REGION_SEAMS: "Disagreement of stops",
+    ProductKind.REGION_HILLSHADE: "Hillshade of the region",
+    ProductKind.REGION_SLOPE: "Slope of the region",
+    ProductKind.REGION_ASPECT: "Aspect of the region",
+    ProductKind.REGION_NORTHERLY_TILT: "Northerly tilt of the region",
+    ProductKind.REGION_ROUGHNESS: "Roughness of the region",
+    ProductKind.REGION_INSOLATION: "Insolation of the region",
+    ProductKind.REGION_HAVENS: "Winter havens of the region",
+    ProductKind.REGION_HAZARD: "Hazards of the region",
+    ProductKind.REGION_CONTOURS: "Contours of the region",
+    ProductKind.TRAVERSE: "Traverse",
+    ProductKind.MISSION_TRAVERSE: "Mission traverse",
+    ProductKind.MISSION_STOPS: "Mission stops",
+    ProductKind.ORBITAL: "Orbital image",
+    ProductKind.STOPS: "Stops",
+    ProductKind.FOOTPRINTS: "Image footprints",
+    ProductKind.POINTING: "Pointing lines",
+    ProductKind.TIE_POINTS: "Tie points",
+}
+RASTERS = {
+    ProductKind.DTM,
+    ProductKind.ORTHOPHOTO,
+    ProductKind.SOURCES,
+    ProductKind.COLOUR,
+    ProductKind.SLOPE,
+    ProductKind.ASPECT,
+    ProductKind.NORTHERLY_TILT,
+    ProductKind.ROUGHNESS,
+    ProductKind.INSOLATION,
+    ProductKind.VIEWSHED,
+    ProductKind.HAZARD,
+    ProductKind.HILLSHADE,
+    ProductKind.FAR_DTM,
+    ProductKind.FAR_HILLSHADE,
+    ProductKind.REGION_DTM,
+    ProductKind.REGION_SEAMS,
+    ProductKind.REGION_HILLSHADE,
+    ProductKind.REGION_SLOPE,
+    ProductKind.REGION_ASPECT,
+    ProductKind.REGION_NORTHERLY_TILT,
+    ProductKind.REGION_ROUGHNESS,
+    ProductKind.REGION_INSOLATION,
+    ProductKind.REGION_HAZARD,
+    ProductKind.ORBITAL,
+}
+
+
+MODELS = {
+    ProductKind.MODEL,
+    ProductKind.VIEW_MODEL,
+    ProductKind.TILESET,
+    ProductKind.POINTS,
+    ProductKind.POINT_TILES,
+}
+
+
+@stage(task_run_name="publish")
+def publish(
+    mission: MissionEntry,
+    layers: Sequence[tuple[ProductRef, tuple[int, ...]]],
+    pointers: Iterable[ProductRef],
+    outcomes: Iterable[Outcome],
+    workspace: Workspace,
+) -> list[Layer]:
+    """Publish products with the sols that they show; readers see all of it or nothing."""
+    described = [layer_of(mission.mission, ref, sols, workspace) for ref, sols in layers]
+    workspace.catalogue.publish(
+        missions=[mission], layers=described, pointers=pointers, outcomes=outcomes
+    )
+    update_stac(mission, described, workspace)
+    _index(mission.mission, {layer.ref.kind for layer in described}, workspace)
+    return described
+
+
+def withdraw(
+    mission: MissionEntry,
+    layers: Sequence[Layer],
+    pointers: Sequence[ProductRef],
+    workspace: Workspace,
+) -> None:
+    """Show layers no longer, and have the catalogue point at products no longer, all at once."""
+    if layers or pointers:
+        workspace.catalogue.withdraw(layers, pointers)
+    if layers:
+        left = workspace.catalogue.layers(mission.mission)
+        update_stac(mission, left[:1], workspace)
+
+
+def _index(mission: str, kinds: Collection[ProductKind], workspace: Workspace) -> None:
+    """Read the new features into the index now, so that no visitor of the map waits for it."""
+    try:
+        MissionFeatures.open(workspace.store, workspace.catalogue).fill(mission, kinds)
+    except sqlite3.Error as error:  # the server fills it when it is asked
+        log.warning("the index of features of %s is not up to date: %s", mission, error)
+
+
+def layer_of(mission: str, ref: ProductRef, sols: tuple[int, ...], workspace: Workspace) -> Layer:
+    """What the map needs to know of a product."""
+    path = workspace.store.path(ref)
+    cell_m: float | None = None
+    unit: str | None = None
+    value_range: tuple[float, float] | None = None
+    if ref.kind in RASTERS:
+        grid, bands = summarise(path)
+        bounds, cell_m = grid.bounds, grid.cell_m
+        unit, value_range = bands[0].unit or None, bands[0].range
+    elif ref.kind is ProductKind.PANORAMA:
+        bounds, unit = panorama_bounds(path), "degree"
+    elif ref.kind in MODELS:
+        bounds, value_range = extent_of_model(path)
+        unit = "m"
+    else:
+        bounds = read_features(path).bounds or (0.0, 0.0, 0.0, 0.0)
+    return Layer(
+        ref=ref,
+        mission=mission,
+        title=TITLES[ref.kind],
+        type=_type_of(ref.kind),
+        bounds=bounds,
+        cell_m=cell_m,
+        unit=unit,
+        range=value_range,
+        sols=sols,
+        made_at=workspace.store.made_at(ref),
+    )
+
+
+def _type_of(kind: ProductKind) -> Literal["raster", "vector", "model", "panorama"]:
+    if kind in RASTERS:
+        return "raster"
+    if kind is ProductKind.PANORAMA:
+        return "panorama"
+    return "model" if kind in MODELS else "vector"
+
+
+def update_stac(mission: MissionEntry, fresh: Sequence[Layer], workspace: Workspace) -> None:
+    """Write the items of fresh layers, and the collection and catalogue that list all latest."""
+    if not fresh:
+        return
+    images, catalogue = workspace.catalogue.images(mission.mission), workspace.catalogue
+    write_items(((layer, _taken(layer, images)) for layer in fresh), mission, workspace.store)
+    times = [image.start_time for image in images]
+    layers = catalogue.layers(mission.mission)
+    write_catalogue(
+        catalogue.missions(), layers, AcquisitionTimes.of(fresh[0], times), workspace.store
+    )
+
+
+def _taken(layer: Layer, images: Iterable[ImageEntry]) -> AcquisitionTimes:
+    """When the images behind a layer were taken: those of its stop and sols."""
+    of_stop = layer.ref.scope.level is ScopeLevel.STOP
+    return AcquisitionTimes.of(
+        layer,
+        (
+            image.start_time
+            for image in images
+            if image.sol in layer.sols and (not of_stop or image.stop == layer.ref.scope.name)
+        ),
+    )

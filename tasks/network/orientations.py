@@ -1,0 +1,232 @@
+"""Oriented stereo pairs: what adjustment hands to mapping.
+
+Orientations to map with: a stop is mapped again only when its pairs really moved.
+
+Every adjustment moves what it may: new ties weigh the pointing of old stops afresh, mostly by
+millimetres. Maps are not made anew for that. The orientations that a mission's stops are mapped
+with are a product of their own, one a network: made from the network and from the orientations
+before, and from nothing else, so whatever was interrupted, repeated or published in between, the
+same networks lead to the same maps. Stops that a network did not touch are mapped as before: its
+product names those that hold them.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Collection, Iterable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from solmap.photogrammetry.adjustment.model.adjusted_network import AdjustedPair
+from solmap.photogrammetry.adjustment.quality.movement import ReissueParams, ground_shift_m
+from solmap.photogrammetry.frames import LSL, Frame, Pose
+from solmap.photogrammetry.imagery import Eye
+from solmap.photogrammetry.matching.resampling import resample
+from solmap.photogrammetry.terrain.dtm.records import PoseCovariance, TerrainView
+from solmap.photogrammetry.terrain.dtm.rover_body import without_rover
+from solmap.products.catalogue.images import read_product_image
+from solmap.products.formats.documents.archives import read_dense, read_matches
+from solmap.products.formats.documents.network import (
+    References,
+    read_network,
+    references_document,
+    references_of_document,
+)
+from solmap.products.model import ProductKind, ProductRef, Recipe
+from solmap.products.store.product_store import ProductStore
+from solmap.tasks.images.pairs import PairProducts
+from solmap.tasks.stage import stage
+
+
+@dataclass(frozen=True, slots=True)
+class Orientation:
+    """Where a pair looks from: plain numbers, so that they are part of a product's recipe.
+
+    A terrain model depends on the orientations of its own pairs and not on the network they come
+    from; so a later stop that leaves them as they were leaves the model as it was.
+    """
+
+    pair_id: str
+    rotation: tuple[float, ...]
+    """`lsl_from_pair`, row by row."""
+    translation_m: tuple[float, ...]
+    covariance: tuple[float, ...] = ()
+    """Of rotation vector (radians) and position (metres) in the LSL, row by row: stop and pointing
+    together, against the held stop. Empty: the orientation is taken for true."""
+
+    @classmethod
+    def of(cls, pair: AdjustedPair) -> Orientation:
+        """The adjusted orientation of a pair."""
+        pose = pair.lsl_from_pair
+        return cls(
+            pair.pair_id,
+            tuple(pose.rotation.ravel().tolist()),
+            tuple(pose.translation_m.tolist()),
+            tuple(pair.covariance.ravel().tolist()),
+        )
+
+    @property
+    def covariance_6x6(self) -> PoseCovariance | None:
+        """The covariance as a matrix; None where the orientation is taken for true."""
+        return np.array(self.covariance).reshape(6, 6) if self.covariance else None
+
+    def lsl_from(self, pair: Frame) -> Pose:
+        """The orientation as the pose of a pair's frame."""
+        rotation = np.array(self.rotation).reshape(3, 3)
+        return Pose(LSL, pair, rotation, np.array(self.translation_m))
+
+
+@dataclass(frozen=True, slots=True)
+class OrientedPair:
+    """A matched pair and where it looks from."""
+
+    products: PairProducts
+    orientation: Orientation
+
+    @property
+    def inputs(self) -> tuple[ProductRef, ...]:
+        """The products that mapping reads."""
+        return (*self.products.files.left.inputs, *self.products.made)
+
+
+def inputs_of(pairs: Iterable[OrientedPair]) -> tuple[ProductRef, ...]:
+    """All products that mapping with these pairs reads."""
+    return tuple(ref for pair in pairs for ref in pair.inputs)
+
+
+def read_views(pairs: Iterable[OrientedPair], store: ProductStore) -> list[TerrainView]:
+    """The pairs as looks at the ground."""
+    return [_read_view(pair, store) for pair in pairs]
+
+
+def _read_view(pair: OrientedPair, store: ProductStore) -> TerrainView:
+    """Only the left image is resampled: the right one has given its parallax."""
+    files = pair.products.files
+    geometry, _ = read_matches(store.path(pair.products.matches))
+    left = read_product_image(files.left, store)
+    dense = read_dense(store.path(pair.products.parallax))
+    image, mask = resample(left.pixels, left.mask, left.image.camera, geometry, Eye.LEFT)
+    view = TerrainView(
+        pair_id=files.id,
+        instrument=files.instrument,
+        lsl_from_pair=pair.orientation.lsl_from(geometry.rover_from_pair.source),
+        geometry=geometry,
+        parallax=dense.parallax_px,
+        image=image,
+        mask=mask,
+        sigma_px=dense.sigma_px,
+        covariance=pair.orientation.covariance_6x6,
+    )
+    return without_rover(view, files.stop.mission)
+
+
+@dataclass(frozen=True, slots=True)
+class MappedStop:
+    """What a stop is mapped with, and why."""
+
+    stop: str
+    orientations: tuple[Orientation, ...]
+    moved_m: float | None
+    """By how much the adjustment moved ground at most, against the maps there were; None: new."""
+    is_new: bool
+    """Whether it is mapped with other orientations than by the network before."""
+
+
+@stage(task_run_name="orientations-{network.scope}")
+def choose_orientations(
+    network: ProductRef, previous: ProductRef | None, params: ReissueParams, store: ProductStore
+) -> ProductRef:
+    """Take the network's orientations of the stops that moved; those of the others stay."""
+
+    def write(path: Path) -> None:
+        by_stop: dict[str, list[AdjustedPair]] = {}
+        for pair in read_network(network, store).adjusted.pairs:
+            by_stop.setdefault(str(pair.stop), []).append(pair)
+        before = read_orientations(previous, store, by_stop) if previous else {}
+        chosen = [choose(stop, pairs, before.get(stop), params) for stop, pairs in by_stop.items()]
+        known = holders_of_orientations(previous, store) if previous else {}
+        holders = {stop: ref for stop, ref in known.items() if stop not in by_stop}
+        document = {
+            "mapped": [asdict(mapped) for mapped in chosen],
+            "holders": references_document(holders),
+        }
+        path.write_text(json.dumps(document))
+
+    inputs = (network, *((previous,) if previous else ()))
+    return store.make(Recipe(ProductKind.ORIENTATIONS, network.scope, inputs, params), write)
+
+
+def choose(
+    stop: str, pairs: list[AdjustedPair], before: MappedStop | None, params: ReissueParams
+) -> MappedStop:
+    """What a stop is to be mapped with: all of its adjusted pairs, or all as they were mapped."""
+    adjusted = tuple(Orientation.of(pair) for pair in sorted(pairs, key=lambda p: p.pair_id))
+    old = {o.pair_id: o for o in before.orientations} if before else {}
+    if before is None or old.keys() != {o.pair_id for o in adjusted}:
+        return MappedStop(stop, adjusted, None, is_new=True)
+    moved_m = max(
+        ground_shift_m(
+            old[pair.pair_id].lsl_from(pair.lsl_from_pair.source),
+            pair.lsl_from_pair,
+            params.range_m,
+        )
+        for pair in pairs
+    )
+    moves = moved_m > params.shift_m
+    return MappedStop(stop, adjusted if moves else before.orientations, moved_m, is_new=moves)
+
+
+def read_orientations(
+    ref: ProductRef, store: ProductStore, stops: Collection[str] | None = None
+) -> dict[str, MappedStop]:
+    """What stops are mapped with, by their names.
+
+    Args:
+        ref: What was chosen from a network, of the stops that it touched.
+        store: Where it lies.
+        stops: Further stops that are asked for; None for all of the mission.
+    """
+    own, holders = _read(ref, store)
+    by_product: dict[ProductRef, list[str]] = {}
+    for stop in holders if stops is None else stops:
+        if stop in holders:
+            by_product.setdefault(holders[stop], []).append(stop)
+    further: dict[str, MappedStop] = {}
+    for holder, names in by_product.items():
+        held, _ = _read(holder, store)
+        further |= {name: _kept(held[name]) for name in names}
+    return further | own
+
+
+def holders_of_orientations(ref: ProductRef, store: ProductStore) -> References:
+    """The products that hold what each stop of a mission is mapped with."""
+    own, holders = _read(ref, store)
+    return holders | dict.fromkeys(own, ref)
+
+
+def _read(ref: ProductRef, store: ProductStore) -> tuple[dict[str, MappedStop], References]:
+    document = json.loads(store.path(ref).read_text())
+    rows = document["mapped"] if isinstance(document, dict) else document  # as it was written once
+    holders = references_of_document(document["holders"]) if isinstance(document, dict) else {}
+    return {row["stop"]: _mapped_of(row) for row in rows}, holders
+
+
+def _mapped_of(row: dict[str, Any]) -> MappedStop:
+    orientations = tuple(
+        Orientation(
+            o["pair_id"],
+            tuple(o["rotation"]),
+            tuple(o["translation_m"]),
+            tuple(o.get("covariance", ())),
+        )
+        for o in row["orientations"]
+    )
+    return MappedStop(row["stop"], orientations, row["moved_m"], row["is_new"])
+
+
+def _kept(before: MappedStop) -> MappedStop:
+    """A stop that the network has not touched."""
+    return MappedStop(before.stop, before.orientations, 0.0, is_new=False)

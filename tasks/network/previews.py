@@ -1,0 +1,137 @@
+"""Quick looks: pictures of what a stage made, for people who would rather look.
+
+They are products like any other, below `quicklook/` in the store, and no layer of the map.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from solmap.photogrammetry.arrays import PerPoint, Picture
+from solmap.photogrammetry.cameras.epipolar import EpipolarPair
+from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.matching.alignment import AlignmentParams
+from solmap.photogrammetry.matching.birds_eye import PlaneFit, overlay_picture
+from solmap.photogrammetry.matching.cross_site import CrossSiteParams, SiteLink, StopViews
+from solmap.photogrammetry.matching.landmark_pictures import draw_features
+from solmap.photogrammetry.matching.pictures import draw_pair
+from solmap.photogrammetry.matching.records import MatchedPair, MatchedStop, Ties
+from solmap.photogrammetry.matching.sparse import SparseParams, match_interest_points
+from solmap.photogrammetry.matching.tie_pictures import Shown, caption, draw_sheet, misfits
+from solmap.photogrammetry.terrain.relief.slope import HillshadeParams
+from solmap.products.errors import ProductError
+from solmap.products.formats.documents.archives import read_dense
+from solmap.products.formats.raster.raster import read_dtm
+from solmap.products.model import ProductKind, ProductRef, Recipe
+from solmap.products.reports.terrain_figures import class_picture, relief_picture
+from solmap.products.store.product_store import ProductStore
+from solmap.tasks.images.pairs import PairProducts, read_matched_pair
+from solmap.tasks.scopes import pair_scope
+from solmap.tasks.stage import stage
+
+MAX_WIDTH = 1536
+"""Of a picture, pixels: a screen's width."""
+LEVEL = 3
+"""Of compression: 6 takes more than twice as long for one percent of the size."""
+FROM_ABOVE = (
+    "from above, north up: earlier stop in red, later in cyan, grey where they agree; "
+    "then earlier and later beside each other, lines between features that agree"
+)
+
+
+@stage(task_run_name="picture-{pair.files.id}")
+def picture_pair(pair: PairProducts, params: SparseParams, store: ProductStore) -> ProductRef:
+    """What was matched in a pair: points, matches by residual, dense parallax, parallax curve."""
+
+    def write(path: Path) -> None:
+        matched = read_matched_pair(pair, store)
+        candidates = match_interest_points(matched.images, params)
+        dense = read_dense(store.path(pair.parallax))
+        sheet = draw_pair(matched.images, candidates, matched.matches, dense, params.verification)
+        write_picture(path, sheet)
+
+    return store.make(
+        Recipe(ProductKind.QUICKLOOK, pair_scope(pair.files.id), pair.made, params), write
+    )
+
+
+@stage(task_run_name="picture-{dtm.scope}")
+def picture_terrain(dtm: ProductRef, store: ProductStore) -> ProductRef:
+    """The relief of a terrain model, and how its cells came by their elevation."""
+
+    def write(path: Path) -> None:
+        terrain = read_dtm(store.path(dtm))
+        pictures = (relief_picture(terrain, HillshadeParams()), class_picture(terrain))
+        write_picture(path, cv2.cvtColor(np.hstack(pictures), cv2.COLOR_RGBA2BGRA))
+
+    return store.make(Recipe(ProductKind.QUICKLOOK, dtm.scope, (dtm,)), write)
+
+
+def write_ties_picture(path: Path, stop: MatchedStop, ties: Ties, params: AlignmentParams) -> None:
+    """Every two pairs of a stop with their ties, coloured by how well they agree."""
+    rest = Pose.identity(stop.stop.frame, stop.stop.frame)
+    share = misfits(ties, _geometries(stop.pairs), rest, None, params)
+    write_sheet(path, [Shown.of(pair) for pair in stop.pairs], ties, share)
+
+
+def write_sheet(path: Path, images: Iterable[Shown], ties: Ties, misfit: PerPoint) -> None:
+    """Every two images that ties join, side by side, the ties coloured by their misfit."""
+    write_picture(path, draw_sheet(images, ties, misfit))
+
+
+def write_link_picture(
+    path: Path, earlier: StopViews, later: StopViews, link: SiteLink, params: CrossSiteParams
+) -> None:
+    """The verdict, both stops from above as the link found them to stand, and all its ties.
+
+    What is the earlier stop's is left, and red where the two are laid over each other.
+    """
+    if link.fit is None:
+        above = np.zeros((16, MAX_WIDTH, 3), np.uint8)  # no place was found to lay them over
+    else:
+        above = _from_above(earlier, later, link.fit, params)
+    pairs = [pair for views in (earlier, later) for pair in views.stop.pairs]
+    alignment = params.trials.alignment
+    share = misfits(
+        link.ties, _geometries(pairs), link.earlier_from_later, link.covariance, alignment
+    )
+    sheet = draw_sheet(map(Shown.of, pairs), link.ties, share, first_left=True)
+    heads = [caption(text, sheet.shape[1]) for text in (str(link), FROM_ABOVE)]
+    write_picture(path, np.vstack([*heads, _stacked(above, sheet)]))
+
+
+def _from_above(
+    earlier: StopViews, later: StopViews, fit: PlaneFit, params: CrossSiteParams
+) -> Picture:
+    """Two stops from above, laid over each other, and side by side with features that agree."""
+    views = (earlier.birds_eye, later.birds_eye)
+    over = overlay_picture(*views, fit)
+    beside = draw_features(*views, fit, params.birds_eye, params.hypotheses.wide_baseline)
+    size = (beside.shape[0], beside.shape[0])
+    over = cv2.resize(over, size, interpolation=cv2.INTER_NEAREST)
+    return np.hstack([over, beside])[:, :, ::-1]
+
+
+def _geometries(pairs: Iterable[MatchedPair]) -> dict[str, EpipolarPair]:
+    return {pair.pair_id: pair.images.geometry for pair in pairs}
+
+
+def _stacked(above: Picture, below: Picture) -> Picture:
+    """Two pictures as wide as the second, one over the other."""
+    scale = below.shape[1] / above.shape[1]
+    size = (below.shape[1], max(1, round(above.shape[0] * scale)))
+    return np.vstack([cv2.resize(above, size, interpolation=cv2.INTER_AREA), below])
+
+
+def write_picture(path: Path, picture: Picture) -> None:
+    """Write a picture (BGR or BGRA) as PNG, no wider than `MAX_WIDTH`."""
+    shrink = min(1.0, MAX_WIDTH / picture.shape[1])
+    small = cv2.resize(picture, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA)
+    encoded, png = cv2.imencode(".png", small, [cv2.IMWRITE_PNG_COMPRESSION, LEVEL])
+    if not encoded:
+        raise ProductError(f"{path.name} could not be encoded as PNG")
+    path.write_bytes(png.tobytes())

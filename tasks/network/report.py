@@ -1,0 +1,93 @@
+"""Report: how good an adjustment is, as figures for programs and as a page for people."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from solmap.photogrammetry.adjustment.quality.network_quality import quality
+from solmap.photogrammetry.adjustment.quality.records import (
+    PairCamera,
+    Quality,
+    QualityParams,
+    quality_document,
+)
+from solmap.photogrammetry.adjustment.quality_pictures import (
+    growth_picture,
+    residual_picture,
+    statistics_picture,
+    traverse_picture,
+)
+from solmap.products.formats.documents.archives import read_matches
+from solmap.products.formats.documents.network import NetworkProduct, read_network
+from solmap.products.model import ProductKind, ProductRef, Recipe
+from solmap.products.reports.quality_page import report_page
+from solmap.products.store.product_store import ProductStore
+from solmap.tasks.images.pairs import PairProducts
+from solmap.tasks.stage import stage
+
+FORMAT = "solmap quality 1"
+
+
+@stage(task_run_name="report-{network.scope}")
+def report_quality(
+    network: ProductRef, pairs: tuple[PairProducts, ...], params: QualityParams, store: ProductStore
+) -> list[ProductRef]:
+    """State the quality of a network, in JSON and as a page; `pairs` are those it may touch."""
+    inputs = (network, *(pair.matches for pair in pairs))
+
+    @cache
+    def assessed() -> tuple[NetworkProduct, Quality, dict[str, PairCamera]]:
+        product = read_network(network, store)
+        cameras = {pair.files.id: _camera(pair, store) for pair in pairs}
+        return product, quality(product.adjusted, product.telemetry, cameras, params), cameras
+
+    def write_document(path: Path) -> None:
+        product, found, _ = assessed()
+        path.write_text(json.dumps(_document(product, found)))
+
+    def write_page(path: Path) -> None:
+        product, found, cameras = assessed()
+        title = f"{product.mission}, adjustment up to sol {product.sol}"
+        pictures = _pictures(product, found, cameras)
+        path.write_text(report_page(title, _document(product, found), pictures))
+
+    return [
+        store.make(Recipe(kind, network.scope, inputs, params), write)
+        for kind, write in (
+            (ProductKind.QUALITY, write_document),
+            (ProductKind.REPORT, write_page),
+        )
+    ]
+
+
+def _camera(pair: PairProducts, store: ProductStore) -> PairCamera:
+    geometry, _ = read_matches(store.path(pair.matches))
+    return PairCamera(pair.files.instrument, geometry.samples, geometry.lines)
+
+
+def _document(product: NetworkProduct, found: Quality) -> dict[str, Any]:
+    return {
+        "format": FORMAT,
+        "mission": product.mission,
+        "sol": product.sol,
+        "adjustment": product.report,
+        "quality": quality_document(found),
+    }
+
+
+def _pictures(
+    product: NetworkProduct, found: Quality, cameras: dict[str, PairCamera]
+) -> dict[str, bytes]:
+    network = product.adjusted
+    return {
+        "traverse": traverse_picture(network, product.telemetry, found),
+        "growth": growth_picture(found),
+        "statistics": statistics_picture(network),
+        **{
+            camera.instrument: residual_picture(network, cameras, camera)
+            for camera in found.cameras
+        },
+    }

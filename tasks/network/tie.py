@@ -1,0 +1,146 @@
+"""Tie: join the pairs of a stop, and stops with each other."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from solmap.photogrammetry.imagery import StopId
+from solmap.photogrammetry.matching.cross_site import (
+    CrossSiteParams,
+    SiteLink,
+    StopViews,
+    tie_cross_site,
+)
+from solmap.photogrammetry.matching.inter_stereo import (
+    InterStereoParams,
+    PairTies,
+    tie_inter_stereo,
+)
+from solmap.photogrammetry.matching.records import MatchedStop
+from solmap.products.formats.documents.archives import finite, pose_document, write_ties
+from solmap.products.model import ProductKind, ProductRef, Recipe, Scope, ScopeLevel
+from solmap.products.store.product_store import ProductStore
+from solmap.tasks.images.pairs import PairProducts, read_matched_stop
+from solmap.tasks.images.telemetry import TelemetryStop
+from solmap.tasks.network.previews import write_link_picture, write_ties_picture
+from solmap.tasks.scopes import stop_scope
+from solmap.tasks.stage import stage
+
+
+@dataclass(frozen=True, slots=True)
+class StopProducts:
+    """A stop with its matched pairs: what tying works on."""
+
+    stop: StopId
+    pairs: tuple[PairProducts, ...]
+
+    @property
+    def inputs(self) -> tuple[ProductRef, ...]:
+        """The products that tying reads."""
+        return tuple(ref for pair in self.pairs for ref in pair.made)
+
+
+@dataclass(frozen=True, slots=True)
+class TelemetryPose:
+    """A telemetry pose as plain numbers, so that it is part of a recipe."""
+
+    rotation: tuple[float, ...]
+    translation_m: tuple[float, ...]
+
+    @classmethod
+    def of(cls, telemetry: TelemetryStop) -> TelemetryPose:
+        """The pose of a stop in the LSL."""
+        pose = telemetry.lsl_from_rover
+        return cls(tuple(pose.rotation.ravel().tolist()), tuple(pose.translation_m.tolist()))
+
+
+@stage(task_run_name="tie-{stop.stop}")
+def tie_stop(
+    stop: StopProducts, telemetry: TelemetryStop, params: InterStereoParams, store: ProductStore
+) -> ProductRef:
+    """Tie every two overlapping pairs of a stop."""
+
+    @cache
+    def tied() -> tuple[MatchedStop, PairTies]:
+        matched = _matched(stop, telemetry, store)
+        return matched, tie_inter_stereo(matched, params)
+
+    def write(path: Path) -> None:
+        found = tied()[1]
+        write_ties(path, found.ties, _figures_of_stop(found))
+
+    def write_look(path: Path) -> None:
+        matched, found = tied()
+        write_ties_picture(path, matched, found.ties, params.alignment)
+
+    scope = stop_scope(stop.stop)
+    ties = store.make(Recipe(ProductKind.TIES, scope, stop.inputs, params), write)
+    store.make(Recipe(ProductKind.QUICKLOOK, scope, (ties,)), write_look)
+    return ties
+
+
+@stage(task_run_name="link-{earlier.stop}-{later.stop}")
+def link_stops(
+    earlier: StopProducts,
+    later: StopProducts,
+    earlier_telemetry: TelemetryStop,
+    later_telemetry: TelemetryStop,
+    params: CrossSiteParams,
+    store: ProductStore,
+) -> ProductRef:
+    """Tie two stops by the ground that both see, or say why that cannot be done."""
+
+    @cache
+    def linked() -> tuple[StopViews, StopViews, SiteLink]:
+        one = StopViews.of(_matched(earlier, earlier_telemetry, store), params.birds_eye)
+        other = StopViews.of(_matched(later, later_telemetry, store), params.birds_eye)
+        return one, other, tie_cross_site(one, other, params)
+
+    def write(path: Path) -> None:
+        link = linked()[2]
+        write_ties(path, link.ties, _figures_of_link(link))
+
+    poses = (TelemetryPose.of(earlier_telemetry), TelemetryPose.of(later_telemetry))
+    scope = link_scope(earlier.stop, later.stop)
+    inputs = (*earlier.inputs, *later.inputs)
+    links = store.make(Recipe(ProductKind.LINKS, scope, inputs, (params, *poses)), write)
+    store.make(
+        Recipe(ProductKind.QUICKLOOK, scope, (links,)),
+        lambda path: write_link_picture(path, *linked(), params),
+    )
+    return links
+
+
+def link_scope(earlier: StopId, later: StopId) -> Scope:
+    """A stop and the earlier one it is linked to."""
+    return Scope(ScopeLevel.STOP, f"{later}-to-site{earlier.site:04d}-drive{earlier.drive:04d}")
+
+
+def _matched(stop: StopProducts, telemetry: TelemetryStop, store: ProductStore) -> MatchedStop:
+    return read_matched_stop(telemetry, np.zeros((6, 6)), stop.pairs, store)
+
+
+def _figures_of_stop(found: PairTies) -> dict[str, Any]:
+    return {
+        "stop": str(found.stop),
+        "links": [dataclasses.asdict(link) for link in found.links],
+        "rms_px": finite(found.rms_px),
+    }
+
+
+def _figures_of_link(link: SiteLink) -> dict[str, Any]:
+    figures = dataclasses.asdict(link.figures)
+    return {
+        "earlier": str(link.earlier),
+        "later": str(link.later),
+        "linked": link.linked,
+        "reason": link.reason,
+        "earlier_from_later": pose_document(link.earlier_from_later),
+        "figures": {name: finite(value) for name, value in figures.items()},
+    }
