@@ -107,7 +107,7 @@ def roll_pitch_yaw_of_rotation(rotation: Rotation) -> tuple[float, float, float]
     return float(roll), float(pitch), float(yaw)
 
 
-def frozen(
+def read_only(
     values: Iterable[float] | np.ndarray, shape: tuple[int, ...], what: str | Callable[[], str]
 ) -> np.ndarray:
     """A read-only float64 copy of `values`, checked to be finite and of the given shape."""
@@ -157,11 +157,11 @@ class Pose:
         def named(part: str) -> str:
             return f"the {part} of {self.target}_from_{self.source}"
 
-        rotation = frozen(self.rotation, (3, 3), lambda: named("rotation"))
+        rotation = read_only(self.rotation, (3, 3), lambda: named("rotation"))
         if not _is_proper_rotation(rotation):
             raise FrameError(f"{named('rotation')} is not a proper rotation matrix")
         object.__setattr__(self, "rotation", rotation)
-        translation_m = frozen(self.translation_m, (3,), lambda: named("translation"))
+        translation_m = read_only(self.translation_m, (3,), lambda: named("translation"))
         object.__setattr__(self, "translation_m", translation_m)
 
     @classmethod

@@ -7,7 +7,7 @@ import numpy as np
 from solmap.photogrammetry.arrays import Float, GreyImage, Mask, Picture
 
 
-def stretched(
+def stretch(
     image: GreyImage, mask: Mask, low_percent: float = 1.0, high_percent: float = 99.0
 ) -> Picture:
     """The image between two percentiles of its usable pixels; of all where none is usable.

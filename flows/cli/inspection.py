@@ -30,7 +30,7 @@ from solmap.photogrammetry.archive.images.reading import (
     has_attached_label,
     read_image,
 )
-from solmap.photogrammetry.archive.labels.detached import text_of_label
+from solmap.photogrammetry.archive.labels.detached import decode_label
 from solmap.photogrammetry.archive.labels.label import Label
 from solmap.photogrammetry.archive.missions import mission_of_host
 from solmap.photogrammetry.archive.partners import MAX_CLOCK_DIFFERENCE, find_stereo_pairs
@@ -41,7 +41,7 @@ from solmap.photogrammetry.cameras.cahvore import Cahvore
 from solmap.photogrammetry.errors import LabelError, PhotogrammetryError
 from solmap.photogrammetry.frames import roll_pitch_yaw_of_rotation, rotation_of_quaternion
 from solmap.photogrammetry.imagery import RoverImage
-from solmap.photogrammetry.stretching import stretched
+from solmap.photogrammetry.stretching import stretch
 from solmap.tasks.images.files import (
     IMAGE_SUFFIXES,
     PICTURE_SUFFIXES,
@@ -116,7 +116,7 @@ def write_png(file: Path, png: Path) -> None:
         raise InspectionError(_named(file, error)) from error
     draft = png.with_name(png.name + ".part")
     try:
-        encoded, picture = cv2.imencode(".png", stretched(read.pixels, read.mask))
+        encoded, picture = cv2.imencode(".png", stretch(read.pixels, read.mask))
         if not encoded:
             raise InspectionError(f"{file.name} could not be encoded as PNG")
         draft.write_bytes(picture.tobytes())
@@ -142,7 +142,7 @@ def _is_label(file: Path) -> bool:
 def _described(file: Path, data: bytes) -> DescribedImage:
     """Record and label of a file; a label alone may be PDS4 or JSON metadata, too."""
     if _is_label(file) and not has_attached_label(data):
-        return describe_image(b"", file.name, detached_label=text_of_label(data))
+        return describe_image(b"", file.name, detached_label=decode_label(data))
     return describe_image(data, file.name)
 
 

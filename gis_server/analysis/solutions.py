@@ -15,7 +15,7 @@ from pydantic import BaseModel
 from solmap.gis_server.analysis.bodies import UNITS, UnanswerableError, number
 from solmap.photogrammetry.adjustment.model.adjusted_network import AdjustedStop
 from solmap.photogrammetry.adjustment.quality.network_quality import ellipse
-from solmap.photogrammetry.traverse.differences import Differences, differences, shared
+from solmap.photogrammetry.traverse.differences import Differences, common_stops, differences
 from solmap.photogrammetry.traverse.records import Traverse
 from solmap.products.catalogue.catalogue import Catalogue, latest_network, published_networks
 from solmap.products.errors import ProductNotFoundError
@@ -156,7 +156,7 @@ def compare(
     """
     told, adjusted = traverses(named[1])
     other = told if reference is None else traverses(reference[1])[1]
-    common, adjusted = shared(other, adjusted)
+    common, adjusted = common_stops(other, adjusted)
     if len(common) < 2:  # noqa: PLR2004 - a leg has two ends
         raise UnanswerableError(
             f"{_name(named)} and {_name(reference)} have {len(common)} stops in common; "

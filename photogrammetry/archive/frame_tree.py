@@ -17,7 +17,7 @@ from collections.abc import Iterable, Sequence
 from solmap.photogrammetry.archive.images.rover_image import Camera, camera_model
 from solmap.photogrammetry.archive.labels.label import Label
 from solmap.photogrammetry.archive.missions import Mission
-from solmap.photogrammetry.archive.tables.vector_files import VectorFile, lsl_tree, poses
+from solmap.photogrammetry.archive.tables.vector_files import VectorFile, best_poses, lsl_tree
 from solmap.photogrammetry.body_fixed import MarsPoint, body_from_lsl
 from solmap.photogrammetry.cameras.cahvore import Cahvore
 from solmap.photogrammetry.cameras.photogrammetric import photogrammetric
@@ -77,5 +77,5 @@ def mars_tree(
 
     Poses of vector files go before those of labels, which are telemetry of one moment.
     """
-    tree = lsl_tree([*of_labels, *poses(files)]).tree
+    tree = lsl_tree([*of_labels, *best_poses(files)]).tree
     return tree if landing_point is None else tree.adding([body_from_lsl(landing_point)])

@@ -83,11 +83,11 @@ def _exposures(images: Sequence[RoverImage]) -> list[list[RoverImage]]:
         by_place[image.stop, image.instrument, image.motion_counter].append(image)
     exposures: list[list[RoverImage]] = []
     for frames in by_place.values():
-        exposures += taken_together(frames, lambda image: (image.clock, image.id))
+        exposures += group_by_clock(frames, lambda image: (image.clock, image.id))
     return exposures
 
 
-def taken_together(
+def group_by_clock(
     frames: Iterable[Frame], when: Callable[[Frame], tuple[float, str]]
 ) -> list[list[Frame]]:
     """Groups of frames within `MAX_CLOCK_DIFFERENCE` of the first; `when` is clock and name."""

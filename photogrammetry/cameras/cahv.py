@@ -26,7 +26,7 @@ import numpy as np
 
 from solmap.photogrammetry.arrays import Directions, Float64, ImagePoints, ObjectPoints, Vector3
 from solmap.photogrammetry.errors import CameraError, FrameError
-from solmap.photogrammetry.frames import Pose, frozen
+from solmap.photogrammetry.frames import Pose, read_only
 
 Partials = Float64[np.ndarray, "n 2 3"]
 """d(sample, line)/dP in pixels a metre: one 2 x 3 matrix a point."""
@@ -45,7 +45,7 @@ class Cahv:
     v: Vector3
 
     def __post_init__(self) -> None:
-        settle(self, ("c", "a", "h", "v"))
+        freeze_vectors(self, ("c", "a", "h", "v"))
         check_perspective(self.a, self.h, self.v)
 
     @property
@@ -114,11 +114,11 @@ def interior_orientation(a: Vector3, h: Vector3, v: Vector3) -> InteriorOrientat
     )
 
 
-def settle(model: object, names: tuple[str, ...]) -> None:
+def freeze_vectors(model: object, names: tuple[str, ...]) -> None:
     """Replace the vectors of a record at birth by checked, read-only copies."""
     for name in names:
         try:
-            vector = frozen(getattr(model, name), (3,), f"{name.upper()} of a camera model")
+            vector = read_only(getattr(model, name), (3,), f"{name.upper()} of a camera model")
         except (FrameError, TypeError, ValueError) as error:
             raise CameraError(str(error)) from None
         object.__setattr__(model, name, vector)

@@ -43,9 +43,9 @@ from solmap.photogrammetry.cameras.cahv import (
     averaged_scale,
     check_perspective,
     check_unit,
+    freeze_vectors,
     perspective_partials,
     perspective_rays,
-    settle,
 )
 from solmap.photogrammetry.errors import CameraError
 from solmap.photogrammetry.frames import Pose
@@ -77,7 +77,7 @@ def largest_square(r: Vector3) -> float:
     return float(min(roots, default=np.inf))
 
 
-def undistorted(distorted: PerPoint, r: Vector3) -> PerPoint:
+def undistort(distorted: PerPoint, r: Vector3) -> PerPoint:
     """Solve chi (1 + R0 + R1 chi^2 + R2 chi^4) = chi' by Newton's method; NaN where it fails.
 
     Where the polynomial is far from linear Newton may leave the branch; such rows are NaN, too.
@@ -114,7 +114,7 @@ class Cahvor:
     r: Vector3
 
     def __post_init__(self) -> None:
-        settle(self, ("c", "a", "h", "v", "o", "r"))
+        freeze_vectors(self, ("c", "a", "h", "v", "o", "r"))
         check_perspective(self.a, self.h, self.v)
         check_unit(self.o, "O")
         check_radial(self.r)
@@ -192,7 +192,7 @@ class Cahvor:
         l = seen - w[:, None] * self.o
         tangent = np.sqrt(np.einsum("ij,ij->i", l, l)) / np.where(w > 0, w, np.nan)
         on_axis = tangent == 0.0  # no direction across left to scale
-        ratio = undistorted(tangent, self.r) / np.where(on_axis, 1.0, tangent)
+        ratio = undistort(tangent, self.r) / np.where(on_axis, 1.0, tangent)
         ratio = np.where(on_axis, 1.0 / (1.0 + self.r[0]), ratio)
         rays = w[:, None] * self.o + ratio[:, None] * l
         return rays / np.sqrt(np.einsum("ij,ij->i", rays, rays))[:, None]

@@ -34,16 +34,16 @@ from solmap.photogrammetry.cameras.cahv import (
     averaged_scale,
     check_perspective,
     check_unit,
+    freeze_vectors,
     perspective_partials,
     perspective_rays,
-    settle,
 )
 from solmap.photogrammetry.cameras.cahvor import (
     NEWTON_STEPS,
     NEWTON_STOP,
     check_radial,
     largest_square,
-    undistorted,
+    undistort,
 )
 from solmap.photogrammetry.errors import CameraError
 from solmap.photogrammetry.frames import Pose
@@ -73,7 +73,7 @@ class Cahvore:
     parameter: float
 
     def __post_init__(self) -> None:
-        settle(self, ("c", "a", "h", "v", "o", "r", "e"))
+        freeze_vectors(self, ("c", "a", "h", "v", "o", "r", "e"))
         check_perspective(self.a, self.h, self.v)
         check_unit(self.o, "O")
         check_radial(self.r)
@@ -206,7 +206,7 @@ class Cahvore:
         z = seen @ self.o
         l = seen - z[:, None] * self.o
         lam = np.sqrt(np.einsum("ij,ij->i", l, l))
-        chi = undistorted(lam / np.where(z > 0, z, np.nan), self.r)
+        chi = undistort(lam / np.where(z > 0, z, np.nan), self.r)
         linearity = self.linearity
         with np.errstate(invalid="ignore"):
             if linearity > 0:

@@ -27,7 +27,7 @@ from solmap.photogrammetry.arrays import Float64, Rotation, Vector3
 from solmap.photogrammetry.cameras.cahv import Cahv, check_unit, interior_orientation
 from solmap.photogrammetry.cameras.cahvor import Cahvor
 from solmap.photogrammetry.errors import CameraError
-from solmap.photogrammetry.frames import frozen
+from solmap.photogrammetry.frames import read_only
 
 Calibration = Float64[np.ndarray, "3 3"]
 """K: pixels from camera coordinates right, down, forward."""
@@ -48,7 +48,7 @@ class Photogrammetric:
             ("calibration", (3, 3)),
             ("camera_from_frame", (3, 3)),
         ):
-            object.__setattr__(self, name, frozen(getattr(self, name), shape, name))
+            object.__setattr__(self, name, read_only(getattr(self, name), shape, name))
         if not (self.calibration[0, 0] > 0 and self.calibration[1, 1] > 0):
             raise CameraError("the focal lengths of a camera must be above zero")
 

@@ -30,7 +30,7 @@ from solmap.photogrammetry.arrays import Directions, ImagePoints, ObjectPoints, 
 from solmap.photogrammetry.cameras.cahv import Cahv, interior_orientation
 from solmap.photogrammetry.cameras.cahvore import Cahvore
 from solmap.photogrammetry.errors import CameraError
-from solmap.photogrammetry.frames import frozen
+from solmap.photogrammetry.frames import read_only
 
 WIDEST = math.radians(85.0)
 """Half fields beyond this need a perspective image of more than a dozen times the fisheye's."""
@@ -55,11 +55,13 @@ class Plane:
     offset_m: float
 
     def __post_init__(self) -> None:
-        normal = frozen(self.normal, (3,), "the normal of a plane")
+        normal = read_only(self.normal, (3,), "the normal of a plane")
         length = float(np.linalg.norm(normal))
         if not (length > 0 and math.isfinite(self.offset_m)):
             raise CameraError(f"{normal} and {self.offset_m} m make no plane")
-        object.__setattr__(self, "normal", frozen(normal / length, (3,), "the normal of a plane"))
+        object.__setattr__(
+            self, "normal", read_only(normal / length, (3,), "the normal of a plane")
+        )
         object.__setattr__(self, "offset_m", self.offset_m / length)
 
 

@@ -11,7 +11,7 @@ from solmap.photogrammetry.matching.dense import DenseMatches
 from solmap.photogrammetry.matching.records import EpipolarImages
 from solmap.photogrammetry.matching.sparse import Candidates
 from solmap.photogrammetry.matching.verification import VerificationParams, parallax_curve
-from solmap.photogrammetry.stretching import stretched
+from solmap.photogrammetry.stretching import stretch
 
 WHITE = (255, 255, 255)
 BLACK = (0, 0, 0)
@@ -24,7 +24,7 @@ AGREES_PX = 0.3
 
 def in_three_bands(image: GreyImage, mask: Mask) -> Picture:
     """The stretched image, to be drawn upon in colours; black where not usable."""
-    grey = np.where(mask, stretched(image, mask), 0).astype(np.uint8)
+    grey = np.where(mask, stretch(image, mask), 0).astype(np.uint8)
     return cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR)
 
 

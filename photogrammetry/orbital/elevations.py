@@ -21,7 +21,7 @@ import numpy as np
 
 from solmap.photogrammetry.arrays import Float64
 from solmap.photogrammetry.errors import OrbitalError
-from solmap.photogrammetry.orbital.ground_map import Contrast, Predicted, smoothed
+from solmap.photogrammetry.orbital.ground_map import Contrast, Predicted, smooth
 from solmap.photogrammetry.orbital.records import Correction, GroundMap, OrbitalDtm, Registration
 from solmap.photogrammetry.orbital.registration import Method, Place, RegistrationParams, best_place
 from solmap.photogrammetry.orbital.search import (
@@ -31,7 +31,7 @@ from solmap.photogrammetry.orbital.search import (
     Landscape,
     SearchParams,
     clustered_covariance,
-    lookup,
+    map_to_image,
     samples_of,
     search,
 )
@@ -107,7 +107,7 @@ def register_elevations(
 def _predicted(ground: GroundMap) -> Predicted:
     """Heights as smooth as an orbital model has them, and a plane."""
     sigma_cells = float(np.hypot(MATCHED_CELLS, SMOOTH_CELLS))
-    own = smoothed(ground.elevation.astype(np.float64), sigma_cells, MOSTLY_SEEN)
+    own = smooth(ground.elevation.astype(np.float64), sigma_cells, MOSTLY_SEEN)
     planes = np.broadcast_arrays(*_mesh(ground.grid))
     known = np.isfinite(own)
     stack = np.where(known, np.stack([own - np.nanmean(own), *planes]), 0.0)
@@ -116,7 +116,7 @@ def _predicted(ground: GroundMap) -> Predicted:
 
 def _shown(model: OrbitalDtm) -> Contrast:
     """Orbital heights above their mean."""
-    above = smoothed(
+    above = smooth(
         model.elevation.astype(np.float64) - np.nanmean(model.elevation), SMOOTH_CELLS, MOSTLY_SEEN
     )
     seen = np.isfinite(above)
@@ -159,8 +159,8 @@ def _refined(
     scale = np.array([1.0, 1.0, np.hypot(np.ptp(east), np.ptp(north)) / 2]) / grid.cell_m
     values = np.where(contrast.known, contrast.values, np.nan)
     for _ in range(ITERATIONS):
-        at = lookup(grid, float(np.degrees(found[2])), east + found[0], north + found[1])
-        off = looked_up(values, contrast.grid, np.column_stack(at)) - own
+        at = map_to_image(grid, float(np.degrees(found[2])), east + found[0], north + found[1])
+        off = interpolate(values, contrast.grid, np.column_stack(at)) - own
         seen = np.isfinite(off)
         if seen.mean() < LEAST_SHOWN:
             break
@@ -188,7 +188,7 @@ def _compared(
     east = grid.west + (rows_cols[1] + 0.5) * grid.cell_m
     north = grid.north - (rows_cols[0] + 0.5) * grid.cell_m
     places = correction.claimed(np.column_stack([east, north]))
-    heights = looked_up(model.elevation, model.grid, places)
+    heights = interpolate(model.elevation, model.grid, places)
     both = np.isfinite(heights)
     layers = np.column_stack([*predicted.stack[:, predicted.known][:, both], np.ones(both.sum())])
     fitted, *_ = np.linalg.lstsq(layers, heights[both], rcond=None)
@@ -203,7 +203,7 @@ def _compared(
     )
 
 
-def looked_up(
+def interpolate(
     raster: np.ndarray, grid: MapGrid, places: Float64[np.ndarray, "n 2"]
 ) -> Float64[np.ndarray, " n"]:
     """Values of a raster at places (east, north); NaN beyond it."""

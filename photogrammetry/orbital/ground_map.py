@@ -68,10 +68,10 @@ def predictors(ground: GroundMap) -> Predicted:
     elevation, brightness = (
         raster.astype(np.float64) for raster in (ground.elevation, ground.brightness)
     )
-    d_south, d_east = np.gradient(smoothed(elevation, MIXING), cell_m)
+    d_south, d_east = np.gradient(smooth(elevation, MIXING), cell_m)
     layers = [
         _local(layer, surroundings)
-        for layer in (d_east, -d_south, smoothed(brightness, MIXING), elevation)
+        for layer in (d_east, -d_south, smooth(brightness, MIXING), elevation)
     ]
     known = np.asarray(np.isfinite(layers).all(axis=0))
     return Predicted(ground.grid, np.where(known, np.stack(layers), 0.0), known)
@@ -85,10 +85,10 @@ def local_contrast(image: OrbitalImage) -> Contrast:
 
 
 def _local(raster: np.ndarray, sigma_cells: float) -> np.ndarray:
-    return raster - smoothed(raster, sigma_cells, LEAST_SEEN)
+    return raster - smooth(raster, sigma_cells, LEAST_SEEN)
 
 
-def smoothed(raster: np.ndarray, sigma_cells: float, least: float = 0.0) -> np.ndarray:
+def smooth(raster: np.ndarray, sigma_cells: float, least: float = 0.0) -> np.ndarray:
     """Gaussian mean of what is known; NaN where nothing is, or less than `least` around it."""
     known = np.isfinite(raster)
     weight = cv2.GaussianBlur(known.astype(np.float64), (0, 0), sigma_cells)
@@ -111,7 +111,7 @@ def ground_map(
         OrbitalError: there is no stop.
     """
     sigma_cells = SURROUNDINGS_M / grid.cell_m
-    relative = (image / smoothed(image, sigma_cells) for image in brightnesses)
+    relative = (image / smooth(image, sigma_cells) for image in brightnesses)
     return GroundMap(grid, _mean(elevations), _mean(relative))
 
 

@@ -175,7 +175,7 @@ STRIP = 2048
 """Rows and columns looked up at a time; OpenCV takes fewer than 32768."""
 
 
-def placed(image: OrbitalImage, grid: MapGrid, correction: Correction | None) -> Raster:
+def draw_corrected(image: OrbitalImage, grid: MapGrid, correction: Correction | None) -> Raster:
     """The image on a grid of the map, moved by a correction; NaN beyond it."""
     out = np.full(grid.shape, np.nan, dtype=np.float32)
     known = np.isfinite(image.brightness)

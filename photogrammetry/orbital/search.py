@@ -143,7 +143,7 @@ def _turned(
     rows, cols = grid.rows + 2 * reach, grid.cols + 2 * reach
     east = grid.west + (np.arange(cols) - reach + 0.5) * cell_m
     north = grid.north - (np.arange(rows) - reach + 0.5) * cell_m
-    at_east, at_north = lookup(grid, rotation_deg, east[None, :], north[:, None])
+    at_east, at_north = map_to_image(grid, rotation_deg, east[None, :], north[:, None])
     sample, line = samples_of(contrast.grid, at_east, at_north)
     values = cv2.remap(contrast.values, sample, line, cv2.INTER_CUBIC)
     shown = cv2.remap(contrast.known.astype(np.float32), sample, line, cv2.INTER_LINEAR)
@@ -158,7 +158,7 @@ def samples_of(grid: MapGrid, east: np.ndarray, north: np.ndarray) -> tuple[np.n
     return column.astype(np.float32), row.astype(np.float32)
 
 
-def lookup(
+def map_to_image(
     grid: MapGrid, rotation_deg: float, east: np.ndarray, north: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Where the image shows places of the map if it is turned by `rotation_deg` onto the map."""
@@ -273,7 +273,7 @@ class _View:
     ) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray, np.ndarray], np.ndarray]:
         """What the image shows of the map, how it changes with `place`, and where it is known."""
         turn_deg = float(np.degrees(place[2]))
-        at_east, at_north = lookup(self.ground, turn_deg, east + place[0], north + place[1])
+        at_east, at_north = map_to_image(self.ground, turn_deg, east + place[0], north + place[1])
         samples = samples_of(self.image, at_east, at_north)
         value, d_e, d_n, shown = (_looked_up(picture, *samples) for picture in self.pictures)
         c, s = np.cos(place[2]), np.sin(place[2])

@@ -26,11 +26,11 @@ import numpy as np
 from solmap.photogrammetry.archive.tables.vector_files import Solution, VectorFile, vector_text
 from solmap.photogrammetry.frames import FrameKind
 from solmap.photogrammetry.imagery import Eye
-from solmap.photogrammetry.synthetic.edr import CLOCK_ZERO, edr_bytes, number
+from solmap.photogrammetry.synthetic.edr import CLOCK_ZERO, edr_bytes, format_number
 from solmap.photogrammetry.synthetic.render import photograph
 from solmap.photogrammetry.synthetic.scene import Shot, World, WorldParams, make_world
 from solmap.photogrammetry.synthetic.traverse import Stop, TraverseParams
-from solmap.photogrammetry.synthetic.truth import true_parallax, truth
+from solmap.photogrammetry.synthetic.truth import true_parallax, truth_document
 
 LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
 
@@ -65,7 +65,7 @@ def _rover_solution(stop: Stop, added: datetime) -> Solution:
 
 def _text(kind: Literal["svf", "rvf"], solutions: Sequence[Solution]) -> str:
     file = VectorFile("", "MER2", kind, ("telemetry",), tuple(solutions))
-    return vector_text(file, number)
+    return vector_text(file, format_number)
 
 
 def _date(added: datetime) -> str:
@@ -134,5 +134,5 @@ def text_files(world: World) -> list[DownlinkFile]:
     texts = {"masters/mer2_master.svf": site_vector_file(world.stops, added)}
     for site, text in rover_vector_files(world.stops, added).items():
         texts[f"masters/mer2_site_{site:03d}_master.rvf"] = text
-    texts["truth/truth.json"] = json.dumps(truth(world), indent=1)
+    texts["truth/truth.json"] = json.dumps(truth_document(world), indent=1)
     return [DownlinkFile(path, text.encode("ascii")) for path, text in texts.items()]

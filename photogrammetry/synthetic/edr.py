@@ -132,7 +132,7 @@ def _values(exposure: Exposure) -> dict[str, object]:
     motor_azimuth, motor_elevation = exposure.pointing.motors
     model = (camera.c, camera.a, camera.h, camera.v, camera.o, camera.r)
     return {
-        **{f"model_{k}": vector(row) for k, row in enumerate(model, 1)},
+        **{f"model_{k}": format_vector(row) for k, row in enumerate(model, 1)},
         **_times(exposure),
         **_directions(exposure),
         "instrument": exposure.instrument.value,
@@ -147,17 +147,17 @@ def _values(exposure: Exposure) -> dict[str, object]:
         "motion_counter": "(" + ",".join(map(str, counter)) + ")",
         "sequence": exposure.sequence.lower(),
         "site": exposure.stop.site,
-        "rover_offset": vector(exposure.site_from_rover.translation_m),
-        "rover_quaternion": vector(exposure.site_from_rover.quaternion),
-        "gravity": vector(exposure.site_from_rover.rotation[2]),
-        "mast_offset": vector(T_PMA_M),
-        "mast_quaternion": vector(mast.quaternion),
-        "motor_azimuth": number(motor_azimuth),
-        "motor_elevation": number(motor_elevation),
+        "rover_offset": format_vector(exposure.site_from_rover.translation_m),
+        "rover_quaternion": format_vector(exposure.site_from_rover.quaternion),
+        "gravity": format_vector(exposure.site_from_rover.rotation[2]),
+        "mast_offset": format_vector(T_PMA_M),
+        "mast_quaternion": format_vector(mast.quaternion),
+        "motor_azimuth": format_number(motor_azimuth),
+        "motor_elevation": format_number(motor_elevation),
         "downsampling": "NONE" if exposure.averaging == 1 else "SOFTWARE",
         "averaging": exposure.averaging,
-        "field_of_view": number(np.rad2deg(FULL_FRAME * unit.pixel_rad)),
-        "detector_rotation": number(unit.detector_rotation),
+        "field_of_view": format_number(np.rad2deg(FULL_FRAME * unit.pixel_rad)),
+        "detector_rotation": format_number(unit.detector_rotation),
         "filter_name": unit.filter_name,
         "filter_number": unit.filter_number,
     }
@@ -169,7 +169,7 @@ def _times(exposure: Exposure) -> dict[str, str]:
     seconds = round(exposure.local_solar_hour * 3600) % 86400
     minutes, second = divmod(seconds, 60)
     return {
-        "solar_longitude": number(np.rad2deg(exposure.solar_longitude)),
+        "solar_longitude": format_number(np.rad2deg(exposure.solar_longitude)),
         "local_true_solar_time": f"{minutes // 60:02d}:{minutes % 60:02d}:{second:02d}",
         "clock_start": f"{exposure.clock}.000",
         "clock_stop": f"{exposure.clock + EXPOSURE_S:.3f}",
@@ -191,30 +191,30 @@ def _directions(exposure: Exposure) -> dict[str, str]:
     degrees = {}
     for name, direction in (("rover", in_rover), ("site", in_site)):
         azimuth = np.rad2deg(np.arctan2(direction[1], direction[0]))
-        degrees[f"{name}_azimuth"] = number(azimuth)
-        degrees[f"{name}_elevation"] = number(np.rad2deg(np.arcsin(-direction[2])))
-    degrees["solar_azimuth"] = number(np.rad2deg(exposure.sun.azimuth))
-    degrees["solar_elevation"] = number(np.rad2deg(exposure.sun.elevation))
+        degrees[f"{name}_azimuth"] = format_number(azimuth)
+        degrees[f"{name}_elevation"] = format_number(np.rad2deg(np.arcsin(-direction[2])))
+    degrees["solar_azimuth"] = format_number(np.rad2deg(exposure.sun.azimuth))
+    degrees["solar_elevation"] = format_number(np.rad2deg(exposure.sun.elevation))
     return degrees
 
 
 def _statistics(pixels: np.ndarray) -> dict[str, str]:
     return {
-        "checksum": number(float(pixels.sum(dtype=np.int64))),
-        "maximum": number(float(pixels.max())),
-        "minimum": number(float(pixels.min())),
-        "mean": number(float(pixels.mean())),
-        "median": number(float(np.median(pixels))),
-        "deviation": number(float(pixels.std())),
+        "checksum": format_number(float(pixels.sum(dtype=np.int64))),
+        "maximum": format_number(float(pixels.max())),
+        "minimum": format_number(float(pixels.min())),
+        "mean": format_number(float(pixels.mean())),
+        "median": format_number(float(np.median(pixels))),
+        "deviation": format_number(float(pixels.std())),
     }
 
 
-def number(value: float) -> str:
+def format_number(value: float) -> str:
     """Six significant digits, and a real number at a glance."""
     text = f"{value:.6g}"
     return text if any(sign in text for sign in ".e") else f"{text}.0"
 
 
-def vector(values: Iterable[float]) -> str:
+def format_vector(values: Iterable[float]) -> str:
     """(x,y,z) as labels write it."""
-    return "(" + ",".join(number(float(value)) for value in values) + ")"
+    return "(" + ",".join(format_number(float(value)) for value in values) + ")"

@@ -115,7 +115,7 @@ class Fractal:
         """The fractal at the nodes of a window."""
         displacement = self.displacement(window)
         if window.level < COARSEST:
-            displacement += subdivided(self.values(parent(window)), window)
+            displacement += subdivide(self.values(parent_window(window)), window)
         return displacement
 
     def displacement(self, window: Window) -> Nodes:
@@ -141,7 +141,7 @@ def stream_of(*key: int) -> np.random.Generator:
     return np.random.Generator(np.random.SFC64([part % 2**32 for part in key]))
 
 
-def parent(window: Window) -> Window:
+def parent_window(window: Window) -> Window:
     """The window of the next coarser level that a window is subdivided from."""
     return Window(
         window.level + 1,
@@ -152,7 +152,7 @@ def parent(window: Window) -> Window:
     )
 
 
-def subdivided(coarse: Nodes, window: Window) -> Float32[np.ndarray, "fine_rows fine_cols"]:
+def subdivide(coarse: Nodes, window: Window) -> Float32[np.ndarray, "fine_rows fine_cols"]:
     """Cubic B-spline subdivision of the nodes of `parent(window)` to those of `window`."""
     fine = cv2.pyrUp(coarse)
     row = window.first_row - 2 * (window.first_row // 2 - 1)

@@ -84,7 +84,7 @@ LAYERS = ((0, 24.0, 27.0), (1, 42.0, 45.0), (3, 120.0, 130.0), (6, 1000.0, 1024.
 _baking = threading.Lock()
 
 
-def light(terrain: Terrain, north: float, east: float, sun: Sun) -> LitGround:
+def light_ground(terrain: Terrain, north: float, east: float, sun: Sun) -> LitGround:
     """The lit ground around a stop; kept for as long as one of the last two is asked for again."""
     with _baking:
         return _light(terrain, north, east, sun)
@@ -95,13 +95,13 @@ def _light(terrain: Terrain, north: float, east: float, sun: Sun) -> LitGround:
     layers = []
     for level, reach_m, half_m in LAYERS:
         patch = terrain.patch(Window.around(level, north, east, half_m))
-        radiance = lit(patch.elevation, patch.window.cell_m, sun)
+        radiance = ground_radiance(patch.elevation, patch.window.cell_m, sun)
         radiance *= patch.albedo
         layers.append(Layer(patch.window, patch.elevation, radiance, reach_m))
     return LitGround(sun, tuple(layers), _grains(terrain.seed, sun))
 
 
-def lit(elevation: Nodes, cell_m: float, sun: Sun) -> Nodes:
+def ground_radiance(elevation: Nodes, cell_m: float, sun: Sun) -> Nodes:
     """Radiance of ground of albedo 1."""
     to_north, to_east, up = (float(part) for part in sun.direction)
     north: np.ndarray = cv2.Sobel(elevation, cv2.CV_32F, 0, 1, ksize=1, scale=-0.5 / cell_m)
@@ -195,7 +195,7 @@ def _grains(seed: int, sun: Sun) -> tuple[np.ndarray, ...]:
     relief, albedo = _grain_relief(seed)
     margin = 64
     ringed = cv2.copyMakeBorder(relief, *(margin,) * 4, cv2.BORDER_WRAP)
-    picture = lit(ringed, GRAIN_M, sun)[margin:-margin, margin:-margin] * albedo
+    picture = ground_radiance(ringed, GRAIN_M, sun)[margin:-margin, margin:-margin] * albedo
     picture = np.ascontiguousarray(picture / picture.mean())
     pictures = []
     for _ in range(3):

@@ -111,13 +111,13 @@ class Profiles:
     radiance: Float32[np.ndarray, "columns steps"]
 
 
-def turned(pose: Pose, rays: Rays) -> Rays:
+def rotate_rays(pose: Pose, rays: Rays) -> Rays:
     """Rays carried into the target frame of a pose, sum by sum, so that no library orders them."""
     r = pose.rotation.astype(np.float32)
     return np.stack([r[i, 0] * rays[0] + r[i, 1] * rays[1] + r[i, 2] * rays[2] for i in range(3)])
 
 
-def picture(ground: LitGround, view: View) -> GreyImage:
+def render_radiance(ground: LitGround, view: View) -> GreyImage:
     """Radiance of every pixel; the ground of albedo 1 under a vertical sun has about 1.2."""
     azimuths, edges = view.azimuths, view.edges
     tangents = np.tan(edges)
@@ -300,7 +300,7 @@ def photograph(world: World, shot: Shot, eye: Eye) -> Int32[np.ndarray, "lines s
     sun = world.stops[shot.stop].sun
     view, rays = view_of(world, shot, eye)
     gain = LEVEL_DN / (np.sin(sun.elevation) + SKY_LIGHT)
-    signal = picture(world.ground(shot.stop), view)
+    signal = render_radiance(world.ground(shot.stop), view)
     signal *= _opposition(rays, sun)
     signal *= np.float32(gain)
     rng = stream_of(world.seed, 106, shot.stop, shot.pair, 0 if eye is Eye.LEFT else 1)
@@ -322,7 +322,7 @@ def view_of(world: World, shot: Shot, eye: Eye) -> tuple[View, Rays]:
     """Where the pixels of one image truly look."""
     pose = world.true_lsl_from_mast(shot)
     in_mast = _rays_in_mast(shot.instrument, eye, world.params.averaging)
-    rays = turned(pose, in_mast)
+    rays = rotate_rays(pose, in_mast)
     centre = pose.apply(CAMERAS[shot.instrument, eye].in_mast.c[None])[0]
     return View.of_rays(centre, rays, _pixel_rad(shot.instrument, world.params.averaging)), rays
 

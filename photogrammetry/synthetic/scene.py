@@ -18,16 +18,16 @@ from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.imagery import Eye
 from solmap.photogrammetry.synthetic.edr import Exposure
 from solmap.photogrammetry.synthetic.lattice import stream_of
-from solmap.photogrammetry.synthetic.lighting import LitGround, light
+from solmap.photogrammetry.synthetic.lighting import LitGround, light_ground
 from solmap.photogrammetry.synthetic.rig import CAMERAS, Instrument, Pointing
 from solmap.photogrammetry.synthetic.terrain import TERRAINS, Terrain
 from solmap.photogrammetry.synthetic.traverse import (
     Stop,
     TraverseParams,
-    driven,
-    planned,
+    drive_traverse,
+    plan_stops,
     solar_longitude,
-    standing,
+    standing_pose,
     stop_ids,
 )
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
@@ -103,7 +103,7 @@ class World:
         """The ground around a stop under the sun of its sol."""
         here = self.stops[stop]
         north, east, _ = here.lsl_from_rover.translation_m
-        return light(self.terrain, float(north), float(east), here.sun)
+        return light_ground(self.terrain, float(north), float(east), here.sun)
 
     def exposure(self, shot: Shot, eye: Eye) -> Exposure:
         """What the label of an image says."""
@@ -161,19 +161,19 @@ class World:
 def make_world(params: WorldParams, rng_seed: int) -> World:
     """The world of a seed."""
     drive = params.traverse
-    places = planned(drive, stream_of(rng_seed, 101))
+    places = plan_stops(drive, stream_of(rng_seed, 101))
     ids = stop_ids(drive, stream_of(rng_seed, 102))
     turns = stream_of(rng_seed, 103).normal(0.0, np.deg2rad(25), drive.stops)
     headings = _headings(places) + turns
     terrain = Terrain(rng_seed, params.terrain, places)
-    first = standing(terrain, *places[0], float(headings[0]), ids[0].frame)
+    first = standing_pose(terrain, *places[0], float(headings[0]), ids[0].frame)
     terrain = terrain.lowered(-float(first.translation_m[2]))
     truths = tuple(
-        standing(terrain, *place, float(heading), stop_id.frame)
+        standing_pose(terrain, *place, float(heading), stop_id.frame)
         for place, heading, stop_id in zip(places, headings, ids, strict=True)
     )
     truths = (replace(truths[0], translation_m=np.zeros(3)), *truths[1:])  # rounding of the datum
-    stops = driven(truths, ids, drive, stream_of(rng_seed, 104))
+    stops = drive_traverse(truths, ids, drive, stream_of(rng_seed, 104))
     shots = tuple(shot for k in range(len(stops)) for shot in _shots(params, stops, k, rng_seed))
     return World(params, rng_seed, terrain, stops, shots)
 

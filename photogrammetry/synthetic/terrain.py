@@ -39,9 +39,9 @@ from solmap.photogrammetry.synthetic.lattice import (
     Nodes,
     Window,
     bilinear,
-    parent,
+    parent_window,
     stream_of,
-    subdivided,
+    subdivide,
 )
 
 SMALLEST_M = 0.05
@@ -266,7 +266,7 @@ class Terrain:
         if window.level >= CRATER_LEVEL:
             hills = Fractal(self.seed, 3, self.type.hills_m / HILL_M**HILL_HURST, HILL_HURST)
             return fractal.values(window) + hills.values(window) + self._bowls(window)
-        fine = subdivided(self._refined(parent(window), fractal), window)
+        fine = subdivide(self._refined(parent_window(window), fractal), window)
         return fine + fractal.displacement(window)
 
     def _bowls(self, window: Window) -> Nodes:

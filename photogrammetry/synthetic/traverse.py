@@ -90,7 +90,7 @@ class Stop:
         return self.lsl_from_site.inverse @ self.telemetry_lsl_from_rover
 
 
-def planned(params: TraverseParams, rng: np.random.Generator) -> tuple[tuple[float, float], ...]:
+def plan_stops(params: TraverseParams, rng: np.random.Generator) -> tuple[tuple[float, float], ...]:
     """(north, east) of the stops: a way that bends at every stop, from the LSL origin."""
     places, heading = [(0.0, 0.0)], rng.uniform(np.deg2rad(15), np.deg2rad(75))
     for _ in range(params.stops - 1):
@@ -101,7 +101,9 @@ def planned(params: TraverseParams, rng: np.random.Generator) -> tuple[tuple[flo
     return tuple((float(north), float(east)) for north, east in places)
 
 
-def standing(terrain: Terrain, north: float, east: float, heading: float, rover: Frame) -> Pose:
+def standing_pose(
+    terrain: Terrain, north: float, east: float, heading: float, rover: Frame
+) -> Pose:
     """The true `lsl_from_rover` of a rover whose origin stands over (north, east)."""
     c, s = np.cos(heading), np.sin(heading)
     wheels = np.array([(north + c * x - s * y, east + s * x + c * y) for x, y in WHEELS_M])
@@ -127,7 +129,7 @@ def stop_ids(params: TraverseParams, rng: np.random.Generator) -> tuple[StopId, 
     return tuple(ids)
 
 
-def driven(
+def drive_traverse(
     truths: tuple[Pose, ...],
     ids: tuple[StopId, ...],
     params: TraverseParams,

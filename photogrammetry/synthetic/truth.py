@@ -13,7 +13,7 @@ from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.frames import LSL, Pose
 from solmap.photogrammetry.imagery import Eye
 from solmap.photogrammetry.synthetic.lighting import LitGround
-from solmap.photogrammetry.synthetic.render import View, first_hits, turned
+from solmap.photogrammetry.synthetic.render import View, first_hits, rotate_rays
 from solmap.photogrammetry.synthetic.scene import Shot, World
 from solmap.photogrammetry.synthetic.traverse import LATITUDE, LONGITUDE_DEG, Stop
 
@@ -28,7 +28,7 @@ def true_parallax(world: World, stop: int, pair: int, geometry: EpipolarPair) ->
     shot = world.shot(stop, pair)
     lsl_from_pair = world.true_lsl_from_label_rover(shot) @ geometry.rover_from_pair
     ground = world.ground(stop)
-    rays = turned(lsl_from_pair, _pair_rays(geometry))
+    rays = rotate_rays(lsl_from_pair, _pair_rays(geometry))
     view = View.of_rays(lsl_from_pair.translation_m, rays, 1 / geometry.focal_px)
     points = lsl_from_pair.inverse.apply(first_hits(ground, view))
     parallax_px = geometry.focal_px * geometry.base_m / points[:, 2]
@@ -54,12 +54,12 @@ def _seen_from_the_right(
     rays = np.where(known[:, None], towards / distance_m[:, None], [0.0, 0.0, 1.0]).T
     rays = rays.reshape(3, geometry.lines, geometry.samples).astype(np.float32)
     centre = lsl_from_pair.apply(np.array([[geometry.base_m, 0.0, 0.0]]))[0]
-    view = View.of_rays(centre, turned(lsl_from_pair, rays), 1 / geometry.focal_px)
+    view = View.of_rays(centre, rotate_rays(lsl_from_pair, rays), 1 / geometry.focal_px)
     hit_m = np.linalg.norm(first_hits(ground, view) - centre, axis=1)
     return known & (np.abs(hit_m - distance_m) < 0.01 + 0.01 * distance_m)
 
 
-def truth(world: World) -> dict[str, object]:
+def truth_document(world: World) -> dict[str, object]:
     """What is true, in the keys of `rendered_husband`, with the whole camera models beside."""
     latitude = float(np.rad2deg(LATITUDE))
     return {

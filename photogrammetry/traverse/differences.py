@@ -122,7 +122,7 @@ def differences(telemetry: Traverse, corrected: Traverse) -> Differences:
         lost = next((stop for stop in telemetry.stops if stop not in known), "another order")
         raise TraverseError(
             f"the {telemetry.solution} and {corrected.solution} traverses have not the same stops "
-            f"({lost}): compare `shared` ones"
+            f"({lost}): compare `common_stops` ones"
         )
     if len(telemetry) < 2:  # noqa: PLR2004 - a leg has two ends
         raise TraverseError("a traverse of fewer than two stops has nothing to compare")
@@ -132,7 +132,7 @@ def differences(telemetry: Traverse, corrected: Traverse) -> Differences:
     return Differences(corrected.stops, corrected.sols, along, offset_m)
 
 
-def shared(first: Traverse, second: Traverse) -> tuple[Traverse, Traverse]:
+def common_stops(first: Traverse, second: Traverse) -> tuple[Traverse, Traverse]:
     """Both traverses at the stops that both have, in the order of the first."""
     rows = {stop: row for row, stop in enumerate(second.stops)}
     here = [row for row, stop in enumerate(first.stops) if stop in rows]

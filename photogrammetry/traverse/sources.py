@@ -25,7 +25,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from solmap.photogrammetry.archive.tables.vector_files import VectorFile, lsl_tree, poses
+from solmap.photogrammetry.archive.tables.vector_files import VectorFile, best_poses, lsl_tree
 from solmap.photogrammetry.arrays import Float64, Int32, ObjectPoints
 from solmap.photogrammetry.body_fixed import MARS_RADIUS_M, map_from_lsl
 from solmap.photogrammetry.errors import FrameError, TraverseError
@@ -268,7 +268,7 @@ def traverse_of_vectors(files: Sequence[VectorFile], solution: str = "") -> Trav
         TraverseError: nothing that they place is chained to the LSL.
     """
     chosen = [_only(file, solution) for file in files] if solution else list(files)
-    given = poses(chosen)
+    given = best_poses(chosen)
     tree = lsl_tree(given).tree
     frames = sorted((pose.source for pose in given), key=lambda frame: frame.index)
     rovers = {frame.index[0] for frame in frames if frame.kind is FrameKind.ROVER}

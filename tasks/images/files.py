@@ -12,7 +12,7 @@ from solmap.photogrammetry.archive.images.pixels import is_picture
 from solmap.photogrammetry.archive.images.reading import (
     has_attached_label,
 )
-from solmap.photogrammetry.archive.labels.detached import MAX_DETACHED_BYTES, joined
+from solmap.photogrammetry.archive.labels.detached import MAX_DETACHED_BYTES, join_label
 from solmap.photogrammetry.errors import LabelError
 from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.products.store.product_store import ProductStore
@@ -89,7 +89,7 @@ def image_bytes(path: Path) -> bytes:
     if has_attached_label(data):
         return data
     for label in _labels_beside(path):
-        return joined(label.read_bytes(), data, label.name)
+        return join_label(label.read_bytes(), data, label.name)
     if is_picture(data):
         raise LabelError(
             f"{path.name}: a picture without a label; it takes {path.stem}-metadata.json, .xml or "

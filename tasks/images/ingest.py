@@ -28,7 +28,7 @@ from solmap.photogrammetry.archive.partners import find_stereo_pairs
 from solmap.photogrammetry.archive.tables.vector_files import parse_vector_file
 from solmap.photogrammetry.errors import PhotogrammetryError
 from solmap.photogrammetry.imagery import RoverImage
-from solmap.photogrammetry.stretching import stretched
+from solmap.photogrammetry.stretching import stretch
 from solmap.products.catalogue.catalogue import ImageEntry, Outcome
 from solmap.products.catalogue.images import ImageFile, image_record
 from solmap.products.catalogue.workspace import Workspace
@@ -281,7 +281,7 @@ def _rank(entry: ImageEntry) -> tuple[str, str]:
 
 def _write_browse(draft: Path, image: ReadImage) -> None:
     params = BrowseParams()
-    picture = stretched(image.pixels, image.mask, params.low_percent, params.high_percent)
+    picture = stretch(image.pixels, image.mask, params.low_percent, params.high_percent)
     encoded, png = cv2.imencode(".png", picture)
     if not encoded:
         raise OSError(f"{draft.name} could not be encoded as PNG")

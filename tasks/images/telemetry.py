@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 from solmap.photogrammetry.archive.tables.vector_files import (
     VectorFile,
+    best_poses,
     lsl_tree,
     parse_vector_file,
-    poses,
 )
 from solmap.photogrammetry.errors import FrameError
 from solmap.photogrammetry.frames import LSL, FrameTree, Pose, site_frame
@@ -72,7 +72,7 @@ def read_telemetry(images: Sequence[RoverImage], vector_files: Sequence[VectorFi
     for image in sorted(images, key=lambda image: image.clock):
         by_stop[image.stop].append(image)
     rovers = [taken[0].site_from_rover for taken in by_stop.values()]
-    chain = [pose for pose in poses(vector_files) if pose.source.kind != rovers[0].source.kind]
+    chain = [pose for pose in best_poses(vector_files) if pose.source.kind != rovers[0].source.kind]
     sites = {stop.site for stop in by_stop}
     declared = _declared_sites(images, chain, sites)
     lsl = lsl_tree([*declared, *chain, *rovers], sites=sites)

@@ -17,7 +17,7 @@ from solmap.photogrammetry.archive.tables.places import (
 )
 from solmap.photogrammetry.archive.tables.vector_files import VectorFile, parse_vector_file
 from solmap.photogrammetry.errors import TraverseError
-from solmap.photogrammetry.traverse.differences import differences, shared
+from solmap.photogrammetry.traverse.differences import common_stops, differences
 from solmap.photogrammetry.traverse.records import Traverse
 from solmap.photogrammetry.traverse.sources import (
     MissionTable,
@@ -57,7 +57,7 @@ class MissionTraverses:
 
     def compared(self, first_sol: int = 0, last_sol: int = 1 << 30) -> tuple[Traverse, Traverse]:
         """Telemetry and the localised places of the stops that both have, within some sols."""
-        telemetry, localised = shared(self.of(TELEMETRY), self.of(LOCALISED))
+        telemetry, localised = common_stops(self.of(TELEMETRY), self.of(LOCALISED))
         within = np.flatnonzero((localised.sols >= first_sol) & (localised.sols <= last_sol))
         return telemetry.at(within), localised.at(within)
 

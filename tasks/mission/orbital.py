@@ -20,7 +20,7 @@ from solmap.photogrammetry.orbital.records import (
     OrbitalImage,
     Registration,
 )
-from solmap.photogrammetry.orbital.registration import RegistrationParams, placed, register
+from solmap.photogrammetry.orbital.registration import RegistrationParams, draw_corrected, register
 from solmap.photogrammetry.terrain.dtm.grid import FINEST_CELL_M, Bounds, MapGrid, union
 from solmap.products.crs import LandingPoint, local_crs
 from solmap.products.errors import ProductError
@@ -146,7 +146,7 @@ def draw_base(
         level = max(0, math.floor(math.log2(cell_m / FINEST_CELL_M)))
         grid = MapGrid.covering(bounds, FINEST_CELL_M * 2**level)
         source = OrbitalImage(shown, read_onto_grid(store.path(image), shown, crs))
-        drawn = placed(source, grid, correction)
+        drawn = draw_corrected(source, grid, correction)
         write_orthophoto(path, grid, drawn, crs, tags=provenance_tags(recipe))
 
     return store.make(recipe, write)

@@ -22,7 +22,7 @@ from solmap.photogrammetry.matching.records import EpipolarImages
 from solmap.photogrammetry.matching.resampling import epipolar_images
 from solmap.photogrammetry.matching.sparse import match_sparsely
 from solmap.photogrammetry.matching.vertical_parallax import vertical_parallax
-from solmap.photogrammetry.stretching import stretched
+from solmap.photogrammetry.stretching import stretch
 from solmap.photogrammetry.synthetic.downlink import (
     TraverseParams,
     WorldParams,
@@ -92,15 +92,15 @@ def test_measuring_the_vertical_parallax_of_a_pair(benchmark, images):
 
 
 def test_opencv_semi_global_matching_for_comparison(benchmark, images):
-    left = stretched(images.left, images.left_mask)
-    right = stretched(images.right, images.right_mask)
+    left = stretch(images.left, images.left_mask)
+    right = stretch(images.right, images.right_mask)
     matcher = cv2.StereoSGBM.create(0, 208, 5, P1=200, P2=800, disp12MaxDiff=1)
     benchmark(matcher.compute, left, right)
 
 
 def test_sift_with_ratio_test_for_comparison(benchmark, images):
     pictures = [
-        stretched(image, mask)
+        stretch(image, mask)
         for image, mask in ((images.left, images.left_mask), (images.right, images.right_mask))
     ]
 

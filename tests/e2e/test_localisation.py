@@ -12,9 +12,9 @@ from solmap.flows.cli import app
 from solmap.flows.cli.tables import position_rows
 from solmap.photogrammetry.archive.tables.places import parse_places
 from solmap.photogrammetry.archive.tables.vector_files import (
+    best_poses,
     lsl_tree,
     parse_vector_file,
-    poses,
 )
 from solmap.photogrammetry.frames import LSL, rover_frame
 
@@ -43,7 +43,7 @@ def test_vector_files_compose_to_the_adjusted_stops(mapped, handed_out):
         parse_vector_file((handed_out / name).read_text(), name)
         for name in ("MER2_Master.svf", "MER2_Site_10_Master.rvf")
     ]
-    tree = lsl_tree(poses(files)).tree
+    tree = lsl_tree(best_poses(files)).tree
     for stop, place in adjusted(mapped).items():
         drive = int(stop.rpartition("drive")[2])
         np.testing.assert_allclose(

@@ -44,15 +44,15 @@ with (
     )
     from solmap.photogrammetry.archive.images.pixels import read_picture
     from solmap.photogrammetry.archive.images.reading import read_image
-    from solmap.photogrammetry.archive.labels.detached import joined
+    from solmap.photogrammetry.archive.labels.detached import join_label
     from solmap.photogrammetry.archive.labels.label import parse_label
     from solmap.photogrammetry.archive.labels.pds4 import parse_pds4_label
     from solmap.photogrammetry.archive.labels.vicar import parse_vicar_label
     from solmap.photogrammetry.archive.tables.places import parse_localisations
     from solmap.photogrammetry.archive.tables.vector_files import (
+        best_poses,
         lsl_tree,
         parse_vector_file,
-        poses,
     )
     from solmap.photogrammetry.errors import PhotogrammetryError
 
@@ -103,9 +103,9 @@ def small_joined() -> list[bytes]:
     }
     picture = cv2.imencode(".png", np.full((2, 3), 7, np.uint8))[1].tobytes()
     return [
-        joined(small_image()[:4096].rstrip(), small_image(), NAME),
-        joined(xml, bytes(range(1, 35)), NAME),
-        joined(json.dumps(metadata).encode(), picture, NAME),
+        join_label(small_image()[:4096].rstrip(), small_image(), NAME),
+        join_label(xml, bytes(range(1, 35)), NAME),
+        join_label(json.dumps(metadata).encode(), picture, NAME),
     ]
 
 
@@ -138,7 +138,7 @@ SMALL: dict[str, Callable[[], list[bytes]]] = {
 
 def chain(text: str) -> None:
     """A vector file down to its frame tree."""
-    lsl_tree(poses([parse_vector_file(text, "x.svf")]))
+    lsl_tree(best_poses([parse_vector_file(text, "x.svf")]))
 
 
 def image(data: bytes) -> None:
@@ -149,7 +149,7 @@ def image(data: bytes) -> None:
 def detached(data: bytes) -> None:
     """A label and pixels in two files, cut at a NUL byte."""
     label, _, pixels = data.partition(b"\0")
-    read_image(joined(label, pixels, NAME), NAME)
+    read_image(join_label(label, pixels, NAME), NAME)
     read_image(data, NAME)
 
 

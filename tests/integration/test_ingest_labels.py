@@ -14,7 +14,7 @@ from solmap.photogrammetry.archive.images.reading import (
     read_image,
     read_image_record,
 )
-from solmap.photogrammetry.archive.labels.detached import apart
+from solmap.photogrammetry.archive.labels.detached import split_label
 from solmap.photogrammetry.frames import LSL, Pose, site_frame
 from solmap.photogrammetry.imagery import StopId
 from solmap.photogrammetry.synthetic.downlink import (
@@ -64,7 +64,7 @@ def test_an_image_whose_label_lies_beside_it_is_ingested(shared_data, downlink, 
     (entry,) = workspace.catalogue.images()
     assert entry.id == MSL
     kept = workspace.store.path(entry.ref).read_bytes()
-    assert apart(kept, entry.id) == (label.encode(), pixels)
+    assert split_label(kept, entry.id) == (label.encode(), pixels)
     np.testing.assert_array_equal(
         read_product_image(image_file(entry), workspace.store).pixels,
         read_image(path.read_bytes(), path.name).pixels,
@@ -101,7 +101,7 @@ def test_a_pds4_label_is_kept_with_its_data_and_read_from_there(downlink, worksp
     (entry,) = workspace.catalogue.images("M20")
     assert (entry.id, entry.site, entry.drive, entry.product_type) == (TILE, 30, 1344, "ECM")
     kept = workspace.store.path(entry.ref).read_bytes()
-    assert apart(kept, entry.id) == (PDS4.read_bytes(), data)
+    assert split_label(kept, entry.id) == (PDS4.read_bytes(), data)
     record = image_record(entry, workspace)
     assert record.parent_from_site is not None
     assert (record.lines, record.samples) == (2, 3)
@@ -120,7 +120,7 @@ def test_a_raw_image_of_mars_2020_is_kept_with_its_metadata(shared_data, downlin
     assert not ingested(downlink, workspace).faults
     (entry,) = workspace.catalogue.images("M20")
     assert (entry.sol, entry.site, entry.drive, entry.instrument) == (670, 32, 604, "NAVCAM")
-    assert apart(workspace.store.path(entry.ref).read_bytes(), entry.id) == (said, picture)
+    assert split_label(workspace.store.path(entry.ref).read_bytes(), entry.id) == (said, picture)
     read = read_product_image(image_file(entry), workspace.store)
     colour = cv2.imdecode(np.frombuffer(picture, np.uint8), cv2.IMREAD_COLOR)
     np.testing.assert_allclose(read.pixels[read.mask], colour.mean(axis=2)[read.mask], atol=1e-4)

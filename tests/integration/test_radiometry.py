@@ -14,7 +14,7 @@ from solmap.config.radiometry import load_radiometry
 from solmap.flows.cli import app
 from solmap.photogrammetry.archive.images.radiometry import RadialVignetting
 from solmap.photogrammetry.archive.images.reading import read_image
-from solmap.photogrammetry.stretching import stretched
+from solmap.photogrammetry.stretching import stretch
 from solmap.photogrammetry.synthetic.downlink import (
     WorldParams,
     make_world,
@@ -111,7 +111,7 @@ def test_coded_pixels_are_counts_wherever_they_are_read(frames, tmp_path):
         step = np.diff(COUNTS)[stored(coded(data, COUNTS)).clip(0, 254)]
         assert (np.abs(read.pixels - stored(data))[read.mask] <= step[read.mask]).all()
         np.testing.assert_array_equal(
-            browse_of(workspace, name.partition(".")[0].upper()), stretched(read.pixels, read.mask)
+            browse_of(workspace, name.partition(".")[0].upper()), stretch(read.pixels, read.mask)
         )
     assert workspace.catalogue.outcomes() == []
 
@@ -284,9 +284,7 @@ def test_inspecting_reads_with_the_tables_and_says_what_is_peculiar(frames, tmp_
     assert json.loads(shown.stdout)[0]["notes"] == []
     counts = COUNTS[stored(file.read_bytes())].astype(np.float32)
     mask = read_image(file.read_bytes(), file.name).mask
-    np.testing.assert_array_equal(
-        cv2.imread(str(png), cv2.IMREAD_UNCHANGED), stretched(counts, mask)
-    )
+    np.testing.assert_array_equal(cv2.imread(str(png), cv2.IMREAD_UNCHANGED), stretch(counts, mask))
 
 
 def layers_of(workspace: Workspace) -> dict[str, str]:

@@ -22,7 +22,7 @@ from solmap.photogrammetry.orbital.elevations import register_elevations
 from solmap.photogrammetry.orbital.records import GroundMap, OrbitalDtm, OrbitalImage, Registration
 from solmap.photogrammetry.orbital.registration import register
 from solmap.photogrammetry.synthetic.lattice import Window
-from solmap.photogrammetry.synthetic.lighting import Sun, lit
+from solmap.photogrammetry.synthetic.lighting import Sun, ground_radiance
 from solmap.photogrammetry.synthetic.terrain import TERRAINS, Terrain
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 
@@ -52,7 +52,7 @@ def scene(seed: int) -> Scene:
     patch = terrain.patch(Window.around(LEVEL, 0.0, 0.0, HALF_M))
     suns = [Sun(*_sun(rng)) for _ in range(2)]
     cell_m = patch.window.cell_m
-    radiance = [lit(patch.elevation, cell_m, sun) * patch.albedo for sun in suns]
+    radiance = [ground_radiance(patch.elevation, cell_m, sun) * patch.albedo for sun in suns]
     shift = rng.uniform(-8, 8, 2)
     rotation_deg = float(rng.uniform(-2, 2))
     grid = MapGrid(-40.0, 40.0, CELL_M, 320, 320)

@@ -25,10 +25,10 @@ import numpy as np
 
 from solmap.photogrammetry.archive.file_names import parse_file_name
 from solmap.photogrammetry.archive.images.pixels import (
-    constants,
+    missing_constants,
     pixel_layout,
     stored_values,
-    too_short,
+    truncation_message,
 )
 from solmap.photogrammetry.archive.images.reading import read_label
 from solmap.photogrammetry.archive.labels.label import Label, parse_label
@@ -101,10 +101,10 @@ def read_raster(data: bytes, name: str, *, detached_label: str | None = None) ->
             f"{layout.dtype}"
         )
     if layout.end > len(data):
-        raise PixelError(too_short(data, layout, name))
+        raise PixelError(truncation_message(data, layout, name))
     with np.errstate(over="ignore", invalid="ignore"):
         bands = stored_values(data, layout).astype(np.float32)
-    mask = _found(bands, constants(label))
+    mask = _found(bands, missing_constants(label))
     frame = _frame(label) if kind in IN_PLACE else None
     if kind is RasterKind.DISPARITY:
         bands = bands[::-1]  # line, sample -> sample, line

@@ -115,9 +115,9 @@ def read_pixels(data: bytes, label: Label, source: str) -> tuple[GreyImage, Mask
     """
     layout = pixel_layout(label)
     if layout.end > len(data):
-        raise PixelError(too_short(data, layout, source))
+        raise PixelError(truncation_message(data, layout, source))
     values = stored_values(data, layout)
-    missing = constants(label)
+    missing = missing_constants(label)
     measured = _measured(values[0], missing)
     for band in values[1:]:
         measured &= _measured(band, missing)
@@ -174,7 +174,7 @@ def radiance_scale(label: Label) -> RadianceScale | None:
     return RadianceScale(factor, offset or 0.0)
 
 
-def too_short(data: bytes, layout: PixelLayout, source: str) -> str:
+def truncation_message(data: bytes, layout: PixelLayout, source: str) -> str:
     """What is wrong with a file that ends before its pixels do."""
     text = (
         f"{source}: truncated: needs {layout.end} bytes for {layout.lines} lines of "
@@ -248,7 +248,7 @@ def _whole(value: Value) -> int | None:
     return bare if isinstance(bare, int) else None
 
 
-def constants(label: Label) -> tuple[float, ...]:
+def missing_constants(label: Label) -> tuple[float, ...]:
     """Values that stand for nothing measured; zero is always one of them."""
     found = {0.0}
     for keyword in ("MISSING_CONSTANT", "INVALID_CONSTANT"):
@@ -266,12 +266,12 @@ def _measured(values: np.ndarray, missing: tuple[float, ...]) -> np.ndarray:
     for constant in missing:
         lost = values == constant
         if constant == 0 and values.dtype.kind != "f":
-            lost = in_runs(lost)
+            lost = zeros_in_runs(lost)
         measured &= ~lost
     return measured
 
 
-def in_runs(zero: np.ndarray) -> np.ndarray:
+def zeros_in_runs(zero: np.ndarray) -> np.ndarray:
     """The patches of `zero` that hold a block of 3 x 3 or a run of `RUN`."""
     if not zero.any():
         return zero
@@ -300,7 +300,7 @@ EDGES = (
 )
 
 
-def received(label: Label, lines: int, samples: int) -> Mask:
+def received_mask(label: Label, lines: int, samples: int) -> Mask:
     """True where the segment of a pixel came down whole, or nothing is said of segments.
 
     Raises:
@@ -322,7 +322,7 @@ def received(label: Label, lines: int, samples: int) -> Mask:
     return mask
 
 
-def saturated(pixels: GreyImage, label: Label) -> Mask:
+def saturated_mask(pixels: GreyImage, label: Label) -> Mask:
     """True where the converter reached its end, as far as the label tells where that is."""
     limit = full_scale(label)
     return np.zeros(pixels.shape, dtype=bool) if limit is None else pixels >= limit
@@ -414,7 +414,7 @@ def read_picture(data: bytes, name: str) -> tuple[GreyImage, Mask]:
     if values is None or values.shape[:2] != (lines, samples) or values.dtype != np.uint8:
         raise PixelError(f"{name}: cannot be unpacked as {samples} x {lines} pixels of 8 bits")
     colours = values.reshape(lines, samples, -1)[:, :, :3]
-    lost = in_runs((colours == 0).all(axis=2))
+    lost = zeros_in_runs((colours == 0).all(axis=2))
     return colours.mean(axis=2, dtype=np.float32), ~lost
 
 

@@ -100,7 +100,7 @@ def square_root_table(name: str) -> InverseTable:
     return InverseTable(name, counts, SQUARE_ROOT, is_approximation=True)
 
 
-def coded_by(label: Label) -> str | None:
+def companding_name(label: Label) -> str | None:
     """The table that the pixels are still coded by, or None where they are counts."""
     name = (label.optional(STATE, "SAMPLE_BIT_MODE_ID", str) or "NONE").upper()
     method = (label.optional(STATE, "SAMPLE_BIT_METHOD", str) or "").upper()
@@ -108,7 +108,7 @@ def coded_by(label: Label) -> str | None:
     return name if name.startswith("LUT") and "INVERTED" not in method and in_bytes else None
 
 
-def expanded(codes: GreyImage, table: InverseTable) -> GreyImage:
+def expand_codes(codes: GreyImage, table: InverseTable) -> GreyImage:
     """Counts of coded pixels.
 
     Raises:
@@ -169,7 +169,7 @@ def needs_flat_field(label: Label) -> bool:
     return not (on_board or on_ground or linearised) and any(flag is not None for flag in flags)
 
 
-def evened_out(
+def divide_by_flat_field(
     pixels: GreyImage, label: Label, flat: FlatField | RadialVignetting, detector: int = 1024
 ) -> GreyImage:
     """Pixels divided by the part of a full frame's flat field that they saw.
@@ -224,7 +224,7 @@ class PixelState:
     def of(cls, label: Label) -> PixelState:
         """As the label says."""
         camera = label.optional("", "INSTRUMENT_ID", str)
-        return cls(coded_by(label), camera if needs_flat_field(label) else None)
+        return cls(companding_name(label), camera if needs_flat_field(label) else None)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -255,7 +255,7 @@ class Radiometry:
         )
 
 
-def radiometric(
+def correct_radiometry(
     pixels: GreyImage, label: Label, radiometry: Radiometry
 ) -> tuple[GreyImage, tuple[str, ...]]:
     """Pixels with codes turned into counts and vignetting taken out, and what was done or not.
@@ -273,11 +273,11 @@ def radiometric(
             if state.darkened_by in radiometry.flat_fields:
                 notes.append(NOT_PROPORTIONAL)
         else:
-            pixels = expanded(pixels, table)
+            pixels = expand_codes(pixels, table)
             if table.is_approximation:
                 notes.append(
                     f"pixels are counts by the {table.source} approximation of {table.name}"
                 )
     for flat in needed.flat_fields.values():
-        pixels = evened_out(pixels, label, flat)
+        pixels = divide_by_flat_field(pixels, label, flat)
     return pixels, tuple(notes)

@@ -17,20 +17,20 @@ from solmap.photogrammetry.archive.images.pixels import (
     is_picture,
     read_picture,
     read_pixels,
-    received,
-    saturated,
+    received_mask,
+    saturated_mask,
 )
 from solmap.photogrammetry.archive.images.radiometry import (
     PixelState,
     Radiometry,
-    radiometric,
+    correct_radiometry,
 )
 from solmap.photogrammetry.archive.images.rover_image import rover_image
 from solmap.photogrammetry.archive.labels.detached import (
     LabelKind,
-    apart,
+    decode_label,
     kind_of_label,
-    text_of_label,
+    split_label,
 )
 from solmap.photogrammetry.archive.labels.label import Label, label_text, parse_label
 from solmap.photogrammetry.archive.labels.pds4 import parse_pds4_label
@@ -51,7 +51,7 @@ class ReadImage:
     image: RoverImage
     pixels: GreyImage
     mask: Mask
-    saturated: Mask = field(default_factory=lambda: np.zeros((0, 0), dtype=bool))
+    saturated_mask: Mask = field(default_factory=lambda: np.zeros((0, 0), dtype=bool))
     """True where the detector could not count further; such pixels are still in `mask`."""
     notes: tuple[str, ...] = ()
     """What is peculiar about the pixels, a line each: lost segments, codes in place of counts."""
@@ -107,9 +107,9 @@ def read_image(
     pixels, mask = _stored_pixels(described, name)
     if label is None:
         return ReadImage(image, pixels, mask)
-    is_saturated = saturated(pixels, label)
-    came_down = received(label, *pixels.shape)
-    pixels, notes = radiometric(pixels, label, radiometry or Radiometry())
+    is_saturated = saturated_mask(pixels, label)
+    came_down = received_mask(label, *pixels.shape)
+    pixels, notes = correct_radiometry(pixels, label, radiometry or Radiometry())
     lost = int(np.count_nonzero(mask & ~came_down))
     if lost:
         notes = (f"{lost} pixels are masked: the label calls their segments lost", *notes)
@@ -179,8 +179,8 @@ def has_attached_label(data: bytes) -> bool:
 
 
 def _detached(data: bytes, name: str) -> tuple[str | None, bytes]:
-    label, data = apart(data, name)
-    return None if label is None else text_of_label(label), data
+    label, data = split_label(data, name)
+    return None if label is None else decode_label(label), data
 
 
 def _label(data: bytes, name: str, detached_label: str | None) -> Label:

@@ -31,7 +31,7 @@ class LabelKind(StrEnum):
     METADATA = "JSON metadata"
 
 
-def joined(label: bytes, data: bytes, name: str) -> bytes:
+def join_label(label: bytes, data: bytes, name: str) -> bytes:
     """Label and data as one file.
 
     Raises:
@@ -42,8 +42,8 @@ def joined(label: bytes, data: bytes, name: str) -> bytes:
     return FRONT.format(size=len(label)).encode("ascii") + label + data
 
 
-def apart(file: bytes, name: str) -> tuple[bytes | None, bytes]:
-    """Label and data of `joined`; None and the file as it is where it is no such file.
+def split_label(file: bytes, name: str) -> tuple[bytes | None, bytes]:
+    """Label and data of `join_label`; None and the file as it is where it is no such file.
 
     Raises:
         LabelError: the file ends before its label does.
@@ -66,7 +66,7 @@ def kind_of_label(text: str) -> LabelKind:
     return {"<": LabelKind.PDS4, "{": LabelKind.METADATA}.get(start, LabelKind.PDS3)
 
 
-def text_of_label(label: bytes) -> str:
+def decode_label(label: bytes) -> str:
     """The characters of a label file: UTF-8 where it is that, otherwise one a byte."""
     try:
         return label.decode("utf-8-sig")

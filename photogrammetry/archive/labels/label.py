@@ -256,7 +256,7 @@ class _Parser:
     def _value(self, depth: int) -> Value:
         token = self._take("a value")
         if token.kind == "text":
-            return known(" ".join(token.text.split()))
+            return none_if_unknown(" ".join(token.text.split()))
         if token.kind == "symbol":
             return token.text
         if token.kind == "word":
@@ -268,7 +268,7 @@ class _Parser:
     def _number_or_word(self, token: _Token) -> Value:
         number = number_of(token.text)
         if number is None:
-            return known(token.text)
+            return none_if_unknown(token.text)
         following = self._peek()
         if following is not None and following.kind == "unit":
             return Quantity(number, self._take("a unit").text)
@@ -329,7 +329,7 @@ class _Parser:
         return LabelError(f"{self._source}: line {line} of the label: {what}")
 
 
-def known(text: str) -> str | None:
+def none_if_unknown(text: str) -> str | None:
     """The text, or None where it says that nothing is known."""
     return None if text in _UNKNOWN else text
 

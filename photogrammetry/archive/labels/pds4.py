@@ -25,7 +25,7 @@ from solmap.photogrammetry.archive.labels.label import (
     Label,
     Quantity,
     Value,
-    known,
+    none_if_unknown,
     number_of,
 )
 from solmap.photogrammetry.archive.xml_text import local_name, xml_root
@@ -123,7 +123,7 @@ def _identification(root: Element, source: str) -> dict[str, Value]:
         inside = root if parent is None else _first(root, parent)
         text = None if inside is None else _text(inside, name)
         if text is not None:
-            items[keyword] = known(text)
+            items[keyword] = none_if_unknown(text)
     for name in ("start_sol_number", "sol_number"):
         items.setdefault("PLANET_DAY_NUMBER", number_of(_text(root, name) or ""))
         if items["PLANET_DAY_NUMBER"] is None:

@@ -20,7 +20,7 @@ from solmap.photogrammetry.archive.labels.label import (
     Label,
     Quantity,
     Value,
-    known,
+    none_if_unknown,
     number_of,
 )
 from solmap.photogrammetry.errors import LabelError
@@ -127,7 +127,7 @@ def _items(text: str, source: str) -> Iterator[tuple[str, Value]]:
 
 def _scalar(text: str) -> Value:
     if text.startswith("'"):
-        return known(text[1:-1].replace("''", "'"))
+        return none_if_unknown(text[1:-1].replace("''", "'"))
     number = number_of(text)
     return text if number is None else number
 

@@ -128,13 +128,13 @@ def parse_vector_file(text: str, source: str) -> VectorFile:
     )
 
 
-def poses(files: Sequence[VectorFile]) -> tuple[Pose, ...]:
+def best_poses(files: Sequence[VectorFile]) -> tuple[Pose, ...]:
     """Every site and rover stop in its site, by the solution that counts.
 
     Files of one mission only: frames carry no mission. The orders of priority of several files are
     joined; at the same rank the later file wins.
     """
-    order = joined_priority(files)
+    order = join_priorities(files)
     trust = {name: len(order) - place for place, name in enumerate(order)}
     best: dict[Frame, tuple[Rank, Solution]] = {}
     for solution in (solution for file in files for solution in file.solutions):
@@ -144,7 +144,7 @@ def poses(files: Sequence[VectorFile]) -> tuple[Pose, ...]:
     return tuple(solution.pose for _, solution in best.values())
 
 
-def joined_priority(files: Sequence[VectorFile]) -> list[str]:
+def join_priorities(files: Sequence[VectorFile]) -> list[str]:
     """One order of solutions that keeps that of every file; where they contradict, the first's."""
     order: list[str] = []
     for file in files:
@@ -165,7 +165,7 @@ def rover_pose(files: Sequence[VectorFile], site: int, drive: int) -> Pose:
     """
     at_or_before = [
         pose
-        for pose in poses(files)
+        for pose in best_poses(files)
         if pose.source.kind is FrameKind.ROVER
         and pose.source.index[0] == site
         and pose.source.index[1] <= drive

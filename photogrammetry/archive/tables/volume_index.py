@@ -35,7 +35,7 @@ from solmap.photogrammetry.archive.labels.label import (
     parse_label,
 )
 from solmap.photogrammetry.archive.missions import MISSIONS, Mission, mission_of_host
-from solmap.photogrammetry.archive.partners import taken_together
+from solmap.photogrammetry.archive.partners import group_by_clock
 from solmap.photogrammetry.errors import LabelError
 from solmap.photogrammetry.imagery import Eye
 
@@ -346,7 +346,7 @@ def find_in_index(
     pairs: list[IndexPair] = []
     unpaired: list[IndexEntry] = []
     for at_one_place in places.values():
-        for exposure in taken_together(at_one_place, lambda e: (e.clock, e.file_name)):
+        for exposure in group_by_clock(at_one_place, lambda e: (e.clock, e.file_name)):
             pair = _best_pair(exposure, missions)
             if pair is None:
                 unpaired += exposure

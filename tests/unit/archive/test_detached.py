@@ -17,11 +17,11 @@ from solmap.photogrammetry.archive.images.reading import (
 from solmap.photogrammetry.archive.labels.detached import (
     MAX_DETACHED_BYTES,
     LabelKind,
-    apart,
+    decode_label,
     file_of_label,
-    joined,
+    join_label,
     kind_of_label,
-    text_of_label,
+    split_label,
 )
 from solmap.photogrammetry.archive.labels.label import MAX_LABEL_BYTES
 from solmap.photogrammetry.errors import LabelError, PixelError
@@ -38,11 +38,11 @@ def pixel_file(small):
 
 @given(label=st.binary(max_size=200), data=st.binary(max_size=200))
 def test_label_and_data_come_out_as_they_went_in(label, data):
-    assert apart(joined(label, data, NAME), NAME) == (label, data)
+    assert split_label(join_label(label, data, NAME), NAME) == (label, data)
 
 
 def test_a_file_of_its_own_is_left_as_it_is(small):
-    assert apart(small.data, NAME) == (None, small.data)
+    assert split_label(small.data, NAME) == (None, small.data)
 
 
 @pytest.mark.parametrize(
@@ -50,7 +50,7 @@ def test_a_file_of_its_own_is_left_as_it_is(small):
 )
 def test_an_image_joined_to_its_label_reads_like_one_that_carries_it(small, pixel_file, pointer):
     label = small.but("= 9\n", f"= {pointer}\n").label
-    data = joined(label.encode(), pixel_file, NAME)
+    data = join_label(label.encode(), pixel_file, NAME)
     assert not has_attached_label(data)
     read = read_image(data, NAME)
     np.testing.assert_array_equal(read.pixels, small.pixels)
@@ -62,7 +62,7 @@ def test_an_image_joined_to_its_label_reads_like_one_that_carries_it(small, pixe
 
 def test_a_pointer_to_a_whole_file_means_its_first_byte(small):
     label = small.but("= 9\n", '= "IMAGE.IMG"\n').label
-    data = joined(label.encode(), small.pixels.astype(">i2").tobytes(), NAME)
+    data = join_label(label.encode(), small.pixels.astype(">i2").tobytes(), NAME)
     np.testing.assert_array_equal(read_image(data, NAME).pixels, small.pixels)
     assert file_of_label(label, NAME) == "IMAGE.IMG"
     assert file_of_label(small.label, NAME) is None
@@ -71,7 +71,7 @@ def test_a_pointer_to_a_whole_file_means_its_first_byte(small):
 def test_a_pds4_label_may_be_joined_too(rng):
     pixels = rng.integers(1, 255, (3, 2, 3), dtype=np.uint8)
     name = "NLF_0629_0722782785_631ECM_N0301344NCAM00427_06_095J01.IMG"
-    read = read_image(joined(XML, bytes(16) + pixels.tobytes(), name), name)
+    read = read_image(join_label(XML, bytes(16) + pixels.tobytes(), name), name)
     np.testing.assert_allclose(read.pixels, pixels.mean(axis=0), rtol=1e-6)
     assert read.image.sol == 629
 
@@ -81,17 +81,17 @@ def test_a_picture_may_be_what_a_label_describes(small):
     grey = (small.pixels % 251 + 1).astype(np.uint8)
     label = small.but("= 9\n", '= "IMAGE.PNG"\n').label.encode()
     picture = cv2.imencode(".png", grey)[1].tobytes()
-    np.testing.assert_array_equal(read_image(joined(label, picture, NAME), NAME).pixels, grey)
+    np.testing.assert_array_equal(read_image(join_label(label, picture, NAME), NAME).pixels, grey)
     other = cv2.imencode(".jpg", grey[:20])[1].tobytes()
     with pytest.raises(PixelError, match="picture is 60 x 20 pixels, its label says 60 x 40"):
-        read_image(joined(label, other, NAME), NAME)
+        read_image(join_label(label, other, NAME), NAME)
 
 
 def test_metadata_of_a_raw_image_stand_in_for_its_label(shared_data):
     path = next(shared_data.rglob("NLF_0670_*-metadata.json"))
     metadata = json.loads(path.read_text()) | {"attitude": "(0.8,0.0,0.0,0.6)"}
     picture = path.with_name(path.name.replace("-metadata.json", ".png"))
-    data = joined(json.dumps(metadata).encode(), picture.read_bytes(), picture.name)
+    data = join_label(json.dumps(metadata).encode(), picture.read_bytes(), picture.name)
     read = read_image(data, picture.name)
     assert read.pixels.shape == (read.image.lines, read.image.samples) == (968, 1288)
     assert read.notes == ()
@@ -105,22 +105,24 @@ def test_metadata_of_a_raw_image_stand_in_for_its_label(shared_data):
 def test_data_that_are_too_short_or_a_label_that_is_broken_are_refused(small, pixel_file):
     label = small.but("= 9\n", '= ("IMAGE.IMG", 3)\n').label.encode()
     with pytest.raises(PixelError, match="truncated"):
-        read_image(joined(label, pixel_file[:-1], NAME), NAME)
+        read_image(join_label(label, pixel_file[:-1], NAME), NAME)
     without = small.but("^IMAGE ", "^OTHER ").label.encode()
     with pytest.raises(LabelError, match=r"\^IMAGE is missing"):
-        read_image(joined(without, pixel_file, NAME), NAME)
+        read_image(join_label(without, pixel_file, NAME), NAME)
     with pytest.raises(LabelError, match="too long to be one"):
-        joined(label.ljust(MAX_DETACHED_BYTES + 1), pixel_file, NAME)
+        join_label(label.ljust(MAX_DETACHED_BYTES + 1), pixel_file, NAME)
     with pytest.raises(LabelError, match=r"should be \d+ bytes, but the file ends after 1000"):
-        apart(joined(label, pixel_file, NAME)[: len(joined(b"", b"", NAME)) + 1000], NAME)
+        split_label(
+            join_label(label, pixel_file, NAME)[: len(join_label(b"", b"", NAME)) + 1000], NAME
+        )
 
 
 def test_what_a_label_is_written_in_shows_in_its_first_character():
     assert kind_of_label("\ufeff <?xml") is LabelKind.PDS4
     assert kind_of_label("\n{") is LabelKind.METADATA
     assert kind_of_label("PDS_VERSION_ID = PDS3") is LabelKind.PDS3
-    assert text_of_label("\ufeffä".encode()) == "ä"
-    assert text_of_label(b"\xe4") == "ä"
+    assert decode_label("\ufeffä".encode()) == "ä"
+    assert decode_label(b"\xe4") == "ä"
 
 
 def test_the_detached_labels_of_curiosity_say_what_the_attached_ones_do(shared_data):
@@ -129,7 +131,7 @@ def test_the_detached_labels_of_curiosity_say_what_the_attached_ones_do(shared_d
         data, label = path.read_bytes(), path.with_suffix(".LBL").read_bytes()
         assert file_of_label(label.decode("latin-1"), path.name) == path.name
         own = read_image(data, path.name)
-        both = read_image(joined(label, data, path.name), path.name)
+        both = read_image(join_label(label, data, path.name), path.name)
         np.testing.assert_array_equal(both.pixels, own.pixels)
         np.testing.assert_array_equal(both.image.camera.centre, own.image.camera.centre)
         assert both.image.stop == own.image.stop

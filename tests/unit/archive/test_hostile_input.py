@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from solmap.photogrammetry.archive.images.reading import read_image, read_image_record
 from solmap.photogrammetry.archive.labels.label import parse_label
 from solmap.photogrammetry.archive.labels.vicar import parse_vicar_label
-from solmap.photogrammetry.archive.tables.vector_files import parse_vector_file, poses
+from solmap.photogrammetry.archive.tables.vector_files import best_poses, parse_vector_file
 from solmap.photogrammetry.errors import LabelError, PixelError, VectorFileError
 
 NAME = "2n292280938effb100p0703l0m1.img"
@@ -102,7 +102,7 @@ VECTOR_FILE = """<?xml version="1.0"?>
 
 
 def read_vector_file(text):
-    poses([parse_vector_file(text, "x.rvf")])
+    best_poses([parse_vector_file(text, "x.rvf")])
 
 
 @FEW

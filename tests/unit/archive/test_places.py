@@ -9,9 +9,9 @@ from solmap.photogrammetry.archive.tables.places import (
     parse_places,
 )
 from solmap.photogrammetry.archive.tables.vector_files import (
+    best_poses,
     lsl_tree,
     parse_vector_file,
-    poses,
 )
 from solmap.photogrammetry.errors import VectorFileError
 from solmap.photogrammetry.frames import LSL, FrameKind, rover_frame, site_frame
@@ -33,7 +33,7 @@ def test_a_places_table_gives_sites_and_stops_in_the_frame_of_the_lander():
     site, rover = file.solutions
     assert (site.kind, site.counter, site.reference_site) == (FrameKind.SITE, (3,), 0)
     assert (rover.kind, rover.counter) == (FrameKind.ROVER, (3, 308, 2))
-    tree = lsl_tree(poses([file])).tree
+    tree = lsl_tree(best_poses([file])).tree
     np.testing.assert_array_equal(tree.pose(LSL, site_frame(3)).translation_m, [10.5, -4.25, 0.5])
     lsl_from_rover = tree.pose(LSL, rover_frame(3, 308))
     np.testing.assert_array_equal(lsl_from_rover.translation_m, [12.5, -1.25, 0.75])
@@ -49,13 +49,13 @@ def test_a_localised_stop_goes_before_its_telemetry():
         "x.rvf",
     )
     for files in ([telemetry, table(ROVER_3)], [table(ROVER_3), telemetry]):
-        (pose,) = poses(files)
+        (pose,) = best_poses(files)
         assert pose.target == site_frame(0)
         assert pose.translation_m[0] == 12.5
     tactical = parse_places(
         f"{HEADER}\n{ROVER_3}", "best_tactical.csv", mission="MSL", solution_id="telemetry"
     )
-    (pose,) = poses([tactical, telemetry])
+    (pose,) = best_poses([tactical, telemetry])
     assert pose.translation_m[0] == 2  # of one rank, the higher motion counter
 
 
@@ -97,7 +97,7 @@ def locations(shared_data):
 def test_the_location_file_of_curiosity_places_its_sites(locations):
     file = parse_localisations(locations, "locations.xml")
     assert (file.mission, file.kind) == ("MSL", "svf")
-    tree = lsl_tree(poses([file]))
+    tree = lsl_tree(best_poses([file]))
     assert tree.note is None
     assert {solution.counter[0] for solution in file.solutions} == {1, 2, 3, 4, 5}
     lander, site_5 = (

@@ -1,15 +1,20 @@
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.archive.images.pixels import full_scale, read_pixels, received, saturated
+from solmap.photogrammetry.archive.images.pixels import (
+    full_scale,
+    read_pixels,
+    received_mask,
+    saturated_mask,
+)
 from solmap.photogrammetry.archive.images.radiometry import (
     Companding,
     InverseTable,
     RadialVignetting,
     Radiometry,
-    coded_by,
-    evened_out,
-    expanded,
+    companding_name,
+    divide_by_flat_field,
+    expand_codes,
     needs_flat_field,
     square_root_table,
 )
@@ -68,13 +73,13 @@ def test_segments_outside_of_the_image_do_no_harm(small):
 
 def test_the_segments_of_a_raw_frame_say_nothing_of_its_linearised_image(small):
     label = read_label(with_segments(small, "(1,1,1)").but("RAW", "LINEARIZED").data, NAME)
-    assert received(label, 40, 60).all()
+    assert received_mask(label, 40, 60).all()
 
 
 def test_every_real_segment_came_down_whole(shared_data):
     for path in sorted(shared_data.rglob("*.[iI][mM][gG]")):
         label = read_label(path.read_bytes(), path.name)
-        assert received(label, 64, 64).all()
+        assert received_mask(label, 64, 64).all()
 
 
 def with_bits(small, mask):
@@ -94,7 +99,7 @@ def test_a_pixel_is_saturated_at_the_end_of_the_converter(small):
 def test_a_mask_that_is_no_row_of_bits_tells_no_full_scale(small, mask):
     label = read_label(with_bits(small, mask).data, NAME)
     assert full_scale(label) is None
-    assert not saturated(np.full((2, 2), 4095, np.float32), label).any()
+    assert not saturated_mask(np.full((2, 2), 4095, np.float32), label).any()
 
 
 def coded(small):
@@ -142,7 +147,7 @@ def test_the_approximation_agrees_with_the_counts_of_an_archived_frame(shared_da
     path = next(shared_data.rglob("1P491287702ILF*.IMG"))
     data = path.read_bytes()
     label = read_label(data, path.name)
-    assert coded_by(label) is None  # it was inverted
+    assert companding_name(label) is None  # it was inverted
     values, counts = np.unique(read_pixels(data, label, path.name)[0], return_counts=True)
     of_table = values[counts > 300]
     assert len(of_table) == 59
@@ -160,7 +165,7 @@ def test_a_table_that_falls_or_is_short_is_refused():
     with pytest.raises(PixelError, match="inverse table LUT1"):
         InverseTable("LUT1", np.arange(256, dtype=np.float32)[::-1].copy(), "a test")
     with pytest.raises(PixelError, match="up to 300 are no 8-bit codes of LUT1"):
-        expanded(np.full((2, 2), 300, np.float32), square_root_table("LUT1"))
+        expand_codes(np.full((2, 2), 300, np.float32), square_root_table("LUT1"))
 
 
 def not_flattened(small):
@@ -196,9 +201,9 @@ def test_a_sub_frame_sees_its_part_of_the_flat_field(small):
     flat = RadialVignetting(k1=-0.2, k2=-0.1, centre=(80.0, 50.0)).flat_field(128, 160)
     part = flat[10:90, 20:140].reshape(40, 2, 60, 2).mean(axis=(1, 3))
     pixels = small.pixels.astype(np.float32)
-    np.testing.assert_allclose(evened_out(pixels, label, flat), pixels / part, rtol=1e-5)
+    np.testing.assert_allclose(divide_by_flat_field(pixels, label, flat), pixels / part, rtol=1e-5)
     with pytest.raises(PixelError, match="lines 11-90, samples 21-140 of the detector are not"):
-        evened_out(pixels, label, flat[:80])
+        divide_by_flat_field(pixels, label, flat[:80])
 
 
 def test_a_model_that_goes_dark_is_refused():

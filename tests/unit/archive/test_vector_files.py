@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 from solmap.photogrammetry.archive.tables.vector_files import (
-    joined_priority,
+    best_poses,
+    join_priorities,
     lsl_tree,
     parse_vector_file,
-    poses,
     rover_pose,
 )
 from solmap.photogrammetry.errors import VectorFileError
@@ -47,7 +47,7 @@ def vector_file(*solutions, priority=("telemetry",), source="x.svf"):
 def test_a_site_vector_file_places_sites_in_sites():
     file = vector_file(solution(offset=(33.8124, 27.4237, -3.82462)))
     assert (file.mission, file.kind, file.priority) == ("MER2", "svf", ("telemetry",))
-    (pose,) = poses([file])
+    (pose,) = best_poses([file])
     assert (pose.target, pose.source) == (site_frame(10), site_frame(11))
     np.testing.assert_array_equal(pose.translation_m, [33.8124, 27.4237, -3.82462])
 
@@ -57,7 +57,7 @@ def test_a_rover_vector_file_places_the_rover_in_its_site():
         solution("ROVER_FRAME", (10, 64, 0, 4, 0), 10, quaternion=(0.9, 0.1, 0.0, 0.42))
     )
     assert file.kind == "rvf"
-    (pose,) = poses([file])
+    (pose,) = best_poses([file])
     assert (pose.target, pose.source) == (site_frame(10), rover_frame(10, 64))
 
 
@@ -66,9 +66,9 @@ def test_the_order_of_priority_decides_between_solutions():
     adjusted = solution(offset=(2, 0, 0), solution_id="adjusted")
     unlisted = solution(offset=(3, 0, 0), solution_id="other", added="2010-01-01")
     for order in ((telemetry, adjusted, unlisted), (unlisted, adjusted, telemetry)):
-        (pose,) = poses([vector_file(*order, priority=("adjusted", "telemetry"))])
+        (pose,) = best_poses([vector_file(*order, priority=("adjusted", "telemetry"))])
         assert pose.translation_m[0] == 2
-        (pose,) = poses([vector_file(*order, priority=("telemetry", "adjusted"))])
+        (pose,) = best_poses([vector_file(*order, priority=("telemetry", "adjusted"))])
         assert pose.translation_m[0] == 1
 
 
@@ -77,9 +77,9 @@ def test_the_priorities_of_several_files_are_joined():
         solution(offset=(2, 0, 0), solution_id="adjusted", added="2004"), priority=("adjusted",)
     )
     telemetry = vector_file(solution(offset=(1, 0, 0), added="2009"))
-    (pose,) = poses([adjusted, telemetry])
+    (pose,) = best_poses([adjusted, telemetry])
     assert pose.translation_m[0] == 2
-    (pose,) = poses([telemetry, adjusted])
+    (pose,) = best_poses([telemetry, adjusted])
     assert pose.translation_m[0] == 1
 
 
@@ -89,8 +89,8 @@ def test_a_more_trusted_solution_of_a_later_file_goes_before():
         solution(offset=(2, 0, 0), solution_id="localised"), priority=("localised", "telemetry")
     )
     for files in ([telemetry, localised], [localised, telemetry]):
-        assert joined_priority(files) == ["localised", "telemetry"]
-        (pose,) = poses(files)
+        assert join_priorities(files) == ["localised", "telemetry"]
+        (pose,) = best_poses(files)
         assert pose.translation_m[0] == 2
 
 
@@ -104,7 +104,7 @@ def test_at_one_stop_the_highest_motion_counter_counts_then_the_last_added():
         stop(3, (10, 64, 1, 0, 0), "2009-04"),
         stop(4, (10, 64, 0, 0, 0), "2010"),
     )
-    (pose,) = poses([file])
+    (pose,) = best_poses([file])
     assert pose.translation_m[0] == 2
 
 
@@ -121,13 +121,13 @@ def test_between_stops_the_rover_is_where_it_last_was():
 
 
 def test_the_lsl_is_site_zero():
-    tree = lsl_tree(poses([vector_file(solution(counter=(10,), reference=0), solution())]))
+    tree = lsl_tree(best_poses([vector_file(solution(counter=(10,), reference=0), solution())]))
     assert (tree.origin_site, tree.note) == (0, None)
     np.testing.assert_array_equal(tree.tree.pose(LSL, site_frame(11)).translation_m, [2, 4, 6])
 
 
 def test_without_the_lander_the_lsl_starts_at_the_first_site_and_says_so():
-    tree = lsl_tree(poses([vector_file(solution(), solution(counter=(12,), reference=11))]))
+    tree = lsl_tree(best_poses([vector_file(solution(), solution(counter=(12,), reference=11))]))
     assert tree.origin_site == 10
     assert tree.note == (
         "the site chain does not reach the lander (site 0): the LSL starts at site 10"
@@ -136,7 +136,7 @@ def test_without_the_lander_the_lsl_starts_at_the_first_site_and_says_so():
 
 
 def test_sites_that_hang_in_the_air_are_named():
-    chain = poses([vector_file(solution(), solution(counter=(30,), reference=29))])
+    chain = best_poses([vector_file(solution(), solution(counter=(30,), reference=29))])
     tree = lsl_tree(chain, sites=[10, 11, 30, 77])
     assert tree.note is not None
     assert "no chain of sites joins site 30, 77 to site 10" in tree.note
@@ -144,11 +144,11 @@ def test_sites_that_hang_in_the_air_are_named():
 
 def test_a_chain_that_runs_in_a_circle_leaves_the_others_standing():
     circle = [solution(counter=(31,), reference=30), solution(counter=(30,), reference=31)]
-    tree = lsl_tree(poses([vector_file(solution(), *circle)]), sites=[11, 30])
+    tree = lsl_tree(best_poses([vector_file(solution(), *circle)]), sites=[11, 30])
     assert tree.origin_site == 10
     assert tree.note is not None
     assert "no chain of sites joins site 30 to site 10" in tree.note
-    assert lsl_tree(poses([vector_file(*circle)])).origin_site is None
+    assert lsl_tree(best_poses([vector_file(*circle)])).origin_site is None
 
 
 def test_a_chain_of_twenty_thousand_sites_is_hung_up_in_seconds():
@@ -206,7 +206,7 @@ def spirit(shared_data):
 
 def test_all_138_sites_of_spirit_compose_to_the_offsets_of_the_facts(spirit, test_vectors):
     assert len(spirit[0].solutions) == 138
-    lsl = lsl_tree(poses(spirit))
+    lsl = lsl_tree(best_poses(spirit))
     assert lsl.note is None
     chain = test_vectors["site_chain"]
     for site, expected in chain["cumulative_site_origin_in_lsl_north_east_down"].items():
@@ -219,9 +219,9 @@ def test_all_138_sites_of_spirit_compose_to_the_offsets_of_the_facts(spirit, tes
 
 
 def test_spirit_declared_site_138_where_it_stood(spirit):
-    stops = [pose for pose in poses(spirit) if pose.source.kind is FrameKind.ROVER]
+    stops = [pose for pose in best_poses(spirit) if pose.source.kind is FrameKind.ROVER]
     assert {pose.target for pose in stops} == {site_frame(137)}
-    declared = next(p for p in poses(spirit) if p.source == site_frame(138)).translation_m
+    declared = next(p for p in best_poses(spirit) if p.source == site_frame(138)).translation_m
     stood = rover_pose(spirit, 137, 249).translation_m
     # Telemetry is given to 1e-4 m or better; the two solutions were written at different times.
     np.testing.assert_allclose(stood, declared, atol=2e-3)
@@ -229,7 +229,7 @@ def test_spirit_declared_site_138_where_it_stood(spirit):
 
 def test_the_traverse_of_spirit_agrees_with_the_site_chain(spirit, shared_data):
     """Raw positions of the Analyst's Notebook: east, north in metres from the landing point."""
-    lsl = lsl_tree(poses(spirit)).tree
+    lsl = lsl_tree(best_poses(spirit)).tree
     path = shared_data / "traverse" / "mer_spirit" / "MERA-MER2-Spirit_traverse_path.csv"
     with path.open() as stream:
         starts = [row for row in csv.DictReader(stream) if row["DRIVE"] == "0"]
@@ -253,7 +253,7 @@ def test_the_rendered_chain_reaches_the_lander(husband):
         parse_vector_file(path.read_text(), path.name)
         for path in sorted((husband / "masters").glob("*.?vf"))
     ]
-    lsl = lsl_tree(poses(files))
+    lsl = lsl_tree(best_poses(files))
     assert lsl.note is None
     assert lsl.tree.pose(LSL, rover_frame(11, 0)).translation_m == pytest.approx(
         [33.8124, 27.4237, -3.82462]
@@ -263,10 +263,10 @@ def test_the_rendered_chain_reaches_the_lander(husband):
 def test_the_traverse_agrees_with_every_stop_that_a_vector_file_knows(spirit, shared_data):
     """Site 137 is the one whose rover vector file is at hand: 131 stops, 133 rows of the table.
 
-    The table has the pose of arrival, the lowest motion counter of a stop; `poses` takes the
+    The table has the pose of arrival, the lowest motion counter of a stop; `best_poses` takes the
     highest, which is 44 cm from it at drive 166, where the rover sank in later.
     """
-    lsl = lsl_tree(poses(spirit)).tree
+    lsl = lsl_tree(best_poses(spirit)).tree
     lsl_from_site = lsl.pose(LSL, site_frame(137))
     arrivals = {}
     for solution in sorted(spirit[1].solutions, key=lambda s: s.counter, reverse=True):
@@ -291,7 +291,7 @@ def test_between_sites_the_table_is_where_the_next_site_was_declared_or_drove_on
     At the others the rover drove on within the site before it declared the next one, or a drive
     was entered late: no vector file is there to tell.
     """
-    lsl = lsl_tree(poses(spirit)).tree
+    lsl = lsl_tree(best_poses(spirit)).tree
     path = shared_data / "traverse" / "mer_spirit" / "MERA-MER2-Spirit_traverse_path.csv"
     with path.open() as stream:
         last = {int(row["SITE"]): row for row in csv.DictReader(stream)}

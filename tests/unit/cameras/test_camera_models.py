@@ -4,7 +4,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from solmap.photogrammetry.cameras.cahv import Cahv
-from solmap.photogrammetry.cameras.cahvor import Cahvor, largest_square, undistorted
+from solmap.photogrammetry.cameras.cahvor import Cahvor, largest_square, undistort
 from solmap.photogrammetry.cameras.cahvore import Cahvore
 from solmap.photogrammetry.cameras.model import CameraModel
 from solmap.photogrammetry.errors import CameraError
@@ -137,12 +137,12 @@ def test_the_radial_polynomial_is_inverted_wherever_it_is_unique(r0, r1, r2, sha
     r = np.array([r0, r1, r2])
     chi = np.array([share * min(np.sqrt(largest_square(r)), 2.0)])
     distorted = chi * (1 + r0 + r1 * chi**2 + r2 * chi**4)
-    np.testing.assert_allclose(undistorted(distorted, r), chi, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(undistort(distorted, r), chi, rtol=1e-9, atol=1e-12)
 
 
 def test_what_the_polynomial_cannot_reach_has_no_inverse():
     r = np.array([0.0, -0.2, 0.0])  # reaches 0.861 at most
-    assert np.isnan(undistorted(np.array([0.5, 0.9, 5.0]), r)).tolist() == [False, True, True]
+    assert np.isnan(undistort(np.array([0.5, 0.9, 5.0]), r)).tolist() == [False, True, True]
 
 
 def test_a_model_without_image_plane_is_refused(navcam):

@@ -17,7 +17,7 @@ from solmap.photogrammetry.matching.dense import match_densely_with_sigma
 from solmap.photogrammetry.matching.records import EpipolarImages
 from solmap.photogrammetry.matching.resampling import epipolar_images
 from solmap.photogrammetry.matching.sparse import largest_parallax_px, match_sparsely
-from solmap.photogrammetry.stretching import stretched
+from solmap.photogrammetry.stretching import stretch
 from solmap.photogrammetry.synthetic.downlink import (
     TraverseParams,
     WorldParams,
@@ -64,7 +64,7 @@ def plain_opencv(images: EpipolarImages) -> np.ndarray:
     """StereoSGBM as its documentation sets it up, over the same search."""
     count = 16 * int(np.ceil((largest_parallax_px(images.geometry, 1.2) + 2) / 16))
     left, right = (
-        cv2.copyMakeBorder(stretched(image, mask), 0, 0, count, 0, cv2.BORDER_REPLICATE)
+        cv2.copyMakeBorder(stretch(image, mask), 0, 0, count, 0, cv2.BORDER_REPLICATE)
         for image, mask in ((images.left, images.left_mask), (images.right, images.right_mask))
     )
     matcher = cv2.StereoSGBM.create(

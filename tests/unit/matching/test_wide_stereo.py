@@ -27,7 +27,7 @@ from solmap.photogrammetry.synthetic.downlink import (
     make_world,
     photograph,
 )
-from solmap.photogrammetry.synthetic.render import View, first_hits, turned
+from solmap.photogrammetry.synthetic.render import View, first_hits, rotate_rays
 from solmap.photogrammetry.synthetic.truth import _pair_rays
 
 PAIR = Frame(FrameKind.PAIR, (0,))
@@ -146,7 +146,7 @@ def test_two_stops_resolve_far_ground_that_the_bar_does_not(hills):
     geometry = wide.images.geometry
     view = View.of_rays(
         wide.lsl_from_pair.translation_m,
-        turned(wide.lsl_from_pair, _pair_rays(geometry)),
+        rotate_rays(wide.lsl_from_pair, _pair_rays(geometry)),
         1 / geometry.focal_px,
     )
     hits = wide.lsl_from_pair.inverse.apply(first_hits(hills.ground(1), view))

@@ -11,9 +11,9 @@ import pytest
 from solmap.photogrammetry.archive.file_names import parse_file_name
 from solmap.photogrammetry.archive.images.reading import read_image
 from solmap.photogrammetry.archive.tables.vector_files import (
+    best_poses,
     lsl_tree,
     parse_vector_file,
-    poses,
 )
 from solmap.photogrammetry.cameras.epipolar import epipolar_pair
 from solmap.photogrammetry.errors import FrameError, PhotogrammetryError
@@ -197,7 +197,7 @@ def test_the_sky_has_no_parallax(small_world, pair):
 def test_vector_files_tell_the_telemetry(small_world):
     files = {file.path: file.data.decode() for file in text_files(small_world)}
     read = [parse_vector_file(text, path) for path, text in files.items() if "masters" in path]
-    tree = lsl_tree(poses(read))
+    tree = lsl_tree(best_poses(read))
     assert tree.origin_site == 0
     first = small_world.stops[0].id.site
     for stop in small_world.stops:
@@ -274,11 +274,13 @@ def test_the_sun_stands_in_the_north_at_noon_and_in_the_west_after():
 
 
 def test_shadows_fall_away_from_the_sun():
-    from solmap.photogrammetry.synthetic.lighting import SKY_LIGHT, Sun, lit  # noqa: PLC0415
+    from solmap.photogrammetry.synthetic.lighting import SKY_LIGHT, Sun, ground_radiance  # noqa: PLC0415
 
     wall = np.zeros((60, 60), np.float32)
     wall[28:32, 28:32] = 0.2  # a post of 20 cm, nodes 2 cm apart
-    picture = lit(wall, 0.02, Sun(np.deg2rad(90), np.deg2rad(45)))  # the sun in the east
+    picture = ground_radiance(
+        wall, 0.02, Sun(np.deg2rad(90), np.deg2rad(45))
+    )  # the sun in the east
     assert picture[30, 22] == pytest.approx(SKY_LIGHT, abs=0.02)  # west of it: sky light only
     assert picture[30, 40] > 0.7
     assert picture[30, 12] > 0.7  # 32 cm west: the shadow of 20 cm has ended

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from solmap.photogrammetry.errors import TraverseError
-from solmap.photogrammetry.traverse.differences import differences, shared
+from solmap.photogrammetry.traverse.differences import common_stops, differences
 from solmap.photogrammetry.traverse.records import Traverse
 
 
@@ -76,6 +76,6 @@ def test_traverses_of_other_stops_are_refused_and_their_shared_stops_compared():
     second = traverse("adjusted", [[0, 0, 0], [2, 0, 0]], stops=["1/0", "2/0"])
     with pytest.raises(TraverseError, match="1/5"):
         differences(first, second)
-    assert differences(*shared(first, second)).stops == ("1/0", "2/0")
+    assert differences(*common_stops(first, second)).stops == ("1/0", "2/0")
     with pytest.raises(TraverseError, match="fewer than two"):
         differences(first.at([0]), first.at([0]))
