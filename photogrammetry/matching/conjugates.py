@@ -335,7 +335,7 @@ def measured_parallax(
         return parallax, sigma
     planes = parallax_planes(view.pair.parallax, points, params.half_px)
     ok = planes.found & (planes.parallax_px > 0)
-    some = _rows(planes, ok)
+    some = planes.taking(ok)
     found = find_conjugates(
         view.left,
         view.right,
@@ -351,11 +351,6 @@ def measured_parallax(
     parallax[np.flatnonzero(ok)[good]] = value[good]
     sigma[np.flatnonzero(ok)[good]] = np.maximum(found.sigma_px[good], params.parallax_floor_px)
     return parallax, sigma
-
-
-def _rows(planes: ParallaxPlanes, rows: Flags) -> ParallaxPlanes:
-    """The planes of some points."""
-    return ParallaxPlanes(planes.parallax_px[rows], planes.gradient[rows], planes.residual_px[rows])
 
 
 def in_view(view: TieView, left: ImagePoints, margin_px: int) -> Flags:

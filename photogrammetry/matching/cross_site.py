@@ -61,7 +61,6 @@ from solmap.photogrammetry.matching.surface_ties import SurfaceTieParams, tie_by
 from solmap.photogrammetry.matching.surface_views import SurfaceView
 from solmap.photogrammetry.matching.tie_refinement import pointed
 
-__all__ = ["CrossSiteParams", "SiteLink", "StopViews", "VerdictParams", "tie_cross_site"]
 
 
 @dataclass(frozen=True, slots=True)

@@ -219,4 +219,3 @@ def _dense(body: HandBody, left: Float64[np.ndarray, " 2"]) -> float:
     return float(body.parallax[row, col])
 
 
-__all__ = ["Edited", "HandBody", "edited", "epipolar_point"]

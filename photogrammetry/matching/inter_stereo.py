@@ -25,7 +25,6 @@ from solmap.photogrammetry.matching.conjugates import (
     ConjugateParams,
     Conjugates,
     TieView,
-    _rows,
     find_conjugates,
     in_view,
     measured_parallax,
@@ -238,7 +237,7 @@ def tie_pair(  # noqa: PLR0913, PLR0917 - two views, what joins them, which matc
         matches.parallax_px[rows], source.planes.gradient[rows], source.planes.residual_px[rows]
     )
     good = np.isfinite(planes.gradient).all(axis=1)
-    rows, planes = rows[good], _rows(planes, good)
+    rows, planes = rows[good], planes.taking(good)
     points = matches.left[rows]
     maps = plane_homographies(source.geometry, target.geometry, target_from_source, points, planes)
     found = find_conjugates(source.left, target.left, points, maps, reach, params)

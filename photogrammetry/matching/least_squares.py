@@ -61,7 +61,6 @@ from solmap.photogrammetry.matching.resampling import (
     row_coefficients,
     row_slope,
 )
-from solmap.photogrammetry.matching.vertical_parallax import _centred
 
 PARAMETERS = 5
 

@@ -30,7 +30,6 @@ from solmap.photogrammetry.matching.raised_ground import (
 from solmap.photogrammetry.matching.records import MatchedStop
 from solmap.photogrammetry.matching.voting import Elected, Landmarks, elect
 
-__all__ = ["RockParams", "Rocks", "alike", "find_rocks", "match_rocks"]
 
 HIGHEST_PERCENT = 95.0
 """Percentile of a patch's heights that counts as its largest: single pixels may be wrong."""

@@ -28,9 +28,6 @@ from solmap.photogrammetry.cameras.epipolar import EpipolarPair, projection_part
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.matching.parallax_planes import EVERY, ParallaxPlanes, parallax_facets
 
-LEAST_SHARE = 0.5
-"""A plane needs parallax at half of the pixels of its window."""
-
 
 @dataclass(frozen=True, eq=False)
 class SurfaceView:

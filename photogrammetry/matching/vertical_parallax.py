@@ -143,8 +143,3 @@ def _design(measured: VerticalParallax) -> np.ndarray:
     x = (measured.left[:, 0] - measured.parallax_px - cx) / f
     y = (measured.left[:, 1] - cy) / f
     return f * np.column_stack([1 + y * y, -x * y, -x])
-
-
-def _centred(windows: np.ndarray) -> np.ndarray:
-    windows = windows.astype(np.float64)
-    return windows - windows.mean(axis=1, keepdims=True)
