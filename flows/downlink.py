@@ -14,7 +14,7 @@ from solmap.config.pipeline import load_pipeline
 from solmap.config.radiometry import load_radiometry
 from solmap.config.settings import Settings
 from solmap.config.workspace import open_workspace
-from solmap.flows.finished import FinishedSols, withdraw_leftovers
+from solmap.flows.finished import ReusableSols, withdraw_leftovers
 from solmap.flows.mission import draw_mission, map_regions
 from solmap.flows.overall import overall_sols, process_overall
 from solmap.flows.runtime.failures import isolated, mended
@@ -135,7 +135,7 @@ def _process_mission(
         overall |= set(sols[-1:])
     standing: Standing | None = None
     reports: list[SolReport] = []
-    finished, walks = FinishedSols.of(mission, workspace, pipeline), False
+    finished, walks = ReusableSols.of(mission, workspace, pipeline), False
     for sol in sols:
         for flow_of_sol in (process_sol, process_overall) if sol in overall else (process_sol,):
             scope, key = _scope_of(flow_of_sol, mission, sol), finished.key(sol, standing)

@@ -35,7 +35,7 @@ PARTS = "standing", "layers", "pointers"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FinishedSols:
+class ReusableSols:
     """The finished sols of a mission, for what is in the store and settings now."""
 
     mission: str
@@ -47,7 +47,7 @@ class FinishedSols:
     """Digest of the images up to a sol, by sol."""
 
     @classmethod
-    def of(cls, mission: str, workspace: Workspace, pipeline: str) -> FinishedSols:
+    def of(cls, mission: str, workspace: Workspace, pipeline: str) -> ReusableSols:
         """Look at everything that sols are made from, but for the adjustments."""
         book = FinishedSols(workspace.catalogue.engine)
         common = _digest(*_common(mission, workspace, pipeline))

@@ -16,12 +16,12 @@ from solmap.photogrammetry.archive.labels.detached import MAX_DETACHED_BYTES, jo
 from solmap.photogrammetry.errors import LabelError
 from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.products.store.product_store import ProductStore
-from solmap.tasks.images.manual_ties import SUFFIXES
 from solmap.tasks.scopes import file_scope
 
 IMAGE_SUFFIXES = frozenset({".img"})
 PICTURE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg"})
 VECTOR_SUFFIXES = frozenset({".svf", ".rvf"})
+MANUAL_TIE_SUFFIXES = (".ties.csv", ".ties.geojson")
 LABEL_ENDINGS = (".lbl", ".LBL", ".xml", ".XML", "-metadata.json", ".json")
 """What follows the stem of an image in the name of its label, where that is a file of its own."""
 MAX_FILE_BYTES = 256 << 20
@@ -107,7 +107,7 @@ def _labels_beside(path: Path) -> Iterator[Path]:
 
 def is_hand_ties(name: str) -> bool:
     """Whether a file of a downlink holds hand ties, by its name."""
-    return name.lower().endswith(SUFFIXES)
+    return name.lower().endswith(MANUAL_TIE_SUFFIXES)
 
 
 @dataclass(frozen=True, slots=True)

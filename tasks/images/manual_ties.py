@@ -29,9 +29,6 @@ from solmap.tasks.images.files import keep_file
 from solmap.tasks.images.pairs import PairProducts, read_pair, with_right_turned
 from solmap.tasks.scopes import file_scope
 
-SUFFIXES = (".ties.csv", ".ties.geojson")
-"""What files of hand ties end in when they come with a downlink."""
-
 EDITS_FILE = "map-edits.ties.geojson"
 """The file of hand ties that the edits on the map become."""
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from solmap.flows.finished import FinishedSols
+from solmap.flows.finished import ReusableSols
 from solmap.flows.sol_inputs import SolReport, Standing
 from solmap.products.catalogue.catalogue import Catalogue
 from solmap.products.catalogue.workspace import Workspace
@@ -37,16 +37,16 @@ def a_report(workspace, **changes):
 
 
 def keys(workspace, before=None, pipeline="default"):
-    finished = FinishedSols.of("MER2", workspace, pipeline)
+    finished = ReusableSols.of("MER2", workspace, pipeline)
     return [finished.key(sol, before) for sol in (155, 156)]
 
 
 def test_a_finished_sol_is_told_as_it_went(workspace):
-    finished = FinishedSols.of("MER2", workspace, "default")
+    finished = ReusableSols.of("MER2", workspace, "default")
     key, report = finished.key(155, None), a_report(workspace)
     assert finished.report(SCOPES[155], 155, key) is None
     finished.note(SCOPES[155], key, report)
-    told = FinishedSols.of("MER2", workspace, "default").report(SCOPES[155], 155, key)
+    told = ReusableSols.of("MER2", workspace, "default").report(SCOPES[155], 155, key)
     assert told == report
 
 
@@ -72,7 +72,7 @@ def test_another_adjustment_before_and_other_settings_change_every_sol(workspace
 
 @pytest.mark.parametrize("part", ["published", "pointed"])
 def test_a_sol_whose_map_or_report_is_gone_is_processed_again(workspace, part):
-    finished = FinishedSols.of("MER2", workspace, "default")
+    finished = ReusableSols.of("MER2", workspace, "default")
     key, report = finished.key(155, None), a_report(workspace)
     finished.note(SCOPES[155], key, report)
     workspace.store.remove(getattr(report, part)[0])
@@ -80,14 +80,14 @@ def test_a_sol_whose_map_or_report_is_gone_is_processed_again(workspace, part):
 
 
 def test_a_sol_whose_stops_cannot_be_placed_is_passed_over_too(workspace):
-    finished = FinishedSols.of("MER2", workspace, "default")
+    finished = ReusableSols.of("MER2", workspace, "default")
     key, report = finished.key(155, None), SolReport("MER2", 155, notes=["site 9 is unknown"])
     finished.note(SCOPES[155], key, report)
     assert finished.report(SCOPES[155], 155, key) == report
 
 
 def test_what_an_earlier_version_noted_less_of_is_processed_again(workspace):
-    finished = FinishedSols.of("MER2", workspace, "default")
+    finished = ReusableSols.of("MER2", workspace, "default")
     key, report = finished.key(155, None), a_report(workspace)
     finished.note(SCOPES[155], key, report)
     noted = finished.book.known(SCOPES[155].name, key)
@@ -97,7 +97,7 @@ def test_what_an_earlier_version_noted_less_of_is_processed_again(workspace):
 
 
 def test_what_failed_is_tried_again_unless_its_images_are_at_fault(workspace):
-    finished = FinishedSols.of("MER2", workspace, "default")
+    finished = ReusableSols.of("MER2", workspace, "default")
     key = finished.key(155, None)
     finished.note(SCOPES[155], key, a_report(workspace, failures=["map dtm: OSError: [Errno 5]"]))
     assert finished.report(SCOPES[155], 155, key) is None
@@ -107,7 +107,7 @@ def test_what_failed_is_tried_again_unless_its_images_are_at_fault(workspace):
 
 
 def test_sols_from_the_first_that_is_processed_on_are_forgotten(workspace):
-    finished = FinishedSols.of("MER2", workspace, "default")
+    finished = ReusableSols.of("MER2", workspace, "default")
     report = a_report(workspace)
     for sol, scope in SCOPES.items():
         finished.note(scope, finished.key(sol, None), report)
