@@ -1,4 +1,4 @@
-"""The files of a downlink: which are taken, and which label belongs to which data."""
+"""The files of a downlink: which are taken, which label belongs to which, how they are kept."""
 
 from __future__ import annotations
 

@@ -13,8 +13,8 @@ from dataclasses import replace
 
 from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.errors import MatchingError
-from solmap.photogrammetry.matching.hand_editing import Edited, HandBody, edited
-from solmap.photogrammetry.matching.hand_ties import HandTie, parse_hand_ties
+from solmap.photogrammetry.matching.manual.editing import Edited, HandBody, edited
+from solmap.photogrammetry.matching.manual.requests import HandTie, parse_hand_ties
 from solmap.photogrammetry.matching.records import Ties
 from solmap.products.catalogue.edits import EditKind, EditLog
 from solmap.products.catalogue.workspace import Workspace

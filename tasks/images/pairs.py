@@ -13,7 +13,7 @@ from solmap.photogrammetry.frames import Frame, FrameKind
 from solmap.photogrammetry.imagery import Eye, RoverImage, StopId
 from solmap.photogrammetry.matching.records import EpipolarImages, MatchedPair, MatchedStop
 from solmap.photogrammetry.matching.resampling import epipolar_images
-from solmap.photogrammetry.matching.vertical_parallax import turned_in_place
+from solmap.photogrammetry.matching.stereo.orientation import turned_in_place
 from solmap.products.catalogue.catalogue import ImageEntry
 from solmap.products.catalogue.images import ImageFile, image_file, read_product_image
 from solmap.products.formats.documents.archives import (

@@ -12,8 +12,15 @@ import numpy as np
 from solmap.photogrammetry.arrays import Vector3
 from solmap.photogrammetry.imagery import Eye, StereoMatches, StopId
 from solmap.photogrammetry.matching.resampling import resample
-from solmap.photogrammetry.matching.wide_eyes import InstrumentLimits, WideEye, in_order, wide_pairs
-from solmap.photogrammetry.matching.wide_stereo import WideMatches, WideParams, match_wide
+from solmap.photogrammetry.matching.stereo.wide_baseline import (
+    InstrumentLimits,
+    WideEye,
+    WideMatches,
+    WideParams,
+    in_order,
+    match_wide,
+    wide_pairs,
+)
 from solmap.photogrammetry.terrain.dtm.records import TerrainView
 from solmap.photogrammetry.terrain.dtm.stop_dtm import FarDtmParams
 from solmap.photogrammetry.terrain.dtm.stop_dtm import build_dtm as model_terrain

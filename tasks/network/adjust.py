@@ -23,7 +23,7 @@ from solmap.photogrammetry.adjustment.model.network import Network, PairGeometry
 from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
 from solmap.photogrammetry.adjustment.modes.mission import AdjustmentMode, advance
 from solmap.photogrammetry.imagery import StereoMatches, StopId
-from solmap.photogrammetry.matching.hand_ties import HandTie
+from solmap.photogrammetry.matching.manual.requests import HandTie
 from solmap.photogrammetry.matching.records import Ties
 from solmap.photogrammetry.matching.tracks import TrackParams, build_tie_points
 from solmap.products.formats.documents.archives import read_mast, read_matches, read_ties

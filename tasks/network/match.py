@@ -9,14 +9,14 @@ from pathlib import Path
 from solmap.photogrammetry.archive.images.reading import ReadImage
 from solmap.photogrammetry.cameras.epipolar import EpipolarPair, epipolar_pair
 from solmap.photogrammetry.imagery import RoverImage
-from solmap.photogrammetry.matching.dense import DenseParams, match_densely_with_sigma
 from solmap.photogrammetry.matching.records import EpipolarImages
-from solmap.photogrammetry.matching.sparse import SparseParams, match_sparsely
-from solmap.photogrammetry.matching.vertical_parallax import (
+from solmap.photogrammetry.matching.stereo.dense import DenseParams, match_densely_with_sigma
+from solmap.photogrammetry.matching.stereo.orientation import (
     FEWEST_POINTS,
     rotation_of_the_bar,
     vertical_parallax,
 )
+from solmap.photogrammetry.matching.stereo.sparse import SparseParams, match_sparsely
 from solmap.products.formats.documents.archives import write_dense, write_matches
 from solmap.products.model import ProductKind, Recipe
 from solmap.products.store.product_store import ProductStore

@@ -15,19 +15,23 @@ from solmap.photogrammetry.arrays import PerPoint, Picture
 from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.matching.alignment import AlignmentParams
-from solmap.photogrammetry.matching.birds_eye import PlaneFit, overlay_picture
-from solmap.photogrammetry.matching.cross_site import CrossSiteParams, SiteLink, StopViews
-from solmap.photogrammetry.matching.landmark_pictures import draw_features
-from solmap.photogrammetry.matching.pictures import draw_pair
+from solmap.photogrammetry.matching.cross_site.birds_eye import PlaneFit
+from solmap.photogrammetry.matching.cross_site.linking import (
+    CrossSiteParams,
+    SiteLink,
+    StopViews,
+)
 from solmap.photogrammetry.matching.records import MatchedPair, MatchedStop, Ties
-from solmap.photogrammetry.matching.sparse import SparseParams, match_interest_points
-from solmap.photogrammetry.matching.tie_pictures import Shown, caption, draw_sheet, misfits
+from solmap.photogrammetry.matching.stereo.sparse import SparseParams, match_interest_points
 from solmap.photogrammetry.terrain.relief.slope import HillshadeParams
 from solmap.products.errors import ProductError
 from solmap.products.formats.documents.archives import read_dense
 from solmap.products.formats.raster.raster import read_dtm
 from solmap.products.model import ProductKind, ProductRef, Recipe
+from solmap.products.reports.link_figures import draw_features, overlay_picture
+from solmap.products.reports.match_figures import draw_pair
 from solmap.products.reports.terrain_figures import class_picture, relief_picture
+from solmap.products.reports.tie_figures import Shown, caption, draw_sheet, misfits
 from solmap.products.store.product_store import ProductStore
 from solmap.tasks.images.pairs import PairProducts, read_matched_pair
 from solmap.tasks.scopes import pair_scope

@@ -17,11 +17,10 @@ from solmap.photogrammetry.adjustment.model.network import PairGeometry
 from solmap.photogrammetry.cameras.epipolar import single_image
 from solmap.photogrammetry.imagery import Eye, RoverImage, StopId
 from solmap.photogrammetry.matching.conjugates import View
-from solmap.photogrammetry.matching.mono import MonoTies, tie_single_images
 from solmap.photogrammetry.matching.records import MatchedPair, Ties
 from solmap.photogrammetry.matching.resampling import resample
-from solmap.photogrammetry.matching.single_views import MonoParams, SingleView
-from solmap.photogrammetry.matching.tie_pictures import Shown
+from solmap.photogrammetry.matching.single.search import MonoParams, SingleView
+from solmap.photogrammetry.matching.single.tying import MonoTies, tie_single_images
 from solmap.photogrammetry.terrain.orthophoto.colour import shows_the_same
 from solmap.products.catalogue.catalogue import ImageEntry
 from solmap.products.catalogue.images import ImageFile, image_file, image_record, read_product_image
@@ -34,6 +33,7 @@ from solmap.products.formats.documents.archives import (
     write_ties,
 )
 from solmap.products.model import ProductKind, ProductRef, Recipe, Scope, ScopeLevel
+from solmap.products.reports.tie_figures import Shown
 from solmap.products.store.product_store import ProductStore
 from solmap.tasks.images.pairs import PairProducts, pair_frame, read_matched_pair
 from solmap.tasks.network.previews import write_sheet

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from solmap.photogrammetry.imagery import StopId
-from solmap.photogrammetry.matching.cross_site import (
+from solmap.photogrammetry.matching.cross_site.linking import (
     CrossSiteParams,
     SiteLink,
     StopViews,
