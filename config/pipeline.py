@@ -17,14 +17,14 @@ from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
 from solmap.photogrammetry.adjustment.modes.mission import AdjustmentMode
 from solmap.photogrammetry.adjustment.quality.movement import ReissueParams
 from solmap.photogrammetry.adjustment.quality.records import QualityParams
-from solmap.photogrammetry.matching.cross_site import CrossSiteParams
-from solmap.photogrammetry.matching.dense import DenseParams
+from solmap.photogrammetry.matching.cross_site.gate import LinkParams
+from solmap.photogrammetry.matching.cross_site.linking import CrossSiteParams
 from solmap.photogrammetry.matching.inter_stereo import InterStereoParams
-from solmap.photogrammetry.matching.neighbours import LinkParams
-from solmap.photogrammetry.matching.single_views import MonoParams
-from solmap.photogrammetry.matching.sparse import SparseParams
+from solmap.photogrammetry.matching.single.search import MonoParams
+from solmap.photogrammetry.matching.stereo.dense import DenseParams
+from solmap.photogrammetry.matching.stereo.sparse import SparseParams
+from solmap.photogrammetry.matching.stereo.wide_baseline import WideParams
 from solmap.photogrammetry.matching.tracks import TrackParams
-from solmap.photogrammetry.matching.wide_stereo import WideParams
 from solmap.photogrammetry.terrain.dtm.region_dtm import RegionParams
 from solmap.photogrammetry.terrain.dtm.stop_dtm import DtmParams, FarDtmParams
 from solmap.photogrammetry.terrain.insolation.maps import HavenParams, InsolationParams

@@ -13,7 +13,7 @@ from solmap.config.settings import Settings
 from solmap.config.workspace import open_workspace
 from solmap.photogrammetry.adjustment.modes.mission import AdjustmentMode
 from solmap.photogrammetry.imagery import StopId
-from solmap.photogrammetry.matching.neighbours import link_candidates
+from solmap.photogrammetry.matching.cross_site.gate import link_candidates
 from solmap.products.catalogue.catalogue import ImageEntry, MissionEntry
 from solmap.products.catalogue.images import image_records
 from solmap.products.catalogue.workspace import Workspace

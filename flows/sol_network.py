@@ -9,7 +9,7 @@ import numpy as np
 from solmap.flows.runtime.failures import settled
 from solmap.flows.sol_inputs import SolInputs, SolReport, Standing, candidates
 from solmap.photogrammetry.imagery import StopId
-from solmap.photogrammetry.matching.hand_ties import HandTie
+from solmap.photogrammetry.matching.manual.requests import HandTie
 from solmap.products.formats.documents.archives import read_right_turn
 from solmap.products.model import ProductRef
 from solmap.tasks.images.manual_ties import all_wishes, concerning

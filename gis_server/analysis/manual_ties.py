@@ -48,14 +48,14 @@ from solmap.photogrammetry.cameras.model import CameraModel
 from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.imagery import Eye, StopId
 from solmap.photogrammetry.matching.conjugates import View
-from solmap.photogrammetry.matching.hand_editing import HandBody, edited, epipolar_point
-from solmap.photogrammetry.matching.hand_refinement import (
+from solmap.photogrammetry.matching.manual.editing import HandBody, edited, epipolar_point
+from solmap.photogrammetry.matching.manual.picking import (
     LARGEST_REACH_PX,
     PickedView,
     PickParams,
     measured_pick,
 )
-from solmap.photogrammetry.matching.hand_ties import (
+from solmap.photogrammetry.matching.manual.requests import (
     SIGMA_PX,
     TOLERANCE_PX,
     HandAction,

@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from solmap.gis_server.collaboration.accounts import Analyst
 from solmap.gis_server.parameters import AGAIN, LARGEST_ID, MissionName
 from solmap.gis_server.services import Services, ServicesOf
-from solmap.photogrammetry.matching.hand_ties import parse_hand_ties
+from solmap.photogrammetry.matching.manual.requests import parse_hand_ties
 from solmap.products.catalogue.edits import Edit, EditConflictError, EditKind
 from solmap.products.catalogue.events import EDITS_CHANGED
 from solmap.products.formats.raster.tiling import HALF_SIDE_M

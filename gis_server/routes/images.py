@@ -14,7 +14,7 @@ from solmap.gis_server.analysis.bodies import UnanswerableError, numbers
 from solmap.gis_server.parameters import AGAIN, ImageName
 from solmap.gis_server.rendering.images import TILE, Shown, Stretch, Style, png_of
 from solmap.gis_server.services import ServicesOf
-from solmap.photogrammetry.matching.hand_editing import epipolar_point
+from solmap.photogrammetry.matching.manual.editing import epipolar_point
 from solmap.photogrammetry.matching.resampling import GROUND_M
 from solmap.products.catalogue.oriented_images import geometry_of, matched_record, matches_of
 from solmap.products.catalogue.workspace import Workspace

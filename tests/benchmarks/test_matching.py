@@ -16,12 +16,18 @@ from solmap.photogrammetry.cameras.cahvor import Cahvor
 from solmap.photogrammetry.cameras.epipolar import EpipolarPair, epipolar_pair
 from solmap.photogrammetry.frames import Frame, FrameKind, Pose, rover_frame
 from solmap.photogrammetry.imagery import Eye
-from solmap.photogrammetry.matching.dense import match_densely, match_densely_with_sigma
-from solmap.photogrammetry.matching.interest_points import FoerstnerParams, interest_points
 from solmap.photogrammetry.matching.records import EpipolarImages
 from solmap.photogrammetry.matching.resampling import epipolar_images
-from solmap.photogrammetry.matching.sparse import match_sparsely
-from solmap.photogrammetry.matching.vertical_parallax import vertical_parallax
+from solmap.photogrammetry.matching.stereo.dense import (
+    match_densely,
+    match_densely_with_sigma,
+)
+from solmap.photogrammetry.matching.stereo.interest_points import (
+    FoerstnerParams,
+    interest_points,
+)
+from solmap.photogrammetry.matching.stereo.orientation import vertical_parallax
+from solmap.photogrammetry.matching.stereo.sparse import match_sparsely
 from solmap.photogrammetry.stretching import stretch
 from solmap.photogrammetry.synthetic.downlink import (
     TraverseParams,

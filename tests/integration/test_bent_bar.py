@@ -6,7 +6,10 @@ import numpy as np
 import pytest
 
 from solmap.photogrammetry.archive.images.reading import read_image
-from solmap.photogrammetry.matching.vertical_parallax import turned_in_place, vertical_parallax
+from solmap.photogrammetry.matching.stereo.orientation import (
+    turned_in_place,
+    vertical_parallax,
+)
 from solmap.photogrammetry.synthetic.downlink import WorldParams, make_world, render_jobs
 from solmap.photogrammetry.synthetic.traverse import TraverseParams
 from solmap.tasks.network.match import with_rows_in_line

@@ -9,7 +9,7 @@ import rasterio
 
 from solmap.photogrammetry.frames import LSL, Pose
 from solmap.photogrammetry.imagery import Eye
-from solmap.photogrammetry.matching.vertical_parallax import turned_in_place
+from solmap.photogrammetry.matching.stereo.orientation import turned_in_place
 from solmap.photogrammetry.synthetic.downlink import (
     RenderJob,
     TraverseParams,

@@ -8,7 +8,8 @@ twice as many and the rendered stops: `python -m tests.support`.
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.matching.cross_site import CrossSiteParams, VerdictParams, tie_cross_site
+from solmap.photogrammetry.matching.cross_site.linking import CrossSiteParams, tie_cross_site
+from solmap.photogrammetry.matching.cross_site.links import VerdictParams
 from tests.support.site_pairs import (
     WORLDS,
     Views,

@@ -7,7 +7,7 @@ import pytest
 
 from solmap.photogrammetry.archive.images.reading import read_image
 from solmap.photogrammetry.imagery import Eye
-from solmap.photogrammetry.matching.wide_stereo import WideParams
+from solmap.photogrammetry.matching.stereo.wide_baseline import WideParams
 from solmap.photogrammetry.synthetic.downlink import (
     RenderJob,
     TraverseParams,

@@ -7,11 +7,8 @@ import time
 from functools import lru_cache
 from pathlib import Path
 
-from solmap.photogrammetry.matching.cross_site import (
-    CrossSiteParams,
-    VerdictParams,
-    tie_cross_site,
-)
+from solmap.photogrammetry.matching.cross_site.linking import CrossSiteParams, tie_cross_site
+from solmap.photogrammetry.matching.cross_site.links import VerdictParams
 from tests.support.husband_stops import HUSBAND, husband_stop
 from tests.support.simulated_stops import ROOT, SimulatedStop
 from tests.support.site_pairs import (

@@ -10,9 +10,9 @@ from solmap.photogrammetry.archive.images.reading import read_image
 from solmap.photogrammetry.archive.partners import find_stereo_pairs
 from solmap.photogrammetry.frames import LSL, Pose, rotation_of_quaternion
 from solmap.photogrammetry.imagery import StopId
-from solmap.photogrammetry.matching.dense import match_densely
 from solmap.photogrammetry.matching.records import MatchedPair, MatchedStop
-from solmap.photogrammetry.matching.sparse import SparseParams, match_sparsely
+from solmap.photogrammetry.matching.stereo.dense import match_densely
+from solmap.photogrammetry.matching.stereo.sparse import SparseParams, match_sparsely
 from solmap.tasks.images.pairs import resampled
 from solmap.tasks.network.match import geometry_of
 from tests.support.simulated_stops import CACHE, SimulatedStop, WorldOfStops, code_digest

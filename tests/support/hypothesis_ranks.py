@@ -10,11 +10,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from solmap.photogrammetry.matching.birds_eye import PlaneFit
-from solmap.photogrammetry.matching.cross_site import CrossSiteParams
-from solmap.photogrammetry.matching.cross_site_gate import gate_between
-from solmap.photogrammetry.matching.hypotheses import WAYS, hypotheses
-from solmap.photogrammetry.matching.stop_views import StopViews
+from solmap.photogrammetry.matching.cross_site.birds_eye import PlaneFit
+from solmap.photogrammetry.matching.cross_site.gate import gate_between
+from solmap.photogrammetry.matching.cross_site.ground_views import StopViews
+from solmap.photogrammetry.matching.cross_site.hypotheses.search import WAYS, hypotheses
+from solmap.photogrammetry.matching.cross_site.linking import CrossSiteParams
 from tests.support.husband_stops import HUSBAND, husband_stop
 from tests.support.simulated_stops import ROOT, SimulatedStop
 from tests.support.site_pairs import Views, positive_pairs, stops_of

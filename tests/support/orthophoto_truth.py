@@ -25,8 +25,8 @@ import numpy as np
 
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.imagery import StopId
-from solmap.photogrammetry.matching.dense import match_densely
 from solmap.photogrammetry.matching.records import EpipolarImages
+from solmap.photogrammetry.matching.stereo.dense import match_densely
 from solmap.photogrammetry.synthetic.lighting import GRAIN_M, GRAINS, LitGround
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.photogrammetry.terrain.dtm.ground import camera_on_map

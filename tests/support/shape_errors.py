@@ -15,9 +15,12 @@ from scipy.spatial.transform import Rotation
 
 from solmap.photogrammetry.archive.images.reading import read_image
 from solmap.photogrammetry.frames import LSL, Pose
+from solmap.photogrammetry.matching.cross_site.surface_alignment import SurfaceView
+from solmap.photogrammetry.matching.cross_site.surface_matching import (
+    SurfaceTieParams,
+    tie_by_shape,
+)
 from solmap.photogrammetry.matching.records import Ties
-from solmap.photogrammetry.matching.surface_ties import SurfaceTieParams, tie_by_shape
-from solmap.photogrammetry.matching.surface_views import SurfaceView
 from tests.support.husband_truth import true_pose
 from tests.support.simulated_stops import ROOT, SimulatedStop
 from tests.support.stop_networks import stops_of_world

@@ -16,9 +16,9 @@ import numpy as np
 from solmap.photogrammetry.archive.images.reading import ReadImage, read_image
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.imagery import Eye, StopId
-from solmap.photogrammetry.matching.dense import match_densely
 from solmap.photogrammetry.matching.records import MatchedPair, MatchedStop
-from solmap.photogrammetry.matching.sparse import SparseParams, match_sparsely
+from solmap.photogrammetry.matching.stereo.dense import match_densely
+from solmap.photogrammetry.matching.stereo.sparse import SparseParams, match_sparsely
 from solmap.photogrammetry.synthetic.downlink import (
     RenderJob,
     TraverseParams,

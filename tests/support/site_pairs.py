@@ -17,7 +17,11 @@ from scipy.spatial.transform import Rotation
 
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.imagery import StopId
-from solmap.photogrammetry.matching.cross_site import CrossSiteParams, SiteLink, StopViews
+from solmap.photogrammetry.matching.cross_site.linking import (
+    CrossSiteParams,
+    SiteLink,
+    StopViews,
+)
 from solmap.photogrammetry.matching.records import MatchedStop
 from tests.support.simulated_stops import SimulatedStop, WorldOfStops, simulated_stop
 

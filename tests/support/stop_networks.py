@@ -22,10 +22,14 @@ from solmap.photogrammetry.adjustment.model.adjusted_network import (
 from solmap.photogrammetry.adjustment.model.network import Network, PairGeometry, StopPrior
 from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
 from solmap.photogrammetry.adjustment.modes.overall import adjust_overall
-from solmap.photogrammetry.matching.cross_site import CrossSiteParams, StopViews, tie_cross_site
+from solmap.photogrammetry.matching.cross_site.linking import (
+    CrossSiteParams,
+    StopViews,
+    tie_cross_site,
+)
+from solmap.photogrammetry.matching.cross_site.surface_matching import SurfaceTieParams
 from solmap.photogrammetry.matching.inter_stereo import InterStereoParams, tie_inter_stereo
 from solmap.photogrammetry.matching.records import Ties
-from solmap.photogrammetry.matching.surface_ties import SurfaceTieParams
 from solmap.photogrammetry.matching.tracks import TrackParams, build_tie_points
 from solmap.photogrammetry.synthetic.rig import T_PMA_M
 from tests.support.husband_stops import husband_stop

@@ -11,7 +11,7 @@ from solmap.photogrammetry.arrays import Classes, Float64, GreyImage, Mask, Para
 from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.frames import Pose
-from solmap.photogrammetry.matching.dense import SharedSigma
+from solmap.photogrammetry.matching.stereo.dense import SharedSigma
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 
 PoseCovariance = Float64[np.ndarray, "6 6"]

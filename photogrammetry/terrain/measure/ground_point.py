@@ -35,7 +35,7 @@ from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.cameras.model import CameraModel
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.imagery import Eye
-from solmap.photogrammetry.matching.hand_editing import epipolar_point
+from solmap.photogrammetry.matching.manual.editing import epipolar_point
 from solmap.photogrammetry.planes import least_squares_plane
 from solmap.photogrammetry.terrain.dtm.ground import MAP_FROM_LSL
 from solmap.photogrammetry.terrain.dtm.resampling import MapPoints

@@ -5,7 +5,7 @@ from fastapi.testclient import TestClient
 
 from solmap.gis_server.app import create_app
 from solmap.gis_server.middleware import MOST_BYTES
-from solmap.photogrammetry.matching.hand_ties import COLUMNS
+from solmap.photogrammetry.matching.manual.requests import COLUMNS
 from solmap.products.catalogue.edits import EditLog, RunRequests
 from solmap.products.catalogue.runs import Run, RunRecords, RunState
 from solmap.products.catalogue.tokens import Role, Tokens

@@ -13,10 +13,10 @@ import pytest
 from solmap.photogrammetry.cameras.epipolar import epipolar_pair
 from solmap.photogrammetry.frames import Frame, FrameKind
 from solmap.photogrammetry.imagery import Eye
-from solmap.photogrammetry.matching.dense import match_densely_with_sigma
 from solmap.photogrammetry.matching.records import EpipolarImages
 from solmap.photogrammetry.matching.resampling import epipolar_images
-from solmap.photogrammetry.matching.sparse import largest_parallax_px, match_sparsely
+from solmap.photogrammetry.matching.stereo.dense import match_densely_with_sigma
+from solmap.photogrammetry.matching.stereo.sparse import largest_parallax_px, match_sparsely
 from solmap.photogrammetry.stretching import stretch
 from solmap.photogrammetry.synthetic.downlink import (
     TraverseParams,

@@ -3,17 +3,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.matching.dense import (
+from solmap.photogrammetry.matching.parallax_planes import fit_plane
+from solmap.photogrammetry.matching.records import EpipolarImages
+from solmap.photogrammetry.matching.stereo.dense import (
     DenseParams,
+    RefinementParams,
     match_densely,
     match_densely_with_sigma,
     parallax_sigma,
 )
-from solmap.photogrammetry.matching.parallax_planes import fit_plane
-from solmap.photogrammetry.matching.records import EpipolarImages
-from solmap.photogrammetry.matching.refinement import RefinementParams
-from solmap.photogrammetry.matching.sparse import match_sparsely
-from solmap.photogrammetry.matching.vertical_parallax import vertical_parallax
+from solmap.photogrammetry.matching.stereo.orientation import vertical_parallax
+from solmap.photogrammetry.matching.stereo.sparse import match_sparsely
 
 
 def test_parallax_of_sloping_ground_is_found_to_a_tenth_of_a_pixel(scene, ground):

@@ -2,7 +2,7 @@ import numpy as np
 
 from solmap.photogrammetry.frames import LSL, Pose
 from solmap.photogrammetry.imagery import StopId
-from solmap.photogrammetry.matching.neighbours import LinkParams, link_candidates
+from solmap.photogrammetry.matching.cross_site.gate import LinkParams, link_candidates
 
 
 def at(drive: int, north: float) -> tuple[StopId, Pose]:

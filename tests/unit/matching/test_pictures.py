@@ -1,7 +1,15 @@
 import numpy as np
 
-from solmap.photogrammetry.matching.dense import match_densely, match_densely_with_sigma
-from solmap.photogrammetry.matching.pictures import (
+from solmap.photogrammetry.matching.stereo.dense import (
+    match_densely,
+    match_densely_with_sigma,
+)
+from solmap.photogrammetry.matching.stereo.sparse import (
+    SparseParams,
+    match_interest_points,
+    match_sparsely,
+)
+from solmap.products.reports.match_figures import (
     draw_candidates,
     draw_matches,
     draw_pair,
@@ -9,11 +17,6 @@ from solmap.photogrammetry.matching.pictures import (
     draw_parallax_curve,
     draw_residuals,
     in_three_bands,
-)
-from solmap.photogrammetry.matching.sparse import (
-    SparseParams,
-    match_interest_points,
-    match_sparsely,
 )
 
 

@@ -8,19 +8,17 @@ from solmap.photogrammetry.archive.images.reading import read_image
 from solmap.photogrammetry.cameras.cahv import Cahv
 from solmap.photogrammetry.cameras.epipolar import epipolar_pair
 from solmap.photogrammetry.frames import Frame, FrameKind, rover_frame
-from solmap.photogrammetry.matching.dense import DenseParams, match_densely
-from solmap.photogrammetry.matching.relative_orientation import (
+from solmap.photogrammetry.matching.resampling import epipolar_images
+from solmap.photogrammetry.matching.stereo.dense import DenseParams, match_densely
+from solmap.photogrammetry.matching.stereo.orientation import (
     Measured,
     OrientationParams,
     relative_orientation,
-)
-from solmap.photogrammetry.matching.resampling import epipolar_images
-from solmap.photogrammetry.matching.sparse import SparseParams, match_sparsely
-from solmap.photogrammetry.matching.vertical_parallax import (
     rotation_of_the_bar,
     straightened,
     vertical_parallax,
 )
+from solmap.photogrammetry.matching.stereo.sparse import SparseParams, match_sparsely
 
 PAIR = Frame(FrameKind.PAIR, (0,))
 

@@ -4,15 +4,21 @@ import numpy as np
 import pytest
 from scipy.special import erf
 
-from solmap.photogrammetry.matching.interest_points import FoerstnerParams, interest_points
 from solmap.photogrammetry.matching.least_squares import LeastSquaresMatcher, LeastSquaresParams
-from solmap.photogrammetry.matching.sparse import (
+from solmap.photogrammetry.matching.stereo.interest_points import (
+    FoerstnerParams,
+    interest_points,
+)
+from solmap.photogrammetry.matching.stereo.sparse import (
     SparseParams,
     largest_parallax_px,
     match_interest_points,
     match_sparsely,
 )
-from solmap.photogrammetry.matching.verification import VerificationParams, follows_the_terrain
+from solmap.photogrammetry.matching.stereo.verification import (
+    VerificationParams,
+    follows_the_terrain,
+)
 
 
 def corner_image(x, y, size=41):

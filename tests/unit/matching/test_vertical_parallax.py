@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.matching.records import EpipolarImages
-from solmap.photogrammetry.matching.vertical_parallax import (
+from solmap.photogrammetry.matching.stereo.orientation import (
     VerticalParallax,
     rotation_of_the_bar,
     straightened,

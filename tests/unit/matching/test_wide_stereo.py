@@ -10,17 +10,26 @@ from solmap.photogrammetry.cameras.epipolar import EpipolarPair, epipolar_pair
 from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.frames import LSL, Frame, FrameKind, Pose
 from solmap.photogrammetry.imagery import Eye
-from solmap.photogrammetry.matching.area_search import AreaSearchParams, search_area
-from solmap.photogrammetry.matching.dense import DenseParams, match_about, match_densely
-from solmap.photogrammetry.matching.relative_orientation import (
+from solmap.photogrammetry.matching.resampling import epipolar_images
+from solmap.photogrammetry.matching.stereo.dense import (
+    DenseParams,
+    match_about,
+    match_densely,
+)
+from solmap.photogrammetry.matching.stereo.orientation import (
     Measured,
     OrientationParams,
+    VerticalParallax,
     relative_orientation,
 )
-from solmap.photogrammetry.matching.resampling import epipolar_images
-from solmap.photogrammetry.matching.vertical_parallax import VerticalParallax
-from solmap.photogrammetry.matching.wide_eyes import InstrumentLimits, WideEye, wide_pairs
-from solmap.photogrammetry.matching.wide_stereo import match_wide
+from solmap.photogrammetry.matching.stereo.wide_baseline import (
+    AreaSearchParams,
+    InstrumentLimits,
+    WideEye,
+    match_wide,
+    search_area,
+    wide_pairs,
+)
 from solmap.photogrammetry.synthetic.downlink import (
     TraverseParams,
     WorldParams,

@@ -2,7 +2,7 @@
 
 import pytest
 
-from solmap.photogrammetry.matching.hand_ties import HandAction
+from solmap.photogrammetry.matching.manual.requests import HandAction
 from solmap.products.catalogue.edits import EditKind, EditLog
 from solmap.products.catalogue.workspace import Workspace
 from solmap.tasks.images.manual_ties import all_wishes, take_edits

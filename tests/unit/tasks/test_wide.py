@@ -6,7 +6,7 @@ import pytest
 from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.frames import Frame, FrameKind, Pose, rover_frame
 from solmap.photogrammetry.imagery import StereoMatches, StopId
-from solmap.photogrammetry.matching.wide_eyes import InstrumentLimits
+from solmap.photogrammetry.matching.stereo.wide_baseline import InstrumentLimits
 from solmap.products.catalogue.images import ImageFile
 from solmap.products.formats.documents.archives import write_matches
 from solmap.products.model import ProductKind, Recipe

@@ -5,16 +5,18 @@ import pytest
 from scipy import ndimage
 
 from solmap.photogrammetry.errors import MatchingError
-from solmap.photogrammetry.matching.birds_eye import (
+from solmap.photogrammetry.matching.cross_site.birds_eye import (
     BirdsEyeParams,
     BirdsEyeView,
     SearchGate,
     birds_eye_view,
     channels,
-    overlay_picture,
 )
-from solmap.photogrammetry.matching.birds_eye_search import search
-from solmap.photogrammetry.matching.masked_correlation import masked_correlation
+from solmap.photogrammetry.matching.cross_site.hypotheses.correlation import (
+    masked_correlation,
+    search,
+)
+from solmap.products.reports.link_figures import overlay_picture
 
 PARAMS = BirdsEyeParams(radius_m=12.0, cell_m=0.16)
 CELLS = 150

@@ -6,15 +6,15 @@ from scipy.spatial.transform import Rotation
 
 from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.frames import Pose
-from solmap.photogrammetry.matching.birds_eye import BirdsEyeParams
-from solmap.photogrammetry.matching.cross_site import (
+from solmap.photogrammetry.matching.cross_site.birds_eye import BirdsEyeParams
+from solmap.photogrammetry.matching.cross_site.candidates import Candidates
+from solmap.photogrammetry.matching.cross_site.linking import (
     CrossSiteParams,
     StopViews,
-    VerdictParams,
+    TrialParams,
     tie_cross_site,
 )
-from solmap.photogrammetry.matching.cross_site_candidates import Candidates
-from solmap.photogrammetry.matching.cross_site_trials import TrialParams
+from solmap.photogrammetry.matching.cross_site.links import VerdictParams
 
 PARAMS = CrossSiteParams(
     birds_eye=BirdsEyeParams(radius_m=16.0),

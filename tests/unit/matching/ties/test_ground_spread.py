@@ -6,9 +6,9 @@ import pytest
 from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.frames import Frame, FrameKind, Pose
 from solmap.photogrammetry.imagery import StereoMatches
-from solmap.photogrammetry.matching import ground_spread
 from solmap.photogrammetry.matching.conjugates import TieView
-from solmap.photogrammetry.matching.ground_spread import spread_on_the_ground
+from solmap.photogrammetry.matching.cross_site import image_matching as ground_spread
+from solmap.photogrammetry.matching.cross_site.image_matching import spread_on_the_ground
 from solmap.photogrammetry.matching.records import EpipolarImages, MatchedPair
 
 HEIGHT_M = 1.5

@@ -8,9 +8,9 @@ import pytest
 from solmap.photogrammetry.cameras.epipolar import epipolar_pair
 from solmap.photogrammetry.frames import Frame, FrameKind
 from solmap.photogrammetry.imagery import Eye, StopId
-from solmap.photogrammetry.matching.hand_editing import HandBody, epipolar_point
-from solmap.photogrammetry.matching.hand_editing import edited as carried_out
-from solmap.photogrammetry.matching.hand_ties import HandAction, HandPoint, HandTie
+from solmap.photogrammetry.matching.manual.editing import HandBody, epipolar_point
+from solmap.photogrammetry.matching.manual.editing import edited as carried_out
+from solmap.photogrammetry.matching.manual.requests import HandAction, HandPoint, HandTie
 from solmap.photogrammetry.matching.records import Ties
 from solmap.photogrammetry.synthetic.rig import CAMERAS, Instrument, Pointing
 

@@ -5,7 +5,12 @@ import json
 import pytest
 
 from solmap.photogrammetry.errors import MatchingError
-from solmap.photogrammetry.matching.hand_ties import HandAction, HandPoint, HandTie, parse_hand_ties
+from solmap.photogrammetry.matching.manual.requests import (
+    HandAction,
+    HandPoint,
+    HandTie,
+    parse_hand_ties,
+)
 
 ONE, OTHER = "2N151760178EFF1000P1500L0M1", "2N151760814EFF1064P1501L0M1"
 CSV = f"""action,first_image,first_sample,first_line,second_image,second_sample,second_line,note

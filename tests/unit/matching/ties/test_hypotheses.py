@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from solmap.photogrammetry.errors import MatchingError
-from solmap.photogrammetry.matching.birds_eye import BirdsEyeParams, PlaneFit
-from solmap.photogrammetry.matching.cross_site_gate import GateParams, gate_between
-from solmap.photogrammetry.matching.hypotheses import (
+from solmap.photogrammetry.matching.cross_site.birds_eye import BirdsEyeParams, PlaneFit
+from solmap.photogrammetry.matching.cross_site.gate import GateParams, gate_between
+from solmap.photogrammetry.matching.cross_site.ground_views import StopViews
+from solmap.photogrammetry.matching.cross_site.hypotheses.search import (
     CORRELATION,
     FEATURES,
     ROCKS,
@@ -15,7 +16,6 @@ from solmap.photogrammetry.matching.hypotheses import (
     merged,
     peaks_of,
 )
-from solmap.photogrammetry.matching.stop_views import StopViews
 
 PARAMS = HypothesisParams()
 BIRDS_EYE = BirdsEyeParams(radius_m=16.0)

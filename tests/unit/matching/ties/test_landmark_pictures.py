@@ -1,13 +1,16 @@
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.matching.birds_eye import BirdsEyeParams, PlaneFit
-from solmap.photogrammetry.matching.cross_site_gate import GateParams, gate_between
-from solmap.photogrammetry.matching.hypotheses import HypothesisParams, hypotheses
-from solmap.photogrammetry.matching.landmark_pictures import ENLARGED, agree, draw_features
-from solmap.photogrammetry.matching.stop_views import StopViews
-from solmap.photogrammetry.matching.voting import Landmarks
-from solmap.photogrammetry.matching.wide_baseline import WideBaselineParams
+from solmap.photogrammetry.matching.cross_site.birds_eye import BirdsEyeParams, PlaneFit
+from solmap.photogrammetry.matching.cross_site.gate import GateParams, gate_between
+from solmap.photogrammetry.matching.cross_site.ground_views import StopViews
+from solmap.photogrammetry.matching.cross_site.hypotheses.features import WideBaselineParams
+from solmap.photogrammetry.matching.cross_site.hypotheses.search import (
+    HypothesisParams,
+    hypotheses,
+)
+from solmap.photogrammetry.matching.cross_site.hypotheses.voting import Landmarks
+from solmap.products.reports.link_figures import ENLARGED, agree, draw_features
 
 BIRDS_EYE = BirdsEyeParams(radius_m=16.0)
 

@@ -9,10 +9,10 @@ from scipy.spatial.transform import Rotation
 from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.matching.conjugates import View
-from solmap.photogrammetry.matching.mast_swing import Swing, turn_between, verify
-from solmap.photogrammetry.matching.mono import tie_single_images
-from solmap.photogrammetry.matching.single_views import MonoParams, SingleView
-from solmap.photogrammetry.matching.verification import VerificationParams
+from solmap.photogrammetry.matching.single.search import MonoParams, SingleView
+from solmap.photogrammetry.matching.single.two_views import Swing, turn_between, verify
+from solmap.photogrammetry.matching.single.tying import tie_single_images
+from solmap.photogrammetry.matching.stereo.verification import VerificationParams
 
 
 @pytest.fixture(scope="module")

@@ -13,10 +13,10 @@ from solmap.photogrammetry.cameras.epipolar import single_image
 from solmap.photogrammetry.frames import LSL, Frame, FrameKind, Pose
 from solmap.photogrammetry.imagery import Eye, StereoMatches
 from solmap.photogrammetry.matching.conjugates import View
-from solmap.photogrammetry.matching.mast_swing import Swing
-from solmap.photogrammetry.matching.mono import tie_single_images
 from solmap.photogrammetry.matching.resampling import resample
-from solmap.photogrammetry.matching.single_views import MonoParams, SingleView
+from solmap.photogrammetry.matching.single.search import MonoParams, SingleView
+from solmap.photogrammetry.matching.single.two_views import Swing
+from solmap.photogrammetry.matching.single.tying import tie_single_images
 from solmap.photogrammetry.matching.tracks import TrackParams, build_tie_points
 
 SPIRIT = ("mer_spirit_sol1869_troy", "2n292280{}effb100p0703l0m1.img", ("938", "989"))

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.matching.patch_cells import (
+from solmap.photogrammetry.matching.cross_site.ground_views import (
     LONGEST,
     common_cells,
     no_finer,

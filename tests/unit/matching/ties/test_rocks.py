@@ -5,9 +5,18 @@ from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.frames import LSL, Frame, FrameKind, Pose
 from solmap.photogrammetry.imagery import StereoMatches, StopId
-from solmap.photogrammetry.matching.birds_eye import BirdsEyeParams, SearchGate, birds_eye_view
+from solmap.photogrammetry.matching.cross_site.birds_eye import (
+    BirdsEyeParams,
+    SearchGate,
+    birds_eye_view,
+)
+from solmap.photogrammetry.matching.cross_site.hypotheses.rocks import (
+    RockParams,
+    alike,
+    find_rocks,
+    match_rocks,
+)
 from solmap.photogrammetry.matching.records import EpipolarImages, MatchedPair, MatchedStop
-from solmap.photogrammetry.matching.rocks import RockParams, alike, find_rocks, match_rocks
 
 FOCAL_PX, BASE_M, MAST_M, SIZE = 600.0, 0.3, 1.5, 400
 BIRDS_EYE = BirdsEyeParams(radius_m=20.0)

@@ -5,8 +5,7 @@ import pytest
 
 from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.frames import Frame, FrameKind, Pose
-from solmap.photogrammetry.matching.records import Ties
-from solmap.photogrammetry.matching.shared_ground import (
+from solmap.photogrammetry.matching.cross_site.tie_weights import (
     SHARED_HEIGHT_M,
     SHARED_PARALLAX_PX,
     counted_as_one,
@@ -14,6 +13,7 @@ from solmap.photogrammetry.matching.shared_ground import (
     weighed_down,
     with_shared_errors,
 )
+from solmap.photogrammetry.matching.records import Ties
 
 
 def some_ties(n):

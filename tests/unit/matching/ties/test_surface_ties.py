@@ -6,10 +6,17 @@ from scipy.spatial.transform import Rotation
 
 from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.matching.cross_site.surface_alignment import (
+    Couple,
+    Ground,
+    SurfaceParams,
+    SurfaceView,
+)
+from solmap.photogrammetry.matching.cross_site.surface_matching import (
+    SurfaceTieParams,
+    tie_by_shape,
+)
 from solmap.photogrammetry.matching.parallax_planes import EVERY, parallax_facets
-from solmap.photogrammetry.matching.surface_alignment import Couple, Ground, SurfaceParams
-from solmap.photogrammetry.matching.surface_ties import SurfaceTieParams, tie_by_shape
-from solmap.photogrammetry.matching.surface_views import SurfaceView
 from tests.unit.matching.ties.conftest import (
     TOWARDS_FIRST,
     TOWARDS_SECOND,

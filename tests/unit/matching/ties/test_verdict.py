@@ -6,16 +6,15 @@ import pytest
 from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.frames import LSL, Pose, rotation_of_roll_pitch_yaw
 from solmap.photogrammetry.imagery import StopId
-from solmap.photogrammetry.matching.birds_eye import PlaneFit
-from solmap.photogrammetry.matching.cross_site import VerdictParams, verdict
-from solmap.photogrammetry.matching.cross_site_gate import (
+from solmap.photogrammetry.matching.cross_site.birds_eye import PlaneFit
+from solmap.photogrammetry.matching.cross_site.gate import (
     GateParams,
     between_levels,
     gate_between,
     pose_of,
 )
+from solmap.photogrammetry.matching.cross_site.links import SiteLinkFigures, VerdictParams, verdict
 from solmap.photogrammetry.matching.records import MatchedStop
-from solmap.photogrammetry.matching.site_links import SiteLinkFigures
 
 GOOD = SiteLinkFigures(
     distance_m=20.0,

@@ -2,8 +2,13 @@ import numpy as np
 import pytest
 
 from solmap.photogrammetry.errors import MatchingError
-from solmap.photogrammetry.matching.birds_eye import SearchGate
-from solmap.photogrammetry.matching.voting import Landmarks, VotingParams, elect, likelihood_root
+from solmap.photogrammetry.matching.cross_site.birds_eye import SearchGate
+from solmap.photogrammetry.matching.cross_site.hypotheses.voting import (
+    Landmarks,
+    VotingParams,
+    elect,
+    likelihood_root,
+)
 
 GATE = SearchGate(12.0, -5.0, 4.0, 0.06)
 TRUE = (0.03, 13.4, -6.1)

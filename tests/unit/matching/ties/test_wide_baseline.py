@@ -5,8 +5,12 @@ import pytest
 from scipy import ndimage
 
 from solmap.photogrammetry.errors import MatchingError
-from solmap.photogrammetry.matching.birds_eye import BirdsEyeParams, BirdsEyeView, SearchGate
-from solmap.photogrammetry.matching.wide_baseline import (
+from solmap.photogrammetry.matching.cross_site.birds_eye import (
+    BirdsEyeParams,
+    BirdsEyeView,
+    SearchGate,
+)
+from solmap.photogrammetry.matching.cross_site.hypotheses.features import (
     WideBaselineParams,
     conjugate_features,
     find_features,

@@ -1,0 +1,205 @@
+"""Bird's-eye views of a stop: the ground around it, drawn from its dense parallax.
+
+Seen from above, the ground keeps its scale and its shape whatever the stop it was looked at from
+(the idea of Landform, arXiv 2509.18330, and of the orthophoto tool of Di et al. 2008, section 3.1).
+Every pixel of the dense parallax is triangulated and dropped into a cell of the level plane of the
+stop: axes of the LSL as telemetry has them, origin at the rover. Two channels are kept,
+
+    grey     mean grey value: albedo and shading, changes with the sun,
+    relief   mean elevation, band-passed: tilt of the surface, the same under every sun,
+
+each made free of brightness, contrast and long waves by subtracting and dividing by a Gaussian
+neighbourhood.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from solmap.photogrammetry.arrays import Float32, Float64, Raster
+from solmap.photogrammetry.errors import MatchingError
+from solmap.photogrammetry.matching.records import MatchedPair, MatchedStop
+
+CLIP = 3.0
+"""Channels are clipped here, in local standard deviations: rocks and shadows must not rule."""
+
+
+@dataclass(frozen=True, slots=True)
+class BirdsEyeParams:
+    """How a stop is drawn from above and searched."""
+
+    cell_m: float = 0.16
+    """The footprint of a Navcam pixel along the ground is 0.15 m at 15 m range."""
+    surface_cell_m: float = 0.08
+    """Of the elevations that patches of ground are drawn over."""
+    radius_m: float = 30.0
+    """Beyond it a Navcam's range is off by a metre and more."""
+    grey_wave_m: float = 1.0
+    relief_waves_m: tuple[float, float] = (0.2, 1.0)
+    """Relief between these wavelengths: rocks and ripples; slopes move with errors of the tilt."""
+    azimuth_step: float = 0.0087
+    """Radians (0.5 degrees): moves the ground by a cell at 18 m."""
+    min_overlap_m2: float = 40.0
+    peaks: int = 5
+    """Handed on; the lower ones, which are wrong, show what chance can do."""
+    separation_m: float = 1.5
+    """Two peaks nearer than this are one."""
+
+    def __post_init__(self) -> None:
+        if not (0 < self.cell_m < self.grey_wave_m and self.radius_m > self.grey_wave_m):
+            raise MatchingError(
+                f"a bird's-eye view needs cell < wave < radius, not {self.cell_m}, "
+                f"{self.grey_wave_m} and {self.radius_m} m"
+            )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BirdsEyeView:
+    """The ground around a stop in its level plane; row 0 is the northernmost, the rover central."""
+
+    cell_m: float
+    grey: Raster
+    elevation: Raster
+    """Metres above the rover origin."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlaneFit:
+    """A later view's place on an earlier one: turned by `azimuth`, then moved."""
+
+    azimuth: float
+    """Radians, clockwise seen from above."""
+    north_m: float
+    east_m: float
+    down_m: float
+    z: float
+    """Height of the correlation peak over its scatter by chance."""
+    overlap_m2: float
+
+
+@dataclass(frozen=True, slots=True)
+class SearchGate:
+    """Where the later rover can stand in the level frame of the earlier one."""
+
+    north_m: float
+    east_m: float
+    reach_m: float
+    """Largest horizontal distance from there."""
+    azimuth_reach: float
+
+
+def birds_eye_view(stop: MatchedStop, params: BirdsEyeParams) -> BirdsEyeView:
+    """Draw the ground around a stop from its dense parallax."""
+    return birds_eye_views(stop, params, (params.cell_m,))[0]
+
+
+def birds_eye_views(
+    stop: MatchedStop, params: BirdsEyeParams, cells_m: Sequence[float]
+) -> tuple[BirdsEyeView, ...]:
+    """Draw the ground around a stop from its dense parallax, once with every size of cells."""
+    sizes = [2 * round(params.radius_m / cell_m) for cell_m in cells_m]
+    sums = [np.zeros((3, size * size)) for size in sizes]
+    for pair in stop.pairs:
+        ground, grey = _level_points(stop, pair, 1.2 * params.radius_m)
+        for total, size, cell_m in zip(sums, sizes, cells_m, strict=True):
+            _add_points(total, ground, grey, params.radius_m, cell_m, size)
+    views = []
+    for total, size, cell_m in zip(sums, sizes, cells_m, strict=True):
+        count, grey_sum, up_sum = total.astype(np.float32).reshape(3, size, size)
+        with np.errstate(invalid="ignore"):
+            views.append(BirdsEyeView(cell_m, grey_sum / count, up_sum / count))
+    return tuple(views)
+
+
+def _add_points(
+    sums: Float64[np.ndarray, "3 cells"],
+    ground: Float32[np.ndarray, "n 3"],
+    grey: Float32[np.ndarray, " n"],
+    radius_m: float,
+    cell_m: float,
+    size: int,
+) -> None:
+    """Add number, grey value and elevation of points to the cells they fall into."""
+    row = np.floor((radius_m - ground[:, 0]) / cell_m).astype(np.int32)
+    col = np.floor((radius_m + ground[:, 1]) / cell_m).astype(np.int32)
+    inside = (row >= 0) & (row < size) & (col >= 0) & (col < size)
+    index = row[inside] * size + col[inside]
+    for k, weight in enumerate((None, grey[inside], -ground[inside, 2])):
+        sums[k] += np.bincount(index, weight, minlength=size * size)
+
+
+def _level_points(
+    stop: MatchedStop, pair: MatchedPair, farthest_m: float
+) -> tuple[Float32[np.ndarray, "n 3"], Float32[np.ndarray, " n"]]:
+    """Dense points of a pair in the level frame and their grey value over the image's median.
+
+    Every second column will do: on the ground, columns lie far closer than rows.
+    """
+    geometry, images = pair.images.geometry, pair.images
+    scale = geometry.focal_px * geometry.base_m
+    parallax, mask = pair.parallax[:, ::2], images.left_mask[:, ::2]
+    line, half_sample = np.nonzero(mask & (parallax > scale / farthest_m))
+    grey = images.left[:, ::2][line, half_sample]
+    z = (scale / parallax[line, half_sample]).astype(np.float32)
+    x = (2 * half_sample - geometry.centre_px[0]).astype(np.float32) / np.float32(geometry.focal_px)
+    y = (line - geometry.centre_px[1]).astype(np.float32) / np.float32(geometry.focal_px)
+    level_from_rover = stop.lsl_from_rover.rotation
+    rotation = level_from_rover @ geometry.rover_from_pair.rotation
+    origin = level_from_rover @ geometry.rover_from_pair.translation_m
+    points = np.column_stack([x * z, y * z, z]) @ rotation.T.astype(np.float32)
+    usual = float(np.median(grey)) if len(grey) else 1.0
+    return points + origin.astype(np.float32), grey / np.float32(max(usual, 1e-6))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Channel:
+    """One quantity of a view made comparable, zero where unseen, and a weight of 0 or 1."""
+
+    value: Float32[np.ndarray, "rows cols"]
+    weight: Float32[np.ndarray, "rows cols"]
+
+
+def channels(view: BirdsEyeView, params: BirdsEyeParams) -> tuple[Channel, Channel]:
+    """(grey, relief) of a view, over the same cells."""
+    fine, coarse = (wave / view.cell_m for wave in params.relief_waves_m)
+    grey = _band(view.grey, 0.8, params.grey_wave_m / view.cell_m)
+    relief = _band(view.elevation, fine, coarse)
+    weight = grey.weight * relief.weight
+    return Channel(grey.value * weight, weight), Channel(relief.value * weight, weight)
+
+
+def _band(raster: Raster, fine: float, coarse: float) -> Channel:
+    """Local mean over `fine` minus that over `coarse` cells, in local standard deviations."""
+    seen = np.isfinite(raster).astype(np.float32)
+    value = np.nan_to_num(raster)
+
+    def blurred(what: Raster, sigma: float) -> Raster:
+        return cv2.GaussianBlur(what, (0, 0), sigma).astype(np.float32)
+
+    density_fine = blurred(seen, fine)
+    density = np.maximum(blurred(seen, coarse), 1e-6)
+    weight = (density_fine > 0.1).astype(np.float32)  # noqa: PLR2004 - a tenth of the neighbours seen
+    detail = (
+        blurred(value, fine) / np.maximum(density_fine, 1e-6) - blurred(value, coarse) / density
+    )
+    detail *= weight
+    around = np.maximum(blurred(weight, coarse), 1e-6)
+    spread = np.sqrt(blurred(detail * detail, coarse) / around)
+    value = np.clip(detail / np.maximum(spread, 1e-6), -CLIP, CLIP) * weight
+    return Channel(value.astype(np.float32), weight)
+
+
+def placed_on(
+    raster: Raster, cell_m: float, azimuth: float, north_m: float, east_m: float
+) -> Raster:
+    """A raster of the later view on the grid of the earlier one; NaN where unseen."""
+    size = raster.shape[0]
+    place = cv2.getRotationMatrix2D(((size - 1) / 2,) * 2, -float(np.degrees(azimuth)), 1.0)
+    place[:, 2] = place[:, 2] + np.array([east_m, -north_m]) / cell_m
+    return cv2.warpAffine(
+        raster, place, (size, size), flags=cv2.INTER_NEAREST, borderValue=float("nan")
+    ).astype(np.float32)

@@ -1,0 +1,242 @@
+"""Cross-site candidates: which ground to look for in which pairs of another stop.
+
+Every sparse match of a pair that a pair of the other stop should show is a candidate. Where many
+show the same ground, that match is taken, and that pair of the other stop as its target, which
+resolve the ground best together; the next one is taken a share of a patch away, so that ties do
+not repeat each other. A candidate must be predicted to be visible: the dense parallax of the target
+at the predicted place agrees with the predicted one, or something stands before it.
+
+The window covers what is uncertain of the prediction: the pose between the stops (`Gap`), and the
+ranges of both stops.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from solmap.photogrammetry.arrays import Flags, Float64, ImagePoints, ObjectPoints, PerPoint
+from solmap.photogrammetry.errors import MatchingError
+from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.matching.conjugates import in_view
+from solmap.photogrammetry.matching.cross_site.ground_views import (
+    GroundView,
+    common_cells,
+    no_finer,
+)
+from solmap.photogrammetry.matching.cross_site.tie_weights import lying_apart
+
+
+@dataclass(frozen=True, slots=True)
+class Gap:
+    """How far the same ground may seem apart from both stops: a standard deviation in metres."""
+
+    across_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class Candidates:
+    """How candidates are chosen."""
+
+    cell_m: float = 0.75
+    """One candidate at most in every cell of the ground."""
+    apart_cells: float = 5.0
+    """Least distance of two candidates in cells of their patches, a third of a patch: ties that
+    share more of their ground tell little that is new."""
+    farthest_m: float = 30.0
+    most: int = 120
+    """In a trial of a hypothesis."""
+    most_at_last: int = 300
+    """When the hypothesis is settled."""
+    footprints: float = 1.5
+    """Pixels of the coarser image in a cell: what optics and sampling resolve."""
+    square_m: float = 0.2
+    """Cells are square up to this length; longer ones are narrower instead, of the same area, as
+    far as both images resolve it. Stops far apart look at the ground between them along one line,
+    and see more across it; but narrow patches hold less that is unique, so only where they must."""
+    finest_cell_m: float = 0.05
+    """Finer patches would show less ground than the surface has detail (its cells are 0.08 m)."""
+    coarsest_cell_m: float = 1.0
+    """Length of a cell: two Navcam pixels at 30 m on level ground."""
+    widest_window: int = 24
+    """Cells of a patch to each side."""
+    window_sigmas: float = 2.5
+    first_gap: Gap = field(default_factory=lambda: Gap(0.15))
+    """After the bird's-eye search: a cell of 0.16 m, and half a degree over some metres."""
+    last_gap: Gap = field(default_factory=lambda: Gap(0.05))
+    """After a first alignment: its own uncertainty and the pointing of single pairs."""
+    parallax_sigma_px: float = 0.3
+    """Of the dense parallax, which places the surface a patch is drawn on (NTB NPO-42487: 0.32)."""
+    visible_px: float = 2.0
+    """Predicted and dense parallax may differ this much, besides what the gap makes of it."""
+
+    def __post_init__(self) -> None:
+        if not (0 < self.finest_cell_m <= self.coarsest_cell_m and self.cell_m > 0):
+            raise MatchingError(
+                "candidates need cells above zero, the finest below the coarsest, not cell_m = "
+                f"{self.cell_m}, {self.finest_cell_m} and {self.coarsest_cell_m} m"
+            )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Plan:
+    """Places seen by a source pair, to be looked for in a target pair."""
+
+    source: GroundView
+    target: GroundView
+    target_from_source: Pose
+    """Between the level frames."""
+    places: ObjectPoints
+    """In the level frame of the source."""
+    cells: Float64[np.ndarray, "n 2 2"]
+    """G of the patch around every place, metres in the level axes of the source."""
+    reach: PerPoint
+    """In cells."""
+
+    @property
+    def cell_m(self) -> PerPoint:
+        """Width of a square cell as large as those of the patches."""
+        return np.sqrt(np.abs(np.linalg.det(self.cells)))
+
+    def taking(self, rows: Flags) -> Plan:
+        """The plan for some of its places."""
+        return Plan(
+            self.source,
+            self.target,
+            self.target_from_source,
+            self.places[rows],
+            self.cells[rows],
+            self.reach[rows],
+        )
+
+
+def plans_between(
+    earlier: Sequence[GroundView],
+    later: Sequence[GroundView],
+    earlier_from_later: Pose,
+    gap: Gap,
+    params: Candidates,
+) -> tuple[list[Plan], list[Plan]]:
+    """What to look for: matches of the earlier stop in the later one, and the other way round."""
+    later_from_earlier = earlier_from_later.inverse
+    forth = _plans(earlier, later, later_from_earlier, gap, params)
+    back = _plans(later, earlier, earlier_from_later, gap, params)
+    return _best_of_the_ground(forth, back, earlier_from_later, params)
+
+
+def _plans(
+    sources: Sequence[GroundView],
+    targets: Sequence[GroundView],
+    targets_from_sources: Pose,
+    gap: Gap,
+    params: Candidates,
+) -> list[Plan]:
+    """Every match of every source pair that a target pair should show."""
+    every = (_plan(s, t, targets_from_sources, gap, params) for s in sources for t in targets)
+    return [plan for plan in every if plan is not None and len(plan.places)]
+
+
+def _plan(
+    source: GroundView, target: GroundView, target_from_source: Pose, gap: Gap, params: Candidates
+) -> Plan | None:
+    """The matches of one pair that another should show, and how far around to look."""
+    t, ground = target.view.geometry, source.ground
+    ahead = target_from_source.apply(ground.places)
+    seen = (ahead - target.origin_m) @ target.rotation
+    near = (ground.range_m < params.farthest_m) & (seen[:, 2] < params.farthest_m)
+    rows = np.flatnonzero(near & (np.abs(seen[:, 0]) * t.focal_px < seen[:, 2] * t.samples))
+    left, parallax = t.project(seen[rows])
+    inside = in_view(target.view, left, 8)
+    if not inside.any():
+        return None
+    rows, left, parallax = rows[inside], left[inside], parallax[inside]
+    ahead, seen, places, range_m = (
+        column[rows] for column in (ahead, seen, ground.places, ground.range_m)
+    )
+    spread = _spread(source, target, target_from_source, places, (range_m, seen[:, 2]), params)
+    spread += gap.across_m**2 * np.eye(2)
+    apart_m = params.window_sigmas * np.sqrt(np.linalg.eigvalsh(spread)[:, 1])
+    shown = _visible(target, left, parallax, apart_m * parallax / seen[:, 2] + params.visible_px)
+    cells = np.full((len(places), 2, 2), np.nan)
+    turn = horizontal_turn(target_from_source)
+    there = turn.T @ target.footprints(ahead[shown, :2]) @ turn
+    cells[shown] = params.footprints * common_cells(
+        ground.footprints[rows][shown], there, params.square_m / params.footprints
+    )
+    shown &= np.isfinite(cells).all(axis=(1, 2))
+    cells, spread = no_finer(cells[shown], params.finest_cell_m), spread[shown]
+    back = np.linalg.inv(cells)
+    reach = np.linalg.eigvalsh(back @ spread @ np.swapaxes(back, 1, 2))[:, 1]
+    plan = Plan(
+        source,
+        target,
+        target_from_source,
+        places[shown],
+        cells,
+        params.window_sigmas * np.sqrt(reach) + 2.0,
+    )
+    fine = np.linalg.norm(cells, axis=1).max(axis=1) <= params.coarsest_cell_m
+    return plan.taking(fine & (plan.reach <= params.widest_window))
+
+
+def _spread(
+    source: GroundView,
+    target: GroundView,
+    target_from_source: Pose,
+    places: ObjectPoints,
+    range_m: tuple[PerPoint, PerPoint],
+    params: Candidates,
+) -> Float64[np.ndarray, "n 2 2"]:
+    """Covariance of how far apart both stops place the ground, by the errors of both ranges."""
+    origin = target_from_source.inverse.apply(target.origin_m[None])[0]
+    spread = np.zeros((len(places), 2, 2))
+    for view, start, z in ((source, source.origin_m, range_m[0]), (target, origin, range_m[1])):
+        g = view.view.geometry
+        sigma_m = params.parallax_sigma_px * z**2 / (g.focal_px * g.base_m)
+        way = places[:, :2] - start[:2]
+        way = way / np.maximum(np.hypot(*way.T), 0.1)[:, None] * sigma_m[:, None]
+        spread += way[:, :, None] * way[:, None, :]
+    return spread
+
+
+def horizontal_turn(target_from_source: Pose) -> Float64[np.ndarray, "2 2"]:
+    """The horizontal part of the turn between two level frames."""
+    azimuth = float(
+        np.arctan2(target_from_source.rotation[1, 0], target_from_source.rotation[0, 0])
+    )
+    return np.array([[np.cos(azimuth), -np.sin(azimuth)], [np.sin(azimuth), np.cos(azimuth)]])
+
+
+def _visible(
+    target: GroundView, left: ImagePoints, parallax: PerPoint, tolerance_px: PerPoint
+) -> Flags:
+    """Whether the target's dense parallax at the predicted points is the predicted one."""
+    col, row = np.round(left).astype(np.int64).T
+    dense = target.view.pair.parallax[row, col].astype(np.float64)
+    with np.errstate(invalid="ignore"):
+        return np.abs(dense - parallax) <= tolerance_px
+
+
+def _best_of_the_ground(
+    forth: list[Plan], back: list[Plan], earlier_from_later: Pose, params: Candidates
+) -> tuple[list[Plan], list[Plan]]:
+    """Keep candidates that resolve their ground best and lie apart; of too many some, evenly."""
+    plans = [*forth, *back]
+    if not plans:
+        return forth, back
+    places = [p.places for p in forth] + [earlier_from_later.apply(p.places) for p in back]
+    flat = np.concatenate(places)[:, :2]
+    owner = np.repeat(np.arange(len(plans)), [len(p.places) for p in plans])
+    size = np.concatenate([p.cell_m for p in plans])
+    order = np.argsort(size, kind="stable")
+    cells = np.floor(flat[order] / params.cell_m).astype(np.int64)
+    _, first = np.unique(cells, axis=0, return_index=True)
+    best = order[np.sort(first)]
+    best = best[lying_apart(flat[best], params.apart_cells * size[best], params.most_at_last)]
+    best = best[np.linspace(0, len(best) - 1, min(params.most, len(best))).astype(np.int64)]
+    kept = np.zeros(len(owner), dtype=bool)
+    kept[best] = True
+    taken = [p.taking(kept[owner == k]) for k, p in enumerate(plans)]
+    return taken[: len(forth)], taken[len(forth) :]

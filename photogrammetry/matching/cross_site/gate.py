@@ -1,0 +1,111 @@
+"""The gate: where the later of two stops can stand in the earlier one, by telemetry.
+
+Which stops are worth linking: near enough to have seen the same ground.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from solmap.photogrammetry.arrays import Float64
+from solmap.photogrammetry.errors import MatchingError
+from solmap.photogrammetry.frames import Pose, rotation_of_roll_pitch_yaw
+from solmap.photogrammetry.imagery import StopId
+from solmap.photogrammetry.matching.cross_site.birds_eye import PlaneFit, SearchGate
+from solmap.photogrammetry.matching.records import MatchedStop
+
+PoseCovariance = Float64[np.ndarray, "6 6"]
+"""Of rotation vector (radians), then translation (metres)."""
+
+
+@dataclass(frozen=True, slots=True)
+class GateParams:
+    """What telemetry leaves open between two stops, whatever it says of itself."""
+
+    slip_sigma: float = 0.08
+    """Of the distance between the stops: 3 sigma cover the 4-20 % that wheels slip."""
+    position_sigma_m: float = 0.3
+    """However short the drive: about a wheel's width, and the first drive of a stop is a turn."""
+    azimuth_sigma: float = 0.026
+    """Radians (1.5 degrees): drift of the heading over a drive."""
+    tilt_sigma: float = 0.0052
+    """Radians (0.3 degrees): roll and pitch from gravity."""
+    sigmas: float = 3.0
+    """The gate is so many standard deviations wide."""
+
+    def __post_init__(self) -> None:
+        if min(self.position_sigma_m, self.azimuth_sigma, self.tilt_sigma, self.sigmas) <= 0:
+            raise MatchingError(
+                "a gate is as wide as telemetry is uncertain: its standard deviations are above "
+                "zero (`position_sigma_m`, `azimuth_sigma`, `tilt_sigma`, `sigmas`)"
+            )
+
+
+def gate_between(
+    earlier: MatchedStop, later: MatchedStop, params: GateParams
+) -> tuple[SearchGate, PoseCovariance]:
+    """Where the later rover can stand, and the prior covariance of the pose between both.
+
+    Along a traverse errors add up, so what is uncertain between two stops is the growth of the
+    covariance from one to the other; and never less than a drive of this length leaves.
+    """
+    step = later.lsl_from_rover.translation_m - earlier.lsl_from_rover.translation_m
+    distance_m = float(np.hypot(step[0], step[1]))
+    growth = np.maximum(np.diag(later.covariance) - np.diag(earlier.covariance), 0.0)
+    position = params.slip_sigma * distance_m + params.position_sigma_m
+    least = np.array([params.tilt_sigma] * 2 + [params.azimuth_sigma] + [position] * 3) ** 2
+    variance = np.maximum(growth, least)
+    gate = SearchGate(
+        float(step[0]),
+        float(step[1]),
+        params.sigmas * float(np.sqrt(variance[3:5].max())),
+        params.sigmas * float(np.sqrt(variance[2])),
+    )
+    axes = np.zeros((6, 6))
+    axes[:3, :3] = axes[3:, 3:] = earlier.lsl_from_rover.rotation.T
+    return gate, axes @ np.diag(variance) @ axes.T
+
+
+def pose_of(earlier: MatchedStop, later: MatchedStop, fit: PlaneFit) -> Pose:
+    """earlier_from_later with the tilt of telemetry and the rest of a bird's-eye fit."""
+    level_from_earlier = earlier.lsl_from_rover.rotation
+    turn = rotation_of_roll_pitch_yaw(0.0, 0.0, fit.azimuth)
+    place = np.array([fit.north_m, fit.east_m, fit.down_m])
+    return Pose(
+        earlier.stop.frame,
+        later.stop.frame,
+        level_from_earlier.T @ turn @ later.lsl_from_rover.rotation,
+        level_from_earlier.T @ place,
+    )
+
+
+def between_levels(earlier: MatchedStop, later: MatchedStop, pose: Pose) -> Pose:
+    """A pose of rover to rover as one between the level frames of both stops."""
+    one, other = earlier.lsl_from_rover.rotation, later.lsl_from_rover.rotation
+    return Pose(pose.target, pose.source, one @ pose.rotation @ other.T, one @ pose.translation_m)
+
+
+@dataclass(frozen=True, slots=True)
+class LinkParams:
+    """Which stops are tried for links."""
+
+    max_distance_m: float = 50.0
+    """Farther apart, Navcam stereo sees no common ground well enough."""
+    max_earlier: int = 4
+    """Nearest earlier stops tried for each new one: m-1, m-2 and revisits decide the drift."""
+
+
+def link_candidates(
+    lsl_from_rover: Pose, earlier: Mapping[StopId, Pose], params: LinkParams
+) -> list[StopId]:
+    """The earlier stops that one at `lsl_from_rover` may share ground with, nearest first."""
+    here = lsl_from_rover.translation_m[:2]
+    distances = sorted(
+        (float(np.linalg.norm(pose.translation_m[:2] - here)), stop)
+        for stop, pose in earlier.items()
+    )
+    near = [stop for distance_m, stop in distances if distance_m <= params.max_distance_m]
+    return near[: params.max_earlier]

@@ -1,0 +1,327 @@
+"""Patches of ground seen from above, drawn from one image over the surface that its stop measured.
+
+At a grazing angle of 8 degrees a bump of 5 cm shifts what lies on it by 35 cm along the view, and
+the other way when seen from the other side. Patches of two stops are therefore compared as
+orthophotos: every cell of a patch has its elevation from the dense parallax of its own stop, and is
+projected into the image,
+
+    grey(n, e) = image( h( pair_from_level (n, e, -elevation(n, e)) ) ).
+
+With D the derivative of the image point by (n, e) over that surface, a pixel covers the ellipse
+C = D^-1 D^-T of the ground: Z/f across the view and Z^2/(f h) along it on level ground, h being the
+height of the mast; more on ground that falls away. Detail can be averaged but not made up, so the
+cells of a patch that two images are drawn on are as large as the pixel of either in all directions:
+with C_1 = L L' and L^-1 C_2 L^-T = V diag(l) V', place = centre + G (row, column),
+
+    G = L V diag(sqrt(max(1, l))),
+
+and each image is averaged over the pixels that a cell covers.
+
+The ground that a stop measured, as a surface without gaps to draw patches over.
+
+The cells of a patch of ground that two images are drawn on.
+
+With the ellipses C_1 and C_2 that a pixel of either covers on the ground (`ground_patches`), C_1 =
+L L' and L^-1 C_2 L^-T = V diag(l) V', cells G = L V diag(sqrt(max(1, l))) are as large as the pixel
+of either in every direction.
+
+A stop made ready for being tied to another one: seen from above, and pair by pair.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+
+from solmap.photogrammetry.arrays import (
+    Flags,
+    Float32,
+    Float64,
+    GreyImage,
+    ObjectPoints,
+    PerPoint,
+    Raster,
+)
+from solmap.photogrammetry.imagery import StopId
+from solmap.photogrammetry.matching.conjugates import TieView
+from solmap.photogrammetry.matching.cross_site.birds_eye import (
+    BirdsEyeParams,
+    BirdsEyeView,
+    birds_eye_views,
+)
+from solmap.photogrammetry.matching.records import MatchedStop
+
+SLOPE_STEP_M = 0.25
+LEAST_SEEN = 0.7
+"""Share of a patch whose surface must be known."""
+WIDEST_AVERAGE = 5
+"""Powers of two of pixels that are averaged into one at most."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MatchedGround:
+    """Where the sparse matches of a pair lie in the level frame of its stop."""
+
+    places: ObjectPoints
+    range_m: PerPoint
+    """Along the axis of the pair."""
+    footprints: Float64[np.ndarray, "n 2 2"]
+    """C of a pixel at every place, square metres; NaN where unknown."""
+
+
+@dataclass(slots=True, eq=False)
+class GroundView:
+    """One pair of a stop as a camera over the level frame."""
+
+    view: TieView
+    surface: GroundSurface
+    rotation: Float64[np.ndarray, "3 3"]
+    """level_from_pair."""
+    origin_m: Float64[np.ndarray, " 3"]
+    averaged: dict[tuple[int, int], GreyImage] = field(default_factory=dict)
+    _ground: MatchedGround | None = None
+
+    @property
+    def ground(self) -> MatchedGround:
+        """The ground that the pair's sparse matches show, worked out once."""
+        if self._ground is None:
+            matches, geometry = self.view.pair.matches, self.view.geometry
+            ahead = matches.parallax_px > 0
+            points = geometry.triangulate(matches.left[ahead], matches.parallax_px[ahead])
+            places = points @ self.rotation.T + self.origin_m
+            self._ground = MatchedGround(places, points[:, 2], self.footprints(places[:, :2]))
+        return self._ground
+
+    @classmethod
+    def of(
+        cls, view: TieView, surface: GroundSurface, level_from_rover: Float64[np.ndarray, "3 3"]
+    ) -> GroundView:
+        """A pair in the level frame of its stop."""
+        pose = view.geometry.rover_from_pair
+        return cls(
+            view, surface, level_from_rover @ pose.rotation, level_from_rover @ pose.translation_m
+        )
+
+    def image_of(self, north: np.ndarray, east: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(left image points, ranges) of the ground at level places; NaN where unknown."""
+        down = -self.surface.at(np.atleast_2d(north), np.atleast_2d(east)).astype(np.float64)
+        level = np.stack([north.ravel(), east.ravel(), down.ravel()], axis=1)
+        points = (level - self.origin_m) @ self.rotation
+        left, _ = self.view.geometry.project(points)
+        return left, points[:, 2]
+
+    def derivative(self, places: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n 2 2"]:
+        """Pixels per metre along north and east at level places, over half a metre of ground."""
+        columns = []
+        for step in np.eye(2) * SLOPE_STEP_M:
+            ahead, _ = self.image_of(*(places + step).T)
+            behind, _ = self.image_of(*(places - step).T)
+            columns.append((ahead - behind) / (2 * SLOPE_STEP_M))
+        return np.stack(columns, axis=-1)
+
+    def footprints(self, places: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n 2 2"]:
+        """C of a pixel at level places, square metres; NaN where the ground is unknown.
+
+        A slope that faces the camera is not trusted to make it shorter than on level ground.
+        """
+        derivative = self.derivative(places)
+        good = np.isfinite(derivative).all(axis=(1, 2))
+        longest = np.full(len(places), np.nan)
+        longest[good] = 1 / np.maximum(smallest_stretch(derivative[good]), 1e-3)
+        ahead = places - self.origin_m[:2]
+        distance = np.maximum(np.hypot(*ahead.T), 0.1)
+        focal = self.view.geometry.focal_px
+        along = np.maximum(longest, distance**2 / (focal * max(-self.origin_m[2], 0.5)))
+        across = distance / focal
+        u = ahead / distance[:, None]
+        n = np.column_stack([-u[:, 1], u[:, 0]])
+        along_c, across_c = (
+            (size**2)[:, None, None] * axis[:, :, None] * axis[:, None, :]
+            for size, axis in ((along, u), (across, n))
+        )
+        return along_c + across_c
+
+    def patches(
+        self,
+        centres: Float64[np.ndarray, "n 2"],
+        grids: Float64[np.ndarray, "n 2 2"],
+        half: int,
+        core_half: int,
+    ) -> tuple[Float32[np.ndarray, "n a a"], Flags]:
+        """Orthophoto patches around (north, east) centres, and whose core is seen.
+
+        Row i and column j of a patch lie at centre + G (i - half, j - half).
+        """
+        steps = np.arange(-half, half + 1, dtype=np.float64)
+        plan = np.stack(np.meshgrid(steps, steps, indexing="ij"), axis=-1)
+        places = centres[:, None, None, :] + np.einsum("nab,ijb->nija", grids, plan)
+        n, size = len(centres), len(steps)
+        flat = places.reshape(n * size, size, 2)
+        left = self.image_of(flat[..., 0], flat[..., 1])[0]
+        left = left.reshape(n, size, size, 2)
+        patches = np.zeros((n, size, size), np.float32)
+        levels = self._levels(centres, grids)
+        for level in {tuple(row) for row in levels.tolist()}:
+            rows = np.flatnonzero((levels == level).all(axis=1))
+            patches[rows] = self._drawn(left[rows], (int(level[0]), int(level[1])))
+        core = slice(half - core_half, half + core_half + 1)
+        whole = np.isfinite(patches[:, core, core]).reshape(n, -1).mean(axis=1) > LEAST_SEEN
+        middle = slice(half - core_half // 2, half + core_half // 2 + 1)
+        whole &= self._inside(left[:, middle, middle]).reshape(n, -1).all(axis=1)
+        means = np.nanmean(np.where(whole[:, None, None], patches, 0.0), axis=(1, 2))
+        return np.where(np.isfinite(patches), patches, means[:, None, None]).astype(
+            np.float32
+        ), whole
+
+    def _levels(
+        self, centres: Float64[np.ndarray, "n 2"], grids: Float64[np.ndarray, "n 2 2"]
+    ) -> np.ndarray:
+        """Powers of two of pixels to average along samples and lines, for every patch."""
+        pixels = np.linalg.norm(self.derivative(centres) @ grids, axis=2)
+        pixels = np.maximum(np.nan_to_num(pixels, nan=1.0), 1.0)
+        return np.clip(np.round(np.log2(pixels)), 0, WIDEST_AVERAGE).astype(np.int64)
+
+    def _drawn(self, left: np.ndarray, level: tuple[int, int]) -> np.ndarray:
+        """Grey values at image points of some patches, from the image averaged as they need."""
+        if level not in self.averaged:
+            width = (2 ** level[0], 2 ** level[1])
+            self.averaged[level] = (
+                self.view.left.image if level == (0, 0) else cv2.blur(self.view.left.image, width)
+            ).astype(np.float32)
+        shift = [0.5 if k else 0.0 for k in level]  # an even box is centred half a pixel early
+        n, size = left.shape[:2]
+        at = left.reshape(n * size, size, 2)
+        out = cv2.remap(
+            self.averaged[level],
+            (at[..., 0] + shift[0]).astype(np.float32),
+            (at[..., 1] + shift[1]).astype(np.float32),
+            cv2.INTER_LINEAR,
+            borderMode=cv2.BORDER_CONSTANT,
+            borderValue=float("nan"),
+        )
+        return out.reshape(n, size, size)
+
+    def _inside(self, left: np.ndarray) -> np.ndarray:
+        """Whether image points lie on usable pixels."""
+        mask = self.view.left.mask
+        with np.errstate(invalid="ignore"):
+            col, row = (
+                np.nan_to_num(np.round(left[..., k]), nan=-1).astype(np.int64) for k in (0, 1)
+            )
+        lines, samples = mask.shape
+        inside = (col >= 0) & (row >= 0) & (col < samples) & (row < lines)
+        return inside & mask[np.clip(row, 0, lines - 1), np.clip(col, 0, samples - 1)]
+
+
+FILL_CELLS = (1.0, 3.0, 8.0)
+"""Gaps are filled from neighbours within these standard deviations, nearest first."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GroundSurface:
+    """Elevation around a stop in its level frame, without gaps near what was measured."""
+
+    cell_m: float
+    elevation: Raster
+
+    @classmethod
+    def of(cls, view: BirdsEyeView) -> GroundSurface:
+        """Fill the gaps between the measured cells of a bird's-eye view."""
+        seen = np.isfinite(view.elevation)
+        value = np.nan_to_num(view.elevation)
+        filled = view.elevation.copy()
+        for sigma in FILL_CELLS:
+            density = cv2.GaussianBlur(seen.astype(np.float32), (0, 0), sigma)
+            mean = cv2.GaussianBlur(value, (0, 0), sigma) / np.maximum(density, 1e-6)
+            near = np.isnan(filled) & (density > 0.02)  # noqa: PLR2004 - something within 2 sigma
+            filled[near] = mean[near]
+        known = np.isfinite(filled)
+        inner = cv2.erode(known.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+        smooth = cv2.medianBlur(np.where(known, filled, 0).astype(np.float32), 5)
+        return cls(view.cell_m, np.where(inner, smooth, filled).astype(np.float32))
+
+    def at(self, north: np.ndarray, east: np.ndarray) -> Float32[np.ndarray, "rows cols"]:
+        """Elevation at places of the level frame, NaN where unknown."""
+        if not north.size:
+            return np.zeros(north.shape, np.float32)
+        half = self.elevation.shape[0] / 2 - 0.5
+        col = (east / self.cell_m + half).astype(np.float32)
+        row = (half - north / self.cell_m).astype(np.float32)
+        return cv2.remap(
+            self.elevation,
+            col,
+            row,
+            cv2.INTER_LINEAR,
+            borderMode=cv2.BORDER_CONSTANT,
+            borderValue=float("nan"),
+        ).astype(np.float32)
+
+
+LONGEST = 4.0
+"""Cells are so many times as long as wide at most: a narrower strip holds too little."""
+
+
+def common_cells(
+    one: Float64[np.ndarray, "n 2 2"], other: Float64[np.ndarray, "n 2 2"], square_m: float
+) -> Float64[np.ndarray, "n 2 2"]:
+    """G of cells as large as the pixels of two images, C_1 and C_2, in every direction.
+
+    Cells that are no longer than `square_m` are square, longer ones narrower in turn, at least of
+    that area; NaN where either C is not finite.
+    """
+    cells = np.full(one.shape, np.nan)
+    good = np.isfinite(one).all(axis=(1, 2)) & np.isfinite(other).all(axis=(1, 2))
+    root = np.linalg.cholesky(one[good])
+    back = np.linalg.inv(root)
+    stretch, axes = np.linalg.eigh(back @ other[good] @ np.swapaxes(back, 1, 2))
+    both = root @ axes * np.sqrt(np.maximum(stretch, 1.0))[:, None, :]
+    left, size, _ = np.linalg.svd(both)
+    length = size[:, 0]
+    size[:, 1] = np.maximum(size[:, 1], np.minimum(length, square_m**2 / length))
+    size[:, 1] = np.maximum(size[:, 1], length / LONGEST)
+    cells[good] = left * size[:, None, :]
+    return cells
+
+
+def no_finer(cells: Float64[np.ndarray, "n 2 2"], finest_m: float) -> Float64[np.ndarray, "n 2 2"]:
+    """Cells whose sides are no shorter than the finest."""
+    sides = np.maximum(np.linalg.norm(cells, axis=1), 1e-9)
+    return cells * (np.maximum(sides, finest_m) / sides)[:, None, :]
+
+
+def smallest_stretch(maps: Float64[np.ndarray, "n 2 2"]) -> PerPoint:
+    """The smaller singular value of 2 x 2 matrices: |det| over the larger one."""
+    power = (maps**2).sum(axis=(1, 2)) / 2
+    area = np.abs(maps[:, 0, 0] * maps[:, 1, 1] - maps[:, 0, 1] * maps[:, 1, 0])
+    larger = np.sqrt(power + np.sqrt(np.maximum(power**2 - area**2, 0.0)))
+    return area / np.maximum(larger, 1e-12)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StopViews:
+    """A stop made ready for linking; worth keeping when it is linked more than once."""
+
+    stop: MatchedStop
+    birds_eye: BirdsEyeView
+    views: tuple[GroundView, ...]
+
+    @classmethod
+    def of(cls, stop: MatchedStop, params: BirdsEyeParams) -> StopViews:
+        """Draw the stop from above, coarsely to search in and finely as the ground of its pairs."""
+        seen, fine = birds_eye_views(stop, params, (params.cell_m, params.surface_cell_m))
+        surface = GroundSurface.of(fine)
+        level = stop.lsl_from_rover.rotation
+        views = tuple(GroundView.of(TieView.of(pair), surface, level) for pair in stop.pairs)
+        return cls(stop, seen, views)
+
+    @property
+    def id(self) -> StopId:
+        """Which stop it is."""
+        return self.stop.stop
+
+    @property
+    def pair_ids(self) -> tuple[str, ...]:
+        """Its pairs, in the order of `views`."""
+        return tuple(view.view.pair.pair_id for view in self.views)

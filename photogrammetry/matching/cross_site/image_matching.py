@@ -1,0 +1,342 @@
+"""Matches candidates on the ground: from plans to ties.
+
+Around a candidate both pairs are drawn as orthophotos over the surfaces of their own stops
+(`ground_patches`), and matched on the ground (`conjugates`). The centre of the patch and its
+conjugate are then image points of both pairs, where the parallax is measured (`tie_views`).
+
+What an error of a match along the ground does to a measurement.
+
+A patch that is found beside its true place is found on the ground there: its image moves along the
+surface, and its parallax is that of the ground where it was found. With the standard deviation s of
+a cell and the derivative P of the image by cells (columns: the axes of the patch), displacements of
+one standard deviation are the columns of S = s P, and with g the slope of parallax over the image,
+as the surface around has it,
+
+    s_x^2 = |S_x|^2 + (f r/Z)^2      s_y^2 = |S_y|^2 + (f r/Z)^2      s_p'^2 = s_p^2 + |g' S|^2
+
+where r is by how much ground lies above or below the surface on which the patch was compared, and
+with it what stops on different sides see of it: no patch is found better than that. Seen
+at a grazing angle ground moves far more across an image than up: at 17 m a shift of 10 cm is 20
+pixels of a Pancam to the side, 2 pixels up. Held for equal, heights counted a tenth of what they
+are worth, ranges ten times as much, and links between stops were off by more than they stated.
+
+Ties measured again in the original images, over the facet of ground they lie on.
+
+A patch of ground is drawn over a surface with errors of its own; the relief that it misses deforms
+the patch, and against truth its place is good to 0.4 cells. Once the pose between the stops is
+known, the facet around a tie maps one epipolar image straight onto the other (`local_surface`), and
+least-squares matching there (`conjugates`) is left with what the images themselves show: half the
+error. What it does not find keeps its place, with the standard deviation of a patch.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import cv2
+import numpy as np
+from scipy.spatial.transform import Rotation as ScipyRotation
+
+from solmap.photogrammetry.arrays import Flags, Float32, Float64, ImagePoints, Int32, PerPoint
+from solmap.photogrammetry.errors import MatchingError
+from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.matching.alignment import Alignment
+from solmap.photogrammetry.matching.conjugates import (
+    ConjugateParams,
+    TieView,
+    find_conjugates,
+    in_view,
+    match_patches,
+    measured_parallax,
+)
+from solmap.photogrammetry.matching.cross_site.candidates import Plan, horizontal_turn
+from solmap.photogrammetry.matching.parallax_planes import (
+    ParallaxPlanes,
+    mapped,
+    parallax_planes,
+    plane_homographies,
+)
+from solmap.photogrammetry.matching.records import Ties, joined
+
+WINDOW_STEP = 8
+"""Windows grow in steps of so many cells: patches of one size are drawn together."""
+MARGIN_CELLS = 3
+"""Search patches are wider by so much, for refinement to move in."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GroundTies:
+    """Ties between two stops, and how wide the patch of ground is that each was matched by."""
+
+    ties: Ties
+    width_m: PerPoint
+
+    def taking(self, rows: Flags) -> GroundTies:
+        """The ties of some rows."""
+        return GroundTies(self.ties.taking(rows), self.width_m[rows])
+
+    def swapped(self) -> GroundTies:
+        """First and second exchanged."""
+        return GroundTies(self.ties.swapped(), self.width_m)
+
+    def __len__(self) -> int:
+        return len(self.ties)
+
+
+@dataclass(frozen=True, slots=True)
+class GroundMatchingParams:
+    """How patches of ground are matched and their parallaxes measured."""
+
+    half_cells: int = 8
+    """Half a patch: 17 x 17 cells are 1.4 m of ground at 10 m, and enough to be unique."""
+    patches: ConjugateParams = field(
+        default_factory=lambda: ConjugateParams(threshold=0.6, ambiguity=0.85, sigma_floor_px=0.4)
+    )
+    """Looks at the ground from far apart correlate less than the eyes of one pair; that a place is
+    the only one within the window, and fits the others in space, has to make up for it. Against
+    truth a patch is good to 0.4 cells, for its relief is not quite that of the surface."""
+    first_sigma_px: float = 0.1
+    """The centre of a patch is a point by definition; what is left is resampling."""
+    blur_cells: float = 0.7
+    """Takes from both what only one of them resolves."""
+    parallax: ConjugateParams = field(
+        default_factory=lambda: ConjugateParams(parallax_floor_px=0.1)
+    )
+    """How the parallax of a tie is measured in its pairs; against truth 0.07 px on rendered soil,
+    0.1-0.2 px on real one of good texture (NTB NPO-42487)."""
+
+    def __post_init__(self) -> None:
+        if self.half_cells < 3:  # noqa: PLR2004
+            raise MatchingError(
+                f"patches of ground are 7 x 7 cells or more, not half_cells = {self.half_cells}"
+            )
+
+
+ParallaxOf = Callable[[TieView, ImagePoints], tuple[PerPoint, PerPoint]]
+"""(parallax, standard deviation) at left image points of a pair; NaN where there is none."""
+
+
+def match_ground(
+    forth: Sequence[Plan],
+    back: Sequence[Plan],
+    params: GroundMatchingParams,
+    pair_ids: tuple[str, ...],
+    dense_sigma_px: float | None = None,
+) -> GroundTies:
+    """Ties between two stops; first the earlier's pair, second the later's.
+
+    `forth` looks for ground of the earlier stop in the later one, `back` the other way round. The
+    parallax is measured by least-squares matching, or, if the standard deviation of the dense one
+    is given, looked up.
+    """
+
+    def parallax_of(view: TieView, points: ImagePoints) -> tuple[PerPoint, PerPoint]:
+        if dense_sigma_px is None:
+            return measured_parallax(view, points, params.parallax)
+        return dense_parallax(view, points, dense_sigma_px)
+
+    found = [_carried_out(plan, params, parallax_of, pair_ids) for plan in forth]
+    returned = [_carried_out(plan, params, parallax_of, pair_ids).swapped() for plan in back]
+    return _joined([t for t in (*found, *returned) if len(t)], pair_ids)
+
+
+def _joined(ties: Sequence[GroundTies], pair_ids: tuple[str, ...]) -> GroundTies:
+    """All ties of several sets."""
+    width_m = np.concatenate([t.width_m for t in ties]) if ties else np.zeros(0)
+    return GroundTies(joined([t.ties for t in ties], pair_ids), width_m)
+
+
+def _carried_out(
+    plan: Plan, params: GroundMatchingParams, parallax_of: ParallaxOf, pair_ids: tuple[str, ...]
+) -> GroundTies:
+    """Look for the candidates of a plan, those with windows of like size together."""
+    classes = np.ceil(plan.reach / WINDOW_STEP).astype(np.int64)
+    ties = [
+        _looked_for(
+            plan.taking(classes == size), int(WINDOW_STEP * size), params, parallax_of, pair_ids
+        )
+        for size in np.unique(classes)
+    ]
+    return _joined(ties, pair_ids)
+
+
+def _looked_for(
+    plan: Plan,
+    reach: int,
+    params: GroundMatchingParams,
+    parallax_of: ParallaxOf,
+    pair_ids: tuple[str, ...],
+) -> GroundTies:
+    """Match the ground of a plan's candidates and measure both parallaxes."""
+    half, turn = params.half_cells, horizontal_turn(plan.target_from_source)
+    cells_there = turn @ plan.cells
+    centres = plan.places[:, :2]
+    ahead = plan.target_from_source.apply(plan.places)[:, :2]
+    wide = half + reach + MARGIN_CELLS
+    templates, whole = plan.source.patches(centres, plan.cells, half, half)
+    searches, there = plan.target.patches(ahead, cells_there, wide, half)
+    templates, searches = (_blurred(stack, params.blur_cells) for stack in (templates, searches))
+    found, offset, sigma, _ = match_patches(templates, searches, whole & there, params.patches)
+    moved = (cells_there @ offset[:, ::-1, None])[:, :, 0]
+    first, _ = plan.source.image_of(centres[:, 0], centres[:, 1])
+    second, _ = plan.target.image_of(ahead[:, 0] + moved[:, 0], ahead[:, 1] + moved[:, 1])
+    found &= in_view(plan.source.view, first, 8) & in_view(plan.target.view, second, 8)
+    first, second = first[found], second[found]
+    parallax, sigma_parallax = parallax_of(plan.source.view, first)
+    parallax_there, sigma_there = parallax_of(plan.target.view, second)
+    pixels = plan.target.derivative(ahead[found]) @ cells_there[found]
+    sample, line, sigma_there = spread_on_the_ground(
+        plan.target.view, second, parallax_there, sigma_there, pixels * sigma[found, None, None]
+    )
+    n = int(found.sum())
+    source, target = (
+        np.full(n, pair_ids.index(v.view.pair.pair_id), np.int32)
+        for v in (plan.source, plan.target)
+    )
+    ties = Ties(
+        pair_ids,
+        source,
+        target,
+        first,
+        second,
+        parallax,
+        parallax_there,
+        np.full(n, params.first_sigma_px),
+        sample,
+        sigma_parallax,
+        sigma_there,
+        np.full(n, params.first_sigma_px),
+        line,
+    )
+    width_m = (2 * half + 1) * plan.cell_m[found]
+    return GroundTies(ties, width_m).taking(np.isfinite(parallax) & np.isfinite(parallax_there))
+
+
+def _blurred(stack: Float32[np.ndarray, "n a a"], sigma: float) -> Float32[np.ndarray, "n a a"]:
+    """Every patch through a Gaussian."""
+    for patch in stack:
+        cv2.GaussianBlur(patch, (0, 0), sigma, dst=patch)
+    return stack
+
+
+def dense_parallax(
+    view: TieView, points: ImagePoints, sigma_px: float
+) -> tuple[PerPoint, PerPoint]:
+    """(parallax, its standard deviation) at left image points, as dense matching has it."""
+    lines, samples = view.pair.parallax.shape
+    col = np.clip(np.round(points[:, 0]), 0, samples - 1).astype(np.int64)
+    row = np.clip(np.round(points[:, 1]), 0, lines - 1).astype(np.int64)
+    parallax = view.pair.parallax[row, col].astype(np.float64)
+    parallax[parallax <= 0] = np.nan
+    return parallax, np.where(np.isfinite(parallax), sigma_px, np.nan)
+
+
+RELIEF_M = 0.015
+"""r: what soil and pebbles rise above the mean of a patch; against truth 1 to 2 cm."""
+HALF_PX = 10
+"""Half the window of the surface around."""
+
+
+def spread_on_the_ground(
+    view: TieView,
+    points: ImagePoints,
+    parallax_px: PerPoint,
+    sigma_parallax_px: PerPoint,
+    spread: Float64[np.ndarray, "n 2 2"],
+) -> tuple[PerPoint, PerPoint, PerPoint]:
+    """Standard deviations of (sample, line, parallax) of points found on the ground, pixels.
+
+    `spread` is S, `sigma_parallax_px` that of the parallax measured where the point was found.
+    """
+    slope = np.nan_to_num(parallax_planes(view.pair.parallax, points, HALF_PX).gradient)
+    along = (slope[:, None] @ spread)[:, 0]
+    relief = RELIEF_M * parallax_px / view.geometry.base_m
+    sample, line = (np.hypot(np.linalg.norm(spread[:, k], axis=1), relief) for k in (0, 1))
+    return sample, line, np.hypot(sigma_parallax_px, np.linalg.norm(along, axis=1))
+
+
+MEASURED_AGAIN = ("left", "parallax_px", "sigma_px", "sigma_line_px", "sigma_parallax_px")
+"""Columns of a second measurement."""
+
+
+@dataclass(frozen=True, slots=True)
+class RefinementParams:
+    """How ties are measured again."""
+
+    facet: ConjugateParams = field(
+        default_factory=lambda: ConjugateParams(
+            half_px=8, threshold=0.6, ambiguity=1.0, sigma_floor_px=0.25
+        )
+    )
+    """The place is known, so it need not be the only one. Stops look at the ground from different
+    sides: against truth, a quarter of a common cell is what least squares come to."""
+    reach: int = 3
+    """Cells to each side: the 0.4 cells of a patch, and what is left of the pose, three times."""
+
+    def __post_init__(self) -> None:
+        if self.reach < 1:
+            raise MatchingError(f"a tie is looked for 1 cell around or more, not {self.reach}")
+
+
+def refined(
+    ties: Ties,
+    views: Mapping[str, TieView],
+    alignment: Alignment,
+    params: RefinementParams,
+    parallax: ConjugateParams,
+) -> Ties:
+    """The ties, those that are found again with the place and parallax measured there."""
+    columns = {name: getattr(ties, f"second_{name}").copy() for name in MEASURED_AGAIN}
+    for a, b in sorted({*zip(ties.first.tolist(), ties.second.tolist(), strict=True)}):
+        rows = np.flatnonzero((ties.first == a) & (ties.second == b)).astype(np.int32)
+        source, target = views[ties.pair_ids[a]], views[ties.pair_ids[b]]
+        target_from_source = _between(source, target, alignment)
+        maps = _maps(ties, rows, source, target, target_from_source, params.facet.half_px)
+        found = find_conjugates(
+            source.left, target.left, ties.first_left[rows], maps, params.reach, params.facet
+        )
+        there = rows[found.found]
+        points, spread = found.points[found.found], found.spread[found.found]
+        measured, of_parallax = measured_parallax(target, points, parallax)
+        good = np.isfinite(measured)
+        sample, line, of_parallax = spread_on_the_ground(
+            target, points, measured, of_parallax, spread
+        )
+        again = (points, measured, sample, line, of_parallax)
+        for name, column in zip(MEASURED_AGAIN, again, strict=True):
+            columns[name][there[good]] = column[good]
+    return replace(ties, **{f"second_{name}": column for name, column in columns.items()})
+
+
+def _between(source: TieView, target: TieView, alignment: Alignment) -> Pose:
+    """target_from_source with the pose and the pointing that the alignment found."""
+    first, second = (pointed(view, alignment) for view in (source, target))
+    return second.inverse @ alignment.first_from_second.inverse @ first
+
+
+def pointed(view: TieView, alignment: Alignment) -> Pose:
+    """rover_from_pair, its pointing corrected."""
+    pose = view.geometry.rover_from_pair
+    theta = alignment.pointing.get(view.pair.pair_id, np.zeros(3))
+    turn = ScipyRotation.from_rotvec(theta).as_matrix()
+    return Pose(pose.target, pose.source, pose.rotation @ turn, pose.translation_m)
+
+
+def _maps(
+    ties: Ties,
+    rows: Int32[np.ndarray, " n"],
+    source: TieView,
+    target: TieView,
+    target_from_source: Pose,
+    half_px: int,
+) -> Float64[np.ndarray, "n 3 3"]:
+    """Maps over the facet of every tie, moved to carry the first point onto the second one."""
+    points = ties.first_left[rows]
+    planes = parallax_planes(source.pair.parallax, points, half_px)
+    planes = ParallaxPlanes(ties.first_parallax_px[rows], planes.gradient, planes.residual_px)
+    maps = plane_homographies(source.geometry, target.geometry, target_from_source, points, planes)
+    at, _ = mapped(maps, points)
+    moves = np.tile(np.eye(3), (len(rows), 1, 1))
+    moves[:, :2, 2] = ties.second_left[rows] - at
+    return moves @ maps

@@ -1,0 +1,337 @@
+"""Cross-site ties: the ground that two stops have both seen, found without a hand.
+
+1. Telemetry says where the later rover stands in the earlier one, to some per cent of the drive and
+   a degree or two of azimuth (Di et al. 2008, section 1 and table 1). That is the gate
+   (`cross_site_gate`).
+2. Bird's-eye views of both stops are correlated over the gate, and landmarks on them vote for
+   places (`hypotheses`). The best are hypotheses of the horizontal pose; the drop follows from the
+   elevations of the common ground and the tilt from telemetry, which gravity holds to tenths of a
+   degree.
+3. Under every hypothesis the sparse matches of each stop are predicted into the pairs of the other
+   one and looked for there, and a robust rigid alignment counts how many agree in space
+   (`cross_site_trials`).
+4. The best hypothesis is tried again from its own alignment, with a window of a few cells, and so
+   is its strongest rival: a wrong hypothesis, or a decoy, measures what chance can do.
+5. Ties are measured again in the original images (`tie_refinement`); those that hardly share their
+   ground (`shared_ground`) are handed on.
+6. The link stands if its ties are many, well spread and far more than chance found; if not, the
+   verdict says why. A wrong link is worse than none.
+7. Where it stands, the shape of the ground ties it further (`surface_ties`): it knows the bearings
+   between stops better than the looks of the ground do.
+
+Hypotheses of where the later stop stands, tried in the images.
+
+Under a hypothesis, candidates (`cross_site_candidates`) are matched on the ground
+(`ground_matching`), and a robust rigid alignment counts how many agree in space (`alignment`).
+Hypotheses that are wrong measure what chance can do, and so do decoys: places inside the gate
+where no peak was, tried in exactly the same way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from itertools import chain
+
+import numpy as np
+
+from solmap.photogrammetry.arrays import PerPoint
+from solmap.photogrammetry.errors import MatchingError
+from solmap.photogrammetry.frames import LSL, Pose
+from solmap.photogrammetry.matching.alignment import Alignment, AlignmentParams, align
+from solmap.photogrammetry.matching.cross_site.birds_eye import BirdsEyeParams, PlaneFit, SearchGate
+from solmap.photogrammetry.matching.cross_site.candidates import (
+    Candidates,
+    Gap,
+    plans_between,
+)
+from solmap.photogrammetry.matching.cross_site.gate import (
+    GateParams,
+    PoseCovariance,
+    between_levels,
+    gate_between,
+    pose_of,
+)
+from solmap.photogrammetry.matching.cross_site.ground_views import StopViews
+from solmap.photogrammetry.matching.cross_site.hypotheses.search import (
+    HypothesisParams,
+    hypotheses,
+)
+from solmap.photogrammetry.matching.cross_site.image_matching import (
+    GroundMatchingParams,
+    RefinementParams,
+    match_ground,
+    pointed,
+    refined,
+)
+from solmap.photogrammetry.matching.cross_site.links import (
+    LEAST_TO_ALIGN,
+    SiteLink,
+    VerdictParams,
+    distance_m,
+    figures_of,
+    places_of,
+    unlinked,
+    verdict,
+)
+from solmap.photogrammetry.matching.cross_site.surface_alignment import SurfaceView
+from solmap.photogrammetry.matching.cross_site.surface_matching import (
+    SurfaceTieParams,
+    tie_by_shape,
+)
+from solmap.photogrammetry.matching.cross_site.tie_weights import (
+    counted_as_one,
+    spread_out,
+    weighed_down,
+    with_shared_errors,
+)
+from solmap.photogrammetry.matching.records import MatchedStop, Ties, joined
+
+
+@dataclass(frozen=True, slots=True)
+class CrossSiteParams:
+    """How stops are linked, and when a link is believed."""
+
+    gate: GateParams = field(default_factory=GateParams)
+    birds_eye: BirdsEyeParams = field(default_factory=BirdsEyeParams)
+    hypotheses: HypothesisParams = field(default_factory=HypothesisParams)
+    trials: TrialParams = field(default_factory=TrialParams)
+    by_shape: SurfaceTieParams = field(default_factory=SurfaceTieParams)
+    verdict: VerdictParams = field(default_factory=VerdictParams)
+    apart: float = 0.75
+    """Least distance of ties that are handed on, in widths of their patches: they share a quarter
+    of their ground at most along either axis, and nearly count as independent."""
+
+
+def tie_cross_site(
+    earlier: MatchedStop | StopViews, later: MatchedStop | StopViews, params: CrossSiteParams
+) -> SiteLink:
+    """Link two stops by the ground that both have seen, or say why that cannot be done."""
+    one, other = (
+        s if isinstance(s, StopViews) else StopViews.of(s, params.birds_eye)
+        for s in (earlier, later)
+    )
+    gate, prior = gate_between(one.stop, other.stop, params.gate)
+    apart_m = distance_m(one, other)
+    if apart_m - gate.reach_m > 2 * params.birds_eye.radius_m:
+        return unlinked(one, other, f"{apart_m:.0f} m apart, no common ground in reach")
+    found = hypotheses(one, other, gate, params.birds_eye, params.hypotheses)
+    fits = [hypothesis.fit for hypothesis in found]
+    if not fits:
+        return unlinked(one, other, "the bird's-eye views share too little ground")
+    highest = max(fit.z for fit in fits)
+    if highest < params.verdict.least_z:
+        return unlinked(one, other, f"no peak stands out (z = {highest:.1f})", fits[0])
+    trials = Trials(one, other, prior, params.trials)
+    tried = [trials.tried(fit) for fit in fits]
+    best = trials.settled(_best(tried, params.trials.separation_m))
+    if best.agreeing < params.verdict.least_ties:
+        return _judged(trials, best, 0, params)
+    wrong = decoys(gate, fits, params.trials.decoys, 2 * params.birds_eye.separation_m)
+    return _judged(trials, best, _by_chance(trials, best, tried, wrong), params)
+
+
+def _best(tried: list[Trial], separation_m: float) -> Trial:
+    """The trial that most agree with; of those that ended there too, the one of the best peak."""
+    most = max(tried, key=lambda trial: trial.agreeing)
+    same = (t for t in tried if t.alignment and not t.elsewhere(most, separation_m))
+    return next(same, most)
+
+
+def _by_chance(trials: Trials, best: Trial, tried: list[Trial], wrong: Sequence[PlaneFit]) -> int:
+    """Ties that the strongest trial of another place comes to when it is settled as well.
+
+    A trial may start elsewhere and still settle at the place of the best: that is no other place.
+    Where no hypothesis is another place, decoys show what chance can do.
+    """
+    separation_m = trials.params.separation_m
+    others = [trial for trial in tried if trial.elsewhere(best, separation_m)]
+    others.sort(key=lambda trial: trial.agreeing, reverse=True)
+    for rival in chain(others, map(trials.tried, wrong)):
+        settled = trials.settled(rival)
+        if settled.elsewhere(best, separation_m):
+            return settled.agreeing
+    return 0
+
+
+def _judged(trials: Trials, trial: Trial, by_chance: int, params: CrossSiteParams) -> SiteLink:
+    """The link of a settled trial, or why it is none."""
+    one, other = trials.one, trials.other
+    fine = trials.refined(trial)
+    if trial.alignment is None or fine.alignment is None:
+        return unlinked(one, other, "the conjugates could not be aligned", trial.fit)
+    figures = figures_of(one, other, fine.fit, fine.ties, fine.alignment)
+    figures = replace(figures, measured=len(trial.ties), by_chance=by_chance)
+    linked, reason = verdict(figures, params.verdict)
+    if not linked:
+        return unlinked(one, other, reason, trial.fit, figures)
+    agrees = fine.alignment.agrees
+    ties, width_m = fine.ties.taking(agrees), fine.width_m[agrees]
+    places = (places_of(one, ties) @ one.stop.lsl_from_rover.rotation.T)[:, :2]
+    weighed = weighed_down(ties, counted_as_one(places, width_m))
+    final = trials.aligned(weighed, fine.alignment.first_from_second) or fine.alignment
+    some = spread_out(places, width_m, params.apart, params.verdict.least_ties)
+    by_looks = with_shared_errors(
+        weighed_down(ties.taking(some), counted_as_one(places[some], width_m[some])),
+        {v.view.pair.pair_id: v.view.geometry for v in (*one.views, *other.views)},
+    )
+    by_shape = _by_shape(one, other, final, params.by_shape)
+    figures = replace(figures, handed_on=int(some.sum()), by_shape=len(by_shape))
+    if len(by_shape):
+        reason += f", {len(by_shape)} more by the shape of the ground"
+    return SiteLink(
+        one.id,
+        other.id,
+        linked,
+        reason,
+        joined([by_looks, by_shape], by_looks.pair_ids),
+        final.first_from_second,
+        final.covariance,
+        figures,
+        trial.fit,
+    )
+
+
+def _by_shape(
+    one: StopViews, other: StopViews, alignment: Alignment, params: SurfaceTieParams
+) -> Ties:
+    """Ties by the shape of the ground, from where ties by looks have placed the stops."""
+    if not params.enabled:
+        return Ties.none((*one.pair_ids, *other.pair_ids))
+    level = Pose(LSL, one.id.frame, one.stop.lsl_from_rover.rotation, np.zeros(3))
+    frames = (level, level @ alignment.first_from_second)
+    earlier, later = (
+        {
+            view.pair.pair_id: SurfaceView.of(
+                view.geometry,
+                view.pair.parallax,
+                frame @ pointed(view, alignment),
+                params.surface.half_px,
+            )
+            for view in (ground.view for ground in stop.views)
+        }
+        for stop, frame in zip((one, other), frames, strict=True)
+    )
+    return tie_by_shape(earlier, later, params)
+
+
+@dataclass(frozen=True, slots=True)
+class TrialParams:
+    """How hypotheses are tried."""
+
+    candidates: Candidates = field(default_factory=Candidates)
+    ground: GroundMatchingParams = field(default_factory=GroundMatchingParams)
+    alignment: AlignmentParams = field(default_factory=AlignmentParams)
+    refinement: RefinementParams = field(default_factory=RefinementParams)
+    decoys: int = 2
+    separation_m: float = 0.75
+    """Trials that end this near to each other found the same place."""
+
+    def __post_init__(self) -> None:
+        if self.decoys < 0 or self.separation_m <= 0:
+            raise MatchingError(
+                f"trials need 0 or more decoys and a separation above zero, not {self.decoys} and "
+                f"{self.separation_m} m"
+            )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Trial:
+    """A hypothesis after it was tried in the images."""
+
+    fit: PlaneFit
+    ties: Ties
+    width_m: PerPoint
+    """Of the patches of ground that the ties were matched by."""
+    alignment: Alignment | None
+
+    @property
+    def agreeing(self) -> int:
+        """Ties that agree in space."""
+        return int(self.alignment.agrees.sum()) if self.alignment else 0
+
+    def elsewhere(self, other: Trial, separation_m: float) -> bool:
+        """Whether two trials ended at different places: neighbours may find the same."""
+        if self.alignment is None or other.alignment is None:
+            return False
+        here, there = (a.first_from_second.translation_m for a in (self.alignment, other.alignment))
+        return bool(np.linalg.norm(here - there) > separation_m)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Trials:
+    """Two stops between which hypotheses are tried."""
+
+    one: StopViews
+    other: StopViews
+    prior: PoseCovariance
+    params: TrialParams
+
+    def tried(self, fit: PlaneFit) -> Trial:
+        """Look for some conjugates under a hypothesis and align by them."""
+        candidates = self.params.candidates
+        pose = pose_of(self.one.stop, self.other.stop, fit)
+        dense_sigma_px = candidates.parallax_sigma_px
+        return self._trial(fit, pose, candidates.first_gap, candidates, dense_sigma_px)
+
+    def settled(self, trial: Trial) -> Trial:
+        """Match all there is from the trial's own alignment, in the window that leaves open."""
+        if trial.alignment is None:
+            return trial
+        candidates = replace(self.params.candidates, most=self.params.candidates.most_at_last)
+        pose = trial.alignment.first_from_second
+        return self._trial(trial.fit, pose, candidates.last_gap, candidates, None)
+
+    def refined(self, trial: Trial) -> Trial:
+        """Measure the ties that agree again, in the original images, and align by them."""
+        if trial.alignment is None:
+            return trial
+        agrees = trial.alignment.agrees
+        views = {v.view.pair.pair_id: v.view for v in (*self.one.views, *self.other.views)}
+        ties = refined(
+            trial.ties.taking(agrees),
+            views,
+            trial.alignment,
+            self.params.refinement,
+            self.params.ground.parallax,
+        )
+        alignment = self.aligned(ties, trial.alignment.first_from_second)
+        return Trial(trial.fit, ties, trial.width_m[agrees], alignment)
+
+    def _trial(
+        self,
+        fit: PlaneFit,
+        pose: Pose,
+        gap: Gap,
+        candidates: Candidates,
+        dense_sigma_px: float | None,
+    ) -> Trial:
+        """Conjugates under a pose of rover to rover, and the alignment by them."""
+        level = between_levels(self.one.stop, self.other.stop, pose)
+        forth, back = plans_between(self.one.views, self.other.views, level, gap, candidates)
+        pair_ids = (*self.one.pair_ids, *self.other.pair_ids)
+        found = match_ground(forth, back, self.params.ground, pair_ids, dense_sigma_px)
+        return Trial(fit, found.ties, found.width_m, self.aligned(found.ties, pose))
+
+    def aligned(self, ties: Ties, pose: Pose) -> Alignment | None:
+        """The robust alignment by some ties, None if there are hardly any."""
+        if len(ties) < LEAST_TO_ALIGN:
+            return None
+        views = (*self.one.views, *self.other.views)
+        geometries = {v.view.pair.pair_id: v.view.geometry for v in views}
+        return align(ties, geometries, pose, self.prior, self.params.alignment)
+
+
+def decoys(
+    gate: SearchGate, fits: Sequence[PlaneFit], number: int, clear_m: float
+) -> list[PlaneFit]:
+    """Places on the rim of a circle around the best fit, far from every peak of the search."""
+    best, radius = fits[0], max(2 * clear_m, 0.5 * gate.reach_m)
+    around = []
+    for angle in np.linspace(0.6, 0.6 + 2 * np.pi, 8 * number, endpoint=False):
+        north = best.north_m + radius * float(np.cos(angle))
+        east = best.east_m + radius * float(np.sin(angle))
+        if min(np.hypot(f.north_m - north, f.east_m - east) for f in fits) > clear_m:
+            around.append(PlaneFit(best.azimuth, north, east, best.down_m, 0.0, best.overlap_m2))
+    step = max(len(around) // max(number, 1), 1)
+    return around[::step][:number]

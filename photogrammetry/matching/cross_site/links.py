@@ -1,0 +1,193 @@
+"""What came of trying to link two stops: the verdict, its reason and its figures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from solmap.photogrammetry.arrays import Float64, ObjectPoints
+from solmap.photogrammetry.errors import MatchingError
+from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.imagery import StopId
+from solmap.photogrammetry.matching.alignment import Alignment
+from solmap.photogrammetry.matching.cross_site.birds_eye import PlaneFit
+from solmap.photogrammetry.matching.cross_site.ground_views import StopViews
+from solmap.photogrammetry.matching.records import Ties
+
+
+@dataclass(frozen=True, slots=True)
+class SiteLinkFigures:
+    """What speaks for and against a link."""
+
+    distance_m: float
+    """Between the stops by telemetry."""
+    peak_z: float = 0.0
+    overlap_m2: float = 0.0
+    measured: int = 0
+    """Conjugates found with their parallax in the last round."""
+    ties: int = 0
+    """Conjugates that agree in space."""
+    handed_on: int = 0
+    """Of these, the ties of the link: they hardly share their ground."""
+    by_shape: int = 0
+    """Further ties of the link, by the shape of the ground."""
+    by_chance: int = 0
+    """Ties that the strongest wrong hypothesis or decoy came to in the same way."""
+    rms_px: float = float("nan")
+    sigma0: float = float("nan")
+    spread_m: float = 0.0
+    moved_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """North, east, down by which the link differs from telemetry."""
+    turned: float = 0.0
+    """Azimuth by which the link differs from telemetry, radians."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SiteLink:
+    """Whether two stops are linked, by what, and how they stand to each other."""
+
+    earlier: StopId
+    later: StopId
+    linked: bool
+    reason: str
+    ties: Ties
+    """First the earlier stop's pair, second the later one's; none unless linked."""
+    earlier_from_later: Pose
+    """Rover to rover: as found if linked, else as telemetry has it."""
+    covariance: Float64[np.ndarray, "6 6"]
+    """Of rotation vector (radians), then translation (metres), in the earlier rover's axes."""
+    figures: SiteLinkFigures
+    fit: PlaneFit | None
+    """The best peak of the bird's-eye search, kept for pictures."""
+
+    @property
+    def verdict(self) -> str:
+        """`linked` or `not linked`."""
+        return "linked" if self.linked else "not linked"
+
+    def __str__(self) -> str:
+        return f"{self.earlier} - {self.later}: {self.verdict}, {self.reason}"
+
+
+def unlinked(
+    one: StopViews,
+    other: StopViews,
+    reason: str,
+    fit: PlaneFit | None = None,
+    figures: SiteLinkFigures | None = None,
+) -> SiteLink:
+    """The verdict `not linked`: no ties, and the pose of telemetry."""
+    if figures is None:
+        z, overlap_m2 = (fit.z, fit.overlap_m2) if fit else (0.0, 0.0)
+        figures = SiteLinkFigures(distance_m(one, other), peak_z=z, overlap_m2=overlap_m2)
+    return SiteLink(
+        one.id,
+        other.id,
+        linked=False,
+        reason=reason,
+        ties=Ties.none((*one.pair_ids, *other.pair_ids)),
+        earlier_from_later=one.stop.lsl_from_rover.inverse @ other.stop.lsl_from_rover,
+        covariance=np.full((6, 6), np.nan),
+        figures=figures,
+        fit=fit,
+    )
+
+
+def distance_m(one: StopViews, other: StopViews) -> float:
+    """Horizontal distance between two stops by telemetry."""
+    step = other.stop.lsl_from_rover.translation_m - one.stop.lsl_from_rover.translation_m
+    return float(np.hypot(step[0], step[1]))
+
+
+def figures_of(
+    one: StopViews,
+    other: StopViews,
+    fit: PlaneFit,
+    ties: Ties,
+    alignment: Alignment,
+) -> SiteLinkFigures:
+    """The figures of an alignment by some ties."""
+    level = one.stop.lsl_from_rover.rotation
+    told = other.stop.lsl_from_rover
+    found = alignment.first_from_second
+    step = told.translation_m - one.stop.lsl_from_rover.translation_m
+    moved = level @ found.translation_m - step
+    turn = level @ found.rotation @ told.rotation.T
+    kept = ties.taking(alignment.agrees)
+    return SiteLinkFigures(
+        distance_m=distance_m(one, other),
+        peak_z=fit.z,
+        overlap_m2=fit.overlap_m2,
+        measured=len(ties),
+        ties=len(kept),
+        rms_px=alignment.rms_px,
+        sigma0=alignment.sigma0,
+        spread_m=spread_m(places_of(one, kept) @ level.T),
+        moved_m=(float(moved[0]), float(moved[1]), float(moved[2])),
+        turned=float(np.arctan2(turn[1, 0], turn[0, 0])),
+    )
+
+
+def places_of(one: StopViews, ties: Ties) -> ObjectPoints:
+    """Where the ties lie, in the frame of the earlier rover."""
+    places = np.full((len(ties), 3), np.nan)
+    for view in (v.view for v in one.views):
+        rows = ties.first == ties.pair_ids.index(view.pair.pair_id)
+        points = view.geometry.triangulate(ties.first_left[rows], ties.first_parallax_px[rows])
+        places[rows] = view.geometry.rover_from_pair.apply(points)
+    return places
+
+
+def spread_m(places: ObjectPoints) -> float:
+    """Standard deviation of horizontal places across their longest direction, metres."""
+    if len(places) < 3:  # noqa: PLR2004 - two points have no width
+        return 0.0
+    smallest = np.linalg.eigvalsh(np.cov(places[:, :2].T))[0]
+    return float(np.sqrt(max(smallest, 0.0)))
+
+
+LEAST_TO_ALIGN = 6
+"""Ties for the six unknowns of a pose with some redundancy."""
+
+
+@dataclass(frozen=True, slots=True)
+class VerdictParams:
+    """When a link is believed."""
+
+    least_ties: int = 20
+    """The paper's example had 7, made by hand; 20 and more hold the drift (issue 4)."""
+    least_z: float = 6.0
+    """A gate holds some 10^5 independent places: chance comes to 4.8, and to 6 once in 5000."""
+    chance_factor: float = 2.0
+    """A link needs so many times the ties that a wrong hypothesis found,"""
+    chance_sigmas: float = 4.0
+    """and as many more as four standard deviations of a count that happens by chance."""
+    least_share: float = 0.5
+    """Of the conjugates measured in the narrow window, so many must agree in space."""
+    least_spread_m: float = 1.0
+    """Standard deviation of the ties' places across their longest direction."""
+
+    def __post_init__(self) -> None:
+        if self.least_ties < LEAST_TO_ALIGN or self.chance_factor < 1:
+            raise MatchingError(
+                f"a link of {self.least_ties} ties and {self.chance_factor} times chance is no link"
+            )
+
+
+def verdict(figures: SiteLinkFigures, params: VerdictParams) -> tuple[bool, str]:
+    """(linked, reason)."""
+    share = figures.ties / max(figures.measured, 1)
+    if figures.ties < params.least_ties:
+        return False, f"{figures.ties} ties, {params.least_ties} are needed"
+    chance = figures.by_chance + params.chance_sigmas * figures.by_chance**0.5
+    if figures.ties < max(chance, params.chance_factor * figures.by_chance):
+        return False, f"{figures.ties} ties, where a wrong place gets {figures.by_chance} by chance"
+    if share < params.least_share:
+        return False, f"only {share:.0%} of {figures.measured} conjugates agree in space"
+    if figures.spread_m < params.least_spread_m:
+        return False, f"the ties lie on a line, {figures.spread_m:.1f} m wide"
+    return True, (
+        f"{figures.ties} ties of {figures.measured} conjugates, rms {figures.rms_px:.2f} px, "
+        f"{figures.by_chance} by chance"
+    )

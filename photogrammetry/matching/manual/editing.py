@@ -1,0 +1,219 @@
+"""Hand ties applied to the automatic ones.
+
+A person clicks in the images as stored; ties are kept in the epipolar geometry of their pairs. The
+epipolar point e of an original point u is where the map of the resampling (`resampling`) meets it,
+
+    project(C + d r(e)) = u,
+
+solved by fixed-point steps from the ray through u, for the map is nearly a shift. With the same
+point in the right image the tie has a parallax, x_l - x_r; without, the pair's dense parallax
+serves where it has one, and otherwise the tie is two rays.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from solmap.photogrammetry.arrays import Flags, Float64, ImagePoints, ParallaxMap
+from solmap.photogrammetry.cameras.epipolar import EpipolarPair
+from solmap.photogrammetry.cameras.model import CameraModel
+from solmap.photogrammetry.matching.manual.requests import HandAction, HandPoint, HandTie
+from solmap.photogrammetry.matching.records import Ties, joined
+from solmap.photogrammetry.matching.resampling import GROUND_M
+
+STEPS = 8
+"""Each makes the error some fifty times smaller."""
+LARGEST_Y_PX = 5.0
+"""Rows that the two points of a pair may differ by, before they cannot be one feature."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HandBody:
+    """What it takes to place hand-clicked points of a pair, or of a single image."""
+
+    name: str
+    geometry: EpipolarPair
+    left: CameraModel
+    right: CameraModel | None = None
+    parallax: ParallaxMap | None = None
+    """Dense parallax of the pair, where it is known."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Edited:
+    """The ties after a person's changes, and what became of every row."""
+
+    ties: tuple[Ties, ...]
+    added: int
+    moved: int
+    vetoed: int
+    """Automatic ties dropped."""
+    notes: tuple[str, ...]
+    """Rows that changed nothing, and why."""
+
+    def __str__(self) -> str:
+        return f"hand ties: {self.added} added, {self.moved} moved, {self.vetoed} vetoed"
+
+
+def edited(
+    ties: Sequence[Ties],
+    hand: Sequence[HandTie],
+    bodies: Mapping[str, HandBody],
+    stop_of: Mapping[str, str],
+) -> Edited:
+    """Automatic ties with the wishes of a person carried out, row after row.
+
+    `bodies` holds what is named in a wish, `stop_of` the stop of everything that ties join.
+    """
+    kept, new, notes = list(ties), [], []
+    counts = dict.fromkeys(HandAction, 0)
+    for wish in hand:
+        try:
+            made = None if wish.action is HandAction.VETO else _placed(wish, bodies)
+            if wish.action is not HandAction.ADD:
+                rows = _meant(wish, kept, bodies, stop_of)
+                kept = [t.taking(~some) for t, some in zip(kept, rows, strict=True)]
+                dropped = sum(int(some.sum()) for some in rows)
+                counts[wish.action] += dropped if wish.action is HandAction.VETO else 1
+            if made is not None:
+                new.append(made)
+                counts[HandAction.ADD] += wish.action is HandAction.ADD
+        except _UnplacedError as error:
+            notes.append(f"{wish.row}: {error}")
+    every = (*kept, joined(new, tuple(bodies))) if new else tuple(kept)
+    added, moved, vetoed = (counts[a] for a in (HandAction.ADD, HandAction.MOVE, HandAction.VETO))
+    return Edited(every, added, moved, vetoed, tuple(notes))
+
+
+class _UnplacedError(Exception):
+    """A row that cannot be carried out."""
+
+
+def epipolar_point(
+    camera: CameraModel, geometry: EpipolarPair, point: tuple[float, float]
+) -> Float64[np.ndarray, " 2"]:
+    """Where a point of an original image lies in the epipolar one; NaN where it is not shown."""
+    wanted = np.array([point])
+    ray = geometry.rover_from_pair.rotation.T @ camera.rays(wanted)[0]
+    if not ray[2] > 0:
+        return np.full(2, np.nan)
+    found = np.array([geometry.centre_px]) + geometry.focal_px * ray[None, :2] / ray[2]
+    for _ in range(STEPS):
+        ground = camera.centre + GROUND_M * geometry.directions(found)
+        found = found + wanted - camera.project(ground)
+    return found[0]
+
+
+def _meant(
+    wish: HandTie,
+    ties: Sequence[Ties],
+    bodies: Mapping[str, HandBody],
+    stop_of: Mapping[str, str],
+) -> list[Flags]:
+    """Which of the automatic ties a veto or a move means, set by set."""
+    second = wish.second if wish.action is HandAction.VETO else HandPoint(wish.second.image)
+    marks = _Mark.of(wish.first, bodies), _Mark.of(second, bodies)
+    rows = [_selected(marks, wish.tolerance_px, some, stop_of) for some in ties]
+    if not any(some.any() for some in rows):
+        raise _UnplacedError(f"there is no automatic tie here to {wish.action}")
+    return rows
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Mark:
+    """What a veto points at: an image or a stop (empty: anything), and a place in the image."""
+
+    name: str
+    place: Float64[np.ndarray, " 2"] | None
+
+    @classmethod
+    def of(cls, wanted: HandPoint, bodies: Mapping[str, HandBody]) -> _Mark:
+        if wanted.point is None:
+            return cls(wanted.image, None)
+        body = _body(wanted, bodies)
+        return cls(wanted.image, epipolar_point(body.left, body.geometry, wanted.point))
+
+    def covers(
+        self,
+        names: Sequence[str],
+        left: ImagePoints,
+        tolerance_px: float,
+        stop_of: Mapping[str, str],
+    ) -> Flags:
+        """Which measurements, each in the pair of that name, are meant."""
+        meant = np.array(
+            [not self.name or self.name in {n, stop_of.get(n)} for n in names], dtype=bool
+        )
+        if self.place is None:
+            return meant
+        return meant & (np.linalg.norm(left - self.place, axis=1) <= tolerance_px)
+
+
+def _selected(
+    marks: tuple[_Mark, _Mark], tolerance_px: float, ties: Ties, stop_of: Mapping[str, str]
+) -> Flags:
+    """The ties of a set that run between both marks, whichever way."""
+    first = [ties.pair_ids[k] for k in ties.first.tolist()], ties.first_left
+    second = [ties.pair_ids[k] for k in ties.second.tolist()], ties.second_left
+    rows = np.zeros(len(ties), dtype=bool)
+    for one, other in ((first, second), (second, first)):
+        rows |= marks[0].covers(*one, tolerance_px, stop_of) & marks[1].covers(
+            *other, tolerance_px, stop_of
+        )
+    return rows
+
+
+def _placed(wish: HandTie, bodies: Mapping[str, HandBody]) -> Ties:
+    """A tie that a person measured."""
+    names = tuple(bodies)
+    columns = []
+    for wanted in (wish.first, wish.second):
+        body = _body(wanted, bodies)
+        left, parallax = _measured(wanted, body)
+        sigma = wish.sigma_px * np.sqrt(2.0) if np.isfinite(parallax) else np.nan
+        columns.append((names.index(body.name), left, parallax, wish.sigma_px, sigma))
+    index, left, parallax, sigma, of_parallax = zip(*columns, strict=True)
+    return Ties(
+        names,
+        *(np.array([k], np.int32) for k in index),
+        *(place[None] for place in left),
+        *(np.array([v]) for v in (*parallax, *sigma, *of_parallax, *sigma)),
+    )
+
+
+def _body(wanted: HandPoint, bodies: Mapping[str, HandBody]) -> HandBody:
+    if wanted.image not in bodies:
+        raise _UnplacedError(f"{wanted.image} is no left or tied single image of this network")
+    return bodies[wanted.image]
+
+
+def _measured(wanted: HandPoint, body: HandBody) -> tuple[Float64[np.ndarray, " 2"], float]:
+    """(left epipolar point, parallax) of a point that a person clicked."""
+    if wanted.point is None:
+        raise _UnplacedError(f"no point is given in {wanted.image}")
+    left = epipolar_point(body.left, body.geometry, wanted.point)
+    if not body.geometry.shows(left[None]).all():
+        raise _UnplacedError(f"{wanted.point} lies outside the usable part of {wanted.image}")
+    if wanted.right is None:
+        return left, _dense(body, left)
+    if body.right is None:
+        raise _UnplacedError(f"{wanted.image} has no right image to give a point in")
+    right = epipolar_point(body.right, body.geometry, wanted.right)
+    parallax, across = float(left[0] - right[0]), float(left[1] - right[1])
+    if not (parallax > 0 and abs(across) <= LARGEST_Y_PX):
+        raise _UnplacedError(
+            f"left and right point in {wanted.image} cannot be one feature: parallax "
+            f"{parallax:.1f} px, rows {across:.1f} px apart"
+        )
+    return left, parallax
+
+
+def _dense(body: HandBody, left: Float64[np.ndarray, " 2"]) -> float:
+    """Dense parallax at a left point; NaN where it is not known."""
+    if body.parallax is None:
+        return float("nan")
+    col, row = np.round(left).astype(np.int64)
+    return float(body.parallax[row, col])

@@ -1,0 +1,240 @@
+"""Images without a stereo partner as matching takes them, and how they are tied.
+
+Where interest points of one single image are in another of the same stop.
+
+First some of them are looked for along their whole epipolar segments (`mast_swing`): up to 70
+pixels long where a Navcam's base is 9 cm and the ground 1.5 m away, and as wide as pointing errors
+make it. What correlates and agrees with the geometry of the two cameras gives the turn between them
+and the inverse depth of the ground; with both, all interest points are looked for once more, in a
+window as wide as the relief.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from solmap.photogrammetry.arrays import Float64, ImagePoints, PerPoint, Vector3
+from solmap.photogrammetry.cameras.epipolar import EpipolarPair
+from solmap.photogrammetry.errors import MatchingError
+from solmap.photogrammetry.matching.conjugates import (
+    ConjugateParams,
+    Conjugates,
+    View,
+    find_conjugates,
+)
+from solmap.photogrammetry.matching.parallax_planes import calibration
+from solmap.photogrammetry.matching.records import MatchedPair
+from solmap.photogrammetry.matching.single.two_views import (
+    Swing,
+    SwingVerdict,
+    turned,
+    verify,
+)
+from solmap.photogrammetry.matching.stereo.interest_points import (
+    FoerstnerParams,
+    interest_points,
+    strongest_by_cell,
+)
+from solmap.photogrammetry.matching.stereo.verification import VerificationParams
+
+
+@dataclass(frozen=True, slots=True)
+class MonoParams:
+    """How single images of a stop are tied."""
+
+    interest: FoerstnerParams = field(default_factory=FoerstnerParams)
+    conjugates: ConjugateParams = field(default_factory=lambda: ConjugateParams(half_px=8))
+    verification: VerificationParams = field(default_factory=VerificationParams)
+    pointing_sigma: float = 0.0026
+    """Radians (0.15 degrees) an axis and image, as in `alignment`."""
+    nearest_m: float = 1.5
+    """Nearest ground, as deep as the mast is high."""
+    scouts: int = 400
+    """Interest points that are looked for first, over all depths."""
+    candidates: int = 2500
+    """Interest points of the overlap that are looked for with depth and turn known."""
+    cell_px: int = 32
+    """Cell in which the strongest are taken in turn."""
+    relief_px: int = 4
+    """Half the window of the second search: relief between neighbouring matches."""
+    least_parallax_px: float = 1.0
+    """Along the epipolar line. Below, the rays of the adjusted images may diverge, and a point
+    behind infinity has no place."""
+    least_base_m: float = 0.01
+    """Between the cameras: nearer together, as through two filters, images say nothing of depth."""
+    least_ties: int = 12
+    """Four times the three unknowns of the turn: with fewer there is no link."""
+
+    def __post_init__(self) -> None:
+        if not (self.candidates >= self.scouts >= self.least_ties > 2):  # noqa: PLR2004
+            raise MatchingError(
+                "single images need candidates >= scouts >= least_ties > 2, not "
+                f"{self.candidates}, {self.scouts}, {self.least_ties}"
+            )
+        if not (self.pointing_sigma > 0 and self.nearest_m > 0 and self.relief_px > 0):
+            raise MatchingError("pointing_sigma, nearest_m and relief_px must be above zero")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SingleView:
+    """An image without stereo partner, resampled to the geometry of `cameras.single`."""
+
+    image_id: str
+    geometry: EpipolarPair
+    view: View
+
+
+Scouts = tuple[Float64[np.ndarray, "scouts 2"], Float64[np.ndarray, " scouts"]]
+"""Image points found at the first search, and their inverse depth, per metre."""
+
+REACH_SIGMAS = 3.0
+TOGETHER = 128
+"""Points of like reach that are looked for together."""
+NEIGHBOURS = 8
+"""Matches around a point that say how deep it lies."""
+
+
+def candidates(one: SingleView, other: SingleView, swing: Swing, params: MonoParams) -> ImagePoints:
+    """Interest points whose epipolar segment may lie in the other image, spread out, best first."""
+    margin = params.conjugates.half_px
+    found = interest_points(one.view.image, one.view.mask, params.interest, margin)
+    points = found.points
+    middle = swing.seen_at(points, np.full(len(points), 0.5 / params.nearest_m))
+    far = swing.seen_at(points, np.zeros(len(points)))
+    seen = other.geometry.shows(middle) | other.geometry.shows(far)
+    points, weight = points[seen], found.weight[seen]
+    return points[strongest_by_cell(points, weight, params.cell_px, params.candidates)]
+
+
+def scouted(
+    one: SingleView, other: SingleView, swing: Swing, points: ImagePoints, params: MonoParams
+) -> tuple[Scouts, Vector3] | None:
+    """((points, their inverse depth), turn of the other camera) from a search over all depths."""
+    nothing = np.zeros(len(points))
+    nearest = nothing + 1.0 / params.nearest_m
+    length = np.linalg.norm(swing.seen_at(points, nearest) - swing.seen_at(points, nothing), axis=1)
+    wide = np.ceil(length / 2 + _reach_px(swing, params))
+    inside = np.isfinite(wide)
+    points, wide = points[inside], wide[inside]
+    maps = _maps(swing, points, nearest[inside] / 2, np.zeros(3))
+    found = _found(one, other, points, maps, wide, params.conjugates)
+    points, seen = points[found.found], found.points[found.found]
+    if len(points) < params.least_ties:
+        return None
+    verdict = verified(swing, points, seen, params)
+    if verdict.agrees.sum() < params.least_ties:
+        return None
+    points, seen = points[verdict.agrees], seen[verdict.agrees]
+    return (points, _inverse_depth(swing, points, seen, verdict.turn)), verdict.turn
+
+
+def guided(  # noqa: PLR0913, PLR0917 - two images, what is looked for, and what is known
+    one: SingleView,
+    other: SingleView,
+    swing: Swing,
+    points: ImagePoints,
+    near: Scouts,
+    turn: Vector3,
+    params: MonoParams,
+) -> Conjugates:
+    """Conjugates of all points near where the depth of their neighbours puts them."""
+    _, nearest = KDTree(near[0]).query(points, k=min(NEIGHBOURS, len(near[0])))
+    depth = np.median(near[1][nearest], axis=1)
+    maps = _maps(swing, points, depth, turn)
+    reach = np.full(len(points), float(params.relief_px))
+    return _found(one, other, points, maps, reach, params.conjugates)
+
+
+def matches_in_view(
+    pair: MatchedPair, view: SingleView, swing: Swing, params: MonoParams
+) -> np.ndarray:
+    """Rows of a pair's matches that a single image shows by the labels; the most certain first."""
+    matches = pair.matches
+    seen = swing.seen_at(matches.left, _inverse_depth_of(swing, matches.parallax_px))
+    rows = np.flatnonzero(view.geometry.shows(seen))
+    order = strongest_by_cell(
+        matches.left[rows], -matches.sigma_px[rows], params.cell_px, params.candidates
+    )
+    return rows[order]
+
+
+def predicted(
+    one: SingleView,
+    other: SingleView,
+    swing: Swing,
+    points: ImagePoints,
+    parallax_px: PerPoint,
+    params: MonoParams,
+) -> Conjugates:
+    """Conjugates of a pair's points, as far from the prediction as pointing may put them."""
+    maps = _maps(swing, points, _inverse_depth_of(swing, parallax_px), np.zeros(3))
+    reach = np.full(len(points), np.ceil(_reach_px(swing, params)))
+    return _found(one, other, points, maps, reach, params.conjugates)
+
+
+def _inverse_depth_of(swing: Swing, parallax_px: PerPoint) -> PerPoint:
+    """From the parallax of the first image's pair."""
+    return parallax_px / (swing.one.focal_px * swing.one.base_m)
+
+
+def verified(
+    swing: Swing, points: ImagePoints, seen: ImagePoints, params: MonoParams
+) -> SwingVerdict:
+    """Which conjugates agree with the geometry of the two images."""
+    return verify(swing, points, seen, params.nearest_m, params.pointing_sigma, params.verification)
+
+
+def _reach_px(swing: Swing, params: MonoParams) -> float:
+    """How far pointing errors of both images move a conjugate."""
+    focal = min(swing.one.focal_px, swing.other.focal_px)
+    return REACH_SIGMAS * np.sqrt(2.0) * params.pointing_sigma * focal
+
+
+def _maps(
+    swing: Swing, points: ImagePoints, inverse_depth: PerPoint, turn: Vector3
+) -> Float64[np.ndarray, "n 3 3"]:
+    """Maps of one image onto the other over a plane at each point's depth, facing the camera."""
+    pose = swing.other_from_one
+    plane = np.zeros((len(points), 3, 3))
+    plane[:, :, 2] = inverse_depth[:, None] * pose.translation_m
+    between = turned(turn).T @ (pose.rotation + plane)
+    return calibration(swing.other) @ between @ np.linalg.inv(calibration(swing.one))
+
+
+def _found(
+    one: SingleView,
+    other: SingleView,
+    points: ImagePoints,
+    maps: Float64[np.ndarray, "n 3 3"],
+    reach: PerPoint,
+    params: ConjugateParams,
+) -> Conjugates:
+    """Conjugates within each point's own reach; those of like reach are looked for together."""
+    order = np.argsort(reach, kind="stable")
+    parts = [order[k : k + TOGETHER] for k in range(0, len(order), TOGETHER)]
+    found = [
+        find_conjugates(
+            one.view, other.view, points[part], maps[part], int(reach[part].max()), params
+        )
+        for part in parts
+    ]
+    back = np.argsort(order, kind="stable")
+    columns = ("found", "points", "sigma_px", "correlation", "spread")
+    return Conjugates(*(np.concatenate([getattr(f, c) for f in found])[back] for c in columns))
+
+
+def _inverse_depth(swing: Swing, points: ImagePoints, seen: ImagePoints, turn: Vector3) -> PerPoint:
+    """Inverse depth at which a point is nearest to where it was seen; never below infinity's 0.
+
+    The segment is straight and nearly even in q: a secant, then two Newton steps.
+    """
+    q, step = np.zeros(len(points)), 1e-3 / swing.base_m
+    for _ in range(3):
+        here = swing.seen_at(points, q, turn)
+        slope = (swing.seen_at(points, q + step, turn) - here) / step
+        change = ((seen - here) * slope).sum(axis=1) / np.maximum((slope**2).sum(axis=1), 1e-12)
+        q = np.maximum(q + np.nan_to_num(change), 0.0)
+    return q

@@ -1,0 +1,152 @@
+"""Two single images of one stop, whose cameras stand centimetres apart: what ties must agree with.
+
+The eye of a mast camera stands off the axis that the mast turns about, so two images of a panorama
+have a base b of 6 to 9 cm (25 cm at most): little, but the ground is near. With the direction
+d = (x, y, 1) of a point in the first image and its inverse depth q, it is seen in the second at
+
+    y = R d + q t,        x' = c + f (y_1, y_2) / y_3,        q from 0 (infinity) to 1/nearest
+
+by the labels' (R, t). The segment that x' runs over is the epipolar line; off it a point can only
+be by pointing errors, 0.15 degrees an axis and image. A small turn w of the second camera takes y
+to Exp(w)' y; it is found from the distances across the epipolar lines,
+
+    e(w) = l . x' / |(l_1, l_2)|,        l = K'^-T [Exp(w)' t]_x Exp(w)' R d
+
+with a loss that turns from nearly linear to redescending (graduated, as in `alignment`). Points
+that are off their line by more than three robust standard deviations, or in front of the nearest
+range or behind infinity by more than pointing explains, or off the terrain that their neighbours
+describe, are blunders.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation as ScipyRotation
+
+from solmap.photogrammetry.arrays import Flags, Float64, ImagePoints, PerPoint, Vector3
+from solmap.photogrammetry.cameras.epipolar import EpipolarPair
+from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.matching.stereo.verification import (
+    VerificationParams,
+    follows_the_terrain,
+)
+from solmap.photogrammetry.robust import robust_sigma
+
+SCALES_PX = (8.0, 3.0, 1.0, 0.4)
+"""At which the loss turns, one after the other: from twice a usual pointing error to matching."""
+LEAST_SPREAD_PX = 0.1
+"""Least-squares matching is not better than this."""
+LIMIT_SIGMAS = 3.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Swing:
+    """How a second image sees what a first one sees, by the labels."""
+
+    one: EpipolarPair
+    other: EpipolarPair
+
+    @property
+    def other_from_one(self) -> Pose:
+        """By the labels' mast kinematics."""
+        return self.other.rover_from_pair.inverse @ self.one.rover_from_pair
+
+    def seen_at(
+        self, points: ImagePoints, inverse_depth: PerPoint, turn: Vector3 | None = None
+    ) -> ImagePoints:
+        """Where points at some inverse depth are in the second image; NaN behind it."""
+        pose = self.other_from_one
+        y = self.one.rays(points) @ pose.rotation.T
+        y = y + inverse_depth[:, None] * pose.translation_m
+        if turn is not None:
+            y = y @ turned(turn)
+        z = np.where(y[:, 2:] > 0, y[:, 2:], np.nan)
+        return np.array(self.other.centre_px) + self.other.focal_px * y[:, :2] / z
+
+    def across(self, points: ImagePoints, seen: ImagePoints, turn: Vector3) -> PerPoint:
+        """Signed distance of points of the second image from their epipolar lines, pixels."""
+        pose, back = self.other_from_one, turned(turn).T
+        far = self.one.rays(points) @ pose.rotation.T @ back.T
+        line = np.cross(back @ pose.translation_m, far)
+        measured = self.other.rays(seen)
+        norm = np.maximum(np.linalg.norm(line[:, :2], axis=1), 1e-12)
+        return self.other.focal_px * (line * measured).sum(axis=1) / norm
+
+    def along(self, points: ImagePoints, seen: ImagePoints, turn: Vector3) -> PerPoint:
+        """How far along its epipolar line a point is from its place at infinity, pixels.
+
+        Positive towards the near end.
+        """
+        nothing = np.zeros(len(points))
+        far = self.seen_at(points, nothing, turn)
+        near = self.seen_at(points, nothing + 1e-3 / self.base_m, turn) - far
+        direction = near / np.maximum(np.linalg.norm(near, axis=1, keepdims=True), 1e-12)
+        return ((seen - far) * direction).sum(axis=1)
+
+    @property
+    def base_m(self) -> float:
+        """Between the two cameras."""
+        return float(np.linalg.norm(self.other_from_one.translation_m))
+
+
+def turned(turn: Vector3) -> Float64[np.ndarray, "3 3"]:
+    """Exp(w); rows of vectors times it are turned by Exp(w)'."""
+    return ScipyRotation.from_rotvec(turn).as_matrix()
+
+
+def turn_between(
+    swing: Swing, points: ImagePoints, seen: ImagePoints, pointing_sigma: float
+) -> Vector3:
+    """By how much the second camera is turned from its label, beyond the first; radians."""
+    turn = np.zeros(3)
+    sigma = np.sqrt(2.0) * pointing_sigma
+    for scale in SCALES_PX:
+
+        def weighted(w: np.ndarray, scale: float = scale) -> np.ndarray:
+            return np.concatenate([swing.across(points, seen, w) / scale, w / sigma])
+
+        turn = least_squares(weighted, turn, loss="cauchy", x_scale=pointing_sigma).x
+    return turn
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SwingVerdict:
+    """Which conjugates agree with the geometry of the two images."""
+
+    agrees: Flags
+    turn: Vector3
+    """Of the second camera relative to the first, rotation vector in its own frame, radians."""
+    across_px: PerPoint
+    """Distance from the epipolar line of the labels."""
+    left_px: PerPoint
+    """The same after the turn."""
+    along_px: PerPoint
+    """How far they are from infinity along that line, after the turn."""
+    misfit: PerPoint
+    """Distance from the line after the turn, as a share of its limit."""
+
+
+def verify(
+    swing: Swing,
+    points: ImagePoints,
+    seen: ImagePoints,
+    nearest_m: float,
+    pointing_sigma: float,
+    terrain: VerificationParams,
+) -> SwingVerdict:
+    """Hold conjugates against the epipolar geometry, the range and their neighbours."""
+    turn = turn_between(swing, points, seen, pointing_sigma)
+    left = swing.across(points, seen, turn)
+    spread = max(robust_sigma(left), LEAST_SPREAD_PX)
+    misfit = np.abs(left) / (LIMIT_SIGMAS * spread)
+    agrees = misfit <= 1.0
+    along = swing.along(points, seen, turn)
+    slack = LIMIT_SIGMAS * np.sqrt(2.0) * pointing_sigma * swing.other.focal_px
+    nearest = swing.seen_at(points, np.full(len(points), 1.0 / nearest_m), turn)
+    furthest = swing.along(points, nearest, turn)
+    agrees &= (along >= -slack) & ~(along > furthest + slack)
+    agrees[agrees] = follows_the_terrain(points[agrees], along[agrees], terrain)
+    return SwingVerdict(agrees, turn, swing.across(points, seen, np.zeros(3)), left, along, misfit)

@@ -1,0 +1,208 @@
+"""Ties between single images of one stop: frames of a panorama that have no stereo partner.
+
+Every two that overlap are searched for conjugates (`swing_search`); what agrees with the geometry
+of the two cameras (`mast_swing`) becomes a tie. It holds two left image points and no parallax
+(NaN): the depth of its tie point comes from the centimetres between the images, in the adjustment.
+A stereo pair beside a single image gives the depth itself: its matches are looked for where it puts
+them, and the tie holds the pair's parallax.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from solmap.photogrammetry.arrays import ImagePoints, PerPoint
+from solmap.photogrammetry.imagery import StopId
+from solmap.photogrammetry.matching.conjugates import Conjugates, View
+from solmap.photogrammetry.matching.records import MatchedPair, Ties, joined
+from solmap.photogrammetry.matching.single.search import (
+    MonoParams,
+    SingleView,
+    candidates,
+    guided,
+    matches_in_view,
+    predicted,
+    scouted,
+    verified,
+)
+from solmap.photogrammetry.matching.single.two_views import Swing
+
+NAN = float("nan")
+
+
+@dataclass(frozen=True, slots=True)
+class MonoLink:
+    """What came of two single images that overlap."""
+
+    first_id: str
+    second_id: str
+    candidates: int
+    measured: int
+    ties: int
+    label_px: float
+    """Median distance from the epipolar lines of the labels; NaN without ties."""
+    left_px: float
+    """Median absolute distance after the turn between the two cameras."""
+    turn_deg: float
+    """How large that turn is."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MonoTies:
+    """All ties between single images of a stop."""
+
+    stop: StopId
+    ties: Ties
+    links: tuple[MonoLink, ...]
+    """One for every two images that overlap."""
+    misfit: PerPoint
+    """Of every tie: its distance from the epipolar line as a share of the limit."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LinkedImages:
+    """Ties between two images, what came of the search for them, and how well each fits."""
+
+    ties: Ties
+    link: MonoLink
+    misfit: PerPoint
+
+
+def tie_single_images(
+    stop: StopId,
+    views: Sequence[SingleView],
+    params: MonoParams,
+    pairs: Sequence[MatchedPair] = (),
+) -> MonoTies:
+    """Tie every two single images of a stop that overlap, and each with the pairs it overlaps."""
+    ids = (*(pair.pair_id for pair in pairs), *(view.image_id for view in views))
+    found = [tie_two(one, other, ids, params) for one, other in combinations(views, 2)]
+    found += [tie_to_pair(pair, view, ids, params) for pair in pairs for view in views]
+    made = [both for both in found if both is not None]
+    return MonoTies(
+        stop,
+        joined([both.ties for both in made], ids),
+        tuple(both.link for both in made),
+        np.concatenate([np.zeros(0), *(both.misfit for both in made)]),
+    )
+
+
+def tie_two(
+    one: SingleView, other: SingleView, ids: tuple[str, ...], params: MonoParams
+) -> LinkedImages | None:
+    """Ties of two single images, and what came of it; None where they do not overlap."""
+    swing = Swing(one.geometry, other.geometry)
+    if swing.base_m < params.least_base_m:
+        return None
+    points = candidates(one, other, swing, params)
+    if len(points) < params.least_ties:
+        return None
+    scouts = scouted(one, other, swing, points[: params.scouts], params)
+    found = (
+        _nothing(points) if scouts is None else guided(one, other, swing, points, *scouts, params)
+    )
+    nothing = np.full(len(points), np.nan)
+    measured = MeasuredPoints(
+        one.image_id, points, nothing, np.full(len(points), params.conjugates.sigma_floor_px)
+    )
+    return _judged(swing, measured, other, found, ids, params)
+
+
+def tie_to_pair(
+    pair: MatchedPair, view: SingleView, ids: tuple[str, ...], params: MonoParams
+) -> LinkedImages | None:
+    """Ties of a stereo pair with a single image beside it; None where they do not overlap."""
+    swing = Swing(pair.images.geometry, view.geometry)
+    if swing.base_m < params.least_base_m:
+        return None
+    rows = matches_in_view(pair, view, swing, params)
+    if len(rows) < params.least_ties:
+        return None
+    left, parallax = pair.matches.left[rows], pair.matches.parallax_px[rows]
+    source = SingleView(pair.pair_id, swing.one, View.of(pair.images.left, pair.images.left_mask))
+    found = predicted(source, view, swing, left, parallax, params)
+    sigma = np.maximum(pair.matches.sigma_px[rows], params.conjugates.sigma_floor_px)
+    measured = MeasuredPoints(pair.pair_id, left, parallax, sigma)
+    return _judged(swing, measured, view, found, ids, params)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MeasuredPoints:
+    """Points of the first image of a link, with their parallax where a pair measured it."""
+
+    name: str
+    left: ImagePoints
+    parallax_px: PerPoint
+    sigma_px: PerPoint
+
+
+def _judged(
+    swing: Swing,
+    first: MeasuredPoints,
+    other: SingleView,
+    found: Conjugates,
+    ids: tuple[str, ...],
+    params: MonoParams,
+) -> LinkedImages:
+    """The conjugates that agree with the geometry, as ties, and what came of the search."""
+    names, kept = (first.name, other.image_id), found.found
+    looked, measured = len(first.left), int(kept.sum())
+    link = MonoLink(*names, looked, measured, 0, NAN, NAN, NAN)
+    none = LinkedImages(Ties.none(ids), link, np.zeros(0))
+    if measured < params.least_ties:
+        return none
+    verdict = verified(swing, first.left[kept], found.points[kept], params)
+    good = verdict.agrees & (verdict.along_px >= params.least_parallax_px)
+    if good.sum() < params.least_ties:
+        return none
+    figures = (
+        float(np.median(verdict.across_px[good])),
+        float(np.median(np.abs(verdict.left_px[good]))),
+        float(np.rad2deg(np.linalg.norm(verdict.turn))),
+    )
+    rows = np.flatnonzero(kept)[good]
+    link = MonoLink(*names, looked, measured, len(rows), *figures)
+    floor_px = params.conjugates.parallax_floor_px
+    ties = _assembled(first, names, found, rows, ids, floor_px)
+    return LinkedImages(ties, link, verdict.misfit[good])
+
+
+def _nothing(points: ImagePoints) -> Conjugates:
+    """No conjugate of any point."""
+    nan, none = np.full(len(points), np.nan), np.zeros(len(points), dtype=bool)
+    return Conjugates(
+        none, np.zeros_like(points), nan, nan.copy(), np.full((len(points), 2, 2), np.nan)
+    )
+
+
+def _assembled(
+    first: MeasuredPoints,
+    names: tuple[str, str],
+    found: Conjugates,
+    rows: np.ndarray,
+    ids: tuple[str, ...],
+    floor_px: float,
+) -> Ties:
+    """Some of the conjugates as columns of ties."""
+    one, other = (np.full(len(rows), ids.index(name), np.int32) for name in names)
+    parallax, unknown = first.parallax_px[rows], np.full(len(rows), np.nan)
+    stereo = np.isfinite(parallax)
+    return Ties(
+        ids,
+        one,
+        other,
+        first.left[rows],
+        found.points[rows],
+        parallax,
+        unknown,
+        first.sigma_px[rows],
+        found.sigma_px[rows],
+        np.where(stereo, np.maximum(first.sigma_px[rows], floor_px), np.nan),
+        unknown.copy(),
+        first.sigma_px[rows].copy(),
+        found.sigma_px[rows].copy(),
+    )

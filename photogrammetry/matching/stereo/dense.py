@@ -1,0 +1,322 @@
+"""Dense parallax of a pair: semi-global matching, checked both ways, then refined by least squares.
+
+The locally normalised images are matched semi-globally from left to right and from right to left,
+about the parallax plane of the ground (`ground_plane`). A parallax stays where both ways agree and
+where it is part of a larger surface; it is then refined at every pixel, and kept where texture
+exceeds noise and the windows agree (`refinement`). The sky, shadows without detail, and what only
+one eye sees end as NaN.
+
+Parallax of all pixels at once, corrected by least squares in one dimension.
+
+Values of semi-global matching crowd at whole pixels (pixel locking). They are smoothed without
+crossing depth edges and then corrected by Lucas-Kanade steps: with the slope g of the left image
+and the residual r = R(x - p(x, y), y) - L(x, y) under the parallax of each pixel,
+
+    dp = (sum g r - sum g sum r / n) / E,     E = sum g^2 - (sum g)^2 / n,     sigma^2 = s0^2 / E
+
+summed over a window with weights that fall off to its edge (a box applied twice), the residual
+variance s0^2 coming from the same window. Each pixel being shifted by its own parallax, the window
+follows the slope of the ground, and a neighbour beyond a depth edge brings no parallax across.
+
+That is the sigma of the window's parallax; the ground in its middle differs by what the window does
+not resolve. It shows in the step that windows of half the width still ask for, whose mean square
+over the surroundings is added to sigma^2. It holds the noise of the half window too, and so errs on
+the safe side where relief is small.
+
+A pixel can be matched where slopes exceed what noise alone makes of them. White noise of variance
+n^2 gives the slope of a cubic spline 1.39 n^2, the mean of (3 sin w / (2 + cos w))^2 over all
+frequencies w, and a residual 2 n^2. So the noise is known twice: from the image as a whole, which
+is too much in shadows, and from the residuals around, which is too much where the surface is rough.
+The smaller of the two is held against the slopes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import cv2
+import numpy as np
+
+from solmap.photogrammetry.arrays import GreyImage, Mask, ParallaxMap
+from solmap.photogrammetry.matching.records import EpipolarImages
+from solmap.photogrammetry.matching.resampling import (
+    along_rows,
+    row_coefficients,
+    row_slope,
+    shifted,
+)
+from solmap.photogrammetry.matching.stereo.semi_global import (
+    NormalisedImage,
+    SemiGlobalParams,
+    eight_bit,
+    locally_normalised,
+    matched_both_ways,
+    rough_parallax,
+    without_speckle,
+)
+from solmap.photogrammetry.matching.stereo.sparse import largest_parallax_px
+
+
+@dataclass(frozen=True, slots=True)
+class DenseParams:
+    """How every pixel is matched."""
+
+    nearest_range_m: float = 1.2
+    """Nearest ground, as in sparse matching: sets the search."""
+    least_parallax_px: int = -2
+    """Parallax of infinity less what an error of the stereo bar of 0.1 degrees may take off."""
+    normalisation_px: int = 31
+    """Window of the local normalisation, odd: wider than any correlation window."""
+    semi_global: SemiGlobalParams = field(default_factory=SemiGlobalParams)
+    refinement: RefinementParams = field(default_factory=RefinementParams)
+
+
+@dataclass(frozen=True, slots=True)
+class SharedSigma:
+    """What all parallaxes of a pair are off by together, as a standard deviation.
+
+    No number of pixels averages it out: hypot(offset, stretch x parallax).
+    """
+
+    offset_px: float = 0.0
+    """By a turn of one camera about the vertical."""
+    stretch: float = 0.0
+    """By the length of the base, as a share of it."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DenseMatches:
+    """Parallax of every pixel that was matched, with its standard deviation."""
+
+    parallax_px: ParallaxMap
+    sigma_px: ParallaxMap
+    shared: SharedSigma | None = None
+    """The part of `sigma_px` that is one for all pixels; None where there is none."""
+
+
+def match_densely(images: EpipolarImages, params: DenseParams | None = None) -> ParallaxMap:
+    """Parallax on the grid of the left epipolar image; NaN where not matched."""
+    return match_densely_with_sigma(images, params).parallax_px
+
+
+def match_densely_with_sigma(
+    images: EpipolarImages, params: DenseParams | None = None
+) -> DenseMatches:
+    """Parallax and its standard deviation on the grid of the left epipolar image."""
+    params = params or DenseParams()
+    left, right = _normalised(images, params)
+    largest = int(np.ceil(largest_parallax_px(images.geometry, params.nearest_range_m)))
+    search = (params.least_parallax_px, largest)
+    rough = rough_parallax(left, right, search, params.semi_global)
+    parallax, sigma = PixelwiseMatcher(left, right, params.refinement).refine(rough)
+    parallax = without_speckle(parallax, params.semi_global)
+    return DenseMatches(parallax, np.where(np.isfinite(parallax), sigma, np.float32(np.nan)))
+
+
+def match_about(
+    images: EpipolarImages, predicted: ParallaxMap, search_px: int, params: DenseParams
+) -> DenseMatches:
+    """Parallax and its standard deviation, searched to either side of a smooth prediction.
+
+    The right image is shifted by the prediction less the search, R'(u) = R(u - t(u)), so that what
+    is left, d = p(x) - t(x - d), is positive.
+    """
+    shift = predicted - np.float32(search_px)
+    image, known = shifted(images.right, images.right_mask, shift)
+    left, right = _normalised(replace(images, right=image, right_mask=known), params)
+    pictures = (eight_bit(left.grey), eight_bit(right.grey))
+    masks = (left.mask, right.mask)
+    rough = matched_both_ways(*pictures, masks, (0, 2 * search_px), params.semi_global)
+    d, sigma = PixelwiseMatcher(left, right, params.refinement).refine(rough)
+    d = without_speckle(d, params.semi_global)
+    grid = np.indices(d.shape, dtype=np.float32)
+    there = cv2.remap(shift, grid[1] - np.nan_to_num(d), grid[0], cv2.INTER_LINEAR)
+    parallax = d + there
+    parallax[~(parallax > 0)] = np.nan
+    return DenseMatches(parallax, np.where(np.isfinite(parallax), sigma, np.float32(np.nan)))
+
+
+def parallax_sigma(
+    images: EpipolarImages, parallax: ParallaxMap, params: DenseParams | None = None
+) -> ParallaxMap:
+    """Standard deviation of dense parallaxes, pixels, from how well the windows agree."""
+    params = params or DenseParams()
+    left, right = _normalised(images, params)
+    sigma = PixelwiseMatcher(left, right, params.refinement).fit(parallax).sigma_px
+    return np.where(np.isfinite(parallax), sigma, np.float32(np.nan))
+
+
+def _normalised(
+    images: EpipolarImages, params: DenseParams
+) -> tuple[NormalisedImage, NormalisedImage]:
+    """Both images, each in units of its local contrast."""
+    left, right = (
+        locally_normalised(image, mask, params.normalisation_px)
+        for image, mask in ((images.left, images.left_mask), (images.right, images.right_mask))
+    )
+    return left, right
+
+
+SLOPE_NOISE = 1.39
+"""Variance of the spline's slope over that of white noise."""
+
+WINDOW_NOISE = 0.67
+"""Variance of a step over s0^2/E: 0.46 since a box applied twice has weights whose squares sum to
+less than themselves, times 1.44 for residuals that resampling has correlated (`least_squares`)."""
+
+UNRESOLVED_PX = 21
+"""Window over which unresolved relief is averaged, odd: twice as wide as that of the parallax."""
+
+TINY = np.float32(1e-6)
+"""Energy or contrast that stands for none."""
+
+LARGEST_STEP_PX = 0.5
+"""Step of a half window beyond which it has lost its texture and tells nothing of relief."""
+
+
+@dataclass(frozen=True, slots=True)
+class RefinementParams:
+    """How the parallax of every pixel is refined and judged."""
+
+    box_px: int = 5
+    """Side of the box, odd, that is applied twice: the window is 9 pixels wide, and half of its
+    weight lies within 5, about the block of semi-global matching."""
+    steps: int = 3
+    """Lucas-Kanade steps."""
+    smoothing_px: float = 2.0
+    """Standard deviation in space of the smoothing that undoes pixel locking, which recurs with
+    every pixel of parallax: level ground changes by one in some seven rows of a Navcam image."""
+    edge_px: float = 1.0
+    """Standard deviation in parallax of that smoothing: what differs by more is another surface."""
+    furthest_px: float = 1.5
+    """A pixel that moves further from its first parallax has slid to another surface."""
+    texture: float = 2.0
+    """Least energy of the slope, in units of what noise alone would give: as much texture as noise.
+    Below that even the whole window leaves 0.2 px; the sky stays at 1."""
+    texture_px: int = 5
+    """Window of that energy, odd: small, so that the horizon lends no texture to the sky."""
+    largest_sigma_px: float = 0.5
+    """Parallaxes less precise than this are left out."""
+    least_correlation: float = 0.6
+    """Of the windows after the last step; chance agreement of noise stays below."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fit:
+    """How the windows about all pixels agree under a parallax."""
+
+    step_px: ParallaxMap
+    """Correction that least squares asks for."""
+    sigma_px: ParallaxMap
+    correlation: GreyImage
+    textured: Mask
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WindowSums:
+    """Least squares of the windows about all pixels."""
+
+    step_px: ParallaxMap
+    energy: GreyImage
+    """E: what is left of the squared slope when its mean is taken out."""
+    variance: GreyImage
+    """Variance of the residual."""
+
+
+class PixelwiseMatcher:
+    """Fits of two locally normalised images under a parallax map."""
+
+    def __init__(
+        self, left: NormalisedImage, right: NormalisedImage, params: RefinementParams
+    ) -> None:
+        self.left = left.grey
+        self.noise = left.noise
+        self.slope = row_slope(row_coefficients(left.grey))
+        self.right_coefficients = row_coefficients(right.grey)
+        self.params = params
+        grid = np.indices(left.grey.shape, dtype=np.float32)
+        self.lines, self.samples = grid[0], grid[1]
+
+    def refine(self, rough: ParallaxMap) -> tuple[ParallaxMap, ParallaxMap]:
+        """Refined parallax where it can be trusted, and its standard deviation."""
+        parallax = self.smoothed(rough)
+        for _ in range(self.params.steps - 1):
+            parallax = self.smoothed(parallax + self.step(parallax))
+        fit = self.fit(parallax)
+        parallax = parallax + fit.step_px
+        good = (fit.sigma_px <= self.params.largest_sigma_px) & fit.textured & (parallax > 0)
+        good &= fit.correlation >= self.params.least_correlation
+        good &= np.abs(parallax - rough) <= self.params.furthest_px
+        nothing = np.float32(np.nan)
+        return np.where(good, parallax, nothing), np.where(good, fit.sigma_px, nothing)
+
+    def smoothed(self, parallax: ParallaxMap) -> ParallaxMap:
+        """Parallax smoothed within surfaces: a bilateral filter to which gaps are far away."""
+        known = np.isfinite(parallax)
+        filled = np.where(known, parallax, np.float32(-1e4))
+        out = cv2.bilateralFilter(filled, -1, self.params.edge_px, self.params.smoothing_px)
+        return np.where(known, out, np.float32(np.nan))
+
+    def fit(self, parallax: ParallaxMap) -> Fit:
+        """How well the images agree under a parallax, and what would improve it."""
+        slope, residual = self._compared(parallax)
+        whole = self._sums(slope, residual, np.isfinite(parallax), self.params.box_px)
+        half = self._sums(slope, residual, np.isfinite(parallax), self.params.box_px // 2 | 1)
+        unresolved = np.clip(half.step_px - whole.step_px, -LARGEST_STEP_PX, LARGEST_STEP_PX)
+        noise = np.float32(WINDOW_NOISE) * whole.variance / whole.energy
+        return Fit(
+            step_px=whole.step_px,
+            sigma_px=np.sqrt(noise + self._mean_square(unresolved, parallax)),
+            correlation=1 - whole.variance / np.maximum(2 * self._contrast(parallax), TINY),
+            textured=self._has_texture(slope * slope, residual * residual),
+        )
+
+    def step(self, parallax: ParallaxMap) -> ParallaxMap:
+        """The correction that least squares asks for."""
+        slope, residual = self._compared(parallax)
+        return self._sums(slope, residual, np.isfinite(parallax), self.params.box_px).step_px
+
+    def _compared(self, parallax: ParallaxMap) -> tuple[GreyImage, GreyImage]:
+        """Slope of the left image and residual of the right one; 0 where there is no parallax."""
+        known = np.isfinite(parallax)
+        sample = self.samples - np.where(known, parallax, np.float32(0))
+        right = along_rows(self.right_coefficients, sample, self.lines)
+        nothing = np.float32(0)
+        return np.where(known, self.slope, nothing), np.where(known, right - self.left, nothing)
+
+    def _sums(self, g: GreyImage, r: GreyImage, known: Mask, box_px: int) -> WindowSums:
+        """The least squares of all windows; g and r are slope and residual."""
+        n = np.maximum(_summed(known.astype(np.float32), box_px), np.float32(1e-3))
+        sum_g, sum_r = _summed(g, box_px), _summed(r, box_px)
+        energy = np.maximum(_summed(g * g, box_px) - sum_g * sum_g / n, TINY)
+        step = (_summed(g * r, box_px) - sum_g * sum_r / n) / energy
+        variance = np.maximum(_summed(r * r, box_px) - sum_r * sum_r / n, 0) / n
+        return WindowSums(np.clip(step, -1, 1), energy, variance)
+
+    def _contrast(self, parallax: ParallaxMap) -> GreyImage:
+        """Variance of the left image in the window, where there is parallax."""
+        known = np.isfinite(parallax)
+        n = np.maximum(_summed(known.astype(np.float32), self.params.box_px), np.float32(1e-3))
+        grey = np.where(known, self.left, np.float32(0))
+        total = _summed(grey, self.params.box_px)
+        squares = _summed(grey * grey, self.params.box_px)
+        return np.maximum(squares - total * total / n, 0) / n
+
+    def _mean_square(self, values: GreyImage, parallax: ParallaxMap) -> GreyImage:
+        """Mean square over the surroundings, of the pixels that have a parallax."""
+        known, window = np.isfinite(parallax), (UNRESOLVED_PX, UNRESOLVED_PX)
+        share = np.maximum(cv2.blur(known.astype(np.float32), window), np.float32(1e-3))
+        total = cv2.blur(np.where(known, values * values, np.float32(0)), window)
+        return np.maximum(total, 0) / share  # running sums round below zero
+
+    def _has_texture(self, gg: GreyImage, rr: GreyImage) -> Mask:
+        window = (self.params.texture_px, self.params.texture_px)
+        noise = np.minimum(cv2.blur(rr, window) / 2, self.noise * self.noise)
+        return cv2.blur(gg, window) > np.float32(self.params.texture * SLOPE_NOISE) * noise
+
+
+def _summed(values: GreyImage, box_px: int) -> GreyImage:
+    """Sum over a box applied twice, the weight of the middle being 1."""
+    box = (box_px, box_px)
+    once = cv2.blur(values, box, borderType=cv2.BORDER_CONSTANT)
+    return cv2.blur(once, box, borderType=cv2.BORDER_CONSTANT) * np.float32(box_px * box_px)

@@ -1,0 +1,269 @@
+"""What is left of the parallax across the epipolar line, and the rotation of the bar it tells of.
+
+Rows of an epipolar pair correspond exactly if the stereo bar is as its camera models say. A bar
+that has bent, or models of another exposure, show as a vertical parallax v = y_r - y_l. A small
+rotation w of the right camera about the (right, down, forward) axes turns the directions
+d = (x, y, 1) that it sees by -w x d, and so moves its image points down by
+
+    v = f [ w_x (1 + y^2) - w_y x y - w_z x ]
+
+with x, y in units of f from the common axis. Estimated by least squares with blunders weighted
+down, w is by how much the right camera really stands turned from its model.
+
+How two cameras that no bar joins stand to each other, from what matching leaves between them.
+
+Unknown are a rotation w of the right camera and a shift B t of its centre across the base, about
+the (right, down, forward) axes of the pair. With x, y the point in the right image in units of f,
+and p its parallax, they move it across and along the epipolar line, so that one finds
+
+    v = f [w_x (1 + y^2) - w_y x y - w_z x] + p (y t_z - t_y)
+    p - q = f [w_y (1 + x^2) - w_z y - w_x x y] - p x t_z + s
+
+where v is the vertical parallax and q the parallax that the bar predicts (`wide_stereo`), up to an
+error s that all its predictions share. Adjustment has w and t approximately: its standard
+deviations enter as observations, so what the images do not tell stays as it was. Blunders are
+weighted down.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation as ScipyRotation
+
+from solmap.photogrammetry.arrays import Float64, ImagePoints, PerPoint, Vector3
+from solmap.photogrammetry.cameras.epipolar import EpipolarPair
+from solmap.photogrammetry.cameras.model import CameraModel
+from solmap.photogrammetry.errors import MatchingError
+from solmap.photogrammetry.frames import Frame, Pose
+from solmap.photogrammetry.matching.least_squares import refined_offsets
+from solmap.photogrammetry.matching.records import EpipolarImages
+from solmap.photogrammetry.matching.stereo.dense import SharedSigma
+from solmap.photogrammetry.matching.stereo.interest_points import strongest_by_cell
+from solmap.photogrammetry.matching.stereo.sparse import SparseParams, match_interest_points
+from solmap.photogrammetry.robust import robust_sigma
+
+LINE_TOLERANCE_PX = 6
+"""Rows searched to either side: 0.3 degrees of a Navcam, twice what real bars were off."""
+
+MOST_POINTS = 800
+"""Points measured in both directions; the median of a hundredth of a pixel needs no more."""
+
+FEWEST_POINTS = 12
+"""Four times the three unknowns."""
+
+WRONG_BAR_PX = 0.5
+"""Vertical parallax above which the camera models do not fit the images: windows of 15 pixels
+matched half a row off lose about a tenth of their correlation."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class VerticalParallax:
+    """Vertical parallax of a pair, right row minus left row, in pixels."""
+
+    left: ImagePoints
+    vertical_px: PerPoint
+    parallax_px: PerPoint
+    geometry: EpipolarPair
+
+    @property
+    def median_px(self) -> float:
+        """Its median; NaN where nothing was measured."""
+        return float(np.median(self.vertical_px)) if len(self.vertical_px) else np.nan
+
+    @property
+    def mad_px(self) -> float:
+        """Its median absolute deviation from the median."""
+        return (
+            float(np.median(np.abs(self.vertical_px - self.median_px)))
+            if len(self.vertical_px)
+            else np.nan
+        )
+
+    @property
+    def fits_the_bar(self) -> bool:
+        """Whether the rows correspond as the camera models say."""
+        enough = len(self.vertical_px) >= FEWEST_POINTS
+        return bool(enough and max(abs(self.median_px), self.mad_px) <= WRONG_BAR_PX)
+
+    def __str__(self) -> str:
+        verdict = "rows correspond"
+        if len(self.vertical_px) < FEWEST_POINTS:
+            verdict = "too few to tell whether the camera models fit the images"
+        elif not self.fits_the_bar:
+            verdict = (
+                "the camera models do not fit the images: another exposure, or a bent stereo bar"
+            )
+        return (
+            f"vertical parallax {self.median_px:+.2f} px (MAD {self.mad_px:.2f}) at "
+            f"{len(self.vertical_px)} points: {verdict}"
+        )
+
+
+def vertical_parallax(
+    images: EpipolarImages, params: SparseParams | None = None
+) -> VerticalParallax:
+    """Vertical parallax at well-spread interest points, to a fraction of a pixel."""
+    wide = replace(params or SparseParams(), line_tolerance_px=LINE_TOLERANCE_PX)
+    candidates = match_interest_points(images, wide)
+    left = candidates.left[candidates.accepted]
+    right = candidates.right[candidates.accepted]
+    kept = strongest_by_cell(
+        left.astype(float), candidates.correlation[candidates.accepted], 48, MOST_POINTS
+    )
+    left, right = left[kept], right[kept]
+    offset = refined_offsets(images, left, (right - left).astype(np.float64), wide.window_px)
+    good = np.isfinite(offset).all(axis=1)
+    return VerticalParallax(
+        left[good].astype(np.float64), offset[good, 1], -offset[good, 0], images.geometry
+    )
+
+
+def rotation_of_the_bar(measured: VerticalParallax, steps: int = 10) -> Vector3:
+    """Rotation vector (right, down, forward axes; radians) of the right camera from its model."""
+    if len(measured.left) < FEWEST_POINTS:
+        raise MatchingError(
+            f"{len(measured.left)} points with vertical parallax are too few to tell a rotation of "
+            f"the stereo bar from; {FEWEST_POINTS} are needed"
+        )
+    design = _design(measured)
+    weight = np.ones(len(design))
+    rotation = np.zeros(3)
+    for _ in range(steps):
+        normal = (design * weight[:, None]).T @ design
+        rotation = np.linalg.solve(normal, design.T @ (weight * measured.vertical_px))
+        residual = measured.vertical_px - design @ rotation
+        scale = max(robust_sigma(residual), 1e-3)
+        weight = 1.0 / (1.0 + (residual / (2.0 * scale)) ** 2) ** 2
+    return rotation
+
+
+def straightened(right: CameraModel, geometry: EpipolarPair, rotation: Vector3) -> CameraModel:
+    """The right camera model, given in the rover frame, turned to where it really points."""
+    rover_from_pair = geometry.rover_from_pair
+    return turned_in_place(right, rover_from_pair.target, rover_from_pair.rotation @ rotation)
+
+
+def turned_in_place(camera: CameraModel, frame: Frame, rotation: Vector3) -> CameraModel:
+    """A camera turned about its own centre by a rotation vector, both in the same frame."""
+    turn = ScipyRotation.from_rotvec(rotation).as_matrix()
+    return camera.moved(Pose(frame, frame, turn, camera.centre - turn @ camera.centre))
+
+
+def _design(measured: VerticalParallax) -> np.ndarray:
+    """Derivatives of the vertical parallax by the rotation of the right camera."""
+    f = measured.geometry.focal_px
+    cx, cy = measured.geometry.centre_px
+    x = (measured.left[:, 0] - measured.parallax_px - cx) / f
+    y = (measured.left[:, 1] - cy) / f
+    return f * np.column_stack([1 + y * y, -x * y, -x])
+
+
+STEPS = 10
+"""Reweightings."""
+
+FINEST_PX = 0.02
+"""Least spread of residuals that is believed."""
+
+
+@dataclass(frozen=True, slots=True)
+class OrientationParams:
+    """How far adjusted orientations are trusted."""
+
+    rotation_sigma: float = float(np.deg2rad(0.2))
+    """Standard deviation of a relative rotation, radians: twice a mast's pointing error."""
+    position_sigma_m: float = 0.05
+    """Standard deviation of a relative position: adjusted neighbours are known to centimetres."""
+    bar_sigma_px: float = 0.03
+    """Standard deviation of what all parallaxes of a bar share: its rows have corresponded to that
+    after calibration, and nothing holds its parallax better than its rows."""
+    fewest_points: int = 30
+    """Five times the six unknowns."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RelativeOrientation:
+    """By how much the right camera stands off its model, with the covariance."""
+
+    rotation: Vector3
+    """Rotation vector about (right, down, forward), radians."""
+    shift: Vector3
+    """Of the centre along (right, down, forward), in units of the base; the first is 0."""
+    covariance: Float64[np.ndarray, "6 6"]
+    """Of w_x, w_y, w_z, t_y, t_z and s in pixels."""
+
+    unknowns: Float64[np.ndarray, " 6"]
+    """All that has been added to the adjusted orientation, this included; s is never added."""
+
+    def applied(self, right: CameraModel, geometry: EpipolarPair) -> CameraModel:
+        """The right camera, in the frame that `geometry` is given in, where it really stands."""
+        pose = geometry.rover_from_pair
+        turned = turned_in_place(right, pose.target, pose.rotation @ self.rotation)
+        moved = pose.rotation @ self.shift * geometry.base_m
+        return turned.moved(Pose(pose.target, pose.target, np.eye(3), moved))
+
+    def shared_sigma(self, geometry: EpipolarPair, params: OrientationParams) -> SharedSigma:
+        """Standard deviation that all parallaxes share: of w_y, and of the length of the base."""
+        turn_px = geometry.focal_px * float(np.sqrt(self.covariance[1, 1]))
+        return SharedSigma(turn_px, params.position_sigma_m / geometry.base_m)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Measured:
+    """Points found in both images of a pair."""
+
+    rows: VerticalParallax
+    predicted_px: PerPoint | None = None
+    """Parallax by the bar; None where there is none to compare with."""
+    bar_ratio: float = 1.0
+    """Parallax of the pair over that of the bar."""
+
+
+def relative_orientation(
+    measured: Measured, params: OrientationParams, applied: RelativeOrientation | None = None
+) -> RelativeOrientation:
+    """Least squares about the present orientation, to which `applied` has been added already."""
+    rows = measured.rows
+    across, along = _designs(rows)
+    observed = [(across, rows.vertical_px)]
+    if measured.predicted_px is not None:
+        observed.append((along, rows.parallax_px - measured.predicted_px))
+    shift_sigma = params.position_sigma_m / rows.geometry.base_m
+    sigmas = np.r_[np.full(3, params.rotation_sigma), np.full(2, shift_sigma)]
+    prior = np.r_[sigmas, params.bar_sigma_px * measured.bar_ratio] ** -2
+    so_far = applied.unknowns if applied else np.zeros(6)
+    solution, inverse = np.zeros(6), np.eye(6)
+    for _ in range(STEPS):
+        normal, right = np.diag(prior), -prior * so_far
+        for design, value in observed:
+            weight = _weights(value - design @ solution)
+            normal = normal + (design * weight[:, None]).T @ design
+            right = right + design.T @ (weight * value)
+        inverse = np.linalg.inv(normal)
+        solution = inverse @ right
+    total = so_far[3:5] + solution[3:5]
+    return RelativeOrientation(
+        solution[:3],
+        np.r_[0.0, solution[3:5]],
+        inverse,
+        np.r_[so_far[:3] + solution[:3], total, 0.0],
+    )
+
+
+def _weights(residual: PerPoint) -> PerPoint:
+    """Inverse variances by the spread of the residuals, less where one is far off."""
+    middle = float(np.median(residual))
+    scale = max(robust_sigma(residual - middle), FINEST_PX)
+    return 1.0 / (1.0 + ((residual - middle) / (2.0 * scale)) ** 2) ** 2 / scale**2
+
+
+def _designs(rows: VerticalParallax) -> tuple[np.ndarray, np.ndarray]:
+    """Derivatives of v and of p - q by w_x, w_y, w_z, t_y, t_z and s."""
+    f, p = rows.geometry.focal_px, rows.parallax_px
+    cx, cy = rows.geometry.centre_px
+    x, y = (rows.left[:, 0] - p - cx) / f, (rows.left[:, 1] - cy) / f
+    none, one = np.zeros_like(p), np.ones_like(p)
+    across = np.column_stack([f * (1 + y * y), -f * x * y, -f * x, -p, p * y, none])
+    along = np.column_stack([-f * x * y, f * (1 + x * x), -f * y, none, -p * x, one])
+    return across, along

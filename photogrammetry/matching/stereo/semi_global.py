@@ -1,0 +1,278 @@
+"""Local normalisation of grey values, for matchers that need eight bits or equal brightness.
+
+Each pixel is given as its distance from the mean of its surroundings in units of their standard
+deviation, (I - m) / sqrt(s^2 + (k n)^2), with the noise n of the image in the denominator, so that
+faint texture of a 12-bit image fills the eight bits and mere noise, as in the sky, does not.
+The noise is estimated from second differences (Immerkær 1996), by their median absolute value, so
+that edges do not count.
+
+Semi-global matching of eight-bit epipolar images, both ways.
+
+OpenCV's StereoSGBM (after Hirschmüller 2008) minimises the Birchfield-Tomasi difference over small
+blocks plus a penalty P1 for parallax steps of one pixel and P2 for larger ones along five paths.
+Its penalties are kept at the proportion of its authors, 8 and 32 times the area of the block.
+
+Search about the parallax plane of the ground, found in a reduced image.
+
+Seen from a mast, level or tilted ground has a parallax that is linear over the image: with the
+plane n.P = h and P = Z ((x - c_x)/f, (y - c_y)/f, 1) one finds p = f B / Z = a + b x + c y. What
+remains after taking that plane out is relief, whose range is a fraction of the whole. So the pair
+is first matched in a reduced image, over the whole range; a plane is fitted to what was found by
+least absolute deviations; and the full image is matched against the right image shifted by the
+plane, over the range of the relief alone. On top of the time saved, the ground lies parallel to the
+image, which is what semi-global matching favours.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from solmap.photogrammetry.arrays import GreyImage, Mask, ParallaxMap, Picture
+from solmap.photogrammetry.matching.parallax_planes import ParallaxPlane, fit_plane
+
+CONTRAST = 40.0
+"""Grey levels of eight bits per local standard deviation: three to either side fit."""
+
+NOISE_FLOOR = 2.0
+"""Standard deviations of noise that count as no contrast."""
+
+
+def noise_level(image: GreyImage, mask: Mask) -> float:
+    """Standard deviation of the noise of a grey value, where texture does not hide it.
+
+    The calmest twentieth of all blocks is taken: ground is textured nearly everywhere. Where even
+    these are textured the noise comes out too large.
+    """
+    kernel = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32) / 6
+    rough = np.abs(cv2.filter2D(image, -1, kernel))
+    inner = cv2.erode(mask.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    if not inner.any():
+        return 0.0
+    share = np.where(inner, rough, np.float32(0))
+    blocks = cv2.blur(share, (17, 17)) / np.maximum(
+        cv2.blur(inner.astype(np.float32), (17, 17)), 1e-6
+    )
+    return float(np.sqrt(np.pi / 2) * np.percentile(blocks[inner][::7], 5))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NormalisedImage:
+    """Grey values in units of their local contrast; 0 where not usable."""
+
+    grey: GreyImage
+    mask: Mask
+    noise: GreyImage
+    """Standard deviation of the noise, in the same units."""
+
+
+def locally_normalised(image: GreyImage, mask: Mask, window_px: int) -> NormalisedImage:
+    """Distance of each pixel from its local mean, in local standard deviations."""
+    size = (window_px, window_px)
+    noise = noise_level(image, mask)
+    share = np.maximum(cv2.blur(mask.astype(np.float32), size), np.float32(1e-6))
+    centre = float(image[mask].mean()) if mask.any() else 0.0
+    grey = np.where(mask, image - np.float32(centre), np.float32(0))
+    mean = cv2.blur(grey, size) / share
+    variance = np.maximum(cv2.blur(grey * grey, size) / share - mean * mean, 0)
+    spread = np.sqrt(variance + np.float32((NOISE_FLOOR * noise) ** 2 + 1e-12))
+    normalised = np.where(mask, (grey - mean) / spread, np.float32(0))
+    return NormalisedImage(normalised, mask, np.float32(noise) / spread)
+
+
+def eight_bit(normalised: GreyImage) -> Picture:
+    """Normalised grey values about 128."""
+    return cv2.convertScaleAbs(np.clip(normalised * CONTRAST + 128, 0, 255))
+
+
+FIXED_POINT = 16
+"""OpenCV's parallaxes are whole sixteenths of a pixel."""
+
+
+@dataclass(frozen=True, slots=True)
+class SemiGlobalParams:
+    """How parallaxes are found before refinement."""
+
+    block_px: int = 5
+    """Side of the block, odd: small, so that depth edges stay sharp; 3 to 11 by OpenCV."""
+    uniqueness_percent: int = 5
+    """By how much the best cost must win: 5 to 15 by OpenCV."""
+    agreement_px: float = 1.0
+    """Largest difference between the parallax from left to right and from right to left."""
+    smallest_surface_px: int = 100
+    """Patches of fewer pixels are speckle: 50 to 200 by OpenCV."""
+    surface_step_px: float = 1.5
+    """Step of parallax between neighbours of one surface: steep rock faces reach about one."""
+
+
+def matched_both_ways(
+    left: Picture,
+    right: Picture,
+    masks: tuple[Mask, Mask],
+    search: tuple[int, int],
+    params: SemiGlobalParams,
+) -> ParallaxMap:
+    """Parallax on the left grid where both ways agree; `search` is least and largest parallax."""
+    forth = _matched(left, right, search, params)
+    back = _matched(left=right[:, ::-1], right=left[:, ::-1], search=search, params=params)[:, ::-1]
+    forth = np.where(masks[0], forth, np.float32(np.nan))
+    back = np.where(masks[1], back, np.float32(np.nan))
+    agrees = np.abs(forth - _at_partner(back, forth)) <= params.agreement_px
+    return without_speckle(np.where(agrees, forth, np.float32(np.nan)), params)
+
+
+def without_speckle(parallax: ParallaxMap, params: SemiGlobalParams) -> ParallaxMap:
+    """The parallaxes that belong to surfaces of some size."""
+    gap = -32_000
+    scaled = np.where(np.isfinite(parallax), parallax * FIXED_POINT, gap)
+    fixed = np.ascontiguousarray(np.rint(scaled).clip(gap, 32_000).astype(np.int16))
+    cv2.filterSpeckles(
+        fixed, gap, params.smallest_surface_px, round(params.surface_step_px * FIXED_POINT)
+    )
+    return np.where(fixed == gap, np.float32(np.nan), parallax)
+
+
+def _matched(
+    left: Picture, right: Picture, search: tuple[int, int], params: SemiGlobalParams
+) -> ParallaxMap:
+    """OpenCV's parallax from left to right; NaN where it found none.
+
+    OpenCV leaves out the columns whose search would leave the image, hence the borders.
+    """
+    least, largest = search
+    count = max(16, 16 * int(np.ceil((largest - least + 1) / 16)))
+    before, after = max(0, least + count), max(0, -least)
+    padded = [
+        cv2.copyMakeBorder(np.ascontiguousarray(image), 0, 0, before, after, cv2.BORDER_REPLICATE)
+        for image in (left, right)
+    ]
+    area = params.block_px**2
+    matcher = cv2.StereoSGBM.create(
+        minDisparity=least,
+        numDisparities=count,
+        blockSize=params.block_px,
+        P1=8 * area,
+        P2=32 * area,
+        preFilterCap=63,
+        uniquenessRatio=params.uniqueness_percent,
+        mode=cv2.STEREO_SGBM_MODE_SGBM,
+    )
+    fixed = matcher.compute(*padded)[:, before : before + left.shape[1]]
+    found = fixed >= least * FIXED_POINT
+    return np.where(found, fixed.astype(np.float32) / FIXED_POINT, np.float32(np.nan))
+
+
+def _at_partner(back: ParallaxMap, forth: ParallaxMap) -> ParallaxMap:
+    """The right image's parallax where the left one points to; NaN outside."""
+    samples = forth.shape[1]
+    sample = np.arange(samples) - np.where(np.isfinite(forth), forth, 1e6)
+    nearest = np.rint(sample).astype(np.int64)
+    inside = (nearest >= 0) & (nearest < samples)
+    found = np.take_along_axis(back, nearest.clip(0, samples - 1), axis=1)
+    return np.where(inside, found, np.float32(np.nan))
+
+
+REDUCED_SEARCH_PX = 128
+"""Widest search in the reduced image; the image is halved until the range fits."""
+
+MARGIN_PX = 3
+"""Pixels of the reduced image added to either end of the relief it showed."""
+
+WHOLLY = 0.99
+"""Share of a shifted pixel that must come from usable ones."""
+
+FIT_POINTS = 20_000
+"""Points that the plane is fitted to; more do not change it."""
+
+
+def rough_parallax(
+    left: NormalisedImage,
+    right: NormalisedImage,
+    search: tuple[int, int],
+    params: SemiGlobalParams,
+) -> ParallaxMap:
+    """Semi-global parallax of locally normalised images."""
+    halvings = max(1, int(np.ceil(np.log2((search[1] - search[0]) / REDUCED_SEARCH_PX))))
+    scale = 2**halvings
+    reduced = _reduced_parallax(left, right, search, scale, params)
+    if not np.isfinite(reduced).any():
+        return np.full(left.grey.shape, np.nan, np.float32)
+    plane, relief = _plane_and_relief(reduced, scale)
+    parallax = _matched_about(plane, relief, left, right, params)
+    within = (parallax >= search[0]) & (parallax <= search[1])
+    return np.where(within, parallax, np.float32(np.nan))
+
+
+def _reduced_parallax(
+    left: NormalisedImage,
+    right: NormalisedImage,
+    search: tuple[int, int],
+    scale: int,
+    params: SemiGlobalParams,
+) -> ParallaxMap:
+    """Parallax of the reduced pair, in pixels of the full one."""
+    pictures: list[Picture] = []
+    masks: list[Mask] = []
+    for image, mask in ((left.grey, left.mask), (right.grey, right.mask)):
+        size = (-(-image.shape[1] // scale) * scale, -(-image.shape[0] // scale) * scale)
+        border = (0, size[1] - image.shape[0], 0, size[0] - image.shape[1])
+        whole = cv2.copyMakeBorder(image, *border, cv2.BORDER_REPLICATE)
+        known = cv2.copyMakeBorder(mask.astype(np.float32), *border, cv2.BORDER_CONSTANT, value=0)
+        small = (size[0] // scale, size[1] // scale)
+        pictures.append(eight_bit(cv2.resize(whole, small, interpolation=cv2.INTER_AREA)))
+        masks.append(cv2.resize(known, small, interpolation=cv2.INTER_AREA) > 0.5)  # noqa: PLR2004
+    reduced_search = (int(np.floor(search[0] / scale)), int(np.ceil(search[1] / scale)))
+    found = matched_both_ways(
+        pictures[0], pictures[1], (masks[0], masks[1]), reduced_search, params
+    )
+    return found * np.float32(scale)
+
+
+def _plane_and_relief(reduced: ParallaxMap, scale: int) -> tuple[ParallaxPlane, tuple[int, int]]:
+    """The plane through the parallaxes, and by how much they leave it."""
+    line, sample = np.nonzero(np.isfinite(reduced))
+    parallax = reduced[line, sample].astype(np.float64)
+    x, y = (sample + 0.5) * scale - 0.5, (line + 0.5) * scale - 0.5
+    some = slice(None, None, max(1, len(x) // FIT_POINTS))
+    plane = fit_plane(np.column_stack([x[some], y[some]]), parallax[some])
+    relief = parallax - plane.parallax_px(x, y)
+    margin = MARGIN_PX * scale
+    return plane, (
+        int(np.floor(relief.min())) - margin,
+        int(np.ceil(relief.max())) + margin,
+    )
+
+
+def _matched_about(
+    plane: ParallaxPlane,
+    relief: tuple[int, int],
+    left: NormalisedImage,
+    right: NormalisedImage,
+    params: SemiGlobalParams,
+) -> ParallaxMap:
+    """Parallax of the full images, searched within the relief above and below the plane.
+
+    With R'(x) = R(x - t(x)) the shifted right image and d the parallax between L and R', the
+    partner of x is x - d - t(x - d).
+    """
+    grid = np.indices(left.grey.shape, dtype=np.float32)
+    lines, samples = grid[0], grid[1]
+    shifted = (samples - plane.parallax_px(samples, lines)).astype(np.float32)
+    image = cv2.remap(right.grey, shifted, lines, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+    known = cv2.remap(
+        right.mask.astype(np.float32),
+        shifted,
+        lines,
+        cv2.INTER_LINEAR,
+        borderMode=cv2.BORDER_CONSTANT,
+    )
+    d = matched_both_ways(
+        eight_bit(left.grey),
+        eight_bit(image),
+        (left.mask, known > WHOLLY),
+        relief,
+        params,
+    )
+    return (d + plane.parallax_px(samples - d, lines)).astype(np.float32)

@@ -1,0 +1,370 @@
+"""Two stops as one stereo instrument: a base of metres instead of the bar's, for far ground.
+
+A base of 10 m resolves ground at 500 m as the bar of 0.2 m does at 70 m (Di et al. 2008, section
+5). What makes such a pair hard also shows the way. On level ground its parallax changes by B/h from
+row to row (B: base, h: height of the mast), seven pixels with 10 m, so windows shear beyond
+recognition; but the bar has seen the same ground, if coarsely: with the ray (x, y, 1) of a pixel of
+the wide pair and (X, Y, Z) of length alike in the frame of the bar,
+
+    q = p_bar (f B / f_bar B_bar) Z
+
+predicts the parallax, B / B_bar times as uncertain as that of the bar. The right image is shifted
+by q, smoothed; what is left to find is small, whatever the base.
+
+Two stops are no rigid bar. What adjustment leaves of their relative orientation shows across the
+epipolar lines and, against the prediction, along them; the right camera is set right by that
+(`relative_orientation`). The rotation about the vertical, w_y, goes into all parallaxes as f w_y,
+so its standard deviation enters that of the parallax, and so does that of the base's length.
+
+The eyes of a wide instrument: which pairs of two stops look at the same far ground.
+
+Windows of the left image searched over an area of the right one.
+
+Where two views differ much, what is a point of interest in one is none in the other. So windows
+about the interest points of the left image are compared with every place within reach, by the
+normalised cross-correlation; the best place is searched back in the left image, and a point whose
+way back ends elsewhere is dropped.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Protocol, TypeVar, runtime_checkable
+
+import cv2
+import numpy as np
+
+from solmap.photogrammetry.arrays import Bool, Float32, GreyImage, Int32, Mask, ParallaxMap, Vector3
+from solmap.photogrammetry.cameras.epipolar import EpipolarPair, epipolar_pair
+from solmap.photogrammetry.cameras.model import CameraModel
+from solmap.photogrammetry.errors import MatchingError
+from solmap.photogrammetry.frames import LSL, Frame, FrameKind, Pose
+from solmap.photogrammetry.imagery import Eye
+from solmap.photogrammetry.matching.least_squares import refined_offsets
+from solmap.photogrammetry.matching.records import EpipolarImages
+from solmap.photogrammetry.matching.resampling import resample, shifted
+from solmap.photogrammetry.matching.stereo.dense import DenseMatches, DenseParams, match_about
+from solmap.photogrammetry.matching.stereo.interest_points import (
+    FoerstnerParams,
+    interest_points,
+)
+from solmap.photogrammetry.matching.stereo.orientation import (
+    Measured,
+    OrientationParams,
+    RelativeOrientation,
+    VerticalParallax,
+    relative_orientation,
+)
+
+ROUNDS = 2
+"""Times the right camera is set right; the second finds hundredths of a pixel."""
+
+
+@dataclass(frozen=True, slots=True)
+class WideParams:
+    """How two stops are matched as one stereo instrument."""
+
+    limits: InstrumentLimits = field(default_factory=InstrumentLimits)
+    nearest_bases: float = 2.0
+    """Nearest ground in units of the base: rays meet at 27 degrees there. The prediction takes out
+    what that does to the look of the ground, though not of rocks."""
+    bar_error_px: float = 0.5
+    """What the bar's parallax may be wrong by, three standard deviations: sets the search."""
+    smoothing_px: float = 6.0
+    """Standard deviation of the smoothing of the bar's parallax, so that its noise, many times
+    enlarged, does not wrinkle the right image."""
+    search: AreaSearchParams = field(default_factory=AreaSearchParams)
+    orientation: OrientationParams = field(default_factory=OrientationParams)
+    dense: DenseParams = field(default_factory=DenseParams)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WideMatches:
+    """Dense parallax of a wide pair, as that of any pair, and how well its rows corresponded."""
+
+    images: EpipolarImages
+    lsl_from_pair: Pose
+    dense: DenseMatches
+    orientation: RelativeOrientation
+    rows_before: VerticalParallax
+    rows_after: VerticalParallax
+
+
+def match_wide(left: WideEye, right: WideEye, params: WideParams | None = None) -> WideMatches:
+    """Dense parallax of the left images of two pairs at different stops.
+
+    Raises:
+        MatchingError: the two make no instrument, or share too little to tell how they stand.
+    """
+    params = params or WideParams()
+    against = why_no_wide_pair(left, right, params.limits)
+    if against:
+        raise MatchingError(f"{left.pair_id} and {right.pair_id} make no wide pair: {against}")
+    warped = _Warped.of(left, right, params)
+    measured = before = warped.measured(params)
+    found = relative_orientation(measured, params.orientation)
+    for _ in range(ROUNDS):
+        right = replace(right, camera=found.applied(right.camera, warped.images.geometry))
+        warped = _Warped.of(left, right, params)
+        measured = warped.measured(params)
+        found = relative_orientation(measured, params.orientation, found)
+    geometry = warped.images.geometry
+    dense = match_about(warped.images, warped.predicted, warped.search, params.dense)
+    shared = found.shared_sigma(geometry, params.orientation)
+    stretched = np.hypot(
+        np.float32(shared.offset_px), np.float32(shared.stretch) * dense.parallax_px
+    )
+    sigma = np.hypot(dense.sigma_px, stretched)
+    pose = geometry.rover_from_pair
+    dense = DenseMatches(dense.parallax_px, sigma, shared)
+    return WideMatches(warped.images, pose, dense, found, before.rows, measured.rows)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Warped:
+    """Epipolar images of a wide pair with the parallax that the bar predicts."""
+
+    images: EpipolarImages
+    predicted: ParallaxMap
+    bar_ratio: float
+    """Parallax of the pair over that of the bar."""
+    search: int
+    """Pixels to either side of the prediction that are searched."""
+
+    @classmethod
+    def of(cls, left: WideEye, right: WideEye, params: WideParams) -> _Warped:
+        frame = Frame(FrameKind.PAIR, (*left.lsl_from_bar.source.index, -1))
+        geometry = epipolar_pair(left.camera, right.camera, left.size, right.size, LSL, frame)
+        grey_l, mask_l = resample(left.image, left.mask, left.camera, geometry, Eye.LEFT)
+        grey_r, mask_r = resample(right.image, right.mask, right.camera, geometry, Eye.RIGHT)
+        predicted, known = predicted_parallax(left, geometry, params.smoothing_px)
+        mask_l &= known & (predicted <= geometry.focal_px / params.nearest_bases)
+        images = EpipolarImages(geometry, grey_l, mask_l, grey_r, mask_r)
+        ratio = geometry.focal_px * geometry.base_m / (left.bar.focal_px * left.bar.base_m)
+        return cls(images, predicted, ratio, int(np.ceil(params.bar_error_px * ratio)))
+
+    def measured(self, params: WideParams) -> Measured:
+        """Offsets between the left image and the right one shifted by the prediction."""
+        shifted_right = shifted(self.images.right, self.images.right_mask, self.predicted)
+        images = replace(self.images, right=shifted_right[0], right_mask=shifted_right[1])
+        found = search_area(images, self.search, params.search)
+        if len(found.left) < params.orientation.fewest_points:
+            raise MatchingError(
+                f"{len(found.left)} points of the wide pair were found in both images, of "
+                f"{params.orientation.fewest_points} that its orientation takes: is the light "
+                "alike, and do the views overlap?"
+            )
+        x, y = found.left.astype(int).T
+        there = np.rint(found.left[:, 0] - found.parallax_px).astype(int)
+        partner = self.predicted[y, there.clip(0, self.images.geometry.samples - 1)]
+        rows = replace(found, parallax_px=found.parallax_px + partner)
+        return Measured(rows, self.predicted[y, x].astype(np.float64), self.bar_ratio)
+
+
+def predicted_parallax(
+    eye: WideEye, geometry: EpipolarPair, smoothing_px: float
+) -> tuple[ParallaxMap, Mask]:
+    """Parallax in the wide pair as the bar of its left eye has seen it, and where that is known."""
+    smooth, known = _smoothed(eye.parallax, smoothing_px)
+    rotation = eye.lsl_from_bar.rotation.T @ geometry.rover_from_pair.rotation
+    r = rotation.astype(np.float32)
+    line, sample = np.indices((geometry.lines, geometry.samples), dtype=np.float32)
+    x = (sample - np.float32(geometry.centre_px[0])) / np.float32(geometry.focal_px)
+    y = (line - np.float32(geometry.centre_px[1])) / np.float32(geometry.focal_px)
+    X, Y, Z = (r[i, 0] * x + r[i, 1] * y + r[i, 2] for i in range(3))
+    Z = np.maximum(Z, np.float32(1e-3))
+    f = np.float32(eye.bar.focal_px)
+    u, v = eye.bar.centre_px[0] + f * X / Z, eye.bar.centre_px[1] + f * Y / Z
+    at = (u.astype(np.float32), v.astype(np.float32))
+    bar = cv2.remap(smooth, *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    seen = cv2.remap(known.astype(np.uint8), *at, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT)
+    ratio = geometry.focal_px * geometry.base_m / (eye.bar.focal_px * eye.bar.base_m)
+    return (bar * np.float32(ratio) * Z).astype(np.float32), seen > 0
+
+
+def _smoothed(parallax: ParallaxMap, sigma_px: float) -> tuple[ParallaxMap, Mask]:
+    """Parallax averaged over its surroundings, and where enough of it is there."""
+    known = np.isfinite(parallax)
+    total = cv2.GaussianBlur(np.where(known, parallax, np.float32(0)), (0, 0), sigma_px)
+    weight = cv2.GaussianBlur(known.astype(np.float32), (0, 0), sigma_px)
+    enough = weight > 0.1  # noqa: PLR2004 - a corner of the window
+    return np.where(enough, total / np.maximum(weight, np.float32(1e-3)), np.float32(0)), enough
+
+
+OriginalImage = Float32[np.ndarray, "rows cols"]
+OriginalMask = Bool[np.ndarray, "rows cols"]
+"""Of the image as taken, whose size is not that of the epipolar images."""
+
+
+@dataclass(frozen=True, slots=True)
+class InstrumentLimits:
+    """Which two pairs make an instrument."""
+
+    least_base_m: float = 2.0
+    """Shorter bases are no gain over the bar in ground it maps itself."""
+    largest_base_m: float = 40.0
+    """Longer bases see the ground from too different sides until beyond what is asked for."""
+    least_angle: float = float(np.deg2rad(30.0))
+    """Between the base and either view: half of the base counts at 30 degrees."""
+    largest_turn: float = float(np.deg2rad(30.0))
+    """Between the views: two thirds of a Navcam's field, of which a third is then shared."""
+
+
+@runtime_checkable
+class Looking(Protocol):
+    """What can be chosen for an eye: `WideEye` is one, and so is a pair that is not read yet."""
+
+    @property
+    def centre(self) -> Vector3:
+        """Where it stands, in the LSL, metres."""
+
+    @property
+    def view(self) -> Vector3:
+        """Direction of the middle of its image, in the LSL, of length one."""
+
+
+L = TypeVar("L", bound=Looking)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WideEye:
+    """A matched pair of a stop, of which the left image is one eye of the wide instrument."""
+
+    pair_id: str
+    image: OriginalImage
+    """The left image as taken."""
+    mask: OriginalMask
+    camera: CameraModel
+    """Its camera, in the LSL."""
+    bar: EpipolarPair
+    lsl_from_bar: Pose
+    parallax: ParallaxMap
+    """Dense parallax of the pair itself, on the grid of `bar`."""
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Samples and lines of the image."""
+        return self.image.shape[1], self.image.shape[0]
+
+    @property
+    def centre(self) -> Vector3:
+        """Perspective centre of the left camera, in the LSL."""
+        return self.camera.centre
+
+    @property
+    def view(self) -> Vector3:
+        """Direction of the middle of the image, in the LSL."""
+        middle = np.array([[(n - 1) / 2 for n in self.size]])
+        return self.camera.rays(middle)[0]
+
+
+def in_order(one: L, other: L) -> tuple[L, L]:
+    """The two eyes, that on the left of what both look at first; down is the third axis."""
+    forward = one.view + other.view
+    right = np.array([-forward[1], forward[0], 0.0])
+    return (one, other) if (other.centre - one.centre) @ right > 0 else (other, one)
+
+
+def why_no_wide_pair(left: Looking, right: Looking, limits: InstrumentLimits) -> str | None:
+    """What speaks against using two pairs as one instrument; None if nothing does."""
+    base = right.centre - left.centre
+    base_m = float(np.linalg.norm(base))
+    if not limits.least_base_m <= base_m <= limits.largest_base_m:
+        return f"a base of {base_m:.1f} m"
+    turn = float(np.arccos(np.clip(left.view @ right.view, -1, 1)))
+    if turn > limits.largest_turn:
+        return f"views {np.rad2deg(turn):.0f} degrees apart"
+    along = max(abs(float(eye.view @ base)) / base_m for eye in (left, right))
+    if along > np.cos(limits.least_angle):
+        return f"a view {np.rad2deg(np.arccos(min(along, 1.0))):.0f} degrees from the base"
+    return None
+
+
+def wide_pairs(
+    ones: Sequence[L], others: Sequence[L], limits: InstrumentLimits
+) -> list[tuple[L, L]]:
+    """The pairs of two stops that make an instrument: every one with the other it agrees best with.
+
+    Each comes in order, the left eye first.
+    """
+    chosen = []
+    for one in ones:
+        fit = [eye for eye in others if why_no_wide_pair(*in_order(one, eye), limits) is None]
+        if fit:
+            chosen.append(in_order(one, max(fit, key=lambda eye: float(eye.view @ one.view))))
+    return chosen
+
+
+BACK_PX = 1
+"""Distance by which the way back may miss: places are whole pixels."""
+
+
+@dataclass(frozen=True, slots=True)
+class AreaSearchParams:
+    """How windows are searched; defaults as in sparse matching, where Di et al. 2008 give them."""
+
+    interest: FoerstnerParams = field(
+        default_factory=lambda: FoerstnerParams(smallest_weight=0.1, count=1200, cell_px=32)
+    )
+    """Points of the left image: also in faint texture, and no more than are needed."""
+    window_px: int = 15
+    """Side of the correlation window, odd."""
+    least_correlation: float = 0.8
+    """Threshold of the normalised cross-correlation."""
+    lines: int = 6
+    """Rows searched to either side: 0.3 degrees of a Navcam."""
+
+
+def search_area(
+    images: EpipolarImages, reach_px: int, params: AreaSearchParams
+) -> VerticalParallax:
+    """Offsets, to a fraction of a pixel, of left points searched `reach_px` along their rows."""
+    half = params.window_px // 2
+    margin = half + max(2, half // 2)
+    found = interest_points(images.left, images.left_mask, params.interest, margin).pixels
+    reach = (reach_px, params.lines)
+    right, good = _best(images.left, images.right, found, reach, params)
+    good &= images.right_mask[right[:, 1], right[:, 0]]
+    left, right = found[good], right[good]
+    back, good = _best(images.right, images.left, right, reach, params)
+    good &= np.abs(back - left).max(axis=1, initial=0) <= BACK_PX
+    left, start = left[good], (right - left)[good].astype(np.float64)
+    offset = refined_offsets(images, left, start, params.window_px)
+    settled = np.isfinite(offset).all(axis=1)
+    return VerticalParallax(
+        left[settled].astype(np.float64),
+        offset[settled, 1],
+        -offset[settled, 0],
+        images.geometry,
+    )
+
+
+def _best(
+    source: GreyImage,
+    target: GreyImage,
+    pixels: Int32[np.ndarray, "n 2"],
+    reach: tuple[int, int],
+    params: AreaSearchParams,
+) -> tuple[Int32[np.ndarray, "n 2"], np.ndarray]:
+    """The place within reach that correlates best with the window of each pixel, and whether well.
+
+    A best place on the rim of the area is no maximum.
+    """
+    half, (dx, dy) = params.window_px // 2, reach
+    border = (dy + half, dy + half, dx + half, dx + half)
+    wide = cv2.copyMakeBorder(target, *border, cv2.BORDER_REPLICATE)
+    places, good = pixels.copy(), np.zeros(len(pixels), dtype=bool)
+    for k, (x, y) in enumerate(pixels.tolist()):
+        window = source[y - half : y + half + 1, x - half : x + half + 1]
+        if window.shape != (params.window_px, params.window_px):
+            continue
+        area = wide[y : y + 2 * (dy + half) + 1, x : x + 2 * (dx + half) + 1]
+        score = cv2.matchTemplate(area, window, cv2.TM_CCOEFF_NORMED)
+        _, best, _, (right, down) = cv2.minMaxLoc(score)
+        inside = 0 < right < 2 * dx and 0 < down < 2 * dy
+        good[k] = inside and best >= params.least_correlation
+        places[k] = (x + right - dx, y + down - dy)
+    limits = np.array([target.shape[1] - 1, target.shape[0] - 1])
+    good &= ((places >= 0) & (places <= limits)).all(axis=1)
+    return places.clip(0, limits).astype(np.int32), good

@@ -1,0 +1,180 @@
+"""Pictures of ties: two images side by side with a line for every point that both show.
+
+A line is coloured by how well its tie agrees with all the others: by the length of its residual in
+standard deviations (Mahalanobis), from green (0) over yellow to red (the limit of the verdict).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from solmap.photogrammetry.arrays import Flags, Float64, GreyImage, Mask, PerPoint, Picture, UInt8
+from solmap.photogrammetry.cameras.epipolar import EpipolarPair
+from solmap.photogrammetry.errors import MatchingError
+from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.matching.alignment import AlignmentParams, align
+from solmap.photogrammetry.matching.records import MatchedPair, Ties
+from solmap.products.reports.match_figures import in_three_bands
+
+GAP_PX = 8
+COLUMNS = 2
+"""Couples of images side by side on a sheet."""
+SHEET_PX = 1536
+TITLE_PX = 22
+LEGEND = (
+    "a tie's line: green where it agrees with all others, yellow, red at the limit of the verdict"
+)
+LEAST_SHEET_PX = 64
+GREY_STEP = 8
+"""Grey values are told apart by so much: the noise of soil makes up most of a picture's bytes."""
+GREEN_DEG = 120.0
+"""Hue of a tie that fits; 0 is red."""
+
+
+def misfits(
+    ties: Ties,
+    geometries: Mapping[str, EpipolarPair],
+    first_from_second: Pose,
+    covariance: Float64[np.ndarray, "6 6"] | None,
+    params: AlignmentParams,
+) -> PerPoint:
+    """Residuals of ties after alignment, as shares of the limit of the verdict."""
+    if not len(ties):
+        return np.zeros(0)
+    aligned = align(ties, geometries, first_from_second, covariance, params)
+    return np.sqrt(aligned.mahalanobis2 / params.chi_square)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shown:
+    """An image that ties are drawn on."""
+
+    name: str
+    image: GreyImage
+    mask: Mask
+
+    @classmethod
+    def of(cls, pair: MatchedPair) -> Shown:
+        """The left image of a pair."""
+        return cls(pair.pair_id, pair.images.left, pair.images.left_mask)
+
+
+def draw_ties(
+    first: Shown,
+    second: Shown,
+    ties: Ties,
+    misfit: PerPoint,
+    scale: float = 1.0,
+) -> Picture:
+    """Two images, and a coloured line from each point to its conjugate."""
+    for shown in (first, second):
+        if shown.name not in ties.pair_ids:
+            raise MatchingError(f"{shown.name} is not among the images of these ties")
+    grey = [_small(in_three_bands(s.image, s.mask), scale) for s in (first, second)]
+    height = max(g.shape[0] for g in grey)
+    offset = grey[0].shape[1] + GAP_PX
+    picture = np.zeros((height, offset + grey[1].shape[1], 3), np.uint8)
+    for image, left in zip(grey, (0, offset), strict=True):
+        picture[: image.shape[0], left : left + image.shape[1]] = image // GREY_STEP * GREY_STEP
+    for start, end, share in _lines(first.name, second.name, ties, misfit):
+        a, b = ((int(x * scale), int(y * scale)) for x, y in (start, end))
+        b, colour = (b[0] + offset, b[1]), _colour(share)
+        cv2.line(picture, a, b, colour, 1, cv2.LINE_AA)
+        for place in (a, b):
+            cv2.circle(picture, place, 3, colour, 1, cv2.LINE_AA)
+    return picture
+
+
+def draw_sheet(
+    images: Iterable[Shown], ties: Ties, misfit: PerPoint, *, first_left: bool = False
+) -> Picture:
+    """All couples of images that ties join, two to a row, those with most ties first.
+
+    With `first_left` the image where ties start, the earlier stop's, is always left; without, the
+    couple is so ordered that what both show is next to each other.
+    """
+    shown = {image.name: image for image in images}
+    counts = sorted(ties.counts().items(), key=lambda item: -item[1])
+    cells = [
+        _cell(*_side_by_side(shown[one], shown[other], ties, first_left=first_left), ties, misfit)
+        for (one, other), _ in counts
+        if one in shown and other in shown
+    ]
+    if not cells:
+        return np.zeros((LEAST_SHEET_PX, SHEET_PX, 3), np.uint8)
+    width = SHEET_PX // COLUMNS
+    rows = [caption(LEGEND, SHEET_PX)]
+    for k in range(0, len(cells), COLUMNS):
+        row = cells[k : k + COLUMNS]
+        height = max(cell.shape[0] for cell in row)
+        filled = [np.zeros((height, width, 3), np.uint8) for _ in range(COLUMNS)]
+        for cell, place in zip(row, filled, strict=False):
+            place[: cell.shape[0], : cell.shape[1]] = cell
+        rows.append(np.hstack(filled))
+    return np.vstack(rows)
+
+
+def caption(text: str, width: int) -> Picture:
+    """A line of white text on black."""
+    line = np.zeros((TITLE_PX, width, 3), np.uint8)
+    place, white = (2, 15), (255, 255, 255)
+    return cv2.putText(line, text, place, cv2.FONT_HERSHEY_SIMPLEX, 0.42, white, 1, cv2.LINE_AA)
+
+
+def _side_by_side(
+    first: Shown, second: Shown, ties: Ties, *, first_left: bool
+) -> tuple[Shown, Shown, Flags]:
+    """A couple as it is to stand, and the ties between them."""
+    rows = _between(ties, first.name, second.name)
+    if first_left:
+        return first, second, rows
+    shares = [
+        float(np.mean(left[rows, 0])) / shown.image.shape[1]
+        for left, shown in ((ties.first_left, first), (ties.second_left, second))
+    ]
+    return (first, second, rows) if shares[0] >= shares[1] else (second, first, rows)
+
+
+def _cell(first: Shown, second: Shown, rows: Flags, ties: Ties, misfit: PerPoint) -> Picture:
+    """One couple of a sheet, with its names and number of ties above."""
+    wide = first.image.shape[1] + second.image.shape[1]
+    scale = (SHEET_PX // COLUMNS - 2 * GAP_PX) / wide
+    drawn = draw_ties(first, second, ties.taking(rows), misfit[rows], scale)
+    count = int(rows.sum())
+    text = f"{first.name} - {second.name}: {count} {'tie' if count == 1 else 'ties'}"
+    return np.vstack([caption(text, drawn.shape[1]), drawn])
+
+
+def _small(image: Picture, scale: float) -> UInt8[np.ndarray, "height width 3"]:
+    size = tuple(max(1, round(side * scale)) for side in image.shape[1::-1])
+    return cv2.resize(image, size, interpolation=cv2.INTER_AREA).astype(np.uint8)
+
+
+def _between(ties: Ties, one: str, other: str) -> Flags:
+    """The ties that run from one pair to the other."""
+    first, second = ties.pair_ids.index(one), ties.pair_ids.index(other)
+    return (ties.first == first) & (ties.second == second)
+
+
+def _lines(
+    first: str, second: str, ties: Ties, misfit: PerPoint
+) -> list[tuple[np.ndarray, np.ndarray, float]]:
+    """(point in the first pair, point in the second, misfit), whichever way the ties run."""
+    forth, back = _between(ties, first, second), _between(ties, second, first)
+    return [
+        *zip(ties.first_left[forth], ties.second_left[forth], misfit[forth].tolist(), strict=True),
+        *zip(ties.second_left[back], ties.first_left[back], misfit[back].tolist(), strict=True),
+    ]
+
+
+def _colour(share: float) -> tuple[int, int, int]:
+    """From green (0) to red (1 and more); (blue, green, red)."""
+    hue = round(GREEN_DEG / 2 * (1.0 - min(max(share, 0.0), 1.0)))  # OpenCV halves degrees
+    blue, green, red = cv2.cvtColor(np.array([[[hue, 230, 255]]], np.uint8), cv2.COLOR_HSV2BGR)[
+        0, 0
+    ]
+    return int(blue), int(green), int(red)
