@@ -70,7 +70,6 @@ class Frame:
 
 
 LSL = Frame(FrameKind.LSL)
-BODY_FIXED = Frame(FrameKind.BODY)
 
 
 def site_frame(site: int) -> Frame:

@@ -18,12 +18,12 @@ from solmap.photogrammetry.archive.images.rover_image import Camera, camera_mode
 from solmap.photogrammetry.archive.labels.label import Label
 from solmap.photogrammetry.archive.missions import Mission
 from solmap.photogrammetry.archive.tables.vector_files import VectorFile, best_poses, lsl_tree
-from solmap.photogrammetry.body_fixed import MarsPoint, body_from_lsl
 from solmap.photogrammetry.cameras.cahvore import Cahvore
 from solmap.photogrammetry.cameras.photogrammetric import photogrammetric
 from solmap.photogrammetry.errors import FrameError, LabelError
 from solmap.photogrammetry.frames import Frame, FrameKind, FrameTree, Pose
 from solmap.photogrammetry.imagery import StopId
+from solmap.photogrammetry.mars import MarsPoint, body_from_lsl
 
 
 def mast_frame(stop: StopId, clock: float) -> Frame:

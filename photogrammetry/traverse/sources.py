@@ -27,9 +27,9 @@ import numpy as np
 
 from solmap.photogrammetry.archive.tables.vector_files import VectorFile, best_poses, lsl_tree
 from solmap.photogrammetry.arrays import Float64, Int32, ObjectPoints
-from solmap.photogrammetry.body_fixed import MARS_RADIUS_M, map_from_lsl
 from solmap.photogrammetry.errors import FrameError, TraverseError
 from solmap.photogrammetry.frames import LSL, Frame, FrameKind
+from solmap.photogrammetry.mars import MARS_RADIUS_M, map_from_lsl
 from solmap.photogrammetry.traverse.records import Traverse
 
 TELEMETRY = ("raw_x", "raw_y", "raw_z")

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from solmap.photogrammetry.body_fixed import planetographic
+from solmap.photogrammetry.mars import planetographic
 from solmap.photogrammetry.terrain.insolation.maps import (
     Haven,
     HavenParams,

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from solmap.photogrammetry.adjustment.model.adjusted_network import USED, AdjustedStop
-from solmap.photogrammetry.body_fixed import map_from_lsl
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.imagery import RoverImage
+from solmap.photogrammetry.mars import map_from_lsl
 from solmap.photogrammetry.terrain.measure.oriented_image import as_pointed
 from solmap.photogrammetry.terrain.visibility.footprints import (
     FootprintParams,

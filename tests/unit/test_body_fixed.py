@@ -5,7 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from solmap.photogrammetry.body_fixed import (
+from solmap.photogrammetry.errors import FrameError
+from solmap.photogrammetry.frames import BODY_FIXED, LSL, FrameTree, Pose, site_frame
+from solmap.photogrammetry.mars import (
     MARS_RADIUS_M,
     MarsPoint,
     body_fixed,
@@ -15,8 +17,6 @@ from solmap.photogrammetry.body_fixed import (
     planetocentric,
     planetographic,
 )
-from solmap.photogrammetry.errors import FrameError
-from solmap.photogrammetry.frames import BODY_FIXED, LSL, FrameTree, Pose, site_frame
 
 GUSEV = MarsPoint(math.radians(175.4729), math.radians(-14.5692))
 

@@ -14,7 +14,7 @@ from __future__ import annotations
 import re
 from enum import StrEnum
 
-from solmap.photogrammetry.archive.labels.label import MAX_LABEL_BYTES, parse_label
+from solmap.photogrammetry.archive.labels.label import MAX_LABEL_BYTES
 from solmap.photogrammetry.errors import LabelError
 
 FRONT = "SOLMAP_DETACHED_LABEL = {size:010d}\r\n"
@@ -72,14 +72,3 @@ def decode_label(label: bytes) -> str:
         return label.decode("utf-8-sig")
     except UnicodeDecodeError:
         return label.decode("latin-1")
-
-
-def file_of_label(label_text: str, name: str) -> str | None:
-    """The data file that a detached PDS3 label points to, or None where it names none.
-
-    Raises:
-        LabelError: the label is broken.
-    """
-    pointer = parse_label(label_text, name).get("", "^IMAGE")
-    first = pointer[0] if isinstance(pointer, tuple) and pointer else pointer
-    return first if isinstance(first, str) else None

@@ -157,28 +157,6 @@ def join_priorities(files: Sequence[VectorFile]) -> list[str]:
     return order
 
 
-def rover_pose(files: Sequence[VectorFile], site: int, drive: int) -> Pose:
-    """Where the rover stood at (site, drive): the stop with the highest drive not above it.
-
-    Raises:
-        VectorFileError: no solution of the site lies at or before the drive.
-    """
-    at_or_before = [
-        pose
-        for pose in best_poses(files)
-        if pose.source.kind is FrameKind.ROVER
-        and pose.source.index[0] == site
-        and pose.source.index[1] <= drive
-    ]
-    if not at_or_before:
-        raise VectorFileError(
-            f"no rover vector file places the rover at site {site}, drive {drive} or before; "
-            f"given: {', '.join(file.source for file in files) or 'none'}"
-        )
-    found = max(at_or_before, key=lambda pose: pose.source.index)
-    return Pose(found.target, rover_frame(site, drive), found.rotation, found.translation_m)
-
-
 def lsl_tree(given: Iterable[Pose], sites: Iterable[int] = ()) -> LslTree:
     """Hang poses under the LSL, which is site 0 or the lowest site that the chain reaches.
 

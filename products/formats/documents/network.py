@@ -23,9 +23,9 @@ import numpy as np
 from solmap.photogrammetry.adjustment.documents import network_document, network_of_document
 from solmap.photogrammetry.adjustment.model.adjusted_network import AdjustedNetwork
 from solmap.photogrammetry.adjustment.model.assembly import assembled, part_at
-from solmap.photogrammetry.body_fixed import map_from_lsl
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.imagery import StopId
+from solmap.photogrammetry.mars import map_from_lsl
 from solmap.photogrammetry.traverse.records import Traverse
 from solmap.products.formats.documents.archives import pose_document, pose_of_document
 from solmap.products.model import ProductRef

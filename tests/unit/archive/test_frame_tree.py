@@ -12,10 +12,10 @@ from solmap.photogrammetry.archive.frame_tree import (
 from solmap.photogrammetry.archive.labels.label import parse_label
 from solmap.photogrammetry.archive.missions import MER
 from solmap.photogrammetry.archive.tables.vector_files import parse_vector_file
-from solmap.photogrammetry.body_fixed import MarsPoint, geographic
 from solmap.photogrammetry.errors import LabelError
 from solmap.photogrammetry.frames import BODY_FIXED, LSL, Frame, FrameKind, Pose, site_frame
 from solmap.photogrammetry.imagery import StopId
+from solmap.photogrammetry.mars import MarsPoint, geographic
 
 CLOCK = 194463440.996
 STOP = StopId("MER2", 125, 100)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from solmap.photogrammetry.body_fixed import planetographic
 from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.mars import planetographic
 from solmap.photogrammetry.terrain.insolation.sun import (
     SOL_HOURS,
     Season,

@@ -8,8 +8,8 @@ import pytest
 from typer.testing import CliRunner
 
 from solmap.flows.cli import app
-from solmap.photogrammetry.body_fixed import MARS_RADIUS_M
 from solmap.photogrammetry.errors import TraverseError
+from solmap.photogrammetry.mars import MARS_RADIUS_M
 from solmap.photogrammetry.traverse.sources import parse_mission_table
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.crs import LandingPoint
