@@ -53,12 +53,24 @@ from solmap.photogrammetry.matching.records import MatchedPair
 
 MOST_SAMPLES = 8
 """A cell of the grid is the mean of at most 8 x 8 samples of a finer image."""
+
 LARGEST_CELL_PX = 24.0
 """A cell that covers more pixels of the source is too coarse to be of use there."""
+
 SMALLEST_SPREAD = 0.5
 """Grey values (DN) by which a patch must vary: below it there is only noise of rounding."""
+
 STILL_MOVING = 0.2
 """Cells that the last iteration moved a patch: more, and it has not converged."""
+
+LARGEST_Y_PX = 1.0
+"""Vertical parallax at which a match in the right image is not the same point."""
+
+DEFINED_PX = 0.02
+"""An interest point is where it is by definition; what is left is the resampling of its image."""
+
+DENSE_AGREES_PX = 1.5
+"""The measured parallax may differ this much, and three times the surface's roughness, from it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,6 +130,45 @@ class Conjugates:
     """A cell's standard deviation, along each axis of the common grid, in pixels of the target."""
 
 
+@dataclass(frozen=True, eq=False)
+class TieView:
+    """A matched pair with what tying needs of it, worked out once."""
+
+    pair: MatchedPair
+    left: View
+    right: View
+    half_px: int
+    """Half the width of the local surfaces."""
+
+    @classmethod
+    def of(cls, pair: MatchedPair, half_px: int = 10) -> TieView:
+        """Make a pair ready."""
+        images = pair.images
+        return cls(
+            pair,
+            View.of(images.left, images.left_mask),
+            View.of(images.right, images.right_mask),
+            half_px,
+        )
+
+    @cached_property
+    def planes(self) -> ParallaxPlanes:
+        """Local surfaces around every sparse match of the pair."""
+        return parallax_planes(self.pair.parallax, self.pair.matches.left, self.half_px)
+
+    @property
+    def geometry(self) -> EpipolarPair:
+        """The pair's ideal stereo camera."""
+        return self.pair.images.geometry
+
+    @property
+    def ground_sigma_m(self) -> PerPoint:
+        """Standard deviation in range of every sparse match, metres: Z^2 sigma_p / (B f)."""
+        matches, g = self.pair.matches, self.geometry
+        scale = g.focal_px * g.base_m
+        return scale * matches.sigma_px / np.maximum(matches.parallax_px, 1e-3) ** 2
+
+
 def find_conjugates(
     source: View,
     target: View,
@@ -163,6 +214,49 @@ def match_patches(
     found = usable & (peak > params.threshold - 0.15) & (second < params.ambiguity * peak)
     offset, sigma, correlation, settled = _least_squares(templates, searches, offset, found, params)
     return found & settled & (correlation >= params.threshold), offset, sigma, correlation
+
+
+def measured_parallax(
+    view: TieView, points: ImagePoints, params: ConjugateParams
+) -> tuple[PerPoint, PerPoint]:
+    """(parallax, its standard deviation) at left image points; NaN where it cannot be measured."""
+    parallax, sigma = np.full(len(points), np.nan), np.full(len(points), np.nan)
+    if not len(points):
+        return parallax, sigma
+    planes = parallax_planes(view.pair.parallax, points, params.half_px)
+    ok = planes.found & (planes.parallax_px > 0)
+    some = planes.taking(ok)
+    found = find_conjugates(
+        view.left,
+        view.right,
+        points[ok],
+        right_from_left(points[ok], some),
+        2,
+        replace(params, ambiguity=1.0),
+    )
+    value = points[ok, 0] - found.points[:, 0]
+    near = np.abs(value - some.parallax_px) < DENSE_AGREES_PX + 3 * some.residual_px
+    level = np.abs(found.points[:, 1] - points[ok, 1]) < LARGEST_Y_PX
+    good = found.found & near & level & (value > 0)
+    parallax[np.flatnonzero(ok)[good]] = value[good]
+    sigma[np.flatnonzero(ok)[good]] = np.maximum(found.sigma_px[good], params.parallax_floor_px)
+    return parallax, sigma
+
+
+def in_view(view: TieView, left: ImagePoints, margin_px: int) -> Flags:
+    """Whether image points lie on usable pixels, away from the frame."""
+    g = view.geometry
+    with np.errstate(invalid="ignore"):
+        inside = (
+            (left[:, 0] >= margin_px)
+            & (left[:, 0] <= g.samples - 1 - margin_px)
+            & (left[:, 1] >= margin_px)
+            & (left[:, 1] <= g.lines - 1 - margin_px)
+        )
+    usable = np.zeros(len(left), dtype=bool)
+    col, row = np.round(left[inside]).astype(np.int64).T
+    usable[inside] = view.left.mask[row, col]
+    return usable
 
 
 def common_grids(
@@ -277,93 +371,3 @@ def _least_squares(
         & (np.abs(fits.affine - np.eye(2)).max(axis=(1, 2)) <= params.largest_stretch)
     )
     return offset, sigma, correlation, settled
-
-
-LARGEST_Y_PX = 1.0
-"""Vertical parallax at which a match in the right image is not the same point."""
-DEFINED_PX = 0.02
-"""An interest point is where it is by definition; what is left is the resampling of its image."""
-DENSE_AGREES_PX = 1.5
-"""The measured parallax may differ this much, and three times the surface's roughness, from it."""
-
-
-@dataclass(frozen=True, eq=False)
-class TieView:
-    """A matched pair with what tying needs of it, worked out once."""
-
-    pair: MatchedPair
-    left: View
-    right: View
-    half_px: int
-    """Half the width of the local surfaces."""
-
-    @classmethod
-    def of(cls, pair: MatchedPair, half_px: int = 10) -> TieView:
-        """Make a pair ready."""
-        images = pair.images
-        return cls(
-            pair,
-            View.of(images.left, images.left_mask),
-            View.of(images.right, images.right_mask),
-            half_px,
-        )
-
-    @cached_property
-    def planes(self) -> ParallaxPlanes:
-        """Local surfaces around every sparse match of the pair."""
-        return parallax_planes(self.pair.parallax, self.pair.matches.left, self.half_px)
-
-    @property
-    def geometry(self) -> EpipolarPair:
-        """The pair's ideal stereo camera."""
-        return self.pair.images.geometry
-
-    @property
-    def ground_sigma_m(self) -> PerPoint:
-        """Standard deviation in range of every sparse match, metres: Z^2 sigma_p / (B f)."""
-        matches, g = self.pair.matches, self.geometry
-        scale = g.focal_px * g.base_m
-        return scale * matches.sigma_px / np.maximum(matches.parallax_px, 1e-3) ** 2
-
-
-def measured_parallax(
-    view: TieView, points: ImagePoints, params: ConjugateParams
-) -> tuple[PerPoint, PerPoint]:
-    """(parallax, its standard deviation) at left image points; NaN where it cannot be measured."""
-    parallax, sigma = np.full(len(points), np.nan), np.full(len(points), np.nan)
-    if not len(points):
-        return parallax, sigma
-    planes = parallax_planes(view.pair.parallax, points, params.half_px)
-    ok = planes.found & (planes.parallax_px > 0)
-    some = planes.taking(ok)
-    found = find_conjugates(
-        view.left,
-        view.right,
-        points[ok],
-        right_from_left(points[ok], some),
-        2,
-        replace(params, ambiguity=1.0),
-    )
-    value = points[ok, 0] - found.points[:, 0]
-    near = np.abs(value - some.parallax_px) < DENSE_AGREES_PX + 3 * some.residual_px
-    level = np.abs(found.points[:, 1] - points[ok, 1]) < LARGEST_Y_PX
-    good = found.found & near & level & (value > 0)
-    parallax[np.flatnonzero(ok)[good]] = value[good]
-    sigma[np.flatnonzero(ok)[good]] = np.maximum(found.sigma_px[good], params.parallax_floor_px)
-    return parallax, sigma
-
-
-def in_view(view: TieView, left: ImagePoints, margin_px: int) -> Flags:
-    """Whether image points lie on usable pixels, away from the frame."""
-    g = view.geometry
-    with np.errstate(invalid="ignore"):
-        inside = (
-            (left[:, 0] >= margin_px)
-            & (left[:, 0] <= g.samples - 1 - margin_px)
-            & (left[:, 1] >= margin_px)
-            & (left[:, 1] <= g.lines - 1 - margin_px)
-        )
-    usable = np.zeros(len(left), dtype=bool)
-    col, row = np.round(left[inside]).astype(np.int64).T
-    usable[inside] = view.left.mask[row, col]
-    return usable

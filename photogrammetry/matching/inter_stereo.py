@@ -183,32 +183,6 @@ def _cells(points: ImagePoints, cell_px: int) -> np.ndarray:
     return row * 100_000 + col
 
 
-def _verified(
-    stop: MatchedStop,
-    ties: Ties,
-    looked: dict[tuple[str, str], int],
-    params: InterStereoParams,
-) -> PairTies:
-    """Keep the ties that agree with the geometry of the whole stop."""
-    counted = ties.counts()
-    if len(ties):
-        geometries = {pair.pair_id: pair.images.geometry for pair in stop.pairs}
-        rest = Pose.identity(stop.stop.frame, stop.stop.frame)
-        alignment = align(ties, geometries, rest, None, params.alignment)
-        kept = ties.taking(alignment.agrees)
-        pointing, rms_px = alignment.pointing, alignment.rms_px
-    else:
-        kept, pointing, rms_px = ties, {}, float("nan")
-    agreeing = kept.counts()
-    links = tuple(
-        PairLink(
-            first, second, n, counted.get((first, second), 0), agreeing.get((first, second), 0)
-        )
-        for (first, second), n in looked.items()
-    )
-    return PairTies(stop.stop, kept, links, pointing, rms_px)
-
-
 def predicted_points(
     source: TieView, target: TieView, target_from_source: Pose, rows: Flags
 ) -> tuple[
@@ -277,3 +251,29 @@ def _assembled(  # noqa: PLR0913, PLR0917 - gathers the columns of the ties
         found.sigma_px[found.found],
     )
     return ties.taking(np.isfinite(parallax))
+
+
+def _verified(
+    stop: MatchedStop,
+    ties: Ties,
+    looked: dict[tuple[str, str], int],
+    params: InterStereoParams,
+) -> PairTies:
+    """Keep the ties that agree with the geometry of the whole stop."""
+    counted = ties.counts()
+    if len(ties):
+        geometries = {pair.pair_id: pair.images.geometry for pair in stop.pairs}
+        rest = Pose.identity(stop.stop.frame, stop.stop.frame)
+        alignment = align(ties, geometries, rest, None, params.alignment)
+        kept = ties.taking(alignment.agrees)
+        pointing, rms_px = alignment.pointing, alignment.rms_px
+    else:
+        kept, pointing, rms_px = ties, {}, float("nan")
+    agreeing = kept.counts()
+    links = tuple(
+        PairLink(
+            first, second, n, counted.get((first, second), 0), agreeing.get((first, second), 0)
+        )
+        for (first, second), n in looked.items()
+    )
+    return PairTies(stop.stop, kept, links, pointing, rms_px)

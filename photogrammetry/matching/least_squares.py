@@ -72,6 +72,21 @@ CORRELATION = 1.2
 neighbours on with a correlation of about 0.2, each residual having two such neighbours in its row
 and two in its column."""
 
+UNKNOWNS = 8
+"""Shift of two, affine change of four, brightness and contrast."""
+
+STIFFNESS = 1e-6
+"""Enough on the diagonal, as a share of it, that a patch without texture has a solution."""
+
+LONGEST_STRETCH = 0.2
+"""Change of shape that one step may make."""
+
+RIM = 2
+"""Cells around a patch that slopes of fourth order need."""
+
+TINY = 1e-9
+"""Contrast that stands for none."""
+
 
 @dataclass(frozen=True, slots=True)
 class LeastSquaresParams:
@@ -198,16 +213,34 @@ def _tiny(design: np.ndarray) -> np.ndarray:
     return scale * np.eye(design.shape[2])
 
 
-UNKNOWNS = 8
-"""Shift of two, affine change of four, brightness and contrast."""
-STIFFNESS = 1e-6
-"""Enough on the diagonal, as a share of it, that a patch without texture has a solution."""
-LONGEST_STRETCH = 0.2
-"""Change of shape that one step may make."""
-RIM = 2
-"""Cells around a patch that slopes of fourth order need."""
-TINY = 1e-9
-"""Contrast that stands for none."""
+def refined_offsets(
+    images: EpipolarImages, pixels: np.ndarray, start: np.ndarray, window_px: int, steps: int = 6
+) -> np.ndarray:
+    """Shift of each left window in the right image, along samples and lines; NaN if not found."""
+    if not len(pixels):
+        return start
+    half = window_px // 2
+    dy, dx = (w.ravel() for w in np.mgrid[-half : half + 1, -half : half + 1])
+    x, y = pixels[:, 0, None] + dx, pixels[:, 1, None] + dy
+    gy, gx = np.gradient(images.left)
+    left = _centred(images.left[y, x])
+    design = np.stack([_centred(gx[y, x]), _centred(gy[y, x])], axis=2)
+    normal = np.einsum("nki,nkj->nij", design, design) + 1e-6 * np.eye(2)
+    coefficients = coefficients_of(images.right)
+    offset = start.copy()
+    step = np.full_like(start, np.inf)
+    for _ in range(steps):
+        place = (x + offset[:, 0, None], y + offset[:, 1, None])
+        right = _centred(at_points(coefficients, *(p.astype(np.float32) for p in place)))
+        gain = (left * right).sum(axis=1) / np.maximum((right * right).sum(axis=1), 1e-12)
+        residual = left - gain[:, None] * right
+        step = np.linalg.solve(normal, np.einsum("nki,nk->ni", design, residual)[:, :, None])[
+            :, :, 0
+        ]
+        step = step.clip(-1, 1)
+        offset += step
+    lost = (np.abs(offset - start) > 2).any(axis=1) | (np.abs(step) > 0.05).any(axis=1)  # noqa: PLR2004
+    return np.where(lost[:, None], np.nan, offset)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -346,33 +379,3 @@ def _drawn(
     side = round(len(x) ** 0.5)
     grey = grey.reshape(n, side, side)
     return grey - _inner(grey).mean(axis=(1, 2), keepdims=True)
-
-
-def refined_offsets(
-    images: EpipolarImages, pixels: np.ndarray, start: np.ndarray, window_px: int, steps: int = 6
-) -> np.ndarray:
-    """Shift of each left window in the right image, along samples and lines; NaN if not found."""
-    if not len(pixels):
-        return start
-    half = window_px // 2
-    dy, dx = (w.ravel() for w in np.mgrid[-half : half + 1, -half : half + 1])
-    x, y = pixels[:, 0, None] + dx, pixels[:, 1, None] + dy
-    gy, gx = np.gradient(images.left)
-    left = _centred(images.left[y, x])
-    design = np.stack([_centred(gx[y, x]), _centred(gy[y, x])], axis=2)
-    normal = np.einsum("nki,nkj->nij", design, design) + 1e-6 * np.eye(2)
-    coefficients = coefficients_of(images.right)
-    offset = start.copy()
-    step = np.full_like(start, np.inf)
-    for _ in range(steps):
-        place = (x + offset[:, 0, None], y + offset[:, 1, None])
-        right = _centred(at_points(coefficients, *(p.astype(np.float32) for p in place)))
-        gain = (left * right).sum(axis=1) / np.maximum((right * right).sum(axis=1), 1e-12)
-        residual = left - gain[:, None] * right
-        step = np.linalg.solve(normal, np.einsum("nki,nk->ni", design, residual)[:, :, None])[
-            :, :, 0
-        ]
-        step = step.clip(-1, 1)
-        offset += step
-    lost = (np.abs(offset - start) > 2).any(axis=1) | (np.abs(step) > 0.05).any(axis=1)  # noqa: PLR2004
-    return np.where(lost[:, None], np.nan, offset)

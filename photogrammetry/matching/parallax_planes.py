@@ -37,6 +37,15 @@ from solmap.photogrammetry.planes import least_deviations_plane
 LEAST_SHARE = 0.5
 """A plane needs parallax at half of the pixels around the point."""
 
+TAKEN = 2
+"""Every second sample and line of the parallax is taken,"""
+
+KEPT = 2
+"""and of the planes about them every second one is kept."""
+
+EVERY = TAKEN * KEPT
+"""Pixels between planes; their windows are wider."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ParallaxPlanes:
@@ -66,6 +75,19 @@ class ParallaxPlanes:
         at_centre = self.parallax_px - (self.gradient * from_centre).sum(axis=1)
         across = geometry.focal_px * self.gradient
         return np.column_stack([across, at_centre]) / (geometry.focal_px * geometry.base_m)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ParallaxPlane:
+    """Parallax of a plane, at + per_sample x + per_line y, in pixels."""
+
+    at: float
+    per_sample: float
+    per_line: float
+
+    def parallax_px(self, samples: np.ndarray, lines: np.ndarray) -> np.ndarray:
+        """Parallax of left image points."""
+        return self.at + self.per_sample * samples + self.per_line * lines
 
 
 def parallax_planes(parallax: ParallaxMap, points: ImagePoints, half_px: int) -> ParallaxPlanes:
@@ -115,6 +137,56 @@ def _fit(
     right = np.swapaxes(weighted, 1, 2) @ value[:, :, None]
     coefficients = np.linalg.solve(normal, right)[:, :, 0]
     return coefficients, value - (design @ coefficients[:, :, None])[:, :, 0]
+
+
+def parallax_facets(parallax: ParallaxMap, half_px: int) -> Float32[np.ndarray, "4 rows cols"]:
+    """Planes fitted to windows of the parallax: value, gradient along sample and line, residual.
+
+    A window takes every second pixel of 2 `half_px` + 1: parallax is smooth over more than that.
+    """
+    p = parallax[::TAKEN, ::TAKEN].astype(np.float64)
+    known = p > 0  # NaN is not
+    one, p = known.astype(np.float64), np.where(known, p, 0.0)
+    col, row = np.meshgrid(*(float(TAKEN) * np.arange(n) for n in p.shape[::-1]))
+    side = 2 * (half_px // TAKEN) + 1
+
+    def summed(values: np.ndarray) -> np.ndarray:
+        of_all = cv2.boxFilter(
+            values, -1, (side, side), normalize=False, borderType=cv2.BORDER_CONSTANT
+        )
+        return of_all[::KEPT, ::KEPT]
+
+    x, y = col[::KEPT, ::KEPT], row[::KEPT, ::KEPT]
+    n, sx, sy = summed(one), summed(one * col), summed(one * row)
+    sxx, sxy, syy = (summed(one * square) for square in (col * col, col * row, row * row))
+    sp, sxp, syp, spp = summed(p), summed(col * p), summed(row * p), summed(p * p)
+    u, v = sx - x * n, sy - y * n  # about the window's middle
+    uu = sxx - 2 * x * sx + x * x * n
+    uv = sxy - x * sy - y * sx + x * y * n
+    vv = syy - 2 * y * sy + y * y * n
+    normal = np.stack([n, u, v, u, uu, uv, v, uv, vv], axis=-1).reshape(*n.shape, 3, 3)
+    right = np.stack([sp, sxp - x * sp, syp - y * sp], axis=-1)
+    enough = n >= LEAST_SHARE * side**2
+    normal[~enough] = np.eye(3)
+    plane = np.linalg.solve(normal, right[..., None])[..., 0]
+    left_over = spp - (plane * right).sum(axis=-1)
+    residual = np.sqrt(np.maximum(left_over, 0.0) / np.maximum(n - 3, 1.0))
+    found = np.stack([*np.moveaxis(plane, -1, 0), residual])
+    return np.where(enough, found, np.nan).astype(np.float32)
+
+
+def fit_plane(
+    points: Float64[np.ndarray, "n 2"], parallax_px: Float64[np.ndarray, " n"]
+) -> ParallaxPlane:
+    """The plane of least absolute deviations, by repeated weighting."""
+    x, y = (points / 1000.0).T
+    solution = least_deviations_plane(x, y, parallax_px, 0.1)
+    # the right image is shifted by the plane: it may be stretched, never folded
+    per_sample = float(np.clip(solution[1] / 1000.0, -0.5, 0.5))
+    at = float(
+        np.median(parallax_px - per_sample * points[:, 0] - solution[2] / 1e3 * points[:, 1])
+    )
+    return ParallaxPlane(at, per_sample, float(solution[2] / 1000.0))
 
 
 def calibration(geometry: EpipolarPair) -> Float64[np.ndarray, "3 3"]:
@@ -173,78 +245,3 @@ def image_pyramid(image: np.ndarray, levels: int = 5) -> list[np.ndarray]:
             ).astype(np.float32)
         )
     return pyramid
-
-
-TAKEN = 2
-"""Every second sample and line of the parallax is taken,"""
-
-
-KEPT = 2
-"""and of the planes about them every second one is kept."""
-
-
-EVERY = TAKEN * KEPT
-"""Pixels between planes; their windows are wider."""
-
-
-def parallax_facets(parallax: ParallaxMap, half_px: int) -> Float32[np.ndarray, "4 rows cols"]:
-    """Planes fitted to windows of the parallax: value, gradient along sample and line, residual.
-
-    A window takes every second pixel of 2 `half_px` + 1: parallax is smooth over more than that.
-    """
-    p = parallax[::TAKEN, ::TAKEN].astype(np.float64)
-    known = p > 0  # NaN is not
-    one, p = known.astype(np.float64), np.where(known, p, 0.0)
-    col, row = np.meshgrid(*(float(TAKEN) * np.arange(n) for n in p.shape[::-1]))
-    side = 2 * (half_px // TAKEN) + 1
-
-    def summed(values: np.ndarray) -> np.ndarray:
-        of_all = cv2.boxFilter(
-            values, -1, (side, side), normalize=False, borderType=cv2.BORDER_CONSTANT
-        )
-        return of_all[::KEPT, ::KEPT]
-
-    x, y = col[::KEPT, ::KEPT], row[::KEPT, ::KEPT]
-    n, sx, sy = summed(one), summed(one * col), summed(one * row)
-    sxx, sxy, syy = (summed(one * square) for square in (col * col, col * row, row * row))
-    sp, sxp, syp, spp = summed(p), summed(col * p), summed(row * p), summed(p * p)
-    u, v = sx - x * n, sy - y * n  # about the window's middle
-    uu = sxx - 2 * x * sx + x * x * n
-    uv = sxy - x * sy - y * sx + x * y * n
-    vv = syy - 2 * y * sy + y * y * n
-    normal = np.stack([n, u, v, u, uu, uv, v, uv, vv], axis=-1).reshape(*n.shape, 3, 3)
-    right = np.stack([sp, sxp - x * sp, syp - y * sp], axis=-1)
-    enough = n >= LEAST_SHARE * side**2
-    normal[~enough] = np.eye(3)
-    plane = np.linalg.solve(normal, right[..., None])[..., 0]
-    left_over = spp - (plane * right).sum(axis=-1)
-    residual = np.sqrt(np.maximum(left_over, 0.0) / np.maximum(n - 3, 1.0))
-    found = np.stack([*np.moveaxis(plane, -1, 0), residual])
-    return np.where(enough, found, np.nan).astype(np.float32)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ParallaxPlane:
-    """Parallax of a plane, at + per_sample x + per_line y, in pixels."""
-
-    at: float
-    per_sample: float
-    per_line: float
-
-    def parallax_px(self, samples: np.ndarray, lines: np.ndarray) -> np.ndarray:
-        """Parallax of left image points."""
-        return self.at + self.per_sample * samples + self.per_line * lines
-
-
-def fit_plane(
-    points: Float64[np.ndarray, "n 2"], parallax_px: Float64[np.ndarray, " n"]
-) -> ParallaxPlane:
-    """The plane of least absolute deviations, by repeated weighting."""
-    x, y = (points / 1000.0).T
-    solution = least_deviations_plane(x, y, parallax_px, 0.1)
-    # the right image is shifted by the plane: it may be stretched, never folded
-    per_sample = float(np.clip(solution[1] / 1000.0, -0.5, 0.5))
-    at = float(
-        np.median(parallax_px - per_sample * points[:, 0] - solution[2] / 1e3 * points[:, 1])
-    )
-    return ParallaxPlane(at, per_sample, float(solution[2] / 1000.0))

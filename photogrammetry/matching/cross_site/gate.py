@@ -22,6 +22,29 @@ PoseCovariance = Float64[np.ndarray, "6 6"]
 
 
 @dataclass(frozen=True, slots=True)
+class LinkParams:
+    """Which stops are tried for links."""
+
+    max_distance_m: float = 50.0
+    """Farther apart, Navcam stereo sees no common ground well enough."""
+    max_earlier: int = 4
+    """Nearest earlier stops tried for each new one: m-1, m-2 and revisits decide the drift."""
+
+
+def link_candidates(
+    lsl_from_rover: Pose, earlier: Mapping[StopId, Pose], params: LinkParams
+) -> list[StopId]:
+    """The earlier stops that one at `lsl_from_rover` may share ground with, nearest first."""
+    here = lsl_from_rover.translation_m[:2]
+    distances = sorted(
+        (float(np.linalg.norm(pose.translation_m[:2] - here)), stop)
+        for stop, pose in earlier.items()
+    )
+    near = [stop for distance_m, stop in distances if distance_m <= params.max_distance_m]
+    return near[: params.max_earlier]
+
+
+@dataclass(frozen=True, slots=True)
 class GateParams:
     """What telemetry leaves open between two stops, whatever it says of itself."""
 
@@ -86,26 +109,3 @@ def between_levels(earlier: MatchedStop, later: MatchedStop, pose: Pose) -> Pose
     """A pose of rover to rover as one between the level frames of both stops."""
     one, other = earlier.lsl_from_rover.rotation, later.lsl_from_rover.rotation
     return Pose(pose.target, pose.source, one @ pose.rotation @ other.T, one @ pose.translation_m)
-
-
-@dataclass(frozen=True, slots=True)
-class LinkParams:
-    """Which stops are tried for links."""
-
-    max_distance_m: float = 50.0
-    """Farther apart, Navcam stereo sees no common ground well enough."""
-    max_earlier: int = 4
-    """Nearest earlier stops tried for each new one: m-1, m-2 and revisits decide the drift."""
-
-
-def link_candidates(
-    lsl_from_rover: Pose, earlier: Mapping[StopId, Pose], params: LinkParams
-) -> list[StopId]:
-    """The earlier stops that one at `lsl_from_rover` may share ground with, nearest first."""
-    here = lsl_from_rover.translation_m[:2]
-    distances = sorted(
-        (float(np.linalg.norm(pose.translation_m[:2] - here)), stop)
-        for stop, pose in earlier.items()
-    )
-    near = [stop for distance_m, stop in distances if distance_m <= params.max_distance_m]
-    return near[: params.max_earlier]

@@ -54,10 +54,58 @@ from solmap.photogrammetry.matching.cross_site.birds_eye import (
 from solmap.photogrammetry.matching.records import MatchedStop
 
 SLOPE_STEP_M = 0.25
+
 LEAST_SEEN = 0.7
 """Share of a patch whose surface must be known."""
+
 WIDEST_AVERAGE = 5
 """Powers of two of pixels that are averaged into one at most."""
+
+FILL_CELLS = (1.0, 3.0, 8.0)
+"""Gaps are filled from neighbours within these standard deviations, nearest first."""
+
+LONGEST = 4.0
+"""Cells are so many times as long as wide at most: a narrower strip holds too little."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GroundSurface:
+    """Elevation around a stop in its level frame, without gaps near what was measured."""
+
+    cell_m: float
+    elevation: Raster
+
+    @classmethod
+    def of(cls, view: BirdsEyeView) -> GroundSurface:
+        """Fill the gaps between the measured cells of a bird's-eye view."""
+        seen = np.isfinite(view.elevation)
+        value = np.nan_to_num(view.elevation)
+        filled = view.elevation.copy()
+        for sigma in FILL_CELLS:
+            density = cv2.GaussianBlur(seen.astype(np.float32), (0, 0), sigma)
+            mean = cv2.GaussianBlur(value, (0, 0), sigma) / np.maximum(density, 1e-6)
+            near = np.isnan(filled) & (density > 0.02)  # noqa: PLR2004 - something within 2 sigma
+            filled[near] = mean[near]
+        known = np.isfinite(filled)
+        inner = cv2.erode(known.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+        smooth = cv2.medianBlur(np.where(known, filled, 0).astype(np.float32), 5)
+        return cls(view.cell_m, np.where(inner, smooth, filled).astype(np.float32))
+
+    def at(self, north: np.ndarray, east: np.ndarray) -> Float32[np.ndarray, "rows cols"]:
+        """Elevation at places of the level frame, NaN where unknown."""
+        if not north.size:
+            return np.zeros(north.shape, np.float32)
+        half = self.elevation.shape[0] / 2 - 0.5
+        col = (east / self.cell_m + half).astype(np.float32)
+        row = (half - north / self.cell_m).astype(np.float32)
+        return cv2.remap(
+            self.elevation,
+            col,
+            row,
+            cv2.INTER_LINEAR,
+            borderMode=cv2.BORDER_CONSTANT,
+            borderValue=float("nan"),
+        ).astype(np.float32)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -215,52 +263,32 @@ class GroundView:
         return inside & mask[np.clip(row, 0, lines - 1), np.clip(col, 0, samples - 1)]
 
 
-FILL_CELLS = (1.0, 3.0, 8.0)
-"""Gaps are filled from neighbours within these standard deviations, nearest first."""
-
-
 @dataclass(frozen=True, slots=True, eq=False)
-class GroundSurface:
-    """Elevation around a stop in its level frame, without gaps near what was measured."""
+class StopViews:
+    """A stop made ready for linking; worth keeping when it is linked more than once."""
 
-    cell_m: float
-    elevation: Raster
+    stop: MatchedStop
+    birds_eye: BirdsEyeView
+    views: tuple[GroundView, ...]
 
     @classmethod
-    def of(cls, view: BirdsEyeView) -> GroundSurface:
-        """Fill the gaps between the measured cells of a bird's-eye view."""
-        seen = np.isfinite(view.elevation)
-        value = np.nan_to_num(view.elevation)
-        filled = view.elevation.copy()
-        for sigma in FILL_CELLS:
-            density = cv2.GaussianBlur(seen.astype(np.float32), (0, 0), sigma)
-            mean = cv2.GaussianBlur(value, (0, 0), sigma) / np.maximum(density, 1e-6)
-            near = np.isnan(filled) & (density > 0.02)  # noqa: PLR2004 - something within 2 sigma
-            filled[near] = mean[near]
-        known = np.isfinite(filled)
-        inner = cv2.erode(known.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
-        smooth = cv2.medianBlur(np.where(known, filled, 0).astype(np.float32), 5)
-        return cls(view.cell_m, np.where(inner, smooth, filled).astype(np.float32))
+    def of(cls, stop: MatchedStop, params: BirdsEyeParams) -> StopViews:
+        """Draw the stop from above, coarsely to search in and finely as the ground of its pairs."""
+        seen, fine = birds_eye_views(stop, params, (params.cell_m, params.surface_cell_m))
+        surface = GroundSurface.of(fine)
+        level = stop.lsl_from_rover.rotation
+        views = tuple(GroundView.of(TieView.of(pair), surface, level) for pair in stop.pairs)
+        return cls(stop, seen, views)
 
-    def at(self, north: np.ndarray, east: np.ndarray) -> Float32[np.ndarray, "rows cols"]:
-        """Elevation at places of the level frame, NaN where unknown."""
-        if not north.size:
-            return np.zeros(north.shape, np.float32)
-        half = self.elevation.shape[0] / 2 - 0.5
-        col = (east / self.cell_m + half).astype(np.float32)
-        row = (half - north / self.cell_m).astype(np.float32)
-        return cv2.remap(
-            self.elevation,
-            col,
-            row,
-            cv2.INTER_LINEAR,
-            borderMode=cv2.BORDER_CONSTANT,
-            borderValue=float("nan"),
-        ).astype(np.float32)
+    @property
+    def id(self) -> StopId:
+        """Which stop it is."""
+        return self.stop.stop
 
-
-LONGEST = 4.0
-"""Cells are so many times as long as wide at most: a narrower strip holds too little."""
+    @property
+    def pair_ids(self) -> tuple[str, ...]:
+        """Its pairs, in the order of `views`."""
+        return tuple(view.view.pair.pair_id for view in self.views)
 
 
 def common_cells(
@@ -297,31 +325,3 @@ def smallest_stretch(maps: Float64[np.ndarray, "n 2 2"]) -> PerPoint:
     area = np.abs(maps[:, 0, 0] * maps[:, 1, 1] - maps[:, 0, 1] * maps[:, 1, 0])
     larger = np.sqrt(power + np.sqrt(np.maximum(power**2 - area**2, 0.0)))
     return area / np.maximum(larger, 1e-12)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class StopViews:
-    """A stop made ready for linking; worth keeping when it is linked more than once."""
-
-    stop: MatchedStop
-    birds_eye: BirdsEyeView
-    views: tuple[GroundView, ...]
-
-    @classmethod
-    def of(cls, stop: MatchedStop, params: BirdsEyeParams) -> StopViews:
-        """Draw the stop from above, coarsely to search in and finely as the ground of its pairs."""
-        seen, fine = birds_eye_views(stop, params, (params.cell_m, params.surface_cell_m))
-        surface = GroundSurface.of(fine)
-        level = stop.lsl_from_rover.rotation
-        views = tuple(GroundView.of(TieView.of(pair), surface, level) for pair in stop.pairs)
-        return cls(stop, seen, views)
-
-    @property
-    def id(self) -> StopId:
-        """Which stop it is."""
-        return self.stop.stop
-
-    @property
-    def pair_ids(self) -> tuple[str, ...]:
-        """Its pairs, in the order of `views`."""
-        return tuple(view.view.pair.pair_id for view in self.views)

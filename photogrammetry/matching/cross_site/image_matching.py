@@ -61,27 +61,21 @@ from solmap.photogrammetry.matching.records import Ties, joined
 
 WINDOW_STEP = 8
 """Windows grow in steps of so many cells: patches of one size are drawn together."""
+
 MARGIN_CELLS = 3
 """Search patches are wider by so much, for refinement to move in."""
 
+ParallaxOf = Callable[[TieView, ImagePoints], tuple[PerPoint, PerPoint]]
+"""(parallax, standard deviation) at left image points of a pair; NaN where there is none."""
 
-@dataclass(frozen=True, slots=True, eq=False)
-class GroundTies:
-    """Ties between two stops, and how wide the patch of ground is that each was matched by."""
+RELIEF_M = 0.015
+"""r: what soil and pebbles rise above the mean of a patch; against truth 1 to 2 cm."""
 
-    ties: Ties
-    width_m: PerPoint
+HALF_PX = 10
+"""Half the window of the surface around."""
 
-    def taking(self, rows: Flags) -> GroundTies:
-        """The ties of some rows."""
-        return GroundTies(self.ties.taking(rows), self.width_m[rows])
-
-    def swapped(self) -> GroundTies:
-        """First and second exchanged."""
-        return GroundTies(self.ties.swapped(), self.width_m)
-
-    def __len__(self) -> int:
-        return len(self.ties)
+MEASURED_AGAIN = ("left", "parallax_px", "sigma_px", "sigma_line_px", "sigma_parallax_px")
+"""Columns of a second measurement."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,8 +107,42 @@ class GroundMatchingParams:
             )
 
 
-ParallaxOf = Callable[[TieView, ImagePoints], tuple[PerPoint, PerPoint]]
-"""(parallax, standard deviation) at left image points of a pair; NaN where there is none."""
+@dataclass(frozen=True, slots=True)
+class RefinementParams:
+    """How ties are measured again."""
+
+    facet: ConjugateParams = field(
+        default_factory=lambda: ConjugateParams(
+            half_px=8, threshold=0.6, ambiguity=1.0, sigma_floor_px=0.25
+        )
+    )
+    """The place is known, so it need not be the only one. Stops look at the ground from different
+    sides: against truth, a quarter of a common cell is what least squares come to."""
+    reach: int = 3
+    """Cells to each side: the 0.4 cells of a patch, and what is left of the pose, three times."""
+
+    def __post_init__(self) -> None:
+        if self.reach < 1:
+            raise MatchingError(f"a tie is looked for 1 cell around or more, not {self.reach}")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GroundTies:
+    """Ties between two stops, and how wide the patch of ground is that each was matched by."""
+
+    ties: Ties
+    width_m: PerPoint
+
+    def taking(self, rows: Flags) -> GroundTies:
+        """The ties of some rows."""
+        return GroundTies(self.ties.taking(rows), self.width_m[rows])
+
+    def swapped(self) -> GroundTies:
+        """First and second exchanged."""
+        return GroundTies(self.ties.swapped(), self.width_m)
+
+    def __len__(self) -> int:
+        return len(self.ties)
 
 
 def match_ground(
@@ -232,12 +260,6 @@ def dense_parallax(
     return parallax, np.where(np.isfinite(parallax), sigma_px, np.nan)
 
 
-RELIEF_M = 0.015
-"""r: what soil and pebbles rise above the mean of a patch; against truth 1 to 2 cm."""
-HALF_PX = 10
-"""Half the window of the surface around."""
-
-
 def spread_on_the_ground(
     view: TieView,
     points: ImagePoints,
@@ -254,29 +276,6 @@ def spread_on_the_ground(
     relief = RELIEF_M * parallax_px / view.geometry.base_m
     sample, line = (np.hypot(np.linalg.norm(spread[:, k], axis=1), relief) for k in (0, 1))
     return sample, line, np.hypot(sigma_parallax_px, np.linalg.norm(along, axis=1))
-
-
-MEASURED_AGAIN = ("left", "parallax_px", "sigma_px", "sigma_line_px", "sigma_parallax_px")
-"""Columns of a second measurement."""
-
-
-@dataclass(frozen=True, slots=True)
-class RefinementParams:
-    """How ties are measured again."""
-
-    facet: ConjugateParams = field(
-        default_factory=lambda: ConjugateParams(
-            half_px=8, threshold=0.6, ambiguity=1.0, sigma_floor_px=0.25
-        )
-    )
-    """The place is known, so it need not be the only one. Stops look at the ground from different
-    sides: against truth, a quarter of a common cell is what least squares come to."""
-    reach: int = 3
-    """Cells to each side: the 0.4 cells of a patch, and what is left of the pose, three times."""
-
-    def __post_init__(self) -> None:
-        if self.reach < 1:
-            raise MatchingError(f"a tie is looked for 1 cell around or more, not {self.reach}")
 
 
 def refined(

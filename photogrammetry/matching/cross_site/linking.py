@@ -89,6 +89,26 @@ from solmap.photogrammetry.matching.records import MatchedStop, Ties, joined
 
 
 @dataclass(frozen=True, slots=True)
+class TrialParams:
+    """How hypotheses are tried."""
+
+    candidates: Candidates = field(default_factory=Candidates)
+    ground: GroundMatchingParams = field(default_factory=GroundMatchingParams)
+    alignment: AlignmentParams = field(default_factory=AlignmentParams)
+    refinement: RefinementParams = field(default_factory=RefinementParams)
+    decoys: int = 2
+    separation_m: float = 0.75
+    """Trials that end this near to each other found the same place."""
+
+    def __post_init__(self) -> None:
+        if self.decoys < 0 or self.separation_m <= 0:
+            raise MatchingError(
+                f"trials need 0 or more decoys and a separation above zero, not {self.decoys} and "
+                f"{self.separation_m} m"
+            )
+
+
+@dataclass(frozen=True, slots=True)
 class CrossSiteParams:
     """How stops are linked, and when a link is believed."""
 
@@ -213,26 +233,6 @@ def _by_shape(
         for stop, frame in zip((one, other), frames, strict=True)
     )
     return tie_by_shape(earlier, later, params)
-
-
-@dataclass(frozen=True, slots=True)
-class TrialParams:
-    """How hypotheses are tried."""
-
-    candidates: Candidates = field(default_factory=Candidates)
-    ground: GroundMatchingParams = field(default_factory=GroundMatchingParams)
-    alignment: AlignmentParams = field(default_factory=AlignmentParams)
-    refinement: RefinementParams = field(default_factory=RefinementParams)
-    decoys: int = 2
-    separation_m: float = 0.75
-    """Trials that end this near to each other found the same place."""
-
-    def __post_init__(self) -> None:
-        if self.decoys < 0 or self.separation_m <= 0:
-            raise MatchingError(
-                f"trials need 0 or more decoys and a separation above zero, not {self.decoys} and "
-                f"{self.separation_m} m"
-            )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

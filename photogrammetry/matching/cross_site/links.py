@@ -15,6 +15,33 @@ from solmap.photogrammetry.matching.cross_site.birds_eye import PlaneFit
 from solmap.photogrammetry.matching.cross_site.ground_views import StopViews
 from solmap.photogrammetry.matching.records import Ties
 
+LEAST_TO_ALIGN = 6
+"""Ties for the six unknowns of a pose with some redundancy."""
+
+
+@dataclass(frozen=True, slots=True)
+class VerdictParams:
+    """When a link is believed."""
+
+    least_ties: int = 20
+    """The paper's example had 7, made by hand; 20 and more hold the drift (issue 4)."""
+    least_z: float = 6.0
+    """A gate holds some 10^5 independent places: chance comes to 4.8, and to 6 once in 5000."""
+    chance_factor: float = 2.0
+    """A link needs so many times the ties that a wrong hypothesis found,"""
+    chance_sigmas: float = 4.0
+    """and as many more as four standard deviations of a count that happens by chance."""
+    least_share: float = 0.5
+    """Of the conjugates measured in the narrow window, so many must agree in space."""
+    least_spread_m: float = 1.0
+    """Standard deviation of the ties' places across their longest direction."""
+
+    def __post_init__(self) -> None:
+        if self.least_ties < LEAST_TO_ALIGN or self.chance_factor < 1:
+            raise MatchingError(
+                f"a link of {self.least_ties} ties and {self.chance_factor} times chance is no link"
+            )
+
 
 @dataclass(frozen=True, slots=True)
 class SiteLinkFigures:
@@ -68,6 +95,24 @@ class SiteLink:
 
     def __str__(self) -> str:
         return f"{self.earlier} - {self.later}: {self.verdict}, {self.reason}"
+
+
+def verdict(figures: SiteLinkFigures, params: VerdictParams) -> tuple[bool, str]:
+    """(linked, reason)."""
+    share = figures.ties / max(figures.measured, 1)
+    if figures.ties < params.least_ties:
+        return False, f"{figures.ties} ties, {params.least_ties} are needed"
+    chance = figures.by_chance + params.chance_sigmas * figures.by_chance**0.5
+    if figures.ties < max(chance, params.chance_factor * figures.by_chance):
+        return False, f"{figures.ties} ties, where a wrong place gets {figures.by_chance} by chance"
+    if share < params.least_share:
+        return False, f"only {share:.0%} of {figures.measured} conjugates agree in space"
+    if figures.spread_m < params.least_spread_m:
+        return False, f"the ties lie on a line, {figures.spread_m:.1f} m wide"
+    return True, (
+        f"{figures.ties} ties of {figures.measured} conjugates, rms {figures.rms_px:.2f} px, "
+        f"{figures.by_chance} by chance"
+    )
 
 
 def unlinked(
@@ -145,49 +190,3 @@ def spread_m(places: ObjectPoints) -> float:
         return 0.0
     smallest = np.linalg.eigvalsh(np.cov(places[:, :2].T))[0]
     return float(np.sqrt(max(smallest, 0.0)))
-
-
-LEAST_TO_ALIGN = 6
-"""Ties for the six unknowns of a pose with some redundancy."""
-
-
-@dataclass(frozen=True, slots=True)
-class VerdictParams:
-    """When a link is believed."""
-
-    least_ties: int = 20
-    """The paper's example had 7, made by hand; 20 and more hold the drift (issue 4)."""
-    least_z: float = 6.0
-    """A gate holds some 10^5 independent places: chance comes to 4.8, and to 6 once in 5000."""
-    chance_factor: float = 2.0
-    """A link needs so many times the ties that a wrong hypothesis found,"""
-    chance_sigmas: float = 4.0
-    """and as many more as four standard deviations of a count that happens by chance."""
-    least_share: float = 0.5
-    """Of the conjugates measured in the narrow window, so many must agree in space."""
-    least_spread_m: float = 1.0
-    """Standard deviation of the ties' places across their longest direction."""
-
-    def __post_init__(self) -> None:
-        if self.least_ties < LEAST_TO_ALIGN or self.chance_factor < 1:
-            raise MatchingError(
-                f"a link of {self.least_ties} ties and {self.chance_factor} times chance is no link"
-            )
-
-
-def verdict(figures: SiteLinkFigures, params: VerdictParams) -> tuple[bool, str]:
-    """(linked, reason)."""
-    share = figures.ties / max(figures.measured, 1)
-    if figures.ties < params.least_ties:
-        return False, f"{figures.ties} ties, {params.least_ties} are needed"
-    chance = figures.by_chance + params.chance_sigmas * figures.by_chance**0.5
-    if figures.ties < max(chance, params.chance_factor * figures.by_chance):
-        return False, f"{figures.ties} ties, where a wrong place gets {figures.by_chance} by chance"
-    if share < params.least_share:
-        return False, f"only {share:.0%} of {figures.measured} conjugates agree in space"
-    if figures.spread_m < params.least_spread_m:
-        return False, f"the ties lie on a line, {figures.spread_m:.1f} m wide"
-    return True, (
-        f"{figures.ties} ties of {figures.measured} conjugates, rms {figures.rms_px:.2f} px, "
-        f"{figures.by_chance} by chance"
-    )

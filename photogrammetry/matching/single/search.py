@@ -40,6 +40,17 @@ from solmap.photogrammetry.matching.stereo.interest_points import (
 )
 from solmap.photogrammetry.matching.stereo.verification import VerificationParams
 
+Scouts = tuple[Float64[np.ndarray, "scouts 2"], Float64[np.ndarray, " scouts"]]
+"""Image points found at the first search, and their inverse depth, per metre."""
+
+REACH_SIGMAS = 3.0
+
+TOGETHER = 128
+"""Points of like reach that are looked for together."""
+
+NEIGHBOURS = 8
+"""Matches around a point that say how deep it lies."""
+
 
 @dataclass(frozen=True, slots=True)
 class MonoParams:
@@ -85,16 +96,6 @@ class SingleView:
     image_id: str
     geometry: EpipolarPair
     view: View
-
-
-Scouts = tuple[Float64[np.ndarray, "scouts 2"], Float64[np.ndarray, " scouts"]]
-"""Image points found at the first search, and their inverse depth, per metre."""
-
-REACH_SIGMAS = 3.0
-TOGETHER = 128
-"""Points of like reach that are looked for together."""
-NEIGHBOURS = 8
-"""Matches around a point that say how deep it lies."""
 
 
 def candidates(one: SingleView, other: SingleView, swing: Swing, params: MonoParams) -> ImagePoints:

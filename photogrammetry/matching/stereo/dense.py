@@ -56,6 +56,49 @@ from solmap.photogrammetry.matching.stereo.semi_global import (
 )
 from solmap.photogrammetry.matching.stereo.sparse import largest_parallax_px
 
+SLOPE_NOISE = 1.39
+"""Variance of the spline's slope over that of white noise."""
+
+WINDOW_NOISE = 0.67
+"""Variance of a step over s0^2/E: 0.46 since a box applied twice has weights whose squares sum to
+less than themselves, times 1.44 for residuals that resampling has correlated (`least_squares`)."""
+
+UNRESOLVED_PX = 21
+"""Window over which unresolved relief is averaged, odd: twice as wide as that of the parallax."""
+
+TINY = np.float32(1e-6)
+"""Energy or contrast that stands for none."""
+
+LARGEST_STEP_PX = 0.5
+"""Step of a half window beyond which it has lost its texture and tells nothing of relief."""
+
+
+@dataclass(frozen=True, slots=True)
+class RefinementParams:
+    """How the parallax of every pixel is refined and judged."""
+
+    box_px: int = 5
+    """Side of the box, odd, that is applied twice: the window is 9 pixels wide, and half of its
+    weight lies within 5, about the block of semi-global matching."""
+    steps: int = 3
+    """Lucas-Kanade steps."""
+    smoothing_px: float = 2.0
+    """Standard deviation in space of the smoothing that undoes pixel locking, which recurs with
+    every pixel of parallax: level ground changes by one in some seven rows of a Navcam image."""
+    edge_px: float = 1.0
+    """Standard deviation in parallax of that smoothing: what differs by more is another surface."""
+    furthest_px: float = 1.5
+    """A pixel that moves further from its first parallax has slid to another surface."""
+    texture: float = 2.0
+    """Least energy of the slope, in units of what noise alone would give: as much texture as noise.
+    Below that even the whole window leaves 0.2 px; the sky stays at 1."""
+    texture_px: int = 5
+    """Window of that energy, odd: small, so that the horizon lends no texture to the sky."""
+    largest_sigma_px: float = 0.5
+    """Parallaxes less precise than this are left out."""
+    least_correlation: float = 0.6
+    """Of the windows after the last step; chance agreement of noise stays below."""
+
 
 @dataclass(frozen=True, slots=True)
 class DenseParams:
@@ -92,6 +135,28 @@ class DenseMatches:
     sigma_px: ParallaxMap
     shared: SharedSigma | None = None
     """The part of `sigma_px` that is one for all pixels; None where there is none."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fit:
+    """How the windows about all pixels agree under a parallax."""
+
+    step_px: ParallaxMap
+    """Correction that least squares asks for."""
+    sigma_px: ParallaxMap
+    correlation: GreyImage
+    textured: Mask
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WindowSums:
+    """Least squares of the windows about all pixels."""
+
+    step_px: ParallaxMap
+    energy: GreyImage
+    """E: what is left of the squared slope when its mean is taken out."""
+    variance: GreyImage
+    """Variance of the residual."""
 
 
 def match_densely(images: EpipolarImages, params: DenseParams | None = None) -> ParallaxMap:
@@ -155,72 +220,6 @@ def _normalised(
         for image, mask in ((images.left, images.left_mask), (images.right, images.right_mask))
     )
     return left, right
-
-
-SLOPE_NOISE = 1.39
-"""Variance of the spline's slope over that of white noise."""
-
-WINDOW_NOISE = 0.67
-"""Variance of a step over s0^2/E: 0.46 since a box applied twice has weights whose squares sum to
-less than themselves, times 1.44 for residuals that resampling has correlated (`least_squares`)."""
-
-UNRESOLVED_PX = 21
-"""Window over which unresolved relief is averaged, odd: twice as wide as that of the parallax."""
-
-TINY = np.float32(1e-6)
-"""Energy or contrast that stands for none."""
-
-LARGEST_STEP_PX = 0.5
-"""Step of a half window beyond which it has lost its texture and tells nothing of relief."""
-
-
-@dataclass(frozen=True, slots=True)
-class RefinementParams:
-    """How the parallax of every pixel is refined and judged."""
-
-    box_px: int = 5
-    """Side of the box, odd, that is applied twice: the window is 9 pixels wide, and half of its
-    weight lies within 5, about the block of semi-global matching."""
-    steps: int = 3
-    """Lucas-Kanade steps."""
-    smoothing_px: float = 2.0
-    """Standard deviation in space of the smoothing that undoes pixel locking, which recurs with
-    every pixel of parallax: level ground changes by one in some seven rows of a Navcam image."""
-    edge_px: float = 1.0
-    """Standard deviation in parallax of that smoothing: what differs by more is another surface."""
-    furthest_px: float = 1.5
-    """A pixel that moves further from its first parallax has slid to another surface."""
-    texture: float = 2.0
-    """Least energy of the slope, in units of what noise alone would give: as much texture as noise.
-    Below that even the whole window leaves 0.2 px; the sky stays at 1."""
-    texture_px: int = 5
-    """Window of that energy, odd: small, so that the horizon lends no texture to the sky."""
-    largest_sigma_px: float = 0.5
-    """Parallaxes less precise than this are left out."""
-    least_correlation: float = 0.6
-    """Of the windows after the last step; chance agreement of noise stays below."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Fit:
-    """How the windows about all pixels agree under a parallax."""
-
-    step_px: ParallaxMap
-    """Correction that least squares asks for."""
-    sigma_px: ParallaxMap
-    correlation: GreyImage
-    textured: Mask
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class WindowSums:
-    """Least squares of the windows about all pixels."""
-
-    step_px: ParallaxMap
-    energy: GreyImage
-    """E: what is left of the squared slope when its mean is taken out."""
-    variance: GreyImage
-    """Variance of the residual."""
 
 
 class PixelwiseMatcher:

@@ -57,6 +57,12 @@ WRONG_BAR_PX = 0.5
 """Vertical parallax above which the camera models do not fit the images: windows of 15 pixels
 matched half a row off lose about a tenth of their correlation."""
 
+STEPS = 10
+"""Reweightings."""
+
+FINEST_PX = 0.02
+"""Least spread of residuals that is believed."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VerticalParallax:
@@ -99,6 +105,59 @@ class VerticalParallax:
             f"vertical parallax {self.median_px:+.2f} px (MAD {self.mad_px:.2f}) at "
             f"{len(self.vertical_px)} points: {verdict}"
         )
+
+
+@dataclass(frozen=True, slots=True)
+class OrientationParams:
+    """How far adjusted orientations are trusted."""
+
+    rotation_sigma: float = float(np.deg2rad(0.2))
+    """Standard deviation of a relative rotation, radians: twice a mast's pointing error."""
+    position_sigma_m: float = 0.05
+    """Standard deviation of a relative position: adjusted neighbours are known to centimetres."""
+    bar_sigma_px: float = 0.03
+    """Standard deviation of what all parallaxes of a bar share: its rows have corresponded to that
+    after calibration, and nothing holds its parallax better than its rows."""
+    fewest_points: int = 30
+    """Five times the six unknowns."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RelativeOrientation:
+    """By how much the right camera stands off its model, with the covariance."""
+
+    rotation: Vector3
+    """Rotation vector about (right, down, forward), radians."""
+    shift: Vector3
+    """Of the centre along (right, down, forward), in units of the base; the first is 0."""
+    covariance: Float64[np.ndarray, "6 6"]
+    """Of w_x, w_y, w_z, t_y, t_z and s in pixels."""
+
+    unknowns: Float64[np.ndarray, " 6"]
+    """All that has been added to the adjusted orientation, this included; s is never added."""
+
+    def applied(self, right: CameraModel, geometry: EpipolarPair) -> CameraModel:
+        """The right camera, in the frame that `geometry` is given in, where it really stands."""
+        pose = geometry.rover_from_pair
+        turned = turned_in_place(right, pose.target, pose.rotation @ self.rotation)
+        moved = pose.rotation @ self.shift * geometry.base_m
+        return turned.moved(Pose(pose.target, pose.target, np.eye(3), moved))
+
+    def shared_sigma(self, geometry: EpipolarPair, params: OrientationParams) -> SharedSigma:
+        """Standard deviation that all parallaxes share: of w_y, and of the length of the base."""
+        turn_px = geometry.focal_px * float(np.sqrt(self.covariance[1, 1]))
+        return SharedSigma(turn_px, params.position_sigma_m / geometry.base_m)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Measured:
+    """Points found in both images of a pair."""
+
+    rows: VerticalParallax
+    predicted_px: PerPoint | None = None
+    """Parallax by the bar; None where there is none to compare with."""
+    bar_ratio: float = 1.0
+    """Parallax of the pair over that of the bar."""
 
 
 def vertical_parallax(
@@ -158,66 +217,6 @@ def _design(measured: VerticalParallax) -> np.ndarray:
     x = (measured.left[:, 0] - measured.parallax_px - cx) / f
     y = (measured.left[:, 1] - cy) / f
     return f * np.column_stack([1 + y * y, -x * y, -x])
-
-
-STEPS = 10
-"""Reweightings."""
-
-FINEST_PX = 0.02
-"""Least spread of residuals that is believed."""
-
-
-@dataclass(frozen=True, slots=True)
-class OrientationParams:
-    """How far adjusted orientations are trusted."""
-
-    rotation_sigma: float = float(np.deg2rad(0.2))
-    """Standard deviation of a relative rotation, radians: twice a mast's pointing error."""
-    position_sigma_m: float = 0.05
-    """Standard deviation of a relative position: adjusted neighbours are known to centimetres."""
-    bar_sigma_px: float = 0.03
-    """Standard deviation of what all parallaxes of a bar share: its rows have corresponded to that
-    after calibration, and nothing holds its parallax better than its rows."""
-    fewest_points: int = 30
-    """Five times the six unknowns."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class RelativeOrientation:
-    """By how much the right camera stands off its model, with the covariance."""
-
-    rotation: Vector3
-    """Rotation vector about (right, down, forward), radians."""
-    shift: Vector3
-    """Of the centre along (right, down, forward), in units of the base; the first is 0."""
-    covariance: Float64[np.ndarray, "6 6"]
-    """Of w_x, w_y, w_z, t_y, t_z and s in pixels."""
-
-    unknowns: Float64[np.ndarray, " 6"]
-    """All that has been added to the adjusted orientation, this included; s is never added."""
-
-    def applied(self, right: CameraModel, geometry: EpipolarPair) -> CameraModel:
-        """The right camera, in the frame that `geometry` is given in, where it really stands."""
-        pose = geometry.rover_from_pair
-        turned = turned_in_place(right, pose.target, pose.rotation @ self.rotation)
-        moved = pose.rotation @ self.shift * geometry.base_m
-        return turned.moved(Pose(pose.target, pose.target, np.eye(3), moved))
-
-    def shared_sigma(self, geometry: EpipolarPair, params: OrientationParams) -> SharedSigma:
-        """Standard deviation that all parallaxes share: of w_y, and of the length of the base."""
-        turn_px = geometry.focal_px * float(np.sqrt(self.covariance[1, 1]))
-        return SharedSigma(turn_px, params.position_sigma_m / geometry.base_m)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Measured:
-    """Points found in both images of a pair."""
-
-    rows: VerticalParallax
-    predicted_px: PerPoint | None = None
-    """Parallax by the bar; None where there is none to compare with."""
-    bar_ratio: float = 1.0
-    """Parallax of the pair over that of the bar."""
 
 
 def relative_orientation(

@@ -39,6 +39,65 @@ CONTRAST = 40.0
 NOISE_FLOOR = 2.0
 """Standard deviations of noise that count as no contrast."""
 
+FIXED_POINT = 16
+"""OpenCV's parallaxes are whole sixteenths of a pixel."""
+
+REDUCED_SEARCH_PX = 128
+"""Widest search in the reduced image; the image is halved until the range fits."""
+
+MARGIN_PX = 3
+"""Pixels of the reduced image added to either end of the relief it showed."""
+
+WHOLLY = 0.99
+"""Share of a shifted pixel that must come from usable ones."""
+
+FIT_POINTS = 20_000
+"""Points that the plane is fitted to; more do not change it."""
+
+
+@dataclass(frozen=True, slots=True)
+class SemiGlobalParams:
+    """How parallaxes are found before refinement."""
+
+    block_px: int = 5
+    """Side of the block, odd: small, so that depth edges stay sharp; 3 to 11 by OpenCV."""
+    uniqueness_percent: int = 5
+    """By how much the best cost must win: 5 to 15 by OpenCV."""
+    agreement_px: float = 1.0
+    """Largest difference between the parallax from left to right and from right to left."""
+    smallest_surface_px: int = 100
+    """Patches of fewer pixels are speckle: 50 to 200 by OpenCV."""
+    surface_step_px: float = 1.5
+    """Step of parallax between neighbours of one surface: steep rock faces reach about one."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NormalisedImage:
+    """Grey values in units of their local contrast; 0 where not usable."""
+
+    grey: GreyImage
+    mask: Mask
+    noise: GreyImage
+    """Standard deviation of the noise, in the same units."""
+
+
+def rough_parallax(
+    left: NormalisedImage,
+    right: NormalisedImage,
+    search: tuple[int, int],
+    params: SemiGlobalParams,
+) -> ParallaxMap:
+    """Semi-global parallax of locally normalised images."""
+    halvings = max(1, int(np.ceil(np.log2((search[1] - search[0]) / REDUCED_SEARCH_PX))))
+    scale = 2**halvings
+    reduced = _reduced_parallax(left, right, search, scale, params)
+    if not np.isfinite(reduced).any():
+        return np.full(left.grey.shape, np.nan, np.float32)
+    plane, relief = _plane_and_relief(reduced, scale)
+    parallax = _matched_about(plane, relief, left, right, params)
+    within = (parallax >= search[0]) & (parallax <= search[1])
+    return np.where(within, parallax, np.float32(np.nan))
+
 
 def noise_level(image: GreyImage, mask: Mask) -> float:
     """Standard deviation of the noise of a grey value, where texture does not hide it.
@@ -58,16 +117,6 @@ def noise_level(image: GreyImage, mask: Mask) -> float:
     return float(np.sqrt(np.pi / 2) * np.percentile(blocks[inner][::7], 5))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class NormalisedImage:
-    """Grey values in units of their local contrast; 0 where not usable."""
-
-    grey: GreyImage
-    mask: Mask
-    noise: GreyImage
-    """Standard deviation of the noise, in the same units."""
-
-
 def locally_normalised(image: GreyImage, mask: Mask, window_px: int) -> NormalisedImage:
     """Distance of each pixel from its local mean, in local standard deviations."""
     size = (window_px, window_px)
@@ -85,26 +134,6 @@ def locally_normalised(image: GreyImage, mask: Mask, window_px: int) -> Normalis
 def eight_bit(normalised: GreyImage) -> Picture:
     """Normalised grey values about 128."""
     return cv2.convertScaleAbs(np.clip(normalised * CONTRAST + 128, 0, 255))
-
-
-FIXED_POINT = 16
-"""OpenCV's parallaxes are whole sixteenths of a pixel."""
-
-
-@dataclass(frozen=True, slots=True)
-class SemiGlobalParams:
-    """How parallaxes are found before refinement."""
-
-    block_px: int = 5
-    """Side of the block, odd: small, so that depth edges stay sharp; 3 to 11 by OpenCV."""
-    uniqueness_percent: int = 5
-    """By how much the best cost must win: 5 to 15 by OpenCV."""
-    agreement_px: float = 1.0
-    """Largest difference between the parallax from left to right and from right to left."""
-    smallest_surface_px: int = 100
-    """Patches of fewer pixels are speckle: 50 to 200 by OpenCV."""
-    surface_step_px: float = 1.5
-    """Step of parallax between neighbours of one surface: steep rock faces reach about one."""
 
 
 def matched_both_ways(
@@ -172,37 +201,6 @@ def _at_partner(back: ParallaxMap, forth: ParallaxMap) -> ParallaxMap:
     inside = (nearest >= 0) & (nearest < samples)
     found = np.take_along_axis(back, nearest.clip(0, samples - 1), axis=1)
     return np.where(inside, found, np.float32(np.nan))
-
-
-REDUCED_SEARCH_PX = 128
-"""Widest search in the reduced image; the image is halved until the range fits."""
-
-MARGIN_PX = 3
-"""Pixels of the reduced image added to either end of the relief it showed."""
-
-WHOLLY = 0.99
-"""Share of a shifted pixel that must come from usable ones."""
-
-FIT_POINTS = 20_000
-"""Points that the plane is fitted to; more do not change it."""
-
-
-def rough_parallax(
-    left: NormalisedImage,
-    right: NormalisedImage,
-    search: tuple[int, int],
-    params: SemiGlobalParams,
-) -> ParallaxMap:
-    """Semi-global parallax of locally normalised images."""
-    halvings = max(1, int(np.ceil(np.log2((search[1] - search[0]) / REDUCED_SEARCH_PX))))
-    scale = 2**halvings
-    reduced = _reduced_parallax(left, right, search, scale, params)
-    if not np.isfinite(reduced).any():
-        return np.full(left.grey.shape, np.nan, np.float32)
-    plane, relief = _plane_and_relief(reduced, scale)
-    parallax = _matched_about(plane, relief, left, right, params)
-    within = (parallax >= search[0]) & (parallax <= search[1])
-    return np.where(within, parallax, np.float32(np.nan))
 
 
 def _reduced_parallax(

@@ -59,6 +59,23 @@ from solmap.photogrammetry.robust import MAD_TO_SIGMA
 PAIRS_AT_A_TIME = 16_384
 """Candidate pairs correlated at once: 15 x 15 windows of both take 30 MB."""
 
+BELOW_HALF = 2.0
+"""Relief below the whole window over that between the half and the whole one, H = 1/2."""
+
+LARGEST_PX = 1.0
+"""Difference that is taken for a point the half window lost; more would be a blunder."""
+
+
+@dataclass(frozen=True, slots=True)
+class ReliefParams:
+    """How relief within the window is estimated."""
+
+    neighbours: int = 25
+    """Matches whose median difference tells of the relief around: known to a fifth."""
+    own_weight: float = 0.15
+    """Weight of a match's own difference against that median: one draw against some six, as the
+    relief of neighbours differs by half from place to place."""
+
 
 @dataclass(frozen=True, slots=True)
 class SparseParams:
@@ -223,24 +240,6 @@ def _mutual_best(a: np.ndarray, b: np.ndarray, correlation: np.ndarray, least: f
     np.maximum.at(best_of_a, a, value)
     np.maximum.at(best_of_b, b, value)
     return index[(value == best_of_a[a]) & (value == best_of_b[b])]
-
-
-BELOW_HALF = 2.0
-"""Relief below the whole window over that between the half and the whole one, H = 1/2."""
-
-LARGEST_PX = 1.0
-"""Difference that is taken for a point the half window lost; more would be a blunder."""
-
-
-@dataclass(frozen=True, slots=True)
-class ReliefParams:
-    """How relief within the window is estimated."""
-
-    neighbours: int = 25
-    """Matches whose median difference tells of the relief around: known to a fifth."""
-    own_weight: float = 0.15
-    """Weight of a match's own difference against that median: one draw against some six, as the
-    relief of neighbours differs by half from place to place."""
 
 
 def sigma_with_relief(

@@ -37,6 +37,26 @@ from solmap.photogrammetry.robust import robust_sigma
 LEAST_REACH_M = 4.0
 """What correlates by chance is judged by shifts of this much at least, wherever the gate ends."""
 
+Spectrum: TypeAlias = np.ndarray
+"""Half of a real picture's discrete Fourier transform, complex."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Spectra:
+    """Fourier transforms of a channel's value, its square and its weight."""
+
+    value: Spectrum
+    square: Spectrum
+    weight: Spectrum
+
+    @classmethod
+    def of(
+        cls, channel: Channel, shape: tuple[int, int], weight: Spectrum | None = None
+    ) -> Spectra:
+        """Transforms over `shape`; channels over the same cells share that of the weight."""
+        value, square = (fft.rfft2(k, shape) for k in (channel.value, channel.value**2))
+        return cls(value, square, fft.rfft2(channel.weight, shape) if weight is None else weight)
+
 
 @dataclass(frozen=True, slots=True)
 class _Frame:
@@ -183,27 +203,6 @@ def _drop(
     over = placed_on(later.elevation, later.cell_m, azimuth, north_m, east_m)
     both = np.isfinite(over) & np.isfinite(earlier.elevation)
     return float(np.median(over[both] - earlier.elevation[both])) if both.any() else 0.0
-
-
-Spectrum: TypeAlias = np.ndarray
-"""Half of a real picture's discrete Fourier transform, complex."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Spectra:
-    """Fourier transforms of a channel's value, its square and its weight."""
-
-    value: Spectrum
-    square: Spectrum
-    weight: Spectrum
-
-    @classmethod
-    def of(
-        cls, channel: Channel, shape: tuple[int, int], weight: Spectrum | None = None
-    ) -> Spectra:
-        """Transforms over `shape`; channels over the same cells share that of the weight."""
-        value, square = (fft.rfft2(k, shape) for k in (channel.value, channel.value**2))
-        return cls(value, square, fft.rfft2(channel.weight, shape) if weight is None else weight)
 
 
 def masked_correlation(

@@ -45,10 +45,48 @@ from solmap.photogrammetry.matching.records import MatchedPair, MatchedStop
 
 HIGHEST_PERCENT = 95.0
 """Percentile of a patch's heights that counts as its largest: single pixels may be wrong."""
+
 SAME_CHI_SQUARE = 5.99
 """95 % point of chi-square with 2 degrees of freedom."""
+
 ORIENTATION_SIGMA = 0.003
 """Radians: pointing of the mast, across the ray."""
+
+GROUND_ROUNDS = 4
+"""Times that the ground is estimated anew without what stands out of it."""
+
+
+@dataclass(frozen=True, slots=True)
+class RockParams:
+    """Which bumps are rocks, and which of them may be the same."""
+
+    least_height_m: float = 0.08
+    least_width_m: float = 0.12
+    largest_width_m: float = 3.0
+    farthest_m: float = 30.0
+    least_pixels: int = 12
+    ground_wave_m: float = 1.2
+    """Standard deviation of the neighbourhood that the ground is the mean of."""
+    edge_px: float = 1.0
+    """Parallax that parts a rock from what stands behind it."""
+    parallax_sigma_px: float = 0.3
+    above_sigmas: float = 2.5
+    """Of the elevation of a point, which a rock must exceed."""
+    depth_share: float = 0.25
+    """Standard deviation of half a rock's depth, as a share of its width."""
+    size_ratio: float = 2.0
+    """Widths, and heights, that differ by more than this factor are of two rocks."""
+    voting: VotingParams = field(
+        default_factory=lambda: VotingParams(cell_m=0.3, azimuth_step=0.0175)
+    )
+    """Coarse: at 15 m a rock is placed to 0.3 m, and least squares settle what is found."""
+
+    def __post_init__(self) -> None:
+        if not (0 < self.least_width_m < self.largest_width_m and self.size_ratio > 1):
+            raise MatchingError(
+                f"rocks are {self.least_width_m} to {self.largest_width_m} m wide and alike up to "
+                f"a factor of {self.size_ratio}: give a rising range and a factor above 1"
+            )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,6 +107,20 @@ class Rocks:
         return Rocks(some, self.width_m[rows], self.height_m[rows])
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class RaisedPatches:
+    """The pixels of a pair that stand above the ground, and the camera."""
+
+    label: np.ndarray
+    """Number of the patch that a pixel belongs to."""
+    sample: np.ndarray
+    range_m: PerPoint
+    level: ObjectPoints
+    height_m: PerPoint
+    origin_m: Float64[np.ndarray, " 2"]
+    geometry: EpipolarPair
+
+
 def find_rocks(stop: MatchedStop, view: BirdsEyeView, params: RockParams) -> Rocks:
     """The rocks of all pairs of a stop, every one once; `view` shows the stop from above."""
     ground = ground_below(view, params)
@@ -77,17 +129,6 @@ def find_rocks(stop: MatchedStop, view: BirdsEyeView, params: RockParams) -> Roc
     every = _together(each)
     every = every.taking(np.argsort(-every.width_m, kind="stable"))
     return every.taking(_seen_once(every))
-
-
-def _together(each: Sequence[Rocks]) -> Rocks:
-    """All of some rocks."""
-    places = [np.zeros((0, 2)), *(r.landmarks.places for r in each)]
-    covariances = [np.zeros((0, 2, 2)), *(r.landmarks.covariances for r in each)]
-    return Rocks(
-        Landmarks(np.concatenate(places), np.concatenate(covariances)),
-        np.concatenate([np.zeros(0), *(r.width_m for r in each)]),
-        np.concatenate([np.zeros(0), *(r.height_m for r in each)]),
-    )
 
 
 def match_rocks(
@@ -106,6 +147,17 @@ def alike(earlier: Rocks, later: Rocks, params: RockParams) -> Int32[np.ndarray,
     ]
     same = np.maximum(*ratios) < np.log(params.size_ratio)
     return np.argwhere(same).astype(np.int32)
+
+
+def _together(each: Sequence[Rocks]) -> Rocks:
+    """All of some rocks."""
+    places = [np.zeros((0, 2)), *(r.landmarks.places for r in each)]
+    covariances = [np.zeros((0, 2, 2)), *(r.landmarks.covariances for r in each)]
+    return Rocks(
+        Landmarks(np.concatenate(places), np.concatenate(covariances)),
+        np.concatenate([np.zeros(0), *(r.width_m for r in each)]),
+        np.concatenate([np.zeros(0), *(r.height_m for r in each)]),
+    )
 
 
 def _measured(patches: RaisedPatches, params: RockParams) -> Rocks:
@@ -150,43 +202,6 @@ def _seen_once(rocks: Rocks) -> Flags:
     return kept
 
 
-GROUND_ROUNDS = 4
-"""Times that the ground is estimated anew without what stands out of it."""
-
-
-@dataclass(frozen=True, slots=True)
-class RockParams:
-    """Which bumps are rocks, and which of them may be the same."""
-
-    least_height_m: float = 0.08
-    least_width_m: float = 0.12
-    largest_width_m: float = 3.0
-    farthest_m: float = 30.0
-    least_pixels: int = 12
-    ground_wave_m: float = 1.2
-    """Standard deviation of the neighbourhood that the ground is the mean of."""
-    edge_px: float = 1.0
-    """Parallax that parts a rock from what stands behind it."""
-    parallax_sigma_px: float = 0.3
-    above_sigmas: float = 2.5
-    """Of the elevation of a point, which a rock must exceed."""
-    depth_share: float = 0.25
-    """Standard deviation of half a rock's depth, as a share of its width."""
-    size_ratio: float = 2.0
-    """Widths, and heights, that differ by more than this factor are of two rocks."""
-    voting: VotingParams = field(
-        default_factory=lambda: VotingParams(cell_m=0.3, azimuth_step=0.0175)
-    )
-    """Coarse: at 15 m a rock is placed to 0.3 m, and least squares settle what is found."""
-
-    def __post_init__(self) -> None:
-        if not (0 < self.least_width_m < self.largest_width_m and self.size_ratio > 1):
-            raise MatchingError(
-                f"rocks are {self.least_width_m} to {self.largest_width_m} m wide and alike up to "
-                f"a factor of {self.size_ratio}: give a rising range and a factor above 1"
-            )
-
-
 def ground_below(view: BirdsEyeView, params: RockParams) -> Raster:
     """Elevation of the ground without what stands on it, wherever something was seen near by."""
     wave = params.ground_wave_m / view.cell_m
@@ -201,20 +216,6 @@ def ground_below(view: BirdsEyeView, params: RockParams) -> Raster:
         seen = seen & (value < ground + spread)
     near = cv2.GaussianBlur(np.isfinite(view.elevation).astype(np.float32), (0, 0), wave)
     return np.where(near > 0.01, ground, np.nan).astype(np.float32)  # noqa: PLR2004 - seen near by
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class RaisedPatches:
-    """The pixels of a pair that stand above the ground, and the camera."""
-
-    label: np.ndarray
-    """Number of the patch that a pixel belongs to."""
-    sample: np.ndarray
-    range_m: PerPoint
-    level: ObjectPoints
-    height_m: PerPoint
-    origin_m: Float64[np.ndarray, " 2"]
-    geometry: EpipolarPair
 
 
 def raised_patches(
