@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
-from solmap.config.errors import ConfigError
-from solmap.config.records import record_of
+from solmap.config.records import ConfigError, record_of
 
 SHIPPED = Path(__file__).parent / "archive.toml"
 

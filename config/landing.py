@@ -6,8 +6,7 @@ import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 
-from solmap.config.errors import ConfigError
-from solmap.config.records import record_of
+from solmap.config.records import ConfigError, record_of
 from solmap.products.crs import LandingPoint
 
 SHIPPED = Path(__file__).parent / "landing_sites.toml"

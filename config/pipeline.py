@@ -11,8 +11,7 @@ import tomllib
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from solmap.config.errors import ConfigError
-from solmap.config.records import record_of
+from solmap.config.records import ConfigError, record_of
 from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
 from solmap.photogrammetry.adjustment.modes.mission import AdjustmentMode
 from solmap.photogrammetry.adjustment.quality.movement import ReissueParams

@@ -17,8 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from solmap.config.errors import ConfigError
-from solmap.config.records import record_of
+from solmap.config.records import ConfigError, record_of
 from solmap.photogrammetry.archive.images.pixels import read_pixels
 from solmap.photogrammetry.archive.images.radiometry import (
     Companding,

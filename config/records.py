@@ -1,4 +1,7 @@
-"""From TOML tables to frozen parameter records: an unknown key is an error that names itself."""
+"""From TOML tables to frozen parameter records: an unknown key is an error that names itself.
+
+The error of the settings.
+"""
 
 from __future__ import annotations
 
@@ -8,8 +11,12 @@ import typing
 from enum import Enum
 from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
-from solmap.config.errors import ConfigError
 from solmap.photogrammetry.errors import PhotogrammetryError
+
+
+class ConfigError(Exception):
+    """A setting is missing, unknown or impossible; names the file and the key."""
+
 
 T = TypeVar("T")
 

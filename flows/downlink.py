@@ -8,10 +8,10 @@ from pathlib import Path
 
 from prefect import flow, get_run_logger
 
-from solmap.config.errors import ConfigError
 from solmap.config.landing import landing_site
 from solmap.config.pipeline import load_pipeline
 from solmap.config.radiometry import load_radiometry
+from solmap.config.records import ConfigError
 from solmap.config.settings import Settings
 from solmap.config.workspace import open_workspace
 from solmap.flows.finished import ReusableSols, withdraw_leftovers

@@ -16,8 +16,7 @@ from pathlib import Path
 from prefect import flow
 
 from solmap.config.archive import Archive, load_archive
-from solmap.config.errors import ConfigError
-from solmap.config.records import record_of
+from solmap.config.records import ConfigError, record_of
 from solmap.config.settings import Settings
 from solmap.flows.runtime.progress import report as report_progress
 from solmap.photogrammetry.archive.tables.volume_index import (

@@ -18,8 +18,8 @@ from typing import Any
 
 import numpy as np
 
-from solmap.config.errors import ConfigError
 from solmap.config.radiometry import load_radiometry
+from solmap.config.records import ConfigError
 from solmap.config.settings import Settings
 from solmap.photogrammetry.archive.file_names import FileName, parse_file_name
 from solmap.photogrammetry.archive.images.radiometry import Radiometry

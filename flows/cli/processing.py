@@ -34,7 +34,7 @@ def run(
     if not downlink.is_dir():
         fail(f"{downlink} is no folder; name the folder that the downlink's files lie in")
     root = store_of(store)
-    from solmap.config.errors import ConfigError  # noqa: PLC0415
+    from solmap.config.records import ConfigError  # noqa: PLC0415
     from solmap.products.errors import ProductError  # noqa: PLC0415
 
     try:
@@ -67,7 +67,7 @@ def adjust(
     if not overall:
         fail("say --overall: sol by sol a mission is adjusted by `solmap run`")
     root = store_of(store)
-    from solmap.config.errors import ConfigError  # noqa: PLC0415
+    from solmap.config.records import ConfigError  # noqa: PLC0415
     from solmap.products.errors import ProductError  # noqa: PLC0415
 
     try:
@@ -99,7 +99,7 @@ def fetch(
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Only say what there is.")] = False,
 ) -> None:
     """Bring the stereo pairs of some sols here from the archive; a second call goes on."""
-    from solmap.config.errors import ConfigError  # noqa: PLC0415
+    from solmap.config.records import ConfigError  # noqa: PLC0415
     from solmap.tasks.fetch.answers import FetchError  # noqa: PLC0415
 
     try:

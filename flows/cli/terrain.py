@@ -55,8 +55,8 @@ def rocks(
     as_json: JsonOption = False,
 ) -> None:
     """Strike and dip of the planar facets of rocks that a stop's pairs see, put on the map."""
-    from solmap.config.errors import ConfigError  # noqa: PLC0415 - slow to import
     from solmap.config.pipeline import load_pipeline  # noqa: PLC0415
+    from solmap.config.records import ConfigError  # noqa: PLC0415 - slow to import
     from solmap.flows.dips import dips_of_rocks  # noqa: PLC0415
     from solmap.photogrammetry.errors import PhotogrammetryError  # noqa: PLC0415
     from solmap.products.errors import ProductError  # noqa: PLC0415

@@ -14,7 +14,7 @@ from prefect.exceptions import UnfinishedRun
 from prefect.futures import PrefectFuture
 from sqlalchemy.exc import SQLAlchemyError
 
-from solmap.config.errors import ConfigError
+from solmap.config.records import ConfigError
 from solmap.flows.runtime.progress import report
 from solmap.photogrammetry.errors import PhotogrammetryError
 from solmap.products.catalogue.catalogue import Outcome

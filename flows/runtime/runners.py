@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar, cast
 
 from prefect.task_runners import ThreadPoolTaskRunner
 
-from solmap.config.errors import ConfigError
+from solmap.config.records import ConfigError
 from solmap.config.settings import Settings, TaskRunnerName
 
 if TYPE_CHECKING:

@@ -22,7 +22,7 @@ import pytest
 from typer.testing import CliRunner
 
 from solmap.config.archive import load_archive
-from solmap.config.errors import ConfigError
+from solmap.config.records import ConfigError
 from solmap.flows.runtime.progress import Step, listening
 from solmap.photogrammetry.archive.file_names import parse_file_name
 from solmap.photogrammetry.synthetic.downlink import WorldParams, make_world, render_jobs

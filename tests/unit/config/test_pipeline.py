@@ -2,8 +2,8 @@
 
 import pytest
 
-from solmap.config.errors import ConfigError
 from solmap.config.pipeline import SHIPPED, PipelineConfig, load_pipeline
+from solmap.config.records import ConfigError
 from solmap.photogrammetry.terrain.dtm.stop_dtm import FarDtmParams
 
 

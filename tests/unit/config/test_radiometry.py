@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from solmap.config.errors import ConfigError
 from solmap.config.radiometry import load_radiometry
+from solmap.config.records import ConfigError
 from solmap.config.settings import Settings
 from solmap.photogrammetry.archive.images.radiometry import RadialVignetting
 

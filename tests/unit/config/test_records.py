@@ -3,8 +3,7 @@ from enum import StrEnum
 
 import pytest
 
-from solmap.config.errors import ConfigError
-from solmap.config.records import record_of
+from solmap.config.records import ConfigError, record_of
 
 
 class Colour(StrEnum):
