@@ -23,13 +23,11 @@ from solmap.photogrammetry.errors import PhotogrammetryError
 from solmap.photogrammetry.synthetic.downlink import (
     DownlinkFile,
     RenderJob,
-    World,
-    WorldParams,
-    make_world,
     render_jobs,
     text_files,
 )
 from solmap.photogrammetry.synthetic.mission import MISSION, MissionPlan
+from solmap.photogrammetry.synthetic.scene import World, WorldParams, make_world
 from solmap.photogrammetry.synthetic.traverse import TraverseParams
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.products.catalogue.catalogue import MissionEntry, Outcome

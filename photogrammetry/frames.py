@@ -6,7 +6,6 @@ A rover's images pass through a chain of right-handed Cartesian frames (Di et al
     rover   origin between the middle wheels, x forward, y right, z down
     site    origin where the site was declared, x north, y east, z down
     LSL     landing site local: the site frame at the lander (site 0)
-    body    fixed to Mars: origin at its centre, z north pole, x prime meridian (see `body_fixed`)
 
 A pose is the motion that carries a point of its source frame into its target frame,
 
@@ -51,7 +50,6 @@ class FrameKind(StrEnum):
     LOCAL_LEVEL = "local level"
     SITE = "site"
     LSL = "lsl"
-    BODY = "body"
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,20 +1,12 @@
-"""The landing site local frame on Mars: LSL, planetocentric coordinates and the body-fixed frame.
+"""Mars: its ellipsoid, latitudes on it, and the map of the landing site local frame.
 
-The body-fixed frame is Cartesian, origin in the centre of Mars, z to the north pole, x through the
-prime meridian. At a landing point with east longitude lambda and planetocentric latitude phi, at
-the distance R from that centre, north, east and down are
-
-    n = (-sin phi cos lambda, -sin phi sin lambda, cos phi)
-    e = (-sin lambda,          cos lambda,         0)
-    d = -(cos phi cos lambda,  cos phi sin lambda, sin phi)
-
-and p_body = [n e d] p_LSL - R d. The LSL is Cartesian, so what it calls level leaves the sphere
-by D^2 / 2R: 0.15 m at 1 km, 15 m at 10 km. Seen along -d its points make the orthographic map of
+The LSL is Cartesian, so what it calls level leaves the sphere by D^2 / 2R at the distance D from
+its origin: 0.15 m at 1 km, 15 m at 10 km. Seen from above its points make the orthographic map of
 the tangent plane, east = y and north = x, exactly.
 
-R is the radius of the local ground; that of IAU_2015:49900 and of most Mars maps is 3396190 m.
-Longitudes run east. With the axes a and c of the ellipsoid, tan(planetographic latitude) =
-tan(planetocentric latitude) a²/c²: at Gusev crater 0.166 degrees or 9.8 km apart.
+R of IAU_2015:49900 and of most Mars maps is 3396190 m. Longitudes run east. With the axes a and c
+of the ellipsoid, tan(planetographic latitude) = tan(planetocentric latitude) a²/c²: at Gusev crater
+the two are 0.166 degrees or 9.8 km apart.
 """
 
 from __future__ import annotations

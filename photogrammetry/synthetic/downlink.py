@@ -1,16 +1,15 @@
-"""Site and rover vector files: the telemetry solution of the traverse, as the archive keeps it.
-
-One SVF a rover holds the origin of every site in the site before; one RVF a site holds the pose of
-the rover at every motion counter (facts 4.3). The first site is given in site 0 with no offset, so
-that the LSL begins at the first stop. Numbers have six digits, as in the archive.
-
-A world with known truth, and the downlink of a rover that drives through it: the entrance.
+"""The downlink of a rover that drives through a world with known truth: the entrance.
 
     world = make_world(WorldParams(terrain="hills"), rng_seed=4)
     files = [*text_files(world), *(job.run(world) for job in render_jobs(world))]
 
-One seed fixes landscape, traverse, telemetry and mast errors, and the noise of every picture, each
+One seed fixes landscape, traverse, telemetry and mast errors, and the noise of every image, each
 from a stream of its own: files come out the same one by one, in threads, or in processes.
+
+Beside the images come the vector files with the telemetry solution, as the archive keeps it: one
+SVF a rover holds the origin of every site in the site before; one RVF a site holds the pose of the
+rover at every motion counter (facts 4.3). The first site is given in site 0 with no offset, so that
+the LSL begins at the first stop. Numbers have six digits, as in the archive.
 """
 
 from __future__ import annotations
@@ -29,8 +28,8 @@ from solmap.photogrammetry.imagery import Eye
 from solmap.photogrammetry.synthetic.edr import CLOCK_ZERO, edr_bytes, format_number
 from solmap.photogrammetry.synthetic.render import photograph
 from solmap.photogrammetry.synthetic.scene import Shot, World, WorldParams, make_world
-from solmap.photogrammetry.synthetic.traverse import Stop, TraverseParams
-from solmap.photogrammetry.synthetic.truth import true_parallax, truth_document
+from solmap.photogrammetry.synthetic.traverse import Stop
+from solmap.photogrammetry.synthetic.truth import truth_document
 
 LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
 
@@ -70,22 +69,6 @@ def _text(kind: Literal["svf", "rvf"], solutions: Sequence[Solution]) -> str:
 
 def _date(added: datetime) -> str:
     return f"{added:%Y-%m-%dT%H:%M:%SZ}"
-
-
-__all__ = [
-    "DownlinkFile",
-    "RenderJob",
-    "TraverseParams",
-    "World",
-    "WorldParams",
-    "make_world",
-    "photograph",
-    "render_jobs",
-    "simulate_downlink",
-    "text_files",
-    "true_parallax",
-    "truth",
-]
 
 
 @dataclass(frozen=True, slots=True)

@@ -28,7 +28,7 @@ simulated pairs by a degree or two, so footprints are a rover's and tie points a
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -38,8 +38,7 @@ from solmap.photogrammetry.adjustment.model.network import (
     Network,
     StopControl,
 )
-from solmap.photogrammetry.adjustment.model.small_matrices import rotation_of_vector
-from solmap.photogrammetry.arrays import Float64, Vector3
+from solmap.photogrammetry.arrays import Float64
 from solmap.photogrammetry.errors import PhotogrammetryError
 from solmap.photogrammetry.frames import Pose, site_frame
 from solmap.photogrammetry.imagery import Eye, StopId
@@ -129,39 +128,6 @@ def _seen(pose: Pose, frame: ControlFrame, place: np.ndarray) -> Float64[np.ndar
     u = centre + np.linalg.solve(similarity, np.array([east, north]) - centre - shift[:2])
     azimuth = np.arctan2(pose.rotation[1, 0], pose.rotation[0, 0]) + np.arctan2(b, 1 + a)
     return np.array([*u, -down - shift[2], azimuth])
-
-
-def with_first_attitude_unsure(
-    rng: np.random.Generator, network: Network, errors: TelemetryErrors | None = None
-) -> Network:
-    """The network with an error in the first attitude that telemetry reports.
-
-    Its tilt alone; its azimuth with those of all stops up to the next that is measured (FINE), for
-    they were propagated from it. What wheels measured stays.
-    """
-    errors = errors or TelemetryErrors()
-    tilt = rng.normal(0, np.radians(errors.tilt_deg), 2)
-    first = errors.azimuth_fine_deg if network.stops[0].is_fine else errors.azimuth_step_deg
-    azimuth = rng.normal(0, np.radians(first))
-    rotations = [stop.lsl_from_rover.rotation for stop in network.stops]
-    turned = [_about_down(azimuth) @ rotation_of_vector(np.array([*tilt, 0.0])) @ rotations[0]]
-    for stop, rotation in zip(network.stops[1:], rotations[1:], strict=True):
-        azimuth = 0.0 if stop.is_fine else azimuth
-        turned.append(_about_down(azimuth) @ rotation)
-    places: list[Vector3] = [network.stops[0].lsl_from_rover.translation_m]
-    for k in range(1, len(turned)):
-        before, here = network.stops[k - 1].lsl_from_rover, network.stops[k].lsl_from_rover
-        step = before.rotation.T @ (here.translation_m - before.translation_m)
-        places.append(places[-1] + turned[k - 1] @ step)
-    stops = tuple(
-        replace(stop, lsl_from_rover=Pose(pose.target, pose.source, turned[k], places[k]))
-        for k, (stop, pose) in enumerate((stop, stop.lsl_from_rover) for stop in network.stops)
-    )
-    return replace(network, stops=stops)
-
-
-def _about_down(angle: float) -> np.ndarray:
-    return rotation_of_vector(np.array([0.0, 0.0, angle]))
 
 
 @dataclass(frozen=True, slots=True)

@@ -29,13 +29,10 @@ from solmap.photogrammetry.matching.stereo.interest_points import (
 from solmap.photogrammetry.matching.stereo.orientation import vertical_parallax
 from solmap.photogrammetry.matching.stereo.sparse import match_sparsely
 from solmap.photogrammetry.stretching import stretch
-from solmap.photogrammetry.synthetic.downlink import (
-    TraverseParams,
-    WorldParams,
-    make_world,
-    photograph,
-)
+from solmap.photogrammetry.synthetic.render import photograph
 from solmap.photogrammetry.synthetic.rig import Instrument
+from solmap.photogrammetry.synthetic.scene import WorldParams, make_world
+from solmap.photogrammetry.synthetic.traverse import TraverseParams
 
 pytestmark = pytest.mark.benchmark(timer=time.process_time)
 

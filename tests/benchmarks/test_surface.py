@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 import rasterio
 
-from solmap.photogrammetry.synthetic.downlink import WorldParams, make_world
+from solmap.photogrammetry.synthetic.scene import WorldParams, make_world
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.photogrammetry.terrain.dtm.records import Dtm, GroundClass
 from solmap.photogrammetry.terrain.dtm.resampling import coarsened

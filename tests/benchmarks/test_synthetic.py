@@ -4,13 +4,9 @@ import pytest
 
 from solmap.photogrammetry.imagery import Eye
 from solmap.photogrammetry.synthetic import lighting
-from solmap.photogrammetry.synthetic.downlink import (
-    WorldParams,
-    make_world,
-    photograph,
-    render_jobs,
-)
-from solmap.photogrammetry.synthetic.render import first_hits, view_of
+from solmap.photogrammetry.synthetic.downlink import render_jobs
+from solmap.photogrammetry.synthetic.render import first_hits, photograph, view_of
+from solmap.photogrammetry.synthetic.scene import WorldParams, make_world
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,8 @@ from solmap.photogrammetry.matching.stereo.orientation import (
     turned_in_place,
     vertical_parallax,
 )
-from solmap.photogrammetry.synthetic.downlink import WorldParams, make_world, render_jobs
+from solmap.photogrammetry.synthetic.downlink import render_jobs
+from solmap.photogrammetry.synthetic.scene import WorldParams, make_world
 from solmap.photogrammetry.synthetic.traverse import TraverseParams
 from solmap.tasks.network.match import with_rows_in_line
 

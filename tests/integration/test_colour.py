@@ -10,12 +10,9 @@ import rasterio
 from solmap.photogrammetry.frames import LSL, Pose
 from solmap.photogrammetry.imagery import Eye
 from solmap.photogrammetry.matching.stereo.orientation import turned_in_place
-from solmap.photogrammetry.synthetic.downlink import (
-    RenderJob,
-    TraverseParams,
-    WorldParams,
-    make_world,
-)
+from solmap.photogrammetry.synthetic.downlink import RenderJob
+from solmap.photogrammetry.synthetic.scene import WorldParams, make_world
+from solmap.photogrammetry.synthetic.traverse import TraverseParams
 from solmap.photogrammetry.terrain.dtm.stop_dtm import DtmParams
 from solmap.photogrammetry.terrain.orthophoto.rendering import OrthophotoParams
 from solmap.products.catalogue.workspace import Workspace

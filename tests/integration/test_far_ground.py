@@ -5,13 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.synthetic.downlink import (
-    TraverseParams,
-    World,
-    WorldParams,
-    make_world,
-    simulate_downlink,
-)
+from solmap.photogrammetry.synthetic.downlink import simulate_downlink
+from solmap.photogrammetry.synthetic.scene import World, WorldParams, make_world
+from solmap.photogrammetry.synthetic.traverse import TraverseParams
 from solmap.photogrammetry.terrain.dtm.records import Dtm
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.formats.raster.raster import read_dtm

@@ -25,7 +25,8 @@ from solmap.config.archive import load_archive
 from solmap.config.records import ConfigError
 from solmap.flows.runtime.progress import Step, listening
 from solmap.photogrammetry.archive.file_names import parse_file_name
-from solmap.photogrammetry.synthetic.downlink import WorldParams, make_world, render_jobs
+from solmap.photogrammetry.synthetic.downlink import render_jobs
+from solmap.photogrammetry.synthetic.scene import WorldParams, make_world
 from solmap.photogrammetry.synthetic.traverse import TraverseParams
 
 VOLUME = "/mer2no_0xxx"

@@ -9,7 +9,8 @@ from solmap.photogrammetry.adjustment.model.adjusted_network import USED
 from solmap.photogrammetry.adjustment.modes.mission import AdjustmentMode
 from solmap.photogrammetry.imagery import TieKind
 from solmap.photogrammetry.matching.inter_stereo import InterStereoParams
-from solmap.photogrammetry.synthetic.downlink import WorldParams, make_world, render_jobs
+from solmap.photogrammetry.synthetic.downlink import render_jobs
+from solmap.photogrammetry.synthetic.scene import WorldParams, make_world
 from solmap.photogrammetry.synthetic.traverse import TraverseParams
 from solmap.products.catalogue.images import image_records
 from solmap.products.catalogue.workspace import Workspace

@@ -17,12 +17,8 @@ from solmap.photogrammetry.archive.images.reading import (
 from solmap.photogrammetry.archive.labels.detached import split_label
 from solmap.photogrammetry.frames import LSL, Pose, site_frame
 from solmap.photogrammetry.imagery import StopId
-from solmap.photogrammetry.synthetic.downlink import (
-    WorldParams,
-    make_world,
-    render_jobs,
-    simulate_downlink,
-)
+from solmap.photogrammetry.synthetic.downlink import render_jobs, simulate_downlink
+from solmap.photogrammetry.synthetic.scene import WorldParams, make_world
 from solmap.photogrammetry.synthetic.traverse import TraverseParams
 from solmap.products.catalogue.images import image_file, image_record, read_product_image
 from solmap.products.catalogue.workspace import Workspace

@@ -15,12 +15,8 @@ from solmap.flows.cli import app
 from solmap.photogrammetry.archive.images.radiometry import RadialVignetting
 from solmap.photogrammetry.archive.images.reading import read_image
 from solmap.photogrammetry.stretching import stretch
-from solmap.photogrammetry.synthetic.downlink import (
-    WorldParams,
-    make_world,
-    render_jobs,
-    text_files,
-)
+from solmap.photogrammetry.synthetic.downlink import render_jobs, text_files
+from solmap.photogrammetry.synthetic.scene import WorldParams, make_world
 from solmap.photogrammetry.synthetic.traverse import TraverseParams
 from solmap.products.catalogue.images import image_file, read_product_image
 from solmap.products.catalogue.workspace import Workspace

@@ -10,8 +10,8 @@ import pytest
 from solmap.photogrammetry.archive.images.reading import ReadImage, read_image
 from solmap.photogrammetry.imagery import Eye
 from solmap.photogrammetry.matching.stereo.dense import match_densely_with_sigma
-from solmap.photogrammetry.synthetic.downlink import RenderJob, WorldParams, make_world
-from solmap.photogrammetry.synthetic.scene import Shot, World
+from solmap.photogrammetry.synthetic.downlink import RenderJob
+from solmap.photogrammetry.synthetic.scene import Shot, World, WorldParams, make_world
 from solmap.photogrammetry.synthetic.traverse import TraverseParams
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.photogrammetry.terrain.dtm.records import TerrainView

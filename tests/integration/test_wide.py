@@ -8,13 +8,9 @@ import pytest
 from solmap.photogrammetry.archive.images.reading import read_image
 from solmap.photogrammetry.imagery import Eye
 from solmap.photogrammetry.matching.stereo.wide_baseline import WideParams
-from solmap.photogrammetry.synthetic.downlink import (
-    RenderJob,
-    TraverseParams,
-    World,
-    WorldParams,
-    make_world,
-)
+from solmap.photogrammetry.synthetic.downlink import RenderJob
+from solmap.photogrammetry.synthetic.scene import World, WorldParams, make_world
+from solmap.photogrammetry.synthetic.traverse import TraverseParams
 from solmap.products.catalogue.images import ImageFile
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.formats.documents.archives import read_matches

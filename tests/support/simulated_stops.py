@@ -19,14 +19,10 @@ from solmap.photogrammetry.imagery import Eye, StopId
 from solmap.photogrammetry.matching.records import MatchedPair, MatchedStop
 from solmap.photogrammetry.matching.stereo.dense import match_densely
 from solmap.photogrammetry.matching.stereo.sparse import SparseParams, match_sparsely
-from solmap.photogrammetry.synthetic.downlink import (
-    RenderJob,
-    TraverseParams,
-    WorldParams,
-    make_world,
-    true_parallax,
-)
-from solmap.photogrammetry.synthetic.scene import Shot, World
+from solmap.photogrammetry.synthetic.downlink import RenderJob
+from solmap.photogrammetry.synthetic.scene import Shot, World, WorldParams, make_world
+from solmap.photogrammetry.synthetic.traverse import TraverseParams
+from solmap.photogrammetry.synthetic.truth import true_parallax
 from solmap.tasks.images.pairs import resampled
 from solmap.tasks.network.match import geometry_of
 

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from solmap.photogrammetry.synthetic.downlink import WorldParams, simulate_downlink
+from solmap.photogrammetry.synthetic.downlink import simulate_downlink
+from solmap.photogrammetry.synthetic.scene import WorldParams
 from solmap.photogrammetry.synthetic.traverse import TraverseParams
 
 COARSE = """\

@@ -15,7 +15,7 @@ import numpy as np
 
 from solmap.gis_server.rendering.styles import STYLES, indices_of, palette_of
 from solmap.photogrammetry.arrays import Classes, Picture, Raster
-from solmap.photogrammetry.synthetic.downlink import WorldParams, make_world
+from solmap.photogrammetry.synthetic.scene import WorldParams, make_world
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.photogrammetry.terrain.dtm.records import Dtm, GroundClass
 from solmap.photogrammetry.terrain.dtm.resampling import coarsened

@@ -22,7 +22,7 @@ import numpy as np
 import rasterio
 
 from solmap.photogrammetry.imagery import StopId
-from solmap.photogrammetry.synthetic.downlink import WorldParams, make_world
+from solmap.photogrammetry.synthetic.scene import WorldParams, make_world
 from solmap.photogrammetry.synthetic.traverse import TraverseParams
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.photogrammetry.terrain.dtm.ground import SightParams

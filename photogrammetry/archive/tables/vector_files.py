@@ -11,8 +11,7 @@ offset and orientation (quaternion, scalar first, frame into reference frame) in
       </solution> ...
 
 Of several solutions of a frame the first in the order of priority counts, of several at one rover
-stop the one with the highest motion counter, of equal ones the last added. For a counter that no
-solution names, VICAR takes the highest that is not above it; so does `rover_pose`.
+stop the one with the highest motion counter, of equal ones the last added.
 
 The LSL is the frame of site 0, the lander. Where the sites given do not reach it, the LSL starts
 at the lowest site that the chain does reach, and a note says so.

@@ -1,5 +1,7 @@
 """Places of stops in orbital images whose own place is an unknown of the network."""
 
+from __future__ import annotations
+
 import json
 from dataclasses import replace
 
@@ -11,19 +13,27 @@ from solmap.photogrammetry.adjustment.documents import network_document, network
 from solmap.photogrammetry.adjustment.model.collinearity import State
 from solmap.photogrammetry.adjustment.model.control_equations import Control
 from solmap.photogrammetry.adjustment.model.datum import with_control
-from solmap.photogrammetry.adjustment.model.network import MAP, ControlFrame, StopControl, select
+from solmap.photogrammetry.adjustment.model.network import (
+    MAP,
+    ControlFrame,
+    Network,
+    StopControl,
+    select,
+)
 from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
 from solmap.photogrammetry.adjustment.model.small_matrices import rotation_of_vector
 from solmap.photogrammetry.adjustment.modes.mission import AdjustmentMode, advance
 from solmap.photogrammetry.adjustment.modes.overall import adjust_overall
 from solmap.photogrammetry.adjustment.modes.sequential import adjust_sequential, begin
 from solmap.photogrammetry.adjustment.smoothing import smoothed
+from solmap.photogrammetry.arrays import Vector3
 from solmap.photogrammetry.errors import AdjustmentError
-from solmap.photogrammetry.synthetic.mission import (
-    simulate_control,
-    with_first_attitude_unsure,
+from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.synthetic.mission import simulate_control
+from solmap.photogrammetry.synthetic.networks import (
+    TelemetryErrors,
+    simulate_network,
 )
-from solmap.photogrammetry.synthetic.networks import simulate_network
 
 SMALL = {"pairs_per_stop": 5, "inter_ties": 8, "intra_ties": 0}
 PARAMS = AdjustmentParams(window_stops=2)
@@ -318,3 +328,36 @@ def test_stated_sigmas_are_true_with_control_and_a_gap():
     assert low < last[0] / networks < high
     assert low < last[1] / networks < high
     assert 0.85 < sums[0] / networks < 1.15  # errors of neighbours belong together
+
+
+def with_first_attitude_unsure(
+    rng: np.random.Generator, network: Network, errors: TelemetryErrors | None = None
+) -> Network:
+    """The network with an error in the first attitude that telemetry reports.
+
+    Its tilt alone; its azimuth with those of all stops up to the next that is measured (FINE), for
+    they were propagated from it. What wheels measured stays.
+    """
+    errors = errors or TelemetryErrors()
+    tilt = rng.normal(0, np.radians(errors.tilt_deg), 2)
+    first = errors.azimuth_fine_deg if network.stops[0].is_fine else errors.azimuth_step_deg
+    azimuth = rng.normal(0, np.radians(first))
+    rotations = [stop.lsl_from_rover.rotation for stop in network.stops]
+    turned = [_about_down(azimuth) @ rotation_of_vector(np.array([*tilt, 0.0])) @ rotations[0]]
+    for stop, rotation in zip(network.stops[1:], rotations[1:], strict=True):
+        azimuth = 0.0 if stop.is_fine else azimuth
+        turned.append(_about_down(azimuth) @ rotation)
+    places: list[Vector3] = [network.stops[0].lsl_from_rover.translation_m]
+    for k in range(1, len(turned)):
+        before, here = network.stops[k - 1].lsl_from_rover, network.stops[k].lsl_from_rover
+        step = before.rotation.T @ (here.translation_m - before.translation_m)
+        places.append(places[-1] + turned[k - 1] @ step)
+    stops = tuple(
+        replace(stop, lsl_from_rover=Pose(pose.target, pose.source, turned[k], places[k]))
+        for k, (stop, pose) in enumerate((stop, stop.lsl_from_rover) for stop in network.stops)
+    )
+    return replace(network, stops=stops)
+
+
+def _about_down(angle: float) -> np.ndarray:
+    return rotation_of_vector(np.array([0.0, 0.0, angle]))

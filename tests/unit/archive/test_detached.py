@@ -18,7 +18,6 @@ from solmap.photogrammetry.archive.labels.detached import (
     MAX_DETACHED_BYTES,
     LabelKind,
     decode_label,
-    file_of_label,
     join_label,
     kind_of_label,
     split_label,
@@ -64,8 +63,6 @@ def test_a_pointer_to_a_whole_file_means_its_first_byte(small):
     label = small.but("= 9\n", '= "IMAGE.IMG"\n').label
     data = join_label(label.encode(), small.pixels.astype(">i2").tobytes(), NAME)
     np.testing.assert_array_equal(read_image(data, NAME).pixels, small.pixels)
-    assert file_of_label(label, NAME) == "IMAGE.IMG"
-    assert file_of_label(small.label, NAME) is None
 
 
 def test_a_pds4_label_may_be_joined_too(rng):
@@ -129,7 +126,6 @@ def test_the_detached_labels_of_curiosity_say_what_the_attached_ones_do(shared_d
     for stem in ("NLB_517261274EDR_F0541610CCAM15900M1", "NRB_680874728RAD_F0900232NCAM00354M1"):
         path = next(shared_data.rglob(f"{stem}.IMG"))
         data, label = path.read_bytes(), path.with_suffix(".LBL").read_bytes()
-        assert file_of_label(label.decode("latin-1"), path.name) == path.name
         own = read_image(data, path.name)
         both = read_image(join_label(label, data, path.name), path.name)
         np.testing.assert_array_equal(both.pixels, own.pixels)

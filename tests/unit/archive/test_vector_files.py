@@ -9,7 +9,6 @@ from solmap.photogrammetry.archive.tables.vector_files import (
     join_priorities,
     lsl_tree,
     parse_vector_file,
-    rover_pose,
 )
 from solmap.photogrammetry.errors import VectorFileError
 from solmap.photogrammetry.frames import LSL, FrameKind, Pose, rover_frame, site_frame
@@ -106,18 +105,6 @@ def test_at_one_stop_the_highest_motion_counter_counts_then_the_last_added():
     )
     (pose,) = best_poses([file])
     assert pose.translation_m[0] == 2
-
-
-def test_between_stops_the_rover_is_where_it_last_was():
-    file = vector_file(
-        *(solution("ROVER_FRAME", (10, d, 0), 10, offset=(d, 0, 0)) for d in (0, 26, 64)),
-        source="x.rvf",
-    )
-    assert rover_pose([file], 10, 63).translation_m[0] == 26
-    assert rover_pose([file], 10, 63).source == rover_frame(10, 63)
-    assert rover_pose([file], 10, 64).translation_m[0] == 64
-    with pytest.raises(VectorFileError, match=r"site 11, drive 5 or before; given: x\.rvf"):
-        rover_pose([file], 11, 5)
 
 
 def test_the_lsl_is_site_zero():
@@ -222,7 +209,7 @@ def test_spirit_declared_site_138_where_it_stood(spirit):
     stops = [pose for pose in best_poses(spirit) if pose.source.kind is FrameKind.ROVER]
     assert {pose.target for pose in stops} == {site_frame(137)}
     declared = next(p for p in best_poses(spirit) if p.source == site_frame(138)).translation_m
-    stood = rover_pose(spirit, 137, 249).translation_m
+    stood = next(p for p in stops if p.source == rover_frame(137, 249)).translation_m
     # Telemetry is given to 1e-4 m or better; the two solutions were written at different times.
     np.testing.assert_allclose(stood, declared, atol=2e-3)
 

@@ -5,8 +5,8 @@ from solmap.photogrammetry.archive.tables.places import PlacedStop, parse_places
 from solmap.photogrammetry.archive.tables.vector_files import (
     Solution,
     VectorFile,
+    best_poses,
     parse_vector_file,
-    rover_pose,
     vector_text,
 )
 from solmap.photogrammetry.frames import (
@@ -35,7 +35,9 @@ def test_a_vector_file_comes_back_as_it_was_written():
     assert (back.mission, back.kind, back.priority) == ("MER2", "rvf", ("adjusted", "telemetry"))
     assert back.solutions[0].counter == counter
     np.testing.assert_allclose(back.solutions[0].offset_m, pose.translation_m, atol=1e-9)
-    np.testing.assert_allclose(rover_pose([back], 10, 33).rotation, pose.rotation, atol=1e-8)
+    (read,) = best_poses([back])
+    assert read.source == rover_frame(10, 33)
+    np.testing.assert_allclose(read.rotation, pose.rotation, atol=1e-8)
 
 
 def test_a_places_table_comes_back_as_it_was_written():

@@ -18,13 +18,10 @@ from solmap.photogrammetry.matching.resampling import epipolar_images
 from solmap.photogrammetry.matching.stereo.dense import match_densely_with_sigma
 from solmap.photogrammetry.matching.stereo.sparse import largest_parallax_px, match_sparsely
 from solmap.photogrammetry.stretching import stretch
-from solmap.photogrammetry.synthetic.downlink import (
-    TraverseParams,
-    WorldParams,
-    make_world,
-    photograph,
-    true_parallax,
-)
+from solmap.photogrammetry.synthetic.render import photograph
+from solmap.photogrammetry.synthetic.scene import WorldParams, make_world
+from solmap.photogrammetry.synthetic.traverse import TraverseParams
+from solmap.photogrammetry.synthetic.truth import true_parallax
 from tests.support.husband_truth import judged_pairs
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]

@@ -30,13 +30,9 @@ from solmap.photogrammetry.matching.stereo.wide_baseline import (
     search_area,
     wide_pairs,
 )
-from solmap.photogrammetry.synthetic.downlink import (
-    TraverseParams,
-    WorldParams,
-    make_world,
-    photograph,
-)
-from solmap.photogrammetry.synthetic.render import View, first_hits, rotate_rays
+from solmap.photogrammetry.synthetic.render import View, first_hits, photograph, rotate_rays
+from solmap.photogrammetry.synthetic.scene import WorldParams, make_world
+from solmap.photogrammetry.synthetic.traverse import TraverseParams
 from solmap.photogrammetry.synthetic.truth import _pair_rays
 
 PAIR = Frame(FrameKind.PAIR, (0,))

@@ -20,19 +20,12 @@ from solmap.photogrammetry.errors import FrameError, PhotogrammetryError
 from solmap.photogrammetry.frames import Frame, FrameKind, site_frame
 from solmap.photogrammetry.imagery import Eye
 from solmap.photogrammetry.synthetic import lighting
-from solmap.photogrammetry.synthetic.downlink import (
-    WorldParams,
-    make_world,
-    photograph,
-    render_jobs,
-    simulate_downlink,
-    text_files,
-    true_parallax,
-    truth,
-)
-from solmap.photogrammetry.synthetic.render import first_hits, view_of
+from solmap.photogrammetry.synthetic.downlink import render_jobs, simulate_downlink, text_files
+from solmap.photogrammetry.synthetic.render import first_hits, photograph, view_of
 from solmap.photogrammetry.synthetic.rig import GROUND_M
+from solmap.photogrammetry.synthetic.scene import WorldParams, make_world
 from solmap.photogrammetry.synthetic.traverse import TraverseParams, sun_at
+from solmap.photogrammetry.synthetic.truth import true_parallax, truth_document
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 
 SMALL = WorldParams(
@@ -238,7 +231,7 @@ def test_the_rover_stands_on_the_ground(small_world):
 
 def test_the_truth_has_the_keys_of_the_rendered_traverse(small_world, husband):
     theirs = json.loads((husband / "truth" / "truth.json").read_text())
-    ours = json.loads(json.dumps(truth(small_world)))
+    ours = json.loads(json.dumps(truth_document(small_world)))
     assert theirs.keys() <= ours.keys()
     assert theirs["stops"][0].keys() <= ours["stops"][0].keys()
     assert theirs["images"][0].keys() <= ours["images"][0].keys()

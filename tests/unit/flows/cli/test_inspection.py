@@ -19,7 +19,8 @@ from solmap.flows.cli.inspection import (
 )
 from solmap.flows.cli.inspection_text import report_of
 from solmap.photogrammetry.archive.images.reading import read_image
-from solmap.photogrammetry.synthetic.downlink import WorldParams, make_world, render_jobs
+from solmap.photogrammetry.synthetic.downlink import render_jobs
+from solmap.photogrammetry.synthetic.scene import WorldParams, make_world
 from solmap.photogrammetry.synthetic.traverse import TraverseParams
 
 SPIRIT = "mer_spirit_sol1869_troy/2n292280938effb100p0703l0m1.img"

@@ -29,14 +29,10 @@ from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.imagery import Eye, StereoMatches, TieKind, TiePoints
 from solmap.photogrammetry.matching.stereo.dense import DenseMatches
-from solmap.photogrammetry.synthetic.downlink import (
-    RenderJob,
-    WorldParams,
-    make_world,
-    true_parallax,
-)
-from solmap.photogrammetry.synthetic.scene import Shot, World
+from solmap.photogrammetry.synthetic.downlink import RenderJob
+from solmap.photogrammetry.synthetic.scene import Shot, World, WorldParams, make_world
 from solmap.photogrammetry.synthetic.traverse import TraverseParams
+from solmap.photogrammetry.synthetic.truth import true_parallax
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.photogrammetry.terrain.dtm.records import Dtm, GroundClass
 from solmap.photogrammetry.terrain.dtm.resampling import bilinear
