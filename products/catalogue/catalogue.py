@@ -19,7 +19,6 @@ from typing import Any
 import sqlalchemy as sa
 
 from solmap.photogrammetry.imagery import StopId
-from solmap.products.catalogue.catalogue import Catalogue
 from solmap.products.catalogue.database import (
     IMAGES,
     LATEST,
