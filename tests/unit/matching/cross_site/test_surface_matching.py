@@ -17,7 +17,7 @@ from solmap.photogrammetry.matching.cross_site.surface_matching import (
     tie_by_shape,
 )
 from solmap.photogrammetry.matching.parallax_planes import EVERY, parallax_facets
-from tests.unit.matching.ties.conftest import (
+from tests.support.rolling_stops import (
     TOWARDS_FIRST,
     TOWARDS_SECOND,
     camera,

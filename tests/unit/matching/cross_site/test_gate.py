@@ -1,5 +1,3 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -9,64 +7,19 @@ from solmap.photogrammetry.imagery import StopId
 from solmap.photogrammetry.matching.cross_site.birds_eye import PlaneFit
 from solmap.photogrammetry.matching.cross_site.gate import (
     GateParams,
+    LinkParams,
     between_levels,
     gate_between,
+    link_candidates,
     pose_of,
 )
-from solmap.photogrammetry.matching.cross_site.links import SiteLinkFigures, VerdictParams, verdict
 from solmap.photogrammetry.matching.records import MatchedStop
-
-GOOD = SiteLinkFigures(
-    distance_m=20.0,
-    peak_z=15.0,
-    overlap_m2=500.0,
-    measured=60,
-    ties=50,
-    by_chance=4,
-    rms_px=1.0,
-    sigma0=1.0,
-    spread_m=4.0,
-)
-
-
-def judged(**changes):
-    return verdict(replace(GOOD, **changes), VerdictParams())
 
 
 def stop(drive, position, turn=(0.0, 0.0, 0.0), sigma_m=0.0):
     name = StopId("MER2", 1, drive)
     pose = Pose(LSL, name.frame, rotation_of_roll_pitch_yaw(*turn), np.array(position, float))
     return MatchedStop(name, (), pose, np.eye(6) * sigma_m**2)
-
-
-def test_many_ties_far_above_chance_and_spread_out_are_a_link():
-    linked, reason = judged()
-    assert linked
-    assert reason == "50 ties of 60 conjugates, rms 1.00 px, 4 by chance"
-
-
-def test_fewer_ties_than_hold_the_drift_are_no_link():
-    assert judged(ties=19) == (False, "19 ties, 20 are needed")
-
-
-@pytest.mark.parametrize("by_chance", [26, 40])
-def test_ties_that_chance_could_have_found_are_no_link(by_chance):
-    linked, reason = judged(by_chance=by_chance)
-    assert not linked
-    assert f"a wrong place gets {by_chance} by chance" in reason
-
-
-def test_of_few_ties_twice_chance_does_not_do():
-    assert not judged(ties=24, measured=30, by_chance=11)[0]  # 11 + 4 sqrt(11) = 24.3
-    assert judged(ties=24, measured=30, by_chance=8)[0]
-
-
-def test_conjugates_that_do_not_agree_in_space_are_no_link():
-    assert "only 25% of 200 conjugates agree" in judged(measured=200)[1]
-
-
-def test_ties_along_a_line_are_no_link():
-    assert judged(spread_m=0.4) == (False, "the ties lie on a line, 0.4 m wide")
 
 
 def test_the_gate_opens_with_the_distance():
@@ -108,3 +61,19 @@ def test_a_fit_is_a_pose_with_the_tilt_of_telemetry():
 def test_a_gate_without_width_is_refused():
     with pytest.raises(MatchingError, match="as wide as telemetry is uncertain"):
         GateParams(tilt_sigma=0.0)
+
+
+def at(drive: int, north: float) -> tuple[StopId, Pose]:
+    stop = StopId("MER2", 1, drive)
+    return stop, Pose(LSL, stop.frame, np.eye(3), np.array([north, 0.0, 0.0]))
+
+
+def test_the_nearest_earlier_stops_within_reach_are_tried_first():
+    earlier = dict([at(1, 0.0), at(2, 30.0), at(3, 40.0), at(4, 200.0)])
+    _, here = at(5, 45.0)
+    tried = link_candidates(here, earlier, LinkParams(max_distance_m=50.0, max_earlier=2))
+    assert [stop.drive for stop in tried] == [3, 2]
+
+
+def test_a_stop_far_from_all_others_is_tried_with_none():
+    assert link_candidates(at(2, 900.0)[1], dict([at(1, 0.0)]), LinkParams()) == []

@@ -1,0 +1,51 @@
+from dataclasses import replace
+
+import pytest
+
+from solmap.photogrammetry.matching.cross_site.links import SiteLinkFigures, VerdictParams, verdict
+
+GOOD = SiteLinkFigures(
+    distance_m=20.0,
+    peak_z=15.0,
+    overlap_m2=500.0,
+    measured=60,
+    ties=50,
+    by_chance=4,
+    rms_px=1.0,
+    sigma0=1.0,
+    spread_m=4.0,
+)
+
+
+def judged(**changes):
+    return verdict(replace(GOOD, **changes), VerdictParams())
+
+
+def test_many_ties_far_above_chance_and_spread_out_are_a_link():
+    linked, reason = judged()
+    assert linked
+    assert reason == "50 ties of 60 conjugates, rms 1.00 px, 4 by chance"
+
+
+def test_fewer_ties_than_hold_the_drift_are_no_link():
+    assert judged(ties=19) == (False, "19 ties, 20 are needed")
+
+
+@pytest.mark.parametrize("by_chance", [26, 40])
+def test_ties_that_chance_could_have_found_are_no_link(by_chance):
+    linked, reason = judged(by_chance=by_chance)
+    assert not linked
+    assert f"a wrong place gets {by_chance} by chance" in reason
+
+
+def test_of_few_ties_twice_chance_does_not_do():
+    assert not judged(ties=24, measured=30, by_chance=11)[0]  # 11 + 4 sqrt(11) = 24.3
+    assert judged(ties=24, measured=30, by_chance=8)[0]
+
+
+def test_conjugates_that_do_not_agree_in_space_are_no_link():
+    assert "only 25% of 200 conjugates agree" in judged(measured=200)[1]
+
+
+def test_ties_along_a_line_are_no_link():
+    assert judged(spread_m=0.4) == (False, "the ties lie on a line, 0.4 m wide")
