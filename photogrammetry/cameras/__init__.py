@@ -1,1 +1,6 @@
-"""Camera models of JPL's rover cameras, and the epipolar (linearised) geometry of a stereo pair."""
+"""Camera models: points in space to points in the image and back.
+
+CAHV, CAHVOR and CAHVORE as labels give them, all behind `model.CameraModel`; derived from them the
+epipolar geometry of a pair, JPL's linearised models and photogrammetric parameters. Nothing is
+imported but arrays, errors and frames.
+"""

@@ -19,10 +19,9 @@ O is used as it stands: with the six digits of a label it is a unit vector withi
 there and back closes within 1e-7 px (1e-3 px for CAHVORE); with a true unit vector it closes within
 rounding, so whoever reads a label takes O / |O|.
 
-The radial polynomial that CAHVOR and CAHVORE share, its inverse and where it may be used.
-
-A point at the distance chi from the distortion axis (a tangent for CAHVOR, an angle-like quantity
-for CAHVORE) is imaged at the distance
+CAHVOR and CAHVORE share the radial polynomial, its inverse and the limit of its use. A point at the
+distance chi from the distortion axis (a tangent for CAHVOR, an angle-like quantity for CAHVORE) is
+imaged at the distance
 
     chi' = chi (1 + R0 + R1 chi^2 + R2 chi^4).
 

@@ -1,4 +1,4 @@
-"""What the rover's map says of how the ground looks from orbit, whatever the sun.
+"""The map of several stops, and what it predicts of the ground's brightness from orbit.
 
 Under a sun in direction s a matt ground of normal n and albedo a has the brightness a (n . s). For
 gentle slopes that is linear in the slopes: a (s_z - s_e dz/de - s_n dz/dn). Neither the sun nor the
@@ -11,7 +11,8 @@ The last stands for rocks and hollows, whose shadows no linear term of the slope
 compared after the mean of the surroundings is taken out, so that haze, shading by large slopes and
 changes of albedo over tens of metres do not count.
 
-One map of the ground out of those of several stops, as registration needs it.
+Of several stops the map is the mean of theirs; brightness is relative to its surroundings at every
+stop.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Lay an orbital image on the rover's map, or say that it cannot be told where it lies.
 
-Every place and rotation within reach is tried (`search`), the best refined to a fraction of a cell
-(`refinement`). A fit is believed if
+Every place and rotation within reach is tried, the best refined to a fraction of a cell (`search`).
+A fit is believed if
 
 - it explains clearly more of the image than the best fit anywhere else does;
 - both halves of the ground, squares like the fields of a chessboard, find the same place on their
@@ -11,11 +11,8 @@ Every place and rotation within reach is tried (`search`), the best refined to a
 On ground without features all places fit alike, and the answer is that it cannot be told. A wrong
 place is worse than none.
 
-An orbital image drawn where it truly lies.
-
-Where a single stop lies in an orbital image: control for the adjustment.
-
-The stop's own map is registered to the image as if it were the only one. A correction (see
+A single stop whose own map is registered, as if it were the only one, becomes control for the
+adjustment. A correction (see
 `records.Correction`) carries what the image claims, p, to where the rover's map has it,
 
     x = c + R (p - c) + t

@@ -1,6 +1,7 @@
-"""Where in an orbital image a rover's map fits: all places and rotations, by multiple correlation.
+"""Where in an orbital image a rover's map fits: to a cell by search, then to a fraction of it.
 
-For a shift d of the orbital image I, with the predictors r_k of the map over its n known cells,
+All places and rotations are tried by multiple correlation. For a shift d of the orbital image I,
+with the predictors r_k of the map over its n known cells,
 
     c_k(d) = sum r_k(x) I(x + d),       explained(d) = c(d)' S^-1 c(d) / variance of I under the map
 
@@ -8,14 +9,13 @@ where the r_k are centred and S = sum r r'. That is the coefficient of determina
 a linear regression of the image on the predictors, for all shifts at once by FFT, since S does not
 depend on the shift. A map turned by theta against the image is found by turning the image.
 
-The last fraction of a cell: least-squares matching of the orbital image to the rover's map.
-
-Unknown are shift and rotation of the image and the coefficients of the predictors; Gauss-Newton on
-the residuals of the map's known cells. Residuals of neighbouring cells belong together (a rock that
-the map has not seen is several cells wide), so the covariance is not that of independent cells but
-the cluster-robust one: scores are summed over squares of ground before their products are. Shadows
-and what else the linear terms cannot model pull the place by up to a third of a cell, mostly away
-from the rover's sun; for these `MODEL_CELLS` is added (`tests/support/orbital_scenes.py`).
+The last fraction of a cell comes from least-squares matching. Unknown are shift and rotation of the
+image and the coefficients of the predictors; Gauss-Newton on the residuals of the map's known
+cells. Residuals of neighbouring cells belong together (a rock that the map has not seen is several
+cells wide), so the covariance is not that of independent cells but the cluster-robust one: scores
+are summed over squares of ground before their products are. Shadows and what else the linear terms
+cannot model pull the place by up to a third of a cell, mostly away from the rover's sun; for these
+`MODEL_CELLS` is added (`tests/support/orbital_scenes.py`).
 """
 
 from __future__ import annotations

@@ -11,18 +11,14 @@ at all): what lies on both sides hangs together by telemetry, or by the orbital 
 every `control_every`th stop to `control_sigma_m`. The place of that image is unknown
 (`ControlFrame.claimed`), or certain where the image is the map itself.
 
-Control of simulated networks: where an orbital image whose place is wrong shows their stops.
+The orbital image is shifted, turned and scaled as its georeference may be
+(`ControlFrame.covariance`), and every place in it is off by what its registration states.
 
-The image is shifted, turned and scaled as its georeference may be (`ControlFrame.covariance`), and
-every place in it is off by what its registration states. The first stop, exact in `networks`, gets
-the error of attitude that a first stop has: with control its attitude is no datum any more.
-
-The images of a simulated mission: what their labels say, for there are no pixels.
-
-Stops are drives of one site, so that telemetry needs no chain of sites; a stop takes a panorama of
-Navcam pairs a sol, and its first exposure names the pair in the network. The label's cameras are
-those of the mast (`rig`), turned as the network's pairs are; their axes differ from those of the
-simulated pairs by a degree or two, so footprints are a rover's and tie points are the simulation's.
+The images of the mission are labels without pixels. Stops are drives of one site, so that telemetry
+needs no chain of sites; a stop takes a panorama of Navcam pairs a sol, and its first exposure names
+the pair in the network. The label's cameras are those of the mast (`rig`), turned as the network's
+pairs are; their axes differ from those of the simulated pairs by a degree or two, so footprints are
+a rover's and tie points are the simulation's.
 """
 
 from __future__ import annotations

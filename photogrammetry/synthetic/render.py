@@ -1,4 +1,4 @@
-"""Pictures of a heightfield: a swept cylindrical panorama, resampled into the camera.
+"""Images of a heightfield: a swept cylindrical panorama, resampled into the camera.
 
 Around a camera at height z_c every azimuth is a profile. A point of the profile at distance r is
 seen in the direction with the tangent of elevation and the running maximum
@@ -17,10 +17,8 @@ far away. Steps of r cover less than a panorama element near by and one cell of 
 The panorama (half a pixel an element) is smoothed to the width of a pixel and looked up along the
 camera's rays. Both eyes and all stops look at one surface, the bilinear one of the lattice.
 
-The camera's part: from the radiance of the ground to the numbers in the image.
-
-Pixels count electrons: with the radiance L and an exposure that brings level ground to some 1800 of
-4095,
+From the radiance of the ground the camera makes the numbers in the image. Pixels count electrons:
+with the radiance L and an exposure that brings level ground to some 1800 of 4095,
 
     DN = g L B(phase) + noise,     variance = DN / 41.5 + 0.6^2     (full well 170,000 e-, 25 e-),
 

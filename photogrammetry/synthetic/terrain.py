@@ -9,8 +9,6 @@ d its depth below the plain and h its rim,
 simple craters being d = 0.2 * 2R and h = 0.04 * 2R deep and high when fresh (Melosh 1989), and less
 when worn. Elevations are metres above the tangent plane at the LSL origin, up positive.
 
-Rocks: how many of which size, where they lie, and the bumps they are.
-
 The number of rocks wider than D in a square metre follows a power law,
 
     N(D) = N_5 (D / 0.05 m)^-q,        0.05 m <= D <= D_max,

@@ -1,1 +1,5 @@
-"""Where the rover really was: traverses of several solutions, compared and put on the map."""
+"""Traverses of several solutions: read from tables, compared, and used to georeference mosaics.
+
+Text and vector files come in, places in metres and their differences go out. Figures of them are
+made in `products.reports`. May not import matching, adjustment or terrain.
+"""

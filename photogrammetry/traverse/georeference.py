@@ -1,4 +1,4 @@
-"""Hang an uncontrolled orbital mosaic on the traverse: rotation, scale and what remains.
+"""Georeference an uncontrolled orbital mosaic by the traverse: rotation, scale, what remains.
 
 Di et al. 2008 (section 4) identified nine stops on the rover track of an uncontrolled MOC mosaic,
 found it turned by 1.3 degrees against the adjusted traverse, georeferenced it with these points as
@@ -9,12 +9,6 @@ the parameters.
 A similarity turns and scales; an affinity may also stretch in one direction and shear, as mosaics
 of several strips do. Both are fitted by least squares about the centroid, so that shift and turn do
 not depend on each other.
-
-Points that a rover track has in an uncontrolled orbital mosaic: read, and simulated.
-
-The comparison of Di et al. 2008 (section 4) as a whole: nine stops or so are identified on the
-track in a mosaic of unknown place, rotation and scale; the mosaic is georeferenced with them, both
-tracks are laid on one start, and what remains is reported (`georeference`).
 
 Simulated points have an answer that is known and not only close to one: what displaces them is
 freed of all that a similarity of the mosaic's track could take up, so that georeferencing must give

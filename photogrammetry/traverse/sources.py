@@ -1,9 +1,10 @@
-"""Traverse tables of whole missions, as the Analyst's Notebook of MER gives them away.
+"""Traverses out of files: tables of whole missions, vector files, PLACES and location files.
 
-The path table has a row a motion: SITE, DRIVE, START_SOL, END_SOL, RAW_X, RAW_Y, RAW_Z (telemetry:
-east, north, elevation in metres from the lander) and CORRECTED_X, CORRECTED_Y, the localised place
-on an equirectangular map. Tables and GeoJSON files of sites and drives give the localised places as
-longitude and latitude, beside the same map coordinates. Their traps (facts 4.7):
+Tables are those of the Analyst's Notebook of MER. The path table has a row a motion: SITE, DRIVE,
+START_SOL, END_SOL, RAW_X, RAW_Y, RAW_Z (telemetry: east, north, elevation in metres from the
+lander) and CORRECTED_X, CORRECTED_Y, the localised place on an equirectangular map. Tables and
+GeoJSON files of sites and drives give the localised places as longitude and latitude, beside the
+same map coordinates. Their traps (facts 4.7):
 
 - rows stand twice, and a stop has a row for every sol that the rover stayed;
 - some are separated by tabs and write decimal commas, or separate the header otherwise than rows;
@@ -12,7 +13,7 @@ longitude and latitude, beside the same map coordinates. Their traps (facts 4.7)
 - the GeoJSON files claim Earth degrees (EPSG:4326); they are degrees of Mars;
 - RAW_Z is 0 everywhere, which is no elevation.
 
-Traverses out of vector files, PLACES tables and location files: stops chained into the LSL.
+The stops of vector files, PLACES tables and location files are chained into the LSL.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Pixels of a PDS3 image, and the mask of those that were measured.
+"""Pixels of an image file, and which of them were measured, lost or saturated.
 
 The pixels start at byte RECORD_BYTES (^IMAGE - 1) and are stored line by line, most flight images
 as 16-bit big-endian integers. Packets that were lost on the way down are filled with zeros, and so
@@ -7,8 +7,6 @@ But zero can also be what a dark pixel of a radiance image was cut off at. What 
 runs, so for integer images a zero counts as missing where its patch of zeros holds a block of
 3 x 3 or a run of 9 along a line or column, and as dark otherwise. Any other constant is taken at
 its word, and in floating-point rasters zero is, too.
-
-Which pixels a label says are lost, and which ones the detector could not count further.
 
 Rovers compress images in rectangles (ICER: up to 32 segments). The label lists where each starts
 and how large it is, in lines and samples of the stored image from 1,
@@ -24,10 +22,9 @@ A pixel is saturated where the converter reached its end: 2^b - 1 for the b bits
 SAMPLE_BIT_MASK has, of 12 for a raw frame (4095) and of 8 for one coded in 8 bits (255). Radiance
 images are scaled and do not tell; linearised and averaged ones blur the limit.
 
-Public raw images: eight-bit JPEG and PNG pictures that come without a label of their own.
-
-Their sizes are read from the header before anything is unpacked, so that a small file cannot ask
-for much memory. Colour is averaged, as in images of three bands; what is black in runs is missing.
+Public raw images are eight-bit JPEG and PNG files without a label of their own. Their sizes are
+read from the header before anything is unpacked, so that a small file cannot ask for much memory.
+Colour is averaged, as in images of three bands; what is black in runs is missing.
 """
 
 from __future__ import annotations

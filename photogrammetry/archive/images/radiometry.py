@@ -1,4 +1,4 @@
-"""From 12 bits coded in 8 back to counts: inverse look-up tables, and what stands in for them.
+"""Radiometric corrections that a label says were not made: companding and the flat field.
 
 Before compression the flight software may squeeze the 4096 counts v of the converter into 256 codes
 c by a table that follows the square root, because the noise of photons does. The label names the
@@ -14,8 +14,6 @@ was inverted with the true table (Pancam, sol 4090): its 59 neighbouring values 
 Codes left as they are do no harm to matching, which needs no photometry. They must not be mixed
 with counts: a mosaic would show the seam, and radiance would be wrong.
 
-Evening out what the lens darkens: a flat field, or a radial model of it.
-
 A flat field F is the image of an even source, scaled to 1 in the middle; where the label says that
 it was not taken out (FLAT_FIELD_CORRECTION_FLAG = FALSE and no radiometric correction), a pixel is
 divided by it. Without a measured F the fall of light towards the edge may be modelled by
@@ -29,12 +27,9 @@ windows by correlation and does not need it; orthophotos and mosaics show the di
 Flat fields belong to the full detector: those of sub-frames are cut out of it by FIRST_LINE and
 FIRST_LINE_SAMPLE, those of averaged images averaged alike.
 
-What a label says was not done to its pixels yet, and doing it with what is at hand.
-
-Two things may be undone: 12-bit counts may still be coded in 8 bits (`companding`), and the fall of
-light towards the edge may still be in them (`vignetting`). Tables and flat fields are those of a
-mission; an image needs few of them or none. What it needs, `Radiometry.needed_by`, decides how its
-pixels are read: two sets of tables that need the same for an image give the same pixels.
+Tables and flat fields are those of a mission; an image needs few of them or none. What it needs,
+`Radiometry.needed_by`, decides how its pixels are read: two sets of tables that need the same for
+an image give the same pixels.
 """
 
 from __future__ import annotations

@@ -1,1 +1,4 @@
-"""TODO: what this package holds."""
+"""Tables of the archive: vector files, PLACES tables and indexes of volumes; text in, records out.
+
+Vector files and PLACES tables are written, too. May not import `images`.
+"""

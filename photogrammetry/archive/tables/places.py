@@ -1,4 +1,4 @@
-"""Localised stops of later missions: PLACES tables and the location files of MSL, as solutions.
+"""PLACES tables and the location files of MSL: localised stops read, and own solutions written.
 
 PLACES gives every site and rover stop in the landing site local frame, one row a frame:
 
@@ -16,14 +16,12 @@ the identity, which stands for "not given" and is no attitude: such stops bring 
 are left out unless asked for, while sites, whose axes are north, east and down by definition, are
 taken.
 
-Both become the `VectorFile` that SVF and RVF files are read into, so `poses` chooses between all of
-them by one order of priority. Positions refer to site 0, not to the site the stop belongs to.
+Both become the `VectorFile` that SVF and RVF files are read into, so `best_poses` chooses between
+all of them by one order of priority. Positions refer to site 0, not to the site the stop belongs
+to.
 
-Vector files and PLACES tables, written: an own solution as other tools read one.
-
-A pair of SVF and RVFs is written as a whole: sites where the solution's chain has them, rovers in
-their sites, so that whoever composes both comes out at the stop's place in the LSL. Offsets are
-written to a tenth of a millimetre, quaternions to 1e-9.
+An own solution is written as a PLACES table of rover stops: offsets to a tenth of a millimetre,
+quaternions to 1e-9.
 """
 
 from __future__ import annotations

@@ -13,6 +13,9 @@ offset and orientation (quaternion, scalar first, frame into reference frame) in
 Of several solutions of a frame the first in the order of priority counts, of several at one rover
 stop the one with the highest motion counter, of equal ones the last added.
 
+A pair of SVF and RVFs is written as a whole: sites where the solution's chain has them, rovers in
+their sites, so that whoever composes both comes out at the stop's place in the LSL.
+
 The LSL is the frame of site 0, the lander. Where the sites given do not reach it, the LSL starts
 at the lowest site that the chain does reach, and a note says so.
 """
@@ -157,7 +160,7 @@ def join_priorities(files: Sequence[VectorFile]) -> list[str]:
 
 
 def lsl_tree(given: Iterable[Pose], sites: Iterable[int] = ()) -> LslTree:
-    """Hang poses under the LSL, which is site 0 or the lowest site that the chain reaches.
+    """Join poses to the LSL, which is site 0 or the lowest site that the chain reaches.
 
     Args:
         given: sites in sites and stops in sites, from vector files or labels.

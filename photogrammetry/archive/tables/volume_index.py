@@ -1,4 +1,4 @@
-"""Index tables of the archive: label text and a stream of bytes in, rows out.
+"""Index tables of archive volumes: label text and a stream of bytes in, rows and stereo pairs out.
 
 A volume's index has one row a product, of fixed width and tab-separated at once: texts are quoted
 and padded inside the quotes, numbers and times stand bare and are padded to the right. The label
@@ -9,14 +9,13 @@ A row is cut by these numbers if it is as long as ROW_BYTES says and the columns
 between separators; otherwise it is split at its tabs. The largest index has 366,500 rows (342 MB),
 so rows are read one at a time and cut only where somebody looks.
 
-Stereo pairs, found in the index of an archive volume without looking at an image.
-
-The frames of one exposure share spacecraft, instrument without the eye, sequence and motion
-counter, and their clocks at the start of the exposure are within a second, as in `partners`; left
-and right may differ by some ticks. An exposure is a stereo pair if both eyes have a REGULAR
-image (no thumbnail, histogram or row sum) through filters that see one band (Pancam L2 with R2, L7
-with R1). The product type stands in the file name only; of several versions the highest counts, and
-of the kinds of EDR the full frame before sub-frames and averaged ones: what `partners` prefers.
+Stereo pairs are found in the index without looking at an image. The frames of one exposure share
+spacecraft, instrument without the eye, sequence and motion counter, and their clocks at the start
+of the exposure are within a second, as in `partners`; left and right may differ by some ticks. An
+exposure is a stereo pair if both eyes have a REGULAR image (no thumbnail, histogram or row sum)
+through filters that see one band (Pancam L2 with R2, L7 with R1). The product type stands in the
+file name only; of several versions the highest counts, and of the kinds of EDR the full frame
+before sub-frames and averaged ones: what `partners` prefers.
 """
 
 from __future__ import annotations
