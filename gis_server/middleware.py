@@ -11,6 +11,26 @@ from starlette.responses import JSONResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 MOST_BYTES = 1 << 20
+_HEADERS = {
+    "Content-Security-Policy": (
+        "default-src 'self'; script-src 'self' 'wasm-unsafe-eval'; connect-src 'self' blob:; "
+        "img-src 'self' data: blob:; style-src 'self' 'unsafe-inline'; worker-src 'self' blob:; "
+        "frame-ancestors 'none'; base-uri 'none'; form-action 'self'"
+    ),
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "same-origin",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "X-Frame-Options": "DENY",
+    "Permissions-Policy": (
+        "camera=(), microphone=(), geolocation=(), payment=(), usb=(), serial=(), midi=(), "
+        "display-capture=()"
+    ),
+}
+"""Nothing from elsewhere is loaded, nobody embeds the map, no other origin is let in (no CORS).
+`wasm-unsafe-eval` lets the decoder of compressed 3D models, which is served from here, be compiled
+in a worker; it allows no JavaScript from text. Pictures inside models are read as blobs."""
+_PACKED = ("/tiles/", "/models/", "/download/", "/products/", "/images/", "/panoramas/")
+"""What is served below these is compressed already, or asked for by ranges."""
 
 
 class _TooLargeError(Exception):
@@ -62,30 +82,6 @@ def _refusal() -> JSONResponse:
     said = f"a request has at most {MOST_BYTES} bytes; send less at once"
     status = HTTPStatus.REQUEST_ENTITY_TOO_LARGE
     return JSONResponse({"code": status.phrase, "description": said}, status_code=status)
-
-
-_HEADERS = {
-    "Content-Security-Policy": (
-        "default-src 'self'; script-src 'self' 'wasm-unsafe-eval'; connect-src 'self' blob:; "
-        "img-src 'self' data: blob:; style-src 'self' 'unsafe-inline'; worker-src 'self' blob:; "
-        "frame-ancestors 'none'; base-uri 'none'; form-action 'self'"
-    ),
-    "X-Content-Type-Options": "nosniff",
-    "Referrer-Policy": "same-origin",
-    "Cross-Origin-Opener-Policy": "same-origin",
-    "X-Frame-Options": "DENY",
-    "Permissions-Policy": (
-        "camera=(), microphone=(), geolocation=(), payment=(), usb=(), serial=(), midi=(), "
-        "display-capture=()"
-    ),
-}
-"""Nothing from elsewhere is loaded, nobody embeds the map, no other origin is let in (no CORS).
-`wasm-unsafe-eval` lets the decoder of compressed 3D models, which is served from here, be compiled
-in a worker; it allows no JavaScript from text. Pictures inside models are read as blobs."""
-
-
-_PACKED = ("/tiles/", "/models/", "/download/", "/products/", "/images/", "/panoramas/")
-"""What is served below these is compressed already, or asked for by ranges."""
 
 
 class SecurityHeaders:

@@ -20,12 +20,10 @@ Metres = Annotated[
     float,
     Query(ge=-HALF_SIDE_M, le=HALF_SIDE_M, allow_inf_nan=False, description="metres, local map"),
 ]
-
 LAST_SOL = 1_000_000
 """Larger numbers are no sols; a catalogue counts in 64 bits."""
 LARGEST_ID = 2**63 - 1
 """Of rows of a database."""
-
 FOREVER = {"Cache-Control": "public, max-age=31536000, immutable"}
 """The digest in the address changes with the content."""
 AGAIN = {"Cache-Control": "no-cache"}

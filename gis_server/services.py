@@ -32,6 +32,9 @@ from solmap.products.store.product_store import ProductStore
 
 log = logging.getLogger(__name__)
 GROWING = (ProductKind.FOOTPRINTS, ProductKind.POINTING, ProductKind.TIE_POINTS)
+_LAYERS = 1024
+_OPEN = 64
+"""Rasters kept open: to identify a place asks some fifty layers, and opening one takes 10 ms."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,11 +56,6 @@ class ReadAhead:
                 feature_texts(self.store.path(layer.ref))
         except Exception as error:  # noqa: BLE001 - pages must hear of what was published all the same
             log.warning("layers were not read ahead: %r", error)
-
-
-_LAYERS = 1024
-_OPEN = 64
-"""Rasters kept open: to identify a place asks some fifty layers, and opening one takes 10 ms."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -37,6 +37,9 @@ NORMAL_M = 0.25
 """Half of the square that the normal of the ground is found in: the baseline of slopes."""
 MOST_IMAGES = 400
 """Images that one question looks at: those of some twenty panoramas."""
+_USUAL = ViewshedParams()
+_NEAREST_M, _FURTHEST_M, _CURVE_POINTS = 1.0, 200.0, 96
+"""Ranges between which a ray is followed into other images, and its points there."""
 
 
 def point_on_map(
@@ -104,11 +107,6 @@ def stop_named(mission: OrientedMission, name: str) -> StopId:
         if str(stop) == name:
             return stop
     raise UnanswerableError(f"{name} is no stop of the latest network of this mission")
-
-
-_USUAL = ViewshedParams()
-_NEAREST_M, _FURTHEST_M, _CURVE_POINTS = 1.0, 200.0, 96
-"""Ranges between which a ray is followed into other images, and its points there."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

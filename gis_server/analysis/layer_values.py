@@ -1,16 +1,11 @@
-"""Features of a layer at a place of the map.
-
-What all layers of a mission say about one place.
-
-Statistics of a raster layer over a polygon.
-"""
+"""What layers hold at a place of the map, and the statistics of a raster layer over a polygon."""
 
 from __future__ import annotations
 
 import logging
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -22,7 +17,6 @@ from pydantic import BaseModel
 from rasterio.windows import Window
 
 from solmap.gis_server.analysis.bodies import UNITS, LayerUsed, Polygon, Question, UnanswerableError
-from solmap.gis_server.analysis.layer_values import FeatureFound, Identified, LayerValue
 from solmap.gis_server.rendering.reading import RasterPool
 from solmap.photogrammetry.arrays import PerPoint
 from solmap.photogrammetry.terrain.measure.areas import polygon_of
@@ -34,6 +28,162 @@ from solmap.products.model import Layer, ProductKind, ScopeLevel
 from solmap.products.store.product_store import ProductStore
 
 _SHAPES = {"Point": shapely.Point, "LineString": shapely.LineString}
+log = logging.getLogger(__name__)
+_WIDEST_FIRST = {ScopeLevel.REGION: 0, ScopeLevel.SOL: 1, ScopeLevel.STOP: 2}
+_NEAR_M = 2.0
+"""How far from the place a stop or tie point may be: about the length of a rover."""
+_MOST = 50
+_AREAS = (ProductKind.FOOTPRINTS, ProductKind.HAVENS, ProductKind.REGION_HAVENS)
+_NEARBY = (ProductKind.STOPS, ProductKind.TIE_POINTS, ProductKind.POINTING)
+_CELLS = 4_000_000
+"""Cells that are looked at; of larger windows an overview is read."""
+_PERCENT = (5.0, 25.0, 50.0, 75.0, 95.0)
+
+
+class ValueHere(BaseModel):
+    """A raster layer's value at a place."""
+
+    id: str
+    scope: str
+    kind: str
+    title: str
+    value: float
+    sigma: float | None
+    unit: str | None
+    label: str | None
+    """What the value stands for, where it is a class: an image's name, a kind of ground."""
+    bands: dict[str, float] = {}
+    """All bands of the layer by name, such as standard deviation and observations."""
+
+
+class FeatureHere(BaseModel):
+    """A feature at or near a place."""
+
+    layer: str
+    kind: str
+    title: str
+    id: str | None
+    distance_m: float
+    properties: dict[str, Any]
+
+
+class Place(BaseModel):
+    """All that is known of a place: metres of the local map, degrees of Mars, layers, features."""
+
+    east: float
+    north: float
+    lon: float
+    lat: float
+    elevation_m: float | None
+    elevation_sigma_m: float | None
+    layers: list[ValueHere]
+    features: list[FeatureHere]
+
+
+def identify(
+    layers: Sequence[Layer],
+    landing: LandingPoint,
+    east: float,
+    north: float,
+    store: ProductStore,
+    pool: RasterPool,
+) -> Place:
+    """Values and features of `layers` at a place, metres of the local map.
+
+    A layer whose file is damaged or gone is logged and left out: the others still know the place.
+    """
+    ordered = sorted(layers, key=lambda layer: _WIDEST_FIRST.get(layer.ref.scope.level, 3))
+    values: list[ValueHere] = []
+    features: list[FeatureHere] = []
+    for layer in ordered:
+        if not _near(layer.bounds, east, north):
+            continue
+        try:
+            if layer.type == "raster":
+                values += _value(layer, east, north, store, pool)
+            else:
+                features += _features(layer, east, north, store)
+        except ProductError as error:
+            log.warning("%s", error)
+    features.sort(key=lambda found: found.distance_m)
+    longitude, latitude = (float(degrees[0]) for degrees in lon_lat(landing, east, north))
+    elevation = _elevation(values)
+    return Place(
+        east=east,
+        north=north,
+        lon=round(longitude, 9),
+        lat=round(latitude, 9),
+        elevation_m=elevation.value if elevation else None,
+        elevation_sigma_m=elevation.sigma if elevation else None,
+        layers=values,
+        features=features[:_MOST],
+    )
+
+
+def _elevation(values: Sequence[ValueHere]) -> ValueHere | None:
+    """The elevation from the most comprehensive terrain model that has one here.
+
+    That of the region is used where no stop has one, and models of far ground last: close to the
+    stops others are more accurate.
+    """
+    kinds = (ProductKind.DTM, ProductKind.REGION_DTM, ProductKind.FAR_DTM)
+    return next((value for kind in kinds for value in values if value.kind == kind), None)
+
+
+def _near(bounds: tuple[float, float, float, float], east: float, north: float) -> bool:
+    west, south, to_east, to_north = bounds
+    return (
+        west - _NEAR_M <= east <= to_east + _NEAR_M
+        and south - _NEAR_M <= north <= to_north + _NEAR_M
+    )
+
+
+def _value(
+    layer: Layer, east: float, north: float, store: ProductStore, pool: RasterPool
+) -> list[ValueHere]:
+    with pool.reading(store.address(layer.ref)) as dataset:
+        bands = values_in(dataset, east, north)
+        classes = class_names(dataset)
+    if not bands:
+        return []
+    first = next(iter(bands.values()))
+    sigma = bands.get("standard_deviation", math.nan)
+    if not math.isfinite(first):
+        return []
+    return [
+        ValueHere(
+            id=layer.id,
+            scope=layer.ref.scope.name,
+            kind=str(layer.ref.kind),
+            title=layer.title,
+            value=first,
+            sigma=sigma if math.isfinite(sigma) else None,
+            unit=layer.unit,
+            label=classes.get(round(first)),
+            bands={name: value for name, value in bands.items() if math.isfinite(value)},
+        )
+    ]
+
+
+def _features(layer: Layer, east: float, north: float, store: ProductStore) -> list[FeatureHere]:
+    index = index_of(store.path(layer.ref))
+    if layer.ref.kind in _AREAS:
+        found = [(feature, 0.0) for feature in index.holding(east, north)]
+    elif layer.ref.kind in _NEARBY:
+        found = index.nearest(east, north, _NEAR_M)
+    else:
+        found = []
+    return [
+        FeatureHere(
+            layer=layer.id,
+            kind=str(layer.ref.kind),
+            title=layer.title,
+            id=feature.id,
+            distance_m=round(metres, 3),
+            properties=dict(feature.properties),
+        )
+        for feature, metres in found
+    ]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,124 +223,6 @@ def _shape(feature: Feature) -> shapely.Geometry:
     if feature.geometry == "Polygon":
         return shapely.Polygon(plane, [hole[:, :2] for hole in feature.holes])
     return _SHAPES[feature.geometry](plane[0] if feature.geometry == "Point" else plane)
-
-
-log = logging.getLogger(__name__)
-
-_WIDEST_FIRST = {ScopeLevel.REGION: 0, ScopeLevel.SOL: 1, ScopeLevel.STOP: 2}
-_NEAR_M = 2.0
-"""How far from the place a stop or tie point may be: about the length of a rover."""
-_MOST = 50
-_AREAS = (ProductKind.FOOTPRINTS, ProductKind.HAVENS, ProductKind.REGION_HAVENS)
-_NEARBY = (ProductKind.STOPS, ProductKind.TIE_POINTS, ProductKind.POINTING)
-
-
-@dataclass(frozen=True, slots=True)
-class LayerValue:
-    """The value of a raster's first band, true and in its unit, and those of the others."""
-
-    layer: Layer
-    value: float
-    sigma: float | None
-    label: str | None = None
-    """What the value stands for, where it is a class."""
-    bands: dict[str, float] = field(default_factory=dict)
-    """What all bands hold, the first among them, where they hold anything."""
-
-
-@dataclass(frozen=True, slots=True)
-class FeatureFound:
-    """A feature at or near a place."""
-
-    layer: Layer
-    id: str | None
-    distance_m: float
-    properties: dict[str, Any]
-
-
-@dataclass(frozen=True, slots=True)
-class Identified:
-    """All that is known of a place."""
-
-    values: tuple[LayerValue, ...] = ()
-    features: tuple[FeatureFound, ...] = field(default=())
-
-    @property
-    def elevation(self) -> LayerValue | None:
-        """The elevation from the most comprehensive terrain model that has one here.
-
-        That of the region is asked where no stop answers, and models of far ground last: close to
-        the stops others know better.
-        """
-        kinds = (ProductKind.DTM, ProductKind.REGION_DTM, ProductKind.FAR_DTM)
-        return next((v for kind in kinds for v in self.values if v.layer.ref.kind == kind), None)
-
-
-def identify(
-    layers: Sequence[Layer], east: float, north: float, store: ProductStore, pool: RasterPool
-) -> Identified:
-    """Values and features of `layers` at a place, metres of the local map.
-
-    A layer whose file is damaged or gone is logged and left out: the others still know the place.
-    """
-    ordered = sorted(layers, key=lambda layer: _WIDEST_FIRST.get(layer.ref.scope.level, 3))
-    values, features = [], []
-    for layer in ordered:
-        if not _near(layer.bounds, east, north):
-            continue
-        try:
-            if layer.type == "raster":
-                values += _value(layer, east, north, store, pool)
-            else:
-                features += _features(layer, east, north, store)
-        except ProductError as error:
-            log.warning("%s", error)
-    features.sort(key=lambda found: found.distance_m)
-    return Identified(tuple(values), tuple(features[:_MOST]))
-
-
-def _near(bounds: tuple[float, float, float, float], east: float, north: float) -> bool:
-    west, south, to_east, to_north = bounds
-    return (
-        west - _NEAR_M <= east <= to_east + _NEAR_M
-        and south - _NEAR_M <= north <= to_north + _NEAR_M
-    )
-
-
-def _value(
-    layer: Layer, east: float, north: float, store: ProductStore, pool: RasterPool
-) -> list[LayerValue]:
-    with pool.reading(store.address(layer.ref)) as dataset:
-        bands = values_in(dataset, east, north)
-        classes = class_names(dataset)
-    if not bands:
-        return []
-    first = next(iter(bands.values()))
-    sigma = bands.get("standard_deviation", math.nan)
-    if not math.isfinite(first):
-        return []
-    label = classes.get(round(first))
-    known = {name: value for name, value in bands.items() if math.isfinite(value)}
-    return [LayerValue(layer, first, sigma if math.isfinite(sigma) else None, label, known)]
-
-
-def _features(layer: Layer, east: float, north: float, store: ProductStore) -> list[FeatureFound]:
-    index = index_of(store.path(layer.ref))
-    if layer.ref.kind in _AREAS:
-        found = [(feature, 0.0) for feature in index.holding(east, north)]
-    elif layer.ref.kind in _NEARBY:
-        found = index.nearest(east, north, _NEAR_M)
-    else:
-        found = []
-    return [
-        FeatureFound(layer, feature.id, round(metres, 3), dict(feature.properties))
-        for feature, metres in found
-    ]
-
-
-_CELLS = 4_000_000
-"""Cells that are looked at; of larger windows an overview is read."""
-_PERCENT = (5.0, 25.0, 50.0, 75.0, 95.0)
 
 
 class ZonalQuestion(Question):
@@ -328,85 +360,3 @@ def _classes(zone: _Zone) -> list[ClassShare]:
         )
         for value, count in zip(found.tolist(), counts.tolist(), strict=True)
     ]
-
-
-class ValueHere(BaseModel):
-    """A raster layer's value at a place."""
-
-    id: str
-    scope: str
-    kind: str
-    title: str
-    value: float
-    sigma: float | None
-    unit: str | None
-    label: str | None
-    """What the value stands for, where it is a class: an image's name, a kind of ground."""
-    bands: dict[str, float] = {}
-    """All bands of the layer by name, such as standard deviation and observations."""
-
-
-class FeatureHere(BaseModel):
-    """A feature at or near a place."""
-
-    layer: str
-    kind: str
-    title: str
-    id: str | None
-    distance_m: float
-    properties: dict[str, Any]
-
-
-class Place(BaseModel):
-    """All that is known of a place: metres of the local map, degrees of Mars, layers, features."""
-
-    east: float
-    north: float
-    lon: float
-    lat: float
-    elevation_m: float | None
-    elevation_sigma_m: float | None
-    layers: list[ValueHere]
-    features: list[FeatureHere]
-
-
-def place_body(landing: LandingPoint, east: float, north: float, found: Identified) -> Place:
-    """A place and what was found there."""
-    longitude, latitude = (float(degrees[0]) for degrees in lon_lat(landing, east, north))
-    elevation = found.elevation
-    return Place(
-        east=east,
-        north=north,
-        lon=round(longitude, 9),
-        lat=round(latitude, 9),
-        elevation_m=elevation.value if elevation else None,
-        elevation_sigma_m=elevation.sigma if elevation else None,
-        layers=[_value_body(value) for value in found.values],
-        features=[_feature_body(feature) for feature in found.features],
-    )
-
-
-def _value_body(value: LayerValue) -> ValueHere:
-    layer = value.layer
-    return ValueHere(
-        id=layer.id,
-        scope=layer.ref.scope.name,
-        kind=str(layer.ref.kind),
-        title=layer.title,
-        value=value.value,
-        sigma=value.sigma,
-        label=value.label,
-        bands=value.bands,
-        unit=layer.unit,
-    )
-
-
-def _feature_body(found: FeatureFound) -> FeatureHere:
-    return FeatureHere(
-        layer=found.layer.id,
-        kind=str(found.layer.ref.kind),
-        title=found.layer.title,
-        id=found.id,
-        distance_m=found.distance_m,
-        properties=found.properties,
-    )

@@ -76,6 +76,15 @@ from solmap.products.model import ProductRef
 
 PixelHere = Annotated[float, Field(ge=-1, le=1e5)]
 ImageHere = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,127}$")]
+_MOST_TIES = 500
+_MOST_STANDING = 4
+"""Pairs of stops that are remembered as they stand, a few megabytes each."""
+_STANDING: OrderedDict[
+    tuple[Path, ProductRef, frozenset[StopId]],
+    tuple[Network, tuple[AdjustedNetwork, AdjustmentReport]],
+] = OrderedDict()
+_LOCK = threading.Lock()
+_STATUS = {USED: "used", BLUNDER: "blunder"}
 
 
 class Picked(Question):
@@ -177,9 +186,6 @@ def _side(
     return picked, place, eyes
 
 
-_MOST_TIES = 500
-
-
 class TiePoint(Question):
     """A point of an image as stored; of a pair, of its left image, with or without the right."""
 
@@ -264,16 +270,6 @@ class TrialAnswer(BaseModel):
     vetoed: int
     """Automatic observations dropped."""
     network: NetworkUsed
-
-
-_MOST_STANDING = 4
-"""Pairs of stops that are remembered as they stand, a few megabytes each."""
-_STANDING: OrderedDict[
-    tuple[Path, ProductRef, frozenset[StopId]],
-    tuple[Network, tuple[AdjustedNetwork, AdjustmentReport]],
-] = OrderedDict()
-_LOCK = threading.Lock()
-_STATUS = {USED: "used", BLUNDER: "blunder"}
 
 
 def tried(question: TrialQuestion, mission: OrientedMission) -> TrialAnswer:

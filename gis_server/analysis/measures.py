@@ -48,6 +48,8 @@ _STEEP_PLACES = 10_000
 _RIM_STEP_M = 0.1
 _STRETCH_M = 100.0
 """Length over which the direction of the meridian is found."""
+_USUAL_STATIONS = 1000
+"""Stations of a line whose step nobody chose; short lines have one a cell."""
 
 
 class LineQuestion(Question):
@@ -259,10 +261,6 @@ def used_in(read: GroundSamples, ground: Ground) -> list[LayerUsed]:
     """The terrain models that places were read from."""
     numbers_used = np.unique(read.source[read.source != NOWHERE]).tolist()
     return [LayerUsed.of(ground.models[k]) for k in numbers_used]
-
-
-_USUAL_STATIONS = 1000
-"""Stations of a line whose step nobody chose; short lines have one a cell."""
 
 
 class ProfileQuestion(Question):

@@ -44,6 +44,9 @@ from solmap.products.model import ProductRef
 
 MOST_PAIRS = 2000
 """Pairs and single images that one answer draws."""
+_FAR_M = 1e4
+"""How far away a point that has no place is taken to lie."""
+_STATUS = {USED: "used", BLUNDER: "blunder", UNUSED: "unused"}
 
 
 class StopNode(BaseModel):
@@ -250,11 +253,6 @@ def _pair_node(
 
 def _why(weak: Sequence[Weak], what: str) -> list[str]:
     return [one.why for one in weak if one.what == what]
-
-
-_FAR_M = 1e4
-"""How far away a point that has no place is taken to lie."""
-_STATUS = {USED: "used", BLUNDER: "blunder", UNUSED: "unused"}
 
 
 class ImageTie(BaseModel):

@@ -40,6 +40,9 @@ from solmap.products.model import Layer
 FARTHEST_M = 2000.0
 """Longest line of sight, and largest radius of a viewshed."""
 _MOST_STATIONS = 2000
+MOST_CELLS = 1_500_000
+"""Cells of a viewshed, a second of work; of larger areas the cells are doubled."""
+MOST_POLYGONS = 500
 
 
 class SightAnswer(BaseModel):
@@ -127,11 +130,6 @@ def raised(
             )
         elevation = found
     return np.array([*place, elevation + height_m])
-
-
-MOST_CELLS = 1_500_000
-"""Cells of a viewshed, a second of work; of larger areas the cells are doubled."""
-MOST_POLYGONS = 500
 
 
 @dataclass(frozen=True, slots=True, eq=False)

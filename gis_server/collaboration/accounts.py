@@ -114,8 +114,6 @@ class Requires:
 
 Analyst = Annotated[Token, Depends(Requires(Role.ANALYST))]
 Operator = Annotated[Token, Depends(Requires(Role.OPERATOR))]
-
-
 router = APIRouter(prefix="/api", tags=["account"])
 
 

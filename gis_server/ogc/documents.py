@@ -15,14 +15,6 @@ from solmap.products.features.collections import CollectionDefinition
 
 Link = dict[str, str]
 JSON, GEOJSON, HTML = "application/json", "application/geo+json", "text/html"
-
-
-def link(rel: str, href: str, media_type: str, title: str = "") -> Link:
-    """A link as OGC API has it."""
-    named = {"title": title} if title else {}
-    return {"rel": rel, "href": href, "type": media_type, **named}
-
-
 _FRAME = """<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><title>{title}</title>
 <meta name="viewport" content="width=device-width"><link rel="icon" href="data:,">
@@ -33,6 +25,12 @@ td,th{{border:1px solid #8886;padding:.2rem .5rem;text-align:left;font-size:13px
 {body}
 </body></html>
 """
+
+
+def link(rel: str, href: str, media_type: str, title: str = "") -> Link:
+    """A link as OGC API has it."""
+    named = {"title": title} if title else {}
+    return {"rel": rel, "href": href, "type": media_type, **named}
 
 
 def page(title: str, *parts: str) -> str:

@@ -55,6 +55,17 @@ _OPEN = ("", "..")
 _KNOWN = {"f", "crs", "bbox", "bbox-crs", "datetime", "sol", "limit", "offset"}
 _LONGEST = 256
 """Characters of the value of a property."""
+router = APIRouter(prefix="/ogc/{mission}", tags=["ogc features"])
+_PART_1 = "http://www.opengis.net/spec/ogcapi-features-1/1.0/conf"
+CONFORMANCE = (
+    f"{_PART_1}/core",
+    f"{_PART_1}/geojson",
+    f"{_PART_1}/html",
+    "http://www.opengis.net/spec/ogcapi-features-2/1.0/conf/crs",
+)
+QUERYABLES = "http://www.opengis.net/def/rel/ogc/1.0/queryables"
+CollectionId = Annotated[str, Path(pattern=r"^[a-z-]{1,64}$", examples=["tie-points"])]
+FeatureId = Annotated[str, Path(pattern=r"^[A-Za-z0-9_.-]{1,160}$")]
 
 
 @dataclass(frozen=True, slots=True)
@@ -202,20 +213,6 @@ def _times(text: str) -> tuple[str | None, str | None]:
 def _sols(text: str) -> tuple[int | None, int | None]:
     ends = [None if end is None else _whole("sol", end, 0, 0) for end in _span("sol", text)]
     return ends[0], ends[1]
-
-
-router = APIRouter(prefix="/ogc/{mission}", tags=["ogc features"])
-_PART_1 = "http://www.opengis.net/spec/ogcapi-features-1/1.0/conf"
-CONFORMANCE = (
-    f"{_PART_1}/core",
-    f"{_PART_1}/geojson",
-    f"{_PART_1}/html",
-    "http://www.opengis.net/spec/ogcapi-features-2/1.0/conf/crs",
-)
-QUERYABLES = "http://www.opengis.net/def/rel/ogc/1.0/queryables"
-
-CollectionId = Annotated[str, Path(pattern=r"^[a-z-]{1,64}$", examples=["tie-points"])]
-FeatureId = Annotated[str, Path(pattern=r"^[A-Za-z0-9_.-]{1,160}$")]
 
 
 def _collection(collection: CollectionId) -> CollectionDefinition:

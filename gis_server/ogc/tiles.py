@@ -9,7 +9,6 @@ and answered with 304 where the layer is still the same.
 from __future__ import annotations
 
 import hashlib
-from dataclasses import replace
 from http import HTTPStatus
 from typing import Annotated, Any, Literal
 
@@ -36,7 +35,6 @@ from solmap.gis_server.rendering.styles import (
     styles_of,
 )
 from solmap.gis_server.rendering.tiles import render_tile
-from solmap.gis_server.routes.looks import AskedLook
 from solmap.gis_server.services import Services, ServicesOf
 from solmap.products.catalogue.catalogue import MissionEntry
 from solmap.products.errors import ProductNotFoundError
@@ -44,6 +42,10 @@ from solmap.products.formats.raster.tiling import MAX_ZOOM, TileAddress
 from solmap.products.model import Layer, ProductKind
 
 Number = Annotated[int, Path(ge=0)]
+Known = Annotated[str, Header(alias="if-none-match", include_in_schema=False)]
+router = APIRouter(prefix="/ogc/{mission}", tags=["ogc tiles"])
+_PART = "http://www.opengis.net/spec/ogcapi-tiles-1/1.0/conf"
+_TILE = "/map/tiles/{tms}/{zoom}/{row}/{column}"
 
 
 def rasters(mission: str, services: Services) -> list[Layer]:
@@ -101,7 +103,6 @@ def _address(
 
 Matrix = Annotated[TileAddress, Depends(_address)]
 """Zoom, row and column, in the order of OGC."""
-Known = Annotated[str, Header(alias="if-none-match", include_in_schema=False)]
 
 
 def _known_tms(tms: str, mission: MissionName, services: ServicesOf) -> None:
@@ -112,24 +113,29 @@ KNOWN_TMS = Depends(_known_tms)
 """That the path names the mission's tile matrix set."""
 
 
+def in_style(style: str, query: StyleQuery) -> StyleQuery:
+    """The query in the style that the path names."""
+    return query if style == DEFAULT else query.model_copy(update={"style": style})
+
+
 def latest_tile(
-    layer: Layer, address: TileAddress, look: StyleQuery, services: Services, known: str
+    layer: Layer, address: TileAddress, query: StyleQuery, services: Services, known: str
 ) -> Response:
     """A tile, or that the client has it already.
 
     Args:
         layer: The latest version of a layer.
         address: The tile.
-        look: How to draw it.
+        query: How to draw it.
         services: Store and open rasters.
         known: What the client says it has (`If-None-Match`).
     """
-    drawn = hashlib.sha256(f"{address} {look}".encode()).hexdigest()[:16]
+    drawn = hashlib.sha256(f"{address} {query}".encode()).hexdigest()[:16]
     tag = f'"{layer.ref.digest}-{drawn}"'
     headers = {**AGAIN, "ETag": tag}
     if tag in known:
         return Response(status_code=HTTPStatus.NOT_MODIFIED, headers=headers)
-    body = render_tile(layer, address, services.store, services.pool, look)
+    body = render_tile(layer, address, services.store, services.pool, query)
     return Response(body, media_type="image/png", headers=headers)
 
 
@@ -140,8 +146,6 @@ def check_tms(tms: str, mission: MissionEntry) -> None:
         raise ProductNotFoundError(f"there is no tile matrix set {tms}; there is {known}")
 
 
-router = APIRouter(prefix="/ogc/{mission}", tags=["ogc tiles"])
-_PART = "http://www.opengis.net/spec/ogcapi-tiles-1/1.0/conf"
 CONFORMANCE = (
     *(f"{_PART}/{name}" for name in ("core", "tileset", "tilesets-list", "geodata-tilesets")),
     f"{_PART}/png",
@@ -163,8 +167,8 @@ def collections(mission: MissionEntry, services: Services, base: str) -> list[di
     return [collection_document(layer, mission, base) for layer in found]
 
 
-class _TileQuery(AskedLook):
-    """A look, and the format, of which there is one."""
+class _TileQuery(StyleQuery):
+    """A style, and the format, of which there is one."""
 
     f: Literal["png"] = "png"
 
@@ -212,9 +216,6 @@ def tileset(
     return _json(tileset_document(layer, entry.landing, style, base))
 
 
-_TILE = "/map/tiles/{tms}/{zoom}/{row}/{column}"
-
-
 @router.get(
     f"/collections/{{collection}}{_TILE}", response_class=Response, dependencies=[KNOWN_TMS]
 )
@@ -228,12 +229,11 @@ def tile(
     address: Matrix,
     services: ServicesOf,
     style: StyleName,
-    asked: Annotated[_TileQuery, Query()],
+    query: Annotated[_TileQuery, Query()],
     known: Known = "",
 ) -> Response:
     """A tile of the latest version of a layer."""
-    look = asked.look if style == DEFAULT else replace(asked.look, style=style)
-    return latest_tile(layer, address, look, services, known)
+    return latest_tile(layer, address, in_style(style, query), services, known)
 
 
 def _json(body: dict[str, Any]) -> JSONResponse:

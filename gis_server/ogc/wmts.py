@@ -15,7 +15,6 @@ the web, and the map of a landing site is in no authority's list. Scale denomina
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
 from functools import lru_cache
 from http import HTTPStatus
 from typing import Annotated, Any
@@ -30,6 +29,7 @@ from solmap.gis_server.ogc.tiles import (
     Raster,
     StyleName,
     check_tms,
+    in_style,
     latest_tile,
     raster_named,
     rasters,
@@ -37,7 +37,6 @@ from solmap.gis_server.ogc.tiles import (
 from solmap.gis_server.ogc.tilesets import collection_id, finest, legend_address, limits_at, tms_id
 from solmap.gis_server.parameters import AGAIN, BaseOf, MissionName
 from solmap.gis_server.rendering.styles import DEFAULT, StyleQuery, UnknownStyleError, styles_of
-from solmap.gis_server.routes.looks import AskedLook
 from solmap.gis_server.services import Services, ServicesOf
 from solmap.photogrammetry.terrain.dtm.grid import BLOCK, Bounds
 from solmap.products.catalogue.catalogue import MissionEntry
@@ -58,6 +57,9 @@ _XLINK = "http://www.w3.org/1999/xlink"
 _PIXEL_M = 0.00028
 _ZOOMS_OUT = 3
 """Zooms below that at which a layer fills one tile that it is offered at."""
+router = APIRouter(prefix="/ogc/{mission}/wmts", tags=["ogc tiles"])
+CONFORMANCE: tuple[str, ...] = ()
+_XML = "application/xml"
 for _prefix, _name in (("", _WMTS), ("ows", _OWS), ("xlink", _XLINK)):
     ET.register_namespace(_prefix, _name)
 
@@ -171,11 +173,6 @@ def _bytes(root: ET.Element) -> bytes:
     return bytes(ET.tostring(root, encoding="utf-8", xml_declaration=True))
 
 
-router = APIRouter(prefix="/ogc/{mission}/wmts", tags=["ogc tiles"])
-CONFORMANCE: tuple[str, ...] = ()
-_XML = "application/xml"
-
-
 class _RequestError(Exception):
     def __init__(self, code: str, text: str, locator: str) -> None:
         super().__init__(text)
@@ -206,12 +203,11 @@ def tile(
     style: StyleName,
     address: Matrix,
     services: ServicesOf,
-    asked: Annotated[AskedLook, Query()],
+    query: Annotated[StyleQuery, Query()],
     known: Known = "",
 ) -> Response:
     """A tile of the latest version of a layer."""
-    look = asked.look if style == DEFAULT else replace(asked.look, style=style)
-    return latest_tile(layer, address, look, services, known)
+    return latest_tile(layer, address, in_style(style, query), services, known)
 
 
 @router.get("", response_class=Response)
@@ -253,8 +249,8 @@ def _tile(mission: str, asked: Mapping[str, str], services: Services, known: str
         layer = raster_named(_given(asked, "layer"), mission, services)
         address = TileAddress(*(_number(asked, n) for n in ("tilematrix", "tilecol", "tilerow")))
         _check_format(asked)
-        look = StyleQuery(asked.get("style") or DEFAULT)
-        return latest_tile(layer, address, look, services, known)
+        query = StyleQuery.model_construct(style=asked.get("style") or DEFAULT)
+        return latest_tile(layer, address, query, services, known)
     except OutsideCoverageError as error:
         raise _RequestError("TileOutOfRange", str(error), "tilematrix") from error
     except (ProductNotFoundError, UnknownStyleError) as error:

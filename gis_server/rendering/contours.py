@@ -24,7 +24,7 @@ import numpy as np
 from rasterio.windows import Window
 
 from solmap.gis_server.rendering.reading import Patch, RasterPool
-from solmap.gis_server.rendering.styles import StyleQuery, UnknownStyleError
+from solmap.gis_server.rendering.styles import UnknownStyleError
 from solmap.photogrammetry.arrays import Raster
 from solmap.photogrammetry.terrain.dtm.grid import Bounds
 from solmap.photogrammetry.terrain.relief.contours import (
@@ -46,6 +46,9 @@ _LEVEL = 1e-6
 """Rise a pixel, in intervals, below which ground is level and has no contour."""
 _CROWDED = 1 / 3
 """Rise a pixel, in intervals, above which contours would touch."""
+_MOST_CELLS = 8_000_000
+"""Cells to trace at once: two seconds of a processor."""
+_MOST_LEVELS = 500
 
 
 def smoothing_m(cell_m: float) -> float:
@@ -58,10 +61,10 @@ def contour_margin(cell_m: float) -> int:
     return math.ceil(4.0 * smoothing_m(cell_m) / cell_m) + 1
 
 
-def interval_of(layer: Layer, look: StyleQuery) -> float:
+def interval_of(layer: Layer, asked_m: float | None) -> float:
     """The interval asked for, or one that suits the layer's relief."""
-    if look.interval_m is not None:
-        return look.interval_m
+    if asked_m is not None:
+        return asked_m
     low, high = layer.range or (0.0, 1.0)
     return interval_by_relief(np.array([low, high]), _PARAMS.contours_wanted)
 
@@ -89,11 +92,6 @@ def _cover(height: Raster) -> np.ndarray:
         spaced = np.where(is_index, rise / _PARAMS.index_every, rise) < _CROWDED
     drawn = (rise > _LEVEL) & spaced
     return cv2.convertScaleAbs(np.where(drawn, cover, np.float32(0)), alpha=255.0)
-
-
-_MOST_CELLS = 8_000_000
-"""Cells to trace at once: two seconds of a processor."""
-_MOST_LEVELS = 500
 
 
 def contours_in(

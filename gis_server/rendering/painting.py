@@ -44,20 +44,28 @@ _WIDEST = 128
 """Cells that a window may reach to either side: half a tile."""
 _LEVEL = np.float32(1e-6)
 """Gradient below which ground has no aspect: single precision."""
+_NOT_AVERAGED = {ProductKind.ASPECT, ProductKind.REGION_ASPECT} | {
+    kind for kind, style in STYLES.items() if style.is_classes
+}
+_SHADOW = 0.3
+"""What is left of a colour where no sun falls."""
+_AS_IT_IS = 128
+"""Shade that leaves a colour as it is; the brightest is twice that."""
+_COVER = bytes(range(256))
 
 
-def margin_of(look: StyleQuery, cell_m: float) -> int:
+def margin_of(query: StyleQuery, cell_m: float) -> int:
     """Cells that a window reaches to either side.
 
     Raises:
         UnknownLookError: it is too wide for a tile.
     """
-    if look.baseline_m is None:
+    if query.baseline is None:
         return 1
-    half = max(1, round((look.baseline_m / cell_m - 1) / 2))
+    half = max(1, round((query.baseline / cell_m - 1) / 2))
     if half > _WIDEST:
         raise UnknownStyleError(
-            f"a baseline of {look.baseline_m:g} m is {2 * half + 1} cells of {cell_m:g} m; ask for "
+            f"a baseline of {query.baseline:g} m is {2 * half + 1} cells of {cell_m:g} m; ask for "
             f"one below {2 * _WIDEST * cell_m:g} m or for a tile of a lower zoom"
         )
     return half
@@ -70,10 +78,10 @@ def gradient_of(elevation: Raster, cell_m: float, half: int) -> Gradients:
     return window_gradients(elevation, cell_m, (2 * half + 1) * cell_m)
 
 
-def hillshade(gradient: Gradients, look: StyleQuery) -> Raster:
+def hillshade(gradient: Gradients, query: StyleQuery) -> Raster:
     """Cosine of the sun's incidence, 0 to 1: 0 where the ground turns away from the sun."""
-    azimuth, elevation = math.radians(look.azimuth_deg), math.radians(look.elevation_deg)
-    g_e, g_n = gradient * np.float32(look.exaggeration)
+    azimuth, elevation = math.radians(query.azimuth), math.radians(query.elevation)
+    g_e, g_n = gradient * np.float32(query.exaggeration)
     across = np.float32(math.cos(elevation) * math.sin(azimuth))
     along = np.float32(math.cos(elevation) * math.cos(azimuth))
     light = np.float32(math.sin(elevation)) - across * g_e - along * g_n
@@ -81,12 +89,12 @@ def hillshade(gradient: Gradients, look: StyleQuery) -> Raster:
     return np.clip(light, 0.0, 1.0)
 
 
-def slope(gradient: Gradients, _look: StyleQuery) -> Raster:
+def slope(gradient: Gradients, _query: StyleQuery) -> Raster:
     """Degrees from the horizontal."""
     return np.degrees(np.arctan(np.hypot(*gradient)))
 
 
-def aspect(gradient: Gradients, _look: StyleQuery) -> Raster:
+def aspect(gradient: Gradients, _query: StyleQuery) -> Raster:
     """Azimuth in which the ground falls, degrees clockwise from north; NaN where level."""
     g_e, g_n = gradient
     azimuth = np.degrees(np.arctan2(-g_e, -g_n))
@@ -95,15 +103,15 @@ def aspect(gradient: Gradients, _look: StyleQuery) -> Raster:
     return azimuth
 
 
-def northerly_tilt(gradient: Gradients, _look: StyleQuery) -> Raster:
+def northerly_tilt(gradient: Gradients, _query: StyleQuery) -> Raster:
     """Tilt towards north in degrees, positive where the ground faces north."""
     g_e, g_n = gradient
     return np.degrees(np.arctan(-g_n / np.sqrt(np.float32(1.0) + g_e * g_e)))
 
 
-def north_facing(tilt: Raster, look: StyleQuery) -> Raster:
+def north_facing(tilt: Raster, query: StyleQuery) -> Raster:
     """Tilt towards north where it reaches the threshold, NaN elsewhere."""
-    return np.where(tilt >= np.float32(look.threshold_deg), tilt, np.float32(np.nan))
+    return np.where(tilt >= np.float32(query.threshold), tilt, np.float32(np.nan))
 
 
 OF_TERRAIN: dict[str, Callable[[Gradients, StyleQuery], Raster]] = {
@@ -111,19 +119,9 @@ OF_TERRAIN: dict[str, Callable[[Gradients, StyleQuery], Raster]] = {
     "slope": slope,
     "aspect": aspect,
     "northerly-tilt": northerly_tilt,
-    "north-facing": lambda gradient, look: north_facing(northerly_tilt(gradient, look), look),
+    "north-facing": lambda gradient, query: north_facing(northerly_tilt(gradient, query), query),
 }
 """What follows from the gradient, by the name of the style."""
-
-
-_NOT_AVERAGED = {ProductKind.ASPECT, ProductKind.REGION_ASPECT} | {
-    kind for kind, style in STYLES.items() if style.is_classes
-}
-_SHADOW = 0.3
-"""What is left of a colour where no sun falls."""
-_AS_IT_IS = 128
-"""Shade that leaves a colour as it is; the brightest is twice that."""
-_COVER = bytes(range(256))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -132,7 +130,7 @@ class Canvas:
 
     layer: Layer
     address: TileAddress
-    look: StyleQuery
+    query: StyleQuery
     style: TileStyle
     dataset: rasterio.DatasetReader
 
@@ -173,7 +171,7 @@ def band_index(layer: Layer, dataset: rasterio.DatasetReader, name: str) -> int:
 
 
 def painter_of(
-    layer: Layer, look: StyleQuery, style: TileStyle
+    layer: Layer, query: StyleQuery, style: TileStyle
 ) -> Callable[[Canvas], bytes | None]:
     """How a layer is painted in a style; a painter returns None where nothing was measured."""
     kind = layer.ref.kind
@@ -182,7 +180,7 @@ def painter_of(
     if kind in PICTURES:
         return _paint_classes if style.is_classes else _paint_picture
     if kind in ELEVATIONS:
-        return _OF_TERRAIN.get(look.style, _paint_values)
+        return _OF_TERRAIN.get(query.style, _paint_values)
     return _paint_values
 
 
@@ -223,20 +221,20 @@ def _paint_values(canvas: Canvas) -> bytes | None:
     if patch is None:
         return None
     values = patch.tile(patch.values)
-    if canvas.look.style == "north-facing":
-        values = north_facing(values, canvas.look)
+    if canvas.query.style == "north-facing":
+        values = north_facing(values, canvas.query)
     return canvas.coloured(values)
 
 
 def _paint_terrain(canvas: Canvas) -> bytes | None:
     """What follows from the gradient."""
-    half = margin_of(canvas.look, canvas.cell_m)
+    half = margin_of(canvas.query, canvas.cell_m)
     patch = canvas.patch(half)
     if patch is None:
         return None
     gradient = gradient_of(patch.values, patch.cell_m, half)
     inner = np.ascontiguousarray(patch.tile(gradient))
-    return canvas.coloured(OF_TERRAIN[canvas.look.style](inner, canvas.look))
+    return canvas.coloured(OF_TERRAIN[canvas.query.style](inner, canvas.query))
 
 
 def _paint_shaded(canvas: Canvas) -> bytes | None:
@@ -247,8 +245,8 @@ def _paint_shaded(canvas: Canvas) -> bytes | None:
     indices = indices_of(patch.tile(patch.values), *range_of(canvas.style, canvas.layer))
     if not indices.any():
         return None
-    light = hillshade(patch.tile(gradient_of(patch.values, patch.cell_m, 1)), canvas.look)
-    level = max(math.sin(math.radians(canvas.look.elevation_deg)), _SHADOW)
+    light = hillshade(patch.tile(gradient_of(patch.values, patch.cell_m, 1)), canvas.query)
+    level = max(math.sin(math.radians(canvas.query.elevation)), _SHADOW)
     shares = _SHADOW + (1 - _SHADOW) / level * np.where(np.isnan(light), np.float32(level), light)
     shades = cv2.convertScaleAbs(shares, alpha=_AS_IT_IS)
     colours = palette_of(canvas.style.colours)[indices]
@@ -263,7 +261,7 @@ def _paint_contours(canvas: Canvas) -> bytes | None:
     patch = canvas.patch(contour_margin(canvas.cell_m), border=1)
     if patch is None:
         return None
-    cover = contour_cover(patch, interval_of(canvas.layer, canvas.look))
+    cover = contour_cover(patch, interval_of(canvas.layer, canvas.query.interval))
     palette = np.broadcast_to(palette_of(canvas.style.colours)[1], (256, 3))
     return indexed_png(cover, palette, _COVER) if cover.any() else None
 

@@ -21,6 +21,9 @@ from isal import isal_zlib
 
 _FAST = 1
 _ZLIB_BITS, _GZIP_BITS = 15, 31
+_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+_UP = 2
+_INDEXED, _TRUE_COLOUR = 3, 2
 
 
 def zlib_stream(data: bytes) -> bytes:
@@ -36,11 +39,6 @@ def gzip_stream(data: bytes) -> bytes:
 def gunzipped(stream: bytes) -> bytes:
     """What a gzip stream holds."""
     return isal_zlib.decompress(stream, _GZIP_BITS)
-
-
-_SIGNATURE = b"\x89PNG\r\n\x1a\n"
-_UP = 2
-_INDEXED, _TRUE_COLOUR = 3, 2
 
 
 def indexed_png(indices: np.ndarray, palette: np.ndarray, opacity: bytes = b"\x00") -> bytes:

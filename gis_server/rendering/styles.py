@@ -1,31 +1,24 @@
-"""How each kind of raster is coloured, what else is drawn of it, and the legend that says so.
+"""How rasters are coloured: colour ramps, the styles of every kind of raster, and their legends.
 
 The range of a style is fixed where the quantity has one of its own (slope, aspect, hillshade), so
 that a colour means the same on every sol, and the layer's otherwise. What is drawn of a terrain
-model beside its elevation is computed for every tile (`rendering.shading`).
-
-Colour ramps, palettes and the index of a value in them.
+model beside its elevation is computed for every tile (`rendering.painting`).
 
 Index 0 of a palette is transparent (not measured), 1 to 255 run from the low to the high end of
 a range. viridis and inferno rise in lightness and read well without colour vision; twilight is
 cyclic, so that directions of 359 and 1 degrees look alike; red-blue is light in the middle.
-
-How somebody wants to see a layer: which of its styles, and with what sun, colours and limits.
-
-A legend as a picture, for clients that show no other.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any
+from typing import Annotated
 
 import cv2
 import numpy as np
-from pydantic import BaseModel
+from pydantic import BaseModel, ConfigDict, Field
 
-from solmap.gis_server.rendering.styles import PICTURES, STYLES, legend_of, range_of
 from solmap.products.errors import ProductNotFoundError
 from solmap.products.formats.raster.cog import RasterClass
 from solmap.products.formats.raster.raster import HAZARD_CLASSES, VISIBILITY_CLASSES
@@ -195,72 +188,78 @@ def range_of(style: TileStyle, layer: Layer) -> tuple[float, float]:
     return (low, high) if high > low else (low - 0.5, low + 0.5)
 
 
-def legend_of(layer: Layer, style: TileStyle | None = None) -> dict[str, Any] | None:
-    """Value and colour along the range, for what needs explaining; by default the kind's style."""
-    style = style or STYLES.get(layer.ref.kind)
-    if style is None or not style.has_legend:
-        return None
-    if style.is_classes:
-        named = [{"name": one.name, "colour": one.colour} for one in style.classes]
-        return {"stops": [], "unit": "", "classes": named}
-    values = np.linspace(*range_of(style, layer), len(style.colours))
-    stops = [[round(float(v), 3), colour] for v, colour in zip(values, style.colours, strict=True)]
-    return {"stops": stops, "unit": style.unit or layer.unit or ""}
-
-
 class UnknownStyleError(Exception):
-    """A layer cannot be shown as somebody asked for."""
+    """A layer has no such style, or the style no such colours, range or interval."""
 
 
-@dataclass(frozen=True, slots=True)
-class StyleQuery:
-    """What was asked for; the defaults are those of the layers that are made once."""
-
-    style: str = DEFAULT
-    colours: str | None = None
-    """Name of a ramp; the style's own by default."""
-    low: float | None = None
-    """Value of the first colour, in the layer's unit; the style's own by default."""
-    high: float | None = None
-    azimuth_deg: float = 315.0
-    """Of the sun, clockwise from north. North-west, as on printed maps."""
-    elevation_deg: float = 45.0
-    """Of the sun above the horizon."""
-    exaggeration: float = 1.0
-    """Factor on heights, for shading only."""
-    threshold_deg: float = 5.0
-    """Tilt towards north from which on ground counts as facing north."""
-    baseline_m: float | None = None
-    """Length over which a slope is felt; three of the tile's cells by default."""
-    interval_m: float | None = None
-    """Between contours; chosen by the layer's range by default."""
+_NAME = r"^[a-z-]{1,32}$"
+_Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 
-def resolve_style(layer: Layer, look: StyleQuery) -> TileStyle:
+class StyleQuery(BaseModel):
+    """Style of a tile, its colours and its light, named as in the tile's address.
+
+    The defaults are those of the layers that are made once. A style ignores what it has no use for.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    style: Annotated[str, Field(pattern=_NAME)] = DEFAULT
+    colours: Annotated[str | None, Field(pattern=_NAME, description="name of a ramp")] = None
+    """The style's own by default."""
+    low: Annotated[_Finite | None, Field(description="value of the first colour")] = None
+    """In the layer's unit; the style's own by default."""
+    high: Annotated[_Finite | None, Field(description="value of the last colour")] = None
+    azimuth: Annotated[
+        _Finite, Field(ge=-360, le=360, description="of the sun, degrees clockwise from north")
+    ] = 315.0
+    """North-west, as on printed maps."""
+    elevation: Annotated[
+        _Finite, Field(ge=0, le=90, description="of the sun above the horizon, degrees")
+    ] = 45.0
+    exaggeration: Annotated[_Finite, Field(gt=0, le=100, description="of heights, in shading")] = (
+        1.0
+    )
+    threshold: Annotated[
+        _Finite, Field(ge=-90, le=90, description="least tilt towards north, degrees")
+    ] = 5.0
+    """From which on ground counts as facing north."""
+    baseline: Annotated[
+        _Finite | None, Field(gt=0, le=100, description="length over which slope is felt, metres")
+    ] = None
+    """Three of the tile's cells by default."""
+    interval: Annotated[
+        _Finite | None, Field(ge=0.001, le=1000, description="between contours, metres")
+    ] = None
+    """Chosen by the layer's range by default."""
+
+
+def resolve_style(layer: Layer, query: StyleQuery) -> TileStyle:
     """The style of a layer with the colours and range that were asked for.
 
     Raises:
         ProductNotFoundError: the layer has no tiles.
-        UnknownLookError: it has no such style, or there are no such colours.
+        UnknownStyleError: it has no such style, or there are no such colours.
     """
     styles = styles_of(layer.ref.kind)
-    if look.style not in styles:
-        raise UnknownStyleError(f"{layer.id} has no style {look.style}; it has {', '.join(styles)}")
-    style = styles[look.style]
-    if look.colours is None and look.low is None and look.high is None:
+    if query.style not in styles:
+        known = ", ".join(styles)
+        raise UnknownStyleError(f"{layer.id} has no style {query.style}; it has {known}")
+    style = styles[query.style]
+    if query.colours is None and query.low is None and query.high is None:
         return style
     if style.is_classes or style.is_colour:
         raise UnknownStyleError(
             f"{layer.id} has colours of its own: leave out colours, low and high"
         )
     low, high = range_of(style, layer)
-    ends = low if look.low is None else look.low, high if look.high is None else look.high
+    ends = low if query.low is None else query.low, high if query.high is None else query.high
     if not ends[0] < ends[1]:
         raise UnknownStyleError(
             f"low={ends[0]:g} is not below high={ends[1]:g}; the range of {layer.id} is {low:g} to "
             f"{high:g}"
         )
-    return replace(style, colours=_ramp_of(look.colours, style), range=ends)
+    return replace(style, colours=_ramp_of(query.colours, style), range=ends)
 
 
 def _ramp_of(name: str | None, style: TileStyle) -> tuple[str, ...]:
@@ -271,6 +270,34 @@ def _ramp_of(name: str | None, style: TileStyle) -> tuple[str, ...]:
     return RAMPS[name]
 
 
+class LegendClass(BaseModel):
+    """A class of ground and its colour."""
+
+    name: str
+    colour: str
+
+
+class Legend(BaseModel):
+    """Values and their colours, or classes and theirs."""
+
+    stops: list[tuple[float, str]]
+    unit: str
+    classes: list[LegendClass] = []
+
+
+def legend_of(layer: Layer, style: TileStyle | None = None) -> Legend | None:
+    """Value and colour along the range, for what needs explaining; by default the kind's style."""
+    style = style or STYLES.get(layer.ref.kind)
+    if style is None or not style.has_legend:
+        return None
+    if style.is_classes:
+        named = [LegendClass(name=one.name, colour=one.colour) for one in style.classes]
+        return Legend(stops=[], unit="", classes=named)
+    values = np.linspace(*range_of(style, layer), len(style.colours)).tolist()
+    stops = [(round(v, 3), colour) for v, colour in zip(values, style.colours, strict=True)]
+    return Legend(stops=stops, unit=style.unit or layer.unit or "")
+
+
 _BAR, _ROW, _TOP, _WIDTH = 24, 22, 30, 220
 _INK, _PAPER = (40, 40, 40), 255
 _FONT, _SIZE = cv2.FONT_HERSHEY_SIMPLEX, 0.42
@@ -278,12 +305,12 @@ _FONT, _SIZE = cv2.FONT_HERSHEY_SIMPLEX, 0.42
 
 def draw_legend(layer: Layer, style: TileStyle) -> bytes:
     """PNG of the colours of a style with their values or the names of their classes."""
-    legend = legend_of(layer, style) or {"stops": [], "unit": "", "classes": []}
-    classes = [(one["name"], one["colour"]) for one in legend.get("classes", [])]
-    stops = [(f"{value:.5g}", colour) for value, colour in reversed(legend["stops"])]
+    legend = legend_of(layer, style) or Legend(stops=[], unit="")
+    classes = [(one.name, one.colour) for one in legend.classes]
+    stops = [(f"{value:.5g}", colour) for value, colour in reversed(legend.stops)]
     rows = stops or classes
     picture = np.full((_TOP + _ROW * max(1, len(rows)) + 8, _WIDTH, 3), _PAPER, np.uint8)
-    unit = f" ({legend['unit']})" if legend["unit"] else ""
+    unit = f" ({legend.unit})" if legend.unit else ""
     _write(picture, f"{style.title or layer.ref.kind}{unit}", 8, 18)
     for number, (text, colour) in enumerate(rows):
         top = _TOP + _ROW * number
@@ -305,18 +332,3 @@ def _blend(picture: np.ndarray, style: TileStyle, count: int) -> None:
 
 def _write(picture: np.ndarray, text: str, left: int, base: int) -> None:
     cv2.putText(picture, text, (left, base), _FONT, _SIZE, _INK, 1, cv2.LINE_AA)
-
-
-class LegendClass(BaseModel):
-    """A class of ground and its colour."""
-
-    name: str
-    colour: str
-
-
-class Legend(BaseModel):
-    """Values and their colours, or classes and theirs."""
-
-    stops: list[tuple[float, str]]
-    unit: str
-    classes: list[LegendClass] = []

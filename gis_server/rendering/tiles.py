@@ -55,6 +55,12 @@ _MAGIC = b"SMV1"
 _STEPS = 65534
 """From k = 1 to k = 65535."""
 _COARSEST_EXPONENT, _FINEST_EXPONENT = 100, -40
+PLAIN = StyleQuery()
+"""Every layer as it is shown by default."""
+_SHADES = 256
+"""A gradient is felt to this part of 1: what a shade of grey shows."""
+_COLOURS = 4096
+"""Steps that a stretch of a layer's range is good for."""
 
 
 def encode_values(values: np.ndarray, finest: float) -> bytes:
@@ -106,20 +112,12 @@ def decode_values(body: bytes) -> np.ndarray:
     return np.where(steps > 0, offset + step * steps, np.nan).astype(np.float32)
 
 
-PLAIN = StyleQuery()
-"""Every layer as it is shown by default."""
-_SHADES = 256
-"""A gradient is felt to this part of 1: what a shade of grey shows."""
-_COLOURS = 4096
-"""Steps that a stretch of a layer's range is good for."""
-
-
 def render_tile(
     layer: Layer,
     address: TileAddress,
     store: ProductStore,
     pool: RasterPool,
-    look: StyleQuery = PLAIN,
+    query: StyleQuery = PLAIN,
 ) -> bytes:
     """The PNG of a tile; transparent where nothing was measured.
 
@@ -127,12 +125,12 @@ def render_tile(
         ProductNotFoundError: the layer has no tiles.
         UnknownLookError: it cannot be shown like that.
     """
-    style = resolve_style(layer, look)
-    paint = painter_of(layer, look, style)
+    style = resolve_style(layer, query)
+    paint = painter_of(layer, query, style)
     if not overlap(layer.bounds, address.bounds):
         return empty_tile()
     with pool.reading(store.address(layer.ref)) as dataset:
-        return paint(Canvas(layer, address, look, style, dataset)) or empty_tile()
+        return paint(Canvas(layer, address, query, style, dataset)) or empty_tile()
 
 
 @lru_cache(maxsize=1)

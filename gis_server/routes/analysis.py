@@ -66,6 +66,31 @@ from solmap.photogrammetry.terrain.visibility.viewshed import ViewshedParams
 from solmap.products.crs import local_crs
 from solmap.products.formats.raster.raster import VISIBILITY_CLASSES, write_classes, write_raster
 
+router = APIRouter(prefix="/api/missions/{mission}", tags=["analysis"])
+_VIEWSHED = ViewshedParams()
+Height = Annotated[float, Query(ge=0, le=100, description="above the ground, metres")]
+Elevation = Annotated[
+    float | None, Query(ge=-1e5, le=1e5, description="of the ground, where the map knows none")
+]
+LayerId = Annotated[str, Query(max_length=200, description="a terrain model, or `best`")]
+Unseen = Annotated[
+    float, Query(ge=0, le=FARTHEST_M, description="longest unmapped stretch that is looked over")
+]
+_DRIVING = DrivingParams()
+LONGEST_DRIVE_M = 500.0
+Farthest = Annotated[float, Query(gt=0, le=LONGEST_DRIVE_M, description="longest way, metres")]
+Gap = Annotated[
+    float,
+    Query(ge=0, le=5, description="unknown ground less wide than this is driven over, metres"),
+]
+Stand = Annotated[
+    float, Query(ge=0, le=10, description="unknown ground so near the start is safe, metres")
+]
+Interval = Annotated[
+    float, Query(ge=0.1, le=LONGEST_DRIVE_M, description="of driving, between isochrones, metres")
+]
+Speed = Annotated[float, Query(gt=0, le=1000, description="metres an hour")]
+
 
 def geotiff(name: str, write: Callable[[Path], None]) -> Response:
     """A GeoTIFF to be kept as `name`, as `write` writes it to a path."""
@@ -75,9 +100,6 @@ def geotiff(name: str, write: Callable[[Path], None]) -> Response:
         body = path.read_bytes()
     disposition = {"content-disposition": f'attachment; filename="{name}"'}
     return Response(body, media_type="image/tiff", headers={**AGAIN, **disposition})
-
-
-router = APIRouter(prefix="/api/missions/{mission}", tags=["analysis"])
 
 
 def ground_of(mission: str, asked: str, services: Services) -> Ground:
@@ -141,17 +163,6 @@ def zonal_statistics(
         if layer.id == question.layer:
             return zonal(question, layer, services.store, services.pool)
     raise UnanswerableError(f"{question.layer} is no layer of {mission}; /layers lists them")
-
-
-_VIEWSHED = ViewshedParams()
-Height = Annotated[float, Query(ge=0, le=100, description="above the ground, metres")]
-Elevation = Annotated[
-    float | None, Query(ge=-1e5, le=1e5, description="of the ground, where the map knows none")
-]
-LayerId = Annotated[str, Query(max_length=200, description="a terrain model, or `best`")]
-Unseen = Annotated[
-    float, Query(ge=0, le=FARTHEST_M, description="longest unmapped stretch that is looked over")
-]
 
 
 def _seen(  # noqa: PLR0913 - the query
@@ -222,22 +233,6 @@ def sight(  # noqa: PLR0913 - the query
     eye = End((east, north), elevation, eye_m)
     target = End((to_east, to_north), to_elevation, target_m)
     return line_of_sight(eye, target, max_unseen_m, ground)
-
-
-_DRIVING = DrivingParams()
-LONGEST_DRIVE_M = 500.0
-Farthest = Annotated[float, Query(gt=0, le=LONGEST_DRIVE_M, description="longest way, metres")]
-Gap = Annotated[
-    float,
-    Query(ge=0, le=5, description="unknown ground less wide than this is driven over, metres"),
-]
-Stand = Annotated[
-    float, Query(ge=0, le=10, description="unknown ground so near the start is safe, metres")
-]
-Interval = Annotated[
-    float, Query(ge=0.1, le=LONGEST_DRIVE_M, description="of driving, between isochrones, metres")
-]
-Speed = Annotated[float, Query(gt=0, le=1000, description="metres an hour")]
 
 
 def _drives(  # noqa: PLR0913 - the query

@@ -51,6 +51,19 @@ from solmap.products.store.product_store import ProductStore
 
 _RANGE = re.compile(r"bytes=(\d*)-(\d*)$", re.ASCII)
 _UNSATISFIABLE = 416
+router = APIRouter()
+MEDIA_TYPES = {
+    ".tif": "image/tiff; application=geotiff; profile=cloud-optimized",
+    ".geojson": "application/geo+json",
+    ".glb": "model/gltf-binary",
+    ".3tz": "application/vnd.maxar.archive.3tz+zip",
+}
+Program = Literal["gdal", "qgis", "pystac", "browser"]
+VectorForm = Annotated[
+    Literal["geojson", "gpkg"], Query(alias="f", description="of features; rasters are GeoTIFF")
+]
+ItemName = Annotated[str, PathParameter(pattern=r"^[a-z0-9][a-z0-9_.-]{0,191}$")]
+Suffix = Annotated[str, PathParameter(pattern=r"^[a-z0-9]{1,8}$")]
 
 
 def product_response(
@@ -104,19 +117,6 @@ def _asked(request: Request, size: int, tag: str) -> tuple[int, int] | None:
             headers={"content-range": f"bytes */{size}"},
         )
     return start, end
-
-
-router = APIRouter()
-MEDIA_TYPES = {
-    ".tif": "image/tiff; application=geotiff; profile=cloud-optimized",
-    ".geojson": "application/geo+json",
-    ".glb": "model/gltf-binary",
-    ".3tz": "application/vnd.maxar.archive.3tz+zip",
-}
-Program = Literal["gdal", "qgis", "pystac", "browser"]
-VectorForm = Annotated[
-    Literal["geojson", "gpkg"], Query(alias="f", description="of features; rasters are GeoTIFF")
-]
 
 
 class Address(BaseModel):
@@ -269,10 +269,6 @@ def download(layer: LayerPath, services: ServicesOf, request: Request) -> Respon
     media_type = MEDIA_TYPES.get(suffix, "application/octet-stream")
     name = f"{layer.ref.scope.name}_{layer.ref.kind}_{layer.ref.digest}{suffix}"
     return product_response(layer.ref, services.store, request, media_type, name)
-
-
-ItemName = Annotated[str, PathParameter(pattern=r"^[a-z0-9][a-z0-9_.-]{0,191}$")]
-Suffix = Annotated[str, PathParameter(pattern=r"^[a-z0-9]{1,8}$")]
 
 
 @router.get("/stac/catalog.json", tags=["stac"])

@@ -31,9 +31,7 @@ from solmap.gis_server.rendering.styles import (
     resolve_style,
     styles_of,
 )
-from solmap.gis_server.routes.looks import AskedLook
 from solmap.gis_server.services import Services, ServicesOf
-from solmap.photogrammetry.terrain.dtm.grid import Bounds
 from solmap.products.catalogue.layer_versions import (
     solutions_behind,
     solutions_of_mission,
@@ -50,6 +48,14 @@ router = APIRouter(prefix="/api/layers", tags=["layers"])
 _MOST_AT_ONCE = 20_000
 """Features: some 30 MB."""
 AskedNames = Annotated[tuple[str, ...], Query(max_length=200)]
+_ZOOMS_OUT = 3
+"""Zooms below that at which a layer fills one tile: there it is 32 pixels, then a dot."""
+_RUNS = 500
+Drawn = Annotated[StyleQuery, Query()]
+Interval = Annotated[
+    float | None,
+    Query(ge=0.001, le=1000, allow_inf_nan=False, description="metres; by the relief by default"),
+]
 
 
 @router.get("/{scope}/{kind}/{digest}/features.geojson", response_class=JSONResponse)
@@ -98,10 +104,6 @@ def provenance(layer: LayerPath, services: ServicesOf, response: Response) -> di
     return services.store.provenance(layer.ref)
 
 
-_ZOOMS_OUT = 3
-"""Zooms below that at which a layer fills one tile: there it is 32 pixels, then a dot."""
-
-
 class MapLayer(BaseModel):
     """A layer of the map and the addresses of its parts."""
 
@@ -112,7 +114,7 @@ class MapLayer(BaseModel):
     digest: str
     title: str
     type: Literal["raster", "vector"]
-    bounds: Bounds
+    bounds: tuple[float, float, float, float]
     cell_m: float | None
     minzoom: int
     maxzoom: int
@@ -157,7 +159,7 @@ def layer_body(layer: Layer) -> MapLayer:
         values=_values_of(layer, place) if style else None,
         styles=f"/api/layers/{place}/styles" if style else None,
         features=f"/api/layers/{place}/features.geojson" if is_vector else None,
-        legend=Legend.model_validate(legend) if (legend := legend_of(layer)) else None,
+        legend=legend_of(layer),
         download=f"/download/{place}",
         provenance=f"/api/layers/{place}/provenance",
     )
@@ -166,9 +168,6 @@ def layer_body(layer: Layer) -> MapLayer:
 def _values_of(layer: Layer, place: str) -> str | None:
     is_picture = layer.ref.kind in PICTURES
     return None if is_picture else f"/tiles/{place}/{{z}}/{{x}}/{{y}}.values"
-
-
-_RUNS = 500
 
 
 class SolutionBehind(BaseModel):
@@ -272,13 +271,6 @@ def _run_at(made_at: str, runs: list[Run]) -> RunBehind | None:
     return None
 
 
-Asked = Annotated[AskedLook, Query()]
-Interval = Annotated[
-    float | None,
-    Query(ge=0.001, le=1000, allow_inf_nan=False, description="metres; by the relief by default"),
-]
-
-
 class NamedStyle(BaseModel):
     """A style of a layer."""
 
@@ -303,19 +295,19 @@ def styles(layer: LayerPath, response: Response) -> Styles:
 
 
 @router.get("/{scope}/{kind}/{digest}/legend")
-def legend(layer: LayerPath, asked: Asked, response: Response) -> Legend:
+def legend(layer: LayerPath, query: Drawn, response: Response) -> Legend:
     """Values and colours of the layer's tiles when they are asked for with the same query."""
     response.headers.update(FOREVER)
-    found = legend_of(layer, resolve_style(layer, asked.look))
+    found = legend_of(layer, resolve_style(layer, query))
     if found is None:
-        raise ProductNotFoundError(f"{layer.id} needs no legend in the style {asked.style}")
-    return Legend.model_validate(found)
+        raise ProductNotFoundError(f"{layer.id} needs no legend in the style {query.style}")
+    return found
 
 
 @router.get("/{scope}/{kind}/{digest}/legend.png", response_class=Response)
-def legend_picture(layer: LayerPath, asked: Asked) -> Response:
+def legend_picture(layer: LayerPath, query: Drawn) -> Response:
     """The legend as a picture."""
-    body = draw_legend(layer, resolve_style(layer, asked.look))
+    body = draw_legend(layer, resolve_style(layer, query))
     return Response(body, media_type="image/png", headers=FOREVER)
 
 
@@ -326,7 +318,7 @@ def contours(
     """Contours of a terrain model at any interval, in metres of the local map."""
     if layer.ref.kind not in ELEVATIONS:
         raise ProductNotFoundError(f"{layer.id} is no terrain model: it has no contours")
-    interval_m = interval_of(layer, StyleQuery(interval_m=interval))
+    interval_m = interval_of(layer, interval)
     found = contours_in(layer, interval_m, bounds, services.store, services.pool)
     landing = services.catalogue.mission(layer.mission).landing
     body = local_geojson(FeatureCollection(landing, tuple(found), {}))
@@ -335,6 +327,4 @@ def contours(
 
 
 def _named(layer: Layer, name: str, style: TileStyle) -> NamedStyle:
-    legend = legend_of(layer, style)
-    body = None if legend is None else Legend.model_validate(legend)
-    return NamedStyle(style=name, title=style.title or layer.title, legend=body)
+    return NamedStyle(style=name, title=style.title or layer.title, legend=legend_of(layer, style))

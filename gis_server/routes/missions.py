@@ -24,7 +24,6 @@ from pydantic import BaseModel, TypeAdapter
 from solmap.gis_server.analysis.layer_values import (
     Place,
     identify,
-    place_body,
 )
 from solmap.gis_server.parameters import AGAIN, LAST_SOL, Metres, MissionName
 from solmap.gis_server.routes.layers import MapLayer, layer_body
@@ -39,6 +38,13 @@ from solmap.products.reports.sol_report import sol_report
 
 _NO_LAYERS: Bounds = (-50.0, -50.0, 50.0, 50.0)
 """Shown of a mission with nothing on its map yet, metres."""
+_FAST = 5
+"""Of gzip: twice as fast as 9, and hardly longer."""
+_CACHED_LISTS = 16
+"""Lists of images; one of 10,000 is 4 MB."""
+LAST_EVENT = "Last-Event-ID"
+_CACHED_STARTS = 2
+"""Answers; of 96 layers it is 50 kB."""
 
 
 class Landing(BaseModel):
@@ -125,10 +131,6 @@ def image_body(entry: ImageEntry) -> Image:
     return Image.model_validate(known)
 
 
-_FAST = 5
-"""Of gzip: twice as fast as 9, and hardly longer."""
-
-
 @dataclass(frozen=True, slots=True)
 class CachedResponse:
     """JSON, plain and compressed, and a tag that is another when its content is."""
@@ -171,12 +173,8 @@ def _cache_state(
 
 CacheStateOf = Annotated[CacheState, Depends(_cache_state)]
 """Who asks."""
-
-
 router = APIRouter(prefix="/api", tags=["missions"])
 _IMAGES = TypeAdapter(list[Image])
-_CACHED_LISTS = 16
-"""Lists of images; one of 10,000 is 4 MB."""
 
 
 @router.get("/missions")
@@ -234,8 +232,7 @@ def identify_place(
     response.headers.update(AGAIN)
     landing = services.catalogue.mission(mission).landing
     layers = map_layers(mission, services)
-    found = identify(layers, east, north, services.store, services.pool)
-    return place_body(landing, east, north, found)
+    return identify(layers, landing, east, north, services.store, services.pool)
 
 
 def missions_of(services: Services) -> list[Mission]:
@@ -250,11 +247,6 @@ def map_layers(mission: str, services: Services) -> list[Layer]:
     """The latest layers that are on the map: models and panoramas are looked at elsewhere."""
     latest = services.catalogue.layers(mission)
     return [layer for layer in latest if layer.type in {"raster", "vector"}]
-
-
-LAST_EVENT = "Last-Event-ID"
-_CACHED_STARTS = 2
-"""Answers; of 96 layers it is 50 kB."""
 
 
 class Start(BaseModel):

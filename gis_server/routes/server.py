@@ -24,6 +24,30 @@ _ENCODINGS = {"br": ".br", "gzip": ".gz"}
 _FOREVER = "public, max-age=31536000, immutable"
 _PINNED = "assets"
 """Folder of files whose names carry a digest of their content."""
+router = APIRouter()
+SHIPPED_VIEWER = Path(__file__).parents[1] / "viewer" / "dist"
+_SWAGGER = ("swagger/swagger-ui-bundle.js", "swagger/swagger-ui.css")
+_FRAME = """<!doctype html>
+<html lang="en"><head><meta charset="utf-8"><title>solmap</title>
+<link rel="icon" href="data:,">{head}</head>
+<body>{body}</body></html>
+"""
+_UNBUILT = _FRAME.format(
+    head="",
+    body="""<h1>solmap</h1><p>The server runs, but the viewer has not been built. Run
+<code>make viewer</code> (or <code>npm ci &amp;&amp; npm run build</code> in
+<code>gis_server/viewer</code>) and reload.</p>
+<p><a href="/docs">The API</a> works without it.</p>""",
+)
+_DOCS = _FRAME.format(
+    head='<link rel="stylesheet" href="/swagger/swagger-ui.css">',
+    body='<div id="swagger-ui"></div><script src="/swagger/swagger-ui-bundle.js"></script>'
+    '<script src="/docs/start.js"></script>',
+)
+_DOCS_START = (
+    'SwaggerUIBundle({url: "/openapi.json", dom_id: "#swagger-ui", deepLinking: true, '
+    "validatorUrl: null});\n"  # by default it asks a validator elsewhere
+)
 
 
 class ViewerFiles(StaticFiles):
@@ -60,40 +84,11 @@ def _accepted(header: str) -> set[str]:
     return {name for name, _, weight in parts if weight not in {"q=0", "q=0.0"}}
 
 
-router = APIRouter()
-
-
 @router.get("/metrics", tags=["server"], response_class=Response)
 def metrics(request: Request) -> Response:
     """Requests, times, caches, what is published, and how the runs went."""
     body = request.app.state.metrics.text()
     return Response(body, media_type=CONTENT_TYPE_LATEST, headers={"Cache-Control": "no-store"})
-
-
-SHIPPED_VIEWER = Path(__file__).parents[1] / "viewer" / "dist"
-_SWAGGER = ("swagger/swagger-ui-bundle.js", "swagger/swagger-ui.css")
-
-_FRAME = """<!doctype html>
-<html lang="en"><head><meta charset="utf-8"><title>solmap</title>
-<link rel="icon" href="data:,">{head}</head>
-<body>{body}</body></html>
-"""
-_UNBUILT = _FRAME.format(
-    head="",
-    body="""<h1>solmap</h1><p>The server runs, but the viewer has not been built. Run
-<code>make viewer</code> (or <code>npm ci &amp;&amp; npm run build</code> in
-<code>gis_server/viewer</code>) and reload.</p>
-<p><a href="/docs">The API</a> works without it.</p>""",
-)
-_DOCS = _FRAME.format(
-    head='<link rel="stylesheet" href="/swagger/swagger-ui.css">',
-    body='<div id="swagger-ui"></div><script src="/swagger/swagger-ui-bundle.js"></script>'
-    '<script src="/docs/start.js"></script>',
-)
-_DOCS_START = (
-    'SwaggerUIBundle({url: "/openapi.json", dom_id: "#swagger-ui", deepLinking: true, '
-    "validatorUrl: null});\n"  # by default it asks a validator elsewhere
-)
 
 
 @router.get("/healthz", tags=["server"])

@@ -20,7 +20,6 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 from solmap.gis_server.metrics import Metrics
 from solmap.gis_server.rendering.styles import StyleQuery, UnknownStyleError
-from solmap.gis_server.routes.looks import AskedLook
 from solmap.gis_server.routes.tiles import picture_of, values_of
 from solmap.gis_server.services import Services
 from solmap.products.errors import ProductError
@@ -66,17 +65,17 @@ class TileShortcut:
                 if form == "values":
                     encoding = Headers(scope=scope).get("accept-encoding", "")
                     return values_of(layer, address, self.services, encoding)
-                return picture_of(layer, address, self.services, _look_of(query))
+                return picture_of(layer, address, self.services, _style_query(query))
         except (ProductError, UnknownStyleError, ValidationError, ValueError):
             return None
 
 
 @lru_cache(maxsize=256)
-def _look_of(query: bytes) -> StyleQuery:
-    """The look that a query asks for.
+def _style_query(query: bytes) -> StyleQuery:
+    """The style that a query asks for.
 
     Raises:
         ValidationError: it is none.
     """
     asked = dict(parse_qsl(query.decode("ascii", "replace"), keep_blank_values=True))
-    return AskedLook.model_validate(asked).look
+    return StyleQuery.model_validate(asked)

@@ -11,7 +11,6 @@ from solmap.gis_server.parameters import FOREVER, Address, LayerPath
 from solmap.gis_server.rendering.png import gunzipped
 from solmap.gis_server.rendering.styles import StyleQuery
 from solmap.gis_server.rendering.tiles import MEDIA_TYPE, render_tile, render_values
-from solmap.gis_server.routes.looks import AskedLook
 from solmap.gis_server.services import Services, ServicesOf
 from solmap.products.formats.raster.tiling import TileAddress
 from solmap.products.model import Layer
@@ -22,13 +21,13 @@ BandName = Annotated[str, Query(pattern=r"^[a-z_]{0,64}$", description="the firs
 
 @router.get("/tiles/{scope}/{kind}/{digest}/{z}/{x}/{y}.png", response_class=Response)
 def tile(
-    layer: LayerPath, address: Address, services: ServicesOf, asked: Annotated[AskedLook, Query()]
+    layer: LayerPath, address: Address, services: ServicesOf, query: Annotated[StyleQuery, Query()]
 ) -> Response:
     """One tile of 256 x 256 pixels, transparent where nothing was measured.
 
     Which styles a layer has says `GET /api/layers/{scope}/{kind}/{digest}/styles`.
     """
-    return picture_of(layer, address, services, asked.look)
+    return picture_of(layer, address, services, query)
 
 
 @router.get("/tiles/{scope}/{kind}/{digest}/{z}/{x}/{y}.values", response_class=Response)
@@ -47,10 +46,10 @@ def values(
 
 
 def picture_of(
-    layer: Layer, address: TileAddress, services: Services, look: StyleQuery
+    layer: Layer, address: TileAddress, services: Services, query: StyleQuery
 ) -> Response:
     """The answer with the picture of a tile."""
-    body = render_tile(layer, address, services.store, services.pool, look)
+    body = render_tile(layer, address, services.store, services.pool, query)
     return Response(body, media_type="image/png", headers=FOREVER)
 
 

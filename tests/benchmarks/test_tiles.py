@@ -156,7 +156,7 @@ PICTURES = {
     "hillshade made once": (ProductKind.HILLSHADE, StyleQuery(), {}),
     "hillshade on the fly": (
         ProductKind.DTM,
-        StyleQuery("hillshade"),
+        StyleQuery(style="hillshade"),
         {"algorithm": "hillshade", "buffer": "3"},
     ),
 }

@@ -88,7 +88,7 @@ OF_WHOLE_MODEL = {
 @pytest.mark.parametrize("style", OF_WHOLE_MODEL)
 def test_a_tile_shows_what_the_same_computation_gives_of_the_whole_model(hilly, terrain, style):
     """Also in the outermost pixels: tiles know their neighbours."""
-    look = StyleQuery(style, azimuth_deg=200.0, elevation_deg=30.0)
+    look = StyleQuery(style=style, azimuth=200.0, elevation=30.0)
     expected = block_of(OF_WHOLE_MODEL[style](hills()), INSIDE)
     chosen = styles_of(ProductKind.DTM)[style]
     indices = indices_of(expected, *chosen.range)
@@ -109,7 +109,12 @@ def test_a_tile_shows_what_the_same_computation_gives_of_the_whole_model(hilly, 
 
 def test_a_baseline_is_felt_as_by_the_layers_that_are_made_once(hilly, terrain):
     expected = block_of(slope(hills(), SlopeParams(1.1)), INSIDE)
-    shown = drawn(hilly, terrain, INSIDE, StyleQuery("slope", "grey", 0.0, 60.0, baseline_m=1.1))
+    shown = drawn(
+        hilly,
+        terrain,
+        INSIDE,
+        StyleQuery(style="slope", colours="grey", low=0.0, high=60.0, baseline=1.1),
+    )
     known = np.isfinite(expected)
     np.testing.assert_array_equal(shown[..., 3] > 0, known)
     grey = np.clip(expected / 60.0, 0.0, 1.0)[known] * 255
@@ -120,7 +125,7 @@ def test_a_baseline_is_felt_as_by_the_layers_that_are_made_once(hilly, terrain):
 @pytest.mark.parametrize("zoom", [OWN_ZOOM - 1, OWN_ZOOM, OWN_ZOOM + 1])
 def test_tiles_meet_without_a_seam(hilly, terrain, style, zoom):
     """Two tiles side by side show what one drawn across their edge would show."""
-    look = StyleQuery(style)
+    look = StyleQuery(style=style)
     west = TileAddress.holding(-0.1, -0.1, zoom)
     east = TileAddress(zoom, west.column + 1, west.row)
     both = np.hstack([drawn(hilly, terrain, at, look) for at in (west, east)])
@@ -146,7 +151,7 @@ def _drawn_at(world, layer, west, look):
 def test_a_plane_has_the_same_shade_at_every_zoom(world, zoom):
     """A hillshade that took the cell of the raster for that of the tile would darken or fade."""
     layer = world.catalogue.layer(STOP.name, ProductKind.DTM)
-    shown = drawn(world, layer, TileAddress.holding(5.0, 5.0, zoom), StyleQuery("hillshade"))
+    shown = drawn(world, layer, TileAddress.holding(5.0, 5.0, zoom), StyleQuery(style="hillshade"))
     seen = shown[shown[..., 3] > 0][:, 0]
     g_e, g_n = PLANE
     sine = np.sin(np.radians(45.0))
@@ -158,7 +163,7 @@ def test_a_plane_has_the_same_shade_at_every_zoom(world, zoom):
 
 
 def test_the_sun_turns_with_its_azimuth(hilly, terrain):
-    looks = [StyleQuery("hillshade", azimuth_deg=a, exaggeration=0.2) for a in (0, 90, 180)]
+    looks = [StyleQuery(style="hillshade", azimuth=a, exaggeration=0.2) for a in (0, 90, 180)]
     suns = [drawn(hilly, terrain, INSIDE, look) for look in looks]
     for one, other in itertools.combinations(suns, 2):
         assert np.abs(one.astype(int) - other).max() > 50
@@ -167,9 +172,9 @@ def test_the_sun_turns_with_its_azimuth(hilly, terrain):
 
 
 def test_a_sun_overhead_shades_by_slope_alone_and_exaggeration_darkens(hilly, terrain):
-    overhead = drawn(hilly, terrain, INSIDE, StyleQuery("hillshade", elevation_deg=90.0))
+    overhead = drawn(hilly, terrain, INSIDE, StyleQuery(style="hillshade", elevation=90.0))
     steeper = drawn(
-        hilly, terrain, INSIDE, StyleQuery("hillshade", elevation_deg=90.0, exaggeration=2.0)
+        hilly, terrain, INSIDE, StyleQuery(style="hillshade", elevation=90.0, exaggeration=2.0)
     )
     seen = overhead[..., 3] > 0
     expected = np.cos(np.radians(block_of(OF_WHOLE_MODEL["slope"](hills()), INSIDE)))
@@ -180,7 +185,7 @@ def test_a_sun_overhead_shades_by_slope_alone_and_exaggeration_darkens(hilly, te
 @pytest.mark.parametrize("threshold", [-90.0, 0.0, 5.0, 20.0])
 def test_north_facing_ground_is_what_leans_north_by_the_threshold(hilly, terrain, threshold):
     tilt = block_of(OF_WHOLE_MODEL["northerly-tilt"](hills()), INSIDE)
-    shown = drawn(hilly, terrain, INSIDE, StyleQuery("north-facing", threshold_deg=threshold))
+    shown = drawn(hilly, terrain, INSIDE, StyleQuery(style="north-facing", threshold=threshold))
     clear = np.abs(tilt - threshold) > 1e-3
     np.testing.assert_array_equal((shown[..., 3] > 0)[clear], (tilt >= threshold)[clear])
 
@@ -188,14 +193,16 @@ def test_north_facing_ground_is_what_leans_north_by_the_threshold(hilly, terrain
 def test_north_facing_ground_of_the_tilt_layer_has_its_threshold_too(world):
     layer = world.catalogue.layer(STOP.name, ProductKind.NORTHERLY_TILT)  # -5 degrees everywhere
     for threshold, is_seen in ((-10.0, True), (0.0, False)):
-        shown = drawn(world, layer, INSIDE, StyleQuery("north-facing", threshold_deg=threshold))
+        shown = drawn(world, layer, INSIDE, StyleQuery(style="north-facing", threshold=threshold))
         assert (shown[..., 3] > 0).all() == is_seen
     assert (shown[..., 3] == 0).all()
 
 
 def test_uncertainty_shows_the_deviation(world):
     layer = world.catalogue.layer(STOP.name, ProductKind.DTM)
-    shown = drawn(world, layer, INSIDE, StyleQuery("uncertainty", "grey", 0.0, 0.04))
+    shown = drawn(
+        world, layer, INSIDE, StyleQuery(style="uncertainty", colours="grey", low=0.0, high=0.04)
+    )
     assert np.abs(shown[..., 0].astype(int) - 128).max() <= 1  # 0.02 m everywhere
 
 
@@ -209,7 +216,7 @@ def test_shaded_level_ground_keeps_its_colour(own_world):
     layer = own_world.publish_raster(
         ProductKind.DTM, STOP, lambda path: write_dtm(path, level, CRS), version=2
     )
-    look = StyleQuery("shaded-relief", low=0.0, high=6.0)
+    look = StyleQuery(style="shaded-relief", low=0.0, high=6.0)
     shown = drawn(own_world, layer, INSIDE, look)
     np.testing.assert_allclose(
         shown[..., :3].reshape(-1, 3) - palette_of(VIRIDIS)[128].astype(int), 0, atol=1
@@ -220,7 +227,7 @@ def test_contours_lie_where_the_ground_has_their_elevation(world):
     """On a plane of 1 in 10 to the east contours of 1 m are lines 8.9 m apart."""
     layer = world.catalogue.layer(STOP.name, ProductKind.DTM)
     address = TileAddress.holding(5.0, 5.0, OWN_ZOOM)
-    shown = drawn(world, layer, address, StyleQuery("contours", interval_m=1.0))
+    shown = drawn(world, layer, address, StyleQuery(style="contours", interval=1.0))
     west, north = address.west_north
     at = (np.arange(256) + 0.5) * CELL_M
     east, north = np.meshgrid(west + at, north - at)
@@ -268,7 +275,7 @@ def test_a_style_is_asked_for_in_the_query(client, world):
     query = {"style": "slope", "colours": "viridis", "low": 0, "high": 15, "baseline": 0.5}
     answer = asked(client, world, ProductKind.DTM, **query)
     assert answer.status_code == 200
-    look = StyleQuery("slope", "viridis", 0.0, 15.0, baseline_m=0.5)
+    look = StyleQuery(style="slope", colours="viridis", low=0.0, high=15.0, baseline=0.5)
     drawn_so = render_tile(layer, INSIDE, world.store, RasterPool(), look)
     assert unpacked(answer.content) == unpacked(drawn_so)
     assert answer.headers["cache-control"].endswith("immutable")
