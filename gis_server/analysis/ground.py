@@ -25,8 +25,8 @@ from solmap.photogrammetry.terrain.dtm.resampling import (
     NOWHERE,
     GroundSamples,
     MapPoints,
-    bilinear,
-    finest,
+    finest_samples,
+    sample_bilinear,
 )
 from solmap.products.formats.raster.raster import band_names, grid_of
 from solmap.products.model import Layer, ProductKind
@@ -84,7 +84,7 @@ class Ground:
             if inside.any():
                 found.append(self._asked(layer, number, places, inside))
                 cells.append(cell_of(layer))
-        return finest(list(zip(cells, found, strict=True)))
+        return finest_samples(list(zip(cells, found, strict=True)))
 
     def elevation(self, places: MapPoints) -> np.ndarray:
         """Elevations alone, metres."""
@@ -133,7 +133,7 @@ def _read(
         return values
     stack = dataset.read(indexes, window=window)
     part = grid.part(window.row_off, window.col_off, window.height, window.width)
-    return np.stack([bilinear(band, part, places) for band in stack])
+    return np.stack([sample_bilinear(band, part, places) for band in stack])
 
 
 def _around(grid: MapGrid, places: MapPoints) -> Window:

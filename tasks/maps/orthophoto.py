@@ -20,14 +20,14 @@ from solmap.photogrammetry.terrain.dtm.records import TerrainView
 from solmap.photogrammetry.terrain.orthophoto.colour import (
     Triple,
     colour_filters,
-    shows_the_same,
+    has_same_view,
 )
 from solmap.photogrammetry.terrain.orthophoto.mosaic import NO_SOURCE
 from solmap.photogrammetry.terrain.orthophoto.rendering import (
     OrthophotoParams,
-    Rendering,
+    OrthophotoRendering,
+    prepare_orthophoto,
     put,
-    rendering,
 )
 from solmap.products.catalogue.catalogue import ImageEntry
 from solmap.products.catalogue.images import ImageFile, image_file, image_record, read_product_image
@@ -62,8 +62,8 @@ def render_orthophoto(
     )
 
     @cache
-    def prepared() -> tuple[Rendering, Classes]:
-        made = rendering(read_dtm(store.path(dtm)), read_views(pairs, store), params)
+    def prepared() -> tuple[OrthophotoRendering, Classes]:
+        made = prepare_orthophoto(read_dtm(store.path(dtm)), read_views(pairs, store), params)
         return made, np.zeros(made.source_grid.shape, np.uint8)
 
     def write_picture(path: Path) -> None:
@@ -80,14 +80,18 @@ def render_orthophoto(
 
 
 def write_rendering(
-    path: Path, made: Rendering, codes: Classes, landing: LandingPoint, tags: dict[str, str]
+    path: Path,
+    made: OrthophotoRendering,
+    codes: Classes,
+    landing: LandingPoint,
+    tags: dict[str, str],
 ) -> None:
     """Render block by block into a file, and note in `codes` which view each cell came from."""
     pieces, crs = _pieces(made, codes), local_crs(landing)
     write_brightness_blocks(path, made.grid, pieces, crs, stretches=made.stretch, tags=tags)
 
 
-def _pieces(made: Rendering, codes: Classes) -> Iterator[BrightnessBlock]:
+def _pieces(made: OrthophotoRendering, codes: Classes) -> Iterator[BrightnessBlock]:
     """The blocks of a picture; `codes` takes 1 for the first view, 0 for none."""
     for block in made.blocks():
         numbers = np.where(block.sources == NO_SOURCE, 0, block.sources + 1).astype(np.uint8)
@@ -138,7 +142,7 @@ def _frame(
     """The pair in colour; None where its left camera did not use enough filters."""
     by_filter: dict[int, RoverImage] = {}
     for image in sorted(records.values(), key=lambda image: _preference(image, left)):
-        if image.filter_number and shows_the_same(left, image):
+        if image.filter_number and has_same_view(left, image):
             by_filter[image.filter_number] = image
     filters = colour_filters(by_filter)
     if filters is None:
@@ -169,7 +173,7 @@ def render_colour(
     def write(path: Path) -> None:
         coloured = [_read(frame, store) for frame in frames]
         views, bands = [view for view, _ in coloured], [images for _, images in coloured]
-        made = rendering(read_dtm(store.path(dtm)), views, params, bands)
+        made = prepare_orthophoto(read_dtm(store.path(dtm)), views, params, bands)
         tags = {"FILTERS": filters, **provenance_tags(recipe)}
         write_rendering(path, made, np.zeros(made.source_grid.shape, np.uint8), landing, tags)
 

@@ -16,12 +16,12 @@ from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.imagery import Eye, RoverImage, StopId
 from solmap.photogrammetry.terrain.dtm.ground import MAP_FROM_LSL
 from solmap.photogrammetry.terrain.dtm.rover_body import BODIES
-from solmap.photogrammetry.terrain.orthophoto.colour import shows_the_same
+from solmap.photogrammetry.terrain.orthophoto.colour import has_same_view
 from solmap.photogrammetry.terrain.orthophoto.panorama import (
     Panorama,
     PanoramaImage,
     PanoramaParams,
-    panorama,
+    prepare_panorama,
 )
 from solmap.photogrammetry.terrain.orthophoto.panorama_grid import StandingPlane
 from solmap.photogrammetry.terrain.orthophoto.panorama_seams import registration
@@ -91,7 +91,7 @@ def oriented_frames(
             continue
         image = image_record(entry, workspace)
         is_of_sun = image.instrument == "PANCAM" and image.filter_number == SUN_FILTER
-        if is_of_sun or any(shows_the_same(image, other) for other in kept):
+        if is_of_sun or any(has_same_view(image, other) for other in kept):
             continue
         kept.append(image)
         frames.append(OrientedFrame(entry.id, image_file(entry), matches.get(pair), known[pair]))
@@ -146,7 +146,7 @@ def _panorama(
         camera = one.image.camera.moved(lsl_from_rover)
         images.append(PanoramaImage.of(one.image.id, camera, one.pixels, one.mask))
     terrain = read_dtm(store.path(dtm)) if dtm else None
-    return panorama(images, _standing_plane(read[0][1], stop), params, terrain)
+    return prepare_panorama(images, _standing_plane(read[0][1], stop), params, terrain)
 
 
 def _read(frame: OrientedFrame, store: ProductStore) -> tuple[ReadImage, Pose]:

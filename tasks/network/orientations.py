@@ -26,7 +26,7 @@ from solmap.photogrammetry.frames import LSL, Frame, Pose
 from solmap.photogrammetry.imagery import Eye
 from solmap.photogrammetry.matching.resampling import resample
 from solmap.photogrammetry.terrain.dtm.records import PoseCovariance, TerrainView
-from solmap.photogrammetry.terrain.dtm.rover_body import without_rover
+from solmap.photogrammetry.terrain.dtm.rover_body import mask_rover
 from solmap.products.catalogue.images import read_product_image
 from solmap.products.formats.documents.archives import read_dense, read_matches
 from solmap.products.formats.documents.network import (
@@ -120,7 +120,7 @@ def _read_view(pair: OrientedPair, store: ProductStore) -> TerrainView:
         sigma_px=dense.sigma_px,
         covariance=pair.orientation.covariance_6x6,
     )
-    return without_rover(view, files.stop.mission)
+    return mask_rover(view, files.stop.mission)
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,7 +21,7 @@ from solmap.photogrammetry.matching.records import MatchedPair, Ties
 from solmap.photogrammetry.matching.resampling import resample
 from solmap.photogrammetry.matching.single.search import MonoParams, SingleView
 from solmap.photogrammetry.matching.single.tying import MonoTies, tie_single_images
-from solmap.photogrammetry.terrain.orthophoto.colour import shows_the_same
+from solmap.photogrammetry.terrain.orthophoto.colour import has_same_view
 from solmap.products.catalogue.catalogue import ImageEntry
 from solmap.products.catalogue.images import ImageFile, image_file, image_record, read_product_image
 from solmap.products.catalogue.workspace import Workspace
@@ -81,7 +81,7 @@ def without_repeats(entries: Iterable[ImageEntry], workspace: Workspace) -> list
     for entry in sorted(entries, key=lambda entry: (entry.partner is None, entry.id)):
         image = image_record(entry, workspace)
         of_stop = (image_record(e, workspace) for e in kept if e.stop == entry.stop)
-        if entry.partner is None and any(shows_the_same(image, other) for other in of_stop):
+        if entry.partner is None and any(has_same_view(image, other) for other in of_stop):
             continue
         kept.append(entry)
     return kept

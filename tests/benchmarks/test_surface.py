@@ -17,7 +17,7 @@ import rasterio
 from solmap.photogrammetry.synthetic.scene import WorldParams, make_world
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.photogrammetry.terrain.dtm.records import Dtm, GroundClass
-from solmap.photogrammetry.terrain.dtm.resampling import coarsened
+from solmap.photogrammetry.terrain.dtm.resampling import coarsen
 from solmap.photogrammetry.terrain.insolation.horizon import horizons
 from solmap.photogrammetry.terrain.insolation.maps import (
     HavenParams,
@@ -53,7 +53,7 @@ def dtm() -> Dtm:
 
 @pytest.fixture(scope="module")
 def coarse(dtm):
-    return coarsened(dtm.elevation, dtm.grid, 0.16)
+    return coarsen(dtm.elevation, dtm.grid, 0.16)
 
 
 def test_slope_with_its_deviation_tilt_and_roughness(benchmark, dtm):

@@ -16,10 +16,10 @@ from scipy.interpolate import LinearNDInterpolator
 from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.frames import LSL, Frame, FrameKind, Pose
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
-from solmap.photogrammetry.terrain.dtm.ground import SightParams, ground_of, trusted_parallax
+from solmap.photogrammetry.terrain.dtm.ground import SightParams, ground_points, trusted_parallax
 from solmap.photogrammetry.terrain.dtm.records import Dtm, GroundClass, TerrainView
 from solmap.photogrammetry.terrain.dtm.stop_dtm import DtmParams, Gridding, build_dtm
-from solmap.photogrammetry.terrain.orthophoto.rendering import OrthophotoParams, rendering
+from solmap.photogrammetry.terrain.orthophoto.rendering import OrthophotoParams, prepare_orthophoto
 from solmap.photogrammetry.terrain.relief.contours import ContourParams, trace_contours
 from solmap.photogrammetry.terrain.relief.slope import SlopeParams, slope
 
@@ -89,7 +89,7 @@ def test_a_terrain_model_of_ten_pairs(benchmark, stop):
 def some_points(stop) -> np.ndarray:
     """East, north and up of a twentieth of the points that the terrain model is made from."""
     params = SightParams()
-    planes = [ground_of(view, trusted_parallax(view, params), params) for view in stop]
+    planes = [ground_points(view, trusted_parallax(view, params), params) for view in stop]
     return np.concatenate([p[:, np.isfinite(p[0])][:, ::20] for p in planes], axis=1)
 
 
@@ -140,7 +140,7 @@ def test_a_terrain_model_by_triangles(benchmark, stop):
 
 def rendered(dtm, views) -> tuple[int, int]:
     """Render an orthophoto block by block, as for a file; (all, shown) pixels."""
-    made = rendering(dtm, views, OrthophotoParams())
+    made = prepare_orthophoto(dtm, views, OrthophotoParams())
     shown = sum(int(np.isfinite(block.brightness).sum()) for block in made.blocks())
     return made.grid.rows * made.grid.cols, shown
 

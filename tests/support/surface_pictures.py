@@ -18,7 +18,7 @@ from solmap.photogrammetry.arrays import Classes, Picture, Raster
 from solmap.photogrammetry.synthetic.scene import WorldParams, make_world
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.photogrammetry.terrain.dtm.records import Dtm, GroundClass
-from solmap.photogrammetry.terrain.dtm.resampling import coarsened
+from solmap.photogrammetry.terrain.dtm.resampling import coarsen
 from solmap.photogrammetry.terrain.insolation.maps import (
     Haven,
     HavenParams,
@@ -67,7 +67,7 @@ def pictures(dtm: Dtm) -> dict[str, Picture]:
     relief, relief_grid = mapped_relief(dtm, SlopeParams())
     lit = insolation(dtm.elevation, dtm.grid, LATITUDE, InsolationParams())
     havens = winter_havens(lit, LATITUDE, HavenParams())
-    coarse, coarse_grid = coarsened(dtm.elevation, dtm.grid, 0.16)
+    coarse, coarse_grid = coarsen(dtm.elevation, dtm.grid, 0.16)
     eye = eye_above(coarse, coarse_grid, (0.0, 0.0), 1.5)
     seen = viewshed(coarse, coarse_grid, eye, ViewshedParams())
     danger, danger_grid = hazards(dtm, HazardParams())

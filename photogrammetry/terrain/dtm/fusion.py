@@ -228,7 +228,7 @@ def fuse(entries: Entries, known: Variances) -> Levels:
     several = entries.sums(np.ones_like(weight))[entries.cell] > 1
     excess = np.ones(entries.grid.rows * entries.grid.cols)
     if several.any():
-        weight[several], cells, above = _reweighted(
+        weight[several], cells, above = _huber_weights(
             entries.cell[several], entries.height[several], variance[several]
         )
         excess[cells] = np.maximum(1.0, above)
@@ -240,7 +240,7 @@ def fuse(entries: Entries, known: Variances) -> Levels:
         return Levels(level, np.sqrt(own + pose**2), pose)
 
 
-def _reweighted(
+def _huber_weights(
     cell: np.ndarray, height: np.ndarray, variance: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Weights of entries that share their cells, these cells, and how far they disagree there.

@@ -30,7 +30,7 @@ from solmap.photogrammetry.arrays import Float32, Float64, Mask, ParallaxMap, Ve
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.terrain.dtm.records import TerrainView
 
-Planes3 = Float32[np.ndarray, "3 lines samples"]
+PixelPoints = Float32[np.ndarray, "3 lines samples"]
 """East, north and up of every pixel, metres from the camera; NaN where not trusted."""
 
 MAP_FROM_LSL = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
@@ -110,7 +110,7 @@ def largest_step_px(base_m: float, params: SightParams) -> float:
     return base_m / params.min_height_m
 
 
-def ground_of(view: TerrainView, parallax: ParallaxMap, params: SightParams) -> Planes3:
+def ground_points(view: TerrainView, parallax: ParallaxMap, params: SightParams) -> PixelPoints:
     """Where every trusted pixel lies, from the camera; NaN beyond the radius."""
     geometry = view.geometry
     rotation = map_from_pair_rotation(view.lsl_from_pair)
@@ -146,7 +146,9 @@ class Quads:
         return len(self.corner)
 
 
-def continuous_quads(planes: Planes3, parallax: ParallaxMap, step_px: float, gap_m: float) -> Quads:
+def continuous_quads(
+    planes: PixelPoints, parallax: ParallaxMap, step_px: float, gap_m: float
+) -> Quads:
     """Quads none of whose sides steps by more than `step_px` of parallax or `gap_m` on the map."""
     with np.errstate(invalid="ignore"):
         down_step = np.abs(np.diff(parallax, axis=0)) <= step_px
@@ -163,13 +165,13 @@ def continuous_quads(planes: Planes3, parallax: ParallaxMap, step_px: float, gap
     )
 
 
-def _squared_steps(planes: Planes3, axis: int) -> np.ndarray:
+def _squared_steps(planes: PixelPoints, axis: int) -> np.ndarray:
     """Squared distance on the map between neighbouring pixels along an axis of the image."""
     east, north = (np.diff(plane, axis=axis) for plane in planes[:2])
     return east * east + north * north
 
 
-def in_a_quad(quads: Quads, shape: tuple[int, int]) -> Mask:
+def quad_corners(quads: Quads, shape: tuple[int, int]) -> Mask:
     """Pixels that are a corner of some quad: those that hang together with others."""
     corner = np.zeros(shape[0] * shape[1], dtype=np.bool_)
     for shift in (0, 1, shape[1], shape[1] + 1):
@@ -187,7 +189,7 @@ class MeshSamples:
     t the place between them."""
 
 
-def mesh_samples(planes: Planes3, quads: Quads, spacing_m: float) -> Iterator[MeshSamples]:
+def mesh_samples(planes: PixelPoints, quads: Quads, spacing_m: float) -> Iterator[MeshSamples]:
     """Samples that cover the quads which are wider than `spacing_m`, piece by piece.
 
     A quad is divided into as many parts as its sides need.
@@ -198,20 +200,20 @@ def mesh_samples(planes: Planes3, quads: Quads, spacing_m: float) -> Iterator[Me
         held.append(piece)
         count += len(piece.sag_m)
         if count > SAMPLES_AT_ONCE:
-            yield _joined(held)
+            yield _concatenate(held)
             held, count = [], 0
     if held:
-        yield _joined(held)
+        yield _concatenate(held)
 
 
-def _joined(pieces: list[MeshSamples]) -> MeshSamples:
+def _concatenate(pieces: list[MeshSamples]) -> MeshSamples:
     return MeshSamples(
         np.concatenate([one.points for one in pieces], axis=1),
         np.concatenate([one.sag_m for one in pieces]),
     )
 
 
-def _divided_quads(planes: Planes3, quads: Quads, spacing_m: float) -> Iterator[MeshSamples]:
+def _divided_quads(planes: PixelPoints, quads: Quads, spacing_m: float) -> Iterator[MeshSamples]:
     """Samples of the quads, those of equal division together."""
     down = np.ceil(np.maximum(1, quads.lines_m / spacing_m)).astype(np.int64)
     across = np.ceil(np.maximum(1, quads.samples_m / spacing_m)).astype(np.int64)
@@ -235,13 +237,13 @@ def _divide(
     """Bilinear samples at the middles of `parts` (down, across) of quads."""
     t = ((np.arange(parts[0], dtype=np.float32) + 0.5) / parts[0])[:, None]
     s = ((np.arange(parts[1], dtype=np.float32) + 0.5) / parts[1])[None, :]
-    upper = _between(flat[:, corner, None], flat[:, corner + 1, None], s)
-    lower = _between(flat[:, corner + width, None], flat[:, corner + width + 1, None], s)
-    points = _between(upper[:, :, None, :], lower[:, :, None, :], t)
+    upper = _interpolate(flat[:, corner, None], flat[:, corner + 1, None], s)
+    lower = _interpolate(flat[:, corner + width, None], flat[:, corner + width + 1, None], s)
+    points = _interpolate(upper[:, :, None, :], lower[:, :, None, :], t)
     bow = np.broadcast_to(t * (1 - t), parts).ravel()
     return MeshSamples(points.reshape(3, -1), (lines_m[:, None] * bow).ravel())
 
 
-def _between(one: np.ndarray, other: np.ndarray, share: np.ndarray) -> np.ndarray:
+def _interpolate(one: np.ndarray, other: np.ndarray, share: np.ndarray) -> np.ndarray:
     """Points at these shares of the way from one to the other."""
     return one + share * (other - one)

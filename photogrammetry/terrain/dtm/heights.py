@@ -16,10 +16,10 @@ from solmap.photogrammetry.terrain.dtm.ground import (
     SightParams,
     camera_on_map,
     continuous_quads,
-    ground_of,
-    in_a_quad,
+    ground_points,
     largest_step_px,
     mesh_samples,
+    quad_corners,
     trusted_parallax,
 )
 from solmap.photogrammetry.terrain.dtm.records import TerrainView
@@ -67,10 +67,10 @@ def view_heights(
     far away that the gap to the next is wider than may be bridged.
     """
     parallax = trusted_parallax(view, params)
-    planes = ground_of(view, parallax, params)
+    planes = ground_points(view, parallax, params)
     step_px = largest_step_px(view.geometry.base_m, params)
     quads = continuous_quads(planes, parallax, step_px, params.max_gap_m)
-    planes[:, ~in_a_quad(quads, parallax.shape)] = np.nan
+    planes[:, ~quad_corners(quads, parallax.shape)] = np.nan
     camera = camera_on_map(view.lsl_from_pair)
     window = _Window.around(planes, camera, cell_m)
     trusted = np.isfinite(planes[0])

@@ -69,13 +69,13 @@ def mark_occluded(
     without = ground == GroundClass.UNSEEN
     free, hidden = (np.zeros(grid.shape, dtype=np.bool_) for _ in range(2))
     for view in views:
-        _look(view, elevation, grid, without, params, (free, hidden))
+        _mark_view(view, elevation, grid, without, params, (free, hidden))
     marked = ground.copy()
     marked[without & hidden & ~free] = GroundClass.OCCLUDED
     return marked
 
 
-def _look(
+def _mark_view(
     view: TerrainView,
     elevation: Raster,
     grid: MapGrid,

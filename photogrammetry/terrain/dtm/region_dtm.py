@@ -41,7 +41,7 @@ from solmap.photogrammetry.arrays import Float32, Raster
 from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.photogrammetry.terrain.dtm.records import Dtm
-from solmap.photogrammetry.terrain.dtm.resampling import best_class
+from solmap.photogrammetry.terrain.dtm.resampling import merge_classes
 
 NO_STOP = np.float32(np.nan)
 LEAST_TAPER = 0.01
@@ -126,7 +126,7 @@ def fuse_block(stops: Sequence[StopTerrain], params: RegionParams) -> RegionBloc
         level,
         np.sqrt(own_m2 + np.square(pose_m)),
         _stack([stop.dtm.observations for stop in stops]).sum(axis=0),
-        best_class([stop.dtm.ground for stop in stops]),
+        merge_classes([stop.dtm.ground for stop in stops]),
         pose_m,
     )
     seam_m, seam_sigmas = _seams(height, own + np.square(pose))
@@ -256,8 +256,8 @@ class SeamCounter:
         sigma = np.hypot(one.sigma_m[inside][both], other.sigma_m[inside][both])
         counts = self.counts.setdefault(pair, _Counts())
         counts.signed_m += float(apart.sum(dtype=np.float64))
-        counts.metres += _counted(np.abs(apart))
-        counts.sigmas += _counted(np.abs(apart) / sigma)
+        counts.metres += _histogram(np.abs(apart))
+        counts.sigmas += _histogram(np.abs(apart) / sigma)
 
     def seams(self) -> tuple[Seam, ...]:
         """The disagreement of every two stops that share ground."""
@@ -276,7 +276,7 @@ class SeamCounter:
         )
 
 
-def _counted(values: np.ndarray) -> np.ndarray:
+def _histogram(values: np.ndarray) -> np.ndarray:
     with np.errstate(divide="ignore"):
         at = np.log(values / LEAST) / np.log(GROWTH)
     return np.bincount(np.clip(at, 0, CLASSES - 1).astype(np.int64), minlength=CLASSES)

@@ -61,7 +61,7 @@ def manageable_cell_m(elevation: Raster, grid: MapGrid, cell_m: float, most_cell
     return cell_m
 
 
-def coarsened(elevation: Raster, grid: MapGrid, cell_m: float) -> tuple[CoarseRaster, MapGrid]:
+def coarsen(elevation: Raster, grid: MapGrid, cell_m: float) -> tuple[CoarseRaster, MapGrid]:
     """Mean elevation of larger cells, and their grid; NaN where too little was seen."""
     coarse = coarse_grid(grid, cell_m)
     if coarse is grid:
@@ -141,7 +141,7 @@ class GroundSamples:
         return cls(unknown, unknown.copy(), unknown.copy(), np.full(n, NOWHERE, np.int32))
 
 
-def bilinear(values: Raster, grid: MapGrid, places: MapPoints) -> PerPoint:
+def sample_bilinear(values: Raster, grid: MapGrid, places: MapPoints) -> PerPoint:
     """Cell values between cell centres; NaN beyond the grid and in gaps."""
     row = (grid.north - places[:, 1]) / grid.cell_m - 0.5
     col = (places[:, 0] - grid.west) / grid.cell_m - 0.5
@@ -164,7 +164,7 @@ def bilinear(values: Raster, grid: MapGrid, places: MapPoints) -> PerPoint:
     return np.where(known, total / np.where(known, weight, 1.0), np.nan)
 
 
-def finest(models: Sequence[tuple[float, GroundSamples]]) -> GroundSamples:
+def finest_samples(models: Sequence[tuple[float, GroundSamples]]) -> GroundSamples:
     """At every place what the model of the finest cell says; of equal cells, the surest.
 
     Args:
@@ -191,7 +191,7 @@ def finest(models: Sequence[tuple[float, GroundSamples]]) -> GroundSamples:
     )
 
 
-def best_class(classes: Sequence[np.ndarray]) -> np.ndarray:
+def merge_classes(classes: Sequence[np.ndarray]) -> np.ndarray:
     """Measured before interpolated; without an elevation occluded, if any says so."""
     found = np.zeros_like(classes[0])
     for ground in (GroundClass.OCCLUDED, GroundClass.INTERPOLATED, GroundClass.MEASURED):
@@ -225,7 +225,7 @@ def coarser_dtm(dtm: Dtm, factor: int) -> Dtm:
         mean(dtm.elevation),
         np.sqrt(mean(np.square(dtm.sigma_m))),
         _parts(dtm.observations, factor).sum(axis=(1, 3)),
-        best_class(quarters),
+        merge_classes(quarters),
         pose,
     )
 

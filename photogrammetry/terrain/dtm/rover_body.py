@@ -57,7 +57,7 @@ and Perseverance 3 m long and 2.7 to 2.8 m wide. The origin of the first two lie
 of the middle wheels, 0.294 m above level ground (facts 5, VICAR)."""
 
 
-def without_rover(view: TerrainView, mission: str) -> TerrainView:
+def mask_rover(view: TerrainView, mission: str) -> TerrainView:
     """The view with the pixels that show its own rover masked; as it is for an unknown rover."""
     body = BODIES.get(mission)
     if body is None:

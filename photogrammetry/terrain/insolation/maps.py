@@ -43,7 +43,7 @@ from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.planes import Gradients, window_gradients
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.photogrammetry.terrain.dtm.resampling import (
-    coarsened,
+    coarsen,
     manageable_cell_m,
     seen_window,
 )
@@ -111,7 +111,7 @@ def insolation(
     """Insolation of a terrain model at a planetographic latitude (radians)."""
     cell_m = max(grid.cell_m, params.cell_m)
     cell_m = manageable_cell_m(elevation, grid, cell_m, params.most_cells)
-    coarse, coarse_grid = coarsened(elevation, grid, cell_m)
+    coarse, coarse_grid = coarsen(elevation, grid, cell_m)
     window = seen_window(coarse)
     seen = np.ascontiguousarray(coarse[window])
     gradient = window_gradients(seen, coarse_grid.cell_m, params.baseline_m, params.min_share)

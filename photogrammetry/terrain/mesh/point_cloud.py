@@ -24,7 +24,7 @@ from solmap.photogrammetry.stretching import black_and_white
 from solmap.photogrammetry.terrain.dtm.ground import (
     SightParams,
     camera_on_map,
-    ground_of,
+    ground_points,
     trusted_parallax,
 )
 from solmap.photogrammetry.terrain.dtm.records import TerrainView
@@ -140,7 +140,7 @@ def _seen(
 ) -> PointCloud:
     """The trusted points of one pair, thinned."""
     parallax = trusted_parallax(view, params)
-    planes = ground_of(view, parallax, params)
+    planes = ground_points(view, parallax, params)
     known = np.isfinite(planes[0])
     away = planes[:, known].T
     given = params.sigma_parallax_px if view.sigma_px is None else view.sigma_px[known]

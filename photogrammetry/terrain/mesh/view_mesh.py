@@ -28,11 +28,11 @@ from solmap.photogrammetry.arrays import Bool, GreyImage, Mask, ParallaxMap, Pic
 from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.stretching import black_and_white
 from solmap.photogrammetry.terrain.dtm.ground import (
-    Planes3,
+    PixelPoints,
     SightParams,
     camera_on_map,
     continuous_quads,
-    ground_of,
+    ground_points,
     largest_step_px,
     trusted_parallax,
 )
@@ -43,7 +43,7 @@ from solmap.photogrammetry.terrain.mesh.surface_mesh import (
     TexturedMesh,
     mean_normals,
 )
-from solmap.photogrammetry.terrain.orthophoto.view_sampling import NEAREST_M, Look
+from solmap.photogrammetry.terrain.orthophoto.view_sampling import NEAREST_M, ViewSampler
 
 HIDDEN_PX = 1.0
 """How far a matched parallax may exceed the expected one before the ground counts as hidden: four
@@ -83,7 +83,7 @@ class _Drawn:
 
     view: TerrainView
     parallax: ParallaxMap
-    planes: Planes3
+    planes: PixelPoints
     whole: Bool[np.ndarray, "squares_down squares_across"]
 
 
@@ -101,7 +101,7 @@ def view_meshes(views: Sequence[TerrainView], params: ViewModelParams) -> list[T
             f"{params.max_relative_sigma:.1%} of its distance: look at the matching, or allow a "
             "larger max_relative_sigma"
         )
-    looks = [Look.of(one.view) for one in drawn]
+    looks = [ViewSampler.of(one.view) for one in drawn]
     black, white = _stretch(drawn, params.stretch_percent)
     meshes = []
     for number, one in enumerate(drawn):
@@ -113,7 +113,7 @@ def view_meshes(views: Sequence[TerrainView], params: ViewModelParams) -> list[T
 
 def _drawn(view: TerrainView, params: ViewModelParams) -> _Drawn:
     parallax = _without_specks(trusted_parallax(view, params), params)
-    planes = ground_of(view, parallax, params)
+    planes = ground_points(view, parallax, params)
     step_px = largest_step_px(view.geometry.base_m, params)
     quads = continuous_quads(planes, parallax, step_px, params.max_gap_m)
     whole = np.zeros(parallax.size, np.bool_)
@@ -137,7 +137,7 @@ def _without_specks(parallax: ParallaxMap, params: ViewModelParams) -> ParallaxM
 
 
 def _shown_better(
-    number: int, one: _Drawn, looks: Sequence[Look], params: ViewModelParams
+    number: int, one: _Drawn, looks: Sequence[ViewSampler], params: ViewModelParams
 ) -> Bool[np.ndarray, "squares_down squares_across"]:
     """Squares whose block another view shows better, by more than a little."""
     step = params.block_px

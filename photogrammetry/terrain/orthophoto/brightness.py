@@ -23,7 +23,7 @@ import numpy as np
 from solmap.photogrammetry.arrays import Float32, Float64
 from solmap.photogrammetry.stretching import black_and_white
 from solmap.photogrammetry.terrain.dtm.records import Dtm
-from solmap.photogrammetry.terrain.orthophoto.view_sampling import Look
+from solmap.photogrammetry.terrain.orthophoto.view_sampling import ViewSampler
 
 LEAST_SHARED = 50
 """Cells that two views must share to be compared."""
@@ -81,7 +81,7 @@ misregistration have no say."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Samples:
+class BrightnessSamples:
     """Brightness of every view at the same cells; NaN where it does not show one."""
 
     smooth: Float32[np.ndarray, "views bands n"]
@@ -104,7 +104,9 @@ class Samples:
         return tuple(black_and_white(band[np.isfinite(band)], percent) for band in bands)
 
 
-def sampled(dtm: Dtm, looks: Sequence[Look], cell_m: float, tolerance_px: float) -> Samples:
+def sample_brightness(
+    dtm: Dtm, looks: Sequence[ViewSampler], cell_m: float, tolerance_px: float
+) -> BrightnessSamples:
     """Brightness of all views at evenly chosen seen cells, also in orthophoto cells of `cell_m`.
 
     The ground is taken to be level, which is enough to choose good views by.
@@ -127,7 +129,7 @@ def sampled(dtm: Dtm, looks: Sequence[Look], cell_m: float, tolerance_px: float)
             flat = look.brightness(sight.sample, sight.line, np.full_like(level, SMOOTH), band)
             smooth[number, band][shown] = flat[shown]
             best[band][better] = look.brightness(sight.sample, sight.line, level, band)[better]
-    return Samples(
+    return BrightnessSamples(
         smooth.reshape(len(looks), bands, -1), best.reshape(bands, -1), best_view.ravel()
     )
 

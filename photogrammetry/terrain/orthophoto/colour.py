@@ -35,7 +35,7 @@ def colour_filters(filters: Collection[int]) -> Triple | None:
     return None if red is None or green is None or blue is None else (red, green, blue)
 
 
-def shows_the_same(image: RoverImage, other: RoverImage) -> bool:
+def has_same_view(image: RoverImage, other: RoverImage) -> bool:
     """Whether two images of one eye were taken from one place in one direction.
 
     Their frames may differ in size: what is asked is where their cameras stand and look.

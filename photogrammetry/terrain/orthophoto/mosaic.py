@@ -31,7 +31,7 @@ from solmap.photogrammetry.arrays import Bool, Float32, Raster, Vector3
 from solmap.photogrammetry.planes import filled_gradients
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.photogrammetry.terrain.dtm.records import Dtm
-from solmap.photogrammetry.terrain.orthophoto.view_sampling import Look, Sight
+from solmap.photogrammetry.terrain.orthophoto.view_sampling import ProjectedCells, ViewSampler
 
 MARGIN = 1
 """Cells around a block that its interpolation reaches into."""
@@ -40,7 +40,7 @@ CARRIED = 2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Patch:
+class TerrainPatch:
     """The terrain of a block of cells, with a margin around."""
 
     seen: Bool[np.ndarray, "block_rows block_cols"]
@@ -52,7 +52,7 @@ class Patch:
     normal: Float32[np.ndarray, "3 rows cols"]
 
     @classmethod
-    def of(cls, dtm: Dtm, place: MapGrid, normal_baseline_m: float) -> Patch:
+    def of(cls, dtm: Dtm, place: MapGrid, normal_baseline_m: float) -> TerrainPatch:
         """The patch of a terrain model at a block of its own cells."""
         row = round((dtm.grid.north - place.north) / dtm.grid.cell_m)
         col = round((place.west - dtm.grid.west) / dtm.grid.cell_m)
@@ -60,7 +60,7 @@ class Patch:
         reach = MARGIN + half + CARRIED
         window = _window(dtm.elevation, row, col, place.shape, reach)
         origin = np.array([place.west, place.north, _level(window)])
-        elevation = _carried_on(window - np.float32(origin[2]))
+        elevation = _extrapolate(window - np.float32(origin[2]))
         wide = slice(reach - MARGIN, MARGIN - reach)
         east = (np.arange(-MARGIN, place.cols + MARGIN) + 0.5) * place.cell_m
         north = (np.arange(-MARGIN, place.rows + MARGIN) + 0.5) * -place.cell_m
@@ -100,7 +100,7 @@ def _window(
     return window
 
 
-def _carried_on(elevation: Raster) -> Raster:
+def _extrapolate(elevation: Raster) -> Raster:
     """Elevations carried on beyond what was seen, so that interpolation reaches its edge."""
     known = np.isfinite(elevation)
     if known.all():
@@ -131,11 +131,11 @@ Sources = UInt16[np.ndarray, "block_rows block_cols"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Shares:
+class ViewShares:
     """Which views show the cells of a patch, and what each counts for."""
 
     looks: Sequence[int]
-    sights: list[Sight]
+    sights: list[ProjectedCells]
     weights: list[Raster]
     shown: Bool[np.ndarray, "rows cols"]
     """Where any view counts."""
@@ -151,9 +151,13 @@ class Shares:
         return source
 
 
-def shares(
-    looks: Sequence[Look], patch: Patch, cell_m: float, sharpness: float, tolerance_px: float
-) -> Shares:
+def view_shares(
+    looks: Sequence[ViewSampler],
+    patch: TerrainPatch,
+    cell_m: float,
+    sharpness: float,
+    tolerance_px: float,
+) -> ViewShares:
     """What every view counts for in the cells of a patch."""
     middle, radius_m = patch.sphere()
     numbers, sights = [], []
@@ -165,17 +169,17 @@ def shares(
                 numbers.append(number)
                 sights.append(sight)
     if not sights:
-        return Shares((), [], [], np.zeros(patch.ground.shape[1:], dtype=bool))
+        return ViewShares((), [], [], np.zeros(patch.ground.shape[1:], dtype=bool))
     worth = np.stack([sight.worth for sight in sights])
     best = worth.max(axis=0)
     weight = (worth / np.where(best > 0, best, 1)) ** np.float32(sharpness)
     weight[weight < LEAST_SHARE] = 0
     weight /= np.maximum(weight.sum(axis=0), LEAST_SHARE)
-    return Shares(numbers, sights, list(weight), best > 0)
+    return ViewShares(numbers, sights, list(weight), best > 0)
 
 
-def blended(
-    looks: Sequence[Look], patch: Patch, shared: Shares, cell_m: float, ratio: int
+def blend(
+    looks: Sequence[ViewSampler], patch: TerrainPatch, shared: ViewShares, cell_m: float, ratio: int
 ) -> FineBlock:
     """Brightness of a block in cells of `cell_m`, `ratio` to a terrain cell.
 
@@ -205,7 +209,9 @@ def _span(touched: Bool[np.ndarray, " n"]) -> tuple[int, int]:
     return max(0, first - 1), min(len(touched) - 2 * MARGIN, last + 2)
 
 
-def _add(fine: FineBlock, look: Look, sight: Sight, weight: Raster, cell_m: float) -> None:
+def _add(
+    fine: FineBlock, look: ViewSampler, sight: ProjectedCells, weight: Raster, cell_m: float
+) -> None:
     """Add a view's weighted brightness to a block, where the view counts for something."""
     top, bottom, left, right = _part(weight)
     if not (bottom > top and right > left):
@@ -221,7 +227,9 @@ def _add(fine: FineBlock, look: Look, sight: Sight, weight: Raster, cell_m: floa
         cv2.accumulateProduct(look.brightness(sample, line, levels, number), share, band)
 
 
-def _without_hidden(fine: FineBlock, patch: Patch, shared: Shares, ratio: int) -> FineBlock:
+def _without_hidden(
+    fine: FineBlock, patch: TerrainPatch, shared: ViewShares, ratio: int
+) -> FineBlock:
     """NaN where the ground was not seen or is not shown, and full weight at the edges of that."""
     if patch.seen.all() and shared.shown.all():
         return fine

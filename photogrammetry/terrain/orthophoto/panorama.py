@@ -7,7 +7,7 @@ The panorama: what a stop's images show all around, levelled, in azimuth and ele
 
 The images of a mast are not taken from one place: its head swings a camera around by some
 decimetres. Every direction from the panorama's centre, the mean of the projection centres, is
-therefore carried to the ground that is seen there (see `sight_ranges`) and from it into the images
+therefore carried to the ground that is seen there (see `ground_ranges`) and from it into the images
 by their camera models and adjusted orientations; the sky is far away. Where several images show
 it, each counts with
 
@@ -39,20 +39,20 @@ from solmap.photogrammetry.terrain.orthophoto.mosaic import NO_SOURCE, Sources
 from solmap.photogrammetry.terrain.orthophoto.panorama_grid import (
     NODE,
     AngleGrid,
-    SightRanges,
+    GroundRanges,
     Span,
     StandingPlane,
     direction,
-    sight_ranges,
+    ground_ranges,
     span_of_rays,
 )
 from solmap.photogrammetry.terrain.orthophoto.view_sampling import (
     LEVELS,
     Pyramid,
-    coarser,
-    fade_of,
-    looked_up,
-    pyramid_of,
+    border_fade,
+    coarse_points,
+    masked_pyramid,
+    sample_image,
 )
 
 BEYOND = 1.02
@@ -90,8 +90,8 @@ class PanoramaImage:
             id=image_id,
             camera=camera_in_lsl,
             size=(samples, lines),
-            pyramid=pyramid_of(image.astype(np.float32), mask),
-            fade=fade_of(mask),
+            pyramid=masked_pyramid(image.astype(np.float32), mask),
+            fade=border_fade(mask),
             axis=ahead,
             cos_reach=math.cos(min(reach, math.pi)),
             pixel_deg=math.degrees(math.acos(float(np.clip(ahead @ beside, -1.0, 1.0)))),
@@ -128,11 +128,11 @@ class PanoramaImage:
         level = round(math.log2(max(1.0, pixel_deg / self.pixel_deg)))
         level = min(level, LEVELS - 1)
         scale = np.float32(0.5**level)
-        grey = looked_up(self.pyramid[level], sample * scale, line * scale, cv2.INTER_LINEAR)
-        return grey, looked_up(self.fade, *coarser(sample, line), cv2.INTER_LINEAR)
+        grey = sample_image(self.pyramid[level], sample * scale, line * scale, cv2.INTER_LINEAR)
+        return grey, sample_image(self.fade, *coarse_points(sample, line), cv2.INTER_LINEAR)
 
 
-def enlarged(
+def interpolate_nodes(
     image: PanoramaImage, places: np.ndarray, shape: tuple[int, int]
 ) -> tuple[Raster, Raster] | None:
     """Sample and line at every pixel of a block, from those at its nodes; None: not in the image.
@@ -194,7 +194,7 @@ class PanoramaBlock:
     """Balanced; NaN where no image shows it."""
     sources: Sources
     """At nodes: the image that counts most; `NO_SOURCE` where there is none."""
-    ranges: SightRanges
+    ranges: GroundRanges
     """At nodes."""
 
 
@@ -213,10 +213,10 @@ class Panorama:
     stretch: tuple[float, float]
     gains: Float64[np.ndarray, "images 2"]
 
-    def nodes(self, row: int, col: int, rows: int, cols: int) -> tuple[ObjectPoints, SightRanges]:
+    def nodes(self, row: int, col: int, rows: int, cols: int) -> tuple[ObjectPoints, GroundRanges]:
         """Places of the ground, in the LSL, at the nodes of a window and one beyond each way."""
         azimuths, elevations = self.grid.node_angles(row, col, rows, cols)
-        ranges = sight_ranges(
+        ranges = ground_ranges(
             MAP_FROM_LSL @ self.centre, azimuths, elevations, self.plane, self.dtm
         )
         away = direction(azimuths[None, :], elevations[:, None]) * ranges.range_m[..., None]
@@ -235,7 +235,7 @@ class Panorama:
                 block = self._block((rows, cols), places[part])
                 if block is not None:
                     inner = np.s_[row // NODE : (row + rows) // NODE, : cols // NODE]
-                    seen = SightRanges(ranges.range_m[inner], ranges.is_measured[inner])
+                    seen = GroundRanges(ranges.range_m[inner], ranges.is_measured[inner])
                     yield PanoramaBlock(row, col, *block, seen)
 
     def _block(self, shape: tuple[int, int], places: np.ndarray) -> tuple[Raster, Sources] | None:
@@ -244,7 +244,7 @@ class Panorama:
         source = np.full(shape, NO_SOURCE, np.uint16)
         finest = min(image.pixel_deg for image in self.images)
         for number, image in enumerate(self.images):
-            seen = enlarged(image, places, shape)
+            seen = interpolate_nodes(image, places, shape)
             if seen is None:
                 continue
             grey, fade = image.drawn(*seen, self.grid.cell_deg)
@@ -261,7 +261,7 @@ class Panorama:
         return brightness, source[::NODE, ::NODE]
 
 
-def panorama(
+def prepare_panorama(
     images: Sequence[PanoramaImage],
     plane: StandingPlane,
     params: PanoramaParams,

@@ -29,7 +29,7 @@ import numpy as np
 from solmap.photogrammetry.arrays import Bool, Directions, Float64, ObjectPoints, Vector3
 from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.terrain.dtm.records import Dtm
-from solmap.photogrammetry.terrain.dtm.resampling import bilinear
+from solmap.photogrammetry.terrain.dtm.resampling import sample_bilinear
 
 CIRCLE = 360.0
 NODE = 4
@@ -175,7 +175,7 @@ class StandingPlane:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SightRanges:
+class GroundRanges:
     """Distances to the ground by direction."""
 
     range_m: Float64[np.ndarray, "down across"]
@@ -183,13 +183,13 @@ class SightRanges:
     """Whether the terrain model knows the ground there."""
 
 
-def sight_ranges(
+def ground_ranges(
     centre: Vector3,
     azimuths_deg: Float64[np.ndarray, " across"],
     elevations_deg: Float64[np.ndarray, " down"],
     plane: StandingPlane,
     dtm: Dtm | None = None,
-) -> SightRanges:
+) -> GroundRanges:
     """How far the ground is from `centre` (east, north, up); elevations fall from row to row."""
     count = int(np.log(FARTHEST_M / NEAREST_M) / np.log(GROWTH)) + 1
     r = NEAREST_M * GROWTH ** np.arange(count)
@@ -199,9 +199,9 @@ def sight_ranges(
     known = np.zeros(ground.shape, dtype=np.bool_)
     if dtm is not None:
         places = np.column_stack([east.ravel(), north.ravel()])
-        height = bilinear(dtm.elevation, dtm.grid, places).reshape(ground.shape) - ground
+        height = sample_bilinear(dtm.elevation, dtm.grid, places).reshape(ground.shape) - ground
         known = np.isfinite(height)
-        ground = ground + _carried(height, r)
+        ground = ground + _bridge_gaps(height, r)
     angle = np.arctan2(ground - centre[2], r)
     wanted = np.radians(elevations_deg)
     ranges = np.empty((len(wanted), len(turn)))
@@ -209,10 +209,10 @@ def sight_ranges(
     for column, profile in enumerate(angle):
         ranges[:, column], at = _first_hits(profile, r, wanted)
         measured[:, column] = known[column][np.clip(at, 0, count - 1)] & (at > 0) & (at < count)
-    return SightRanges(ranges, measured)
+    return GroundRanges(ranges, measured)
 
 
-def _carried(height: Float64[np.ndarray, "n m"], r: Float64[np.ndarray, " m"]) -> np.ndarray:
+def _bridge_gaps(height: Float64[np.ndarray, "n m"], r: Float64[np.ndarray, " m"]) -> np.ndarray:
     """Heights over the plane with gaps bridged along each row; 0 in rows that know nothing."""
     filled = np.zeros(height.shape)
     for row, values in enumerate(height):

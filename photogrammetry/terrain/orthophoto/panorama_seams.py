@@ -14,7 +14,11 @@ from itertools import combinations
 import cv2
 import numpy as np
 
-from solmap.photogrammetry.terrain.orthophoto.panorama import Panorama, PanoramaImage, enlarged
+from solmap.photogrammetry.terrain.orthophoto.panorama import (
+    Panorama,
+    PanoramaImage,
+    interpolate_nodes,
+)
 from solmap.photogrammetry.terrain.orthophoto.panorama_grid import NODE
 
 PATCHES_ACROSS = 16
@@ -89,7 +93,7 @@ def _shift(made: Panorama, numbers: tuple[int, int], places: np.ndarray, side: i
     """Length of the shift between two images in a patch; None where they show no texture."""
     drawn = []
     for image in (made.images[number] for number in numbers):
-        seen = enlarged(image, places, (side, side))
+        seen = interpolate_nodes(image, places, (side, side))
         if seen is None:
             return None
         grey, fade = image.drawn(*seen, made.grid.cell_deg)

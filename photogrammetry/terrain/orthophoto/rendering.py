@@ -21,15 +21,15 @@ from solmap.photogrammetry.arrays import Flags, Float32, Float64, GreyImage, Ras
 from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.terrain.dtm.grid import BLOCK, MapGrid
 from solmap.photogrammetry.terrain.dtm.records import Dtm, TerrainView
-from solmap.photogrammetry.terrain.orthophoto.brightness import Balance, sampled
+from solmap.photogrammetry.terrain.orthophoto.brightness import Balance, sample_brightness
 from solmap.photogrammetry.terrain.orthophoto.mosaic import (
     NO_SOURCE,
-    Patch,
     Sources,
-    blended,
-    shares,
+    TerrainPatch,
+    blend,
+    view_shares,
 )
-from solmap.photogrammetry.terrain.orthophoto.view_sampling import Look
+from solmap.photogrammetry.terrain.orthophoto.view_sampling import ViewSampler
 
 Stretch = tuple[float, float]
 """Brightness to show as black and as white."""
@@ -73,11 +73,11 @@ class OrthophotoBlock:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Rendering:
+class OrthophotoRendering:
     """An orthophoto about to be made: where, from what, how bright."""
 
     dtm: Dtm
-    looks: tuple[Look, ...]
+    looks: tuple[ViewSampler, ...]
     """Balanced."""
     params: OrthophotoParams
     grid: MapGrid
@@ -101,16 +101,18 @@ class Rendering:
         params, cell_m, place = self.params, self.dtm.grid.cell_m, self.source_grid
         side = max(1, params.block_cells // self.ratio)
         for row, col, rows, cols in windows(place, side):
-            patch = Patch.of(self.dtm, place.part(row, col, rows, cols), params.normal_baseline_m)
+            patch = TerrainPatch.of(
+                self.dtm, place.part(row, col, rows, cols), params.normal_baseline_m
+            )
             if not patch.seen.any():
                 continue
-            shared = shares(self.looks, patch, cell_m, params.sharpness, params.tolerance_px)
+            shared = view_shares(self.looks, patch, cell_m, params.sharpness, params.tolerance_px)
             if not shared.looks:
                 continue
             yield OrthophotoBlock(
                 row * self.ratio,
                 col * self.ratio,
-                blended(self.looks, patch, shared, params.cell_m, self.ratio),
+                blend(self.looks, patch, shared, params.cell_m, self.ratio),
                 shared.sources(patch.seen),
             )
 
@@ -130,12 +132,12 @@ class Orthophoto:
     balance: Balance
 
 
-def rendering(
+def prepare_orthophoto(
     dtm: Dtm,
     views: Sequence[TerrainView],
     params: OrthophotoParams,
     bands: Sequence[Sequence[GreyImage]] = (),
-) -> Rendering:
+) -> OrthophotoRendering:
     """The orthophoto of all seen cells of a terrain model, to be made block by block.
 
     Args:
@@ -150,11 +152,11 @@ def rendering(
     """
     ratio = _ratio(dtm, params)
     chosen = bands or [()] * len(views)
-    looks = [Look.of(view, images) for view, images in zip(views, chosen, strict=True)]
+    looks = [ViewSampler.of(view, images) for view, images in zip(views, chosen, strict=True)]
     grid = MapGrid.covering(bounds_to_show(dtm, looks), params.cell_m)
-    taken = sampled(dtm, looks, params.cell_m, params.tolerance_px)
+    taken = sample_brightness(dtm, looks, params.cell_m, params.tolerance_px)
     gains = taken.balance()
-    return Rendering(
+    return OrthophotoRendering(
         dtm=dtm,
         looks=tuple(look.balanced(own) for look, own in zip(looks, gains, strict=True)),
         params=params,
@@ -174,7 +176,7 @@ def render_orthophoto(
     Raises:
         TerrainError: the terrain model is empty, or its cells are no multiple of the orthophoto's.
     """
-    made = rendering(dtm, views, params)
+    made = prepare_orthophoto(dtm, views, params)
     brightness = np.full(made.grid.shape, np.nan, dtype=np.float32)
     source = np.full(made.source_grid.shape, NO_SOURCE, dtype=np.uint16)
     for block in made.blocks():
@@ -206,7 +208,7 @@ def _ratio(dtm: Dtm, params: OrthophotoParams) -> int:
     return round(ratio)
 
 
-def bounds_to_show(dtm: Dtm, looks: Sequence[Look]) -> tuple[float, float, float, float]:
+def bounds_to_show(dtm: Dtm, looks: Sequence[ViewSampler]) -> tuple[float, float, float, float]:
     """Bounds of the seen cells near which any view may show ground.
 
     Raises:

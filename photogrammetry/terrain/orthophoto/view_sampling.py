@@ -42,7 +42,7 @@ Pyramid = tuple[np.ndarray, ...]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sight:
+class ProjectedCells:
     """How a view shows the cells of a piece of map."""
 
     sample: Raster
@@ -54,7 +54,7 @@ class Sight:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Look:
+class ViewSampler:
     """A view prepared for being looked at from the map."""
 
     camera: Vector3
@@ -71,7 +71,7 @@ class Look:
     """Matched parallax, 0 where there is none."""
 
     @classmethod
-    def of(cls, view: TerrainView, bands: Sequence[GreyImage] = ()) -> Look:
+    def of(cls, view: TerrainView, bands: Sequence[GreyImage] = ()) -> ViewSampler:
         """Prepare a view, with its own image or with others in the same geometry."""
         rotation = map_from_pair_rotation(view.lsl_from_pair)
         return cls(
@@ -81,12 +81,12 @@ class Look:
             base_m=view.geometry.base_m,
             centre_px=view.geometry.centre_px,
             sides=_sides(view) @ rotation.T,
-            bands=tuple(pyramid_of(band, view.mask) for band in bands or (view.image,)),
-            fade=fade_of(view.mask),
+            bands=tuple(masked_pyramid(band, view.mask) for band in bands or (view.image,)),
+            fade=border_fade(view.mask),
             nearest=np.where(np.isfinite(view.parallax), view.parallax, 0).astype(np.float32),
         )
 
-    def balanced(self, gains: Float64[np.ndarray, "bands 2"]) -> Look:
+    def balanced(self, gains: Float64[np.ndarray, "bands 2"]) -> ViewSampler:
         """The view with (gain, offset) applied to each of its bands."""
         pairs = zip(self.bands, gains.astype(np.float32), strict=True)
         bands = (tuple(level * g + o for level in pyramid) for pyramid, (g, o) in pairs)
@@ -103,7 +103,7 @@ class Look:
         normal: Float32[np.ndarray, "3 rows cols"],
         tolerance_px: float,
         cell_m: float,
-    ) -> Sight:
+    ) -> ProjectedCells:
         """How this view shows cells at `ground` (east, north, up from this camera).
 
         The parallax may exceed the expected one by the tolerance and by what a cell's own depth
@@ -117,15 +117,17 @@ class Look:
         line = Y * enlarged + np.float32(self.centre_px[1])
         parallax = enlarged * np.float32(self.base_m)
         farthest = parallax * (1 + np.float32(cell_m) * nearness) + np.float32(tolerance_px)
-        hidden = looked_up(self.nearest, sample, line, cv2.INTER_NEAREST) > farthest
+        hidden = sample_image(self.nearest, sample, line, cv2.INTER_NEAREST) > farthest
         square = ground[0] ** 2 + ground[1] ** 2 + ground[2] ** 2
         facing = -(ground[0] * normal[0] + ground[1] * normal[1] + ground[2] * normal[2])
-        fade = looked_up(self.fade, *coarser(sample, line), cv2.INTER_LINEAR)
+        fade = sample_image(self.fade, *coarse_points(sample, line), cv2.INTER_LINEAR)
         shown = (np.float32(NEAREST_M) < Z) & (fade > 0)
         facing = np.maximum(facing, GRAZING * np.sqrt(square))
         density = np.float32(self.focal_px**2) * facing / (square * np.sqrt(square))
         density = np.where(shown, density, np.float32(0))
-        return Sight(sample, line, density, np.where(hidden, np.float32(0), density * fade))
+        return ProjectedCells(
+            sample, line, density, np.where(hidden, np.float32(0), density * fade)
+        )
 
     def brightness(
         self, sample: Raster, line: Raster, level: Raster | None, band: int = 0
@@ -133,13 +135,13 @@ class Look:
         """Grey values at image points, averaged over 2^level pixels, or over none."""
         pyramid = self.bands[band]
         if level is None:
-            return looked_up(pyramid[0], sample, line, cv2.INTER_LINEAR)
+            return sample_image(pyramid[0], sample, line, cv2.INTER_LINEAR)
         level = np.clip(level, 0, LEVELS - 1)
         grey = np.zeros_like(sample)
         for number in range(int(level.min()), int(np.ceil(level.max())) + 1):
             share = np.maximum(0, 1 - np.abs(level - np.float32(number)))
             scale = np.float32(0.5**number)
-            values = looked_up(pyramid[number], sample * scale, line * scale, cv2.INTER_LINEAR)
+            values = sample_image(pyramid[number], sample * scale, line * scale, cv2.INTER_LINEAR)
             cv2.accumulateProduct(values, share, grey)
         return grey
 
@@ -154,7 +156,7 @@ def _sides(view: TerrainView) -> Float64[np.ndarray, "5 3"]:
     return normals / np.linalg.norm(normals, axis=1, keepdims=True)
 
 
-def fade_of(mask: Mask) -> Float32[np.ndarray, "coarse_lines coarse_samples"]:
+def border_fade(mask: Mask) -> Float32[np.ndarray, "coarse_lines coarse_samples"]:
     """Distance from unusable pixels over half the image, in pixels `COARSER` times as wide."""
     lines, samples = (size // COARSER for size in mask.shape)
     whole = mask[: lines * COARSER, : samples * COARSER]
@@ -165,13 +167,13 @@ def fade_of(mask: Mask) -> Float32[np.ndarray, "coarse_lines coarse_samples"]:
     return (np.clip(inside - FADE_FROM_PX, 0, half) / half).astype(np.float32)
 
 
-def coarser(sample: Raster, line: Raster) -> tuple[Raster, Raster]:
+def coarse_points(sample: Raster, line: Raster) -> tuple[Raster, Raster]:
     """Image points in an image with pixels `COARSER` times as wide."""
     scale, shift = np.float32(1 / COARSER), np.float32(0.5 / COARSER - 0.5)
     return sample * scale + shift, line * scale + shift
 
 
-def pyramid_of(image: GreyImage, mask: Mask) -> Pyramid:
+def masked_pyramid(image: GreyImage, mask: Mask) -> Pyramid:
     """The image at every level; unusable pixels have its mean, for they are never shown."""
     level = cv2.mean(image, mask.astype(np.uint8))[0]
     pyramid = [image if mask.all() else np.where(mask, image, np.float32(level))]
@@ -180,7 +182,7 @@ def pyramid_of(image: GreyImage, mask: Mask) -> Pyramid:
     return tuple(pyramid)
 
 
-def looked_up(
+def sample_image(
     image: Float32[np.ndarray, "lines samples"], sample: Raster, line: Raster, how: int
 ) -> Raster:
     """The image at these points; 0 outside."""

@@ -29,7 +29,7 @@ from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.planes import Gradients, fit_window_planes
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.photogrammetry.terrain.dtm.records import Dtm
-from solmap.photogrammetry.terrain.dtm.resampling import coarsened
+from solmap.photogrammetry.terrain.dtm.resampling import coarsen
 
 STRIP = 1024
 """Rows that are judged together."""
@@ -80,10 +80,10 @@ class HazardParams:
 
 def hazards(dtm: Dtm, params: HazardParams) -> tuple[Classes, MapGrid]:
     """A `Hazard` for every cell of a coarser grid, and that grid."""
-    elevation, grid = coarsened(dtm.elevation, dtm.grid, params.cell_m)
-    sigma, _ = coarsened(dtm.sigma_m, dtm.grid, params.cell_m)
+    elevation, grid = coarsen(dtm.elevation, dtm.grid, params.cell_m)
+    sigma, _ = coarsen(dtm.sigma_m, dtm.grid, params.cell_m)
     if dtm.pose_sigma_m is not None:  # what all cells share makes no step
-        shared, _ = coarsened(dtm.pose_sigma_m, dtm.grid, params.cell_m)
+        shared, _ = coarsen(dtm.pose_sigma_m, dtm.grid, params.cell_m)
         sigma = np.sqrt(np.maximum(sigma**2 - shared**2, 0))
     return _judged_in_strips(elevation, sigma, replace(params, cell_m=grid.cell_m)), grid
 

@@ -39,7 +39,7 @@ from solmap.photogrammetry.arrays import Classes, Float32, Float64, Int32, PerPo
 from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.photogrammetry.terrain.dtm.records import Dtm, GroundClass
-from solmap.photogrammetry.terrain.dtm.resampling import MapPoints, coarsened, manageable_cell_m
+from solmap.photogrammetry.terrain.dtm.resampling import MapPoints, coarsen, manageable_cell_m
 
 Rays = Float32[np.ndarray, "rays steps"]
 """Values along rays from the eye, one row a ray."""
@@ -102,10 +102,10 @@ def viewshed_of_stop(dtm: Dtm, eye: Vector3, params: ViewshedParams) -> tuple[Cl
     model has as occluded is hidden.
     """
     cell_m = manageable_cell_m(dtm.elevation, dtm.grid, params.cell_m, params.most_cells)
-    elevation, grid = coarsened(dtm.elevation, dtm.grid, cell_m)
+    elevation, grid = coarsen(dtm.elevation, dtm.grid, cell_m)
     sight = viewshed(elevation, grid, eye, params)
     occluded = (dtm.ground == GroundClass.OCCLUDED).astype(np.float32)
-    share, _ = coarsened(occluded, dtm.grid, cell_m)
+    share, _ = coarsen(occluded, dtm.grid, cell_m)
     is_hidden = (share > OCCLUDED_SHARE) & ~np.isfinite(elevation)
     down, right = _offsets(grid, eye)
     within = np.hypot(down, right) <= params.radius_m / grid.cell_m

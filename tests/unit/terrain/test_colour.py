@@ -9,8 +9,8 @@ from solmap.photogrammetry.terrain.dtm.stop_dtm import DtmParams, build_dtm
 from solmap.photogrammetry.terrain.orthophoto.colour import colour_filters
 from solmap.photogrammetry.terrain.orthophoto.rendering import (
     OrthophotoParams,
+    prepare_orthophoto,
     render_orthophoto,
-    rendering,
 )
 
 
@@ -49,7 +49,7 @@ def coloured(scenes):
 
 
 def test_every_band_lies_where_its_own_image_shows_it_and_is_balanced_by_itself(coloured):
-    made = rendering(*coloured[:2], OrthophotoParams(), coloured[2])
+    made = prepare_orthophoto(*coloured[:2], OrthophotoParams(), coloured[2])
     east, north = np.meshgrid(*made.grid.centres())
     assert made.balance.shape == (2, 3, 2)
     checked = 0
@@ -73,7 +73,7 @@ def test_one_band_is_the_same_as_the_images_own(coloured):
     dtm, views, bands = coloured
     plain = [replace(view, image=images[0]) for view, images in zip(views, bands, strict=True)]
     grey = render_orthophoto(dtm, plain, OrthophotoParams())
-    for block in rendering(dtm, views, OrthophotoParams(), bands).blocks():
+    for block in prepare_orthophoto(dtm, views, OrthophotoParams(), bands).blocks():
         rows, cols = block.brightness.shape[1:]
         whole = grey.brightness[block.row : block.row + rows, block.col : block.col + cols]
         np.testing.assert_array_equal(block.brightness[0], whole)

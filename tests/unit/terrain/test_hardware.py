@@ -4,7 +4,7 @@ import numpy as np
 
 from solmap.photogrammetry.frames import Frame, FrameKind, Pose
 from solmap.photogrammetry.terrain.dtm.records import TerrainView
-from solmap.photogrammetry.terrain.dtm.rover_body import BODIES, without_rover
+from solmap.photogrammetry.terrain.dtm.rover_body import BODIES, mask_rover
 
 
 def seen_from(scenes, forward_m, height_m, dip_deg, distance_m) -> TerrainView:
@@ -33,7 +33,7 @@ def seen_from(scenes, forward_m, height_m, dip_deg, distance_m) -> TerrainView:
 
 def test_the_deck_below_the_mast_is_masked_and_the_ground_before_it_is_not(scenes):
     view = seen_from(scenes, forward_m=0.3, height_m=1.5, dip_deg=60.0, distance_m=1.5)
-    masked = ~without_rover(view, "MER2").mask
+    masked = ~mask_rover(view, "MER2").mask
     # the deck's front edge is 0.5 m ahead of the mast and 0.9 m below it: at a dip of 61 degrees
     line = 127.5 + 300 * np.tan(np.arctan2(0.9, 0.5) - np.radians(60))
     assert abs(np.flatnonzero(masked[:, 128]).min() - line) <= 8
@@ -43,19 +43,19 @@ def test_the_deck_below_the_mast_is_masked_and_the_ground_before_it_is_not(scene
 
 def test_a_panorama_of_the_ground_keeps_every_pixel(scenes):
     view = seen_from(scenes, forward_m=0.3, height_m=1.5, dip_deg=18.0, distance_m=4.0)
-    assert without_rover(view, "MER2").mask.all()
+    assert mask_rover(view, "MER2").mask.all()
 
 
 def test_a_hazard_camera_below_the_deck_loses_only_what_is_matched_on_the_rover(scenes):
     ground = seen_from(scenes, forward_m=0.5, height_m=0.5, dip_deg=30.0, distance_m=2.0)
     wheel = seen_from(scenes, forward_m=0.5, height_m=0.5, dip_deg=30.0, distance_m=0.25)
-    assert without_rover(ground, "MER2").mask.all()
-    assert not without_rover(wheel, "MER2").mask[128, 128]
+    assert mask_rover(ground, "MER2").mask.all()
+    assert not mask_rover(wheel, "MER2").mask[128, 128]
 
 
 def test_an_unknown_rover_leaves_the_view_as_it_is(scenes):
     view = seen_from(scenes, forward_m=0.3, height_m=1.5, dip_deg=60.0, distance_m=1.5)
-    assert without_rover(view, "ZHURONG") is view
+    assert mask_rover(view, "ZHURONG") is view
 
 
 def test_the_boxes_are_not_inside_out():

@@ -8,7 +8,7 @@ import pytest
 from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.planes import window_gradients
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
-from solmap.photogrammetry.terrain.dtm.resampling import coarsened
+from solmap.photogrammetry.terrain.dtm.resampling import coarsen
 from solmap.photogrammetry.terrain.insolation.horizon import horizons
 from solmap.photogrammetry.terrain.insolation.maps import (
     InsolationParams,
@@ -180,7 +180,7 @@ def test_several_seasons_are_mapped_at_once(scenes):
 
 def test_coarse_cells_keep_the_place_and_mean_of_a_plane(scenes):
     dtm = scenes.dtm_of(scenes.tilted, side=128)
-    coarse, grid = coarsened(dtm.elevation, dtm.grid, 0.16)
+    coarse, grid = coarsen(dtm.elevation, dtm.grid, 0.16)
     east, north = np.meshgrid(*grid.centres())
     known = np.isfinite(coarse)
     assert known.sum() == 32 * 32
@@ -190,7 +190,7 @@ def test_coarse_cells_keep_the_place_and_mean_of_a_plane(scenes):
 
 def test_cells_are_not_made_finer(scenes):
     dtm = scenes.dtm_of(scenes.level)
-    assert coarsened(dtm.elevation, dtm.grid, 0.02) == (dtm.elevation, dtm.grid)
+    assert coarsen(dtm.elevation, dtm.grid, 0.02) == (dtm.elevation, dtm.grid)
 
 
 def test_large_areas_have_larger_cells(scenes):

@@ -9,13 +9,13 @@ import pytest
 
 from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.terrain.orthophoto.mosaic import NO_SOURCE
-from solmap.photogrammetry.terrain.orthophoto.panorama import PanoramaParams, panorama
+from solmap.photogrammetry.terrain.orthophoto.panorama import PanoramaParams, prepare_panorama
 from solmap.photogrammetry.terrain.orthophoto.panorama_grid import (
     NODE,
     AngleGrid,
     StandingPlane,
     direction,
-    sight_ranges,
+    ground_ranges,
 )
 from solmap.photogrammetry.terrain.orthophoto.panorama_seams import registration
 from tests.unit.terrain.panorama_world import (
@@ -39,7 +39,7 @@ def ring():
 
 @pytest.fixture(scope="module")
 def made(ring):
-    return panorama(ring, PLANE, PanoramaParams(block_px=256), dtm())
+    return prepare_panorama(ring, PLANE, PanoramaParams(block_px=256), dtm())
 
 
 @pytest.fixture(scope="module")
@@ -123,15 +123,15 @@ def test_images_that_are_where_they_are_said_to_be_meet_to_a_fraction_of_a_pixel
 def test_without_the_ground_near_images_do_not_meet(ring):
     """The mast swings its cameras by decimetres: directions alone leave pixels of parallax."""
     deep = StandingPlane(np.array([0.0, 0.0, -100.0]), np.array([0.0, 0.0, 1.0]))
-    flat = panorama(ring, deep, PanoramaParams(), None)
-    bowl = panorama(ring, PLANE, PanoramaParams(), dtm())
+    flat = prepare_panorama(ring, deep, PanoramaParams(), None)
+    bowl = prepare_panorama(ring, PLANE, PanoramaParams(), dtm())
     assert registration(bowl).p90_px < 0.2
     assert registration(flat).median_px > 1.0
 
 
 def test_an_image_off_its_label_shows_in_its_seams(ring):
     off = image(72, seen_as=camera(72.75, -25.0))
-    made = panorama([ring[1], off, ring[3]], PLANE, PanoramaParams(), dtm())
+    made = prepare_panorama([ring[1], off, ring[3]], PLANE, PanoramaParams(), dtm())
     shifts = [
         seam.shift_px for seam in registration(made).seams if "at 72" in (seam.first, seam.second)
     ]
@@ -141,12 +141,12 @@ def test_an_image_off_its_label_shows_in_its_seams(ring):
 
 def test_brightness_is_balanced(ring):
     dark = [one if k % 2 else image(36 * k, gain=0.8) for k, one in enumerate(ring)]
-    made = panorama(dark, PLANE, PanoramaParams(), dtm())
+    made = prepare_panorama(dark, PLANE, PanoramaParams(), dtm())
     np.testing.assert_allclose(made.gains[1::2, 0] / made.gains[::2, 0], 0.8, rtol=0.03)
 
 
 def test_a_part_of_the_circle_is_as_wide_as_its_images(ring):
-    made = panorama([ring[-1], ring[0], ring[1]], PLANE, PanoramaParams(), None)
+    made = prepare_panorama([ring[-1], ring[0], ring[1]], PLANE, PanoramaParams(), None)
     east = made.grid.west_deg + made.grid.cols * made.grid.cell_deg
     assert made.grid.west_deg < -50 < 50 < east
     assert not made.grid.is_circle
@@ -162,7 +162,7 @@ def test_directions_and_pixels_belong_together():
 
 
 def test_ground_straight_below_is_as_far_as_it_is_deep():
-    found = sight_ranges(
+    found = ground_ranges(
         np.array([0.0, 0.0, 1.5]), np.array([0.0, 90.0]), np.array([5.0, -45.0, -89.0]), PLANE
     )
     assert found.range_m[0].min() > 1000
@@ -172,4 +172,4 @@ def test_ground_straight_below_is_as_far_as_it_is_deep():
 
 def test_a_panorama_of_nothing_says_what_to_try():
     with pytest.raises(TerrainError, match="choose the other"):
-        panorama([], PLANE, PanoramaParams())
+        prepare_panorama([], PLANE, PanoramaParams())

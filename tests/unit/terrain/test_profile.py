@@ -6,8 +6,8 @@ from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.photogrammetry.terrain.dtm.resampling import (
     NOWHERE,
     GroundSamples,
-    bilinear,
-    finest,
+    finest_samples,
+    sample_bilinear,
 )
 from solmap.photogrammetry.terrain.measure.lines import profile, stations
 
@@ -35,7 +35,7 @@ def samples(elevation, sigma=0.02, pose=0.0, source=0):
 
 def test_a_plane_is_read_exactly_between_its_cells(rng):
     places = rng.uniform(-9.9, 9.9, (500, 2))
-    found = bilinear(raster(), GRID, places)
+    found = sample_bilinear(raster(), GRID, places)
     assert np.abs(found - plane(*places.T)).max() < 1e-5
 
 
@@ -43,7 +43,12 @@ def test_a_gap_and_what_lies_beyond_the_grid_are_not_measured():
     values = raster()
     values[90:110, 90:110] = np.nan
     places = np.array([[0.0, 0.0], [11.0, 0.0], [0.0, -10.2], [5.0, 5.0]])
-    assert np.isfinite(bilinear(values, GRID, places)).tolist() == [False, False, False, True]
+    assert np.isfinite(sample_bilinear(values, GRID, places)).tolist() == [
+        False,
+        False,
+        False,
+        True,
+    ]
 
 
 def test_the_finest_model_speaks_and_of_equal_ones_the_surest():
@@ -51,7 +56,7 @@ def test_the_finest_model_speaks_and_of_equal_ones_the_surest():
     coarse = samples(np.array([1.0, 1.0, 1.0, unknown]), 0.01, source=0)
     fine = samples(np.array([2.0, 2.0, unknown, unknown]), 0.05, source=1)
     surer = samples(np.array([3.0, unknown, unknown, unknown]), 0.03, source=2)
-    found = finest([(0.08, coarse), (0.04, fine), (0.04, surer)])
+    found = finest_samples([(0.08, coarse), (0.04, fine), (0.04, surer)])
     assert found.source.tolist() == [2, 1, 0, NOWHERE]
     assert found.elevation[:3].tolist() == [3.0, 2.0, 1.0]
     assert np.isnan(found.elevation[3])

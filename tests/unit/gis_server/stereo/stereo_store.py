@@ -35,7 +35,7 @@ from solmap.photogrammetry.synthetic.traverse import TraverseParams
 from solmap.photogrammetry.synthetic.truth import true_parallax
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.photogrammetry.terrain.dtm.records import Dtm, GroundClass
-from solmap.photogrammetry.terrain.dtm.resampling import bilinear
+from solmap.photogrammetry.terrain.dtm.resampling import sample_bilinear
 from solmap.products.catalogue.catalogue import ImageEntry, MissionEntry
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.crs import LandingPoint, local_crs
@@ -84,7 +84,7 @@ class StereoStore:
         """The true elevation at (east, north); NaN away from the stops."""
         found = np.full(len(places), np.nan)
         for grid, elevation in self.truth:
-            known = bilinear(elevation, grid, places)
+            known = sample_bilinear(elevation, grid, places)
             found = np.where(np.isfinite(found), found, known)
         return found
 
