@@ -62,7 +62,7 @@ from solmap.photogrammetry.matching.manual.requests import (
     HandPoint,
     HandTie,
 )
-from solmap.photogrammetry.matching.records import Ties, joined
+from solmap.photogrammetry.matching.records import Ties, join_ties
 from solmap.photogrammetry.matching.resampling import GROUND_M
 from solmap.photogrammetry.terrain.dtm.ground import MAP_FROM_LSL
 from solmap.products.catalogue.catalogue import ImageEntry
@@ -357,7 +357,7 @@ def _placed(
         notes += outcome.notes
         made += outcome.ties
         numbers_made += [k] * len(outcome.ties)
-    return joined(made, tuple(bodies)), numbers_made, notes
+    return join_ties(made, tuple(bodies)), numbers_made, notes
 
 
 def _veto(wish: HandTie, bodies: dict[str, HandBody]) -> Veto | None:

@@ -112,7 +112,7 @@ def align(
     x = np.zeros(size)
     scales = np.maximum(np.geomspace(params.first_scale, 0.5, params.rounds - 3), 1.0)
     for k in (*scales, 1.0, 1.0, 1.0):
-        v, design, weight = _linearised(system, x, start, free_pose)
+        v, design, weight = _linearise(system, x, start, free_pose)
         length2 = np.einsum("ni,nij,nj->n", v, weight, v)
         usable = np.isfinite(length2)
         kernel = (k * params.chi_square / (length2 + k * params.chi_square)) ** 2
@@ -164,7 +164,7 @@ def _apply(rotations: np.ndarray, points: ObjectPoints) -> ObjectPoints:
     return (rotations @ points[:, :, None])[:, :, 0]
 
 
-def _linearised(
+def _linearise(
     system: _System, x: np.ndarray, start: Pose, free_pose: int
 ) -> tuple[ObjectPoints, Float64[np.ndarray, "n 3 m"], Float64[np.ndarray, "n 3 3"]]:
     """(residuals, design matrices, weights) at the present values of the unknowns."""
@@ -172,7 +172,7 @@ def _linearised(
     turn = ScipyRotation.from_rotvec(theta).as_matrix()
     (rs, cs), (rt, ct) = system.rover_from_pair
     first, second = system.rows
-    pose = _moved(start, x[:6]) if free_pose else start
+    pose = _move(start, x[:6]) if free_pose else start
     r, t = pose.rotation, pose.translation_m
     turned = _apply(turn[first], system.points)
     in_first = _apply(rs, turned) + cs
@@ -206,7 +206,7 @@ def _linearised(
     spread[behind] = np.eye(3)
     weight = np.linalg.inv(spread)
     weight[behind] = np.nan
-    return _measured(system) - _projected(seen, system), design, weight
+    return _measured(system) - _project(seen, system), design, weight
 
 
 def _measured(system: _System) -> ObjectPoints:
@@ -214,14 +214,14 @@ def _measured(system: _System) -> ObjectPoints:
     return np.column_stack([system.ties.second_left, system.ties.second_parallax_px])
 
 
-def _projected(points: ObjectPoints, system: _System) -> ObjectPoints:
+def _project(points: ObjectPoints, system: _System) -> ObjectPoints:
     """(sample, line, parallax) of points in the second pair's frame; NaN behind the camera."""
     z = np.where(points[:, 2] > 0, points[:, 2], np.nan)
     left = system.centre + (system.focal / z)[:, None] * points[:, :2]
     return np.column_stack([left, system.focal * system.base / z])
 
 
-def _moved(pose: Pose, change: Float64[np.ndarray, " 6"]) -> Pose:
+def _move(pose: Pose, change: Float64[np.ndarray, " 6"]) -> Pose:
     """A pose turned by a rotation vector about the source's origin and then shifted."""
     turn = ScipyRotation.from_rotvec(change[:3]).as_matrix()
     rotation = ScipyRotation.from_matrix(turn @ pose.rotation).as_matrix()
@@ -238,7 +238,7 @@ def _result(  # noqa: PLR0913, PLR0917 - gathers one result
     params: AlignmentParams,
 ) -> Alignment:
     """The alignment at the solution, with the verdict on every tie."""
-    v, _, weight = _linearised(system, x, start, free_pose)
+    v, _, weight = _linearise(system, x, start, free_pose)
     length2 = np.einsum("ni,nij,nj->n", v, weight, v)
     length2 = np.where(np.isfinite(length2), length2, np.inf)
     agrees = length2 <= params.chi_square
@@ -251,5 +251,5 @@ def _result(  # noqa: PLR0913, PLR0917 - gathers one result
         system.ties.pair_ids[k]: x[free_pose + 3 * i : free_pose + 3 * i + 3].copy()
         for i, k in enumerate(used)
     }
-    pose = _moved(start, x[:6]) if free_pose else start
+    pose = _move(start, x[:6]) if free_pose else start
     return Alignment(pose, covariance, pointing, length2, agrees, sigma0, rms)

@@ -45,9 +45,9 @@ from solmap.photogrammetry.matching.least_squares import fit_patches
 from solmap.photogrammetry.matching.parallax_planes import (
     ParallaxPlanes,
     image_pyramid,
-    mapped,
+    map_points,
     parallax_planes,
-    right_from_left,
+    stereo_homographies,
 )
 from solmap.photogrammetry.matching.records import MatchedPair
 
@@ -192,7 +192,7 @@ def find_conjugates(
         if template is not None and search is not None:
             templates[k], searches[k] = template, search
     found, offset, sigma, correlation = match_patches(templates, searches, usable, params)
-    conjugate, derivative = mapped(target_from_source @ grid, offset)
+    conjugate, derivative = map_points(target_from_source @ grid, offset)
     spread = derivative * sigma[:, None, None]
     found &= np.isfinite(conjugate).all(axis=1)
     mean = np.sqrt((spread**2).sum(axis=(1, 2)) / 2)
@@ -216,7 +216,7 @@ def match_patches(
     return found & settled & (correlation >= params.threshold), offset, sigma, correlation
 
 
-def measured_parallax(
+def measure_parallax(
     view: TieView, points: ImagePoints, params: ConjugateParams
 ) -> tuple[PerPoint, PerPoint]:
     """(parallax, its standard deviation) at left image points; NaN where it cannot be measured."""
@@ -230,7 +230,7 @@ def measured_parallax(
         view.left,
         view.right,
         points[ok],
-        right_from_left(points[ok], some),
+        stereo_homographies(points[ok], some),
         2,
         replace(params, ambiguity=1.0),
     )
@@ -263,7 +263,7 @@ def common_grids(
     points: ImagePoints, target_from_source: Float64[np.ndarray, "n 3 3"]
 ) -> Float64[np.ndarray, "n 3 3"]:
     """source_from_grid of every point, origin at the point; NaN where it has no image."""
-    _, derivative = mapped(target_from_source, points)
+    _, derivative = map_points(target_from_source, points)
     grids = np.tile(np.eye(3), (len(points), 1, 1))
     grids[:, :2, 2] = points
     good = np.isfinite(derivative).all(axis=(1, 2))
@@ -284,7 +284,7 @@ def _patch(view: View, image_from_grid: Float64[np.ndarray, "3 3"], half: int) -
     None where the middle of the patch is not in the image.
     """
     ring = np.array([[0, 0], [-1, -1], [1, -1], [1, 1], [-1, 1]]) * min(float(half), 8.0)
-    on_image, derivative = mapped(np.broadcast_to(image_from_grid, (5, 3, 3)).copy(), ring)
+    on_image, derivative = map_points(np.broadcast_to(image_from_grid, (5, 3, 3)).copy(), ring)
     if not (np.isfinite(on_image).all() and _visible(view.mask, on_image)):
         return None
     steps = np.linalg.norm(derivative[0], axis=0)

@@ -27,13 +27,13 @@ from solmap.photogrammetry.matching.conjugates import (
     TieView,
     find_conjugates,
     in_view,
-    measured_parallax,
+    measure_parallax,
 )
 from solmap.photogrammetry.matching.parallax_planes import (
     ParallaxPlanes,
     plane_homographies,
 )
-from solmap.photogrammetry.matching.records import MatchedStop, Ties, joined
+from solmap.photogrammetry.matching.records import MatchedStop, Ties, join_ties
 
 REACH_SIGMAS = 3.0
 
@@ -111,7 +111,7 @@ def tie_inter_stereo(stop: MatchedStop, params: InterStereoParams) -> PairTies:
             continue
         looked[source.pair.pair_id, target.pair.pair_id] = len(rows)
         measured.append(
-            tie_pair(
+            _tie_pair(
                 source,
                 target,
                 _between(source, target),
@@ -121,8 +121,8 @@ def tie_inter_stereo(stop: MatchedStop, params: InterStereoParams) -> PairTies:
                 pair_ids,
             )
         )
-    ties = joined(measured, pair_ids)
-    return _verified(stop, ties, looked, params)
+    ties = join_ties(measured, pair_ids)
+    return _verify(stop, ties, looked, params)
 
 
 def _between(source: TieView, target: TieView) -> Pose:
@@ -147,7 +147,7 @@ def _overlap(
     else:
         forth = int(there.sum()) >= int(back.sum())
     source, target, seen = (one, other, there) if forth else (other, one, back)
-    return source, target, _spread_out(source, np.flatnonzero(seen), params)
+    return source, target, _select_candidates(source, np.flatnonzero(seen), params)
 
 
 def _visible(source: TieView, target: TieView, params: InterStereoParams) -> Flags:
@@ -158,12 +158,12 @@ def _visible(source: TieView, target: TieView, params: InterStereoParams) -> Fla
     seen = np.zeros(len(matches), dtype=bool)
     if not rows.any():
         return seen
-    left, _, _ = predicted_points(source, target, _between(source, target), rows)
+    left, _, _ = _predict_points(source, target, _between(source, target), rows)
     seen[np.flatnonzero(rows)] = in_view(target, left, params.conjugates.half_px)
     return seen
 
 
-def _spread_out(
+def _select_candidates(
     source: TieView, rows: Int32[np.ndarray, " n"] | np.ndarray, params: InterStereoParams
 ) -> Int32[np.ndarray, " n"]:
     """The most certain match of every cell; with too many cells, those evenly through the image."""
@@ -183,7 +183,7 @@ def _cells(points: ImagePoints, cell_px: int) -> np.ndarray:
     return row * 100_000 + col
 
 
-def predicted_points(
+def _predict_points(
     source: TieView, target: TieView, target_from_source: Pose, rows: Flags
 ) -> tuple[
     Float64[np.ndarray, "some 2"], Float64[np.ndarray, " some"], Float64[np.ndarray, "some 3"]
@@ -196,7 +196,7 @@ def predicted_points(
     return left, parallax, in_target
 
 
-def tie_pair(  # noqa: PLR0913, PLR0917 - two views, what joins them, which matches, and how
+def _tie_pair(  # noqa: PLR0913, PLR0917 - two views, what joins them, which matches, and how
     source: TieView,
     target: TieView,
     target_from_source: Pose,
@@ -215,12 +215,12 @@ def tie_pair(  # noqa: PLR0913, PLR0917 - two views, what joins them, which matc
     points = matches.left[rows]
     maps = plane_homographies(source.geometry, target.geometry, target_from_source, points, planes)
     found = find_conjugates(source.left, target.left, points, maps, reach, params)
-    parallax, sigma_parallax = measured_parallax(target, found.points[found.found], params)
+    parallax, sigma_parallax = measure_parallax(target, found.points[found.found], params)
     floor_px = params.parallax_floor_px
-    return _assembled(source, target, rows, found, parallax, sigma_parallax, pair_ids, floor_px)
+    return _assemble(source, target, rows, found, parallax, sigma_parallax, pair_ids, floor_px)
 
 
-def _assembled(  # noqa: PLR0913, PLR0917 - gathers the columns of the ties
+def _assemble(  # noqa: PLR0913, PLR0917 - gathers the columns of the ties
     source: TieView,
     target: TieView,
     rows: Int32[np.ndarray, " n"],
@@ -253,7 +253,7 @@ def _assembled(  # noqa: PLR0913, PLR0917 - gathers the columns of the ties
     return ties.taking(np.isfinite(parallax))
 
 
-def _verified(
+def _verify(
     stop: MatchedStop,
     ties: Ties,
     looked: dict[tuple[str, str], int],

@@ -55,11 +55,11 @@ from solmap.photogrammetry.arrays import (
 )
 from solmap.photogrammetry.matching.records import EpipolarImages
 from solmap.photogrammetry.matching.resampling import (
-    along_rows,
-    at_points,
-    coefficients_of,
     row_coefficients,
     row_slope,
+    sample_points,
+    sample_rows,
+    spline_coefficients,
 )
 
 PARAMETERS = 5
@@ -152,9 +152,9 @@ class LeastSquaresMatcher:
         self, pixels: np.ndarray, start_px: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         x, y = pixels[:, 0, None] + self.dx, pixels[:, 1, None] + self.dy
-        left = _centred(self.left[y, x])
+        left = _centre(self.left[y, x])
         design = self._design(self.left_slope[y, x])
-        inverse = np.linalg.inv(np.einsum("nki,nkj->nij", design, design) + _tiny(design))
+        inverse = np.linalg.inv(np.einsum("nki,nkj->nij", design, design) + _regularisation(design))
         geometry = np.zeros((len(pixels), 3))  # parallax, its slope along samples and along lines
         geometry[:, 0] = start_px
         fitted = np.zeros_like(left)
@@ -197,23 +197,23 @@ class LeastSquaresMatcher:
         """Right windows at the present parallax, brightness and contrast fitted to the left."""
         p, a, b = geometry.T[:, :, None]
         sample = (x - p - a * self.dx - b * self.dy).astype(np.float32)
-        right = _centred(along_rows(self.right_coefficients, sample, y.astype(np.float32)))
+        right = _centre(sample_rows(self.right_coefficients, sample, y.astype(np.float32)))
         energy = np.maximum((right**2).sum(axis=1, keepdims=True), 1e-12)
         return right * ((left * right).sum(axis=1, keepdims=True) / energy)
 
 
-def _centred(windows: np.ndarray) -> np.ndarray:
+def _centre(windows: np.ndarray) -> np.ndarray:
     windows = windows.astype(np.float64)
     return windows - windows.mean(axis=1, keepdims=True)
 
 
-def _tiny(design: np.ndarray) -> np.ndarray:
+def _regularisation(design: np.ndarray) -> np.ndarray:
     """Enough on the diagonal that a window without texture has an inverse, and a huge sigma."""
     scale = 1e-9 * np.einsum("nki,nki->n", design, design)[:, None, None] + 1e-12
     return scale * np.eye(design.shape[2])
 
 
-def refined_offsets(
+def match_offsets(
     images: EpipolarImages, pixels: np.ndarray, start: np.ndarray, window_px: int, steps: int = 6
 ) -> np.ndarray:
     """Shift of each left window in the right image, along samples and lines; NaN if not found."""
@@ -223,15 +223,15 @@ def refined_offsets(
     dy, dx = (w.ravel() for w in np.mgrid[-half : half + 1, -half : half + 1])
     x, y = pixels[:, 0, None] + dx, pixels[:, 1, None] + dy
     gy, gx = np.gradient(images.left)
-    left = _centred(images.left[y, x])
-    design = np.stack([_centred(gx[y, x]), _centred(gy[y, x])], axis=2)
+    left = _centre(images.left[y, x])
+    design = np.stack([_centre(gx[y, x]), _centre(gy[y, x])], axis=2)
     normal = np.einsum("nki,nkj->nij", design, design) + 1e-6 * np.eye(2)
-    coefficients = coefficients_of(images.right)
+    coefficients = spline_coefficients(images.right)
     offset = start.copy()
     step = np.full_like(start, np.inf)
     for _ in range(steps):
         place = (x + offset[:, 0, None], y + offset[:, 1, None])
-        right = _centred(at_points(coefficients, *(p.astype(np.float32) for p in place)))
+        right = _centre(sample_points(coefficients, *(p.astype(np.float32) for p in place)))
         gain = (left * right).sum(axis=1) / np.maximum((right * right).sum(axis=1), 1e-12)
         residual = left - gain[:, None] * right
         step = np.linalg.solve(normal, np.einsum("nki,nk->ni", design, residual)[:, :, None])[
@@ -275,9 +275,9 @@ class _Step:
     ) -> _Step:
         """Solve for the motion of search patches as they are drawn; means of zero, and a rim."""
         n, (u, v) = len(templates), x.T
-        gain = templates.std(axis=(1, 2)) / np.maximum(_inner(drawn).std(axis=(1, 2)), TINY)
+        gain = templates.std(axis=(1, 2)) / np.maximum(_core(drawn).std(axis=(1, 2)), TINY)
         drawn = drawn * gain[:, None, None]
-        along, down, w = (g.reshape(n, -1) for g in (*_slopes(drawn), _inner(drawn)))
+        along, down, w = (g.reshape(n, -1) for g in (*_slopes(drawn), _core(drawn)))
         columns = (along, down, along * u, along * v, down * u, down * v, w, np.ones_like(w))
         design = np.stack(columns, axis=-1)
         scale = np.maximum(np.sqrt((design**2).mean(axis=1)), TINY)
@@ -301,7 +301,7 @@ class _Step:
         n, m = self.residual.shape
         side = round(m**0.5)
         sigma0 = np.sqrt((self.residual**2).sum(axis=1) / (m - UNKNOWNS))
-        kinship = correlated(self.residual.reshape(n, side, side))
+        kinship = correlation_factor(self.residual.reshape(n, side, side))
         return sigma0 * np.sqrt(self.variance * kinship)
 
 
@@ -317,11 +317,11 @@ def fit_patches(
     a = templates - templates.mean(axis=(1, 2), keepdims=True, dtype=np.float64)
     shift, affine = start.copy(), np.tile(np.eye(2), (len(start), 1, 1))
     for _ in range(iterations):
-        step = _Step.of(a, _drawn(searches, shift, affine, wide), x)
+        step = _Step.of(a, _draw(searches, shift, affine, wide), x)
         e, E = step.moves
         moved = (affine @ e[:, :, None])[:, :, 0]
         shift, affine = shift + moved, affine @ (np.eye(2) + E)
-    w = _inner(_drawn(searches, shift, affine, wide))
+    w = _core(_draw(searches, shift, affine, wide))
     energy = np.sqrt((a**2).sum(axis=(1, 2)) * (w**2).sum(axis=(1, 2)))
     correlation = (a * w).sum(axis=(1, 2)) / np.maximum(energy, TINY)
     return PatchFits(shift, step.sigma, affine, correlation, np.abs(moved).max(axis=1))
@@ -333,7 +333,7 @@ def _cells(half: int) -> Float64[np.ndarray, "m 2"]:
     return np.column_stack([column.ravel(), row.ravel()]).astype(np.float64)
 
 
-def _inner(patches: Float64[np.ndarray, "n b b"]) -> Float64[np.ndarray, "n a a"]:
+def _core(patches: Float64[np.ndarray, "n b b"]) -> Float64[np.ndarray, "n a a"]:
     """Patches without their rim."""
     return patches[:, RIM:-RIM, RIM:-RIM]
 
@@ -347,7 +347,7 @@ def _slopes(patches: Float64[np.ndarray, "n b b"]) -> tuple[np.ndarray, np.ndarr
     )
 
 
-def correlated(residuals: Float64[np.ndarray, "n a a"]) -> PerPoint:
+def correlation_factor(residuals: Float64[np.ndarray, "n a a"]) -> PerPoint:
     """How many neighbouring residuals count as one, by their correlation at a distance of one.
 
     Smeared and interpolated patches leave residuals that go up and down together; for residuals of
@@ -360,7 +360,7 @@ def correlated(residuals: Float64[np.ndarray, "n a a"]) -> PerPoint:
     return (1 + along) / (1 - along) * (1 + down) / (1 - down)
 
 
-def _drawn(
+def _draw(
     searches: Float32[np.ndarray, "n s s"],
     shift: Float64[np.ndarray, "n 2"],
     affine: Float64[np.ndarray, "n 2 2"],
@@ -378,4 +378,4 @@ def _drawn(
     grey = (b00 * (1 - u) + b01 * u) * (1 - v) + (b10 * (1 - u) + b11 * u) * v
     side = round(len(x) ** 0.5)
     grey = grey.reshape(n, side, side)
-    return grey - _inner(grey).mean(axis=(1, 2), keepdims=True)
+    return grey - _core(grey).mean(axis=(1, 2), keepdims=True)

@@ -116,7 +116,7 @@ def parallax_planes(parallax: ParallaxMap, points: ImagePoints, half_px: int) ->
     )
     weight *= near  # a third of the range away is another surface
     for _ in range(2):
-        coefficients, residual = _fit(design, value, weight)
+        coefficients, residual = _fit_windows(design, value, weight)
         sigma = np.sqrt((weight * residual**2).sum(axis=1) / np.maximum(weight.sum(axis=1) - 3, 1))
         keep = np.abs(residual) <= 2.5 * np.maximum(sigma, 0.1)[:, None]
         enough &= weight.mean(axis=1) >= LEAST_SHARE / 2
@@ -126,7 +126,7 @@ def parallax_planes(parallax: ParallaxMap, points: ImagePoints, half_px: int) ->
     return ParallaxPlanes(coefficients[:, 0], coefficients[:, 1:], sigma)
 
 
-def _fit(
+def _fit_windows(
     design: Float64[np.ndarray, "n m 3"],
     value: Float64[np.ndarray, "n m"],
     weight: Float64[np.ndarray, "n m"],
@@ -175,7 +175,7 @@ def parallax_facets(parallax: ParallaxMap, half_px: int) -> Float32[np.ndarray, 
     return np.where(enough, found, np.nan).astype(np.float32)
 
 
-def fit_plane(
+def fit_robust_plane(
     points: Float64[np.ndarray, "n 2"], parallax_px: Float64[np.ndarray, " n"]
 ) -> ParallaxPlane:
     """The plane of least absolute deviations, by repeated weighting."""
@@ -189,7 +189,7 @@ def fit_plane(
     return ParallaxPlane(at, per_sample, float(solution[2] / 1000.0))
 
 
-def calibration(geometry: EpipolarPair) -> Float64[np.ndarray, "3 3"]:
+def calibration_matrix(geometry: EpipolarPair) -> Float64[np.ndarray, "3 3"]:
     """K of an epipolar pair."""
     f, (cx, cy) = geometry.focal_px, geometry.centre_px
     return np.array([[f, 0.0, cx], [0.0, f, cy], [0.0, 0.0, 1.0]])
@@ -207,10 +207,12 @@ def plane_homographies(
     between = target_from_source.rotation + (
         target_from_source.translation_m[None, :, None] * normal[:, None, :]
     )
-    return calibration(target) @ between @ np.linalg.inv(calibration(source))
+    return calibration_matrix(target) @ between @ np.linalg.inv(calibration_matrix(source))
 
 
-def right_from_left(points: ImagePoints, planes: ParallaxPlanes) -> Float64[np.ndarray, "n 3 3"]:
+def stereo_homographies(
+    points: ImagePoints, planes: ParallaxPlanes
+) -> Float64[np.ndarray, "n 3 3"]:
     """Maps of the left image of a pair onto its right one over each point's local surface."""
     gx, gy = planes.gradient.T
     maps = np.tile(np.eye(3), (len(points), 1, 1))
@@ -220,7 +222,7 @@ def right_from_left(points: ImagePoints, planes: ParallaxPlanes) -> Float64[np.n
     return maps
 
 
-def mapped(
+def map_points(
     homographies: Float64[np.ndarray, "n 3 3"], points: ImagePoints
 ) -> tuple[ImagePoints, Float64[np.ndarray, "n 2 2"]]:
     """Each point through its own homography, and the derivative of the map there."""

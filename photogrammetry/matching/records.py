@@ -130,7 +130,7 @@ class Ties:
         return {(self.pair_ids[i], self.pair_ids[j]): n for (i, j), n in sorted(found.items())}
 
 
-def joined(ties: Sequence[Ties], pair_ids: tuple[str, ...]) -> Ties:
+def join_ties(ties: Sequence[Ties], pair_ids: tuple[str, ...]) -> Ties:
     """All ties of several sets that share the list of pairs."""
     for some in ties:
         if some.pair_ids != pair_ids:

@@ -47,7 +47,7 @@ STRIP = 32
 """Rows sampled at a time: what is needed of them stays in the processor's cache."""
 
 
-def coefficients_of(image: GreyImage) -> GreyImage:
+def spline_coefficients(image: GreyImage) -> GreyImage:
     """Spline coefficients of an image, in both directions; mirrored at its borders."""
     return cv2.sepFilter2D(image, cv2.CV_32F, _INVERSE, _INVERSE, borderType=cv2.BORDER_REFLECT_101)
 
@@ -64,30 +64,30 @@ def row_slope(coefficients: GreyImage) -> GreyImage:
     return cv2.filter2D(coefficients, -1, np.array([[-0.5, 0.0, 0.5]], np.float32))
 
 
-def along_rows(coefficients: GreyImage, x: SampleGrid, y: SampleGrid) -> SampleGrid:
+def sample_rows(coefficients: GreyImage, x: SampleGrid, y: SampleGrid) -> SampleGrid:
     """Grey values at (x, y), where y holds whole rows."""
-    g, first, second = _fetches(x)
-    return _mixed(g, _fetched(coefficients, first, y), _fetched(coefficients, second, y))
+    g, first, second = _fetch_places(x)
+    return _mix(g, _fetch(coefficients, first, y), _fetch(coefficients, second, y))
 
 
-def at_points(coefficients: GreyImage, x: SampleGrid, y: SampleGrid) -> SampleGrid:
+def sample_points(coefficients: GreyImage, x: SampleGrid, y: SampleGrid) -> SampleGrid:
     """Grey values at (x, y)."""
     values = np.empty_like(x)
     for row in range(0, len(x), STRIP):
         part = slice(row, row + STRIP)
-        g_x, left, right = _fetches(x[part])
-        g_y, above, below = _fetches(y[part])
-        upper = _mixed(g_x, *(_fetched(coefficients, u, above) for u in (left, right)))
-        lower = _mixed(g_x, *(_fetched(coefficients, u, below) for u in (left, right)))
-        values[part] = _mixed(g_y, upper, lower)
+        g_x, left, right = _fetch_places(x[part])
+        g_y, above, below = _fetch_places(y[part])
+        upper = _mix(g_x, *(_fetch(coefficients, u, above) for u in (left, right)))
+        lower = _mix(g_x, *(_fetch(coefficients, u, below) for u in (left, right)))
+        values[part] = _mix(g_y, upper, lower)
     return values
 
 
-def _mixed(share: SampleGrid, first: SampleGrid, second: SampleGrid) -> SampleGrid:
+def _mix(share: SampleGrid, first: SampleGrid, second: SampleGrid) -> SampleGrid:
     return second + share * (first - second)
 
 
-def _fetches(x: SampleGrid) -> tuple[SampleGrid, SampleGrid, SampleGrid]:
+def _fetch_places(x: SampleGrid) -> tuple[SampleGrid, SampleGrid, SampleGrid]:
     """Weight of the first of two fetches, and where both are made."""
     i = np.floor(x)
     f = x - i
@@ -97,7 +97,7 @@ def _fetches(x: SampleGrid) -> tuple[SampleGrid, SampleGrid, SampleGrid]:
     return g0, i - w0 / g0, i + 1 + w3 / (1 - g0)
 
 
-def _fetched(coefficients: GreyImage, x: SampleGrid, y: SampleGrid) -> SampleGrid:
+def _fetch(coefficients: GreyImage, x: SampleGrid, y: SampleGrid) -> SampleGrid:
     return cv2.remap(coefficients, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT_101)
 
 
@@ -137,8 +137,8 @@ def resample(
     inside = (u >= 0) & (u <= samples - 1) & (v >= 0) & (v <= lines - 1)  # NaN is not
     if not inside.all():
         u, v = (np.where(inside, w, np.float32(0)) for w in (u, v))
-    usable = _warped_mask(mask, u, v) & inside
-    grey = at_points(coefficients_of(_without_bad_pixels(image, mask)), u, v)
+    usable = _warp_mask(mask, u, v) & inside
+    grey = sample_points(spline_coefficients(_fill_bad_pixels(image, mask)), u, v)
     return np.where(usable, grey, np.float32(0)), usable
 
 
@@ -153,7 +153,7 @@ def epipolar_images(
     )
 
 
-def shifted(image: GreyImage, mask: Mask, by: GreyImage) -> tuple[GreyImage, Mask]:
+def shift_rows(image: GreyImage, mask: Mask, by: GreyImage) -> tuple[GreyImage, Mask]:
     """An image whose pixel (x, y) is that of (x - by, y), and where it is usable."""
     grid = np.indices(image.shape, dtype=np.float32)
     place = (grid[1] - by, grid[0])
@@ -173,7 +173,7 @@ def original_points(camera: CameraModel, geometry: EpipolarPair) -> ImageMap:
         if not np.isfinite(coarse).all():
             break
         if _error_px(coarse, x, y, camera, geometry) < MAP_TOLERANCE_PX:
-            return _interpolated(
+            return _interpolate(
                 coarse, x, y, np.arange(float(geometry.samples)), np.arange(float(geometry.lines))
             )
         step //= 2
@@ -194,7 +194,7 @@ def _project(
     return camera.project(points).reshape(len(y), len(x), 2)
 
 
-def _interpolated(
+def _interpolate(
     coarse: np.ndarray, x: np.ndarray, y: np.ndarray, to_x: np.ndarray, to_y: np.ndarray
 ) -> np.ndarray:
     """Values of the bicubic spline through `coarse`; splines are linear in their data."""
@@ -209,11 +209,11 @@ def _error_px(
     """Largest error of the spline half-way between the nodes; infinite where not all is seen."""
     half_x, half_y = (x[1:] + x[:-1]) / 2, (y[1:] + y[:-1]) / 2
     exact = _project(camera, geometry, half_x, half_y)
-    error = np.abs(_interpolated(coarse, x, y, half_x, half_y) - exact).max()
+    error = np.abs(_interpolate(coarse, x, y, half_x, half_y) - exact).max()
     return float(error) if np.isfinite(error) else np.inf
 
 
-def _warped_mask(mask: Mask, u: np.ndarray, v: np.ndarray) -> EpipolarMask:
+def _warp_mask(mask: Mask, u: np.ndarray, v: np.ndarray) -> EpipolarMask:
     if mask.all():
         return np.ones(u.shape, dtype=bool)
     kernel = np.ones((2 * REACH_PX + 1, 2 * REACH_PX + 1), np.uint8)
@@ -224,7 +224,7 @@ def _warped_mask(mask: Mask, u: np.ndarray, v: np.ndarray) -> EpipolarMask:
     return near_bad[nearest[0], nearest[1]] == 0
 
 
-def _without_bad_pixels(image: GreyImage, mask: Mask) -> GreyImage:
+def _fill_bad_pixels(image: GreyImage, mask: Mask) -> GreyImage:
     """Bad pixels replaced by the mean of their good neighbours, so that their splines stay calm."""
     if mask.all():
         return image

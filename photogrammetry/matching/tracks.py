@@ -73,8 +73,8 @@ def build_tie_points(
     sigma, sigma_parallax = measured.sigma_px[keep], measured.sigma_parallax_px[keep]
     sigma_line = measured.sigma_line_px[keep]
     first = int(point.max()) + 1 if len(point) else 0
-    rows = [_thinned(m, left[pair == k], params) for k, m in enumerate(matches)]
-    alone = [_taken(m, some) for m, some in zip(matches, rows, strict=True)]
+    rows = [_thin(m, left[pair == k], params) for k, m in enumerate(matches)]
+    alone = [_select_rows(m, some) for m, some in zip(matches, rows, strict=True)]
     counts = [len(some) for some in rows]
     return TiePoints(
         pair_ids,
@@ -88,7 +88,7 @@ def build_tie_points(
     )
 
 
-def _taken(matches: StereoMatches, rows: np.ndarray) -> StereoMatches:
+def _select_rows(matches: StereoMatches, rows: np.ndarray) -> StereoMatches:
     """Some rows of a pair's matches."""
     return StereoMatches(
         matches.pair_id, matches.left[rows], matches.parallax_px[rows], matches.sigma_px[rows]
@@ -127,9 +127,9 @@ def _points(
     apart = 4.0 * np.abs(measured.left).max() + 4.0  # pairs side by side, far from each other
     places = measured.left + np.column_stack([apart * measured.pair, np.zeros(n)])
     same = cKDTree(places).query_pairs(same_px, output_type="ndarray")
-    feature = _connected(n, same)
+    feature = _connected_sets(n, same)
     two = np.column_stack([feature[0::2], feature[1::2]])
-    point = _connected(int(feature.max()) + 1, two)[feature]
+    point = _connected_sets(int(feature.max()) + 1, two)[feature]
     best = np.lexsort((measured.sigma_px, feature))
     rows = best[np.unique(feature[best], return_index=True)[1]]
     twice = Counter(zip(point[rows].tolist(), measured.pair[rows].tolist(), strict=True))
@@ -141,13 +141,13 @@ def _points(
     return renumbered[order].astype(np.int32), rows[order].astype(np.int32)
 
 
-def _connected(n: int, links: np.ndarray) -> np.ndarray:
+def _connected_sets(n: int, links: np.ndarray) -> np.ndarray:
     """A number for the connected set of each of n things."""
     ones = np.ones(len(links), dtype=np.int8)
     return connected_components(coo_matrix((ones, (links[:, 0], links[:, 1])), shape=(n, n)))[1]
 
 
-def _thinned(matches: StereoMatches, taken: ImagePoints, params: TrackParams) -> np.ndarray:
+def _thin(matches: StereoMatches, taken: ImagePoints, params: TrackParams) -> np.ndarray:
     """Rows of the most certain match of every cell, away from points that are there already."""
     free = np.ones(len(matches), dtype=bool)
     if len(taken) and len(matches):

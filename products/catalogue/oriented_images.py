@@ -15,7 +15,7 @@ from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.cameras.model import CameraModel
 from solmap.photogrammetry.imagery import Eye, RoverImage, StopId
 from solmap.photogrammetry.matching.stereo.dense import DenseMatches
-from solmap.photogrammetry.matching.stereo.orientation import turned_in_place
+from solmap.photogrammetry.matching.stereo.orientation import turn_in_place
 from solmap.photogrammetry.terrain.measure.oriented_image import (
     OrientedImage,
     Pointing,
@@ -129,7 +129,7 @@ def matched_record(entry: ImageEntry, workspace: Workspace) -> RoverImage:
     turn = _right_turn(workspace.store.path(matches)) if matches else None
     if turn is None:
         return image
-    camera = turned_in_place(image.camera, image.stop.frame, np.array(turn))
+    camera = turn_in_place(image.camera, image.stop.frame, np.array(turn))
     return replace(image, camera=camera)
 
 

@@ -13,7 +13,7 @@ from solmap.photogrammetry.frames import Frame, FrameKind
 from solmap.photogrammetry.imagery import Eye, RoverImage, StopId
 from solmap.photogrammetry.matching.records import EpipolarImages, MatchedPair, MatchedStop
 from solmap.photogrammetry.matching.resampling import epipolar_images
-from solmap.photogrammetry.matching.stereo.orientation import turned_in_place
+from solmap.photogrammetry.matching.stereo.orientation import turn_in_place
 from solmap.products.catalogue.catalogue import ImageEntry
 from solmap.products.catalogue.images import ImageFile, image_file, read_product_image
 from solmap.products.formats.documents.archives import (
@@ -91,7 +91,7 @@ def with_right_turned(right: ReadImage, turn: tuple[float, float, float] | None)
     if turn is None:
         return right
     image = right.image
-    camera = turned_in_place(image.camera, image.stop.frame, np.array(turn))
+    camera = turn_in_place(image.camera, image.stop.frame, np.array(turn))
     return replace(right, image=replace(image, camera=camera))
 
 

@@ -14,12 +14,12 @@ from solmap.photogrammetry.imagery import Eye, StereoMatches, StopId
 from solmap.photogrammetry.matching.resampling import resample
 from solmap.photogrammetry.matching.stereo.wide_baseline import (
     InstrumentLimits,
-    WideEye,
-    WideMatches,
+    WideBaselineImage,
+    WideBaselineMatches,
     WideParams,
-    in_order,
-    match_wide,
-    wide_pairs,
+    match_wide_baseline,
+    order_left_right,
+    select_wide_pairs,
 )
 from solmap.photogrammetry.terrain.dtm.records import TerrainView
 from solmap.photogrammetry.terrain.dtm.stop_dtm import FarDtmParams
@@ -83,7 +83,7 @@ def choose_wide_pairs(
     return [
         (one.pair, other.pair)
         for instrument in sorted(sides[0].keys() & sides[1].keys())
-        for one, other in wide_pairs(sides[0][instrument], sides[1][instrument], limits)
+        for one, other in select_wide_pairs(sides[0][instrument], sides[1][instrument], limits)
     ]
 
 
@@ -112,9 +112,9 @@ def match_wide_pair(
     eyes = (one, other)
 
     @cache
-    def matched() -> WideMatches:
-        left, right = in_order(read_eye(one, store), read_eye(other, store))
-        return match_wide(left, right, params)
+    def matched() -> WideBaselineMatches:
+        left, right = order_left_right(read_eye(one, store), read_eye(other, store))
+        return match_wide_baseline(left, right, params)
 
     def write_geometry(path: Path) -> None:
         write_matches(path, matched().images.geometry, StereoMatches.none(wide_id(eyes)))
@@ -130,12 +130,12 @@ def match_wide_pair(
     return WidePair(eyes, store.make(matches, write_geometry), store.make(parallax, write_parallax))
 
 
-def read_eye(pair: OrientedPair, store: ProductStore) -> WideEye:
+def read_eye(pair: OrientedPair, store: ProductStore) -> WideBaselineImage:
     """A pair as one eye of a wide instrument."""
     geometry, _ = read_matches(store.path(pair.products.matches))
     left = read_product_image(pair.products.files.left, store)
     lsl_from_pair = pair.orientation.lsl_from(geometry.rover_from_pair.source)
-    return WideEye(
+    return WideBaselineImage(
         pair_id=pair.products.files.id,
         image=left.pixels,
         mask=left.mask,
@@ -149,7 +149,7 @@ def read_eye(pair: OrientedPair, store: ProductStore) -> WideEye:
 def read_wide_view(pair: WidePair, store: ProductStore) -> TerrainView:
     """A wide pair as a look at the ground."""
     geometry, _ = read_matches(store.path(pair.matches))
-    left, _ = in_order(*(read_eye(eye, store) for eye in pair.eyes))
+    left, _ = order_left_right(*(read_eye(eye, store) for eye in pair.eyes))
     of_left = next(eye for eye in pair.eyes if eye.products.files.id == left.pair_id)
     image, mask = resample(left.image, left.mask, left.camera, geometry, Eye.LEFT)
     dense = read_dense(store.path(pair.parallax))

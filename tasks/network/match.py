@@ -13,7 +13,7 @@ from solmap.photogrammetry.matching.records import EpipolarImages
 from solmap.photogrammetry.matching.stereo.dense import DenseParams, match_densely_with_sigma
 from solmap.photogrammetry.matching.stereo.orientation import (
     FEWEST_POINTS,
-    rotation_of_the_bar,
+    rig_rotation,
     vertical_parallax,
 )
 from solmap.photogrammetry.matching.stereo.sparse import SparseParams, match_sparsely
@@ -79,7 +79,7 @@ def with_rows_in_line(left: ReadImage, right: ReadImage) -> tuple[EpipolarImages
     if measured.fits_the_bar or len(measured.left) < FEWEST_POINTS:
         return images, None
     rover_from_pair = images.geometry.rover_from_pair
-    x, y, z = (rover_from_pair.rotation @ rotation_of_the_bar(measured)).tolist()
+    x, y, z = (rover_from_pair.rotation @ rig_rotation(measured)).tolist()
     turned = with_right_turned(right, (x, y, z))
     straight = resampled(left, turned, geometry_of(left.image, turned.image))
     return (straight, (x, y, z)) if vertical_parallax(straight).fits_the_bar else (images, None)

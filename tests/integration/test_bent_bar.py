@@ -7,7 +7,7 @@ import pytest
 
 from solmap.photogrammetry.archive.images.reading import read_image
 from solmap.photogrammetry.matching.stereo.orientation import (
-    turned_in_place,
+    turn_in_place,
     vertical_parallax,
 )
 from solmap.photogrammetry.synthetic.downlink import render_jobs
@@ -31,7 +31,7 @@ def test_a_straight_bar_is_left_alone(pair):
 def test_a_bent_bar_is_found_to_a_twentieth_of_a_pixel(pair):
     left, right = pair
     bend = np.array([0.0006, -0.0007, 0.0005])  # radians: half a row and more
-    camera = turned_in_place(right.image.camera, right.image.stop.frame, bend)
+    camera = turn_in_place(right.image.camera, right.image.stop.frame, bend)
     bent = replace(right, image=replace(right.image, camera=camera))
     images, turn = with_rows_in_line(left, bent)
     np.testing.assert_allclose(turn, -bend, atol=8e-5)  # radians: 0.04 px at the edge

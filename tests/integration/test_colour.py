@@ -9,7 +9,7 @@ import rasterio
 
 from solmap.photogrammetry.frames import LSL, Pose
 from solmap.photogrammetry.imagery import Eye
-from solmap.photogrammetry.matching.stereo.orientation import turned_in_place
+from solmap.photogrammetry.matching.stereo.orientation import turn_in_place
 from solmap.photogrammetry.synthetic.downlink import RenderJob
 from solmap.photogrammetry.synthetic.scene import WorldParams, make_world
 from solmap.photogrammetry.synthetic.traverse import TraverseParams
@@ -107,7 +107,7 @@ def test_a_frame_that_looked_elsewhere_is_no_part_of_it(workspace, pair, monkeyp
         if image.filter_number != 5:
             return image
         turn = np.array([0.0, 0.0, 1e-3])
-        return replace(image, camera=turned_in_place(image.camera, image.stop.frame, turn))
+        return replace(image, camera=turn_in_place(image.camera, image.stop.frame, turn))
 
     original = colour.image_record
     monkeypatch.setattr(colour, "image_record", turned)

@@ -48,16 +48,16 @@ from solmap.photogrammetry.matching.conjugates import (
     find_conjugates,
     in_view,
     match_patches,
-    measured_parallax,
+    measure_parallax,
 )
 from solmap.photogrammetry.matching.cross_site.candidates import Plan, horizontal_turn
 from solmap.photogrammetry.matching.parallax_planes import (
     ParallaxPlanes,
-    mapped,
+    map_points,
     parallax_planes,
     plane_homographies,
 )
-from solmap.photogrammetry.matching.records import Ties, joined
+from solmap.photogrammetry.matching.records import Ties, join_ties
 
 WINDOW_STEP = 8
 """Windows grow in steps of so many cells: patches of one size are drawn together."""
@@ -161,7 +161,7 @@ def match_ground(
 
     def parallax_of(view: TieView, points: ImagePoints) -> tuple[PerPoint, PerPoint]:
         if dense_sigma_px is None:
-            return measured_parallax(view, points, params.parallax)
+            return measure_parallax(view, points, params.parallax)
         return dense_parallax(view, points, dense_sigma_px)
 
     found = [_carried_out(plan, params, parallax_of, pair_ids) for plan in forth]
@@ -172,7 +172,7 @@ def match_ground(
 def _joined(ties: Sequence[GroundTies], pair_ids: tuple[str, ...]) -> GroundTies:
     """All ties of several sets."""
     width_m = np.concatenate([t.width_m for t in ties]) if ties else np.zeros(0)
-    return GroundTies(joined([t.ties for t in ties], pair_ids), width_m)
+    return GroundTies(join_ties([t.ties for t in ties], pair_ids), width_m)
 
 
 def _carried_out(
@@ -297,7 +297,7 @@ def refined(
         )
         there = rows[found.found]
         points, spread = found.points[found.found], found.spread[found.found]
-        measured, of_parallax = measured_parallax(target, points, parallax)
+        measured, of_parallax = measure_parallax(target, points, parallax)
         good = np.isfinite(measured)
         sample, line, of_parallax = spread_on_the_ground(
             target, points, measured, of_parallax, spread
@@ -335,7 +335,7 @@ def _maps(
     planes = parallax_planes(source.pair.parallax, points, half_px)
     planes = ParallaxPlanes(ties.first_parallax_px[rows], planes.gradient, planes.residual_px)
     maps = plane_homographies(source.geometry, target.geometry, target_from_source, points, planes)
-    at, _ = mapped(maps, points)
+    at, _ = map_points(maps, points)
     moves = np.tile(np.eye(3), (len(rows), 1, 1))
     moves[:, :2, 2] = ties.second_left[rows] - at
     return moves @ maps

@@ -85,7 +85,7 @@ from solmap.photogrammetry.matching.cross_site.tie_weights import (
     weighed_down,
     with_shared_errors,
 )
-from solmap.photogrammetry.matching.records import MatchedStop, Ties, joined
+from solmap.photogrammetry.matching.records import MatchedStop, Ties, join_ties
 
 
 @dataclass(frozen=True, slots=True)
@@ -204,7 +204,7 @@ def _judged(trials: Trials, trial: Trial, by_chance: int, params: CrossSiteParam
         other.id,
         linked,
         reason,
-        joined([by_looks, by_shape], by_looks.pair_ids),
+        join_ties([by_looks, by_shape], by_looks.pair_ids),
         final.first_from_second,
         final.covariance,
         figures,

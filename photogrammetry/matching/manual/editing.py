@@ -21,7 +21,7 @@ from solmap.photogrammetry.arrays import Flags, Float64, ImagePoints, ParallaxMa
 from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.cameras.model import CameraModel
 from solmap.photogrammetry.matching.manual.requests import HandAction, HandPoint, HandTie
-from solmap.photogrammetry.matching.records import Ties, joined
+from solmap.photogrammetry.matching.records import Ties, join_ties
 from solmap.photogrammetry.matching.resampling import GROUND_M
 
 STEPS = 8
@@ -83,7 +83,7 @@ def edited(
                 counts[HandAction.ADD] += wish.action is HandAction.ADD
         except _UnplacedError as error:
             notes.append(f"{wish.row}: {error}")
-    every = (*kept, joined(new, tuple(bodies))) if new else tuple(kept)
+    every = (*kept, join_ties(new, tuple(bodies))) if new else tuple(kept)
     added, moved, vetoed = (counts[a] for a in (HandAction.ADD, HandAction.MOVE, HandAction.VETO))
     return Edited(every, added, moved, vetoed, tuple(notes))
 

@@ -22,7 +22,7 @@ from solmap.photogrammetry.matching.conjugates import (
     find_conjugates,
 )
 from solmap.photogrammetry.matching.parallax_planes import (
-    mapped,
+    map_points,
     parallax_planes,
     plane_homographies,
 )
@@ -86,7 +86,7 @@ def measured_pick(
         MatchingError: the ground around the point is not known, or nothing there looks alike.
     """
     maps = _map(first, second, point, params)
-    at, _ = mapped(maps, point[None])
+    at, _ = map_points(maps, point[None])
     if not np.isfinite(at).all():
         raise MatchingError(
             "the ground at the first point is behind the second camera: are these images of one "
@@ -112,7 +112,7 @@ def _cells(
 ) -> int:
     """Cells of the common grid that a reach in pixels of the second image comes to."""
     grid = common_grids(point[None], maps)
-    _, derivative = mapped(maps @ grid, np.zeros((1, 2)))
+    _, derivative = map_points(maps @ grid, np.zeros((1, 2)))
     width = np.linalg.norm(derivative[0], axis=0).max()
     return max(LEAST_REACH, int(np.ceil(reach_px / width))) if np.isfinite(width) else LEAST_REACH
 

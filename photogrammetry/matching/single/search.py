@@ -25,7 +25,7 @@ from solmap.photogrammetry.matching.conjugates import (
     View,
     find_conjugates,
 )
-from solmap.photogrammetry.matching.parallax_planes import calibration
+from solmap.photogrammetry.matching.parallax_planes import calibration_matrix
 from solmap.photogrammetry.matching.records import MatchedPair
 from solmap.photogrammetry.matching.single.two_views import (
     Swing,
@@ -202,7 +202,7 @@ def _maps(
     plane = np.zeros((len(points), 3, 3))
     plane[:, :, 2] = inverse_depth[:, None] * pose.translation_m
     between = turned(turn).T @ (pose.rotation + plane)
-    return calibration(swing.other) @ between @ np.linalg.inv(calibration(swing.one))
+    return calibration_matrix(swing.other) @ between @ np.linalg.inv(calibration_matrix(swing.one))
 
 
 def _found(

@@ -31,7 +31,7 @@ from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.matching.stereo.verification import (
     VerificationParams,
-    follows_the_terrain,
+    agrees_with_terrain,
 )
 from solmap.photogrammetry.robust import robust_sigma
 
@@ -148,5 +148,5 @@ def verify(
     nearest = swing.seen_at(points, np.full(len(points), 1.0 / nearest_m), turn)
     furthest = swing.along(points, nearest, turn)
     agrees &= (along >= -slack) & ~(along > furthest + slack)
-    agrees[agrees] = follows_the_terrain(points[agrees], along[agrees], terrain)
+    agrees[agrees] = agrees_with_terrain(points[agrees], along[agrees], terrain)
     return SwingVerdict(agrees, turn, swing.across(points, seen, np.zeros(3)), left, along, misfit)

@@ -18,7 +18,7 @@ import numpy as np
 from solmap.photogrammetry.arrays import ImagePoints, PerPoint
 from solmap.photogrammetry.imagery import StopId
 from solmap.photogrammetry.matching.conjugates import Conjugates, View
-from solmap.photogrammetry.matching.records import MatchedPair, Ties, joined
+from solmap.photogrammetry.matching.records import MatchedPair, Ties, join_ties
 from solmap.photogrammetry.matching.single.search import (
     MonoParams,
     SingleView,
@@ -85,7 +85,7 @@ def tie_single_images(
     made = [both for both in found if both is not None]
     return MonoTies(
         stop,
-        joined([both.ties for both in made], ids),
+        join_ties([both.ties for both in made], ids),
         tuple(both.link for both in made),
         np.concatenate([np.zeros(0), *(both.misfit for both in made)]),
     )

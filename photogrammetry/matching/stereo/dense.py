@@ -40,19 +40,19 @@ import numpy as np
 from solmap.photogrammetry.arrays import GreyImage, Mask, ParallaxMap
 from solmap.photogrammetry.matching.records import EpipolarImages
 from solmap.photogrammetry.matching.resampling import (
-    along_rows,
     row_coefficients,
     row_slope,
-    shifted,
+    sample_rows,
+    shift_rows,
 )
 from solmap.photogrammetry.matching.stereo.semi_global import (
     NormalisedImage,
     SemiGlobalParams,
-    eight_bit,
-    locally_normalised,
-    matched_both_ways,
+    match_both_ways,
+    normalise_locally,
+    remove_speckle,
     rough_parallax,
-    without_speckle,
+    to_eight_bit,
 )
 from solmap.photogrammetry.matching.stereo.sparse import largest_parallax_px
 
@@ -169,12 +169,12 @@ def match_densely_with_sigma(
 ) -> DenseMatches:
     """Parallax and its standard deviation on the grid of the left epipolar image."""
     params = params or DenseParams()
-    left, right = _normalised(images, params)
+    left, right = _normalise(images, params)
     largest = int(np.ceil(largest_parallax_px(images.geometry, params.nearest_range_m)))
     search = (params.least_parallax_px, largest)
     rough = rough_parallax(left, right, search, params.semi_global)
     parallax, sigma = PixelwiseMatcher(left, right, params.refinement).refine(rough)
-    parallax = without_speckle(parallax, params.semi_global)
+    parallax = remove_speckle(parallax, params.semi_global)
     return DenseMatches(parallax, np.where(np.isfinite(parallax), sigma, np.float32(np.nan)))
 
 
@@ -187,13 +187,13 @@ def match_about(
     is left, d = p(x) - t(x - d), is positive.
     """
     shift = predicted - np.float32(search_px)
-    image, known = shifted(images.right, images.right_mask, shift)
-    left, right = _normalised(replace(images, right=image, right_mask=known), params)
-    pictures = (eight_bit(left.grey), eight_bit(right.grey))
+    image, known = shift_rows(images.right, images.right_mask, shift)
+    left, right = _normalise(replace(images, right=image, right_mask=known), params)
+    pictures = (to_eight_bit(left.grey), to_eight_bit(right.grey))
     masks = (left.mask, right.mask)
-    rough = matched_both_ways(*pictures, masks, (0, 2 * search_px), params.semi_global)
+    rough = match_both_ways(*pictures, masks, (0, 2 * search_px), params.semi_global)
     d, sigma = PixelwiseMatcher(left, right, params.refinement).refine(rough)
-    d = without_speckle(d, params.semi_global)
+    d = remove_speckle(d, params.semi_global)
     grid = np.indices(d.shape, dtype=np.float32)
     there = cv2.remap(shift, grid[1] - np.nan_to_num(d), grid[0], cv2.INTER_LINEAR)
     parallax = d + there
@@ -206,17 +206,17 @@ def parallax_sigma(
 ) -> ParallaxMap:
     """Standard deviation of dense parallaxes, pixels, from how well the windows agree."""
     params = params or DenseParams()
-    left, right = _normalised(images, params)
+    left, right = _normalise(images, params)
     sigma = PixelwiseMatcher(left, right, params.refinement).fit(parallax).sigma_px
     return np.where(np.isfinite(parallax), sigma, np.float32(np.nan))
 
 
-def _normalised(
+def _normalise(
     images: EpipolarImages, params: DenseParams
 ) -> tuple[NormalisedImage, NormalisedImage]:
     """Both images, each in units of its local contrast."""
     left, right = (
-        locally_normalised(image, mask, params.normalisation_px)
+        normalise_locally(image, mask, params.normalisation_px)
         for image, mask in ((images.left, images.left_mask), (images.right, images.right_mask))
     )
     return left, right
@@ -279,26 +279,26 @@ class PixelwiseMatcher:
         """Slope of the left image and residual of the right one; 0 where there is no parallax."""
         known = np.isfinite(parallax)
         sample = self.samples - np.where(known, parallax, np.float32(0))
-        right = along_rows(self.right_coefficients, sample, self.lines)
+        right = sample_rows(self.right_coefficients, sample, self.lines)
         nothing = np.float32(0)
         return np.where(known, self.slope, nothing), np.where(known, right - self.left, nothing)
 
     def _sums(self, g: GreyImage, r: GreyImage, known: Mask, box_px: int) -> WindowSums:
         """The least squares of all windows; g and r are slope and residual."""
-        n = np.maximum(_summed(known.astype(np.float32), box_px), np.float32(1e-3))
-        sum_g, sum_r = _summed(g, box_px), _summed(r, box_px)
-        energy = np.maximum(_summed(g * g, box_px) - sum_g * sum_g / n, TINY)
-        step = (_summed(g * r, box_px) - sum_g * sum_r / n) / energy
-        variance = np.maximum(_summed(r * r, box_px) - sum_r * sum_r / n, 0) / n
+        n = np.maximum(_window_sum(known.astype(np.float32), box_px), np.float32(1e-3))
+        sum_g, sum_r = _window_sum(g, box_px), _window_sum(r, box_px)
+        energy = np.maximum(_window_sum(g * g, box_px) - sum_g * sum_g / n, TINY)
+        step = (_window_sum(g * r, box_px) - sum_g * sum_r / n) / energy
+        variance = np.maximum(_window_sum(r * r, box_px) - sum_r * sum_r / n, 0) / n
         return WindowSums(np.clip(step, -1, 1), energy, variance)
 
     def _contrast(self, parallax: ParallaxMap) -> GreyImage:
         """Variance of the left image in the window, where there is parallax."""
         known = np.isfinite(parallax)
-        n = np.maximum(_summed(known.astype(np.float32), self.params.box_px), np.float32(1e-3))
+        n = np.maximum(_window_sum(known.astype(np.float32), self.params.box_px), np.float32(1e-3))
         grey = np.where(known, self.left, np.float32(0))
-        total = _summed(grey, self.params.box_px)
-        squares = _summed(grey * grey, self.params.box_px)
+        total = _window_sum(grey, self.params.box_px)
+        squares = _window_sum(grey * grey, self.params.box_px)
         return np.maximum(squares - total * total / n, 0) / n
 
     def _mean_square(self, values: GreyImage, parallax: ParallaxMap) -> GreyImage:
@@ -314,7 +314,7 @@ class PixelwiseMatcher:
         return cv2.blur(gg, window) > np.float32(self.params.texture * SLOPE_NOISE) * noise
 
 
-def _summed(values: GreyImage, box_px: int) -> GreyImage:
+def _window_sum(values: GreyImage, box_px: int) -> GreyImage:
     """Sum over a box applied twice, the weight of the middle being 1."""
     box = (box_px, box_px)
     once = cv2.blur(values, box, borderType=cv2.BORDER_CONSTANT)

@@ -61,11 +61,11 @@ def interest_points(
 ) -> InterestPoints:
     """Interest points whose surroundings of `margin_px` are usable."""
     gx, gy = (cv2.Scharr(image, cv2.CV_32F, *order, scale=1 / 32) for order in ((1, 0), (0, 1)))
-    xx, xy, yy = (_summed(a * b, params.window_px) for a, b in ((gx, gx), (gx, gy), (gy, gy)))
+    xx, xy, yy = (_window_sum(a * b, params.window_px) for a, b in ((gx, gx), (gx, gy), (gy, gy)))
     trace, determinant = xx + yy, xx * yy - xy * xy
     safe = np.maximum(trace, np.float32(1e-12))
     w, q = determinant / safe, 4 * determinant / (safe * safe)
-    usable = _clear_of_gaps(mask, max(margin_px, params.window_px // 2 + 1))
+    usable = _usable_with_margin(mask, max(margin_px, params.window_px // 2 + 1))
     if not usable.any():
         return InterestPoints(
             np.empty((0, 2), np.int32), np.empty((0, 2)), np.empty(0), np.empty(0)
@@ -81,7 +81,7 @@ def interest_points(
     at = (pixels[:, 1], pixels[:, 0])
     return InterestPoints(
         pixels=pixels,
-        points=pixels + _towards_the_corner(pixels, gx, gy, params.window_px),
+        points=pixels + _corner_offsets(pixels, gx, gy, params.window_px),
         weight=w[at].astype(np.float64),
         roundness=q[at].astype(np.float64),
     )
@@ -100,18 +100,18 @@ def strongest_by_cell(
     return order[by_rank[:count]]
 
 
-def _summed(product: GreyImage, window_px: int) -> GreyImage:
+def _window_sum(product: GreyImage, window_px: int) -> GreyImage:
     return cv2.GaussianBlur(product, (window_px, window_px), window_px / WINDOW_SIGMAS)
 
 
-def _clear_of_gaps(mask: Mask, margin_px: int) -> Mask:
+def _usable_with_margin(mask: Mask, margin_px: int) -> Mask:
     """Where a square of `margin_px` around a pixel is usable and inside the image."""
     kernel = np.ones((2 * margin_px + 1,) * 2, np.uint8)
     eroded = cv2.erode(mask.astype(np.uint8), kernel, borderType=cv2.BORDER_CONSTANT, borderValue=0)
     return eroded > 0
 
 
-def _towards_the_corner(
+def _corner_offsets(
     pixels: np.ndarray, gx: GreyImage, gy: GreyImage, window_px: int
 ) -> Float64[np.ndarray, "n 2"]:
     """Where the gradient lines of each window meet, from its middle; zero if outside the window."""

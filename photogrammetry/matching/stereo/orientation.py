@@ -37,7 +37,7 @@ from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.cameras.model import CameraModel
 from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.frames import Frame, Pose
-from solmap.photogrammetry.matching.least_squares import refined_offsets
+from solmap.photogrammetry.matching.least_squares import match_offsets
 from solmap.photogrammetry.matching.records import EpipolarImages
 from solmap.photogrammetry.matching.stereo.dense import SharedSigma
 from solmap.photogrammetry.matching.stereo.interest_points import strongest_by_cell
@@ -53,7 +53,7 @@ MOST_POINTS = 800
 FEWEST_POINTS = 12
 """Four times the three unknowns."""
 
-WRONG_BAR_PX = 0.5
+WRONG_RIG_PX = 0.5
 """Vertical parallax above which the camera models do not fit the images: windows of 15 pixels
 matched half a row off lose about a tenth of their correlation."""
 
@@ -91,7 +91,7 @@ class VerticalParallax:
     def fits_the_bar(self) -> bool:
         """Whether the rows correspond as the camera models say."""
         enough = len(self.vertical_px) >= FEWEST_POINTS
-        return bool(enough and max(abs(self.median_px), self.mad_px) <= WRONG_BAR_PX)
+        return bool(enough and max(abs(self.median_px), self.mad_px) <= WRONG_RIG_PX)
 
     def __str__(self) -> str:
         verdict = "rows correspond"
@@ -139,7 +139,7 @@ class RelativeOrientation:
     def applied(self, right: CameraModel, geometry: EpipolarPair) -> CameraModel:
         """The right camera, in the frame that `geometry` is given in, where it really stands."""
         pose = geometry.rover_from_pair
-        turned = turned_in_place(right, pose.target, pose.rotation @ self.rotation)
+        turned = turn_in_place(right, pose.target, pose.rotation @ self.rotation)
         moved = pose.rotation @ self.shift * geometry.base_m
         return turned.moved(Pose(pose.target, pose.target, np.eye(3), moved))
 
@@ -150,7 +150,7 @@ class RelativeOrientation:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Measured:
+class MeasuredOffsets:
     """Points found in both images of a pair."""
 
     rows: VerticalParallax
@@ -172,14 +172,14 @@ def vertical_parallax(
         left.astype(float), candidates.correlation[candidates.accepted], 48, MOST_POINTS
     )
     left, right = left[kept], right[kept]
-    offset = refined_offsets(images, left, (right - left).astype(np.float64), wide.window_px)
+    offset = match_offsets(images, left, (right - left).astype(np.float64), wide.window_px)
     good = np.isfinite(offset).all(axis=1)
     return VerticalParallax(
         left[good].astype(np.float64), offset[good, 1], -offset[good, 0], images.geometry
     )
 
 
-def rotation_of_the_bar(measured: VerticalParallax, steps: int = 10) -> Vector3:
+def rig_rotation(measured: VerticalParallax, steps: int = 10) -> Vector3:
     """Rotation vector (right, down, forward axes; radians) of the right camera from its model."""
     if len(measured.left) < FEWEST_POINTS:
         raise MatchingError(
@@ -201,10 +201,10 @@ def rotation_of_the_bar(measured: VerticalParallax, steps: int = 10) -> Vector3:
 def straightened(right: CameraModel, geometry: EpipolarPair, rotation: Vector3) -> CameraModel:
     """The right camera model, given in the rover frame, turned to where it really points."""
     rover_from_pair = geometry.rover_from_pair
-    return turned_in_place(right, rover_from_pair.target, rover_from_pair.rotation @ rotation)
+    return turn_in_place(right, rover_from_pair.target, rover_from_pair.rotation @ rotation)
 
 
-def turned_in_place(camera: CameraModel, frame: Frame, rotation: Vector3) -> CameraModel:
+def turn_in_place(camera: CameraModel, frame: Frame, rotation: Vector3) -> CameraModel:
     """A camera turned about its own centre by a rotation vector, both in the same frame."""
     turn = ScipyRotation.from_rotvec(rotation).as_matrix()
     return camera.moved(Pose(frame, frame, turn, camera.centre - turn @ camera.centre))
@@ -220,7 +220,7 @@ def _design(measured: VerticalParallax) -> np.ndarray:
 
 
 def relative_orientation(
-    measured: Measured, params: OrientationParams, applied: RelativeOrientation | None = None
+    measured: MeasuredOffsets, params: OrientationParams, applied: RelativeOrientation | None = None
 ) -> RelativeOrientation:
     """Least squares about the present orientation, to which `applied` has been added already."""
     rows = measured.rows

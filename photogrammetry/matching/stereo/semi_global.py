@@ -31,7 +31,7 @@ import cv2
 import numpy as np
 
 from solmap.photogrammetry.arrays import GreyImage, Mask, ParallaxMap, Picture
-from solmap.photogrammetry.matching.parallax_planes import ParallaxPlane, fit_plane
+from solmap.photogrammetry.matching.parallax_planes import ParallaxPlane, fit_robust_plane
 
 CONTRAST = 40.0
 """Grey levels of eight bits per local standard deviation: three to either side fit."""
@@ -94,7 +94,7 @@ def rough_parallax(
     if not np.isfinite(reduced).any():
         return np.full(left.grey.shape, np.nan, np.float32)
     plane, relief = _plane_and_relief(reduced, scale)
-    parallax = _matched_about(plane, relief, left, right, params)
+    parallax = _match_about(plane, relief, left, right, params)
     within = (parallax >= search[0]) & (parallax <= search[1])
     return np.where(within, parallax, np.float32(np.nan))
 
@@ -117,7 +117,7 @@ def noise_level(image: GreyImage, mask: Mask) -> float:
     return float(np.sqrt(np.pi / 2) * np.percentile(blocks[inner][::7], 5))
 
 
-def locally_normalised(image: GreyImage, mask: Mask, window_px: int) -> NormalisedImage:
+def normalise_locally(image: GreyImage, mask: Mask, window_px: int) -> NormalisedImage:
     """Distance of each pixel from its local mean, in local standard deviations."""
     size = (window_px, window_px)
     noise = noise_level(image, mask)
@@ -131,12 +131,12 @@ def locally_normalised(image: GreyImage, mask: Mask, window_px: int) -> Normalis
     return NormalisedImage(normalised, mask, np.float32(noise) / spread)
 
 
-def eight_bit(normalised: GreyImage) -> Picture:
+def to_eight_bit(normalised: GreyImage) -> Picture:
     """Normalised grey values about 128."""
     return cv2.convertScaleAbs(np.clip(normalised * CONTRAST + 128, 0, 255))
 
 
-def matched_both_ways(
+def match_both_ways(
     left: Picture,
     right: Picture,
     masks: tuple[Mask, Mask],
@@ -144,15 +144,15 @@ def matched_both_ways(
     params: SemiGlobalParams,
 ) -> ParallaxMap:
     """Parallax on the left grid where both ways agree; `search` is least and largest parallax."""
-    forth = _matched(left, right, search, params)
-    back = _matched(left=right[:, ::-1], right=left[:, ::-1], search=search, params=params)[:, ::-1]
+    forth = _match(left, right, search, params)
+    back = _match(left=right[:, ::-1], right=left[:, ::-1], search=search, params=params)[:, ::-1]
     forth = np.where(masks[0], forth, np.float32(np.nan))
     back = np.where(masks[1], back, np.float32(np.nan))
-    agrees = np.abs(forth - _at_partner(back, forth)) <= params.agreement_px
-    return without_speckle(np.where(agrees, forth, np.float32(np.nan)), params)
+    agrees = np.abs(forth - _parallax_at_partner(back, forth)) <= params.agreement_px
+    return remove_speckle(np.where(agrees, forth, np.float32(np.nan)), params)
 
 
-def without_speckle(parallax: ParallaxMap, params: SemiGlobalParams) -> ParallaxMap:
+def remove_speckle(parallax: ParallaxMap, params: SemiGlobalParams) -> ParallaxMap:
     """The parallaxes that belong to surfaces of some size."""
     gap = -32_000
     scaled = np.where(np.isfinite(parallax), parallax * FIXED_POINT, gap)
@@ -163,7 +163,7 @@ def without_speckle(parallax: ParallaxMap, params: SemiGlobalParams) -> Parallax
     return np.where(fixed == gap, np.float32(np.nan), parallax)
 
 
-def _matched(
+def _match(
     left: Picture, right: Picture, search: tuple[int, int], params: SemiGlobalParams
 ) -> ParallaxMap:
     """OpenCV's parallax from left to right; NaN where it found none.
@@ -193,7 +193,7 @@ def _matched(
     return np.where(found, fixed.astype(np.float32) / FIXED_POINT, np.float32(np.nan))
 
 
-def _at_partner(back: ParallaxMap, forth: ParallaxMap) -> ParallaxMap:
+def _parallax_at_partner(back: ParallaxMap, forth: ParallaxMap) -> ParallaxMap:
     """The right image's parallax where the left one points to; NaN outside."""
     samples = forth.shape[1]
     sample = np.arange(samples) - np.where(np.isfinite(forth), forth, 1e6)
@@ -219,12 +219,10 @@ def _reduced_parallax(
         whole = cv2.copyMakeBorder(image, *border, cv2.BORDER_REPLICATE)
         known = cv2.copyMakeBorder(mask.astype(np.float32), *border, cv2.BORDER_CONSTANT, value=0)
         small = (size[0] // scale, size[1] // scale)
-        pictures.append(eight_bit(cv2.resize(whole, small, interpolation=cv2.INTER_AREA)))
+        pictures.append(to_eight_bit(cv2.resize(whole, small, interpolation=cv2.INTER_AREA)))
         masks.append(cv2.resize(known, small, interpolation=cv2.INTER_AREA) > 0.5)  # noqa: PLR2004
     reduced_search = (int(np.floor(search[0] / scale)), int(np.ceil(search[1] / scale)))
-    found = matched_both_ways(
-        pictures[0], pictures[1], (masks[0], masks[1]), reduced_search, params
-    )
+    found = match_both_ways(pictures[0], pictures[1], (masks[0], masks[1]), reduced_search, params)
     return found * np.float32(scale)
 
 
@@ -234,7 +232,7 @@ def _plane_and_relief(reduced: ParallaxMap, scale: int) -> tuple[ParallaxPlane, 
     parallax = reduced[line, sample].astype(np.float64)
     x, y = (sample + 0.5) * scale - 0.5, (line + 0.5) * scale - 0.5
     some = slice(None, None, max(1, len(x) // FIT_POINTS))
-    plane = fit_plane(np.column_stack([x[some], y[some]]), parallax[some])
+    plane = fit_robust_plane(np.column_stack([x[some], y[some]]), parallax[some])
     relief = parallax - plane.parallax_px(x, y)
     margin = MARGIN_PX * scale
     return plane, (
@@ -243,7 +241,7 @@ def _plane_and_relief(reduced: ParallaxMap, scale: int) -> tuple[ParallaxPlane, 
     )
 
 
-def _matched_about(
+def _match_about(
     plane: ParallaxPlane,
     relief: tuple[int, int],
     left: NormalisedImage,
@@ -266,9 +264,9 @@ def _matched_about(
         cv2.INTER_LINEAR,
         borderMode=cv2.BORDER_CONSTANT,
     )
-    d = matched_both_ways(
-        eight_bit(left.grey),
-        eight_bit(image),
+    d = match_both_ways(
+        to_eight_bit(left.grey),
+        to_eight_bit(image),
         (left.mask, known > WHOLLY),
         relief,
         params,

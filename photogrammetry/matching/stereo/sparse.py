@@ -52,7 +52,7 @@ from solmap.photogrammetry.matching.stereo.interest_points import (
 )
 from solmap.photogrammetry.matching.stereo.verification import (
     VerificationParams,
-    follows_the_terrain,
+    agrees_with_terrain,
 )
 from solmap.photogrammetry.robust import MAD_TO_SIGMA
 
@@ -144,7 +144,7 @@ def match_interest_points(images: EpipolarImages, params: SparseParams) -> Candi
     best = _mutual_best(a, b, correlation, params.least_correlation)
     from_left, from_right = left.pixels[a[best]], right.pixels[b[best]]
     parallax = (from_left[:, 0] - from_right[:, 0]).astype(np.float64)
-    accepted = follows_the_terrain(from_left.astype(np.float64), parallax, params.verification)
+    accepted = agrees_with_terrain(from_left.astype(np.float64), parallax, params.verification)
     return Candidates(from_left, from_right, correlation[best].astype(np.float64), accepted)
 
 
@@ -164,7 +164,7 @@ def refine_candidates(
     points, parallax, sigma = (
         values[good] for values in (pixels.astype(float), refined.parallax_px, sigma_px)
     )
-    good = follows_the_terrain(points, parallax, params.verification)
+    good = agrees_with_terrain(points, parallax, params.verification)
     points, parallax, sigma = points[good], parallax[good], sigma[good]
     cells = int(np.prod(np.ceil(np.array(images.left.shape) / params.cell_px)))
     kept = np.sort(strongest_by_cell(points, -sigma, params.cell_px, cells * params.per_cell))

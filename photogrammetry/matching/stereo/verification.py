@@ -50,7 +50,7 @@ class VerificationParams:
     """Smallest standard deviation assumed of neighbours: pixel-sized relief on smooth ground."""
 
 
-def follows_the_terrain(
+def agrees_with_terrain(
     points: ImagePoints, parallax_px: PerPoint, params: VerificationParams
 ) -> Flags:
     """Which matches lie on the terrain that the others describe."""

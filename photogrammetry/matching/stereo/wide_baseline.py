@@ -41,16 +41,16 @@ from solmap.photogrammetry.cameras.model import CameraModel
 from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.frames import LSL, Frame, FrameKind, Pose
 from solmap.photogrammetry.imagery import Eye
-from solmap.photogrammetry.matching.least_squares import refined_offsets
+from solmap.photogrammetry.matching.least_squares import match_offsets
 from solmap.photogrammetry.matching.records import EpipolarImages
-from solmap.photogrammetry.matching.resampling import resample, shifted
+from solmap.photogrammetry.matching.resampling import resample, shift_rows
 from solmap.photogrammetry.matching.stereo.dense import DenseMatches, DenseParams, match_about
 from solmap.photogrammetry.matching.stereo.interest_points import (
     FoerstnerParams,
     interest_points,
 )
 from solmap.photogrammetry.matching.stereo.orientation import (
-    Measured,
+    MeasuredOffsets,
     OrientationParams,
     RelativeOrientation,
     VerticalParallax,
@@ -118,8 +118,8 @@ class WideParams:
 
 
 @runtime_checkable
-class Looking(Protocol):
-    """What can be chosen for an eye: `WideEye` is one, and so is a pair that is not read yet."""
+class Viewpoint(Protocol):
+    """What can be chosen for an eye: `WideBaselineImage` is one, and so is a pair that is not read yet."""
 
     @property
     def centre(self) -> Vector3:
@@ -130,11 +130,11 @@ class Looking(Protocol):
         """Direction of the middle of its image, in the LSL, of length one."""
 
 
-L = TypeVar("L", bound=Looking)
+L = TypeVar("L", bound=Viewpoint)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class WideEye:
+class WideBaselineImage:
     """A matched pair of a stop, of which the left image is one eye of the wide instrument."""
 
     pair_id: str
@@ -166,7 +166,7 @@ class WideEye:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class WideMatches:
+class WideBaselineMatches:
     """Dense parallax of a wide pair, as that of any pair, and how well its rows corresponded."""
 
     images: EpipolarImages
@@ -177,14 +177,14 @@ class WideMatches:
     rows_after: VerticalParallax
 
 
-def in_order(one: L, other: L) -> tuple[L, L]:
+def order_left_right(one: L, other: L) -> tuple[L, L]:
     """The two eyes, that on the left of what both look at first; down is the third axis."""
     forward = one.view + other.view
     right = np.array([-forward[1], forward[0], 0.0])
     return (one, other) if (other.centre - one.centre) @ right > 0 else (other, one)
 
 
-def why_no_wide_pair(left: Looking, right: Looking, limits: InstrumentLimits) -> str | None:
+def reason_against(left: Viewpoint, right: Viewpoint, limits: InstrumentLimits) -> str | None:
     """What speaks against using two pairs as one instrument; None if nothing does."""
     base = right.centre - left.centre
     base_m = float(np.linalg.norm(base))
@@ -199,7 +199,7 @@ def why_no_wide_pair(left: Looking, right: Looking, limits: InstrumentLimits) ->
     return None
 
 
-def wide_pairs(
+def select_wide_pairs(
     ones: Sequence[L], others: Sequence[L], limits: InstrumentLimits
 ) -> list[tuple[L, L]]:
     """The pairs of two stops that make an instrument: every one with the other it agrees best with.
@@ -208,28 +208,32 @@ def wide_pairs(
     """
     chosen = []
     for one in ones:
-        fit = [eye for eye in others if why_no_wide_pair(*in_order(one, eye), limits) is None]
+        fit = [eye for eye in others if reason_against(*order_left_right(one, eye), limits) is None]
         if fit:
-            chosen.append(in_order(one, max(fit, key=lambda eye: float(eye.view @ one.view))))
+            chosen.append(
+                order_left_right(one, max(fit, key=lambda eye: float(eye.view @ one.view)))
+            )
     return chosen
 
 
-def match_wide(left: WideEye, right: WideEye, params: WideParams | None = None) -> WideMatches:
+def match_wide_baseline(
+    left: WideBaselineImage, right: WideBaselineImage, params: WideParams | None = None
+) -> WideBaselineMatches:
     """Dense parallax of the left images of two pairs at different stops.
 
     Raises:
         MatchingError: the two make no instrument, or share too little to tell how they stand.
     """
     params = params or WideParams()
-    against = why_no_wide_pair(left, right, params.limits)
+    against = reason_against(left, right, params.limits)
     if against:
         raise MatchingError(f"{left.pair_id} and {right.pair_id} make no wide pair: {against}")
-    warped = _Warped.of(left, right, params)
+    warped = _PredictedPair.of(left, right, params)
     measured = before = warped.measured(params)
     found = relative_orientation(measured, params.orientation)
     for _ in range(ROUNDS):
         right = replace(right, camera=found.applied(right.camera, warped.images.geometry))
-        warped = _Warped.of(left, right, params)
+        warped = _PredictedPair.of(left, right, params)
         measured = warped.measured(params)
         found = relative_orientation(measured, params.orientation, found)
     geometry = warped.images.geometry
@@ -241,11 +245,11 @@ def match_wide(left: WideEye, right: WideEye, params: WideParams | None = None) 
     sigma = np.hypot(dense.sigma_px, stretched)
     pose = geometry.rover_from_pair
     dense = DenseMatches(dense.parallax_px, sigma, shared)
-    return WideMatches(warped.images, pose, dense, found, before.rows, measured.rows)
+    return WideBaselineMatches(warped.images, pose, dense, found, before.rows, measured.rows)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Warped:
+class _PredictedPair:
     """Epipolar images of a wide pair with the parallax that the bar predicts."""
 
     images: EpipolarImages
@@ -256,20 +260,22 @@ class _Warped:
     """Pixels to either side of the prediction that are searched."""
 
     @classmethod
-    def of(cls, left: WideEye, right: WideEye, params: WideParams) -> _Warped:
+    def of(
+        cls, left: WideBaselineImage, right: WideBaselineImage, params: WideParams
+    ) -> _PredictedPair:
         frame = Frame(FrameKind.PAIR, (*left.lsl_from_bar.source.index, -1))
         geometry = epipolar_pair(left.camera, right.camera, left.size, right.size, LSL, frame)
         grey_l, mask_l = resample(left.image, left.mask, left.camera, geometry, Eye.LEFT)
         grey_r, mask_r = resample(right.image, right.mask, right.camera, geometry, Eye.RIGHT)
-        predicted, known = predicted_parallax(left, geometry, params.smoothing_px)
+        predicted, known = predict_parallax(left, geometry, params.smoothing_px)
         mask_l &= known & (predicted <= geometry.focal_px / params.nearest_bases)
         images = EpipolarImages(geometry, grey_l, mask_l, grey_r, mask_r)
         ratio = geometry.focal_px * geometry.base_m / (left.bar.focal_px * left.bar.base_m)
         return cls(images, predicted, ratio, int(np.ceil(params.bar_error_px * ratio)))
 
-    def measured(self, params: WideParams) -> Measured:
+    def measured(self, params: WideParams) -> MeasuredOffsets:
         """Offsets between the left image and the right one shifted by the prediction."""
-        shifted_right = shifted(self.images.right, self.images.right_mask, self.predicted)
+        shifted_right = shift_rows(self.images.right, self.images.right_mask, self.predicted)
         images = replace(self.images, right=shifted_right[0], right_mask=shifted_right[1])
         found = search_area(images, self.search, params.search)
         if len(found.left) < params.orientation.fewest_points:
@@ -282,14 +288,14 @@ class _Warped:
         there = np.rint(found.left[:, 0] - found.parallax_px).astype(int)
         partner = self.predicted[y, there.clip(0, self.images.geometry.samples - 1)]
         rows = replace(found, parallax_px=found.parallax_px + partner)
-        return Measured(rows, self.predicted[y, x].astype(np.float64), self.bar_ratio)
+        return MeasuredOffsets(rows, self.predicted[y, x].astype(np.float64), self.bar_ratio)
 
 
-def predicted_parallax(
-    eye: WideEye, geometry: EpipolarPair, smoothing_px: float
+def predict_parallax(
+    eye: WideBaselineImage, geometry: EpipolarPair, smoothing_px: float
 ) -> tuple[ParallaxMap, Mask]:
     """Parallax in the wide pair as the bar of its left eye has seen it, and where that is known."""
-    smooth, known = _smoothed(eye.parallax, smoothing_px)
+    smooth, known = _smooth(eye.parallax, smoothing_px)
     rotation = eye.lsl_from_bar.rotation.T @ geometry.rover_from_pair.rotation
     r = rotation.astype(np.float32)
     line, sample = np.indices((geometry.lines, geometry.samples), dtype=np.float32)
@@ -306,7 +312,7 @@ def predicted_parallax(
     return (bar * np.float32(ratio) * Z).astype(np.float32), seen > 0
 
 
-def _smoothed(parallax: ParallaxMap, sigma_px: float) -> tuple[ParallaxMap, Mask]:
+def _smooth(parallax: ParallaxMap, sigma_px: float) -> tuple[ParallaxMap, Mask]:
     """Parallax averaged over its surroundings, and where enough of it is there."""
     known = np.isfinite(parallax)
     total = cv2.GaussianBlur(np.where(known, parallax, np.float32(0)), (0, 0), sigma_px)
@@ -329,7 +335,7 @@ def search_area(
     back, good = _best(images.right, images.left, right, reach, params)
     good &= np.abs(back - left).max(axis=1, initial=0) <= BACK_PX
     left, start = left[good], (right - left)[good].astype(np.float64)
-    offset = refined_offsets(images, left, start, params.window_px)
+    offset = match_offsets(images, left, start, params.window_px)
     settled = np.isfinite(offset).all(axis=1)
     return VerticalParallax(
         left[settled].astype(np.float64),

@@ -63,14 +63,14 @@ def test_the_design_matrix_is_the_derivative_of_the_residuals(rng, true, start):
     # rotation vectors are turned one after the other: their sum is exact to first order about zero
     x[:3] = 0.0
     x[6:] = 0.0
-    _, design, _ = alignment._linearised(system, x, start, 6)
+    _, design, _ = alignment._linearise(system, x, start, 6)
     step = 1e-6
     for k in range(18):
         ahead, behind = x.copy(), x.copy()
         ahead[k] += step
         behind[k] -= step
-        v_ahead = alignment._linearised(system, ahead, start, 6)[0]
-        v_behind = alignment._linearised(system, behind, start, 6)[0]
+        v_ahead = alignment._linearise(system, ahead, start, 6)[0]
+        v_behind = alignment._linearise(system, behind, start, 6)[0]
         slope = -(v_ahead - v_behind) / (2 * step)
         np.testing.assert_allclose(design[:, :, k], slope, rtol=1e-4, atol=1e-4)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from solmap.photogrammetry.matching.least_squares import correlated, fit_patches
+from solmap.photogrammetry.matching.least_squares import correlation_factor, fit_patches
 
 HALF, REACH = 10, 5
 PATCHES = 400
@@ -62,5 +62,5 @@ def test_a_change_of_shape_is_found_with_the_shift(rng):
 def test_residuals_that_go_together_count_less(rng):
     white = rng.normal(size=(50, 21, 21))
     smooth = ndimage.gaussian_filter(white, (0, 1.0, 1.0))
-    assert np.median(correlated(white)) < 1.2
-    assert np.median(correlated(smooth)) > 5.0
+    assert np.median(correlation_factor(white)) < 1.2
+    assert np.median(correlation_factor(smooth)) > 5.0

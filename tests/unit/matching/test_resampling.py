@@ -8,13 +8,13 @@ from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.frames import Frame, FrameKind, rover_frame
 from solmap.photogrammetry.imagery import Eye
 from solmap.photogrammetry.matching.resampling import (
-    along_rows,
-    at_points,
-    coefficients_of,
     epipolar_images,
     original_points,
     resample,
     row_coefficients,
+    sample_points,
+    sample_rows,
+    spline_coefficients,
 )
 
 SIZE = 200
@@ -153,20 +153,20 @@ def places(rng):
 def test_values_between_pixels_are_those_of_the_cubic_spline_up_to_the_border(image, places):
     x, y = places
     exact = ndimage.map_coordinates(image.astype(float), [y, x], order=3, mode="mirror")
-    found = at_points(coefficients_of(image), x, y)
+    found = sample_points(spline_coefficients(image), x, y)
     # single precision of places near 100: 8e-6 px, times a slope of up to one a pixel
     np.testing.assert_allclose(found, exact, atol=5e-5)
 
 
 def test_values_at_pixels_are_the_pixels(image):
     y, x = np.indices(image.shape, dtype=np.float32)
-    np.testing.assert_allclose(at_points(coefficients_of(image), x, y), image, atol=5e-6)
+    np.testing.assert_allclose(sample_points(spline_coefficients(image), x, y), image, atol=5e-6)
 
 
 def test_values_along_rows_are_those_of_each_row_alone(image, places):
     x = places[0]
     y = np.repeat(np.arange(len(x), dtype=np.float32)[:, None], x.shape[1], axis=1)
-    found = along_rows(row_coefficients(image), x, y)
+    found = sample_rows(row_coefficients(image), x, y)
     for row in (0, 33, 69):
         exact = ndimage.map_coordinates(image[row].astype(float), [x[row]], order=3, mode="mirror")
         np.testing.assert_allclose(found[row], exact, atol=5e-5)

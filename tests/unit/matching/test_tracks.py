@@ -3,7 +3,7 @@ import pytest
 
 from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.imagery import StereoMatches, StopId, TieKind
-from solmap.photogrammetry.matching.records import Ties, joined
+from solmap.photogrammetry.matching.records import Ties, join_ties
 from solmap.photogrammetry.matching.tracks import (
     TrackParams,
     build_tie_points,
@@ -86,7 +86,7 @@ def test_a_match_that_is_tied_already_is_not_listed_again():
 
 def test_ties_with_a_pair_outside_the_network_are_left_out():
     few = [matches("a"), matches("b")]
-    ties = joined([tie("a", (1, 1), "b", (2, 2)), tie("a", (9, 9), "c", (2, 2))], PAIRS)
+    ties = join_ties([tie("a", (1, 1), "b", (2, 2)), tie("a", (9, 9), "c", (2, 2))], PAIRS)
     assert len(build_tie_points(few, [ties], TrackParams())) == 2
 
 
@@ -117,4 +117,4 @@ def test_a_pair_listed_twice_is_named():
 
 def test_ties_of_different_lists_of_pairs_are_not_joined():
     with pytest.raises(MatchingError, match="share one list of pairs"):
-        joined([tie("a", (1, 1), "b", (2, 2))], ("a", "b"))
+        join_ties([tie("a", (1, 1), "b", (2, 2))], ("a", "b"))

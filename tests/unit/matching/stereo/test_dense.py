@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.matching.parallax_planes import fit_plane
+from solmap.photogrammetry.matching.parallax_planes import fit_robust_plane
 from solmap.photogrammetry.matching.records import EpipolarImages
 from solmap.photogrammetry.matching.stereo.dense import (
     DenseParams,
@@ -134,7 +134,7 @@ def test_the_parallax_plane_is_that_of_the_ground_whatever_stands_on_it(rng):
     points = rng.uniform(0, 1000, (2000, 2))
     parallax = 3.0 + 0.01 * points[:, 0] + 0.13 * points[:, 1] + rng.normal(size=2000) * 0.3
     parallax[:600] += rng.uniform(5, 60, 600)  # rocks, nearer than the ground
-    plane = fit_plane(points, parallax)
+    plane = fit_robust_plane(points, parallax)
     assert plane.per_sample == pytest.approx(0.01, abs=2e-3)
     assert plane.per_line == pytest.approx(0.13, abs=2e-3)
     assert plane.parallax_px(np.array([500.0]), np.array([500.0]))[0] == pytest.approx(

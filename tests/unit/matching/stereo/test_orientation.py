@@ -10,7 +10,7 @@ from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.matching.records import EpipolarImages
 from solmap.photogrammetry.matching.stereo.orientation import (
     VerticalParallax,
-    rotation_of_the_bar,
+    rig_rotation,
     straightened,
     vertical_parallax,
 )
@@ -51,7 +51,7 @@ def test_the_rotation_of_a_bent_bar_is_found_and_put_right(scene, ground, rng):
     measured = VerticalParallax(
         seen, partner[:, 1] - seen[:, 1], seen[:, 0] - right.project(points)[:, 0], geometry
     )
-    found = rotation_of_the_bar(measured)
+    found = rig_rotation(measured)
     np.testing.assert_allclose(found, rotation, atol=2e-5)  # second order in the rotation
     mended = straightened(right, geometry, found).project(points)
     np.testing.assert_allclose(mended[:, 1], partner[:, 1], atol=0.05)
@@ -70,4 +70,4 @@ def test_too_few_points_tell_no_rotation(scene, ground):
     assert "too few to tell" in str(few)
     assert not few.fits_the_bar
     with pytest.raises(MatchingError, match="3 points with vertical parallax are too few"):
-        rotation_of_the_bar(few)
+        rig_rotation(few)

@@ -11,10 +11,10 @@ from solmap.photogrammetry.frames import Frame, FrameKind, rover_frame
 from solmap.photogrammetry.matching.resampling import epipolar_images
 from solmap.photogrammetry.matching.stereo.dense import DenseParams, match_densely
 from solmap.photogrammetry.matching.stereo.orientation import (
-    Measured,
+    MeasuredOffsets,
     OrientationParams,
     relative_orientation,
-    rotation_of_the_bar,
+    rig_rotation,
     straightened,
     vertical_parallax,
 )
@@ -39,7 +39,7 @@ def put_right(left, right, params=None):
     """Vertical parallax before and after the right camera is turned to where it points."""
     images = resampled(left, right)
     before = vertical_parallax(images, params)
-    camera = straightened(right[2], images.geometry, rotation_of_the_bar(before))
+    camera = straightened(right[2], images.geometry, rig_rotation(before))
     images = resampled(left, (*right[:2], camera, right[3]))
     return before, vertical_parallax(images, params), images
 
@@ -129,7 +129,7 @@ def test_a_bar_whose_direction_is_wrong_is_put_right_where_a_turn_is_not_enough(
     loose = OrientationParams(rotation_sigma=np.deg2rad(3.0), position_sigma_m=0.01)
     rows, found = before, None
     for _ in range(3):
-        found = relative_orientation(Measured(rows), loose, found)
+        found = relative_orientation(MeasuredOffsets(rows), loose, found)
         right = (*right[:2], found.applied(right[2], rows.geometry), right[3])
         images = resampled(left, right)
         rows = vertical_parallax(images, near)

@@ -17,7 +17,7 @@ from solmap.photogrammetry.matching.stereo.sparse import (
 )
 from solmap.photogrammetry.matching.stereo.verification import (
     VerificationParams,
-    follows_the_terrain,
+    agrees_with_terrain,
 )
 
 
@@ -112,7 +112,7 @@ def test_blunders_leave_the_parallax_curve(rng):
     parallax = 5.0 + 0.1 * points[:, 1] + rng.normal(size=800) * 0.3
     wrong = rng.choice(800, 80, replace=False)
     parallax[wrong] = rng.uniform(0, 200, 80)
-    accepted = follows_the_terrain(points, parallax, VerificationParams())
+    accepted = agrees_with_terrain(points, parallax, VerificationParams())
     off = np.abs(parallax - 5.0 - 0.1 * points[:, 1]) > 8
     assert not accepted[off].any()
     assert accepted[~off].mean() > 0.98
@@ -121,7 +121,7 @@ def test_blunders_leave_the_parallax_curve(rng):
 def test_few_matches_are_kept_for_want_of_neighbours():
     points = np.array([[10.0, 10.0], [50.0, 60.0], [90.0, 110.0]])
     for number in range(4):
-        accepted = follows_the_terrain(
+        accepted = agrees_with_terrain(
             points[:number], np.array([5.0, 6.0, 7.0])[:number], VerificationParams()
         )
         assert accepted.shape == (number,)

@@ -17,7 +17,7 @@ from solmap.photogrammetry.matching.stereo.dense import (
     match_densely,
 )
 from solmap.photogrammetry.matching.stereo.orientation import (
-    Measured,
+    MeasuredOffsets,
     OrientationParams,
     VerticalParallax,
     relative_orientation,
@@ -25,10 +25,10 @@ from solmap.photogrammetry.matching.stereo.orientation import (
 from solmap.photogrammetry.matching.stereo.wide_baseline import (
     AreaSearchParams,
     InstrumentLimits,
-    WideEye,
-    match_wide,
+    WideBaselineImage,
+    match_wide_baseline,
     search_area,
-    wide_pairs,
+    select_wide_pairs,
 )
 from solmap.photogrammetry.synthetic.render import View, first_hits, photograph, rotate_rays
 from solmap.photogrammetry.synthetic.scene import WorldParams, make_world
@@ -38,7 +38,7 @@ from solmap.photogrammetry.synthetic.truth import _pair_rays
 PAIR = Frame(FrameKind.PAIR, (0,))
 
 
-def points_seen_by(turn: np.ndarray, shift: np.ndarray, rng) -> Measured:
+def points_seen_by(turn: np.ndarray, shift: np.ndarray, rng) -> MeasuredOffsets:
     """Points of uneven ground, seen by a right camera that stands off its model by turn and shift.
 
     `shift` is in units of the base; the images are projected exactly, not to first order.
@@ -55,7 +55,7 @@ def points_seen_by(turn: np.ndarray, shift: np.ndarray, rng) -> Measured:
     right = f * seen[:, :2] / seen[:, 2:] + 511.5
     offset = right - left
     rows = VerticalParallax(left, offset[:, 1], -offset[:, 0], geometry)
-    return Measured(rows, f * base_m / z, bar_ratio=50.0)
+    return MeasuredOffsets(rows, f * base_m / z, bar_ratio=50.0)
 
 
 def test_a_turn_and_a_shift_of_the_right_camera_are_found(rng):
@@ -108,7 +108,7 @@ def hills():
     return make_world(WorldParams("hills", traverse=traverse), 8)
 
 
-def eye_of(world, stop: int, pair: int, turn: np.ndarray, shift_m: np.ndarray) -> WideEye:
+def eye_of(world, stop: int, pair: int, turn: np.ndarray, shift_m: np.ndarray) -> WideBaselineImage:
     """A matched pair, oriented as adjustment would leave it: turned and shifted a little."""
     shot = world.shot(stop, pair)
     lsl_from_rover = world.true_lsl_from_label_rover(shot)
@@ -124,7 +124,7 @@ def eye_of(world, stop: int, pair: int, turn: np.ndarray, shift_m: np.ndarray) -
     size = pictures[0].shape[::-1]
     bar = epipolar_pair(*cameras, size, size, world.stops[stop].id.frame, PAIR)
     images = epipolar_images(bar, *((p, whole, c) for p, c in zip(pictures, cameras, strict=True)))
-    return WideEye(
+    return WideBaselineImage(
         f"{stop}-{pair}",
         pictures[0],
         whole,
@@ -141,11 +141,11 @@ def test_two_stops_resolve_far_ground_that_the_bar_does_not(hills):
     nothing = np.zeros(3)
     one = eye_of(hills, 0, 1, np.array([1e-3, -0.5e-3, 1e-3]), np.array([0.02, -0.02, 0.02]))
     other = eye_of(hills, 1, 2, nothing, nothing)
-    left, right = wide_pairs([one], [other], InstrumentLimits())[0]
+    left, right = select_wide_pairs([one], [other], InstrumentLimits())[0]
     assert (
         left is other
     )  # whose orientation is exact, so that truth can be looked up along its rays
-    wide = match_wide(left, right)
+    wide = match_wide_baseline(left, right)
     assert abs(wide.rows_before.median_px) > 0.5
     assert abs(wide.rows_after.median_px) < 0.05
     geometry = wide.images.geometry
@@ -172,7 +172,7 @@ def test_pairs_that_look_along_the_base_or_away_are_no_instrument(scene, ground)
     cameras = images.geometry.cameras()
     whole = images.left_mask
     eyes = [
-        WideEye(
+        WideBaselineImage(
             str(k),
             images.left,
             whole,
@@ -185,12 +185,12 @@ def test_pairs_that_look_along_the_base_or_away_are_no_instrument(scene, ground)
             [(cameras[0], [0.0, 0, 0]), (cameras[0], [0.0, 0, 10]), (cameras[0], [0.5, 0, 0])]
         )
     ]
-    assert wide_pairs(eyes[:1], eyes[1:], InstrumentLimits()) == []
+    assert select_wide_pairs(eyes[:1], eyes[1:], InstrumentLimits()) == []
     with pytest.raises(MatchingError, match=r"0 and 1 make no wide pair: a view 0 degrees from"):
-        match_wide(eyes[0], eyes[1])
+        match_wide_baseline(eyes[0], eyes[1])
     with pytest.raises(MatchingError, match=r"a base of 0\.5 m"):
-        match_wide(eyes[0], eyes[2])
+        match_wide_baseline(eyes[0], eyes[2])
     aside = replace(
         eyes[2], camera=cameras[0].moved(Pose(LSL, LSL, np.eye(3), np.array([8.0, 0, 0])))
     )
-    assert len(wide_pairs(eyes[:1], [aside], InstrumentLimits())) == 1
+    assert len(select_wide_pairs(eyes[:1], [aside], InstrumentLimits())) == 1
