@@ -92,7 +92,7 @@ def stl(
 ) -> None:
     """Write the terrain model of a stop as a watertight solid (binary STL, metres)."""
     from solmap.photogrammetry.errors import PhotogrammetryError  # noqa: PLC0415 - slow to import
-    from solmap.photogrammetry.terrain.mesh.solid import SolidParams, solid_of  # noqa: PLC0415
+    from solmap.photogrammetry.terrain.mesh.solid import SolidParams, build_solid  # noqa: PLC0415
     from solmap.products.errors import ProductError, ProductNotFoundError  # noqa: PLC0415
     from solmap.products.formats.mesh.stl import stl_bytes  # noqa: PLC0415
     from solmap.products.formats.raster.raster import read_dtm  # noqa: PLC0415
@@ -101,7 +101,7 @@ def stl(
     workspace = workspace_of(store_of(store))
     try:
         ref = workspace.catalogue.layer(stop, ProductKind.DTM).ref
-        solid = solid_of(read_dtm(workspace.store.path(ref)), SolidParams(tolerance_m, base_m))
+        solid = build_solid(read_dtm(workspace.store.path(ref)), SolidParams(tolerance_m, base_m))
         file.write_bytes(stl_bytes(solid))
     except ProductNotFoundError:
         fail(f"no stop {stop} has a terrain model; `solmap products` lists those that have one")

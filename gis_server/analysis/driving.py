@@ -20,7 +20,11 @@ from solmap.gis_server.analysis.ground import Ground, mosaic, worst_of
 from solmap.gis_server.rendering.png import indexed_png
 from solmap.photogrammetry.arrays import Classes, Float64, Raster
 from solmap.photogrammetry.terrain.dtm.grid import Bounds, MapGrid
-from solmap.photogrammetry.terrain.traversability.driving import DrivingParams, Reach, reach
+from solmap.photogrammetry.terrain.traversability.driving import (
+    DrivingParams,
+    Reachability,
+    reachability,
+)
 from solmap.products.model import Layer, ProductKind
 
 HAZARD_KINDS = (ProductKind.HAZARD, ProductKind.REGION_HAZARD)
@@ -37,7 +41,7 @@ class Drives:
     """The ways from a place, and what they were found on."""
 
     place: tuple[float, float]
-    found: Reach
+    found: Reachability
     elevation: Raster
     params: DrivingParams
     layers: list[Layer]
@@ -112,7 +116,7 @@ def drives_from(
     while grid.rows * grid.cols > MOST_CELLS:
         codes, grid = _halved(codes, grid)
     heights, models = mosaic(ground, grid)
-    found = reach(codes, heights, grid, place, params)
+    found = reachability(codes, heights, grid, place, params)
     return Drives(place, found, heights, params, [*used, *models])
 
 

@@ -17,11 +17,11 @@ from solmap.photogrammetry.terrain.dtm.ground import MAP_FROM_LSL
 from solmap.photogrammetry.terrain.dtm.resampling import NOWHERE
 from solmap.photogrammetry.terrain.measure.ground_point import (
     GroundPoint,
-    by_parallax,
-    first_meeting,
+    ground_normal,
+    intersect_terrain,
     matched_pixel,
-    normal_at,
-    on_terrain,
+    range_to_ground,
+    triangulate_pixel,
 )
 from solmap.photogrammetry.terrain.measure.oriented_image import (
     OrientedImage,
@@ -59,7 +59,7 @@ def point_on_map(
         )
     layer = ground.models[number]
     up = np.array([*place, float(at.elevation[0])])
-    normal = normal_at(np.array(place), ground.elevation, NORMAL_M)
+    normal = ground_normal(np.array(place), ground.elevation, NORMAL_M)
     frame = frame_of(layer, mission, place)
     covariance = np.diag([0.0, 0.0, float(np.nan_to_num(at.own_sigma_m[0])) ** 2])
     return GroundPoint(MAP_FROM_LSL.T @ up, covariance, frame, normal), layer
@@ -135,7 +135,7 @@ def ground_at(
         )
     found = _matched_at(entry, image, point, sigma_px, mission)
     if found is not None:
-        normal = normal_at(found.on_map[:2], ground.elevation, NORMAL_M)
+        normal = ground_normal(found.on_map[:2], ground.elevation, NORMAL_M)
         whole = GroundPoint(found.point, found.covariance, found.frame, normal)
         return Found(whole, "parallax", None)
     return _met_by_ray(image, point, sigma_px, mission, ground)
@@ -157,7 +157,9 @@ def _matched_at(
         return None
     left = np.array(found.left)
     sigmas = (sigma_px, found.sigma_px)
-    return by_parallax(image, eyes.geometry, pair.lsl_from_pair, left, found.parallax_px, sigmas)
+    return triangulate_pixel(
+        image, eyes.geometry, pair.lsl_from_pair, left, found.parallax_px, sigmas
+    )
 
 
 def _met_by_ray(
@@ -169,7 +171,7 @@ def _met_by_ray(
 ) -> Found | None:
     start, ray = image.ray(np.array(point))
     step = ground.finest_cell_m
-    distance = first_meeting(start, ray, ground.elevation, _USUAL.radius_m, step)
+    distance = range_to_ground(start, ray, ground.elevation, _USUAL.radius_m, step)
     if distance is None:
         return None
     met: Vector3 = start + distance * ray
@@ -178,14 +180,16 @@ def _met_by_ray(
     if int(at.source[0]) == NOWHERE:
         return None
     layer = ground.models[int(at.source[0])]
-    normal = normal_at(np.array([east, north]), ground.elevation, NORMAL_M)
+    normal = ground_normal(np.array([east, north]), ground.elevation, NORMAL_M)
     known = (
         normal,
         float(np.nan_to_num(at.own_sigma_m[0])),
         frame_of(layer, mission, (east, north)),
     )
     return Found(
-        on_terrain(image, met, ray, known, sigma_px, pixel_angle(image, point)), "terrain", layer
+        intersect_terrain(image, met, ray, known, sigma_px, pixel_angle(image, point)),
+        "terrain",
+        layer,
     )
 
 

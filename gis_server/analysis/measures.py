@@ -27,10 +27,10 @@ from solmap.gis_server.analysis.bodies import (
 from solmap.gis_server.analysis.ground import BEST, Ground
 from solmap.photogrammetry.terrain.dtm.resampling import NOWHERE, GroundSamples, MapPoints
 from solmap.photogrammetry.terrain.measure.areas import (
-    Base,
+    BasePlane,
     places_inside,
     polygon_of,
-    steepening,
+    surface_ratio,
     volume,
 )
 from solmap.photogrammetry.terrain.measure.lines import (
@@ -198,7 +198,7 @@ def measured_area(question: AreaQuestion, ground: Ground) -> AreaAnswer:
     polygon = polygon_of(np.array(question.polygon))
     places, cell = places_inside(polygon, ground.finest_cell_m, _STEEP_PLACES)
     read = ground.at(places)
-    steep = steepening(places, ground.elevation, 0.25)
+    steep = surface_ratio(places, ground.elevation, 0.25)
     known = read.elevation[np.isfinite(read.elevation)]
     surface = polygon.area * float(np.nanmean(steep)) if np.isfinite(steep).any() else None
     return AreaAnswer(
@@ -240,21 +240,21 @@ def measured_volume(question: VolumeQuestion, ground: Ground) -> VolumeAnswer:
     )
 
 
-def _base(question: VolumeQuestion, ground: Ground) -> Base:
+def _base(question: VolumeQuestion, ground: Ground) -> BasePlane:
     if question.base == "level":
         if question.elevation_m is None:
             raise UnanswerableError("a level base needs its elevation: give `elevation_m`")
-        return Base.level(question.elevation_m)
+        return BasePlane.level(question.elevation_m)
     ring = np.array([*question.polygon, question.polygon[0]])
     length = float(np.hypot(*np.diff(ring, axis=0).T).sum())
     step = max(_RIM_STEP_M, length / 2000)
     along = stations(ring, step)
     read = ground.at(along.places)
     if question.base == "rim":
-        return Base.fitted(along.places, read, step)
+        return BasePlane.fitted(along.places, read, step)
     if not np.isfinite(read.elevation).any():
         raise UnanswerableError("no ground of the outline was measured: draw it on mapped ground")
-    return Base.level(float(np.nanmin(read.elevation)))
+    return BasePlane.level(float(np.nanmin(read.elevation)))
 
 
 def used_in(read: GroundSamples, ground: Ground) -> list[LayerUsed]:

@@ -32,13 +32,13 @@ from solmap.photogrammetry.terrain.measure.ground_point import GroundPoint, sigh
 from solmap.photogrammetry.terrain.measure.oriented_image import (
     Ellipse,
     OrientedImage,
-    in_images_of,
+    image_covariance_from,
 )
 from solmap.photogrammetry.terrain.visibility.viewshed import (
     Sight,
     ViewshedParams,
-    places_between,
     sight_line,
+    sight_line_stations,
 )
 from solmap.products.catalogue.catalogue import ImageEntry
 from solmap.products.catalogue.oriented_images import OrientedMission
@@ -74,7 +74,7 @@ def seen_in(entry: ImageEntry, target: GroundPoint, mission: OrientedMission) ->
     point = image.camera.project(target.point[None])[0]
     if not image.shows(point):
         return None
-    covariance = in_images_of(image, target.point, target.covariance, target.frame)
+    covariance = image_covariance_from(image, target.point, target.covariance, target.frame)
     view = image.camera.centre - target.point
     distance = float(np.linalg.norm(view))
     normal = target.normal
@@ -146,7 +146,7 @@ def _by_terrain(seen: Sequence[Seen], target: GroundPoint, ground: Ground) -> li
     sigma = float(np.sqrt(max(target.covariance[2, 2], 0.0)))
     aim = target.on_map + np.array([0.0, 0.0, max(LIFT_M, 2 * sigma)])
     eyes = [MAP_FROM_LSL @ one.image.camera.centre for one in seen]
-    ways = [places_between(eye, aim, ground.finest_cell_m) for eye in eyes]
+    ways = [sight_line_stations(eye, aim, ground.finest_cell_m) for eye in eyes]
     heights = ground.elevation(np.concatenate(ways))
     parts = np.split(heights, np.cumsum([len(way) for way in ways])[:-1])
     return [

@@ -30,8 +30,8 @@ from solmap.photogrammetry.terrain.dtm.grid import Bounds, MapGrid
 from solmap.photogrammetry.terrain.visibility.viewshed import (
     Sight,
     ViewshedParams,
-    places_between,
     sight_line,
+    sight_line_stations,
     viewshed,
 )
 from solmap.products.formats.raster.raster import VISIBILITY_CLASSES
@@ -87,7 +87,7 @@ def line_of_sight(eye: End, target: End, max_unseen_m: float, ground: Ground) ->
             f"a line of sight is longer than 0 m and no longer than {FARTHEST_M:g} m; this one has "
             f"{length:.1f} m"
         )
-    places = places_between(start, end, max(ground.finest_cell_m, length / _MOST_STATIONS))
+    places = sight_line_stations(start, end, max(ground.finest_cell_m, length / _MOST_STATIONS))
     read = ground.at(places)
     found = sight_line(start, end, places, read.elevation, max_unseen_m)
     where = found.obstruction

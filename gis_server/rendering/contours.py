@@ -32,7 +32,7 @@ from solmap.photogrammetry.terrain.relief.contours import (
     ContourParams,
     RegionContourParams,
     interval_by_relief,
-    smoothed,
+    smooth_elevation,
     trace_contours,
 )
 from solmap.products.formats.raster.raster import grid_of
@@ -72,7 +72,7 @@ def interval_of(layer: Layer, asked_m: float | None) -> float:
 def contour_cover(patch: Patch, interval_m: float) -> np.ndarray:
     """How much of every pixel lines cover, 0 to 255."""
     sigma_m = smoothing_m(patch.cell_m)
-    smooth = smoothed(patch.values, patch.cell_m, sigma_m, _PARAMS.min_share)
+    smooth = smooth_elevation(patch.values, patch.cell_m, sigma_m, _PARAMS.min_share)
     return _cover(patch.interpolated(smooth) / np.float32(interval_m))
 
 

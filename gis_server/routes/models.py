@@ -19,7 +19,7 @@ from solmap.gis_server.analysis.scene import (
 )
 from solmap.gis_server.parameters import AGAIN, FOREVER, Digest, MissionName, ScopeName
 from solmap.gis_server.services import ServicesOf
-from solmap.photogrammetry.terrain.mesh.solid import SolidParams, solid_of
+from solmap.photogrammetry.terrain.mesh.solid import SolidParams, build_solid
 from solmap.products.catalogue.catalogue import published_networks
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.crs import local_crs
@@ -104,7 +104,7 @@ def stl(
     if layer.ref.scope.level is not ScopeLevel.STOP:
         raise UnanswerableError(f"{layer.id} is larger than a stop's: cut a part of it out instead")
     model = read_dtm(services.store.path(layer.ref))
-    body = stl_bytes(solid_of(model, SolidParams(tolerance_m, base_m)))
+    body = stl_bytes(build_solid(model, SolidParams(tolerance_m, base_m)))
     name = f'attachment; filename="{scope}_terrain_{digest}.stl"'
     return Response(body, media_type="model/stl", headers={**FOREVER, "content-disposition": name})
 

@@ -22,13 +22,13 @@ from solmap.photogrammetry.terrain.mesh.point_cloud import (
 )
 from solmap.photogrammetry.terrain.mesh.surface_mesh import (
     Bounds,
-    DrawnTile,
+    MeshTile,
     ModelParams,
     SurfaceMesh,
-    TerrainDrawing,
+    TerrainMesher,
     TexturedMesh,
     TilesetParams,
-    drawn_tiles,
+    mesh_tiles,
 )
 from solmap.photogrammetry.terrain.mesh.view_mesh import ViewModelParams, view_meshes
 from solmap.products.crs import LandingPoint
@@ -58,7 +58,7 @@ def model_terrain(
     recipe = Recipe(ProductKind.MODEL, dtm.scope, (dtm, orthophoto), (params, landing))
 
     def write(path: Path) -> None:
-        drawing = TerrainDrawing.of(read_dtm(store.path(dtm)))
+        drawing = TerrainMesher.of(read_dtm(store.path(dtm)))
         texture, bounds = read_texture(
             store.path(orthophoto), drawing.bounds, params.max_texture_px
         )
@@ -83,15 +83,15 @@ def tile_terrain(
     recipe = Recipe(ProductKind.TILESET, dtm.scope, (dtm, orthophoto), (params, landing))
 
     def write(path: Path) -> None:
-        drawing = TerrainDrawing.of(read_dtm(store.path(dtm)))
+        drawing = TerrainMesher.of(read_dtm(store.path(dtm)))
         with TilesetWriter(path, notes_of(recipe, landing)) as writer:
-            for tile in drawn_tiles(drawing, params):
+            for tile in mesh_tiles(drawing, params):
                 _add(writer, tile, store.path(orthophoto), params)
 
     return store.make(recipe, write)
 
 
-def _add(writer: TilesetWriter, tile: DrawnTile, orthophoto: Path, params: TilesetParams) -> None:
+def _add(writer: TilesetWriter, tile: MeshTile, orthophoto: Path, params: TilesetParams) -> None:
     west, _, east, _ = tile.bounds
     texture, bounds = read_texture(orthophoto, tile.bounds, params.texture_px)
     surface = tile.surface(bounds)

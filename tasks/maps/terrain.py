@@ -24,8 +24,8 @@ from solmap.photogrammetry.terrain.relief.slope import (
     SlopeParams,
     aspect_of,
     hillshade,
-    mapped_relief,
     northerly_tilt_of,
+    relief_map,
     slope_of,
 )
 from solmap.products.crs import LandingPoint, local_crs
@@ -100,7 +100,7 @@ def map_relief(
 
     @cache
     def fitted() -> tuple[Relief, MapGrid]:
-        return mapped_relief(read_dtm(store.path(dtm)), params)
+        return relief_map(read_dtm(store.path(dtm)), params)
 
     def made(kind: ProductKind, unit: str, bands_of: Callable[[Relief], Bands]) -> ProductRef:
         recipe = Recipe(dtm.mapped_as(kind), dtm.scope, (dtm,), (params, landing))

@@ -13,7 +13,7 @@ from solmap.photogrammetry.adjustment.model.adjusted_network import USED, Adjust
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.imagery import RoverImage
 from solmap.photogrammetry.mars import map_from_lsl
-from solmap.photogrammetry.terrain.measure.oriented_image import as_pointed
+from solmap.photogrammetry.terrain.measure.oriented_image import apply_pointing
 from solmap.photogrammetry.terrain.visibility.footprints import (
     FootprintParams,
     Ground,
@@ -87,7 +87,7 @@ class _Reading:
             if image.stop in poses:
                 pointing = pointings.get(entry.id, pointings.get(entry.partner or ""))
                 if pointing is not None:
-                    image = as_pointed(image, pointing)
+                    image = apply_pointing(image, pointing)
                 drawn = draw(image, entry, poses[image.stop], params)
                 if drawn is not None:
                     yield drawn

@@ -15,10 +15,10 @@ from solmap.photogrammetry.terrain.dtm.records import Dtm, GroundClass
 from solmap.photogrammetry.terrain.mesh.right_triangles import RightTriangles
 from solmap.photogrammetry.terrain.mesh.surface_mesh import (
     ModelParams,
-    TerrainDrawing,
+    TerrainMesher,
     TexturedMesh,
     TilesetParams,
-    drawn_tiles,
+    mesh_tiles,
 )
 from solmap.products.formats.mesh.gltf import Encoding, write_glb
 
@@ -128,7 +128,7 @@ def test_triangles_of_a_stop_by_quadric_decimation(benchmark, stop):
 
 @pytest.mark.parametrize("encoding", Encoding)
 def test_writing_a_stop_as_gltf(benchmark, stop, encoding):
-    drawing = TerrainDrawing.of(stop)
+    drawing = TerrainMesher.of(stop)
     surface = drawing.surface(drawing.triangles.mesh(ModelParams().tolerance_m), drawing.bounds)
     texture = np.random.default_rng(2).integers(0, 255, (64, 64), np.uint8)
     mesh = TexturedMesh("stop", surface, cv2.resize(texture, (4096, 4096)))
@@ -142,7 +142,7 @@ def test_cutting_a_stop_into_tiles(benchmark, stop):
     params = TilesetParams()
 
     def cut() -> list[int]:
-        tiles = drawn_tiles(TerrainDrawing.of(stop), params)
+        tiles = mesh_tiles(TerrainMesher.of(stop), params)
         return [len(tile.surface(tile.bounds)) for tile in tiles]
 
     counts = benchmark.pedantic(cut, rounds=3)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from solmap.photogrammetry.terrain.dtm.ground import MAP_FROM_LSL
-from solmap.photogrammetry.terrain.measure.ground_point import first_meeting
+from solmap.photogrammetry.terrain.measure.ground_point import range_to_ground
 from solmap.photogrammetry.terrain.orthophoto.panorama_grid import AngleGrid
 from tests.support.browsing import look, pixel_of, screenshot, until
 
@@ -32,7 +32,7 @@ def place(true_images, known):
     image = next(e for e in true_images.entries if e.eye == "left" and e.stop == known["scope"])
     camera = world.true_camera(*true_images.shot(image.id))
     ray = camera.rays(np.array([[128.0, 170.0]]))[0]
-    met = first_meeting(camera.centre, ray, true_images.elevation, 30.0, 0.01)
+    met = range_to_ground(camera.centre, ray, true_images.elevation, 30.0, 0.01)
     there = camera.centre + met * ray
     grid = AngleGrid(*(known[k] for k in ("west_deg", "top_deg", "cell_deg", "rows", "cols")))
     away = there - MAP_FROM_LSL.T @ np.array(known["centre"])

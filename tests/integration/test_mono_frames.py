@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from solmap.photogrammetry.adjustment.modes.mission import AdjustmentMode
-from solmap.photogrammetry.terrain.measure.oriented_image import as_pointed
+from solmap.photogrammetry.terrain.measure.oriented_image import apply_pointing
 from solmap.products.catalogue.images import image_record, image_records
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.formats.documents.network import read_network
@@ -86,7 +86,7 @@ def test_their_outlines_are_drawn_where_they_really_looked(spirit):
     for entry in workspace.catalogue.images():
         image = image_record(entry, workspace)
         pair = adjusted[entry.id]
-        turned = as_pointed(image, pair.pointing).camera
+        turned = apply_pointing(image, pair.pointing).camera
         middle = np.array([[(image.samples - 1) / 2, (image.lines - 1) / 2]])
         axis = pair.rover_from_pair.rotation[:, 2]
         np.testing.assert_allclose(turned.rays(middle)[0], axis, atol=1e-7)

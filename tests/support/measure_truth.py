@@ -17,7 +17,7 @@ from solmap.gis_server.analysis.ground import BEST, Ground
 from solmap.gis_server.analysis.manual_ties import RefineQuestion, refined_pick
 from solmap.gis_server.analysis.measures import ProfileQuestion, ask_profile
 from solmap.gis_server.rendering.reading import RasterPool
-from solmap.photogrammetry.terrain.measure.ground_point import first_meeting
+from solmap.photogrammetry.terrain.measure.ground_point import range_to_ground
 from solmap.photogrammetry.terrain.measure.lines import _tangent
 from solmap.products.catalogue.oriented_images import OrientedMission
 from solmap.products.catalogue.workspace import Workspace
@@ -97,7 +97,7 @@ def _seeing(entry, point, same_stop, world):
             continue
         way = point - camera.centre
         distance = float(np.linalg.norm(way))
-        met = first_meeting(camera.centre, way / distance, elevations(folder), distance + 2, 0.02)
+        met = range_to_ground(camera.centre, way / distance, elevations(folder), distance + 2, 0.02)
         if met is None or met > distance - 0.2:
             return other.id, at
     return None

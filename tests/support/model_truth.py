@@ -16,7 +16,7 @@ import numpy as np
 from solmap.photogrammetry.terrain.mesh.surface_mesh import (
     ModelParams,
     SurfaceMesh,
-    TerrainDrawing,
+    TerrainMesher,
 )
 from solmap.photogrammetry.terrain.mesh.view_mesh import ViewModelParams, view_meshes
 from solmap.products.catalogue.workspace import Workspace
@@ -59,7 +59,7 @@ def main(store: Path, downlink: Path) -> None:
     row, col = np.nonzero(np.isfinite(dtm.elevation))
     east, north = dtm.grid.centres()
     cells = np.column_stack([east[col], north[row], dtm.elevation[row, col]])
-    drawing = TerrainDrawing.of(dtm)
+    drawing = TerrainMesher.of(dtm)
     bands = " | ".join(f"{near}-{far} m" for near, far in BANDS_M)
     sys.stdout.write(f"{stop.stop}, cm, 50 and 90 %: {bands}\n")
     sys.stdout.write(f"cells: {figures(cells, truth, stop.place)}\n")

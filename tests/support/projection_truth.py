@@ -19,7 +19,7 @@ from solmap.gis_server.analysis.image_to_ground import ground_at
 from solmap.gis_server.analysis.projection import seen_in, with_sight
 from solmap.gis_server.rendering.reading import RasterPool
 from solmap.photogrammetry.terrain.dtm.ground import MAP_FROM_LSL
-from solmap.photogrammetry.terrain.measure.ground_point import first_meeting
+from solmap.photogrammetry.terrain.measure.ground_point import range_to_ground
 from solmap.photogrammetry.terrain.visibility.viewshed import Sight
 from solmap.products.catalogue.oriented_images import OrientedMission
 from solmap.products.catalogue.workspace import Workspace
@@ -95,7 +95,7 @@ def _judge_in(other, found, truth, world, rows) -> None:
     told = with_sight([seen], found.ground, mission, ground)[0].sight
     ray = truth - camera.centre
     distance = np.linalg.norm(ray)
-    met = first_meeting(camera.centre, ray / distance, surface, distance + 5.0, 0.02)
+    met = range_to_ground(camera.centre, ray / distance, surface, distance + 5.0, 0.02)
     rows["sight"].append((int(told), 0.0 if met is None else distance - met))
 
 
@@ -103,7 +103,7 @@ def _true_point(entry, pixel, mission, folder, surface):
     record = mission.record(entry)
     camera = record.camera.moved(true_pose(folder, record))
     ray = camera.rays(pixel[None])[0]
-    met = first_meeting(camera.centre, ray, surface, FARTHEST_M, 0.02)
+    met = range_to_ground(camera.centre, ray, surface, FARTHEST_M, 0.02)
     return None if met is None else camera.centre + met * ray
 
 

@@ -30,8 +30,8 @@ from solmap.photogrammetry.terrain.relief.slope import (
     HillshadeParams,
     SlopeParams,
     hillshade,
-    mapped_relief,
     northerly_tilt_of,
+    relief_map,
     slope_of,
 )
 from solmap.photogrammetry.terrain.traversability.hazard import HazardParams, hazards
@@ -64,7 +64,7 @@ def world_model(terrain: str, seed: int) -> Dtm:
 def pictures(dtm: Dtm) -> dict[str, Picture]:
     """One picture of each kind, over the hillshade."""
     light = _shown(hillshade(dtm, HillshadeParams()), dtm.grid)
-    relief, relief_grid = mapped_relief(dtm, SlopeParams())
+    relief, relief_grid = relief_map(dtm, SlopeParams())
     lit = insolation(dtm.elevation, dtm.grid, LATITUDE, InsolationParams())
     havens = winter_havens(lit, LATITUDE, HavenParams())
     coarse, coarse_grid = coarsen(dtm.elevation, dtm.grid, 0.16)

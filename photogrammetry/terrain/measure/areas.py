@@ -37,7 +37,7 @@ LEAST_SHARE = 0.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Base:
+class BasePlane:
     """A plane b = p_0 + p_1 (e - e_0) + p_2 (n - n_0)."""
 
     origin: Float64[np.ndarray, " 2"]
@@ -47,12 +47,12 @@ class Base:
     """Whether it rises and falls with the model's poses, as one that was fitted to it does."""
 
     @classmethod
-    def level(cls, elevation_m: float) -> Base:
+    def level(cls, elevation_m: float) -> BasePlane:
         """A level base at an elevation."""
         return cls(np.zeros(2), np.array([elevation_m, 0.0, 0.0]), np.zeros((3, 3)), floats=False)
 
     @classmethod
-    def fitted(cls, places: MapPoints, ground: GroundSamples, spacing_m: float) -> Base:
+    def fitted(cls, places: MapPoints, ground: GroundSamples, spacing_m: float) -> BasePlane:
         """The plane of least squares through the ground at places of a rim, `spacing_m` apart.
 
         Raises:
@@ -94,7 +94,7 @@ class Volume:
     """Ground below the base, as a number that is not positive where there is any."""
 
 
-def volume(places: MapPoints, ground: GroundSamples, base: Base, area_m2: float) -> Volume:
+def volume(places: MapPoints, ground: GroundSamples, base: BasePlane, area_m2: float) -> Volume:
     """The volume over `area_m2`, whose ground was read at the centres of equal cells.
 
     Raises:
@@ -170,7 +170,7 @@ def places_inside(
     return places[inside], cell
 
 
-def steepening(places: MapPoints, elevations: Elevations, half_m: float) -> PerPoint:
+def surface_ratio(places: MapPoints, elevations: Elevations, half_m: float) -> PerPoint:
     """Area of the ground over its area on the map, from its slope over 2 `half_m`; NaN in gaps."""
     squares = np.zeros(len(places))
     for step in half_m * np.eye(2):

@@ -66,7 +66,7 @@ GROWTHS = 20
 
 
 @dataclass(frozen=True, slots=True)
-class RegionParams:
+class PlanarRegionParams:
     """How to find planar regions."""
 
     window_px: int = 17
@@ -112,7 +112,7 @@ class ParallaxSamples:
         parallax: ParallaxMap,
         focal_px: float,
         centre_px: tuple[float, float],
-        params: RegionParams,
+        params: PlanarRegionParams,
     ) -> ParallaxSamples:
         """Samples of a parallax map, NaN where it is not trusted."""
         own, rms_px = whole_window_planes(parallax, params.window_px)
@@ -140,7 +140,7 @@ class ParallaxSamples:
         x, y = self.col - self.centre_px[0], self.row - self.centre_px[1]
         return np.abs(self.parallax - (a + b * x[None, :] + c * y[:, None])).astype(np.float32)
 
-    def facing(self, plane: Coefficients, params: RegionParams) -> Mask:
+    def facing(self, plane: Coefficients, params: PlanarRegionParams) -> Mask:
         """Whether every sample's own plane is turned like a plane, as far as can be told."""
         scale = np.array([1 / self.focal_px, 1.0, 1.0])
         n = plane * scale
@@ -170,7 +170,7 @@ class ParallaxSamples:
         return x, y, self.parallax[row, col].astype(np.float64)
 
 
-def planar_regions(samples: ParallaxSamples, params: RegionParams) -> Iterator[Mask]:
+def planar_regions(samples: ParallaxSamples, params: PlanarRegionParams) -> Iterator[Mask]:
     """Connected samples of one plane each, those of the flattest first; none twice."""
     free = np.isfinite(samples.rms_px)
     seeds = np.where(free & (samples.rms_px <= params.flat_px), samples.rms_px, np.inf)
@@ -178,7 +178,7 @@ def planar_regions(samples: ParallaxSamples, params: RegionParams) -> Iterator[M
         seed = np.unravel_index(np.argmin(seeds), seeds.shape)
         if not np.isfinite(seeds[seed]):
             return
-        region = _grown(samples, free, (int(seed[0]), int(seed[1])), params)
+        region = _grow(samples, free, (int(seed[0]), int(seed[1])), params)
         seeds[seed] = np.inf
         seeds[region] = np.inf
         if region.sum() >= params.min_samples and samples.bow(region) <= params.bow_px:
@@ -186,11 +186,11 @@ def planar_regions(samples: ParallaxSamples, params: RegionParams) -> Iterator[M
             yield region
 
 
-def _grown(
+def _grow(
     samples: ParallaxSamples,
     free: Bool[np.ndarray, "rows cols"],
     seed: tuple[int, int],
-    params: RegionParams,
+    params: PlanarRegionParams,
 ) -> Mask:
     """The free samples that hang together with the seed on one plane.
 
@@ -219,7 +219,7 @@ def _on_plane(
     plane: Coefficients,
     seed: tuple[int, int],
     reach: int,
-    params: RegionParams,
+    params: PlanarRegionParams,
 ) -> Mask:
     """Free samples of a window on a plane that hang together with the seed."""
     at = min(seed[0], reach), min(seed[1], reach)
@@ -237,7 +237,7 @@ class FacetParams(SightParams):
     max_relative_sigma: float = 0.01
     """Largest standard deviation along the view over the distance: 10 m with Navcam, 43 m with
     Pancam; beyond it a bed is thinner than the noise."""
-    regions: RegionParams = field(default_factory=RegionParams)
+    regions: PlanarRegionParams = field(default_factory=PlanarRegionParams)
     min_dip_deg: float = 10.0
     """Facets that dip less are taken for the ground that the rocks stand on."""
     max_sigma_deg: float = 10.0

@@ -42,7 +42,7 @@ from solmap.photogrammetry.terrain.dtm.resampling import MapPoints
 from solmap.photogrammetry.terrain.measure.oriented_image import (
     OrientedImage,
     StopPose,
-    between,
+    relative_covariance,
 )
 from solmap.photogrammetry.terrain.visibility.viewshed import Sight
 
@@ -82,7 +82,7 @@ class GroundPoint:
         return MAP_FROM_LSL @ total @ MAP_FROM_LSL.T
 
 
-def by_parallax(
+def triangulate_pixel(
     image: OrientedImage,
     geometry: EpipolarPair,
     lsl_from_pair: Pose,
@@ -107,7 +107,7 @@ def by_parallax(
     return GroundPoint(point, own + image.pointing_at(point), image.pose)
 
 
-def first_meeting(
+def range_to_ground(
     start: Vector3, ray: Vector3, elevations: Elevations, reach_m: float, step_m: float
 ) -> float | None:
     """Distance along a ray in the LSL at which it first passes below the ground; None if it never.
@@ -142,7 +142,7 @@ def first_meeting(
     return (low + high) / 2
 
 
-def on_terrain(
+def intersect_terrain(
     image: OrientedImage,
     point: Vector3,
     ray: Vector3,
@@ -166,14 +166,16 @@ def on_terrain(
     cosine = np.copysign(max(abs(cosine), GRAZING), cosine)
     distance = float(np.linalg.norm(point - image.camera.centre))
     across = (sigma_px * pixel * distance) ** 2 * (np.eye(3) - np.outer(ray, ray))
-    error = across + image.pointing_at(point) + between(frame, image.pose, point)
+    error = across + image.pointing_at(point) + relative_covariance(frame, image.pose, point)
     T = np.eye(3) - np.outer(ray, normal) / cosine
     lift = float(normal @ UP) / cosine * sigma_m
     covariance = T @ error @ T.T + lift**2 * np.outer(ray, ray)
     return GroundPoint(point, covariance, frame, normal)
 
 
-def normal_at(place: Float64[np.ndarray, " 2"], elevations: Elevations, half_m: float) -> Vector3:
+def ground_normal(
+    place: Float64[np.ndarray, " 2"], elevations: Elevations, half_m: float
+) -> Vector3:
     """Unit normal, in the LSL and pointing up, of the ground around a place on the map.
 
     Of the plane that fits a square of readings best; upright where too little is known.

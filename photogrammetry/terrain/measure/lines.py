@@ -130,7 +130,7 @@ def _tangent(s: PerPoint, h: PerPoint, baseline_m: float) -> PerPoint:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LineMeasured:
+class LineMeasures:
     """A line on the map and on the ground."""
 
     map_length_m: float
@@ -157,7 +157,7 @@ class Rise:
     sigma_slope: float
 
 
-def measure_line(corners: MapPoints, along: Stations, ground: GroundSamples) -> LineMeasured:
+def measure_line(corners: MapPoints, along: Stations, ground: GroundSamples) -> LineMeasures:
     """Length and directions of a line whose ground was read at stations."""
     legs = np.diff(corners, axis=0)
     steps = np.diff(along.distance_m)
@@ -165,7 +165,7 @@ def measure_line(corners: MapPoints, along: Stations, ground: GroundSamples) -> 
     known = np.isfinite(climbs)
     surface = np.where(known, np.hypot(steps, np.where(known, climbs, 0.0)), steps)
     total = float(along.distance_m[-1])
-    return LineMeasured(
+    return LineMeasures(
         map_length_m=total,
         surface_length_m=float(surface.sum()),
         measured_share=float(steps[known].sum() / total),

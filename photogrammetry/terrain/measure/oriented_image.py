@@ -49,7 +49,7 @@ class StopPose:
 
     def at(self, point_in_lsl: Vector3) -> Covariance3:
         """Covariance of what the stop carries along, at a point."""
-        J = np.hstack([-cross(point_in_lsl - self.lsl_from_rover.translation_m), np.eye(3)])
+        J = np.hstack([-cross_matrix(point_in_lsl - self.lsl_from_rover.translation_m), np.eye(3)])
         return J @ self.covariance @ J.T
 
 
@@ -86,8 +86,8 @@ class OrientedImage:
         """An image as it was pointed from where its stop is."""
         if pose.stop != image.stop or pose.lsl_from_rover.target != LSL:
             raise TerrainError(f"{image.id} was taken at {image.stop}, not at {pose.stop}")
-        pivot = as_pivot(image)
-        camera = as_pointed(image, pointing.turn).camera.moved(pose.lsl_from_rover)
+        pivot = pointing_pivot(image)
+        camera = apply_pointing(image, pointing.turn).camera.moved(pose.lsl_from_rover)
         turn = pose.lsl_from_rover.rotation
         return cls(
             image.id,
@@ -100,7 +100,7 @@ class OrientedImage:
 
     def pointing_at(self, point_in_lsl: Vector3) -> Covariance3:
         """Covariance of what turns with the camera, by its pointing alone, at a point."""
-        lever = cross(point_in_lsl - self.pivot_in_lsl)
+        lever = cross_matrix(point_in_lsl - self.pivot_in_lsl)
         return lever @ self.pointing_covariance @ lever.T
 
     def ray(self, image_point: ImagePlace) -> tuple[Vector3, Vector3]:
@@ -110,10 +110,10 @@ class OrientedImage:
 
     def shows(self, image_point: ImagePlace) -> bool:
         """Whether a point lies on the image, its outermost half pixels included."""
-        return bool(shown(image_point[None], self.size)[0])
+        return bool(inside_image(image_point[None], self.size)[0])
 
 
-def shown(image_points: ImagePoints, size: tuple[int, int]) -> Flags:
+def inside_image(image_points: ImagePoints, size: tuple[int, int]) -> Flags:
     """Which points lie on an image of (samples, lines), its outermost half pixels included."""
     first, last = np.array([-0.5, -0.5]), np.array(size) - 0.5
     inside: Flags = np.logical_and.reduce(
@@ -123,28 +123,28 @@ def shown(image_points: ImagePoints, size: tuple[int, int]) -> Flags:
     return inside
 
 
-def as_pivot(image: RoverImage) -> Vector3:
+def pointing_pivot(image: RoverImage) -> Vector3:
     """What pointing errors turn an image's camera about, in the rover frame."""
     return image.camera.centre if image.mast_in_rover is None else np.array(image.mast_in_rover)
 
 
-def as_pointed(image: RoverImage, pointing: Vector3) -> RoverImage:
+def apply_pointing(image: RoverImage, pointing: Vector3) -> RoverImage:
     """An image whose camera looks where the adjustment found that its mast had pointed it.
 
     `pointing` is a rotation vector in the rover frame, about the mast head.
     """
-    rover, pivot = image.stop.frame, as_pivot(image)
+    rover, pivot = image.stop.frame, pointing_pivot(image)
     turn = ScipyRotation.from_rotvec(pointing).as_matrix()
     return replace(image, camera=image.camera.moved(Pose(rover, rover, turn, pivot - turn @ pivot)))
 
 
-def cross(vector: Vector3) -> Covariance3:
+def cross_matrix(vector: Vector3) -> Covariance3:
     """[v] with [v] w = v x w."""
     x, y, z = vector
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
-def between(one: StopPose, other: StopPose, point_in_lsl: Vector3) -> Covariance3:
+def relative_covariance(one: StopPose, other: StopPose, point_in_lsl: Vector3) -> Covariance3:
     """Covariance, at a point, of what two stops do not share."""
     if one.stop == other.stop:
         return np.zeros((3, 3))
@@ -161,17 +161,17 @@ def partials(camera: CameraModel, point: Vector3) -> Float64[np.ndarray, "2 3"]:
     return (camera.project(point + steps) - camera.project(point - steps)).T / (2 * step)
 
 
-def in_image(image: OrientedImage, point: Vector3, covariance: Covariance3) -> Covariance2:
+def image_covariance(image: OrientedImage, point: Vector3, covariance: Covariance3) -> Covariance2:
     """Covariance, pixels squared, of the image of a point known so against the image's stop."""
     P = partials(image.camera, point)
     return P @ (covariance + image.pointing_at(point)) @ P.T
 
 
-def in_images_of(
+def image_covariance_from(
     image: OrientedImage, point: Vector3, own: Covariance3, frame: StopPose
 ) -> Covariance2:
     """The same of a point known with `own` against another stop."""
-    return in_image(image, point, own + between(frame, image.pose, point))
+    return image_covariance(image, point, own + relative_covariance(frame, image.pose, point))
 
 
 @dataclass(frozen=True, slots=True)
@@ -201,5 +201,5 @@ def epipolar_curve(
     """Where a ray of one image runs in another, and at which range; only what the other shows."""
     start, ray = from_image.ray(image_point)
     seen = into.camera.project(start + ranges_m[:, None] * ray)
-    on_it = shown(seen, into.size)
+    on_it = inside_image(seen, into.size)
     return seen[on_it], ranges_m[on_it]

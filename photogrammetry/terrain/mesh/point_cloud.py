@@ -97,10 +97,10 @@ def point_cloud(views: Sequence[TerrainView], params: PointCloudParams) -> Point
         np.zeros((0, 3)), np.zeros(0, np.uint8), np.zeros(0, np.float32), params.spacing_m
     )
     for view in views:
-        cloud = thinned(_joined(cloud, _seen(view, params, stretch, spacing_m)), spacing_m)
+        cloud = thin(_concatenate(cloud, _view_points(view, params, stretch, spacing_m)), spacing_m)
         while len(cloud) > params.most_points:
             spacing_m *= 2
-            cloud = thinned(cloud, spacing_m)
+            cloud = thin(cloud, spacing_m)
     if not len(cloud):
         raise TerrainError(
             f"none of the {len(views)} pairs knows a point to {params.max_relative_sigma:.1%} of "
@@ -109,9 +109,9 @@ def point_cloud(views: Sequence[TerrainView], params: PointCloudParams) -> Point
     return cloud
 
 
-def thinned(cloud: PointCloud, spacing_m: float) -> PointCloud:
+def thin(cloud: PointCloud, spacing_m: float) -> PointCloud:
     """The best known point of every cube of that side."""
-    kept = cloud.part(_best(cloud, spacing_m))
+    kept = cloud.part(_best_in_cubes(cloud, spacing_m))
     return PointCloud(kept.points, kept.grey, kept.sigma_m, spacing_m)
 
 
@@ -125,7 +125,7 @@ def cloud_tiles(cloud: PointCloud) -> Iterator[CloudTile]:
     for level in range(levels, -1, -1):
         spacing_m = cloud.spacing_m * 2**level
         taken = np.zeros(len(rest), np.bool_)
-        taken[_best(rest, spacing_m) if level else np.arange(len(rest))] = True
+        taken[_best_in_cubes(rest, spacing_m) if level else np.arange(len(rest))] = True
         here, rest = rest.part(taken), rest.part(~taken)
         cells = np.floor((here.points[:, :2] - south_west) / (side_m * 2**level)).astype(int)
         for col, row in np.unique(cells, axis=0).tolist():
@@ -135,7 +135,7 @@ def cloud_tiles(cloud: PointCloud) -> Iterator[CloudTile]:
             return
 
 
-def _seen(
+def _view_points(
     view: TerrainView, params: PointCloudParams, stretch: tuple[float, float], spacing_m: float
 ) -> PointCloud:
     """The trusted points of one pair, thinned."""
@@ -148,7 +148,7 @@ def _seen(
     range_m = np.linalg.norm(away, axis=1)
     black, white = stretch
     grey = np.clip((view.image[known] - black) * (255 / (white - black)), 0, 255)
-    return thinned(
+    return thin(
         PointCloud(
             away.astype(np.float64) + camera_on_map(view.lsl_from_pair),
             np.rint(grey).astype(np.uint8),
@@ -159,7 +159,7 @@ def _seen(
     )
 
 
-def _joined(one: PointCloud, other: PointCloud) -> PointCloud:
+def _concatenate(one: PointCloud, other: PointCloud) -> PointCloud:
     return PointCloud(
         np.concatenate([one.points, other.points]),
         np.concatenate([one.grey, other.grey]),
@@ -168,7 +168,7 @@ def _joined(one: PointCloud, other: PointCloud) -> PointCloud:
     )
 
 
-def _best(cloud: PointCloud, spacing_m: float) -> np.ndarray:
+def _best_in_cubes(cloud: PointCloud, spacing_m: float) -> np.ndarray:
     """Numbers of the best known points of all cubes, in their order."""
     if not len(cloud):
         return np.zeros(0, np.int64)

@@ -20,7 +20,7 @@ import numpy as np
 from solmap.photogrammetry.arrays import Float64, Int32, ObjectPoints
 from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.terrain.dtm.records import Dtm
-from solmap.photogrammetry.terrain.mesh.surface_mesh import TerrainDrawing
+from solmap.photogrammetry.terrain.mesh.surface_mesh import TerrainMesher
 
 Triangles = Int32[np.ndarray, "triangles 3"]
 
@@ -69,13 +69,13 @@ class Solid:
         return not len(open_edges(self.triangles))
 
 
-def solid_of(dtm: Dtm, params: SolidParams) -> Solid:
+def build_solid(dtm: Dtm, params: SolidParams) -> Solid:
     """A terrain model as a solid, or as its surface where no base is wanted.
 
     Raises:
         TerrainError: the model has no surface.
     """
-    drawing = TerrainDrawing.of(dtm)
+    drawing = TerrainMesher.of(dtm)
     mesh = drawing.surface(drawing.triangles.mesh(params.tolerance_m), drawing.bounds)
     if not len(mesh):
         raise TerrainError("this terrain model has no continuous ground to make a solid of")

@@ -109,7 +109,7 @@ def mean_normals(points: ObjectPoints, triangles: Int32[np.ndarray, "m 3"]) -> D
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class TerrainDrawing:
+class TerrainMesher:
     """A grid of ground points, ready for being drawn with any tolerance, whole or in parts."""
 
     east: Float64[np.ndarray, " cols"]
@@ -122,7 +122,7 @@ class TerrainDrawing:
     triangles: RightTriangles
 
     @classmethod
-    def of(cls, dtm: Dtm) -> TerrainDrawing:
+    def of(cls, dtm: Dtm) -> TerrainMesher:
         """Prepare a terrain model: the middles of its cells are the points.
 
         Raises:
@@ -141,14 +141,14 @@ class TerrainDrawing:
         seen = whole.astype(np.float32)
         return cls(*dtm.grid.centres(), dtm.elevation, gradient, seen, triangles)
 
-    def coarser(self) -> TerrainDrawing:
+    def coarser(self) -> TerrainMesher:
         """Every second point. A square is ground when at least half of it was seen."""
         down, across = (n // 2 * 2 for n in self.seen.shape)
         four = self.seen[:down, :across].reshape(down // 2, 2, across // 2, 2)
         seen = np.pad(four.mean(axis=(1, 3)), [(0, n % 2) for n in self.seen.shape])
         points = self.elevation[::2, ::2]
         seen = seen[: points.shape[0] - 1, : points.shape[1] - 1]
-        return TerrainDrawing(
+        return TerrainMesher(
             east=self.east[::2],
             north=self.north[::2],
             elevation=points,
@@ -214,12 +214,12 @@ class TilePlace:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class DrawnTile:
+class MeshTile:
     """One tile's triangles on the grid of its level."""
 
     place: TilePlace
     tolerance_m: float
-    drawing: TerrainDrawing
+    drawing: TerrainMesher
     """The points of its level."""
     drawn: GridMesh
 
@@ -236,7 +236,7 @@ class DrawnTile:
     def surface(self, texture_bounds: Bounds) -> SurfaceMesh:
         """The tile's surface in space, with skirts."""
         surface = self.drawing.surface(self.drawn, texture_bounds)
-        return with_skirts(surface, self._on_sides, self.tolerance_m)
+        return add_skirts(surface, self._on_sides, self.tolerance_m)
 
     @property
     def _on_sides(self) -> Bool[np.ndarray, "4 n"]:
@@ -246,7 +246,7 @@ class DrawnTile:
         return np.stack([row == 0, row == points, col == 0, col == points])
 
 
-def drawn_tiles(drawing: TerrainDrawing, params: TilesetParams) -> Iterator[DrawnTile]:
+def mesh_tiles(drawing: TerrainMesher, params: TilesetParams) -> Iterator[MeshTile]:
     """All tiles that show ground, finest level first; the last one is the root."""
     down, across = drawing.triangles.roots
     coarsest = math.ceil(math.log2(max(down, across)))
@@ -257,12 +257,12 @@ def drawn_tiles(drawing: TerrainDrawing, params: TilesetParams) -> Iterator[Draw
                 params.tolerance_m * (1 << level), (slice(row, row + 1), slice(col, col + 1))
             )
             if len(drawn):
-                yield DrawnTile(place, params.tolerance_m * (1 << level), drawing, drawn)
+                yield MeshTile(place, params.tolerance_m * (1 << level), drawing, drawn)
         if level < coarsest:
             drawing = drawing.coarser()
 
 
-def with_skirts(
+def add_skirts(
     surface: SurfaceMesh, on_sides: Bool[np.ndarray, "4 n"], depth_m: float
 ) -> SurfaceMesh:
     """The surface, and a strip of this depth hanging from its edges along the four sides."""

@@ -78,7 +78,7 @@ class ViewModelParams(SightParams):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Drawn:
+class _PreparedView:
     """A view with what of it is ground."""
 
     view: TerrainView
@@ -93,7 +93,7 @@ def view_meshes(views: Sequence[TerrainView], params: ViewModelParams) -> list[T
     Raises:
         TerrainError: no view has continuous ground that is near enough.
     """
-    drawn = [_drawn(view, params) for view in views]
+    drawn = [_prepare(view, params) for view in views]
     drawn = [one for one in drawn if one.whole.any()]
     if not drawn:
         raise TerrainError(
@@ -111,14 +111,14 @@ def view_meshes(views: Sequence[TerrainView], params: ViewModelParams) -> list[T
     return meshes
 
 
-def _drawn(view: TerrainView, params: ViewModelParams) -> _Drawn:
+def _prepare(view: TerrainView, params: ViewModelParams) -> _PreparedView:
     parallax = _without_specks(trusted_parallax(view, params), params)
     planes = ground_points(view, parallax, params)
     step_px = largest_step_px(view.geometry.base_m, params)
     quads = continuous_quads(planes, parallax, step_px, params.max_gap_m)
     whole = np.zeros(parallax.size, np.bool_)
     whole[quads.corner] = True
-    return _Drawn(view, parallax, planes, whole.reshape(parallax.shape)[:-1, :-1])
+    return _PreparedView(view, parallax, planes, whole.reshape(parallax.shape)[:-1, :-1])
 
 
 def _without_specks(parallax: ParallaxMap, params: ViewModelParams) -> ParallaxMap:
@@ -137,7 +137,7 @@ def _without_specks(parallax: ParallaxMap, params: ViewModelParams) -> ParallaxM
 
 
 def _shown_better(
-    number: int, one: _Drawn, looks: Sequence[ViewSampler], params: ViewModelParams
+    number: int, one: _PreparedView, looks: Sequence[ViewSampler], params: ViewModelParams
 ) -> Bool[np.ndarray, "squares_down squares_across"]:
     """Squares whose block another view shows better, by more than a little."""
     step = params.block_px
@@ -156,14 +156,14 @@ def _shown_better(
     return np.kron(blocks, np.ones((step, step), np.bool_))[:rows, :cols]
 
 
-def _stretch(drawn: Sequence[_Drawn], percent: tuple[float, float]) -> tuple[float, float]:
+def _stretch(drawn: Sequence[_PreparedView], percent: tuple[float, float]) -> tuple[float, float]:
     """Brightness to show as black and as white in all textures."""
     sample = np.concatenate([one.view.image[one.view.mask][::SAMPLED] for one in drawn])
     return black_and_white(sample, percent)
 
 
 def _mesh(
-    one: _Drawn,
+    one: _PreparedView,
     whole: Bool[np.ndarray, "squares_down squares_across"],
     stretch: tuple[float, float],
     tolerance_px: float,

@@ -41,7 +41,7 @@ HALVINGS = 4
 """How often the tolerance of a line that meets another is halved before the line is left alone."""
 
 
-def simplified(lines: Sequence[Line], tolerance_m: float) -> list[Line]:
+def simplify_lines(lines: Sequence[Line], tolerance_m: float) -> list[Line]:
     """The lines with as few points as the tolerance allows, in the same order."""
     if not lines or not tolerance_m > 0:
         return list(lines)
@@ -129,7 +129,7 @@ class Contour:
 
 def trace_contours(elevation: Raster, grid: MapGrid, params: ContourParams) -> tuple[Contour, ...]:
     """Contours of a terrain model, lowest first; none where it is flat or empty."""
-    smooth = smoothed(elevation, grid.cell_m, params.smoothing_m, params.min_share)
+    smooth = smooth_elevation(elevation, grid.cell_m, params.smoothing_m, params.min_share)
     step = max(1, int(params.smoothing_m / NODES_PER_SIGMA / grid.cell_m))
     nodes = smooth[::step, ::step]
     known = nodes[np.isfinite(nodes)]
@@ -150,7 +150,7 @@ def trace_contours(elevation: Raster, grid: MapGrid, params: ContourParams) -> t
         for points in tracer.lines(number * interval_m)
         if _length_m(points) >= params.min_length_m
     ]
-    simple = simplified([points for _, points in lines], params.simplify_m)
+    simple = simplify_lines([points for _, points in lines], params.simplify_m)
     return tuple(
         Contour(round(number * interval_m, 6), number % params.index_every == 0, points)
         for (number, _), points in zip(lines, simple, strict=True)
@@ -186,7 +186,7 @@ def interval_by_relief(known: Float64[np.ndarray, " n"] | np.ndarray, wanted: in
     )
 
 
-def smoothed(elevation: Raster, cell_m: float, sigma_m: float, min_share: float) -> Raster:
+def smooth_elevation(elevation: Raster, cell_m: float, sigma_m: float, min_share: float) -> Raster:
     """Elevations averaged with a Gaussian; NaN where too little of it fell on known cells."""
     known = np.isfinite(elevation)
     if not known.any() or sigma_m < cell_m / 2:

@@ -199,7 +199,7 @@ def _cells_that_share(dtm: Dtm, params: SlopeParams) -> Raster:
         return np.clip(np.float32(params.correlation_px**2) / points, least, most)
 
 
-def mapped_relief(dtm: Dtm, params: SlopeParams) -> tuple[Relief, MapGrid]:
+def relief_map(dtm: Dtm, params: SlopeParams) -> tuple[Relief, MapGrid]:
     """The same as means over cells of at least `params.cell_m`, and their grid.
 
     Strips of the model are worked on one after the other, so that a region takes no more memory

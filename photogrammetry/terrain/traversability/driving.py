@@ -56,7 +56,7 @@ class DrivingParams:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Reach:
+class Reachability:
     """The shortest ways from one place to all others."""
 
     grid: MapGrid
@@ -89,13 +89,13 @@ class Reach:
         return np.column_stack([east[cols], north[rows]])
 
 
-def reach(
+def reachability(
     hazard: Classes,
     elevation: Raster,
     grid: MapGrid,
     place: tuple[float, float],
     params: DrivingParams,
-) -> Reach:
+) -> Reachability:
     """The shortest ways from (east, north) over cells of `Hazard`, with their elevations, metres.
 
     Raises:
@@ -111,13 +111,13 @@ def reach(
             "ground where a rover may stand"
         )
     way = drivable(hazard, grid, start, params)
-    edges = joined(way, without_gaps(elevation), grid.cell_m)
+    edges = drive_graph(way, fill_gaps(elevation), grid.cell_m)
     first = int(np.ravel_multi_index(start, grid.shape))
     length, before = dijkstra(
         edges, directed=False, indices=first, limit=params.farthest_m, return_predecessors=True
     )
     length[~np.isfinite(length)] = np.nan
-    return Reach(
+    return Reachability(
         grid,
         start,
         length.astype(np.float32).reshape(grid.shape),
@@ -137,7 +137,7 @@ def drivable(hazard: Classes, grid: MapGrid, start: tuple[int, int], params: Dri
     return ((free | stand) > 0) & (hazard <= Hazard.TRAVERSABLE)
 
 
-def without_gaps(elevation: Raster) -> Raster:
+def fill_gaps(elevation: Raster) -> Raster:
     """The elevations, and in gaps that of the nearest known cell."""
     gaps = ~np.isfinite(elevation)
     if not gaps.any():
@@ -148,7 +148,7 @@ def without_gaps(elevation: Raster) -> Raster:
     return elevation[rows, cols]
 
 
-def joined(way: Open, elevation: Raster, cell_m: float) -> coo_array:
+def drive_graph(way: Open, elevation: Raster, cell_m: float) -> coo_array:
     """The graph of cells: the length of the ground between each and half of its neighbours."""
     number = np.arange(way.size, dtype=np.int32).reshape(way.shape)
     starts, ends, lengths = [], [], []

@@ -85,26 +85,26 @@ def hazards(dtm: Dtm, params: HazardParams) -> tuple[Classes, MapGrid]:
     if dtm.pose_sigma_m is not None:  # what all cells share makes no step
         shared, _ = coarsen(dtm.pose_sigma_m, dtm.grid, params.cell_m)
         sigma = np.sqrt(np.maximum(sigma**2 - shared**2, 0))
-    return _judged_in_strips(elevation, sigma, replace(params, cell_m=grid.cell_m)), grid
+    return _classify_in_strips(elevation, sigma, replace(params, cell_m=grid.cell_m)), grid
 
 
-def _judged_in_strips(elevation: Raster, sigma_m: Raster, params: HazardParams) -> Classes:
+def _classify_in_strips(elevation: Raster, sigma_m: Raster, params: HazardParams) -> Classes:
     """The same, some rows at a time, so that a region takes no more memory than its map."""
     margin = math.ceil(params.window_m / params.cell_m)  # a step half a window off, and its plane
     found = np.zeros(elevation.shape, np.uint8)
     for top in range(0, len(elevation), STRIP):
         rows = slice(max(0, top - margin), top + STRIP + margin)
         if np.isfinite(elevation[rows]).any():
-            part = judged(elevation[rows], sigma_m[rows], params)
+            part = classify_cells(elevation[rows], sigma_m[rows], params)
             found[top : top + STRIP] = part[top - rows.start :][:STRIP]
     return found
 
 
-def judged(elevation: Raster, sigma_m: Raster, params: HazardParams) -> Classes:
+def classify_cells(elevation: Raster, sigma_m: Raster, params: HazardParams) -> Classes:
     """A `Hazard` for every cell of a terrain model of `cell_m`."""
     fit = fit_window_planes(elevation, params.cell_m, params.window_m, params.min_share / 2)
     tilt = np.degrees(np.arctan(np.hypot(fit.gradient[0], fit.gradient[1])))
-    step = _over_the_window(steps(elevation, fit.gradient, params), params)
+    step = _over_the_window(step_heights(elevation, fit.gradient, params), params)
     ratios = np.stack(
         [
             fit.scatter / np.float32(params.roughest_m),
@@ -124,7 +124,7 @@ def judged(elevation: Raster, sigma_m: Raster, params: HazardParams) -> Classes:
     return np.where(np.isfinite(elevation) & ~doubtful, found, np.uint8(Hazard.UNKNOWN))
 
 
-def steps(elevation: Raster, gradient: Gradients, params: HazardParams) -> Raster:
+def step_heights(elevation: Raster, gradient: Gradients, params: HazardParams) -> Raster:
     """Largest rise or fall, over the rover's plane, to a cell within a wheel's diameter."""
     reach = math.ceil(params.wheel_m / params.cell_m - 1e-9)
     east, north = (part * np.float32(params.cell_m) for part in gradient)

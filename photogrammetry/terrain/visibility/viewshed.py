@@ -212,7 +212,7 @@ class SightLine:
     """Longest stretch of unknown ground that the line passes."""
 
 
-def places_between(eye: Vector3, target: Vector3, step_m: float) -> MapPoints:
+def sight_line_stations(eye: Vector3, target: Vector3, step_m: float) -> MapPoints:
     """Stations on the map from an eye to a target, both (east, north, up), ends included."""
     length = float(np.hypot(*(target - eye)[:2]))
     share = np.linspace(0.0, 1.0, max(2, int(np.ceil(length / step_m)) + 1))
@@ -226,7 +226,7 @@ def sight_line(
     ground_m: PerPoint,
     max_unseen_m: float,
 ) -> SightLine:
-    """What the ground at the stations of `places_between` lets an eye see of a target."""
+    """What the ground at the stations of `sight_line_stations` lets an eye see of a target."""
     share = np.linspace(0.0, 1.0, len(places))
     length = float(np.hypot(*(target - eye)[:2]))
     distance, line = share * length, eye[2] + share * (target - eye)[2]

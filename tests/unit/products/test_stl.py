@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from solmap.photogrammetry.errors import TerrainError
-from solmap.photogrammetry.terrain.mesh.solid import SolidParams, solid_of
+from solmap.photogrammetry.terrain.mesh.solid import SolidParams, build_solid
 from solmap.products.errors import ProductError
 from solmap.products.formats.mesh.stl import read_stl, stl_bytes
 from tests.support.bowl_store import dtm
@@ -21,7 +21,7 @@ FINE_M = 0.005
 
 @pytest.fixture(scope="module")
 def bowl():
-    return solid_of(dtm(), SolidParams(TOLERANCE_M, base_m=1.0))
+    return build_solid(dtm(), SolidParams(TOLERANCE_M, base_m=1.0))
 
 
 def test_the_solid_of_a_bowl_is_watertight(bowl):
@@ -43,7 +43,7 @@ def test_ground_with_holes_makes_a_solid_with_holes():
     ground = model.elevation.copy()
     ground[400:500, 400:500] = np.nan
     whole, holed = (
-        solid_of(replace(model, elevation=one), SolidParams(FINE_M, base_m=1.0))
+        build_solid(replace(model, elevation=one), SolidParams(FINE_M, base_m=1.0))
         for one in (model.elevation, ground)
     )
     assert holed.is_watertight
@@ -54,7 +54,7 @@ def test_ground_with_holes_makes_a_solid_with_holes():
 
 
 def test_without_a_base_it_is_the_surface_alone():
-    surface = solid_of(dtm(), SolidParams(TOLERANCE_M, base_m=0.0))
+    surface = build_solid(dtm(), SolidParams(TOLERANCE_M, base_m=0.0))
     assert not surface.is_watertight
     a, b, c = np.moveaxis(surface.corners, 1, 0)
     assert (np.cross(b - a, c - a)[:, 2] > 0).all()
@@ -73,4 +73,4 @@ def test_what_is_cut_or_empty_says_so(bowl):
     model = dtm()
     nothing = replace(model, elevation=np.full_like(model.elevation, np.nan))
     with pytest.raises(TerrainError):
-        solid_of(nothing, SolidParams())
+        build_solid(nothing, SolidParams())

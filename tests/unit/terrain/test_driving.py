@@ -7,7 +7,7 @@ import pytest
 
 from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
-from solmap.photogrammetry.terrain.traversability.driving import DrivingParams, reach
+from solmap.photogrammetry.terrain.traversability.driving import DrivingParams, reachability
 from solmap.photogrammetry.terrain.traversability.hazard import Hazard
 
 GRID = MapGrid.covering((-20.0, -20.0, 20.0, 20.0), 0.16)
@@ -23,7 +23,7 @@ def ways(closed=None, elevation=None, params=PARAMS, code=Hazard.STEP):
     if closed is not None:
         hazard[closed] = code
     level = np.zeros(GRID.shape, np.float32)
-    return reach(hazard, level if elevation is None else elevation, GRID, START, params)
+    return reachability(hazard, level if elevation is None else elevation, GRID, START, params)
 
 
 def straight():
@@ -96,7 +96,9 @@ def test_nobody_starts_in_a_hazard_or_off_the_map():
     with pytest.raises(TerrainError, match="itself a hazard \\(step\\)"):
         ways(straight() < 1)
     with pytest.raises(TerrainError, match="not on the map"):
-        reach(np.ones(GRID.shape, np.uint8), EAST.astype(np.float32), GRID, (99.0, 0.0), PARAMS)
+        reachability(
+            np.ones(GRID.shape, np.uint8), EAST.astype(np.float32), GRID, (99.0, 0.0), PARAMS
+        )
 
 
 def test_no_way_is_longer_than_asked():

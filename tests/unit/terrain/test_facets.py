@@ -10,7 +10,7 @@ from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.planes import parallax_planes
 from solmap.photogrammetry.terrain.measure.facets import (
     FacetParams,
-    RegionParams,
+    PlanarRegionParams,
     find_facets,
 )
 
@@ -115,4 +115,4 @@ def test_local_planes_are_exact_where_the_window_is_full():
 
 def test_windows_without_a_middle_are_refused():
     with pytest.raises(TerrainError, match=r"odd window of at least 3 pixels .* not 16 and 4"):
-        RegionParams(window_px=16)
+        PlanarRegionParams(window_px=16)

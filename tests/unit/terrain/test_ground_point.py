@@ -5,10 +5,10 @@ from solmap.photogrammetry.frames import LSL, Frame, FrameKind, Pose
 from solmap.photogrammetry.terrain.dtm.ground import MAP_FROM_LSL
 from solmap.photogrammetry.terrain.measure.ground_point import (
     UP,
-    by_parallax,
-    first_meeting,
-    normal_at,
-    on_terrain,
+    ground_normal,
+    intersect_terrain,
+    range_to_ground,
+    triangulate_pixel,
 )
 from tests.unit.terrain.conftest import looking
 from tests.unit.terrain.test_oriented_image import FOCAL_PX, image, pose
@@ -25,7 +25,7 @@ def test_a_ray_meets_a_slope_where_both_are(rng):
         target = np.array([rng.uniform(3, 30), rng.uniform(-10, 10), 0.0])
         target[2] = -0.1 * target[0]
         distance = np.linalg.norm(target - start)
-        found = first_meeting(start, (target - start) / distance, slope, 60.0, 0.05)
+        found = range_to_ground(start, (target - start) / distance, slope, 60.0, 0.05)
         assert found == pytest.approx(distance, abs=1e-4)
 
 
@@ -36,9 +36,9 @@ def test_a_ray_into_the_sky_or_into_the_unseen_meets_nothing():
         return np.where((places[:, 1] > 4) & (places[:, 1] < 6), np.nan, 0.0)
 
     up = np.array([1.0, 0.0, -0.2]) / np.hypot(1.0, 0.2)
-    assert first_meeting(start, up, slope, 60.0, 0.05) is None
+    assert range_to_ground(start, up, slope, 60.0, 0.05) is None
     into = np.array([5.0, 0.0, 1.5]) / np.hypot(5.0, 1.5)
-    assert first_meeting(start, into, with_gap, 60.0, 0.05) is None
+    assert range_to_ground(start, into, with_gap, 60.0, 0.05) is None
 
 
 def test_the_first_of_two_ridges_is_met():
@@ -46,23 +46,23 @@ def test_the_first_of_two_ridges_is_met():
         return np.where(np.abs(places[:, 1] % 10 - 5) < 0.5, 1.0, 0.0)
 
     start, ray = np.array([0.0, 0.0, -1.5]), np.array([20.0, 0.0, 1.0])
-    found = first_meeting(start, ray / np.linalg.norm(ray), ridges, 60.0, 0.02)
+    found = range_to_ground(start, ray / np.linalg.norm(ray), ridges, 60.0, 0.02)
     assert found * 20 / np.linalg.norm(ray) == pytest.approx(14.5, abs=0.03)
 
 
 def test_the_normal_is_that_of_the_slope():
-    normal = MAP_FROM_LSL @ normal_at(np.array([3.0, 4.0]), slope, 0.25)
+    normal = MAP_FROM_LSL @ ground_normal(np.array([3.0, 4.0]), slope, 0.25)
     assert normal == pytest.approx(np.array([0.0, -0.1, 1.0]) / np.hypot(0.1, 1.0))
-    assert normal_at(np.zeros(2), lambda p: np.full(len(p), np.nan), 0.25) == pytest.approx(UP)
+    assert ground_normal(np.zeros(2), lambda p: np.full(len(p), np.nan), 0.25) == pytest.approx(UP)
 
 
 def test_the_covariance_on_terrain_is_what_wrong_rays_and_elevations_do(rng):
     seen = image(pose(0), pointing=1e-3)
     pixel = np.array([500.0, 700.0])
     start, ray = seen.ray(pixel)
-    distance = first_meeting(start, ray, slope, 60.0, 0.02)
+    distance = range_to_ground(start, ray, slope, 60.0, 0.02)
     met = start + distance * ray
-    normal = normal_at(met[[1, 0]], slope, 0.25)
+    normal = ground_normal(met[[1, 0]], slope, 0.25)
     drawn = []
     for _ in range(3000):
         lift, turn = rng.normal(0, 0.02), rng.normal(0, 1e-3, 3)
@@ -71,7 +71,7 @@ def test_the_covariance_on_terrain_is_what_wrong_rays_and_elevations_do(rng):
         off = off + np.cross(turn, off)
         t = (normal @ (met + lift * UP - begin)) / (normal @ off)
         drawn.append(begin + t * off)
-    found = on_terrain(seen, met, ray, (normal, 0.02, pose(0)), 0.5, 1 / FOCAL_PX)
+    found = intersect_terrain(seen, met, ray, (normal, 0.02, pose(0)), 0.5, 1 / FOCAL_PX)
     assert np.cov(np.array(drawn).T) == pytest.approx(found.covariance, rel=0.15, abs=2e-5)
 
 
@@ -79,7 +79,9 @@ def test_a_matched_pixel_lies_where_its_pair_has_it():
     geometry, lsl_from_pair = looking(30.0, 12.0)
     point = lsl_from_pair.apply(np.array([[0.5, 0.8, 7.0]]))
     left, parallax = geometry.project(lsl_from_pair.inverse.apply(point))
-    found = by_parallax(image(), geometry, lsl_from_pair, left[0], float(parallax[0]), (0.1, 0.2))
+    found = triangulate_pixel(
+        image(), geometry, lsl_from_pair, left[0], float(parallax[0]), (0.1, 0.2)
+    )
     assert found.point == pytest.approx(point[0])
     along = (point[0] - lsl_from_pair.translation_m) / np.linalg.norm(
         point[0] - lsl_from_pair.translation_m
@@ -94,6 +96,8 @@ def test_the_total_covariance_adds_what_the_stop_does_not_know_of_itself():
     frame = Frame(FrameKind.PAIR, (0,))
     lsl_from_pair = Pose(LSL, frame, np.eye(3), np.zeros(3))
     geometry, _ = looking(0.0, 0.0)
-    found = by_parallax(seen, geometry, lsl_from_pair, np.array([100.0, 100.0]), 10.0, (0.1, 0.1))
+    found = triangulate_pixel(
+        seen, geometry, lsl_from_pair, np.array([100.0, 100.0]), 10.0, (0.1, 0.1)
+    )
     extra = found.total_covariance - MAP_FROM_LSL @ found.covariance @ MAP_FROM_LSL.T
     assert np.sqrt(np.diagonal(extra)) == pytest.approx([0.2, 0.3, 0.1])

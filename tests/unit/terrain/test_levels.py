@@ -6,12 +6,12 @@ import pytest
 from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.terrain.dtm.records import Dtm
 from solmap.photogrammetry.terrain.mesh.surface_mesh import (
-    DrawnTile,
+    MeshTile,
     SurfaceMesh,
-    TerrainDrawing,
+    TerrainMesher,
     TilePlace,
     TilesetParams,
-    drawn_tiles,
+    mesh_tiles,
 )
 
 SIDE = 600
@@ -29,8 +29,8 @@ def terrain(scenes) -> Dtm:
 
 
 @pytest.fixture(scope="module")
-def tiles(terrain) -> list[DrawnTile]:
-    return list(drawn_tiles(TerrainDrawing.of(terrain), TilesetParams(tolerance_m=0.02)))
+def tiles(terrain) -> list[MeshTile]:
+    return list(mesh_tiles(TerrainMesher.of(terrain), TilesetParams(tolerance_m=0.02)))
 
 
 def test_every_tile_has_a_parent_up_to_one_root(tiles):
@@ -98,7 +98,7 @@ def test_a_terrain_model_without_surface_is_refused(terrain):
     grid = terrain.grid.part(0, 0, 20, 20)
     empty = Dtm(grid, bare, bare, bare, np.zeros((20, 20), np.uint8))
     with pytest.raises(TerrainError, match="20 x 20 cells no four neighbours"):
-        TerrainDrawing.of(empty)
+        TerrainMesher.of(empty)
 
 
 def test_impossible_parameters_are_refused():

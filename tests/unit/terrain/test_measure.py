@@ -5,10 +5,10 @@ from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.terrain.dtm.resampling import GroundSamples
 from solmap.photogrammetry.terrain.measure.areas import (
     MOST_PLACES,
-    Base,
+    BasePlane,
     places_inside,
     polygon_of,
-    steepening,
+    surface_ratio,
     volume,
 )
 from solmap.photogrammetry.terrain.measure.lines import measure_line, rise_between, stations
@@ -81,7 +81,7 @@ def test_the_volume_of_a_pyramid_over_its_rim():
     rim = np.concatenate(
         [np.linspace(a, b, 40) for a, b in zip(SQUARE, np.roll(SQUARE, -1, 0), strict=True)]
     )
-    base = Base.fitted(rim, ground(3.0 + 0.1 * rim[:, 0]), 0.25)
+    base = BasePlane.fitted(rim, ground(3.0 + 0.1 * rim[:, 0]), 0.25)
     found = volume(places, ground(pyramid), base, 100.0)
     assert found.net_m3 == pytest.approx(64 * 4 / 3, rel=1e-3)
     assert found.below_m3 == pytest.approx(0.0, abs=1e-6)
@@ -90,7 +90,7 @@ def test_the_volume_of_a_pyramid_over_its_rim():
 
 def test_a_pit_is_below_a_level_base():
     places, _ = places_inside(polygon_of(SQUARE), 0.1)
-    found = volume(places, ground(np.full(len(places), -0.5)), Base.level(0.0), 100.0)
+    found = volume(places, ground(np.full(len(places), -0.5)), BasePlane.level(0.0), 100.0)
     assert (found.above_m3, found.below_m3, found.net_m3) == pytest.approx((0.0, 50.0, -50.0))
 
 
@@ -103,8 +103,8 @@ def test_the_stated_sigma_is_what_errors_of_elevation_do(rng):
     for _ in range(300):
         own = rng.normal(0, 0.05, number.max() + 1)[number]
         heights = 1.0 + own + rng.normal(0, 0.004)
-        nets.append(volume(places, ground(heights), Base.level(0.0), 100.0).net_m3)
-    told = volume(places, ground(np.ones(len(places)), 0.05, 0.004), Base.level(0.0), 100.0)
+        nets.append(volume(places, ground(heights), BasePlane.level(0.0), 100.0).net_m3)
+    told = volume(places, ground(np.ones(len(places)), 0.05, 0.004), BasePlane.level(0.0), 100.0)
     assert np.std(nets) == pytest.approx(told.sigma_m3, rel=0.15)
     assert cell == pytest.approx(0.05)
 
@@ -117,7 +117,7 @@ def test_the_sigma_of_a_fitted_base_is_that_of_its_rim(rng):
     flat = ground(np.zeros(len(places)), own=0.0)
     nets, told = [], []
     for _ in range(300):
-        base = Base.fitted(rim, ground(rng.normal(0, 0.05, len(rim))), 0.5)
+        base = BasePlane.fitted(rim, ground(rng.normal(0, 0.05, len(rim))), 0.5)
         found = volume(places, flat, base, 100.0)
         nets.append(found.net_m3)
         told.append(found.sigma_m3)
@@ -128,12 +128,12 @@ def test_too_little_ground_is_refused():
     places, _ = places_inside(polygon_of(SQUARE), 0.5)
     heights = np.where(places[:, 0] > 3, np.nan, 1.0)
     with pytest.raises(TerrainError, match="30% of the polygon was measured"):
-        volume(places, ground(heights), Base.level(0.0), 100.0)
+        volume(places, ground(heights), BasePlane.level(0.0), 100.0)
     with pytest.raises(TerrainError, match="rim"):
-        Base.fitted(SQUARE, ground(np.zeros(4)), 0.5)
+        BasePlane.fitted(SQUARE, ground(np.zeros(4)), 0.5)
 
 
 def test_the_ground_of_a_slope_is_larger_than_its_map():
     places, _ = places_inside(polygon_of(SQUARE), 0.5)
-    found = steepening(places, lambda p: 0.6 * p[:, 0] - 0.8 * p[:, 1], 0.25)
+    found = surface_ratio(places, lambda p: 0.6 * p[:, 0] - 0.8 * p[:, 1], 0.25)
     assert found == pytest.approx(np.full(len(places), np.sqrt(2.0)))

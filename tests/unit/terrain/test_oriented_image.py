@@ -9,12 +9,12 @@ from solmap.photogrammetry.terrain.measure.oriented_image import (
     Ellipse,
     OrientedImage,
     StopPose,
-    between,
-    cross,
+    cross_matrix,
     epipolar_curve,
-    in_image,
-    in_images_of,
+    image_covariance,
+    image_covariance_from,
     partials,
+    relative_covariance,
 )
 
 FOCAL_PX = 1200.0
@@ -66,7 +66,7 @@ def test_the_ellipse_is_what_wrong_poses_and_pointings_do(rng, loose):
             point - shift - np.cross(d, point - centre) - np.cross(m, point - seen.pivot_in_lsl)
         )
         drawn.append(seen.camera.project((carried + own**0.5 @ rng.normal(size=3))[None])[0])
-    predicted = in_images_of(seen, point, own, pose(0))
+    predicted = image_covariance_from(seen, point, own, pose(0))
     assert np.cov(np.array(drawn).T) == pytest.approx(predicted, abs=0.05 * np.trace(predicted))
 
 
@@ -74,10 +74,15 @@ def test_stops_share_their_errors_within_and_differ_by_the_worse_one(loose):
     point = np.array([10.0, 3.0, 0.0])
     worse = pose(2, (5.0, 0.0, 0.0), 4 * loose)
     better = pose(1, (5.0, 0.0, 0.0), loose)
-    assert not between(better, pose(1, covariance=9 * loose), point).any()
-    assert between(better, worse, point) == pytest.approx(3 * better.at(point))
-    assert between(worse, better, point) == pytest.approx(between(better, worse, point))
-    assert np.linalg.eigvalsh(between(better, pose(3, (9.0, 4.0, 0.0), loose), point))[0] > -1e-12
+    assert not relative_covariance(better, pose(1, covariance=9 * loose), point).any()
+    assert relative_covariance(better, worse, point) == pytest.approx(3 * better.at(point))
+    assert relative_covariance(worse, better, point) == pytest.approx(
+        relative_covariance(better, worse, point)
+    )
+    assert (
+        np.linalg.eigvalsh(relative_covariance(better, pose(3, (9.0, 4.0, 0.0), loose), point))[0]
+        > -1e-12
+    )
 
 
 def test_a_turn_of_the_stop_moves_what_it_carries_by_its_lever():
@@ -120,11 +125,11 @@ def test_points_behind_or_beside_an_image_are_not_on_it():
 
 def test_the_cross_matrix_is_the_cross_product(rng):
     a, b = rng.normal(size=(2, 3))
-    assert cross(a) @ b == pytest.approx(np.cross(a, b))
+    assert cross_matrix(a) @ b == pytest.approx(np.cross(a, b))
 
 
 def test_a_place_that_is_known_exactly_is_uncertain_by_pointing_alone():
     seen = image(pointing=1e-3)
     ahead = seen.camera.centre + 10.0 * seen.camera.a
-    covariance = in_image(seen, ahead, np.zeros((3, 3)))
+    covariance = image_covariance(seen, ahead, np.zeros((3, 3)))
     assert np.sqrt(np.linalg.eigvalsh(covariance)) == pytest.approx(1.2, rel=0.03)

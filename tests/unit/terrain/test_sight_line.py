@@ -1,14 +1,14 @@
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.terrain.visibility.viewshed import Sight, places_between, sight_line
+from solmap.photogrammetry.terrain.visibility.viewshed import Sight, sight_line, sight_line_stations
 
 EYE = np.array([0.0, 0.0, 1.5])
 TARGET = np.array([0.0, 20.0, 0.1])
 
 
 def line(ground, eye=EYE, target=TARGET, max_unseen_m=4.0):
-    places = places_between(eye, target, 0.1)
+    places = sight_line_stations(eye, target, 0.1)
     return sight_line(eye, target, places, ground(places[:, 1]), max_unseen_m)
 
 

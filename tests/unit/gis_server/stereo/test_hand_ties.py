@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from solmap.gis_server.analysis.manual_ties import stored_point
-from solmap.photogrammetry.terrain.measure.ground_point import first_meeting
+from solmap.photogrammetry.terrain.measure.ground_point import range_to_ground
 from solmap.products.catalogue.oriented_images import OrientedMission
 
 pytestmark = pytest.mark.slow  # a world is rendered first
@@ -50,7 +50,7 @@ def test_a_pick_within_a_stop_is_measured_to_a_tenth_of_a_pixel(stereo, stereo_c
     for _ in range(200):
         pixel = rng.uniform([20, 90], [236, 240])
         ray = cameras[0].rays(pixel[None])[0]
-        met = first_meeting(cameras[0].centre, ray, stereo.elevation, 20.0, 0.01)
+        met = range_to_ground(cameras[0].centre, ray, stereo.elevation, 20.0, 0.01)
         if met is None:
             continue
         truth = cameras[1].project((cameras[0].centre + met * ray)[None])[0]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from solmap.photogrammetry.terrain.dtm.ground import MAP_FROM_LSL
-from solmap.photogrammetry.terrain.measure.ground_point import first_meeting
+from solmap.photogrammetry.terrain.measure.ground_point import range_to_ground
 
 pytestmark = pytest.mark.slow  # a world is rendered first
 API = "/api/missions/MER2"
@@ -25,7 +25,7 @@ def true_place(stereo, image, pixel):
     """Where the ray of a pixel truly meets the ground, in the LSL."""
     camera = camera_of(stereo, image)
     ray = camera.rays(np.array([pixel]))[0]
-    met = first_meeting(camera.centre, ray, stereo.elevation, 30.0, 0.01)
+    met = range_to_ground(camera.centre, ray, stereo.elevation, 30.0, 0.01)
     return None if met is None else camera.centre + met * ray
 
 
@@ -95,7 +95,7 @@ def _hidden(stereo, image, point):
     """Whether true ground lies before a point; None where it is a matter of centimetres."""
     centre = camera_of(stereo, image).centre
     distance = np.linalg.norm(point - centre)
-    met = first_meeting(centre, (point - centre) / distance, stereo.elevation, 40.0, 0.01)
+    met = range_to_ground(centre, (point - centre) / distance, stereo.elevation, 40.0, 0.01)
     if met is None or met > distance - 0.05:
         return False
     return True if met < distance - 0.5 else None
