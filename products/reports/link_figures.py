@@ -12,12 +12,12 @@ from solmap.photogrammetry.matching.cross_site.birds_eye import (
     BirdsEyeView,
     PlaneFit,
     SearchGate,
-    _band,
+    band_pass,
     channels,
-    placed_on,
+    place_on,
 )
 from solmap.photogrammetry.matching.cross_site.hypotheses.features import (
-    WideBaselineParams,
+    FeatureParams,
     conjugate_features,
     find_features,
 )
@@ -62,7 +62,7 @@ def draw_features(
     later: BirdsEyeView,
     fit: PlaneFit,
     birds_eye: BirdsEyeParams,
-    params: WideBaselineParams,
+    params: FeatureParams,
 ) -> Picture:
     """Both views, and a line for every feature that is matched near a fit and agrees with it."""
     one, other = (find_features(view, birds_eye, params) for view in (earlier, later))
@@ -111,9 +111,9 @@ def overlay_picture(earlier: BirdsEyeView, later: BirdsEyeView, fit: PlaneFit) -
 
     Where they agree the picture is grey; where only one saw the ground it has that one's colour.
     """
-    over = placed_on(later.grey, later.cell_m, fit.azimuth, fit.north_m, fit.east_m)
+    over = place_on(later.grey, later.cell_m, fit.azimuth, fit.north_m, fit.east_m)
     wave = 1.0 / earlier.cell_m
-    red, cyan = (_band(grey, 0.8, wave) for grey in (earlier.grey, over))
+    red, cyan = (band_pass(grey, 0.8, wave) for grey in (earlier.grey, over))
     stretched = [
         np.where(c.weight > 0, 40 + 215 * (c.value + CLIP) / (2 * CLIP), 0).astype(np.uint8)
         for c in (red, cyan, cyan)

@@ -1,7 +1,7 @@
 """How often each way finds where a stop stands: `python -m tests.support.hypothesis_ranks`.
 
 For every two stops of a simulated world up to 50 m apart and those of `rendered_husband`, each way
-of `hypotheses` is asked on its own. A hypothesis is right within 0.5 m and 1 degree of the truth.
+of `find_hypotheses` is asked on its own. A hypothesis is right within 0.5 m and 1 degree of the truth.
 """
 
 import time
@@ -11,9 +11,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from solmap.photogrammetry.matching.cross_site.birds_eye import PlaneFit
-from solmap.photogrammetry.matching.cross_site.gate import gate_between
+from solmap.photogrammetry.matching.cross_site.gate import search_gate
 from solmap.photogrammetry.matching.cross_site.ground_views import StopViews
-from solmap.photogrammetry.matching.cross_site.hypotheses.search import WAYS, hypotheses
+from solmap.photogrammetry.matching.cross_site.hypotheses.search import FINDERS, find_hypotheses
 from solmap.photogrammetry.matching.cross_site.linking import CrossSiteParams
 from tests.support.husband_stops import HUSBAND, husband_stop
 from tests.support.simulated_stops import ROOT, SimulatedStop
@@ -41,14 +41,14 @@ def asked(
     one: StopViews, other: StopViews, params: CrossSiteParams
 ) -> dict[str, tuple[list[PlaneFit], float]]:
     """What every way finds, and all together, each with its CPU seconds."""
-    gate, _ = gate_between(one.stop, other.stop, params.gate)
+    gate, _ = search_gate(one.stop, other.stop, params.gate)
     found = {}
-    for way, find in WAYS.items():
+    for way, find in FINDERS.items():
         started = time.process_time()
         fits = find(one, other, gate, params.birds_eye, params.hypotheses)
         found[way] = (fits, time.process_time() - started)
     started = time.process_time()
-    best = hypotheses(one, other, gate, params.birds_eye, params.hypotheses)
+    best = find_hypotheses(one, other, gate, params.birds_eye, params.hypotheses)
     found[ALL] = ([h.fit for h in best], time.process_time() - started)
     return found
 

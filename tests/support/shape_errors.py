@@ -18,7 +18,7 @@ from solmap.photogrammetry.frames import LSL, Pose
 from solmap.photogrammetry.matching.cross_site.surface_alignment import SurfaceView
 from solmap.photogrammetry.matching.cross_site.surface_matching import (
     SurfaceTieParams,
-    tie_by_shape,
+    tie_by_surface,
 )
 from solmap.photogrammetry.matching.records import Ties
 from tests.support.husband_truth import true_pose
@@ -60,7 +60,7 @@ def tied(one: SimulatedStop, other: SimulatedStop) -> tuple[Ties, np.ndarray, np
     rest = Pose.identity(LSL, LSL)
     off = Pose(LSL, LSL, turn, about - turn @ about + ACROSS_M * across)
     earlier, later = true_views(one, rest), true_views(other, rest)
-    ties = tie_by_shape(earlier, true_views(other, off), SurfaceTieParams())
+    ties = tie_by_surface(earlier, true_views(other, off), SurfaceTieParams())
     error_px, per_px = np.empty(len(ties)), np.empty(len(ties))
     for k in range(len(ties)):
         source = earlier[ties.pair_ids[ties.first[k]]]

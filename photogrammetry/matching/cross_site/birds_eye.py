@@ -94,10 +94,10 @@ class SearchGate:
 
 def birds_eye_view(stop: MatchedStop, params: BirdsEyeParams) -> BirdsEyeView:
     """Draw the ground around a stop from its dense parallax."""
-    return birds_eye_views(stop, params, (params.cell_m,))[0]
+    return draw_birds_eye(stop, params, (params.cell_m,))[0]
 
 
-def birds_eye_views(
+def draw_birds_eye(
     stop: MatchedStop, params: BirdsEyeParams, cells_m: Sequence[float]
 ) -> tuple[BirdsEyeView, ...]:
     """Draw the ground around a stop from its dense parallax, once with every size of cells."""
@@ -166,13 +166,13 @@ class Channel:
 def channels(view: BirdsEyeView, params: BirdsEyeParams) -> tuple[Channel, Channel]:
     """(grey, relief) of a view, over the same cells."""
     fine, coarse = (wave / view.cell_m for wave in params.relief_waves_m)
-    grey = _band(view.grey, 0.8, params.grey_wave_m / view.cell_m)
-    relief = _band(view.elevation, fine, coarse)
+    grey = band_pass(view.grey, 0.8, params.grey_wave_m / view.cell_m)
+    relief = band_pass(view.elevation, fine, coarse)
     weight = grey.weight * relief.weight
     return Channel(grey.value * weight, weight), Channel(relief.value * weight, weight)
 
 
-def _band(raster: Raster, fine: float, coarse: float) -> Channel:
+def band_pass(raster: Raster, fine: float, coarse: float) -> Channel:
     """Local mean over `fine` minus that over `coarse` cells, in local standard deviations."""
     seen = np.isfinite(raster).astype(np.float32)
     value = np.nan_to_num(raster)
@@ -193,7 +193,7 @@ def _band(raster: Raster, fine: float, coarse: float) -> Channel:
     return Channel(value.astype(np.float32), weight)
 
 
-def placed_on(
+def place_on(
     raster: Raster, cell_m: float, azimuth: float, north_m: float, east_m: float
 ) -> Raster:
     """A raster of the later view on the grid of the earlier one; NaN where unseen."""

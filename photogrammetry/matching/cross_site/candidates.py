@@ -24,9 +24,9 @@ from solmap.photogrammetry.matching.conjugates import in_view
 from solmap.photogrammetry.matching.cross_site.ground_views import (
     GroundView,
     common_cells,
-    no_finer,
+    limit_resolution,
 )
-from solmap.photogrammetry.matching.cross_site.tie_weights import lying_apart
+from solmap.photogrammetry.matching.cross_site.tie_weights import select_apart
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +37,7 @@ class Gap:
 
 
 @dataclass(frozen=True, slots=True)
-class Candidates:
+class CandidateParams:
     """How candidates are chosen."""
 
     cell_m: float = 0.75
@@ -112,12 +112,12 @@ class Plan:
         )
 
 
-def plans_between(
+def plan_searches(
     earlier: Sequence[GroundView],
     later: Sequence[GroundView],
     earlier_from_later: Pose,
     gap: Gap,
-    params: Candidates,
+    params: CandidateParams,
 ) -> tuple[list[Plan], list[Plan]]:
     """What to look for: matches of the earlier stop in the later one, and the other way round."""
     later_from_earlier = earlier_from_later.inverse
@@ -131,7 +131,7 @@ def _plans(
     targets: Sequence[GroundView],
     targets_from_sources: Pose,
     gap: Gap,
-    params: Candidates,
+    params: CandidateParams,
 ) -> list[Plan]:
     """Every match of every source pair that a target pair should show."""
     every = (_plan(s, t, targets_from_sources, gap, params) for s in sources for t in targets)
@@ -139,7 +139,11 @@ def _plans(
 
 
 def _plan(
-    source: GroundView, target: GroundView, target_from_source: Pose, gap: Gap, params: Candidates
+    source: GroundView,
+    target: GroundView,
+    target_from_source: Pose,
+    gap: Gap,
+    params: CandidateParams,
 ) -> Plan | None:
     """The matches of one pair that another should show, and how far around to look."""
     t, ground = target.view.geometry, source.ground
@@ -166,7 +170,7 @@ def _plan(
         ground.footprints[rows][shown], there, params.square_m / params.footprints
     )
     shown &= np.isfinite(cells).all(axis=(1, 2))
-    cells, spread = no_finer(cells[shown], params.finest_cell_m), spread[shown]
+    cells, spread = limit_resolution(cells[shown], params.finest_cell_m), spread[shown]
     back = np.linalg.inv(cells)
     reach = np.linalg.eigvalsh(back @ spread @ np.swapaxes(back, 1, 2))[:, 1]
     plan = Plan(
@@ -187,7 +191,7 @@ def _spread(
     target_from_source: Pose,
     places: ObjectPoints,
     range_m: tuple[PerPoint, PerPoint],
-    params: Candidates,
+    params: CandidateParams,
 ) -> Float64[np.ndarray, "n 2 2"]:
     """Covariance of how far apart both stops place the ground, by the errors of both ranges."""
     origin = target_from_source.inverse.apply(target.origin_m[None])[0]
@@ -220,7 +224,7 @@ def _visible(
 
 
 def _best_of_the_ground(
-    forth: list[Plan], back: list[Plan], earlier_from_later: Pose, params: Candidates
+    forth: list[Plan], back: list[Plan], earlier_from_later: Pose, params: CandidateParams
 ) -> tuple[list[Plan], list[Plan]]:
     """Keep candidates that resolve their ground best and lie apart; of too many some, evenly."""
     plans = [*forth, *back]
@@ -234,7 +238,7 @@ def _best_of_the_ground(
     cells = np.floor(flat[order] / params.cell_m).astype(np.int64)
     _, first = np.unique(cells, axis=0, return_index=True)
     best = order[np.sort(first)]
-    best = best[lying_apart(flat[best], params.apart_cells * size[best], params.most_at_last)]
+    best = best[select_apart(flat[best], params.apart_cells * size[best], params.most_at_last)]
     best = best[np.linspace(0, len(best) - 1, min(params.most, len(best))).astype(np.int64)]
     kept = np.zeros(len(owner), dtype=bool)
     kept[best] = True

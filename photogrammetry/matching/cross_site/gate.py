@@ -67,7 +67,7 @@ class GateParams:
             )
 
 
-def gate_between(
+def search_gate(
     earlier: MatchedStop, later: MatchedStop, params: GateParams
 ) -> tuple[SearchGate, PoseCovariance]:
     """Where the later rover can stand, and the prior covariance of the pose between both.
@@ -92,7 +92,7 @@ def gate_between(
     return gate, axes @ np.diag(variance) @ axes.T
 
 
-def pose_of(earlier: MatchedStop, later: MatchedStop, fit: PlaneFit) -> Pose:
+def pose_from_fit(earlier: MatchedStop, later: MatchedStop, fit: PlaneFit) -> Pose:
     """earlier_from_later with the tilt of telemetry and the rest of a bird's-eye fit."""
     level_from_earlier = earlier.lsl_from_rover.rotation
     turn = rotation_of_roll_pitch_yaw(0.0, 0.0, fit.azimuth)
@@ -105,7 +105,7 @@ def pose_of(earlier: MatchedStop, later: MatchedStop, fit: PlaneFit) -> Pose:
     )
 
 
-def between_levels(earlier: MatchedStop, later: MatchedStop, pose: Pose) -> Pose:
+def level_pose(earlier: MatchedStop, later: MatchedStop, pose: Pose) -> Pose:
     """A pose of rover to rover as one between the level frames of both stops."""
     one, other = earlier.lsl_from_rover.rotation, later.lsl_from_rover.rotation
     return Pose(pose.target, pose.source, one @ pose.rotation @ other.T, one @ pose.translation_m)

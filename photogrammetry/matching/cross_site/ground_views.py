@@ -49,7 +49,7 @@ from solmap.photogrammetry.matching.conjugates import TieView
 from solmap.photogrammetry.matching.cross_site.birds_eye import (
     BirdsEyeParams,
     BirdsEyeView,
-    birds_eye_views,
+    draw_birds_eye,
 )
 from solmap.photogrammetry.matching.records import MatchedStop
 
@@ -274,7 +274,7 @@ class StopViews:
     @classmethod
     def of(cls, stop: MatchedStop, params: BirdsEyeParams) -> StopViews:
         """Draw the stop from above, coarsely to search in and finely as the ground of its pairs."""
-        seen, fine = birds_eye_views(stop, params, (params.cell_m, params.surface_cell_m))
+        seen, fine = draw_birds_eye(stop, params, (params.cell_m, params.surface_cell_m))
         surface = GroundSurface.of(fine)
         level = stop.lsl_from_rover.rotation
         views = tuple(GroundView.of(TieView.of(pair), surface, level) for pair in stop.pairs)
@@ -313,7 +313,9 @@ def common_cells(
     return cells
 
 
-def no_finer(cells: Float64[np.ndarray, "n 2 2"], finest_m: float) -> Float64[np.ndarray, "n 2 2"]:
+def limit_resolution(
+    cells: Float64[np.ndarray, "n 2 2"], finest_m: float
+) -> Float64[np.ndarray, "n 2 2"]:
     """Cells whose sides are no shorter than the finest."""
     sides = np.maximum(np.linalg.norm(cells, axis=1), 1e-9)
     return cells * (np.maximum(sides, finest_m) / sides)[:, None, :]

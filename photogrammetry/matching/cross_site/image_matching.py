@@ -108,7 +108,7 @@ class GroundMatchingParams:
 
 
 @dataclass(frozen=True, slots=True)
-class RefinementParams:
+class TieRefinementParams:
     """How ties are measured again."""
 
     facet: ConjugateParams = field(
@@ -162,34 +162,34 @@ def match_ground(
     def parallax_of(view: TieView, points: ImagePoints) -> tuple[PerPoint, PerPoint]:
         if dense_sigma_px is None:
             return measure_parallax(view, points, params.parallax)
-        return dense_parallax(view, points, dense_sigma_px)
+        return look_up_parallax(view, points, dense_sigma_px)
 
-    found = [_carried_out(plan, params, parallax_of, pair_ids) for plan in forth]
-    returned = [_carried_out(plan, params, parallax_of, pair_ids).swapped() for plan in back]
-    return _joined([t for t in (*found, *returned) if len(t)], pair_ids)
+    found = [_match_plan(plan, params, parallax_of, pair_ids) for plan in forth]
+    returned = [_match_plan(plan, params, parallax_of, pair_ids).swapped() for plan in back]
+    return _join([t for t in (*found, *returned) if len(t)], pair_ids)
 
 
-def _joined(ties: Sequence[GroundTies], pair_ids: tuple[str, ...]) -> GroundTies:
+def _join(ties: Sequence[GroundTies], pair_ids: tuple[str, ...]) -> GroundTies:
     """All ties of several sets."""
     width_m = np.concatenate([t.width_m for t in ties]) if ties else np.zeros(0)
     return GroundTies(join_ties([t.ties for t in ties], pair_ids), width_m)
 
 
-def _carried_out(
+def _match_plan(
     plan: Plan, params: GroundMatchingParams, parallax_of: ParallaxOf, pair_ids: tuple[str, ...]
 ) -> GroundTies:
     """Look for the candidates of a plan, those with windows of like size together."""
     classes = np.ceil(plan.reach / WINDOW_STEP).astype(np.int64)
     ties = [
-        _looked_for(
+        _match_window_class(
             plan.taking(classes == size), int(WINDOW_STEP * size), params, parallax_of, pair_ids
         )
         for size in np.unique(classes)
     ]
-    return _joined(ties, pair_ids)
+    return _join(ties, pair_ids)
 
 
-def _looked_for(
+def _match_window_class(
     plan: Plan,
     reach: int,
     params: GroundMatchingParams,
@@ -204,7 +204,7 @@ def _looked_for(
     wide = half + reach + MARGIN_CELLS
     templates, whole = plan.source.patches(centres, plan.cells, half, half)
     searches, there = plan.target.patches(ahead, cells_there, wide, half)
-    templates, searches = (_blurred(stack, params.blur_cells) for stack in (templates, searches))
+    templates, searches = (_blur(stack, params.blur_cells) for stack in (templates, searches))
     found, offset, sigma, _ = match_patches(templates, searches, whole & there, params.patches)
     moved = (cells_there @ offset[:, ::-1, None])[:, :, 0]
     first, _ = plan.source.image_of(centres[:, 0], centres[:, 1])
@@ -214,7 +214,7 @@ def _looked_for(
     parallax, sigma_parallax = parallax_of(plan.source.view, first)
     parallax_there, sigma_there = parallax_of(plan.target.view, second)
     pixels = plan.target.derivative(ahead[found]) @ cells_there[found]
-    sample, line, sigma_there = spread_on_the_ground(
+    sample, line, sigma_there = ground_sigmas(
         plan.target.view, second, parallax_there, sigma_there, pixels * sigma[found, None, None]
     )
     n = int(found.sum())
@@ -241,14 +241,14 @@ def _looked_for(
     return GroundTies(ties, width_m).taking(np.isfinite(parallax) & np.isfinite(parallax_there))
 
 
-def _blurred(stack: Float32[np.ndarray, "n a a"], sigma: float) -> Float32[np.ndarray, "n a a"]:
+def _blur(stack: Float32[np.ndarray, "n a a"], sigma: float) -> Float32[np.ndarray, "n a a"]:
     """Every patch through a Gaussian."""
     for patch in stack:
         cv2.GaussianBlur(patch, (0, 0), sigma, dst=patch)
     return stack
 
 
-def dense_parallax(
+def look_up_parallax(
     view: TieView, points: ImagePoints, sigma_px: float
 ) -> tuple[PerPoint, PerPoint]:
     """(parallax, its standard deviation) at left image points, as dense matching has it."""
@@ -260,7 +260,7 @@ def dense_parallax(
     return parallax, np.where(np.isfinite(parallax), sigma_px, np.nan)
 
 
-def spread_on_the_ground(
+def ground_sigmas(
     view: TieView,
     points: ImagePoints,
     parallax_px: PerPoint,
@@ -278,11 +278,11 @@ def spread_on_the_ground(
     return sample, line, np.hypot(sigma_parallax_px, np.linalg.norm(along, axis=1))
 
 
-def refined(
+def refine_ties(
     ties: Ties,
     views: Mapping[str, TieView],
     alignment: Alignment,
-    params: RefinementParams,
+    params: TieRefinementParams,
     parallax: ConjugateParams,
 ) -> Ties:
     """The ties, those that are found again with the place and parallax measured there."""
@@ -299,9 +299,7 @@ def refined(
         points, spread = found.points[found.found], found.spread[found.found]
         measured, of_parallax = measure_parallax(target, points, parallax)
         good = np.isfinite(measured)
-        sample, line, of_parallax = spread_on_the_ground(
-            target, points, measured, of_parallax, spread
-        )
+        sample, line, of_parallax = ground_sigmas(target, points, measured, of_parallax, spread)
         again = (points, measured, sample, line, of_parallax)
         for name, column in zip(MEASURED_AGAIN, again, strict=True):
             columns[name][there[good]] = column[good]
@@ -310,11 +308,11 @@ def refined(
 
 def _between(source: TieView, target: TieView, alignment: Alignment) -> Pose:
     """target_from_source with the pose and the pointing that the alignment found."""
-    first, second = (pointed(view, alignment) for view in (source, target))
+    first, second = (corrected_pose(view, alignment) for view in (source, target))
     return second.inverse @ alignment.first_from_second.inverse @ first
 
 
-def pointed(view: TieView, alignment: Alignment) -> Pose:
+def corrected_pose(view: TieView, alignment: Alignment) -> Pose:
     """rover_from_pair, its pointing corrected."""
     pose = view.geometry.rover_from_pair
     theta = alignment.pointing.get(view.pair.pair_id, np.zeros(3))

@@ -4,7 +4,7 @@
    a degree or two of azimuth (Di et al. 2008, section 1 and table 1). That is the gate
    (`cross_site_gate`).
 2. Bird's-eye views of both stops are correlated over the gate, and landmarks on them vote for
-   places (`hypotheses`). The best are hypotheses of the horizontal pose; the drop follows from the
+   places (`find_hypotheses`). The best are hypotheses of the horizontal pose; the drop follows from the
    elevations of the common ground and the tilt from telemetry, which gravity holds to tenths of a
    degree.
 3. Under every hypothesis the sparse matches of each stop are predicted into the pairs of the other
@@ -41,49 +41,49 @@ from solmap.photogrammetry.frames import LSL, Pose
 from solmap.photogrammetry.matching.alignment import Alignment, AlignmentParams, align
 from solmap.photogrammetry.matching.cross_site.birds_eye import BirdsEyeParams, PlaneFit, SearchGate
 from solmap.photogrammetry.matching.cross_site.candidates import (
-    Candidates,
+    CandidateParams,
     Gap,
-    plans_between,
+    plan_searches,
 )
 from solmap.photogrammetry.matching.cross_site.gate import (
     GateParams,
     PoseCovariance,
-    between_levels,
-    gate_between,
-    pose_of,
+    level_pose,
+    pose_from_fit,
+    search_gate,
 )
 from solmap.photogrammetry.matching.cross_site.ground_views import StopViews
 from solmap.photogrammetry.matching.cross_site.hypotheses.search import (
     HypothesisParams,
-    hypotheses,
+    find_hypotheses,
 )
 from solmap.photogrammetry.matching.cross_site.image_matching import (
     GroundMatchingParams,
-    RefinementParams,
+    TieRefinementParams,
+    corrected_pose,
     match_ground,
-    pointed,
-    refined,
+    refine_ties,
 )
 from solmap.photogrammetry.matching.cross_site.links import (
     LEAST_TO_ALIGN,
     SiteLink,
     VerdictParams,
     distance_m,
-    figures_of,
-    places_of,
-    unlinked,
-    verdict,
+    evaluate_link,
+    link_figures,
+    refused_link,
+    tie_places,
 )
 from solmap.photogrammetry.matching.cross_site.surface_alignment import SurfaceView
 from solmap.photogrammetry.matching.cross_site.surface_matching import (
     SurfaceTieParams,
-    tie_by_shape,
+    tie_by_surface,
 )
 from solmap.photogrammetry.matching.cross_site.tie_weights import (
-    counted_as_one,
-    spread_out,
-    weighed_down,
-    with_shared_errors,
+    add_shared_errors,
+    inflate_sigmas,
+    overlap_counts,
+    select_spread,
 )
 from solmap.photogrammetry.matching.records import MatchedStop, Ties, join_ties
 
@@ -92,10 +92,10 @@ from solmap.photogrammetry.matching.records import MatchedStop, Ties, join_ties
 class TrialParams:
     """How hypotheses are tried."""
 
-    candidates: Candidates = field(default_factory=Candidates)
+    candidates: CandidateParams = field(default_factory=CandidateParams)
     ground: GroundMatchingParams = field(default_factory=GroundMatchingParams)
     alignment: AlignmentParams = field(default_factory=AlignmentParams)
-    refinement: RefinementParams = field(default_factory=RefinementParams)
+    refinement: TieRefinementParams = field(default_factory=TieRefinementParams)
     decoys: int = 2
     separation_m: float = 0.75
     """Trials that end this near to each other found the same place."""
@@ -114,10 +114,10 @@ class CrossSiteParams:
 
     gate: GateParams = field(default_factory=GateParams)
     birds_eye: BirdsEyeParams = field(default_factory=BirdsEyeParams)
-    hypotheses: HypothesisParams = field(default_factory=HypothesisParams)
+    find_hypotheses: HypothesisParams = field(default_factory=HypothesisParams)
     trials: TrialParams = field(default_factory=TrialParams)
     by_shape: SurfaceTieParams = field(default_factory=SurfaceTieParams)
-    verdict: VerdictParams = field(default_factory=VerdictParams)
+    evaluate_link: VerdictParams = field(default_factory=VerdictParams)
     apart: float = 0.75
     """Least distance of ties that are handed on, in widths of their patches: they share a quarter
     of their ground at most along either axis, and nearly count as independent."""
@@ -131,24 +131,24 @@ def tie_cross_site(
         s if isinstance(s, StopViews) else StopViews.of(s, params.birds_eye)
         for s in (earlier, later)
     )
-    gate, prior = gate_between(one.stop, other.stop, params.gate)
+    gate, prior = search_gate(one.stop, other.stop, params.gate)
     apart_m = distance_m(one, other)
     if apart_m - gate.reach_m > 2 * params.birds_eye.radius_m:
-        return unlinked(one, other, f"{apart_m:.0f} m apart, no common ground in reach")
-    found = hypotheses(one, other, gate, params.birds_eye, params.hypotheses)
+        return refused_link(one, other, f"{apart_m:.0f} m apart, no common ground in reach")
+    found = find_hypotheses(one, other, gate, params.birds_eye, params.hypotheses)
     fits = [hypothesis.fit for hypothesis in found]
     if not fits:
-        return unlinked(one, other, "the bird's-eye views share too little ground")
+        return refused_link(one, other, "the bird's-eye views share too little ground")
     highest = max(fit.z for fit in fits)
     if highest < params.verdict.least_z:
-        return unlinked(one, other, f"no peak stands out (z = {highest:.1f})", fits[0])
+        return refused_link(one, other, f"no peak stands out (z = {highest:.1f})", fits[0])
     trials = Trials(one, other, prior, params.trials)
     tried = [trials.tried(fit) for fit in fits]
     best = trials.settled(_best(tried, params.trials.separation_m))
     if best.agreeing < params.verdict.least_ties:
-        return _judged(trials, best, 0, params)
+        return _evaluate(trials, best, 0, params)
     wrong = decoys(gate, fits, params.trials.decoys, 2 * params.birds_eye.separation_m)
-    return _judged(trials, best, _by_chance(trials, best, tried, wrong), params)
+    return _evaluate(trials, best, _count_by_chance(trials, best, tried, wrong), params)
 
 
 def _best(tried: list[Trial], separation_m: float) -> Trial:
@@ -158,7 +158,9 @@ def _best(tried: list[Trial], separation_m: float) -> Trial:
     return next(same, most)
 
 
-def _by_chance(trials: Trials, best: Trial, tried: list[Trial], wrong: Sequence[PlaneFit]) -> int:
+def _count_by_chance(
+    trials: Trials, best: Trial, tried: list[Trial], wrong: Sequence[PlaneFit]
+) -> int:
     """Ties that the strongest trial of another place comes to when it is settled as well.
 
     A trial may start elsewhere and still settle at the place of the best: that is no other place.
@@ -174,28 +176,28 @@ def _by_chance(trials: Trials, best: Trial, tried: list[Trial], wrong: Sequence[
     return 0
 
 
-def _judged(trials: Trials, trial: Trial, by_chance: int, params: CrossSiteParams) -> SiteLink:
+def _evaluate(trials: Trials, trial: Trial, by_chance: int, params: CrossSiteParams) -> SiteLink:
     """The link of a settled trial, or why it is none."""
     one, other = trials.one, trials.other
     fine = trials.refined(trial)
     if trial.alignment is None or fine.alignment is None:
-        return unlinked(one, other, "the conjugates could not be aligned", trial.fit)
-    figures = figures_of(one, other, fine.fit, fine.ties, fine.alignment)
+        return refused_link(one, other, "the conjugates could not be aligned", trial.fit)
+    figures = link_figures(one, other, fine.fit, fine.ties, fine.alignment)
     figures = replace(figures, measured=len(trial.ties), by_chance=by_chance)
-    linked, reason = verdict(figures, params.verdict)
+    linked, reason = evaluate_link(figures, params.verdict)
     if not linked:
-        return unlinked(one, other, reason, trial.fit, figures)
+        return refused_link(one, other, reason, trial.fit, figures)
     agrees = fine.alignment.agrees
     ties, width_m = fine.ties.taking(agrees), fine.width_m[agrees]
-    places = (places_of(one, ties) @ one.stop.lsl_from_rover.rotation.T)[:, :2]
-    weighed = weighed_down(ties, counted_as_one(places, width_m))
+    places = (tie_places(one, ties) @ one.stop.lsl_from_rover.rotation.T)[:, :2]
+    weighed = inflate_sigmas(ties, overlap_counts(places, width_m))
     final = trials.aligned(weighed, fine.alignment.first_from_second) or fine.alignment
-    some = spread_out(places, width_m, params.apart, params.verdict.least_ties)
-    by_looks = with_shared_errors(
-        weighed_down(ties.taking(some), counted_as_one(places[some], width_m[some])),
+    some = select_spread(places, width_m, params.apart, params.verdict.least_ties)
+    by_looks = add_shared_errors(
+        inflate_sigmas(ties.taking(some), overlap_counts(places[some], width_m[some])),
         {v.view.pair.pair_id: v.view.geometry for v in (*one.views, *other.views)},
     )
-    by_shape = _by_shape(one, other, final, params.by_shape)
+    by_shape = _match_surfaces(one, other, final, params.by_shape)
     figures = replace(figures, handed_on=int(some.sum()), by_shape=len(by_shape))
     if len(by_shape):
         reason += f", {len(by_shape)} more by the shape of the ground"
@@ -212,7 +214,7 @@ def _judged(trials: Trials, trial: Trial, by_chance: int, params: CrossSiteParam
     )
 
 
-def _by_shape(
+def _match_surfaces(
     one: StopViews, other: StopViews, alignment: Alignment, params: SurfaceTieParams
 ) -> Ties:
     """Ties by the shape of the ground, from where ties by looks have placed the stops."""
@@ -225,14 +227,14 @@ def _by_shape(
             view.pair.pair_id: SurfaceView.of(
                 view.geometry,
                 view.pair.parallax,
-                frame @ pointed(view, alignment),
+                frame @ corrected_pose(view, alignment),
                 params.surface.half_px,
             )
             for view in (ground.view for ground in stop.views)
         }
         for stop, frame in zip((one, other), frames, strict=True)
     )
-    return tie_by_shape(earlier, later, params)
+    return tie_by_surface(earlier, later, params)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -270,7 +272,7 @@ class Trials:
     def tried(self, fit: PlaneFit) -> Trial:
         """Look for some conjugates under a hypothesis and align by them."""
         candidates = self.params.candidates
-        pose = pose_of(self.one.stop, self.other.stop, fit)
+        pose = pose_from_fit(self.one.stop, self.other.stop, fit)
         dense_sigma_px = candidates.parallax_sigma_px
         return self._trial(fit, pose, candidates.first_gap, candidates, dense_sigma_px)
 
@@ -288,7 +290,7 @@ class Trials:
             return trial
         agrees = trial.alignment.agrees
         views = {v.view.pair.pair_id: v.view for v in (*self.one.views, *self.other.views)}
-        ties = refined(
+        ties = refine_ties(
             trial.ties.taking(agrees),
             views,
             trial.alignment,
@@ -303,12 +305,12 @@ class Trials:
         fit: PlaneFit,
         pose: Pose,
         gap: Gap,
-        candidates: Candidates,
+        candidates: CandidateParams,
         dense_sigma_px: float | None,
     ) -> Trial:
         """Conjugates under a pose of rover to rover, and the alignment by them."""
-        level = between_levels(self.one.stop, self.other.stop, pose)
-        forth, back = plans_between(self.one.views, self.other.views, level, gap, candidates)
+        level = level_pose(self.one.stop, self.other.stop, pose)
+        forth, back = plan_searches(self.one.views, self.other.views, level, gap, candidates)
         pair_ids = (*self.one.pair_ids, *self.other.pair_ids)
         found = match_ground(forth, back, self.params.ground, pair_ids, dense_sigma_px)
         return Trial(fit, found.ties, found.width_m, self.aligned(found.ties, pose))

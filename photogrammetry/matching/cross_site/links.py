@@ -97,7 +97,7 @@ class SiteLink:
         return f"{self.earlier} - {self.later}: {self.verdict}, {self.reason}"
 
 
-def verdict(figures: SiteLinkFigures, params: VerdictParams) -> tuple[bool, str]:
+def evaluate_link(figures: SiteLinkFigures, params: VerdictParams) -> tuple[bool, str]:
     """(linked, reason)."""
     share = figures.ties / max(figures.measured, 1)
     if figures.ties < params.least_ties:
@@ -115,7 +115,7 @@ def verdict(figures: SiteLinkFigures, params: VerdictParams) -> tuple[bool, str]
     )
 
 
-def unlinked(
+def refused_link(
     one: StopViews,
     other: StopViews,
     reason: str,
@@ -145,7 +145,7 @@ def distance_m(one: StopViews, other: StopViews) -> float:
     return float(np.hypot(step[0], step[1]))
 
 
-def figures_of(
+def link_figures(
     one: StopViews,
     other: StopViews,
     fit: PlaneFit,
@@ -168,13 +168,13 @@ def figures_of(
         ties=len(kept),
         rms_px=alignment.rms_px,
         sigma0=alignment.sigma0,
-        spread_m=spread_m(places_of(one, kept) @ level.T),
+        spread_m=spread_m(tie_places(one, kept) @ level.T),
         moved_m=(float(moved[0]), float(moved[1]), float(moved[2])),
         turned=float(np.arctan2(turn[1, 0], turn[0, 0])),
     )
 
 
-def places_of(one: StopViews, ties: Ties) -> ObjectPoints:
+def tie_places(one: StopViews, ties: Ties) -> ObjectPoints:
     """Where the ties lie, in the frame of the earlier rover."""
     places = np.full((len(ties), 3), np.nan)
     for view in (v.view for v in one.views):

@@ -163,14 +163,14 @@ class SurfaceView:
 
     def normals(self, planes: ParallaxPlanes, points: ImagePoints) -> Directions:
         """Unit normals of facets in the common frame, away from the camera."""
-        return unit(planes.normals(points, self.geometry)) @ self.rotation.T
+        return unit_vectors(planes.normals(points, self.geometry)) @ self.rotation.T
 
     def facing(self, normals: Directions, places: ObjectPoints) -> PerPoint:
         """Sine of the angle under which facets are seen; below zero from behind."""
-        return (normals * unit(places - self.centre)).sum(axis=1)
+        return (normals * unit_vectors(places - self.centre)).sum(axis=1)
 
 
-def unit(vectors: ObjectPoints) -> Directions:
+def unit_vectors(vectors: ObjectPoints) -> Directions:
     """Vectors of length one."""
     with np.errstate(invalid="ignore"):
         return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
@@ -215,13 +215,13 @@ class Ground:
         parallax = view.parallax[line, column].astype(np.float64)
         places = view.place(points, parallax)
         near, far = (np.linalg.norm(places - at, axis=1) for at in (view.centre, other))
-        reached = (np.maximum(near, far) < params.farthest_m) & _alike_far(near, far, params)
+        reached = (np.maximum(near, far) < params.farthest_m) & _ranges_compare(near, far, params)
         points, parallax, places = points[reached], parallax[reached], places[reached]
         if not len(points):
             return cls(view, points, parallax, places, places, places)
         normals = view.normals(view.at(points), points)
         good = view.facing(normals, places) > params.least_facing
-        good &= (normals * unit(places - other)).sum(axis=1) > params.least_turned
+        good &= (normals * unit_vectors(places - other)).sum(axis=1) > params.least_turned
         along = (view.centre - places) / parallax[:, None]
         return cls(view, *(c[good] for c in (points, parallax, places, normals, along)))
 
@@ -250,13 +250,13 @@ class Ground:
         return Misfits(*(c[good] for c in (row.astype(np.int32), misfit, by_shift, noise)))
 
 
-def _alike_far(near: PerPoint, far: PerPoint, params: SurfaceParams) -> Flags:
+def _ranges_compare(near: PerPoint, far: PerPoint, params: SurfaceParams) -> Flags:
     """Whether ground is seen from ranges that compare."""
     return (near < params.range_ratio * far) & (far < params.range_ratio * near)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Couple:
+class GroundPair:
     """A pair of the earlier stop and one of the later, and the ground that both see."""
 
     earlier: Ground
@@ -265,7 +265,7 @@ class Couple:
     """Of the ground, about which it turns."""
 
     @classmethod
-    def of(cls, earlier: Ground, later: Ground, params: SurfaceParams) -> Couple | None:
+    def of(cls, earlier: Ground, later: Ground, params: SurfaceParams) -> GroundPair | None:
         """None where they see next to nothing in common."""
         if not (len(earlier) and len(later)):
             return None
@@ -283,7 +283,9 @@ class Couple:
     @property
     def across(self) -> Vector3:
         """Level direction across the rays of both to the middle of their ground."""
-        one, other = (unit(self.middle[None] - ground.view.centre)[0] for ground in self.grounds)
+        one, other = (
+            unit_vectors(self.middle[None] - ground.view.centre)[0] for ground in self.grounds
+        )
         along = one - other if one @ other < 0 else one + other
         return np.array([-along[1], along[0], 0.0]) / np.hypot(along[0], along[1])
 
@@ -342,7 +344,7 @@ class Couple:
         motion = np.zeros(MOTION)
         for _ in range(params.rounds):
             seen = self.misfits(self.moved(motion), params)
-            misfit, by_shift, weight = weighed(seen, params)
+            misfit, by_shift, weight = robust_weights(seen, params)
             arm = self.places_of(seen) - self.middle
             design = np.hstack([np.cross(arm, by_shift), by_shift])
             weighted = (design * weight[:, None]).T
@@ -351,7 +353,7 @@ class Couple:
         return motion
 
 
-def weighed(
+def robust_weights(
     seen: Sequence[Misfits], params: SurfaceParams
 ) -> tuple[PerPoint, ObjectPoints, PerPoint]:
     """(misfits, derivatives, weights) of both grounds; what is far off counts next to nothing."""

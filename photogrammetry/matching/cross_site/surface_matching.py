@@ -21,12 +21,12 @@ import numpy as np
 from solmap.photogrammetry.arrays import Flags, Float64, Int32, ObjectPoints, PerPoint
 from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.matching.cross_site.surface_alignment import (
-    Couple,
     Ground,
+    GroundPair,
     Misfits,
     SurfaceParams,
     SurfaceView,
-    weighed,
+    robust_weights,
 )
 from solmap.photogrammetry.matching.records import Ties
 from solmap.photogrammetry.robust import robust_sigma
@@ -89,7 +89,7 @@ class Blocks:
         return replace(self, covariance=factor**2 * self.covariance, sigma_m=factor * self.sigma_m)
 
 
-def tie_by_shape(
+def tie_by_surface(
     earlier: Mapping[str, SurfaceView], later: Mapping[str, SurfaceView], params: SurfaceTieParams
 ) -> Ties:
     """Ties between the pairs of two stops by the shape of their ground.
@@ -98,7 +98,7 @@ def tie_by_shape(
     other within some centimetres and tenths of a degree. None where there is little relief.
     """
     pair_ids = (*earlier, *later)
-    seen = list(_seen_by_both(earlier, later, params))
+    seen = list(_shared_ground(earlier, later, params))
     blocks = [blocks for *_, blocks in seen]
     if not blocks:
         return Ties.none(pair_ids)
@@ -112,7 +112,7 @@ def tie_by_shape(
     scatter = max(robust_sigma(across[kept] / sigma[kept]), 1.0)
     mine = np.split(kept, np.cumsum([len(some) for some in blocks])[:-1])
     columns = [
-        _measured(couple, some.taking(rows).scattered(scatter), int(kept.sum()), params.surface)
+        _tie_columns(couple, some.taking(rows).scattered(scatter), int(kept.sum()), params.surface)
         for (*_, couple, some), rows in zip(seen, mine, strict=True)
     ]
     first, second = (
@@ -127,9 +127,9 @@ def tie_by_shape(
     )
 
 
-def _seen_by_both(
+def _shared_ground(
     earlier: Mapping[str, SurfaceView], later: Mapping[str, SurfaceView], params: SurfaceTieParams
-) -> Iterator[tuple[str, str, Couple, Blocks]]:
+) -> Iterator[tuple[str, str, GroundPair, Blocks]]:
     """Every two pairs that share ground, with its blocks."""
     here, there = (np.mean([v.centre for v in some.values()], axis=0) for some in (earlier, later))
     ones = {name: Ground.of(view, there, params.surface) for name, view in earlier.items()}
@@ -137,12 +137,12 @@ def _seen_by_both(
     side_m = max(params.block_m, params.block_share * float(np.linalg.norm(there - here)))
     for one, ground in ones.items():
         for other, its_ground in others.items():
-            couple = Couple.of(ground, its_ground, params.surface)
+            couple = GroundPair.of(ground, its_ground, params.surface)
             if couple is not None:
-                yield one, other, couple, blocks_of(couple, side_m, params)
+                yield one, other, couple, align_blocks(couple, side_m, params)
 
 
-def blocks_of(couple: Couple, side_m: float, params: SurfaceTieParams) -> Blocks:
+def align_blocks(couple: GroundPair, side_m: float, params: SurfaceTieParams) -> Blocks:
     """The blocks of the ground that two pairs share: squares of some side, each laid on its own."""
     laid = couple.moved(couple.aligned(params.surface))
     names = [
@@ -157,7 +157,7 @@ def blocks_of(couple: Couple, side_m: float, params: SurfaceTieParams) -> Blocks
     for _ in range(params.surface.rounds):
         shifts = (laid[0] + shift[block[0]], laid[1] + shift[block[1]])
         seen = couple.misfits(shifts, params.surface)
-        misfit, by_shift, weight = weighed(seen, params.surface)
+        misfit, by_shift, weight = robust_weights(seen, params.surface)
         of = np.concatenate([b[m.row] for b, m in zip(block, seen, strict=True)])
         weighted = weight[:, None] * by_shift
         normal = prior.copy()
@@ -220,8 +220,8 @@ def _most_certain(
     return kept
 
 
-def _measured(
-    couple: Couple, blocks: Blocks, count: int, params: SurfaceParams
+def _tie_columns(
+    couple: GroundPair, blocks: Blocks, count: int, params: SurfaceParams
 ) -> tuple[np.ndarray, ...]:
     """Ties in the middle of blocks, column by column as `Ties` has them.
 

@@ -35,7 +35,7 @@ SHARED_PARALLAX_PX = 0.015
 """c: median errors of a pair's parallaxes beyond 10 m, simulated and rendered: 0 to 0.02 px."""
 
 
-def counted_as_one(places: Float64[np.ndarray, "n 2"], width_m: PerPoint) -> PerPoint:
+def overlap_counts(places: Float64[np.ndarray, "n 2"], width_m: PerPoint) -> PerPoint:
     """k_i: how many ties say what one would, for square patches around places of the ground."""
     together = np.zeros(len(places))
     for k, (place, width) in enumerate(zip(places, width_m, strict=True)):
@@ -45,7 +45,7 @@ def counted_as_one(places: Float64[np.ndarray, "n 2"], width_m: PerPoint) -> Per
     return together
 
 
-def weighed_down(ties: Ties, together: PerPoint) -> Ties:
+def inflate_sigmas(ties: Ties, together: PerPoint) -> Ties:
     """Ties with standard deviations sqrt(k) as large."""
     more = np.sqrt(np.maximum(together, 1.0))
     return replace(
@@ -59,7 +59,7 @@ def weighed_down(ties: Ties, together: PerPoint) -> Ties:
     )
 
 
-def with_shared_errors(ties: Ties, geometries: Mapping[str, EpipolarPair]) -> Ties:
+def add_shared_errors(ties: Ties, geometries: Mapping[str, EpipolarPair]) -> Ties:
     """Ties with what all share: height, in lines of the image that is further away; parallax."""
     pairs = [[geometries[ties.pair_ids[k]] for k in which] for which in (ties.first, ties.second)]
     own, base_m = (
@@ -81,7 +81,7 @@ def with_shared_errors(ties: Ties, geometries: Mapping[str, EpipolarPair]) -> Ti
     )
 
 
-def spread_out(
+def select_spread(
     places: Float64[np.ndarray, "n 2"], width_m: PerPoint, apart: float, at_least: int
 ) -> Flags:
     """Which ties to hand on: each `apart` times its width from all others, the smallest first.
@@ -90,7 +90,7 @@ def spread_out(
     """
     order = np.argsort(width_m, kind="stable")
     while True:
-        kept = lying_apart(places[order], apart * width_m[order], len(places))
+        kept = select_apart(places[order], apart * width_m[order], len(places))
         if len(kept) >= min(at_least, len(places)) or apart < 0.05:  # noqa: PLR2004 - all of them
             break
         apart *= 0.8
@@ -99,7 +99,7 @@ def spread_out(
     return flags
 
 
-def lying_apart(
+def select_apart(
     places: Float64[np.ndarray, "n 2"], distance_m: PerPoint, most: int
 ) -> Int32[np.ndarray, " kept"]:
     """Rows, in the order given, that lie their own distance away from all rows kept before."""

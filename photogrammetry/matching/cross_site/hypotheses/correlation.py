@@ -30,7 +30,7 @@ from solmap.photogrammetry.matching.cross_site.birds_eye import (
     PlaneFit,
     SearchGate,
     channels,
-    placed_on,
+    place_on,
 )
 from solmap.photogrammetry.robust import robust_sigma
 
@@ -112,7 +112,7 @@ class _Frame:
         return Channel((value * weight).astype(np.float32), weight)
 
 
-def search(
+def correlate_views(
     earlier: BirdsEyeView, later: BirdsEyeView, gate: SearchGate, params: BirdsEyeParams
 ) -> list[PlaneFit]:
     """The best places of the later view on the earlier one inside the gate, best first."""
@@ -126,7 +126,7 @@ def search(
         _surfaces(fixed, _spectra([frame.moved(c, float(a)) for c in moving], frame), frame, params)
         for a in azimuths
     ]
-    z = _over_chance(np.stack([s[0] for s in surfaces], axis=1))
+    z = _significance(np.stack([s[0] for s in surfaces], axis=1))
     lags = np.arange(-frame.reach, frame.reach + 1)
     norths, easts = -(frame.start[0] + lags) * cell_m, (frame.start[1] + lags) * cell_m
     distance = np.hypot(norths[:, None] - gate.north_m, easts[None, :] - gate.east_m)
@@ -158,16 +158,16 @@ def _surfaces(
 ) -> tuple[Float32[np.ndarray, "channels lags lags"], Raster]:
     """(c sqrt(n) of every channel, n) at every shift, at one azimuth; NaN with too few cells."""
     cols = frame.shape[1]
-    common = np.maximum(lagged(fixed[0].weight, moving[0].weight, frame.reach, cols), 1.0)
+    common = np.maximum(lagged_products(fixed[0].weight, moving[0].weight, frame.reach, cols), 1.0)
     scaled = [
-        coefficient(one, other, common, frame.reach, cols) * np.sqrt(common)
+        correlation_coefficient(one, other, common, frame.reach, cols) * np.sqrt(common)
         for one, other in zip(fixed, moving, strict=True)
     ]
     enough = common * params.cell_m**2 > params.min_overlap_m2
     return np.where(enough, scaled, np.nan).astype(np.float32), common.astype(np.float32)
 
 
-def _over_chance(
+def _significance(
     scaled: Float32[np.ndarray, "channels azimuths lags lags"],
 ) -> Float32[np.ndarray, "azimuths lags lags"]:
     """z: all channels as independent, each over its robust scatter; 0 where there is none."""
@@ -200,7 +200,7 @@ def _drop(
     earlier: BirdsEyeView, later: BirdsEyeView, azimuth: float, north_m: float, east_m: float
 ) -> float:
     """How much lower the later rover stands, by the median over the common ground."""
-    over = placed_on(later.elevation, later.cell_m, azimuth, north_m, east_m)
+    over = place_on(later.elevation, later.cell_m, azimuth, north_m, east_m)
     both = np.isfinite(over) & np.isfinite(earlier.elevation)
     return float(np.median(over[both] - earlier.elevation[both])) if both.any() else 0.0
 
@@ -214,18 +214,20 @@ def masked_correlation(
     """
     rows, cols = (fft.next_fast_len(n + reach, real=True) for n in fixed.value.shape)
     one, other = (Spectra.of(c, (rows, cols)) for c in (fixed, moved))
-    common = np.maximum(lagged(one.weight, other.weight, reach, cols), 1.0)
-    return coefficient(one, other, common, reach, cols), common
+    common = np.maximum(lagged_products(one.weight, other.weight, reach, cols), 1.0)
+    return correlation_coefficient(one, other, common, reach, cols), common
 
 
-def lagged(a: Spectrum, b: Spectrum, reach: int, cols: int) -> Float[np.ndarray, "lags lags"]:
+def lagged_products(
+    a: Spectrum, b: Spectrum, reach: int, cols: int
+) -> Float[np.ndarray, "lags lags"]:
     """sum(a(x) b(x - lag)) for lags of up to `reach` cells each way."""
     every = fft.irfft2(a * np.conj(b), (a.shape[0], cols))
     lags = np.arange(-reach, reach + 1)
     return every[np.ix_(lags, lags)]
 
 
-def coefficient(
+def correlation_coefficient(
     one: Spectra, other: Spectra, common: Float[np.ndarray, "lags lags"], reach: int, cols: int
 ) -> Float[np.ndarray, "lags lags"]:
     """Correlation coefficient over the common cells at every lag."""
@@ -236,7 +238,7 @@ def coefficient(
         (one.square, other.weight),
         (one.weight, other.square),
     )
-    ab, a, b, aa, bb = (lagged(*pair, reach, cols) for pair in pairs)
+    ab, a, b, aa, bb = (lagged_products(*pair, reach, cols) for pair in pairs)
     variance_a = np.maximum(aa - a**2 / common, 1e-3)
     variance_b = np.maximum(bb - b**2 / common, 1e-3)
     return (ab - a * b / common) / np.sqrt(variance_a * variance_b)

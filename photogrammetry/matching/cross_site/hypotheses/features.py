@@ -27,10 +27,10 @@ from solmap.photogrammetry.matching.cross_site.birds_eye import (
     channels,
 )
 from solmap.photogrammetry.matching.cross_site.hypotheses.voting import (
-    Elected,
     Landmarks,
+    VotedPlace,
     VotingParams,
-    elect,
+    vote_for_places,
 )
 
 DESCRIPTOR_CELLS = 9
@@ -38,7 +38,7 @@ DESCRIPTOR_CELLS = 9
 
 
 @dataclass(frozen=True, slots=True)
-class WideBaselineParams:
+class FeatureParams:
     """How features on the ground are found and matched."""
 
     features: int = 1500
@@ -74,11 +74,9 @@ class Features:
     """Square roots of SIFT's shares, of unit length (Arandjelovic & Zisserman 2012)."""
 
 
-def find_features(
-    view: BirdsEyeView, birds_eye: BirdsEyeParams, params: WideBaselineParams
-) -> Features:
+def find_features(view: BirdsEyeView, birds_eye: BirdsEyeParams, params: FeatureParams) -> Features:
     """Features of both channels of a view from above."""
-    described = [_described(channel, params) for channel in channels(view, birds_eye)]
+    described = [_describe(channel, params) for channel in channels(view, birds_eye)]
     at, size, descriptors = (np.concatenate(part) for part in zip(*described, strict=True))
     middle = (view.grey.shape[0] - 1) / 2
     places = np.column_stack([middle - at[:, 1], at[:, 0] - middle]) * view.cell_m
@@ -92,15 +90,15 @@ def find_features(
 
 
 def match_features(
-    earlier: Features, later: Features, gate: SearchGate, most: int, params: WideBaselineParams
-) -> list[Elected]:
+    earlier: Features, later: Features, gate: SearchGate, most: int, params: FeatureParams
+) -> list[VotedPlace]:
     """The places of the later stop that matched features vote for."""
     pairs = conjugate_features(earlier, later, gate, params)
-    return elect(earlier.landmarks, later.landmarks, pairs, gate, most, params.voting)
+    return vote_for_places(earlier.landmarks, later.landmarks, pairs, gate, most, params.voting)
 
 
 def conjugate_features(
-    earlier: Features, later: Features, gate: SearchGate, params: WideBaselineParams
+    earlier: Features, later: Features, gate: SearchGate, params: FeatureParams
 ) -> Int32[np.ndarray, "n 2"]:
     """Pairs of features of one channel that are each other's nearest within the gate."""
     found = [np.zeros((0, 2), np.int32)]
@@ -121,7 +119,7 @@ def _can_be_same(
     later: Features,
     other: np.ndarray,
     gate: SearchGate,
-    params: WideBaselineParams,
+    params: FeatureParams,
 ) -> Bool[np.ndarray, "one other"]:
     """Whether the gate can bring a later feature to the place of an earlier one, of its size."""
     p, q = earlier.landmarks.places[one], later.landmarks.places[other]
@@ -132,8 +130,8 @@ def _can_be_same(
     return near & (np.abs(ratio) < np.log(params.size_ratio))
 
 
-def _described(
-    channel: Channel, params: WideBaselineParams
+def _describe(
+    channel: Channel, params: FeatureParams
 ) -> tuple[Float64[np.ndarray, "n 2"], PerPoint, Float32[np.ndarray, "n 128"]]:
     """(column and row, size in cells, descriptor) of a channel's features."""
     grey = np.clip(128 + channel.value * (127 / CLIP), 0, 255).astype(np.uint8)

@@ -36,10 +36,10 @@ from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.matching.cross_site.birds_eye import BirdsEyeView, SearchGate
 from solmap.photogrammetry.matching.cross_site.hypotheses.voting import (
-    Elected,
     Landmarks,
+    VotedPlace,
     VotingParams,
-    elect,
+    vote_for_places,
 )
 from solmap.photogrammetry.matching.records import MatchedPair, MatchedStop
 
@@ -123,23 +123,23 @@ class RaisedPatches:
 
 def find_rocks(stop: MatchedStop, view: BirdsEyeView, params: RockParams) -> Rocks:
     """The rocks of all pairs of a stop, every one once; `view` shows the stop from above."""
-    ground = ground_below(view, params)
+    ground = bare_ground(view, params)
     raised = (raised_patches(stop, pair, ground, view.cell_m, params) for pair in stop.pairs)
-    each = [_measured(patches, params) for patches in raised]
-    every = _together(each)
+    each = [_rocks_in(patches, params) for patches in raised]
+    every = _join(each)
     every = every.taking(np.argsort(-every.width_m, kind="stable"))
-    return every.taking(_seen_once(every))
+    return every.taking(_unique(every))
 
 
 def match_rocks(
     earlier: Rocks, later: Rocks, gate: SearchGate, most: int, params: RockParams
-) -> list[Elected]:
+) -> list[VotedPlace]:
     """The places of the later stop that its rocks vote for."""
-    pairs = alike(earlier, later, params)
-    return elect(earlier.landmarks, later.landmarks, pairs, gate, most, params.voting)
+    pairs = similar_rocks(earlier, later, params)
+    return vote_for_places(earlier.landmarks, later.landmarks, pairs, gate, most, params.voting)
 
 
-def alike(earlier: Rocks, later: Rocks, params: RockParams) -> Int32[np.ndarray, "n 2"]:
+def similar_rocks(earlier: Rocks, later: Rocks, params: RockParams) -> Int32[np.ndarray, "n 2"]:
     """Pairs of rocks whose width and height agree."""
     ratios = [
         np.abs(np.log(a[:, None] / b[None, :]))
@@ -149,7 +149,7 @@ def alike(earlier: Rocks, later: Rocks, params: RockParams) -> Int32[np.ndarray,
     return np.argwhere(same).astype(np.int32)
 
 
-def _together(each: Sequence[Rocks]) -> Rocks:
+def _join(each: Sequence[Rocks]) -> Rocks:
     """All of some rocks."""
     places = [np.zeros((0, 2)), *(r.landmarks.places for r in each)]
     covariances = [np.zeros((0, 2, 2)), *(r.landmarks.covariances for r in each)]
@@ -160,12 +160,12 @@ def _together(each: Sequence[Rocks]) -> Rocks:
     )
 
 
-def _measured(patches: RaisedPatches, params: RockParams) -> Rocks:
+def _rocks_in(patches: RaisedPatches, params: RockParams) -> Rocks:
     """The patches that are rocks."""
     order = np.argsort(patches.label, kind="stable")
     starts = np.flatnonzero(np.diff(patches.label[order], prepend=-1))
     each = [_rock(patches, rows, params) for rows in np.split(order, starts[1:])]
-    return _together([rock for rock in each if rock is not None])
+    return _join([rock for rock in each if rock is not None])
 
 
 def _rock(patches: RaisedPatches, rows: np.ndarray, params: RockParams) -> Rocks | None:
@@ -188,7 +188,7 @@ def _rock(patches: RaisedPatches, rows: np.ndarray, params: RockParams) -> Rocks
     return Rocks(Landmarks(place[None], covariance[None]), np.array([width]), np.array([height]))
 
 
-def _seen_once(rocks: Rocks) -> Flags:
+def _unique(rocks: Rocks) -> Flags:
     """All but those that are a wider rock seen by another pair, or a part of it."""
     kept = np.ones(len(rocks), dtype=bool)
     places, covariances = rocks.landmarks.places, rocks.landmarks.covariances
@@ -202,7 +202,7 @@ def _seen_once(rocks: Rocks) -> Flags:
     return kept
 
 
-def ground_below(view: BirdsEyeView, params: RockParams) -> Raster:
+def bare_ground(view: BirdsEyeView, params: RockParams) -> Raster:
     """Elevation of the ground without what stands on it, wherever something was seen near by."""
     wave = params.ground_wave_m / view.cell_m
     value, seen = np.nan_to_num(view.elevation), np.isfinite(view.elevation)

@@ -30,12 +30,12 @@ from solmap.photogrammetry.matching.cross_site.birds_eye import (
     BirdsEyeView,
     PlaneFit,
     SearchGate,
-    placed_on,
+    place_on,
 )
 from solmap.photogrammetry.matching.cross_site.ground_views import StopViews
-from solmap.photogrammetry.matching.cross_site.hypotheses.correlation import search
+from solmap.photogrammetry.matching.cross_site.hypotheses.correlation import correlate_views
 from solmap.photogrammetry.matching.cross_site.hypotheses.features import (
-    WideBaselineParams,
+    FeatureParams,
     find_features,
     match_features,
 )
@@ -44,7 +44,7 @@ from solmap.photogrammetry.matching.cross_site.hypotheses.rocks import (
     find_rocks,
     match_rocks,
 )
-from solmap.photogrammetry.matching.cross_site.hypotheses.voting import Elected
+from solmap.photogrammetry.matching.cross_site.hypotheses.voting import VotedPlace
 
 CORRELATION, FEATURES, ROCKS = "correlation", "features", "rocks"
 
@@ -53,7 +53,7 @@ CORRELATION, FEATURES, ROCKS = "correlation", "features", "rocks"
 class HypothesisParams:
     """How hypotheses are found, and how many are handed on."""
 
-    wide_baseline: WideBaselineParams = field(default_factory=WideBaselineParams)
+    wide_baseline: FeatureParams = field(default_factory=FeatureParams)
     rocks: RockParams = field(default_factory=RockParams)
     least_level: float = 3.0
     """z that chance is never taken to stay below: one place in 700 reaches it."""
@@ -95,7 +95,7 @@ class Peak:
     evidence: float
 
 
-def hypotheses(
+def find_hypotheses(
     one: StopViews,
     other: StopViews,
     gate: SearchGate,
@@ -104,14 +104,14 @@ def hypotheses(
 ) -> list[Hypothesis]:
     """The best hypotheses of where the later stop stands on the earlier one, best first."""
     peaks: list[Peak] = []
-    for way, find in WAYS.items():
-        if not _is_clear(merged(peaks, params), params):
-            found = peaks_of(way, find(one, other, gate, birds_eye, params), params)
+    for way, find in FINDERS.items():
+        if not _is_clear(merge_peaks(peaks, params), params):
+            found = rank_peaks(way, find(one, other, gate, birds_eye, params), params)
             peaks += [p for p in found if p.fit.overlap_m2 > birds_eye.min_overlap_m2]
-    return merged(peaks, params)[: params.most]
+    return merge_peaks(peaks, params)[: params.most]
 
 
-def merged(peaks: Sequence[Peak], params: HypothesisParams) -> list[Hypothesis]:
+def merge_peaks(peaks: Sequence[Peak], params: HypothesisParams) -> list[Hypothesis]:
     """Peaks that are the same place put together, most evidence first."""
     groups: list[list[Peak]] = []
     for peak in sorted(peaks, key=lambda p: (-p.evidence, -p.fit.z)):
@@ -146,7 +146,7 @@ def _is_clear(found: Sequence[Hypothesis], params: HypothesisParams) -> bool:
     return found[0].evidence - next_best > params.clear
 
 
-def peaks_of(way: str, fits: Sequence[PlaneFit], params: HypothesisParams) -> list[Peak]:
+def rank_peaks(way: str, fits: Sequence[PlaneFit], params: HypothesisParams) -> list[Peak]:
     """The peaks of a way, each with its evidence against the lower ones."""
     lower = [fit.z for fit in fits[1:]]
     level = max(float(np.median(lower)) if lower else 0.0, params.least_level)
@@ -161,7 +161,7 @@ def by_correlation(
     _params: HypothesisParams,
 ) -> list[PlaneFit]:
     """Peaks of the correlation of both views."""
-    return search(one.birds_eye, other.birds_eye, gate, birds_eye)
+    return correlate_views(one.birds_eye, other.birds_eye, gate, birds_eye)
 
 
 def by_features(
@@ -191,15 +191,17 @@ def by_rocks(
     return [_fit_at(place, one.birds_eye, other.birds_eye) for place in elected]
 
 
-Way = Callable[[StopViews, StopViews, SearchGate, BirdsEyeParams, HypothesisParams], list[PlaneFit]]
-WAYS: dict[str, Way] = {CORRELATION: by_correlation, FEATURES: by_features, ROCKS: by_rocks}
+Finder = Callable[
+    [StopViews, StopViews, SearchGate, BirdsEyeParams, HypothesisParams], list[PlaneFit]
+]
+FINDERS: dict[str, Finder] = {CORRELATION: by_correlation, FEATURES: by_features, ROCKS: by_rocks}
 """In the order in which they are asked."""
 
 
-def _fit_at(place: Elected, earlier: BirdsEyeView, later: BirdsEyeView) -> PlaneFit:
+def _fit_at(place: VotedPlace, earlier: BirdsEyeView, later: BirdsEyeView) -> PlaneFit:
     """An elected place with the drop and the area of the ground that both views share there."""
     where = (place.azimuth, place.north_m, place.east_m)
-    over = placed_on(later.elevation, later.cell_m, *where)
+    over = place_on(later.elevation, later.cell_m, *where)
     drop = (over - earlier.elevation)[np.isfinite(over) & np.isfinite(earlier.elevation)]
     down_m = float(np.median(drop)) if len(drop) else 0.0
     return PlaneFit(*where, down_m, place.z, len(drop) * earlier.cell_m**2)

@@ -79,7 +79,7 @@ class Landmarks:
 
 
 @dataclass(frozen=True, slots=True)
-class Elected:
+class VotedPlace:
     """A place that many votes meet at."""
 
     azimuth: float
@@ -88,41 +88,41 @@ class Elected:
     z: float
 
 
-def elect(
+def vote_for_places(
     earlier: Landmarks,
     later: Landmarks,
     pairs: Int32[np.ndarray, "n 2"],
     gate: SearchGate,
     most: int,
     params: VotingParams,
-) -> list[Elected]:
+) -> list[VotedPlace]:
     """The places of the later stop that most pairs of (earlier, later) landmarks vote for."""
     steps = int(np.ceil(gate.azimuth_reach / params.azimuth_step))
     azimuths = np.arange(-steps, steps + 1) * params.azimuth_step
     reach = int(np.ceil(gate.reach_m / params.cell_m))
-    z = np.stack([_standing_out(earlier, later, pairs, float(a), gate, params) for a in azimuths])
+    z = np.stack([_significance(earlier, later, pairs, float(a), gate, params) for a in azimuths])
     shift = np.arange(-reach, reach + 1) * params.cell_m
     z[:, np.hypot(shift[:, None], shift[None, :]) > gate.reach_m] = -np.inf
-    found: list[Elected] = []
+    found: list[VotedPlace] = []
     while len(found) < most:
         k, i, j = (int(v) for v in np.unravel_index(int(np.argmax(z)), z.shape))
         if not z[k, i, j] > 0:
             break
         north, east = gate.north_m + float(shift[i]), gate.east_m + float(shift[j])
-        peak = Elected(float(azimuths[k]), north, east, float(z[k, i, j]))
-        found.append(_settled(earlier, later, pairs, peak, params))
+        peak = VotedPlace(float(azimuths[k]), north, east, float(z[k, i, j]))
+        found.append(_refine_peak(earlier, later, pairs, peak, params))
         near = np.hypot(shift[:, None] - shift[i], shift[None, :] - shift[j])
         z[:, near < params.separation_m] = -np.inf
     return found
 
 
-def _settled(
+def _refine_peak(
     earlier: Landmarks,
     later: Landmarks,
     pairs: Int32[np.ndarray, "n 2"],
-    peak: Elected,
+    peak: VotedPlace,
     params: VotingParams,
-) -> Elected:
+) -> VotedPlace:
     """A peak after least squares over the pairs that agree with it.
 
     It stays where it is if they are too few, or if it would leave the peak's neighbourhood.
@@ -150,10 +150,10 @@ def _settled(
     turned_by = abs(x[0] - peak.azimuth)
     if moved > FARTHEST_STEPS * params.cell_m or turned_by > FARTHEST_STEPS * params.azimuth_step:
         return peak
-    return Elected(float(x[0]), float(x[1]), float(x[2]), peak.z)
+    return VotedPlace(float(x[0]), float(x[1]), float(x[2]), peak.z)
 
 
-def _standing_out(
+def _significance(
     earlier: Landmarks,
     later: Landmarks,
     pairs: Int32[np.ndarray, "n 2"],
@@ -176,7 +176,7 @@ def _standing_out(
     # The neighbourhood of places at the rim lies outside of the gate.
     beyond = int(np.ceil(params.around_m / params.cell_m))
     cells = int(np.ceil(gate.reach_m / params.cell_m)) + beyond
-    votes, sums = _collected(away[near][sharp], spread[sharp], cells, params.cell_m)
+    votes, sums = _collect_votes(away[near][sharp], spread[sharp], cells, params.cell_m)
     around = params.around_m / params.cell_m
     inside = slice(beyond, len(sums) - beyond)
     density, mean = (
@@ -196,7 +196,7 @@ def likelihood_root(sums: Raster, mean: Raster, density: Raster) -> Raster:
     return (np.sign(counted - expected) * np.sqrt(np.maximum(2 * ratio, 0))).astype(np.float32)
 
 
-def _collected(
+def _collect_votes(
     away: Float64[np.ndarray, "n 2"],
     spread: Float64[np.ndarray, "n 2 2"],
     cells: int,
@@ -211,7 +211,9 @@ def _collected(
     half = np.ceil(CUT_SIGMAS * np.sqrt(np.linalg.eigvalsh(spread)[:, 1]) / cell_m).astype(int)
     for reach in np.unique(half):
         some = half == reach
-        index, weight = _stamps(away[some] / cell_m, spread[some] / cell_m**2, int(reach), cells)
+        index, weight = _vote_kernels(
+            away[some] / cell_m, spread[some] / cell_m**2, int(reach), cells
+        )
         sums += np.bincount(index, weight, minlength=size * size)
     return (
         votes.reshape(size, size).astype(np.float32),
@@ -219,7 +221,7 @@ def _collected(
     )
 
 
-def _stamps(
+def _vote_kernels(
     away: Float64[np.ndarray, "n 2"], spread: Float64[np.ndarray, "n 2 2"], reach: int, cells: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """(flat cell, weight) of Gaussians of unit square sum around votes, in cells."""

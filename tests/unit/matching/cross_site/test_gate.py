@@ -8,10 +8,10 @@ from solmap.photogrammetry.matching.cross_site.birds_eye import PlaneFit
 from solmap.photogrammetry.matching.cross_site.gate import (
     GateParams,
     LinkParams,
-    between_levels,
-    gate_between,
+    level_pose,
     link_candidates,
-    pose_of,
+    pose_from_fit,
+    search_gate,
 )
 from solmap.photogrammetry.matching.records import MatchedStop
 
@@ -23,15 +23,15 @@ def stop(drive, position, turn=(0.0, 0.0, 0.0), sigma_m=0.0):
 
 
 def test_the_gate_opens_with_the_distance():
-    near, _ = gate_between(stop(0, (0, 0, 0)), stop(1, (8, 0, 0)), GateParams())
-    far, _ = gate_between(stop(0, (0, 0, 0)), stop(1, (0, 40, 0)), GateParams())
+    near, _ = search_gate(stop(0, (0, 0, 0)), stop(1, (8, 0, 0)), GateParams())
+    far, _ = search_gate(stop(0, (0, 0, 0)), stop(1, (0, 40, 0)), GateParams())
     assert (near.north_m, near.east_m) == (8.0, 0.0)
     assert near.reach_m == pytest.approx(3 * (0.08 * 8 + 0.3))
     assert far.reach_m == pytest.approx(3 * (0.08 * 40 + 0.3))
 
 
 def test_a_covariance_that_grows_more_than_a_drive_explains_opens_the_gate():
-    gate, prior = gate_between(
+    gate, prior = search_gate(
         stop(0, (0, 0, 0), sigma_m=1.0), stop(1, (8, 0, 0), sigma_m=3.0), GateParams()
     )
     assert gate.reach_m == pytest.approx(3 * np.sqrt(9.0 - 1.0))
@@ -39,7 +39,7 @@ def test_a_covariance_that_grows_more_than_a_drive_explains_opens_the_gate():
 
 
 def test_the_prior_is_turned_into_the_axes_of_the_earlier_rover():
-    _, prior = gate_between(
+    _, prior = search_gate(
         stop(0, (0, 0, 0), turn=(0.0, np.pi / 2, 0.0)), stop(1, (8, 0, 0)), GateParams()
     )
     params = GateParams()
@@ -50,8 +50,8 @@ def test_the_prior_is_turned_into_the_axes_of_the_earlier_rover():
 
 def test_a_fit_is_a_pose_with_the_tilt_of_telemetry():
     earlier, later = stop(0, (0, 0, 0), (0.1, 0.05, 0.4)), stop(1, (9, 2, -1), (0.02, -0.1, 2.0))
-    pose = pose_of(earlier, later, PlaneFit(0.03, 8.0, 3.0, 0.5, 9.0, 100.0))
-    level = between_levels(earlier, later, pose)
+    pose = pose_from_fit(earlier, later, PlaneFit(0.03, 8.0, 3.0, 0.5, 9.0, 100.0))
+    level = level_pose(earlier, later, pose)
     np.testing.assert_allclose(level.translation_m, [8.0, 3.0, 0.5], atol=1e-12)
     np.testing.assert_allclose(
         level.rotation, rotation_of_roll_pitch_yaw(0.0, 0.0, 0.03), atol=1e-12

@@ -4,7 +4,7 @@ import pytest
 from solmap.photogrammetry.matching.cross_site.ground_views import (
     LONGEST,
     common_cells,
-    no_finer,
+    limit_resolution,
     smallest_stretch,
 )
 
@@ -56,7 +56,7 @@ def test_where_the_ground_is_unknown_there_is_no_cell():
 
 
 def test_cells_are_no_finer_than_asked():
-    cells = no_finer(np.array([[[0.02, 0.0], [0.0, 0.3]]]), 0.05)
+    cells = limit_resolution(np.array([[[0.02, 0.0], [0.0, 0.3]]]), 0.05)
     np.testing.assert_allclose(cells[0], [[0.05, 0.0], [0.0, 0.3]])
 
 

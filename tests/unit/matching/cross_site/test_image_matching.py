@@ -8,7 +8,7 @@ from solmap.photogrammetry.frames import Frame, FrameKind, Pose
 from solmap.photogrammetry.imagery import StereoMatches
 from solmap.photogrammetry.matching.conjugates import TieView
 from solmap.photogrammetry.matching.cross_site import image_matching as ground_spread
-from solmap.photogrammetry.matching.cross_site.image_matching import spread_on_the_ground
+from solmap.photogrammetry.matching.cross_site.image_matching import ground_sigmas
 from solmap.photogrammetry.matching.records import EpipolarImages, MatchedPair
 
 HEIGHT_M = 1.5
@@ -43,7 +43,7 @@ def test_what_is_found_beside_its_place_on_the_ground_errs_as_stated(
     place, sigma_m = np.array([[1.0, range_m]]), 0.02
     at = seen(view, place)
     P = np.stack([(seen(view, place + d) - at)[0, :2] / 0.01 for d in 0.01 * np.eye(2)], axis=1)
-    sample, line, parallax = spread_on_the_ground(
+    sample, line, parallax = ground_sigmas(
         view, at[:, :2], at[:, 2], np.full(1, 0.03), sigma_m * P[None]
     )
     found = seen(view, place + sigma_m * rng.normal(size=(4000, 2)))
@@ -55,9 +55,7 @@ def test_what_is_found_beside_its_place_on_the_ground_errs_as_stated(
 def test_no_patch_is_found_better_than_its_relief(view):
     points, parallax = np.array([[500.0, 420.0]]), np.array([16.0])
     nothing = np.zeros((1, 2, 2))
-    sample, line, of_parallax = spread_on_the_ground(
-        view, points, parallax, np.full(1, 0.1), nothing
-    )
+    sample, line, of_parallax = ground_sigmas(view, points, parallax, np.full(1, 0.1), nothing)
     range_m = 1200.0 * 0.2 / 16.0
     np.testing.assert_allclose([sample, line], 1200.0 * ground_spread.RELIEF_M / range_m)
     assert of_parallax[0] == pytest.approx(0.1)

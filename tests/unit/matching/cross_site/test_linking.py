@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.matching.cross_site.birds_eye import BirdsEyeParams
-from solmap.photogrammetry.matching.cross_site.candidates import Candidates
+from solmap.photogrammetry.matching.cross_site.candidates import CandidateParams
 from solmap.photogrammetry.matching.cross_site.linking import (
     CrossSiteParams,
     StopViews,
@@ -18,7 +18,7 @@ from solmap.photogrammetry.matching.cross_site.links import VerdictParams
 
 PARAMS = CrossSiteParams(
     birds_eye=BirdsEyeParams(radius_m=16.0),
-    trials=TrialParams(candidates=Candidates(cell_m=0.5), decoys=1),
+    trials=TrialParams(candidates=CandidateParams(cell_m=0.5), decoys=1),
     verdict=VerdictParams(least_spread_m=0.5),  # two narrow panoramas share a strip of ground
 )
 

@@ -2,7 +2,11 @@ from dataclasses import replace
 
 import pytest
 
-from solmap.photogrammetry.matching.cross_site.links import SiteLinkFigures, VerdictParams, verdict
+from solmap.photogrammetry.matching.cross_site.links import (
+    SiteLinkFigures,
+    VerdictParams,
+    evaluate_link,
+)
 
 GOOD = SiteLinkFigures(
     distance_m=20.0,
@@ -18,7 +22,7 @@ GOOD = SiteLinkFigures(
 
 
 def judged(**changes):
-    return verdict(replace(GOOD, **changes), VerdictParams())
+    return evaluate_link(replace(GOOD, **changes), VerdictParams())
 
 
 def test_many_ties_far_above_chance_and_spread_out_are_a_link():

@@ -7,14 +7,14 @@ from scipy.spatial.transform import Rotation
 from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.matching.cross_site.surface_alignment import (
-    Couple,
     Ground,
+    GroundPair,
     SurfaceParams,
     SurfaceView,
 )
 from solmap.photogrammetry.matching.cross_site.surface_matching import (
     SurfaceTieParams,
-    tie_by_shape,
+    tie_by_surface,
 )
 from solmap.photogrammetry.matching.parallax_planes import EVERY, parallax_facets
 from tests.support.rolling_stops import (
@@ -77,7 +77,7 @@ def test_blocks_lead_back_to_where_the_stop_truly_stood(
     earlier, later, second_stop, second_stand, across_m, azimuth_deg
 ):
     wrong = misplaced(second_stop, second_stand, across_m, azimuth_deg)
-    ties = tie_by_shape(earlier, wrong, PARAMS)
+    ties = tie_by_surface(earlier, wrong, PARAMS)
     assert len(ties) >= PARAMS.least
     weight = ties.second_sigma_px**-2
     off, assumed = (
@@ -87,7 +87,7 @@ def test_blocks_lead_back_to_where_the_stop_truly_stood(
 
 
 def test_bearings_are_known_and_ranges_are_not(earlier, later):
-    ties = tie_by_shape(earlier, later, PARAMS)
+    ties = tie_by_surface(earlier, later, PARAMS)
     z = off_px(ties, earlier, later) / np.column_stack(
         [ties.second_sigma_px, ties.second_sigma_line_px, ties.second_sigma_parallax_px]
     )
@@ -100,7 +100,7 @@ def test_bearings_are_known_and_ranges_are_not(earlier, later):
 
 
 def test_a_block_becomes_one_tie_by_the_pairs_most_certain_of_it(earlier, later):
-    few = tie_by_shape(earlier, later, replace(PARAMS, most=10))
+    few = tie_by_surface(earlier, later, replace(PARAMS, most=10))
     assert len(few) == 10
     places = np.array(
         [earlier[few.pair_ids[few.first[k]]].place(few.first_left[k : k + 1],
@@ -123,14 +123,14 @@ def test_level_ground_has_no_shape_to_tie_by(earlier, later):
             out[name] = replace(view, parallax=parallax)
         return out
 
-    assert len(tie_by_shape(levelled(earlier), levelled(later), PARAMS)) == 0
+    assert len(tie_by_surface(levelled(earlier), levelled(later), PARAMS)) == 0
 
 
 def test_stops_that_share_no_ground_are_not_tied(earlier, later):
     away = {
         name: replace(v, centre=v.centre + np.array([200.0, 0, 0])) for name, v in later.items()
     }
-    ties = tie_by_shape(earlier, away, PARAMS)
+    ties = tie_by_surface(earlier, away, PARAMS)
     assert len(ties) == 0
     assert ties.pair_ids == (*earlier, *later)
 
@@ -139,7 +139,7 @@ def test_the_motion_between_two_pairs_is_found(earlier, second_stop, second_stan
     wrong = misplaced(second_stop, second_stand, 0.06, 0.15)
     one = Ground.of(earlier["P001"], wrong["P012"].centre, PARAMS.surface)
     other = Ground.of(wrong["P012"], earlier["P001"].centre, PARAMS.surface)
-    couple = Couple.of(one, other, PARAMS.surface)
+    couple = GroundPair.of(one, other, PARAMS.surface)
     assert couple is not None
     motion = couple.aligned(PARAMS.surface)
     there = np.array([7.0, 6.0, 0.0])

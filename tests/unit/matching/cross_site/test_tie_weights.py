@@ -8,10 +8,10 @@ from solmap.photogrammetry.frames import Frame, FrameKind, Pose
 from solmap.photogrammetry.matching.cross_site.tie_weights import (
     SHARED_HEIGHT_M,
     SHARED_PARALLAX_PX,
-    counted_as_one,
-    spread_out,
-    weighed_down,
-    with_shared_errors,
+    add_shared_errors,
+    inflate_sigmas,
+    overlap_counts,
+    select_spread,
 )
 from solmap.photogrammetry.matching.records import Ties
 
@@ -27,16 +27,16 @@ def grid_of(side, step_m):
 
 
 def test_ties_of_the_same_ground_count_as_one():
-    np.testing.assert_allclose(counted_as_one(np.zeros((4, 2)), np.full(4, 1.4)), 4.0)
+    np.testing.assert_allclose(overlap_counts(np.zeros((4, 2)), np.full(4, 1.4)), 4.0)
 
 
 def test_ties_of_ground_of_their_own_count_for_themselves():
-    np.testing.assert_allclose(counted_as_one(grid_of(3, 2.0), np.full(9, 1.9)), 1.0)
+    np.testing.assert_allclose(overlap_counts(grid_of(3, 2.0), np.full(9, 1.9)), 1.0)
 
 
 def test_two_patches_that_share_half_of_their_ground_count_half_for_each_other():
     places = np.array([[0.0, 0.0], [0.0, 0.7]])
-    np.testing.assert_allclose(counted_as_one(places, np.full(2, 1.4)), 1.5)
+    np.testing.assert_allclose(overlap_counts(places, np.full(2, 1.4)), 1.5)
 
 
 def test_the_mean_of_overlapping_patches_scatters_as_their_weights_say(rng):
@@ -46,7 +46,7 @@ def test_the_mean_of_overlapping_patches_scatters_as_their_weights_say(rng):
     for _ in range(400):
         noise = rng.normal(size=(cells, cells)) * width  # a patch's mean has sigma 1
         means.append([noise[i : i + width, j : j + width].mean() for i, j in corners])
-    k = counted_as_one(corners.astype(float), np.full(len(corners), float(width)))
+    k = overlap_counts(corners.astype(float), np.full(len(corners), float(width)))
     scatter = np.std(np.average(means, axis=1, weights=1 / k))
     # 400 draws: 3.5 % of scatter; borders, which are weighted by less than they know: some more
     assert scatter == pytest.approx(1 / np.sqrt((1 / k).sum()), rel=0.12)
@@ -54,14 +54,14 @@ def test_the_mean_of_overlapping_patches_scatters_as_their_weights_say(rng):
 
 
 def test_weighing_down_makes_every_standard_deviation_larger():
-    ties = weighed_down(some_ties(3), np.array([1.0, 4.0, 0.5]))
+    ties = inflate_sigmas(some_ties(3), np.array([1.0, 4.0, 0.5]))
     for name in ("first_sigma_px", "second_sigma_px", "second_sigma_parallax_px"):
         np.testing.assert_allclose(getattr(ties, name), [0.1, 0.2, 0.1])
 
 
 def test_ties_that_are_handed_on_lie_apart_and_the_finest_are_among_them(rng):
     places, width_m = rng.uniform(0, 20, (300, 2)), rng.uniform(1.0, 2.0, 300)
-    kept = spread_out(places, width_m, 0.75, at_least=10)
+    kept = select_spread(places, width_m, 0.75, at_least=10)
     assert kept[np.argmin(width_m)]
     apart = np.abs(places[kept][:, None] - places[kept]).max(axis=2)
     least = 0.75 * np.maximum(width_m[kept][:, None], width_m[kept])
@@ -71,8 +71,8 @@ def test_ties_that_are_handed_on_lie_apart_and_the_finest_are_among_them(rng):
 
 
 def test_rather_than_too_few_ties_closer_ones_are_handed_on():
-    assert spread_out(grid_of(5, 0.2), np.full(25, 1.0), 0.75, at_least=20).sum() >= 20
-    assert spread_out(np.zeros((3, 2)), np.ones(3), 0.75, at_least=20).sum() >= 1
+    assert select_spread(grid_of(5, 0.2), np.full(25, 1.0), 0.75, at_least=20).sum() >= 20
+    assert select_spread(np.zeros((3, 2)), np.ones(3), 0.75, at_least=20).sum() >= 1
 
 
 def test_what_all_ties_share_leaves_their_mean_uncertain():
@@ -83,7 +83,7 @@ def test_what_all_ties_share_leaves_their_mean_uncertain():
     ties = replace(
         ties, first_parallax_px=np.full(40, 48.0), second_parallax_px=np.full(40, 16.0)
     )  # at 5 and at 15 m
-    weighed = with_shared_errors(ties, {"a": pair, "b": pair})
+    weighed = add_shared_errors(ties, {"a": pair, "b": pair})
     np.testing.assert_array_equal(weighed.first_sigma_line_px, ties.first_sigma_line_px)
     of_mean_m = weighed.second_sigma_line_px / 40**0.5 * 15.0 / 1200.0
     np.testing.assert_allclose(of_mean_m, SHARED_HEIGHT_M, rtol=0.01)

@@ -2,12 +2,12 @@ import numpy as np
 import pytest
 
 from solmap.photogrammetry.matching.cross_site.birds_eye import BirdsEyeParams, PlaneFit
-from solmap.photogrammetry.matching.cross_site.gate import GateParams, gate_between
+from solmap.photogrammetry.matching.cross_site.gate import GateParams, search_gate
 from solmap.photogrammetry.matching.cross_site.ground_views import StopViews
-from solmap.photogrammetry.matching.cross_site.hypotheses.features import WideBaselineParams
+from solmap.photogrammetry.matching.cross_site.hypotheses.features import FeatureParams
 from solmap.photogrammetry.matching.cross_site.hypotheses.search import (
     HypothesisParams,
-    hypotheses,
+    find_hypotheses,
 )
 from solmap.photogrammetry.matching.cross_site.hypotheses.voting import Landmarks
 from solmap.products.reports.link_figures import ENLARGED, agree, draw_features
@@ -39,12 +39,12 @@ def lines_in(picture):
 
 def test_features_that_agree_are_joined_across_both_views(both):
     one, other = both
-    gate, _ = gate_between(one.stop, other.stop, GateParams())
-    right = hypotheses(one, other, gate, BIRDS_EYE, HypothesisParams())[0].fit
+    gate, _ = search_gate(one.stop, other.stop, GateParams())
+    right = find_hypotheses(one, other, gate, BIRDS_EYE, HypothesisParams())[0].fit
     wrong = PlaneFit(right.azimuth, right.north_m - 4.0, right.east_m + 4.0, 0.0, 1.0, 1.0)
     views = (one.birds_eye, other.birds_eye)
     drawn, nearly_none = (
-        draw_features(*views, fit, BIRDS_EYE, WideBaselineParams()) for fit in (right, wrong)
+        draw_features(*views, fit, BIRDS_EYE, FeatureParams()) for fit in (right, wrong)
     )
     assert drawn.shape[0] == ENLARGED * one.birds_eye.grey.shape[0]
     assert lines_in(drawn) > 4 * lines_in(nearly_none)

@@ -13,8 +13,8 @@ from solmap.photogrammetry.matching.cross_site.birds_eye import (
     channels,
 )
 from solmap.photogrammetry.matching.cross_site.hypotheses.correlation import (
+    correlate_views,
     masked_correlation,
-    search,
 )
 from solmap.products.reports.link_figures import overlay_picture
 
@@ -44,7 +44,7 @@ def seen_from(rng_seed, north=0.0, east=0.0, azimuth=0.0, lift=0.0):
 def test_the_search_finds_shift_azimuth_and_drop():
     earlier = seen_from(1)
     later = seen_from(1, north=4.0, east=-3.1, azimuth=0.03, lift=0.5)
-    best = search(earlier, later, SearchGate(3.5, -2.5, 2.0, 0.06), PARAMS)[0]
+    best = correlate_views(earlier, later, SearchGate(3.5, -2.5, 2.0, 0.06), PARAMS)[0]
     assert best.north_m == pytest.approx(4.0, abs=0.08)  # half a cell
     assert best.east_m == pytest.approx(-3.1, abs=0.08)
     assert best.azimuth == pytest.approx(0.03, abs=0.005)
@@ -55,18 +55,18 @@ def test_the_search_finds_shift_azimuth_and_drop():
 def test_the_search_does_not_need_the_grey_values_to_agree():
     earlier, later = seen_from(1), seen_from(1, north=4.0, east=-3.0)
     other_sun = replace(later, grey=seen_from(5, north=4.0, east=-3.0).grey)
-    best = search(earlier, other_sun, SearchGate(3.5, -2.5, 2.0, 0.02), PARAMS)[0]
+    best = correlate_views(earlier, other_sun, SearchGate(3.5, -2.5, 2.0, 0.02), PARAMS)[0]
     assert np.hypot(best.north_m - 4.0, best.east_m + 3.0) < 0.2
 
 
 def test_no_peak_stands_out_where_the_ground_is_another():
     earlier, later = seen_from(1), seen_from(2, north=4.0, east=-3.0)
-    best = search(earlier, later, SearchGate(3.5, -2.5, 2.0, 0.03), PARAMS)[0]
+    best = correlate_views(earlier, later, SearchGate(3.5, -2.5, 2.0, 0.03), PARAMS)[0]
     assert best.z < 5
 
 
 def test_peaks_lie_inside_the_gate_and_apart():
-    fits = search(seen_from(1), seen_from(2), SearchGate(3.0, 1.0, 2.0, 0.02), PARAMS)
+    fits = correlate_views(seen_from(1), seen_from(2), SearchGate(3.0, 1.0, 2.0, 0.02), PARAMS)
     assert len(fits) == PARAMS.peaks
     for k, fit in enumerate(fits):
         assert np.hypot(fit.north_m - 3.0, fit.east_m - 1.0) < 2.0 + PARAMS.cell_m
@@ -76,7 +76,9 @@ def test_peaks_lie_inside_the_gate_and_apart():
 
 
 def test_views_that_hardly_overlap_have_no_peak():
-    assert search(seen_from(1), seen_from(1), SearchGate(21.5, 0.0, 0.3, 0.01), PARAMS) == []
+    assert (
+        correlate_views(seen_from(1), seen_from(1), SearchGate(21.5, 0.0, 0.3, 0.01), PARAMS) == []
+    )
 
 
 def test_masked_correlation_is_the_coefficient_over_the_common_cells():
@@ -106,7 +108,7 @@ def test_a_birds_eye_view_shows_the_ground_where_it_is(first_stop):
 
 def test_the_overlay_is_grey_where_both_views_agree():
     view = seen_from(1)
-    fit = search(view, view, SearchGate(0.0, 0.0, 1.0, 0.01), PARAMS)[0]
+    fit = correlate_views(view, view, SearchGate(0.0, 0.0, 1.0, 0.01), PARAMS)[0]
     picture = overlay_picture(view, view, fit).astype(int)
     shown = picture.any(axis=2)
     assert np.abs(picture[shown][:, 0] - picture[shown][:, 1]).mean() < 10

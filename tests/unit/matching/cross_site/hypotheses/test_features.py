@@ -11,14 +11,14 @@ from solmap.photogrammetry.matching.cross_site.birds_eye import (
     SearchGate,
 )
 from solmap.photogrammetry.matching.cross_site.hypotheses.features import (
-    WideBaselineParams,
+    FeatureParams,
     conjugate_features,
     find_features,
     match_features,
 )
 
 BIRDS_EYE = BirdsEyeParams(radius_m=16.0)
-PARAMS = WideBaselineParams()
+PARAMS = FeatureParams()
 GATE = SearchGate(9.0, -6.0, 3.0, 0.06)
 CELLS = 200
 
@@ -105,4 +105,4 @@ def test_a_view_of_nothing_has_no_features():
 
 def test_sizes_alike_up_to_less_than_themselves_are_refused():
     with pytest.raises(MatchingError, match="give 1 or more features, a factor above 1"):
-        WideBaselineParams(size_ratio=0.5)
+        FeatureParams(size_ratio=0.5)

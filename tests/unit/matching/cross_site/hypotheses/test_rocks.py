@@ -12,9 +12,9 @@ from solmap.photogrammetry.matching.cross_site.birds_eye import (
 )
 from solmap.photogrammetry.matching.cross_site.hypotheses.rocks import (
     RockParams,
-    alike,
     find_rocks,
     match_rocks,
+    similar_rocks,
 )
 from solmap.photogrammetry.matching.records import EpipolarImages, MatchedPair, MatchedStop
 
@@ -136,7 +136,7 @@ def test_the_rocks_of_another_field_favour_no_place(from_the_south):
 
 
 def test_rocks_of_different_sizes_are_not_the_same(from_the_south):
-    pairs = alike(from_the_south, from_the_south, PARAMS)
+    pairs = similar_rocks(from_the_south, from_the_south, PARAMS)
     width = from_the_south.width_m
     ratio = width[pairs[:, 0]] / width[pairs[:, 1]]
     assert ratio.max() < PARAMS.size_ratio

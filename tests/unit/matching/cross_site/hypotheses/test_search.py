@@ -5,16 +5,16 @@ import pytest
 
 from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.matching.cross_site.birds_eye import BirdsEyeParams, PlaneFit
-from solmap.photogrammetry.matching.cross_site.gate import GateParams, gate_between
+from solmap.photogrammetry.matching.cross_site.gate import GateParams, search_gate
 from solmap.photogrammetry.matching.cross_site.ground_views import StopViews
 from solmap.photogrammetry.matching.cross_site.hypotheses.search import (
     CORRELATION,
     FEATURES,
     ROCKS,
     HypothesisParams,
-    hypotheses,
-    merged,
-    peaks_of,
+    find_hypotheses,
+    merge_peaks,
+    rank_peaks,
 )
 
 PARAMS = HypothesisParams()
@@ -31,42 +31,42 @@ def first(first_stop):
 
 
 def found_between(one, other):
-    gate, _ = gate_between(one.stop, other.stop, GateParams())
-    return hypotheses(one, other, gate, BIRDS_EYE, PARAMS)
+    gate, _ = search_gate(one.stop, other.stop, GateParams())
+    return find_hypotheses(one, other, gate, BIRDS_EYE, PARAMS)
 
 
 def test_ways_that_agree_rank_before_one_that_shouts():
-    correlation = peaks_of(
+    correlation = rank_peaks(
         CORRELATION, [fit(0, 0, 9), fit(5, 0, 7), fit(0, 5, 5), fit(5, 5, 5)], PARAMS
     )
-    features = peaks_of(FEATURES, [fit(5.1, 0.2, 12), fit(-5, 0, 6), fit(0, -5, 6)], PARAMS)
-    best = merged([*correlation, *features], PARAMS)[0]
+    features = rank_peaks(FEATURES, [fit(5.1, 0.2, 12), fit(-5, 0, 6), fit(0, -5, 6)], PARAMS)
+    best = merge_peaks([*correlation, *features], PARAMS)[0]
     assert best.found_by == (FEATURES, CORRELATION)
     assert (best.fit.north_m, best.fit.east_m) == (5.1, 0.2)
     assert best.evidence == pytest.approx((12 / 6 - 1) + (7 / 5 - 1))
 
 
 def test_what_looks_like_the_rest_is_no_evidence():
-    peaks = peaks_of(ROCKS, [fit(0, 0, 4), fit(5, 0, 4), fit(0, 5, 4), fit(5, 5, 3.9)], PARAMS)
+    peaks = rank_peaks(ROCKS, [fit(0, 0, 4), fit(5, 0, 4), fit(0, 5, 4), fit(5, 5, 3.9)], PARAMS)
     assert [peak.evidence for peak in peaks] == [0, 0, 0, 0]
 
 
 def test_a_single_low_peak_is_held_against_chance():
-    (peak,) = peaks_of(ROCKS, [fit(0, 0, 2.5)], PARAMS)
+    (peak,) = rank_peaks(ROCKS, [fit(0, 0, 2.5)], PARAMS)
     assert peak.evidence == 0
-    (peak,) = peaks_of(ROCKS, [fit(0, 0, 2 * PARAMS.least_level)], PARAMS)
+    (peak,) = rank_peaks(ROCKS, [fit(0, 0, 2 * PARAMS.least_level)], PARAMS)
     assert peak.evidence == pytest.approx(1.0)
 
 
 def test_one_place_at_two_azimuths_is_two_hypotheses():
-    one = peaks_of(CORRELATION, [fit(0, 0, 9), fit(5, 0, 4)], PARAMS)
-    turned = peaks_of(FEATURES, [fit(0, 0, 9, azimuth=0.05), fit(5, 0, 4)], PARAMS)
-    assert len(merged([*one, *turned], PARAMS)) == 3
+    one = rank_peaks(CORRELATION, [fit(0, 0, 9), fit(5, 0, 4)], PARAMS)
+    turned = rank_peaks(FEATURES, [fit(0, 0, 9, azimuth=0.05), fit(5, 0, 4)], PARAMS)
+    assert len(merge_peaks([*one, *turned], PARAMS)) == 3
 
 
 def test_two_peaks_of_one_way_never_count_as_agreeing():
-    near = peaks_of(CORRELATION, [fit(0, 0, 9), fit(0.1, 0, 8), fit(5, 0, 4)], PARAMS)
-    assert all(h.found_by == (CORRELATION,) for h in merged(near, PARAMS))
+    near = rank_peaks(CORRELATION, [fit(0, 0, 9), fit(0.1, 0, 8), fit(5, 0, 4)], PARAMS)
+    assert all(h.found_by == (CORRELATION,) for h in merge_peaks(near, PARAMS))
 
 
 def test_correlation_and_features_find_a_stop_that_looks_back_under_another_sun(
@@ -89,8 +89,8 @@ def test_on_other_ground_no_hypothesis_is_clear(first, foreign_stop):
 
 
 def test_the_best_are_handed_on_and_no_more_than_asked_for(first, second_stop):
-    gate, _ = gate_between(first.stop, second_stop, GateParams())
-    few = hypotheses(
+    gate, _ = search_gate(first.stop, second_stop, GateParams())
+    few = find_hypotheses(
         first, StopViews.of(second_stop, BIRDS_EYE), gate, BIRDS_EYE, replace(PARAMS, most=2)
     )
     assert len(few) == 2

@@ -6,8 +6,8 @@ from solmap.photogrammetry.matching.cross_site.birds_eye import SearchGate
 from solmap.photogrammetry.matching.cross_site.hypotheses.voting import (
     Landmarks,
     VotingParams,
-    elect,
     likelihood_root,
+    vote_for_places,
 )
 
 GATE = SearchGate(12.0, -5.0, 4.0, 0.06)
@@ -42,7 +42,7 @@ def every_pair(one, other):
 
 def test_common_landmarks_elect_the_place_and_the_azimuth():
     one, other = constellations(np.random.default_rng(1))
-    best, second = elect(one, other, every_pair(one, other), GATE, 2, VotingParams())
+    best, second = vote_for_places(one, other, every_pair(one, other), GATE, 2, VotingParams())
     # 25 landmarks placed to 0.14 m: 0.03 m, and 0.14 m / (5 m sqrt(25)) = 6 mrad
     assert np.hypot(best.north_m - TRUE[1], best.east_m - TRUE[2]) < 0.12
     assert best.azimuth == pytest.approx(TRUE[0], abs=0.02)
@@ -51,14 +51,14 @@ def test_common_landmarks_elect_the_place_and_the_azimuth():
 
 def test_constellations_without_a_common_landmark_elect_nobody():
     one, other = constellations(np.random.default_rng(2), common=0, foreign=65)
-    best = elect(one, other, every_pair(one, other), GATE, 1, VotingParams())[0]
+    best = vote_for_places(one, other, every_pair(one, other), GATE, 1, VotingParams())[0]
     assert best.z < 5  # 3.0 to 4.2 with eight seeds; 8.8 to 10.9 with 25 landmarks in common
 
 
 def test_a_pose_outside_the_gate_is_not_elected():
     one, other = constellations(np.random.default_rng(3))
     gate = SearchGate(GATE.north_m - 6.0, GATE.east_m, 3.0, GATE.azimuth_reach)
-    for place in elect(one, other, every_pair(one, other), gate, 3, VotingParams()):
+    for place in vote_for_places(one, other, every_pair(one, other), gate, 3, VotingParams()):
         off = np.hypot(place.north_m - gate.north_m, place.east_m - gate.east_m)
         assert off < gate.reach_m + 3 * VotingParams().cell_m  # a settled peak moves two cells
 
@@ -71,14 +71,14 @@ def test_landmarks_that_are_vague_along_the_ray_still_count_across_it():
         one.places + np.outer(rng.normal(0, 0.5, len(one)), along),
         np.broadcast_to(np.diag([0.5**2, 0.05**2]), (len(one), 2, 2)),
     )
-    best = elect(vague, other, every_pair(one, other), GATE, 1, VotingParams())[0]
+    best = vote_for_places(vague, other, every_pair(one, other), GATE, 1, VotingParams())[0]
     assert abs(best.east_m - TRUE[2]) < 0.15
     assert abs(best.north_m - TRUE[1]) < 0.6
 
 
 def test_without_pairs_nobody_is_elected():
     one, other = constellations(np.random.default_rng(5))
-    assert elect(one, other, np.zeros((0, 2), np.int32), GATE, 3, VotingParams()) == []
+    assert vote_for_places(one, other, np.zeros((0, 2), np.int32), GATE, 3, VotingParams()) == []
 
 
 def test_as_many_votes_as_expected_stand_for_nothing():
