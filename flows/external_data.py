@@ -15,7 +15,7 @@ from solmap.config.landing import landing_site
 from solmap.config.settings import Settings
 from solmap.config.workspace import open_workspace
 from solmap.photogrammetry.imagery import StopId
-from solmap.photogrammetry.matching.manual.requests import HandAction
+from solmap.photogrammetry.matching.manual.requests import EditAction
 from solmap.photogrammetry.orbital.registration import RegistrationParams
 from solmap.photogrammetry.orbital.search import SearchParams
 from solmap.photogrammetry.terrain.dtm.grid import union
@@ -211,7 +211,7 @@ class TakenTies:
     """What a file of hand ties holds."""
 
     name: str
-    counts: dict[HandAction, int]
+    counts: dict[EditAction, int]
     strangers: tuple[str, ...]
     """Images and stops that it names and the store does not have yet."""
 
@@ -233,7 +233,7 @@ def take_ties_file(file: Path, root: Path) -> TakenTies:
     ref = take_hand_ties(file.name, data, workspace.store)
     entries = workspace.catalogue.images()
     known = {entry.id for entry in entries} | {entry.stop for entry in entries}
-    counts = {action: sum(wish.action is action for wish in wishes) for action in HandAction}
+    counts = {action: sum(wish.action is action for wish in wishes) for action in EditAction}
     taken = TakenTies(file.name, counts, tuple(sorted(names_in(wishes) - known)))
     workspace.catalogue.publish(
         pointers=[ref],

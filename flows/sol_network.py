@@ -9,7 +9,7 @@ import numpy as np
 from solmap.flows.runtime.failures import settled
 from solmap.flows.sol_inputs import SolInputs, SolReport, Standing, candidates
 from solmap.photogrammetry.imagery import StopId
-from solmap.photogrammetry.matching.manual.requests import HandTie
+from solmap.photogrammetry.matching.manual.requests import EditRequest
 from solmap.products.formats.documents.archives import read_right_turn
 from solmap.products.model import ProductRef
 from solmap.tasks.images.manual_ties import all_wishes, concerning
@@ -131,7 +131,7 @@ def _tie_singles(
 
 def _hand_ties(
     inputs: SolInputs, matched: Mapping[StopId, Sequence[PairProducts]]
-) -> tuple[HandTie, ...]:
+) -> tuple[EditRequest, ...]:
     """The hand ties that concern pairs and stops of the window and nothing beyond them."""
     wishes = all_wishes(inputs.workspace)
     known = {pair.files.id for pairs in matched.values() for pair in pairs}

@@ -48,19 +48,19 @@ from solmap.photogrammetry.cameras.model import CameraModel
 from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.imagery import Eye, StopId
 from solmap.photogrammetry.matching.conjugates import View
-from solmap.photogrammetry.matching.manual.editing import HandBody, edited, epipolar_point
+from solmap.photogrammetry.matching.manual.editing import ManualImage, apply_edits, epipolar_point
 from solmap.photogrammetry.matching.manual.picking import (
     LARGEST_REACH_PX,
     PickedView,
     PickParams,
-    measured_pick,
+    measure_pick,
 )
 from solmap.photogrammetry.matching.manual.requests import (
     SIGMA_PX,
     TOLERANCE_PX,
-    HandAction,
-    HandPoint,
-    HandTie,
+    EditAction,
+    EditPoint,
+    EditRequest,
 )
 from solmap.photogrammetry.matching.records import Ties, join_ties
 from solmap.photogrammetry.matching.resampling import GROUND_M
@@ -127,7 +127,7 @@ def refined_pick(question: RefineQuestion, mission: OrientedMission) -> RefineAn
     (first, at, _), (second, start, eyes) = sides
     picked = np.array([question.second.sample, question.second.line])
     try:
-        found = measured_pick(first, second, at, start, PickParams(reach_px=question.reach_px))
+        found = measure_pick(first, second, at, start, PickParams(reach_px=question.reach_px))
         place = stored_point(eyes.left, eyes.geometry, np.array([found.place]))[0]
         said, sigma, correlation = None, found.sigma_px, found.correlation
     except MatchingError as error:
@@ -320,48 +320,48 @@ def _stops(question: TrialQuestion, mission: OrientedMission) -> set[StopId]:
     return stops
 
 
-def _body(name: str, mission: OrientedMission) -> HandBody:
+def _body(name: str, mission: OrientedMission) -> ManualImage:
     _, eyes = left_entry(name, mission)
     parallax = eyes.dense.parallax_px
-    return HandBody(eyes.pair_id, eyes.geometry, eyes.left, eyes.right, parallax)
+    return ManualImage(eyes.pair_id, eyes.geometry, eyes.left, eyes.right, parallax)
 
 
-def _wish(row: int, tie: TieWish) -> HandTie:
+def _wish(row: int, tie: TieWish) -> EditRequest:
     first, second = (_point(point) for point in (tie.first, tie.second))
-    action = HandAction(tie.action)
-    return HandTie(action, first, second, tie.sigma_px, tie.tolerance_px, f"tie {row}")
+    action = EditAction(tie.action)
+    return EditRequest(action, first, second, tie.sigma_px, tie.tolerance_px, f"tie {row}")
 
 
-def _point(point: TiePoint) -> HandPoint:
+def _point(point: TiePoint) -> EditPoint:
     pairs = ((point.sample, point.line), (point.right_sample, point.right_line))
     places = []
     for sample, line in pairs:
         if (sample is None) != (line is None):
             raise UnanswerableError(f"sample and line go together; one is missing in {point.image}")
         places.append(None if sample is None or line is None else (sample, line))
-    return HandPoint(point.image.upper(), places[0], places[1])
+    return EditPoint(point.image.upper(), places[0], places[1])
 
 
 def _placed(
-    wishes: list[HandTie], bodies: dict[str, HandBody]
+    wishes: list[EditRequest], bodies: dict[str, ManualImage]
 ) -> tuple[Ties, list[int], list[str]]:
     """The ties that are added, the numbers of their wishes, and what could not be carried out."""
     made: list[Ties] = []
     numbers_made: list[int] = []
     notes: list[str] = []
     for k, wish in enumerate(wishes):
-        if wish.action is HandAction.VETO:
+        if wish.action is EditAction.VETO:
             continue
-        added = HandTie(HandAction.ADD, wish.first, wish.second, wish.sigma_px, row=wish.row)
-        outcome = edited([], [added], bodies, {})
+        added = EditRequest(EditAction.ADD, wish.first, wish.second, wish.sigma_px, row=wish.row)
+        outcome = apply_edits([], [added], bodies, {})
         notes += outcome.notes
         made += outcome.ties
         numbers_made += [k] * len(outcome.ties)
     return join_ties(made, tuple(bodies)), numbers_made, notes
 
 
-def _veto(wish: HandTie, bodies: dict[str, HandBody]) -> Veto | None:
-    if wish.action is HandAction.ADD:
+def _veto(wish: EditRequest, bodies: dict[str, ManualImage]) -> Veto | None:
+    if wish.action is EditAction.ADD:
         return None
     body, point = bodies[wish.first.image], wish.first.point
     left = None if point is None else epipolar_point(body.left, body.geometry, point)

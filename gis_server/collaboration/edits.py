@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from solmap.gis_server.collaboration.accounts import Analyst
 from solmap.gis_server.parameters import AGAIN, LARGEST_ID, MissionName
 from solmap.gis_server.services import Services, ServicesOf
-from solmap.photogrammetry.matching.manual.requests import parse_hand_ties
+from solmap.photogrammetry.matching.manual.requests import parse_edit_requests
 from solmap.products.catalogue.edits import Edit, EditConflictError, EditKind
 from solmap.products.catalogue.events import EDITS_CHANGED
 from solmap.products.formats.raster.tiling import HALF_SIDE_M
@@ -128,7 +128,7 @@ def edit_tie(mission: MissionName, edit: TieEdit, services: ServicesOf, who: Ana
     services.catalogue.mission(mission)
     wish = edit.model_dump(exclude={"note"}, exclude_none=True)
     document = {"features": [{"properties": wish}]}
-    (tie,) = parse_hand_ties(json.dumps(document), "edit")  # MatchingError answers 422
+    (tie,) = parse_edit_requests(json.dumps(document), "edit")  # MatchingError answers 422
     for point in (tie.first, tie.second):
         if point.image:
             _must_know(point.image, mission, services, is_stop=point.is_stop)

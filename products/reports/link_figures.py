@@ -44,7 +44,7 @@ def draw_landmarks(
     offset = grounds[0].shape[1] + GAP_PX
     picture = np.zeros((grounds[0].shape[0], offset + grounds[1].shape[1], 3), np.uint8)
     picture[:, : grounds[0].shape[1]], picture[:, offset:] = grounds
-    agreeing = pairs[agree(landmarks, pairs, fit, 2 * views[0].cell_m)]
+    agreeing = pairs[agrees_with_fit(landmarks, pairs, fit, 2 * views[0].cell_m)]
     starts, ends = (
         _pixels(marks.places[rows], view)
         for marks, rows, view in zip(landmarks, agreeing.T, views, strict=True)
@@ -71,7 +71,7 @@ def draw_features(
     return draw_landmarks((earlier, later), (one.landmarks, other.landmarks), pairs, fit, birds_eye)
 
 
-def agree(
+def agrees_with_fit(
     landmarks: tuple[Landmarks, Landmarks],
     pairs: Int32[np.ndarray, "n 2"],
     fit: PlaneFit,
@@ -106,7 +106,7 @@ def _pixels(places: Float64[np.ndarray, "n 2"], view: BirdsEyeView) -> Int32[np.
     return np.round(at * ENLARGED).astype(np.int32)
 
 
-def overlay_picture(earlier: BirdsEyeView, later: BirdsEyeView, fit: PlaneFit) -> Picture:
+def draw_overlay(earlier: BirdsEyeView, later: BirdsEyeView, fit: PlaneFit) -> Picture:
     """Both views in one picture, the earlier in red, the later in green and blue.
 
     Where they agree the picture is grey; where only one saw the ground it has that one's colour.

@@ -50,7 +50,7 @@ def misfits(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Shown:
+class FigureImage:
     """An image that ties are drawn on."""
 
     name: str
@@ -58,14 +58,14 @@ class Shown:
     mask: Mask
 
     @classmethod
-    def of(cls, pair: MatchedPair) -> Shown:
+    def of(cls, pair: MatchedPair) -> FigureImage:
         """The left image of a pair."""
         return cls(pair.pair_id, pair.images.left, pair.images.left_mask)
 
 
 def draw_ties(
-    first: Shown,
-    second: Shown,
+    first: FigureImage,
+    second: FigureImage,
     ties: Ties,
     misfit: PerPoint,
     scale: float = 1.0,
@@ -90,7 +90,7 @@ def draw_ties(
 
 
 def draw_sheet(
-    images: Iterable[Shown], ties: Ties, misfit: PerPoint, *, first_left: bool = False
+    images: Iterable[FigureImage], ties: Ties, misfit: PerPoint, *, first_left: bool = False
 ) -> Picture:
     """All couples of images that ties join, two to a row, those with most ties first.
 
@@ -126,8 +126,8 @@ def caption(text: str, width: int) -> Picture:
 
 
 def _side_by_side(
-    first: Shown, second: Shown, ties: Ties, *, first_left: bool
-) -> tuple[Shown, Shown, Flags]:
+    first: FigureImage, second: FigureImage, ties: Ties, *, first_left: bool
+) -> tuple[FigureImage, FigureImage, Flags]:
     """A couple as it is to stand, and the ties between them."""
     rows = _between(ties, first.name, second.name)
     if first_left:
@@ -139,7 +139,9 @@ def _side_by_side(
     return (first, second, rows) if shares[0] >= shares[1] else (second, first, rows)
 
 
-def _cell(first: Shown, second: Shown, rows: Flags, ties: Ties, misfit: PerPoint) -> Picture:
+def _cell(
+    first: FigureImage, second: FigureImage, rows: Flags, ties: Ties, misfit: PerPoint
+) -> Picture:
     """One couple of a sheet, with its names and number of ties above."""
     wide = first.image.shape[1] + second.image.shape[1]
     scale = (SHEET_PX // COLUMNS - 2 * GAP_PX) / wide

@@ -13,8 +13,8 @@ from dataclasses import replace
 
 from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.errors import MatchingError
-from solmap.photogrammetry.matching.manual.editing import Edited, HandBody, edited
-from solmap.photogrammetry.matching.manual.requests import HandTie, parse_hand_ties
+from solmap.photogrammetry.matching.manual.editing import EditedTies, ManualImage, apply_edits
+from solmap.photogrammetry.matching.manual.requests import EditRequest, parse_edit_requests
 from solmap.photogrammetry.matching.records import Ties
 from solmap.products.catalogue.edits import EditKind, EditLog
 from solmap.products.catalogue.workspace import Workspace
@@ -43,13 +43,13 @@ def take_hand_ties(name: str, data: bytes, store: ProductStore) -> ProductRef:
     return keep_file(ProductKind.HAND_TIES, name, data, store)
 
 
-def wishes_in(data: bytes, name: str) -> tuple[HandTie, ...]:
+def wishes_in(data: bytes, name: str) -> tuple[EditRequest, ...]:
     """The rows of a file of hand ties."""
     try:
         text = data.decode("utf-8")
     except UnicodeDecodeError as error:
         raise MatchingError(f"{name}: hand ties are text in UTF-8, but {error}") from error
-    return parse_hand_ties(text, name)
+    return parse_edit_requests(text, name)
 
 
 def take_edits(workspace: Workspace) -> None:
@@ -67,7 +67,7 @@ def take_edits(workspace: Workspace) -> None:
     workspace.catalogue.publish(pointers=[ref])
 
 
-def all_wishes(workspace: Workspace) -> tuple[HandTie, ...]:
+def all_wishes(workspace: Workspace) -> tuple[EditRequest, ...]:
     """The rows of all files of hand ties, file by file."""
     refs = workspace.catalogue.pointers(ProductKind.HAND_TIES)
     return tuple(
@@ -77,39 +77,39 @@ def all_wishes(workspace: Workspace) -> tuple[HandTie, ...]:
     )
 
 
-def names_in(wishes: Iterable[HandTie]) -> set[str]:
+def names_in(wishes: Iterable[EditRequest]) -> set[str]:
     """The images and stops that wishes name."""
     points = (point for wish in wishes for point in (wish.first, wish.second))
     return {point.image for point in points if point.image}
 
 
-def concerning(wishes: Iterable[HandTie], known: Collection[str]) -> tuple[HandTie, ...]:
+def concerning(wishes: Iterable[EditRequest], known: Collection[str]) -> tuple[EditRequest, ...]:
     """The wishes whose images and stops are all `known`."""
     return tuple(wish for wish in wishes if names_in([wish]) <= set(known))
 
 
-def wanted(wishes: Iterable[HandTie]) -> tuple[HandTie, ...]:
+def wanted(wishes: Iterable[EditRequest]) -> tuple[EditRequest, ...]:
     """Wishes without where they stand, for recipes: the row of a file changes nothing."""
     return tuple(replace(wish, row="") for wish in wishes)
 
 
 def carried_out(
-    wishes: Sequence[HandTie],
+    wishes: Sequence[EditRequest],
     ties: Sequence[Ties],
     pairs: Sequence[PairProducts],
     store: ProductStore,
-) -> Edited:
+) -> EditedTies:
     """Automatic ties between pairs with the wishes of a person carried out."""
     named = names_in(wishes)
     bodies = {pair.files.id: _body(pair, store) for pair in pairs if pair.files.id in named}
-    return edited(ties, wishes, bodies, {p.files.id: str(p.files.stop) for p in pairs})
+    return apply_edits(ties, wishes, bodies, {p.files.id: str(p.files.stop) for p in pairs})
 
 
-def _body(pair: PairProducts, store: ProductStore) -> HandBody:
+def _body(pair: PairProducts, store: ProductStore) -> ManualImage:
     """A pair with the cameras of its original images."""
     path = store.path(pair.matches)
     geometry: EpipolarPair = read_matches(path)[0]
     left, right = read_pair(pair.files, store)
     turned = with_right_turned(right, read_right_turn(path))
     parallax = read_parallax(store.path(pair.parallax))
-    return HandBody(pair.files.id, geometry, left.image.camera, turned.image.camera, parallax)
+    return ManualImage(pair.files.id, geometry, left.image.camera, turned.image.camera, parallax)

@@ -23,7 +23,7 @@ from solmap.photogrammetry.adjustment.model.network import Network, PairGeometry
 from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
 from solmap.photogrammetry.adjustment.modes.mission import AdjustmentMode, advance
 from solmap.photogrammetry.imagery import StereoMatches, StopId
-from solmap.photogrammetry.matching.manual.requests import HandTie
+from solmap.photogrammetry.matching.manual.requests import EditRequest
 from solmap.photogrammetry.matching.records import Ties
 from solmap.photogrammetry.matching.tracks import TrackParams, build_tie_points
 from solmap.products.formats.documents.archives import read_mast, read_matches, read_ties
@@ -78,7 +78,7 @@ class NetworkStep:
     links: tuple[ProductRef, ...]
     singles: tuple[ProductRef, ...] = ()
     """Ties of images without a stereo partner, by stop."""
-    hand: tuple[HandTie, ...] = ()
+    hand: tuple[EditRequest, ...] = ()
     """What people want added, vetoed or moved, as far as it concerns these pairs."""
     control: tuple[ProductRef, ...] = ()
     """Where stops lie in orbital images, or where people measured them to lie."""

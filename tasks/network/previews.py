@@ -28,10 +28,10 @@ from solmap.products.errors import ProductError
 from solmap.products.formats.documents.archives import read_dense
 from solmap.products.formats.raster.raster import read_dtm
 from solmap.products.model import ProductKind, ProductRef, Recipe
-from solmap.products.reports.link_figures import draw_features, overlay_picture
+from solmap.products.reports.link_figures import draw_features, draw_overlay
 from solmap.products.reports.match_figures import draw_pair
 from solmap.products.reports.terrain_figures import class_picture, relief_picture
-from solmap.products.reports.tie_figures import Shown, caption, draw_sheet, misfits
+from solmap.products.reports.tie_figures import FigureImage, caption, draw_sheet, misfits
 from solmap.products.store.product_store import ProductStore
 from solmap.tasks.images.pairs import PairProducts, read_matched_pair
 from solmap.tasks.scopes import pair_scope
@@ -79,10 +79,10 @@ def write_ties_picture(path: Path, stop: MatchedStop, ties: Ties, params: Alignm
     """Every two pairs of a stop with their ties, coloured by how well they agree."""
     rest = Pose.identity(stop.stop.frame, stop.stop.frame)
     share = misfits(ties, _geometries(stop.pairs), rest, None, params)
-    write_sheet(path, [Shown.of(pair) for pair in stop.pairs], ties, share)
+    write_sheet(path, [FigureImage.of(pair) for pair in stop.pairs], ties, share)
 
 
-def write_sheet(path: Path, images: Iterable[Shown], ties: Ties, misfit: PerPoint) -> None:
+def write_sheet(path: Path, images: Iterable[FigureImage], ties: Ties, misfit: PerPoint) -> None:
     """Every two images that ties join, side by side, the ties coloured by their misfit."""
     write_picture(path, draw_sheet(images, ties, misfit))
 
@@ -103,7 +103,7 @@ def write_link_picture(
     share = misfits(
         link.ties, _geometries(pairs), link.earlier_from_later, link.covariance, alignment
     )
-    sheet = draw_sheet(map(Shown.of, pairs), link.ties, share, first_left=True)
+    sheet = draw_sheet(map(FigureImage.of, pairs), link.ties, share, first_left=True)
     heads = [caption(text, sheet.shape[1]) for text in (str(link), FROM_ABOVE)]
     write_picture(path, np.vstack([*heads, _stacked(above, sheet)]))
 
@@ -113,7 +113,7 @@ def _from_above(
 ) -> Picture:
     """Two stops from above, laid over each other, and side by side with features that agree."""
     views = (earlier.birds_eye, later.birds_eye)
-    over = overlay_picture(*views, fit)
+    over = draw_overlay(*views, fit)
     beside = draw_features(*views, fit, params.birds_eye, params.hypotheses.wide_baseline)
     size = (beside.shape[0], beside.shape[0])
     over = cv2.resize(over, size, interpolation=cv2.INTER_NEAREST)

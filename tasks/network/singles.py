@@ -33,7 +33,7 @@ from solmap.products.formats.documents.archives import (
     write_ties,
 )
 from solmap.products.model import ProductKind, ProductRef, Recipe, Scope, ScopeLevel
-from solmap.products.reports.tie_figures import Shown
+from solmap.products.reports.tie_figures import FigureImage
 from solmap.products.store.product_store import ProductStore
 from solmap.tasks.images.pairs import PairProducts, pair_frame, read_matched_pair
 from solmap.tasks.network.previews import write_sheet
@@ -109,8 +109,8 @@ def tie_singles(
 
     def write_look(path: Path) -> None:
         read, matched, found = tied()
-        alone = [Shown(view.image_id, view.view.image, view.view.mask) for _, view in read]
-        write_sheet(path, [*map(Shown.of, matched), *alone], found.ties, found.misfit)
+        alone = [FigureImage(view.image_id, view.view.image, view.view.mask) for _, view in read]
+        write_sheet(path, [*map(FigureImage.of, matched), *alone], found.ties, found.misfit)
 
     images = (ref for file in singles for ref in file.file.inputs)
     seen = (ref for pair in pairs for ref in pair.made)

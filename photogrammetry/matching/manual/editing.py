@@ -20,7 +20,7 @@ import numpy as np
 from solmap.photogrammetry.arrays import Flags, Float64, ImagePoints, ParallaxMap
 from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.cameras.model import CameraModel
-from solmap.photogrammetry.matching.manual.requests import HandAction, HandPoint, HandTie
+from solmap.photogrammetry.matching.manual.requests import EditAction, EditPoint, EditRequest
 from solmap.photogrammetry.matching.records import Ties, join_ties
 from solmap.photogrammetry.matching.resampling import GROUND_M
 
@@ -31,7 +31,7 @@ LARGEST_Y_PX = 5.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class HandBody:
+class ManualImage:
     """What it takes to place hand-clicked points of a pair, or of a single image."""
 
     name: str
@@ -43,7 +43,7 @@ class HandBody:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Edited:
+class EditedTies:
     """The ties after a person's changes, and what became of every row."""
 
     ties: tuple[Ties, ...]
@@ -58,34 +58,34 @@ class Edited:
         return f"hand ties: {self.added} added, {self.moved} moved, {self.vetoed} vetoed"
 
 
-def edited(
+def apply_edits(
     ties: Sequence[Ties],
-    hand: Sequence[HandTie],
-    bodies: Mapping[str, HandBody],
+    hand: Sequence[EditRequest],
+    bodies: Mapping[str, ManualImage],
     stop_of: Mapping[str, str],
-) -> Edited:
+) -> EditedTies:
     """Automatic ties with the wishes of a person carried out, row after row.
 
     `bodies` holds what is named in a wish, `stop_of` the stop of everything that ties join.
     """
     kept, new, notes = list(ties), [], []
-    counts = dict.fromkeys(HandAction, 0)
+    counts = dict.fromkeys(EditAction, 0)
     for wish in hand:
         try:
-            made = None if wish.action is HandAction.VETO else _placed(wish, bodies)
-            if wish.action is not HandAction.ADD:
-                rows = _meant(wish, kept, bodies, stop_of)
+            made = None if wish.action is EditAction.VETO else _make_tie(wish, bodies)
+            if wish.action is not EditAction.ADD:
+                rows = _affected_ties(wish, kept, bodies, stop_of)
                 kept = [t.taking(~some) for t, some in zip(kept, rows, strict=True)]
                 dropped = sum(int(some.sum()) for some in rows)
-                counts[wish.action] += dropped if wish.action is HandAction.VETO else 1
+                counts[wish.action] += dropped if wish.action is EditAction.VETO else 1
             if made is not None:
                 new.append(made)
-                counts[HandAction.ADD] += wish.action is HandAction.ADD
+                counts[EditAction.ADD] += wish.action is EditAction.ADD
         except _UnplacedError as error:
             notes.append(f"{wish.row}: {error}")
     every = (*kept, join_ties(new, tuple(bodies))) if new else tuple(kept)
-    added, moved, vetoed = (counts[a] for a in (HandAction.ADD, HandAction.MOVE, HandAction.VETO))
-    return Edited(every, added, moved, vetoed, tuple(notes))
+    added, moved, vetoed = (counts[a] for a in (EditAction.ADD, EditAction.MOVE, EditAction.VETO))
+    return EditedTies(every, added, moved, vetoed, tuple(notes))
 
 
 class _UnplacedError(Exception):
@@ -107,14 +107,14 @@ def epipolar_point(
     return found[0]
 
 
-def _meant(
-    wish: HandTie,
+def _affected_ties(
+    wish: EditRequest,
     ties: Sequence[Ties],
-    bodies: Mapping[str, HandBody],
+    bodies: Mapping[str, ManualImage],
     stop_of: Mapping[str, str],
 ) -> list[Flags]:
     """Which of the automatic ties a veto or a move means, set by set."""
-    second = wish.second if wish.action is HandAction.VETO else HandPoint(wish.second.image)
+    second = wish.second if wish.action is EditAction.VETO else EditPoint(wish.second.image)
     marks = _Mark.of(wish.first, bodies), _Mark.of(second, bodies)
     rows = [_selected(marks, wish.tolerance_px, some, stop_of) for some in ties]
     if not any(some.any() for some in rows):
@@ -130,7 +130,7 @@ class _Mark:
     place: Float64[np.ndarray, " 2"] | None
 
     @classmethod
-    def of(cls, wanted: HandPoint, bodies: Mapping[str, HandBody]) -> _Mark:
+    def of(cls, wanted: EditPoint, bodies: Mapping[str, ManualImage]) -> _Mark:
         if wanted.point is None:
             return cls(wanted.image, None)
         body = _body(wanted, bodies)
@@ -166,13 +166,13 @@ def _selected(
     return rows
 
 
-def _placed(wish: HandTie, bodies: Mapping[str, HandBody]) -> Ties:
+def _make_tie(wish: EditRequest, bodies: Mapping[str, ManualImage]) -> Ties:
     """A tie that a person measured."""
     names = tuple(bodies)
     columns = []
     for wanted in (wish.first, wish.second):
         body = _body(wanted, bodies)
-        left, parallax = _measured(wanted, body)
+        left, parallax = _measure(wanted, body)
         sigma = wish.sigma_px * np.sqrt(2.0) if np.isfinite(parallax) else np.nan
         columns.append((names.index(body.name), left, parallax, wish.sigma_px, sigma))
     index, left, parallax, sigma, of_parallax = zip(*columns, strict=True)
@@ -184,13 +184,13 @@ def _placed(wish: HandTie, bodies: Mapping[str, HandBody]) -> Ties:
     )
 
 
-def _body(wanted: HandPoint, bodies: Mapping[str, HandBody]) -> HandBody:
+def _body(wanted: EditPoint, bodies: Mapping[str, ManualImage]) -> ManualImage:
     if wanted.image not in bodies:
         raise _UnplacedError(f"{wanted.image} is no left or tied single image of this network")
     return bodies[wanted.image]
 
 
-def _measured(wanted: HandPoint, body: HandBody) -> tuple[Float64[np.ndarray, " 2"], float]:
+def _measure(wanted: EditPoint, body: ManualImage) -> tuple[Float64[np.ndarray, " 2"], float]:
     """(left epipolar point, parallax) of a point that a person clicked."""
     if wanted.point is None:
         raise _UnplacedError(f"no point is given in {wanted.image}")
@@ -198,7 +198,7 @@ def _measured(wanted: HandPoint, body: HandBody) -> tuple[Float64[np.ndarray, " 
     if not body.geometry.shows(left[None]).all():
         raise _UnplacedError(f"{wanted.point} lies outside the usable part of {wanted.image}")
     if wanted.right is None:
-        return left, _dense(body, left)
+        return left, _dense_parallax(body, left)
     if body.right is None:
         raise _UnplacedError(f"{wanted.image} has no right image to give a point in")
     right = epipolar_point(body.right, body.geometry, wanted.right)
@@ -211,7 +211,7 @@ def _measured(wanted: HandPoint, body: HandBody) -> tuple[Float64[np.ndarray, " 
     return left, parallax
 
 
-def _dense(body: HandBody, left: Float64[np.ndarray, " 2"]) -> float:
+def _dense_parallax(body: ManualImage, left: Float64[np.ndarray, " 2"]) -> float:
     """Dense parallax at a left point; NaN where it is not known."""
     if body.parallax is None:
         return float("nan")

@@ -73,7 +73,7 @@ class PickedPlace:
     correlation: float
 
 
-def measured_pick(
+def measure_pick(
     first: PickedView,
     second: PickedView,
     point: Float64[np.ndarray, " 2"],
@@ -94,7 +94,7 @@ def measured_pick(
         )
     move = np.eye(3)
     move[:2, 2] = start - at[0]
-    reach = _cells(move @ maps, point, params.reach_px)
+    reach = _reach_cells(move @ maps, point, params.reach_px)
     found = find_conjugates(first.view, second.view, point[None], move @ maps, reach, params.facet)
     if not found.found[0]:
         raise MatchingError(
@@ -107,7 +107,7 @@ def measured_pick(
     )
 
 
-def _cells(
+def _reach_cells(
     maps: Float64[np.ndarray, "1 3 3"], point: Float64[np.ndarray, " 2"], reach_px: float
 ) -> int:
     """Cells of the common grid that a reach in pixels of the second image comes to."""

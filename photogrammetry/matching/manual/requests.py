@@ -41,7 +41,7 @@ LARGEST_PX = 1e5
 """No image is wider."""
 
 
-class HandAction(StrEnum):
+class EditAction(StrEnum):
     """What a person wants done."""
 
     ADD = "add"
@@ -50,7 +50,7 @@ class HandAction(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class HandPoint:
+class EditPoint:
     """An image, and a point in it where one is given."""
 
     image: str
@@ -66,12 +66,12 @@ class HandPoint:
 
 
 @dataclass(frozen=True, slots=True)
-class HandTie:
+class EditRequest:
     """One row of a file of hand ties."""
 
-    action: HandAction
-    first: HandPoint
-    second: HandPoint
+    action: EditAction
+    first: EditPoint
+    second: EditPoint
     sigma_px: float = SIGMA_PX
     tolerance_px: float = TOLERANCE_PX
     row: str = ""
@@ -83,11 +83,11 @@ class HandTie:
         if not self.first.image:
             raise MatchingError("first_image is empty: name the image that the tie starts in")
         for point in (self.first, self.second):
-            if point.is_stop and (point.point or self.action is not HandAction.VETO):
+            if point.is_stop and (point.point or self.action is not EditAction.VETO):
                 raise MatchingError(
                     f"{point.image} is a stop; only a veto without points takes one"
                 )
-        if self.action is not HandAction.VETO:
+        if self.action is not EditAction.VETO:
             self._check_points()
         elif not self.second.image and self.first.point is None:
             raise MatchingError("a veto takes a second image, or a point in the first")
@@ -104,24 +104,24 @@ class HandTie:
             raise MatchingError(f"both points lie in {self.first.image}; a tie joins two images")
 
 
-def parse_hand_ties(text: str, source: str) -> tuple[HandTie, ...]:
+def parse_edit_requests(text: str, source: str) -> tuple[EditRequest, ...]:
     """Read a file of hand ties; GeoJSON where it starts with a brace, CSV otherwise.
 
     Raises:
         MatchingError: names the file, the row (the first below the names is 1), and what is wrong.
     """
-    return FORMAT.parse(text, source, _tie)
+    return FORMAT.parse(text, source, _request)
 
 
-def _tie(row: Row, where: str) -> HandTie:
+def _request(row: Row, where: str) -> EditRequest:
     strange = sorted(set(row) - set(COLUMNS))
     if strange:
         raise MatchingError(f"no column is called {strange[0]!a}; there are {', '.join(COLUMNS)}")
     action = str(row.get("action") or "").lower()
-    if action not in set(HandAction):
+    if action not in set(EditAction):
         raise MatchingError(f"action should be add, veto or move, not {action[:40]!a}")
-    return HandTie(
-        HandAction(action),
+    return EditRequest(
+        EditAction(action),
         _point(row, "first"),
         _point(row, "second"),
         _number(row, "sigma_px", SIGMA_PX),
@@ -130,11 +130,11 @@ def _tie(row: Row, where: str) -> HandTie:
     )
 
 
-def _point(row: Row, side: str) -> HandPoint:
+def _point(row: Row, side: str) -> EditPoint:
     image = str(row.get(f"{side}_image") or "").strip().upper()
     if "-DRIVE" in image:
         image = image.lower()  # a stop
-    return HandPoint(image, _place(row, f"{side}_"), _place(row, f"{side}_right_"))
+    return EditPoint(image, _place(row, f"{side}_"), _place(row, f"{side}_right_"))
 
 
 def _place(row: Row, prefix: str) -> tuple[float, float] | None:

@@ -28,10 +28,10 @@ from solmap.photogrammetry.matching.conjugates import (
 from solmap.photogrammetry.matching.parallax_planes import calibration_matrix
 from solmap.photogrammetry.matching.records import MatchedPair
 from solmap.photogrammetry.matching.single.two_views import (
-    Swing,
-    SwingVerdict,
-    turned,
-    verify,
+    TwoViewCheck,
+    TwoViews,
+    check_conjugates,
+    rotation_matrix,
 )
 from solmap.photogrammetry.matching.stereo.interest_points import (
     FoerstnerParams,
@@ -40,7 +40,7 @@ from solmap.photogrammetry.matching.stereo.interest_points import (
 )
 from solmap.photogrammetry.matching.stereo.verification import VerificationParams
 
-Scouts = tuple[Float64[np.ndarray, "scouts 2"], Float64[np.ndarray, " scouts"]]
+FirstMatches = tuple[Float64[np.ndarray, "scouts 2"], Float64[np.ndarray, " scouts"]]
 """Image points found at the first search, and their inverse depth, per metre."""
 
 REACH_SIGMAS = 3.0
@@ -65,7 +65,7 @@ class MonoParams:
     """Nearest ground, as deep as the mast is high."""
     scouts: int = 400
     """Interest points that are looked for first, over all depths."""
-    candidates: int = 2500
+    select_candidates: int = 2500
     """Interest points of the overlap that are looked for with depth and turn known."""
     cell_px: int = 32
     """Cell in which the strongest are taken in turn."""
@@ -98,7 +98,9 @@ class SingleView:
     view: View
 
 
-def candidates(one: SingleView, other: SingleView, swing: Swing, params: MonoParams) -> ImagePoints:
+def select_candidates(
+    one: SingleView, other: SingleView, swing: TwoViews, params: MonoParams
+) -> ImagePoints:
     """Interest points whose epipolar segment may lie in the other image, spread out, best first."""
     margin = params.conjugates.half_px
     found = interest_points(one.view.image, one.view.mask, params.interest, margin)
@@ -110,9 +112,9 @@ def candidates(one: SingleView, other: SingleView, swing: Swing, params: MonoPar
     return points[strongest_by_cell(points, weight, params.cell_px, params.candidates)]
 
 
-def scouted(
-    one: SingleView, other: SingleView, swing: Swing, points: ImagePoints, params: MonoParams
-) -> tuple[Scouts, Vector3] | None:
+def search_all_depths(
+    one: SingleView, other: SingleView, swing: TwoViews, points: ImagePoints, params: MonoParams
+) -> tuple[FirstMatches, Vector3] | None:
     """((points, their inverse depth), turn of the other camera) from a search over all depths."""
     nothing = np.zeros(len(points))
     nearest = nothing + 1.0 / params.nearest_m
@@ -121,23 +123,23 @@ def scouted(
     inside = np.isfinite(wide)
     points, wide = points[inside], wide[inside]
     maps = _maps(swing, points, nearest[inside] / 2, np.zeros(3))
-    found = _found(one, other, points, maps, wide, params.conjugates)
+    found = _find(one, other, points, maps, wide, params.conjugates)
     points, seen = points[found.found], found.points[found.found]
     if len(points) < params.least_ties:
         return None
-    verdict = verified(swing, points, seen, params)
+    verdict = check_pair(swing, points, seen, params)
     if verdict.agrees.sum() < params.least_ties:
         return None
     points, seen = points[verdict.agrees], seen[verdict.agrees]
     return (points, _inverse_depth(swing, points, seen, verdict.turn)), verdict.turn
 
 
-def guided(  # noqa: PLR0913, PLR0917 - two images, what is looked for, and what is known
+def search_near_depth(  # noqa: PLR0913, PLR0917 - two images, what is looked for, and what is known
     one: SingleView,
     other: SingleView,
-    swing: Swing,
+    swing: TwoViews,
     points: ImagePoints,
-    near: Scouts,
+    near: FirstMatches,
     turn: Vector3,
     params: MonoParams,
 ) -> Conjugates:
@@ -146,11 +148,11 @@ def guided(  # noqa: PLR0913, PLR0917 - two images, what is looked for, and what
     depth = np.median(near[1][nearest], axis=1)
     maps = _maps(swing, points, depth, turn)
     reach = np.full(len(points), float(params.relief_px))
-    return _found(one, other, points, maps, reach, params.conjugates)
+    return _find(one, other, points, maps, reach, params.conjugates)
 
 
 def matches_in_view(
-    pair: MatchedPair, view: SingleView, swing: Swing, params: MonoParams
+    pair: MatchedPair, view: SingleView, swing: TwoViews, params: MonoParams
 ) -> np.ndarray:
     """Rows of a pair's matches that a single image shows by the labels; the most certain first."""
     matches = pair.matches
@@ -162,10 +164,10 @@ def matches_in_view(
     return rows[order]
 
 
-def predicted(
+def search_predicted(
     one: SingleView,
     other: SingleView,
-    swing: Swing,
+    swing: TwoViews,
     points: ImagePoints,
     parallax_px: PerPoint,
     params: MonoParams,
@@ -173,39 +175,41 @@ def predicted(
     """Conjugates of a pair's points, as far from the prediction as pointing may put them."""
     maps = _maps(swing, points, _inverse_depth_of(swing, parallax_px), np.zeros(3))
     reach = np.full(len(points), np.ceil(_reach_px(swing, params)))
-    return _found(one, other, points, maps, reach, params.conjugates)
+    return _find(one, other, points, maps, reach, params.conjugates)
 
 
-def _inverse_depth_of(swing: Swing, parallax_px: PerPoint) -> PerPoint:
+def _inverse_depth_of(swing: TwoViews, parallax_px: PerPoint) -> PerPoint:
     """From the parallax of the first image's pair."""
     return parallax_px / (swing.one.focal_px * swing.one.base_m)
 
 
-def verified(
-    swing: Swing, points: ImagePoints, seen: ImagePoints, params: MonoParams
-) -> SwingVerdict:
+def check_pair(
+    swing: TwoViews, points: ImagePoints, seen: ImagePoints, params: MonoParams
+) -> TwoViewCheck:
     """Which conjugates agree with the geometry of the two images."""
-    return verify(swing, points, seen, params.nearest_m, params.pointing_sigma, params.verification)
+    return check_conjugates(
+        swing, points, seen, params.nearest_m, params.pointing_sigma, params.verification
+    )
 
 
-def _reach_px(swing: Swing, params: MonoParams) -> float:
+def _reach_px(swing: TwoViews, params: MonoParams) -> float:
     """How far pointing errors of both images move a conjugate."""
     focal = min(swing.one.focal_px, swing.other.focal_px)
     return REACH_SIGMAS * np.sqrt(2.0) * params.pointing_sigma * focal
 
 
 def _maps(
-    swing: Swing, points: ImagePoints, inverse_depth: PerPoint, turn: Vector3
+    swing: TwoViews, points: ImagePoints, inverse_depth: PerPoint, turn: Vector3
 ) -> Float64[np.ndarray, "n 3 3"]:
     """Maps of one image onto the other over a plane at each point's depth, facing the camera."""
     pose = swing.other_from_one
     plane = np.zeros((len(points), 3, 3))
     plane[:, :, 2] = inverse_depth[:, None] * pose.translation_m
-    between = turned(turn).T @ (pose.rotation + plane)
+    between = rotation_matrix(turn).T @ (pose.rotation + plane)
     return calibration_matrix(swing.other) @ between @ np.linalg.inv(calibration_matrix(swing.one))
 
 
-def _found(
+def _find(
     one: SingleView,
     other: SingleView,
     points: ImagePoints,
@@ -227,7 +231,9 @@ def _found(
     return Conjugates(*(np.concatenate([getattr(f, c) for f in found])[back] for c in columns))
 
 
-def _inverse_depth(swing: Swing, points: ImagePoints, seen: ImagePoints, turn: Vector3) -> PerPoint:
+def _inverse_depth(
+    swing: TwoViews, points: ImagePoints, seen: ImagePoints, turn: Vector3
+) -> PerPoint:
     """Inverse depth at which a point is nearest to where it was seen; never below infinity's 0.
 
     The segment is straight and nearly even in q: a secant, then two Newton steps.

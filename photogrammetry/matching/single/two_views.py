@@ -43,7 +43,7 @@ LIMIT_SIGMAS = 3.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Swing:
+class TwoViews:
     """How a second image sees what a first one sees, by the labels."""
 
     one: EpipolarPair
@@ -62,13 +62,13 @@ class Swing:
         y = self.one.rays(points) @ pose.rotation.T
         y = y + inverse_depth[:, None] * pose.translation_m
         if turn is not None:
-            y = y @ turned(turn)
+            y = y @ rotation_matrix(turn)
         z = np.where(y[:, 2:] > 0, y[:, 2:], np.nan)
         return np.array(self.other.centre_px) + self.other.focal_px * y[:, :2] / z
 
     def across(self, points: ImagePoints, seen: ImagePoints, turn: Vector3) -> PerPoint:
         """Signed distance of points of the second image from their epipolar lines, pixels."""
-        pose, back = self.other_from_one, turned(turn).T
+        pose, back = self.other_from_one, rotation_matrix(turn).T
         far = self.one.rays(points) @ pose.rotation.T @ back.T
         line = np.cross(back @ pose.translation_m, far)
         measured = self.other.rays(seen)
@@ -92,13 +92,13 @@ class Swing:
         return float(np.linalg.norm(self.other_from_one.translation_m))
 
 
-def turned(turn: Vector3) -> Float64[np.ndarray, "3 3"]:
+def rotation_matrix(turn: Vector3) -> Float64[np.ndarray, "3 3"]:
     """Exp(w); rows of vectors times it are turned by Exp(w)'."""
     return ScipyRotation.from_rotvec(turn).as_matrix()
 
 
-def turn_between(
-    swing: Swing, points: ImagePoints, seen: ImagePoints, pointing_sigma: float
+def relative_turn(
+    swing: TwoViews, points: ImagePoints, seen: ImagePoints, pointing_sigma: float
 ) -> Vector3:
     """By how much the second camera is turned from its label, beyond the first; radians."""
     turn = np.zeros(3)
@@ -113,7 +113,7 @@ def turn_between(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SwingVerdict:
+class TwoViewCheck:
     """Which conjugates agree with the geometry of the two images."""
 
     agrees: Flags
@@ -129,16 +129,16 @@ class SwingVerdict:
     """Distance from the line after the turn, as a share of its limit."""
 
 
-def verify(
-    swing: Swing,
+def check_conjugates(
+    swing: TwoViews,
     points: ImagePoints,
     seen: ImagePoints,
     nearest_m: float,
     pointing_sigma: float,
     terrain: VerificationParams,
-) -> SwingVerdict:
+) -> TwoViewCheck:
     """Hold conjugates against the epipolar geometry, the range and their neighbours."""
-    turn = turn_between(swing, points, seen, pointing_sigma)
+    turn = relative_turn(swing, points, seen, pointing_sigma)
     left = swing.across(points, seen, turn)
     spread = max(robust_sigma(left), LEAST_SPREAD_PX)
     misfit = np.abs(left) / (LIMIT_SIGMAS * spread)
@@ -149,4 +149,4 @@ def verify(
     furthest = swing.along(points, nearest, turn)
     agrees &= (along >= -slack) & ~(along > furthest + slack)
     agrees[agrees] = agrees_with_terrain(points[agrees], along[agrees], terrain)
-    return SwingVerdict(agrees, turn, swing.across(points, seen, np.zeros(3)), left, along, misfit)
+    return TwoViewCheck(agrees, turn, swing.across(points, seen, np.zeros(3)), left, along, misfit)

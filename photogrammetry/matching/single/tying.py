@@ -22,14 +22,14 @@ from solmap.photogrammetry.matching.records import MatchedPair, Ties, join_ties
 from solmap.photogrammetry.matching.single.search import (
     MonoParams,
     SingleView,
-    candidates,
-    guided,
+    check_pair,
     matches_in_view,
-    predicted,
-    scouted,
-    verified,
+    search_all_depths,
+    search_near_depth,
+    search_predicted,
+    select_candidates,
 )
-from solmap.photogrammetry.matching.single.two_views import Swing
+from solmap.photogrammetry.matching.single.two_views import TwoViews
 
 NAN = float("nan")
 
@@ -40,7 +40,7 @@ class MonoLink:
 
     first_id: str
     second_id: str
-    candidates: int
+    select_candidates: int
     measured: int
     ties: int
     label_px: float
@@ -95,28 +95,30 @@ def tie_two(
     one: SingleView, other: SingleView, ids: tuple[str, ...], params: MonoParams
 ) -> LinkedImages | None:
     """Ties of two single images, and what came of it; None where they do not overlap."""
-    swing = Swing(one.geometry, other.geometry)
+    swing = TwoViews(one.geometry, other.geometry)
     if swing.base_m < params.least_base_m:
         return None
-    points = candidates(one, other, swing, params)
+    points = select_candidates(one, other, swing, params)
     if len(points) < params.least_ties:
         return None
-    scouts = scouted(one, other, swing, points[: params.scouts], params)
+    scouts = search_all_depths(one, other, swing, points[: params.scouts], params)
     found = (
-        _nothing(points) if scouts is None else guided(one, other, swing, points, *scouts, params)
+        _no_conjugates(points)
+        if scouts is None
+        else search_near_depth(one, other, swing, points, *scouts, params)
     )
     nothing = np.full(len(points), np.nan)
     measured = MeasuredPoints(
         one.image_id, points, nothing, np.full(len(points), params.conjugates.sigma_floor_px)
     )
-    return _judged(swing, measured, other, found, ids, params)
+    return _evaluate(swing, measured, other, found, ids, params)
 
 
 def tie_to_pair(
     pair: MatchedPair, view: SingleView, ids: tuple[str, ...], params: MonoParams
 ) -> LinkedImages | None:
     """Ties of a stereo pair with a single image beside it; None where they do not overlap."""
-    swing = Swing(pair.images.geometry, view.geometry)
+    swing = TwoViews(pair.images.geometry, view.geometry)
     if swing.base_m < params.least_base_m:
         return None
     rows = matches_in_view(pair, view, swing, params)
@@ -124,10 +126,10 @@ def tie_to_pair(
         return None
     left, parallax = pair.matches.left[rows], pair.matches.parallax_px[rows]
     source = SingleView(pair.pair_id, swing.one, View.of(pair.images.left, pair.images.left_mask))
-    found = predicted(source, view, swing, left, parallax, params)
+    found = search_predicted(source, view, swing, left, parallax, params)
     sigma = np.maximum(pair.matches.sigma_px[rows], params.conjugates.sigma_floor_px)
     measured = MeasuredPoints(pair.pair_id, left, parallax, sigma)
-    return _judged(swing, measured, view, found, ids, params)
+    return _evaluate(swing, measured, view, found, ids, params)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -140,8 +142,8 @@ class MeasuredPoints:
     sigma_px: PerPoint
 
 
-def _judged(
-    swing: Swing,
+def _evaluate(
+    swing: TwoViews,
     first: MeasuredPoints,
     other: SingleView,
     found: Conjugates,
@@ -155,7 +157,7 @@ def _judged(
     none = LinkedImages(Ties.none(ids), link, np.zeros(0))
     if measured < params.least_ties:
         return none
-    verdict = verified(swing, first.left[kept], found.points[kept], params)
+    verdict = check_pair(swing, first.left[kept], found.points[kept], params)
     good = verdict.agrees & (verdict.along_px >= params.least_parallax_px)
     if good.sum() < params.least_ties:
         return none
@@ -167,11 +169,11 @@ def _judged(
     rows = np.flatnonzero(kept)[good]
     link = MonoLink(*names, looked, measured, len(rows), *figures)
     floor_px = params.conjugates.parallax_floor_px
-    ties = _assembled(first, names, found, rows, ids, floor_px)
+    ties = _assemble(first, names, found, rows, ids, floor_px)
     return LinkedImages(ties, link, verdict.misfit[good])
 
 
-def _nothing(points: ImagePoints) -> Conjugates:
+def _no_conjugates(points: ImagePoints) -> Conjugates:
     """No conjugate of any point."""
     nan, none = np.full(len(points), np.nan), np.zeros(len(points), dtype=bool)
     return Conjugates(
@@ -179,7 +181,7 @@ def _nothing(points: ImagePoints) -> Conjugates:
     )
 
 
-def _assembled(
+def _assemble(
     first: MeasuredPoints,
     names: tuple[str, str],
     found: Conjugates,

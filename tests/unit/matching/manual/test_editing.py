@@ -8,9 +8,9 @@ import pytest
 from solmap.photogrammetry.cameras.epipolar import epipolar_pair
 from solmap.photogrammetry.frames import Frame, FrameKind
 from solmap.photogrammetry.imagery import Eye, StopId
-from solmap.photogrammetry.matching.manual.editing import HandBody, epipolar_point
-from solmap.photogrammetry.matching.manual.editing import edited as carried_out
-from solmap.photogrammetry.matching.manual.requests import HandAction, HandPoint, HandTie
+from solmap.photogrammetry.matching.manual.editing import ManualImage, epipolar_point
+from solmap.photogrammetry.matching.manual.editing import apply_edits as carried_out
+from solmap.photogrammetry.matching.manual.requests import EditAction, EditPoint, EditRequest
 from solmap.photogrammetry.matching.records import Ties
 from solmap.photogrammetry.synthetic.rig import CAMERAS, Instrument, Pointing
 
@@ -27,7 +27,7 @@ def body(name, number, azimuth):
     )
     frame = Frame(FrameKind.PAIR, (10, 0, number))
     geometry = epipolar_pair(left, right, SIZE, SIZE, STOP.frame, frame)
-    return HandBody(name, geometry, left, right)
+    return ManualImage(name, geometry, left, right)
 
 
 @pytest.fixture(scope="module")
@@ -72,7 +72,7 @@ def ties(bodies):
 
 
 def wish(action, first, second, row="f, row 1", **more):
-    return HandTie(HandAction(action), first, second, row=row, **more)
+    return EditRequest(EditAction(action), first, second, row=row, **more)
 
 
 @pytest.mark.parametrize("point", [(3.0, 5.0), (511.5, 511.5), (1000.0, 30.0), (640.0, 1015.0)])
@@ -86,7 +86,7 @@ def test_a_clicked_point_is_where_its_ray_meets_the_epipolar_image(bodies, point
 
 def test_a_clicked_tie_gives_the_point_that_was_clicked(bodies, ground):
     place, clicked = ground
-    first, second = (HandPoint(name, *clicked[name]) for name in "AB")
+    first, second = (EditPoint(name, *clicked[name]) for name in "AB")
     found = edited([], [wish("add", first, second)], bodies)
     (made,) = found.ties
     assert found.added == 1
@@ -102,10 +102,10 @@ def test_a_clicked_tie_gives_the_point_that_was_clicked(bodies, ground):
 
 def test_without_a_right_point_the_dense_parallax_serves_or_none(bodies, ground):
     _, clicked = ground
-    points = [HandPoint(name, clicked[name][0]) for name in "AB"]
+    points = [EditPoint(name, clicked[name][0]) for name in "AB"]
     a, b = bodies["A"], bodies["B"]
     dense = np.full((a.geometry.lines, a.geometry.samples), 33.0, np.float32)
-    known = HandBody(a.name, a.geometry, a.left, a.right, dense)
+    known = ManualImage(a.name, a.geometry, a.left, a.right, dense)
     (made,) = edited([], [wish("add", *points)], {"A": known, "B": b}).ties
     assert made.first_parallax_px[0] == 33.0
     assert np.isnan(made.second_parallax_px[0])
@@ -120,44 +120,44 @@ def original(bodies, name, epipolar):
 
 
 def test_a_veto_drops_the_tie_at_the_point_and_no_other(bodies, ties):
-    click = HandPoint("A", original(bodies, "A", (401.0, 501.5)))
-    found = edited([ties], [wish("veto", click, HandPoint("B"))], bodies)
+    click = EditPoint("A", original(bodies, "A", (401.0, 501.5)))
+    found = edited([ties], [wish("veto", click, EditPoint("B"))], bodies)
     assert found.vetoed == 1
     assert found.ties[0].first_left[:, 0].tolist() == [100.0, 600.0, 300.0]
 
 
 def test_a_veto_is_heeded_from_either_side(bodies, ties):
-    click = HandPoint("B", original(bodies, "B", (407.0, 507.0)))
-    found = edited([ties], [wish("veto", click, HandPoint("A"))], bodies)
+    click = EditPoint("B", original(bodies, "B", (407.0, 507.0)))
+    found = edited([ties], [wish("veto", click, EditPoint("A"))], bodies)
     assert found.vetoed == 1
     assert 400.0 not in found.ties[0].first_left[:, 0]
 
 
 def test_a_veto_of_two_images_drops_all_between_them(bodies, ties):
-    found = edited([ties], [wish("veto", HandPoint("B"), HandPoint("A"))], bodies)
+    found = edited([ties], [wish("veto", EditPoint("B"), EditPoint("A"))], bodies)
     assert found.vetoed == 3
     assert len(found.ties[0]) == 1
 
 
 def test_a_veto_of_a_stop_with_itself_drops_its_inter_stereo_ties(bodies, ties):
-    stop = HandPoint(str(STOP))
+    stop = EditPoint(str(STOP))
     assert edited([ties], [wish("veto", stop, stop)], bodies).vetoed == 4
-    other = HandPoint("mer2-site0010-drive0064")
+    other = EditPoint("mer2-site0010-drive0064")
     found = edited([ties], [wish("veto", stop, other)], bodies)
     assert found.vetoed == 0
     assert found.notes == ("f, row 1: there is no automatic tie here to veto",)
 
 
 def test_a_veto_without_second_image_drops_whatever_starts_there(bodies, ties):
-    click = HandPoint("B", original(bodies, "B", (300.0, 300.0)))
-    found = edited([ties], [wish("veto", click, HandPoint(""))], bodies)
+    click = EditPoint("B", original(bodies, "B", (300.0, 300.0)))
+    found = edited([ties], [wish("veto", click, EditPoint(""))], bodies)
     assert found.vetoed == 1
     assert 300.0 not in found.ties[0].first_left[:, 0]
 
 
 def test_a_moved_tie_goes_to_the_second_point(bodies, ties):
-    first = HandPoint("A", original(bodies, "A", (400.0, 500.0)))
-    second = HandPoint("B", original(bodies, "B", (450.0, 520.0)))
+    first = EditPoint("A", original(bodies, "A", (400.0, 500.0)))
+    second = EditPoint("B", original(bodies, "B", (450.0, 520.0)))
     found = edited([ties], [wish("move", first, second)], bodies)
     assert (found.added, found.moved, found.vetoed) == (0, 1, 0)
     kept, new = found.ties
@@ -169,16 +169,16 @@ def test_a_moved_tie_goes_to_the_second_point(bodies, ties):
 @pytest.mark.parametrize(
     ("first", "second", "said"),
     [
-        (HandPoint("A", (500.0, 500.0)), HandPoint("X", (5.0, 5.0)), "X is no left"),
-        (HandPoint("A", (-900.0, 5.0)), HandPoint("B", (5.0, 5.0)), "lies outside the usable"),
+        (EditPoint("A", (500.0, 500.0)), EditPoint("X", (5.0, 5.0)), "X is no left"),
+        (EditPoint("A", (-900.0, 5.0)), EditPoint("B", (5.0, 5.0)), "lies outside the usable"),
         (
-            HandPoint("A", (500.0, 500.0), (600.0, 500.0)),
-            HandPoint("B", (500.0, 500.0)),
+            EditPoint("A", (500.0, 500.0), (600.0, 500.0)),
+            EditPoint("B", (500.0, 500.0)),
             "cannot be one feature: parallax -",
         ),
         (
-            HandPoint("A", (500.0, 500.0), (450.0, 580.0)),
-            HandPoint("B", (500.0, 500.0)),
+            EditPoint("A", (500.0, 500.0), (450.0, 580.0)),
+            EditPoint("B", (500.0, 500.0)),
             "cannot be one feature: .* px apart",
         ),
     ],
@@ -186,7 +186,7 @@ def test_a_moved_tie_goes_to_the_second_point(bodies, ties):
 def test_what_cannot_be_placed_is_said_and_the_rest_goes_on(
     bodies, ties, ground, first, second, said
 ):
-    good = [HandPoint(name, *ground[1][name]) for name in "AB"]
+    good = [EditPoint(name, *ground[1][name]) for name in "AB"]
     wishes = [wish("add", first, second), wish("add", *good, row="f, row 2")]
     found = edited([ties], wishes, bodies)
     assert found.added == 1

@@ -6,10 +6,10 @@ import pytest
 
 from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.matching.manual.requests import (
-    HandAction,
-    HandPoint,
-    HandTie,
-    parse_hand_ties,
+    EditAction,
+    EditPoint,
+    EditRequest,
+    parse_edit_requests,
 )
 
 ONE, OTHER = "2N151760178EFF1000P1500L0M1", "2N151760814EFF1064P1501L0M1"
@@ -28,15 +28,15 @@ def geojson(*rows):
 
 
 def test_a_table_is_read_row_by_row():
-    ties = parse_hand_ties(CSV, "x.ties.csv")
+    ties = parse_edit_requests(CSV, "x.ties.csv")
     assert [tie.action for tie in ties] == ["add", "veto", "move", "veto"]
-    assert ties[0] == HandTie(
-        HandAction.ADD,
-        HandPoint(ONE, (512.5, 700.0)),
-        HandPoint(OTHER, (100.0, 655.25)),
+    assert ties[0] == EditRequest(
+        EditAction.ADD,
+        EditPoint(ONE, (512.5, 700.0)),
+        EditPoint(OTHER, (100.0, 655.25)),
         row="x.ties.csv, row 1",
     )
-    assert ties[1].second == HandPoint(OTHER)
+    assert ties[1].second == EditPoint(OTHER)
     assert ties[2].second.image == OTHER  # identifiers are upper case
     assert ties[3].first.is_stop
     assert ties[3].row == "x.ties.csv, row 5"
@@ -61,8 +61,8 @@ def test_geojson_says_the_same_as_the_table():
             "second_image": OTHER,
         },
     ]
-    from_table = parse_hand_ties(CSV, "f")[:2]
-    assert parse_hand_ties(geojson(*rows), "f") == from_table
+    from_table = parse_edit_requests(CSV, "f")[:2]
+    assert parse_edit_requests(geojson(*rows), "f") == from_table
 
 
 def test_right_points_sigma_and_tolerance_are_read():
@@ -79,14 +79,14 @@ def test_right_points_sigma_and_tolerance_are_read():
         "sigma_px": 2,
         "tolerance_px": 9,
     }
-    (tie,) = parse_hand_ties(geojson(row), "f")
+    (tie,) = parse_edit_requests(geojson(row), "f")
     assert tie.first.right == (1.0, 6.5)
     assert (tie.sigma_px, tie.tolerance_px) == (2.0, 9.0)
 
 
 def test_an_emptied_file_takes_all_wishes_back():
-    assert parse_hand_ties(CSV.splitlines()[0], "f") == ()
-    assert parse_hand_ties(geojson(), "f") == ()
+    assert parse_edit_requests(CSV.splitlines()[0], "f") == ()
+    assert parse_edit_requests(geojson(), "f") == ()
 
 
 HEAD = "action,first_image,first_sample,first_line,second_image,second_sample,second_line\n"
@@ -120,11 +120,11 @@ HEAD = "action,first_image,first_sample,first_line,second_image,second_sample,se
 )
 def test_what_is_wrong_is_said_in_one_line(text, said):
     with pytest.raises(MatchingError, match=said) as caught:
-        parse_hand_ties(text, "f")
+        parse_edit_requests(text, "f")
     assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("wrong", [{"sigma_px": 0.0}, {"tolerance_px": -1.0}])
 def test_a_sigma_or_tolerance_of_nothing_is_refused(wrong):
     with pytest.raises(MatchingError, match="must be above zero"):
-        HandTie(HandAction.VETO, HandPoint("A", (1.0, 2.0)), HandPoint(""), **wrong)
+        EditRequest(EditAction.VETO, EditPoint("A", (1.0, 2.0)), EditPoint(""), **wrong)

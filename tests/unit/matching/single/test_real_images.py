@@ -15,7 +15,7 @@ from solmap.photogrammetry.imagery import Eye, StereoMatches
 from solmap.photogrammetry.matching.conjugates import View
 from solmap.photogrammetry.matching.resampling import resample
 from solmap.photogrammetry.matching.single.search import MonoParams, SingleView
-from solmap.photogrammetry.matching.single.two_views import Swing
+from solmap.photogrammetry.matching.single.two_views import TwoViews
 from solmap.photogrammetry.matching.single.tying import tie_single_images
 from solmap.photogrammetry.matching.tracks import TrackParams, build_tie_points
 
@@ -74,7 +74,7 @@ def panorama(folder, which):
         )
         rows = (tied.ties.first == one) & (tied.ties.second == other)
         label, turned = (
-            Swing(
+            TwoViews(
                 replace(views[one].geometry, rover_from_pair=poses[one]),
                 replace(views[other].geometry, rover_from_pair=poses[other]),
             ).across(tied.ties.first_left[rows], tied.ties.second_left[rows], np.zeros(3))

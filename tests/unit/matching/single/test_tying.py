@@ -10,7 +10,11 @@ from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.matching.conjugates import View
 from solmap.photogrammetry.matching.single.search import MonoParams, SingleView
-from solmap.photogrammetry.matching.single.two_views import Swing, turn_between, verify
+from solmap.photogrammetry.matching.single.two_views import (
+    TwoViews,
+    check_conjugates,
+    relative_turn,
+)
 from solmap.photogrammetry.matching.single.tying import tie_single_images
 from solmap.photogrammetry.matching.stereo.verification import VerificationParams
 
@@ -31,7 +35,7 @@ def tied(views, first_stop):
 
 @pytest.fixture
 def swing(first_stop):
-    return Swing(*(pair.images.geometry for pair in first_stop.pairs[:2]))
+    return TwoViews(*(pair.images.geometry for pair in first_stop.pairs[:2]))
 
 
 @pytest.fixture
@@ -63,7 +67,7 @@ def test_ties_show_the_same_ground(tied, first_stop):
         parallax = first_stop.pairs[one].parallax[row, col]
         if not np.isfinite(parallax):
             continue
-        swing = Swing(geometries[one], geometries[other])
+        swing = TwoViews(geometries[one], geometries[other])
         depth = geometries[one].focal_px * geometries[one].base_m / parallax
         seen = swing.seen_at(left[None], np.array([1.0 / float(depth)]))[0]
         offsets.append(tied.ties.second_left[k] - seen)
@@ -82,7 +86,7 @@ def test_matches_of_a_pair_are_found_in_a_single_image_beside_it(first_stop, vie
     ties = found.ties
     assert np.isfinite(ties.first_parallax_px).all()  # the pair's own
     assert np.isnan(ties.second_parallax_px).all()
-    swing = Swing(pair.images.geometry, views[1].geometry)
+    swing = TwoViews(pair.images.geometry, views[1].geometry)
     depth = 320.0 * 0.4 / ties.first_parallax_px
     off = ties.second_left - swing.seen_at(ties.first_left, 1.0 / depth)
     assert np.linalg.norm(off, axis=1).max() < 5 * 0.32 * np.sqrt(2)  # 1 mrad of pointing each
@@ -102,7 +106,7 @@ def test_a_turn_of_the_second_camera_is_found_among_blunders(swing, ground, rng)
     seen = swing.seen_at(points, inverse, turn) + rng.normal(0, 0.1, seen.shape)
     wrong = rng.random(len(seen)) < 0.3
     seen[wrong] += rng.uniform(-10, 10, (wrong.sum(), 2))
-    found = turn_between(swing, points, seen, pointing_sigma=0.0026)
+    found = relative_turn(swing, points, seen, pointing_sigma=0.0026)
     left = swing.across(points[~wrong], seen[~wrong], found)
     assert np.median(np.abs(left)) < 0.1  # as measured
     nothing = swing.across(points[~wrong], seen[~wrong], np.zeros(3))
@@ -120,7 +124,7 @@ def test_points_off_the_line_or_off_the_ground_are_found_out(swing, ground, rng)
     deep &= moved > 5.0  # nearer to the epipole than this, depth shows too little
     seen[deep] = on_the_line[deep]
     seen[aside] += 5.0 * normals(swing, points[aside])
-    verdict = verify(swing, points, seen, 0.5, 0.0026, VerificationParams())
+    verdict = check_conjugates(swing, points, seen, 0.5, 0.0026, VerificationParams())
     assert deep.sum() > 20
     assert not verdict.agrees[deep | aside].any()
     assert verdict.agrees[~(deep | aside)].mean() > 0.95

@@ -10,7 +10,7 @@ from solmap.photogrammetry.matching.cross_site.hypotheses.search import (
     find_hypotheses,
 )
 from solmap.photogrammetry.matching.cross_site.hypotheses.voting import Landmarks
-from solmap.products.reports.link_figures import ENLARGED, agree, draw_features
+from solmap.products.reports.link_figures import ENLARGED, agrees_with_fit, draw_features
 
 BIRDS_EYE = BirdsEyeParams(radius_m=16.0)
 
@@ -23,7 +23,7 @@ def test_landmarks_agree_if_the_fit_puts_one_on_the_other():
     east_of_it = PlaneFit(np.pi / 2, 1.0, 0.0, 0.0, 9.0, 100.0)
     earlier, later = landmarks((1.0, 2.0), (3.0, 0.0)), landmarks((2.0, 0.0), (0.0, 5.0))
     pairs = np.array([(0, 0), (1, 1), (1, 0)], np.int32)
-    found = agree((earlier, later), pairs, east_of_it, 0.1)
+    found = agrees_with_fit((earlier, later), pairs, east_of_it, 0.1)
     assert found.tolist() == [True, False, False]
 
 

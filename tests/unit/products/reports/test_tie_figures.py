@@ -9,7 +9,7 @@ from solmap.photogrammetry.matching.records import Ties
 from solmap.products.reports.tie_figures import (
     GAP_PX,
     SHEET_PX,
-    Shown,
+    FigureImage,
     draw_sheet,
     draw_ties,
     misfits,
@@ -35,7 +35,7 @@ def none(ties):
 
 
 def test_a_tie_is_a_coloured_line_from_image_to_image(first_stop):
-    one, other = map(Shown.of, first_stop.pairs[:2])
+    one, other = map(FigureImage.of, first_stop.pairs[:2])
     ties = tie((one.name, other.name), (50, 100), (60, 100))
     plain = draw_ties(one, other, none(ties), FITS[:0])
     drawn = draw_ties(one, other, ties, FITS)
@@ -47,7 +47,7 @@ def test_a_tie_is_a_coloured_line_from_image_to_image(first_stop):
 
 
 def test_ties_that_fit_are_green_and_those_at_the_limit_red(first_stop):
-    one, other = map(Shown.of, first_stop.pairs[:2])
+    one, other = map(FigureImage.of, first_stop.pairs[:2])
     ties = tie((one.name, other.name), (50, 100), (60, 100))
     for share, band in ((0.0, 1), (1.0, 2), (3.0, 2)):  # blue, green, red
         line = draw_ties(one, other, ties, np.array([share]))[100, 258].astype(int)
@@ -55,7 +55,7 @@ def test_ties_that_fit_are_green_and_those_at_the_limit_red(first_stop):
 
 
 def test_a_line_runs_the_right_way_when_the_pairs_are_exchanged(first_stop):
-    one, other = map(Shown.of, first_stop.pairs[:2])
+    one, other = map(FigureImage.of, first_stop.pairs[:2])
     ties = tie((one.name, other.name), (50, 100), (60, 140))
     drawn = draw_ties(other, one, ties, FITS)
     plain = draw_ties(other, one, none(ties), FITS[:0])
@@ -63,7 +63,7 @@ def test_a_line_runs_the_right_way_when_the_pairs_are_exchanged(first_stop):
 
 
 def test_a_pair_that_the_ties_do_not_know_is_named(first_stop):
-    one, other = map(Shown.of, first_stop.pairs[:2])
+    one, other = map(FigureImage.of, first_stop.pairs[:2])
     with pytest.raises(MatchingError, match="P001 is not among the images"):
         draw_ties(one, other, tie(("P000", "X"), (5, 5), (6, 6)), FITS)
 
@@ -75,7 +75,7 @@ def test_a_sheet_shows_every_couple_of_a_stop(first_stop):
     share = misfits(ties, geometries, Pose.identity(rover, rover), None, AlignmentParams())
     assert share.max() <= 1.0  # all that were kept agree
     assert np.median(share) < 0.7
-    sheet = draw_sheet(map(Shown.of, first_stop.pairs), ties, share)
+    sheet = draw_sheet(map(FigureImage.of, first_stop.pairs), ties, share)
     assert sheet.shape[1] == SHEET_PX
     assert sheet[: sheet.shape[0] // 2, SHEET_PX // 2 :].any()  # two to a row
     assert sheet[sheet.shape[0] // 2 :, : SHEET_PX // 2].any()
@@ -84,11 +84,11 @@ def test_a_sheet_shows_every_couple_of_a_stop(first_stop):
 
 def test_a_sheet_without_ties_is_black(first_stop):
     nothing = Ties.none(tuple(pair.pair_id for pair in first_stop.pairs))
-    assert not draw_sheet(map(Shown.of, first_stop.pairs), nothing, np.zeros(0)).any()
+    assert not draw_sheet(map(FigureImage.of, first_stop.pairs), nothing, np.zeros(0)).any()
 
 
 def test_the_earlier_stop_stays_left_where_that_is_asked_for(first_stop):
-    one, other = map(Shown.of, first_stop.pairs[:2])
+    one, other = map(FigureImage.of, first_stop.pairs[:2])
     ties = tie((one.name, other.name), (50, 100), (200, 100))  # side by side, `other` goes left
     fixed, free = (draw_sheet((one, other), ties, FITS, first_left=f) for f in (True, False))
     swapped = tie((other.name, one.name), (200, 100), (50, 100))

@@ -2,7 +2,7 @@
 
 import pytest
 
-from solmap.photogrammetry.matching.manual.requests import HandAction
+from solmap.photogrammetry.matching.manual.requests import EditAction
 from solmap.products.catalogue.edits import EditKind, EditLog
 from solmap.products.catalogue.workspace import Workspace
 from solmap.tasks.images.manual_ties import all_wishes, take_edits
@@ -38,7 +38,7 @@ def test_edits_are_wishes_until_they_are_taken_back(workspace):
     log.append("MER2", EditKind.ANNOTATION, {"text": "no tie"}, "Ada")
     take_edits(workspace)
     veto, add = all_wishes(workspace)
-    assert (veto.action, add.action) == (HandAction.VETO, HandAction.ADD)
+    assert (veto.action, add.action) == (EditAction.VETO, EditAction.ADD)
     assert (add.first.point, add.second.point, add.sigma_px) == ((1.5, 2.5), (3.5, 4.5), 0.5)
     log.undo("MER2", added.id, "Ben")
     take_edits(workspace)

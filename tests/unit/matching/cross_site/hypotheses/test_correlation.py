@@ -16,7 +16,7 @@ from solmap.photogrammetry.matching.cross_site.hypotheses.correlation import (
     correlate_views,
     masked_correlation,
 )
-from solmap.products.reports.link_figures import overlay_picture
+from solmap.products.reports.link_figures import draw_overlay
 
 PARAMS = BirdsEyeParams(radius_m=12.0, cell_m=0.16)
 CELLS = 150
@@ -109,7 +109,7 @@ def test_a_birds_eye_view_shows_the_ground_where_it_is(first_stop):
 def test_the_overlay_is_grey_where_both_views_agree():
     view = seen_from(1)
     fit = correlate_views(view, view, SearchGate(0.0, 0.0, 1.0, 0.01), PARAMS)[0]
-    picture = overlay_picture(view, view, fit).astype(int)
+    picture = draw_overlay(view, view, fit).astype(int)
     shown = picture.any(axis=2)
     assert np.abs(picture[shown][:, 0] - picture[shown][:, 1]).mean() < 10
 
