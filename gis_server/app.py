@@ -14,8 +14,8 @@ from starlette.middleware.cors import CORSMiddleware
 from solmap.config.settings import Settings
 from solmap.gis_server.collaboration import accounts, edits, runs
 from solmap.gis_server.errors import install_error_table
-from solmap.gis_server.metrics import Measured, Metrics
-from solmap.gis_server.middleware import CompressText, SecurityHeaders, SmallBodies
+from solmap.gis_server.metrics import MeasureRequests, Metrics
+from solmap.gis_server.middleware import CompressText, LimitBodies, SecurityHeaders
 from solmap.gis_server.ogc import features, landing, wmts
 from solmap.gis_server.ogc import tiles as ogc_tiles
 from solmap.gis_server.openapi import complete
@@ -101,7 +101,7 @@ def create_app(
         app.include_router(module.router)
     complete(app)
     server.install_pages(app, viewer_dist or server.SHIPPED_VIEWER)
-    app.add_middleware(SmallBodies)
+    app.add_middleware(LimitBodies)
     app.add_middleware(CompressText)
     app.add_middleware(TileShortcut, services=services, metrics=app.state.metrics)
     if origins:
@@ -113,7 +113,7 @@ def create_app(
             expose_headers=["ETag", "Content-Range", "Link", "OGC-NumberMatched"],
         )
     app.add_middleware(SecurityHeaders)
-    app.add_middleware(Measured, metrics=app.state.metrics)
+    app.add_middleware(MeasureRequests, metrics=app.state.metrics)
     return app
 
 

@@ -51,7 +51,7 @@ HINT = {
     HTTPStatus.INTERNAL_SERVER_ERROR: "make the product again; its provenance names the recipe",
 }
 
-_ASKED_WRONGLY = (
+_CLIENT_ERRORS = (
     HTTPStatus.BAD_REQUEST,
     HTTPStatus.UNAUTHORIZED,
     HTTPStatus.FORBIDDEN,
@@ -68,9 +68,9 @@ def install_error_table(app: FastAPI) -> None:
     """Have every error of the table answered as `detail`: what, where and what to try."""
     for kind, status in STATUS.items():
         app.add_exception_handler(kind, _answer(status))
-    for status in _ASKED_WRONGLY:
+    for status in _CLIENT_ERRORS:
         app.add_exception_handler(status, _answer(status))
-    app.add_exception_handler(RequestValidationError, _refuse)
+    app.add_exception_handler(RequestValidationError, _answer_invalid)
     app.add_exception_handler(HTTPStatus.METHOD_NOT_ALLOWED, _name_methods)
     app.add_exception_handler(Exception, _fail)
 
@@ -110,7 +110,7 @@ async def _fail(request: Request, error: Exception) -> JSONResponse:
     return JSONResponse(body, status_code=status, headers={"Cache-Control": "no-store"})
 
 
-async def _refuse(_request: Request, error: Exception) -> JSONResponse:
+async def _answer_invalid(_request: Request, error: Exception) -> JSONResponse:
     """What is wrong with a question, without what was sent: that may be no JSON, such as NaN."""
     found = error.errors() if isinstance(error, RequestValidationError) else []
     detail = [{name: row[name] for name in ("type", "loc", "msg")} for row in found]

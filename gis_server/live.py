@@ -21,7 +21,7 @@ from sqlalchemy.exc import SQLAlchemyError
 from solmap.products.catalogue.events import Event, events_since, is_gone, last_event
 
 log = logging.getLogger(__name__)
-LOOK_EVERY_S = 0.25
+POLL_INTERVAL_S = 0.25
 MOST_LISTENERS = 500
 """Each holds a connection and a queue."""
 _QUEUE = 256
@@ -96,7 +96,7 @@ class EventTail:
                     await self._follow(connection)
             except SQLAlchemyError as error:
                 log.warning("events could not be read, tried again: %s", error)
-                await asyncio.sleep(LOOK_EVERY_S)
+                await asyncio.sleep(POLL_INTERVAL_S)
 
     async def _follow(self, connection: sa.Connection) -> None:
         """Hand on what is new, until nobody listens."""
@@ -107,7 +107,7 @@ class EventTail:
                 await run_sync(self.before, fresh)
             for event in fresh:
                 self._hand_on(event)
-            await asyncio.sleep(LOOK_EVERY_S)
+            await asyncio.sleep(POLL_INTERVAL_S)
 
     def _hand_on(self, event: Event) -> None:
         self._last = event.id

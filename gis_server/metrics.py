@@ -63,7 +63,7 @@ class Metrics:
             registry=self.registry,
         )
         ProcessCollector(registry=self.registry)
-        self.registry.register(StoreFacts(services))
+        self.registry.register(StoreCollector(services))
 
     @contextlib.contextmanager
     def drawing(self, form: str) -> Iterator[None]:
@@ -79,7 +79,7 @@ class Metrics:
         return generate_latest(self.registry)
 
 
-class Measured:
+class MeasureRequests:
     """Counts and times every request."""
 
     def __init__(self, app: ASGIApp, metrics: Metrics) -> None:
@@ -120,7 +120,7 @@ def route_of(scope: Scope) -> str:
     return path or NO_ROUTE
 
 
-class StoreFacts:
+class StoreCollector:
     """Facts of store, runs and caches, looked up at every scrape."""
 
     def __init__(self, services: Services) -> None:
@@ -130,7 +130,7 @@ class StoreFacts:
         """Every family of figures."""
         yield from self._catalogue()
         yield from self._caches()
-        yield from run_figures(self._services.runs.runs(500))
+        yield from run_metrics(self._services.runs.runs(500))
 
     def _catalogue(self) -> Iterator[Metric]:
         catalogue = self._services.catalogue
@@ -165,7 +165,7 @@ class StoreFacts:
         yield looks
 
 
-def run_figures(runs: list[Run]) -> Iterator[Metric]:
+def run_metrics(runs: list[Run]) -> Iterator[Metric]:
     """States of the runs that are on record, and of every kind how the last one went."""
     states = GaugeMetricFamily("solmap_runs", "Runs on record", labels=("kind", "state"))
     counts = Tally((run.kind, run.state) for run in runs)

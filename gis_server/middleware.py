@@ -37,7 +37,7 @@ class _TooLargeError(Exception):
     """More bytes came than are taken."""
 
 
-class SmallBodies:
+class LimitBodies:
     """Answers 413 where a body is larger than `MOST_BYTES`, announced or not."""
 
     def __init__(self, app: ASGIApp) -> None:
@@ -48,8 +48,8 @@ class SmallBodies:
         if scope["type"] != "http":
             await self.app(scope, receive, send)
             return
-        if _announced(scope) > MOST_BYTES:
-            await _refusal()(scope, receive, send)
+        if _announced_bytes(scope) > MOST_BYTES:
+            await _too_large()(scope, receive, send)
             return
         came, has_started = 0, False
 
@@ -70,15 +70,15 @@ class SmallBodies:
         with contextlib.suppress(_TooLargeError):
             await self.app(scope, counted, noted)
         if came > MOST_BYTES and not has_started:
-            await _refusal()(scope, receive, send)
+            await _too_large()(scope, receive, send)
 
 
-def _announced(scope: Scope) -> int:
+def _announced_bytes(scope: Scope) -> int:
     told = dict(scope["headers"]).get(b"content-length", b"0")
     return int(told) if told.isdigit() else 0
 
 
-def _refusal() -> JSONResponse:
+def _too_large() -> JSONResponse:
     said = f"a request has at most {MOST_BYTES} bytes; send less at once"
     status = HTTPStatus.REQUEST_ENTITY_TOO_LARGE
     return JSONResponse({"code": status.phrase, "description": said}, status_code=status)

@@ -45,7 +45,7 @@ FORMS: tuple[tuple[str, tuple[str, ...]], ...] = (
 """Media types of the answers at addresses: the first that fits, else what the route says."""
 
 _PROBLEM = "#/components/schemas/Problem"
-_REFUSED = {"anyOf": [{"$ref": _PROBLEM}, {"$ref": "#/components/schemas/HTTPValidationError"}]}
+_INVALID = {"anyOf": [{"$ref": _PROBLEM}, {"$ref": "#/components/schemas/HTTPValidationError"}]}
 _PROBLEM_SCHEMA = {
     "title": "Problem",
     "type": "object",
@@ -68,26 +68,26 @@ def complete(app: FastAPI) -> None:
 
     def described() -> dict[str, Any]:
         if app.openapi_schema is None:
-            app.openapi_schema = _completed(drawn())
+            app.openapi_schema = _complete_document(drawn())
         return app.openapi_schema
 
     app.openapi = described  # type: ignore[method-assign]
 
 
-def _completed(document: dict[str, Any]) -> dict[str, Any]:
+def _complete_document(document: dict[str, Any]) -> dict[str, Any]:
     document["components"]["schemas"]["Problem"] = _PROBLEM_SCHEMA
     for path, operations in document["paths"].items():
         for operation in operations.values():
-            operation.setdefault("parameters", []).extend(_unsaid(path, operation))
+            operation.setdefault("parameters", []).extend(_undeclared(path, operation))
             _put_forms(path, operation)
-            for status in _refusals(path, operation):
-                operation["responses"][str(int(status))] = _refusal(status)
+            for status in _error_statuses(path, operation):
+                operation["responses"][str(int(status))] = _error_response(status)
             if path.endswith("/wmts"):  # which has a report of exceptions of its own
                 operation["responses"]["400"]["content"]["application/xml"] = {}
     return document
 
 
-def _unsaid(path: str, operation: dict[str, Any]) -> Iterator[dict[str, Any]]:
+def _undeclared(path: str, operation: dict[str, Any]) -> Iterator[dict[str, Any]]:
     """Parameters in the path that no dependency declares."""
     said = {one["name"] for one in operation.get("parameters", ()) if one["in"] == "path"}
     for name in re.findall(r"\{(\w+)\}", path):
@@ -112,7 +112,7 @@ def _put_forms(path: str, operation: dict[str, Any]) -> None:
         operation["responses"]["416"] = {"description": "There is no such range"}
 
 
-def _refusals(path: str, operation: dict[str, Any]) -> Iterator[HTTPStatus]:
+def _error_statuses(path: str, operation: dict[str, Any]) -> Iterator[HTTPStatus]:
     if operation["parameters"]:
         yield HTTPStatus.BAD_REQUEST
         yield HTTPStatus.UNPROCESSABLE_ENTITY
@@ -127,7 +127,7 @@ def _refusals(path: str, operation: dict[str, Any]) -> Iterator[HTTPStatus]:
     yield HTTPStatus.SERVICE_UNAVAILABLE
 
 
-def _refusal(status: HTTPStatus) -> dict[str, Any]:
+def _error_response(status: HTTPStatus) -> dict[str, Any]:
     is_invalid = status == HTTPStatus.UNPROCESSABLE_ENTITY
-    schema = _REFUSED if is_invalid else {"$ref": _PROBLEM}
+    schema = _INVALID if is_invalid else {"$ref": _PROBLEM}
     return {"description": status.phrase, "content": {JSON: {"schema": schema}}}

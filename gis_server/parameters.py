@@ -67,7 +67,7 @@ def _bounds(
     return west, south, east, north
 
 
-Bounds = Annotated[tuple[float, float, float, float] | None, Depends(_bounds)]
+BBox = Annotated[tuple[float, float, float, float] | None, Depends(_bounds)]
 """(west, south, east, north) in metres of the local map, or None."""
 
 

@@ -85,15 +85,15 @@ class NetworkUsed(BaseModel):
         return cls(scope=ref.scope.name, digest=ref.digest)
 
 
-def numbers(values: Iterable[float] | np.ndarray, digits: int = 4) -> list[float | None]:
+def json_numbers(values: Iterable[float] | np.ndarray, digits: int = 4) -> list[float | None]:
     """Rounded numbers for JSON, null for NaN."""
     rounded = np.round(np.asarray(values, dtype=np.float64), digits)
     return [value if np.isfinite(value) else None for value in rounded.tolist()]
 
 
-def number(value: float | None, digits: int = 4) -> float | None:
+def json_number(value: float | None, digits: int = 4) -> float | None:
     """One such number."""
-    return None if value is None else numbers([value], digits)[0]
+    return None if value is None else json_numbers([value], digits)[0]
 
 
 class UnanswerableError(Exception):

@@ -15,8 +15,8 @@ import rasterio.features
 from affine import Affine
 from pydantic import BaseModel
 
-from solmap.gis_server.analysis.bodies import UNITS, LayerUsed, UnanswerableError, numbers
-from solmap.gis_server.analysis.ground import Ground, mosaic, worst_of
+from solmap.gis_server.analysis.bodies import UNITS, LayerUsed, UnanswerableError, json_numbers
+from solmap.gis_server.analysis.ground import Ground, mosaic, worst_classes
 from solmap.gis_server.rendering.png import indexed_png
 from solmap.photogrammetry.arrays import Classes, Float64, Raster
 from solmap.photogrammetry.terrain.dtm.grid import Bounds, MapGrid
@@ -96,7 +96,7 @@ class RouteAnswer(BaseModel):
     layers: list[LayerUsed]
 
 
-def drives_from(
+def find_drives(
     place: tuple[float, float], params: DrivingParams, hazards: Sequence[Layer], ground: Ground
 ) -> Drives:
     """All ways from a place, no longer than asked.
@@ -111,22 +111,22 @@ def drives_from(
             "this mission has no hazard maps yet, without which no way is safe: process its sols "
             "with a pipeline that makes them"
         )
-    grid = _around(place, params.farthest_m, min(layer.cell_m or 0.0 for layer in maps))
-    codes, used = worst_of(maps, grid, ground.store, ground.pool)
+    grid = _grid_around(place, params.farthest_m, min(layer.cell_m or 0.0 for layer in maps))
+    codes, used = worst_classes(maps, grid, ground.store, ground.pool)
     while grid.rows * grid.cols > MOST_CELLS:
-        codes, grid = _halved(codes, grid)
+        codes, grid = _halve(codes, grid)
     heights, models = mosaic(ground, grid)
     found = reachability(codes, heights, grid, place, params)
     return Drives(place, found, heights, params, [*used, *models])
 
 
-def _around(place: tuple[float, float], reach_m: float, cell_m: float) -> MapGrid:
+def _grid_around(place: tuple[float, float], reach_m: float, cell_m: float) -> MapGrid:
     east, north = place
     box = (east - reach_m, north - reach_m, east + reach_m, north + reach_m)
     return MapGrid.covering(box, cell_m)
 
 
-def _halved(codes: Classes, grid: MapGrid) -> tuple[Classes, MapGrid]:
+def _halve(codes: Classes, grid: MapGrid) -> tuple[Classes, MapGrid]:
     """Cells of twice the side, each with the worst of its four."""
     fours = codes.reshape(grid.rows // 2, 2, grid.cols // 2, 2)
     half = MapGrid(grid.west, grid.north, 2 * grid.cell_m, grid.rows // 2, grid.cols // 2)
@@ -206,8 +206,8 @@ def route_answer(drives: Drives, to: tuple[float, float], speed_m_h: float) -> R
         drive_h=round(float(distance[-1]) / speed_m_h, 4),
         cell_m=grid.cell_m,
         places=[(round(e, 3), round(n, 3)) for e, n in places.tolist()],
-        distance_m=numbers(distance),
-        ground_m=numbers(heights),
+        distance_m=json_numbers(distance),
+        ground_m=json_numbers(heights),
         layers=[LayerUsed.of(layer) for layer in drives.layers],
     )
 

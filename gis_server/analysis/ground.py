@@ -93,7 +93,7 @@ class Ground:
     def _asked(self, layer: Layer, number: int, places: MapPoints, inside: Flags) -> GroundSamples:
         values = np.full((len(_BANDS), len(places)), np.nan)
         with self.pool.reading(self.store.address(layer.ref)) as dataset:
-            values[:, inside] = sampled(dataset, _BANDS, places[inside])
+            values[:, inside] = sample_bands(dataset, _BANDS, places[inside])
         known = np.isfinite(values[0])
         return GroundSamples(
             values[0],
@@ -108,7 +108,9 @@ def cell_of(layer: Layer) -> float:
     return layer.cell_m or math.inf
 
 
-def sampled(dataset: rasterio.DatasetReader, bands: Sequence[str], places: MapPoints) -> np.ndarray:
+def sample_bands(
+    dataset: rasterio.DatasetReader, bands: Sequence[str], places: MapPoints
+) -> np.ndarray:
     """Bands of an open raster between cell centres, one row a band; NaN for bands it lacks."""
     names = band_names(dataset)
     held = [name for name in bands if name in names]
@@ -124,7 +126,7 @@ def _read(
     dataset: rasterio.DatasetReader, grid: MapGrid, indexes: list[int], places: MapPoints
 ) -> np.ndarray:
     """Values at places, window by window; a window too large is cut between its places."""
-    window = _around(grid, places)
+    window = _window_around(grid, places)
     if window.width * window.height > _WINDOW and len(places) > 1:
         order = np.argsort(places[:, 0] if window.width > window.height else places[:, 1])
         values = np.empty((len(indexes), len(places)))
@@ -136,7 +138,7 @@ def _read(
     return np.stack([sample_bilinear(band, part, places) for band in stack])
 
 
-def _around(grid: MapGrid, places: MapPoints) -> Window:
+def _window_around(grid: MapGrid, places: MapPoints) -> Window:
     """The cells around places, within the grid."""
     col = (places[:, 0] - grid.west) / grid.cell_m
     row = (grid.north - places[:, 1]) / grid.cell_m
@@ -204,7 +206,7 @@ def _read_part(
     return read[0], unsure
 
 
-def worst_of(
+def worst_classes(
     layers: Sequence[Layer], grid: MapGrid, store: ProductStore, pool: RasterPool
 ) -> tuple[Classes, list[Layer]]:
     """Classes on a grid: at every cell the highest code of all layers, 0 where none knows it.

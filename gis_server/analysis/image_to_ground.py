@@ -110,7 +110,7 @@ def stop_named(mission: OrientedMission, name: str) -> StopId:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Found:
+class PixelGround:
     """The ground at a pixel, and what it was found by."""
 
     ground: GroundPoint
@@ -125,7 +125,7 @@ def ground_at(
     sigma_px: float,
     mission: OrientedMission,
     ground: Ground,
-) -> Found | None:
+) -> PixelGround | None:
     """The ground at a pixel: by its parallax where it was matched, else where its ray meets."""
     image = mission.oriented(entry)
     if not image.shows(np.array(point)):
@@ -133,15 +133,15 @@ def ground_at(
             f"{entry.id} has {image.size[0]} samples and {image.size[1]} lines; "
             f"sample {point[0]:g}, line {point[1]:g} is not on it"
         )
-    found = _matched_at(entry, image, point, sigma_px, mission)
+    found = _intersect_by_parallax(entry, image, point, sigma_px, mission)
     if found is not None:
         normal = ground_normal(found.on_map[:2], ground.elevation, NORMAL_M)
         whole = GroundPoint(found.point, found.covariance, found.frame, normal)
-        return Found(whole, "parallax", None)
-    return _met_by_ray(image, point, sigma_px, mission, ground)
+        return PixelGround(whole, "parallax", None)
+    return _intersect_ray(image, point, sigma_px, mission, ground)
 
 
-def _matched_at(
+def _intersect_by_parallax(
     entry: ImageEntry,
     image: OrientedImage,
     point: tuple[float, float],
@@ -162,13 +162,13 @@ def _matched_at(
     )
 
 
-def _met_by_ray(
+def _intersect_ray(
     image: OrientedImage,
     point: tuple[float, float],
     sigma_px: float,
     mission: OrientedMission,
     ground: Ground,
-) -> Found | None:
+) -> PixelGround | None:
     start, ray = image.ray(np.array(point))
     step = ground.finest_cell_m
     distance = range_to_ground(start, ray, ground.elevation, _USUAL.radius_m, step)
@@ -186,7 +186,7 @@ def _met_by_ray(
         float(np.nan_to_num(at.own_sigma_m[0])),
         frame_of(layer, mission, (east, north)),
     )
-    return Found(
+    return PixelGround(
         intersect_terrain(image, met, ray, known, sigma_px, pixel_angle(image, point)),
         "terrain",
         layer,
@@ -200,7 +200,7 @@ def pixel_angle(image: OrientedImage, point: tuple[float, float]) -> float:
     return float(np.linalg.norm(rays[1] - rays[0]))
 
 
-def curve_in(
+def epipolar_curve_in(
     image: OrientedImage, point: tuple[float, float], into: OrientedImage
 ) -> tuple[ImagePoints, Float64[np.ndarray, " k"]]:
     """The epipolar curve of a pixel in another image."""

@@ -276,7 +276,7 @@ class _Zone:
     classes: dict[int, str]
 
 
-def zonal(
+def zonal_answer(
     question: ZonalQuestion, layer: Layer, store: ProductStore, pool: RasterPool
 ) -> ZonalAnswer:
     """Count, mean, spread and percentiles, or the classes, of a layer in a polygon."""

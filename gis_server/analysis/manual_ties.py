@@ -22,10 +22,10 @@ from solmap.gis_server.analysis.bodies import (
     NetworkUsed,
     Question,
     UnanswerableError,
-    number,
-    numbers,
+    json_number,
+    json_numbers,
 )
-from solmap.gis_server.rendering.images import linearised
+from solmap.gis_server.rendering.images import linearised_image
 from solmap.photogrammetry.adjustment.model.adjusted_network import (
     BLUNDER,
     USED,
@@ -77,9 +77,9 @@ from solmap.products.model import ProductRef
 PixelHere = Annotated[float, Field(ge=-1, le=1e5)]
 ImageHere = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,127}$")]
 _MOST_TIES = 500
-_MOST_STANDING = 4
+_MOST_SOLUTIONS = 4
 """Pairs of stops that are remembered as they stand, a few megabytes each."""
-_STANDING: OrderedDict[
+_SOLUTIONS: OrderedDict[
     tuple[Path, ProductRef, frozenset[StopId]],
     tuple[Network, tuple[AdjustedNetwork, AdjustmentReport]],
 ] = OrderedDict()
@@ -121,9 +121,9 @@ class RefineAnswer(BaseModel):
     network: NetworkUsed
 
 
-def refined_pick(question: RefineQuestion, mission: OrientedMission) -> RefineAnswer:
+def refine_pick(question: RefineQuestion, mission: OrientedMission) -> RefineAnswer:
     """Measure the second of two picked points by least-squares matching."""
-    sides = [_side(point, mission) for point in (question.first, question.second)]
+    sides = [_picked_view(point, mission) for point in (question.first, question.second)]
     (first, at, _), (second, start, eyes) = sides
     picked = np.array([question.second.sample, question.second.line])
     try:
@@ -168,13 +168,13 @@ def left_entry(image: str, mission: OrientedMission) -> tuple[ImageEntry, Matche
     return entry, eyes
 
 
-def _side(
+def _picked_view(
     point: Picked, mission: OrientedMission
 ) -> tuple[PickedView, Float64[np.ndarray, " 2"], MatchedPair]:
     entry, eyes = left_entry(point.image, mission)
     pair = mission.pair_of(entry)
     assert pair is not None  # noqa: S101 - asked of by `left_entry`
-    grey = linearised(entry, mission.workspace)
+    grey = linearised_image(entry, mission.workspace)
     mask = np.isfinite(grey)
     view = View.of(np.where(mask, grey, np.float32(0)), mask)
     place = epipolar_point(eyes.left, eyes.geometry, (point.sample, point.line))
@@ -272,34 +272,34 @@ class TrialAnswer(BaseModel):
     network: NetworkUsed
 
 
-def tried(question: TrialQuestion, mission: OrientedMission) -> TrialAnswer:
+def preview_adjustment(question: TrialQuestion, mission: OrientedMission) -> TrialAnswer:
     """Adjust the two stops of hand ties, with these and without."""
     stops = _stops(question, mission)
     bodies = {name: _body(name, mission) for name in _names(question)}
-    wishes = [_wish(k, tie) for k, tie in enumerate(question.ties)]
-    hand, placed, notes = _placed(wishes, bodies)
+    wishes = [_tie_request(k, tie) for k, tie in enumerate(question.ties)]
+    hand, placed, notes = _make_ties(wishes, bodies)
     vetoes = [veto for wish in wishes if (veto := _veto(wish, bodies))]
     if not (len(hand) or vetoes):
         raise UnanswerableError(f"no tie could be carried out: {'; '.join(notes)}")
-    network, standing = _standing(mission, frozenset(stops))
+    network, standing = _current_solution(mission, frozenset(stops))
     found = preview(network, standing, hand, vetoes, AdjustmentParams())
     return _answer(found, network.stop_ids, placed, notes, mission)
 
 
-def _standing(
+def _current_solution(
     mission: OrientedMission, stops: frozenset[StopId]
 ) -> tuple[Network, tuple[AdjustedNetwork, AdjustmentReport]]:
     """Two stops and how they stand without hand ties, remembered while a person edits."""
     key = (mission.workspace.store.root, mission.ref, stops)
     with _LOCK:
-        if key not in _STANDING:
+        if key not in _SOLUTIONS:
             network = _part(stops, mission)
             adjusted = as_it_stands(network, mission.network.adjusted, AdjustmentParams())
-            _STANDING[key] = network, adjusted
-            while len(_STANDING) > _MOST_STANDING:
-                _STANDING.popitem(last=False)
-        _STANDING.move_to_end(key)
-        return _STANDING[key]
+            _SOLUTIONS[key] = network, adjusted
+            while len(_SOLUTIONS) > _MOST_SOLUTIONS:
+                _SOLUTIONS.popitem(last=False)
+        _SOLUTIONS.move_to_end(key)
+        return _SOLUTIONS[key]
 
 
 def _names(question: TrialQuestion) -> list[str]:
@@ -326,7 +326,7 @@ def _body(name: str, mission: OrientedMission) -> ManualImage:
     return ManualImage(eyes.pair_id, eyes.geometry, eyes.left, eyes.right, parallax)
 
 
-def _wish(row: int, tie: TieWish) -> EditRequest:
+def _tie_request(row: int, tie: TieWish) -> EditRequest:
     first, second = (_point(point) for point in (tie.first, tie.second))
     action = EditAction(tie.action)
     return EditRequest(action, first, second, tie.sigma_px, tie.tolerance_px, f"tie {row}")
@@ -342,7 +342,7 @@ def _point(point: TiePoint) -> EditPoint:
     return EditPoint(point.image.upper(), places[0], places[1])
 
 
-def _placed(
+def _make_ties(
     wishes: list[EditRequest], bodies: dict[str, ManualImage]
 ) -> tuple[Ties, list[int], list[str]]:
     """The ties that are added, the numbers of their wishes, and what could not be carried out."""
@@ -432,7 +432,7 @@ def _report(report: AdjustmentReport) -> TrialReport:
     return TrialReport(
         summary=str(report),
         is_usable=report.is_usable,
-        sigma0=number(report.sigma0),
+        sigma0=json_number(report.sigma0),
         redundancy=report.redundancy,
         blunders=report.blunders,
         cross_site_ties=sum(n for kind, n in report.ties.items() if str(kind) == "cross-site"),
@@ -448,8 +448,8 @@ def _residual(tie: int, row: int, found: Preview) -> TieResidual:
     return TieResidual(
         tie=tie,
         status="blunder" if "blunder" in status else "used" if status == {"used"} else "unused",
-        residual_px=number(float(np.sqrt(np.mean(known**2)))) if len(known) else None,
-        first=numbers(residuals[0]),
-        second=numbers(residuals[1]),
-        largest_standardised=number(worst, 2),
+        residual_px=json_number(float(np.sqrt(np.mean(known**2)))) if len(known) else None,
+        first=json_numbers(residuals[0]),
+        second=json_numbers(residuals[1]),
+        largest_standardised=json_number(worst, 2),
     )

@@ -21,8 +21,8 @@ from solmap.gis_server.analysis.bodies import (
     Polygon,
     Question,
     UnanswerableError,
-    number,
-    numbers,
+    json_number,
+    json_numbers,
 )
 from solmap.gis_server.analysis.ground import BEST, Ground
 from solmap.photogrammetry.terrain.dtm.resampling import NOWHERE, GroundSamples, MapPoints
@@ -149,7 +149,7 @@ class VolumeAnswer(BaseModel):
     layers: list[LayerUsed]
 
 
-def measured_line(question: LineQuestion, ground: Ground, landing: LandingPoint) -> LineAnswer:
+def line_answer(question: LineQuestion, ground: Ground, landing: LandingPoint) -> LineAnswer:
     """Length, directions and rise of a line."""
     corners = np.array(question.line)
     along = stations(corners, question.step_m)
@@ -160,14 +160,14 @@ def measured_line(question: LineQuestion, ground: Ground, landing: LandingPoint)
         surface_length_m=round(found.surface_length_m, 4),
         step_m=question.step_m,
         measured_share=round(found.measured_share, 4),
-        leg_length_m=numbers(found.leg_length_m),
-        leg_azimuth_deg=numbers(np.degrees(found.leg_azimuth), 3),
-        ends=_ends(corners[[0, -1]], ground.at(corners[[0, -1]]), landing),
-        layers=used_in(read, ground),
+        leg_length_m=json_numbers(found.leg_length_m),
+        leg_azimuth_deg=json_numbers(np.degrees(found.leg_azimuth), 3),
+        ends=_rise_body(corners[[0, -1]], ground.at(corners[[0, -1]]), landing),
+        layers=layers_used(read, ground),
     )
 
 
-def _ends(places: MapPoints, read: GroundSamples, landing: LandingPoint) -> RiseBody | None:
+def _rise_body(places: MapPoints, read: GroundSamples, landing: LandingPoint) -> RiseBody | None:
     if not np.isfinite(read.elevation).all() or np.hypot(*(places[1] - places[0])) < SAME_M:
         return None
     rise = rise_between(places, read)
@@ -193,7 +193,7 @@ def true_azimuth(places: MapPoints, landing: LandingPoint) -> float:
     return math.degrees(math.atan2(across, lat_on - lat)) % 360.0
 
 
-def measured_area(question: AreaQuestion, ground: Ground) -> AreaAnswer:
+def area_answer(question: AreaQuestion, ground: Ground) -> AreaAnswer:
     """Area of a polygon on the map and on the ground."""
     polygon = polygon_of(np.array(question.polygon))
     places, cell = places_inside(polygon, ground.finest_cell_m, _STEEP_PLACES)
@@ -203,19 +203,19 @@ def measured_area(question: AreaQuestion, ground: Ground) -> AreaAnswer:
     surface = polygon.area * float(np.nanmean(steep)) if np.isfinite(steep).any() else None
     return AreaAnswer(
         map_area_m2=round(polygon.area, 4),
-        surface_area_m2=number(surface),
+        surface_area_m2=json_number(surface),
         perimeter_m=round(polygon.length, 4),
         centre=(round(polygon.centroid.x, 4), round(polygon.centroid.y, 4)),
-        elevation_mean_m=number(float(known.mean())) if len(known) else None,
-        elevation_min_m=number(float(known.min())) if len(known) else None,
-        elevation_max_m=number(float(known.max())) if len(known) else None,
+        elevation_mean_m=json_number(float(known.mean())) if len(known) else None,
+        elevation_min_m=json_number(float(known.min())) if len(known) else None,
+        elevation_max_m=json_number(float(known.max())) if len(known) else None,
         measured_share=round(len(known) / len(places), 4),
         cell_m=round(cell, 6),
-        layers=used_in(read, ground),
+        layers=layers_used(read, ground),
     )
 
 
-def measured_volume(question: VolumeQuestion, ground: Ground) -> VolumeAnswer:
+def volume_answer(question: VolumeQuestion, ground: Ground) -> VolumeAnswer:
     """The volume of a polygon's ground against a base."""
     polygon = polygon_of(np.array(question.polygon))
     places, cell = places_inside(polygon, ground.finest_cell_m)
@@ -236,7 +236,7 @@ def measured_volume(question: VolumeQuestion, ground: Ground) -> VolumeAnswer:
         base_elevation_m=round(float(base.at(centre)[0]), 4),
         base_slope_deg=round(math.degrees(math.atan(np.hypot(*base.parameters[1:]))), 3),
         cell_m=round(cell, 6),
-        layers=used_in(read, ground),
+        layers=layers_used(read, ground),
     )
 
 
@@ -257,7 +257,7 @@ def _base(question: VolumeQuestion, ground: Ground) -> BasePlane:
     return BasePlane.level(float(np.nanmin(read.elevation)))
 
 
-def used_in(read: GroundSamples, ground: Ground) -> list[LayerUsed]:
+def layers_used(read: GroundSamples, ground: Ground) -> list[LayerUsed]:
     """The terrain models that places were read from."""
     numbers_used = np.unique(read.source[read.source != NOWHERE]).tolist()
     return [LayerUsed.of(ground.models[k]) for k in numbers_used]
@@ -300,7 +300,7 @@ class ProfileAnswer(BaseModel):
     layers: list[LayerUsed]
 
 
-def ask_profile(question: ProfileQuestion, ground: Ground) -> Profile:
+def profile_of(question: ProfileQuestion, ground: Ground) -> Profile:
     """The profile of a line over terrain models."""
     corners = np.array(question.line)
     length = float(np.hypot(*np.diff(corners, axis=0).T).sum())
@@ -318,15 +318,15 @@ def profile_answer(question: ProfileQuestion, found: Profile, ground: Ground) ->
         length_m=round(float(along.distance_m[-1]), 4),
         step_m=round(step, 6),
         slope_baseline_m=question.slope_baseline_m,
-        distance_m=numbers(along.distance_m),
-        east=numbers(along.places[:, 0]),
-        north=numbers(along.places[:, 1]),
+        distance_m=json_numbers(along.distance_m),
+        east=json_numbers(along.places[:, 0]),
+        north=json_numbers(along.places[:, 1]),
         leg=along.leg.tolist(),
-        elevation_m=numbers(found.ground.elevation),
-        sigma_m=numbers(found.ground.sigma_m),
-        pose_sigma_m=numbers(found.ground.pose_sigma_m),
-        slope_deg=numbers(np.degrees(found.slope), 3),
-        slope_sigma_deg=numbers(np.degrees(found.slope_sigma), 3),
+        elevation_m=json_numbers(found.ground.elevation),
+        sigma_m=json_numbers(found.ground.sigma_m),
+        pose_sigma_m=json_numbers(found.ground.pose_sigma_m),
+        slope_deg=json_numbers(np.degrees(found.slope), 3),
+        slope_sigma_deg=json_numbers(np.degrees(found.slope_sigma), 3),
         source=[None if k == NOWHERE else used.index(k) for k in found.ground.source.tolist()],
         layers=[LayerUsed.of(ground.models[k]) for k in used],
     )

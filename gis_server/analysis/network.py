@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel
 
-from solmap.gis_server.analysis.bodies import UNITS, NetworkUsed, number
+from solmap.gis_server.analysis.bodies import UNITS, NetworkUsed, json_number
 from solmap.gis_server.analysis.scene import Place, on_map
 from solmap.photogrammetry.adjustment.model.adjusted_network import (
     BLUNDER,
@@ -130,7 +130,7 @@ class PairGraph(BaseModel):
 
 
 @lru_cache(maxsize=4)
-def _assessed(network: NetworkProduct) -> tuple[Links, tuple[Weak, ...]]:
+def _assess(network: NetworkProduct) -> tuple[Links, tuple[Weak, ...]]:
     """Links and weaknesses of a network, remembered: it never changes."""
     links = shared_ties(network.adjusted)
     found = weaknesses(network.adjusted, links, (), QualityParams())
@@ -145,7 +145,7 @@ def _shared_by_pairs(network: NetworkProduct) -> dict[tuple[str, str], int]:
 def network_graph(ref: ProductRef, network: NetworkProduct) -> NetworkGraph:
     """The stops of a network and their links."""
     adjusted, params = network.adjusted, QualityParams()
-    links, weak = _assessed(network)
+    links, weak = _assess(network)
     pairs = Counter(str(pair.stop) for pair in adjusted.pairs)
     return NetworkGraph(
         network=NetworkUsed.of(ref),
@@ -201,8 +201,8 @@ def pair_graph(
         if one in own or other in own
     ]
     shown = own | {name for edge in edges for name in (edge.one, edge.other)}
-    _, weak = _assessed(network)
-    blunders = _set_aside(adjusted)
+    _, weak = _assess(network)
+    blunders = _count_blunders(adjusted)
     nodes = [
         _pair_node(pair, entries.get(pair.pair_id), blunders[pair.pair_id], weak)
         for pair in adjusted.pairs
@@ -228,7 +228,7 @@ def shared_by_pairs(network: AdjustedNetwork) -> dict[tuple[str, str], int]:
     return counts
 
 
-def _set_aside(network: AdjustedNetwork) -> Counter[str]:
+def _count_blunders(network: AdjustedNetwork) -> Counter[str]:
     ties, seen = network.ties, network.ties.observations
     numbers = np.bincount(seen.pair[ties.status == BLUNDER], minlength=len(seen.pair_ids))
     return Counter(dict(zip(seen.pair_ids, numbers.tolist(), strict=True)))
@@ -325,7 +325,7 @@ def _geometry(entry: ImageEntry, image: RoverImage, mission: OrientedMission) ->
     return geometry_of(matches, mission.workspace)
 
 
-def in_stored_image(
+def to_stored_image(
     left: ImagePoints,
     parallax_px: Float64[np.ndarray, " n"],
     geometry: EpipolarPair,
@@ -350,9 +350,9 @@ def _ties(
 ) -> list[ImageTie]:
     seen = ties.observations
     left, parallax, residual = seen.left[rows], seen.parallax_px[rows], ties.residuals_px[rows]
-    observed = in_stored_image(left, parallax, geometry, image.camera)
+    observed = to_stored_image(left, parallax, geometry, image.camera)
     moved = parallax - np.nan_to_num(residual[:, 2])
-    computed = in_stored_image(left - residual[:, :2], moved, geometry, image.camera)
+    computed = to_stored_image(left - residual[:, :2], moved, geometry, image.camera)
     others = _others(rows, ties)
     return [
         _tie(int(row), observed[k], (observed - computed)[k], ties, others)
@@ -389,13 +389,13 @@ def _tie(
         kind=str(ties.kinds[index]),
         sample=round(float(observed[0]), 3),
         line=round(float(observed[1]), 3),
-        residual_sample_px=number(residual[0]),
-        residual_line_px=number(residual[1]),
-        standardised=number(float(np.nanmax(standardised)), 3)
+        residual_sample_px=json_number(residual[0]),
+        residual_line_px=json_number(residual[1]),
+        standardised=json_number(float(np.nanmax(standardised)), 3)
         if np.isfinite(standardised).any()
         else None,
         status=_STATUS[int(ties.status[row])],
         pairs=[pair for other, pair in others.get(index, []) if other != row],
         place=(east, north, up) if is_placed else None,
-        sigma_m=number(np.sqrt(max(variance, 0.0)) if np.isfinite(variance) else None),
+        sigma_m=json_number(np.sqrt(max(variance, 0.0)) if np.isfinite(variance) else None),
     )

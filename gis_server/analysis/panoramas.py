@@ -69,7 +69,7 @@ class PlaceSeen(BaseModel):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PanoramaAsked:
+class PanoramaView:
     """An open panorama and its companion."""
 
     layer: Layer
@@ -78,7 +78,7 @@ class PanoramaAsked:
     pool: RasterPool
 
     @classmethod
-    def of(cls, layer: Layer, store: ProductStore, pool: RasterPool) -> PanoramaAsked:
+    def of(cls, layer: Layer, store: ProductStore, pool: RasterPool) -> PanoramaView:
         """The panorama that a layer is."""
         if layer.ref.kind is not ProductKind.PANORAMA:
             raise ProductNotFoundError(f"{layer.id} is no panorama")

@@ -20,7 +20,7 @@ from solmap.gis_server.analysis.bodies import (
     UnanswerableError,
 )
 from solmap.gis_server.analysis.ground import BEST, Ground, cell_of
-from solmap.gis_server.analysis.measures import used_in
+from solmap.gis_server.analysis.measures import layers_used
 from solmap.photogrammetry.arrays import Covariances3
 from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.planes import PlaneFit, fit_plane
@@ -75,7 +75,7 @@ class PlaneAnswer(BaseModel):
     layers: list[LayerUsed]
 
 
-def fitted_plane(question: PlaneQuestion, ground: Ground) -> PlaneAnswer:
+def plane_answer(question: PlaneQuestion, ground: Ground) -> PlaneAnswer:
     """The likeliest plane through the places of a question.
 
     Raises:
@@ -92,7 +92,7 @@ def fitted_plane(question: PlaneQuestion, ground: Ground) -> PlaneAnswer:
     covariances = _covariances(question, read, on_ground, ground)[known]
     plane = fit_plane(points, covariances)
     used = read if on_ground.any() else GroundSamples.none(0)
-    return _answer(plane, used_in(used, ground))
+    return _answer(plane, layers_used(used, ground))
 
 
 def _places(question: PlaneQuestion, ground: Ground) -> tuple[MapPoints, np.ndarray]:

@@ -20,11 +20,11 @@ from solmap.gis_server.analysis.bodies import (
     UNITS,
     LayerUsed,
     NetworkUsed,
-    number,
-    numbers,
+    json_number,
+    json_numbers,
 )
 from solmap.gis_server.analysis.ground import Ground
-from solmap.gis_server.analysis.image_to_ground import Found
+from solmap.gis_server.analysis.image_to_ground import PixelGround
 from solmap.photogrammetry.arrays import Float64, ImagePoints
 from solmap.photogrammetry.imagery import Eye
 from solmap.photogrammetry.terrain.dtm.ground import MAP_FROM_LSL
@@ -50,7 +50,7 @@ model, so that its noise hides nothing from grazing views."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Seen:
+class ProjectedPoint:
     """A place of the ground in an image."""
 
     entry: ImageEntry
@@ -68,7 +68,9 @@ class Seen:
     """The place in the left or right epipolar image of its pair."""
 
 
-def seen_in(entry: ImageEntry, target: GroundPoint, mission: OrientedMission) -> Seen | None:
+def project_into(
+    entry: ImageEntry, target: GroundPoint, mission: OrientedMission
+) -> ProjectedPoint | None:
     """A place of the ground in an image; None where it does not fall on it. Not yet if in sight."""
     image = mission.oriented(entry)
     point = image.camera.project(target.point[None])[0]
@@ -81,7 +83,7 @@ def seen_in(entry: ImageEntry, target: GroundPoint, mission: OrientedMission) ->
     incidence = (
         None if normal is None else float(np.arccos(np.clip(view @ normal / distance, -1, 1)))
     )
-    return Seen(
+    return ProjectedPoint(
         entry,
         image,
         point,
@@ -94,9 +96,9 @@ def seen_in(entry: ImageEntry, target: GroundPoint, mission: OrientedMission) ->
     )
 
 
-def with_sight(
-    seen: Sequence[Seen], target: GroundPoint, mission: OrientedMission, ground: Ground
-) -> list[Seen]:
+def add_visibility(
+    seen: Sequence[ProjectedPoint], target: GroundPoint, mission: OrientedMission, ground: Ground
+) -> list[ProjectedPoint]:
     """The same with whether each image sees it.
 
     What hides it, by the parallax its pair was matched with or by the terrain between, hides it.
@@ -106,14 +108,17 @@ def with_sight(
     asked = [k for k, (sight, _) in enumerate(by_pair) if sight is not Sight.HIDDEN]
     between = dict(zip(asked, _by_terrain([seen[k] for k in asked], target, ground), strict=True))
     return [
-        _told(one, sight, between.get(k), linearised)
+        _with_sight(one, sight, between.get(k), linearised)
         for k, (one, (sight, linearised)) in enumerate(zip(seen, by_pair, strict=True))
     ]
 
 
-def _told(
-    seen: Seen, by_pair: Sight, between: Sight | None, linearised: tuple[float, float] | None
-) -> Seen:
+def _with_sight(
+    seen: ProjectedPoint,
+    by_pair: Sight,
+    between: Sight | None,
+    linearised: tuple[float, float] | None,
+) -> ProjectedPoint:
     sight, told_by = by_pair, "parallax"
     if between is not None and (between is Sight.HIDDEN or by_pair is Sight.UNKNOWN):
         sight, told_by = between, "terrain"
@@ -122,7 +127,7 @@ def _told(
 
 
 def _by_pair(
-    seen: Seen, target: GroundPoint, mission: OrientedMission
+    seen: ProjectedPoint, target: GroundPoint, mission: OrientedMission
 ) -> tuple[Sight, tuple[float, float] | None]:
     eyes, pair = mission.eyes(seen.entry), mission.pair_of(seen.entry)
     if eyes is None or pair is None:
@@ -140,7 +145,7 @@ def _by_pair(
     return sight, (float(left[0, 0] - shift), float(left[0, 1]))
 
 
-def _by_terrain(seen: Sequence[Seen], target: GroundPoint, ground: Ground) -> list[Sight]:
+def _by_terrain(seen: Sequence[ProjectedPoint], target: GroundPoint, ground: Ground) -> list[Sight]:
     if not seen:
         return []
     sigma = float(np.sqrt(max(target.covariance[2, 2], 0.0)))
@@ -286,16 +291,16 @@ def ground_body(target: GroundPoint) -> GroundBody:
     )
 
 
-def seen_body(seen: Seen) -> SeenBody:
+def seen_body(seen: ProjectedPoint) -> SeenBody:
     """A place in an image as it is sent."""
-    return SeenBody(**_seen(seen))
+    return SeenBody(**_seen_fields(seen))
 
 
 def predicted_body(
-    seen: Seen, curve: tuple[ImagePoints, Float64[np.ndarray, " k"]]
+    seen: ProjectedPoint, curve: tuple[ImagePoints, Float64[np.ndarray, " k"]]
 ) -> PredictedBody:
     """The same with its epipolar curve."""
-    return PredictedBody(**_seen(seen), epipolar=curve_body(curve))
+    return PredictedBody(**_seen_fields(seen), epipolar=curve_body(curve))
 
 
 def curve_body(curve: tuple[ImagePoints, Float64[np.ndarray, " k"]]) -> list[CurvePoint]:
@@ -306,18 +311,18 @@ def curve_body(curve: tuple[ImagePoints, Float64[np.ndarray, " k"]]) -> list[Cur
     ]
 
 
-def layers_used(found: Found | None) -> list[LayerUsed]:
+def _layers_used(found: PixelGround | None) -> list[LayerUsed]:
     """The terrain model that a pixel's ground was found on, if one was."""
     return [LayerUsed.of(found.layer)] if found and found.layer else []
 
 
-def _seen(seen: Seen) -> dict[str, Any]:
+def _seen_fields(seen: ProjectedPoint) -> dict[str, Any]:
     entry: ImageEntry = seen.entry
     ellipse = seen.ellipse
     incidence = None if seen.incidence is None else math.degrees(seen.incidence)
     sample, line = seen.linearised or (None, None)
     known = {name: getattr(entry, name) for name in ("stop", "sol", "instrument", "eye")}
-    place = dict(zip(("sample", "line"), numbers(seen.point, 3), strict=True))
+    place = dict(zip(("sample", "line"), json_numbers(seen.point, 3), strict=True))
     return {
         **known,
         **place,
@@ -328,11 +333,11 @@ def _seen(seen: Seen) -> dict[str, Any]:
             angle_deg=round(math.degrees(ellipse.angle), 2),
         ),
         "range_m": round(seen.range_m, 4),
-        "incidence_deg": number(incidence, 2),
+        "incidence_deg": json_number(incidence, 2),
         "sight": SIGHT_NAMES[seen.sight],
         "told_by": seen.told_by,
-        "linearised_sample": number(sample, 3),
-        "linearised_line": number(line, 3),
+        "linearised_sample": json_number(sample, 3),
+        "linearised_line": json_number(line, 3),
         "browse": f"/images/{entry.id}/browse.png",
         "original": f"/images/{entry.id}/original",
     }

@@ -122,7 +122,7 @@ def scene_cameras(
         if entry.stop_id in poses:
             turn = pointings.get(entry.id, pointings.get(entry.partner or "", np.zeros(3)))
             image = image_record(entry, workspace)
-            cameras.append(_camera(entry, _oriented(image, poses[entry.stop_id], turn)))
+            cameras.append(_camera(entry, _orient(image, poses[entry.stop_id], turn)))
     return SceneCameras(network=ref.digest, cameras=cameras)
 
 
@@ -150,7 +150,7 @@ def _ellipsoid(stop: AdjustedStop) -> Ellipsoid:
     )
 
 
-def _oriented(image: RoverImage, stop: AdjustedStop, turn: Vector3) -> OrientedImage:
+def _orient(image: RoverImage, stop: AdjustedStop, turn: Vector3) -> OrientedImage:
     pose = StopPose(stop.stop, stop.lsl_from_rover, stop.covariance)
     return OrientedImage.of(image, pose, Pointing(turn, np.zeros((3, 3))))
 

@@ -12,7 +12,7 @@ from functools import lru_cache
 import numpy as np
 from pydantic import BaseModel
 
-from solmap.gis_server.analysis.bodies import UNITS, UnanswerableError, number
+from solmap.gis_server.analysis.bodies import UNITS, UnanswerableError, json_number
 from solmap.photogrammetry.adjustment.model.adjusted_network import AdjustedStop
 from solmap.photogrammetry.adjustment.quality.network_quality import ellipse
 from solmap.photogrammetry.traverse.differences import Differences, common_stops, differences
@@ -145,7 +145,7 @@ def network_named(
     )
 
 
-def compare(
+def compare_traverses(
     named: tuple[ProductRef, NetworkProduct],
     reference: tuple[ProductRef, NetworkProduct] | None,
 ) -> TraverseAnswer:
@@ -211,10 +211,10 @@ def _rows(
                 reference=_place(reference.places_m[k]),
                 offset_m=_place(found.offset_m[k]),
                 horizontal_m=round(float(found.horizontal_m[k]), _DIGITS),
-                percent=number(float(found.percent[k]), 3),
-                leg_m=number(legs[k], _DIGITS),
+                percent=json_number(float(found.percent[k]), 3),
+                leg_m=json_number(legs[k], _DIGITS),
                 sigma_up_m=round(float(stop.sigma_ned_m[2]), _DIGITS),
-                reference_sigma_up_m=number(sigmas.get(label), _DIGITS),
+                reference_sigma_up_m=json_number(sigmas.get(label), _DIGITS),
                 ellipse_semi_major_m=round(major, _DIGITS),
                 ellipse_semi_minor_m=round(minor, _DIGITS),
                 ellipse_azimuth_deg=round(azimuth, 1),
@@ -226,5 +226,5 @@ def _rows(
 
 
 def _place(enu: np.ndarray) -> Place:
-    east, north, up = (number(float(value) + 0.0, _DIGITS) for value in enu)
+    east, north, up = (json_number(float(value) + 0.0, _DIGITS) for value in enu)
     return east or 0.0, north or 0.0, up

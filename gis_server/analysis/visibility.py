@@ -19,11 +19,11 @@ from solmap.gis_server.analysis.bodies import (
     UNITS,
     LayerUsed,
     UnanswerableError,
-    number,
-    numbers,
+    json_number,
+    json_numbers,
 )
 from solmap.gis_server.analysis.ground import Ground, mosaic
-from solmap.gis_server.analysis.measures import used_in
+from solmap.gis_server.analysis.measures import layers_used
 from solmap.gis_server.rendering.png import indexed_png
 from solmap.photogrammetry.arrays import Classes, Vector3
 from solmap.photogrammetry.terrain.dtm.grid import Bounds, MapGrid
@@ -68,7 +68,7 @@ class SightAnswer(BaseModel):
 
 
 @dataclass(frozen=True, slots=True)
-class End:
+class LineEnd:
     """One end of a line of sight."""
 
     place: tuple[float, float]
@@ -78,9 +78,13 @@ class End:
     """Above it."""
 
 
-def line_of_sight(eye: End, target: End, max_unseen_m: float, ground: Ground) -> SightAnswer:
+def line_of_sight(
+    eye: LineEnd, target: LineEnd, max_unseen_m: float, ground: Ground
+) -> SightAnswer:
     """Whether a target above one place can be seen from an eye above another."""
-    start, end = (raised(e.place, e.elevation_m, e.height_m, ground) for e in (eye, target))
+    start, end = (
+        point_above_ground(e.place, e.elevation_m, e.height_m, ground) for e in (eye, target)
+    )
     length = float(np.hypot(*(end - start)[:2]))
     if not 0 < length <= FARTHEST_M:
         raise UnanswerableError(
@@ -93,7 +97,7 @@ def line_of_sight(eye: End, target: End, max_unseen_m: float, ground: Ground) ->
     where = found.obstruction
     return SightAnswer(
         sight=SIGHT_NAMES[found.sight],
-        clearance_m=number(found.clearance_m),
+        clearance_m=json_number(found.clearance_m),
         obstruction=None
         if where is None
         else (
@@ -101,19 +105,21 @@ def line_of_sight(eye: End, target: End, max_unseen_m: float, ground: Ground) ->
             round(float(places[where, 1]), 4),
             round(float(found.ground_m[where]), 4),
         ),
-        obstruction_distance_m=None if where is None else number(float(found.distance_m[where])),
+        obstruction_distance_m=None
+        if where is None
+        else json_number(float(found.distance_m[where])),
         unseen_m=round(found.unseen_m, 3),
         eye_elevation_m=round(float(start[2]), 4),
         target_elevation_m=round(float(end[2]), 4),
         map_distance_m=round(length, 4),
-        distance_m=numbers(found.distance_m),
-        ground_m=numbers(found.ground_m),
-        line_m=numbers(found.line_m),
-        layers=used_in(read, ground),
+        distance_m=json_numbers(found.distance_m),
+        ground_m=json_numbers(found.ground_m),
+        line_m=json_numbers(found.line_m),
+        layers=layers_used(read, ground),
     )
 
 
-def raised(
+def point_above_ground(
     place: tuple[float, float], elevation: float | None, height_m: float, ground: Ground
 ) -> Vector3:
     """(east, north, up) of what is so high above the ground, the map's where none is given.
@@ -133,7 +139,7 @@ def raised(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Seen:
+class Viewshed:
     """The ground that can be seen from a place."""
 
     eye: Vector3
@@ -172,23 +178,23 @@ class ViewshedAnswer(BaseModel):
     layers: list[LayerUsed]
 
 
-def seen_from(
+def compute_viewshed(
     place: tuple[float, float], elevation: float | None, params: ViewshedParams, ground: Ground
-) -> Seen:
+) -> Viewshed:
     """The viewshed of an eye on a mast above a place."""
-    eye = raised(place, elevation, params.eye_height_m, ground)
+    eye = point_above_ground(place, elevation, params.eye_height_m, ground)
     reach, cell = params.radius_m, max(params.cell_m, ground.finest_cell_m)
     while (2 * reach / cell) ** 2 > MOST_CELLS:
         cell *= 2
     box = (place[0] - reach, place[1] - reach, place[0] + reach, place[1] + reach)
     grid = MapGrid.covering(box, cell)
     heights, layers = mosaic(ground, grid)
-    return Seen(
+    return Viewshed(
         eye, replace(params, cell_m=cell), viewshed(heights, grid, eye, params), grid, layers
     )
 
 
-def viewshed_answer(seen: Seen, query: str, address: str) -> ViewshedAnswer:
+def viewshed_answer(seen: Viewshed, query: str, address: str) -> ViewshedAnswer:
     """The viewshed as it is sent; pictures are had with the same query."""
     cell, grid = seen.grid.cell_m**2, seen.grid
     east, north = grid.centres()
@@ -217,7 +223,7 @@ def viewshed_answer(seen: Seen, query: str, address: str) -> ViewshedAnswer:
     )
 
 
-def _polygons(seen: Seen) -> Iterator[dict[str, Any]]:
+def _polygons(seen: Viewshed) -> Iterator[dict[str, Any]]:
     """What is visible, patch by patch."""
     visible = (seen.sight == Sight.VISIBLE).astype(np.uint8)
     grid = seen.grid
@@ -237,7 +243,7 @@ def _area(ring: list[list[float]]) -> float:
     return abs(float(np.sum(x[:-1] * y[1:] - x[1:] * y[:-1]))) / 2
 
 
-def viewshed_png(seen: Seen) -> bytes:
+def viewshed_png(seen: Viewshed) -> bytes:
     """The viewshed as a picture on its bounds; unknown ground is transparent."""
     palette = np.zeros((256, 3), np.uint8)
     for kind in VISIBILITY_CLASSES:

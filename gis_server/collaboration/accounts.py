@@ -51,7 +51,7 @@ class WrongTokens:
 _WRONG = WrongTokens()
 
 
-def _holder(
+def _token_of(
     request: Request,
     services: ServicesOf,
     shown: Annotated[HTTPAuthorizationCredentials | None, Depends(_BEARER)],
@@ -89,7 +89,7 @@ def _holder(
     return token
 
 
-Holder = Annotated[Token, Depends(_holder)]
+Holder = Annotated[Token, Depends(_token_of)]
 """Whoever asks, with any role."""
 
 

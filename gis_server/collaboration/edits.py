@@ -132,7 +132,9 @@ def edit_tie(mission: MissionName, edit: TieEdit, services: ServicesOf, who: Ana
     for point in (tie.first, tie.second):
         if point.image:
             _must_know(point.image, mission, services, is_stop=point.is_stop)
-    return _told(services.edits.append(mission, EditKind.TIE, wish, who.name, edit.note), services)
+    return _announce(
+        services.edits.append(mission, EditKind.TIE, wish, who.name, edit.note), services
+    )
 
 
 @router.post("/edits/annotations", status_code=201)
@@ -143,7 +145,7 @@ def annotate(
     services.catalogue.mission(mission)
     document = annotation.model_dump(exclude={"note"}, exclude_none=True)
     edit = services.edits.append(mission, EditKind.ANNOTATION, document, who.name, annotation.note)
-    return _told(edit, services)
+    return _announce(edit, services)
 
 
 @router.post("/edits/{number}/undo", status_code=201)
@@ -156,7 +158,7 @@ def undo(
         edit = services.edits.undo(mission, number, who.name, reason.note)
     except EditConflictError as error:
         raise HTTPException(409, str(error)) from error
-    return _told(edit, services)
+    return _announce(edit, services)
 
 
 @router.get("/annotations")
@@ -192,7 +194,7 @@ def _must_know(name: str, mission: str, services: Services, *, is_stop: bool) ->
         raise HTTPException(422, f"{mission} has no {'stop' if is_stop else 'image'} {name}")
 
 
-def _told(edit: Edit, services: Services) -> EditBody:
+def _announce(edit: Edit, services: Services) -> EditBody:
     document = {"mission": edit.mission, "edit": edit.id, "kind": str(edit.kind)}
     services.catalogue.tell(EDITS_CHANGED, document)
     return _body(edit)

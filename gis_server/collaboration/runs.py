@@ -86,8 +86,8 @@ def runs(
     response.headers.update(AGAIN)
     reports = services.catalogue.pointers(ProductKind.REPORT)
     return Runs(
-        runs=[_body(run).model_copy(update={"lines": ()}) for run in services.runs.runs(limit)],
-        requests=[_asked(one) for one in services.requests.requests(limit)],
+        runs=[_run_body(run).model_copy(update={"lines": ()}) for run in services.runs.runs(limit)],
+        requests=[_request_body(one) for one in services.requests.requests(limit)],
         reports=[
             ReportBody(
                 scope=ref.scope.name,
@@ -103,7 +103,7 @@ def runs(
 def run(run: RunName, services: ServicesOf, response: Response) -> RunBody:
     """One run with all that it said."""
     response.headers.update(AGAIN)
-    return _body(services.runs.run(run))
+    return _run_body(services.runs.run(run))
 
 
 @router.post("/runs", status_code=202)
@@ -113,7 +113,7 @@ def request_run(wish: Wish, services: ServicesOf, who: Operator) -> RequestBody:
         services.catalogue.mission(wish.mission)
     asked = services.requests.ask(RequestKind(wish.kind), wish.mission, who.name)
     services.catalogue.tell(REQUESTS_CHANGED, {"request": asked.id, "state": str(asked.state)})
-    return _asked(asked)
+    return _request_body(asked)
 
 
 @router.get("/reports/{scope}/{digest}.html", response_class=FileResponse)
@@ -125,9 +125,9 @@ def report(scope: ScopeName, digest: Digest, services: ServicesOf) -> FileRespon
     raise ProductNotFoundError(f"no report {digest} of {scope} is the latest")
 
 
-def _body(found: Run) -> RunBody:
+def _run_body(found: Run) -> RunBody:
     return RunBody.model_validate(found, from_attributes=True)
 
 
-def _asked(found: RunRequest) -> RequestBody:
+def _request_body(found: RunRequest) -> RequestBody:
     return RequestBody.model_validate(found, from_attributes=True)

@@ -56,7 +56,7 @@ def crs_named(text: str | None, parameter: str, base: str) -> Crs:
     return known[text]
 
 
-def placed(shapes: np.ndarray, crs: Crs, landing: LandingPoint) -> np.ndarray:
+def transform_shapes(shapes: np.ndarray, crs: Crs, landing: LandingPoint) -> np.ndarray:
     """Shapes of the local map in another coordinate system, its first axis first."""
 
     def carried(points: np.ndarray) -> np.ndarray:
@@ -113,11 +113,11 @@ def area_of(box: Bounds, crs: Crs, landing: LandingPoint, extent: Bounds) -> Are
             min(box[3], around[3]),
         )
         if cut[0] <= cut[2] and cut[1] <= cut[3]:
-            return _bent(cut, landing)
+            return _area_from_degrees(cut, landing)
     return None
 
 
-def _bent(box: Bounds, landing: LandingPoint) -> Area:
+def _area_from_degrees(box: Bounds, landing: LandingPoint) -> Area:
     """A box in degrees on the map, where its edges are curves."""
     west, south, east, north = box
     along, up = np.linspace(west, east, _EDGE_POINTS), np.linspace(south, north, _EDGE_POINTS)

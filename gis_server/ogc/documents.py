@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping
 from html import escape
 from typing import Any
 
-from solmap.gis_server.ogc.formats import Placed
+from solmap.gis_server.ogc.formats import FeaturePage
 from solmap.products.features.collections import CollectionDefinition
 
 Link = dict[str, str]
@@ -75,7 +75,10 @@ def _cell(value: Any) -> str:  # noqa: ANN401 - a property
 
 
 def items_page(
-    known: CollectionDefinition, features: Placed, links: Iterable[Link], counts: Mapping[str, int]
+    known: CollectionDefinition,
+    features: FeaturePage,
+    links: Iterable[Link],
+    counts: Mapping[str, int],
 ) -> str:
     """A page of features as a table."""
     rows = (
@@ -90,7 +93,7 @@ def items_page(
     )
 
 
-def feature_page(known: CollectionDefinition, features: Placed, links: Iterable[Link]) -> str:
+def feature_page(known: CollectionDefinition, features: FeaturePage, links: Iterable[Link]) -> str:
     """One feature, a row for each property."""
     (one,), (row,), (shape,) = features.features, features.rows(), features.shapes()
     place = {"name": "place", "value": "" if shape is None else shape.wkt}

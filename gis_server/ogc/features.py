@@ -30,8 +30,8 @@ from solmap.gis_server.ogc.documents import (
 from solmap.gis_server.ogc.formats import (
     FILES,
     MEDIA_TYPES,
+    FeaturePage,
     Format,
-    Placed,
     as_csv,
     as_file,
     feature_text,
@@ -69,7 +69,7 @@ FeatureId = Annotated[str, Path(pattern=r"^[A-Za-z0-9_.-]{1,160}$")]
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
+class FeatureRequest:
     """What a request for features asks for, before the features are looked at."""
 
     form: Format
@@ -139,14 +139,14 @@ class FeaturesQuery:
         self.request = request
         self._told = (f, bbox, bbox_crs, crs, datetime, sol, limit, offset)
 
-    def read(self, base: str, fields: Callable[[], Mapping[str, str]]) -> Asked:
+    def read(self, base: str, fields: Callable[[], Mapping[str, str]]) -> FeatureRequest:
         """Check them all against what is spoken and what properties there are."""
         f, bbox, bbox_crs, crs, datetime, sol, limit, offset = self._told
         form = form_of(self.request, f)
         box_crs = crs_named(bbox_crs, "bbox-crs", base)
         usual = MOST_IN_FILE if form in FILES else DEFAULT_LIMIT
         most = MOST_IN_FILE if form in FILES else MOST
-        return Asked(
+        return FeatureRequest(
             form,
             crs_named(crs, "crs", base),
             bbox_of(bbox, box_crs),
@@ -297,8 +297,8 @@ def items(
     """The features of a collection: a page of them, or as a file all that meet the conditions."""
     entry = services.catalogue.mission(mission)
     asked = query.read(base, lambda: _fields(known, mission, services))
-    found, matched = _found(known, entry, services, asked)
-    page = _placed(found, known, entry, asked.crs, query.request)
+    found, matched = _select(known, entry, services, asked)
+    page = _page(found, known, entry, asked.crs, query.request)
     headers = {**AGAIN, "Content-Crs": f"<{uri_of(asked.crs, base)}>"}
     media_type = MEDIA_TYPES[asked.form]
     if asked.form in FILES:
@@ -332,7 +332,7 @@ def item(
     one = services.features.index.named(keys, feature)
     if one is None:
         raise ProductNotFoundError(f"no feature {feature!r} is in {known.id}")
-    page = _placed([one], known, entry, asked.crs, query.request)
+    page = _page([one], known, entry, asked.crs, query.request)
     here = f"{base}/collections/{known.id}"
     links = [
         link("self", f"{here}/items/{feature}", GEOJSON),
@@ -351,8 +351,8 @@ def _fields(known: CollectionDefinition, mission: str, services: Services) -> Ma
     return services.features.index.fields(services.features.keys(known, mission))
 
 
-def _found(
-    known: CollectionDefinition, entry: MissionEntry, services: Services, asked: Asked
+def _select(
+    known: CollectionDefinition, entry: MissionEntry, services: Services, asked: FeatureRequest
 ) -> tuple[list[IndexedFeature], int]:
     """The features of the page, and how many there are on all pages."""
     index, keys = services.features.index, services.features.keys(known, entry.mission)
@@ -363,19 +363,23 @@ def _found(
     return index.page(selection, asked.limit, asked.offset), index.count(selection)
 
 
-def _placed(
+def _page(
     found: Sequence[IndexedFeature],
     known: CollectionDefinition,
     entry: MissionEntry,
     crs: Crs,
     request: Request,
-) -> Placed:
+) -> FeaturePage:
     root = str(request.base_url).rstrip("/") if known.shows_images else None
-    return Placed(found, crs, entry.landing, root)
+    return FeaturePage(found, crs, entry.landing, root)
 
 
 def _page_links(
-    request: Request, base: str, known: CollectionDefinition, asked: Asked, counts: tuple[int, int]
+    request: Request,
+    base: str,
+    known: CollectionDefinition,
+    asked: FeatureRequest,
+    counts: tuple[int, int],
 ) -> list[Link]:
     """This page, the next and the one before, and the same features in other formats."""
     returned, matched = counts

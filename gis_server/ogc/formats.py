@@ -21,7 +21,7 @@ import pyogrio.raw
 import shapely
 from pyproj import CRS
 
-from solmap.gis_server.ogc.crs import Crs, placed
+from solmap.gis_server.ogc.crs import Crs, transform_shapes
 from solmap.products.crs import MARS, MARS_URN, LandingPoint, local_crs
 from solmap.products.features.index import IndexedFeature
 from solmap.products.formats.vector.geopackage import column_of
@@ -52,7 +52,7 @@ _DRIVERS = {Format.GPKG: "GPKG", Format.FGB: "FlatGeobuf"}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Placed:
+class FeaturePage:
     """Features of a page in the coordinate system that was asked for."""
 
     features: Sequence[IndexedFeature]
@@ -64,7 +64,7 @@ class Placed:
     def shapes(self, crs: Crs | None = None) -> np.ndarray:
         """The geometries, the first axis of the CRS first; None where a place is not known."""
         found = np.array(shapely.from_wkb([one.shape for one in self.features]), dtype=object)
-        return placed(found, crs or self.crs, self.landing)
+        return transform_shapes(found, crs or self.crs, self.landing)
 
     def properties(self, feature: IndexedFeature) -> str:
         """A JSON object."""
@@ -79,7 +79,7 @@ class Placed:
         return [json.loads(self.properties(one)) for one in self.features]
 
 
-def feature_text(page: Placed) -> list[str]:
+def feature_text(page: FeaturePage) -> list[str]:
     """Each feature as GeoJSON."""
     shapes = shapely.to_geojson(page.shapes())
     return [
@@ -89,7 +89,7 @@ def feature_text(page: Placed) -> list[str]:
     ]
 
 
-def geojson(page: Placed, members: dict[str, Any]) -> str:
+def geojson(page: FeaturePage, members: dict[str, Any]) -> str:
     """A feature collection with further members, such as its links.
 
     Where the order is that of GeoJSON, a reader of plain files is told that these are degrees of
@@ -101,7 +101,7 @@ def geojson(page: Placed, members: dict[str, Any]) -> str:
     return f'{json.dumps(head)[:-1]},"features":[\n{features}]}}'
 
 
-def as_csv(page: Placed) -> str:
+def as_csv(page: FeaturePage) -> str:
     """A table: identifier, properties, for points a column for each axis, and the shape as WKT."""
     rows, shapes = page.rows(), page.shapes()
     names = list(dict.fromkeys(name for row in rows for name in row))
@@ -130,7 +130,7 @@ def _cell(value: Any) -> Any:  # noqa: ANN401 - a property
     return json.dumps(value) if isinstance(value, list | dict) else value
 
 
-def as_file(page: Placed, form: Format, layer: str) -> bytes:
+def as_file(page: FeaturePage, form: Format, layer: str) -> bytes:
     """A GeoPackage or FlatGeobuf. These carry their CRS, and have longitude or east first."""
     rows = page.rows()
     names = list(dict.fromkeys(name for row in rows for name in row))

@@ -125,7 +125,9 @@ def tileset_document(layer: Layer, landing: LandingPoint, style: str, base: str)
         "dataType": "map",
         "crs": uri_of(Crs.LOCAL, base),
         "tileMatrixSetURI": f"{base}/tileMatrixSets/{tms_id(landing)}",
-        "tileMatrixSetLimits": [limits_at(zoom, layer.bounds) for zoom in range(finest(layer) + 1)],
+        "tileMatrixSetLimits": [
+            limits_at(zoom, layer.bounds) for zoom in range(finest_zoom(layer) + 1)
+        ],
         "boundingBox": {
             "lowerLeft": [west, south],
             "upperRight": [east, north],
@@ -143,7 +145,7 @@ def tileset_document(layer: Layer, landing: LandingPoint, style: str, base: str)
     }
 
 
-def finest(layer: Layer) -> int:
+def finest_zoom(layer: Layer) -> int:
     """The zoom of the layer's own cells."""
     return len(CELL_SIZES) - 1 if layer.cell_m is None else zoom_of(layer.cell_m)
 

@@ -34,7 +34,13 @@ from solmap.gis_server.ogc.tiles import (
     raster_named,
     rasters,
 )
-from solmap.gis_server.ogc.tilesets import collection_id, finest, legend_address, limits_at, tms_id
+from solmap.gis_server.ogc.tilesets import (
+    collection_id,
+    finest_zoom,
+    legend_address,
+    limits_at,
+    tms_id,
+)
 from solmap.gis_server.parameters import AGAIN, BaseOf, MissionName
 from solmap.gis_server.rendering.styles import DEFAULT, StyleQuery, UnknownStyleError, styles_of
 from solmap.gis_server.services import Services, ServicesOf
@@ -119,7 +125,7 @@ def _layer(contents: ET.Element, layer: Layer, mission: MissionEntry, base: str)
     link = ET.SubElement(found, f"{{{_WMTS}}}TileMatrixSetLink")
     _wmts(link, "TileMatrixSet", tms_id(mission.landing))
     limits = ET.SubElement(link, f"{{{_WMTS}}}TileMatrixSetLimits")
-    for zoom in range(max(0, whole_zoom_of(layer.bounds) - _ZOOMS_OUT), finest(layer) + 1):
+    for zoom in range(max(0, whole_zoom_of(layer.bounds) - _ZOOMS_OUT), finest_zoom(layer) + 1):
         limit = ET.SubElement(limits, f"{{{_WMTS}}}TileMatrixLimits")
         for name, value in limits_at(zoom, layer.bounds).items():
             _wmts(limit, name[0].upper() + name[1:], str(value))
@@ -245,8 +251,8 @@ def _tile(mission: str, asked: Mapping[str, str], services: Services, known: str
             "request",
         )
     try:
-        check_tms(_given(asked, "tilematrixset"), services.catalogue.mission(mission))
-        layer = raster_named(_given(asked, "layer"), mission, services)
+        check_tms(_required(asked, "tilematrixset"), services.catalogue.mission(mission))
+        layer = raster_named(_required(asked, "layer"), mission, services)
         address = TileAddress(*(_number(asked, n) for n in ("tilematrix", "tilecol", "tilerow")))
         _check_format(asked)
         query = StyleQuery.model_construct(style=asked.get("style") or DEFAULT)
@@ -263,14 +269,14 @@ def _check_format(asked: Mapping[str, str]) -> None:
         raise _RequestError("InvalidParameterValue", f"format={found} is not image/png", "format")
 
 
-def _given(asked: Mapping[str, str], name: str) -> str:
+def _required(asked: Mapping[str, str], name: str) -> str:
     if not asked.get(name):
         raise _RequestError("MissingParameterValue", f"GetTile asks for {name}", name)
     return asked[name]
 
 
 def _number(asked: Mapping[str, str], name: str) -> int:
-    text = _given(asked, name)
+    text = _required(asked, name)
     if not (text.isascii() and text.isdigit() and len(text) < 10):  # noqa: PLR2004 - digits
         raise _RequestError("InvalidParameterValue", f"{name}={text} is no number", name)
     return int(text)

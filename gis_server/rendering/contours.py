@@ -118,7 +118,7 @@ def contours_in(
     if window is None:
         return []
     own = RegionContourParams() if layer.ref.kind == ProductKind.REGION_DTM else ContourParams()
-    traced = _traced(address, window, replace(own, interval_m=interval_m), pool)
+    traced = _trace(address, window, replace(own, interval_m=interval_m), pool)
     return [contour_feature(contour) for contour in traced]
 
 
@@ -143,7 +143,7 @@ def _window(
 
 
 @lru_cache(maxsize=8)
-def _traced(
+def _trace(
     address: Path | str, window: tuple[int, int, int, int], params: ContourParams, pool: RasterPool
 ) -> tuple[Contour, ...]:
     row, col, rows, cols = window

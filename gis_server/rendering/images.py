@@ -99,7 +99,7 @@ class Stretch:
 
 
 @dataclass(frozen=True, slots=True)
-class Shown:
+class ImageView:
     """An image in a style: the grey planes it is made of, by what tells them apart."""
 
     style: Style
@@ -108,7 +108,7 @@ class Shown:
     workspace: Workspace
 
     @classmethod
-    def of(cls, entry: ImageEntry, style: Style, workspace: Workspace) -> Shown:
+    def of(cls, entry: ImageEntry, style: Style, workspace: Workspace) -> ImageView:
         """An image in a style.
 
         Raises:
@@ -220,13 +220,13 @@ class Shown:
         return low, high if stretch.white is None else stretch.white
 
 
-def linearised(entry: ImageEntry, workspace: Workspace) -> GreyImage:
+def linearised_image(entry: ImageEntry, workspace: Workspace) -> GreyImage:
     """The image as matching sees it, NaN where it was not measured.
 
     Raises:
         ProductNotFoundError: it has no partner, or was not matched.
     """
-    return Shown.of(entry, Style.LINEARISED, workspace)._plane(0)  # noqa: SLF001 - of this module
+    return ImageView.of(entry, Style.LINEARISED, workspace)._plane(0)  # noqa: SLF001 - of this module
 
 
 def _raw(entry: ImageEntry, workspace: Workspace) -> GreyImage:

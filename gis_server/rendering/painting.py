@@ -31,7 +31,7 @@ from solmap.gis_server.rendering.styles import (
     indices_of,
     palette_of,
     range_of,
-    stretched,
+    stretch_palette,
 )
 from solmap.photogrammetry.arrays import Raster
 from solmap.photogrammetry.planes import Gradients, nine_cell_gradients, window_gradients
@@ -211,7 +211,7 @@ def _paint_picture(canvas: Canvas) -> bytes | None:
     if canvas.style.range is not None:
         scale, offset = canvas.dataset.scales[0], canvas.dataset.offsets[0]
         low, high = ((end - offset) / scale for end in canvas.style.range)
-        palette = stretched(palette, low, high)
+        palette = stretch_palette(palette, low, high)
     return indexed_png(grey, palette)
 
 

@@ -36,7 +36,7 @@ def gzip_stream(data: bytes) -> bytes:
     return isal_zlib.compress(data, _FAST, _GZIP_BITS)
 
 
-def gunzipped(stream: bytes) -> bytes:
+def gunzip(stream: bytes) -> bytes:
     """What a gzip stream holds."""
     return isal_zlib.decompress(stream, _GZIP_BITS)
 

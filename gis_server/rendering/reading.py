@@ -207,7 +207,7 @@ def _own_cells(
     window = Window(first_col, first_row, last_col - first_col, last_row - first_row)
     part = dataset.read(band, window=window)
     shape = (bottom - top, right - left)
-    return _placed(dataset, part, shape, first_row - top, first_col - left), top, left
+    return _pad(dataset, part, shape, first_row - top, first_col - left), top, left
 
 
 def _larger_cells(
@@ -233,7 +233,7 @@ def _larger_cells(
         out_shape=(len(rows), len(cols)),
         resampling=how,
     )
-    return _placed(dataset, part, (side, side), rows.start, cols.start)
+    return _pad(dataset, part, (side, side), rows.start, cols.start)
 
 
 def _span(origin: float, size: float, side: int) -> range:
@@ -241,7 +241,7 @@ def _span(origin: float, size: float, side: int) -> range:
     return range(max(0, math.floor(-origin)), min(side, math.ceil(size - origin)))
 
 
-def _placed(
+def _pad(
     dataset: rasterio.DatasetReader, part: np.ndarray, shape: tuple[int, int], row: int, col: int
 ) -> np.ndarray:
     """A part of a raster with nodata around it."""

@@ -65,7 +65,7 @@ def _rgb(colour: str) -> tuple[int, ...]:
     return tuple(int(colour[i : i + 2], 16) for i in (1, 3, 5))
 
 
-def stretched(palette: np.ndarray, low: float, high: float) -> np.ndarray:
+def stretch_palette(palette: np.ndarray, low: float, high: float) -> np.ndarray:
     """The palette of a picture whose indices `low` and `high` are its black and its white."""
     index = np.clip((np.arange(256) - low) / (high - low) * LEVELS + 1.5, 1, 255)
     return palette[index.astype(int)]

@@ -23,13 +23,13 @@ from solmap.gis_server.analysis.driving import (
     Drives,
     ReachAnswer,
     RouteAnswer,
-    drives_from,
+    find_drives,
     reach_answer,
     reach_png,
     route_answer,
 )
 from solmap.gis_server.analysis.ground import BEST, Ground
-from solmap.gis_server.analysis.layer_values import ZonalAnswer, ZonalQuestion, zonal
+from solmap.gis_server.analysis.layer_values import ZonalAnswer, ZonalQuestion, zonal_answer
 from solmap.gis_server.analysis.measures import (
     AreaAnswer,
     AreaQuestion,
@@ -39,22 +39,22 @@ from solmap.gis_server.analysis.measures import (
     ProfileQuestion,
     VolumeAnswer,
     VolumeQuestion,
-    ask_profile,
-    measured_area,
-    measured_line,
-    measured_volume,
+    area_answer,
+    line_answer,
     profile_answer,
     profile_csv,
+    profile_of,
+    volume_answer,
 )
-from solmap.gis_server.analysis.planes import PlaneAnswer, PlaneQuestion, fitted_plane
+from solmap.gis_server.analysis.planes import PlaneAnswer, PlaneQuestion, plane_answer
 from solmap.gis_server.analysis.visibility import (
     FARTHEST_M,
-    End,
-    Seen,
+    LineEnd,
     SightAnswer,
+    Viewshed,
     ViewshedAnswer,
+    compute_viewshed,
     line_of_sight,
-    seen_from,
     viewshed_answer,
     viewshed_png,
 )
@@ -112,7 +112,7 @@ def ground_of(mission: str, asked: str, services: Services) -> Ground:
 def profile(mission: MissionName, question: ProfileQuestion, services: ServicesOf) -> ProfileAnswer:
     """Elevation with its uncertainty, slope and source along a line."""
     ground = ground_of(mission, question.layer, services)
-    return profile_answer(question, ask_profile(question, ground), ground)
+    return profile_answer(question, profile_of(question, ground), ground)
 
 
 @router.post("/profile.csv", response_class=Response)
@@ -132,25 +132,25 @@ def profile_table(
 def line(mission: MissionName, question: LineQuestion, services: ServicesOf) -> LineAnswer:
     """Length on the map and along the ground, azimuths, and the slope between both ends."""
     landing = services.catalogue.mission(mission).landing
-    return measured_line(question, ground_of(mission, question.layer, services), landing)
+    return line_answer(question, ground_of(mission, question.layer, services), landing)
 
 
 @router.post("/measure-area")
 def area(mission: MissionName, question: AreaQuestion, services: ServicesOf) -> AreaAnswer:
     """Area on the map and of the ground."""
-    return measured_area(question, ground_of(mission, question.layer, services))
+    return area_answer(question, ground_of(mission, question.layer, services))
 
 
 @router.post("/volume")
 def volume(mission: MissionName, question: VolumeQuestion, services: ServicesOf) -> VolumeAnswer:
     """Volume of the ground over or below a base, with its standard deviation."""
-    return measured_volume(question, ground_of(mission, question.layer, services))
+    return volume_answer(question, ground_of(mission, question.layer, services))
 
 
 @router.post("/plane-fit")
 def plane_fit(mission: MissionName, question: PlaneQuestion, services: ServicesOf) -> PlaneAnswer:
     """Strike and dip, with errors, of the plane through picked points or a polygon of ground."""
-    return fitted_plane(question, ground_of(mission, question.layer, services))
+    return plane_answer(question, ground_of(mission, question.layer, services))
 
 
 @router.post("/zonal")
@@ -161,11 +161,11 @@ def zonal_statistics(
     services.catalogue.mission(mission)
     for layer in map_layers(mission, services):
         if layer.id == question.layer:
-            return zonal(question, layer, services.store, services.pool)
+            return zonal_answer(question, layer, services.store, services.pool)
     raise UnanswerableError(f"{question.layer} is no layer of {mission}; /layers lists them")
 
 
-def _seen(  # noqa: PLR0913 - the query
+def _viewshed(  # noqa: PLR0913 - the query
     *,
     mission: MissionName,
     services: ServicesOf,
@@ -177,31 +177,31 @@ def _seen(  # noqa: PLR0913 - the query
     max_unseen_m: Unseen = _VIEWSHED.max_unseen_m,
     elevation: Elevation = None,
     layer: LayerId = BEST,
-) -> Seen:
+) -> Viewshed:
     params = ViewshedParams(mast_m, target_m, max_unseen_m, radius_m)
     ground = ground_of(mission, layer, services)
-    return seen_from((east, north), elevation, params, ground)
+    return compute_viewshed((east, north), elevation, params, ground)
 
 
-SeenHere = Annotated[Seen, Depends(_seen)]
+ViewshedHere = Annotated[Viewshed, Depends(_viewshed)]
 """The viewshed that a query asks for."""
 
 
 @router.get("/viewshed")
-def viewshed(seen: SeenHere, request: Request, response: Response) -> ViewshedAnswer:
+def viewshed(seen: ViewshedHere, request: Request, response: Response) -> ViewshedAnswer:
     """The ground that can be seen from an eye on a mast: areas, and what is visible as GeoJSON."""
     response.headers.update(AGAIN)
     return viewshed_answer(seen, request.url.query, request.url.path)
 
 
 @router.get("/viewshed.png", response_class=Response)
-def viewshed_picture(seen: SeenHere) -> Response:
+def viewshed_picture(seen: ViewshedHere) -> Response:
     """The same as a picture on the bounds that /viewshed tells: visible blue, hidden brown."""
     return Response(viewshed_png(seen), media_type="image/png", headers=AGAIN)
 
 
 @router.get("/viewshed.tif", response_class=Response)
-def viewshed_geotiff(mission: MissionName, seen: SeenHere, services: ServicesOf) -> Response:
+def viewshed_geotiff(mission: MissionName, seen: ViewshedHere, services: ServicesOf) -> Response:
     """The same as a GeoTIFF of classes in the local CRS."""
     crs = local_crs(services.catalogue.mission(mission).landing)
     return geotiff(
@@ -230,12 +230,12 @@ def sight(  # noqa: PLR0913 - the query
 ) -> SightAnswer:
     """Whether a target can be seen from an eye, with the ground between and what is in the way."""
     ground = ground_of(mission, layer, services)
-    eye = End((east, north), elevation, eye_m)
-    target = End((to_east, to_north), to_elevation, target_m)
+    eye = LineEnd((east, north), elevation, eye_m)
+    target = LineEnd((to_east, to_north), to_elevation, target_m)
     return line_of_sight(eye, target, max_unseen_m, ground)
 
 
-def _drives(  # noqa: PLR0913 - the query
+def _find_drives(  # noqa: PLR0913 - the query
     *,
     mission: MissionName,
     services: ServicesOf,
@@ -247,10 +247,10 @@ def _drives(  # noqa: PLR0913 - the query
 ) -> Drives:
     ground = ground_of(mission, BEST, services)
     params = DrivingParams(stand_m, gap_m, farthest_m)
-    return drives_from((east, north), params, map_layers(mission, services), ground)
+    return find_drives((east, north), params, map_layers(mission, services), ground)
 
 
-DrivesHere = Annotated[Drives, Depends(_drives)]
+DrivesHere = Annotated[Drives, Depends(_find_drives)]
 """The ways from the place that a query asks for."""
 
 

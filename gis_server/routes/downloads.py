@@ -29,7 +29,7 @@ from starlette.background import BackgroundTask
 from solmap.gis_server.parameters import (
     AGAIN,
     FOREVER,
-    Bounds,
+    BBox,
     Digest,
     LayerPath,
     MissionName,
@@ -86,7 +86,7 @@ def product_response(
     headers = {**FOREVER, "accept-ranges": "bytes", "etag": f'"{ref.digest}"'}
     if filename is not None:
         headers["content-disposition"] = f'attachment; filename="{filename}"'
-    asked = _asked(request, size, headers["etag"])
+    asked = _requested_range(request, size, headers["etag"])
     start, end = asked or (0, size)
     status = 206 if asked else 200
     if asked:
@@ -98,7 +98,7 @@ def product_response(
     return StreamingResponse(body, status, headers=headers, media_type=media_type)
 
 
-def _asked(request: Request, size: int, tag: str) -> tuple[int, int] | None:
+def _requested_range(request: Request, size: int, tag: str) -> tuple[int, int] | None:
     """First byte of a range, and the one after its last; None where one range is not asked for.
 
     Raises:
@@ -137,7 +137,7 @@ class Address(BaseModel):
     "/download/{scope}/{kind}/{digest}/clip", tags=["downloads"], response_class=FileResponse
 )
 def clip(
-    layer: LayerPath, services: ServicesOf, bounds: Bounds, form: VectorForm = "geojson"
+    layer: LayerPath, services: ServicesOf, bounds: BBox, form: VectorForm = "geojson"
 ) -> Response:
     """The part of a layer in a box: `bbox=west,south,east,north` in metres of the local map.
 
@@ -147,7 +147,7 @@ def clip(
         raise HTTPException(400, "bbox=west,south,east,north in metres of the local map is missing")
     folder = TemporaryDirectory()
     try:
-        path = _cut(layer, services.store, bounds, (Path(folder.name), form))
+        path = _clip_layer(layer, services.store, bounds, (Path(folder.name), form))
     except (OutsideCoverageError, StoreAwayError):
         folder.cleanup()
         raise
@@ -166,7 +166,7 @@ def clip(
     )
 
 
-def _cut(layer: Layer, store: ProductStore, bounds: Bounds, where: tuple[Path, str]) -> Path:
+def _clip_layer(layer: Layer, store: ProductStore, bounds: BBox, where: tuple[Path, str]) -> Path:
     assert bounds is not None  # noqa: S101 - the caller has looked
     folder, form = where
     name = f"{layer.ref.scope.name}_{layer.ref.kind}_{layer.ref.digest}_part"

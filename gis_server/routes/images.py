@@ -10,9 +10,9 @@ from fastapi import APIRouter, Depends, HTTPException, Path, Query, Request, Res
 from fastapi.responses import FileResponse
 from pydantic import BaseModel
 
-from solmap.gis_server.analysis.bodies import UnanswerableError, numbers
+from solmap.gis_server.analysis.bodies import UnanswerableError, json_numbers
 from solmap.gis_server.parameters import AGAIN, ImageName
-from solmap.gis_server.rendering.images import TILE, Shown, Stretch, Style, png_of
+from solmap.gis_server.rendering.images import TILE, ImageView, Stretch, Style, png_of
 from solmap.gis_server.services import ServicesOf
 from solmap.photogrammetry.matching.manual.editing import epipolar_point
 from solmap.photogrammetry.matching.resampling import GROUND_M
@@ -138,7 +138,7 @@ def point(
     else:
         ground = camera.centre + GROUND_M * geometry.directions(linear[None])
         stored = camera.project(ground)[0]
-    both = numbers([*stored, *linear], 3)
+    both = json_numbers([*stored, *linear], 3)
     return PointHere(**dict(zip(PointHere.model_fields, both, strict=True)))
 
 
@@ -154,7 +154,7 @@ def picture(
     image: ImageName, style: Style, stretch: StretchOf, services: ServicesOf, request: Request
 ) -> Response:
     """The whole image in a style."""
-    shown = _shown(image, style, services)
+    shown = _view(image, style, services)
     tag = _tag(shown, request)
     if request.headers.get("if-none-match") == tag:
         return Response(status_code=304)
@@ -173,7 +173,7 @@ def tile(  # noqa: PLR0913, PLR0917 - the address
     request: Request,
 ) -> Response:
     """One tile of the image in a style, for deep zoom; zoom 0 is the whole in one tile."""
-    shown = _shown(image, style, services)
+    shown = _view(image, style, services)
     tag = _tag(shown, request)
     if request.headers.get("if-none-match") == tag:
         return Response(status_code=304)
@@ -194,12 +194,12 @@ def original(image: ImageName, services: ServicesOf) -> FileResponse:
     )
 
 
-def _shown(image: str, style: Style, services: ServicesOf) -> Shown:
+def _view(image: str, style: Style, services: ServicesOf) -> ImageView:
     workspace = Workspace(services.store, services.catalogue)
-    return Shown.of(services.catalogue.image(image), style, workspace)
+    return ImageView.of(services.catalogue.image(image), style, workspace)
 
 
-def _tag(shown: Shown, request: Request) -> str:
+def _tag(shown: ImageView, request: Request) -> str:
     """Changes with the products that a picture is made of, and with how it is asked for."""
     made = "-".join(digest for _, digest in shown.planes)
     text = f"{made} {request.url.path}?{request.url.query}"

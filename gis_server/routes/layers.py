@@ -15,7 +15,7 @@ from fastapi.responses import JSONResponse
 from pydantic import BaseModel
 
 from solmap.gis_server.analysis.solutions import OVERALL
-from solmap.gis_server.parameters import AGAIN, FOREVER, Bounds, LayerPath, ScopeName
+from solmap.gis_server.parameters import AGAIN, FOREVER, BBox, LayerPath, ScopeName
 from solmap.gis_server.rendering.contours import contours_in, interval_of
 from solmap.gis_server.rendering.styles import (
     ELEVATIONS,
@@ -60,7 +60,7 @@ Interval = Annotated[
 
 @router.get("/{scope}/{kind}/{digest}/features.geojson", response_class=JSONResponse)
 def features(
-    layer: LayerPath, services: ServicesOf, bounds: Bounds, ids: AskedNames = ()
+    layer: LayerPath, services: ServicesOf, bounds: BBox, ids: AskedNames = ()
 ) -> Response:
     """The features of a layer as GeoJSON in metres of the local map: east, north and up if known.
 
@@ -313,7 +313,7 @@ def legend_picture(layer: LayerPath, query: Drawn) -> Response:
 
 @router.get("/{scope}/{kind}/{digest}/contours.geojson", response_class=JSONResponse)
 def contours(
-    layer: LayerPath, bounds: Bounds, services: ServicesOf, interval: Interval = None
+    layer: LayerPath, bounds: BBox, services: ServicesOf, interval: Interval = None
 ) -> Response:
     """Contours of a terrain model at any interval, in metres of the local map."""
     if layer.ref.kind not in ELEVATIONS:

@@ -268,13 +268,13 @@ def start(services: ServicesOf, asker: CacheStateOf) -> Response:
     `since` misses none.
     """
     seen = services.catalogue.version()  # before all else: what happens meanwhile is told again
-    answer = asker.answer(_written(services, services.catalogue.published()))
+    answer = asker.answer(_start_body(services, services.catalogue.published()))
     answer.headers[LAST_EVENT] = str(seen)
     return answer
 
 
 @lru_cache(maxsize=_CACHED_STARTS)
-def _written(services: Services, _version: int) -> CachedResponse:
+def _start_body(services: Services, _version: int) -> CachedResponse:
     found = missions_of(services)
     first = found[0].mission if found else None
     layers = [layer_body(layer) for layer in map_layers(first, services)] if first else []

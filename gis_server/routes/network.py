@@ -14,8 +14,8 @@ from solmap.gis_server.analysis.manual_ties import (
     RefineQuestion,
     TrialAnswer,
     TrialQuestion,
-    refined_pick,
-    tried,
+    preview_adjustment,
+    refine_pick,
 )
 from solmap.gis_server.analysis.network import (
     ImageTies,
@@ -30,7 +30,7 @@ from solmap.gis_server.analysis.solutions import (
     TELEMETRY,
     Solution,
     TraverseAnswer,
-    compare,
+    compare_traverses,
     network_named,
     solutions,
 )
@@ -75,7 +75,7 @@ def traverse(
     catalogue, store = services.catalogue, services.store
     named = network_named(mission, solution, catalogue, store)
     other = None if reference == TELEMETRY else network_named(mission, reference, catalogue, store)
-    return compare(named, other)
+    return compare_traverses(named, other)
 
 
 @router.get("/network", tags=["network"])
@@ -124,13 +124,13 @@ def ties(
 @router.post("/refine", tags=["hand ties"])
 def refine(mission: MissionName, question: RefineQuestion, services: ServicesOf) -> RefineAnswer:
     """Measure a picked point to a fraction of a pixel, by least-squares matching."""
-    return refined_pick(question, _oriented(mission, services))
+    return refine_pick(question, _oriented(mission, services))
 
 
 @router.post("/preview-adjustment", tags=["hand ties"])
 def preview(mission: MissionName, question: TrialQuestion, services: ServicesOf) -> TrialAnswer:
     """Adjust two stops with hand ties and without; computes only, writes nothing."""
-    return tried(question, _oriented(mission, services))
+    return preview_adjustment(question, _oriented(mission, services))
 
 
 def _oriented(mission: str, services: Services) -> OrientedMission:

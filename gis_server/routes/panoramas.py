@@ -13,7 +13,7 @@ from solmap.gis_server.analysis.ground import BEST
 from solmap.gis_server.analysis.image_to_ground import point_on_map
 from solmap.gis_server.analysis.panoramas import (
     DirectionSeen,
-    PanoramaAsked,
+    PanoramaView,
     PlaceSeen,
     facts_of,
     tile_of,
@@ -105,7 +105,7 @@ def ask_direction(
     elevation: Annotated[float, Query(ge=-90, le=90, allow_inf_nan=False)],
 ) -> DirectionSeen:
     """The ground in a direction, degrees, and the pixel of the image that shows it."""
-    asked = _asked(scope, digest, services)
+    asked = _panorama(scope, digest, services)
     oriented = OrientedMission.latest(mission, Workspace(services.store, services.catalogue))
     return asked.direction(azimuth, elevation, oriented)
 
@@ -121,7 +121,7 @@ def ask_place(  # noqa: PLR0913, PLR0917 - the address
     elevation: Metres | None = None,
 ) -> PlaceSeen:
     """In which direction a place of the map is seen, and whether nearer ground hides it."""
-    asked = _asked(scope, digest, services)
+    asked = _panorama(scope, digest, services)
     if elevation is None:
         oriented = OrientedMission.latest(mission, Workspace(services.store, services.catalogue))
         point, _ = point_on_map((east, north), oriented, ground_of(mission, BEST, services))
@@ -129,9 +129,9 @@ def ask_place(  # noqa: PLR0913, PLR0917 - the address
     return asked.place(np.array([east, north, elevation]))
 
 
-def _asked(scope: str, digest: str, services: Services) -> PanoramaAsked:
+def _panorama(scope: str, digest: str, services: Services) -> PanoramaView:
     layer = services.layer(scope, ProductKind.PANORAMA, digest)
-    return PanoramaAsked.of(layer, services.store, services.pool)
+    return PanoramaView.of(layer, services.store, services.pool)
 
 
 def _max_zoom(rows: int, cols: int) -> int:

@@ -10,8 +10,8 @@ from fastapi import APIRouter, Query
 from solmap.gis_server.analysis.bodies import LayerUsed, NetworkUsed, UnanswerableError
 from solmap.gis_server.analysis.ground import BEST, Ground
 from solmap.gis_server.analysis.image_to_ground import (
-    Found,
-    curve_in,
+    PixelGround,
+    epipolar_curve_in,
     frame_of,
     ground_at,
     images_within,
@@ -22,13 +22,13 @@ from solmap.gis_server.analysis.projection import (
     GroundToImage,
     ImageToGround,
     ImageToImage,
+    _layers_used,
+    add_visibility,
     curve_body,
     ground_body,
-    layers_used,
     predicted_body,
+    project_into,
     seen_body,
-    seen_in,
-    with_sight,
 )
 from solmap.gis_server.parameters import Metres, MissionName
 from solmap.gis_server.routes.analysis import ground_of
@@ -65,11 +65,11 @@ def ground_to_image(  # noqa: PLR0913 - the parameters of the question
     within_m: Reach = 60.0,
 ) -> GroundToImage:
     """Every image that shows a place of the map: where in it, how sure, and whether in sight."""
-    known, ground = _known(mission, layer, services)
+    known, ground = _network_and_ground(mission, layer, services)
     target, layers = _target((east, north), elevation, known, ground)
     entries = images_within(known, mission, (east, north), within_m)
-    seen = [found for entry in entries if (found := seen_in(entry, target, known))]
-    told = with_sight(seen, target, known, ground)
+    seen = [found for entry in entries if (found := project_into(entry, target, known))]
+    told = add_visibility(seen, target, known, ground)
     order = {"visible": 0, "unknown": 1, "hidden": 2}
     bodies = [seen_body(found) for found in told]
     bodies.sort(key=lambda body: (order[body.sight], body.range_m))
@@ -94,7 +94,7 @@ def image_to_ground(  # noqa: PLR0913 - the parameters of the question
     sigma_px: Sigma = 0.5,
 ) -> ImageToGround:
     """The ground that a pixel shows, by the parallax it was matched with or by the terrain."""
-    known, ground = _known(mission, layer, services)
+    known, ground = _network_and_ground(mission, layer, services)
     entry = _entry(mission, image, services)
     found = ground_at(entry, (sample, line), sigma_px, known, ground)
     return ImageToGround(**_pixel(entry, (sample, line), found, known))
@@ -116,21 +116,25 @@ def image_to_image(  # noqa: PLR0913 - the parameters of the question
     within_m: Reach = 60.0,
 ) -> ImageToImage:
     """Where a pixel is to be looked for in other images: place, ellipse and epipolar curve."""
-    known, ground = _known(mission, layer, services)
+    known, ground = _network_and_ground(mission, layer, services)
     entry = _entry(mission, image, services)
     found = ground_at(entry, (sample, line), sigma_px, known, ground)
     others = _others(mission, entry, found, stop, within_m, known)
     one = known.oriented(entry)
-    curves = {other.id: curve_in(one, (sample, line), known.oriented(other)) for other in others}
-    seen = [s for other in others if found and (s := seen_in(other, found.ground, known))]
-    told = with_sight(seen, found.ground, known, ground) if found else []
+    curves = {
+        other.id: epipolar_curve_in(one, (sample, line), known.oriented(other)) for other in others
+    }
+    seen = [s for other in others if found and (s := project_into(other, found.ground, known))]
+    told = add_visibility(seen, found.ground, known, ground) if found else []
     images = [predicted_body(place, curves[place.entry.id]) for place in told]
     alone = {} if found else {name: curve_body(c) for name, c in curves.items() if len(c[0])}
     images.sort(key=lambda body: (body.sight == "hidden", body.range_m))
     return ImageToImage(**_pixel(entry, (sample, line), found, known), images=images, curves=alone)
 
 
-def _known(mission: str, layer: str, services: Services) -> tuple[OrientedMission, Ground]:
+def _network_and_ground(
+    mission: str, layer: str, services: Services
+) -> tuple[OrientedMission, Ground]:
     ground = ground_of(mission, layer, services)
     workspace = Workspace(services.store, services.catalogue)
     return OrientedMission.latest(mission, workspace), ground
@@ -158,7 +162,7 @@ def _target(
 def _others(
     mission: str,
     entry: ImageEntry,
-    found: Found | None,
+    found: PixelGround | None,
     stop: str | None,
     within_m: float,
     known: OrientedMission,
@@ -173,7 +177,7 @@ def _others(
 
 
 def _pixel(
-    entry: ImageEntry, point: tuple[float, float], found: Found | None, known: OrientedMission
+    entry: ImageEntry, point: tuple[float, float], found: PixelGround | None, known: OrientedMission
 ) -> dict[str, Any]:
     return {
         "image": entry.id,
@@ -182,5 +186,5 @@ def _pixel(
         "ground": ground_body(found.ground) if found else None,
         "told_by": found.told_by if found else "nothing",
         "network": NetworkUsed.of(known.ref),
-        "layers": layers_used(found),
+        "layers": _layers_used(found),
     }

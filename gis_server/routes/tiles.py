@@ -8,7 +8,7 @@ from typing import Annotated
 from fastapi import APIRouter, Header, Query, Response
 
 from solmap.gis_server.parameters import FOREVER, Address, LayerPath
-from solmap.gis_server.rendering.png import gunzipped
+from solmap.gis_server.rendering.png import gunzip
 from solmap.gis_server.rendering.styles import StyleQuery
 from solmap.gis_server.rendering.tiles import MEDIA_TYPE, render_tile, render_values
 from solmap.gis_server.services import Services, ServicesOf
@@ -64,5 +64,5 @@ def values_of(
     if "gzip" in accept_encoding:
         headers["Content-Encoding"] = "gzip"
     else:
-        body = gunzipped(body)
+        body = gunzip(body)
     return Response(body, media_type=MEDIA_TYPE, headers=headers)

@@ -14,8 +14,8 @@ import numpy as np
 
 from solmap.gis_server.analysis.bodies import UnanswerableError
 from solmap.gis_server.analysis.ground import BEST, Ground
-from solmap.gis_server.analysis.manual_ties import RefineQuestion, refined_pick
-from solmap.gis_server.analysis.measures import ProfileQuestion, ask_profile
+from solmap.gis_server.analysis.manual_ties import RefineQuestion, refine_pick
+from solmap.gis_server.analysis.measures import ProfileQuestion, profile_of
 from solmap.gis_server.rendering.reading import RasterPool
 from solmap.photogrammetry.terrain.measure.ground_point import range_to_ground
 from solmap.photogrammetry.terrain.measure.lines import _tangent
@@ -38,7 +38,7 @@ def profiles(workspace: Workspace, folder: Path) -> Iterator[str]:
         start, azimuth = rng.uniform([-15, -15], [45, 50]), rng.uniform(0, 2 * np.pi)
         end = start + LENGTH_M * np.array([np.cos(azimuth), np.sin(azimuth)])
         line = [tuple(start.tolist()), tuple(end.tolist())]
-        found = ask_profile(ProfileQuestion(line=line, slope_baseline_m=BASELINE_M), ground)
+        found = profile_of(ProfileQuestion(line=line, slope_baseline_m=BASELINE_M), ground)
         truth = surface(found.stations.places)
         steep = np.arctan(_tangent(found.stations.distance_m, truth, BASELINE_M))
         heights.append(np.stack([found.ground.elevation - truth, found.ground.sigma_m]))
@@ -74,7 +74,7 @@ def picks(workspace: Workspace, folder: Path, wanted: int, *, same_stop: bool) -
         first = {"image": entry.id, "sample": pixel[0], "line": pixel[1]}
         second = {"image": image, "sample": moved[0], "line": moved[1]}
         try:
-            found = refined_pick(RefineQuestion(first=first, second=second), mission)
+            found = refine_pick(RefineQuestion(first=first, second=second), mission)
         except UnanswerableError:
             continue
         if found.found:

@@ -16,7 +16,7 @@ import numpy as np
 
 from solmap.gis_server.analysis.ground import BEST, Ground
 from solmap.gis_server.analysis.image_to_ground import ground_at
-from solmap.gis_server.analysis.projection import seen_in, with_sight
+from solmap.gis_server.analysis.projection import add_visibility, project_into
 from solmap.gis_server.rendering.reading import RasterPool
 from solmap.photogrammetry.terrain.dtm.ground import MAP_FROM_LSL
 from solmap.photogrammetry.terrain.measure.ground_point import range_to_ground
@@ -78,7 +78,7 @@ def judge(store: Path, folder: Path, points: int) -> dict[str, np.ndarray]:
 def _judge_in(other, found, truth, world, rows) -> None:
     mission, ground, folder, surface = world
     try:
-        seen = seen_in(other, found.ground, mission)
+        seen = project_into(other, found.ground, mission)
     except ProductError:
         return
     if seen is None:
@@ -92,7 +92,7 @@ def _judge_in(other, found, truth, world, rows) -> None:
     square = (along / seen.ellipse.semi_major) ** 2 + (across / seen.ellipse.semi_minor) ** 2
     rows["px"].append(np.linalg.norm(off))
     rows["ratio"].append(square)
-    told = with_sight([seen], found.ground, mission, ground)[0].sight
+    told = add_visibility([seen], found.ground, mission, ground)[0].sight
     ray = truth - camera.centre
     distance = np.linalg.norm(ray)
     met = range_to_ground(camera.centre, ray / distance, surface, distance + 5.0, 0.02)
