@@ -10,8 +10,9 @@ from __future__ import annotations
 import tomllib
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
-from solmap.config.records import ConfigError, record_of
+from solmap.config.records import ConfigError, faults_of, record_of
 from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
 from solmap.photogrammetry.adjustment.modes.mission import AdjustmentMode
 from solmap.photogrammetry.adjustment.quality.movement import ReissueParams
@@ -132,6 +133,21 @@ def load_pipeline(name: str) -> PipelineConfig:
     Raises:
         ConfigError: there is no such pipeline, or a setting in it is wrong.
     """
+    path, table = _read(name)
+    return record_of(PipelineConfig, table, path.name)
+
+
+def faults_of_pipeline(name: str) -> list[str]:
+    """Everything that is wrong with a pipeline's settings, a line each.
+
+    Raises:
+        ConfigError: there is no such pipeline, or its file is no TOML.
+    """
+    path, table = _read(name)
+    return faults_of(PipelineConfig, table, path.name)
+
+
+def _read(name: str) -> tuple[Path, dict[str, Any]]:
     path = SHIPPED / f"{name}.toml"
     if not path.is_file():
         path = Path(name)
@@ -139,7 +155,6 @@ def load_pipeline(name: str) -> PipelineConfig:
         shipped = ", ".join(sorted(file.stem for file in SHIPPED.glob("*.toml")))
         raise ConfigError(f"there is no pipeline {name!r}: name one of {shipped}, or a TOML file")
     try:
-        tables = tomllib.loads(path.read_text())
-    except (OSError, tomllib.TOMLDecodeError) as error:
+        return path, tomllib.loads(path.read_text())
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise ConfigError(f"{path}: {error}") from error
-    return record_of(PipelineConfig, tables, path.name)

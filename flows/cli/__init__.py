@@ -11,7 +11,7 @@ from typing import Annotated
 
 import typer
 
-from solmap.flows.cli import maintenance, processing, results, simulation, terrain
+from solmap.flows.cli import configuration, maintenance, processing, results, simulation, terrain
 from solmap.flows.cli.orbital import control, orbital
 from solmap.flows.cli.traverse import app as traverse
 
@@ -27,6 +27,7 @@ for _name, _group in (
     ("control", control),
     ("dip", terrain.dip),
     ("token", maintenance.tokens),
+    ("config", configuration.config),
 ):
     app.add_typer(_group, name=_name)
 for _command in (

@@ -1,7 +1,7 @@
 """The record that a flow keeps of itself, for whoever watches the map.
 
 with recorded("downlink", downlink.name, workspace) as record:
-    ...                       # what `flows.progress` reports is written down
+    ...                       # what `runtime.progress` reports is written down
     record.say(report.warnings)
     record.fail_if(report.failures)
 """

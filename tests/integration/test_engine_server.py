@@ -11,7 +11,7 @@ import pytest
 RUN = """
 import sys, time
 from pathlib import Path
-from solmap.flows.engine_server import start_engine
+from solmap.flows.runtime.engine import start_engine
 from solmap.products.logs import keep_logs
 keep_logs(Path(sys.argv[1]), "flows")
 start_engine(Path(sys.argv[1]))

@@ -3,7 +3,7 @@ from enum import StrEnum
 
 import pytest
 
-from solmap.config.records import ConfigError, record_of
+from solmap.config.records import ConfigError, faults_of, record_of
 
 
 class Colour(StrEnum):
@@ -21,6 +21,7 @@ class Outer:
     colour: Colour = Colour.RED
     interval_m: float | None = None
     inner: Inner = field(default_factory=Inner)
+    span_m: tuple[float, float] = (0.0, 1.0)
 
     def __post_init__(self) -> None:
         if self.cell_m <= 0:
@@ -39,13 +40,34 @@ def test_tables_fill_records_and_whole_numbers_serve_as_metres():
 @pytest.mark.parametrize(
     ("table", "message"),
     [
-        ({"cel_m": 1.0}, "dtm has no setting 'cel_m'; it has cell_m, colour, inner, interval_m"),
+        (
+            {"cel_m": 1.0},
+            "has no setting 'cel_m'; it has cell_m, colour, inner, interval_m, span_m",
+        ),
         ({"inner": {"sizepx": 1}}, "dtm.inner has no setting 'sizepx'"),
         ({"cell_m": "small"}, "dtm.cell_m takes float, not 'small'"),
         ({"colour": "blue"}, "dtm.colour is one of red, not 'blue'"),
         ({"cell_m": -1.0}, "dtm: cell_m must be above zero"),
+        ({"cel_m": 1.0}, r"span_m; did you mean cell_m\?$"),
+        ({"inner": 3}, "dtm.inner is a table, not 3"),
+        ({"span_m": 3.0}, "dtm.span_m is a list, not 3.0"),
+        ({"span_m": [3.0]}, "dtm.span_m is a list of 2, not of 1"),
     ],
 )
 def test_a_wrong_setting_names_itself(table, message):
     with pytest.raises(ConfigError, match=message):
         record_of(Outer, table, "dtm")
+
+
+def test_all_faults_of_a_table_are_named_at_once():
+    table = {"cel_m": 1.0, "colour": "blue", "inner": {"size": 1}, "interval_m": 2.0}
+    faults = faults_of(Outer, table, "dtm")
+    assert [fault.partition(" ")[0] for fault in faults] == ["dtm", "dtm.colour", "dtm.inner"]
+    assert faults[2].endswith("did you mean size_px?")
+
+
+def test_a_value_that_the_record_refuses_is_a_fault():
+    assert faults_of(Outer, {"cell_m": -1.0, "x": 1}, "dtm")[1:] == [
+        "dtm: cell_m must be above zero"
+    ]
+    assert not faults_of(Outer, {"cell_m": 1, "span_m": [1, 2], "inner": {"size_px": 3}}, "dtm")

@@ -21,7 +21,7 @@ STUBBORN = (
 PARENT = """
 import sys, time
 from pathlib import Path
-from solmap.flows.children import Child
+from solmap.flows.runtime.children import Child
 child = Child("sleeper", (sys.executable, "-c", "import time; time.sleep(60)"), {{}}, Path({log!r}))
 child.start()
 print(child.process.pid, flush=True)

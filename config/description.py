@@ -1,0 +1,213 @@
+"""The configuration as people read it: every parameter with its value, unit and reason.
+
+Units come from the parameters' names (`cell_m`), reasons from the docstrings below the fields, read
+from the records' source, so there is one place for each.
+"""
+
+from __future__ import annotations
+
+import ast
+import dataclasses
+import inspect
+import json
+import re
+import textwrap
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import Enum
+from functools import cache
+from typing import Any, get_args, get_type_hints
+
+from solmap.config.pipeline import PipelineConfig
+from solmap.config.settings import Settings
+
+WIDTH = 100
+UNITS = {
+    "m": "metre",
+    "m2": "square metre",
+    "px": "pixel",
+    "deg": "degree",
+    "rad": "radian",
+    "s": "second",
+    "gb": "gigabyte",
+    "percent": "percent",
+    "cells": "cells",
+    "sigmas": "standard deviations",
+}
+"""By the last part of a parameter's name."""
+
+HEAD = """\
+Every parameter of the pipeline. A pipeline file names only what differs: `solmap run --pipeline
+FILE`. Units stand in the names; where no unit is given, the parameter is a number, a ratio or a
+choice.
+"""
+PAGE = """\
+# Configuration
+
+This page is generated from the parameter records (`solmap config docs`); do not edit it.
+
+A **pipeline** is a TOML file with one table per stage, naming only what differs from the defaults:
+
+    solmap config show                  # the defaults as TOML, with units and reasons
+    solmap config show --pipeline FILE  # the effective values of a file
+    solmap config check FILE            # names wrong keys and values
+    solmap run DOWNLINK --pipeline FILE
+
+Where things are is set by environment variables.
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """One parameter: its key, its value and what is said of it."""
+
+    name: str
+    value: Any
+    reason: str
+    choices: tuple[str, ...] = ()
+    """Of an enumeration."""
+
+    @property
+    def unit(self) -> str:
+        """The unit that the name tells; empty where it tells none."""
+        rest, _, last = self.name.lower().rpartition("_")
+        unit = UNITS.get(last, "") if rest else ""
+        return f"per {unit}" if unit and rest.endswith("per") else unit
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """A table of parameters: one record."""
+
+    key: str
+    """`models.terrain`; empty for what stands before the first table."""
+    purpose: str
+    parameters: tuple[Parameter, ...]
+
+
+def tables_of(record: Any, key: str = "") -> Iterator[Table]:  # noqa: ANN401 - any record
+    """The tables of a record and of those it holds, in the order of the fields."""
+    kind = type(record)
+    values = {field.name: getattr(record, field.name) for field in dataclasses.fields(record)}
+    own = {name: value for name, value in values.items() if not dataclasses.is_dataclass(value)}
+    hints = get_type_hints(kind)
+    parameters = (
+        Parameter(name, value, reasons(kind).get(name, ""), _choices(hints[name]))
+        for name, value in own.items()
+    )
+    yield Table(key, _purpose(kind), tuple(parameters))
+    for name, value in values.items():
+        if name not in own:
+            yield from tables_of(value, f"{key}.{name}".lstrip("."))
+
+
+@cache
+def reasons(kind: type) -> dict[str, str]:
+    """The docstring below each field of a record, those of its base classes too."""
+    found = reasons(kind.__base__) if kind.__base__ not in (None, object) else {}
+    if not dataclasses.is_dataclass(kind) and not issubclass(kind, Settings):
+        return found
+    (body,) = ast.parse(textwrap.dedent(inspect.getsource(kind))).body
+    return found | dict(_documented(body.body if isinstance(body, ast.ClassDef) else []))
+
+
+def _documented(body: list[ast.stmt]) -> Iterator[tuple[str, str]]:
+    for statement, below in zip(body, [*body[1:], ast.Pass()], strict=True):
+        if not (isinstance(statement, ast.AnnAssign) and isinstance(statement.target, ast.Name)):
+            continue
+        if isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant):
+            yield statement.target.id, " ".join(str(below.value.value).split())
+
+
+def _purpose(kind: type) -> str:
+    text = inspect.cleandoc(kind.__doc__ or "")
+    return "" if text.startswith(f"{kind.__name__}(") else " ".join(text.split("\n\n")[0].split())
+
+
+def _choices(hint: Any) -> tuple[str, ...]:  # noqa: ANN401 - any hint
+    for option in (hint, *get_args(hint)):
+        if isinstance(option, type) and issubclass(option, Enum):
+            return tuple(str(member.value) for member in option)
+    return ()
+
+
+def pipeline_toml(config: PipelineConfig) -> str:
+    """A pipeline as TOML with the unit and reason of every parameter as comments."""
+    blocks = ["\n".join(_comment(HEAD))]
+    for table in tables_of(config):
+        if not table.parameters:
+            continue
+        lines = [*_comment(table.purpose), f"[{table.key}]"] if table.key else []
+        for parameter in table.parameters:
+            lines += _comment(parameter.reason)
+            lines.append(_setting(parameter))
+        blocks.append("\n".join(lines))
+    return "\n\n".join(blocks) + "\n"
+
+
+def _comment(text: str) -> list[str]:
+    return [f"# {line}" for line in textwrap.wrap(" ".join(text.split()), WIDTH - 2)]
+
+
+def _setting(parameter: Parameter) -> str:
+    notes = [parameter.unit, " | ".join(parameter.choices)]
+    if parameter.value is None:
+        return f"# {parameter.name} =" + _note(["not set", *notes])
+    return f"{parameter.name} = {toml_value(parameter.value)}" + _note(notes)
+
+
+def _note(notes: list[str]) -> str:
+    said = "; ".join(filter(None, notes))
+    return f"  # {said}" if said else ""
+
+
+def toml_value(value: Any) -> str:  # noqa: ANN401 - any setting
+    """A value as TOML writes it."""
+    if isinstance(value, Enum):
+        return toml_value(value.value)
+    if isinstance(value, tuple | list):
+        return f"[{', '.join(map(toml_value, value))}]"
+    if isinstance(value, bool):
+        return str(value).lower()
+    return json.dumps(value) if isinstance(value, str) else repr(value)
+
+
+def configuration_page() -> str:
+    """The page of the documentation: all parameters of the pipeline, and all settings."""
+    parts = [PAGE, "## Pipeline\n"]
+    for table in tables_of(PipelineConfig()):
+        if table.parameters:
+            title = f"### `[{table.key}]`" if table.key else "### Before the first table"
+            parts.append(f"{title}\n\n{_prose(table.purpose)}\n\n{_rows(table.parameters)}\n")
+    variables = (
+        Parameter(f"SOLMAP_{name.upper()}", _shown(field.default), reasons(Settings).get(name, ""))
+        for name, field in Settings.model_fields.items()
+    )
+    parts.append(f"## Environment\n\n{_prose(Settings.__doc__ or '')}\n\n{_rows(tuple(variables))}")
+    return "\n".join(parts).rstrip() + "\n"
+
+
+def _shown(value: Any) -> Any:  # noqa: ANN401 - any setting
+    """A default without the folder that this machine happens to have the package in."""
+    text = str(value)
+    return "as shipped" if "/config/" in text else value.value if isinstance(value, Enum) else value
+
+
+def _rows(parameters: tuple[Parameter, ...]) -> str:
+    lines = ["| key | default | unit | meaning |", "| --- | --- | --- | --- |"]
+    for one in parameters:
+        default = "" if one.value is None else f"`{toml_value(_plain(one.value))}`"
+        meaning = _prose(one.reason)
+        if one.choices:
+            meaning = f"{meaning} One of {', '.join(f'`{choice}`' for choice in one.choices)}."
+        lines.append(f"| `{one.name}` | {default} | {one.unit} | {meaning.strip()} |")
+    return "\n".join(lines)
+
+
+def _plain(value: Any) -> Any:  # noqa: ANN401 - any setting
+    return value if isinstance(value, str | int | float | tuple | Enum) else str(value)
+
+
+def _prose(text: str) -> str:
+    """A docstring as Markdown takes it in a table."""
+    return re.sub(r"([|<>])", r"\\\1", " ".join(text.split()))
