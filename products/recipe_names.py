@@ -23,5 +23,11 @@ class RecipeNames:
     """Values, as plain JSON, of fields that have become constants."""
 
 
-RECIPE_NAMES: dict[str, RecipeNames] = {}
+RECIPE_NAMES: dict[str, RecipeNames] = {
+    "CandidateParams": RecipeNames("Candidates"),
+    "EditPoint": RecipeNames("HandPoint"),
+    "EditRequest": RecipeNames("HandTie"),
+    "FeatureParams": RecipeNames("WideBaselineParams"),
+    "TieRefinementParams": RecipeNames("RefinementParams"),
+}
 """By class name in the code."""

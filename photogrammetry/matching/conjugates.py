@@ -225,7 +225,7 @@ def measure_parallax(
         return parallax, sigma
     planes = parallax_planes(view.pair.parallax, points, params.half_px)
     ok = planes.found & (planes.parallax_px > 0)
-    some = planes.taking(ok)
+    some = planes.select(ok)
     found = find_conjugates(
         view.left,
         view.right,

@@ -211,7 +211,7 @@ def _tie_pair(  # noqa: PLR0913, PLR0917 - two views, what joins them, which mat
         matches.parallax_px[rows], source.planes.gradient[rows], source.planes.residual_px[rows]
     )
     good = np.isfinite(planes.gradient).all(axis=1)
-    rows, planes = rows[good], planes.taking(good)
+    rows, planes = rows[good], planes.select(good)
     points = matches.left[rows]
     maps = plane_homographies(source.geometry, target.geometry, target_from_source, points, planes)
     found = find_conjugates(source.left, target.left, points, maps, reach, params)
@@ -250,7 +250,7 @@ def _assemble(  # noqa: PLR0913, PLR0917 - gathers the columns of the ties
         np.full(len(some), DEFINED_PX),
         found.sigma_px[found.found],
     )
-    return ties.taking(np.isfinite(parallax))
+    return ties.select(np.isfinite(parallax))
 
 
 def _verify(
@@ -265,7 +265,7 @@ def _verify(
         geometries = {pair.pair_id: pair.images.geometry for pair in stop.pairs}
         rest = Pose.identity(stop.stop.frame, stop.stop.frame)
         alignment = align(ties, geometries, rest, None, params.alignment)
-        kept = ties.taking(alignment.agrees)
+        kept = ties.select(alignment.agrees)
         pointing, rms_px = alignment.pointing, alignment.rms_px
     else:
         kept, pointing, rms_px = ties, {}, float("nan")

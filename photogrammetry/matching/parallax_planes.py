@@ -62,7 +62,7 @@ class ParallaxPlanes:
         """Where a plane was fitted."""
         return np.isfinite(self.parallax_px)
 
-    def taking(self, rows: Flags) -> ParallaxPlanes:
+    def select(self, rows: Flags) -> ParallaxPlanes:
         """The planes of some points."""
         return ParallaxPlanes(self.parallax_px[rows], self.gradient[rows], self.residual_px[rows])
 

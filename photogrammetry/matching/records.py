@@ -111,11 +111,11 @@ class Ties:
             *[flat.copy() for _ in "12345678"],
         )
 
-    def taking(self, rows: Flags) -> Ties:
+    def select(self, rows: Flags) -> Ties:
         """The ties of some rows."""
         return Ties(self.pair_ids, *(getattr(self, f.name)[rows] for f in fields(self)[1:]))
 
-    def swapped(self) -> Ties:
+    def swap(self) -> Ties:
         """First and second exchanged."""
         names = [f.name for f in fields(self)[1:]]
         others = [

@@ -145,7 +145,7 @@ def _cell(
     """One couple of a sheet, with its names and number of ties above."""
     wide = first.image.shape[1] + second.image.shape[1]
     scale = (SHEET_PX // COLUMNS - 2 * GAP_PX) / wide
-    drawn = draw_ties(first, second, ties.taking(rows), misfit[rows], scale)
+    drawn = draw_ties(first, second, ties.select(rows), misfit[rows], scale)
     count = int(rows.sum())
     text = f"{first.name} - {second.name}: {count} {'tie' if count == 1 else 'ties'}"
     return np.vstack([caption(text, drawn.shape[1]), drawn])

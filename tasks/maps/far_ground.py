@@ -141,7 +141,7 @@ def read_eye(pair: OrientedPair, store: ProductStore) -> WideBaselineImage:
         mask=left.mask,
         camera=left.image.camera.moved(lsl_from_pair @ geometry.rover_from_pair.inverse),
         bar=geometry,
-        lsl_from_bar=lsl_from_pair,
+        lsl_from_rig=lsl_from_pair,
         parallax=read_parallax(store.path(pair.products.parallax)),
     )
 

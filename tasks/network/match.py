@@ -76,13 +76,13 @@ def with_rows_in_line(left: ReadImage, right: ReadImage) -> tuple[EpipolarImages
     """
     images = resampled(left, right, geometry_of(left.image, right.image))
     measured = vertical_parallax(images)
-    if measured.fits_the_bar or len(measured.left) < FEWEST_POINTS:
+    if measured.fits_the_rig or len(measured.left) < FEWEST_POINTS:
         return images, None
     rover_from_pair = images.geometry.rover_from_pair
     x, y, z = (rover_from_pair.rotation @ rig_rotation(measured)).tolist()
     turned = with_right_turned(right, (x, y, z))
     straight = resampled(left, turned, geometry_of(left.image, turned.image))
-    return (straight, (x, y, z)) if vertical_parallax(straight).fits_the_bar else (images, None)
+    return (straight, (x, y, z)) if vertical_parallax(straight).fits_the_rig else (images, None)
 
 
 def geometry_of(left: RoverImage, right: RoverImage) -> EpipolarPair:

@@ -130,7 +130,7 @@ def test_matching_a_panorama_of_ten_pairs(benchmark):
         size = left.shape[::-1]
         geometry = epipolar_pair(camera, other, size, size, world.stops[0].id.frame, PAIR)
         images = epipolar_images(geometry, *pair)
-        assert vertical_parallax(images).fits_the_bar
+        assert vertical_parallax(images).fits_the_rig
         return len(match_sparsely("pair", images)), match_densely_with_sigma(images).parallax_px
 
     def panorama():

@@ -100,7 +100,7 @@ class Plan:
         """Width of a square cell as large as those of the patches."""
         return np.sqrt(np.abs(np.linalg.det(self.cells)))
 
-    def taking(self, rows: Flags) -> Plan:
+    def select(self, rows: Flags) -> Plan:
         """The plan for some of its places."""
         return Plan(
             self.source,
@@ -182,7 +182,7 @@ def _plan(
         params.window_sigmas * np.sqrt(reach) + 2.0,
     )
     fine = np.linalg.norm(cells, axis=1).max(axis=1) <= params.coarsest_cell_m
-    return plan.taking(fine & (plan.reach <= params.widest_window))
+    return plan.select(fine & (plan.reach <= params.widest_window))
 
 
 def _spread(
@@ -242,5 +242,5 @@ def _best_of_the_ground(
     best = best[np.linspace(0, len(best) - 1, min(params.most, len(best))).astype(np.int64)]
     kept = np.zeros(len(owner), dtype=bool)
     kept[best] = True
-    taken = [p.taking(kept[owner == k]) for k, p in enumerate(plans)]
+    taken = [p.select(kept[owner == k]) for k, p in enumerate(plans)]
     return taken[: len(forth)], taken[len(forth) :]

@@ -152,7 +152,7 @@ class GroundView:
             view, surface, level_from_rover @ pose.rotation, level_from_rover @ pose.translation_m
         )
 
-    def image_of(self, north: np.ndarray, east: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def project(self, north: np.ndarray, east: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(left image points, ranges) of the ground at level places; NaN where unknown."""
         down = -self.surface.at(np.atleast_2d(north), np.atleast_2d(east)).astype(np.float64)
         level = np.stack([north.ravel(), east.ravel(), down.ravel()], axis=1)
@@ -164,8 +164,8 @@ class GroundView:
         """Pixels per metre along north and east at level places, over half a metre of ground."""
         columns = []
         for step in np.eye(2) * SLOPE_STEP_M:
-            ahead, _ = self.image_of(*(places + step).T)
-            behind, _ = self.image_of(*(places - step).T)
+            ahead, _ = self.project(*(places + step).T)
+            behind, _ = self.project(*(places - step).T)
             columns.append((ahead - behind) / (2 * SLOPE_STEP_M))
         return np.stack(columns, axis=-1)
 
@@ -191,7 +191,7 @@ class GroundView:
         )
         return along_c + across_c
 
-    def patches(
+    def draw_patches(
         self,
         centres: Float64[np.ndarray, "n 2"],
         grids: Float64[np.ndarray, "n 2 2"],
@@ -207,13 +207,13 @@ class GroundView:
         places = centres[:, None, None, :] + np.einsum("nab,ijb->nija", grids, plan)
         n, size = len(centres), len(steps)
         flat = places.reshape(n * size, size, 2)
-        left = self.image_of(flat[..., 0], flat[..., 1])[0]
+        left = self.project(flat[..., 0], flat[..., 1])[0]
         left = left.reshape(n, size, size, 2)
         patches = np.zeros((n, size, size), np.float32)
         levels = self._levels(centres, grids)
         for level in {tuple(row) for row in levels.tolist()}:
             rows = np.flatnonzero((levels == level).all(axis=1))
-            patches[rows] = self._drawn(left[rows], (int(level[0]), int(level[1])))
+            patches[rows] = self._sample(left[rows], (int(level[0]), int(level[1])))
         core = slice(half - core_half, half + core_half + 1)
         whole = np.isfinite(patches[:, core, core]).reshape(n, -1).mean(axis=1) > LEAST_SEEN
         middle = slice(half - core_half // 2, half + core_half // 2 + 1)
@@ -231,7 +231,7 @@ class GroundView:
         pixels = np.maximum(np.nan_to_num(pixels, nan=1.0), 1.0)
         return np.clip(np.round(np.log2(pixels)), 0, WIDEST_AVERAGE).astype(np.int64)
 
-    def _drawn(self, left: np.ndarray, level: tuple[int, int]) -> np.ndarray:
+    def _sample(self, left: np.ndarray, level: tuple[int, int]) -> np.ndarray:
         """Grey values at image points of some patches, from the image averaged as they need."""
         if level not in self.averaged:
             width = (2 ** level[0], 2 ** level[1])

@@ -133,13 +133,13 @@ class GroundTies:
     ties: Ties
     width_m: PerPoint
 
-    def taking(self, rows: Flags) -> GroundTies:
+    def select(self, rows: Flags) -> GroundTies:
         """The ties of some rows."""
-        return GroundTies(self.ties.taking(rows), self.width_m[rows])
+        return GroundTies(self.ties.select(rows), self.width_m[rows])
 
-    def swapped(self) -> GroundTies:
+    def swap(self) -> GroundTies:
         """First and second exchanged."""
-        return GroundTies(self.ties.swapped(), self.width_m)
+        return GroundTies(self.ties.swap(), self.width_m)
 
     def __len__(self) -> int:
         return len(self.ties)
@@ -165,7 +165,7 @@ def match_ground(
         return look_up_parallax(view, points, dense_sigma_px)
 
     found = [_match_plan(plan, params, parallax_of, pair_ids) for plan in forth]
-    returned = [_match_plan(plan, params, parallax_of, pair_ids).swapped() for plan in back]
+    returned = [_match_plan(plan, params, parallax_of, pair_ids).swap() for plan in back]
     return _join([t for t in (*found, *returned) if len(t)], pair_ids)
 
 
@@ -182,7 +182,7 @@ def _match_plan(
     classes = np.ceil(plan.reach / WINDOW_STEP).astype(np.int64)
     ties = [
         _match_window_class(
-            plan.taking(classes == size), int(WINDOW_STEP * size), params, parallax_of, pair_ids
+            plan.select(classes == size), int(WINDOW_STEP * size), params, parallax_of, pair_ids
         )
         for size in np.unique(classes)
     ]
@@ -202,13 +202,13 @@ def _match_window_class(
     centres = plan.places[:, :2]
     ahead = plan.target_from_source.apply(plan.places)[:, :2]
     wide = half + reach + MARGIN_CELLS
-    templates, whole = plan.source.patches(centres, plan.cells, half, half)
-    searches, there = plan.target.patches(ahead, cells_there, wide, half)
+    templates, whole = plan.source.draw_patches(centres, plan.cells, half, half)
+    searches, there = plan.target.draw_patches(ahead, cells_there, wide, half)
     templates, searches = (_blur(stack, params.blur_cells) for stack in (templates, searches))
     found, offset, sigma, _ = match_patches(templates, searches, whole & there, params.patches)
     moved = (cells_there @ offset[:, ::-1, None])[:, :, 0]
-    first, _ = plan.source.image_of(centres[:, 0], centres[:, 1])
-    second, _ = plan.target.image_of(ahead[:, 0] + moved[:, 0], ahead[:, 1] + moved[:, 1])
+    first, _ = plan.source.project(centres[:, 0], centres[:, 1])
+    second, _ = plan.target.project(ahead[:, 0] + moved[:, 0], ahead[:, 1] + moved[:, 1])
     found &= in_view(plan.source.view, first, 8) & in_view(plan.target.view, second, 8)
     first, second = first[found], second[found]
     parallax, sigma_parallax = parallax_of(plan.source.view, first)
@@ -238,7 +238,7 @@ def _match_window_class(
         line,
     )
     width_m = (2 * half + 1) * plan.cell_m[found]
-    return GroundTies(ties, width_m).taking(np.isfinite(parallax) & np.isfinite(parallax_there))
+    return GroundTies(ties, width_m).select(np.isfinite(parallax) & np.isfinite(parallax_there))
 
 
 def _blur(stack: Float32[np.ndarray, "n a a"], sigma: float) -> Float32[np.ndarray, "n a a"]:

@@ -4,7 +4,7 @@
    a degree or two of azimuth (Di et al. 2008, section 1 and table 1). That is the gate
    (`cross_site_gate`).
 2. Bird's-eye views of both stops are correlated over the gate, and landmarks on them vote for
-   places (`find_hypotheses`). The best are hypotheses of the horizontal pose; the drop follows from the
+   places (`hypotheses`). The best are hypotheses of the horizontal pose; the drop follows from the
    elevations of the common ground and the tilt from telemetry, which gravity holds to tenths of a
    degree.
 3. Under every hypothesis the sparse matches of each stop are predicted into the pairs of the other
@@ -114,10 +114,10 @@ class CrossSiteParams:
 
     gate: GateParams = field(default_factory=GateParams)
     birds_eye: BirdsEyeParams = field(default_factory=BirdsEyeParams)
-    find_hypotheses: HypothesisParams = field(default_factory=HypothesisParams)
+    hypotheses: HypothesisParams = field(default_factory=HypothesisParams)
     trials: TrialParams = field(default_factory=TrialParams)
     by_shape: SurfaceTieParams = field(default_factory=SurfaceTieParams)
-    evaluate_link: VerdictParams = field(default_factory=VerdictParams)
+    verdict: VerdictParams = field(default_factory=VerdictParams)
     apart: float = 0.75
     """Least distance of ties that are handed on, in widths of their patches: they share a quarter
     of their ground at most along either axis, and nearly count as independent."""
@@ -143,8 +143,8 @@ def tie_cross_site(
     if highest < params.verdict.least_z:
         return refused_link(one, other, f"no peak stands out (z = {highest:.1f})", fits[0])
     trials = Trials(one, other, prior, params.trials)
-    tried = [trials.tried(fit) for fit in fits]
-    best = trials.settled(_best(tried, params.trials.separation_m))
+    tried = [trials.try_fit(fit) for fit in fits]
+    best = trials.settle(_best(tried, params.trials.separation_m))
     if best.agreeing < params.verdict.least_ties:
         return _evaluate(trials, best, 0, params)
     wrong = decoys(gate, fits, params.trials.decoys, 2 * params.birds_eye.separation_m)
@@ -154,7 +154,7 @@ def tie_cross_site(
 def _best(tried: list[Trial], separation_m: float) -> Trial:
     """The trial that most agree with; of those that ended there too, the one of the best peak."""
     most = max(tried, key=lambda trial: trial.agreeing)
-    same = (t for t in tried if t.alignment and not t.elsewhere(most, separation_m))
+    same = (t for t in tried if t.alignment and not t.differs_from(most, separation_m))
     return next(same, most)
 
 
@@ -167,11 +167,11 @@ def _count_by_chance(
     Where no hypothesis is another place, decoys show what chance can do.
     """
     separation_m = trials.params.separation_m
-    others = [trial for trial in tried if trial.elsewhere(best, separation_m)]
+    others = [trial for trial in tried if trial.differs_from(best, separation_m)]
     others.sort(key=lambda trial: trial.agreeing, reverse=True)
-    for rival in chain(others, map(trials.tried, wrong)):
-        settled = trials.settled(rival)
-        if settled.elsewhere(best, separation_m):
+    for rival in chain(others, map(trials.try_fit, wrong)):
+        settled = trials.settle(rival)
+        if settled.differs_from(best, separation_m):
             return settled.agreeing
     return 0
 
@@ -179,7 +179,7 @@ def _count_by_chance(
 def _evaluate(trials: Trials, trial: Trial, by_chance: int, params: CrossSiteParams) -> SiteLink:
     """The link of a settled trial, or why it is none."""
     one, other = trials.one, trials.other
-    fine = trials.refined(trial)
+    fine = trials.refine(trial)
     if trial.alignment is None or fine.alignment is None:
         return refused_link(one, other, "the conjugates could not be aligned", trial.fit)
     figures = link_figures(one, other, fine.fit, fine.ties, fine.alignment)
@@ -188,13 +188,13 @@ def _evaluate(trials: Trials, trial: Trial, by_chance: int, params: CrossSitePar
     if not linked:
         return refused_link(one, other, reason, trial.fit, figures)
     agrees = fine.alignment.agrees
-    ties, width_m = fine.ties.taking(agrees), fine.width_m[agrees]
+    ties, width_m = fine.ties.select(agrees), fine.width_m[agrees]
     places = (tie_places(one, ties) @ one.stop.lsl_from_rover.rotation.T)[:, :2]
     weighed = inflate_sigmas(ties, overlap_counts(places, width_m))
-    final = trials.aligned(weighed, fine.alignment.first_from_second) or fine.alignment
+    final = trials.align(weighed, fine.alignment.first_from_second) or fine.alignment
     some = select_spread(places, width_m, params.apart, params.verdict.least_ties)
-    by_looks = add_shared_errors(
-        inflate_sigmas(ties.taking(some), overlap_counts(places[some], width_m[some])),
+    image_matched = add_shared_errors(
+        inflate_sigmas(ties.select(some), overlap_counts(places[some], width_m[some])),
         {v.view.pair.pair_id: v.view.geometry for v in (*one.views, *other.views)},
     )
     by_shape = _match_surfaces(one, other, final, params.by_shape)
@@ -206,7 +206,7 @@ def _evaluate(trials: Trials, trial: Trial, by_chance: int, params: CrossSitePar
         other.id,
         linked,
         reason,
-        join_ties([by_looks, by_shape], by_looks.pair_ids),
+        join_ties([image_matched, by_shape], image_matched.pair_ids),
         final.first_from_second,
         final.covariance,
         figures,
@@ -252,7 +252,7 @@ class Trial:
         """Ties that agree in space."""
         return int(self.alignment.agrees.sum()) if self.alignment else 0
 
-    def elsewhere(self, other: Trial, separation_m: float) -> bool:
+    def differs_from(self, other: Trial, separation_m: float) -> bool:
         """Whether two trials ended at different places: neighbours may find the same."""
         if self.alignment is None or other.alignment is None:
             return False
@@ -269,14 +269,14 @@ class Trials:
     prior: PoseCovariance
     params: TrialParams
 
-    def tried(self, fit: PlaneFit) -> Trial:
+    def try_fit(self, fit: PlaneFit) -> Trial:
         """Look for some conjugates under a hypothesis and align by them."""
         candidates = self.params.candidates
         pose = pose_from_fit(self.one.stop, self.other.stop, fit)
         dense_sigma_px = candidates.parallax_sigma_px
         return self._trial(fit, pose, candidates.first_gap, candidates, dense_sigma_px)
 
-    def settled(self, trial: Trial) -> Trial:
+    def settle(self, trial: Trial) -> Trial:
         """Match all there is from the trial's own alignment, in the window that leaves open."""
         if trial.alignment is None:
             return trial
@@ -284,20 +284,20 @@ class Trials:
         pose = trial.alignment.first_from_second
         return self._trial(trial.fit, pose, candidates.last_gap, candidates, None)
 
-    def refined(self, trial: Trial) -> Trial:
+    def refine(self, trial: Trial) -> Trial:
         """Measure the ties that agree again, in the original images, and align by them."""
         if trial.alignment is None:
             return trial
         agrees = trial.alignment.agrees
         views = {v.view.pair.pair_id: v.view for v in (*self.one.views, *self.other.views)}
         ties = refine_ties(
-            trial.ties.taking(agrees),
+            trial.ties.select(agrees),
             views,
             trial.alignment,
             self.params.refinement,
             self.params.ground.parallax,
         )
-        alignment = self.aligned(ties, trial.alignment.first_from_second)
+        alignment = self.align(ties, trial.alignment.first_from_second)
         return Trial(trial.fit, ties, trial.width_m[agrees], alignment)
 
     def _trial(
@@ -313,9 +313,9 @@ class Trials:
         forth, back = plan_searches(self.one.views, self.other.views, level, gap, candidates)
         pair_ids = (*self.one.pair_ids, *self.other.pair_ids)
         found = match_ground(forth, back, self.params.ground, pair_ids, dense_sigma_px)
-        return Trial(fit, found.ties, found.width_m, self.aligned(found.ties, pose))
+        return Trial(fit, found.ties, found.width_m, self.align(found.ties, pose))
 
-    def aligned(self, ties: Ties, pose: Pose) -> Alignment | None:
+    def align(self, ties: Ties, pose: Pose) -> Alignment | None:
         """The robust alignment by some ties, None if there are hardly any."""
         if len(ties) < LEAST_TO_ALIGN:
             return None

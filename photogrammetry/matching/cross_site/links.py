@@ -159,7 +159,7 @@ def link_figures(
     step = told.translation_m - one.stop.lsl_from_rover.translation_m
     moved = level @ found.translation_m - step
     turn = level @ found.rotation @ told.rotation.T
-    kept = ties.taking(alignment.agrees)
+    kept = ties.select(alignment.agrees)
     return SiteLinkFigures(
         distance_m=distance_m(one, other),
         peak_z=fit.z,

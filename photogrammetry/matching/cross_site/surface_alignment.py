@@ -225,7 +225,7 @@ class Ground:
         along = (view.centre - places) / parallax[:, None]
         return cls(view, *(c[good] for c in (points, parallax, places, normals, along)))
 
-    def against(self, target: SurfaceView, shift_m: ObjectPoints, params: SurfaceParams) -> Misfits:
+    def compare(self, target: SurfaceView, shift_m: ObjectPoints, params: SurfaceParams) -> Misfits:
         """The points, shifted, held against the ground of another pair.
 
         The derivative is by a shift of these points.
@@ -270,7 +270,7 @@ class GroundPair:
         if not (len(earlier) and len(later)):
             return None
         couple = cls(earlier, later, np.zeros(3))
-        seen = couple.misfits(couple.rest, params)
+        seen = couple.misfits(couple.no_shift, params)
         if sum(len(m.row) for m in seen) < params.least_points:
             return None
         return replace(couple, middle=couple.places_of(seen).mean(axis=0))
@@ -290,24 +290,24 @@ class GroundPair:
         return np.array([-along[1], along[0], 0.0]) / np.hypot(along[0], along[1])
 
     @property
-    def rest(self) -> Shifts:
+    def no_shift(self) -> Shifts:
         """No shift for any point of either."""
         return np.zeros((len(self.earlier), 3)), np.zeros((len(self.later), 3))
 
     def misfits(self, shifts: Shifts, params: SurfaceParams) -> tuple[Misfits, Misfits]:
         """Both grounds, each held against the other, the later one's shifted."""
         of_earlier, of_later = shifts
-        back = self.earlier.against(self.later.view, -of_earlier, params)
+        back = self.earlier.compare(self.later.view, -of_earlier, params)
         return (
             replace(back, by_shift=-back.by_shift),
-            self.later.against(self.earlier.view, of_later, params),
+            self.later.compare(self.earlier.view, of_later, params),
         )
 
     def places_of(self, seen: Sequence[Misfits]) -> ObjectPoints:
         """Where the points lie that were held against each other."""
         return np.concatenate([g.places[m.row] for g, m in zip(self.grounds, seen, strict=True)])
 
-    def moved(self, motion: Float64[np.ndarray, " 6"]) -> Shifts:
+    def shifts_by(self, motion: Float64[np.ndarray, " 6"]) -> Shifts:
         """The shifts of all points under a small rigid motion of the later stop's ground."""
         earlier, later = (
             np.cross(motion[:3], ground.places - self.middle) + motion[3:]
@@ -333,7 +333,7 @@ class GroundPair:
         """Weights of a shift of the later stop's ground beforehand, per square metre."""
         return np.linalg.inv(self.shape_bias(places, params) + params.shift_sigma_m**2 * np.eye(3))
 
-    def aligned(self, params: SurfaceParams) -> Float64[np.ndarray, " 6"]:
+    def align(self, params: SurfaceParams) -> Float64[np.ndarray, " 6"]:
         """The motion of the later stop's ground that lays it onto the earlier one's.
 
         Rotation vector about `middle` (radians), then shift (metres), in the common frame.
@@ -343,7 +343,7 @@ class GroundPair:
         prior[3:, 3:] = self.prior(self.middle[None], params)[0]
         motion = np.zeros(MOTION)
         for _ in range(params.rounds):
-            seen = self.misfits(self.moved(motion), params)
+            seen = self.misfits(self.shifts_by(motion), params)
             misfit, by_shift, weight = robust_weights(seen, params)
             arm = self.places_of(seen) - self.middle
             design = np.hstack([np.cross(arm, by_shift), by_shift])

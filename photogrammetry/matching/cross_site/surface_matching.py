@@ -80,11 +80,11 @@ class Blocks:
     def __len__(self) -> int:
         return len(self.number)
 
-    def taking(self, rows: np.ndarray) -> Blocks:
+    def select(self, rows: np.ndarray) -> Blocks:
         """Some of them."""
         return Blocks(*(getattr(self, column.name)[rows] for column in fields(self)))
 
-    def scattered(self, factor: float) -> Blocks:
+    def inflate(self, factor: float) -> Blocks:
         """The same where blocks differ by so much more than they state."""
         return replace(self, covariance=factor**2 * self.covariance, sigma_m=factor * self.sigma_m)
 
@@ -112,7 +112,7 @@ def tie_by_surface(
     scatter = max(robust_sigma(across[kept] / sigma[kept]), 1.0)
     mine = np.split(kept, np.cumsum([len(some) for some in blocks])[:-1])
     columns = [
-        _tie_columns(couple, some.taking(rows).scattered(scatter), int(kept.sum()), params.surface)
+        _tie_columns(couple, some.select(rows).inflate(scatter), int(kept.sum()), params.surface)
         for (*_, couple, some), rows in zip(seen, mine, strict=True)
     ]
     first, second = (
@@ -144,7 +144,7 @@ def _shared_ground(
 
 def align_blocks(couple: GroundPair, side_m: float, params: SurfaceTieParams) -> Blocks:
     """The blocks of the ground that two pairs share: squares of some side, each laid on its own."""
-    laid = couple.moved(couple.aligned(params.surface))
+    laid = couple.shifts_by(couple.align(params.surface))
     names = [
         _squares(ground.places + shift, side_m)
         for ground, shift in zip(couple.grounds, laid, strict=True)
@@ -179,7 +179,7 @@ def align_blocks(couple: GroundPair, side_m: float, params: SurfaceTieParams) ->
         shift @ across,
         sigma,
     )
-    return found.taking(good)
+    return found.select(good)
 
 
 def _squares(places: ObjectPoints, side_m: float) -> Int32[np.ndarray, " n"]:

@@ -75,7 +75,7 @@ def apply_edits(
             made = None if wish.action is EditAction.VETO else _make_tie(wish, bodies)
             if wish.action is not EditAction.ADD:
                 rows = _affected_ties(wish, kept, bodies, stop_of)
-                kept = [t.taking(~some) for t, some in zip(kept, rows, strict=True)]
+                kept = [t.select(~some) for t, some in zip(kept, rows, strict=True)]
                 dropped = sum(int(some.sum()) for some in rows)
                 counts[wish.action] += dropped if wish.action is EditAction.VETO else 1
             if made is not None:

@@ -65,7 +65,7 @@ class MonoParams:
     """Nearest ground, as deep as the mast is high."""
     scouts: int = 400
     """Interest points that are looked for first, over all depths."""
-    select_candidates: int = 2500
+    candidates: int = 2500
     """Interest points of the overlap that are looked for with depth and turn known."""
     cell_px: int = 32
     """Cell in which the strongest are taken in turn."""
@@ -105,8 +105,8 @@ def select_candidates(
     margin = params.conjugates.half_px
     found = interest_points(one.view.image, one.view.mask, params.interest, margin)
     points = found.points
-    middle = swing.seen_at(points, np.full(len(points), 0.5 / params.nearest_m))
-    far = swing.seen_at(points, np.zeros(len(points)))
+    middle = swing.project(points, np.full(len(points), 0.5 / params.nearest_m))
+    far = swing.project(points, np.zeros(len(points)))
     seen = other.geometry.shows(middle) | other.geometry.shows(far)
     points, weight = points[seen], found.weight[seen]
     return points[strongest_by_cell(points, weight, params.cell_px, params.candidates)]
@@ -118,7 +118,7 @@ def search_all_depths(
     """((points, their inverse depth), turn of the other camera) from a search over all depths."""
     nothing = np.zeros(len(points))
     nearest = nothing + 1.0 / params.nearest_m
-    length = np.linalg.norm(swing.seen_at(points, nearest) - swing.seen_at(points, nothing), axis=1)
+    length = np.linalg.norm(swing.project(points, nearest) - swing.project(points, nothing), axis=1)
     wide = np.ceil(length / 2 + _reach_px(swing, params))
     inside = np.isfinite(wide)
     points, wide = points[inside], wide[inside]
@@ -156,7 +156,7 @@ def matches_in_view(
 ) -> np.ndarray:
     """Rows of a pair's matches that a single image shows by the labels; the most certain first."""
     matches = pair.matches
-    seen = swing.seen_at(matches.left, _inverse_depth_of(swing, matches.parallax_px))
+    seen = swing.project(matches.left, _inverse_depth_of(swing, matches.parallax_px))
     rows = np.flatnonzero(view.geometry.shows(seen))
     order = strongest_by_cell(
         matches.left[rows], -matches.sigma_px[rows], params.cell_px, params.candidates
@@ -240,8 +240,8 @@ def _inverse_depth(
     """
     q, step = np.zeros(len(points)), 1e-3 / swing.base_m
     for _ in range(3):
-        here = swing.seen_at(points, q, turn)
-        slope = (swing.seen_at(points, q + step, turn) - here) / step
+        here = swing.project(points, q, turn)
+        slope = (swing.project(points, q + step, turn) - here) / step
         change = ((seen - here) * slope).sum(axis=1) / np.maximum((slope**2).sum(axis=1), 1e-12)
         q = np.maximum(q + np.nan_to_num(change), 0.0)
     return q

@@ -54,7 +54,7 @@ class TwoViews:
         """By the labels' mast kinematics."""
         return self.other.rover_from_pair.inverse @ self.one.rover_from_pair
 
-    def seen_at(
+    def project(
         self, points: ImagePoints, inverse_depth: PerPoint, turn: Vector3 | None = None
     ) -> ImagePoints:
         """Where points at some inverse depth are in the second image; NaN behind it."""
@@ -66,7 +66,7 @@ class TwoViews:
         z = np.where(y[:, 2:] > 0, y[:, 2:], np.nan)
         return np.array(self.other.centre_px) + self.other.focal_px * y[:, :2] / z
 
-    def across(self, points: ImagePoints, seen: ImagePoints, turn: Vector3) -> PerPoint:
+    def epipolar_distance(self, points: ImagePoints, seen: ImagePoints, turn: Vector3) -> PerPoint:
         """Signed distance of points of the second image from their epipolar lines, pixels."""
         pose, back = self.other_from_one, rotation_matrix(turn).T
         far = self.one.rays(points) @ pose.rotation.T @ back.T
@@ -75,14 +75,14 @@ class TwoViews:
         norm = np.maximum(np.linalg.norm(line[:, :2], axis=1), 1e-12)
         return self.other.focal_px * (line * measured).sum(axis=1) / norm
 
-    def along(self, points: ImagePoints, seen: ImagePoints, turn: Vector3) -> PerPoint:
+    def epipolar_parallax(self, points: ImagePoints, seen: ImagePoints, turn: Vector3) -> PerPoint:
         """How far along its epipolar line a point is from its place at infinity, pixels.
 
         Positive towards the near end.
         """
         nothing = np.zeros(len(points))
-        far = self.seen_at(points, nothing, turn)
-        near = self.seen_at(points, nothing + 1e-3 / self.base_m, turn) - far
+        far = self.project(points, nothing, turn)
+        near = self.project(points, nothing + 1e-3 / self.base_m, turn) - far
         direction = near / np.maximum(np.linalg.norm(near, axis=1, keepdims=True), 1e-12)
         return ((seen - far) * direction).sum(axis=1)
 
@@ -106,7 +106,7 @@ def relative_turn(
     for scale in SCALES_PX:
 
         def weighted(w: np.ndarray, scale: float = scale) -> np.ndarray:
-            return np.concatenate([swing.across(points, seen, w) / scale, w / sigma])
+            return np.concatenate([swing.epipolar_distance(points, seen, w) / scale, w / sigma])
 
         turn = least_squares(weighted, turn, loss="cauchy", x_scale=pointing_sigma).x
     return turn
@@ -139,14 +139,14 @@ def check_conjugates(
 ) -> TwoViewCheck:
     """Hold conjugates against the epipolar geometry, the range and their neighbours."""
     turn = relative_turn(swing, points, seen, pointing_sigma)
-    left = swing.across(points, seen, turn)
+    left = swing.epipolar_distance(points, seen, turn)
     spread = max(robust_sigma(left), LEAST_SPREAD_PX)
     misfit = np.abs(left) / (LIMIT_SIGMAS * spread)
     agrees = misfit <= 1.0
-    along = swing.along(points, seen, turn)
+    along = swing.epipolar_parallax(points, seen, turn)
     slack = LIMIT_SIGMAS * np.sqrt(2.0) * pointing_sigma * swing.other.focal_px
-    nearest = swing.seen_at(points, np.full(len(points), 1.0 / nearest_m), turn)
-    furthest = swing.along(points, nearest, turn)
+    nearest = swing.project(points, np.full(len(points), 1.0 / nearest_m), turn)
+    furthest = swing.epipolar_parallax(points, nearest, turn)
     agrees &= (along >= -slack) & ~(along > furthest + slack)
     agrees[agrees] = agrees_with_terrain(points[agrees], along[agrees], terrain)
-    return TwoViewCheck(agrees, turn, swing.across(points, seen, np.zeros(3)), left, along, misfit)
+    return TwoViewCheck(agrees, turn, swing.epipolar_distance(points, seen, np.zeros(3)), left, along, misfit)

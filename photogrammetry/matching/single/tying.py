@@ -40,7 +40,7 @@ class MonoLink:
 
     first_id: str
     second_id: str
-    select_candidates: int
+    candidates: int
     measured: int
     ties: int
     label_px: float

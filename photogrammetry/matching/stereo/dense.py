@@ -238,9 +238,9 @@ class PixelwiseMatcher:
 
     def refine(self, rough: ParallaxMap) -> tuple[ParallaxMap, ParallaxMap]:
         """Refined parallax where it can be trusted, and its standard deviation."""
-        parallax = self.smoothed(rough)
+        parallax = self.smooth(rough)
         for _ in range(self.params.steps - 1):
-            parallax = self.smoothed(parallax + self.step(parallax))
+            parallax = self.smooth(parallax + self.step(parallax))
         fit = self.fit(parallax)
         parallax = parallax + fit.step_px
         good = (fit.sigma_px <= self.params.largest_sigma_px) & fit.textured & (parallax > 0)
@@ -249,7 +249,7 @@ class PixelwiseMatcher:
         nothing = np.float32(np.nan)
         return np.where(good, parallax, nothing), np.where(good, fit.sigma_px, nothing)
 
-    def smoothed(self, parallax: ParallaxMap) -> ParallaxMap:
+    def smooth(self, parallax: ParallaxMap) -> ParallaxMap:
         """Parallax smoothed within surfaces: a bilateral filter to which gaps are far away."""
         known = np.isfinite(parallax)
         filled = np.where(known, parallax, np.float32(-1e4))
@@ -258,7 +258,7 @@ class PixelwiseMatcher:
 
     def fit(self, parallax: ParallaxMap) -> Fit:
         """How well the images agree under a parallax, and what would improve it."""
-        slope, residual = self._compared(parallax)
+        slope, residual = self._compare(parallax)
         whole = self._sums(slope, residual, np.isfinite(parallax), self.params.box_px)
         half = self._sums(slope, residual, np.isfinite(parallax), self.params.box_px // 2 | 1)
         unresolved = np.clip(half.step_px - whole.step_px, -LARGEST_STEP_PX, LARGEST_STEP_PX)
@@ -272,10 +272,10 @@ class PixelwiseMatcher:
 
     def step(self, parallax: ParallaxMap) -> ParallaxMap:
         """The correction that least squares asks for."""
-        slope, residual = self._compared(parallax)
+        slope, residual = self._compare(parallax)
         return self._sums(slope, residual, np.isfinite(parallax), self.params.box_px).step_px
 
-    def _compared(self, parallax: ParallaxMap) -> tuple[GreyImage, GreyImage]:
+    def _compare(self, parallax: ParallaxMap) -> tuple[GreyImage, GreyImage]:
         """Slope of the left image and residual of the right one; 0 where there is no parallax."""
         known = np.isfinite(parallax)
         sample = self.samples - np.where(known, parallax, np.float32(0))

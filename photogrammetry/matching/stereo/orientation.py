@@ -88,7 +88,7 @@ class VerticalParallax:
         )
 
     @property
-    def fits_the_bar(self) -> bool:
+    def fits_the_rig(self) -> bool:
         """Whether the rows correspond as the camera models say."""
         enough = len(self.vertical_px) >= FEWEST_POINTS
         return bool(enough and max(abs(self.median_px), self.mad_px) <= WRONG_RIG_PX)
@@ -97,7 +97,7 @@ class VerticalParallax:
         verdict = "rows correspond"
         if len(self.vertical_px) < FEWEST_POINTS:
             verdict = "too few to tell whether the camera models fit the images"
-        elif not self.fits_the_bar:
+        elif not self.fits_the_rig:
             verdict = (
                 "the camera models do not fit the images: another exposure, or a bent stereo bar"
             )
@@ -136,7 +136,7 @@ class RelativeOrientation:
     unknowns: Float64[np.ndarray, " 6"]
     """All that has been added to the adjusted orientation, this included; s is never added."""
 
-    def applied(self, right: CameraModel, geometry: EpipolarPair) -> CameraModel:
+    def apply(self, right: CameraModel, geometry: EpipolarPair) -> CameraModel:
         """The right camera, in the frame that `geometry` is given in, where it really stands."""
         pose = geometry.rover_from_pair
         turned = turn_in_place(right, pose.target, pose.rotation @ self.rotation)

@@ -119,7 +119,7 @@ class WideParams:
 
 @runtime_checkable
 class Viewpoint(Protocol):
-    """What can be chosen for an eye: `WideBaselineImage` is one, and so is a pair that is not read yet."""
+    """What pairs are chosen by: `WideBaselineImage` is one, and so is a pair that is not read."""
 
     @property
     def centre(self) -> Vector3:
@@ -143,10 +143,10 @@ class WideBaselineImage:
     mask: OriginalMask
     camera: CameraModel
     """Its camera, in the LSL."""
-    bar: EpipolarPair
-    lsl_from_bar: Pose
+    rig: EpipolarPair
+    lsl_from_rig: Pose
     parallax: ParallaxMap
-    """Dense parallax of the pair itself, on the grid of `bar`."""
+    """Dense parallax of the pair itself, on the grid of `rig`."""
 
     @property
     def size(self) -> tuple[int, int]:
@@ -232,7 +232,7 @@ def match_wide_baseline(
     measured = before = warped.measured(params)
     found = relative_orientation(measured, params.orientation)
     for _ in range(ROUNDS):
-        right = replace(right, camera=found.applied(right.camera, warped.images.geometry))
+        right = replace(right, camera=found.apply(right.camera, warped.images.geometry))
         warped = _PredictedPair.of(left, right, params)
         measured = warped.measured(params)
         found = relative_orientation(measured, params.orientation, found)
@@ -263,14 +263,14 @@ class _PredictedPair:
     def of(
         cls, left: WideBaselineImage, right: WideBaselineImage, params: WideParams
     ) -> _PredictedPair:
-        frame = Frame(FrameKind.PAIR, (*left.lsl_from_bar.source.index, -1))
+        frame = Frame(FrameKind.PAIR, (*left.lsl_from_rig.source.index, -1))
         geometry = epipolar_pair(left.camera, right.camera, left.size, right.size, LSL, frame)
         grey_l, mask_l = resample(left.image, left.mask, left.camera, geometry, Eye.LEFT)
         grey_r, mask_r = resample(right.image, right.mask, right.camera, geometry, Eye.RIGHT)
         predicted, known = predict_parallax(left, geometry, params.smoothing_px)
         mask_l &= known & (predicted <= geometry.focal_px / params.nearest_bases)
         images = EpipolarImages(geometry, grey_l, mask_l, grey_r, mask_r)
-        ratio = geometry.focal_px * geometry.base_m / (left.bar.focal_px * left.bar.base_m)
+        ratio = geometry.focal_px * geometry.base_m / (left.rig.focal_px * left.rig.base_m)
         return cls(images, predicted, ratio, int(np.ceil(params.bar_error_px * ratio)))
 
     def measured(self, params: WideParams) -> MeasuredOffsets:
@@ -296,19 +296,19 @@ def predict_parallax(
 ) -> tuple[ParallaxMap, Mask]:
     """Parallax in the wide pair as the bar of its left eye has seen it, and where that is known."""
     smooth, known = _smooth(eye.parallax, smoothing_px)
-    rotation = eye.lsl_from_bar.rotation.T @ geometry.rover_from_pair.rotation
+    rotation = eye.lsl_from_rig.rotation.T @ geometry.rover_from_pair.rotation
     r = rotation.astype(np.float32)
     line, sample = np.indices((geometry.lines, geometry.samples), dtype=np.float32)
     x = (sample - np.float32(geometry.centre_px[0])) / np.float32(geometry.focal_px)
     y = (line - np.float32(geometry.centre_px[1])) / np.float32(geometry.focal_px)
     X, Y, Z = (r[i, 0] * x + r[i, 1] * y + r[i, 2] for i in range(3))
     Z = np.maximum(Z, np.float32(1e-3))
-    f = np.float32(eye.bar.focal_px)
-    u, v = eye.bar.centre_px[0] + f * X / Z, eye.bar.centre_px[1] + f * Y / Z
+    f = np.float32(eye.rig.focal_px)
+    u, v = eye.rig.centre_px[0] + f * X / Z, eye.rig.centre_px[1] + f * Y / Z
     at = (u.astype(np.float32), v.astype(np.float32))
     bar = cv2.remap(smooth, *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     seen = cv2.remap(known.astype(np.uint8), *at, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT)
-    ratio = geometry.focal_px * geometry.base_m / (eye.bar.focal_px * eye.bar.base_m)
+    ratio = geometry.focal_px * geometry.base_m / (eye.rig.focal_px * eye.rig.base_m)
     return (bar * np.float32(ratio) * Z).astype(np.float32), seen > 0
 
 

@@ -100,7 +100,7 @@ class Rocks:
     def __len__(self) -> int:
         return len(self.width_m)
 
-    def taking(self, rows: np.ndarray) -> Rocks:
+    def select(self, rows: np.ndarray) -> Rocks:
         """Some of the rocks."""
         marks = self.landmarks
         some = Landmarks(marks.places[rows], marks.covariances[rows])
@@ -127,8 +127,8 @@ def find_rocks(stop: MatchedStop, view: BirdsEyeView, params: RockParams) -> Roc
     raised = (raised_patches(stop, pair, ground, view.cell_m, params) for pair in stop.pairs)
     each = [_rocks_in(patches, params) for patches in raised]
     every = _join(each)
-    every = every.taking(np.argsort(-every.width_m, kind="stable"))
-    return every.taking(_unique(every))
+    every = every.select(np.argsort(-every.width_m, kind="stable"))
+    return every.select(_unique(every))
 
 
 def match_rocks(

@@ -141,7 +141,7 @@ def test_the_motion_between_two_pairs_is_found(earlier, second_stop, second_stan
     other = Ground.of(wrong["P012"], earlier["P001"].centre, PARAMS.surface)
     couple = GroundPair.of(one, other, PARAMS.surface)
     assert couple is not None
-    motion = couple.aligned(PARAMS.surface)
+    motion = couple.align(PARAMS.surface)
     there = np.array([7.0, 6.0, 0.0])
     turn = np.radians(0.15) * np.array([0, 0, 1.0])
     back = -(0.06 * ACROSS + np.cross(turn, couple.middle - there))
@@ -153,11 +153,11 @@ def test_misfits_follow_a_shift_as_their_derivatives_say(earlier, later):
     target = later["P012"]
     ground = Ground.of(earlier["P001"], target.centre, PARAMS.surface)
     rest = np.zeros((len(ground), 3))
-    here = ground.against(target, rest, PARAMS.surface)
+    here = ground.compare(target, rest, PARAMS.surface)
     for axis in range(3):
         step = np.zeros(3)
         step[axis] = 1e-5
-        there = ground.against(target, rest + step, PARAMS.surface)
+        there = ground.compare(target, rest + step, PARAMS.surface)
         both, i, j = np.intersect1d(here.row, there.row, return_indices=True)
         slope = (there.misfit_px[j] - here.misfit_px[i]) / 1e-5
         same = np.abs(slope - here.by_shift[i, axis]) < 0.02 * np.abs(slope) + 0.05

@@ -43,7 +43,7 @@ def ground(swing, rng):
     """(points in the first image, the same in the second) of points 2 to 20 m away."""
     points = rng.uniform([128, 20], [250, 250], (400, 2))
     inverse = 1 / rng.uniform(2, 20, 400)
-    return points, swing.seen_at(points, inverse), inverse
+    return points, swing.project(points, inverse), inverse
 
 
 def test_neighbouring_images_are_tied_and_others_are_not(tied):
@@ -69,7 +69,7 @@ def test_ties_show_the_same_ground(tied, first_stop):
             continue
         swing = TwoViews(geometries[one], geometries[other])
         depth = geometries[one].focal_px * geometries[one].base_m / parallax
-        seen = swing.seen_at(left[None], np.array([1.0 / float(depth)]))[0]
+        seen = swing.project(left[None], np.array([1.0 / float(depth)]))[0]
         offsets.append(tied.ties.second_left[k] - seen)
     offsets = np.array(offsets)
     assert len(offsets) > 100
@@ -88,7 +88,7 @@ def test_matches_of_a_pair_are_found_in_a_single_image_beside_it(first_stop, vie
     assert np.isnan(ties.second_parallax_px).all()
     swing = TwoViews(pair.images.geometry, views[1].geometry)
     depth = 320.0 * 0.4 / ties.first_parallax_px
-    off = ties.second_left - swing.seen_at(ties.first_left, 1.0 / depth)
+    off = ties.second_left - swing.project(ties.first_left, 1.0 / depth)
     assert np.linalg.norm(off, axis=1).max() < 5 * 0.32 * np.sqrt(2)  # 1 mrad of pointing each
     spread = np.median(np.abs(off - np.median(off, axis=0)))
     assert spread < 0.2  # one turn explains them
@@ -103,23 +103,23 @@ def test_images_taken_from_one_place_are_left_alone(first_stop, views):
 def test_a_turn_of_the_second_camera_is_found_among_blunders(swing, ground, rng):
     points, seen, inverse = ground
     turn = np.array([0.002, -0.001, 0.003])
-    seen = swing.seen_at(points, inverse, turn) + rng.normal(0, 0.1, seen.shape)
+    seen = swing.project(points, inverse, turn) + rng.normal(0, 0.1, seen.shape)
     wrong = rng.random(len(seen)) < 0.3
     seen[wrong] += rng.uniform(-10, 10, (wrong.sum(), 2))
     found = relative_turn(swing, points, seen, pointing_sigma=0.0026)
-    left = swing.across(points[~wrong], seen[~wrong], found)
+    left = swing.epipolar_distance(points[~wrong], seen[~wrong], found)
     assert np.median(np.abs(left)) < 0.1  # as measured
-    nothing = swing.across(points[~wrong], seen[~wrong], np.zeros(3))
+    nothing = swing.epipolar_distance(points[~wrong], seen[~wrong], np.zeros(3))
     assert np.median(np.abs(nothing)) > 0.4
 
 
 def test_points_off_the_line_or_off_the_ground_are_found_out(swing, ground, rng):
     points = ground[0]
     inverse = 0.05 + points[:, 1] / 256 * 0.3  # a plane
-    seen = swing.seen_at(points, inverse) + rng.normal(0, 0.1, points.shape)
+    seen = swing.project(points, inverse) + rng.normal(0, 0.1, points.shape)
     deep, aside = np.zeros((2, len(points)), dtype=bool)
     deep[::9], aside[4::9] = True, True
-    on_the_line = swing.seen_at(points, inverse + 0.5)
+    on_the_line = swing.project(points, inverse + 0.5)
     moved = np.linalg.norm(on_the_line - seen, axis=1)
     deep &= moved > 5.0  # nearer to the epipole than this, depth shows too little
     seen[deep] = on_the_line[deep]
@@ -132,19 +132,19 @@ def test_points_off_the_line_or_off_the_ground_are_found_out(swing, ground, rng)
 
 def normals(swing, points):
     """Across the epipolar lines in the second image."""
-    far = swing.seen_at(points, np.zeros(len(points)))
-    near = swing.seen_at(points, np.full(len(points), 0.01))
+    far = swing.project(points, np.zeros(len(points)))
+    near = swing.project(points, np.full(len(points), 0.01))
     across = (near - far)[:, ::-1] * [-1.0, 1.0]
     return across / np.linalg.norm(across, axis=1, keepdims=True)
 
 
 def test_across_and_along_are_measured_from_the_epipolar_line(swing, ground):
     points, seen, _ = ground
-    np.testing.assert_allclose(swing.across(points, seen, np.zeros(3)), 0.0, atol=1e-9)
-    far = swing.seen_at(points, np.zeros(len(points)))
-    aside = swing.across(points, far + 2.0 * normals(swing, points), np.zeros(3))
+    np.testing.assert_allclose(swing.epipolar_distance(points, seen, np.zeros(3)), 0.0, atol=1e-9)
+    far = swing.project(points, np.zeros(len(points)))
+    aside = swing.epipolar_distance(points, far + 2.0 * normals(swing, points), np.zeros(3))
     np.testing.assert_allclose(np.abs(aside), 2.0, atol=1e-6)
-    assert (swing.along(points, seen, np.zeros(3)) > 0).all()
+    assert (swing.epipolar_parallax(points, seen, np.zeros(3)) > 0).all()
 
 
 def test_images_of_other_ground_are_not_tied(first_stop, foreign_stop, views):

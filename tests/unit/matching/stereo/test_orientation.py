@@ -28,7 +28,7 @@ def test_rows_that_do_not_correspond_are_measured(scene, ground, pixels):
     assert len(measured.vertical_px) > 100
     assert measured.median_px == pytest.approx(pixels, abs=0.03)
     assert measured.mad_px < 0.1
-    assert measured.fits_the_bar == (abs(pixels) < 0.5)
+    assert measured.fits_the_rig == (abs(pixels) < 0.5)
 
 
 def test_a_wrong_bar_is_said(scene, ground):
@@ -61,13 +61,13 @@ def test_rows_that_differ_from_point_to_point_do_not_correspond(scene, ground, r
     geometry = scene([ground]).images.geometry
     points = rng.uniform(0, 256, (50, 2))
     loose = VerticalParallax(points, rng.normal(size=50) * 3, np.full(50, 9.0), geometry)
-    assert not loose.fits_the_bar
+    assert not loose.fits_the_rig
 
 
 def test_too_few_points_tell_no_rotation(scene, ground):
     geometry = scene([ground]).images.geometry
     few = VerticalParallax(np.zeros((3, 2)), np.zeros(3), np.ones(3), geometry)
     assert "too few to tell" in str(few)
-    assert not few.fits_the_bar
+    assert not few.fits_the_rig
     with pytest.raises(MatchingError, match="3 points with vertical parallax are too few"):
         rig_rotation(few)

@@ -48,7 +48,7 @@ def test_a_rendered_pair_is_matched_in_all_its_terrain(husband):
     name = husband / "sol0155" / "edr" / "2n151760178eff1000p1500l0m1.img"
     images = resampled(read(name), read(name.with_name(name.name.replace("0l0m1", "0r0m1"))))
     rows = vertical_parallax(images)
-    assert rows.fits_the_bar
+    assert rows.fits_the_rig
     assert abs(rows.median_px) < 0.05  # the stereo bar of the labels is exact
     matches = match_sparsely("pair", images)
     cells = np.unique(matches.left // 128, axis=0)
@@ -78,9 +78,9 @@ def curiosity(shared_data):
 
 def test_camera_models_of_other_exposures_are_noticed_and_put_right(curiosity):
     before, after, images = put_right(*curiosity)
-    assert not before.fits_the_bar
+    assert not before.fits_the_rig
     assert abs(before.median_px) == pytest.approx(2.7, abs=0.3)  # as the data's README measured
-    assert after.fits_the_bar
+    assert after.fits_the_rig
     assert np.median(np.abs(after.vertical_px)) < 0.14  # README: 0.14 with SIFT
     matches = match_sparsely("curiosity", images)
     ranges = images.geometry.focal_px * images.geometry.base_m / matches.parallax_px
@@ -130,10 +130,10 @@ def test_a_bar_whose_direction_is_wrong_is_put_right_where_a_turn_is_not_enough(
     rows, found = before, None
     for _ in range(3):
         found = relative_orientation(MeasuredOffsets(rows), loose, found)
-        right = (*right[:2], found.applied(right[2], rows.geometry), right[3])
+        right = (*right[:2], found.apply(right[2], rows.geometry), right[3])
         images = resampled(left, right)
         rows = vertical_parallax(images, near)
-    assert rows.fits_the_bar
+    assert rows.fits_the_rig
     assert np.median(np.abs(rows.vertical_px)) < 0.25
     assert len(match_sparsely("k10", images, near)) > 700
     assert np.isfinite(match_densely(images, DenseParams(nearest_range_m=0.6))).mean() > 0.4

@@ -31,7 +31,7 @@ def tie(ids, first_left, second_left):
 
 
 def none(ties):
-    return ties.taking(np.zeros(len(ties), bool))
+    return ties.select(np.zeros(len(ties), bool))
 
 
 def test_a_tie_is_a_coloured_line_from_image_to_image(first_stop):
