@@ -161,13 +161,6 @@ class TieView:
         """The pair's ideal stereo camera."""
         return self.pair.images.geometry
 
-    @property
-    def ground_sigma_m(self) -> PerPoint:
-        """Standard deviation in range of every sparse match, metres: Z^2 sigma_p / (B f)."""
-        matches, g = self.pair.matches, self.geometry
-        scale = g.focal_px * g.base_m
-        return scale * matches.sigma_px / np.maximum(matches.parallax_px, 1e-3) ** 2
-
 
 def find_conjugates(
     source: View,

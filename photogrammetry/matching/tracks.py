@@ -13,7 +13,7 @@ in every cell of a grid (Di et al. 2008, section 3.1: selection by gridding; abo
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,9 +21,9 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from solmap.photogrammetry.arrays import Flags, ImagePoints, Int32, PerPoint
+from solmap.photogrammetry.arrays import ImagePoints, Int32, PerPoint
 from solmap.photogrammetry.errors import MatchingError
-from solmap.photogrammetry.imagery import StereoMatches, StopId, TieKind, TiePoints
+from solmap.photogrammetry.imagery import StereoMatches, TiePoints
 from solmap.photogrammetry.matching.records import Ties
 
 MEASURED = ("parallax_px", "sigma_px", "sigma_parallax_px", "sigma_line_px")
@@ -158,44 +158,3 @@ def _thin(matches: StereoMatches, taken: ImagePoints, params: TrackParams) -> np
     if not len(cells):
         return order
     return np.sort(order[np.unique(cells, axis=0, return_index=True)[1]])
-
-
-def kinds(ties: TiePoints, stop_of_pair: Mapping[str, StopId]) -> list[TieKind]:
-    """The kind of every tie point, by number."""
-    pairs: dict[int, set[str]] = {}
-    for point, pair in zip(ties.point.tolist(), ties.pair.tolist(), strict=True):
-        pairs.setdefault(point, set()).add(ties.pair_ids[pair])
-    return [_kind(pairs[k], stop_of_pair) for k in sorted(pairs)]
-
-
-def _kind(pairs: set[str], stop_of_pair: Mapping[str, StopId]) -> TieKind:
-    if len({stop_of_pair[name] for name in pairs}) > 1:
-        return TieKind.CROSS_SITE
-    return TieKind.INTER_STEREO if len(pairs) > 1 else TieKind.INTRA_STEREO
-
-
-def counts_by_kind(ties: TiePoints, stop_of_pair: Mapping[str, StopId]) -> dict[TieKind, int]:
-    """Number of tie points of every kind."""
-    found = Counter(kinds(ties, stop_of_pair))
-    return {kind: found.get(kind, 0) for kind in TieKind}
-
-
-def counts_by_stops(
-    ties: TiePoints, stop_of_pair: Mapping[str, StopId]
-) -> dict[tuple[StopId, StopId], int]:
-    """Number of tie points that two stops share, earlier in the order of `StopId` first."""
-    stops: dict[int, set[StopId]] = {}
-    for point, pair in zip(ties.point.tolist(), ties.pair.tolist(), strict=True):
-        stops.setdefault(point, set()).add(stop_of_pair[ties.pair_ids[pair]])
-    found: Counter[tuple[StopId, StopId]] = Counter()
-    for seen in stops.values():
-        ordered = sorted(seen)
-        found.update((a, b) for i, a in enumerate(ordered) for b in ordered[i + 1 :])
-    return dict(found)
-
-
-def ties_of_kind(ties: TiePoints, kind: TieKind, stop_of_pair: Mapping[str, StopId]) -> Flags:
-    """The observations of all tie points of a kind."""
-    of_point = kinds(ties, stop_of_pair)
-    number = {point: k for k, point in enumerate(sorted(set(ties.point.tolist())))}
-    return np.array([of_point[number[p]] == kind for p in ties.point.tolist()], dtype=bool)

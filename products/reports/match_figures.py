@@ -45,19 +45,6 @@ def draw_candidates(images: EpipolarImages, candidates: Candidates) -> Picture:
     return np.hstack(pictures)
 
 
-def draw_matches(images: EpipolarImages, matches: StereoMatches) -> Picture:
-    """Both images side by side with the matches, from green (near) to violet (far)."""
-    left = in_three_bands(images.left, images.left_mask)
-    right = in_three_bands(images.right, images.right_mask)
-    colours = _colours(matches.parallax_px.astype(np.float32)[None])[0]
-    for point, parallax, colour in zip(
-        matches.left, matches.parallax_px, colours.tolist(), strict=True
-    ):
-        _dots(left, point[None], tuple(colour), BLACK)
-        _dots(right, (point - [parallax, 0.0])[None], tuple(colour), BLACK)
-    return np.hstack([left, right])
-
-
 def draw_residuals(
     images: EpipolarImages, matches: StereoMatches, parallax: ParallaxMap
 ) -> Picture:

@@ -10,7 +10,7 @@ from solmap.photogrammetry.archive.images.reading import ReadImage
 from solmap.photogrammetry.cameras.epipolar import EpipolarPair, epipolar_pair
 from solmap.photogrammetry.imagery import RoverImage
 from solmap.photogrammetry.matching.records import EpipolarImages
-from solmap.photogrammetry.matching.stereo.dense import DenseParams, match_densely_with_sigma
+from solmap.photogrammetry.matching.stereo.dense import DenseParams, match_densely
 from solmap.photogrammetry.matching.stereo.orientation import (
     FEWEST_POINTS,
     rig_rotation,
@@ -58,7 +58,7 @@ def match_stereo_pair(pair: PairFiles, params: MatchParams, store: ProductStore)
         write_matches(path, images.geometry, matches, left.mast_in_rover, turn)
 
     def write_parallax(path: Path) -> None:
-        write_dense(path, match_densely_with_sigma(fitted()[1], params.dense))
+        write_dense(path, match_densely(fitted()[1], params.dense))
 
     inputs, scope = pair.inputs, pair_scope(pair.id)
     matches = Recipe(ProductKind.MATCHES, scope, inputs, params.sparse)

@@ -20,7 +20,6 @@ from solmap.photogrammetry.matching.records import EpipolarImages
 from solmap.photogrammetry.matching.resampling import epipolar_images
 from solmap.photogrammetry.matching.stereo.dense import (
     match_densely,
-    match_densely_with_sigma,
 )
 from solmap.photogrammetry.matching.stereo.interest_points import (
     FoerstnerParams,
@@ -80,7 +79,7 @@ def test_matching_a_pair_sparsely(benchmark, images):
 
 
 def test_matching_a_pair_densely(benchmark, images):
-    parallax = benchmark(match_densely, images)
+    parallax = benchmark(match_densely, images).parallax_px
     assert np.isfinite(parallax[:, 160:]).mean() > 0.9
 
 
@@ -131,7 +130,7 @@ def test_matching_a_panorama_of_ten_pairs(benchmark):
         geometry = epipolar_pair(camera, other, size, size, world.stops[0].id.frame, PAIR)
         images = epipolar_images(geometry, *pair)
         assert vertical_parallax(images).fits_the_rig
-        return len(match_sparsely("pair", images)), match_densely_with_sigma(images).parallax_px
+        return len(match_sparsely("pair", images)), match_densely(images).parallax_px
 
     def panorama():
         started = time.perf_counter()

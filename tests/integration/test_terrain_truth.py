@@ -9,7 +9,7 @@ import pytest
 
 from solmap.photogrammetry.archive.images.reading import ReadImage, read_image
 from solmap.photogrammetry.imagery import Eye
-from solmap.photogrammetry.matching.stereo.dense import match_densely_with_sigma
+from solmap.photogrammetry.matching.stereo.dense import match_densely
 from solmap.photogrammetry.synthetic.downlink import RenderJob
 from solmap.photogrammetry.synthetic.scene import Shot, World, WorldParams, make_world
 from solmap.photogrammetry.synthetic.traverse import TraverseParams
@@ -39,7 +39,7 @@ def view_of(world: World, shot: Shot) -> TerrainView:
     """A pair of the world as matched, looking from where it truly stood."""
     left, right = (read(world, shot, eye) for eye in (Eye.LEFT, Eye.RIGHT))
     images = resampled(left, right, geometry_of(left.image, right.image))
-    dense = match_densely_with_sigma(images)
+    dense = match_densely(images)
     return TerrainView(
         pair_id=left.image.id,
         instrument=left.image.instrument,

@@ -51,5 +51,5 @@ def matched_pairs(files: list[Path]) -> tuple[MatchedPair, ...]:
         images = resampled(left, right, geometry_of(left.image, right.image))
         matches = match_sparsely(pair.id, images, SparseParams())
         name = left.image.instrument
-        pairs.append(MatchedPair(pair.id, name, images, matches, match_densely(images)))
+        pairs.append(MatchedPair(pair.id, name, images, matches, match_densely(images).parallax_px))
     return tuple(pairs)

@@ -217,7 +217,7 @@ def _laid_on_truth(folder: Path, sol: int, grid: MapGrid) -> np.ndarray:
     for instrument in ("NAVCAM", "PANCAM"):
         for pair in judged_pairs(folder, sol, instrument):
             nodes, images = pair, pair.images
-            parallax = match_densely(images)
+            parallax = match_densely(images).parallax_px
             views.append(_view(pair.name, instrument, pair.lsl_from_pair, images, parallax))
     coarse = MapGrid.covering(grid.bounds, 4 * grid.cell_m)
     made = render_orthophoto(_true_dtm(nodes, coarse), views, OrthophotoParams())

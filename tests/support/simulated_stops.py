@@ -120,7 +120,9 @@ def _matched(world: World, shot: Shot) -> MatchedPair:
     images = resampled(left, right, geometry_of(left.image, right.image))
     name = left.image.id
     matches = match_sparsely(name, images, SparseParams())
-    return MatchedPair(name, left.image.instrument, images, matches, match_densely(images))
+    return MatchedPair(
+        name, left.image.instrument, images, matches, match_densely(images).parallax_px
+    )
 
 
 def _read(world: World, shot: Shot, eye: Eye) -> ReadImage:

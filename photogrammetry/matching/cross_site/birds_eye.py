@@ -92,11 +92,6 @@ class SearchGate:
     azimuth_reach: float
 
 
-def birds_eye_view(stop: MatchedStop, params: BirdsEyeParams) -> BirdsEyeView:
-    """Draw the ground around a stop from its dense parallax."""
-    return draw_birds_eye(stop, params, (params.cell_m,))[0]
-
-
 def draw_birds_eye(
     stop: MatchedStop, params: BirdsEyeParams, cells_m: Sequence[float]
 ) -> tuple[BirdsEyeView, ...]:

@@ -149,4 +149,6 @@ def check_conjugates(
     furthest = swing.epipolar_parallax(points, nearest, turn)
     agrees &= (along >= -slack) & ~(along > furthest + slack)
     agrees[agrees] = agrees_with_terrain(points[agrees], along[agrees], terrain)
-    return TwoViewCheck(agrees, turn, swing.epipolar_distance(points, seen, np.zeros(3)), left, along, misfit)
+    return TwoViewCheck(
+        agrees, turn, swing.epipolar_distance(points, seen, np.zeros(3)), left, along, misfit
+    )

@@ -159,15 +159,8 @@ class WindowSums:
     """Variance of the residual."""
 
 
-def match_densely(images: EpipolarImages, params: DenseParams | None = None) -> ParallaxMap:
-    """Parallax on the grid of the left epipolar image; NaN where not matched."""
-    return match_densely_with_sigma(images, params).parallax_px
-
-
-def match_densely_with_sigma(
-    images: EpipolarImages, params: DenseParams | None = None
-) -> DenseMatches:
-    """Parallax and its standard deviation on the grid of the left epipolar image."""
+def match_densely(images: EpipolarImages, params: DenseParams | None = None) -> DenseMatches:
+    """Parallax and its standard deviation, pixels, on the grid of the left image; NaN: none."""
     params = params or DenseParams()
     left, right = _normalise(images, params)
     largest = int(np.ceil(largest_parallax_px(images.geometry, params.nearest_range_m)))
@@ -199,16 +192,6 @@ def match_about(
     parallax = d + there
     parallax[~(parallax > 0)] = np.nan
     return DenseMatches(parallax, np.where(np.isfinite(parallax), sigma, np.float32(np.nan)))
-
-
-def parallax_sigma(
-    images: EpipolarImages, parallax: ParallaxMap, params: DenseParams | None = None
-) -> ParallaxMap:
-    """Standard deviation of dense parallaxes, pixels, from how well the windows agree."""
-    params = params or DenseParams()
-    left, right = _normalise(images, params)
-    sigma = PixelwiseMatcher(left, right, params.refinement).fit(parallax).sigma_px
-    return np.where(np.isfinite(parallax), sigma, np.float32(np.nan))
 
 
 def _normalise(

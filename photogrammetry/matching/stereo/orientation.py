@@ -198,12 +198,6 @@ def rig_rotation(measured: VerticalParallax, steps: int = 10) -> Vector3:
     return rotation
 
 
-def straightened(right: CameraModel, geometry: EpipolarPair, rotation: Vector3) -> CameraModel:
-    """The right camera model, given in the rover frame, turned to where it really points."""
-    rover_from_pair = geometry.rover_from_pair
-    return turn_in_place(right, rover_from_pair.target, rover_from_pair.rotation @ rotation)
-
-
 def turn_in_place(camera: CameraModel, frame: Frame, rotation: Vector3) -> CameraModel:
     """A camera turned about its own centre by a rotation vector, both in the same frame."""
     turn = ScipyRotation.from_rotvec(rotation).as_matrix()

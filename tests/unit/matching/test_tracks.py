@@ -2,14 +2,11 @@ import numpy as np
 import pytest
 
 from solmap.photogrammetry.errors import MatchingError
-from solmap.photogrammetry.imagery import StereoMatches, StopId, TieKind
+from solmap.photogrammetry.imagery import StereoMatches, StopId
 from solmap.photogrammetry.matching.records import Ties, join_ties
 from solmap.photogrammetry.matching.tracks import (
     TrackParams,
     build_tie_points,
-    counts_by_kind,
-    counts_by_stops,
-    ties_of_kind,
 )
 
 PAIRS = ("a", "b", "c")
@@ -88,22 +85,6 @@ def test_ties_with_a_pair_outside_the_network_are_left_out():
     few = [matches("a"), matches("b")]
     ties = join_ties([tie("a", (1, 1), "b", (2, 2)), tie("a", (9, 9), "c", (2, 2))], PAIRS)
     assert len(build_tie_points(few, [ties], TrackParams())) == 2
-
-
-def test_tie_points_are_counted_by_kind_and_by_stops():
-    points = network(
-        tie("a", (10, 10), "b", (50, 9)),
-        tie("a", (90, 10), "c", (70, 30)),
-        tie("b", (90, 90), "c", (10, 30)),
-        own={"a": [(300, 300)]},
-    )
-    assert counts_by_kind(points, STOPS) == {
-        TieKind.INTRA_STEREO: 1,
-        TieKind.INTER_STEREO: 1,
-        TieKind.CROSS_SITE: 2,
-    }
-    assert counts_by_stops(points, STOPS) == {(STOPS["a"], STOPS["c"]): 2}
-    assert ties_of_kind(points, TieKind.CROSS_SITE, STOPS).sum() == 4
 
 
 def test_a_network_without_ties_has_no_tie_points():

@@ -1,7 +1,7 @@
 """The search of one bird's-eye view in another, over position and azimuth.
 
 The later view is turned through every azimuth and correlated with the earlier one at every shift
-(`masked_correlation`). A coefficient over n cells scatters as 1/sqrt(n) by chance; z = c sqrt(n),
+by masked normalised cross-correlation. A coefficient over n cells scatters as 1/sqrt(n) by chance; z = c sqrt(n),
 divided by its own robust scatter over all shifts, therefore says how far a peak stands out,
 whatever the overlap. The channels' z are averaged as independent.
 
@@ -203,19 +203,6 @@ def _drop(
     over = place_on(later.elevation, later.cell_m, azimuth, north_m, east_m)
     both = np.isfinite(over) & np.isfinite(earlier.elevation)
     return float(np.median(over[both] - earlier.elevation[both])) if both.any() else 0.0
-
-
-def masked_correlation(
-    fixed: Channel, moved: Channel, reach: int
-) -> tuple[Float[np.ndarray, "rows cols"], Float[np.ndarray, "rows cols"]]:
-    """Correlation coefficient and number of common cells, for every shift of `moved` over `fixed`.
-
-    Entry (reach + i, reach + j) belongs to a shift of i rows down and j columns right.
-    """
-    rows, cols = (fft.next_fast_len(n + reach, real=True) for n in fixed.value.shape)
-    one, other = (Spectra.of(c, (rows, cols)) for c in (fixed, moved))
-    common = np.maximum(lagged_products(one.weight, other.weight, reach, cols), 1.0)
-    return correlation_coefficient(one, other, common, reach, cols), common
 
 
 def lagged_products(

@@ -77,7 +77,9 @@ def panorama(folder, which):
             TwoViews(
                 replace(views[one].geometry, rover_from_pair=poses[one]),
                 replace(views[other].geometry, rover_from_pair=poses[other]),
-            ).epipolar_distance(tied.ties.first_left[rows], tied.ties.second_left[rows], np.zeros(3))
+            ).epipolar_distance(
+                tied.ties.first_left[rows], tied.ties.second_left[rows], np.zeros(3)
+            )
             for poses in (
                 [v.geometry.rover_from_pair for v in views],
                 [p.rover_from_pair for p in adjusted.pairs],

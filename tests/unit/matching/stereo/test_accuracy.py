@@ -15,7 +15,7 @@ from solmap.photogrammetry.frames import Frame, FrameKind
 from solmap.photogrammetry.imagery import Eye
 from solmap.photogrammetry.matching.records import EpipolarImages
 from solmap.photogrammetry.matching.resampling import epipolar_images
-from solmap.photogrammetry.matching.stereo.dense import match_densely_with_sigma
+from solmap.photogrammetry.matching.stereo.dense import match_densely
 from solmap.photogrammetry.matching.stereo.sparse import largest_parallax_px, match_sparsely
 from solmap.photogrammetry.stretching import stretch
 from solmap.photogrammetry.synthetic.render import photograph
@@ -90,7 +90,7 @@ def test_verified_matches_are_true(case):
 
 
 def test_dense_parallax_is_true_and_knows_how_true(case):
-    dense, peer = match_densely_with_sigma(case.images), plain_opencv(case.images)
+    dense, peer = match_densely(case.images), plain_opencv(case.images)
     figures = []
     for parallax in (dense.parallax_px, peer):
         off = np.abs(parallax - case.truth)

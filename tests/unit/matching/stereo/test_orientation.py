@@ -11,7 +11,7 @@ from solmap.photogrammetry.matching.records import EpipolarImages
 from solmap.photogrammetry.matching.stereo.orientation import (
     VerticalParallax,
     rig_rotation,
-    straightened,
+    turn_in_place,
     vertical_parallax,
 )
 
@@ -53,7 +53,8 @@ def test_the_rotation_of_a_bent_bar_is_found_and_put_right(scene, ground, rng):
     )
     found = rig_rotation(measured)
     np.testing.assert_allclose(found, rotation, atol=2e-5)  # second order in the rotation
-    mended = straightened(right, geometry, found).project(points)
+    pose = geometry.rover_from_pair
+    mended = turn_in_place(right, rover, pose.rotation @ found).project(points)
     np.testing.assert_allclose(mended[:, 1], partner[:, 1], atol=0.05)
 
 

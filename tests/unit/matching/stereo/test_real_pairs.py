@@ -15,7 +15,7 @@ from solmap.photogrammetry.matching.stereo.orientation import (
     OrientationParams,
     relative_orientation,
     rig_rotation,
-    straightened,
+    turn_in_place,
     vertical_parallax,
 )
 from solmap.photogrammetry.matching.stereo.sparse import SparseParams, match_sparsely
@@ -39,7 +39,8 @@ def put_right(left, right, params=None):
     """Vertical parallax before and after the right camera is turned to where it points."""
     images = resampled(left, right)
     before = vertical_parallax(images, params)
-    camera = straightened(right[2], images.geometry, rig_rotation(before))
+    pose = images.geometry.rover_from_pair
+    camera = turn_in_place(right[2], pose.target, pose.rotation @ rig_rotation(before))
     images = resampled(left, (*right[:2], camera, right[3]))
     return before, vertical_parallax(images, params), images
 
@@ -54,7 +55,7 @@ def test_a_rendered_pair_is_matched_in_all_its_terrain(husband):
     cells = np.unique(matches.left // 128, axis=0)
     assert len(matches) > 800
     assert len(cells) > 50  # of 64, some of which hold sky
-    parallax = match_densely(images)
+    parallax = match_densely(images).parallax_px
     x, y = matches.left.astype(int).T
     apart = np.abs(parallax[y, x] - matches.parallax_px)
     apart = apart[np.isfinite(apart)]
@@ -87,7 +88,7 @@ def test_camera_models_of_other_exposures_are_noticed_and_put_right(curiosity):
     assert len(matches) > 1200  # spread over the image; SIFT has 2571 inliers in clusters
     assert np.median(matches.sigma_px) < 0.1
     np.testing.assert_allclose(np.percentile(ranges, [5, 95]), [13.2, 32.0], rtol=0.15)
-    parallax = match_densely(images)
+    parallax = match_densely(images).parallax_px
     x, y = matches.left.astype(int).T
     apart = np.abs(parallax[y, x] - matches.parallax_px)
     assert (apart[np.isfinite(apart)] < 0.5).mean() > 0.99  # two ways to one parallax
@@ -136,4 +137,7 @@ def test_a_bar_whose_direction_is_wrong_is_put_right_where_a_turn_is_not_enough(
     assert rows.fits_the_rig
     assert np.median(np.abs(rows.vertical_px)) < 0.25
     assert len(match_sparsely("k10", images, near)) > 700
-    assert np.isfinite(match_densely(images, DenseParams(nearest_range_m=0.6))).mean() > 0.4
+    assert (
+        np.isfinite(match_densely(images, DenseParams(nearest_range_m=0.6)).parallax_px).mean()
+        > 0.4
+    )

@@ -97,7 +97,7 @@ def test_matching_about_a_prediction_finds_what_matching_at_large_finds(scene, g
     assert known[:, 60:].mean() > 0.9
     assert np.median(error[known]) < 0.1  # the sine bends windows by some hundredths
     assert (error[known] > 1).mean() < 0.01
-    at_large = match_densely(world.images)
+    at_large = match_densely(world.images).parallax_px
     assert np.nanmedian(np.abs(dense.parallax_px - at_large)) < 0.1
 
 
@@ -131,7 +131,7 @@ def eye_of(world, stop: int, pair: int, turn: np.ndarray, shift_m: np.ndarray) -
         cameras[0].moved(lsl_from_rover),
         bar,
         lsl_from_rover @ bar.rover_from_pair,
-        match_densely(images),
+        match_densely(images).parallax_px,
     )
 
 

@@ -2,7 +2,6 @@ import numpy as np
 
 from solmap.photogrammetry.matching.stereo.dense import (
     match_densely,
-    match_densely_with_sigma,
 )
 from solmap.photogrammetry.matching.stereo.sparse import (
     SparseParams,
@@ -11,7 +10,6 @@ from solmap.photogrammetry.matching.stereo.sparse import (
 )
 from solmap.products.reports.match_figures import (
     draw_candidates,
-    draw_matches,
     draw_pair,
     draw_parallax,
     draw_parallax_curve,
@@ -30,18 +28,8 @@ def test_accepted_candidates_are_white_and_rejected_ones_black(scene, ground):
         assert (picture[point[1], point[0]] == (255 if accepted else 0)).all()
 
 
-def test_matches_are_drawn_where_they_lie_in_both_images(scene, ground):
-    images = scene([ground]).images
-    matches = match_sparsely("pair", images)
-    picture = draw_matches(images, matches)
-    x, y = np.rint(matches.left[0]).astype(int)
-    right = round(float(matches.left[0, 0] - matches.parallax_px[0]))
-    assert (picture[y, x] == picture[y, 256 + right]).all()
-    assert np.ptp(picture[y, x].astype(int)) > 0  # a colour
-
-
 def test_unmatched_pixels_are_black_in_the_parallax_picture(scene, ground):
-    parallax = match_densely(scene([ground]).images)
+    parallax = match_densely(scene([ground]).images).parallax_px
     picture = draw_parallax(parallax)
     assert (picture[~np.isfinite(parallax)] == 0).all()
     assert (picture[np.isfinite(parallax)].sum(axis=1) > 0).all()
@@ -69,7 +57,7 @@ def test_masked_pixels_are_black(scene, ground):
 def test_matches_are_coloured_by_how_far_dense_matching_is_from_them(scene, ground):
     images = scene([ground]).images
     matches = match_sparsely("pair", images)
-    dense = match_densely(images)
+    dense = match_densely(images).parallax_px
     x, y = np.rint(matches.left).astype(int).T
     far, unmatched = dense.copy(), dense.copy()
     far[y, x] = matches.parallax_px + 2.0
@@ -89,7 +77,7 @@ def test_a_sheet_shows_all_that_was_matched(scene, ground):
         images,
         match_interest_points(images, params),
         match_sparsely("pair", images),
-        match_densely_with_sigma(images),
+        match_densely(images),
         params.verification,
     )
     assert sheet.shape == (3 * 256, 2 * 256, 3)

@@ -2,19 +2,21 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy import ndimage
+from scipy import fft, ndimage
 
 from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.matching.cross_site.birds_eye import (
     BirdsEyeParams,
     BirdsEyeView,
     SearchGate,
-    birds_eye_view,
     channels,
+    draw_birds_eye,
 )
 from solmap.photogrammetry.matching.cross_site.hypotheses.correlation import (
+    Spectra,
     correlate_views,
-    masked_correlation,
+    correlation_coefficient,
+    lagged_products,
 )
 from solmap.products.reports.link_figures import draw_overlay
 
@@ -84,7 +86,10 @@ def test_views_that_hardly_overlap_have_no_peak():
 def test_masked_correlation_is_the_coefficient_over_the_common_cells():
     one, _ = channels(seen_from(3), PARAMS)
     other, _ = channels(seen_from(4), PARAMS)
-    coefficient, common = masked_correlation(one, other, 6)
+    rows, cols = (fft.next_fast_len(n + 6, real=True) for n in one.value.shape)
+    both_spectra = [Spectra.of(channel, (rows, cols)) for channel in (one, other)]
+    common = lagged_products(*(s.weight for s in both_spectra), 6, cols)
+    coefficient = correlation_coefficient(*both_spectra, np.maximum(common, 1.0), 6, cols)
     i, j = 4, -3  # other moved four rows down and three columns left
     moved, weight = (np.roll(v, (i, j), (0, 1)) for v in (other.value, other.weight))
     both = (one.weight > 0) & (weight > 0)
@@ -94,7 +99,7 @@ def test_masked_correlation_is_the_coefficient_over_the_common_cells():
 
 
 def test_a_birds_eye_view_shows_the_ground_where_it_is(first_stop):
-    view = birds_eye_view(first_stop, PARAMS)
+    view = draw_birds_eye(first_stop, PARAMS, [PARAMS.cell_m])[0]
     row, col = np.nonzero(np.isfinite(view.elevation))
     half = (view.elevation.shape[0] - 1) / 2
     north, east = (half - row) * PARAMS.cell_m, (col - half) * PARAMS.cell_m

@@ -8,7 +8,7 @@ from solmap.photogrammetry.imagery import StereoMatches, StopId
 from solmap.photogrammetry.matching.cross_site.birds_eye import (
     BirdsEyeParams,
     SearchGate,
-    birds_eye_view,
+    draw_birds_eye,
 )
 from solmap.photogrammetry.matching.cross_site.hypotheses.rocks import (
     RockParams,
@@ -83,7 +83,7 @@ def field():
 
 def rocks_from(rocks, north, east, azimuths):
     stop = stop_at(rocks, north, east, azimuths)
-    return find_rocks(stop, birds_eye_view(stop, BIRDS_EYE), PARAMS)
+    return find_rocks(stop, draw_birds_eye(stop, BIRDS_EYE, [BIRDS_EYE.cell_m])[0], PARAMS)
 
 
 @pytest.fixture(scope="module")
