@@ -6,6 +6,9 @@ import numpy as np
 
 from solmap.photogrammetry.arrays import Float, GreyImage, Mask, Picture
 
+BLACK_AND_WHITE_PERCENT = (0.5, 99.5)
+"""Percentiles of the brightness of maps, panoramas and models that become black and white."""
+
 
 def stretch(
     image: GreyImage, mask: Mask, low_percent: float = 1.0, high_percent: float = 99.0
@@ -20,9 +23,7 @@ def stretch(
     return np.clip(scaled, 0, 255).astype(np.uint8)
 
 
-def black_and_white(
-    values: Float[np.ndarray, " n"], percent: tuple[float, float]
-) -> tuple[float, float]:
+def black_and_white(values: Float[np.ndarray, " n"]) -> tuple[float, float]:
     """Values to show as black and as white: two percentiles, never equal; (0, 1) of none."""
-    low, high = np.percentile(values, percent) if len(values) else (0.0, 1.0)
+    low, high = np.percentile(values, BLACK_AND_WHITE_PERCENT) if len(values) else (0.0, 1.0)
     return float(low), float(max(high, low + 1e-6))

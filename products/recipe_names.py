@@ -29,5 +29,29 @@ RECIPE_NAMES: dict[str, RecipeNames] = {
     "EditRequest": RecipeNames("HandTie"),
     "FeatureParams": RecipeNames("WideBaselineParams"),
     "TieRefinementParams": RecipeNames("RefinementParams"),
+    "DtmParams": RecipeNames(constants={"min_region_px": 100}),
+    "FacetParams": RecipeNames(constants={"min_region_px": 100, "sigma_image_px": 0.25}),
+    "FarDtmParams": RecipeNames(constants={"min_region_px": 100}),
+    "HillshadeParams": RecipeNames(constants={"baseline_cells": 3}),
+    "OrthophotoParams": RecipeNames(
+        constants={
+            "normal_baseline_m": 0.2,
+            "sharpness": 8.0,
+            "stretch_percent": [0.5, 99.5],
+            "tolerance_px": 1.0,
+        }
+    ),
+    "PanoramaParams": RecipeNames(
+        constants={"most_pixels": 1 << 26, "sharpness": 8.0, "stretch_percent": [0.5, 99.5]}
+    ),
+    "PlanarRegionParams": RecipeNames("RegionParams", constants={"bow_px": 0.1, "flat_px": 0.2}),
+    "PointCloudParams": RecipeNames(
+        constants={"min_region_px": 100, "stretch_percent": [0.5, 99.5]}
+    ),
+    "RegionParams": RecipeNames(constants={"holes_m": 0.5}),
+    "SlopeParams": RecipeNames(constants={"correlation_m": 0.15}),
+    "ViewModelParams": RecipeNames(
+        constants={"gap_px": 4, "min_region_px": 100, "stretch_percent": [0.5, 99.5]}
+    ),
 }
 """By class name in the code."""

@@ -39,6 +39,10 @@ SUBPIXEL = 16
 """Steps a pixel in which parallax is compared when regions are grown."""
 
 
+MIN_REGION_PX = 100
+"""Smallest connected patch of parallax: two matching windows of 7 x 7 side by side."""
+
+
 @dataclass(frozen=True, slots=True)
 class SightParams:
     """Which parallaxes to trust and what to take for one continuous surface."""
@@ -58,8 +62,6 @@ class SightParams:
     B / height a pixel: 0.5 px with Navcam, 0.75 px with Pancam. Flat ground lies 1.5 m below a mast
     and 0.5 m below a hazard camera; a plane any nearer is seen edge-on, as are only the sides and
     backs of rocks."""
-    min_region_px: int = 100
-    """Smallest connected patch of parallax: two matching windows of 7 x 7 side by side."""
     max_gap_m: float = 0.5
     """Widest gap bridged between neighbouring pixels: the line spacing of Navcam on flat ground at
     the end of its range, Z^2 / (f h) = 29^2 / (1222 x 1.5) = 0.46 m."""
@@ -101,7 +103,7 @@ def trusted_parallax(view: TerrainView, params: SightParams) -> ParallaxMap:
     parallax[spike] = 0.0
     steps = np.clip(parallax * SUBPIXEL, 0, np.iinfo(np.int16).max).astype(np.int16)
     step = round(largest_step_px(view.geometry.base_m, params) * SUBPIXEL)
-    cv2.filterSpeckles(steps, 0, params.min_region_px, step)
+    cv2.filterSpeckles(steps, 0, MIN_REGION_PX, step)
     return np.where(steps > 0, parallax, np.float32(np.nan))
 
 

@@ -46,6 +46,8 @@ from solmap.photogrammetry.terrain.dtm.resampling import merge_classes
 NO_STOP = np.float32(np.nan)
 LEAST_TAPER = 0.01
 """Share of its weight that the outermost cell of a stop keeps where it is the only one."""
+HOLES_M = 0.5
+"""Gaps within a stop's ground up to which no edge is seen: the widest that it bridges."""
 TINY_M2 = 1e-8
 """Least variance: a tenth of a millimetre squared."""
 
@@ -61,8 +63,6 @@ class RegionParams:
     """Side of a cell: two cells of a stop's model, and a quarter of the memory."""
     feather_m: float = 2.0
     """Width over which a stop's edge fades: some spacings of the lines that end it."""
-    holes_m: float = 0.5
-    """Gaps within a stop's ground up to which no edge is seen: the widest that it bridges."""
     largest_m: float = 700.0
     """Side of the largest region: that of the paper's, 690 x 640 m. A longer traverse has more."""
 
@@ -75,7 +75,7 @@ class RegionParams:
     @property
     def halo(self) -> int:
         """Cells around a block that its own cells depend on."""
-        return int(np.ceil((self.feather_m + 2 * self.holes_m) / self.cell_m)) + 1
+        return int(np.ceil((self.feather_m + 2 * HOLES_M) / self.cell_m)) + 1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -145,7 +145,7 @@ def _weights(known: np.ndarray, variance: Stack, params: RegionParams) -> Stack:
     """Weight of every stop in every cell; 0 where it says nothing."""
     weight = np.zeros_like(variance)
     side = 2 * round(params.feather_m / 4 / params.cell_m) + 1
-    hole = np.ones((2 * round(params.holes_m / 2 / params.cell_m) + 1,) * 2, dtype=np.uint8)
+    hole = np.ones((2 * round(HOLES_M / 2 / params.cell_m) + 1,) * 2, dtype=np.uint8)
     for k, (cells, m2) in enumerate(zip(known, variance, strict=True)):
         if not cells.any():
             continue

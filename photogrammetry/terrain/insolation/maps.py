@@ -47,7 +47,7 @@ from solmap.photogrammetry.terrain.dtm.resampling import (
     manageable_cell_m,
     seen_window,
 )
-from solmap.photogrammetry.terrain.insolation.horizon import AZIMUTHS, Horizons, horizons
+from solmap.photogrammetry.terrain.insolation.horizon import Horizons, horizons
 from solmap.photogrammetry.terrain.insolation.sun import (
     SOL_HOURS,
     Season,
@@ -189,7 +189,7 @@ def horizon_towards(rise: Horizons, azimuth: float) -> Raster:
     return rise[before] * (1 - share) + after * share
 
 
-def _azimuths(count: int = AZIMUTHS) -> Sequence[float]:
+def _azimuths(count: int) -> Sequence[float]:
     return (2 * math.pi * np.arange(count) / count).tolist()
 
 

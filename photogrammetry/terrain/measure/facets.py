@@ -57,6 +57,12 @@ from solmap.photogrammetry.terrain.measure.strike_dip import Attitude, attitude
 
 Coefficients = Float64[np.ndarray, " 3"]
 """(a, b, c) of the parallax a + b x + c y, pixels from the principal point."""
+FLAT_PX = 0.2
+"""Largest root mean square over the window of a sample that begins a region: noise alone."""
+BOW_PX = 0.1
+"""Largest root mean square by which a region bends: noise hardly bends so many samples."""
+SIGMA_IMAGE_PX = 0.25
+"""Standard deviation of an image coordinate: half a pixel's rounding by the matching window."""
 MOST = 500
 """Regions of one image; more are pebbles."""
 FIRST_REACH = 16
@@ -75,12 +81,8 @@ class PlanarRegionParams:
     """Distance of the samples: half of the window over which a parallax was matched."""
     tolerance_px: float = 0.5
     """How far parallaxes may lie from their region's plane: two standard deviations."""
-    flat_px: float = 0.2
-    """Largest root mean square over the window of a sample that begins a region: noise alone."""
     turn_deg: float = 15.0
     """Angle between a sample's own plane and its region's that is always allowed."""
-    bow_px: float = 0.1
-    """Largest root mean square by which a region bends: noise hardly bends so many samples."""
     min_samples: int = 60
     """Smallest region: with a sample every 4 pixels, 30 by 30 pixels."""
 
@@ -173,7 +175,7 @@ class ParallaxSamples:
 def planar_regions(samples: ParallaxSamples, params: PlanarRegionParams) -> Iterator[Mask]:
     """Connected samples of one plane each, those of the flattest first; none twice."""
     free = np.isfinite(samples.rms_px)
-    seeds = np.where(free & (samples.rms_px <= params.flat_px), samples.rms_px, np.inf)
+    seeds = np.where(free & (samples.rms_px <= FLAT_PX), samples.rms_px, np.inf)
     for _ in range(MOST):
         seed = np.unravel_index(np.argmin(seeds), seeds.shape)
         if not np.isfinite(seeds[seed]):
@@ -181,7 +183,7 @@ def planar_regions(samples: ParallaxSamples, params: PlanarRegionParams) -> Iter
         region = _grow(samples, free, (int(seed[0]), int(seed[1])), params)
         seeds[seed] = np.inf
         seeds[region] = np.inf
-        if region.sum() >= params.min_samples and samples.bow(region) <= params.bow_px:
+        if region.sum() >= params.min_samples and samples.bow(region) <= BOW_PX:
             free &= ~region
             yield region
 
@@ -245,8 +247,6 @@ class FacetParams(SightParams):
     and beyond 10 one bed cannot be told from the next."""
     shared_px: float = SHARED_PX
     """Pixels this close share their error."""
-    sigma_image_px: float = 0.25
-    """Standard deviation of an image coordinate: half a pixel's rounding by the matching window."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -315,8 +315,8 @@ def _points(
     sigma_px = np.full(len(row), params.sigma_parallax_px)
     if view.sigma_px is not None:
         sigma_px = view.sigma_px[at].astype(np.float64)
-    unit = geometry.covariances(left, parallax, params.sigma_image_px, 1.0)
-    across = geometry.covariances(left, parallax, params.sigma_image_px, 0.0)
+    unit = geometry.covariances(left, parallax, SIGMA_IMAGE_PX, 1.0)
+    across = geometry.covariances(left, parallax, SIGMA_IMAGE_PX, 0.0)
     covariances = across + (unit - across) * (sigma_px**2)[:, None, None]
     shared = max(1.0, (params.shared_px / params.regions.step_px) ** 2)
     points = geometry.triangulate(left, parallax) @ rotation.T + camera_on_map(view.lsl_from_pair)

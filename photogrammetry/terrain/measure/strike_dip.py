@@ -75,6 +75,8 @@ def attitude(plane: PlaneFit) -> Attitude:
     )
 
 
+WINDOW_PX = 9.0
+"""Pixels this close share it according to the terrain model's standard deviation."""
 Corners = Float64[np.ndarray, "n 2"]
 """(east, north) of an outline's corners in order, metres of the local map."""
 
@@ -85,8 +87,6 @@ class CellPlaneParams:
 
     shared_px: float = SHARED_PX
     """Pixels this close share their error."""
-    window_px: float = 9.0
-    """Pixels this close share it according to the terrain model's standard deviation."""
     tilt_deg: float = 0.1
     """Standard deviation of the tilt that all ground of a stop shares: that of adjusted stops."""
 
@@ -131,7 +131,7 @@ def _points(
     if dtm.pose_sigma_m is not None:
         variance = np.maximum(variance - dtm.pose_sigma_m[inside] ** 2, variance / 100)
     count = np.maximum(1.0, dtm.observations[inside].astype(np.float64))
-    independent = np.minimum(count, params.window_px**2)
+    independent = np.minimum(count, WINDOW_PX**2)
     variance = variance * np.maximum(1.0, params.shared_px**2 / independent)
     covariances = np.zeros((len(up), 3, 3))
     covariances[:, [0, 1], [0, 1]] = dtm.grid.cell_m**2 / 12

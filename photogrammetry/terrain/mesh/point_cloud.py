@@ -49,8 +49,6 @@ class PointCloudParams(SightParams):
     with Navcam, 43 m with Pancam."""
     most_points: int = 4_000_000
     """Cubes are doubled until no more are left: 110 MB as PLY."""
-    stretch_percent: tuple[float, float] = (0.5, 99.5)
-    """Percentiles of all images' brightness that become black and white."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,7 +89,7 @@ def point_cloud(views: Sequence[TerrainView], params: PointCloudParams) -> Point
         TerrainError: no pair has a point that is near enough.
     """
     sample = np.concatenate([view.image[view.mask][::SAMPLED] for view in views])
-    stretch = black_and_white(sample, params.stretch_percent)
+    stretch = black_and_white(sample)
     spacing_m = params.spacing_m
     cloud = PointCloud(
         np.zeros((0, 3)), np.zeros(0, np.uint8), np.zeros(0, np.float32), params.spacing_m

@@ -45,9 +45,9 @@ from solmap.photogrammetry.terrain.mesh.surface_mesh import (
 )
 from solmap.photogrammetry.terrain.orthophoto.view_sampling import NEAREST_M, ViewSampler
 
-HIDDEN_PX = 1.0
-"""How far a matched parallax may exceed the expected one before the ground counts as hidden: four
-standard deviations of a dense parallax."""
+GAP_PX = 4
+"""Widest gap of unmatched pixels that is bridged, where the surface around is smooth: specks less
+than half a matching window wide are not ground that something hides."""
 SAMPLED = 37
 """Every how many pixels the brightness is looked at."""
 
@@ -62,15 +62,10 @@ class ViewModelParams(SightParams):
     tolerance_px: float = 0.5
     """How far a triangle's parallax may stray: two standard deviations of a dense parallax, which
     is the most that noise on its own does to nearly all of them."""
-    gap_px: int = 4
-    """Widest gap of unmatched pixels that is bridged, where the surface around is smooth: specks
-    less than half a matching window wide are not ground that something hides."""
     block_px: int = 8
     """Side of the blocks over which it is decided which pair shows the ground."""
     yield_to: float = 1.25
     """How many times better another pair must show a block for this one to leave it out."""
-    stretch_percent: tuple[float, float] = (0.5, 99.5)
-    """Percentiles of all images' brightness that become black and white."""
     jpeg_quality: int = 90
     """Of the textures, percent."""
     draco: bool = True
@@ -101,11 +96,11 @@ def view_meshes(views: Sequence[TerrainView], params: ViewModelParams) -> list[T
             f"{params.max_relative_sigma:.1%} of its distance: look at the matching, or allow a "
             "larger max_relative_sigma"
         )
-    looks = [ViewSampler.of(one.view) for one in drawn]
-    black, white = _stretch(drawn, params.stretch_percent)
+    samplers = [ViewSampler.of(one.view) for one in drawn]
+    black, white = _stretch(drawn)
     meshes = []
     for number, one in enumerate(drawn):
-        whole = one.whole & ~_shown_better(number, one, looks, params)
+        whole = one.whole & ~_shown_better(number, one, samplers, params)
         if whole.any():
             meshes.append(_mesh(one, whole, (black, white), params.tolerance_px))
     return meshes
@@ -123,7 +118,7 @@ def _prepare(view: TerrainView, params: ViewModelParams) -> _PreparedView:
 
 def _without_specks(parallax: ParallaxMap, params: ViewModelParams) -> ParallaxMap:
     """The parallax with narrow gaps filled by the mean around, where that is one smooth surface."""
-    side = params.gap_px // 2 * 2 + 1
+    side = GAP_PX // 2 * 2 + 1
     around = np.ones((side, side), np.uint8)
     known = np.isfinite(parallax)
     closed = cv2.morphologyEx(known.astype(np.uint8), cv2.MORPH_CLOSE, around) > 0
@@ -137,7 +132,7 @@ def _without_specks(parallax: ParallaxMap, params: ViewModelParams) -> ParallaxM
 
 
 def _shown_better(
-    number: int, one: _PreparedView, looks: Sequence[ViewSampler], params: ViewModelParams
+    number: int, one: _PreparedView, samplers: Sequence[ViewSampler], params: ViewModelParams
 ) -> Bool[np.ndarray, "squares_down squares_across"]:
     """Squares whose block another view shows better, by more than a little."""
     step = params.block_px
@@ -145,10 +140,10 @@ def _shown_better(
     distance = np.linalg.norm(from_here, axis=0)
     toward = (-from_here / np.maximum(distance, NEAREST_M)).astype(np.float32)
     worth = []
-    for look in looks:
-        shift = (looks[number].camera - look.camera).astype(np.float32)
+    for sampler in samplers:
+        shift = (samplers[number].camera - sampler.camera).astype(np.float32)
         ground = from_here + shift[:, None, None]
-        worth.append(look.sight(ground, toward, HIDDEN_PX, 0.0).worth)
+        worth.append(sampler.project(ground, toward, 0.0).worth)
     own = worth.pop(number)
     better = np.max(worth, axis=0, initial=0.0) > params.yield_to * own
     rows, cols = one.whole.shape
@@ -156,10 +151,10 @@ def _shown_better(
     return np.kron(blocks, np.ones((step, step), np.bool_))[:rows, :cols]
 
 
-def _stretch(drawn: Sequence[_PreparedView], percent: tuple[float, float]) -> tuple[float, float]:
+def _stretch(drawn: Sequence[_PreparedView]) -> tuple[float, float]:
     """Brightness to show as black and as white in all textures."""
     sample = np.concatenate([one.view.image[one.view.mask][::SAMPLED] for one in drawn])
-    return black_and_white(sample, percent)
+    return black_and_white(sample)
 
 
 def _mesh(

@@ -96,16 +96,16 @@ class BrightnessSamples:
         return np.stack([balance(self.smooth[:, band]) for band in bands], axis=1)
 
     def stretch(
-        self, gains: Float64[np.ndarray, "views bands 2"], percent: tuple[float, float]
+        self, gains: Float64[np.ndarray, "views bands 2"]
     ) -> tuple[tuple[float, float], ...]:
         """Percentiles of the balanced brightness, band by band; (0, 1) where there is none."""
         gain, offset = np.moveaxis(gains[self.best_view], 2, 0)
         bands = self.best * gain.T + offset.T
-        return tuple(black_and_white(band[np.isfinite(band)], percent) for band in bands)
+        return tuple(black_and_white(band[np.isfinite(band)]) for band in bands)
 
 
 def sample_brightness(
-    dtm: Dtm, looks: Sequence[ViewSampler], cell_m: float, tolerance_px: float
+    dtm: Dtm, samplers: Sequence[ViewSampler], cell_m: float
 ) -> BrightnessSamples:
     """Brightness of all views at evenly chosen seen cells, also in orthophoto cells of `cell_m`.
 
@@ -115,22 +115,22 @@ def sample_brightness(
     shape = ground.shape[1:]
     level_ground = np.zeros(ground.shape, np.float32)
     level_ground[2] = 1.0
-    bands = len(looks[0].bands)
-    smooth = np.full((len(looks), bands, *shape), np.nan, np.float32)
+    bands = len(samplers[0].bands)
+    smooth = np.full((len(samplers), bands, *shape), np.nan, np.float32)
     best = np.full((bands, *shape), np.nan, np.float32)
     worth, best_view = np.zeros(shape, np.float32), np.zeros(shape, np.int64)
-    for number, look in enumerate(looks):
-        from_camera = (ground - look.camera[:, None, None]).astype(np.float32)
-        sight = look.sight(from_camera, level_ground, tolerance_px, dtm.grid.cell_m)
-        shown, better = sight.worth > 0, sight.worth > worth
-        level = np.log2(np.maximum(np.sqrt(sight.density) * np.float32(cell_m), 1))
-        worth[better], best_view[better] = sight.worth[better], number
+    for number, sampler in enumerate(samplers):
+        from_camera = (ground - sampler.camera[:, None, None]).astype(np.float32)
+        cells = sampler.project(from_camera, level_ground, dtm.grid.cell_m)
+        shown, better = cells.worth > 0, cells.worth > worth
+        level = np.log2(np.maximum(np.sqrt(cells.density) * np.float32(cell_m), 1))
+        worth[better], best_view[better] = cells.worth[better], number
         for band in range(bands):
-            flat = look.brightness(sight.sample, sight.line, np.full_like(level, SMOOTH), band)
+            flat = sampler.brightness(cells.sample, cells.line, np.full_like(level, SMOOTH), band)
             smooth[number, band][shown] = flat[shown]
-            best[band][better] = look.brightness(sight.sample, sight.line, level, band)[better]
+            best[band][better] = sampler.brightness(cells.sample, cells.line, level, band)[better]
     return BrightnessSamples(
-        smooth.reshape(len(looks), bands, -1), best.reshape(bands, -1), best_view.ravel()
+        smooth.reshape(len(samplers), bands, -1), best.reshape(bands, -1), best_view.ravel()
     )
 
 

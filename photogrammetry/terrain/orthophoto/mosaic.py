@@ -35,6 +35,10 @@ from solmap.photogrammetry.terrain.orthophoto.view_sampling import ProjectedCell
 
 MARGIN = 1
 """Cells around a block that its interpolation reaches into."""
+NORMAL_BASELINE_M = 0.2
+"""Baseline of the normals that decide on incidence: rocks count, noise does not."""
+SHARPNESS = 8.0
+"""Exponent k: a view worth a quarter less than the best counts for a tenth."""
 CARRIED = 2
 """Cells that elevations are carried on beyond what was seen."""
 
@@ -52,11 +56,11 @@ class TerrainPatch:
     normal: Float32[np.ndarray, "3 rows cols"]
 
     @classmethod
-    def of(cls, dtm: Dtm, place: MapGrid, normal_baseline_m: float) -> TerrainPatch:
+    def of(cls, dtm: Dtm, place: MapGrid) -> TerrainPatch:
         """The patch of a terrain model at a block of its own cells."""
         row = round((dtm.grid.north - place.north) / dtm.grid.cell_m)
         col = round((place.west - dtm.grid.west) / dtm.grid.cell_m)
-        half = max(1, round((normal_baseline_m / place.cell_m - 1) / 2))
+        half = max(1, round((NORMAL_BASELINE_M / place.cell_m - 1) / 2))
         reach = MARGIN + half + CARRIED
         window = _window(dtm.elevation, row, col, place.shape, reach)
         origin = np.array([place.west, place.north, _level(window)])
@@ -134,8 +138,9 @@ Sources = UInt16[np.ndarray, "block_rows block_cols"]
 class ViewShares:
     """Which views show the cells of a patch, and what each counts for."""
 
-    looks: Sequence[int]
-    sights: list[ProjectedCells]
+    views: Sequence[int]
+    """Their numbers."""
+    cells: list[ProjectedCells]
     weights: list[Raster]
     shown: Bool[np.ndarray, "rows cols"]
     """Where any view counts."""
@@ -147,48 +152,46 @@ class ViewShares:
         if self.weights:
             best = np.argmax([weight[inner] for weight in self.weights], axis=0)
             shown = seen & self.shown[inner]
-            source[shown] = np.array(self.looks, np.uint16)[best[shown]]
+            source[shown] = np.array(self.views, np.uint16)[best[shown]]
         return source
 
 
-def view_shares(
-    looks: Sequence[ViewSampler],
-    patch: TerrainPatch,
-    cell_m: float,
-    sharpness: float,
-    tolerance_px: float,
-) -> ViewShares:
+def view_shares(samplers: Sequence[ViewSampler], patch: TerrainPatch, cell_m: float) -> ViewShares:
     """What every view counts for in the cells of a patch."""
     middle, radius_m = patch.sphere()
-    numbers, sights = [], []
-    for number, look in enumerate(looks):
-        if look.may_show(middle, radius_m):
-            ground = patch.from_camera(look.camera)
-            sight = look.sight(ground, patch.normal, tolerance_px, cell_m)
-            if sight.worth.any():
+    numbers, projected = [], []
+    for number, sampler in enumerate(samplers):
+        if sampler.may_show(middle, radius_m):
+            ground = patch.from_camera(sampler.camera)
+            cells = sampler.project(ground, patch.normal, cell_m)
+            if cells.worth.any():
                 numbers.append(number)
-                sights.append(sight)
-    if not sights:
+                projected.append(cells)
+    if not projected:
         return ViewShares((), [], [], np.zeros(patch.ground.shape[1:], dtype=bool))
-    worth = np.stack([sight.worth for sight in sights])
+    worth = np.stack([cells.worth for cells in projected])
     best = worth.max(axis=0)
-    weight = (worth / np.where(best > 0, best, 1)) ** np.float32(sharpness)
+    weight = (worth / np.where(best > 0, best, 1)) ** np.float32(SHARPNESS)
     weight[weight < LEAST_SHARE] = 0
     weight /= np.maximum(weight.sum(axis=0), LEAST_SHARE)
-    return ViewShares(numbers, sights, list(weight), best > 0)
+    return ViewShares(numbers, projected, list(weight), best > 0)
 
 
 def blend(
-    looks: Sequence[ViewSampler], patch: TerrainPatch, shared: ViewShares, cell_m: float, ratio: int
+    samplers: Sequence[ViewSampler],
+    patch: TerrainPatch,
+    shared: ViewShares,
+    cell_m: float,
+    ratio: int,
 ) -> FineBlock:
     """Brightness of a block in cells of `cell_m`, `ratio` to a terrain cell.
 
     NaN where no view shows the ground.
     """
     rows, cols = patch.seen.shape
-    fine = np.zeros((len(looks[0].bands), rows * ratio, cols * ratio), np.float32)
-    for number, sight, weight in zip(shared.looks, shared.sights, shared.weights, strict=True):
-        _add(fine, looks[number], sight, weight, cell_m)
+    fine = np.zeros((len(samplers[0].bands), rows * ratio, cols * ratio), np.float32)
+    for number, cells, weight in zip(shared.views, shared.cells, shared.weights, strict=True):
+        _add(fine, samplers[number], cells, weight, cell_m)
     return _without_hidden(fine, patch, shared, ratio)
 
 
@@ -210,7 +213,7 @@ def _span(touched: Bool[np.ndarray, " n"]) -> tuple[int, int]:
 
 
 def _add(
-    fine: FineBlock, look: ViewSampler, sight: ProjectedCells, weight: Raster, cell_m: float
+    fine: FineBlock, sampler: ViewSampler, cells: ProjectedCells, weight: Raster, cell_m: float
 ) -> None:
     """Add a view's weighted brightness to a block, where the view counts for something."""
     top, bottom, left, right = _part(weight)
@@ -218,13 +221,13 @@ def _add(
         return
     ratio = fine.shape[1] // (weight.shape[0] - 2 * MARGIN)
     wide = (slice(top, bottom + 2 * MARGIN), slice(left, right + 2 * MARGIN))
-    width = np.sqrt(sight.density[wide]) * np.float32(cell_m)
+    width = np.sqrt(cells.density[wide]) * np.float32(cell_m)
     level = np.log2(np.maximum(width, 1))
     levels = _finer(level, ratio) if level.any() else None
-    sample, line, share = (_finer(r[wide], ratio) for r in (sight.sample, sight.line, weight))
+    sample, line, share = (_finer(r[wide], ratio) for r in (cells.sample, cells.line, weight))
     part = fine[:, top * ratio : bottom * ratio, left * ratio : right * ratio]
     for number, band in enumerate(part):
-        cv2.accumulateProduct(look.brightness(sample, line, levels, number), share, band)
+        cv2.accumulateProduct(sampler.brightness(sample, line, levels, number), share, band)
 
 
 def _without_hidden(

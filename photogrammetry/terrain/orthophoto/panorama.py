@@ -32,10 +32,11 @@ from solmap.photogrammetry.cameras.epipolar import border_points
 from solmap.photogrammetry.cameras.model import CameraModel
 from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.imagery import Eye
+from solmap.photogrammetry.stretching import black_and_white
 from solmap.photogrammetry.terrain.dtm.ground import MAP_FROM_LSL
 from solmap.photogrammetry.terrain.dtm.records import Dtm
 from solmap.photogrammetry.terrain.orthophoto.brightness import balance
-from solmap.photogrammetry.terrain.orthophoto.mosaic import NO_SOURCE, Sources
+from solmap.photogrammetry.terrain.orthophoto.mosaic import NO_SOURCE, SHARPNESS, Sources
 from solmap.photogrammetry.terrain.orthophoto.panorama_grid import (
     NODE,
     AngleGrid,
@@ -156,6 +157,9 @@ def interpolate_nodes(
     )
 
 
+MOST_PIXELS = 1 << 26
+"""Pixels are made wider where there would be more: 64 million are twice a full circle from pole to
+pole with Navcam's pixels."""
 SAMPLES = 1 << 16
 """Directions in which brightness is compared, at most: of a full circle, every sixteenth pixel."""
 
@@ -168,13 +172,6 @@ class PanoramaParams:
     pixel_deg: float = 0.0
     """Width of a pixel; 0: that of the coarsest images, which are those that show all around."""
     block_px: int = 512
-    sharpness: float = 8.0
-    """Exponent k: an image that shows a direction a quarter worse counts for a tenth."""
-    most_pixels: int = 1 << 26
-    """Pixels are made wider where there would be more: 64 million are twice a full circle from pole
-    to pole with Navcam's pixels."""
-    stretch_percent: tuple[float, float] = (0.5, 99.5)
-    """Percentiles of the brightness that become black and white."""
 
     def __post_init__(self) -> None:
         if self.block_px < NODE or self.block_px % NODE or self.pixel_deg < 0:
@@ -251,7 +248,7 @@ class Panorama:
             worth = fade * np.float32((finest / image.pixel_deg) ** 2)
             source[worth > best] = number
             np.maximum(best, worth, out=best)
-            share = worth ** np.float32(self.params.sharpness)
+            share = worth ** np.float32(SHARPNESS)
             total += share * grey
             weight += share
         if not best.any():
@@ -278,8 +275,8 @@ def prepare_panorama(
     elevations = min(low for _, (low, _) in spans), max(high for _, (_, high) in spans)
     pixel_deg = params.pixel_deg or max(image.pixel_deg for image in images)
     grid = AngleGrid.covering([azimuths for azimuths, _ in spans], elevations, pixel_deg)
-    if grid.rows * grid.cols > params.most_pixels:
-        wider = pixel_deg * math.sqrt(grid.rows * grid.cols / params.most_pixels)
+    if grid.rows * grid.cols > MOST_PIXELS:
+        wider = pixel_deg * math.sqrt(grid.rows * grid.cols / MOST_PIXELS)
         grid = AngleGrid.covering([azimuths for azimuths, _ in spans], elevations, wider)
     centre = np.mean([image.camera.centre for image in images], axis=0)
     gains = np.tile([1.0, 0.0], (len(images), 1))
@@ -288,11 +285,10 @@ def prepare_panorama(
     gains = balance(brightness)
     even = brightness * gains[:, :1] + gains[:, 1:]
     seen = even[np.isfinite(even)]
-    low, high = np.percentile(seen, params.stretch_percent) if seen.size else (0.0, 1.0)
     return replace(
         draft,
         images=tuple(image.balanced(*own) for image, own in zip(images, gains, strict=True)),
-        stretch=(float(low), float(max(high, low + 1e-6))),
+        stretch=black_and_white(seen),
         gains=gains,
     )
 

@@ -35,6 +35,7 @@ CIRCLE = 360.0
 NODE = 4
 """Pixels from node to node: directions are carried into images at nodes and interpolated between,
 which is off by (node / 2)^2 / 2 f = 0.002 px at most."""
+MOST_ROWS = 1 << 14
 LEAST_GAP_DEG = 5.0
 """Where the circle is cut: in the widest gap between images if it is that wide, else north."""
 
@@ -61,9 +62,7 @@ class AngleGrid:
             )
 
     @classmethod
-    def covering(
-        cls, azimuths: Iterable[Span], elevations: Span, pixel_deg: float, most_rows: int = 1 << 14
-    ) -> AngleGrid:
+    def covering(cls, azimuths: Iterable[Span], elevations: Span, pixel_deg: float) -> AngleGrid:
         """The smallest grid over these spans, with pixels no finer than wanted that fill a circle.
 
         Spans of azimuth may run past 360 degrees.
@@ -74,7 +73,7 @@ class AngleGrid:
         step = NODE * cell
         cols = NODE * min(around // NODE, math.ceil((east - west) / step - 1e-9))
         low, high = max(-90.0, elevations[0]), min(90.0, elevations[1])
-        rows = NODE * min(most_rows // NODE, max(1, math.ceil((high - low) / step - 1e-9)))
+        rows = NODE * min(MOST_ROWS // NODE, max(1, math.ceil((high - low) / step - 1e-9)))
         return cls(west, high, cell, rows, cols)
 
     @property

@@ -43,15 +43,6 @@ class OrthophotoParams:
     """Side of a cell: as `marsortho`, and as the paper's orthophotos (section 5)."""
     block_cells: int = 512
     """Side of the blocks it is made in: a megabyte a layer stays in the processor's cache."""
-    sharpness: float = 8.0
-    """Exponent k: a view worth a quarter less than the best counts for a tenth."""
-    tolerance_px: float = 1.0
-    """How far a matched parallax may exceed the expected one before the cell counts as hidden: four
-    standard deviations of a dense parallax."""
-    normal_baseline_m: float = 0.2
-    """Baseline of the normals that decide on incidence: rocks count, noise does not."""
-    stretch_percent: tuple[float, float] = (0.5, 99.5)
-    """Percentiles of the brightness that become black and white."""
 
     def __post_init__(self) -> None:
         if self.block_cells < 1 or not self.cell_m > 0:
@@ -77,7 +68,7 @@ class OrthophotoRendering:
     """An orthophoto about to be made: where, from what, how bright."""
 
     dtm: Dtm
-    looks: tuple[ViewSampler, ...]
+    samplers: tuple[ViewSampler, ...]
     """Balanced."""
     params: OrthophotoParams
     grid: MapGrid
@@ -101,18 +92,16 @@ class OrthophotoRendering:
         params, cell_m, place = self.params, self.dtm.grid.cell_m, self.source_grid
         side = max(1, params.block_cells // self.ratio)
         for row, col, rows, cols in windows(place, side):
-            patch = TerrainPatch.of(
-                self.dtm, place.part(row, col, rows, cols), params.normal_baseline_m
-            )
+            patch = TerrainPatch.of(self.dtm, place.part(row, col, rows, cols))
             if not patch.seen.any():
                 continue
-            shared = view_shares(self.looks, patch, cell_m, params.sharpness, params.tolerance_px)
-            if not shared.looks:
+            shared = view_shares(self.samplers, patch, cell_m)
+            if not shared.views:
                 continue
             yield OrthophotoBlock(
                 row * self.ratio,
                 col * self.ratio,
-                blend(self.looks, patch, shared, params.cell_m, self.ratio),
+                blend(self.samplers, patch, shared, params.cell_m, self.ratio),
                 shared.sources(patch.seen),
             )
 
@@ -152,18 +141,18 @@ def prepare_orthophoto(
     """
     ratio = _ratio(dtm, params)
     chosen = bands or [()] * len(views)
-    looks = [ViewSampler.of(view, images) for view, images in zip(views, chosen, strict=True)]
-    grid = MapGrid.covering(bounds_to_show(dtm, looks), params.cell_m)
-    taken = sample_brightness(dtm, looks, params.cell_m, params.tolerance_px)
+    samplers = [ViewSampler.of(view, images) for view, images in zip(views, chosen, strict=True)]
+    grid = MapGrid.covering(bounds_to_show(dtm, samplers), params.cell_m)
+    taken = sample_brightness(dtm, samplers, params.cell_m)
     gains = taken.balance()
     return OrthophotoRendering(
         dtm=dtm,
-        looks=tuple(look.balanced(own) for look, own in zip(looks, gains, strict=True)),
+        samplers=tuple(sampler.balanced(own) for sampler, own in zip(samplers, gains, strict=True)),
         params=params,
         grid=grid,
         ratio=ratio,
         pair_ids=tuple(view.pair_id for view in views),
-        stretch=taken.stretch(gains, params.stretch_percent),
+        stretch=taken.stretch(gains),
         balance=gains,
     )
 
@@ -208,7 +197,7 @@ def _ratio(dtm: Dtm, params: OrthophotoParams) -> int:
     return round(ratio)
 
 
-def bounds_to_show(dtm: Dtm, looks: Sequence[ViewSampler]) -> tuple[float, float, float, float]:
+def bounds_to_show(dtm: Dtm, samplers: Sequence[ViewSampler]) -> tuple[float, float, float, float]:
     """Bounds of the seen cells near which any view may show ground.
 
     Raises:
@@ -222,11 +211,11 @@ def bounds_to_show(dtm: Dtm, looks: Sequence[ViewSampler]) -> tuple[float, float
         window = (slice(row, row + rows), slice(col, col + cols))
         if seen[window].any():
             sphere = _sphere(dtm.grid.part(row, col, rows, cols), dtm.elevation[window])
-            near[window] = any(look.may_show(*sphere) for look in looks)
+            near[window] = any(sampler.may_show(*sphere) for sampler in samplers)
     near &= seen
     if not near.any():
         raise TerrainError(
-            f"none of the {len(looks)} views looks at the terrain model's seen cells"
+            f"none of the {len(samplers)} views looks at the terrain model's seen cells"
         )
     (top, bottom), (left, right) = (_extent(near.any(axis=axis)) for axis in (1, 0))
     return dtm.grid.part(top, left, bottom - top, right - left).bounds

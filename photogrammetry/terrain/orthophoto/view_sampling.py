@@ -31,6 +31,9 @@ LEVELS = 4
 FADE_FROM_PX = 4.0
 """Distance from unusable pixels at which fading starts: the reach of the second pyramid level."""
 
+HIDDEN_PX = 1.0
+"""How far a matched parallax may exceed the expected one before the ground counts as hidden: four
+standard deviations of a dense parallax."""
 COARSER = 4
 """Width, in pixels, of the steps in which the distance to unusable pixels is known."""
 GRAZING = np.float32(0.02)
@@ -97,16 +100,15 @@ class ViewSampler:
         beyond = self.sides @ (middle - self.camera)
         return bool(beyond.max() <= radius_m)
 
-    def sight(
+    def project(
         self,
         ground: Float32[np.ndarray, "3 rows cols"],
         normal: Float32[np.ndarray, "3 rows cols"],
-        tolerance_px: float,
         cell_m: float,
     ) -> ProjectedCells:
         """How this view shows cells at `ground` (east, north, up from this camera).
 
-        The parallax may exceed the expected one by the tolerance and by what a cell's own depth
+        The parallax may exceed the expected one by `HIDDEN_PX` and by what a cell's own depth
         makes, p cell / Z, before the cell counts as hidden.
         """
         turned = self.pair_from_map @ ground.reshape(3, -1)
@@ -116,7 +118,7 @@ class ViewSampler:
         sample = X * enlarged + np.float32(self.centre_px[0])
         line = Y * enlarged + np.float32(self.centre_px[1])
         parallax = enlarged * np.float32(self.base_m)
-        farthest = parallax * (1 + np.float32(cell_m) * nearness) + np.float32(tolerance_px)
+        farthest = parallax * (1 + np.float32(cell_m) * nearness) + np.float32(HIDDEN_PX)
         hidden = sample_image(self.nearest, sample, line, cv2.INTER_NEAREST) > farthest
         square = ground[0] ** 2 + ground[1] ** 2 + ground[2] ** 2
         facing = -(ground[0] * normal[0] + ground[1] * normal[1] + ground[2] * normal[2])

@@ -43,6 +43,11 @@ from solmap.photogrammetry.terrain.dtm.resampling import (
     place_means,
 )
 
+CORRELATION_M = 0.15
+"""Least length over which neighbouring cells share their error, however close: what is left of
+lens, light and matching is smooth over some decimetres."""
+HILLSHADE_BASELINE_CELLS = 3
+"""Side of the window in cells: the smallest that fits a plane, so that edges stay crisp."""
 Normals = Float32[np.ndarray, "3 rows cols"]
 """Unit normals (north, east, down) in the LSL, pointing up; NaN where none could be fitted."""
 
@@ -58,9 +63,6 @@ class SlopeParams:
     correlation_px: float = 9.0
     """Side of the window that refines dense parallax: points this close share their error. Seen
     from afar few points lie in a cell, so that the window covers many cells."""
-    correlation_m: float = 0.15
-    """Least length over which neighbouring cells share their error, however close: what is left of
-    lens, light and matching is smooth over some decimetres."""
     cell_m: float = 0.08
     """Least side of a cell on the map: what is felt over a baseline of 1.1 m hardly changes over
     less. Every cell of the terrain model has its plane; a map's cell is the mean of some."""
@@ -78,8 +80,6 @@ class HillshadeParams:
     """Above the horizon: flat ground is middle grey."""
     exaggeration: float = 1.0
     """Factor on heights."""
-    baseline_cells: int = 3
-    """Side of the window in cells: the smallest that fits a plane, so that edges stay crisp."""
 
 
 def normals_of(gradient: Gradients) -> Normals:
@@ -132,7 +132,7 @@ def northerly_tilt_of(normal: Normals) -> Raster:
 
 def hillshade(dtm: Dtm, params: HillshadeParams) -> Raster:
     """Brightness, 0 to 1, of the ground lit by a sun as given; 0 on slopes turned away."""
-    baseline_m = params.baseline_cells * dtm.grid.cell_m
+    baseline_m = HILLSHADE_BASELINE_CELLS * dtm.grid.cell_m
     gradient = window_gradients(dtm.elevation, dtm.grid.cell_m, baseline_m) * params.exaggeration
     azimuth, elevation = np.radians([params.sun_azimuth_deg, params.sun_elevation_deg])
     sun = np.array(
@@ -193,7 +193,7 @@ def _cells_that_share(dtm: Dtm, params: SlopeParams) -> Raster:
     """
     cell_m = dtm.grid.cell_m
     points = window_mean(dtm.observations, cell_m, params.baseline_m)
-    least = max(1.0, (params.correlation_m / cell_m) ** 2)
+    least = max(1.0, (CORRELATION_M / cell_m) ** 2)
     most = max(least, (params.baseline_m / cell_m) ** 2 / 4)
     with np.errstate(divide="ignore"):
         return np.clip(np.float32(params.correlation_px**2) / points, least, most)
