@@ -24,7 +24,7 @@ from solmap.config.pipeline import load_pipeline
 from solmap.config.settings import Settings
 from solmap.flows.sol_inputs import SolReport, Standing
 from solmap.photogrammetry.errors import PhotogrammetryError
-from solmap.products.catalogue.runs import FinishedSols
+from solmap.products.catalogue.runs import FinishedSolRecords
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.model import LEVEL, SCIENCE_VERSION, ProductKind, ProductRef, Scope, ScopeLevel
 from solmap.tasks.mission.publish import withdraw
@@ -40,7 +40,7 @@ class ReusableSols:
 
     mission: str
     workspace: Workspace
-    book: FinishedSols
+    book: FinishedSolRecords
     common: str
     """Digest of what all sols depend on."""
     images: dict[int, str]
@@ -49,7 +49,7 @@ class ReusableSols:
     @classmethod
     def of(cls, mission: str, workspace: Workspace, pipeline: str) -> ReusableSols:
         """Look at everything that sols are made from, but for the adjustments."""
-        book = FinishedSols(workspace.catalogue.engine)
+        book = FinishedSolRecords(workspace.catalogue.engine)
         common = _digest(*_common(mission, workspace, pipeline))
         return cls(mission, workspace, book, common, _images(mission, workspace))
 

@@ -156,7 +156,7 @@ def _now() -> str:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FinishedSols:
+class FinishedSolRecords:
     """The finished sols in the catalogue's database."""
 
     engine: sa.Engine

@@ -13,7 +13,7 @@ from pyproj import CRS
 
 from solmap.products.crs import IAU_RADIUS_M, MARS, LandingPoint, local_crs, lon_lat
 from solmap.products.errors import ProductError, ProductNotFoundError
-from solmap.products.features import texts as feature_texts
+from solmap.products.features import texts
 from solmap.products.features.texts import feature_texts
 from solmap.products.formats.vector.geojson import (
     Feature,
@@ -220,14 +220,14 @@ def test_a_geopackage_of_mixed_features_or_none_is_refused(tmp_path):
 def test_a_file_is_read_once_however_many_ask_at_a_time(tmp_path, monkeypatch):
     write_features(tmp_path / "f.geojson", FEATURES, GUSEV)
     reads = []
-    read_placed = feature_texts.read_placed
+    read_placed = texts.read_placed
 
     def slowly(path):
         reads.append(path)
         time.sleep(0.2)
         return read_placed(path)
 
-    monkeypatch.setattr(feature_texts, "read_placed", slowly)
+    monkeypatch.setattr(texts, "read_placed", slowly)
     with ThreadPoolExecutor(6) as pool:
         found = list(pool.map(feature_texts, [tmp_path / "f.geojson"] * 6))
     assert len(reads) == 1
