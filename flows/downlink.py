@@ -17,10 +17,10 @@ from solmap.config.workspace import open_workspace
 from solmap.flows.finished import ReusableSols, withdraw_leftovers
 from solmap.flows.mission import draw_mission, map_regions
 from solmap.flows.overall import overall_sols, process_overall
-from solmap.flows.runtime.failures import isolated, mended
+from solmap.flows.runtime.failures import clear_failure, isolate
 from solmap.flows.runtime.progress import report as report_progress
-from solmap.flows.runtime.run_page import downlink_name, folder_name, leave_report, rename_run
-from solmap.flows.runtime.run_record import recorded
+from solmap.flows.runtime.run_page import downlink_name, folder_name, rename_run, write_report
+from solmap.flows.runtime.run_record import record_run
 from solmap.flows.runtime.runners import on_workers
 from solmap.flows.sol import process_sol
 from solmap.flows.sol_inputs import SolReport, Standing
@@ -75,7 +75,7 @@ def process_downlink(
     load_pipeline(pipeline)  # refuse wrong settings before the work starts
     radiometry = load_radiometry(Settings().instruments)
     workspace = open_workspace(store)
-    with recorded("downlink", downlink.name, workspace) as record:
+    with record_run("downlink", downlink.name, workspace) as record:
         delivery = ingest_downlink(
             downlink,
             workspace,
@@ -83,29 +83,29 @@ def process_downlink(
             lambda done, total: report_progress("ingest files", done, total),
             settle_s,
         )
-        _take_down(delivery, downlink, report)
+        _note_delivery(delivery, downlink, report)
         if delivery.images:
             rename_run(downlink_name(delivery.images))
         take_edits(workspace)
         for mission in delivery.missions:
             told = f"{mission}: {{}}"
             with (
-                exclusive_lock(workspace.store.root, mission, partial(_say_waiting, mission)),
-                isolated(mission.lower(), workspace, report.failures, told),
+                exclusive_lock(workspace.store.root, mission, partial(_log_waiting, mission)),
+                isolate(mission.lower(), workspace, report.failures, told),
             ):
                 _process_mission(mission, workspace, pipeline, report)
-                mended(mission.lower(), workspace)
+                clear_failure(mission.lower(), workspace)
         record.say([*report.warnings, *str(report).splitlines()])
         record.fail_if(report.failures)
-    leave_report(report, workspace)
+    write_report(report, workspace)
     return report
 
 
-def _say_waiting(mission: str) -> None:
+def _log_waiting(mission: str) -> None:
     get_run_logger().info("another run works on %s; this one waits for it to end", mission)
 
 
-def _take_down(delivery: Delivery, downlink: Path, report: DownlinkReport) -> None:
+def _note_delivery(delivery: Delivery, downlink: Path, report: DownlinkReport) -> None:
     report.images = len(delivery.images)
     report.warnings += [note for fault in delivery.faults for note in fault.notes]
     if not delivery.images:
@@ -140,7 +140,7 @@ def _process_mission(
         for flow_of_sol in (process_sol, process_overall) if sol in overall else (process_sol,):
             scope, key = _scope_of(flow_of_sol, mission, sol), finished.key(sol, standing)
             told = f"{mission} sol {sol}: {{}}"
-            with isolated(scope.name, workspace, report.failures, told):
+            with isolate(scope.name, workspace, report.failures, told):
                 done = None if walks else finished.report(scope, sol, key)
                 if done is None:
                     if not walks:
@@ -171,10 +171,10 @@ def _draw(
     mission: str, standing: Standing, workspace: Workspace, pipeline: str, report: DownlinkReport
 ) -> None:
     subject, told = f"{mission.lower()}-layers", f"{mission}: its layers could not be drawn: {{}}"
-    with isolated(subject, workspace, report.failures, told):
+    with isolate(subject, workspace, report.failures, told):
         note = draw_mission(mission, standing.network, workspace, pipeline)
         report.warnings += [f"{mission}: {note}"] if note else []
-        mended(subject, workspace)
+        clear_failure(subject, workspace)
 
 
 def _map_regions(mission: str, workspace: Workspace, pipeline: str, report: DownlinkReport) -> None:
@@ -182,6 +182,6 @@ def _map_regions(mission: str, workspace: Workspace, pipeline: str, report: Down
         f"{mission.lower()}-regions",
         f"{mission}: its regions could not be mapped: {{}}",
     )
-    with isolated(subject, workspace, report.failures, told):
+    with isolate(subject, workspace, report.failures, told):
         report.seams += map_regions(mission, workspace, pipeline)
-        mended(subject, workspace)
+        clear_failure(subject, workspace)

@@ -26,7 +26,7 @@ from solmap.products.formats.documents.control import read_control, refused_stop
 from solmap.products.model import Layer, ProductKind, ProductRef, ScopeLevel
 from solmap.products.store.product_store import ProductStore
 from solmap.tasks.images.files import file_bytes
-from solmap.tasks.images.manual_ties import names_in, take_hand_ties, wishes_in
+from solmap.tasks.images.manual_ties import named_in, read_edit_requests, take_manual_ties
 from solmap.tasks.mission.control import (
     FrameParams,
     MappedWith,
@@ -35,7 +35,7 @@ from solmap.tasks.mission.control import (
     take_control,
 )
 from solmap.tasks.mission.orbital import (
-    Compare,
+    RegistrationMethod,
     StopMap,
     draw_base,
     read_registration,
@@ -47,7 +47,7 @@ from solmap.tasks.scopes import is_of_mission, stop_of
 
 
 @dataclass(frozen=True, slots=True)
-class OrbitalWish:
+class OrbitalOptions:
     """What is wanted of an orbital image."""
 
     registered: bool = True
@@ -61,14 +61,14 @@ class OrbitalWish:
 
 
 def add_orbital(
-    file: Path, mission: str, root: Path, wish: OrbitalWish | None = None
+    file: Path, mission: str, root: Path, wish: OrbitalOptions | None = None
 ) -> tuple[str, ...]:
     """Register an orbital image to a mission's stops and publish it as base layer; what came of it.
 
     Raises:
         ProductError: the file cannot be read or lies elsewhere; or no stop is mapped.
     """
-    workspace, wish = open_workspace(root), wish or OrbitalWish()
+    workspace, wish = open_workspace(root), wish or OrbitalOptions()
     store = workspace.store
     site = landing_site(mission, Settings().landing_sites)
     layers = [layer for layer in workspace.catalogue.layers() if layer.mission == mission]
@@ -80,17 +80,17 @@ def add_orbital(
     said = [f"{file.name} lies where it claims to"]
     if wish.registered:
         search = SearchParams(reach_m=wish.reach_m)
-        params = Compare(RegistrationParams(search), heights=wish.heights)
+        params = RegistrationMethod(RegistrationParams(search), heights=wish.heights)
         maps = list(stops.values())
         registration = register_orbital.fn(image, maps, params, site.landing, store)
         pointers.append(registration)
-        said = [f"{file.name}: {_said(read_registration(registration, store))}"]
+        said = [f"{file.name}: {_registration_line(read_registration(registration, store))}"]
         standing = latest_standing(mission, workspace)
         if standing is not None and wish.control is not None:
             how = (params, wish.control)
             control = control_by_image.fn(image, stops, standing, how, site.landing, store)
             pointers.append(control)
-            said += _control_said(control, stops, store)
+            said += _control_lines(control, stops, store)
     entry = MissionEntry(mission, site.title, site.landing, None)
     if wish.heights:
         publish.fn(entry, [], pointers, (), workspace)
@@ -116,7 +116,7 @@ def latest_standing(mission: str, workspace: Workspace) -> MappedWith | None:
     return MappedWith(last, ProductRef(kind, last.scope, digest)) if digest else None
 
 
-def _control_said(
+def _control_lines(
     control: ProductRef, stops: dict[StopId, StopMap], store: ProductStore
 ) -> list[str]:
     """What came of finding every stop on its own."""
@@ -142,7 +142,7 @@ def _stops(layers: list[Layer], mission: str) -> dict[StopId, StopMap]:
     }
 
 
-def _said(found: dict[str, Any]) -> str:
+def _registration_line(found: dict[str, Any]) -> str:
     if found["correction"] is None:
         return f"not registered, it lies where it claims to: {found['reason']}"
     correction = found["correction"]
@@ -151,12 +151,12 @@ def _said(found: dict[str, Any]) -> str:
     return (
         f"moved by {correction['east_m']:+.2f} m east and {correction['north_m']:+.2f} m north "
         f"(1 sigma {east:.2f} and {north:.2f} m), turned by {correction['rotation_deg']:+.3f} "
-        f"degrees ({turn * 57.29578:.3f}){_raised(correction)}; it explains "
+        f"degrees ({turn * 57.29578:.3f}){_height_change(correction)}; it explains "
         f"{found['explained']:.0%} of the image, the best other place {found['runner_up']:.0%}"
     )
 
 
-def _raised(correction: dict[str, Any]) -> str:
+def _height_change(correction: dict[str, Any]) -> str:
     if correction.get("up_m") is None:
         return ""
     return f", raised by {correction['up_m']:+.2f} m ({correction['sigma_up_m']:.2f})"
@@ -228,13 +228,13 @@ def take_ties_file(file: Path, root: Path) -> TakenTies:
         OSError: there is no such file.
     """
     data = file_bytes(file)
-    wishes = wishes_in(data, file.name)
+    wishes = read_edit_requests(data, file.name)
     workspace = open_workspace(root)
-    ref = take_hand_ties(file.name, data, workspace.store)
+    ref = take_manual_ties(file.name, data, workspace.store)
     entries = workspace.catalogue.images()
     known = {entry.id for entry in entries} | {entry.stop for entry in entries}
     counts = {action: sum(wish.action is action for wish in wishes) for action in EditAction}
-    taken = TakenTies(file.name, counts, tuple(sorted(names_in(wishes) - known)))
+    taken = TakenTies(file.name, counts, tuple(sorted(named_in(wishes) - known)))
     workspace.catalogue.publish(
         pointers=[ref],
         outcomes=[Outcome.now(file.name, (str(taken),))],

@@ -96,7 +96,7 @@ def fetch_archive(
     ]
     report = FetchReport(is_dry=dry_run)
     client = open_client(params.timeout_s, params.connections)
-    with _alone_in(out_dir), client:
+    with _exclusive(out_dir), client:
         transfer = Transfer(client, archive.hosts, params)
         for volume, selection in wanted:
             _fetch_volume(volume, selection, out_dir, transfer, report)
@@ -140,7 +140,7 @@ def _fetch_volume(
         lambda done, total: report_progress(f"index of {volume.name}, MiB", done, total),
     )
     findings = index.find(selection)
-    _take_down(findings, index, selection, report)
+    _note_findings(findings, index, selection, report)
     if report.is_dry:
         _list(findings.entries, out_dir, report)
         return
@@ -157,7 +157,7 @@ def _fetch_volume(
     report.received_bytes += sum(arrival.received_bytes for arrival in arrivals)
 
 
-def _take_down(
+def _note_findings(
     findings: IndexFindings, index: Index, selection: IndexSelection, report: FetchReport
 ) -> None:
     """What the index says, and whether it can be trusted."""
@@ -190,7 +190,7 @@ def _list(entries: Sequence[IndexEntry], out_dir: Path, report: FetchReport) -> 
 
 
 @contextmanager
-def _alone_in(out_dir: Path) -> Iterator[None]:
+def _exclusive(out_dir: Path) -> Iterator[None]:
     """Keep a second fetch out of the folder: both would write the same files."""
     lock = out_dir / STATE / "lock"
     try:

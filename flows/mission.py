@@ -15,7 +15,7 @@ from solmap.config.pipeline import PipelineConfig, load_pipeline
 from solmap.config.settings import Settings
 from solmap.config.workspace import open_workspace
 from solmap.flows.runtime.run_page import mission_name
-from solmap.flows.runtime.run_record import recorded
+from solmap.flows.runtime.run_record import record_run
 from solmap.photogrammetry.terrain.dtm.region_dtm import regions_of
 from solmap.products.catalogue.catalogue import MissionEntry
 from solmap.products.catalogue.images import image_records
@@ -130,7 +130,7 @@ def refresh_regions(
     for name in missions_of(store, mission):
         with (
             exclusive_lock(workspace.store.root, name),
-            recorded("region", name, workspace) as record,
+            record_run("region", name, workspace) as record,
         ):
             seams = map_regions(name, workspace, pipeline)
             record.say(seams)

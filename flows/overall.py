@@ -8,8 +8,8 @@ from prefect import flow
 
 from solmap.config.workspace import open_workspace
 from solmap.flows.mission import draw_mission, map_regions, missions_of
-from solmap.flows.runtime.run_page import leave_adjustments, mission_name
-from solmap.flows.runtime.run_record import recorded
+from solmap.flows.runtime.run_page import mission_name, write_adjustments
+from solmap.flows.runtime.run_record import record_run
 from solmap.flows.runtime.runners import on_workers
 from solmap.flows.sol import map_what_moved
 from solmap.flows.sol_inputs import SolReport, Standing, gather_all
@@ -48,13 +48,13 @@ def readjust(mission: str, store: Path, pipeline: str = "default") -> SolReport:
     workspace = open_workspace(store)
     with (
         exclusive_lock(workspace.store.root, mission),
-        recorded("overall adjustment", mission, workspace) as record,
+        record_run("overall adjustment", mission, workspace) as record,
     ):
         take_edits(workspace)
         report = _readjust(mission, workspace, pipeline)
         record.say(report.notes)
         record.fail_if(report.failures)
-    leave_adjustments([report], workspace)
+    write_adjustments([report], workspace)
     return report
 
 

@@ -42,7 +42,7 @@ from solmap.tasks.mission.simulation import (
     adjust_simulated,
     keep_labels,
     network_recipe,
-    simulated,
+    simulate,
     write_truth,
 )
 from solmap.tasks.network.report import report_quality
@@ -121,7 +121,7 @@ def simulate_into(store: Path, plan: MissionPlan, seed: int, pipeline: str = "de
     config = load_pipeline(pipeline)
     params = SimulationParams(plan, seed, config.adjustment)
     _refuse_other_missions(workspace, network_recipe(params).ref)
-    mission = simulated(params)
+    mission = simulate(params)
     keep_labels(mission, plan, workspace, lambda done, count: report("keep labels", done, count))
     network = adjust_simulated(mission, params, workspace)
     write_truth(mission, workspace.store.root / TRUTH)

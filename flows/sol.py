@@ -7,7 +7,7 @@ from pathlib import Path
 
 from prefect import flow
 
-from solmap.flows.runtime.failures import keep, settled
+from solmap.flows.runtime.failures import keep_outcome, wait_for
 from solmap.flows.sol_inputs import SolInputs, SolReport, Standing, gather
 from solmap.flows.sol_maps import draw_panoramas, map_far_ground, map_stops, model_stops
 from solmap.flows.sol_network import adjust_stops, match_pairs
@@ -42,7 +42,7 @@ def process_sol(
     if inputs.touched:
         map_what_moved(inputs, previous, report)
     else:  # none of the sol's stops can be placed
-        keep(_outcome(inputs, report), inputs.workspace)
+        keep_outcome(_outcome(inputs, report), inputs.workspace)
     return report
 
 
@@ -51,7 +51,7 @@ def map_what_moved(inputs: SolInputs, previous: Standing | None, report: SolRepo
     matched = match_pairs(inputs, report)
     network = adjust_stops(inputs, previous, matched, report)
     if network is None:
-        keep(_outcome(inputs, report), inputs.workspace)
+        keep_outcome(_outcome(inputs, report), inputs.workspace)
         return
     orientations = choose_orientations(
         network,
@@ -70,7 +70,7 @@ def map_what_moved(inputs: SolInputs, previous: Standing | None, report: SolRepo
         layers.setdefault(stop, []).append(panorama)
     for stop, far in map_far_ground(inputs, report.standing, matched, report).items():
         layers.setdefault(stop, []).extend(far)
-    stated, failed = settled(f"sol {inputs.sol}: report the quality", {network.scope: quality})
+    stated, failed = wait_for(f"sol {inputs.sol}: report the quality", {network.scope: quality})
     report.blame("report", failed)
     made = [network, orientations, *(ref for refs in stated.values() for ref in refs)]
     made += [ground for _, ground in panoramas.values()]
@@ -88,7 +88,7 @@ def _publish(
     if report.standing is not None:
         report.notes += _findings(inputs, report.standing)
     sols = {stop.stop: stop.sols for stop in inputs.telemetry.stops}
-    report.pointed = (*made, *_stages(matched.values()))
+    report.pointed = (*made, *_match_products(matched.values()))
     published = publish(
         inputs.mission,
         [(ref, sols[stop]) for stop, refs in layers.items() for ref in refs],
@@ -113,28 +113,28 @@ def _findings(inputs: SolInputs, standing: Standing) -> list[str]:
     """How the adjustment went, what was linked, and which stops are mapped again."""
     store = inputs.workspace.store
     product, touched = read_network(standing.network, store), {str(s) for s in inputs.touched}
-    links = [_said(link) for link in product.links if link["later"] in touched]
+    links = [_link_line(link) for link in product.links if link["later"] in touched]
     mapped = read_orientations(standing.orientations, store, ()).values()
     again = [stop for stop in mapped if stop.is_new and stop.moved_m is not None]
     return [
         product.report["summary"],
         *product.by_hand,
         *links,
-        *(_moved(stop, inputs.config.reissue) for stop in again),
+        *(_remapped_line(stop, inputs.config.reissue) for stop in again),
     ]
 
 
-def _moved(stop: MappedStop, params: ReissueParams) -> str:
+def _remapped_line(stop: MappedStop, params: ReissueParams) -> str:
     return (
         f"{stop.stop} is mapped again: ground within {params.range_m:g} m of it moved by up to "
         f"{stop.moved_m:.3f} m"
     )
 
 
-def _said(link: dict[str, object]) -> str:
+def _link_line(link: dict[str, object]) -> str:
     verdict = "linked" if link["linked"] else "not linked"
     return f"{link['earlier']} - {link['later']}: {verdict}, {link['reason']}"
 
 
-def _stages(matched: Iterable[list[PairProducts]]) -> list[ProductRef]:
+def _match_products(matched: Iterable[list[PairProducts]]) -> list[ProductRef]:
     return [ref for pairs in matched for pair in pairs for ref in pair.made]

@@ -17,7 +17,7 @@ from typing import Any
 from prefect.futures import PrefectFuture
 
 from solmap.config.pipeline import PipelineConfig
-from solmap.flows.runtime.failures import by_first, layers_by_first, promised, settled
+from solmap.flows.runtime.failures import as_argument, group_by_first, group_layers, wait_for
 from solmap.flows.sol_inputs import SolInputs, SolReport, Standing
 from solmap.photogrammetry.errors import MatchingError, TerrainError
 from solmap.photogrammetry.imagery import StopId
@@ -40,7 +40,7 @@ from solmap.tasks.maps.panorama import draw_panorama, oriented_frames
 from solmap.tasks.maps.suitability import highest_camera, map_hazards, map_insolation, map_viewshed
 from solmap.tasks.maps.terrain import build_dtm, map_relief, shade_relief, trace_contours
 from solmap.tasks.network.orientations import MappedStop, OrientedPair, read_orientations
-from solmap.tasks.network.previews import picture_terrain
+from solmap.tasks.network.previews import preview_terrain
 
 NO_LAYER = "picture"
 """What is made of a stop only to be looked at beside the products."""
@@ -62,9 +62,9 @@ def map_stops(
         if oriented:
             made = _submit_stop(stop, oriented, inputs)
             futures |= {(stop, what): future for what, future in made.items()}
-    done, failed = settled(f"sol {report.sol}: map the stops", futures)
+    done, failed = wait_for(f"sol {report.sol}: map the stops", futures)
     report.blame("map", {f"{kind} of {stop}": cause for (stop, kind), cause in failed.items()})
-    return layers_by_first({key: made for key, made in done.items() if key[1] != NO_LAYER})
+    return group_layers({key: made for key, made in done.items() if key[1] != NO_LAYER})
 
 
 def _submit_stop(
@@ -73,18 +73,18 @@ def _submit_stop(
     """All maps of one stop, by what is made: one product, or several at once."""
     config, store, landing = inputs.config, inputs.workspace.store, inputs.landing
     dtm = build_dtm.submit(stop, oriented, config.dtm, landing, store)
-    terrain = promised(dtm)
+    terrain = as_argument(dtm)
     futures: dict[str, PrefectFuture[Any]] = {
         "dtm": dtm,
         "orthophoto": render_orthophoto.submit(
             terrain, oriented, config.orthophoto, landing, store
         ),
-        **submit_shape(terrain, config.contour, config, landing, store),
-        **submit_meaning(terrain, config, landing, store),
+        **submit_relief(terrain, config.contour, config, landing, store),
+        **submit_suitability(terrain, config, landing, store),
         "viewshed": map_viewshed.submit(
             terrain, highest_camera(oriented), config.viewshed, landing, store
         ),
-        NO_LAYER: picture_terrain.submit(terrain, store),
+        NO_LAYER: preview_terrain.submit(terrain, store),
     }
     images = inputs.workspace.catalogue.images(stop=str(stop))
     frames = colour_frames(oriented, images, inputs.workspace)
@@ -105,7 +105,7 @@ Futures = dict[str, PrefectFuture[Any]]
 """By what is made: one product, or several at once."""
 
 
-def submit_shape(
+def submit_relief(
     terrain: ProductRef,
     contour: ContourParams,
     config: PipelineConfig,
@@ -119,7 +119,7 @@ def submit_shape(
     }
 
 
-def submit_meaning(
+def submit_suitability(
     terrain: ProductRef, config: PipelineConfig, landing: LandingPoint, store: ProductStore
 ) -> Futures:
     """What the ground means to a rover on it: for terrain models as fine as a rover feels."""
@@ -159,10 +159,10 @@ def model_stops(
             futures[stop, "points"] = make_points.submit(stop, pairs, wanted.points, landing, store)
         if wanted.dips_of_facets:
             futures[stop, "dips"] = map_dips.submit(stop, pairs, wanted.facets, landing, store)
-    done, failed = settled(f"sol {report.sol}: model the stops", futures)
+    done, failed = wait_for(f"sol {report.sol}: model the stops", futures)
     causes = {f"{kind} of {stop}": cause for (stop, kind), cause in failed.items()}
     report.tell("model", causes, "no", TerrainError)
-    return layers_by_first(done)
+    return group_layers(done)
 
 
 def draw_panoramas(
@@ -192,7 +192,7 @@ def draw_panoramas(
         dtm = {ref.kind: ref for ref in mapped.get(stop, ())}.get(ProductKind.DTM)
         if frames:
             futures[stop] = draw_panorama.submit(stop, frames, dtm, wanted.drawing, workspace.store)
-    done, failed = settled(f"sol {report.sol}: draw the panoramas", futures)
+    done, failed = wait_for(f"sol {report.sol}: draw the panoramas", futures)
     causes = {f"panorama of {stop}": cause for stop, cause in failed.items()}
     report.tell("draw", causes, "no", TerrainError)
     return done
@@ -211,22 +211,22 @@ def map_far_ground(
     """A map of far ground for every stop that is linked with earlier ones, if that is wanted."""
     if not inputs.config.wide.enabled:
         return {}
-    pairs = _match(inputs, standing, matched, report)
+    pairs = _match_wide_pairs(inputs, standing, matched, report)
     config, store, landing = inputs.config, inputs.workspace.store, inputs.landing
     futures = {}
     for stop, views in pairs.items():
         dtm = build_far_dtm.submit(stop, tuple(views), config.wide.dtm, landing, store)
-        terrain = promised(dtm)
+        terrain = as_argument(dtm)
         futures[stop, "elevation"] = dtm
-        shape = submit_shape(terrain, config.wide.contour, config, landing, store)
+        shape = submit_relief(terrain, config.wide.contour, config, landing, store)
         futures |= {(stop, what): surface for what, surface in shape.items()}
-    done, failed = settled(f"sol {report.sol}: map far ground", futures)
+    done, failed = wait_for(f"sol {report.sol}: map far ground", futures)
     causes = {f"{kind} of {stop}": cause for (stop, kind), cause in failed.items()}
     report.tell("map far ground", causes, LACKING, *FINDINGS)
-    return by_first(done)
+    return group_by_first(done)
 
 
-def _match(
+def _match_wide_pairs(
     inputs: SolInputs,
     standing: Standing,
     matched: Mapping[StopId, list[PairProducts]],
@@ -239,17 +239,17 @@ def _match(
         stop: oriented_pairs(pairs, mapped.get(str(stop))) for stop, pairs in matched.items()
     }
     futures: dict[tuple[StopId, str], PrefectFuture[WidePair]] = {}
-    for earlier, later in _linked(standing, matched, inputs):
+    for earlier, later in _linked_stops(standing, matched, inputs):
         chosen = choose_wide_pairs(oriented[later], oriented[earlier], params.limits, store)
         for eyes in chosen:
             futures[later, wide_id(eyes)] = match_wide_pair.submit(*eyes, params, store)
-    done, failed = settled(f"sol {report.sol}: match pairs across stops", futures)
+    done, failed = wait_for(f"sol {report.sol}: match pairs across stops", futures)
     causes = {name: cause for (_, name), cause in failed.items()}
     report.tell("map far ground", causes, LACKING, *FINDINGS)
-    return by_first(done)
+    return group_by_first(done)
 
 
-def _linked(
+def _linked_stops(
     standing: Standing, matched: Mapping[StopId, list[PairProducts]], inputs: SolInputs
 ) -> list[tuple[StopId, StopId]]:
     """Stops of the window that ties join, the earlier one first."""

@@ -6,24 +6,24 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from solmap.flows.runtime.failures import settled
+from solmap.flows.runtime.failures import wait_for
 from solmap.flows.sol_inputs import SolInputs, SolReport, Standing, candidates
 from solmap.photogrammetry.imagery import StopId
 from solmap.photogrammetry.matching.manual.requests import EditRequest
 from solmap.products.formats.documents.archives import read_right_turn
 from solmap.products.model import ProductRef
-from solmap.tasks.images.manual_ties import all_wishes, concerning
+from solmap.tasks.images.manual_ties import all_edit_requests, requests_within
 from solmap.tasks.images.pairs import PairProducts, pairs_of
 from solmap.tasks.mission.control import control_of
 from solmap.tasks.network.adjust import NetworkParams, NetworkStep, adjust_network
 from solmap.tasks.network.match import MatchParams, match_stereo_pair
-from solmap.tasks.network.previews import picture_pair
+from solmap.tasks.network.previews import preview_pair
 from solmap.tasks.network.singles import (
+    drop_repeats,
     read_singles,
     singles_notes,
     singles_of,
     tie_singles,
-    without_repeats,
 )
 from solmap.tasks.network.tie import StopProducts, link_stops, tie_stop
 
@@ -35,13 +35,13 @@ def match_pairs(inputs: SolInputs, report: SolReport) -> dict[StopId, list[PairP
     window = {stop.stop for stop in inputs.window}
     pairs = pairs_of(inputs.images)
     futures = {pair.id: match_stereo_pair.submit(pair, params, workspace.store) for pair in pairs}
-    done, failed = settled(f"sol {sol}: match stereo pairs", futures)
+    done, failed = wait_for(f"sol {sol}: match stereo pairs", futures)
     report.blame("match", failed)
     pictures = {
-        pair: picture_pair.submit(matched, config.sparse, workspace.store)
+        pair: preview_pair.submit(matched, config.sparse, workspace.store)
         for pair, matched in done.items()
     }
-    report.blame("picture", settled(f"sol {sol}: picture the matches", pictures)[1])
+    report.blame("picture", wait_for(f"sol {sol}: picture the matches", pictures)[1])
     matched: dict[StopId, list[PairProducts]] = {stop: [] for stop in sorted(window)}
     for products in done.values():
         matched[products.files.stop].append(products)
@@ -64,7 +64,7 @@ def adjust_stops(
     config, store, sol = inputs.config, inputs.workspace.store, inputs.sol
     telemetry = {stop.stop: stop for stop in inputs.window}
     stops = {name: StopProducts(name, tuple(pairs)) for name, pairs in matched.items() if pairs}
-    ties, failed = settled(
+    ties, failed = wait_for(
         f"sol {sol}: tie pairs within stops",
         {
             name: tie_stop.submit(stop, telemetry[name], config.inter_stereo, store)
@@ -72,13 +72,13 @@ def adjust_stops(
         },
     )
     report.blame("tie", failed)
-    links, links_failed = settled(
+    links, links_failed = wait_for(
         f"sol {sol}: tie stops across sites",
         {
             f"{old} - {new}": link_stops.submit(
                 stops[old], stops[new], telemetry[old], telemetry[new], config.cross_site, store
             )
-            for old, new in _links(inputs)
+            for old, new in _link_candidates(inputs)
             if old in stops and new in stops
         },
     )
@@ -96,11 +96,11 @@ def adjust_stops(
         ties=tuple(ties.values()),
         links=tuple(links.values()),
         singles=singles,
-        hand=_hand_ties(inputs, matched),
+        hand=_edit_requests(inputs, matched),
         control=control_of(inputs.mission.mission, inputs.workspace),
     )
     params = NetworkParams(config.tracks, config.adjustment)
-    done, undone = settled(
+    done, undone = wait_for(
         f"sol {sol}: adjust the network", {sol: adjust_network.submit(step, params, store)}
     )
     report.blame("adjust sol", undone)
@@ -112,7 +112,7 @@ def _tie_singles(
 ) -> tuple[ProductRef, ...]:
     """Tie images without stereo partner at the stops of the window; those of old sols are found."""
     store, window = inputs.workspace.store, {stop.stop for stop in inputs.window}
-    singles = singles_of(without_repeats(inputs.images, inputs.workspace))
+    singles = singles_of(drop_repeats(inputs.images, inputs.workspace))
     futures = {
         stop: tie_singles.submit(
             stop, files, stops[stop].pairs if stop in stops else (), inputs.config.mono, store
@@ -120,7 +120,7 @@ def _tie_singles(
         for stop, files in singles.items()
         if stop in window and (len(files) > 1 or stop in stops)
     }
-    done, failed = settled(f"sol {inputs.sol}: tie images without partner", futures)
+    done, failed = wait_for(f"sol {inputs.sol}: tie images without partner", futures)
     report.blame("tie the unpaired images of", failed)
     touched = set(inputs.touched)
     for stop, ref in done.items():
@@ -129,16 +129,16 @@ def _tie_singles(
     return tuple(done.values())
 
 
-def _hand_ties(
+def _edit_requests(
     inputs: SolInputs, matched: Mapping[StopId, Sequence[PairProducts]]
 ) -> tuple[EditRequest, ...]:
     """The hand ties that concern pairs and stops of the window and nothing beyond them."""
-    wishes = all_wishes(inputs.workspace)
+    wishes = all_edit_requests(inputs.workspace)
     known = {pair.files.id for pairs in matched.values() for pair in pairs}
-    return concerning(wishes, known | {str(stop) for stop in matched})
+    return requests_within(wishes, known | {str(stop) for stop in matched})
 
 
-def _links(inputs: SolInputs) -> list[tuple[StopId, StopId]]:
+def _link_candidates(inputs: SolInputs) -> list[tuple[StopId, StopId]]:
     """Pairs of stops of the window that are tried for a link, the earlier one first."""
     stops = inputs.telemetry.stops
     names = {stop.stop for stop in inputs.window}

@@ -36,7 +36,7 @@ def stage(task_run_name: str) -> Callable[[Callable[P, R]], Task[P, R]]:
     """A function as a task whose runs bear a name; it may hold parameters, as in `dtm-{stop}`."""
 
     def as_task(work: Callable[P, R]) -> Task[P, R]:
-        return run_as(_logged(work, task_run_name))
+        return run_as(_log_effort(work, task_run_name))
 
     run_as = task(
         task_run_name=task_run_name,
@@ -44,12 +44,12 @@ def stage(task_run_name: str) -> Callable[[Callable[P, R]], Task[P, R]]:
         retries=RETRIES,
         retry_delay_seconds=exponential_backoff(FIRST_PAUSE_S),
         retry_jitter_factor=_JITTER,
-        retry_condition_fn=may_pass,
+        retry_condition_fn=is_worth_retrying,
     )
     return as_task
 
 
-def _logged(work: Callable[P, R], name: str) -> Callable[P, R]:
+def _log_effort(work: Callable[P, R], name: str) -> Callable[P, R]:
     """The same work, and a line in the log of what it took."""
     shape = signature(work)
 
@@ -72,7 +72,7 @@ def _logged(work: Callable[P, R], name: str) -> Callable[P, R]:
     return logged
 
 
-def may_pass(_task: Task[Any, Any], _run: TaskRun, state: State[Any]) -> bool:
+def is_worth_retrying(_task: Task[Any, Any], _run: TaskRun, state: State[Any]) -> bool:
     """Whether a stage that failed is worth another attempt."""
     error = state.data
     return isinstance(error, httpx.TransportError) or (

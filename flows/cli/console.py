@@ -16,7 +16,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from solmap.config.settings import Settings
-from solmap.flows.runtime.progress import Step, listening
+from solmap.flows.runtime.progress import Step, listen
 
 if TYPE_CHECKING:
     from solmap.products.catalogue.workspace import Workspace
@@ -32,10 +32,10 @@ errors = Console(stderr=True, soft_wrap=True)
 def progress_shown() -> Iterator[None]:
     """Show steps as bars on a terminal, as a line a finished stage elsewhere."""
     if sys.stderr.isatty():
-        with _bars() as bars, listening(_BarListener(bars)):
+        with _bars() as bars, listen(_BarListener(bars)):
             yield
     else:
-        with listening(_say_finished):
+        with listen(_print_finished):
             yield
 
 
@@ -63,7 +63,7 @@ class _BarListener:
         self._bars.update(task, completed=step.done, total=step.total)  # type: ignore[arg-type]
 
 
-def _say_finished(step: Step) -> None:
+def _print_finished(step: Step) -> None:
     if step.done == step.total:
         errors.print(f"{step.stage}: {step.total} done", highlight=False)
 

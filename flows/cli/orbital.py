@@ -42,13 +42,15 @@ def add_image(  # noqa: PLR0913 - options
     ] = False,
 ) -> None:
     """Find where an orbital image lies on the rover's map, and show it there as base layer."""
-    from solmap.flows.external_data import OrbitalWish, add_orbital  # noqa: PLC0415 - slow to import
+    from solmap.flows.external_data import OrbitalOptions, add_orbital  # noqa: PLC0415 - slow to import
     from solmap.products.errors import ProductError  # noqa: PLC0415
     from solmap.tasks.mission.control import FrameParams  # noqa: PLC0415
 
     try:
         frame = None if no_control else FrameParams(shift_sigma, rotation_sigma)
-        wish = OrbitalWish(registered=not as_claimed, reach_m=reach, control=frame, heights=heights)
+        wish = OrbitalOptions(
+            registered=not as_claimed, reach_m=reach, control=frame, heights=heights
+        )
         said = add_orbital(file, mission.upper(), store_of(store), wish)
     except (ProductError, OSError) as error:
         fail(str(error))

@@ -117,7 +117,7 @@ def fetch(
             )
     except (ConfigError, FetchError, TimeoutError) as error:
         fail(str(error))
-    _end(report)
+    _print_fetch_report(report)
 
 
 def ties(
@@ -192,7 +192,7 @@ def up(
             machine.stop()
 
 
-def _end(report: FetchReport) -> None:
+def _print_fetch_report(report: FetchReport) -> None:
     """Print how a fetch ended, and exit with 1 where something failed."""
     for line in report.warnings:
         errors.print("[yellow]warning[/yellow] " + escape(line), highlight=False)

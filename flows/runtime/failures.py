@@ -27,7 +27,7 @@ log = logging.getLogger(__name__)
 
 
 @contextmanager
-def isolated(
+def isolate(
     subject: str, workspace: Workspace, failures: list[str], told: str = "{}"
 ) -> Iterator[None]:
     """Go on after the block whatever fails in it, and keep the cause; but a full disk stops all.
@@ -53,10 +53,10 @@ def isolated(
             ) from error
         log.warning("%s", told.format(cause_of(error)), exc_info=error)
         failures.append(told.format(cause_of(error)))
-        keep(Outcome.now(subject, (cause_of(error),), is_failure=True), workspace)
+        keep_outcome(Outcome.now(subject, (cause_of(error),), is_failure=True), workspace)
 
 
-def keep(outcome: Outcome, workspace: Workspace) -> None:
+def keep_outcome(outcome: Outcome, workspace: Workspace) -> None:
     """Keep how something ended; that it cannot be kept stops nothing."""
     try:
         workspace.catalogue.publish(outcomes=[outcome])
@@ -64,11 +64,11 @@ def keep(outcome: Outcome, workspace: Workspace) -> None:
         log.warning("how %s ended could not be noted: %s", outcome.subject, error)
 
 
-def mended(subject: str, workspace: Workspace) -> None:
+def clear_failure(subject: str, workspace: Workspace) -> None:
     """Say of what failed at an earlier time that it does no longer."""
     failed = {one.subject for one in workspace.catalogue.outcomes() if one.is_failure}
     if subject in failed:
-        keep(Outcome.now(subject, ()), workspace)
+        keep_outcome(Outcome.now(subject, ()), workspace)
 
 
 def cause_of(error: Exception) -> str:
@@ -82,12 +82,12 @@ K = TypeVar("K")
 T = TypeVar("T")
 
 
-def promised(future: PrefectFuture[T]) -> T:
+def as_argument(future: PrefectFuture[T]) -> T:
     """A future as the argument of another task: Prefect waits for it and hands on its result."""
     return cast("T", future)
 
 
-def by_first(results: Mapping[tuple[K, Any], T]) -> dict[K, list[T]]:
+def group_by_first(results: Mapping[tuple[K, Any], T]) -> dict[K, list[T]]:
     """Results with keys of two parts, listed by the first part."""
     listed: dict[K, list[T]] = {}
     for (first, _), result in results.items():
@@ -95,7 +95,7 @@ def by_first(results: Mapping[tuple[K, Any], T]) -> dict[K, list[T]]:
     return listed
 
 
-def layers_by_first(
+def group_layers(
     results: Mapping[tuple[K, Any], ProductRef | Sequence[ProductRef]],
 ) -> dict[K, list[ProductRef]]:
     """The same for products, of which a task makes one or several at once."""
@@ -105,7 +105,7 @@ def layers_by_first(
     return layers
 
 
-def settled(
+def wait_for(
     stage: str, futures: Mapping[K, PrefectFuture[Any]]
 ) -> tuple[dict[K, Any], dict[K, str]]:
     """Wait for tasks; results by key, and what went wrong by key.

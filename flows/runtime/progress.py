@@ -31,7 +31,7 @@ def report(stage: str, done: int, total: int) -> None:
 
 
 @contextmanager
-def listening(listener: Listener) -> Iterator[None]:
+def listen(listener: Listener) -> Iterator[None]:
     """Have `listener` told of every step inside the block."""
     _listeners.append(listener)
     try:

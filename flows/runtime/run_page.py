@@ -37,16 +37,16 @@ _LAST = 60
 """Sols in a table: a mission of years has more than a page can hold."""
 
 
-def leave_report(report: DownlinkReport, workspace: Workspace) -> None:
+def write_report(report: DownlinkReport, workspace: Workspace) -> None:
     """Leave the outcome of a downlink on the page of the run."""
     if report.sols:
         rows = [_row(sol) for sol in report.sols[-_LAST:]]
         create_table_artifact(rows, key="sols", description="Every sol that was processed")
-    leave_adjustments(report.sols, workspace)
+    write_adjustments(report.sols, workspace)
     create_markdown_artifact(_text(report), key="downlink", description="How the downlink went")
 
 
-def leave_adjustments(sols: Sequence[SolReport], workspace: Workspace) -> None:
+def write_adjustments(sols: Sequence[SolReport], workspace: Workspace) -> None:
     """Leave how good the adjustments are, the picture of each traverse, and links to all of it."""
     rows = [row for sol in sols[-_LAST:] if (row := _adjustment(sol, workspace))]
     if rows:
@@ -54,7 +54,7 @@ def leave_adjustments(sols: Sequence[SolReport], workspace: Workspace) -> None:
     address = Settings().map_url
     for mission in dict.fromkeys(sol.mission for sol in sols):
         name = mission.lower()
-        _leave_picture(mission, workspace)
+        _write_traverse_figure(mission, workspace)
         latest = max(sol.sol for sol in sols if sol.mission == mission)
         page = f"{address}/api/missions/{mission}/sols/{latest}/report"
         create_link_artifact(page, f"All of sol {latest}", key=f"sol-{name}")
@@ -64,7 +64,7 @@ def leave_adjustments(sols: Sequence[SolReport], workspace: Workspace) -> None:
     create_link_artifact(f"{address}/", "The map", key="map", description="All layers")
 
 
-def _leave_picture(mission: str, workspace: Workspace) -> None:
+def _write_traverse_figure(mission: str, workspace: Workspace) -> None:
     """The traverse as telemetry and as the adjustment have it."""
     scope, kind = region_scope(mission), ProductKind.TRAVERSE_PICTURE
     digest = workspace.catalogue.latest(scope.name, kind)
@@ -147,10 +147,10 @@ def downlink_name(images: Iterable[RoverImage]) -> str:
     sols: dict[str, set[int]] = {}
     for image in images:
         sols.setdefault(image.stop.mission, set()).add(image.sol)
-    return "downlink " + ", ".join(f"{name} sol {sols_text(of)}" for name, of in sols.items())
+    return "downlink " + ", ".join(f"{name} sol {format_sols(of)}" for name, of in sols.items())
 
 
-def sols_text(sols: Iterable[int]) -> str:
+def format_sols(sols: Iterable[int]) -> str:
     """Sols as spans: `156-160,163`; many spans as one, with their number."""
     known = sorted(set(sols))
     starts = [known[0], *(b for a, b in pairwise(known) if b != a + 1)]

@@ -15,7 +15,7 @@ from contextlib import contextmanager
 
 from sqlalchemy.exc import SQLAlchemyError
 
-from solmap.flows.runtime.progress import Step, listening
+from solmap.flows.runtime.progress import Step, listen
 from solmap.products.catalogue.runs import Run, RunRecords, RunState
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.store.process import log_context, log_to_store
@@ -72,7 +72,7 @@ class RunRecord:
 
 
 @contextmanager
-def recorded(kind: str, subject: str, workspace: Workspace) -> Iterator[RunRecord]:
+def record_run(kind: str, subject: str, workspace: Workspace) -> Iterator[RunRecord]:
     """Keep a record of the run inside the block; an exception ends it as failed.
 
     Nothing is pruned meanwhile.
@@ -80,7 +80,7 @@ def recorded(kind: str, subject: str, workspace: Workspace) -> Iterator[RunRecor
     log_to_store(workspace.store.root, "flows")
     record = RunRecord(Run.start(kind, subject), RunRecords(workspace.catalogue.engine))
     try:
-        with listening(record.step), log_context(run=record.name, flow=kind, of=subject):
+        with listen(record.step), log_context(run=record.name, flow=kind, of=subject):
             log.info("%s of %s begins", kind, subject)
             yield record
             log.info("%s of %s ends", kind, subject)

@@ -46,12 +46,12 @@ def _runner(settings: Settings) -> Runner:
         raise ConfigError(
             "SOLMAP_TASK_RUNNER=dask needs prefect-dask: install solmap[cluster], or leave it out"
         ) from error
-    address = settings.dask_address or own_cluster(settings.task_workers).scheduler_address
+    address = settings.dask_address or local_cluster(settings.task_workers).scheduler_address
     return cast("Runner", DaskTaskRunner(address=address))
 
 
 @lru_cache(maxsize=1)
-def own_cluster(workers: int) -> LocalCluster:
+def local_cluster(workers: int) -> LocalCluster:
     """Worker processes of this one, until it ends; they notice when it is killed.
 
     One for all sols: a worker takes seconds to start.

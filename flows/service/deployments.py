@@ -34,7 +34,7 @@ def deployments(settings: Settings, store: Path) -> list[RunnerDeployment]:
     made_from = {"store": str(store), "pipeline": settings.pipeline}
     inbox = {"downlink": str(settings.inbox.resolve())} if settings.inbox else {}
     return [
-        _deployed(
+        _deployment(
             process_downlink,
             DOWNLINK,
             cron=settings.downlink_cron if inbox else None,
@@ -42,7 +42,7 @@ def deployments(settings: Settings, store: Path) -> list[RunnerDeployment]:
             description="Take everything in the inbox to published layers; what is made is kept.",
             tags=["solmap", "downlink"],
         ),
-        _deployed(
+        _deployment(
             adjust_all,
             OVERALL,
             cron=settings.overall_cron,
@@ -50,14 +50,14 @@ def deployments(settings: Settings, store: Path) -> list[RunnerDeployment]:
             description="Adjust all stops of every mission together; map again those that moved.",
             tags=["solmap", "adjustment"],
         ),
-        _deployed(
+        _deployment(
             refresh_regions,
             REGION,
             parameters=made_from,
             description="Join stops to regions anew.",
             tags=["solmap", "region"],
         ),
-        _deployed(
+        _deployment(
             fetch_archive,
             FETCH,
             parameters={"instruments": ["navcam"], "out_dir": inbox.get("downlink", "")},
@@ -67,7 +67,7 @@ def deployments(settings: Settings, store: Path) -> list[RunnerDeployment]:
     ]
 
 
-def _deployed(flow: Flow[..., Any], name: str, **options: Any) -> RunnerDeployment:  # noqa: ANN401 - Prefect's own
+def _deployment(flow: Flow[..., Any], name: str, **options: Any) -> RunnerDeployment:  # noqa: ANN401 - Prefect's own
     from prefect.types.entrypoint import EntrypointType  # noqa: PLC0415
 
     how = EntrypointType.MODULE_PATH

@@ -22,7 +22,7 @@ from solmap.flows.runtime.engine import address, await_engine, engine_child, pre
 from solmap.flows.service.inbox import Inbox, InboxParams
 
 if TYPE_CHECKING:
-    from solmap.flows.service.submission import Submitted
+    from solmap.flows.service.submission import SubmittedRun
 
 LOOK_EVERY_S = 2.0
 _STUCK_S = 300.0
@@ -38,7 +38,7 @@ class Machine:
     params: InboxParams = field(default_factory=InboxParams)
     _children: dict[str, Child] = field(default_factory=dict)
     _inbox: Inbox | None = None
-    _running: Submitted | None = None
+    _running: SubmittedRun | None = None
     _looked_for_stuck_at: float = 0.0
     _trouble: str = ""
 

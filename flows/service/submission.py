@@ -50,7 +50,7 @@ def submit_requests(store: Path, *, has_inbox: bool) -> list[str]:
     book, lines = RunRequests.of(store), []
     for asked in book.waiting():
         with contextlib.suppress(ObjectNotFound):
-            state, answer = _submitted(asked, has_inbox=has_inbox)
+            state, answer = _submit(asked, has_inbox=has_inbox)
             book.answer(asked.id, state, answer)
             document = {"request": asked.id, "state": str(state), "answer": answer}
             open_catalogue(store).tell(REQUESTS_CHANGED, document)
@@ -58,7 +58,7 @@ def submit_requests(store: Path, *, has_inbox: bool) -> list[str]:
     return lines
 
 
-def _submitted(asked: RunRequest, *, has_inbox: bool) -> tuple[RequestState, str]:
+def _submit(asked: RunRequest, *, has_inbox: bool) -> tuple[RequestState, str]:
     if asked.kind is RequestKind.DOWNLINK:
         if not has_inbox:
             return RequestState.REFUSED, "no inbox is watched; start `solmap up --inbox`"
@@ -71,7 +71,7 @@ _TAKEN = [StateType.RUNNING, StateType.PENDING, StateType.CANCELLING]
 
 
 @dataclass(frozen=True, slots=True)
-class Submitted:
+class SubmittedRun:
     """A run that was asked for, and the delivery that it processes."""
 
     run: UUID
@@ -79,13 +79,13 @@ class Submitted:
     delivery: str
 
 
-def submit_inbox(delivery: str, settle_s: float) -> Submitted:
+def submit_inbox(delivery: str, settle_s: float) -> SubmittedRun:
     """Have the inbox processed; files that changed less than `settle_s` ago are left for later."""
     answer = run_deployment(
         DOWNLINK, parameters={"settle_s": settle_s}, timeout=0, as_subflow=False
     )
     run = cast("FlowRun", answer)  # outside of an event loop it is no coroutine
-    return Submitted(run.id, run.name, delivery)
+    return SubmittedRun(run.id, run.name, delivery)
 
 
 def submit(deployment: str, parameters: Mapping[str, object]) -> str:
@@ -94,14 +94,14 @@ def submit(deployment: str, parameters: Mapping[str, object]) -> str:
     return cast("FlowRun", answer).name
 
 
-def state_of(submitted: Submitted) -> str | None:
+def final_state(submitted: SubmittedRun) -> str | None:
     """How a run ended, like COMPLETED or CRASHED; None while it has not."""
     with _client() as client:
         state = client.read_flow_run(submitted.run).state
     return state.type.value if state is not None and state.is_final() else None
 
 
-def bury_the_dead() -> int:
+def mark_crashed_runs() -> int:
     """Say of all runs that claim to be running that they crashed; how many there were.
 
     For the moment at which no scheduler runs: then none of them does.

@@ -45,7 +45,7 @@ class NextMirrorError(Exception):
 
 USER_AGENT = "solmap"
 MAX_REDIRECTS = 5
-PASSING = frozenset(
+TRANSIENT = frozenset(
     {HTTPStatus.REQUEST_TIMEOUT, HTTPStatus.TOO_EARLY, HTTPStatus.TOO_MANY_REQUESTS}
     | {HTTPStatus(code) for code in (500, 502, 503, 504)}
 )
@@ -77,13 +77,13 @@ def answer(
         NextMirrorError: the server has no such file, or sends elsewhere.
     """
     for _ in range(MAX_REDIRECTS + 1):
-        response = _sent(client, url, headers)
+        response = _send(client, url, headers)
         try:
             if not response.has_redirect_location:
                 _check(response)
                 yield response
                 return
-            url = _redirected(response, hosts)
+            url = _redirect_target(response, hosts)
         finally:
             response.close()
     raise NextMirrorError(f"{host_of(url)} redirects more than {MAX_REDIRECTS} times")
@@ -99,7 +99,7 @@ def body(response: httpx.Response) -> Iterable[bytes]:
         yield from response.iter_raw()
     except httpx.TransportError as error:
         host = response.url.host
-        raise TryAgainError(f"{host} broke off the transfer ({_said(error)})") from error
+        raise TryAgainError(f"{host} broke off the transfer ({_reason(error)})") from error
 
 
 def host_of(url: str) -> str:
@@ -107,16 +107,16 @@ def host_of(url: str) -> str:
     return urlsplit(url).hostname or url
 
 
-def _sent(client: httpx.Client, url: str, headers: dict[str, str]) -> httpx.Response:
+def _send(client: httpx.Client, url: str, headers: dict[str, str]) -> httpx.Response:
     request = client.build_request("GET", url, headers=headers)
     try:
         return client.send(request, stream=True, follow_redirects=False)
     except (httpx.ConnectError, httpx.ConnectTimeout) as error:
         raise TryAgainError(
-            f"{host_of(url)} cannot be reached ({_said(error)})", reached=False
+            f"{host_of(url)} cannot be reached ({_reason(error)})", reached=False
         ) from error
     except httpx.TransportError as error:
-        raise TryAgainError(f"{host_of(url)} broke off ({_said(error)})") from error
+        raise TryAgainError(f"{host_of(url)} broke off ({_reason(error)})") from error
 
 
 def _check(response: httpx.Response) -> None:
@@ -127,13 +127,13 @@ def _check(response: httpx.Response) -> None:
             raise NextMirrorError(f"{host} sends the file {coding}-coded, though asked not to")
         return
     said = f"{host} answers {status} {response.reason_phrase} for {response.url.path}"
-    if status in PASSING:
+    if status in TRANSIENT:
         seconds = response.headers.get("retry-after", "")
         raise TryAgainError(said, float(seconds) if seconds.isdecimal() else 0.0)
     raise NextMirrorError(said)
 
 
-def _redirected(response: httpx.Response, hosts: frozenset[str]) -> str:
+def _redirect_target(response: httpx.Response, hosts: frozenset[str]) -> str:
     host = response.url.host
     try:
         target = response.url.join(response.headers["location"])
@@ -149,5 +149,5 @@ def _redirected(response: httpx.Response, hosts: frozenset[str]) -> str:
     return str(target)
 
 
-def _said(error: Exception) -> str:
+def _reason(error: Exception) -> str:
     return " ".join(str(error).split())[:200] or type(error).__name__

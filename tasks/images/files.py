@@ -40,7 +40,7 @@ def files_of(downlink: Path) -> list[Path]:
     files = [
         path
         for path in downlink.rglob("*")
-        if path.suffix.lower() in known or is_hand_ties(path.name)
+        if path.suffix.lower() in known or is_manual_tie_file(path.name)
     ]
     files = sorted(path for path in files if path.is_file())
     images = [path for path in files if path.suffix.lower() in IMAGE_SUFFIXES]
@@ -105,7 +105,7 @@ def _labels_beside(path: Path) -> Iterator[Path]:
             yield label
 
 
-def is_hand_ties(name: str) -> bool:
+def is_manual_tie_file(name: str) -> bool:
     """Whether a file of a downlink holds hand ties, by its name."""
     return name.lower().endswith(MANUAL_TIE_SUFFIXES)
 

@@ -40,12 +40,12 @@ from solmap.tasks.images.files import (
     file_bytes,
     files_of,
     image_bytes,
-    is_hand_ties,
+    is_manual_tie_file,
     is_settled,
     keep_file,
     write_bytes,
 )
-from solmap.tasks.images.manual_ties import take_hand_ties
+from solmap.tasks.images.manual_ties import take_manual_ties
 from solmap.tasks.scopes import image_scope, region_scope
 from solmap.tasks.stage import stage
 
@@ -97,7 +97,7 @@ class Intake:
         browse = Recipe(ProductKind.BROWSE, scope, file.inputs, BrowseParams())
         before = self.known.get(record.id)
         if before is not None and _rank(before) > (record.created or "", recipe.ref.digest):
-            return left_aside(name, record.id)
+            return superseded(name, record.id)
         if before is not None and before.browse == browse.ref and self.store.has(browse.ref):
             notes = before.notes
         else:
@@ -133,17 +133,17 @@ class Intake:
         return self.store.make(recipe, lambda draft: write_radiometry(draft, needed))
 
 
-def one_of_each(images: Sequence[TakenImage]) -> tuple[list[TakenImage], list[Outcome]]:
+def newest_of_each(images: Sequence[TakenImage]) -> tuple[list[TakenImage], list[Outcome]]:
     """The files that count, one for each image, and an outcome for each of the others."""
     counts: dict[str, TakenImage] = {}
     for image in sorted(images, key=lambda one: _rank(one.entry)):
         counts[image.record.id] = image
     refs = {image.entry.ref for image in counts.values()}
     others = [image for image in images if image.entry.ref not in refs]
-    return list(counts.values()), [left_aside(one.file_name, one.record.id) for one in others]
+    return list(counts.values()), [superseded(one.file_name, one.record.id) for one in others]
 
 
-def left_aside(name: str, image_id: str) -> Outcome:
+def superseded(name: str, image_id: str) -> Outcome:
     """How it ended for a file of an image that another file shows as well."""
     why = f"{name}: another file of {image_id} was made later and counts; this one is left aside"
     return Outcome.now(name, (why,))
@@ -234,14 +234,14 @@ def ingest_downlink(
         for done, one in enumerate(pool.map(lambda file: _take(file, intake), files), 1):
             progress(done, len(files))
             taken.append(one)
-    images, aside = one_of_each([one for one in taken if isinstance(one, TakenImage)])
+    images, aside = newest_of_each([one for one in taken if isinstance(one, TakenImage)])
     faults = [*(one for one in taken if isinstance(one, Outcome)), *aside]
     delivered = tuple(image.record for image in images)
-    anew = list(_read_anew(intake, {image.id for image in delivered}))
+    anew = list(_reread(intake, {image.id for image in delivered}))
     images += [one for one in anew if isinstance(one, TakenImage)]
     faults += [one for one in anew if isinstance(one, Outcome)]
     workspace.catalogue.publish(
-        images=_paired(images, workspace),
+        images=_pair_entries(images, workspace),
         pointers=[one for one in taken if isinstance(one, ProductRef)],
         outcomes=[*faults, *_outcomes(images, workspace)],
     )
@@ -250,20 +250,20 @@ def ingest_downlink(
 
 def _take(path: Path, intake: Intake) -> Taken:
     try:
-        return retry_transient(lambda: _taken(path, intake))
+        return retry_transient(lambda: _take_file(path, intake))
     except (PhotogrammetryError, OSError) as error:
         return _fault(path.name, str(error))
 
 
-def _taken(path: Path, intake: Intake) -> Taken:
+def _take_file(path: Path, intake: Intake) -> Taken:
     if path.suffix.lower() in VECTOR_SUFFIXES:
         return _take_vectors(path, intake)
-    if is_hand_ties(path.name):
-        return take_hand_ties(path.name, file_bytes(path), intake.store)
+    if is_manual_tie_file(path.name):
+        return take_manual_ties(path.name, file_bytes(path), intake.store)
     return intake.take(path.name, image_bytes(path))
 
 
-def _read_anew(intake: Intake, delivered: set[str]) -> Iterator[Taken]:
+def _reread(intake: Intake, delivered: set[str]) -> Iterator[Taken]:
     """The images of earlier downlinks that are read with other tables now."""
     for entry in intake.known.values():
         if entry.id in delivered or not intake.is_read_otherwise(entry):
@@ -296,7 +296,7 @@ def _take_vectors(path: Path, intake: Intake) -> ProductRef:
     return keep_file(ProductKind.VECTORS, path.name, data, intake.store)
 
 
-def _paired(images: Sequence[TakenImage], workspace: Workspace) -> list[ImageEntry]:
+def _pair_entries(images: Sequence[TakenImage], workspace: Workspace) -> list[ImageEntry]:
     """The new entries and those already known at the same stops, with their partners filled in."""
     by_id = {image.record.id: image.entry for image in images}
     records = {image.record.id: image.record for image in images}

@@ -26,24 +26,24 @@ from solmap.products.formats.documents.archives import (
 from solmap.products.model import ProductKind, ProductRef
 from solmap.products.store.product_store import ProductStore
 from solmap.tasks.images.files import keep_file
-from solmap.tasks.images.pairs import PairProducts, read_pair, with_right_turned
+from solmap.tasks.images.pairs import PairProducts, read_pair, turn_right_camera
 from solmap.tasks.scopes import file_scope
 
 EDITS_FILE = "map-edits.ties.geojson"
 """The file of hand ties that the edits on the map become."""
 
 
-def take_hand_ties(name: str, data: bytes, store: ProductStore) -> ProductRef:
+def take_manual_ties(name: str, data: bytes, store: ProductStore) -> ProductRef:
     """Take a file of hand ties into the store.
 
     Raises:
         MatchingError: it cannot be read; one line says where and why.
     """
-    wishes_in(data, name)  # refuses what is broken
+    read_edit_requests(data, name)  # refuses what is broken
     return keep_file(ProductKind.HAND_TIES, name, data, store)
 
 
-def wishes_in(data: bytes, name: str) -> tuple[EditRequest, ...]:
+def read_edit_requests(data: bytes, name: str) -> tuple[EditRequest, ...]:
     """The rows of a file of hand ties."""
     try:
         text = data.decode("utf-8")
@@ -63,44 +63,46 @@ def take_edits(workspace: Workspace) -> None:
         return
     rows = [{"properties": {**edit.document, "note": edit.note}} for edit in edits]
     document = {"type": "FeatureCollection", "features": rows}
-    ref = take_hand_ties(EDITS_FILE, json.dumps(document).encode(), workspace.store)
+    ref = take_manual_ties(EDITS_FILE, json.dumps(document).encode(), workspace.store)
     workspace.catalogue.publish(pointers=[ref])
 
 
-def all_wishes(workspace: Workspace) -> tuple[EditRequest, ...]:
+def all_edit_requests(workspace: Workspace) -> tuple[EditRequest, ...]:
     """The rows of all files of hand ties, file by file."""
     refs = workspace.catalogue.pointers(ProductKind.HAND_TIES)
     return tuple(
         wish
         for ref in refs
-        for wish in wishes_in(workspace.store.path(ref).read_bytes(), ref.scope.name)
+        for wish in read_edit_requests(workspace.store.path(ref).read_bytes(), ref.scope.name)
     )
 
 
-def names_in(wishes: Iterable[EditRequest]) -> set[str]:
+def named_in(wishes: Iterable[EditRequest]) -> set[str]:
     """The images and stops that wishes name."""
     points = (point for wish in wishes for point in (wish.first, wish.second))
     return {point.image for point in points if point.image}
 
 
-def concerning(wishes: Iterable[EditRequest], known: Collection[str]) -> tuple[EditRequest, ...]:
+def requests_within(
+    wishes: Iterable[EditRequest], known: Collection[str]
+) -> tuple[EditRequest, ...]:
     """The wishes whose images and stops are all `known`."""
-    return tuple(wish for wish in wishes if names_in([wish]) <= set(known))
+    return tuple(wish for wish in wishes if named_in([wish]) <= set(known))
 
 
-def wanted(wishes: Iterable[EditRequest]) -> tuple[EditRequest, ...]:
+def without_rows(wishes: Iterable[EditRequest]) -> tuple[EditRequest, ...]:
     """Wishes without where they stand, for recipes: the row of a file changes nothing."""
     return tuple(replace(wish, row="") for wish in wishes)
 
 
-def carried_out(
+def edit_ties(
     wishes: Sequence[EditRequest],
     ties: Sequence[Ties],
     pairs: Sequence[PairProducts],
     store: ProductStore,
 ) -> EditedTies:
     """Automatic ties between pairs with the wishes of a person carried out."""
-    named = names_in(wishes)
+    named = named_in(wishes)
     bodies = {pair.files.id: _body(pair, store) for pair in pairs if pair.files.id in named}
     return apply_edits(ties, wishes, bodies, {p.files.id: str(p.files.stop) for p in pairs})
 
@@ -110,6 +112,6 @@ def _body(pair: PairProducts, store: ProductStore) -> ManualImage:
     path = store.path(pair.matches)
     geometry: EpipolarPair = read_matches(path)[0]
     left, right = read_pair(pair.files, store)
-    turned = with_right_turned(right, read_right_turn(path))
+    turned = turn_right_camera(right, read_right_turn(path))
     parallax = read_parallax(store.path(pair.parallax))
     return ManualImage(pair.files.id, geometry, left.image.camera, turned.image.camera, parallax)

@@ -86,7 +86,7 @@ def pair_frame(image: RoverImage) -> Frame:
     )
 
 
-def with_right_turned(right: ReadImage, turn: tuple[float, float, float] | None) -> ReadImage:
+def turn_right_camera(right: ReadImage, turn: tuple[float, float, float] | None) -> ReadImage:
     """The right image with its camera as matching found it to stand; as labelled without a turn."""
     if turn is None:
         return right
@@ -95,7 +95,7 @@ def with_right_turned(right: ReadImage, turn: tuple[float, float, float] | None)
     return replace(right, image=replace(image, camera=camera))
 
 
-def resampled(left: ReadImage, right: ReadImage, geometry: EpipolarPair) -> EpipolarImages:
+def resample_pair(left: ReadImage, right: ReadImage, geometry: EpipolarPair) -> EpipolarImages:
     """Both images in the geometry of their pair."""
     return epipolar_images(
         geometry,
@@ -112,7 +112,7 @@ def read_matched_pair(pair: PairProducts, store: ProductStore) -> MatchedPair:
     return MatchedPair(
         pair_id=pair.files.id,
         instrument=pair.files.instrument,
-        images=resampled(left, with_right_turned(right, read_right_turn(path)), geometry),
+        images=resample_pair(left, turn_right_camera(right, read_right_turn(path)), geometry),
         matches=matches,
         parallax=read_parallax(store.path(pair.parallax)),
     )

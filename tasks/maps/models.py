@@ -152,7 +152,7 @@ def map_dips(
 
     def write(path: Path) -> None:
         facets = [facet for view in read_views(pairs, store) for facet in find_facets(view, params)]
-        write_features(path, [feature_of(facet) for facet in facets], landing)
+        write_features(path, [facet_feature(facet) for facet in facets], landing)
 
     return store.make(_recipe(ProductKind.DIPS, stop, pairs, (params, landing)), write)
 
@@ -164,7 +164,7 @@ def _recipe(
     return Recipe(kind, stop_scope(stop), inputs_of(pairs), (*params, orientations))
 
 
-def feature_of(facet: Facet) -> Feature:
+def facet_feature(facet: Facet) -> Feature:
     """A facet as a point on the map, with what a geologist writes down."""
     found, plane = facet.attitude, facet.plane
     return Feature(

@@ -40,7 +40,7 @@ from solmap.products.formats.raster.raster import read_dtm
 from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.products.store.product_store import ProductStore
 from solmap.products.store.provenance import provenance_tags
-from solmap.tasks.images.pairs import pair_frame, with_right_turned
+from solmap.tasks.images.pairs import pair_frame, turn_right_camera
 from solmap.tasks.network.orientations import Orientation
 from solmap.tasks.network.singles import ON_THE_MAST
 from solmap.tasks.scopes import stop_scope
@@ -158,7 +158,7 @@ def _read(frame: OrientedFrame, store: ProductStore) -> tuple[ReadImage, Pose]:
         path = store.path(frame.matches)
         geometry, _ = read_matches(path)
         if read.image.eye is Eye.RIGHT:
-            read = with_right_turned(read, read_right_turn(path))
+            read = turn_right_camera(read, read_right_turn(path))
     lsl_from_pair = frame.orientation.lsl_from(geometry.rover_from_pair.source)
     return read, lsl_from_pair @ geometry.rover_from_pair.inverse
 

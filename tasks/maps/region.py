@@ -55,12 +55,12 @@ def fuse_region(
             return files
 
         return (
-            store.make(model, lambda path: _moved(fused().dtm, path)),
-            store.make(seams, lambda path: _moved(fused().seams, path)),
+            store.make(model, lambda path: _move(fused().dtm, path)),
+            store.make(seams, lambda path: _move(fused().seams, path)),
         )
 
 
-def _moved(made: Path, path: Path) -> None:
+def _move(made: Path, path: Path) -> None:
     shutil.move(made, path)
 
 

@@ -28,7 +28,7 @@ from solmap.products.formats.documents.network import read_network, whole_networ
 from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.products.store.product_store import ProductStore
 from solmap.tasks.images.files import keep_file, write_bytes
-from solmap.tasks.mission.orbital import Compare, StopMap, registered
+from solmap.tasks.mission.orbital import RegistrationMethod, StopMap, find_registration
 from solmap.tasks.network.orientations import MappedStop, read_orientations
 from solmap.tasks.stage import stage
 
@@ -85,7 +85,7 @@ def control_by_image(
     image: ProductRef,
     stops: dict[StopId, StopMap],
     standing: MappedWith,
-    params: tuple[Compare, FrameParams],
+    params: tuple[RegistrationMethod, FrameParams],
     landing: LandingPoint,
     store: ProductStore,
 ) -> ProductRef:
@@ -103,7 +103,7 @@ def control_by_image(
         up_m: list[float] = []
         refused: dict[str, str] = {}
         for stop, own in stops.items():
-            outcome, _ = registered(image, [own], params[0], landing, store)
+            outcome, _ = find_registration(image, [own], params[0], landing, store)
             if outcome.correction is None:
                 refused[str(stop)] = outcome.reason
             else:
@@ -145,7 +145,7 @@ def take_control(
         rows = parse_control(data.decode("utf-8"), mission, name)
     except UnicodeDecodeError as error:
         raise AdjustmentError(f"{name}: control is text in UTF-8, but {error}") from error
-    found = [_measured(row, adjusted, params, landing, name) for row in rows]
+    found = [_control_of_row(row, adjusted, params, landing, name) for row in rows]
     file = keep_file(ProductKind.CONTROL_FILE, name, data, store)
     inputs = (file, *((network,) if any(row.map_point for row in rows) else ()))
     recipe = Recipe(ProductKind.CONTROL, file.scope, inputs, (params, landing, mission))
@@ -154,7 +154,7 @@ def take_control(
     return store.make(recipe, lambda draft: write_bytes(draft, text.encode()))
 
 
-def _measured(
+def _control_of_row(
     row: ControlRow,
     adjusted: AdjustedNetwork,
     params: FrameParams,

@@ -140,7 +140,7 @@ def traverse_lines(traverses: MissionTraverses) -> list[Feature]:
 
 def traverse_stops(traverses: MissionTraverses) -> list[Feature]:
     """A point for every stop and solution; localised ones say how far telemetry is off."""
-    off = _off(traverses)
+    off = _telemetry_errors(traverses)
     return [
         Feature(
             "Point",
@@ -158,7 +158,7 @@ def traverse_stops(traverses: MissionTraverses) -> list[Feature]:
     ]
 
 
-def _off(traverses: MissionTraverses) -> dict[str, dict[str, float]]:
+def _telemetry_errors(traverses: MissionTraverses) -> dict[str, dict[str, float]]:
     try:
         found = differences(*traverses.compared())
     except TraverseError:

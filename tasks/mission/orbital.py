@@ -47,7 +47,7 @@ class StopMap:
 
 
 @dataclass(frozen=True, slots=True)
-class Compare:
+class RegistrationMethod:
     """How an orbital image is compared with the rover's map."""
 
     registration: RegistrationParams = field(default_factory=RegistrationParams)
@@ -72,7 +72,7 @@ def take_orbital(file: Path, store: ProductStore) -> ProductRef:
 def register_orbital(
     image: ProductRef,
     stops: Sequence[StopMap],
-    params: Compare,
+    params: RegistrationMethod,
     landing: LandingPoint,
     store: ProductStore,
 ) -> ProductRef:
@@ -82,7 +82,7 @@ def register_orbital(
     recipe = Recipe(ProductKind.ORBITAL_REGISTRATION, image.scope, inputs, settings)
 
     def write(path: Path) -> None:
-        found, cell_m = registered(image, stops, params, landing, store)
+        found, cell_m = find_registration(image, stops, params, landing, store)
         document = {
             "explained": found.explained,
             "runner_up": found.runner_up,
@@ -96,10 +96,10 @@ def register_orbital(
     return store.make(recipe, write)
 
 
-def registered(
+def find_registration(
     image: ProductRef,
     stops: Sequence[StopMap],
-    params: Compare,
+    params: RegistrationMethod,
     landing: LandingPoint,
     store: ProductStore,
 ) -> tuple[Registration, float]:
@@ -115,7 +115,7 @@ def registered(
         (read_onto_grid(store.path(stop.orthophoto), grid, crs) for stop in stops),
     )
     reach_m = params.registration.search.reach_m
-    shown = grid_around(_widened(bounds, 2 * reach_m, claimed), cell_m)
+    shown = grid_around(_widen(bounds, 2 * reach_m, claimed), cell_m)
     values = read_onto_grid(store.path(image), shown, crs)
     if params.heights:
         model = OrbitalDtm(shown, values)
@@ -141,7 +141,7 @@ def draw_base(
         crs = local_crs(landing)
         correction = None if registration is None else read_correction(registration, store)
         claimed, cell_m = bounds_on_map(store.path(image), crs)
-        bounds = _widened(mapped, MARGIN_M, claimed)
+        bounds = _widen(mapped, MARGIN_M, claimed)
         shown = grid_around(bounds, cell_m)
         level = max(0, math.floor(math.log2(cell_m / FINEST_CELL_M)))
         grid = MapGrid.covering(bounds, FINEST_CELL_M * 2**level)
@@ -188,7 +188,7 @@ def _document(correction: Correction | None) -> dict[str, Any] | None:
     return {**fields, "covariance": correction.covariance.tolist()}
 
 
-def _widened(bounds: Bounds, margin_m: float, within: Bounds) -> Bounds:
+def _widen(bounds: Bounds, margin_m: float, within: Bounds) -> Bounds:
     """Bounds with a margin, cut to what there is."""
     west, south = (max(bounds[k] - margin_m, within[k]) for k in (0, 1))
     east, north = (min(bounds[k] + margin_m, within[k]) for k in (2, 3))

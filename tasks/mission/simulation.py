@@ -48,7 +48,7 @@ class SimulationParams:
     adjustment: AdjustmentParams
 
 
-def simulated(params: SimulationParams) -> SimulatedMission:
+def simulate(params: SimulationParams) -> SimulatedMission:
     """The mission itself, under the names of an archive."""
     names = mission_names(params.plan)
     return simulate_mission(np.random.default_rng(params.seed), params.plan, names=names)

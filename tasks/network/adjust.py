@@ -38,7 +38,7 @@ from solmap.products.formats.documents.network import (
 )
 from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.products.store.product_store import ProductStore
-from solmap.tasks.images.manual_ties import carried_out, names_in, wanted
+from solmap.tasks.images.manual_ties import edit_ties, named_in, without_rows
 from solmap.tasks.images.pairs import PairProducts
 from solmap.tasks.images.telemetry import TelemetryStop
 from solmap.tasks.network.singles import read_singles
@@ -97,7 +97,7 @@ class NetworkStep:
     @property
     def inputs(self) -> tuple[ProductRef, ...]:
         """The products that the step reads."""
-        named = names_in(self.hand)
+        named = named_in(self.hand)
         return (
             *((self.previous,) if self.previous else ()),
             *(pair.matches for pair in self.pairs),
@@ -113,10 +113,10 @@ class NetworkStep:
 def adjust_network(step: NetworkStep, params: NetworkParams, store: ProductStore) -> ProductRef:
     """Adjust the network of a mission up to a sol, at the stops that the step touches."""
     before = read_network(step.previous, store) if step.previous else None
-    settled = _settled(step, before, store) if before else {}
+    settled = _keep_left_stops(step, before, store) if before else {}
 
     def write(path: Path) -> None:
-        joining = _joining(step, store)
+        joining = _edited_ties(step, store)
         network = _network(step, joining, params, store)
         start = before.with_stops(step.names, store).part.at(step.window) if before else None
         adjusted, report = advance(
@@ -128,12 +128,12 @@ def adjust_network(step: NetworkStep, params: NetworkParams, store: ProductStore
 
     telemetry = tuple((str(stop.stop), stop.sols, TelemetryPose.of(stop)) for stop in step.touched)
     scope = network_scope(step.mission, step.sol, step.mode)
-    settings = (params, telemetry, step.mode, *wanted(step.hand))
+    settings = (params, telemetry, step.mode, *without_rows(step.hand))
     inputs = (*step.inputs, *(ref for ref in settled.values() if ref != step.previous))
     return store.make(Recipe(ProductKind.NETWORK, scope, inputs, settings), write)
 
 
-def _settled(
+def _keep_left_stops(
     step: NetworkStep, before: NetworkProduct, store: ProductStore
 ) -> dict[str, ProductRef]:
     """Products that hold the stops which the step leaves behind, as they were left.
@@ -157,7 +157,7 @@ def _settled(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Joining:
+class _EditedTies:
     """What joins pairs, after people had their say."""
 
     ties: tuple[Ties, ...]
@@ -165,23 +165,23 @@ class _Joining:
     by_hand: tuple[str, ...] = ()
 
 
-def _joining(step: NetworkStep, store: ProductStore) -> _Joining:
+def _edited_ties(step: NetworkStep, store: ProductStore) -> _EditedTies:
     read = [read_ties(store.path(ref)) for ref in (*step.ties, *step.links)]
     links = tuple(header for _, header in read[len(step.ties) :])
     ties = tuple(some for some, _ in read)
     if not step.hand:
-        return _Joining(ties, links)
-    changed = carried_out(step.hand, ties, step.pairs, store)
+        return _EditedTies(ties, links)
+    changed = edit_ties(step.hand, ties, step.pairs, store)
     left = changed.ties[len(step.ties) : len(ties)]
     links = tuple(
         link if len(some) or not link["linked"] else link | VETOED
         for link, some in zip(links, left, strict=True)
     )
-    return _Joining(changed.ties, links, (str(changed), *changed.notes))
+    return _EditedTies(changed.ties, links, (str(changed), *changed.notes))
 
 
 def _network(
-    step: NetworkStep, joining: _Joining, params: NetworkParams, store: ProductStore
+    step: NetworkStep, joining: _EditedTies, params: NetworkParams, store: ProductStore
 ) -> Network:
     paths = [store.path(pair.matches) for pair in step.pairs]
     read = [(pair, *read_matches(path)) for pair, path in zip(step.pairs, paths, strict=True)]
@@ -213,7 +213,7 @@ def _document(
     step: NetworkStep,
     adjusted: AdjustedNetwork,
     report: AdjustmentReport,
-    joining: _Joining,
+    joining: _EditedTies,
     holders: References,
 ) -> dict[str, Any]:
     part = NetworkPart(

@@ -25,8 +25,8 @@ from solmap.tasks.images.pairs import (
     PairProducts,
     pair_frame,
     read_pair,
-    resampled,
-    with_right_turned,
+    resample_pair,
+    turn_right_camera,
 )
 from solmap.tasks.scopes import pair_scope
 from solmap.tasks.stage import stage
@@ -50,7 +50,7 @@ def match_stereo_pair(pair: PairFiles, params: MatchParams, store: ProductStore)
     @cache
     def fitted() -> tuple[RoverImage, EpipolarImages, Turn | None]:
         left, right = read_pair(pair, store)
-        return left.image, *with_rows_in_line(left, right)
+        return left.image, *align_rows(left, right)
 
     def write_sparse(path: Path) -> None:
         left, images, turn = fitted()
@@ -68,24 +68,24 @@ def match_stereo_pair(pair: PairFiles, params: MatchParams, store: ProductStore)
     )
 
 
-def with_rows_in_line(left: ReadImage, right: ReadImage) -> tuple[EpipolarImages, Turn | None]:
+def align_rows(left: ReadImage, right: ReadImage) -> tuple[EpipolarImages, Turn | None]:
     """The epipolar images of a pair, and the turn of the right camera that this took.
 
     Where vertical parallax shows that the stereo bar is not as the labels have it, the right camera
     is turned to where it really points; where that does not help either, the labels stand.
     """
-    images = resampled(left, right, geometry_of(left.image, right.image))
+    images = resample_pair(left, right, pair_geometry(left.image, right.image))
     measured = vertical_parallax(images)
     if measured.fits_the_rig or len(measured.left) < FEWEST_POINTS:
         return images, None
     rover_from_pair = images.geometry.rover_from_pair
     x, y, z = (rover_from_pair.rotation @ rig_rotation(measured)).tolist()
-    turned = with_right_turned(right, (x, y, z))
-    straight = resampled(left, turned, geometry_of(left.image, turned.image))
+    turned = turn_right_camera(right, (x, y, z))
+    straight = resample_pair(left, turned, pair_geometry(left.image, turned.image))
     return (straight, (x, y, z)) if vertical_parallax(straight).fits_the_rig else (images, None)
 
 
-def geometry_of(left: RoverImage, right: RoverImage) -> EpipolarPair:
+def pair_geometry(left: RoverImage, right: RoverImage) -> EpipolarPair:
     """The epipolar geometry of a pair, in the rover frame of its stop."""
     return epipolar_pair(
         left.camera,

@@ -146,8 +146,11 @@ def choose_orientations(
         for pair in read_network(network, store).adjusted.pairs:
             by_stop.setdefault(str(pair.stop), []).append(pair)
         before = read_orientations(previous, store, by_stop) if previous else {}
-        chosen = [choose(stop, pairs, before.get(stop), params) for stop, pairs in by_stop.items()]
-        known = holders_of_orientations(previous, store) if previous else {}
+        chosen = [
+            choose_for_stop(stop, pairs, before.get(stop), params)
+            for stop, pairs in by_stop.items()
+        ]
+        known = orientation_references(previous, store) if previous else {}
         holders = {stop: ref for stop, ref in known.items() if stop not in by_stop}
         document = {
             "mapped": [asdict(mapped) for mapped in chosen],
@@ -159,7 +162,7 @@ def choose_orientations(
     return store.make(Recipe(ProductKind.ORIENTATIONS, network.scope, inputs, params), write)
 
 
-def choose(
+def choose_for_stop(
     stop: str, pairs: list[AdjustedPair], before: MappedStop | None, params: ReissueParams
 ) -> MappedStop:
     """What a stop is to be mapped with: all of its adjusted pairs, or all as they were mapped."""
@@ -197,11 +200,11 @@ def read_orientations(
     further: dict[str, MappedStop] = {}
     for holder, names in by_product.items():
         held, _ = _read(holder, store)
-        further |= {name: _kept(held[name]) for name in names}
+        further |= {name: _unmoved(held[name]) for name in names}
     return further | own
 
 
-def holders_of_orientations(ref: ProductRef, store: ProductStore) -> References:
+def orientation_references(ref: ProductRef, store: ProductStore) -> References:
     """The products that hold what each stop of a mission is mapped with."""
     own, holders = _read(ref, store)
     return holders | dict.fromkeys(own, ref)
@@ -227,6 +230,6 @@ def _mapped_of(row: dict[str, Any]) -> MappedStop:
     return MappedStop(row["stop"], orientations, row["moved_m"], row["is_new"])
 
 
-def _kept(before: MappedStop) -> MappedStop:
+def _unmoved(before: MappedStop) -> MappedStop:
     """A stop that the network has not touched."""
     return MappedStop(before.stop, before.orientations, 0.0, is_new=False)

@@ -48,7 +48,7 @@ FROM_ABOVE = (
 
 
 @stage(task_run_name="picture-{pair.files.id}")
-def picture_pair(pair: PairProducts, params: SparseParams, store: ProductStore) -> ProductRef:
+def preview_pair(pair: PairProducts, params: SparseParams, store: ProductStore) -> ProductRef:
     """What was matched in a pair: points, matches by residual, dense parallax, parallax curve."""
 
     def write(path: Path) -> None:
@@ -56,7 +56,7 @@ def picture_pair(pair: PairProducts, params: SparseParams, store: ProductStore) 
         candidates = match_interest_points(matched.images, params)
         dense = read_dense(store.path(pair.parallax))
         sheet = draw_pair(matched.images, candidates, matched.matches, dense, params.verification)
-        write_picture(path, sheet)
+        write_preview(path, sheet)
 
     return store.make(
         Recipe(ProductKind.QUICKLOOK, pair_scope(pair.files.id), pair.made, params), write
@@ -64,18 +64,18 @@ def picture_pair(pair: PairProducts, params: SparseParams, store: ProductStore) 
 
 
 @stage(task_run_name="picture-{dtm.scope}")
-def picture_terrain(dtm: ProductRef, store: ProductStore) -> ProductRef:
+def preview_terrain(dtm: ProductRef, store: ProductStore) -> ProductRef:
     """The relief of a terrain model, and how its cells came by their elevation."""
 
     def write(path: Path) -> None:
         terrain = read_dtm(store.path(dtm))
         pictures = (relief_picture(terrain, HillshadeParams()), class_picture(terrain))
-        write_picture(path, cv2.cvtColor(np.hstack(pictures), cv2.COLOR_RGBA2BGRA))
+        write_preview(path, cv2.cvtColor(np.hstack(pictures), cv2.COLOR_RGBA2BGRA))
 
     return store.make(Recipe(ProductKind.QUICKLOOK, dtm.scope, (dtm,)), write)
 
 
-def write_ties_picture(path: Path, stop: MatchedStop, ties: Ties, params: AlignmentParams) -> None:
+def write_ties_preview(path: Path, stop: MatchedStop, ties: Ties, params: AlignmentParams) -> None:
     """Every two pairs of a stop with their ties, coloured by how well they agree."""
     rest = Pose.identity(stop.stop.frame, stop.stop.frame)
     share = misfits(ties, _geometries(stop.pairs), rest, None, params)
@@ -84,10 +84,10 @@ def write_ties_picture(path: Path, stop: MatchedStop, ties: Ties, params: Alignm
 
 def write_sheet(path: Path, images: Iterable[FigureImage], ties: Ties, misfit: PerPoint) -> None:
     """Every two images that ties join, side by side, the ties coloured by their misfit."""
-    write_picture(path, draw_sheet(images, ties, misfit))
+    write_preview(path, draw_sheet(images, ties, misfit))
 
 
-def write_link_picture(
+def write_link_preview(
     path: Path, earlier: StopViews, later: StopViews, link: SiteLink, params: CrossSiteParams
 ) -> None:
     """The verdict, both stops from above as the link found them to stand, and all its ties.
@@ -105,7 +105,7 @@ def write_link_picture(
     )
     sheet = draw_sheet(map(FigureImage.of, pairs), link.ties, share, first_left=True)
     heads = [caption(text, sheet.shape[1]) for text in (str(link), FROM_ABOVE)]
-    write_picture(path, np.vstack([*heads, _stacked(above, sheet)]))
+    write_preview(path, np.vstack([*heads, _stacked(above, sheet)]))
 
 
 def _from_above(
@@ -131,7 +131,7 @@ def _stacked(above: Picture, below: Picture) -> Picture:
     return np.vstack([cv2.resize(above, size, interpolation=cv2.INTER_AREA), below])
 
 
-def write_picture(path: Path, picture: Picture) -> None:
+def write_preview(path: Path, picture: Picture) -> None:
     """Write a picture (BGR or BGRA) as PNG, no wider than `MAX_WIDTH`."""
     shrink = min(1.0, MAX_WIDTH / picture.shape[1])
     small = cv2.resize(picture, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA)

@@ -51,7 +51,7 @@ def report_quality(
     def write_page(path: Path) -> None:
         product, found, cameras = assessed()
         title = f"{product.mission}, adjustment up to sol {product.sol}"
-        pictures = _pictures(product, found, cameras)
+        pictures = _figures(product, found, cameras)
         path.write_text(report_page(title, _document(product, found), pictures))
 
     return [
@@ -78,7 +78,7 @@ def _document(product: NetworkProduct, found: Quality) -> dict[str, Any]:
     }
 
 
-def _pictures(
+def _figures(
     product: NetworkProduct, found: Quality, cameras: dict[str, PairCamera]
 ) -> dict[str, bytes]:
     network = product.adjusted

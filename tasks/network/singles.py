@@ -71,7 +71,7 @@ def singles_of(entries: Iterable[ImageEntry]) -> dict[StopId, tuple[SingleFile, 
     return {stop: tuple(files) for stop, files in found.items()}
 
 
-def without_repeats(entries: Iterable[ImageEntry], workspace: Workspace) -> list[ImageEntry]:
+def drop_repeats(entries: Iterable[ImageEntry], workspace: Workspace) -> list[ImageEntry]:
     """The images without those unpaired ones that only repeat a view, through another filter.
 
     Frames of one pointing share the mast's error, which the pair among them tells, and have no

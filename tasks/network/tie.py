@@ -28,7 +28,7 @@ from solmap.products.model import ProductKind, ProductRef, Recipe, Scope, ScopeL
 from solmap.products.store.product_store import ProductStore
 from solmap.tasks.images.pairs import PairProducts, read_matched_stop
 from solmap.tasks.images.telemetry import TelemetryStop
-from solmap.tasks.network.previews import write_link_picture, write_ties_picture
+from solmap.tasks.network.previews import write_link_preview, write_ties_preview
 from solmap.tasks.scopes import stop_scope
 from solmap.tasks.stage import stage
 
@@ -68,7 +68,7 @@ def tie_stop(
 
     @cache
     def tied() -> tuple[MatchedStop, PairTies]:
-        matched = _matched(stop, telemetry, store)
+        matched = _read_stop(stop, telemetry, store)
         return matched, tie_inter_stereo(matched, params)
 
     def write(path: Path) -> None:
@@ -77,7 +77,7 @@ def tie_stop(
 
     def write_look(path: Path) -> None:
         matched, found = tied()
-        write_ties_picture(path, matched, found.ties, params.alignment)
+        write_ties_preview(path, matched, found.ties, params.alignment)
 
     scope = stop_scope(stop.stop)
     ties = store.make(Recipe(ProductKind.TIES, scope, stop.inputs, params), write)
@@ -98,8 +98,8 @@ def link_stops(
 
     @cache
     def linked() -> tuple[StopViews, StopViews, SiteLink]:
-        one = StopViews.of(_matched(earlier, earlier_telemetry, store), params.birds_eye)
-        other = StopViews.of(_matched(later, later_telemetry, store), params.birds_eye)
+        one = StopViews.of(_read_stop(earlier, earlier_telemetry, store), params.birds_eye)
+        other = StopViews.of(_read_stop(later, later_telemetry, store), params.birds_eye)
         return one, other, tie_cross_site(one, other, params)
 
     def write(path: Path) -> None:
@@ -112,7 +112,7 @@ def link_stops(
     links = store.make(Recipe(ProductKind.LINKS, scope, inputs, (params, *poses)), write)
     store.make(
         Recipe(ProductKind.QUICKLOOK, scope, (links,)),
-        lambda path: write_link_picture(path, *linked(), params),
+        lambda path: write_link_preview(path, *linked(), params),
     )
     return links
 
@@ -122,7 +122,7 @@ def link_scope(earlier: StopId, later: StopId) -> Scope:
     return Scope(ScopeLevel.STOP, f"{later}-to-site{earlier.site:04d}-drive{earlier.drive:04d}")
 
 
-def _matched(stop: StopProducts, telemetry: TelemetryStop, store: ProductStore) -> MatchedStop:
+def _read_stop(stop: StopProducts, telemetry: TelemetryStop, store: ProductStore) -> MatchedStop:
     return read_matched_stop(telemetry, np.zeros((6, 6)), stop.pairs, store)
 
 

@@ -26,7 +26,7 @@ from solmap.tasks.maps.orthophoto import colour_frames, render_colour, render_or
 from solmap.tasks.maps.terrain import build_dtm
 from solmap.tasks.network.match import MatchParams, match_stereo_pair
 from solmap.tasks.network.orientations import Orientation, OrientedPair
-from solmap.tasks.network.singles import without_repeats
+from solmap.tasks.network.singles import drop_repeats
 
 LANDING = LandingPoint("a simulated plain", 175.47, -14.57, 3_393_000.0, "a test")
 ORTHOPHOTO = OrthophotoParams(cell_m=0.02)
@@ -94,10 +94,10 @@ def test_the_frames_of_one_pointing_are_found_by_their_filters(workspace, pair):
 def test_frames_that_repeat_the_view_of_a_pair_are_not_tied_as_images_of_their_own(workspace):
     entries = workspace.catalogue.images()
     assert len(entries) == 5
-    left = [entry for entry in without_repeats(entries, workspace) if entry.partner is None]
+    left = [entry for entry in drop_repeats(entries, workspace) if entry.partner is None]
     assert left == []
     alone = [entry for entry in entries if entry.partner is None]
-    (one,) = without_repeats(alone, workspace)  # of three filters of one pointing
+    (one,) = drop_repeats(alone, workspace)  # of three filters of one pointing
     assert one in alone
 
 

@@ -15,26 +15,26 @@ pytestmark = [pytest.mark.timeout(300), pytest.mark.usefixtures("engine")]
 def _one_cluster():
     """The cluster that flows keep ends with these tests."""
     yield
-    from solmap.flows.runtime.runners import own_cluster  # noqa: PLC0415 - imports Prefect
+    from solmap.flows.runtime.runners import local_cluster  # noqa: PLC0415 - imports Prefect
 
-    if own_cluster.cache_info().currsize:
-        own_cluster(2).close()
-        own_cluster.cache_clear()
+    if local_cluster.cache_info().currsize:
+        local_cluster(2).close()
+        local_cluster.cache_clear()
 
 
 def outcome(engine: str, store: ProductStore):
     """What comes of good tasks, of one that fails, and of one that waits for it."""
-    from solmap.flows.runtime.failures import promised, settled  # noqa: PLC0415 - imports Prefect
-    from solmap.flows.runtime.progress import listening  # noqa: PLC0415
+    from solmap.flows.runtime.failures import as_argument, wait_for  # noqa: PLC0415 - imports Prefect
+    from solmap.flows.runtime.progress import listen  # noqa: PLC0415
 
     task, steps = stages(), []
 
     def body():
         bad = task["broken"].submit(7, store)
         good = {f"good {number}": task["nothing"].submit(number, store) for number in range(6)}
-        later = task["nothing"].submit(promised(bad), store)
-        with listening(steps.append):
-            return settled("try", {**good, "bad": bad, "later": later})
+        later = task["nothing"].submit(as_argument(bad), store)
+        with listen(steps.append):
+            return wait_for("try", {**good, "bad": bad, "later": later})
 
     done, failed = run_on(engine, body)
     return done, failed, steps
@@ -57,23 +57,23 @@ def test_workers_give_the_same_results_and_say_the_same_of_failures(tmp_path):
 
 
 def test_a_full_disk_stops_the_flow_on_workers_too():
-    from solmap.flows.runtime.failures import settled  # noqa: PLC0415 - imports Prefect
+    from solmap.flows.runtime.failures import wait_for  # noqa: PLC0415 - imports Prefect
     from solmap.products.errors import StoreFullError  # noqa: PLC0415
 
     task = stages()["full"]
     with pytest.raises(StoreFullError, match="the disk is full"):
-        run_on("dask", lambda: settled("fill", {"full": task.submit()}))
+        run_on("dask", lambda: wait_for("fill", {"full": task.submit()}))
 
 
 @pytest.mark.slow
 def test_a_worker_that_is_killed_again_and_again_is_one_failure(tmp_path):
-    from solmap.flows.runtime.failures import settled  # noqa: PLC0415 - imports Prefect
+    from solmap.flows.runtime.failures import wait_for  # noqa: PLC0415 - imports Prefect
 
     store, task = ProductStore.open(tmp_path / "store"), stages()
 
     def body():
         futures = {"kill": task["kill"].submit(), "good": task["nothing"].submit(1, store)}
-        return settled("kill", futures)
+        return wait_for("kill", futures)
 
     done, failed = run_on("dask", body)
     assert list(done) == ["good"]

@@ -63,8 +63,8 @@ def _asked(flow):
 
 
 def test_a_run_is_named_by_what_it_does():
-    from solmap.flows.runtime.run_page import sols_text  # noqa: PLC0415 - imports Prefect
+    from solmap.flows.runtime.run_page import format_sols  # noqa: PLC0415 - imports Prefect
 
-    assert sols_text([158, 156, 157]) == "156-158"
-    assert sols_text([156, 158, 159, 163]) == "156,158-159,163"
-    assert sols_text(range(1, 500, 2)) == "1-499 (250 sols)"
+    assert format_sols([158, 156, 157]) == "156-158"
+    assert format_sols([156, 158, 159, 163]) == "156,158-159,163"
+    assert format_sols(range(1, 500, 2)) == "1-499 (250 sols)"

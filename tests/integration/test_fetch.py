@@ -23,7 +23,7 @@ from typer.testing import CliRunner
 
 from solmap.config.archive import load_archive
 from solmap.config.records import ConfigError
-from solmap.flows.runtime.progress import Step, listening
+from solmap.flows.runtime.progress import Step, listen
 from solmap.photogrammetry.archive.file_names import parse_file_name
 from solmap.photogrammetry.synthetic.downlink import render_jobs
 from solmap.photogrammetry.synthetic.scene import WorldParams, make_world
@@ -297,7 +297,7 @@ def wanted(images: dict[str, bytes]) -> dict[str, bytes]:
 
 def test_the_pairs_of_a_sol_arrive_byte_for_byte(archive, images, fetch):
     steps: list[Step] = []
-    with listening(steps.append):
+    with listen(steps.append):
         report = fetch(archive)
     assert report.succeeded
     assert (report.pairs, report.fetched, report.already_here) == (3, 6, 0)
@@ -464,13 +464,13 @@ def test_as_many_files_come_at_a_time_as_there_are_connections(archive, images, 
 def test_nothing_leads_from_https_to_http():
     from solmap.tasks.fetch.answers import (
         NextMirrorError,  # noqa: PLC0415
-        _redirected,  # noqa: PLC0415 - slow to import
+        _redirect_target,  # noqa: PLC0415 - slow to import
     )
 
     def redirected(location):
         request = httpx.Request("GET", "https://a.example/x.img")
         response = httpx.Response(302, headers={"Location": location}, request=request)
-        return _redirected(response, frozenset({"a.example", "b.example"}))
+        return _redirect_target(response, frozenset({"a.example", "b.example"}))
 
     assert redirected("https://b.example/y.img") == "https://b.example/y.img"
     assert redirected("/z.img") == "https://a.example/z.img"
@@ -665,11 +665,11 @@ def test_sols_without_a_pair_are_a_failure(archive, fetch):
 
 
 def test_two_fetches_do_not_write_to_one_folder_at_a_time(archive, fetch):
-    from solmap.flows.fetch import _alone_in  # noqa: PLC0415 - slow to import
+    from solmap.flows.fetch import _exclusive  # noqa: PLC0415 - slow to import
     from solmap.tasks.fetch.answers import FetchError  # noqa: PLC0415
 
     with (
-        _alone_in(fetch.folder / "out"),
+        _exclusive(fetch.folder / "out"),
         pytest.raises(FetchError, match="another fetch is writing to"),
     ):
         fetch(archive)

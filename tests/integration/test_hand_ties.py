@@ -18,7 +18,7 @@ from solmap.products.formats.documents.archives import read_matches, read_ties, 
 from solmap.products.formats.documents.network import read_network
 from solmap.products.model import ProductKind, Recipe, Scope, ScopeLevel
 from solmap.tasks.images.ingest import ingest_downlink
-from solmap.tasks.images.manual_ties import all_wishes, concerning
+from solmap.tasks.images.manual_ties import all_edit_requests, requests_within
 from solmap.tasks.images.pairs import pairs_of, read_pair
 from solmap.tasks.images.telemetry import read_telemetry
 from solmap.tasks.network.adjust import NetworkParams, NetworkStep, adjust_network
@@ -70,14 +70,14 @@ class Stop:
             pairs=self.pairs,
             ties=(self.ties,),
             links=links,
-            hand=concerning(wishes, set(self.ids)),
+            hand=requests_within(wishes, set(self.ids)),
         )
         return adjust_network.fn(step, NetworkParams(), self.store)
 
     def wishes(self, text):
         (self.downlink / "mine.ties.csv").write_text(HEAD + text)
         assert not ingest_downlink.fn(self.downlink, self.workspace).faults
-        return all_wishes(self.workspace)
+        return all_edit_requests(self.workspace)
 
     def clicks(self, count):
         """Where the originals of both left images show some automatic ties."""

@@ -16,8 +16,8 @@ from solmap.photogrammetry.synthetic.traverse import TraverseParams
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.photogrammetry.terrain.dtm.records import TerrainView
 from solmap.photogrammetry.terrain.dtm.stop_dtm import DtmParams
-from solmap.tasks.images.pairs import resampled
-from solmap.tasks.network.match import geometry_of
+from solmap.tasks.images.pairs import resample_pair
+from solmap.tasks.network.match import pair_geometry
 from tests.support.terrain_truth import Judgement, StopInTruth, Truth, judge
 
 WORLDS = (("plains", 301), ("hills", 302), ("crater", 303))
@@ -38,7 +38,7 @@ def judged(request, tmp_path_factory) -> Judgement:
 def view_of(world: World, shot: Shot) -> TerrainView:
     """A pair of the world as matched, looking from where it truly stood."""
     left, right = (read(world, shot, eye) for eye in (Eye.LEFT, Eye.RIGHT))
-    images = resampled(left, right, geometry_of(left.image, right.image))
+    images = resample_pair(left, right, pair_geometry(left.image, right.image))
     dense = match_densely(images)
     return TerrainView(
         pair_id=left.image.id,

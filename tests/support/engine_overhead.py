@@ -73,15 +73,15 @@ def main() -> None:
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         start_engine(Path(folder))
-        from solmap.flows.runtime.failures import settled  # noqa: PLC0415
+        from solmap.flows.runtime.failures import wait_for  # noqa: PLC0415
         from solmap.products.store.product_store import ProductStore  # noqa: PLC0415
 
         store, nothing = ProductStore.open(Path(folder)), stages()["nothing"]
 
         def timed() -> tuple[float, float, float]:
-            settled("warm", {k: nothing.submit(k, store) for k in range(8)})
+            wait_for("warm", {k: nothing.submit(k, store) for k in range(8)})
             started, own, theirs = time.perf_counter(), time.process_time(), _of_workers()
-            settled("timed", {k: nothing.submit(k, store) for k in range(arguments.tasks)})
+            wait_for("timed", {k: nothing.submit(k, store) for k in range(arguments.tasks)})
             ended = time.perf_counter(), time.process_time(), _of_workers()
             return ended[0] - started, ended[1] - own, ended[2] - theirs
 

@@ -13,8 +13,8 @@ from solmap.photogrammetry.imagery import StopId
 from solmap.photogrammetry.matching.records import MatchedPair, MatchedStop
 from solmap.photogrammetry.matching.stereo.dense import match_densely
 from solmap.photogrammetry.matching.stereo.sparse import SparseParams, match_sparsely
-from solmap.tasks.images.pairs import resampled
-from solmap.tasks.network.match import geometry_of
+from solmap.tasks.images.pairs import resample_pair
+from solmap.tasks.network.match import pair_geometry
 from tests.support.simulated_stops import CACHE, SimulatedStop, WorldOfStops, code_digest
 
 HUSBAND = WorldOfStops("husband", (0.0, 0.0), seed=0, stops=3)
@@ -48,7 +48,7 @@ def matched_pairs(files: list[Path]) -> tuple[MatchedPair, ...]:
     pairs = []
     for pair in find_stereo_pairs([r.image for r in reads.values()]).pairs:
         left, right = reads[pair.left.id], reads[pair.right.id]
-        images = resampled(left, right, geometry_of(left.image, right.image))
+        images = resample_pair(left, right, pair_geometry(left.image, right.image))
         matches = match_sparsely(pair.id, images, SparseParams())
         name = left.image.instrument
         pairs.append(MatchedPair(pair.id, name, images, matches, match_densely(images).parallax_px))

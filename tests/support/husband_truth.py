@@ -20,8 +20,8 @@ from solmap.photogrammetry.cameras.cahvor import Cahvor
 from solmap.photogrammetry.frames import LSL, Pose
 from solmap.photogrammetry.imagery import RoverImage
 from solmap.photogrammetry.matching.records import EpipolarImages
-from solmap.tasks.images.pairs import resampled
-from solmap.tasks.network.match import geometry_of
+from solmap.tasks.images.pairs import resample_pair
+from solmap.tasks.network.match import pair_geometry
 
 NEAREST_M, FURTHEST_M = 1.0, 90.0
 STEP = 1.001
@@ -98,7 +98,7 @@ def judged_pairs(folder: Path, sol: int, instrument: str) -> Iterator[JudgedPair
     reads = {r.image.id: r for r in (read_image(f.read_bytes(), f.name) for f in files)}
     for pair in find_stereo_pairs([r.image for r in reads.values()]).pairs:
         left, right = reads[pair.left.id], reads[pair.right.id]
-        images = resampled(left, right, geometry_of(left.image, right.image))
+        images = resample_pair(left, right, pair_geometry(left.image, right.image))
         pose = true_pose(folder, left.image) @ images.geometry.rover_from_pair
         yield JudgedPair(pair.id, images, pose, *_grid(folder / "truth" / "dtm.tif"))
 

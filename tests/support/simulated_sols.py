@@ -128,7 +128,7 @@ class _Maker:
 
     def make(self) -> None:
         """Matches of the new pairs, ties of their stops, links to those before."""
-        from solmap.flows.sol_network import _links  # noqa: PLC0415 - brings the engine
+        from solmap.flows.sol_network import _link_candidates  # noqa: PLC0415 - brings the engine
         from solmap.tasks.images.pairs import pairs_of  # noqa: PLC0415
         from solmap.tasks.network.tie import StopProducts  # noqa: PLC0415
 
@@ -143,7 +143,7 @@ class _Maker:
                 ProductKind.TIES, _stop_scope(name), stop.inputs, inputs.config.inter_stereo
             )
             self._look(store.make(recipe, lambda p, r=rows, h=header: self._write(p, r, h)))
-        for old, new in _links(inputs):
+        for old, new in _link_candidates(inputs):
             if new in inputs.new_stops:
                 self._linked(stops[old], stops[new], window[old], window[new])
 

@@ -23,8 +23,8 @@ from solmap.photogrammetry.synthetic.downlink import RenderJob
 from solmap.photogrammetry.synthetic.scene import Shot, World, WorldParams, make_world
 from solmap.photogrammetry.synthetic.traverse import TraverseParams
 from solmap.photogrammetry.synthetic.truth import true_parallax
-from solmap.tasks.images.pairs import resampled
-from solmap.tasks.network.match import geometry_of
+from solmap.tasks.images.pairs import resample_pair
+from solmap.tasks.network.match import pair_geometry
 
 ROOT = Path(__file__).resolve().parents[2]
 CACHE = ROOT / ".cache" / "cross_site"
@@ -117,7 +117,7 @@ def _made(which: WorldOfStops, number: int) -> SimulatedStop:
 
 def _matched(world: World, shot: Shot) -> MatchedPair:
     left, right = (_read(world, shot, eye) for eye in (Eye.LEFT, Eye.RIGHT))
-    images = resampled(left, right, geometry_of(left.image, right.image))
+    images = resample_pair(left, right, pair_geometry(left.image, right.image))
     name = left.image.id
     matches = match_sparsely(name, images, SparseParams())
     return MatchedPair(

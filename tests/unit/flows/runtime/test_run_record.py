@@ -4,7 +4,7 @@ import pytest
 from sqlalchemy.exc import OperationalError
 
 from solmap.flows.runtime.progress import report
-from solmap.flows.runtime.run_record import recorded
+from solmap.flows.runtime.run_record import record_run
 from solmap.products.catalogue.runs import RunRecords, RunState
 from solmap.products.catalogue.workspace import Workspace
 
@@ -20,7 +20,7 @@ def kept(workspace):
 
 
 def test_progress_is_written_down_while_it_happens(workspace):
-    with recorded("downlink", "sol156", workspace) as record:
+    with record_run("downlink", "sol156", workspace) as record:
         report("match pairs", 2, 7)
         record.say(["an image has no partner"])
         run = kept(workspace)
@@ -35,7 +35,7 @@ def test_progress_is_written_down_while_it_happens(workspace):
 
 
 def test_a_run_with_failures_ends_as_failed(workspace):
-    with recorded("downlink", "sol156", workspace) as record:
+    with record_run("downlink", "sol156", workspace) as record:
         record.fail_if([])
         record.fail_if(["sol 156: the network is singular"])
     assert kept(workspace).state is RunState.FAILED
@@ -43,14 +43,14 @@ def test_a_run_with_failures_ends_as_failed(workspace):
 
 
 def test_an_exception_ends_the_run_and_is_named(workspace):
-    with pytest.raises(ValueError, match="no such folder"), recorded("downlink", "x", workspace):
+    with pytest.raises(ValueError, match="no such folder"), record_run("downlink", "x", workspace):
         raise ValueError("no such folder")
     assert kept(workspace).state is RunState.FAILED
     assert kept(workspace).lines == ("failed: ValueError: no such folder",)
 
 
 def test_many_quick_parts_are_not_written_one_by_one(workspace):
-    with recorded("downlink", "sol156", workspace):
+    with record_run("downlink", "sol156", workspace):
         for done in range(1, 1001):
             report("ingest files", done, 1000)
     assert workspace.catalogue.version() < 20
@@ -62,6 +62,6 @@ def test_a_record_that_cannot_be_written_does_not_stop_the_run(workspace, monkey
         raise OperationalError("write", {}, Exception("database is locked"))
 
     monkeypatch.setattr(RunRecords, "write", refuse)
-    with recorded("downlink", "sol156", workspace):
+    with record_run("downlink", "sol156", workspace):
         report("match pairs", 1, 1)
     assert "database is locked" in caplog.text

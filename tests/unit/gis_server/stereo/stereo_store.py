@@ -46,7 +46,7 @@ from solmap.products.formats.documents.archives import (
 )
 from solmap.products.formats.raster.raster import read_dtm, summarise, write_dtm
 from solmap.products.model import Layer, ProductKind, ProductRef, Recipe, Scope, ScopeLevel
-from solmap.tasks.network.match import geometry_of
+from solmap.tasks.network.match import pair_geometry
 
 LANDING = LandingPoint("Columbia Memorial Station", 175.4729, -14.5692, 3_393_000.0, "a test")
 PARAMS = WorldParams(
@@ -126,7 +126,7 @@ def build_stereo_store(root: Path) -> StereoStore:
 def _pair(world: World, shot: Shot, workspace: Workspace) -> _Pair:
     files = [RenderJob(shot, eye).run(world) for eye in (Eye.LEFT, Eye.RIGHT)]
     left, right = (read_image(f.data, f.path.rsplit("/", 1)[-1]) for f in files)
-    geometry = geometry_of(left.image, right.image)
+    geometry = pair_geometry(left.image, right.image)
     number = sum(1 for s in world.shots[: world.shots.index(shot)] if s.stop == shot.stop)
     parallax = true_parallax(world, shot.stop, number, geometry)
     _publish_pair((left, right), [f.data for f in files], geometry, parallax, workspace)

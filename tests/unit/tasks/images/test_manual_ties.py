@@ -5,7 +5,7 @@ import pytest
 from solmap.photogrammetry.matching.manual.requests import EditAction
 from solmap.products.catalogue.edits import EditKind, EditLog
 from solmap.products.catalogue.workspace import Workspace
-from solmap.tasks.images.manual_ties import all_wishes, take_edits
+from solmap.tasks.images.manual_ties import all_edit_requests, take_edits
 
 VETO = {"action": "veto", "first_image": "A", "second_image": "B"}
 ADD = {
@@ -27,7 +27,7 @@ def workspace(tmp_path):
 
 def test_a_store_without_edits_gets_no_file(workspace):
     take_edits(workspace)
-    assert all_wishes(workspace) == ()
+    assert all_edit_requests(workspace) == ()
     assert workspace.catalogue.version() == 0
 
 
@@ -37,24 +37,24 @@ def test_edits_are_wishes_until_they_are_taken_back(workspace):
     added = log.append("MER2", EditKind.TIE, ADD, "Ada")
     log.append("MER2", EditKind.ANNOTATION, {"text": "no tie"}, "Ada")
     take_edits(workspace)
-    veto, add = all_wishes(workspace)
+    veto, add = all_edit_requests(workspace)
     assert (veto.action, add.action) == (EditAction.VETO, EditAction.ADD)
     assert (add.first.point, add.second.point, add.sigma_px) == ((1.5, 2.5), (3.5, 4.5), 0.5)
     log.undo("MER2", added.id, "Ben")
     take_edits(workspace)
-    assert all_wishes(workspace) == (veto,)
+    assert all_edit_requests(workspace) == (veto,)
     log.undo("MER2", 1, "Ben")
     take_edits(workspace)
-    assert all_wishes(workspace) == ()
+    assert all_edit_requests(workspace) == ()
 
 
 def test_files_of_hand_ties_stay_beside_the_edits(workspace):
-    from solmap.tasks.images.manual_ties import take_hand_ties  # noqa: PLC0415
+    from solmap.tasks.images.manual_ties import take_manual_ties  # noqa: PLC0415
 
-    ref = take_hand_ties(
+    ref = take_manual_ties(
         "mine.ties.csv", b"action,first_image,second_image\nveto,X,Y\n", workspace.store
     )
     workspace.catalogue.publish(pointers=[ref])
     EditLog.of(workspace.store.root).append("MER2", EditKind.TIE, VETO, "Ada")
     take_edits(workspace)
-    assert {wish.first.image for wish in all_wishes(workspace)} == {"A", "X"}
+    assert {wish.first.image for wish in all_edit_requests(workspace)} == {"A", "X"}

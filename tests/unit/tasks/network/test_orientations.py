@@ -9,7 +9,7 @@ from solmap.photogrammetry.adjustment.model.adjusted_network import AdjustedPair
 from solmap.photogrammetry.adjustment.quality.movement import ReissueParams
 from solmap.photogrammetry.frames import LSL, Frame, FrameKind, Pose
 from solmap.photogrammetry.imagery import StopId
-from solmap.tasks.network.orientations import MappedStop, Orientation, choose
+from solmap.tasks.network.orientations import MappedStop, Orientation, choose_for_stop
 
 STOP = StopId("MER2", 10, 64)
 NAME = str(STOP)
@@ -32,7 +32,7 @@ def pair(number: int, azimuth: float, north_m: float = 0.0) -> AdjustedPair:
 
 
 def mapped(*pairs: AdjustedPair) -> MappedStop:
-    return choose(NAME, list(pairs), None, PARAMS)
+    return choose_for_stop(NAME, list(pairs), None, PARAMS)
 
 
 def test_a_new_stop_is_mapped_as_adjusted():
@@ -43,7 +43,7 @@ def test_a_new_stop_is_mapped_as_adjusted():
 
 def test_a_stop_that_moved_by_less_than_the_threshold_stays_as_it_was_mapped():
     before = mapped(pair(1, 0.1), pair(2, 0.7))
-    now = choose(NAME, [pair(1, 0.1, 0.004), pair(2, 0.7 + 0.0015)], before, PARAMS)
+    now = choose_for_stop(NAME, [pair(1, 0.1, 0.004), pair(2, 0.7 + 0.0015)], before, PARAMS)
     assert now.orientations == before.orientations
     assert not now.is_new
     np.testing.assert_allclose(now.moved_m, 0.015, rtol=1e-6)  # 10 m * 1.5 mrad, chord for arc
@@ -52,7 +52,7 @@ def test_a_stop_that_moved_by_less_than_the_threshold_stays_as_it_was_mapped():
 def test_one_pair_that_moved_brings_the_whole_stop_anew():
     before = mapped(pair(1, 0.1), pair(2, 0.7))
     moved = [pair(1, 0.1, 0.004), pair(2, 0.7 + 0.0025)]
-    now = choose(NAME, moved, before, PARAMS)
+    now = choose_for_stop(NAME, moved, before, PARAMS)
     assert now.orientations == tuple(Orientation.of(p) for p in moved)
     assert now.is_new
 
@@ -60,14 +60,14 @@ def test_one_pair_that_moved_brings_the_whole_stop_anew():
 def test_small_movements_add_up_to_a_new_map():
     stands, remade = mapped(pair(1, 0.0)), []
     for step in range(1, 11):
-        stands = choose(NAME, [pair(1, 0.0, 0.009 * step)], stands, PARAMS)
+        stands = choose_for_stop(NAME, [pair(1, 0.0, 0.009 * step)], stands, PARAMS)
         remade.append(stands.is_new)
     assert remade == [False, False, True] * 3 + [False]
 
 
 def test_a_pair_more_brings_the_whole_stop_anew():
     before = mapped(pair(1, 0.1))
-    now = choose(NAME, [pair(2, 0.7), pair(1, 0.1)], before, PARAMS)
+    now = choose_for_stop(NAME, [pair(2, 0.7), pair(1, 0.1)], before, PARAMS)
     assert [o.pair_id for o in now.orientations] == ["PAIR1", "PAIR2"]
     assert now.is_new
     assert now.moved_m is None
@@ -76,5 +76,5 @@ def test_a_pair_more_brings_the_whole_stop_anew():
 def test_without_a_threshold_any_movement_counts():
     before = mapped(pair(1, 0.1))
     none = replace(PARAMS, shift_m=0.0)
-    assert choose(NAME, [pair(1, 0.1, 1e-9)], before, none).is_new
-    assert not choose(NAME, [pair(1, 0.1)], before, none).is_new
+    assert choose_for_stop(NAME, [pair(1, 0.1, 1e-9)], before, none).is_new
+    assert not choose_for_stop(NAME, [pair(1, 0.1)], before, none).is_new
