@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from solmap.products.catalogue.pruning import PruningParams, prune, unreferenced_products
-from solmap.products.catalogue.runs import FinishedSols
+from solmap.products.catalogue.runs import FinishedSolRecords
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.errors import ProductError
 from solmap.products.model import Layer, ProductKind, ProductRef, Recipe, Scope, ScopeLevel
@@ -102,7 +102,7 @@ def test_what_a_parameter_names_is_needed(workspace):
 def test_what_a_finished_sol_left_stays_though_a_later_one_mapped_it_again(workspace, mapped):
     standing = [f"{ref.kind}/stop/{ref.scope}/{ref.digest}" for ref in (mapped["matches"],)]
     layers = [f"{mapped['old'].kind}/stop/{STOP}/{mapped['old'].digest}"]
-    book = FinishedSols(workspace.catalogue.engine)
+    book = FinishedSolRecords(workspace.catalogue.engine)
     book.note("mer2-sol0155", "key", {"standing": standing, "layers": layers})
     assert gone(workspace) == {mapped["old_slope"]}
 
