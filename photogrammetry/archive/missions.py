@@ -1,7 +1,6 @@
 """What differs from mission to mission: names of instruments, frames and groups, stereo filters.
 
-A new mission is one more record here (or one made by the caller): readers take the records as an
-argument and have no mission's name in their code.
+A new mission is one more record here: readers of labels have no mission's name in their code.
 """
 
 from __future__ import annotations

@@ -20,7 +20,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
-from solmap.photogrammetry.archive.missions import MISSIONS, Mission, mission_of_host
+from solmap.photogrammetry.archive.missions import mission_of_host
 from solmap.photogrammetry.imagery import Eye, RoverImage, StereoPair
 
 MAX_CLOCK_DIFFERENCE = 1.0
@@ -45,9 +45,7 @@ class StereoPairing:
     """Image id -> reason."""
 
 
-def find_stereo_pairs(
-    images: Sequence[RoverImage], missions: Sequence[Mission] = MISSIONS
-) -> StereoPairing:
+def find_stereo_pairs(images: Sequence[RoverImage]) -> StereoPairing:
     """Put the frames of an exposure together."""
     pairs: list[StereoPair] = []
     unpaired: dict[str, str] = {}
@@ -55,14 +53,14 @@ def find_stereo_pairs(
     for image in images:
         by_clock[int(image.clock // MAX_CLOCK_DIFFERENCE)].append(image)
     for exposure in _exposures(images):
-        pair = _best_pair(exposure, missions)
+        pair = _best_pair(exposure)
         if pair is not None:
             pairs.append(pair)
         for image in exposure:
             if pair is None:
-                unpaired[image.id] = _why_alone(image, _around(image, by_clock), missions)
+                unpaired[image.id] = _why_alone(image, _around(image, by_clock))
             elif image.id not in {pair.left.id, pair.right.id}:
-                unpaired[image.id] = _why_not_used(image, pair, missions)
+                unpaired[image.id] = _why_not_used(image, pair)
     pairs.sort(key=lambda pair: (pair.left.clock, pair.left.id))
     paired = {image.id for pair in pairs for image in (pair.left, pair.right)}
     return StereoPairing(
@@ -102,7 +100,7 @@ def group_by_clock(
     return groups
 
 
-def _best_pair(exposure: Sequence[RoverImage], missions: Sequence[Mission]) -> StereoPair | None:
+def _best_pair(exposure: Sequence[RoverImage]) -> StereoPair | None:
     """The frames of an exposure that are matched, by the order in the module's docstring."""
     candidates = [
         (left, right)
@@ -112,7 +110,7 @@ def _best_pair(exposure: Sequence[RoverImage], missions: Sequence[Mission]) -> S
         if right.eye is Eye.RIGHT
         and _kind(right) == _kind(left)
         and right.is_linearised == left.is_linearised
-        and _filters_agree(left, right, missions)
+        and _filters_agree(left, right)
     ]
     if not candidates:
         return None
@@ -140,34 +138,34 @@ def _version(image: RoverImage) -> int:
     return int(last, 36) if last.isascii() and last.isalnum() else 0
 
 
-def _filters_agree(left: RoverImage, right: RoverImage, missions: Sequence[Mission]) -> bool:
+def _filters_agree(left: RoverImage, right: RoverImage) -> bool:
     """Whether both eyes see one band; cameras without filter wheel always do."""
-    allowed = _allowed_filters(left, missions).get(left.instrument)
+    allowed = _allowed_filters(left).get(left.instrument)
     if allowed is None or left.filter_number is None or right.filter_number is None:
         return allowed != frozenset()
     return (left.filter_number, right.filter_number) in allowed
 
 
 def _allowed_filters(
-    image: RoverImage, missions: Sequence[Mission]
+    image: RoverImage,
 ) -> Mapping[str, frozenset[tuple[int, int]]]:
-    mission = mission_of_host(image.stop.mission, missions)
+    mission = mission_of_host(image.stop.mission)
     return mission.stereo_filters if mission else {}
 
 
-def _why_not_used(image: RoverImage, pair: StereoPair, missions: Sequence[Mission]) -> str:
+def _why_not_used(image: RoverImage, pair: StereoPair) -> str:
     """Why a frame of an exposure that makes a pair is not in it."""
     used = pair.left if image.eye is Eye.LEFT else pair.right
     if image.eye is not Eye.MONO and _same_band(image, used):
         return f"{used.product_type} {used.id} of the same exposure is used instead"
-    return _why_alone(image, (image, pair.left, pair.right), missions)
+    return _why_alone(image, (image, pair.left, pair.right))
 
 
 def _same_band(first: RoverImage, second: RoverImage) -> bool:
     return first.eye is second.eye and first.filter_number == second.filter_number
 
 
-def _why_alone(image: RoverImage, images: Sequence[RoverImage], missions: Sequence[Mission]) -> str:
+def _why_alone(image: RoverImage, images: Sequence[RoverImage]) -> str:
     """What is missing for a pair."""
     if image.eye is Eye.MONO:
         return f"{image.instrument} has one eye"
@@ -189,7 +187,7 @@ def _why_alone(image: RoverImage, images: Sequence[RoverImage], missions: Sequen
             f"not {image.motion_counter}"
         )
     left, right = (image, partner) if image.eye is Eye.LEFT else (partner, image)
-    if not _filters_agree(left, right, missions):
+    if not _filters_agree(left, right):
         return (
             f"the filters of {left.id} (L{left.filter_number}) and {right.id} "
             f"(R{right.filter_number}) see different bands"

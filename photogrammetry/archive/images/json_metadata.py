@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from solmap.photogrammetry.archive.missions import M2020, Mission
+from solmap.photogrammetry.archive.missions import M2020
 from solmap.photogrammetry.cameras.cahv import Cahv
 from solmap.photogrammetry.cameras.cahvor import Cahvor
 from solmap.photogrammetry.cameras.cahvore import Cahvore
@@ -77,14 +77,13 @@ def camera_of_metadata(text: str, source: str) -> Cahv | Cahvor | Cahvore:
 
 
 def rover_image_of_metadata(
-    text: str, source: str, mission: Mission = M2020, *, site_from_rover: Pose | None = None
+    text: str, source: str, *, site_from_rover: Pose | None = None
 ) -> RoverImage:
     """The record of a raw image.
 
     Args:
         text: its metadata.
         source: the name of their file.
-        mission: whose instruments they are.
         site_from_rover: where the rover stood, if the metadata do not say.
 
     Raises:
@@ -96,13 +95,13 @@ def rover_image_of_metadata(
         raise LabelError(f"{source}: no mapping image: sample_type is {kind!a}")
     camera = camera_of_metadata(json.dumps(metadata), source)
     instrument = str(metadata.get("instrument")).upper()
-    if instrument not in mission.instruments:
+    if instrument not in M2020.instruments:
         raise LabelError(
             f"{source}: instrument {instrument[:40]!a} is no camera that is known here"
         )
-    name, eye = mission.instruments[instrument]
+    name, eye = M2020.instruments[instrument]
     site, drive = (_counter(metadata, key, source) for key in ("site", "drive"))
-    stop = StopId(mission.hosts[0], site, drive)
+    stop = StopId(M2020.hosts[0], site, drive)
     samples, lines = (int(size) for size in _list(metadata, "dimension", 2, source))
     if min(samples, lines) < 1:
         raise LabelError(f"{source}: dimension {samples} x {lines} is no image")

@@ -120,6 +120,8 @@ def expand_codes(codes: GreyImage, table: InverseTable) -> GreyImage:
 FlatField: TypeAlias = Float32[np.ndarray, "detector_lines detector_samples"]
 """Share of the light that reaches each pixel of a full frame, 1 in the middle."""
 
+DETECTOR = 1024
+"""Lines and samples of the full frame that a model of the fall of light is meant for."""
 LEAST = 0.05
 """A lens that lets less than this through at the edge is no lens, but a fault of the model."""
 
@@ -165,7 +167,7 @@ def needs_flat_field(label: Label) -> bool:
 
 
 def divide_by_flat_field(
-    pixels: GreyImage, label: Label, flat: FlatField | RadialVignetting, detector: int = 1024
+    pixels: GreyImage, label: Label, flat: FlatField | RadialVignetting
 ) -> GreyImage:
     """Pixels divided by the part of a full frame's flat field that they saw.
 
@@ -173,12 +175,11 @@ def divide_by_flat_field(
         pixels: grey values as stored.
         label: says which part of the detector that is.
         flat: a flat field of the full frame, or its model.
-        detector: lines and samples of the full frame, for a model.
 
     Raises:
         PixelError: the image is not within the flat field, or the field holds no transmission.
     """
-    full = flat.flat_field(detector, detector) if isinstance(flat, RadialVignetting) else flat
+    full = flat.flat_field(DETECTOR, DETECTOR) if isinstance(flat, RadialVignetting) else flat
     part = _part(full, label, *pixels.shape)
     if not (np.isfinite(part).all() and part.min() > 0):
         raise PixelError(f"{label.source}: the flat field holds values that are not above zero")

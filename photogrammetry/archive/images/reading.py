@@ -7,7 +7,6 @@ says, or as a PNG or JPEG picture.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -35,7 +34,6 @@ from solmap.photogrammetry.archive.labels.detached import (
 from solmap.photogrammetry.archive.labels.label import Label, label_text, parse_label
 from solmap.photogrammetry.archive.labels.pds4 import parse_pds4_label
 from solmap.photogrammetry.archive.labels.vicar import START, parse_vicar_label
-from solmap.photogrammetry.archive.missions import MISSIONS, Mission
 from solmap.photogrammetry.arrays import GreyImage, Mask
 from solmap.photogrammetry.errors import FrameError, LabelError, PixelError
 from solmap.photogrammetry.imagery import RoverImage
@@ -51,7 +49,7 @@ class ReadImage:
     image: RoverImage
     pixels: GreyImage
     mask: Mask
-    saturated_mask: Mask = field(default_factory=lambda: np.zeros((0, 0), dtype=bool))
+    saturated: Mask = field(default_factory=lambda: np.zeros((0, 0), dtype=bool))
     """True where the detector could not count further; such pixels are still in `mask`."""
     notes: tuple[str, ...] = ()
     """What is peculiar about the pixels, a line each: lost segments, codes in place of counts."""
@@ -76,10 +74,8 @@ class DescribedImage:
 def read_image(
     data: bytes,
     name: str,
-    missions: Sequence[Mission] = MISSIONS,
     *,
     detached_label: str | None = None,
-    correct_half_pixel: bool = True,
     radiometry: Radiometry | None = None,
 ) -> ReadImage:
     """Record, grey values and mask of an image file.
@@ -87,22 +83,14 @@ def read_image(
     Args:
         data: the whole file.
         name: its name; says the product type and stands in every complaint.
-        missions: whose labels are understood.
         detached_label: the text of a label in a file of its own, if there is one beside `data`.
-        correct_half_pixel: put the camera model of averaged images right (see `image`).
         radiometry: tables of coded pixels and flat fields, where there are any.
 
     Raises:
         LabelError: the file has no label, or one that describes no mapping image.
         PixelError: the pixels are not what the label says.
     """
-    described = describe_image(
-        data,
-        name,
-        missions,
-        detached_label=detached_label,
-        correct_half_pixel=correct_half_pixel,
-    )
+    described = describe_image(data, name, detached_label=detached_label)
     image, label = described.image, described.label
     pixels, mask = _stored_pixels(described, name)
     if label is None:
@@ -116,36 +104,16 @@ def read_image(
     return ReadImage(image, pixels, mask & came_down, is_saturated & mask, notes)
 
 
-def read_image_record(
-    data: bytes,
-    name: str,
-    missions: Sequence[Mission] = MISSIONS,
-    *,
-    detached_label: str | None = None,
-    correct_half_pixel: bool = True,
-) -> RoverImage:
+def read_image_record(data: bytes, name: str, *, detached_label: str | None = None) -> RoverImage:
     """The record alone; the first megabyte of the file is enough.
 
     Raises:
         LabelError: the file has no label, or one that describes no mapping image.
     """
-    return describe_image(
-        data,
-        name,
-        missions,
-        detached_label=detached_label,
-        correct_half_pixel=correct_half_pixel,
-    ).image
+    return describe_image(data, name, detached_label=detached_label).image
 
 
-def describe_image(
-    data: bytes,
-    name: str,
-    missions: Sequence[Mission] = MISSIONS,
-    *,
-    detached_label: str | None = None,
-    correct_half_pixel: bool = True,
-) -> DescribedImage:
+def describe_image(data: bytes, name: str, *, detached_label: str | None = None) -> DescribedImage:
     """The record and what it was read from.
 
     Raises:
@@ -157,7 +125,7 @@ def describe_image(
         return DescribedImage(rover_image_of_metadata(detached_label, name), None, data)
     label = _label(data, name, detached_label)
     try:
-        image = rover_image(label, name, missions, correct_half_pixel=correct_half_pixel)
+        image = rover_image(label, name)
     except FrameError as error:
         raise LabelError(f"{name}: {error}") from error
     return DescribedImage(image, label, data)

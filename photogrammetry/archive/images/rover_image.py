@@ -44,13 +44,7 @@ DAY_HOURS = (6.5, 17.5)
 Camera = Cahv | Cahvor | Cahvore
 
 
-def rover_image(
-    label: Label,
-    file_name: str,
-    missions: Sequence[Mission] = MISSIONS,
-    *,
-    correct_half_pixel: bool = True,
-) -> RoverImage:
+def rover_image(label: Label, file_name: str, missions: Sequence[Mission] = MISSIONS) -> RoverImage:
     """The record of an image.
 
     Raises:
@@ -82,7 +76,7 @@ def rover_image(
         camera=_camera_in_rover(
             label,
             site_from_rover,
-            correct_half_pixel=correct_half_pixel and mission.leaves_out_half_pixel,
+            correct_half_pixel=mission.leaves_out_half_pixel,
         ),
         site_from_rover=site_from_rover,
         attitude_measured_by=label.optional(ROVER, "QUATERNION_MEASUREMENT_METHOD", str)

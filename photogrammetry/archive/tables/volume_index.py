@@ -33,7 +33,7 @@ from solmap.photogrammetry.archive.labels.label import (
     number_of,
     parse_label,
 )
-from solmap.photogrammetry.archive.missions import MISSIONS, Mission, mission_of_host
+from solmap.photogrammetry.archive.missions import mission_of_host
 from solmap.photogrammetry.archive.partners import group_by_clock
 from solmap.photogrammetry.errors import LabelError
 from solmap.photogrammetry.imagery import Eye
@@ -326,16 +326,14 @@ class IndexFindings:
         return tuple(entry for pair in self.pairs for entry in (pair.left, pair.right))
 
 
-def find_in_index(
-    rows: Iterable[IndexRow], selection: IndexSelection, missions: Sequence[Mission] = MISSIONS
-) -> IndexFindings:
+def find_in_index(rows: Iterable[IndexRow], selection: IndexSelection) -> IndexFindings:
     """The stereo pairs of a selection, in one pass; only what is selected is kept."""
     places: dict[tuple[str, ...], list[IndexEntry]] = defaultdict(list)
     count, broken, first_fault = 0, 0, ""
     for row in rows:
         count += 1
         try:
-            entry = index_entry(row, selection, missions)
+            entry = index_entry(row, selection)
         except LabelError as error:
             broken += 1
             first_fault = first_fault or str(error)
@@ -346,7 +344,7 @@ def find_in_index(
     unpaired: list[IndexEntry] = []
     for at_one_place in places.values():
         for exposure in group_by_clock(at_one_place, lambda e: (e.clock, e.file_name)):
-            pair = _best_pair(exposure, missions)
+            pair = _best_pair(exposure)
             if pair is None:
                 unpaired += exposure
             else:
@@ -356,9 +354,7 @@ def find_in_index(
     return IndexFindings(tuple(pairs), tuple(unpaired), count, broken, first_fault)
 
 
-def index_entry(
-    row: IndexRow, selection: IndexSelection, missions: Sequence[Mission] = MISSIONS
-) -> IndexEntry | None:
+def index_entry(row: IndexRow, selection: IndexSelection) -> IndexEntry | None:
     """What a row says, or None where it is not of the selection or no mapping image.
 
     Raises:
@@ -368,7 +364,7 @@ def index_entry(
     if sol not in selection.sols or row.text("IMAGE_TYPE") != "REGULAR":
         return None
     host = row.text("INSTRUMENT_HOST_ID")
-    mission = mission_of_host(host, missions)
+    mission = mission_of_host(host)
     known = mission.instruments.get(row.text("INSTRUMENT_ID")) if mission else None
     if host != selection.mission or known is None or not selection.admits(known[0]):
         return None
@@ -406,7 +402,7 @@ def _clock(row: IndexRow) -> float:
     return float(clock)
 
 
-def _best_pair(entries: Sequence[IndexEntry], missions: Sequence[Mission]) -> IndexPair | None:
+def _best_pair(entries: Sequence[IndexEntry]) -> IndexPair | None:
     """The frames of an exposure that are matched, by the order in the module's docstring."""
     best: dict[tuple[Eye, int], IndexEntry] = {}
     for entry in sorted(entries, key=_preference, reverse=True):
@@ -416,7 +412,7 @@ def _best_pair(entries: Sequence[IndexEntry], missions: Sequence[Mission]) -> In
         for left in best.values()
         if left.eye is Eye.LEFT
         for right in best.values()
-        if right.eye is Eye.RIGHT and _filters_agree(left, right, missions)
+        if right.eye is Eye.RIGHT and _filters_agree(left, right)
     ]
     return min(
         candidates,
@@ -430,7 +426,7 @@ def _preference(entry: IndexEntry) -> tuple[int, int, str]:
     return kind, -int(entry.name.version, 36), entry.file_name
 
 
-def _filters_agree(left: IndexEntry, right: IndexEntry, missions: Sequence[Mission]) -> bool:
-    mission = mission_of_host(left.name.mission, missions)
+def _filters_agree(left: IndexEntry, right: IndexEntry) -> bool:
+    mission = mission_of_host(left.name.mission)
     allowed = mission.stereo_filters.get(left.instrument) if mission else None
     return allowed is None or (left.name.filter_number, right.name.filter_number) in allowed

@@ -331,8 +331,9 @@ def test_a_file_without_line_ends_is_refused_before_it_fills_the_memory():
 
 SIXTY_THOUSAND = """
 import sys, time, tracemalloc
-from solmap.photogrammetry.archive.index_pairs import IndexSelection, find_in_index
-from solmap.photogrammetry.archive.index_table import parse_index_label, read_index_rows
+from solmap.photogrammetry.archive.tables.volume_index import (
+    IndexSelection, find_in_index, parse_index_label, read_index_rows
+)
 
 label, left, right = (text.encode("latin-1") for text in sys.argv[1:])
 layout = parse_index_label(label.decode(), "edrindex.lbl")
