@@ -23,13 +23,14 @@ from solmap.flows.runtime.run_page import downlink_name, folder_name, rename_run
 from solmap.flows.runtime.run_record import record_run
 from solmap.flows.runtime.runners import on_workers
 from solmap.flows.sol import process_sol
-from solmap.flows.sol_inputs import SolReport, Standing
+from solmap.flows.sol_inputs import SolReport
 from solmap.photogrammetry.adjustment.modes.mission import AdjustmentMode
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.model import Scope
 from solmap.products.store.locks import exclusive_lock
 from solmap.tasks.images.ingest import Delivery, ingest_downlink
 from solmap.tasks.images.manual_ties import take_edits
+from solmap.tasks.network.orientations import Standing
 from solmap.tasks.scopes import network_scope
 
 

@@ -22,12 +22,13 @@ from importlib.metadata import version
 from solmap.config.landing import landing_site
 from solmap.config.pipeline import load_pipeline
 from solmap.config.settings import Settings
-from solmap.flows.sol_inputs import SolReport, Standing
+from solmap.flows.sol_inputs import SolReport
 from solmap.photogrammetry.errors import PhotogrammetryError
 from solmap.products.catalogue.runs import FinishedSolRecords
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.model import LEVEL, SCIENCE_VERSION, ProductKind, ProductRef, Scope, ScopeLevel
 from solmap.tasks.mission.publish import withdraw
+from solmap.tasks.network.orientations import Standing
 from solmap.tasks.scopes import is_of_mission, pair_scope
 
 PARTS = "standing", "layers", "pointers"

@@ -12,13 +12,13 @@ from solmap.flows.runtime.run_page import mission_name, write_adjustments
 from solmap.flows.runtime.run_record import record_run
 from solmap.flows.runtime.runners import on_workers
 from solmap.flows.sol import map_what_moved
-from solmap.flows.sol_inputs import SolReport, Standing, gather_all
+from solmap.flows.sol_inputs import SolReport, gather_all
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.errors import ProductNotFoundError
-from solmap.products.model import ProductKind, ProductRef
 from solmap.products.store.locks import exclusive_lock
 from solmap.tasks.images.manual_ties import take_edits
-from solmap.tasks.scopes import is_of_mission, is_overall, sol_of
+from solmap.tasks.network.orientations import Standing, networks_of, standing_of
+from solmap.tasks.scopes import is_overall, sol_of
 
 
 @flow(name="overall", flow_run_name="{mission} overall to sol {sol}")
@@ -59,7 +59,7 @@ def readjust(mission: str, store: Path, pipeline: str = "default") -> SolReport:
 
 
 def _readjust(mission: str, workspace: Workspace, pipeline: str) -> SolReport:
-    networks = [ref for ref in _networks(mission, workspace) if not is_overall(ref.scope)]
+    networks = [ref for ref in networks_of(mission, workspace) if not is_overall(ref.scope)]
     if not networks:
         raise ProductNotFoundError(
             f"no network of {mission} is in the store; `solmap run` its downlink first"
@@ -75,19 +75,7 @@ def _readjust(mission: str, workspace: Workspace, pipeline: str) -> SolReport:
 
 def overall_sols(mission: str, workspace: Workspace) -> set[int]:
     """Sols up to which the mission was adjusted overall; later ones have stepped on from there."""
-    return {sol_of(ref.scope) for ref in _networks(mission, workspace) if is_overall(ref.scope)}
-
-
-def standing_of(network: ProductRef, workspace: Workspace) -> Standing | None:
-    """A published network with the orientations that were chosen from it."""
-    kind = ProductKind.ORIENTATIONS
-    digest = workspace.catalogue.latest(network.scope.name, kind)
-    return Standing(network, ProductRef(kind, network.scope, digest)) if digest else None
-
-
-def _networks(mission: str, workspace: Workspace) -> list[ProductRef]:
-    published = workspace.catalogue.pointers(ProductKind.NETWORK)
-    return [ref for ref in published if is_of_mission(ref.scope, mission)]
+    return {sol_of(ref.scope) for ref in networks_of(mission, workspace) if is_overall(ref.scope)}
 
 
 @flow(name="overall-adjustment", flow_run_name=mission_name)

@@ -8,7 +8,7 @@ from pathlib import Path
 from prefect import flow
 
 from solmap.flows.runtime.failures import keep_outcome, wait_for
-from solmap.flows.sol_inputs import SolInputs, SolReport, Standing, gather
+from solmap.flows.sol_inputs import SolInputs, SolReport, gather
 from solmap.flows.sol_maps import draw_panoramas, map_far_ground, map_stops, model_stops
 from solmap.flows.sol_network import adjust_stops, match_pairs
 from solmap.photogrammetry.adjustment.quality.movement import ReissueParams
@@ -21,6 +21,7 @@ from solmap.tasks.images.telemetry import why_unplaced
 from solmap.tasks.mission.publish import publish
 from solmap.tasks.network.orientations import (
     MappedStop,
+    Standing,
     choose_orientations,
     read_orientations,
 )

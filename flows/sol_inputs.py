@@ -26,17 +26,10 @@ from solmap.tasks.images.telemetry import (
     read_telemetry,
     vector_files,
 )
+from solmap.tasks.network.orientations import Standing
 
 WINDOW = 3
 """Earlier stops that a sol may change: as far back as `adjust_stepwise` reaches."""
-
-
-@dataclass(frozen=True, slots=True)
-class Standing:
-    """What an adjustment leaves to the next: its network, and what the stops are mapped with."""
-
-    network: ProductRef
-    orientations: ProductRef
 
 
 @dataclass(slots=True)

@@ -18,7 +18,7 @@ from prefect.futures import PrefectFuture
 
 from solmap.config.pipeline import PipelineConfig
 from solmap.flows.runtime.failures import as_argument, group_by_first, group_layers, wait_for
-from solmap.flows.sol_inputs import SolInputs, SolReport, Standing
+from solmap.flows.sol_inputs import SolInputs, SolReport
 from solmap.photogrammetry.errors import MatchingError, TerrainError
 from solmap.photogrammetry.imagery import StopId
 from solmap.photogrammetry.terrain.relief.contours import ContourParams
@@ -39,7 +39,7 @@ from solmap.tasks.maps.orthophoto import colour_frames, render_colour, render_or
 from solmap.tasks.maps.panorama import draw_panorama, oriented_frames
 from solmap.tasks.maps.suitability import highest_camera, map_hazards, map_insolation, map_viewshed
 from solmap.tasks.maps.terrain import build_dtm, map_relief, shade_relief, trace_contours
-from solmap.tasks.network.orientations import MappedStop, OrientedPair, read_orientations
+from solmap.tasks.network.orientations import MappedStop, OrientedPair, Standing, read_orientations
 from solmap.tasks.network.previews import preview_terrain
 
 NO_LAYER = "picture"

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from solmap.flows.runtime.failures import wait_for
-from solmap.flows.sol_inputs import SolInputs, SolReport, Standing, candidates
+from solmap.flows.sol_inputs import SolInputs, SolReport, candidates
 from solmap.photogrammetry.imagery import StopId
 from solmap.photogrammetry.matching.manual.requests import EditRequest
 from solmap.products.formats.documents.archives import read_right_turn
@@ -17,6 +17,7 @@ from solmap.tasks.images.pairs import PairProducts, pairs_of
 from solmap.tasks.mission.control import control_of
 from solmap.tasks.network.adjust import NetworkParams, NetworkStep, adjust_network
 from solmap.tasks.network.match import MatchParams, match_stereo_pair
+from solmap.tasks.network.orientations import Standing
 from solmap.tasks.network.previews import preview_pair
 from solmap.tasks.network.singles import (
     drop_repeats,

@@ -28,6 +28,7 @@ from solmap.photogrammetry.matching.resampling import resample
 from solmap.photogrammetry.terrain.dtm.records import PoseCovariance, TerrainView
 from solmap.photogrammetry.terrain.dtm.rover_body import mask_rover
 from solmap.products.catalogue.images import read_product_image
+from solmap.products.catalogue.workspace import Workspace
 from solmap.products.formats.documents.archives import read_dense, read_matches
 from solmap.products.formats.documents.network import (
     References,
@@ -38,6 +39,8 @@ from solmap.products.formats.documents.network import (
 from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.products.store.product_store import ProductStore
 from solmap.tasks.images.pairs import PairProducts
+from solmap.tasks.network.orientations import Standing
+from solmap.tasks.scopes import is_of_mission
 from solmap.tasks.stage import stage
 
 
@@ -233,3 +236,23 @@ def _mapped_of(row: dict[str, Any]) -> MappedStop:
 def _unmoved(before: MappedStop) -> MappedStop:
     """A stop that the network has not touched."""
     return MappedStop(before.stop, before.orientations, 0.0, is_new=False)
+
+
+@dataclass(frozen=True, slots=True)
+class Standing:
+    """What an adjustment leaves to the next: its network, and what the stops are mapped with."""
+
+    network: ProductRef
+    orientations: ProductRef
+
+
+def standing_of(network: ProductRef, workspace: Workspace) -> Standing | None:
+    """A published network with the orientations that were chosen from it."""
+    kind = ProductKind.ORIENTATIONS
+    digest = workspace.catalogue.latest(network.scope.name, kind)
+    return Standing(network, ProductRef(kind, network.scope, digest)) if digest else None
+
+
+def networks_of(mission: str, workspace: Workspace) -> list[ProductRef]:
+    published = workspace.catalogue.pointers(ProductKind.NETWORK)
+    return [ref for ref in published if is_of_mission(ref.scope, mission)]

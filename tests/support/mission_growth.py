@@ -112,9 +112,12 @@ def network_of_sol(*, on_engine: bool) -> Callable[..., Any]:
 
     from solmap.flows import sol as sols  # noqa: PLC0415
     from solmap.flows.runtime.runners import on_workers  # noqa: PLC0415
-    from solmap.flows.sol_inputs import SolReport, Standing, gather  # noqa: PLC0415
+    from solmap.flows.sol_inputs import SolReport, gather
     from solmap.flows.sol_network import adjust_stops, match_pairs  # noqa: PLC0415
-    from solmap.tasks.network.orientations import choose_orientations  # noqa: PLC0415
+    from solmap.tasks.network.orientations import (
+        Standing,  # noqa: PLC0415
+        choose_orientations,  # noqa: PLC0415
+    )
     from solmap.tasks.network.report import report_quality  # noqa: PLC0415
 
     chosen = choose_orientations if on_engine else choose_orientations.fn
@@ -217,8 +220,8 @@ def walked(
 
 def _standing(workspace: Any) -> Any:
     """Where a walk that was interrupted goes on; None at the beginning."""
-    from solmap.flows.overall import standing_of  # noqa: PLC0415
     from solmap.products.catalogue.catalogue import published_networks  # noqa: PLC0415
+    from solmap.tasks.network.orientations import standing_of  # noqa: PLC0415
 
     networks = published_networks("MER2", workspace.catalogue)
     return standing_of(networks[-1], workspace) if networks else None

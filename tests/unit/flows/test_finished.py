@@ -3,12 +3,13 @@
 import pytest
 
 from solmap.flows.finished import ReusableSols
-from solmap.flows.sol_inputs import SolReport, Standing
+from solmap.flows.sol_inputs import SolReport
 from solmap.products.catalogue.catalogue import Catalogue
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.model import ProductKind, ProductRef, Recipe, Scope, ScopeLevel
 from solmap.products.store.product_store import ProductStore
-from tests.unit.products.test_catalogue import STOP, an_image
+from solmap.tasks.network.orientations import Standing
+from tests.unit.products.catalogue.test_catalogue import STOP, an_image
 
 SCOPES = {sol: Scope(ScopeLevel.SOL, f"mer2-sol0{sol}") for sol in (155, 156)}
 
