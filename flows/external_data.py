@@ -29,7 +29,6 @@ from solmap.tasks.images.files import file_bytes
 from solmap.tasks.images.manual_ties import named_in, read_edit_requests, take_manual_ties
 from solmap.tasks.mission.control import (
     FrameParams,
-    MappedWith,
     control_by_image,
     control_of,
     take_control,
@@ -43,7 +42,8 @@ from solmap.tasks.mission.orbital import (
     take_orbital,
 )
 from solmap.tasks.mission.publish import publish
-from solmap.tasks.scopes import is_of_mission, stop_of
+from solmap.tasks.network.orientations import Standing, networks_of, standing_of
+from solmap.tasks.scopes import stop_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,18 +102,11 @@ def add_orbital(
     return tuple(said)
 
 
-def latest_standing(mission: str, workspace: Workspace) -> MappedWith | None:
+def latest_standing(mission: str, workspace: Workspace) -> Standing | None:
     """The latest network of a mission with what its stops are mapped with, if there is one."""
-    networks = [
-        ref
-        for ref in workspace.catalogue.pointers(ProductKind.NETWORK)
-        if is_of_mission(ref.scope, mission)
-    ]
-    if not networks:
-        return None
-    last, kind = max(networks, key=lambda ref: ref.scope.name), ProductKind.ORIENTATIONS
-    digest = workspace.catalogue.latest(last.scope.name, kind)
-    return MappedWith(last, ProductRef(kind, last.scope, digest)) if digest else None
+    networks = networks_of(mission, workspace)
+    last = max(networks, key=lambda ref: ref.scope.name, default=None)
+    return standing_of(last, workspace) if last else None
 
 
 def _control_lines(

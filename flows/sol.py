@@ -72,7 +72,7 @@ def map_what_moved(inputs: SolInputs, previous: Standing | None, report: SolRepo
     for stop, far in map_far_ground(inputs, report.standing, matched, report).items():
         layers.setdefault(stop, []).extend(far)
     stated, failed = wait_for(f"sol {inputs.sol}: report the quality", {network.scope: quality})
-    report.blame("report", failed)
+    report.add_failures("report", failed)
     made = [network, orientations, *(ref for refs in stated.values() for ref in refs)]
     made += [ground for _, ground in panoramas.values()]
     _publish(inputs, made, layers, matched, report)

@@ -47,11 +47,11 @@ class SolReport:
     pointed: tuple[ProductRef, ...] = ()
     """What the catalogue points at besides: networks, reports, what matching made."""
 
-    def blame(self, what: str, failed: Mapping[Any, str]) -> None:
+    def add_failures(self, what: str, failed: Mapping[Any, str]) -> None:
         """Take down failures that carry a cause."""
         self.failures += [f"{what} {key}: {cause}" for key, cause in failed.items() if cause]
 
-    def tell(
+    def add_findings(
         self, what: str, failed: Mapping[str, str], lacking: str, *findings: type[Exception]
     ) -> None:
         """Take down as notes what images do not give, anything else as failures.
@@ -68,7 +68,7 @@ class SolReport:
         self.notes += [
             f"{lacking} {key}: {cause.partition(': ')[2]}" for key, cause in found.items()
         ]
-        self.blame(what, {key: cause for key, cause in failed.items() if key not in found})
+        self.add_failures(what, {key: cause for key, cause in failed.items() if key not in found})
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -63,7 +63,9 @@ def map_stops(
             made = _submit_stop(stop, oriented, inputs)
             futures |= {(stop, what): future for what, future in made.items()}
     done, failed = wait_for(f"sol {report.sol}: map the stops", futures)
-    report.blame("map", {f"{kind} of {stop}": cause for (stop, kind), cause in failed.items()})
+    report.add_failures(
+        "map", {f"{kind} of {stop}": cause for (stop, kind), cause in failed.items()}
+    )
     return group_layers({key: made for key, made in done.items() if key[1] != NO_LAYER})
 
 
@@ -161,7 +163,7 @@ def model_stops(
             futures[stop, "dips"] = map_dips.submit(stop, pairs, wanted.facets, landing, store)
     done, failed = wait_for(f"sol {report.sol}: model the stops", futures)
     causes = {f"{kind} of {stop}": cause for (stop, kind), cause in failed.items()}
-    report.tell("model", causes, "no", TerrainError)
+    report.add_findings("model", causes, "no", TerrainError)
     return group_layers(done)
 
 
@@ -194,7 +196,7 @@ def draw_panoramas(
             futures[stop] = draw_panorama.submit(stop, frames, dtm, wanted.drawing, workspace.store)
     done, failed = wait_for(f"sol {report.sol}: draw the panoramas", futures)
     causes = {f"panorama of {stop}": cause for stop, cause in failed.items()}
-    report.tell("draw", causes, "no", TerrainError)
+    report.add_findings("draw", causes, "no", TerrainError)
     return done
 
 
@@ -222,7 +224,7 @@ def map_far_ground(
         futures |= {(stop, what): surface for what, surface in shape.items()}
     done, failed = wait_for(f"sol {report.sol}: map far ground", futures)
     causes = {f"{kind} of {stop}": cause for (stop, kind), cause in failed.items()}
-    report.tell("map far ground", causes, LACKING, *FINDINGS)
+    report.add_findings("map far ground", causes, LACKING, *FINDINGS)
     return group_by_first(done)
 
 
@@ -245,7 +247,7 @@ def _match_wide_pairs(
             futures[later, wide_id(eyes)] = match_wide_pair.submit(*eyes, params, store)
     done, failed = wait_for(f"sol {report.sol}: match pairs across stops", futures)
     causes = {name: cause for (_, name), cause in failed.items()}
-    report.tell("map far ground", causes, LACKING, *FINDINGS)
+    report.add_findings("map far ground", causes, LACKING, *FINDINGS)
     return group_by_first(done)
 
 

@@ -37,12 +37,12 @@ def match_pairs(inputs: SolInputs, report: SolReport) -> dict[StopId, list[PairP
     pairs = pairs_of(inputs.images)
     futures = {pair.id: match_stereo_pair.submit(pair, params, workspace.store) for pair in pairs}
     done, failed = wait_for(f"sol {sol}: match stereo pairs", futures)
-    report.blame("match", failed)
+    report.add_failures("match", failed)
     pictures = {
         pair: preview_pair.submit(matched, config.sparse, workspace.store)
         for pair, matched in done.items()
     }
-    report.blame("picture", wait_for(f"sol {sol}: picture the matches", pictures)[1])
+    report.add_failures("picture", wait_for(f"sol {sol}: picture the matches", pictures)[1])
     matched: dict[StopId, list[PairProducts]] = {stop: [] for stop in sorted(window)}
     for products in done.values():
         matched[products.files.stop].append(products)
@@ -72,7 +72,7 @@ def adjust_stops(
             for name, stop in stops.items()
         },
     )
-    report.blame("tie", failed)
+    report.add_failures("tie", failed)
     links, links_failed = wait_for(
         f"sol {sol}: tie stops across sites",
         {
@@ -83,7 +83,7 @@ def adjust_stops(
             if old in stops and new in stops
         },
     )
-    report.blame("link", links_failed)
+    report.add_failures("link", links_failed)
     singles = _tie_singles(inputs, stops, report)
     step = NetworkStep(
         mission=inputs.mission.mission,
@@ -97,14 +97,14 @@ def adjust_stops(
         ties=tuple(ties.values()),
         links=tuple(links.values()),
         singles=singles,
-        hand=_edit_requests(inputs, matched),
+        edit_requests=_edit_requests(inputs, matched),
         control=control_of(inputs.mission.mission, inputs.workspace),
     )
     params = NetworkParams(config.tracks, config.adjustment)
     done, undone = wait_for(
         f"sol {sol}: adjust the network", {sol: adjust_network.submit(step, params, store)}
     )
-    report.blame("adjust sol", undone)
+    report.add_failures("adjust sol", undone)
     return done.get(sol)
 
 
@@ -122,7 +122,7 @@ def _tie_singles(
         if stop in window and (len(files) > 1 or stop in stops)
     }
     done, failed = wait_for(f"sol {inputs.sol}: tie images without partner", futures)
-    report.blame("tie the unpaired images of", failed)
+    report.add_failures("tie the unpaired images of", failed)
     touched = set(inputs.touched)
     for stop, ref in done.items():
         if stop in touched:

@@ -49,7 +49,7 @@ class Inbox:
     """Every file as last seen, and since when it has been so."""
     _waiting_since: float | None = None
 
-    def look(self, now: float | None = None) -> str | None:
+    def poll(self, now: float | None = None) -> str | None:
         """Look once; the name of a delivery that should be processed now, or None.
 
         Args:
@@ -73,7 +73,7 @@ class Inbox:
             return None
         return delivery
 
-    def processed(self, delivery: str) -> None:
+    def mark_processed(self, delivery: str) -> None:
         """Remember that a delivery was processed."""
         draft = self.memory.with_suffix(".draft")
         draft.write_text(json.dumps({"delivery": delivery}))

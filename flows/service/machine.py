@@ -124,9 +124,9 @@ class Machine:
                 return
             self.say(f"the inbox was processed: {ended.lower()}")
             if ended != "CRASHED":
-                self._inbox.processed(self._running.delivery)
+                self._inbox.mark_processed(self._running.delivery)
             self._running = None
-        delivery = self._inbox.look()
+        delivery = self._inbox.poll()
         if delivery is not None:
             self._running = submitted.submit_inbox(delivery, self.params.settle_s)
             self.say(f"files came: run {self._running.name}, see {self.engine_url}/runs")

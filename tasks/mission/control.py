@@ -29,7 +29,7 @@ from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.products.store.product_store import ProductStore
 from solmap.tasks.images.files import keep_file, write_bytes
 from solmap.tasks.mission.orbital import RegistrationMethod, StopMap, find_registration
-from solmap.tasks.network.orientations import MappedStop, read_orientations
+from solmap.tasks.network.orientations import MappedStop, Standing, read_orientations
 from solmap.tasks.stage import stage
 
 
@@ -72,19 +72,11 @@ class FrameParams:
         return replace(frame, place=level)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class MappedWith:
-    """A network, and what its stops are mapped with."""
-
-    network: ProductRef
-    orientations: ProductRef
-
-
 @stage(task_run_name="control-{image.scope}")
 def control_by_image(
     image: ProductRef,
     stops: dict[StopId, StopMap],
-    standing: MappedWith,
+    standing: Standing,
     params: tuple[RegistrationMethod, FrameParams],
     landing: LandingPoint,
     store: ProductStore,

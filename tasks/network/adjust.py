@@ -78,7 +78,7 @@ class NetworkStep:
     links: tuple[ProductRef, ...]
     singles: tuple[ProductRef, ...] = ()
     """Ties of images without a stereo partner, by stop."""
-    hand: tuple[EditRequest, ...] = ()
+    edit_requests: tuple[EditRequest, ...] = ()
     """What people want added, vetoed or moved, as far as it concerns these pairs."""
     control: tuple[ProductRef, ...] = ()
     """Where stops lie in orbital images, or where people measured them to lie."""
@@ -128,7 +128,7 @@ def adjust_network(step: NetworkStep, params: NetworkParams, store: ProductStore
 
     telemetry = tuple((str(stop.stop), stop.sols, TelemetryPose.of(stop)) for stop in step.touched)
     scope = network_scope(step.mission, step.sol, step.mode)
-    settings = (params, telemetry, step.mode, *without_rows(step.hand))
+    settings = (params, telemetry, step.mode, *without_rows(step.edit_requests))
     inputs = (*step.inputs, *(ref for ref in settled.values() if ref != step.previous))
     return store.make(Recipe(ProductKind.NETWORK, scope, inputs, settings), write)
 
@@ -169,9 +169,9 @@ def _edited_ties(step: NetworkStep, store: ProductStore) -> _EditedTies:
     read = [read_ties(store.path(ref)) for ref in (*step.ties, *step.links)]
     links = tuple(header for _, header in read[len(step.ties) :])
     ties = tuple(some for some, _ in read)
-    if not step.hand:
+    if not step.edit_requests:
         return _EditedTies(ties, links)
-    changed = edit_ties(step.hand, ties, step.pairs, store)
+    changed = edit_ties(step.edit_requests, ties, step.pairs, store)
     left = changed.ties[len(step.ties) : len(ties)]
     links = tuple(
         link if len(some) or not link["linked"] else link | VETOED

@@ -13,14 +13,14 @@ from solmap.products.catalogue import events
 from solmap.products.catalogue.catalogue import Catalogue
 from solmap.products.catalogue.database import close_pools, write_transaction
 from solmap.products.errors import ProductError, StoreAwayError
-from tests.unit.products.test_catalogue import MISSION, a_layer, an_image
+from tests.unit.products.catalogue.test_catalogue import MISSION, a_layer, an_image
 
 pytestmark = pytest.mark.timeout(120)
 WRITER = """
 import sys
 from pathlib import Path
 from solmap.products.catalogue import Catalogue
-from tests.unit.products.test_catalogue import a_layer, an_image
+from tests.unit.products.catalogue.test_catalogue import a_layer, an_image
 root, url, name = Path(sys.argv[1]), sys.argv[2] or None, sys.argv[3]
 catalogue = Catalogue.open(root, url)
 print("open", flush=True)

@@ -86,7 +86,7 @@ class AtOnce:
         return self.made  # type: ignore[attr-defined]
 
 
-STAGES = ("match_stereo_pair", "picture_pair", "tie_stop", "link_stops", "adjust_network")
+STAGES = ("match_stereo_pair", "preview_pair", "tie_stop", "link_stops", "adjust_network")
 """Of the network of a sol."""
 
 

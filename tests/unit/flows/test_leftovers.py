@@ -9,7 +9,7 @@ from solmap.flows.sol_inputs import SolReport
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.model import ProductKind, ProductRef, Recipe, Scope, ScopeLevel
 from solmap.tasks.scopes import pair_scope, sol_scope
-from tests.unit.products.test_catalogue import MISSION, STOP, a_layer, an_image
+from tests.unit.products.catalogue.test_catalogue import MISSION, STOP, a_layer, an_image
 
 RECIPES = [
     *(Recipe(kind, STOP) for kind in (ProductKind.FAR_DTM, ProductKind.DTM, ProductKind.DIPS)),

@@ -22,23 +22,23 @@ def inbox(folder, tmp_path):
 
 
 def test_an_empty_folder_hands_nothing_over(inbox):
-    assert inbox.look(0.0) is None
-    assert inbox.look(100.0) is None
+    assert inbox.poll(0.0) is None
+    assert inbox.poll(100.0) is None
 
 
 def test_a_file_is_handed_over_when_it_has_settled(inbox, folder):
     (folder / "a.img").write_bytes(b"1")
-    assert inbox.look(0.0) is None
-    assert inbox.look(9.0) is None
-    assert inbox.look(10.0) is not None
+    assert inbox.poll(0.0) is None
+    assert inbox.poll(9.0) is None
+    assert inbox.poll(10.0) is not None
 
 
 def test_a_file_that_grows_is_waited_for(inbox, folder):
     file = folder / "a.img"
     for at in range(0, 50, 5):
         file.write_bytes(b"1" * (at + 1))
-        assert inbox.look(float(at)) is None
-    assert inbox.look(60.0) is not None
+        assert inbox.poll(float(at)) is None
+    assert inbox.poll(60.0) is not None
 
 
 def test_whole_files_wait_for_those_that_still_arrive_but_not_for_ever(inbox, folder):
@@ -47,7 +47,7 @@ def test_whole_files_wait_for_those_that_still_arrive_but_not_for_ever(inbox, fo
     handed = []
     for at in range(0, 100, 5):
         growing.write_bytes(b"1" * (at + 1))
-        if inbox.look(float(at)):
+        if inbox.poll(float(at)):
             handed.append(at)
     assert handed[0] == 70  # whole at 10, and 60 of patience
 
@@ -56,28 +56,28 @@ def test_what_was_processed_is_not_handed_over_again_even_by_another_watcher(
     inbox, folder, tmp_path
 ):
     (folder / "a.img").write_bytes(b"1")
-    inbox.look(0.0)
-    delivery = inbox.look(20.0)
-    inbox.processed(delivery)
-    assert inbox.look(30.0) is None
+    inbox.poll(0.0)
+    delivery = inbox.poll(20.0)
+    inbox.mark_processed(delivery)
+    assert inbox.poll(30.0) is None
     later = Inbox(folder, tmp_path / "inbox.json", PARAMS)
-    later.look(0.0)
-    assert later.look(20.0) is None
+    later.poll(0.0)
+    assert later.poll(20.0) is None
 
 
 def test_a_late_file_or_a_changed_one_makes_another_delivery(inbox, folder):
     (folder / "a.img").write_bytes(b"1")
-    inbox.look(0.0)
-    first = inbox.look(20.0)
-    inbox.processed(first)
+    inbox.poll(0.0)
+    first = inbox.poll(20.0)
+    inbox.mark_processed(first)
     (folder / "a.lbl").write_bytes(b"PDS_VERSION_ID = PDS3")  # a label counts as well
-    inbox.look(30.0)
-    second = inbox.look(41.0)
+    inbox.poll(30.0)
+    second = inbox.poll(41.0)
     assert second not in {None, first}
-    inbox.processed(second)
+    inbox.mark_processed(second)
     (folder / "a.img").write_bytes(b"12")
-    inbox.look(50.0)
-    assert inbox.look(61.0) not in {None, first, second}
+    inbox.poll(50.0)
+    assert inbox.poll(61.0) not in {None, first, second}
 
 
 @pytest.mark.parametrize("name", [".a.img.x7", "a.img.part", "a.img.tmp", ".rsync/a.img"])
@@ -85,8 +85,8 @@ def test_files_on_their_way_are_passed_over(inbox, folder, name):
     file = folder / name
     file.parent.mkdir(exist_ok=True)
     file.write_bytes(b"1")
-    inbox.look(0.0)
-    assert inbox.look(20.0) is None
+    inbox.poll(0.0)
+    assert inbox.poll(20.0) is None
 
 
 @pytest.mark.parametrize("memory", ["", "{", "[]", json.dumps({"delivery": 3})])
@@ -94,10 +94,10 @@ def test_a_broken_memory_only_means_to_process_again(folder, tmp_path, memory):
     (tmp_path / "inbox.json").write_text(memory)
     inbox = Inbox(folder, tmp_path / "inbox.json", PARAMS)
     (folder / "a.img").write_bytes(b"1")
-    inbox.look(0.0)
-    assert inbox.look(20.0) is not None
+    inbox.poll(0.0)
+    assert inbox.poll(20.0) is not None
 
 
 def test_a_folder_that_went_away_hands_nothing_over(inbox, folder):
     folder.rmdir()
-    assert inbox.look(0.0) is None
+    assert inbox.poll(0.0) is None

@@ -70,7 +70,7 @@ class Stop:
             pairs=self.pairs,
             ties=(self.ties,),
             links=links,
-            hand=requests_within(wishes, set(self.ids)),
+            edit_requests=requests_within(wishes, set(self.ids)),
         )
         return adjust_network.fn(step, NetworkParams(), self.store)
 

@@ -6,7 +6,7 @@ from solmap.photogrammetry.errors import MatchingError, TerrainError
 
 def test_what_images_do_not_give_is_a_finding_and_a_fault_is_a_failure():
     report = SolReport("MER2", 156)
-    report.tell(
+    report.add_findings(
         "map far ground",
         {
             "a-with-b": "MatchingError: 3 points of the wide pair were found in both images",
@@ -28,6 +28,6 @@ def test_what_images_do_not_give_is_a_finding_and_a_fault_is_a_failure():
 def test_an_error_of_another_kind_is_a_fault():
     report = SolReport("MER2", 156)
     failed = {"views of a": "TerrainError: none of 2 views", "3D tiles of a": "OSError: broken"}
-    report.tell("model", failed, "no", TerrainError)
+    report.add_findings("model", failed, "no", TerrainError)
     assert report.notes == ["no views of a: none of 2 views"]
     assert report.failures == ["model 3D tiles of a: OSError: broken"]
