@@ -49,6 +49,16 @@ RECIPE_NAMES: dict[str, RecipeNames] = {
         constants={"min_region_px": 100, "stretch_percent": [0.5, 99.5]}
     ),
     "RegionParams": RecipeNames(constants={"holes_m": 0.5}),
+    "RegistrationParams": RecipeNames(
+        constants={
+            "half_square_m": 8.0,
+            "halves_apart_cells": 3.0,
+            "largest_sigma_cells": 1.0,
+            "least_lead": 1.5,
+            "other_place_m": 2.0,
+        }
+    ),
+    "SearchParams": RecipeNames(constants={"reach_deg": 2.5, "step_deg": 0.25}),
     "SlopeParams": RecipeNames(constants={"correlation_m": 0.15}),
     "ViewModelParams": RecipeNames(
         constants={"gap_px": 4, "min_region_px": 100, "stretch_percent": [0.5, 99.5]}

@@ -23,7 +23,14 @@ from solmap.photogrammetry.arrays import Float64
 from solmap.photogrammetry.errors import OrbitalError
 from solmap.photogrammetry.orbital.ground_map import Contrast, Predicted, smooth
 from solmap.photogrammetry.orbital.records import Correction, GroundMap, OrbitalDtm, Registration
-from solmap.photogrammetry.orbital.registration import Method, Place, RegistrationParams, best_place
+from solmap.photogrammetry.orbital.registration import (
+    HALF_SQUARE_M,
+    OTHER_PLACE_M,
+    Method,
+    Place,
+    RegistrationParams,
+    best_place,
+)
 from solmap.photogrammetry.orbital.search import (
     CONVERGED,
     ITERATIONS,
@@ -87,13 +94,14 @@ def register_elevations(
             "resample the rover's map to the model's cells"
         )
     wide_m = OTHER_PLACE_CELLS * cell_m
-    params = replace(
-        params,
-        other_place_m=max(params.other_place_m, wide_m),
-        half_square_m=max(params.half_square_m, wide_m),
-    )
     predicted, contrast = _predicted(ground), _shown(model)
-    method = Method(_beyond_plane, _refined, _leads)
+    method = Method(
+        _beyond_plane,
+        _refined,
+        _leads,
+        other_place_m=max(OTHER_PLACE_M, wide_m),
+        half_square_m=max(HALF_SQUARE_M, wide_m),
+    )
     found = best_place(predicted, contrast, params, method)
     if found.correction is None:
         return found

@@ -46,25 +46,34 @@ from solmap.photogrammetry.orbital.ground_map import (
     predictors,
 )
 from solmap.photogrammetry.orbital.records import Correction, GroundMap, OrbitalImage, Registration
-from solmap.photogrammetry.orbital.search import Landscape, SearchParams, refine, samples_of, search
+from solmap.photogrammetry.orbital.search import (
+    REACH_DEG,
+    Landscape,
+    SearchParams,
+    refine,
+    samples_of,
+    search,
+)
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
+
+LEAST_LEAD = 1.5
+"""By how much more of the image the best place explains than any other: where nothing fits, the
+best of thousands of places leads the second best by some percent."""
+OTHER_PLACE_M = 2.0
+"""Places that far apart are different ones."""
+HALF_SQUARE_M = 8.0
+"""Side of the squares that go to either half of the ground in turn."""
+HALVES_APART_CELLS = 3.0
+"""How far the halves may disagree."""
+LARGEST_SIGMA_CELLS = 1.0
+"""Standard deviation of either coordinate beyond which a place is not believed."""
 
 
 @dataclass(frozen=True, slots=True)
 class RegistrationParams:
-    """When a registration is believed."""
+    """How an orbital raster is registered."""
 
     search: SearchParams = field(default_factory=SearchParams)
-    least_lead: float = 1.5
-    """By how much more of the image the best place explains than any other: where nothing fits, the
-    best of thousands of places leads the second best by some percent."""
-    other_place_m: float = 2.0
-    """Places that far apart are different ones."""
-    half_square_m: float = 8.0
-    """Side of the squares that go to either half of the ground in turn."""
-    halves_apart_cells: float = 3.0
-    """How far the halves may disagree."""
-    largest_sigma_cells: float = 1.0
 
 
 def register(
@@ -81,7 +90,7 @@ def register(
             f"cells of {ground.grid.cell_m} m on the ground, {image.grid.cell_m} m in the image: "
             "resample the rover's map to the image's cells"
         )
-    method = Method(search, refine, lambda best, other: best >= params.least_lead * other)
+    method = Method(search, refine, lambda best, other: best >= LEAST_LEAD * other)
     return best_place(predictors(ground), local_contrast(image), params, method)
 
 
@@ -97,6 +106,8 @@ class Method:
     refine: Callable[[Predicted, Contrast, Place], tuple[np.ndarray, np.ndarray]]
     leads: Callable[[float, float], bool]
     """Whether the best place explains clearly more than the best other one."""
+    other_place_m: float = OTHER_PLACE_M
+    half_square_m: float = HALF_SQUARE_M
 
 
 def best_place(
@@ -109,11 +120,11 @@ def best_place(
         found, covariance = method.refine(predicted, contrast, (east, north, rotation_deg))
         halves = [
             method.search(predicted.within(half), contrast, params.search).best()
-            for half in _halves(predicted.grid, params.half_square_m)
+            for half in _halves(predicted.grid, method.half_square_m)
         ]
     except OrbitalError as error:
         return Registration(None, str(error), 0.0, 0.0, float("nan"))
-    runner_up = landscape.runner_up(params.other_place_m)
+    runner_up = landscape.runner_up(method.other_place_m)
     apart_m = float(np.hypot(*np.subtract(halves[0][1:3], halves[1][1:3])))
     fit = _Fit(explained, runner_up, apart_m, found, covariance)
     reason = _doubt(fit, predicted.grid.cell_m, params, method)
@@ -156,14 +167,14 @@ def _doubt(fit: _Fit, cell_m: float, params: RegistrationParams, method: Method)
             f"cannot tell: the best place explains {fit.explained:.1%} of the image's contrast, "
             f"another one {fit.runner_up:.1%}"
         )
-    if fit.apart_m > params.halves_apart_cells * cell_m:
+    if fit.apart_m > HALVES_APART_CELLS * cell_m:
         return f"cannot tell: both halves of the ground find places {fit.apart_m:.1f} m apart"
     if np.hypot(*fit.found[:2]) > params.search.reach_m:
         return f"cannot tell: the best place lies beyond {params.search.reach_m} m"
-    if abs(np.degrees(fit.found[2])) > params.search.reach_deg:
-        return f"cannot tell: the best place is turned by more than {params.search.reach_deg} deg"
+    if abs(np.degrees(fit.found[2])) > REACH_DEG:
+        return f"cannot tell: the best place is turned by more than {REACH_DEG} deg"
     sigma_m = float(np.sqrt(np.diagonal(fit.covariance)[:2].max()))
-    if sigma_m > params.largest_sigma_cells * cell_m:
+    if sigma_m > LARGEST_SIGMA_CELLS * cell_m:
         return f"cannot tell: the place is only known to {sigma_m:.2f} m"
     return ""
 

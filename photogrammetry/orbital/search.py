@@ -41,15 +41,18 @@ LEAST_SHOWN_OF_MAP = 0.9
 """Share of the map's cells that the image must show at a place that is judged."""
 
 
+REACH_DEG = 2.5
+"""How far a georeference may be turned, in each direction."""
+STEP_DEG = 0.25
+"""Between rotations tried: at 40 m, the radius of a stop's map, it moves the edge by 0.17 m."""
+
+
 @dataclass(frozen=True, slots=True)
 class SearchParams:
     """How far the georeference may be wrong."""
 
     reach_m: float = 12.0
     """In each direction: telemetry off by some percent of a drive, a georeference by some cells."""
-    reach_deg: float = 2.5
-    step_deg: float = 0.25
-    """Rotations tried: at 40 m, the radius of a stop's map, a step moves the edge by 0.17 m."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,8 +98,8 @@ def search(predicted: Predicted, contrast: Contrast, params: SearchParams) -> La
     """
     grid, known = predicted.grid, predicted.known
     reach = int(np.ceil(params.reach_m / grid.cell_m))
-    steps = int(np.floor(params.reach_deg / params.step_deg))
-    turns = np.arange(-steps, steps + 1) * params.step_deg
+    steps = int(np.floor(REACH_DEG / STEP_DEG))
+    turns = np.arange(-steps, steps + 1) * STEP_DEG
     shape = tuple(fft.next_fast_len(n + 2 * reach, real=True) for n in grid.shape)
     layers = (*whiten(predicted), known.astype(np.float64))
     spectra = [np.conj(fft.rfft2(layer, shape)) for layer in layers]
