@@ -24,11 +24,98 @@ class RecipeNames:
 
 
 RECIPE_NAMES: dict[str, RecipeNames] = {
-    "CandidateParams": RecipeNames("Candidates"),
+    "AlignmentParams": RecipeNames(constants={"first_scale": 64.0, "rounds": 14}),
+    "BirdsEyeParams": RecipeNames(
+        constants={"azimuth_step": 0.0087, "relief_waves_m": [0.2, 1.0], "separation_m": 1.5}
+    ),
+    "CandidateParams": RecipeNames(
+        "Candidates",
+        constants={
+            "apart_cells": 5.0,
+            "coarsest_cell_m": 1.0,
+            "finest_cell_m": 0.05,
+            "first_gap": {"": "Gap", "across_m": 0.15},
+            "footprints": 1.5,
+            "last_gap": {"": "Gap", "across_m": 0.05},
+            "visible_px": 2.0,
+            "widest_window": 24,
+            "window_sigmas": 2.5,
+        },
+    ),
+    "ConjugateParams": RecipeNames(
+        constants={"iterations": 6, "largest_shift_px": 2.5, "largest_stretch": 0.35}
+    ),
+    "DenseParams": RecipeNames(constants={"normalisation_px": 31}),
     "EditPoint": RecipeNames("HandPoint"),
     "EditRequest": RecipeNames("HandTie"),
-    "FeatureParams": RecipeNames("WideBaselineParams"),
-    "TieRefinementParams": RecipeNames("RefinementParams"),
+    "FeatureParams": RecipeNames("WideBaselineParams", constants={"seen_share": 0.7}),
+    "FoerstnerParams": RecipeNames(constants={"separation_px": 3}),
+    "GroundMatchingParams": RecipeNames(constants={"blur_cells": 0.7, "first_sigma_px": 0.1}),
+    "HypothesisParams": RecipeNames(
+        constants={"clear": 1.5, "least_level": 3.0, "same_azimuth": 0.026, "same_m": 0.75}
+    ),
+    "LeastSquaresParams": RecipeNames(constants={"furthest_px": 1.5, "settled_px": 0.005}),
+    "MonoParams": RecipeNames(constants={"least_base_m": 0.01, "relief_px": 4}),
+    "OrientationParams": RecipeNames(constants={"fewest_points": 30}),
+    "RefinementParams": RecipeNames(constants={"furthest_px": 1.5, "texture_px": 5}),
+    "RockParams": RecipeNames(
+        constants={
+            "above_sigmas": 2.5,
+            "depth_share": 0.25,
+            "edge_px": 1.0,
+            "ground_wave_m": 1.2,
+            "least_pixels": 12,
+            "parallax_sigma_px": 0.3,
+        }
+    ),
+    "SparseParams": RecipeNames(
+        constants={"relief": {"": "ReliefParams", "neighbours": 25, "own_weight": 0.15}}
+    ),
+    "SurfaceParams": RecipeNames(
+        constants={"least_facing": 0.05, "least_turned": 0.03, "range_ratio": 2.0}
+    ),
+    "SurfaceTieParams": RecipeNames(constants={"block_share": 0.06}),
+    "TrialParams": RecipeNames(
+        constants={
+            "refinement": {
+                "": "RefinementParams",
+                "facet": {
+                    "": "ConjugateParams",
+                    "ambiguity": 1.0,
+                    "half_px": 8,
+                    "iterations": 6,
+                    "largest_shift_px": 2.5,
+                    "largest_stretch": 0.35,
+                    "parallax_floor_px": 0.2,
+                    "sigma_floor_px": 0.25,
+                    "threshold": 0.6,
+                },
+                "reach": 3,
+            }
+        }
+    ),
+    "VerificationParams": RecipeNames(constants={"curve_points": 31, "neighbours": 12}),
+    "VotingParams": RecipeNames(constants={"separation_m": 1.5}),
+    "WideParams": RecipeNames(
+        constants={
+            "search": {
+                "": "AreaSearchParams",
+                "interest": {
+                    "": "FoerstnerParams",
+                    "cell_px": 32,
+                    "count": 1200,
+                    "separation_px": 3,
+                    "smallest_roundness": 0.5,
+                    "smallest_weight": 0.1,
+                    "window_px": 7,
+                },
+                "least_correlation": 0.8,
+                "lines": 6,
+                "window_px": 15,
+            },
+            "smoothing_px": 6.0,
+        }
+    ),
     "DtmParams": RecipeNames(constants={"min_region_px": 100}),
     "FacetParams": RecipeNames(constants={"min_region_px": 100, "sigma_image_px": 0.25}),
     "FarDtmParams": RecipeNames(constants={"min_region_px": 100}),

@@ -51,8 +51,8 @@ from solmap.photogrammetry.matching.conjugates import View
 from solmap.photogrammetry.matching.manual.editing import ManualImage, apply_edits, epipolar_point
 from solmap.photogrammetry.matching.manual.picking import (
     LARGEST_REACH_PX,
+    REACH_PX,
     PickedView,
-    PickParams,
     measure_pick,
 )
 from solmap.photogrammetry.matching.manual.requests import (
@@ -100,7 +100,7 @@ class RefineQuestion(Question):
 
     first: Picked
     second: Picked
-    reach_px: Annotated[float, Field(gt=0, le=LARGEST_REACH_PX)] = PickParams().reach_px
+    reach_px: Annotated[float, Field(gt=0, le=LARGEST_REACH_PX)] = REACH_PX
     """Within which the second point is looked for."""
 
 
@@ -127,7 +127,7 @@ def refine_pick(question: RefineQuestion, mission: OrientedMission) -> RefineAns
     (first, at, _), (second, start, eyes) = sides
     picked = np.array([question.second.sample, question.second.line])
     try:
-        found = measure_pick(first, second, at, start, PickParams(reach_px=question.reach_px))
+        found = measure_pick(first, second, at, start, question.reach_px)
         place = stored_point(eyes.left, eyes.geometry, np.array([found.place]))[0]
         said, sigma, correlation = None, found.sigma_px, found.correlation
     except MatchingError as error:

@@ -35,6 +35,13 @@ from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.matching.records import Ties
 
+ROUNDS = 14
+"""Of weighting, the last three with the kernel of the verdict."""
+
+
+FIRST_SCALE = 64.0
+"""k at the start: a tie 8 times further off than the limit still pulls with a quarter."""
+
 
 @dataclass(frozen=True, slots=True)
 class AlignmentParams:
@@ -44,15 +51,10 @@ class AlignmentParams:
     """Radians (0.15 degrees) an axis: the mast's pointing from image to image."""
     chi_square: float = 11.34
     """99 % point of chi-square with 3 degrees of freedom."""
-    rounds: int = 14
-    first_scale: float = 64.0
-    """k at the start: a tie 8 times further off than the limit still pulls with a quarter."""
 
     def __post_init__(self) -> None:
-        if not (self.pointing_sigma > 0 and self.chi_square > 0 and self.rounds > 1):
-            raise MatchingError(
-                "an alignment needs a pointing sigma, a limit and rounds above zero"
-            )
+        if not (self.pointing_sigma > 0 and self.chi_square > 0):
+            raise MatchingError("an alignment needs a pointing sigma and a limit above zero")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -110,7 +112,7 @@ def align(
         prior[:6, :6] = np.linalg.inv(pose_prior)
     prior[free_pose:, free_pose:] = np.eye(3 * len(used)) / params.pointing_sigma**2
     x = np.zeros(size)
-    scales = np.maximum(np.geomspace(params.first_scale, 0.5, params.rounds - 3), 1.0)
+    scales = np.maximum(np.geomspace(FIRST_SCALE, 0.5, ROUNDS - 3), 1.0)
     for k in (*scales, 1.0, 1.0, 1.0):
         v, design, weight = _linearise(system, x, start, free_pose)
         length2 = np.einsum("ni,nij,nj->n", v, weight, v)

@@ -73,6 +73,18 @@ DENSE_AGREES_PX = 1.5
 """The measured parallax may differ this much, and three times the surface's roughness, from it."""
 
 
+ITERATIONS = 6
+"""Of least-squares matching."""
+
+
+LARGEST_SHIFT_PX = 2.5
+"""Refinement may not walk further from the correlation peak."""
+
+
+LARGEST_STRETCH = 0.35
+"""Refinement may not change the patch's shape more than this."""
+
+
 @dataclass(frozen=True, slots=True)
 class ConjugateParams:
     """How conjugate points are found and refined."""
@@ -83,11 +95,6 @@ class ConjugateParams:
     """Least correlation after refinement. The paper's 0.8 is for one stereo pair."""
     ambiguity: float = 0.92
     """A second place may correlate at most this well, as a share of the best."""
-    iterations: int = 6
-    largest_shift_px: float = 2.5
-    """Refinement may not walk further from the correlation peak."""
-    largest_stretch: float = 0.35
-    """Refinement may not change the patch's shape more than this."""
     sigma_floor_px: float = 0.1
     """Least-squares matching is not better than this, whatever it says of itself."""
     parallax_floor_px: float = 0.2
@@ -355,12 +362,12 @@ def _least_squares(
     k = np.flatnonzero(wanted)
     if not len(k):
         return offset, sigma, correlation, settled
-    fits = fit_patches(templates[k], searches[k], start[k], params.iterations)
+    fits = fit_patches(templates[k], searches[k], start[k], ITERATIONS)
     offset[k], correlation[k] = fits.shift, fits.correlation
     sigma[k] = np.maximum(fits.sigma, params.sigma_floor_px)
     settled[k] = (
         (fits.last_step < STILL_MOVING)
-        & (np.abs(fits.shift - start[k]).max(axis=1) <= params.largest_shift_px)
-        & (np.abs(fits.affine - np.eye(2)).max(axis=(1, 2)) <= params.largest_stretch)
+        & (np.abs(fits.shift - start[k]).max(axis=1) <= LARGEST_SHIFT_PX)
+        & (np.abs(fits.affine - np.eye(2)).max(axis=(1, 2)) <= LARGEST_STRETCH)
     )
     return offset, sigma, correlation, settled

@@ -88,6 +88,14 @@ TINY = 1e-9
 """Contrast that stands for none."""
 
 
+SETTLED_PX = 0.005
+"""A step below this ends the iteration: a tenth of the precision that can be had."""
+
+
+FURTHEST_PX = 1.5
+"""A point that moves further has left the maximum it started from."""
+
+
 @dataclass(frozen=True, slots=True)
 class LeastSquaresParams:
     """How windows are refined."""
@@ -96,10 +104,6 @@ class LeastSquaresParams:
     """Side of the square window, odd: the one of the correlation (Di et al. 2008, section 5)."""
     steps: int = 8
     """Most Gauss-Newton steps; three to five are usual."""
-    settled_px: float = 0.005
-    """A step below this ends the iteration: a tenth of the precision that can be had."""
-    furthest_px: float = 1.5
-    """A point that moves further has left the maximum it started from."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -169,13 +173,13 @@ class LeastSquaresMatcher:
                 "nij,nkj,nk->ni", inverse[moving][:, :3], design[moving], residual, optimize=True
             )
             geometry[moving] += step
-            far = np.abs(geometry[:, 0] - start_px) > self.params.furthest_px
-            settled[moving] = np.abs(step[:, 0]) < self.params.settled_px
+            far = np.abs(geometry[:, 0] - start_px) > FURTHEST_PX
+            settled[moving] = np.abs(step[:, 0]) < SETTLED_PX
             moving &= ~settled & ~far
             if not moving.any():
                 break
         else:
-            far = np.abs(geometry[:, 0] - start_px) > self.params.furthest_px
+            far = np.abs(geometry[:, 0] - start_px) > FURTHEST_PX
         variance = ((left - fitted) ** 2).sum(axis=1) / (left.shape[1] - PARAMETERS)
         sigma = CORRELATION * np.sqrt(variance * inverse[:, 0, 0])
         energy = np.sqrt((left**2).sum(axis=1) * (fitted**2).sum(axis=1))

@@ -28,6 +28,18 @@ CLIP = 3.0
 """Channels are clipped here, in local standard deviations: rocks and shadows must not rule."""
 
 
+RELIEF_WAVES_M = (0.2, 1.0)
+"""Relief between these wavelengths: rocks and ripples; slopes move with errors of the tilt."""
+
+
+AZIMUTH_STEP = 0.0087
+"""Radians (0.5 degrees): moves the ground by a cell at 18 m."""
+
+
+SEPARATION_M = 1.5
+"""Two peaks nearer than this are one."""
+
+
 @dataclass(frozen=True, slots=True)
 class BirdsEyeParams:
     """How a stop is drawn from above and searched."""
@@ -39,15 +51,9 @@ class BirdsEyeParams:
     radius_m: float = 30.0
     """Beyond it a Navcam's range is off by a metre and more."""
     grey_wave_m: float = 1.0
-    relief_waves_m: tuple[float, float] = (0.2, 1.0)
-    """Relief between these wavelengths: rocks and ripples; slopes move with errors of the tilt."""
-    azimuth_step: float = 0.0087
-    """Radians (0.5 degrees): moves the ground by a cell at 18 m."""
     min_overlap_m2: float = 40.0
     peaks: int = 5
     """Handed on; the lower ones, which are wrong, show what chance can do."""
-    separation_m: float = 1.5
-    """Two peaks nearer than this are one."""
 
     def __post_init__(self) -> None:
         if not (0 < self.cell_m < self.grey_wave_m and self.radius_m > self.grey_wave_m):
@@ -160,7 +166,7 @@ class Channel:
 
 def channels(view: BirdsEyeView, params: BirdsEyeParams) -> tuple[Channel, Channel]:
     """(grey, relief) of a view, over the same cells."""
-    fine, coarse = (wave / view.cell_m for wave in params.relief_waves_m)
+    fine, coarse = (wave / view.cell_m for wave in RELIEF_WAVES_M)
     grey = band_pass(view.grey, 0.8, params.grey_wave_m / view.cell_m)
     relief = band_pass(view.elevation, fine, coarse)
     weight = grey.weight * relief.weight

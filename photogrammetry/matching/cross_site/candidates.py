@@ -6,14 +6,14 @@ resolve the ground best together; the next one is taken a share of a patch away,
 not repeat each other. A candidate must be predicted to be visible: the dense parallax of the target
 at the predicted place agrees with the predicted one, or something stands before it.
 
-The window covers what is uncertain of the prediction: the pose between the stops (`Gap`), and the
+The window covers what is uncertain of the prediction: the pose between the stops, and the
 ranges of both stops.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -28,12 +28,42 @@ from solmap.photogrammetry.matching.cross_site.ground_views import (
 )
 from solmap.photogrammetry.matching.cross_site.tie_weights import select_apart
 
+APART_CELLS = 5.0
+"""Least distance of two candidates in cells of their patches, a third of a patch: ties that
+share more of their ground tell little that is new."""
 
-@dataclass(frozen=True, slots=True)
-class Gap:
-    """How far the same ground may seem apart from both stops: a standard deviation in metres."""
 
-    across_m: float
+FOOTPRINTS = 1.5
+"""Pixels of the coarser image in a cell: what optics and sampling resolve."""
+
+
+FINEST_CELL_M = 0.05
+"""Finer patches would show less ground than the surface has detail (its cells are 0.08 m)."""
+
+
+COARSEST_CELL_M = 1.0
+"""Length of a cell: two Navcam pixels at 30 m on level ground."""
+
+
+WIDEST_WINDOW = 24
+"""Cells of a patch to each side that are searched at most."""
+
+
+WINDOW_SIGMAS = 2.5
+"""Standard deviations of the prediction that a window covers to each side."""
+
+
+VISIBLE_PX = 2.0
+"""Predicted and dense parallax may differ this much, besides what the gap makes of it."""
+
+
+FIRST_GAP_M = 0.15
+"""Standard deviation of how far apart both stops place the same ground after the bird's-eye search:
+a cell of 0.16 m, and half a degree over some metres."""
+
+
+LAST_GAP_M = 0.05
+"""The same after a first alignment: its own uncertainty and the pointing of single pairs."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,42 +72,21 @@ class CandidateParams:
 
     cell_m: float = 0.75
     """One candidate at most in every cell of the ground."""
-    apart_cells: float = 5.0
-    """Least distance of two candidates in cells of their patches, a third of a patch: ties that
-    share more of their ground tell little that is new."""
     farthest_m: float = 30.0
     most: int = 120
     """In a trial of a hypothesis."""
     most_at_last: int = 300
     """When the hypothesis is settled."""
-    footprints: float = 1.5
-    """Pixels of the coarser image in a cell: what optics and sampling resolve."""
     square_m: float = 0.2
     """Cells are square up to this length; longer ones are narrower instead, of the same area, as
     far as both images resolve it. Stops far apart look at the ground between them along one line,
     and see more across it; but narrow patches hold less that is unique, so only where they must."""
-    finest_cell_m: float = 0.05
-    """Finer patches would show less ground than the surface has detail (its cells are 0.08 m)."""
-    coarsest_cell_m: float = 1.0
-    """Length of a cell: two Navcam pixels at 30 m on level ground."""
-    widest_window: int = 24
-    """Cells of a patch to each side."""
-    window_sigmas: float = 2.5
-    first_gap: Gap = field(default_factory=lambda: Gap(0.15))
-    """After the bird's-eye search: a cell of 0.16 m, and half a degree over some metres."""
-    last_gap: Gap = field(default_factory=lambda: Gap(0.05))
-    """After a first alignment: its own uncertainty and the pointing of single pairs."""
     parallax_sigma_px: float = 0.3
     """Of the dense parallax, which places the surface a patch is drawn on (NTB NPO-42487: 0.32)."""
-    visible_px: float = 2.0
-    """Predicted and dense parallax may differ this much, besides what the gap makes of it."""
 
     def __post_init__(self) -> None:
-        if not (0 < self.finest_cell_m <= self.coarsest_cell_m and self.cell_m > 0):
-            raise MatchingError(
-                "candidates need cells above zero, the finest below the coarsest, not cell_m = "
-                f"{self.cell_m}, {self.finest_cell_m} and {self.coarsest_cell_m} m"
-            )
+        if not self.cell_m > 0:
+            raise MatchingError(f"candidates need a cell above zero, not {self.cell_m} m")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -116,13 +125,13 @@ def plan_searches(
     earlier: Sequence[GroundView],
     later: Sequence[GroundView],
     earlier_from_later: Pose,
-    gap: Gap,
+    gap_m: float,
     params: CandidateParams,
 ) -> tuple[list[Plan], list[Plan]]:
     """What to look for: matches of the earlier stop in the later one, and the other way round."""
     later_from_earlier = earlier_from_later.inverse
-    forth = _plans(earlier, later, later_from_earlier, gap, params)
-    back = _plans(later, earlier, earlier_from_later, gap, params)
+    forth = _plans(earlier, later, later_from_earlier, gap_m, params)
+    back = _plans(later, earlier, earlier_from_later, gap_m, params)
     return _best_of_the_ground(forth, back, earlier_from_later, params)
 
 
@@ -130,11 +139,11 @@ def _plans(
     sources: Sequence[GroundView],
     targets: Sequence[GroundView],
     targets_from_sources: Pose,
-    gap: Gap,
+    gap_m: float,
     params: CandidateParams,
 ) -> list[Plan]:
     """Every match of every source pair that a target pair should show."""
-    every = (_plan(s, t, targets_from_sources, gap, params) for s in sources for t in targets)
+    every = (_plan(s, t, targets_from_sources, gap_m, params) for s in sources for t in targets)
     return [plan for plan in every if plan is not None and len(plan.places)]
 
 
@@ -142,7 +151,7 @@ def _plan(
     source: GroundView,
     target: GroundView,
     target_from_source: Pose,
-    gap: Gap,
+    gap_m: float,
     params: CandidateParams,
 ) -> Plan | None:
     """The matches of one pair that another should show, and how far around to look."""
@@ -160,17 +169,17 @@ def _plan(
         column[rows] for column in (ahead, seen, ground.places, ground.range_m)
     )
     spread = _spread(source, target, target_from_source, places, (range_m, seen[:, 2]), params)
-    spread += gap.across_m**2 * np.eye(2)
-    apart_m = params.window_sigmas * np.sqrt(np.linalg.eigvalsh(spread)[:, 1])
-    shown = _visible(target, left, parallax, apart_m * parallax / seen[:, 2] + params.visible_px)
+    spread += gap_m**2 * np.eye(2)
+    apart_m = WINDOW_SIGMAS * np.sqrt(np.linalg.eigvalsh(spread)[:, 1])
+    shown = _visible(target, left, parallax, apart_m * parallax / seen[:, 2] + VISIBLE_PX)
     cells = np.full((len(places), 2, 2), np.nan)
     turn = horizontal_turn(target_from_source)
     there = turn.T @ target.footprints(ahead[shown, :2]) @ turn
-    cells[shown] = params.footprints * common_cells(
-        ground.footprints[rows][shown], there, params.square_m / params.footprints
+    cells[shown] = FOOTPRINTS * common_cells(
+        ground.footprints[rows][shown], there, params.square_m / FOOTPRINTS
     )
     shown &= np.isfinite(cells).all(axis=(1, 2))
-    cells, spread = limit_resolution(cells[shown], params.finest_cell_m), spread[shown]
+    cells, spread = limit_resolution(cells[shown], FINEST_CELL_M), spread[shown]
     back = np.linalg.inv(cells)
     reach = np.linalg.eigvalsh(back @ spread @ np.swapaxes(back, 1, 2))[:, 1]
     plan = Plan(
@@ -179,10 +188,10 @@ def _plan(
         target_from_source,
         places[shown],
         cells,
-        params.window_sigmas * np.sqrt(reach) + 2.0,
+        WINDOW_SIGMAS * np.sqrt(reach) + 2.0,
     )
-    fine = np.linalg.norm(cells, axis=1).max(axis=1) <= params.coarsest_cell_m
-    return plan.select(fine & (plan.reach <= params.widest_window))
+    fine = np.linalg.norm(cells, axis=1).max(axis=1) <= COARSEST_CELL_M
+    return plan.select(fine & (plan.reach <= WIDEST_WINDOW))
 
 
 def _spread(
@@ -238,7 +247,7 @@ def _best_of_the_ground(
     cells = np.floor(flat[order] / params.cell_m).astype(np.int64)
     _, first = np.unique(cells, axis=0, return_index=True)
     best = order[np.sort(first)]
-    best = best[select_apart(flat[best], params.apart_cells * size[best], params.most_at_last)]
+    best = best[select_apart(flat[best], APART_CELLS * size[best], params.most_at_last)]
     best = best[np.linspace(0, len(best) - 1, min(params.most, len(best))).astype(np.int64)]
     kept = np.zeros(len(owner), dtype=bool)
     kept[best] = True

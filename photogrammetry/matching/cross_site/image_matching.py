@@ -74,8 +74,24 @@ RELIEF_M = 0.015
 HALF_PX = 10
 """Half the window of the surface around."""
 
+FACET = ConjugateParams(half_px=8, threshold=0.6, ambiguity=1.0, sigma_floor_px=0.25)
+"""How a tie is measured again. Its place is known, so it need not be the only one. Stops look at
+the ground from different sides: against truth, a quarter of a common cell is what least squares
+come to."""
+
+FACET_REACH = 3
+"""Cells to each side: the 0.4 cells of a patch, and what is left of the pose, three times."""
+
 MEASURED_AGAIN = ("left", "parallax_px", "sigma_px", "sigma_line_px", "sigma_parallax_px")
 """Columns of a second measurement."""
+
+
+FIRST_SIGMA_PX = 0.1
+"""The centre of a patch is a point by definition; what is left is resampling."""
+
+
+BLUR_CELLS = 0.7
+"""Takes from both what only one of them resolves."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,10 +106,6 @@ class GroundMatchingParams:
     """Looks at the ground from far apart correlate less than the eyes of one pair; that a place is
     the only one within the window, and fits the others in space, has to make up for it. Against
     truth a patch is good to 0.4 cells, for its relief is not quite that of the surface."""
-    first_sigma_px: float = 0.1
-    """The centre of a patch is a point by definition; what is left is resampling."""
-    blur_cells: float = 0.7
-    """Takes from both what only one of them resolves."""
     parallax: ConjugateParams = field(
         default_factory=lambda: ConjugateParams(parallax_floor_px=0.1)
     )
@@ -105,25 +117,6 @@ class GroundMatchingParams:
             raise MatchingError(
                 f"patches of ground are 7 x 7 cells or more, not half_cells = {self.half_cells}"
             )
-
-
-@dataclass(frozen=True, slots=True)
-class TieRefinementParams:
-    """How ties are measured again."""
-
-    facet: ConjugateParams = field(
-        default_factory=lambda: ConjugateParams(
-            half_px=8, threshold=0.6, ambiguity=1.0, sigma_floor_px=0.25
-        )
-    )
-    """The place is known, so it need not be the only one. Stops look at the ground from different
-    sides: against truth, a quarter of a common cell is what least squares come to."""
-    reach: int = 3
-    """Cells to each side: the 0.4 cells of a patch, and what is left of the pose, three times."""
-
-    def __post_init__(self) -> None:
-        if self.reach < 1:
-            raise MatchingError(f"a tie is looked for 1 cell around or more, not {self.reach}")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -204,7 +197,7 @@ def _match_window_class(
     wide = half + reach + MARGIN_CELLS
     templates, whole = plan.source.draw_patches(centres, plan.cells, half, half)
     searches, there = plan.target.draw_patches(ahead, cells_there, wide, half)
-    templates, searches = (_blur(stack, params.blur_cells) for stack in (templates, searches))
+    templates, searches = (_blur(stack, BLUR_CELLS) for stack in (templates, searches))
     found, offset, sigma, _ = match_patches(templates, searches, whole & there, params.patches)
     moved = (cells_there @ offset[:, ::-1, None])[:, :, 0]
     first, _ = plan.source.project(centres[:, 0], centres[:, 1])
@@ -230,11 +223,11 @@ def _match_window_class(
         second,
         parallax,
         parallax_there,
-        np.full(n, params.first_sigma_px),
+        np.full(n, FIRST_SIGMA_PX),
         sample,
         sigma_parallax,
         sigma_there,
-        np.full(n, params.first_sigma_px),
+        np.full(n, FIRST_SIGMA_PX),
         line,
     )
     width_m = (2 * half + 1) * plan.cell_m[found]
@@ -282,7 +275,6 @@ def refine_ties(
     ties: Ties,
     views: Mapping[str, TieView],
     alignment: Alignment,
-    params: TieRefinementParams,
     parallax: ConjugateParams,
 ) -> Ties:
     """The ties, those that are found again with the place and parallax measured there."""
@@ -291,9 +283,9 @@ def refine_ties(
         rows = np.flatnonzero((ties.first == a) & (ties.second == b)).astype(np.int32)
         source, target = views[ties.pair_ids[a]], views[ties.pair_ids[b]]
         target_from_source = _between(source, target, alignment)
-        maps = _maps(ties, rows, source, target, target_from_source, params.facet.half_px)
+        maps = _maps(ties, rows, source, target, target_from_source, FACET.half_px)
         found = find_conjugates(
-            source.left, target.left, ties.first_left[rows], maps, params.reach, params.facet
+            source.left, target.left, ties.first_left[rows], maps, FACET_REACH, FACET
         )
         there = rows[found.found]
         points, spread = found.points[found.found], found.spread[found.found]

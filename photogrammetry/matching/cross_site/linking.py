@@ -39,10 +39,16 @@ from solmap.photogrammetry.arrays import PerPoint
 from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.frames import LSL, Pose
 from solmap.photogrammetry.matching.alignment import Alignment, AlignmentParams, align
-from solmap.photogrammetry.matching.cross_site.birds_eye import BirdsEyeParams, PlaneFit, SearchGate
+from solmap.photogrammetry.matching.cross_site.birds_eye import (
+    SEPARATION_M,
+    BirdsEyeParams,
+    PlaneFit,
+    SearchGate,
+)
 from solmap.photogrammetry.matching.cross_site.candidates import (
+    FIRST_GAP_M,
+    LAST_GAP_M,
     CandidateParams,
-    Gap,
     plan_searches,
 )
 from solmap.photogrammetry.matching.cross_site.gate import (
@@ -59,7 +65,6 @@ from solmap.photogrammetry.matching.cross_site.hypotheses.search import (
 )
 from solmap.photogrammetry.matching.cross_site.image_matching import (
     GroundMatchingParams,
-    TieRefinementParams,
     corrected_pose,
     match_ground,
     refine_ties,
@@ -95,7 +100,6 @@ class TrialParams:
     candidates: CandidateParams = field(default_factory=CandidateParams)
     ground: GroundMatchingParams = field(default_factory=GroundMatchingParams)
     alignment: AlignmentParams = field(default_factory=AlignmentParams)
-    refinement: TieRefinementParams = field(default_factory=TieRefinementParams)
     decoys: int = 2
     separation_m: float = 0.75
     """Trials that end this near to each other found the same place."""
@@ -147,7 +151,7 @@ def tie_cross_site(
     best = trials.settle(_best(tried, params.trials.separation_m))
     if best.agreeing < params.verdict.least_ties:
         return _evaluate(trials, best, 0, params)
-    wrong = decoys(gate, fits, params.trials.decoys, 2 * params.birds_eye.separation_m)
+    wrong = decoys(gate, fits, params.trials.decoys, 2 * SEPARATION_M)
     return _evaluate(trials, best, _count_by_chance(trials, best, tried, wrong), params)
 
 
@@ -274,7 +278,7 @@ class Trials:
         candidates = self.params.candidates
         pose = pose_from_fit(self.one.stop, self.other.stop, fit)
         dense_sigma_px = candidates.parallax_sigma_px
-        return self._trial(fit, pose, candidates.first_gap, candidates, dense_sigma_px)
+        return self._trial(fit, pose, FIRST_GAP_M, candidates, dense_sigma_px)
 
     def settle(self, trial: Trial) -> Trial:
         """Match all there is from the trial's own alignment, in the window that leaves open."""
@@ -282,7 +286,7 @@ class Trials:
             return trial
         candidates = replace(self.params.candidates, most=self.params.candidates.most_at_last)
         pose = trial.alignment.first_from_second
-        return self._trial(trial.fit, pose, candidates.last_gap, candidates, None)
+        return self._trial(trial.fit, pose, LAST_GAP_M, candidates, None)
 
     def refine(self, trial: Trial) -> Trial:
         """Measure the ties that agree again, in the original images, and align by them."""
@@ -294,7 +298,6 @@ class Trials:
             trial.ties.select(agrees),
             views,
             trial.alignment,
-            self.params.refinement,
             self.params.ground.parallax,
         )
         alignment = self.align(ties, trial.alignment.first_from_second)
@@ -304,13 +307,13 @@ class Trials:
         self,
         fit: PlaneFit,
         pose: Pose,
-        gap: Gap,
+        gap_m: float,
         candidates: CandidateParams,
         dense_sigma_px: float | None,
     ) -> Trial:
         """Conjugates under a pose of rover to rover, and the alignment by them."""
         level = level_pose(self.one.stop, self.other.stop, pose)
-        forth, back = plan_searches(self.one.views, self.other.views, level, gap, candidates)
+        forth, back = plan_searches(self.one.views, self.other.views, level, gap_m, candidates)
         pair_ids = (*self.one.pair_ids, *self.other.pair_ids)
         found = match_ground(forth, back, self.params.ground, pair_ids, dense_sigma_px)
         return Trial(fit, found.ties, found.width_m, self.align(found.ties, pose))

@@ -59,6 +59,19 @@ Shifts = tuple[Float64[np.ndarray, "earlier 3"], Float64[np.ndarray, "later 3"]]
 """Of the later stop's ground, at the points of the earlier stop's ground and at its own, metres."""
 
 
+RANGE_RATIO = 2.0
+"""Ground that one stop sees from so many times as far as the other shows it other faces."""
+
+
+LEAST_FACING = 0.05
+"""Sine of the angle under which a facet must be seen by its own stop, 3 degrees: the ground at
+20 to 30 m. Below it lie crests, and the steps behind them."""
+
+
+LEAST_TURNED = 0.03
+"""And by the other stop: what is turned away from that one it cannot have seen."""
+
+
 @dataclass(frozen=True, slots=True)
 class SurfaceParams:
     """How ground is held against ground."""
@@ -68,13 +81,6 @@ class SurfaceParams:
     half_px: int = 5
     """Half the window of a facet."""
     farthest_m: float = 30.0
-    range_ratio: float = 2.0
-    """Ground that one stop sees from so many times as far as the other shows it other faces."""
-    least_facing: float = 0.05
-    """Sine of the angle under which a facet must be seen by its own stop, 3 degrees: the ground at
-    20 to 30 m. Below it lie crests, and the steps behind them."""
-    least_turned: float = 0.03
-    """And by the other stop: what is turned away from that one it cannot have seen."""
     least_points: int = 60
     """Of the ground that two pairs share, both counted."""
     sigma_parallax_px: float = 0.1
@@ -215,13 +221,13 @@ class Ground:
         parallax = view.parallax[line, column].astype(np.float64)
         places = view.place(points, parallax)
         near, far = (np.linalg.norm(places - at, axis=1) for at in (view.centre, other))
-        reached = (np.maximum(near, far) < params.farthest_m) & _ranges_compare(near, far, params)
+        reached = (np.maximum(near, far) < params.farthest_m) & _ranges_compare(near, far)
         points, parallax, places = points[reached], parallax[reached], places[reached]
         if not len(points):
             return cls(view, points, parallax, places, places, places)
         normals = view.normals(view.at(points), points)
-        good = view.facing(normals, places) > params.least_facing
-        good &= (normals * unit_vectors(places - other)).sum(axis=1) > params.least_turned
+        good = view.facing(normals, places) > LEAST_FACING
+        good &= (normals * unit_vectors(places - other)).sum(axis=1) > LEAST_TURNED
         along = (view.centre - places) / parallax[:, None]
         return cls(view, *(c[good] for c in (points, parallax, places, normals, along)))
 
@@ -244,15 +250,15 @@ class Ground:
         by_shift = (slope[:, None] @ target.by_place(in_target))[:, 0]
         own = (by_shift * self.by_parallax[row]).sum(axis=1)
         noise = params.sigma_parallax_px**2 * (1 + own**2) + (facets.residual_px / 2) ** 2
-        good = target.facing(normals, places) > params.least_facing
-        good &= self.view.facing(normals, places) > params.least_turned
+        good = target.facing(normals, places) > LEAST_FACING
+        good &= self.view.facing(normals, places) > LEAST_TURNED
         misfit = facets.parallax_px - parallax[row]
         return Misfits(*(c[good] for c in (row.astype(np.int32), misfit, by_shift, noise)))
 
 
-def _ranges_compare(near: PerPoint, far: PerPoint, params: SurfaceParams) -> Flags:
+def _ranges_compare(near: PerPoint, far: PerPoint) -> Flags:
     """Whether ground is seen from ranges that compare."""
-    return (near < params.range_ratio * far) & (far < params.range_ratio * near)
+    return (near < RANGE_RATIO * far) & (far < RANGE_RATIO * near)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -35,6 +35,11 @@ DEFINED_PX = 0.02
 """A point of the earlier stop is where it is by definition."""
 
 
+BLOCK_SHARE = 0.06
+"""Least side of a block as a share of the distance of the stops: far away there are fewer pixels to
+a metre."""
+
+
 @dataclass(frozen=True, slots=True)
 class SurfaceTieParams:
     """Which blocks of ground become ties."""
@@ -43,8 +48,6 @@ class SurfaceTieParams:
     surface: SurfaceParams = field(default_factory=SurfaceParams)
     block_m: float = 1.0
     """Side of a block, and at least"""
-    block_share: float = 0.06
-    """of the distance of the stops: far away there are fewer pixels to a metre."""
     least_points: int = 30
     largest_sigma_m: float = 0.06
     """Across the rays: blocks without relief know no better and are left out."""
@@ -134,7 +137,7 @@ def _shared_ground(
     here, there = (np.mean([v.centre for v in some.values()], axis=0) for some in (earlier, later))
     ones = {name: Ground.of(view, there, params.surface) for name, view in earlier.items()}
     others = {name: Ground.of(view, here, params.surface) for name, view in later.items()}
-    side_m = max(params.block_m, params.block_share * float(np.linalg.norm(there - here)))
+    side_m = max(params.block_m, BLOCK_SHARE * float(np.linalg.norm(there - here)))
     for one, ground in ones.items():
         for other, its_ground in others.items():
             couple = GroundPair.of(ground, its_ground, params.surface)

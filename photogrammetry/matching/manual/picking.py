@@ -7,7 +7,7 @@ reach of there it is looked for by correlation and measured by least squares (`c
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -27,30 +27,13 @@ from solmap.photogrammetry.matching.parallax_planes import (
     plane_homographies,
 )
 
+PICK = ConjugateParams(half_px=10, threshold=0.7, ambiguity=0.85, sigma_floor_px=0.25)
+"""A hand is less sure than a tie that geometry has confirmed: what is found must be unique."""
+REACH_PX = 6.0
+"""To each side of the picked place: as far as a hand misses on a screen."""
 LARGEST_REACH_PX = 40.0
 LEAST_REACH = 2
 """Cells: a peak needs neighbours."""
-
-
-@dataclass(frozen=True, slots=True)
-class PickParams:
-    """How a picked point is measured."""
-
-    facet: ConjugateParams = field(
-        default_factory=lambda: ConjugateParams(
-            half_px=10, threshold=0.7, ambiguity=0.85, sigma_floor_px=0.25
-        )
-    )
-    """A hand is less sure than a tie that geometry has confirmed: what is found must be unique."""
-    reach_px: float = 6.0
-    """To each side of the picked place: as far as a hand misses on a screen."""
-
-    def __post_init__(self) -> None:
-        if not 0 < self.reach_px <= LARGEST_REACH_PX:
-            raise MatchingError(
-                f"a picked point is looked for within {LARGEST_REACH_PX:g} pixels, not "
-                f"{self.reach_px:g}"
-            )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,14 +61,14 @@ def measure_pick(
     second: PickedView,
     point: Float64[np.ndarray, " 2"],
     start: Float64[np.ndarray, " 2"],
-    params: PickParams,
+    reach_px: float,
 ) -> PickedPlace:
-    """The conjugate of a point of the first image near a place of the second.
+    """The conjugate of a point of the first image within `reach_px` of a place of the second.
 
     Raises:
         MatchingError: the ground around the point is not known, or nothing there looks alike.
     """
-    maps = _map(first, second, point, params)
+    maps = _map(first, second, point)
     at, _ = map_points(maps, point[None])
     if not np.isfinite(at).all():
         raise MatchingError(
@@ -94,11 +77,11 @@ def measure_pick(
         )
     move = np.eye(3)
     move[:2, 2] = start - at[0]
-    reach = _reach_cells(move @ maps, point, params.reach_px)
-    found = find_conjugates(first.view, second.view, point[None], move @ maps, reach, params.facet)
+    reach = _reach_cells(move @ maps, point, reach_px)
+    found = find_conjugates(first.view, second.view, point[None], move @ maps, reach, PICK)
     if not found.found[0]:
         raise MatchingError(
-            f"nothing within {params.reach_px:g} pixels of the second point looks like the first "
+            f"nothing within {reach_px:g} pixels of the second point looks like the first "
             "one and like nothing else beside it: pick nearer, or keep the points as they are"
         )
     place = found.points[0]
@@ -118,9 +101,9 @@ def _reach_cells(
 
 
 def _map(
-    first: PickedView, second: PickedView, point: Float64[np.ndarray, " 2"], params: PickParams
+    first: PickedView, second: PickedView, point: Float64[np.ndarray, " 2"]
 ) -> Float64[np.ndarray, "1 3 3"]:
-    planes = parallax_planes(first.parallax, point[None], params.facet.half_px)
+    planes = parallax_planes(first.parallax, point[None], PICK.half_px)
     if not (planes.found[0] and planes.parallax_px[0] > 0):
         raise MatchingError(
             "the ground around the first point was not matched, so how it looks from the other "

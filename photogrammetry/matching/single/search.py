@@ -52,6 +52,14 @@ NEIGHBOURS = 8
 """Matches around a point that say how deep it lies."""
 
 
+RELIEF_PX = 4
+"""Half the window of the second search: relief between neighbouring matches."""
+
+
+LEAST_BASE_M = 0.01
+"""Between the cameras: nearer together, as through two filters, images say nothing of depth."""
+
+
 @dataclass(frozen=True, slots=True)
 class MonoParams:
     """How single images of a stop are tied."""
@@ -69,13 +77,9 @@ class MonoParams:
     """Interest points of the overlap that are looked for with depth and turn known."""
     cell_px: int = 32
     """Cell in which the strongest are taken in turn."""
-    relief_px: int = 4
-    """Half the window of the second search: relief between neighbouring matches."""
     least_parallax_px: float = 1.0
     """Along the epipolar line. Below, the rays of the adjusted images may diverge, and a point
     behind infinity has no place."""
-    least_base_m: float = 0.01
-    """Between the cameras: nearer together, as through two filters, images say nothing of depth."""
     least_ties: int = 12
     """Four times the three unknowns of the turn: with fewer there is no link."""
 
@@ -85,8 +89,8 @@ class MonoParams:
                 "single images need candidates >= scouts >= least_ties > 2, not "
                 f"{self.candidates}, {self.scouts}, {self.least_ties}"
             )
-        if not (self.pointing_sigma > 0 and self.nearest_m > 0 and self.relief_px > 0):
-            raise MatchingError("pointing_sigma, nearest_m and relief_px must be above zero")
+        if not (self.pointing_sigma > 0 and self.nearest_m > 0):
+            raise MatchingError("pointing_sigma and nearest_m must be above zero")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -147,7 +151,7 @@ def search_near_depth(  # noqa: PLR0913, PLR0917 - two images, what is looked fo
     _, nearest = KDTree(near[0]).query(points, k=min(NEIGHBOURS, len(near[0])))
     depth = np.median(near[1][nearest], axis=1)
     maps = _maps(swing, points, depth, turn)
-    reach = np.full(len(points), float(params.relief_px))
+    reach = np.full(len(points), float(RELIEF_PX))
     return _find(one, other, points, maps, reach, params.conjugates)
 
 

@@ -20,6 +20,7 @@ from solmap.photogrammetry.imagery import StopId
 from solmap.photogrammetry.matching.conjugates import Conjugates, View
 from solmap.photogrammetry.matching.records import MatchedPair, Ties, join_ties
 from solmap.photogrammetry.matching.single.search import (
+    LEAST_BASE_M,
     MonoParams,
     SingleView,
     check_pair,
@@ -96,7 +97,7 @@ def tie_two(
 ) -> LinkedImages | None:
     """Ties of two single images, and what came of it; None where they do not overlap."""
     swing = TwoViews(one.geometry, other.geometry)
-    if swing.base_m < params.least_base_m:
+    if swing.base_m < LEAST_BASE_M:
         return None
     points = select_candidates(one, other, swing, params)
     if len(points) < params.least_ties:
@@ -119,7 +120,7 @@ def tie_to_pair(
 ) -> LinkedImages | None:
     """Ties of a stereo pair with a single image beside it; None where they do not overlap."""
     swing = TwoViews(pair.images.geometry, view.geometry)
-    if swing.base_m < params.least_base_m:
+    if swing.base_m < LEAST_BASE_M:
         return None
     rows = matches_in_view(pair, view, swing, params)
     if len(rows) < params.least_ties:

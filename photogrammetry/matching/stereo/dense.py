@@ -73,6 +73,14 @@ LARGEST_STEP_PX = 0.5
 """Step of a half window beyond which it has lost its texture and tells nothing of relief."""
 
 
+FURTHEST_PX = 1.5
+"""A pixel that moves further from its first parallax has slid to another surface."""
+
+
+TEXTURE_PX = 5
+"""Window of that energy, odd: small, so that the horizon lends no texture to the sky."""
+
+
 @dataclass(frozen=True, slots=True)
 class RefinementParams:
     """How the parallax of every pixel is refined and judged."""
@@ -87,17 +95,17 @@ class RefinementParams:
     every pixel of parallax: level ground changes by one in some seven rows of a Navcam image."""
     edge_px: float = 1.0
     """Standard deviation in parallax of that smoothing: what differs by more is another surface."""
-    furthest_px: float = 1.5
-    """A pixel that moves further from its first parallax has slid to another surface."""
     texture: float = 2.0
     """Least energy of the slope, in units of what noise alone would give: as much texture as noise.
     Below that even the whole window leaves 0.2 px; the sky stays at 1."""
-    texture_px: int = 5
-    """Window of that energy, odd: small, so that the horizon lends no texture to the sky."""
     largest_sigma_px: float = 0.5
     """Parallaxes less precise than this are left out."""
     least_correlation: float = 0.6
     """Of the windows after the last step; chance agreement of noise stays below."""
+
+
+NORMALISATION_PX = 31
+"""Window of the local normalisation, odd: wider than any correlation window."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,8 +116,6 @@ class DenseParams:
     """Nearest ground, as in sparse matching: sets the search."""
     least_parallax_px: int = -2
     """Parallax of infinity less what an error of the stereo bar of 0.1 degrees may take off."""
-    normalisation_px: int = 31
-    """Window of the local normalisation, odd: wider than any correlation window."""
     semi_global: SemiGlobalParams = field(default_factory=SemiGlobalParams)
     refinement: RefinementParams = field(default_factory=RefinementParams)
 
@@ -162,7 +168,7 @@ class WindowSums:
 def match_densely(images: EpipolarImages, params: DenseParams | None = None) -> DenseMatches:
     """Parallax and its standard deviation, pixels, on the grid of the left image; NaN: none."""
     params = params or DenseParams()
-    left, right = _normalise(images, params)
+    left, right = _normalise(images)
     largest = int(np.ceil(largest_parallax_px(images.geometry, params.nearest_range_m)))
     search = (params.least_parallax_px, largest)
     rough = rough_parallax(left, right, search, params.semi_global)
@@ -181,7 +187,7 @@ def match_about(
     """
     shift = predicted - np.float32(search_px)
     image, known = shift_rows(images.right, images.right_mask, shift)
-    left, right = _normalise(replace(images, right=image, right_mask=known), params)
+    left, right = _normalise(replace(images, right=image, right_mask=known))
     pictures = (to_eight_bit(left.grey), to_eight_bit(right.grey))
     masks = (left.mask, right.mask)
     rough = match_both_ways(*pictures, masks, (0, 2 * search_px), params.semi_global)
@@ -194,12 +200,10 @@ def match_about(
     return DenseMatches(parallax, np.where(np.isfinite(parallax), sigma, np.float32(np.nan)))
 
 
-def _normalise(
-    images: EpipolarImages, params: DenseParams
-) -> tuple[NormalisedImage, NormalisedImage]:
+def _normalise(images: EpipolarImages) -> tuple[NormalisedImage, NormalisedImage]:
     """Both images, each in units of its local contrast."""
     left, right = (
-        normalise_locally(image, mask, params.normalisation_px)
+        normalise_locally(image, mask, NORMALISATION_PX)
         for image, mask in ((images.left, images.left_mask), (images.right, images.right_mask))
     )
     return left, right
@@ -228,7 +232,7 @@ class PixelwiseMatcher:
         parallax = parallax + fit.step_px
         good = (fit.sigma_px <= self.params.largest_sigma_px) & fit.textured & (parallax > 0)
         good &= fit.correlation >= self.params.least_correlation
-        good &= np.abs(parallax - rough) <= self.params.furthest_px
+        good &= np.abs(parallax - rough) <= FURTHEST_PX
         nothing = np.float32(np.nan)
         return np.where(good, parallax, nothing), np.where(good, fit.sigma_px, nothing)
 
@@ -292,7 +296,7 @@ class PixelwiseMatcher:
         return np.maximum(total, 0) / share  # running sums round below zero
 
     def _has_texture(self, gg: GreyImage, rr: GreyImage) -> Mask:
-        window = (self.params.texture_px, self.params.texture_px)
+        window = (TEXTURE_PX, TEXTURE_PX)
         noise = np.minimum(cv2.blur(rr, window) / 2, self.noise * self.noise)
         return cv2.blur(gg, window) > np.float32(self.params.texture * SLOPE_NOISE) * noise
 

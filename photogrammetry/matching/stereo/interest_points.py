@@ -23,6 +23,10 @@ WINDOW_SIGMAS = 4.0
 """Width of the window in standard deviations of its weights: at its edge they are down to 0.14."""
 
 
+SEPARATION_PX = 3
+"""Radius within which only the strongest point stays: about half the window."""
+
+
 @dataclass(frozen=True, slots=True)
 class FoerstnerParams:
     """How interest points are chosen; defaults by Förstner & Gülch 1987 and Di et al. 2008."""
@@ -33,8 +37,6 @@ class FoerstnerParams:
     """Limit of q: 0.5 to 0.75 in the original."""
     smallest_weight: float = 0.5
     """Limit of w as a share of its mean over the image: 0.5 to 1.5 in the original."""
-    separation_px: int = 3
-    """Radius within which only the strongest point stays: about half the window."""
     count: int = 5000
     """Points an image (Di et al. 2008, section 5)."""
     cell_px: int = 64
@@ -70,7 +72,7 @@ def interest_points(
         return InterestPoints(
             np.empty((0, 2), np.int32), np.empty((0, 2)), np.empty(0), np.empty(0)
         )
-    around = np.ones((2 * params.separation_px + 1,) * 2, np.uint8)
+    around = np.ones((2 * SEPARATION_PX + 1,) * 2, np.uint8)
     peak = usable & (w >= cv2.dilate(np.where(usable, w, 0), around)) & (w > 0)
     peak &= (w > params.smallest_weight * float(w[usable].mean())) & (q > params.smallest_roundness)
     line, sample = np.nonzero(peak)

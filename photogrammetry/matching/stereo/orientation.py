@@ -107,6 +107,10 @@ class VerticalParallax:
         )
 
 
+FEWEST_OFFSETS = 30
+"""Five times the six unknowns."""
+
+
 @dataclass(frozen=True, slots=True)
 class OrientationParams:
     """How far adjusted orientations are trusted."""
@@ -118,8 +122,6 @@ class OrientationParams:
     bar_sigma_px: float = 0.03
     """Standard deviation of what all parallaxes of a bar share: its rows have corresponded to that
     after calibration, and nothing holds its parallax better than its rows."""
-    fewest_points: int = 30
-    """Five times the six unknowns."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

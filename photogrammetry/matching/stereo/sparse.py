@@ -66,15 +66,13 @@ LARGEST_PX = 1.0
 """Difference that is taken for a point the half window lost; more would be a blunder."""
 
 
-@dataclass(frozen=True, slots=True)
-class ReliefParams:
-    """How relief within the window is estimated."""
+RELIEF_NEIGHBOURS = 25
+"""Matches whose median difference tells of the relief around: known to a fifth."""
 
-    neighbours: int = 25
-    """Matches whose median difference tells of the relief around: known to a fifth."""
-    own_weight: float = 0.15
-    """Weight of a match's own difference against that median: one draw against some six, as the
-    relief of neighbours differs by half from place to place."""
+
+OWN_WEIGHT = 0.15
+"""Weight of a match's own difference against that median: one draw against some six, as the
+relief of neighbours differs by half from place to place."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +92,6 @@ class SparseParams:
     """Parallax of infinity less what an error of the stereo bar of 0.1 degrees may take off."""
     verification: VerificationParams = field(default_factory=VerificationParams)
     refinement: LeastSquaresParams = field(default_factory=LeastSquaresParams)
-    relief: ReliefParams = field(default_factory=ReliefParams)
     largest_sigma_px: float = 0.3
     """Matches less precise than this are left out: at 10 m it is 0.12 m of Navcam range."""
     cell_px: int = 32
@@ -156,7 +153,7 @@ def refine_candidates(
     start = (pixels[:, 0] - candidates.right[candidates.accepted, 0]).astype(np.float64)
     matcher = LeastSquaresMatcher(images.left, images.right, params.refinement)
     refined = matcher.refine(pixels, start)
-    sigma_px = sigma_with_relief(matcher, pixels.astype(np.float64), refined, params.relief)
+    sigma_px = sigma_with_relief(matcher, pixels.astype(np.float64), refined)
     good = refined.settled & (sigma_px <= params.largest_sigma_px)
     good &= (refined.correlation >= params.least_correlation) & (
         refined.parallax_px > max(params.least_parallax_px, 0.0)
@@ -246,7 +243,6 @@ def sigma_with_relief(
     matcher: LeastSquaresMatcher,
     points: ImagePoints,
     refined: RefinedParallax,
-    params: ReliefParams,
 ) -> PerPoint:
     """Standard deviation, pixels, of refined parallaxes as those of the ground at the points."""
     if not len(points):
@@ -258,10 +254,10 @@ def sigma_with_relief(
     difference = np.where(narrow.settled, narrow.parallax_px - refined.parallax_px, LARGEST_PX)
     squared = np.minimum(difference**2, LARGEST_PX**2)
     noise = narrow.sigma_px**2 - refined.sigma_px**2
-    nearest = KDTree(points).query(points, k=min(params.neighbours, len(points)))[1]
+    nearest = KDTree(points).query(points, k=min(RELIEF_NEIGHBOURS, len(points)))[1]
     nearest = nearest.reshape(len(points), -1)
     around = MAD_TO_SIGMA**2 * np.median(squared[nearest], axis=1) - np.median(
         noise[nearest], axis=1
     )
-    relief = (1 - params.own_weight) * around + params.own_weight * (squared - noise)
+    relief = (1 - OWN_WEIGHT) * around + OWN_WEIGHT * (squared - noise)
     return np.sqrt(refined.sigma_px**2 + BELOW_HALF * np.maximum(relief, 0))

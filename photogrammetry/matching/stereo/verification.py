@@ -29,6 +29,14 @@ LEAST_DEVIATION_PX = 0.1
 """Deviations below this weigh alike."""
 
 
+CURVE_POINTS = 31
+"""Length of the median filter, odd: up to 15 blunders in a row are outvoted."""
+
+
+NEIGHBOURS = 12
+"""Nearest matches that vote on one."""
+
+
 @dataclass(frozen=True, slots=True)
 class VerificationParams:
     """What counts as a blunder."""
@@ -36,14 +44,10 @@ class VerificationParams:
     strips: int = 4
     """Upright strips with a parallax curve each: a quarter of a 45 degree field is about 11
     degrees, over which ground of 20 degrees cross slope changes its parallax by less than half."""
-    curve_points: int = 31
-    """Length of the median filter, odd: up to 15 blunders in a row are outvoted."""
     roughness: float = 0.5
     """Terrain roughness as a share of the parallax: rocks of half a metre below a 1.5 m mast."""
     roughness_px: float = 3.0
     """Least terrain roughness, pixels: far away, ridges behind each other."""
-    neighbours: int = 12
-    """Nearest matches that vote on one."""
     spread: float = 4.0
     """Distance from the neighbours' plane, in robust standard deviations of theirs."""
     least_spread_px: float = 0.75
@@ -73,7 +77,7 @@ def parallax_curve(
     for number in range(params.strips):
         members = np.nonzero(strip == number)[0]
         row_first = members[np.lexsort((points[members, 0], np.floor(points[members, 1])))]
-        length = min(params.curve_points, 2 * (len(members) // 2) + 1)
+        length = min(CURVE_POINTS, 2 * (len(members) // 2) + 1)
         curve[row_first] = ndimage.median_filter(parallax_px[row_first], length, mode="reflect")
     return curve
 
@@ -85,9 +89,9 @@ def _agrees_with_neighbours(
 
     With too few matches to vote there is nothing to hold them against, and all are kept.
     """
-    if len(points) <= params.neighbours:
+    if len(points) <= NEIGHBOURS:
         return np.ones(len(points), dtype=bool)
-    _, nearest = KDTree(points).query(points, k=params.neighbours + 1)
+    _, nearest = KDTree(points).query(points, k=NEIGHBOURS + 1)
     around = parallax_px[nearest[:, 1:]]
     at, residual = _plane_at_the_middle(points[nearest[:, 1:]] - points[:, None], around)
     spread = MAD_TO_SIGMA * np.median(np.abs(residual), axis=1)

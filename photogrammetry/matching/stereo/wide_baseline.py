@@ -50,6 +50,7 @@ from solmap.photogrammetry.matching.stereo.interest_points import (
     interest_points,
 )
 from solmap.photogrammetry.matching.stereo.orientation import (
+    FEWEST_OFFSETS,
     MeasuredOffsets,
     OrientationParams,
     RelativeOrientation,
@@ -64,6 +65,18 @@ OriginalImage = Float32[np.ndarray, "rows cols"]
 
 OriginalMask = Bool[np.ndarray, "rows cols"]
 """Of the image as taken, whose size is not that of the epipolar images."""
+
+INTEREST = FoerstnerParams(smallest_weight=0.1, count=1200, cell_px=32)
+"""Points of the left image: also in faint texture, and no more than are needed."""
+
+WINDOW_PX = 15
+"""Side of the correlation window, odd, as in sparse matching (Di et al. 2008)."""
+
+LEAST_CORRELATION = 0.8
+"""Threshold of the normalised cross-correlation, as in sparse matching."""
+
+LINES = 6
+"""Rows searched to either side: 0.3 degrees of a Navcam."""
 
 BACK_PX = 1
 """Distance by which the way back may miss: places are whole pixels."""
@@ -83,20 +96,9 @@ class InstrumentLimits:
     """Between the views: two thirds of a Navcam's field, of which a third is then shared."""
 
 
-@dataclass(frozen=True, slots=True)
-class AreaSearchParams:
-    """How windows are searched; defaults as in sparse matching, where Di et al. 2008 give them."""
-
-    interest: FoerstnerParams = field(
-        default_factory=lambda: FoerstnerParams(smallest_weight=0.1, count=1200, cell_px=32)
-    )
-    """Points of the left image: also in faint texture, and no more than are needed."""
-    window_px: int = 15
-    """Side of the correlation window, odd."""
-    least_correlation: float = 0.8
-    """Threshold of the normalised cross-correlation."""
-    lines: int = 6
-    """Rows searched to either side: 0.3 degrees of a Navcam."""
+SMOOTHING_PX = 6.0
+"""Standard deviation of the smoothing of the bar's parallax, so that its noise, many times
+enlarged, does not wrinkle the right image."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,10 +111,6 @@ class WideParams:
     what that does to the look of the ground, though not of rocks."""
     bar_error_px: float = 0.5
     """What the bar's parallax may be wrong by, three standard deviations: sets the search."""
-    smoothing_px: float = 6.0
-    """Standard deviation of the smoothing of the bar's parallax, so that its noise, many times
-    enlarged, does not wrinkle the right image."""
-    search: AreaSearchParams = field(default_factory=AreaSearchParams)
     orientation: OrientationParams = field(default_factory=OrientationParams)
     dense: DenseParams = field(default_factory=DenseParams)
 
@@ -229,12 +227,12 @@ def match_wide_baseline(
     if against:
         raise MatchingError(f"{left.pair_id} and {right.pair_id} make no wide pair: {against}")
     warped = _PredictedPair.of(left, right, params)
-    measured = before = warped.measured(params)
+    measured = before = warped.measure()
     found = relative_orientation(measured, params.orientation)
     for _ in range(ROUNDS):
         right = replace(right, camera=found.apply(right.camera, warped.images.geometry))
         warped = _PredictedPair.of(left, right, params)
-        measured = warped.measured(params)
+        measured = warped.measure()
         found = relative_orientation(measured, params.orientation, found)
     geometry = warped.images.geometry
     dense = match_about(warped.images, warped.predicted, warped.search, params.dense)
@@ -267,21 +265,21 @@ class _PredictedPair:
         geometry = epipolar_pair(left.camera, right.camera, left.size, right.size, LSL, frame)
         grey_l, mask_l = resample(left.image, left.mask, left.camera, geometry, Eye.LEFT)
         grey_r, mask_r = resample(right.image, right.mask, right.camera, geometry, Eye.RIGHT)
-        predicted, known = predict_parallax(left, geometry, params.smoothing_px)
+        predicted, known = predict_parallax(left, geometry, SMOOTHING_PX)
         mask_l &= known & (predicted <= geometry.focal_px / params.nearest_bases)
         images = EpipolarImages(geometry, grey_l, mask_l, grey_r, mask_r)
         ratio = geometry.focal_px * geometry.base_m / (left.rig.focal_px * left.rig.base_m)
         return cls(images, predicted, ratio, int(np.ceil(params.bar_error_px * ratio)))
 
-    def measured(self, params: WideParams) -> MeasuredOffsets:
+    def measure(self) -> MeasuredOffsets:
         """Offsets between the left image and the right one shifted by the prediction."""
         shifted_right = shift_rows(self.images.right, self.images.right_mask, self.predicted)
         images = replace(self.images, right=shifted_right[0], right_mask=shifted_right[1])
-        found = search_area(images, self.search, params.search)
-        if len(found.left) < params.orientation.fewest_points:
+        found = search_area(images, self.search)
+        if len(found.left) < FEWEST_OFFSETS:
             raise MatchingError(
                 f"{len(found.left)} points of the wide pair were found in both images, of "
-                f"{params.orientation.fewest_points} that its orientation takes: is the light "
+                f"{FEWEST_OFFSETS} that its orientation takes: is the light "
                 "alike, and do the views overlap?"
             )
         x, y = found.left.astype(int).T
@@ -321,21 +319,19 @@ def _smooth(parallax: ParallaxMap, sigma_px: float) -> tuple[ParallaxMap, Mask]:
     return np.where(enough, total / np.maximum(weight, np.float32(1e-3)), np.float32(0)), enough
 
 
-def search_area(
-    images: EpipolarImages, reach_px: int, params: AreaSearchParams
-) -> VerticalParallax:
+def search_area(images: EpipolarImages, reach_px: int) -> VerticalParallax:
     """Offsets, to a fraction of a pixel, of left points searched `reach_px` along their rows."""
-    half = params.window_px // 2
+    half = WINDOW_PX // 2
     margin = half + max(2, half // 2)
-    found = interest_points(images.left, images.left_mask, params.interest, margin).pixels
-    reach = (reach_px, params.lines)
-    right, good = _best(images.left, images.right, found, reach, params)
+    found = interest_points(images.left, images.left_mask, INTEREST, margin).pixels
+    reach = (reach_px, LINES)
+    right, good = _best(images.left, images.right, found, reach)
     good &= images.right_mask[right[:, 1], right[:, 0]]
     left, right = found[good], right[good]
-    back, good = _best(images.right, images.left, right, reach, params)
+    back, good = _best(images.right, images.left, right, reach)
     good &= np.abs(back - left).max(axis=1, initial=0) <= BACK_PX
     left, start = left[good], (right - left)[good].astype(np.float64)
-    offset = match_offsets(images, left, start, params.window_px)
+    offset = match_offsets(images, left, start, WINDOW_PX)
     settled = np.isfinite(offset).all(axis=1)
     return VerticalParallax(
         left[settled].astype(np.float64),
@@ -350,25 +346,24 @@ def _best(
     target: GreyImage,
     pixels: Int32[np.ndarray, "n 2"],
     reach: tuple[int, int],
-    params: AreaSearchParams,
 ) -> tuple[Int32[np.ndarray, "n 2"], np.ndarray]:
     """The place within reach that correlates best with the window of each pixel, and whether well.
 
     A best place on the rim of the area is no maximum.
     """
-    half, (dx, dy) = params.window_px // 2, reach
+    half, (dx, dy) = WINDOW_PX // 2, reach
     border = (dy + half, dy + half, dx + half, dx + half)
     wide = cv2.copyMakeBorder(target, *border, cv2.BORDER_REPLICATE)
     places, good = pixels.copy(), np.zeros(len(pixels), dtype=bool)
     for k, (x, y) in enumerate(pixels.tolist()):
         window = source[y - half : y + half + 1, x - half : x + half + 1]
-        if window.shape != (params.window_px, params.window_px):
+        if window.shape != (WINDOW_PX, WINDOW_PX):
             continue
         area = wide[y : y + 2 * (dy + half) + 1, x : x + 2 * (dx + half) + 1]
         score = cv2.matchTemplate(area, window, cv2.TM_CCOEFF_NORMED)
         _, best, _, (right, down) = cv2.minMaxLoc(score)
         inside = 0 < right < 2 * dx and 0 < down < 2 * dy
-        good[k] = inside and best >= params.least_correlation
+        good[k] = inside and best >= LEAST_CORRELATION
         places[k] = (x + right - dx, y + down - dy)
     limits = np.array([target.shape[1] - 1, target.shape[0] - 1])
     good &= ((places >= 0) & (places <= limits)).all(axis=1)

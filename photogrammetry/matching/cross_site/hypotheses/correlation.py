@@ -1,15 +1,14 @@
 """The search of one bird's-eye view in another, over position and azimuth.
 
-The later view is turned through every azimuth and correlated with the earlier one at every shift
-by masked normalised cross-correlation. A coefficient over n cells scatters as 1/sqrt(n) by chance; z = c sqrt(n),
-divided by its own robust scatter over all shifts, therefore says how far a peak stands out,
-whatever the overlap. The channels' z are averaged as independent.
-
-Masked normalised cross-correlation in the frequency domain (Padfield 2012).
-
-For every shift at once, over the n cells that both pictures have seen,
+The later view is turned through every azimuth and correlated with the earlier one at every shift by
+masked normalised cross-correlation in the frequency domain (Padfield 2012). Over the n cells that
+both views have seen,
 
     c = (sum(a b) - sum(a) sum(b) / n) / sqrt(variances of a and b over the same cells).
+
+By chance c scatters as 1/sqrt(n); z = c sqrt(n), divided by its own robust scatter over all shifts,
+says how far a peak stands out, whatever the overlap. The z of the two channels are averaged as
+independent.
 """
 
 from __future__ import annotations
@@ -24,6 +23,8 @@ from scipy import fft
 
 from solmap.photogrammetry.arrays import Float, Float32, Raster
 from solmap.photogrammetry.matching.cross_site.birds_eye import (
+    AZIMUTH_STEP,
+    SEPARATION_M,
     BirdsEyeParams,
     BirdsEyeView,
     Channel,
@@ -120,8 +121,8 @@ def correlate_views(
     frame = _Frame.of(earlier.grey.shape[0], cell_m, gate)
     fixed = _spectra([frame.fixed(c) for c in channels(earlier, params)], frame)
     moving = channels(later, params)
-    steps = int(np.ceil(gate.azimuth_reach / params.azimuth_step))
-    azimuths = np.arange(-steps, steps + 1) * params.azimuth_step
+    steps = int(np.ceil(gate.azimuth_reach / AZIMUTH_STEP))
+    azimuths = np.arange(-steps, steps + 1) * AZIMUTH_STEP
     surfaces = [
         _surfaces(fixed, _spectra([frame.moved(c, float(a)) for c in moving], frame), frame, params)
         for a in azimuths
@@ -138,11 +139,11 @@ def correlate_views(
             break
         di, dj = _vertex(z[k], int(i), int(j))
         north, east = float(norths[i] - di * cell_m), float(easts[j] + dj * cell_m)
-        azimuth = float(azimuths[k] + params.azimuth_step * _vertex_1d(z[:, i, j], int(k)))
+        azimuth = float(azimuths[k] + AZIMUTH_STEP * _vertex_1d(z[:, i, j], int(k)))
         down = _drop(earlier, later, azimuth, north, east)
         overlap = float(surfaces[k][1][i, j]) * cell_m**2
         fits.append(PlaneFit(azimuth, north, east, down, float(z[k, i, j]), overlap))
-        near = np.hypot(norths[:, None] - north, easts[None, :] - east) < params.separation_m
+        near = np.hypot(norths[:, None] - north, easts[None, :] - east) < SEPARATION_M
         z[:, near] = -np.inf
     return fits
 

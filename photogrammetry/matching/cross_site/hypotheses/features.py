@@ -37,6 +37,10 @@ DESCRIPTOR_CELLS = 9
 """Side of the square around a feature that must have been seen: what its descriptor looks at."""
 
 
+SEEN_SHARE = 0.7
+"""Of the ground under a feature's descriptor, so much must have been seen."""
+
+
 @dataclass(frozen=True, slots=True)
 class FeatureParams:
     """How features on the ground are found and matched."""
@@ -45,8 +49,6 @@ class FeatureParams:
     """In a channel, the strongest."""
     contrast: float = 0.01
     """Of a feature against the ground around it (Lowe 2004, section 4), of the channel's range."""
-    seen_share: float = 0.7
-    """Of the ground under a feature's descriptor, so much must have been seen."""
     size_ratio: float = 1.5
     """Features whose sizes differ by more than this factor are not the same."""
     sigma_cells: float = 1.0
@@ -139,7 +141,7 @@ def _describe(
     # A feature with several orientations is listed with each of them.
     once = {(*p.pt, p.size): p for p in sift.detect(grey, None)}
     seen = cv2.blur(channel.weight, (DESCRIPTOR_CELLS, DESCRIPTOR_CELLS))
-    points = [p for p in once.values() if seen[int(p.pt[1]), int(p.pt[0])] > params.seen_share]
+    points = [p for p in once.values() if seen[int(p.pt[1]), int(p.pt[0])] > SEEN_SHARE]
     points = sorted(points, key=lambda p: (-p.response, p.pt))[: params.features]
     for point in points:
         point.angle = 0.0

@@ -56,6 +56,28 @@ GROUND_ROUNDS = 4
 """Times that the ground is estimated anew without what stands out of it."""
 
 
+LEAST_PIXELS = 12
+
+
+GROUND_WAVE_M = 1.2
+"""Standard deviation of the neighbourhood that the ground is the mean of."""
+
+
+EDGE_PX = 1.0
+"""Parallax that parts a rock from what stands behind it."""
+
+
+PARALLAX_SIGMA_PX = 0.3
+
+
+ABOVE_SIGMAS = 2.5
+"""Of the elevation of a point, which a rock must exceed."""
+
+
+DEPTH_SHARE = 0.25
+"""Standard deviation of half a rock's depth, as a share of its width."""
+
+
 @dataclass(frozen=True, slots=True)
 class RockParams:
     """Which bumps are rocks, and which of them may be the same."""
@@ -64,16 +86,6 @@ class RockParams:
     least_width_m: float = 0.12
     largest_width_m: float = 3.0
     farthest_m: float = 30.0
-    least_pixels: int = 12
-    ground_wave_m: float = 1.2
-    """Standard deviation of the neighbourhood that the ground is the mean of."""
-    edge_px: float = 1.0
-    """Parallax that parts a rock from what stands behind it."""
-    parallax_sigma_px: float = 0.3
-    above_sigmas: float = 2.5
-    """Of the elevation of a point, which a rock must exceed."""
-    depth_share: float = 0.25
-    """Standard deviation of half a rock's depth, as a share of its width."""
     size_ratio: float = 2.0
     """Widths, and heights, that differ by more than this factor are of two rocks."""
     voting: VotingParams = field(
@@ -123,7 +135,7 @@ class RaisedPatches:
 
 def find_rocks(stop: MatchedStop, view: BirdsEyeView, params: RockParams) -> Rocks:
     """The rocks of all pairs of a stop, every one once; `view` shows the stop from above."""
-    ground = bare_ground(view, params)
+    ground = bare_ground(view)
     raised = (raised_patches(stop, pair, ground, view.cell_m, params) for pair in stop.pairs)
     each = [_rocks_in(patches, params) for patches in raised]
     every = _join(each)
@@ -170,7 +182,7 @@ def _rocks_in(patches: RaisedPatches, params: RockParams) -> Rocks:
 
 def _rock(patches: RaisedPatches, rows: np.ndarray, params: RockParams) -> Rocks | None:
     """The rock that some pixels show, None if it is none."""
-    if len(rows) < params.least_pixels:
+    if len(rows) < LEAST_PIXELS:
         return None
     g, z = patches.geometry, float(np.median(patches.range_m[rows]))
     width = float(np.ptp(patches.sample[rows]) + 1) * z / g.focal_px
@@ -178,9 +190,9 @@ def _rock(patches: RaisedPatches, rows: np.ndarray, params: RockParams) -> Rocks
         return None
     face = np.median(patches.level[rows, :2], axis=0)
     ray = (face - patches.origin_m) / np.linalg.norm(face - patches.origin_m)
-    range_sigma = z * z * params.parallax_sigma_px / (g.focal_px * g.base_m)
-    along = np.hypot(range_sigma, params.depth_share * width)
-    across = np.hypot(z * ORIENTATION_SIGMA, params.depth_share * width / 2)
+    range_sigma = z * z * PARALLAX_SIGMA_PX / (g.focal_px * g.base_m)
+    along = np.hypot(range_sigma, DEPTH_SHARE * width)
+    across = np.hypot(z * ORIENTATION_SIGMA, DEPTH_SHARE * width / 2)
     axes = np.column_stack([ray, [-ray[1], ray[0]]])
     covariance = axes @ np.diag([along**2, across**2]) @ axes.T
     place = face + ray * width / 2
@@ -202,9 +214,9 @@ def _unique(rocks: Rocks) -> Flags:
     return kept
 
 
-def bare_ground(view: BirdsEyeView, params: RockParams) -> Raster:
+def bare_ground(view: BirdsEyeView) -> Raster:
     """Elevation of the ground without what stands on it, wherever something was seen near by."""
-    wave = params.ground_wave_m / view.cell_m
+    wave = GROUND_WAVE_M / view.cell_m
     value, seen = np.nan_to_num(view.elevation), np.isfinite(view.elevation)
     ground = value
     for _ in range(GROUND_ROUNDS):
@@ -233,12 +245,12 @@ def raised_patches(
     origin = level_from_rover @ geometry.rover_from_pair.translation_m
     level = points @ (level_from_rover @ geometry.rover_from_pair.rotation).T + origin
     height = _height_above(level, ground, cell_m)
-    sigma = points[:, 2] * params.parallax_sigma_px / scale * max(-origin[2], 0.5)
+    sigma = points[:, 2] * PARALLAX_SIGMA_PX / scale * max(-origin[2], 0.5)
     with np.errstate(invalid="ignore"):
-        raised = height > np.maximum(params.least_height_m, params.above_sigmas * sigma)
+        raised = height > np.maximum(params.least_height_m, ABOVE_SIGMAS * sigma)
     mask = np.zeros(near.shape, np.uint8)
     mask[line[raised], sample[raised]] = 1
-    mask[_edges(pair.parallax, params.edge_px)] = 0
+    mask[_edges(pair.parallax, EDGE_PX)] = 0
     _, labels = cv2.connectedComponents(mask, connectivity=4)
     label = labels[line, sample]
     seen = label > 0

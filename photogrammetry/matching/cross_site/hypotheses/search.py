@@ -49,30 +49,35 @@ from solmap.photogrammetry.matching.cross_site.hypotheses.voting import VotedPla
 CORRELATION, FEATURES, ROCKS = "correlation", "features", "rocks"
 
 
+LEAST_LEVEL = 3.0
+"""z that chance is never taken to stay below: one place in 700 reaches it."""
+
+
+SAME_M = 0.75
+"""Peaks of two ways nearer than this,"""
+
+
+SAME_AZIMUTH = 0.026
+"""and not turned against each other by more than this, are one (radians: 1.5 degrees)."""
+
+
+CLEAR = 1.5
+"""Evidence of two agreeing ways, over that of the next hypothesis, at which no third is asked:
+each stands out almost twice as far as chance."""
+
+
 @dataclass(frozen=True, slots=True)
 class HypothesisParams:
     """How hypotheses are found, and how many are handed on."""
 
     wide_baseline: FeatureParams = field(default_factory=FeatureParams)
     rocks: RockParams = field(default_factory=RockParams)
-    least_level: float = 3.0
-    """z that chance is never taken to stay below: one place in 700 reaches it."""
-    same_m: float = 0.75
-    """Peaks of two ways nearer than this,"""
-    same_azimuth: float = 0.026
-    """and not turned against each other by more than this, are one (radians: 1.5 degrees)."""
-    clear: float = 1.5
-    """Evidence of two agreeing ways, over that of the next hypothesis, at which no third is asked:
-    each stands out almost twice as far as chance."""
     most: int = 4
     """Hypotheses handed on."""
 
     def __post_init__(self) -> None:
-        if self.most < 1 or self.least_level <= 0:
-            raise MatchingError(
-                f"hypotheses need 1 or more to be tried and a level of chance above 0, not "
-                f"{self.most} and {self.least_level}"
-            )
+        if self.most < 1:
+            raise MatchingError(f"hypotheses need 1 or more to be tried, not {self.most}")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,19 +110,19 @@ def find_hypotheses(
     """The best hypotheses of where the later stop stands on the earlier one, best first."""
     peaks: list[Peak] = []
     for way, find in FINDERS.items():
-        if not _is_clear(merge_peaks(peaks, params), params):
-            found = rank_peaks(way, find(one, other, gate, birds_eye, params), params)
+        if not _is_clear(merge_peaks(peaks)):
+            found = rank_peaks(way, find(one, other, gate, birds_eye, params))
             peaks += [p for p in found if p.fit.overlap_m2 > birds_eye.min_overlap_m2]
-    return merge_peaks(peaks, params)[: params.most]
+    return merge_peaks(peaks)[: params.most]
 
 
-def merge_peaks(peaks: Sequence[Peak], params: HypothesisParams) -> list[Hypothesis]:
+def merge_peaks(peaks: Sequence[Peak]) -> list[Hypothesis]:
     """Peaks that are the same place put together, most evidence first."""
     groups: list[list[Peak]] = []
     for peak in sorted(peaks, key=lambda p: (-p.evidence, -p.fit.z)):
         for group in groups:
             known = {member.way for member in group}
-            if peak.way not in known and _same(group[0].fit, peak.fit, params):
+            if peak.way not in known and _same(group[0].fit, peak.fit):
                 group.append(peak)
                 break
         else:
@@ -133,23 +138,23 @@ def merge_peaks(peaks: Sequence[Peak], params: HypothesisParams) -> list[Hypothe
     return sorted(found, key=lambda h: (-h.evidence, -h.fit.z))
 
 
-def _same(a: PlaneFit, b: PlaneFit, params: HypothesisParams) -> bool:
+def _same(a: PlaneFit, b: PlaneFit) -> bool:
     apart_m = np.hypot(a.north_m - b.north_m, a.east_m - b.east_m)
-    return bool(apart_m < params.same_m and abs(a.azimuth - b.azimuth) < params.same_azimuth)
+    return bool(apart_m < SAME_M and abs(a.azimuth - b.azimuth) < SAME_AZIMUTH)
 
 
-def _is_clear(found: Sequence[Hypothesis], params: HypothesisParams) -> bool:
+def _is_clear(found: Sequence[Hypothesis]) -> bool:
     """Whether two ways agree on a hypothesis, and no other comes near it."""
     if not found or len(found[0].found_by) < 2:  # noqa: PLR2004 - two ways
         return False
     next_best = found[1].evidence if len(found) > 1 else 0.0
-    return found[0].evidence - next_best > params.clear
+    return found[0].evidence - next_best > CLEAR
 
 
-def rank_peaks(way: str, fits: Sequence[PlaneFit], params: HypothesisParams) -> list[Peak]:
+def rank_peaks(way: str, fits: Sequence[PlaneFit]) -> list[Peak]:
     """The peaks of a way, each with its evidence against the lower ones."""
     lower = [fit.z for fit in fits[1:]]
-    level = max(float(np.median(lower)) if lower else 0.0, params.least_level)
+    level = max(float(np.median(lower)) if lower else 0.0, LEAST_LEVEL)
     return [Peak(fit, way, max(fit.z / level - 1, 0.0)) for fit in fits]
 
 

@@ -44,6 +44,10 @@ LEAST_TO_SETTLE = 4
 """Pairs for the three unknowns of a plane motion: 8 equations."""
 
 
+SEPARATION_M = 1.5
+"""Two peaks nearer than this are one."""
+
+
 @dataclass(frozen=True, slots=True)
 class VotingParams:
     """How votes are collected."""
@@ -55,8 +59,6 @@ class VotingParams:
     """Standard deviation of the neighbourhood that tells what chance does."""
     largest_sigma_m: float = 1.0
     """Votes that are blunter than this along any direction are not cast."""
-    separation_m: float = 1.5
-    """Two peaks nearer than this are one."""
 
     def __post_init__(self) -> None:
         if not 0 < self.cell_m < self.largest_sigma_m < self.around_m or self.azimuth_step <= 0:
@@ -112,7 +114,7 @@ def vote_for_places(
         peak = VotedPlace(float(azimuths[k]), north, east, float(z[k, i, j]))
         found.append(_refine_peak(earlier, later, pairs, peak, params))
         near = np.hypot(shift[:, None] - shift[i], shift[None, :] - shift[j])
-        z[:, near < params.separation_m] = -np.inf
+        z[:, near < SEPARATION_M] = -np.inf
     return found
 
 

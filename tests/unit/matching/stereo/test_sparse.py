@@ -6,6 +6,7 @@ from scipy.special import erf
 
 from solmap.photogrammetry.matching.least_squares import LeastSquaresMatcher, LeastSquaresParams
 from solmap.photogrammetry.matching.stereo.interest_points import (
+    SEPARATION_PX,
     FoerstnerParams,
     interest_points,
 )
@@ -51,7 +52,7 @@ def test_interest_points_keep_apart_and_to_the_count(scene, ground):
     points = interest_points(world.images.left, world.images.left_mask, params, 8)
     assert len(points) == 300
     between = np.abs(points.pixels[:, None] - points.pixels[None]).max(axis=2)
-    assert between[~np.eye(300, dtype=bool)].min() > params.separation_px
+    assert between[~np.eye(300, dtype=bool)].min() > SEPARATION_PX
     assert points.pixels.min() >= 8
     assert points.pixels.max() <= 255 - 8
 

@@ -23,7 +23,6 @@ from solmap.photogrammetry.matching.stereo.orientation import (
     relative_orientation,
 )
 from solmap.photogrammetry.matching.stereo.wide_baseline import (
-    AreaSearchParams,
     InstrumentLimits,
     WideBaselineImage,
     match_wide_baseline,
@@ -79,7 +78,7 @@ def test_what_images_do_not_tell_stays_as_adjusted(rng):
 
 def test_displaced_windows_are_found_both_ways(scene, ground):
     world = scene([ground])
-    offsets = search_area(world.images, 45, AreaSearchParams())
+    offsets = search_area(world.images, 45)
     x, y = offsets.left.astype(int).T
     error = offsets.parallax_px - world.parallax_px[y, x]
     assert len(error) > 100

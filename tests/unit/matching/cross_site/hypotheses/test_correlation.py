@@ -6,6 +6,7 @@ from scipy import fft, ndimage
 
 from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.matching.cross_site.birds_eye import (
+    SEPARATION_M,
     BirdsEyeParams,
     BirdsEyeView,
     SearchGate,
@@ -74,7 +75,7 @@ def test_peaks_lie_inside_the_gate_and_apart():
         assert np.hypot(fit.north_m - 3.0, fit.east_m - 1.0) < 2.0 + PARAMS.cell_m
         for other in fits[:k]:
             apart = np.hypot(fit.north_m - other.north_m, fit.east_m - other.east_m)
-            assert apart > PARAMS.separation_m - PARAMS.cell_m
+            assert apart > SEPARATION_M - PARAMS.cell_m
 
 
 def test_views_that_hardly_overlap_have_no_peak():
