@@ -1,1 +1,8 @@
-"""The order of the tasks, and the command line that runs them."""
+"""The flows: which tasks run in which order, for a downlink, a sol, a mission or a store.
+
+What enters are folders, files and the settings; what leaves are published layers and reports of
+what could not be made. `cli` holds the commands, `service` what `solmap up` keeps running,
+`runtime` what flows need to run: engine, workers, failures, progress and records of runs. Imports
+point from `cli` to `service` to the flows to `runtime`; science is called in `tasks`, never here,
+and nothing is imported from `gis_server`.
+"""

@@ -1,9 +1,4 @@
-"""An orbital image becomes the base of the map, registered to what the rover mapped.
-
-Control measured by people: taken into the store, listed, and taken back.
-
-Hand ties from the command line: `solmap ties FILE` takes a file into the store.
-"""
+"""Data from elsewhere, added by a command: orbital images, measured control, manual ties."""
 
 from __future__ import annotations
 

@@ -1,15 +1,13 @@
-"""Which sols of a mission a run may pass over, because nothing that they are made from changed.
+"""Which sols of a run need no processing, and which earlier layers no sol gives any more.
 
-A sol depends on the images up to it, on the vector files, hand ties and control of the mission, on
-the settings, and on the adjustment before it. A late image changes the key of its sol and, by the
-adjustments, of those after it; what these need in turn is looked up or made anew as ever.
+A sol depends on the images up to it, on the vector files, manual ties and control of the mission,
+on the settings, and on the adjustment before it. A late image changes the key of its sol and, by
+the adjustments, of those after it; what these need in turn is looked up or made anew as ever.
 
-What earlier runs published and the sols of a mission no longer give.
-
-Images that come late change which stops are linked and which images make pairs: then a stop may
-have no far ground any more, and an image no partner. The sols of a run, those that it passed over
-included, are all there is to be shown of stops; what else is there would depend on the order in
-which files came.
+Late images also change which stops are linked and which images make pairs: then a stop may have no
+far ground any more, and an image no partner. The sols of a run, those that needed no processing
+included, are all there is to be shown of stops; what else is published would depend on the order in
+which files came, and is withdrawn.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""The layers of a whole mission: traverse, stops, footprints, pointing lines, ties; its table.
-
-Map the regions that the stops of a mission show together, once they have been mapped.
-"""
+"""The layers of a whole mission: its traverse, stops, footprints and ties, and its regions."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""Write a synthetic downlink: pictures in parallel, each file whole or absent.
+"""Simulated data with known truth: a downlink of rendered images, or a whole mission without.
 
-A second call with the same arguments continues where the first stopped.
-
-Write a store of a simulated mission: traverse, stops, ties and footprints, without images.
+A downlink is written file by file, each whole or absent; a second call with the same arguments
+continues where the first stopped. A mission goes straight into a store: traverse, stops, ties and
+footprints.
 """
 
 from __future__ import annotations

@@ -1,12 +1,7 @@
-"""Map the stops of a sol from their adjusted pairs.
+"""The layers of a sol's stops: maps, models in three dimensions, panoramas and far ground.
 
-The surfaces of a terrain model: what its ground means, whichever ground it is.
-
-Model the stops of a sol in three dimensions, and measure the planes of their rocks.
-
-Draw the panoramas of a sol's stops.
-
-Map the far ground that two linked stops see as one stereo instrument.
+Each function submits one task per stop and product, waits, and adds to the report what could not be
+made; what did not change is looked up.
 """
 
 from __future__ import annotations

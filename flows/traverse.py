@@ -1,6 +1,6 @@
-"""Traverses from the command line: compared, put on the map, handed out.
+"""Traverses from the command line: compared, put on the map, written to files, georeferenced.
 
-An uncontrolled mosaic from the command line: hung on a track, as Di et al. 2008 (section 4).
+An uncontrolled mosaic is georeferenced by points of the traverse as Di et al. 2008 do (section 4).
 """
 
 from __future__ import annotations

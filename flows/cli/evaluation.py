@@ -1,4 +1,4 @@
-"""Judge a store by the truth of a simulated world: positions, attitudes and terrain.
+"""Evaluate a store against the truth of a simulated world: positions, attitudes and terrain.
 
 Truth is never an input of the pipeline; this is how its errors are stated.
 """

@@ -1,4 +1,4 @@
-"""Commands that make worlds with known truth, and judge what was made of them."""
+"""Commands that make worlds with known truth, and evaluate results against it."""
 
 from __future__ import annotations
 

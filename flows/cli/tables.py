@@ -1,7 +1,4 @@
-"""What the store holds, as rows that scripts read: the contract of `solmap ... --json`.
-
-Where the quality reports lie: one for every adjustment that is published.
-"""
+"""What the store holds, as rows that scripts read: the contract of `solmap ... --json`."""
 
 from __future__ import annotations
 

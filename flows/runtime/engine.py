@@ -1,13 +1,9 @@
-"""Prefect's settings for a run on one machine; imported before Prefect is.
+"""Prefect's settings, and its server as a child process; imported before Prefect is.
 
-A run needs no network and no server of its own: without `PREFECT_API_URL` Prefect starts its
-embedded server for as long as the run lasts. Its database lies in the store, and it reports nothing
-to anybody. What is set in the environment wins.
-
-Prefect's server as a child process, for as long as the process that needs it.
-
-Prefect would start one by itself, but a run that is killed would leave that one behind. One that
-dies is started again on the same port with the same database: the run asks again and goes on.
+A run needs no network and no server of its own. The server's database lies in the store, it listens
+on this machine only and reports nothing to anybody; what is set in the environment wins. Prefect
+would start a server by itself, but a run that is killed would leave that one behind. One that dies
+is started again on the same port with the same database: the run asks again and goes on.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""What went wrong and stops nothing else: told, and kept where `solmap status` finds it.
-
-What became of submitted tasks: results to go on with, and one line for each failure.
-"""
+"""What fails without stopping the rest: kept for `solmap status`, or told task by task."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""What a run leaves on its page: sols and adjustments as tables, pictures, and where to look.
-
-What a run is called on its page: what it does, of which mission and sols.
-"""
+"""A run's page in Prefect: its name, tables of sols and adjustments, figures and links."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Requests for runs that people made on the map, handed to the scheduler.
-
-Runs asked of Prefect's server, and what became of them.
-"""
+"""Runs asked of Prefect's server: for the inbox, and for people who asked for one on the map."""
 
 from __future__ import annotations
 

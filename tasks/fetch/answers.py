@@ -3,9 +3,8 @@
     transport errors, 408, 425, 429, 5xx              the same address again, after a wait
     other 4xx, redirects off the list, coded bytes    the next mirror
 
-Redirects are followed to listed hosts only, and never from https to http.
-
-What goes wrong while fetching, and what helps against it.
+Redirects are followed to listed hosts only, and never from https to http. The errors of fetching
+stand here, too.
 """
 
 from __future__ import annotations

@@ -1,12 +1,11 @@
-"""The index of a volume: brought here, asked for again only if it has changed, and searched.
-
-An archive volume on its mirrors: which addresses a file may have.
+"""A volume of the archive on its mirrors, and its index: fetched, kept, and searched.
 
     {base}/{volume}/index/edrindex.lbl, .tab
     {base}/{volume}/data/sol####/edr/{name}.img        #### = sol, four digits; names in lower case
 
-The index names folder and file; what it says is tried first, the layout above after it. Both come
-over the network and end up in addresses and file names, so nothing but plain path parts is taken.
+An index is asked for again only if it has changed. It names folder and file; what it says is tried
+first, the layout above after it. Both come over the network and end up in addresses and file names,
+so nothing but plain path parts is taken.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""Hand ties: kept as they came, and carried out on the automatic ties of a network.
+"""Manual ties: edit requests, kept as they came and applied to the automatic ties of a network.
 
-A file of hand ties is an input product. The version delivered last under a name counts; an emptied
-file takes all its wishes back. What a network depends on is not the file but the wishes in it that
-concern its images, so that a new row remakes what it touches and nothing else.
+A file of manual ties is an input product. The version delivered last under a name counts; an
+emptied file takes all its requests back. What a network depends on is not the file but the requests
+in it that concern its images, so that a new row remakes what it touches and nothing else.
 """
 
 from __future__ import annotations

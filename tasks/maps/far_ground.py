@@ -1,4 +1,4 @@
-"""Wide: two pairs of different stops matched as one stereo instrument, for far ground."""
+"""Far ground: pairs of two stops matched as one wide-baseline stereo rig, and its terrain."""
 
 from __future__ import annotations
 

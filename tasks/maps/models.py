@@ -1,8 +1,7 @@
-"""Models of a stop's terrain in three dimensions: one glTF to hand on, and 3D Tiles to fly over.
+"""Models of a stop in three dimensions: terrain, what its pairs see, dense points; dips of rocks.
 
-Rocks and outcrops as pairs see them: models with the pairs' own images, and strike and dip.
-
-The dense points of a stop: one PLY file to hand on, and 3D Tiles of points to look at.
+Terrain is one glTF binary and 3D Tiles, what pairs see one glTF with the pairs' own images, points
+one PLY and 3D Tiles.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""Orthophoto: a stop's images, seen from straight above, and which of them each cell came from.
+"""Orthophotos of a stop: from its pairs' images with the source of each cell, and in colour.
 
-Colour orthophoto: Pancam frames of one pointing through three filters, laid on the terrain.
+Colour takes Pancam frames of one pointing through three filters.
 """
 
 from __future__ import annotations

@@ -1,9 +1,4 @@
-"""Insolation: the sun's energy on the ground by season, and where a rover may spend the winter.
-
-Hazard: where a rover may stand, and what keeps it away.
-
-Viewshed: the ground that a stop's own cameras can see.
-"""
+"""Where a rover may stand and drive: insolation and winter havens, hazards, and the viewshed."""
 
 from __future__ import annotations
 

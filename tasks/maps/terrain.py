@@ -1,9 +1,4 @@
-"""DTM: the terrain that a stop's pairs see.
-
-Contours of a terrain model.
-
-Slope, aspect, northerly tilt, roughness and hillshade of a terrain model.
-"""
+"""The terrain model of a stop and what is derived from it: contours, slope, aspect, hillshade."""
 
 from __future__ import annotations
 

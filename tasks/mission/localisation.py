@@ -2,11 +2,9 @@
 
 After every adjustment: a table of accumulated differences with the vertical profile (JSON), the
 same as a figure (SVG, PNG), lines, stops and error ellipses (GeoPackage), a PLACES table, and site
-and rover vector files with the adjusted solution.
-Sites keep the offsets of telemetry, which are names for places; rovers are given in them where the
-adjustment puts them, so both files together give the adjusted stop in the LSL.
-
-The traverse as one GeoPackage: lines, stops and error ellipses.
+and rover vector files with the adjusted solution. Sites keep the offsets of telemetry; rovers are
+given in them where the adjustment puts them, so both files together give the adjusted stop in the
+LSL.
 """
 
 from __future__ import annotations

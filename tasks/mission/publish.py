@@ -1,6 +1,6 @@
 """Publish: turn products into layers and move the catalogue's pointers, all at once.
 
-The STAC catalogue, brought up to date with what was just published.
+The STAC catalogue follows with what was just published.
 """
 
 from __future__ import annotations

@@ -1,1 +1,5 @@
-"""TODO: what this package holds."""
+"""From stereo pairs to the adjusted network: match, tie, adjust, report, and choose orientations.
+
+Enter pairs of `images` and telemetry; leave ties, networks, quality reports, previews, and the
+orientations that stops are mapped with. May not import `maps` or `mission`.
+"""

@@ -1,13 +1,11 @@
-"""Oriented stereo pairs: what adjustment hands to mapping.
-
-Orientations to map with: a stop is mapped again only when its pairs really moved.
+"""Oriented stereo pairs, which adjustment hands to mapping, and when a stop is mapped again.
 
 Every adjustment moves what it may: new ties weigh the pointing of old stops afresh, mostly by
 millimetres. Maps are not made anew for that. The orientations that a mission's stops are mapped
 with are a product of their own, one a network: made from the network and from the orientations
 before, and from nothing else, so whatever was interrupted, repeated or published in between, the
 same networks lead to the same maps. Stops that a network did not touch are mapped as before: its
-product names those that hold them.
+product refers to those that hold them.
 """
 
 from __future__ import annotations
@@ -39,7 +37,6 @@ from solmap.products.formats.documents.network import (
 from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.products.store.product_store import ProductStore
 from solmap.tasks.images.pairs import PairProducts
-from solmap.tasks.network.orientations import Standing
 from solmap.tasks.scopes import is_of_mission
 from solmap.tasks.stage import stage
 
@@ -254,5 +251,6 @@ def standing_of(network: ProductRef, workspace: Workspace) -> Standing | None:
 
 
 def networks_of(mission: str, workspace: Workspace) -> list[ProductRef]:
+    """The networks that are published for a mission."""
     published = workspace.catalogue.pointers(ProductKind.NETWORK)
     return [ref for ref in published if is_of_mission(ref.scope, mission)]

@@ -1,4 +1,4 @@
-"""Quick looks: pictures of what a stage made, for people who would rather look.
+"""Previews: figures of matches, ties, links and terrain, for a look at what a stage made.
 
 They are products like any other, below `quicklook/` in the store, and no layer of the map.
 """
