@@ -22,10 +22,11 @@ from solmap.photogrammetry.terrain.dtm.records import Dtm
 from solmap.photogrammetry.terrain.relief.slope import (
     HillshadeParams,
     SlopeParams,
-    aspect,
+    aspect_of,
     hillshade,
-    northerly_tilt,
-    slope,
+    northerly_tilt_of,
+    relief,
+    slope_of,
 )
 from solmap.products.formats.raster.raster import write_dtm
 from solmap.products.formats.raster.tiling import TileAddress, zoom_of
@@ -79,9 +80,9 @@ def block_of(whole: np.ndarray, address: TileAddress) -> np.ndarray:
 
 OF_WHOLE_MODEL = {
     "hillshade": lambda dtm: hillshade(dtm, HillshadeParams(200.0, 30.0)),
-    "slope": lambda dtm: slope(dtm, SlopeParams(3 * CELL_M)),
-    "aspect": lambda dtm: aspect(dtm, SlopeParams(3 * CELL_M)),
-    "northerly-tilt": lambda dtm: northerly_tilt(dtm, SlopeParams(3 * CELL_M)),
+    "slope": lambda dtm: slope_of(relief(dtm, SlopeParams(3 * CELL_M)).normal),
+    "aspect": lambda dtm: aspect_of(relief(dtm, SlopeParams(3 * CELL_M)).normal),
+    "northerly-tilt": lambda dtm: northerly_tilt_of(relief(dtm, SlopeParams(3 * CELL_M)).normal),
 }
 
 
@@ -108,7 +109,7 @@ def test_a_tile_shows_what_the_same_computation_gives_of_the_whole_model(hilly, 
 
 
 def test_a_baseline_is_felt_as_by_the_layers_that_are_made_once(hilly, terrain):
-    expected = block_of(slope(hills(), SlopeParams(1.1)), INSIDE)
+    expected = block_of(slope_of(relief(hills(), SlopeParams(1.1)).normal), INSIDE)
     shown = drawn(
         hilly,
         terrain,

@@ -11,6 +11,10 @@ from solmap.photogrammetry.archive.images.reading import read_image, read_image_
 from solmap.photogrammetry.errors import PhotogrammetryError
 from solmap.photogrammetry.synthetic.edr import label_bytes
 from solmap.photogrammetry.synthetic.mission import (
+    CONTROL_SIGMA_M,
+    GAP_DRIVES,
+    LEAST_SLIP,
+    MOST_SLIP,
     MissionPlan,
     exposures,
     mission_names,
@@ -32,17 +36,17 @@ def test_wheels_slip_by_terrain_within_the_plan(mission):
     told = np.array([stop.lsl_from_rover.translation_m for stop in mission.network.stops])
     driven = np.linalg.norm(np.diff(told, axis=0), axis=1)
     true = np.diff(mission.along_m)
-    assert (mission.slips >= PLAN.least_slip).all()
-    assert (mission.slips <= PLAN.most_slip).all()
+    assert (mission.slips >= LEAST_SLIP).all()
+    assert (mission.slips <= MOST_SLIP).all()
     # what wheels counted is too far by the slip; chance adds 1 % of a drive and a decimetre
     off = driven / true - 1 - mission.slips
-    assert np.abs(off).max() < 4 * (PLAN.least_slip + 0.1 / true.min())
+    assert np.abs(off).max() < 4 * (LEAST_SLIP + 0.1 / true.min())
     by_ground = mission.slips[: 7 * 5].reshape(7, 5)
     assert by_ground.mean(axis=1).std() > by_ground.std(axis=1).mean()
 
 
 def test_no_tie_bridges_a_gap_and_every_other_drive_is_tied(mission):
-    assert len(mission.untied) == PLAN.gaps * PLAN.gap_drives
+    assert len(mission.untied) == PLAN.gaps * GAP_DRIVES
     ties = mission.network.ties
     number = {prior.stop: k for k, prior in enumerate(mission.network.stops)}
     of_pair = {pair.pair_id: number[pair.stop] for pair in mission.network.pairs}
@@ -65,7 +69,7 @@ def test_control_bounds_the_error_where_images_alone_let_it_grow(mission):
 
     alone = errors(mission.network)
     held = errors(with_control(mission.network, (MAP,), mission.control.control, params))
-    assert held.max() < 4 * PLAN.control_sigma_m
+    assert held.max() < 4 * CONTROL_SIGMA_M
     assert alone.max() > held.max()
 
 

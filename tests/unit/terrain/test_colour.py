@@ -10,8 +10,8 @@ from solmap.photogrammetry.terrain.orthophoto.colour import colour_filters
 from solmap.photogrammetry.terrain.orthophoto.rendering import (
     OrthophotoParams,
     prepare_orthophoto,
-    render_orthophoto,
 )
+from tests.support.orthophotos import render_orthophoto
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from solmap.photogrammetry.errors import TerrainError
-from solmap.photogrammetry.planes import parallax_planes
+from solmap.photogrammetry.planes import whole_window_planes
 from solmap.photogrammetry.terrain.measure.facets import (
     FacetParams,
     PlanarRegionParams,
@@ -102,7 +102,7 @@ def test_local_planes_are_exact_where_the_window_is_full():
     y, x = np.mgrid[:40, :50]
     parallax = (20 + 0.1 * x - 0.2 * y).astype(np.float32)
     parallax[:, 30] = np.nan
-    planes, rms = parallax_planes(parallax, 9)
+    planes, rms = whole_window_planes(parallax, 9)
     seen = np.isfinite(rms)
     full = np.zeros_like(seen)
     full[4:36, 4:26] = full[4:36, 35:46] = True

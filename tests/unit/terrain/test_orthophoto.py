@@ -9,11 +9,9 @@ from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.terrain.dtm.records import GroundClass
 from solmap.photogrammetry.terrain.dtm.stop_dtm import DtmParams, build_dtm
 from solmap.photogrammetry.terrain.orthophoto.brightness import balance
-from solmap.photogrammetry.terrain.orthophoto.rendering import (
-    NO_SOURCE,
-    OrthophotoParams,
-    render_orthophoto,
-)
+from solmap.photogrammetry.terrain.orthophoto.mosaic import NO_SOURCE
+from solmap.photogrammetry.terrain.orthophoto.rendering import OrthophotoParams
+from tests.support.orthophotos import render_orthophoto
 
 PARAMS = OrthophotoParams()
 TERRAIN = DtmParams(max_relative_sigma=0.05)

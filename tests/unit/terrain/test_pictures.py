@@ -5,11 +5,9 @@ from dataclasses import replace
 import numpy as np
 
 from solmap.photogrammetry.terrain.dtm.records import GroundClass
-from solmap.photogrammetry.terrain.orthophoto.rendering import Orthophoto
 from solmap.photogrammetry.terrain.relief.slope import HillshadeParams
 from solmap.products.reports.terrain_figures import (
     class_picture,
-    orthophoto_picture,
     relief_picture,
 )
 
@@ -37,21 +35,6 @@ def test_classes_are_told_apart(scenes):
 
 def test_a_large_picture_is_made_small_enough(scenes):
     assert max(class_picture(scenes.dtm_of(scenes.level), max_side=50).shape) <= 50
-
-
-def test_an_orthophoto_is_shown_between_its_black_and_white(scenes):
-    grid = scenes.dtm_of(scenes.level).grid
-    brightness = np.tile(np.linspace(0, 400, 128, dtype=np.float32), (128, 1))
-    brightness[0] = np.nan
-    source = np.zeros(grid.shape, dtype=np.uint16)
-    orthophoto = Orthophoto(
-        grid, brightness, grid, source, ("A",), (100.0, 300.0), np.array([[1.0, 0.0]])
-    )
-    picture = orthophoto_picture(orthophoto)
-    assert picture[5, 10, 0] == 0
-    assert picture[5, 120, 0] == 255
-    assert abs(int(picture[5, 64, 0]) - 128) <= 2
-    assert (picture[0, :, 3] == 0).all()
 
 
 def test_an_empty_model_makes_a_clear_picture(scenes):

@@ -12,13 +12,13 @@ from solmap.photogrammetry.terrain.insolation.sun import (
     SOL_HOURS,
     Season,
     beam_share,
-    daily_insolation_above,
     diffuse_share,
     half_day,
     local_winter,
     net_flux,
     sun_directions,
 )
+from tests.support.insolation import daily_insolation_above
 
 VIKING_1 = math.radians(22.3)
 MARS_HOURS = 24 / SOL_HOURS

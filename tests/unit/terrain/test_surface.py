@@ -8,24 +8,32 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.planes import window_gradients
 from solmap.photogrammetry.terrain.relief.slope import (
     HillshadeParams,
     SlopeParams,
-    aspect,
     aspect_of,
-    gradients,
     hillshade,
-    normals,
     normals_of,
-    northerly_tilt,
     northerly_tilt_of,
     relief,
     relief_map,
-    slope,
     slope_of,
 )
 
 PARAMS = SlopeParams()
+
+
+def slope(dtm, params):
+    return slope_of(relief(dtm, params).normal)
+
+
+def aspect(dtm, params):
+    return aspect_of(relief(dtm, params).normal)
+
+
+def northerly_tilt(dtm, params):
+    return northerly_tilt_of(relief(dtm, params).normal)
 
 
 def plane(slope_deg, azimuth_deg):
@@ -93,7 +101,7 @@ def test_a_strip_too_narrow_for_a_plane_has_no_slope(scenes):
 
 
 def test_normals_are_unit_vectors_that_point_up(scenes):
-    normal = normals(scenes.dtm_of(plane(30.0, 200.0)), PARAMS)
+    normal = relief(scenes.dtm_of(plane(30.0, 200.0)), PARAMS).normal
     inside = np.isfinite(normal[0])
     np.testing.assert_allclose(np.linalg.norm(normal, axis=0)[inside], 1, atol=1e-6)
     assert (normal[2][inside] < 0).all()
@@ -123,7 +131,7 @@ def test_hillshade_is_absent_where_nothing_was_seen(scenes):
 
 def test_gradients_keep_the_precision_of_high_ground(scenes):
     dtm = scenes.dtm_of(lambda e, n: 0.1 * e + 0.0 * n)
-    raised = gradients(dtm.elevation + np.float32(4096), dtm.grid.cell_m, 1.1)
+    raised = window_gradients(dtm.elevation + np.float32(4096), dtm.grid.cell_m, 1.1)
     # single precision of 4096 m is half a millimetre
     np.testing.assert_allclose(raised[0][30:-30, 30:-30], 0.1, atol=2e-4)
 
@@ -136,7 +144,7 @@ def test_normals_follow_from_gradients():
 
 def test_a_baseline_longer_than_the_model_is_an_error(scenes):
     with pytest.raises(TerrainError, match="take a shorter baseline"):
-        gradients(scenes.dtm_of(scenes.level, side=16).elevation, 0.04, 3.0)
+        window_gradients(scenes.dtm_of(scenes.level, side=16).elevation, 0.04, 3.0)
 
 
 def test_roughness_is_the_scatter_around_the_plane(scenes, rng):
@@ -209,8 +217,8 @@ def test_what_poses_share_does_not_make_slopes_uncertain(scenes):
 
 def test_slope_of_a_large_model_has_no_seams_between_blocks(scenes):
     dtm = scenes.dtm_of(lambda e, n: 0.3 * np.sin(e) * np.cos(1.3 * n), side=600)
-    whole = gradients(dtm.elevation, dtm.grid.cell_m, 1.1)
-    part = gradients(dtm.elevation[200:330, 180:310].copy(), dtm.grid.cell_m, 1.1)
+    whole = window_gradients(dtm.elevation, dtm.grid.cell_m, 1.1)
+    part = window_gradients(dtm.elevation[200:330, 180:310].copy(), dtm.grid.cell_m, 1.1)
     # the same window around the corner of four blocks, as if it were one
     np.testing.assert_allclose(whole[:, 220:310, 200:290], part[:, 20:110, 20:110], atol=2e-5)
 

@@ -3,13 +3,11 @@
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.photogrammetry.terrain.dtm.records import GroundClass
 from solmap.photogrammetry.terrain.visibility.viewshed import (
     Sight,
     ViewshedParams,
-    eye_above,
     viewshed,
     viewshed_of_stop,
 )
@@ -113,18 +111,6 @@ def test_ground_beyond_a_long_unseen_stretch_is_unknown_unless_it_is_hidden():
     assert (sight[beyond & (np.abs(east) < 4)] == Sight.HIDDEN).all()
     assert (sight[beyond & (east > 15)] == Sight.UNKNOWN).all()
     assert (sight[(north < -5)] == Sight.VISIBLE).all()
-
-
-def test_an_eye_stands_above_mapped_ground():
-    elevation = ground(level) + np.float32(2)
-    np.testing.assert_allclose(eye_above(elevation, GRID, (3.0, 4.0), 1.5), [3.0, 4.0, 3.5])
-    elevation[:] = np.nan
-    with pytest.raises(
-        TerrainError, match=r"the ground at east 3\.00, north 4\.00 has no elevation"
-    ):
-        eye_above(elevation, GRID, (3.0, 4.0), 1.5)
-    with pytest.raises(TerrainError, match="has no elevation"):
-        eye_above(elevation, GRID, (300.0, 4.0), 1.5)
 
 
 def test_an_eye_beside_the_map_sees_it_too():

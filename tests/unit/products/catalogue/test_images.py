@@ -18,7 +18,7 @@ from solmap.products.catalogue.images import LabelCache, label_of_text, text_of_
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.model import ProductKind, ProductRef, Scope, ScopeLevel
 from solmap.products.store.product_store import ProductStore
-from tests.unit.products.test_catalogue import an_image
+from tests.unit.products.catalogue.test_catalogue import an_image
 
 PLAN = MissionPlan(stops=2, distance_m=20.0, gaps=0, control_every=0)
 
