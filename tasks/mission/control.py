@@ -13,7 +13,6 @@ from pathlib import Path
 
 import numpy as np
 
-from solmap.photogrammetry.adjustment.control_files import ControlRow, parse_control
 from solmap.photogrammetry.adjustment.model.adjusted_network import AdjustedNetwork
 from solmap.photogrammetry.adjustment.model.network import ControlFrame, StopControl
 from solmap.photogrammetry.errors import AdjustmentError
@@ -24,6 +23,7 @@ from solmap.products.catalogue.workspace import Workspace
 from solmap.products.crs import LandingPoint, east_north
 from solmap.products.errors import ProductError
 from solmap.products.formats.documents.control import control_product, read_control
+from solmap.products.formats.documents.control_files import ControlRow, parse_control
 from solmap.products.formats.documents.network import read_network, whole_network
 from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.products.store.product_store import ProductStore

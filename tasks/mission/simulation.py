@@ -13,7 +13,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from solmap.photogrammetry.adjustment.documents import report_document
 from solmap.photogrammetry.adjustment.model.datum import with_control
 from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
 from solmap.photogrammetry.adjustment.modes.mission import AdjustmentMode
@@ -29,6 +28,7 @@ from solmap.photogrammetry.synthetic.mission import (
 )
 from solmap.products.catalogue.catalogue import ImageEntry
 from solmap.products.catalogue.workspace import Workspace
+from solmap.products.formats.documents.adjusted_network import report_document
 from solmap.products.formats.documents.archives import pose_document
 from solmap.products.formats.documents.network import NetworkProduct, product_document
 from solmap.products.model import ProductKind, ProductRef, Recipe

@@ -13,7 +13,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from solmap.photogrammetry.adjustment.documents import report_document
 from solmap.photogrammetry.adjustment.model.adjusted_network import (
     AdjustedNetwork,
     AdjustmentReport,
@@ -26,6 +25,7 @@ from solmap.photogrammetry.imagery import StereoMatches, StopId
 from solmap.photogrammetry.matching.manual.requests import EditRequest
 from solmap.photogrammetry.matching.records import Ties
 from solmap.photogrammetry.matching.tracks import TrackParams, build_tie_points
+from solmap.products.formats.documents.adjusted_network import report_document
 from solmap.products.formats.documents.archives import read_mast, read_matches, read_ties
 from solmap.products.formats.documents.control import read_control
 from solmap.products.formats.documents.network import (

@@ -12,17 +12,17 @@ from solmap.photogrammetry.adjustment.quality.records import (
     PairCamera,
     Quality,
     QualityParams,
-    quality_document,
 )
-from solmap.photogrammetry.adjustment.quality_pictures import (
-    growth_picture,
-    residual_picture,
-    statistics_picture,
-    traverse_picture,
-)
+from solmap.products.formats.documents.adjusted_network import quality_document
 from solmap.products.formats.documents.archives import read_matches
 from solmap.products.formats.documents.network import NetworkProduct, read_network
 from solmap.products.model import ProductKind, ProductRef, Recipe
+from solmap.products.reports.adjustment_figures import (
+    growth_figure,
+    residual_figure,
+    statistics_figure,
+    traverse_figure,
+)
 from solmap.products.reports.quality_page import report_page
 from solmap.products.store.product_store import ProductStore
 from solmap.tasks.images.pairs import PairProducts
@@ -83,11 +83,10 @@ def _figures(
 ) -> dict[str, bytes]:
     network = product.adjusted
     return {
-        "traverse": traverse_picture(network, product.telemetry, found),
-        "growth": growth_picture(found),
-        "statistics": statistics_picture(network),
+        "traverse": traverse_figure(network, product.telemetry, found),
+        "growth": growth_figure(found),
+        "statistics": statistics_figure(network),
         **{
-            camera.instrument: residual_picture(network, cameras, camera)
-            for camera in found.cameras
+            camera.instrument: residual_figure(network, cameras, camera) for camera in found.cameras
         },
     }

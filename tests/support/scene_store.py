@@ -12,7 +12,6 @@ import math
 import cv2
 import numpy as np
 
-from solmap.photogrammetry.adjustment.documents import network_document
 from solmap.photogrammetry.adjustment.model.adjusted_network import (
     AdjustedNetwork,
     AdjustedStop,
@@ -28,6 +27,7 @@ from solmap.photogrammetry.terrain.mesh.point_cloud import PointCloud, cloud_til
 from solmap.photogrammetry.terrain.mesh.surface_mesh import ModelParams, TilesetParams
 from solmap.products.catalogue.catalogue import ImageEntry, MissionEntry
 from solmap.products.catalogue.workspace import Workspace
+from solmap.products.formats.documents.adjusted_network import network_document
 from solmap.products.formats.documents.archives import pose_document
 from solmap.products.formats.mesh.gltf import write_points
 from solmap.products.formats.mesh.models import extent_of_model

@@ -12,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 
-from solmap.photogrammetry.adjustment.documents import network_document
 from solmap.photogrammetry.adjustment.model.adjusted_network import (
     AdjustedNetwork,
     AdjustedPair,
@@ -25,6 +24,7 @@ from solmap.photogrammetry.frames import LSL, Frame, FrameKind, Pose, rover_fram
 from solmap.photogrammetry.imagery import StopId, TiePoints
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.products.catalogue.workspace import Workspace
+from solmap.products.formats.documents.adjusted_network import network_document
 from solmap.products.formats.documents.archives import pose_document
 from solmap.products.formats.raster.orthophoto import write_orthophoto
 from solmap.products.formats.raster.raster import summarise, write_raster

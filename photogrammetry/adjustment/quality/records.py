@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import dataclasses
-import math
 from dataclasses import dataclass, field
-from typing import Any
 
 from solmap.photogrammetry.imagery import StopId, TieKind
 
@@ -194,22 +191,3 @@ class Quality:
     control: tuple[ControlQuality, ...] = ()
     """Of every stop that lies in a control frame; the datum is not among them."""
     frames: tuple[FrameQuality, ...] = ()
-
-
-def quality_document(value: Any) -> Any:  # noqa: ANN401 - a record, or what one holds
-    """Records as plain JSON values: identifiers in words, null for what was not measured."""
-    if isinstance(value, StopId):
-        return str(value)
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {f.name: quality_document(getattr(value, f.name)) for f in dataclasses.fields(value)}
-    if isinstance(value, dict):
-        return {_name(key): quality_document(item) for key, item in value.items()}
-    if isinstance(value, tuple | list):
-        return [quality_document(item) for item in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
-
-
-def _name(key: Any) -> str:  # noqa: ANN401 - a kind of tie, or two stops
-    return " - ".join(str(part) for part in key) if isinstance(key, tuple) else str(key)

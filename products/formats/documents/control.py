@@ -1,4 +1,7 @@
-"""Products of control: a frame, and where it shows stops."""
+"""Products of control: a frame, and where it shows stops.
+
+Control as plain documents, and back bit for bit.
+"""
 
 from __future__ import annotations
 
@@ -6,13 +9,14 @@ import json
 from collections.abc import Sequence
 from typing import Any
 
-from solmap.photogrammetry.adjustment.control_documents import (
-    control_document,
-    control_of_document,
-    frame_document,
-    frame_of_document,
+import numpy as np
+
+from solmap.photogrammetry.adjustment.model.adjusted_network import (
+    AdjustedControl,
+    AdjustedFrame,
 )
 from solmap.photogrammetry.adjustment.model.network import ControlFrame, StopControl
+from solmap.photogrammetry.imagery import StopId
 from solmap.products.errors import ProductError
 from solmap.products.model import ProductRef
 from solmap.products.store.product_store import ProductStore
@@ -53,3 +57,101 @@ def control_product(
         "control": [control_document(one) for one in control],
         "refused": refused,
     }
+
+
+Document = dict[str, Any]
+
+
+def frame_document(frame: ControlFrame) -> Document:
+    """A control frame for JSON."""
+    return {
+        "name": frame.name,
+        "centre_m": list(frame.centre_m),
+        "place": frame.place.tolist(),
+        "covariance": frame.covariance.tolist(),
+    }
+
+
+def frame_of_document(document: Document) -> ControlFrame:
+    """The frame that `frame_document` wrote."""
+    east, north = document["centre_m"]
+    return ControlFrame(
+        document["name"],
+        (east, north),
+        np.array(document["place"], dtype=np.float64),
+        np.array(document["covariance"], dtype=np.float64),
+    )
+
+
+def control_document(control: StopControl) -> Document:
+    """Control of a stop for JSON."""
+    return {
+        "mission": control.stop.mission,
+        "site": control.stop.site,
+        "drive": control.stop.drive,
+        "frame": control.frame,
+        "east_m": control.east_m,
+        "north_m": control.north_m,
+        "up_m": control.up_m,
+        "azimuth_deg": control.azimuth_deg,
+        "covariance": control.covariance.tolist(),
+    }
+
+
+def control_of_document(document: Document) -> StopControl:
+    """The control that `control_document` wrote."""
+    return StopControl(
+        StopId(document["mission"], document["site"], document["drive"]),
+        document["frame"],
+        document["east_m"],
+        document["north_m"],
+        np.array(document["covariance"], dtype=np.float64),
+        document["up_m"],
+        document["azimuth_deg"],
+    )
+
+
+def adjusted_control_document(adjusted: AdjustedControl) -> Document:
+    """What became of control, for JSON."""
+    return {
+        **control_document(adjusted.control),
+        "used": adjusted.used,
+        "residual": _numbers(adjusted.residual),
+        "test": _numbers(np.array([adjusted.test]))[0],
+        "redundancy": adjusted.redundancy,
+        "note": adjusted.note,
+    }
+
+
+def adjusted_control_of_document(document: Document) -> AdjustedControl:
+    """What `adjusted_control_document` wrote."""
+    return AdjustedControl(
+        control_of_document(document),
+        document["used"],
+        np.array(document["residual"], dtype=np.float64),  # None becomes NaN
+        float("nan") if document["test"] is None else document["test"],
+        document["redundancy"],
+        document["note"],
+    )
+
+
+def adjusted_frame_document(adjusted: AdjustedFrame) -> Document:
+    """Where a frame lies, for JSON."""
+    return {
+        "frame": frame_document(adjusted.frame),
+        "place": adjusted.place.tolist(),
+        "covariance": adjusted.covariance.tolist(),
+    }
+
+
+def adjusted_frame_of_document(document: Document) -> AdjustedFrame:
+    """What `adjusted_frame_document` wrote."""
+    return AdjustedFrame(
+        frame_of_document(document["frame"]),
+        np.array(document["place"], dtype=np.float64),
+        np.array(document["covariance"], dtype=np.float64),
+    )
+
+
+def _numbers(values: np.ndarray) -> list[float | None]:
+    return [float(value) if np.isfinite(value) else None for value in values]

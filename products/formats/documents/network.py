@@ -20,13 +20,16 @@ from typing import Any
 
 import numpy as np
 
-from solmap.photogrammetry.adjustment.documents import network_document, network_of_document
 from solmap.photogrammetry.adjustment.model.adjusted_network import AdjustedNetwork
 from solmap.photogrammetry.adjustment.model.assembly import assembled, part_at
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.imagery import StopId
 from solmap.photogrammetry.mars import map_from_lsl
 from solmap.photogrammetry.traverse.records import Traverse
+from solmap.products.formats.documents.adjusted_network import (
+    network_document,
+    network_of_document,
+)
 from solmap.products.formats.documents.archives import pose_document, pose_of_document
 from solmap.products.model import ProductRef
 from solmap.products.store.product_store import ProductStore

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from solmap.photogrammetry.adjustment.documents import network_document, network_of_document
 from solmap.photogrammetry.adjustment.model.collinearity import State
 from solmap.photogrammetry.adjustment.model.control_equations import Control
 from solmap.photogrammetry.adjustment.model.datum import with_control
@@ -33,6 +32,10 @@ from solmap.photogrammetry.synthetic.mission import simulate_control
 from solmap.photogrammetry.synthetic.networks import (
     TelemetryErrors,
     simulate_network,
+)
+from solmap.products.formats.documents.adjusted_network import (
+    network_document,
+    network_of_document,
 )
 
 SMALL = {"pairs_per_stop": 5, "inter_ties": 8, "intra_ties": 0}

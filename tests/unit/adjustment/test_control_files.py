@@ -4,9 +4,9 @@ import json
 
 import pytest
 
-from solmap.photogrammetry.adjustment.control_files import parse_control
 from solmap.photogrammetry.errors import AdjustmentError
 from solmap.photogrammetry.imagery import StopId
+from solmap.products.formats.documents.control_files import parse_control
 
 HEAD = "stop,east_m,north_m,sigma_m"
 

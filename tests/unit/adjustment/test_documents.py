@@ -5,10 +5,13 @@ import json
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.adjustment.documents import network_document, network_of_document
 from solmap.photogrammetry.adjustment.modes.overall import adjust_overall
 from solmap.photogrammetry.errors import AdjustmentError
 from solmap.photogrammetry.synthetic.networks import simulate_network
+from solmap.products.formats.documents.adjusted_network import (
+    network_document,
+    network_of_document,
+)
 
 
 @pytest.fixture

@@ -9,13 +9,10 @@ import pytest
 from solmap.photogrammetry.adjustment.model.adjusted_network import USED
 from solmap.photogrammetry.adjustment.modes.overall import adjust_overall
 from solmap.photogrammetry.adjustment.quality.network_quality import ellipse, quality
-from solmap.photogrammetry.adjustment.quality.records import (
-    PairCamera,
-    QualityParams,
-    quality_document,
-)
+from solmap.photogrammetry.adjustment.quality.records import PairCamera, QualityParams
 from solmap.photogrammetry.imagery import TieKind
 from solmap.photogrammetry.synthetic.networks import LINES, simulate_network
+from solmap.products.formats.documents.adjusted_network import quality_document
 
 SIZES = {
     "stops": 3, "pairs_per_stop": 12, "inter_ties": 60, "intra_ties": 5,

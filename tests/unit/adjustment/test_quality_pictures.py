@@ -9,14 +9,14 @@ from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
 from solmap.photogrammetry.adjustment.modes.overall import adjust_overall, telemetry_network
 from solmap.photogrammetry.adjustment.quality.network_quality import quality
 from solmap.photogrammetry.adjustment.quality.records import PairCamera, QualityParams
-from solmap.photogrammetry.adjustment.quality_pictures import (
-    ellipse_scale,
-    growth_picture,
-    residual_picture,
-    statistics_picture,
-    traverse_picture,
-)
 from solmap.photogrammetry.synthetic.networks import LINES, simulate_network
+from solmap.products.reports.adjustment_figures import (
+    ellipse_scale,
+    growth_figure,
+    residual_figure,
+    statistics_figure,
+    traverse_figure,
+)
 
 
 @pytest.fixture(scope="module", params=["tied", "telemetry alone", "one stop"])
@@ -37,10 +37,10 @@ def stated(request):
 def pictures(stated):
     adjusted, telemetry, cameras, found = stated
     return [
-        traverse_picture(adjusted, telemetry, found),
-        growth_picture(found),
-        statistics_picture(adjusted),
-        *(residual_picture(adjusted, cameras, camera) for camera in found.cameras),
+        traverse_figure(adjusted, telemetry, found),
+        growth_figure(found),
+        statistics_figure(adjusted),
+        *(residual_figure(adjusted, cameras, camera) for camera in found.cameras),
     ]
 
 

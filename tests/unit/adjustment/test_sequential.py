@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.adjustment.documents import network_document, network_of_document
 from solmap.photogrammetry.adjustment.model.collinearity import State
 from solmap.photogrammetry.adjustment.model.small_matrices import rotation_of_vector
 from solmap.photogrammetry.adjustment.modes.overall import adjust_overall
@@ -20,6 +19,10 @@ from solmap.photogrammetry.adjustment.smoothing import smoothed
 from solmap.photogrammetry.adjustment.solver.marginal import Chart
 from solmap.photogrammetry.errors import AdjustmentError
 from solmap.photogrammetry.synthetic.networks import simulate_network
+from solmap.products.formats.documents.adjusted_network import (
+    network_document,
+    network_of_document,
+)
 
 SMALL = {"pairs_per_stop": 6, "inter_ties": 8, "intra_ties": 2}
 

@@ -5,20 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.adjustment.documents import report_document
 from solmap.photogrammetry.adjustment.model.adjusted_network import Lack
 from solmap.photogrammetry.adjustment.model.datum import with_control
 from solmap.photogrammetry.adjustment.model.network import select
 from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
 from solmap.photogrammetry.adjustment.modes.overall import adjust_overall
 from solmap.photogrammetry.adjustment.quality.network_quality import quality
-from solmap.photogrammetry.adjustment.quality.records import (
-    PairCamera,
-    QualityParams,
-    quality_document,
-)
+from solmap.photogrammetry.adjustment.quality.records import PairCamera, QualityParams
 from solmap.photogrammetry.synthetic.mission import simulate_control
 from solmap.photogrammetry.synthetic.networks import LINES, simulate_network
+from solmap.products.formats.documents.adjusted_network import quality_document, report_document
 from solmap.products.reports.quality_page import report_page
 
 

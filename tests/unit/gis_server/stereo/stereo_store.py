@@ -15,7 +15,6 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from solmap.photogrammetry.adjustment.documents import network_document
 from solmap.photogrammetry.adjustment.model.adjusted_network import (
     USED,
     AdjustedNetwork,
@@ -39,6 +38,7 @@ from solmap.photogrammetry.terrain.dtm.resampling import sample_bilinear
 from solmap.products.catalogue.catalogue import ImageEntry, MissionEntry
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.crs import LandingPoint, local_crs
+from solmap.products.formats.documents.adjusted_network import network_document
 from solmap.products.formats.documents.archives import (
     pose_document,
     write_dense,

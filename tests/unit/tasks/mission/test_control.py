@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.adjustment.documents import network_document
 from solmap.photogrammetry.adjustment.model.datum import with_control
 from solmap.photogrammetry.adjustment.model.network import select
 from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
@@ -17,6 +16,7 @@ from solmap.products.catalogue.catalogue import MissionEntry
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.crs import LandingPoint, lon_lat
 from solmap.products.errors import ProductError
+from solmap.products.formats.documents.adjusted_network import network_document
 from solmap.products.formats.documents.archives import pose_document
 from solmap.products.formats.documents.control import read_control
 from solmap.products.formats.documents.network import read_network

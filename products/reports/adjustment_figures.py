@@ -34,7 +34,7 @@ MOST_VECTORS = 1500
 """Residual vectors in a plot: more cover each other."""
 
 
-def traverse_picture(
+def traverse_figure(
     network: AdjustedNetwork, telemetry: Mapping[StopId, Pose], quality: Quality
 ) -> bytes:
     """The traverse by telemetry and as adjusted, its links and the stops' error ellipses."""
@@ -75,7 +75,7 @@ def ellipse_scale(places: np.ndarray, quality: Quality) -> float:
     return float(max(1.0, digits * np.floor(0.1 * extent / largest / digits)))
 
 
-def growth_picture(quality: Quality) -> bytes:
+def growth_figure(quality: Quality) -> bytes:
     """Standard deviations of the stops along the traverse."""
     figure, axes = _figure(7.0, 2.8)
     way = [stop.driven_m for stop in quality.stops]
@@ -91,7 +91,7 @@ def growth_picture(quality: Quality) -> bytes:
     return svg(figure)
 
 
-def residual_picture(
+def residual_figure(
     network: AdjustedNetwork, cameras: Mapping[str, PairCamera], found: CameraResiduals
 ) -> bytes:
     """Residual vectors in the image plane of a camera, and their means by cell."""
@@ -106,7 +106,7 @@ def residual_picture(
     return svg(figure)
 
 
-def statistics_picture(network: AdjustedNetwork) -> bytes:
+def statistics_figure(network: AdjustedNetwork) -> bytes:
     """Standardised residuals against the normal distribution, and the redundancy numbers."""
     figure = Figure(figsize=(9.0, 2.8), layout="constrained")
     left, right = figure.subplots(1, 2)

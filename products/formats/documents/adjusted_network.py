@@ -2,32 +2,36 @@
 
 Numbers are written in full, so that poses and covariances come back bit for bit; NaN (not
 measured, not placed) is written as null, for JSON has none.
+
+The memory of a sequential adjustment as a plain document, and back bit for bit.
 """
 
 from __future__ import annotations
 
+import dataclasses
+import math
 from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 
-from solmap.photogrammetry.adjustment.control_documents import (
-    adjusted_control_document,
-    adjusted_control_of_document,
-    adjusted_frame_document,
-    adjusted_frame_of_document,
-)
-from solmap.photogrammetry.adjustment.memory_documents import memory_document, memory_of_document
 from solmap.photogrammetry.adjustment.model.adjusted_network import (
     AdjustedNetwork,
     AdjustedPair,
     AdjustedStop,
     AdjustedTies,
     AdjustmentReport,
+    Memory,
 )
 from solmap.photogrammetry.errors import AdjustmentError
 from solmap.photogrammetry.frames import LSL, Frame, FrameKind, Pose
 from solmap.photogrammetry.imagery import StopId, TieKind, TiePoints
+from solmap.products.formats.documents.control import (
+    adjusted_control_document,
+    adjusted_control_of_document,
+    adjusted_frame_document,
+    adjusted_frame_of_document,
+)
 
 Document = dict[str, Any]
 FORMAT = "solmap adjusted network 1"
@@ -252,3 +256,69 @@ def _ties_of(document: Document) -> AdjustedTies:
         _array(document["standardised"], -1, 3),
         _array(document["redundancy"], -1, 3),
     )
+
+
+def memory_document(memory: Memory) -> Document:
+    """A memory for JSON."""
+    names = ("rotations", "centres", "pointings", "root", "right")
+    return {
+        "window": [_name(stop) for stop in memory.window],
+        "stops": [_name(stop) for stop in memory.stops],
+        "pairs": list(memory.pair_ids),
+        **{name: getattr(memory, name).tolist() for name in names},
+        "spent": memory.spent,
+        "surplus": memory.surplus,
+        "grounded": list(memory.grounded),
+        "frames": list(memory.frames),
+        "frame_places": memory.frame_places.tolist(),
+    }
+
+
+def memory_of_document(document: Document) -> Memory:
+    """The memory that `memory_document` wrote."""
+    stops, right = document["stops"], np.array(document["right"], dtype=np.float64)
+    pairs, frames = document["pairs"], document.get("frames", [])
+    return Memory(
+        tuple(StopId(**stop) for stop in document["window"]),
+        tuple(StopId(**stop) for stop in stops),
+        tuple(pairs),
+        _memory_array(document, "rotations", -1, 3, 3),
+        _memory_array(document, "centres", -1, 3),
+        _memory_array(document, "pointings", -1, 3),
+        _memory_array(
+            document, "root", len(right), 6 * len(stops) + 3 * len(pairs) + 5 * len(frames)
+        ),
+        right,
+        document["spent"],
+        document["surplus"],
+        tuple(document["grounded"]),
+        tuple(frames),
+        _memory_array(document, "frame_places", -1, 5) if frames else np.zeros((0, 5)),
+    )
+
+
+def _name(stop: StopId) -> Document:
+    return {"mission": stop.mission, "site": stop.site, "drive": stop.drive}
+
+
+def _memory_array(document: Document, name: str, *shape: int) -> np.ndarray:
+    return np.array(document[name], dtype=np.float64).reshape(shape)
+
+
+def quality_document(value: Any) -> Any:  # noqa: ANN401 - a record, or what one holds
+    """Records as plain JSON values: identifiers in words, null for what was not measured."""
+    if isinstance(value, StopId):
+        return str(value)
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {f.name: quality_document(getattr(value, f.name)) for f in dataclasses.fields(value)}
+    if isinstance(value, dict):
+        return {_key_name(key): quality_document(item) for key, item in value.items()}
+    if isinstance(value, tuple | list):
+        return [quality_document(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def _key_name(key: Any) -> str:  # noqa: ANN401 - a kind of tie, or two stops
+    return " - ".join(str(part) for part in key) if isinstance(key, tuple) else str(key)
