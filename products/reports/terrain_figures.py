@@ -7,7 +7,6 @@ import numpy as np
 
 from solmap.photogrammetry.arrays import Picture, Raster
 from solmap.photogrammetry.terrain.dtm.records import Dtm, GroundClass
-from solmap.photogrammetry.terrain.orthophoto.rendering import Orthophoto
 from solmap.photogrammetry.terrain.relief.slope import HillshadeParams, hillshade
 
 CLASS_COLOURS = {
@@ -41,14 +40,6 @@ def class_picture(dtm: Dtm, max_side: int = 1024) -> Picture:
     for ground, colour in CLASS_COLOURS.items():
         table[ground] = colour
     return table[dtm.ground[small, small]]
-
-
-def orthophoto_picture(orthophoto: Orthophoto, max_side: int = 1024) -> Picture:
-    """The orthophoto between its black and white; clear where nothing was seen."""
-    small = slice(None, None, step_for(orthophoto.brightness.shape, max_side))
-    brightness = orthophoto.brightness[small, small]
-    grey = _stretched(brightness, *orthophoto.stretch)
-    return np.dstack([grey, grey, grey, _opacity(np.isfinite(brightness))])
 
 
 def step_for(shape: tuple[int, ...], max_side: int) -> int:

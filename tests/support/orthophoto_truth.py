@@ -34,12 +34,12 @@ from solmap.photogrammetry.terrain.dtm.records import Dtm, GroundClass, TerrainV
 from solmap.photogrammetry.terrain.dtm.stop_dtm import DtmParams, build_dtm
 from solmap.photogrammetry.terrain.orthophoto.rendering import (
     OrthophotoParams,
-    render_orthophoto,
 )
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.formats.raster.orthophoto import read_orthophoto
 from solmap.products.model import ProductKind
 from tests.support.husband_truth import JudgedPair, judged_pairs
+from tests.support.orthophotos import render_orthophoto
 from tests.support.simulated_stops import SimulatedStop, WorldOfStops, simulated_stop
 
 BANDS_M = ((0, 5), (5, 10), (10, 20), (20, 40))

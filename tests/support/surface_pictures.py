@@ -37,7 +37,6 @@ from solmap.photogrammetry.terrain.relief.slope import (
 from solmap.photogrammetry.terrain.traversability.hazard import HazardParams, hazards
 from solmap.photogrammetry.terrain.visibility.viewshed import (
     ViewshedParams,
-    eye_above,
     viewshed,
 )
 from solmap.products.formats.raster.cog import RasterClass
@@ -48,6 +47,15 @@ LATITUDE = math.radians(-14.735)
 SIDE = 480
 """Pixels along the side of one picture."""
 OPACITY = 0.65
+
+
+def _eye_on_mast(
+    elevation: np.ndarray, grid: MapGrid, place: tuple[float, float], mast_m: float
+) -> np.ndarray:
+    """An eye (east, north, up) at a height above the ground at (east, north)."""
+    cell = grid.cell_at(*place)
+    assert cell is not None
+    return np.array([*place, float(elevation[cell]) + mast_m])
 
 
 def world_model(terrain: str, seed: int) -> Dtm:
@@ -68,7 +76,7 @@ def pictures(dtm: Dtm) -> dict[str, Picture]:
     lit = insolation(dtm.elevation, dtm.grid, LATITUDE, InsolationParams())
     havens = winter_havens(lit, LATITUDE, HavenParams())
     coarse, coarse_grid = coarsen(dtm.elevation, dtm.grid, 0.16)
-    eye = eye_above(coarse, coarse_grid, (0.0, 0.0), 1.5)
+    eye = _eye_on_mast(coarse, coarse_grid, (0.0, 0.0), 1.5)
     seen = viewshed(coarse, coarse_grid, eye, ViewshedParams())
     danger, danger_grid = hazards(dtm, HazardParams())
     ramps = {

@@ -94,16 +94,6 @@ def half_day(latitude: float, declination: float) -> float:
     return math.acos(min(1.0, max(-1.0, cosine)))
 
 
-def daily_insolation_above(latitude: float, season: Season) -> float:
-    """Wh/m^2 a sol on level ground without an atmosphere (Appelbaum and Flood 1990, eq. 13)."""
-    delta = season.declination
-    w = half_day(latitude, delta)
-    day = w * math.sin(latitude) * math.sin(delta) + math.cos(latitude) * math.cos(
-        delta
-    ) * math.sin(w)
-    return season.irradiance * SOL_HOURS / math.pi * day
-
-
 def local_winter(latitude: float) -> Season:
     """The middle of winter in this hemisphere, when a rover needs the sun most."""
     return Season(90.0 if latitude < 0 else 270.0)

@@ -81,11 +81,6 @@ class AngleGrid:
         """(rows, cols)."""
         return self.rows, self.cols
 
-    @property
-    def is_circle(self) -> bool:
-        """Whether its right edge meets its left one."""
-        return self.cols * self.cell_deg > CIRCLE - self.cell_deg / 2
-
     def node_angles(
         self, row: int, col: int, rows: int, cols: int
     ) -> tuple[Float64[np.ndarray, " across"], Float64[np.ndarray, " down"]]:

@@ -88,28 +88,6 @@ def normals_of(gradient: Gradients) -> Normals:
     return np.stack([gradient[1] * down, gradient[0] * down, down]).astype(np.float32)
 
 
-def normals(dtm: Dtm, params: SlopeParams) -> Normals:
-    """Normals of a terrain model over the baseline."""
-    return normals_of(
-        window_gradients(dtm.elevation, dtm.grid.cell_m, params.baseline_m, params.min_share)
-    )
-
-
-def slope(dtm: Dtm, params: SlopeParams) -> Raster:
-    """Slope in degrees from the horizontal."""
-    return slope_of(normals(dtm, params))
-
-
-def aspect(dtm: Dtm, params: SlopeParams) -> Raster:
-    """Azimuth in which the ground falls, degrees clockwise from north; NaN where level."""
-    return aspect_of(normals(dtm, params))
-
-
-def northerly_tilt(dtm: Dtm, params: SlopeParams) -> Raster:
-    """Tilt towards north in degrees, positive where the ground faces north."""
-    return northerly_tilt_of(normals(dtm, params))
-
-
 def slope_of(normal: Normals) -> Raster:
     """Slope in degrees of surfaces with these normals."""
     u, v, w = normal

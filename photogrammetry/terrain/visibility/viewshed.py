@@ -36,7 +36,6 @@ import cv2
 import numpy as np
 
 from solmap.photogrammetry.arrays import Classes, Float32, Float64, Int32, PerPoint, Raster, Vector3
-from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.photogrammetry.terrain.dtm.records import Dtm, GroundClass
 from solmap.photogrammetry.terrain.dtm.resampling import MapPoints, coarsen, manageable_cell_m
@@ -77,21 +76,6 @@ class ViewshedParams:
     """Side of a cell: what is smaller than a hand hides no ground that matters."""
     most_cells: int = 4_000_000
     """Cells at most, 200 MB: of larger areas the cells are doubled. A stop has 0.2 million."""
-
-
-def eye_above(elevation: Raster, grid: MapGrid, place: tuple[float, float], up_m: float) -> Vector3:
-    """An eye (east, north, up) at a height above the ground at (east, north).
-
-    Raises:
-        TerrainError: the ground there was not seen.
-    """
-    cell = grid.cell_at(*place)
-    if cell is None or not np.isfinite(elevation[cell]):
-        raise TerrainError(
-            f"the ground at east {place[0]:.2f}, north {place[1]:.2f} has no elevation: stand an "
-            "eye on mapped ground, or give its elevation"
-        )
-    return np.array([*place, float(elevation[cell]) + up_m])
 
 
 def viewshed_of_stop(dtm: Dtm, eye: Vector3, params: ViewshedParams) -> tuple[Classes, MapGrid]:
