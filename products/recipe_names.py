@@ -120,6 +120,17 @@ RECIPE_NAMES: dict[str, RecipeNames] = {
     "FacetParams": RecipeNames(constants={"min_region_px": 100, "sigma_image_px": 0.25}),
     "FarDtmParams": RecipeNames(constants={"min_region_px": 100}),
     "HillshadeParams": RecipeNames(constants={"baseline_cells": 3}),
+    "MissionPlan": RecipeNames(
+        constants={
+            "control_sigma_m": 0.25,
+            "cross_ties": 20,
+            "far_cross_ties": 6,
+            "fine_every": 10,
+            "gap_drives": 2,
+            "least_slip": 0.01,
+            "most_slip": 0.2,
+        }
+    ),
     "OrthophotoParams": RecipeNames(
         constants={
             "normal_baseline_m": 0.2,

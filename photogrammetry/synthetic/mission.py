@@ -2,13 +2,13 @@
 
 There are no images, only what would have been measured in them (`networks`). A rover drives
 `distance_m` in equal parts with panoramas between. Wheels slip by terrain: stretches of
-`terrain_stops` drives have a slip of their own between `least_slip` and `most_slip` (log-uniform:
+`terrain_stops` drives have a slip of their own between `LEAST_SLIP` and `MOST_SLIP` (log-uniform:
 bedrock more often than sand), single drives half as much to half as much again; what wheels count
-is always too far. On top come the random errors of `networks` with a slip of `least_slip`.
+is always too far. On top come the random errors of `networks` with a slip of `LEAST_SLIP`.
 
 Gaps are drives over which images tie nothing (on the way out of Eagle Crater there were no images
 at all): what lies on both sides hangs together by telemetry, or by the orbital image that shows
-every `control_every`th stop to `control_sigma_m`. The place of that image is unknown
+every `control_every`th stop to `CONTROL_SIGMA_M`. The place of that image is unknown
 (`ControlFrame.claimed`), or certain where the image is the map itself.
 
 The orbital image is shifted, turned and scaled as its georeference may be
@@ -49,6 +49,25 @@ from solmap.photogrammetry.synthetic.networks import (
 )
 from solmap.photogrammetry.synthetic.rig import CAMERAS, Instrument, Pointing
 from solmap.photogrammetry.synthetic.traverse import solar_longitude, sun_at
+
+
+CROSS_TIES, FAR_CROSS_TIES = 20, 6
+"""Between each stop and the next, and between each stop and the one after the next."""
+LEAST_SLIP, MOST_SLIP = 0.01, 0.2
+GAP_DRIVES = 2
+"""Drives of a gap."""
+FINE_EVERY = 10
+"""The sun is sighted at every so many stops."""
+CONTROL_SIGMA_M = 0.25
+"""A pixel of HiRISE."""
+MISSION = "MER2"
+SITE, DRIVES = 0, 2
+"""The site of all stops, and by how much their drive counter goes up."""
+MOST_STOPS = 500
+"""Beyond a drive counter of 1295 file names cannot tell stops apart."""
+FIRST_CLOCK, SOL_S, PAIR_S = 126_000_000, 88_775, 60
+HOUR = 12.0
+SEQUENCE = "P0703"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -133,33 +152,21 @@ class MissionPlan:
     stops: int = 500
     distance_m: float = 7000.0
     pairs_per_stop: int = 10
-    cross_ties: int = 20
-    """Between each stop and the next."""
-    far_cross_ties: int = 6
-    """Between each stop and the one after the next."""
     inter_ties: int = 100
     intra_ties: int = 174
-    least_slip: float = 0.01
-    most_slip: float = 0.2
     terrain_stops: int = 20
     """Drives over which the ground, and the slip with it, stays the same."""
     gaps: int = 10
-    """Places where images tie nothing..."""
-    gap_drives: int = 2
-    """...over so many drives."""
-    fine_every: int = 10
-    """The sun is sighted at every so many stops; 0: never."""
+    """Places where images tie nothing over `GAP_DRIVES` drives."""
     control_every: int = 10
     """Every so many stops is found in the orbital image, the first and the last too, and those at
     both ends of drives without ties, which only it can join; 0: none."""
-    control_sigma_m: float = 0.25
-    """A pixel of HiRISE."""
 
     def __post_init__(self) -> None:
-        needed = self.gaps * (self.gap_drives + 2) + 2
+        needed = self.gaps * (GAP_DRIVES + 2) + 2
         if self.gaps and self.stops < needed:
             raise PhotogrammetryError(
-                f"{self.gaps} gaps of {self.gap_drives} drives need {needed} stops, not "
+                f"{self.gaps} gaps of {GAP_DRIVES} drives need {needed} stops, not "
                 f"{self.stops}: plan fewer gaps"
             )
 
@@ -205,13 +212,13 @@ def simulate_mission(
         rng,
         stops=plan.stops,
         pairs_per_stop=plan.pairs_per_stop,
-        cross_ties=plan.cross_ties,
-        far_cross_ties=plan.far_cross_ties,
+        cross_ties=CROSS_TIES,
+        far_cross_ties=FAR_CROSS_TIES,
         inter_ties=plan.inter_ties,
         intra_ties=plan.intra_ties,
         spacing_m=plan.distance_m / max(plan.stops - 1, 1),
-        errors=TelemetryErrors(slip=plan.least_slip, drive_slips=tuple(slips.tolist())),
-        fine_every=plan.fine_every,
+        errors=TelemetryErrors(slip=LEAST_SLIP, drive_slips=tuple(slips.tolist())),
+        fine_every=FINE_EVERY,
         untied=untied,
         stop_name=names.stop,
         pair_name=names.pair,
@@ -220,9 +227,7 @@ def simulate_mission(
     if plan.control_every:
         ends = {stop for drive in untied for stop in (drive - 1, drive)}
         shown = sorted({*range(0, plan.stops, plan.control_every), plan.stops - 1, *ends})
-        control = simulate_control(
-            rng, network, truth, shown, frame=frame, sigma_m=plan.control_sigma_m
-        )
+        control = simulate_control(rng, network, truth, shown, frame=frame, sigma_m=CONTROL_SIGMA_M)
     return SimulatedMission(network, truth, slips, untied, control)
 
 
@@ -230,9 +235,9 @@ def _slips(rng: np.random.Generator, plan: MissionPlan) -> Float64[np.ndarray, "
     """Slip of every drive, by terrain."""
     drives = plan.stops - 1
     grounds = -(-drives // plan.terrain_stops)
-    typical = np.exp(rng.uniform(np.log(plan.least_slip), np.log(plan.most_slip), grounds))
+    typical = np.exp(rng.uniform(np.log(LEAST_SLIP), np.log(MOST_SLIP), grounds))
     each = np.repeat(typical, plan.terrain_stops)[:drives] * rng.uniform(0.5, 1.5, drives)
-    return np.clip(each, plan.least_slip, plan.most_slip)
+    return np.clip(each, LEAST_SLIP, MOST_SLIP)
 
 
 def _gaps(rng: np.random.Generator, plan: MissionPlan) -> frozenset[int]:
@@ -242,19 +247,9 @@ def _gaps(rng: np.random.Generator, plan: MissionPlan) -> frozenset[int]:
     bounds = np.linspace(2, plan.stops - 1, plan.gaps + 1).astype(int)
     untied: set[int] = set()
     for low, high in zip(bounds[:-1].tolist(), bounds[1:].tolist(), strict=True):
-        first = int(rng.integers(low, max(high - plan.gap_drives, low + 1)))
-        untied.update(range(first, first + plan.gap_drives))
+        first = int(rng.integers(low, max(high - GAP_DRIVES, low + 1)))
+        untied.update(range(first, first + GAP_DRIVES))
     return frozenset(untied)
-
-
-MISSION = "MER2"
-SITE, DRIVES = 0, 2
-"""The site of all stops, and by how much their drive counter goes up."""
-MOST_STOPS = 500
-"""Beyond a drive counter of 1295 file names cannot tell stops apart."""
-FIRST_CLOCK, SOL_S, PAIR_S = 126_000_000, 88_775, 60
-HOUR = 12.0
-SEQUENCE = "P0703"
 
 
 def mission_names(plan: MissionPlan) -> Names:

@@ -37,6 +37,10 @@ CLOCK_OF_SOL_0 = 126_322_960
 """Spirit's clock at the start of sol 0, seconds (facts 6.2)."""
 PAIR_S = 53
 """Time from one pair to the next, seconds."""
+MAST_ELEVATION = float(np.deg2rad(-18.0))
+"""Of the panorama's pairs."""
+POINTING_ERROR = float(np.deg2rad(0.12))
+"""Standard deviation of the mast head's azimuth and elevation, radians; roll has half."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,11 +52,8 @@ class WorldParams:
     pairs: int = 10
     """Navcam pairs of a panorama."""
     pair_step: float = float(np.deg2rad(36.0))
-    mast_elevation: float = float(np.deg2rad(-18.0))
     pancam: bool = False
     """Pancam pairs towards the neighbouring stops as well (right Pancam: synthetic model)."""
-    pointing_error: float = float(np.deg2rad(0.12))
-    """Standard deviation of the mast head's azimuth and elevation, radians; roll has half."""
     averaging: int = 1
     """Pixels averaged to one, in both directions: 1, 2 or 4."""
 
@@ -192,7 +193,7 @@ def _shots(params: WorldParams, stops: tuple[Stop, ...], k: int, seed: int) -> l
     plan = [
         (
             Instrument.NAVCAM,
-            Pointing((first + pair * params.pair_step) % (2 * np.pi), params.mast_elevation),
+            Pointing((first + pair * params.pair_step) % (2 * np.pi), MAST_ELEVATION),
         )
         for pair in range(params.pairs)
     ]
@@ -202,7 +203,7 @@ def _shots(params: WorldParams, stops: tuple[Stop, ...], k: int, seed: int) -> l
     clock = CLOCK_OF_SOL_0 + round(day * SOL_S)
     shots = []
     for pair, (instrument, pointing) in enumerate(plan):
-        miss = rng.normal(0.0, params.pointing_error, 3) * (0.5, 1.0, 1.0)
+        miss = rng.normal(0.0, POINTING_ERROR, 3) * (0.5, 1.0, 1.0)
         roll, pitch, yaw = map(float, miss)
         sequence = f"P{1500 + k % 8000}"
         shots.append(

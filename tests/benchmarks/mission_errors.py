@@ -28,7 +28,7 @@ from solmap.photogrammetry.adjustment.model.datum import with_control
 from solmap.photogrammetry.adjustment.model.network import MAP
 from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
 from solmap.photogrammetry.adjustment.modes.overall import adjust_overall
-from solmap.photogrammetry.synthetic.mission import MissionPlan, simulate_mission
+from solmap.photogrammetry.synthetic.mission import GAP_DRIVES, MissionPlan, simulate_mission
 from tests.benchmarks.drift import centres, stepwise
 
 PLAN = MissionPlan(pairs_per_stop=8, inter_ties=20, intra_ties=0)
@@ -140,7 +140,7 @@ def figure(rows, path):
             axis.plot(way, np.median(errors, axis=0), style, color=colour, label=mode, lw=1.2)
         axis.axhline(GOAL_M, color="grey", lw=0.6)
         axis.set(yscale="log", xlabel="way, km", ylim=(0.02, 1000), xlim=(0, way[-1]))
-        axis.set_title(f"{gaps} gaps of {PLAN.gap_drives} drives" if gaps else "no gaps", size=9)
+        axis.set_title(f"{gaps} gaps of {GAP_DRIVES} drives" if gaps else "no gaps", size=9)
         axis.grid(alpha=0.3)
     axes[0, 0].set_ylabel("error of a stop in plan, m")
     drawn.legend(*axes[0, -1].get_legend_handles_labels(), fontsize=7, ncols=3,
