@@ -69,7 +69,7 @@ class Settings(BaseSettings):
     """Port of Prefect's server and its run pages; it listens on this machine only."""
 
     @property
-    def elsewhere(self) -> ObjectStorage | None:
+    def object_storage(self) -> ObjectStorage | None:
         """Where products lie if not in the store's folder."""
         return ObjectStorage(self.store_url, self.store_cache_gb) if self.store_url else None
 

@@ -19,7 +19,7 @@ def open_workspace(root: Path) -> Workspace:
             does not answer.
     """
     settings = Settings()
-    return Workspace.open(root, settings.catalogue_url, settings.elsewhere)
+    return Workspace.open(root, settings.catalogue_url, settings.object_storage)
 
 
 def open_catalogue(root: Path) -> Catalogue:

@@ -58,14 +58,14 @@ class ReusableSols:
 
     def report(self, scope: Scope, sol: int, key: str) -> SolReport | None:
         """How the sol went when it was made from the same; None where it must be processed."""
-        found = self.book.known(scope.name, key)
+        found = self.book.find(scope.name, key)
         if found is None or not found.keys() >= set(PARTS):  # an earlier version noted less
             return None
         standing, published, pointed = (
             tuple(map(ProductRef.of_text, found[part])) for part in PARTS
         )
         store = self.workspace.store
-        asked = (*standing, *((*published, *pointed) if store.elsewhere is None else ()))
+        asked = (*standing, *((*published, *pointed) if store.object_storage is None else ()))
         if not all(map(store.has, asked)):  # of an object store each would be a request
             return None
         left = Standing(*standing) if standing else None
@@ -102,7 +102,7 @@ def _common(mission: str, workspace: Workspace, pipeline: str) -> Iterator[str]:
     yield f"{SCIENCE_VERSION} {version('solmap')} {tuple(ProductKind)}"
     yield repr(load_pipeline(pipeline))
     yield repr(landing_site(mission, Settings().landing_sites))
-    for kind in (ProductKind.VECTORS, ProductKind.HAND_TIES, ProductKind.CONTROL):
+    for kind in (ProductKind.VECTORS, ProductKind.MANUAL_TIES, ProductKind.CONTROL):
         yield repr(workspace.catalogue.pointers(kind))
 
 

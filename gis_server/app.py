@@ -43,7 +43,7 @@ def create_app(
     store_root: Path,
     viewer_dist: Path | None = None,
     catalogue_url: str | None = None,
-    elsewhere: ObjectStorage | None = None,
+    object_storage: ObjectStorage | None = None,
     origins: Sequence[str] = (),
 ) -> FastAPI:
     """The server of the store at `store_root`.
@@ -52,10 +52,10 @@ def create_app(
         store_root: Folder of products and catalogue; it may be filled while being served.
         viewer_dist: Folder of the built viewer; the one shipped by default.
         catalogue_url: Database of the catalogue; SQLite in the store's folder where there is none.
-        elsewhere: Where products lie if not in the store's folder.
+        object_storage: Where products lie if not in the store's folder.
         origins: Other sites whose pages may ask this server.
     """
-    services = open_services(store_root, catalogue_url, elsewhere)
+    services = open_services(store_root, catalogue_url, object_storage)
 
     @asynccontextmanager
     async def lifespan(_app: FastAPI) -> AsyncIterator[None]:
@@ -125,6 +125,6 @@ def create_app_from_settings() -> FastAPI:
     return create_app(
         settings.store,
         catalogue_url=settings.catalogue_url,
-        elsewhere=settings.elsewhere,
+        object_storage=settings.object_storage,
         origins=settings.cors_origins.split(),
     )

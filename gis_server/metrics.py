@@ -135,7 +135,7 @@ class StoreCollector:
     def _catalogue(self) -> Iterator[Metric]:
         catalogue = self._services.catalogue
         yield _one("solmap_catalogue_version", "Events so far", catalogue.version())
-        yield _one("solmap_catalogue_published", "Last publication", catalogue.published())
+        yield _one("solmap_catalogue_published", "Last publication", catalogue.published_version())
         things = GaugeMetricFamily(
             "solmap_catalogue_things", "Published, by mission", labels=("mission", "thing")
         )

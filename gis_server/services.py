@@ -80,10 +80,10 @@ class Services:
 
 
 def open_services(
-    root: Path, catalogue_url: str | None = None, elsewhere: ObjectStorage | None = None
+    root: Path, catalogue_url: str | None = None, object_storage: ObjectStorage | None = None
 ) -> Services:
     """Open the store at `root` for reading; catalogue and products may lie elsewhere."""
-    store, catalogue = ProductStore.open(root, elsewhere), Catalogue.open(root, catalogue_url)
+    store, catalogue = ProductStore.open(root, object_storage), Catalogue.open(root, catalogue_url)
     remembered = lru_cache(maxsize=_LAYERS)(catalogue.layer)
     features, ahead = MissionFeatures.open(store, catalogue), ReadAhead(store, catalogue)
     return Services(

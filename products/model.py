@@ -32,9 +32,9 @@ class ProductKind(StrEnum):
     PARALLAX = "parallax"
     TIES = "ties"
     LINKS = "links"
-    HAND_TIES = "hand-ties"
+    MANUAL_TIES = "hand-ties"
     NETWORK = "network"
-    SETTLED = "settled"
+    MARGINALISED_STOP = "settled"
     ORIENTATIONS = "orientations"
     QUALITY = "quality"
     REPORT = "report"
@@ -105,9 +105,9 @@ SUFFIX = {
     ProductKind.PARALLAX: ".npz",
     ProductKind.TIES: ".npz",
     ProductKind.LINKS: ".npz",
-    ProductKind.HAND_TIES: ".txt",
+    ProductKind.MANUAL_TIES: ".txt",
     ProductKind.NETWORK: ".json",
-    ProductKind.SETTLED: ".json",
+    ProductKind.MARGINALISED_STOP: ".json",
     ProductKind.ORIENTATIONS: ".json",
     ProductKind.QUALITY: ".json",
     ProductKind.REPORT: ".html",
@@ -212,10 +212,10 @@ LEVEL = {
     ProductKind.PARALLAX: ScopeLevel.PAIR,
     ProductKind.TIES: ScopeLevel.STOP,
     ProductKind.LINKS: ScopeLevel.STOP,
-    ProductKind.HAND_TIES: ScopeLevel.REGION,
+    ProductKind.MANUAL_TIES: ScopeLevel.REGION,
     ProductKind.PANORAMA_GROUND: ScopeLevel.STOP,
     ProductKind.NETWORK: ScopeLevel.SOL,
-    ProductKind.SETTLED: ScopeLevel.STOP,
+    ProductKind.MARGINALISED_STOP: ScopeLevel.STOP,
     ProductKind.ORIENTATIONS: ScopeLevel.SOL,
     ProductKind.QUALITY: ScopeLevel.SOL,
     ProductKind.REPORT: ScopeLevel.SOL,
@@ -258,7 +258,7 @@ class ProductRef:
     digest: str
     """Hexadecimal digest of the recipe, 16 digits."""
 
-    def mapped_as(self, kind: ProductKind) -> ProductKind:
+    def map_kind(self, kind: ProductKind) -> ProductKind:
         """The kind of a map made from this terrain model: of a stop, of far ground, of a region."""
         return MAPPED[self.kind][kind] if self.kind in MAPPED else kind
 

@@ -1,7 +1,7 @@
 """Stages: the tasks of a flow, and when one is tried again.
 
 A stage keeps what it makes in the store, so that Prefect need not; calling it twice is harmless.
-What can pass (`products.passing`) is tried again after a pause that doubles; what cannot is not.
+What can pass (`products.store.faults`) is tried again after a pause that doubles; what cannot is not.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ def _log_effort(work: Callable[P, R], name: str) -> Callable[P, R]:
             bound.apply_defaults()
             subject = name.format(**bound.arguments)
             level = logging.WARNING if failed else logging.INFO
-            facts = {"stage": work.__name__, "subject": subject, **effort.spent()}
+            facts = {"stage": work.__name__, "subject": subject, **effort.used()}
             log.log(level, "%s %s", subject, failed or "done", extra=facts, exc_info=bool(failed))
         return made
 

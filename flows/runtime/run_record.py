@@ -42,14 +42,14 @@ class RunRecord:
     def step(self, step: Step) -> None:
         """Note how far a stage is."""
         is_new = step.stage != self._run.stage or step.done == step.total
-        self._run = self._run.at(step.stage, step.done, step.total)
+        self._run = self._run.with_progress(step.stage, step.done, step.total)
         if is_new or time.monotonic() - self._written_at > _AT_MOST_EVERY_S:
             self._write()
 
     def say(self, lines: Sequence[str]) -> None:
         """Add lines for people."""
         if lines:
-            self._run = self._run.said(lines)
+            self._run = self._run.with_lines(lines)
             self._write()
 
     def fail_if(self, failures: Sequence[str]) -> None:
@@ -60,7 +60,7 @@ class RunRecord:
     def end(self) -> None:
         """The run is over."""
         state = RunState.FAILED if self._has_failed else RunState.SUCCEEDED
-        self._run = self._run.ended(state)
+        self._run = self._run.with_end(state)
         self._write()
 
     def _write(self) -> None:

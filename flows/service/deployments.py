@@ -1,4 +1,4 @@
-"""What runs by itself: the deployments of `solmap up`, served by `python -m solmap.flows.service.deployments`.
+"""The deployments that `solmap up` serves, as `python -m solmap.flows.service.deployments`.
 
 One run at a time: a run uses both cores already, and two runs of a mission would only wait for each
 other.

@@ -50,7 +50,7 @@ def submit_requests(store: Path, *, has_inbox: bool) -> list[str]:
             state, answer = _submit(asked, has_inbox=has_inbox)
             book.answer(asked.id, state, answer)
             document = {"request": asked.id, "state": str(state), "answer": answer}
-            open_catalogue(store).tell(REQUESTS_CHANGED, document)
+            open_catalogue(store).append_event(REQUESTS_CHANGED, document)
             lines.append(f"{asked.author} asked for {asked.kind}: {state}, {answer}")
     return lines
 

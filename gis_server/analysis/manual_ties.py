@@ -162,7 +162,7 @@ def left_entry(image: str, mission: OrientedMission) -> tuple[ImageEntry, Matche
             f"{entry.id} is a {entry.eye} image; ties are measured in left ones: pick in "
             f"{entry.partner or 'another image'}"
         )
-    eyes = mission.eyes(entry)
+    eyes = mission.matched_pair(entry)
     if eyes is None or mission.pair_of(entry) is None:
         raise UnanswerableError(f"{entry.id} has no matched partner in the latest network")
     return entry, eyes

@@ -74,7 +74,7 @@ def _token_of(
             f"{request.method} takes a token: send the header `Authorization: Bearer solmap_...`",
             _CHALLENGE,
         )
-    token = services.tokens.holder(shown.credentials)
+    token = services.tokens.verify(shown.credentials)
     if token is None:
         wait_s = _WRONG.wait_s(request.client.host if request.client else "")
         if wait_s:

@@ -168,7 +168,7 @@ def list_annotations(
     """The annotations that count, as GeoJSON in metres of the local map."""
     response.headers.update(AGAIN)
     services.catalogue.mission(mission)
-    found = services.edits.counting(EditKind.ANNOTATION, mission)
+    found = services.edits.effective(EditKind.ANNOTATION, mission)
     return {"type": "FeatureCollection", "features": [_feature(edit) for edit in found]}
 
 
@@ -196,7 +196,7 @@ def _must_know(name: str, mission: str, services: Services, *, is_stop: bool) ->
 
 def _announce(edit: Edit, services: Services) -> EditBody:
     document = {"mission": edit.mission, "edit": edit.id, "kind": str(edit.kind)}
-    services.catalogue.tell(EDITS_CHANGED, document)
+    services.catalogue.append_event(EDITS_CHANGED, document)
     return _body(edit)
 
 

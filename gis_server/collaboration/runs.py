@@ -111,8 +111,8 @@ def request_run(wish: Wish, services: ServicesOf, who: Operator) -> RequestBody:
     """Ask for a run. It waits until `solmap up` takes it; the same wish is not kept twice."""
     if wish.mission is not None:
         services.catalogue.mission(wish.mission)
-    asked = services.requests.ask(RequestKind(wish.kind), wish.mission, who.name)
-    services.catalogue.tell(REQUESTS_CHANGED, {"request": asked.id, "state": str(asked.state)})
+    asked = services.requests.add(RequestKind(wish.kind), wish.mission, who.name)
+    services.catalogue.append_event(REQUESTS_CHANGED, {"request": asked.id, "state": str(asked.state)})
     return _request_body(asked)
 
 

@@ -199,7 +199,7 @@ def collections(_mission: MissionEntry, _services: Services, _base: str) -> list
 @router.get("/1.0.0/WMTSCapabilities.xml", response_class=Response)
 def document(mission: MissionName, services: ServicesOf, base: BaseOf) -> Response:
     """All layers, their styles and the tile matrix set."""
-    body = _capabilities(mission, services, base, services.catalogue.published())
+    body = _capabilities(mission, services, base, services.catalogue.published_version())
     return Response(body, media_type=_XML, headers=AGAIN)
 
 

@@ -268,7 +268,7 @@ def start(services: ServicesOf, asker: CacheStateOf) -> Response:
     `since` misses none.
     """
     seen = services.catalogue.version()  # before all else: what happens meanwhile is told again
-    answer = asker.answer(_start_body(services, services.catalogue.published()))
+    answer = asker.answer(_start_body(services, services.catalogue.published_version()))
     answer.headers[LAST_EVENT] = str(seen)
     return answer
 

@@ -282,13 +282,13 @@ class Catalogue:
         with self.engine.connect() as connection:
             return last_event(connection)
 
-    def published(self) -> int:
+    def published_version(self) -> int:
         """Like `version`, but runs that get on and edits of people leave it as it is."""
         kinds = (LAYERS_PUBLISHED, IMAGES_INGESTED, MISSION_CHANGED)
         with self.engine.connect() as connection:  # those of them may be forgotten, newer ones not
             return last_event(connection, kinds) or last_event(connection)
 
-    def tell(self, kind: str, document: dict[str, Any]) -> None:
+    def append_event(self, kind: str, document: dict[str, Any]) -> None:
         """Append an event that belongs to no other change of the catalogue."""
         with write_transaction(self.engine) as connection:
             append(connection, kind, document)

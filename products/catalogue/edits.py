@@ -137,7 +137,7 @@ class EditLog:
                 undone.add(undoes)
         return [_edit(row, row[0] not in undone) for row in rows]
 
-    def counting(self, kind: EditKind, mission: str | None = None) -> list[Edit]:
+    def effective(self, kind: EditKind, mission: str | None = None) -> list[Edit]:
         """The edits of a kind that count."""
         return [edit for edit in self.edits(mission) if edit.counts and edit.kind is kind]
 
@@ -220,7 +220,7 @@ class RunRequests:
         """Those of the store at `root`; nothing is written before the first."""
         return cls(root / FILE)
 
-    def ask(self, kind: RequestKind, mission: str | None, author: str) -> RunRequest:
+    def add(self, kind: RequestKind, mission: str | None, author: str) -> RunRequest:
         """Add a request, unless the same is waiting already; the one that waits."""
         with transaction(self.path, _REQUESTS_SCHEMA) as connection:
             connection.execute("BEGIN IMMEDIATE")

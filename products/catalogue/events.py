@@ -1,7 +1,7 @@
 """What has happened in a store, in order: browsers are told of it while they look.
 
 Their numbers are in the order in which the transactions ended, for these take turns
-(`products.database.writing`): who has seen number 7 will never be told of a 6 later.
+(`products.catalogue.database.write_transaction`): who has seen number 7 will never be told of a 6 later.
 
 Events are rows that are only appended, in the transaction that made them true, and forgotten when
 there are many newer ones. Who was away asks for those after the last it has seen; where these are

@@ -54,7 +54,7 @@ class LabelCache:
 
     engine: sa.Engine
 
-    def known(self, digests: Iterable[str]) -> dict[str, RoverImage]:
+    def find(self, digests: Iterable[str]) -> dict[str, RoverImage]:
         """Those of some images that are kept, by the digest of the image."""
         found: dict[str, RoverImage] = {}
         with self.engine.connect() as connection:
@@ -162,7 +162,7 @@ def image_records(entries: Iterable[ImageEntry], workspace: Workspace) -> list[R
     """The labels of several ingested images; the catalogue keeps them from now on."""
     asked = {_name(entry, workspace): entry for entry in entries}
     book = LabelCache(workspace.catalogue.engine)
-    kept = book.known(digest for root, digest in asked if (root, digest) not in _remembered)
+    kept = book.find(digest for root, digest in asked if (root, digest) not in _remembered)
     _remember({(workspace.store.root, digest): label for digest, label in kept.items()})
     fresh = [name for name in asked if name not in _remembered]
     records = {name: image_record(entry, workspace) for name, entry in asked.items()}

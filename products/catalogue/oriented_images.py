@@ -117,7 +117,7 @@ class OrientedMission:
         pointing = Pointing(pair.pointing, pair.pointing_covariance)
         return OrientedImage.of(self.record(entry), pose, pointing)
 
-    def eyes(self, entry: ImageEntry) -> MatchedPair | None:
+    def matched_pair(self, entry: ImageEntry) -> MatchedPair | None:
         """The matched pair that an image is part of; None for one without partner or matches."""
         return matched_pair(entry, self.workspace)
 

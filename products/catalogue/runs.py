@@ -1,7 +1,7 @@
 """Runs: what is being processed or has been, how far it is, and how it ended.
 
 A flow writes its own record, so that who looks at the map need not ask the orchestrator. Every
-change is an event too (`products.events`). A run whose process is gone without having said how it
+change is an event too (`products.catalogue.events`). A run whose process is gone without having said how it
 ended is `lost`: it was killed.
 
 Sols that are finished: what each was made from, so that a run need not walk over them again.
@@ -80,16 +80,16 @@ class Run:
         name = f"{now[:19].replace(':', '').replace('-', '')}-{secrets.token_hex(3)}"
         return cls(name, kind, subject, RunState.RUNNING, now, now, process=_this_process())
 
-    def at(self, stage: str, done: int, total: int) -> Run:
+    def with_progress(self, stage: str, done: int, total: int) -> Run:
         """The run, so far along."""
         return dataclasses.replace(self, changed_at=_now(), stage=stage, done=done, total=total)
 
-    def said(self, lines: Iterable[str]) -> Run:
+    def with_lines(self, lines: Iterable[str]) -> Run:
         """The run with further lines."""
         kept = (*self.lines, *lines)[-_LINES:]
         return dataclasses.replace(self, changed_at=_now(), lines=kept)
 
-    def ended(self, state: RunState) -> Run:
+    def with_end(self, state: RunState) -> Run:
         """The run at its end."""
         now = _now()
         return dataclasses.replace(self, changed_at=now, ended_at=now, state=state)
@@ -161,7 +161,7 @@ class FinishedSolRecords:
 
     engine: sa.Engine
 
-    def known(self, scope: str, key: str) -> dict[str, Any] | None:
+    def find(self, scope: str, key: str) -> dict[str, Any] | None:
         """What was noted of a sol when it was processed from what `key` names."""
         query = sa.select(FINISHED.c.document).where(
             FINISHED.c.scope == scope, FINISHED.c.key == key

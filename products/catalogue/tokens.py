@@ -114,7 +114,7 @@ class Tokens:
                 return token
         raise ProductNotFoundError(f"no token {number!r}; `solmap token list` shows all")
 
-    def holder(self, text: str) -> Token | None:
+    def verify(self, text: str) -> Token | None:
         """The valid token that a text is, if any."""
         parts = text.split("_", 2)
         if len(parts) != 3 or parts[0] != _PREFIX or not self.path.is_file():  # noqa: PLR2004

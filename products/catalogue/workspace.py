@@ -19,8 +19,11 @@ class Workspace:
 
     @classmethod
     def open(
-        cls, root: Path, catalogue_url: str | None = None, elsewhere: ObjectStorage | None = None
+        cls,
+        root: Path,
+        catalogue_url: str | None = None,
+        object_storage: ObjectStorage | None = None,
     ) -> Workspace:
         """Open or found the workspace at `root`; catalogue and products may lie elsewhere."""
-        store = ProductStore.open(root, elsewhere)
+        store = ProductStore.open(root, object_storage)
         return cls(store, Catalogue.open(store.root, catalogue_url))

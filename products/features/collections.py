@@ -2,7 +2,7 @@
 
 A collection joins the latest layers of its kinds: contours lie in one layer for each stop, tie
 points in one for the mission. Some are drawn from others: differences join the two places of a
-stop. Every collection is kept in an index (`products.feature_index`) under the digests of what it
+stop. Every collection is kept in an index (`products.features.index`) under the digests of what it
 comes from, so that it is read anew only when that has changed.
 
 How the features of a collection are drawn from those of its layers.

@@ -176,7 +176,7 @@ class MissionFeatures:
 
     def _annotations(self, mission: str) -> Iterator[IndexedFeature]:
         """The annotations that count. When one was written is when it is of."""
-        for edit in EditLog.of(self.store.root).counting(EditKind.ANNOTATION, mission):
+        for edit in EditLog.of(self.store.root).effective(EditKind.ANNOTATION, mission):
             try:
                 yield _annotation(edit)
             except (ValueError, shapely.errors.ShapelyError) as error:

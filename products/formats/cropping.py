@@ -105,7 +105,7 @@ def _notes_of(dataset: rasterio.DatasetReader) -> RasterDescription:
     return RasterDescription(
         kind="uint8" if dataset.dtypes[0] == "uint8" else "float32",
         bands=bands,
-        halving="AVERAGE" if averaged else "NEAREST",
+        overview_resampling="AVERAGE" if averaged else "NEAREST",
         tags={**tags, _CUT_FROM: tags.get("PRODUCT", Path(dataset.name).name)},
         classes=tuple(
             RasterClass(value, name, "#" + bytes(colours[value][:3]).hex())

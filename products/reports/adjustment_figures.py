@@ -1,4 +1,4 @@
-"""Pictures of the quality of a network: what a mean hides shows here.
+"""Figures of the quality of a network: they show what a mean hides.
 
 All are SVG without dates, so the same network gives the same bytes.
 """

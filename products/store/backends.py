@@ -1,4 +1,4 @@
-"""Where the bytes of a store lie: a folder here, or an object store (`products.objects`).
+"""Where the bytes of a store lie: a folder here, or an object store (`products.store.object_backend`).
 
 Names are paths below the store, `products/dtm/<scope>/<digest>.tif`, the same in both. Whatever
 can be seen under a name is whole.
@@ -151,9 +151,9 @@ def object_storage_of(root: Path, asked: ObjectStorage | None) -> ObjectStorage 
     return asked
 
 
-def remember_object_storage(elsewhere: ObjectStorage, root: Path) -> None:
+def remember_object_storage(object_storage: ObjectStorage, root: Path) -> None:
     """Note where the products of a store lie."""
-    if object_storage_of(root, None) != elsewhere:
+    if object_storage_of(root, None) != object_storage:
         draft = root / f".{_URL}.{os.getpid()}"
-        draft.write_text(f"{elsewhere.url}\n")
+        draft.write_text(f"{object_storage.url}\n")
         draft.replace(root / _URL)

@@ -171,21 +171,21 @@ class ObjectBackend:
         return f"s3://{self.bucket}/{self.prefix}".rstrip("/")
 
 
-def open_object_backend(elsewhere: ObjectStorage, root: Path) -> ObjectBackend:
+def open_object_backend(object_storage: ObjectStorage, root: Path) -> ObjectBackend:
     """The objects below a URL, with copies in a store's folder; one client for a whole process.
 
     Raises:
         ProductError: the URL is of another kind, or what reads it is not installed.
     """
-    return _object_backend(elsewhere, root, os.getpid(), endpoint())
+    return _object_backend(object_storage, root, os.getpid(), endpoint())
 
 
 @lru_cache(maxsize=16)
 def _object_backend(
-    elsewhere: ObjectStorage, root: Path, _process: int, _endpoint: str
+    object_storage: ObjectStorage, root: Path, _process: int, _endpoint: str
 ) -> ObjectBackend:
-    bucket, prefix = bucket_and_prefix(elsewhere.url)
-    cache = ReadCache(root / _CACHE, round(elsewhere.cache_gb * (1 << 30)))
+    bucket, prefix = bucket_and_prefix(object_storage.url)
+    cache = ReadCache(root / _CACHE, round(object_storage.cache_gb * (1 << 30)))
     return ObjectBackend(bucket, prefix, client_of(bucket, prefix), cache)
 
 

@@ -48,11 +48,11 @@ class ProductStore:
 
     root: Path
     """The folder of this machine."""
-    elsewhere: ObjectStorage | None = None
+    object_storage: ObjectStorage | None = None
     """Where products lie if not in the folder."""
 
     @classmethod
-    def open(cls, root: Path, elsewhere: ObjectStorage | None = None) -> ProductStore:
+    def open(cls, root: Path, object_storage: ObjectStorage | None = None) -> ProductStore:
         """Open or found the store at `root`, and clear the drafts that killed processes left.
 
         Raises:
@@ -67,18 +67,18 @@ class ProductStore:
                 f"{root} cannot hold a store: {error.strerror}; name a folder that can be written"
             ) from error
         store._clear_dead_drafts()
-        elsewhere = object_storage_of(store.root, elsewhere)
-        if elsewhere is None:
+        object_storage = object_storage_of(store.root, object_storage)
+        if object_storage is None:
             return store
-        open_object_backend(elsewhere, store.root).probe()
-        remember_object_storage(elsewhere, store.root)
-        return cls(store.root, elsewhere)
+        open_object_backend(object_storage, store.root).probe()
+        remember_object_storage(object_storage, store.root)
+        return cls(store.root, object_storage)
 
     @property
-    def _shelf(self) -> StorageBackend:
-        if self.elsewhere is None:
+    def _backend(self) -> StorageBackend:
+        if self.object_storage is None:
             return FolderBackend(self.root)
-        return open_object_backend(self.elsewhere, self.root)
+        return open_object_backend(self.object_storage, self.root)
 
     @property
     def _drafts(self) -> Path:
@@ -90,14 +90,14 @@ class ProductStore:
         Raises:
             ProductNotFoundError: it has not been made.
         """
-        path = self._shelf.path(_name(ref))
+        path = self._backend.path(_name(ref))
         if path is None:
             raise _not_found(ref)
         return path
 
     def address(self, ref: ProductRef) -> Path | str:
         """What GDAL opens to read parts of a raster where it lies, be it made or not."""
-        return self._shelf.address(_name(ref))
+        return self._backend.address(_name(ref))
 
     def size(self, ref: ProductRef) -> int:
         """How many bytes the product has.
@@ -105,22 +105,22 @@ class ProductStore:
         Raises:
             ProductNotFoundError: it has not been made.
         """
-        size = self._shelf.size(_name(ref))
+        size = self._backend.size(_name(ref))
         if size is None:
             raise _not_found(ref)
         return size
 
     def chunks(self, ref: ProductRef, start: int, end: int) -> Iterator[bytes]:
         """The bytes of a product from `start` up to `end` in order, a few at a time."""
-        return self._shelf.chunks(_name(ref), start, end)
+        return self._backend.chunks(_name(ref), start, end)
 
     def has(self, ref: ProductRef) -> bool:
         """Whether the product has been made."""
-        return self._shelf.has(_name(ref))
+        return self._backend.has(_name(ref))
 
     def versions(self, kind: ProductKind, scope: Scope) -> list[ProductRef]:
         """All products of a kind and scope, latest or not, in the order in which they were made."""
-        names = self._shelf.names(f"{_PRODUCTS}/{kind}/{scope.name}")
+        names = self._backend.names(f"{_PRODUCTS}/{kind}/{scope.name}")
         found = [ProductRef(kind, scope, digest) for digest in _digests(names, kind)]
         if len(found) < 2:  # noqa: PLR2004 - one needs no order, and no reading
             return found
@@ -129,15 +129,15 @@ class ProductStore:
     def refs(self) -> Iterator[ProductRef]:
         """Every product there is, latest or not, in the order of their names."""
         for kind in sorted(ProductKind):
-            for name in sorted(self._shelf.names(f"{_PRODUCTS}/{kind}")):
+            for name in sorted(self._backend.names(f"{_PRODUCTS}/{kind}")):
                 scope = name.split("/")[2]
                 for digest in _digests([name], kind):
                     yield ProductRef(kind, Scope(self._level(kind, name), scope), digest)
 
     def remove(self, ref: ProductRef) -> None:
         """Have a product no longer; it may be gone already. Its provenance goes after it."""
-        self._shelf.remove(_name(ref))
-        self._shelf.remove(_provenance_name(_name(ref)))
+        self._backend.remove(_name(ref))
+        self._backend.remove(_provenance_name(_name(ref)))
 
     def make(self, recipe: Recipe, write: Callable[[Path], None]) -> ProductRef:
         """Make the product of `recipe` with `write`, unless it is there already.
@@ -157,13 +157,13 @@ class ProductStore:
             notes = folder / PurePosixPath(_provenance_name(name)).name
             notes.write_text(json.dumps(_provenance(recipe, draft, effort)))
             # the product last: where it is, its provenance is too
-            self._shelf.take(notes, _provenance_name(name), once=False)
-            self._shelf.take(draft, name, once=True)
+            self._backend.take(notes, _provenance_name(name), once=False)
+            self._backend.take(draft, name, once=True)
         return ref
 
     def provenance(self, ref: ProductRef) -> dict[str, Any]:
         """Recipe, date, duration, size and checksum of a product."""
-        found = self._shelf.read(_provenance_name(_name(ref)))
+        found = self._backend.read(_provenance_name(_name(ref)))
         if found is None:
             raise _not_found(ref)
         return json.loads(found)
@@ -177,18 +177,18 @@ class ProductStore:
         with self._draft() as folder:
             draft = folder / "document"
             draft.write_text(text, encoding="utf-8")
-            self._shelf.take(draft, name, once=False)
+            self._backend.take(draft, name, once=False)
 
     def document(self, name: str) -> str | None:
         """A document beside the products; None where there is none."""
-        found = self._shelf.read(name)
+        found = self._backend.read(name)
         return None if found is None else found.decode()
 
     def _level(self, kind: ProductKind, name: str) -> ScopeLevel:
         """What a product is about; where its kind does not say the level, its provenance does."""
         if kind in LEVEL:
             return LEVEL[kind]
-        notes = self._shelf.read(_provenance_name(name)) or b"{}"
+        notes = self._backend.read(_provenance_name(name)) or b"{}"
         return ScopeLevel(json.loads(notes)["recipe"]["scope"]["level"])
 
     @contextlib.contextmanager
@@ -255,7 +255,7 @@ def _provenance(recipe: Recipe, draft: Path, effort: ResourceMeter) -> dict[str,
     return {
         "recipe": recipe.document,
         "made_at": datetime.now(UTC).isoformat(timespec="seconds"),
-        **effort.spent(),
+        **effort.used(),
         "bytes": draft.stat().st_size,
         "sha256": digest.hexdigest(),
         "software": f"solmap {version('solmap')}",

@@ -40,7 +40,7 @@ def take_manual_ties(name: str, data: bytes, store: ProductStore) -> ProductRef:
         MatchingError: it cannot be read; one line says where and why.
     """
     read_edit_requests(data, name)  # refuses what is broken
-    return keep_file(ProductKind.HAND_TIES, name, data, store)
+    return keep_file(ProductKind.MANUAL_TIES, name, data, store)
 
 
 def read_edit_requests(data: bytes, name: str) -> tuple[EditRequest, ...]:
@@ -57,8 +57,8 @@ def take_edits(workspace: Workspace) -> None:
 
     Edits that were taken back are not in it; where all were, it is empty and wishes for nothing.
     """
-    edits = EditLog.of(workspace.store.root).counting(EditKind.TIE)
-    digest = workspace.catalogue.latest(file_scope(EDITS_FILE).name, ProductKind.HAND_TIES)
+    edits = EditLog.of(workspace.store.root).effective(EditKind.TIE)
+    digest = workspace.catalogue.latest(file_scope(EDITS_FILE).name, ProductKind.MANUAL_TIES)
     if not edits and digest is None:
         return
     rows = [{"properties": {**edit.document, "note": edit.note}} for edit in edits]
@@ -69,7 +69,7 @@ def take_edits(workspace: Workspace) -> None:
 
 def all_edit_requests(workspace: Workspace) -> tuple[EditRequest, ...]:
     """The rows of all files of hand ties, file by file."""
-    refs = workspace.catalogue.pointers(ProductKind.HAND_TIES)
+    refs = workspace.catalogue.pointers(ProductKind.MANUAL_TIES)
     return tuple(
         wish
         for ref in refs

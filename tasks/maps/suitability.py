@@ -52,9 +52,9 @@ def map_insolation(
         terrain = read_dtm(store.path(dtm))
         return insolation_of(terrain.elevation, terrain.grid, latitude, params)
 
-    map_recipe = Recipe(dtm.mapped_as(ProductKind.INSOLATION), dtm.scope, (dtm,), (params, landing))
+    map_recipe = Recipe(dtm.map_kind(ProductKind.INSOLATION), dtm.scope, (dtm,), (params, landing))
     haven_recipe = Recipe(
-        dtm.mapped_as(ProductKind.HAVENS), dtm.scope, (dtm,), (params, havens, landing)
+        dtm.map_kind(ProductKind.HAVENS), dtm.scope, (dtm,), (params, havens, landing)
     )
 
     def write_map(path: Path) -> None:
@@ -108,7 +108,7 @@ def map_hazards(
     dtm: ProductRef, params: HazardParams, landing: LandingPoint, store: ProductStore
 ) -> ProductRef:
     """Map steps, slopes and roughness that a rover of these limits does not take."""
-    recipe = Recipe(dtm.mapped_as(ProductKind.HAZARD), dtm.scope, (dtm,), (params, landing))
+    recipe = Recipe(dtm.map_kind(ProductKind.HAZARD), dtm.scope, (dtm,), (params, landing))
 
     def write(path: Path) -> None:
         codes, grid = hazards(read_dtm(store.path(dtm)), params)
@@ -142,7 +142,7 @@ def map_viewshed(
     dtm: ProductRef, eye: Eye, params: ViewshedParams, landing: LandingPoint, store: ProductStore
 ) -> ProductRef:
     """Map what can be seen from an eye."""
-    recipe = Recipe(dtm.mapped_as(ProductKind.VIEWSHED), dtm.scope, (dtm,), (eye, params, landing))
+    recipe = Recipe(dtm.map_kind(ProductKind.VIEWSHED), dtm.scope, (dtm,), (eye, params, landing))
 
     def write(path: Path) -> None:
         place = np.array([eye.east, eye.north, eye.up])

@@ -66,7 +66,7 @@ def trace_contours(
         contours = trace(terrain.elevation, terrain.grid, params)
         write_features(path, map(contour_feature, contours), landing)
 
-    kind = dtm.mapped_as(ProductKind.CONTOURS)
+    kind = dtm.map_kind(ProductKind.CONTOURS)
     recipe = Recipe(kind, dtm.scope, (dtm,), (params, landing))
     return store.make(recipe, write)
 
@@ -98,7 +98,7 @@ def map_relief(
         return relief_map(read_dtm(store.path(dtm)), params)
 
     def made(kind: ProductKind, unit: str, bands_of: Callable[[Relief], Bands]) -> ProductRef:
-        recipe = Recipe(dtm.mapped_as(kind), dtm.scope, (dtm,), (params, landing))
+        recipe = Recipe(dtm.map_kind(kind), dtm.scope, (dtm,), (params, landing))
 
         def write(path: Path) -> None:
             planes, grid = fitted()
@@ -116,7 +116,7 @@ def shade_relief(
     dtm: ProductRef, params: HillshadeParams, landing: LandingPoint, store: ProductStore
 ) -> ProductRef:
     """Shade the relief, for the eye."""
-    recipe = Recipe(dtm.mapped_as(ProductKind.HILLSHADE), dtm.scope, (dtm,), (params, landing))
+    recipe = Recipe(dtm.map_kind(ProductKind.HILLSHADE), dtm.scope, (dtm,), (params, landing))
 
     def write(path: Path) -> None:
         terrain = read_dtm(store.path(dtm))

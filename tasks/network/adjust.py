@@ -2,7 +2,7 @@
 
 Each sol's network starts from the one before and adds the new stops, in the mode of the pipeline
 (`adjustment.modes`). It holds the stops that the step may touch; those it leaves behind are kept as
-products of their own, which it names (`products.network`).
+products of their own, which it names (`products.formats.documents.network`).
 """
 
 from __future__ import annotations
@@ -122,7 +122,7 @@ def adjust_network(step: NetworkStep, params: NetworkParams, store: ProductStore
         adjusted, report = advance(
             step.mode, start.adjusted if start else None, network, step.new_stops, params.adjustment
         )
-        held = {**before.holders, **settled} if before else {}
+        held = {**before.references, **settled} if before else {}
         holders = {name: ref for name, ref in held.items() if name not in step.names}
         path.write_text(json.dumps(_document(step, adjusted, report, joining, holders)))
 
@@ -150,7 +150,7 @@ def _keep_left_stops(
 
     return {
         str(stop): store.make(
-            Recipe(ProductKind.SETTLED, stop_scope(stop), inputs), partial(write, stop=stop)
+            Recipe(ProductKind.MARGINALISED_STOP, stop_scope(stop), inputs), partial(write, stop=stop)
         )
         for stop in left
     }
@@ -230,6 +230,6 @@ def _document(
         links=joining.links,
         report=report_document(report),
         by_hand=joining.by_hand,
-        holders=holders,
+        references=holders,
     )
     return product_document(product)

@@ -130,12 +130,12 @@ def test_a_pick_is_predicted_measured_tried_saved_and_taken_back(page, own):
     page.locator('[data-act="plan"]').click()
     page.locator('[data-act="save"]').click()
     until(page, lambda: page.locator("[data-saved]").count() == 1)
-    (edit,) = EditLog.of(workspace.store.root).counting(EditKind.TIE, mission)
+    (edit,) = EditLog.of(workspace.store.root).effective(EditKind.TIE, mission)
     assert edit.document["action"] == "add"
     assert edit.document["first_image"] != edit.document["second_image"]
     page.get_by_role("button", name="take this tie back").click()
     until(page, lambda: page.locator("[data-saved]").count() == 0)
-    assert EditLog.of(workspace.store.root).counting(EditKind.TIE, mission) == []
+    assert EditLog.of(workspace.store.root).effective(EditKind.TIE, mission) == []
 
 
 def test_the_anaglyph_is_picked_in_like_the_left_image(page, own):

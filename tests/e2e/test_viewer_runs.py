@@ -32,10 +32,10 @@ def test_a_run_is_followed_while_it_goes_on(page, workspace, live):
     until(page, lambda: row.count() == 1)
     assert "match pairs, 3 of 12" in row.inner_text()
     assert float(row.locator("progress").get_attribute("value")) == 0.25
-    book.write(run.at("adjust", 1, 2))
+    book.write(run.with_progress("adjust", 1, 2))
     until(page, lambda: "adjust, 1 of 2" in row.inner_text())
     screenshot(page, "runs")
-    book.write(run.said(["failed: one pair has no common light"]).ended(RunState.FAILED))
+    book.write(run.with_lines(["failed: one pair has no common light"]).with_end(RunState.FAILED))
     until(page, lambda: row.get_attribute("data-state") == "failed")
     row.get_by_role("button").click()
     assert "no common light" in page.locator("dialog pre").inner_text()

@@ -12,8 +12,8 @@ RUN = """
 import sys, time
 from pathlib import Path
 from solmap.flows.runtime.engine import start_engine
-from solmap.products.logs import keep_logs
-keep_logs(Path(sys.argv[1]), "flows")
+from solmap.products.store.process import log_to_store
+log_to_store(Path(sys.argv[1]), "flows")
 start_engine(Path(sys.argv[1]))
 from prefect import flow, task
 

@@ -25,7 +25,7 @@ from pathlib import Path
 from solmap.products.catalogue import Catalogue
 catalogue = Catalogue.open(Path(sys.argv[1]))
 for number in range(int(sys.argv[2])):
-    catalogue.tell("run.changed", {"number": number, "sent": time.time()})
+    catalogue.append_event("run.changed", {"number": number, "sent": time.time()})
     time.sleep(0.1)
 """
 
@@ -118,8 +118,8 @@ def test_events_of_other_missions_are_left_out_when_one_is_named(root):
     with serving(root) as server, listening(f"{server}/api/events?mission=MER2") as heard:
         heard.get(timeout=10)
         for mission in ("MER1", "MER2"):
-            catalogue.tell("layers.published", {"mission": mission, "layers": []})
-        catalogue.tell("run.changed", {"id": "a"})  # of no mission
+            catalogue.append_event("layers.published", {"mission": mission, "layers": []})
+        catalogue.append_event("run.changed", {"id": "a"})  # of no mission
         told = [heard.get(timeout=10) for _ in range(2)]
     assert [event[0] for event in told] == ["layers.published", "run.changed"]
     assert told[0][2]["mission"] == "MER2"
@@ -130,7 +130,7 @@ def test_who_missed_what_is_forgotten_is_told_to_ask_everything_anew(root):
     from solmap.products.catalogue.events import EVENTS  # noqa: PLC0415
 
     for _ in range(5):
-        catalogue.tell("run.changed", {})
+        catalogue.append_event("run.changed", {})
     with catalogue.engine.begin() as connection:
         connection.execute(EVENTS.delete().where(EVENTS.c.id < 4))
     address = "/api/events?since=1"

@@ -188,7 +188,7 @@ def test_a_broken_file_is_one_line_and_stops_nothing_else(stop, tmp_path):
     assert fault.notes == (
         "broken.ties.geojson, row 1: action should be add, veto or move, not '3'",
     )
-    assert workspace.catalogue.pointers(ProductKind.HAND_TIES) == []
+    assert workspace.catalogue.pointers(ProductKind.MANUAL_TIES) == []
 
 
 def test_the_command_takes_a_file_and_says_what_it_holds(stop, tmp_path):

@@ -21,8 +21,8 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, Path
     root = tmp_path_factory.mktemp("metrics") / "store"
     fill(Workspace.open(root))
     book = RunRecords(Catalogue.open(root).engine)
-    book.write(Run.start("downlink", "sol-155").ended(RunState.SUCCEEDED))
-    book.write(Run.start("downlink", "sol-156").ended(RunState.FAILED))
+    book.write(Run.start("downlink", "sol-155").with_end(RunState.SUCCEEDED))
+    book.write(Run.start("downlink", "sol-156").with_end(RunState.FAILED))
     with serving(root) as address:
         yield address, root
 

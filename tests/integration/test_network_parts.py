@@ -52,7 +52,7 @@ def test_the_whole_has_every_stop_with_its_pairs_and_links(traverse):
     assert len(whole.adjusted.pairs) == PAIRS * STOPS
     links = shared_ties(whole.adjusted)
     assert all(links[one, other] >= 5 for one, other in pairwise(stops))
-    assert not whole.holders
+    assert not whole.references
 
 
 def test_a_stop_that_was_left_is_as_its_last_sol_left_it(traverse):
@@ -74,7 +74,7 @@ def test_pruning_keeps_what_the_latest_network_is_put_together_from(traverse):
     prune(workspace, PruningParams(versions=1, youngest=timedelta(0)))
     after = whole_network(ref, workspace.store)
     assert [s.stop for s in after.adjusted.stops] == [s.stop for s in before.adjusted.stops]
-    held = next(iter(read_network(ref, workspace.store).holders.values()))
+    held = next(iter(read_network(ref, workspace.store).references.values()))
     workspace.store.remove(held)
     with pytest.raises(ProductNotFoundError, match="settled"):
         whole_network(ref, workspace.store)

@@ -49,10 +49,10 @@ MAKER = """
 import sys
 from pathlib import Path
 from solmap.products.model import ProductKind, Recipe, Scope, ScopeLevel
-from solmap.products.shelves import Elsewhere
-from solmap.products.store import ProductStore
+from solmap.products.store.backends import ObjectStorage
+from solmap.products.store.product_store import ProductStore
 
-store = ProductStore.open(Path(sys.argv[1]), Elsewhere(sys.argv[2]))
+store = ProductStore.open(Path(sys.argv[1]), ObjectStorage(sys.argv[2]))
 first, count = int(sys.argv[3]), int(sys.argv[4])
 print("ready", flush=True)
 for number in range(first, first + count):
@@ -99,7 +99,7 @@ class Worlds:
     def clients(self) -> tuple[TestClient, TestClient]:
         here = TestClient(create_app(self.here.store.root))
         return here, TestClient(
-            create_app(self.there.store.root, elsewhere=self.there.store.elsewhere)
+            create_app(self.there.store.root, object_storage=self.there.store.object_storage)
         )
 
 
@@ -107,7 +107,7 @@ class Worlds:
 def worlds(objects: ObjectStore, tmp_path_factory: pytest.TempPathFactory) -> Worlds:
     url = objects.bucket("worlds")
     here = Workspace.open(tmp_path_factory.mktemp("here"))
-    there = Workspace.open(tmp_path_factory.mktemp("there"), elsewhere=ObjectStorage(url))
+    there = Workspace.open(tmp_path_factory.mktemp("there"), object_storage=ObjectStorage(url))
     for workspace in (here, there):
         build(workspace)
     return Worlds(here, there)
@@ -359,7 +359,7 @@ def test_a_slow_way_is_waited_for(url, wire, tmp_path):
 
 
 def test_the_server_says_that_the_store_is_away_and_goes_on_when_it_is_back(worlds, wire):
-    elsewhere = worlds.there.store.elsewhere
+    elsewhere = worlds.there.store.object_storage
     client = TestClient(create_app(worlds.there.store.root, elsewhere=replace(elsewhere)))
     forget_copies(worlds.there.store.root)
     layers = worlds.here.catalogue.layers("MER2")
@@ -434,7 +434,7 @@ def test_a_whole_run_makes_the_same_products_by_configuration_alone(url, tmp_pat
         return run(command, **variables)
 
     took = [take(here), take(there, SOLMAP_STORE_URL=url)]
-    one, other = Workspace.open(here), Workspace.open(there, elsewhere=ObjectStorage(url))
+    one, other = Workspace.open(here), Workspace.open(there, object_storage=ObjectStorage(url))
     refs = list(one.store.refs())
     assert len(refs) > 20
     assert list(other.store.refs()) == refs

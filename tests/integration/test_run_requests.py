@@ -23,8 +23,8 @@ def submitted(monkeypatch):
 
 def test_requests_become_runs_of_their_deployments(tmp_path, submitted):
     book, catalogue = RunRequests.of(tmp_path), Catalogue.open(tmp_path)
-    book.ask(RequestKind.OVERALL, "MER2", "Ada")
-    book.ask(RequestKind.DOWNLINK, None, "Ada")
+    book.add(RequestKind.OVERALL, "MER2", "Ada")
+    book.add(RequestKind.DOWNLINK, None, "Ada")
     lines = requests.submit_requests(tmp_path, has_inbox=True)
     assert lines[0] == "Ada asked for overall adjustment: taken, wise-lynx"
     assert submitted == [
@@ -38,7 +38,7 @@ def test_requests_become_runs_of_their_deployments(tmp_path, submitted):
 
 def test_a_downlink_without_an_inbox_is_refused(tmp_path, submitted):
     book = RunRequests.of(tmp_path)
-    book.ask(RequestKind.DOWNLINK, None, "Ada")
+    book.add(RequestKind.DOWNLINK, None, "Ada")
     requests.submit_requests(tmp_path, has_inbox=False)
     (asked,) = book.requests()
     assert asked.state is RequestState.REFUSED
@@ -52,7 +52,7 @@ def test_a_request_waits_while_the_scheduler_has_not_begun(tmp_path, monkeypatch
 
     monkeypatch.setattr(requests, "submit", unknown)
     book = RunRequests.of(tmp_path)
-    book.ask(RequestKind.REGION, None, "Ada")
+    book.add(RequestKind.REGION, None, "Ada")
     assert requests.submit_requests(tmp_path, has_inbox=False) == []
     assert len(book.waiting()) == 1
 
@@ -63,7 +63,7 @@ def test_a_request_waits_while_the_scheduler_does_not_answer(tmp_path, monkeypat
 
     monkeypatch.setattr(requests, "submit", refuse)
     book = RunRequests.of(tmp_path)
-    book.ask(RequestKind.REGION, None, "Ada")
+    book.add(RequestKind.REGION, None, "Ada")
     with pytest.raises(httpx.ConnectError):
         requests.submit_requests(tmp_path, has_inbox=False)
     assert len(book.waiting()) == 1

@@ -1,9 +1,7 @@
-"""The adjusted network as a plain document, and back.
+"""The adjusted network and its quality as JSON documents; the network is read back too.
 
-Numbers are written in full, so that poses and covariances come back bit for bit; NaN (not
-measured, not placed) is written as null, for JSON has none.
-
-The memory of a sequential adjustment as a plain document, and back bit for bit.
+Numbers are written in full, so that poses, covariances and the memory of a sequential adjustment
+come back bit for bit. NaN (not measured, not placed) is written as null, which JSON has instead.
 """
 
 from __future__ import annotations
@@ -262,8 +260,8 @@ def memory_document(memory: Memory) -> Document:
     """A memory for JSON."""
     names = ("rotations", "centres", "pointings", "root", "right")
     return {
-        "window": [_name(stop) for stop in memory.window],
-        "stops": [_name(stop) for stop in memory.stops],
+        "window": [_stop_id_document(stop) for stop in memory.window],
+        "stops": [_stop_id_document(stop) for stop in memory.stops],
         "pairs": list(memory.pair_ids),
         **{name: getattr(memory, name).tolist() for name in names},
         "spent": memory.spent,
@@ -282,27 +280,17 @@ def memory_of_document(document: Document) -> Memory:
         tuple(StopId(**stop) for stop in document["window"]),
         tuple(StopId(**stop) for stop in stops),
         tuple(pairs),
-        _memory_array(document, "rotations", -1, 3, 3),
-        _memory_array(document, "centres", -1, 3),
-        _memory_array(document, "pointings", -1, 3),
-        _memory_array(
-            document, "root", len(right), 6 * len(stops) + 3 * len(pairs) + 5 * len(frames)
-        ),
+        _array(document["rotations"], -1, 3, 3),
+        _array(document["centres"], -1, 3),
+        _array(document["pointings"], -1, 3),
+        _array(document["root"], len(right), 6 * len(stops) + 3 * len(pairs) + 5 * len(frames)),
         right,
         document["spent"],
         document["surplus"],
         tuple(document["grounded"]),
         tuple(frames),
-        _memory_array(document, "frame_places", -1, 5) if frames else np.zeros((0, 5)),
+        _array(document["frame_places"], -1, 5) if frames else np.zeros((0, 5)),
     )
-
-
-def _name(stop: StopId) -> Document:
-    return {"mission": stop.mission, "site": stop.site, "drive": stop.drive}
-
-
-def _memory_array(document: Document, name: str, *shape: int) -> np.ndarray:
-    return np.array(document[name], dtype=np.float64).reshape(shape)
 
 
 def quality_document(value: Any) -> Any:  # noqa: ANN401 - a record, or what one holds

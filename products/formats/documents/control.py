@@ -1,6 +1,6 @@
-"""Products of control: a frame, and where it shows stops.
+"""Control as JSON documents, read back bit for bit, and the product that holds them.
 
-Control as plain documents, and back bit for bit.
+A product of control is one control frame, an orbital image as a rule, and where stops lie in it.
 """
 
 from __future__ import annotations

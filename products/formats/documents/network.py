@@ -1,7 +1,7 @@
 """The adjusted network of a mission as a product, read back.
 
 The network of a sol holds the stops that its step touched. All others are as earlier steps left
-them, each in a product of its own (`ProductKind.SETTLED`) or in an overall adjustment, and the
+them, each in a product of its own (`ProductKind.MARGINALISED_STOP`) or in an overall adjustment, and the
 network of the sol names these: so it does not grow with the traverse.
 
 Who holds what a document does not hold itself: other products, by stop.
@@ -93,7 +93,7 @@ class NetworkProduct:
     """The report of this network's own adjustment."""
     by_hand: tuple[str, ...] = ()
     """What became of the hand ties, line by line."""
-    holders: References = field(default_factory=dict)
+    references: References = field(default_factory=dict)
     """The products that hold the stops which are not in this one."""
 
     @property
@@ -103,7 +103,7 @@ class NetworkProduct:
 
     def with_stops(self, names: Collection[str], store: ProductStore) -> NetworkProduct:
         """The network with those of the named stops, too, that other products hold."""
-        wanted = {name: self.holders[name] for name in names if name in self.holders}
+        wanted = {name: self.references[name] for name in names if name in self.references}
         if not wanted:
             return self
         parts = [*_parts(wanted, store), self.part]
@@ -112,7 +112,7 @@ class NetworkProduct:
             telemetry={stop: pose for part in parts for stop, pose in part.telemetry.items()},
             sols={stop: sols for part in parts for stop, sols in part.sols.items()},
             adjusted=assembled([part.adjusted for part in parts]),
-            holders={name: at for name, at in self.holders.items() if name not in wanted},
+            references={name: at for name, at in self.references.items() if name not in wanted},
         )
 
 
@@ -130,14 +130,14 @@ def read_network(ref: ProductRef, store: ProductStore) -> NetworkProduct:
         links=tuple(document["links"]),
         report=document["network"]["reports"][-1],
         by_hand=tuple(document.get("by_hand", ())),
-        holders=references_of_document(document.get("holders", {})),
+        references=references_of_document(document.get("holders", {})),
     )
 
 
 def whole_network(ref: ProductRef, store: ProductStore) -> NetworkProduct:
     """The network of a mission after a sol, with all stops up to it."""
     network = read_network(ref, store)
-    return network.with_stops(network.holders, store)
+    return network.with_stops(network.references, store)
 
 
 @lru_cache(maxsize=_NETWORKS)
@@ -173,7 +173,7 @@ def product_document(network: NetworkProduct) -> dict[str, Any]:
         **document,
         "links": list(network.links),
         "by_hand": list(network.by_hand),
-        "holders": references_document(network.holders),
+        "holders": references_document(network.references),
     }
 
 

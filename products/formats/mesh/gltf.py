@@ -11,7 +11,7 @@ which products it was made from) stands in the `extras` of that node.
 `PLAIN` files use nothing beyond the core of glTF. `QUANTISED` ones store positions in 16 bits
 (65535 steps over the longest side of a mesh, 0.2 mm over 10 m), normals in 8 and places in textures
 in 16, as KHR_mesh_quantization allows: half the size, read by all current viewers of tiles. `DRACO`
-ones are as exact and a tenth of the size, but have to be decompressed (`products.draco`).
+ones are as exact and a tenth of the size, but have to be decompressed (`products.formats.mesh.draco`).
 Textures are JPEG, grey or RGB. Equal input gives equal bytes.
 
 A glTF binary being put together: lists of accessors, views and nodes, and the binary part.

@@ -77,7 +77,7 @@ class RasterDescription:
 
     kind: Kind
     bands: tuple[Band, ...]
-    halving: OverviewResampling = "AVERAGE"
+    overview_resampling: OverviewResampling = "AVERAGE"
     """How four cells become one in the overviews."""
     tags: Mapping[str, str] | None = None
     classes: tuple[RasterClass, ...] = ()
@@ -86,7 +86,7 @@ class RasterDescription:
 
 @contextlib.contextmanager
 def create_cog(
-    path: Path, grid: MapGrid, crs: CRS, notes: RasterDescription
+    path: Path, grid: MapGrid, crs: CRS, description: RasterDescription
 ) -> Iterator[rasterio.io.DatasetWriter]:
     """A dataset to write bands or windows to; it becomes a COG at `path` when all is written.
 
@@ -94,15 +94,15 @@ def create_cog(
     """
     draft = path.with_name(f"{path.name}.draft")
     try:
-        with rasterio.open(draft, "w", **_profile(grid, crs, notes)) as dataset:
+        with rasterio.open(draft, "w", **_profile(grid, crs, description)) as dataset:
             yield dataset
-            _describe(dataset, notes)
+            _describe(dataset, description)
         copy_raster(
             draft,
             path,
             driver="COG",
-            PREDICTOR=_PREDICTOR[notes.kind],
-            OVERVIEW_RESAMPLING=notes.halving,
+            PREDICTOR=_PREDICTOR[description.kind],
+            OVERVIEW_RESAMPLING=description.overview_resampling,
             **_LOSSLESS,
         )
     except RasterioError as error:  # GDAL only says that writing failed
@@ -113,14 +113,14 @@ def create_cog(
         draft.unlink(missing_ok=True)
 
 
-def _profile(grid: MapGrid, crs: CRS, notes: RasterDescription) -> dict[str, Any]:
+def _profile(grid: MapGrid, crs: CRS, description: RasterDescription) -> dict[str, Any]:
     return {
         "driver": "GTiff",
         "width": grid.cols,
         "height": grid.rows,
-        "count": len(notes.bands),
-        "dtype": notes.kind,
-        "nodata": _NODATA[notes.kind],
+        "count": len(description.bands),
+        "dtype": description.kind,
+        "nodata": _NODATA[description.kind],
         "crs": rasterio.CRS.from_wkt(crs.to_wkt()),
         "transform": Affine(grid.cell_m, 0.0, grid.west, 0.0, -grid.cell_m, grid.north),
         "interleave": "band",
@@ -132,16 +132,16 @@ def _profile(grid: MapGrid, crs: CRS, notes: RasterDescription) -> dict[str, Any
     }
 
 
-def _describe(dataset: rasterio.io.DatasetWriter, notes: RasterDescription) -> None:
-    bands: Sequence[Band] = notes.bands
+def _describe(dataset: rasterio.io.DatasetWriter, description: RasterDescription) -> None:
+    bands: Sequence[Band] = description.bands
     dataset.descriptions = tuple(band.name for band in bands)
     dataset.units = tuple(band.unit for band in bands)
     dataset.scales = tuple(band.scale for band in bands)
     dataset.offsets = tuple(band.offset for band in bands)
     named = {}
-    if notes.classes:
-        dataset.write_colormap(1, {one.value: (*one.rgb, 255) for one in notes.classes})
-        named["CLASSES"] = json.dumps({one.value: one.name for one in notes.classes})
+    if description.classes:
+        dataset.write_colormap(1, {one.value: (*one.rgb, 255) for one in description.classes})
+        named["CLASSES"] = json.dumps({one.value: one.name for one in description.classes})
     else:
         dataset.colorinterp = tuple(band.colour for band in bands)
-    dataset.update_tags(AREA_OR_POINT="Area", **named, **(notes.tags or {}))
+    dataset.update_tags(AREA_OR_POINT="Area", **named, **(description.tags or {}))

@@ -1,6 +1,6 @@
 """Rasters on disk: bands of one grid, in the local CRS of the landing site, and read back.
 
-How the bytes are laid out is decided in `products.cog`. An averaged `class` of a DTM's overview
+How the bytes are laid out is decided in `products.formats.raster.cog`. An averaged `class` of a DTM's overview
 lies between its classes.
 
 What the values of class layers mean, and the colours they are drawn in.
@@ -99,11 +99,13 @@ def write_raster(  # noqa: PLR0913 - the properties of one file
     """
     stack = _stacked(path, grid, bands)
     units = {name: unit if isinstance(unit, str) else unit.get(name, "") for name in bands}
-    halving = overviews or ("NEAREST" if _DIRECTIONS & set(bands) else "AVERAGE")
+    overview_resampling = overviews or ("NEAREST" if _DIRECTIONS & set(bands) else "AVERAGE")
     kind: Kind = "float32" if stack[0].dtype == np.float32 else "uint8"
     colours = [ColorInterp.gray, *[ColorInterp.undefined] * (len(stack) - 1)]
     named = tuple(Band(n, units[n], *scale, c) for n, c in zip(bands, colours, strict=True))
-    with create_cog(path, grid, crs, RasterDescription(kind, named, halving, tags)) as dataset:
+    with create_cog(
+        path, grid, crs, RasterDescription(kind, named, overview_resampling, tags)
+    ) as dataset:
         for index, band in enumerate(stack, start=1):
             dataset.write(band, index)
 

@@ -1,6 +1,6 @@
 """Features as a GeoPackage in metres of the local map, for QGIS and whatever reads OGC's format.
 
-GeoJSON (`products.vector`) is how features are kept; a GeoPackage is made from it when it is asked
+GeoJSON (`products.formats.vector.geojson`) is how features are kept; a GeoPackage is made from it when it is asked
 for. It carries the local CRS itself, so that nothing need be said of degrees on Mars, and
 elevations as the third coordinate. Properties that are lists are written as JSON. It holds no date
 of its own making: equal features give equal bytes, as of every product.

@@ -66,7 +66,7 @@ def test_another_adjustment_before_and_other_settings_change_every_sol(workspace
     standing = a_report(workspace).standing
     for other in (keys(workspace, standing), keys(workspace, pipeline="quicklook")):
         assert not set(other) & set(before)
-    ties = ProductRef(ProductKind.HAND_TIES, Scope(ScopeLevel.REGION, "by-hand"), "a" * 16)
+    ties = ProductRef(ProductKind.MANUAL_TIES, Scope(ScopeLevel.REGION, "by-hand"), "a" * 16)
     workspace.catalogue.publish(pointers=[ties])
     assert not set(keys(workspace)) & set(before)
 
@@ -91,7 +91,7 @@ def test_what_an_earlier_version_noted_less_of_is_processed_again(workspace):
     finished = ReusableSols.of("MER2", workspace, "default")
     key, report = finished.key(155, None), a_report(workspace)
     finished.note(SCOPES[155], key, report)
-    noted = finished.book.known(SCOPES[155].name, key)
+    noted = finished.book.find(SCOPES[155].name, key)
     del noted["pointers"]
     finished.book.note(SCOPES[155].name, key, noted)
     assert finished.report(SCOPES[155], 155, key) is None

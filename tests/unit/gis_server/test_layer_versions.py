@@ -16,7 +16,7 @@ def store(tmp_path_factory):
     root = tmp_path_factory.mktemp("versions") / "store"
     run = Run.start("downlink", "a folder")
     versions = fill_versions(root)
-    RunRecords(Workspace.open(root).catalogue.engine).write(run.ended(RunState.SUCCEEDED))
+    RunRecords(Workspace.open(root).catalogue.engine).write(run.with_end(RunState.SUCCEEDED))
     with TestClient(create_app(root)) as client:
         yield client, versions
 

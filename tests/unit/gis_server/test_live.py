@@ -32,7 +32,7 @@ def test_a_listener_that_does_not_keep_up_is_told_so_and_holds_no_memory(catalog
         tail = EventTail(catalogue.engine)
         async with tail.listening() as queue:
             for number in range(300):
-                catalogue.tell("run.changed", {"number": number})
+                catalogue.append_event("run.changed", {"number": number})
             await asyncio.sleep(1.0)
             return [queue.get_nowait() for _ in range(queue.qsize())]
 
@@ -66,7 +66,7 @@ def test_many_listeners_may_come_and_go_and_the_next_still_hears(catalogue):
             async with tail.listening():
                 await asyncio.sleep(0.001)
         async with tail.listening() as queue:
-            catalogue.tell("run.changed", {"number": 7})
+            catalogue.append_event("run.changed", {"number": 7})
             return await asyncio.wait_for(queue.get(), 5.0)
 
     assert asyncio.run(crowd()).document == {"number": 7}
@@ -77,9 +77,9 @@ def test_what_happened_while_nobody_listened_is_not_told_as_new(catalogue):
         tail = EventTail(catalogue.engine)
         async with tail.listening():
             pass
-        catalogue.tell("run.changed", {"number": 1})
+        catalogue.append_event("run.changed", {"number": 1})
         async with tail.listening() as queue:
-            catalogue.tell("run.changed", {"number": 2})
+            catalogue.append_event("run.changed", {"number": 2})
             return await asyncio.wait_for(queue.get(), 5.0)
 
     assert asyncio.run(late()).document == {"number": 2}
@@ -91,7 +91,7 @@ def test_what_is_done_before_an_event_is_told_is_done_before(catalogue):
     async def hear():
         tail = EventTail(catalogue.engine, before=done.append)
         async with tail.listening() as queue:
-            catalogue.tell("run.changed", {"number": 1})
+            catalogue.append_event("run.changed", {"number": 1})
             told = await asyncio.wait_for(queue.get(), 30)
             return told, list(done)
 

@@ -269,7 +269,7 @@ def test_annotations_are_features_as_soon_as_they_are_written(own_world):
         shape = {"type": kind, "coordinates": coordinates}
         document = {"geometry": shape, "text": "layered rock"}
         edit = log.append("MER2", EditKind.ANNOTATION, document, "Ada")
-        own_world.catalogue.tell("edits.changed", {"mission": "MER2"})
+        own_world.catalogue.append_event("edits.changed", {"mission": "MER2"})
         return edit
 
     with TestClient(create_app(own_world.root)) as client:
@@ -283,7 +283,7 @@ def test_annotations_are_features_as_soon_as_they_are_written(own_world):
         files = [get(client, "/collections/annotations/items", f=form) for form in ("gpkg", "fgb")]
         assert all(answer.content for answer in files)
         log.undo("MER2", point.id, "Ben")
-        own_world.catalogue.tell("edits.changed", {"mission": "MER2"})
+        own_world.catalogue.append_event("edits.changed", {"mission": "MER2"})
         assert len(features(client, "annotations")) == 1
 
 

@@ -33,8 +33,8 @@ def test_the_progress_of_runs_does_not_have_it_written_again(own_world, monkeypa
     with TestClient(create_app(own_world.root)) as client:
         begin = client.get("/api/start").content
         monkeypatch.setattr(start, "missions_of", _never)
-        own_world.catalogue.tell("run.changed", {"id": "a"})
-        own_world.catalogue.tell("edits.changed", {"mission": "MER2"})
+        own_world.catalogue.append_event("run.changed", {"id": "a"})
+        own_world.catalogue.append_event("edits.changed", {"mission": "MER2"})
         assert client.get("/api/start").content == begin
 
 
@@ -42,7 +42,7 @@ def test_events_since_the_answer_tell_all_that_it_does_not_know(own_world):
     with TestClient(create_app(own_world.root)) as client:
         first = client.get("/api/start")
         seen = int(first.headers["Last-Event-ID"])
-        own_world.catalogue.tell("run.changed", {"id": "a"})
+        own_world.catalogue.append_event("run.changed", {"id": "a"})
         again = client.get("/api/start", headers={"If-None-Match": first.headers["etag"]})
         assert again.status_code == HTTPStatus.NOT_MODIFIED
         assert int(again.headers["Last-Event-ID"]) == seen + 1

@@ -163,7 +163,7 @@ def test_an_operator_asks_for_a_run_and_an_analyst_may_not(client, token_of):
 
 def test_runs_are_listed_with_progress_and_one_tells_what_it_said(client, own_world):
     book = RunRecords(own_world.catalogue.engine)
-    run = Run.start("downlink", "sol156").at("match pairs", 3, 10).said(["one image is broken"])
+    run = Run.start("downlink", "sol156").with_progress("match pairs", 3, 10).with_lines(["one image is broken"])
     book.write(run)
     (listed,) = client.get("/api/runs").json()["runs"]
     assert (listed["stage"], listed["done"], listed["total"]) == ("match pairs", 3, 10)

@@ -33,7 +33,7 @@ def conjugates(stereo):
 
 def _stored(mission, stereo, name, left):
     entry = next(e for e in stereo.entries if e.id == name)
-    eyes = mission.eyes(entry)
+    eyes = mission.matched_pair(entry)
     return name, stored_point(eyes.left, eyes.geometry, left[None])[0]
 
 

@@ -30,7 +30,7 @@ def test_edits_are_read_in_their_order_with_author_and_reason(log):
     (edit,) = log.edits("MER2")
     assert (edit.document, edit.author, edit.note) == ({"action": "veto"}, "Ada", "wrong rock")
     assert [one.mission for one in log.edits()] == ["MER2", "MER1"]
-    assert log.counting(EditKind.TIE) == [edit]
+    assert log.effective(EditKind.TIE) == [edit]
 
 
 def test_what_is_taken_back_counts_no_more_until_that_is_taken_back(log):
@@ -69,12 +69,12 @@ def test_nothing_is_written_before_the_first_edit(log):
 
 def test_the_same_wish_for_a_run_waits_once_until_it_is_taken(tmp_path):
     book = RunRequests.of(tmp_path)
-    first = book.ask(RequestKind.OVERALL, "MER2", "Ada")
-    assert book.ask(RequestKind.OVERALL, "MER2", "Ben") == first
-    other = book.ask(RequestKind.OVERALL, None, "Ben")
+    first = book.add(RequestKind.OVERALL, "MER2", "Ada")
+    assert book.add(RequestKind.OVERALL, "MER2", "Ben") == first
+    other = book.add(RequestKind.OVERALL, None, "Ben")
     assert [one.id for one in book.waiting()] == [first.id, other.id]
     book.answer(first.id, RequestState.TAKEN, "wise-lynx")
     assert [one.id for one in book.waiting()] == [other.id]
-    later = book.ask(RequestKind.OVERALL, "MER2", "Ada")
+    later = book.add(RequestKind.OVERALL, "MER2", "Ada")
     assert later.id not in (first.id, other.id)
     assert book.requests()[-1].answer == "wise-lynx"

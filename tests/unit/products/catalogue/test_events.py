@@ -13,7 +13,7 @@ def catalogue(tmp_path, catalogue_url):
 
 def test_events_come_in_their_order_after_the_last_seen(catalogue):
     for number in range(5):
-        catalogue.tell("run.changed", {"number": number})
+        catalogue.append_event("run.changed", {"number": number})
     told = catalogue.events_since(2)
     assert [event.id for event in told] == [3, 4, 5]
     assert [event.document["number"] for event in told] == [2, 3, 4]
@@ -24,7 +24,7 @@ def test_events_come_in_their_order_after_the_last_seen(catalogue):
 def test_old_events_are_forgotten_and_who_missed_them_is_told_so(catalogue, monkeypatch):
     monkeypatch.setattr(events, "KEPT", 10)
     for number in range(25):
-        catalogue.tell("run.changed", {"number": number})
+        catalogue.append_event("run.changed", {"number": number})
     assert [event.id for event in catalogue.events_since(0)] == list(range(16, 26))
     with catalogue.engine.connect() as connection:
         assert events.is_gone(connection, 14)
@@ -33,7 +33,7 @@ def test_old_events_are_forgotten_and_who_missed_them_is_told_so(catalogue, monk
 
 
 def test_numbers_go_on_when_a_new_process_opens_the_catalogue(catalogue, tmp_path, catalogue_url):
-    catalogue.tell("run.changed", {})
+    catalogue.append_event("run.changed", {})
     again = Catalogue.open(tmp_path, catalogue_url)
     again.tell("run.changed", {})
     assert [event.id for event in catalogue.events_since(0)] == [1, 2]
@@ -48,12 +48,12 @@ def test_a_transaction_that_fails_tells_nothing(catalogue):
 
 def test_the_progress_of_runs_publishes_nothing(catalogue, monkeypatch):
     monkeypatch.setattr(events, "KEPT", 10)
-    catalogue.tell(events.LAYERS_PUBLISHED, {})
-    before = catalogue.published()
-    catalogue.tell(events.RUN_CHANGED, {})
-    assert catalogue.published() == before
-    catalogue.tell(events.IMAGES_INGESTED, {})
-    assert catalogue.published() > before
+    catalogue.append_event(events.LAYERS_PUBLISHED, {})
+    before = catalogue.published_version()
+    catalogue.append_event(events.RUN_CHANGED, {})
+    assert catalogue.published_version() == before
+    catalogue.append_event(events.IMAGES_INGESTED, {})
+    assert catalogue.published_version() > before
     for _ in range(20):  # until what was published is forgotten: nobody takes new for old then
-        catalogue.tell(events.RUN_CHANGED, {})
-    assert catalogue.published() == catalogue.version()
+        catalogue.append_event(events.RUN_CHANGED, {})
+    assert catalogue.published_version() == catalogue.version()

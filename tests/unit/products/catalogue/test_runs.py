@@ -22,10 +22,10 @@ def book(catalogue):
 
 
 def test_a_run_is_read_as_it_was_written(book):
-    run = Run.start("downlink", "sol156").at("match pairs", 3, 10).said(["one image is broken"])
+    run = Run.start("downlink", "sol156").at("match pairs", 3, 10).with_lines(["one image is broken"])
     book.write(run)
     assert book.run(run.id) == run
-    book.write(run.ended(RunState.SUCCEEDED))
+    book.write(run.with_end(RunState.SUCCEEDED))
     (kept,) = book.runs()
     assert kept.state is RunState.SUCCEEDED
     assert kept.ended_at is not None
@@ -34,7 +34,7 @@ def test_a_run_is_read_as_it_was_written(book):
 def test_every_change_of_a_run_is_an_event(book, catalogue):
     run = Run.start("downlink", "sol156")
     book.write(run)
-    book.write(run.at("match pairs", 1, 2))
+    book.write(run.with_progress("match pairs", 1, 2))
     told = catalogue.events_since(0)
     assert [event.kind for event in told] == ["run.changed"] * 2
     assert told[1].document["stage"] == "match pairs"

@@ -78,9 +78,9 @@ def test_a_file_that_has_grown_is_renamed_and_the_oldest_forgotten(tmp_path, log
 
 _WRITER = """
 import logging, pathlib, sys
-from solmap.products.logs import JsonLines, SharedLog
-handler = SharedLog(pathlib.Path(sys.argv[1]), 3000, 50)
-handler.setFormatter(JsonLines())
+from solmap.products.store.process import JsonLineFormatter, SharedLogHandler
+handler = SharedLogHandler(pathlib.Path(sys.argv[1]), 3000, 50)
+handler.setFormatter(JsonLineFormatter())
 logger = logging.getLogger(sys.argv[2])
 logger.setLevel(logging.INFO)
 logger.addHandler(handler)
@@ -115,14 +115,14 @@ def test_keeping_logs_twice_writes_a_line_once(tmp_path):
 def test_effort_tells_waiting_from_working():
     effort = ResourceMeter()
     time.sleep(0.2)
-    waited = effort.spent()
+    waited = effort.used()
     assert waited["seconds"] >= 0.2
     assert waited["cpu_s"] < 0.1
     effort = ResourceMeter()
-    while effort.spent()["cpu_s"] < 0.1:
+    while effort.used()["cpu_s"] < 0.1:
         sum(range(10_000))
-    assert effort.spent()["seconds"] >= 0.1
+    assert effort.used()["seconds"] >= 0.1
     held = bytearray(60_000_000)
     held[::4096] = b"x" * len(held[::4096])
-    assert effort.spent()["rss_rise_mb"] >= 0.0
-    assert effort.spent()["peak_rss_mb"] > 60.0
+    assert effort.used()["rss_rise_mb"] >= 0.0
+    assert effort.used()["peak_rss_mb"] > 60.0
