@@ -51,15 +51,13 @@ TRUTH_CELL_M = 0.08
 WORKERS = 2
 
 
-def write_downlink(
-    out_dir: Path, stops: int, seed: int, terrain: str, *, pancam: bool = False, pairs: int = 10
-) -> int:
+def write_downlink(out_dir: Path, stops: int, seed: int, terrain: str, *, pairs: int = 10) -> int:
     """Simulate a rover's downlink into a folder; the number of files.
 
     Raises:
         PhotogrammetryError: the folder holds something else, or the terrain is unknown.
     """
-    params = WorldParams(terrain, TraverseParams(stops=stops), pairs=pairs, pancam=pancam)
+    params = WorldParams(terrain, TraverseParams(stops=stops), pairs=pairs)
     world = make_world(params, seed)
     texts = text_files(world)
     _refuse_another_world(out_dir, texts)
@@ -108,24 +106,26 @@ def _write_true_terrain(world: World, path: Path) -> None:
 
 
 TRUTH = "truth.json"
+PIPELINE = "default"
+"""What a simulated mission is adjusted and drawn with."""
 
 
 @flow(name="simulate-mission", flow_run_name="{seed}")
-def simulate_into(store: Path, plan: MissionPlan, seed: int, pipeline: str = "default") -> str:
+def simulate_into(store: Path, plan: MissionPlan, seed: int) -> str:
     """Simulate a mission and publish it; one line of what it holds.
 
     Raises:
         PhotogrammetryError: the store holds another mission.
     """
     workspace = open_workspace(store)
-    config = load_pipeline(pipeline)
+    config = load_pipeline(PIPELINE)
     params = SimulationParams(plan, seed, config.adjustment)
     _refuse_other_missions(workspace, network_recipe(params).ref)
     mission = simulate(params)
     keep_labels(mission, plan, workspace, lambda done, count: report("keep labels", done, count))
     network = adjust_simulated(mission, params, workspace)
     write_truth(mission, workspace.store.root / TRUTH)
-    _publish(network, workspace, pipeline)
+    _publish(network, workspace)
     ties = len(mission.truth.points)
     images = 2 * len(mission.network.pairs)
     return (
@@ -134,13 +134,13 @@ def simulate_into(store: Path, plan: MissionPlan, seed: int, pipeline: str = "de
     )
 
 
-def _publish(network: ProductRef, workspace: Workspace, pipeline: str) -> None:
+def _publish(network: ProductRef, workspace: Workspace) -> None:
     site = landing_site(MISSION, Settings().landing_sites)
-    told = report_quality(network, (), load_pipeline(pipeline).quality, workspace.store)
+    told = report_quality(network, (), load_pipeline(PIPELINE).quality, workspace.store)
     entry = MissionEntry(MISSION, f"{site.title} (simulated)", site.landing, None)
     done = Outcome.now(network.scope.name, ("simulated: there are no images",))
     publish(entry, [], [network, *told], [done], workspace)
-    draw_mission(MISSION, network, workspace, pipeline)
+    draw_mission(MISSION, network, workspace, PIPELINE)
 
 
 def _refuse_other_missions(workspace: Workspace, network: ProductRef) -> None:

@@ -27,7 +27,6 @@ from solmap.photogrammetry.terrain.orthophoto.rendering import (
     OrthophotoParams,
     OrthophotoRendering,
     prepare_orthophoto,
-    put,
 )
 from solmap.products.catalogue.catalogue import ImageEntry
 from solmap.products.catalogue.images import ImageFile, image_file, image_record, read_product_image
@@ -95,7 +94,8 @@ def _pieces(made: OrthophotoRendering, codes: Classes) -> Iterator[BrightnessBlo
     """The blocks of a picture; `codes` takes 1 for the first view, 0 for none."""
     for block in made.blocks():
         numbers = np.where(block.sources == NO_SOURCE, 0, block.sources + 1).astype(np.uint8)
-        put(codes, numbers, block.row // made.ratio, block.col // made.ratio)
+        row, col = block.row // made.ratio, block.col // made.ratio
+        codes[row : row + numbers.shape[0], col : col + numbers.shape[1]] = numbers
         yield block.row, block.col, block.brightness
 
 

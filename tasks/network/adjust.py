@@ -150,7 +150,8 @@ def _keep_left_stops(
 
     return {
         str(stop): store.make(
-            Recipe(ProductKind.MARGINALISED_STOP, stop_scope(stop), inputs), partial(write, stop=stop)
+            Recipe(ProductKind.MARGINALISED_STOP, stop_scope(stop), inputs),
+            partial(write, stop=stop),
         )
         for stop in left
     }
