@@ -1,1 +1,8 @@
-"""From images to matches and tie points: interest points, stereo, inter-stereo and cross-site."""
+"""From images to tie points: matching within a pair, between pairs, between stops, and by hand.
+
+Enter: images resampled to epipolar geometry (`resampling`), their camera geometry, and poses by
+telemetry. Leave: `StereoMatches` and dense parallax of pairs (`stereo`), `Ties` between images
+(`inter_stereo`, `cross_site`, `single`, `manual`), and the tie points of a network made of them
+(`tracks`). The modules beside the subpackages are what several of them share. Pure functions over
+arrays: no files, no figures; nothing from `adjustment`, `terrain` or `products` is imported.
+"""

@@ -1,9 +1,9 @@
-"""Finds the conjugate of an image point in another view, by a patch carried over the local surface.
+"""Conjugates of image points in another view, by patches carried over the local surface.
 
 Between stops a Navcam patch is seen turned by up to 180 degrees, at another range and at another
 grazing angle. The patch is therefore carried through the homography H of its local surface
-(`local_surface`), and both images are drawn on a common grid whose cells are as large as the pixel
-of either image in every direction, because detail can be averaged but not made up: with J the
+(`parallax_planes`), and both images are drawn on a common grid whose cells are as large as the
+pixel of either image in every direction, because detail can be averaged but not made up: with J the
 derivative of H, a pixel of the target covers the ellipse (J'J)^-1 of the source, and the grid is
 
     source = point + G grid,      G = V diag(sqrt(max(1, l_i))) V',      (J'J)^-1 = V diag(l_i) V'.
@@ -12,12 +12,10 @@ At 10 m a Navcam pixel measures 1 x 5 cm on the ground; two stops that look at r
 other see square cells of 5 cm in common and nothing finer. On the grid the patch is found by
 normalised cross-correlation inside a window, which a second, nearly as good place makes ambiguous
 (Di et al. 2008, section 5, ask for uniqueness), and refined by least-squares matching
-(`patch_fit`).
+(`least_squares`).
 
-Matched pairs made ready for tying: pyramids, candidates, and parallax wherever it is asked for.
-
-A conjugate found in the left image of a pair is a tie once its parallax is known. The dense
-parallax gives the local surface; the parallax itself is measured anew at the very point, by
+A conjugate found in the left image of a pair (`TieView`) is a tie once its parallax is known. The
+dense parallax gives the local surface; the parallax itself is measured anew at the very point, by
 least-squares matching of the left patch in the right image over that surface, so that a tie does
 not inherit the smoothing and the pixel-locking of the dense matcher.
 """

@@ -1,8 +1,8 @@
-"""Least-squares matching of a left window in the right image, along the epipolar line.
+"""Least-squares matching of windows: along the epipolar line, by a shift, and by an affine map.
 
-The window of the left image around a pixel (x0, y0) is related to the right image by five
-parameters: a parallax p that varies linearly over the window, as on a plane, and a change of
-brightness and contrast,
+**Along the epipolar line** (`LeastSquaresMatcher`). The window of the left image around a pixel
+(x0, y0) is related to the right image by five parameters: a parallax p that varies linearly over
+the window, as on a plane, and a change of brightness and contrast,
 
     L(x0 + dx, y0 + dy) + v = k0 + k1 R(x0 + dx - p - a dx - b dy, y0 + dy)
 
@@ -14,16 +14,18 @@ the next (Baker & Matthews 2004), and its inverse times the residual variance is
 
 Neighbouring residuals are correlated, because resampling spreads the noise of a pixel over its
 neighbours; `CORRELATION` widens sigma by that. It is the sigma of the plane in the window: that of
-the ground at its middle is wider by relief (`relief`).
+the ground at its middle is wider by relief (`stereo.sparse`).
 
-Least-squares matching of square patches: where a template lies in a wider search patch.
+**By a shift along and across** (`match_offsets`), with the slopes of the left window as well.
 
-With grey values a of the template and b of the search patch, over cells x around the middle,
+**By an affine map** (`fit_patches`). With grey values a of a template and b of a wider search
+patch, over cells x around the middle,
 
     a(x) + v = r_0 + r_1 b(A x + d)                                               (Gruen 1985)
 
 is solved for the shift d, the affine matrix A and the radiometry r_0, r_1. In each step the search
-patch is drawn as it is believed to lie, w(x) = b(A x + d), and its own small motion is asked for,
+patch is drawn under the present approximation, w(x) = b(A x + d), and its remaining small motion is
+estimated,
 
     a - r_1 w + v = r_0 + (dr_1) w + r_1 (grad w)' (e + E x),     d <- d + A e,     A <- A (I + E).
 
@@ -32,10 +34,8 @@ few cells is not taken for less steep than it is. Odd matters: a slope that is m
 value it is multiplied with, as the difference of two neighbours is between them, does not let the
 noise n average out but pulls by n^2 (2 u - 1) / (slope)^2 at the fraction u of a cell, and started
 at whole cells it pushed every match the same way: by 0.05 px in rendered images of Mars, 3 cm of
-range at 12 m.
-
-The standard deviation of d is that of the adjustment, sigma0 sqrt(Q_dd), with as many observations
-as are independent.
+range at 12 m. The standard deviation of d is sigma0 sqrt(Q_dd), with as many observations as are
+independent.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
-"""The surface around a match, and how one image maps onto another over it.
+"""Planes of parallax at points, all over an image or of the whole ground, and their homographies.
 
 In the normal case of stereo the parallax of a plane is a linear function of the image coordinates,
 
     p = p_0 + g_x (x - x_0) + g_y (y - y_0),                 p = f B / Z,
 
-so a plane fitted to the dense parallax around a match is the local surface, in the pair's frame
+so a plane fitted to the dense parallax around a point is the local surface, in the pair's frame
 
     n . X = 1,        n = (g_x f, g_y f, p_0 - g_x (x_0 - c_x) - g_y (y_0 - c_y)) / (f B).
 
@@ -13,6 +13,10 @@ A second camera at X' = R X + t sees that plane through the homography
     H = K' (R + t n') K^-1,                                  K = [f 0 c_x; 0 f c_y; 0 0 1].
 
 For a pure turn (t = 0, another pair of the same panorama) the plane drops out, as it should.
+
+`parallax_planes` fits windows around image points, without outliers; `parallax_facets` fits windows
+all over the image at once, from running sums; `fit_robust_plane` fits one plane of least absolute
+deviations to the ground of a whole image.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""What matching hands on: epipolar images, matched pairs and the stops they were taken at.
+"""Records of matching: epipolar images, matched pairs and stops, and ties between pairs.
 
-Ties: one feature measured in two stereo pairs, each time with its parallax.
+A tie is one feature measured in two images, each time with its parallax where a pair gave one.
 """
 
 from __future__ import annotations

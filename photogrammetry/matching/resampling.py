@@ -10,18 +10,16 @@ exact map half-way between grid lines, where splines are worst, proves that the 
 B-spline through all pixels (Unser 1999), which unlike cubic convolution or Lanczos kernels leaves
 sub-pixel positions unbiased, as matching needs.
 
-Grey values between pixels: the cubic B-spline through all samples.
-
-With the coefficients c of a row, c * (1, 4, 1)/6 = I, the value at x = i + f is a weighted mean of
-c[i-1] .. c[i+2]. Each two of them are fetched by one linear interpolation (Sigg & Hadwiger 2005),
+With the spline coefficients c of a row, c * (1, 4, 1)/6 = I, the value at x = i + f is a weighted
+mean of c[i-1] .. c[i+2]. Each two of them are fetched by one linear interpolation (Sigg & Hadwiger
+2005),
 
     I(x) = g0 c(i - 1 + w1/g0) + g1 c(i + 1 + w3/g1),     g0 = w0 + w1,  g1 = w2 + w3,
 
 which is as exact as the sum of four; in two directions four fetches stand for sixteen. At a pixel
-the slope of the spline is (c[i+1] - c[i-1]) / 2.
-
-The coefficients come from the inverse of (1, 4, 1)/6, sqrt(3) z^|k| with z = sqrt(3) - 2 (Unser
-1999), which is cut off where single precision no longer sees it.
+the slope of the spline is (c[i+1] - c[i-1]) / 2. The coefficients come from the inverse of (1, 4,
+1)/6, sqrt(3) z^|k| with z = sqrt(3) - 2 (Unser 1999), which is cut off where single precision no
+longer sees it.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""The gate: where the later of two stops can stand in the earlier one, by telemetry.
-
-Which stops are worth linking: near enough to have seen the same ground.
-"""
+"""Which stops to link, and where telemetry allows the later of two stops to stand."""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
-"""Patches of ground seen from above, drawn from one image over the surface that its stop measured.
+"""A stop prepared for linking: its ground as a surface, and patches drawn from its images.
 
 At a grazing angle of 8 degrees a bump of 5 cm shifts what lies on it by 35 cm along the view, and
 the other way when seen from the other side. Patches of two stops are therefore compared as
-orthophotos: every cell of a patch has its elevation from the dense parallax of its own stop, and is
-projected into the image,
+orthophotos: every cell of a patch has its elevation from the dense parallax of its own stop, a
+surface without gaps (`GroundSurface`), and is projected into the image,
 
     grey(n, e) = image( h( pair_from_level (n, e, -elevation(n, e)) ) ).
 
@@ -16,16 +16,6 @@ with C_1 = L L' and L^-1 C_2 L^-T = V diag(l) V', place = centre + G (row, colum
     G = L V diag(sqrt(max(1, l))),
 
 and each image is averaged over the pixels that a cell covers.
-
-The ground that a stop measured, as a surface without gaps to draw patches over.
-
-The cells of a patch of ground that two images are drawn on.
-
-With the ellipses C_1 and C_2 that a pixel of either covers on the ground (`ground_patches`), C_1 =
-L L' and L^-1 C_2 L^-T = V diag(l) V', cells G = L V diag(sqrt(max(1, l))) are as large as the pixel
-of either in every direction.
-
-A stop made ready for being tied to another one: seen from above, and pair by pair.
 """
 
 from __future__ import annotations

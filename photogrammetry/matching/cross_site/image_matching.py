@@ -1,10 +1,8 @@
-"""Matches candidates on the ground: from plans to ties.
+"""Image-matched cross-site ties: patches of ground matched, then measured again in the images.
 
 Around a candidate both pairs are drawn as orthophotos over the surfaces of their own stops
-(`ground_patches`), and matched on the ground (`conjugates`). The centre of the patch and its
-conjugate are then image points of both pairs, where the parallax is measured (`tie_views`).
-
-What an error of a match along the ground does to a measurement.
+(`ground_views`), and matched on the ground (`conjugates`). The centre of the patch and its
+conjugate are then image points of both pairs, where the parallax is measured.
 
 A patch that is found beside its true place is found on the ground there: its image moves along the
 surface, and its parallax is that of the ground where it was found. With the standard deviation s of
@@ -17,16 +15,15 @@ as the surface around has it,
 where r is by how much ground lies above or below the surface on which the patch was compared, and
 with it what stops on different sides see of it: no patch is found better than that. Seen
 at a grazing angle ground moves far more across an image than up: at 17 m a shift of 10 cm is 20
-pixels of a Pancam to the side, 2 pixels up. Held for equal, heights counted a tenth of what they
-are worth, ranges ten times as much, and links between stops were off by more than they stated.
-
-Ties measured again in the original images, over the facet of ground they lie on.
+pixels of a Pancam to the side, 2 pixels up. With equal standard deviations in both, heights counted
+a tenth of what they are worth, ranges ten times as much, and links between stops were off by more
+than they stated.
 
 A patch of ground is drawn over a surface with errors of its own; the relief that it misses deforms
 the patch, and against truth its place is good to 0.4 cells. Once the pose between the stops is
-known, the facet around a tie maps one epipolar image straight onto the other (`local_surface`), and
-least-squares matching there (`conjugates`) is left with what the images themselves show: half the
-error. What it does not find keeps its place, with the standard deviation of a patch.
+known, the facet around a tie maps one epipolar image straight onto the other (`parallax_planes`),
+and least-squares matching there (`refine_ties`) is left with what the images themselves show: half
+the error. What it does not find keeps its place, with the standard deviation of a patch.
 """
 
 from __future__ import annotations

@@ -1,30 +1,24 @@
-"""Cross-site ties: the ground that two stops have both seen, found without a hand.
+"""Link two stops: cross-site ties of the ground that both have seen, without manual input.
 
-1. Telemetry says where the later rover stands in the earlier one, to some per cent of the drive and
-   a degree or two of azimuth (Di et al. 2008, section 1 and table 1). That is the gate
-   (`cross_site_gate`).
+1. Telemetry gives the position of the later rover in the frame of the earlier one, to some per cent
+   of the drive and a degree or two of azimuth (Di et al. 2008, section 1 and table 1). That is the
+   search gate (`gate`).
 2. Bird's-eye views of both stops are correlated over the gate, and landmarks on them vote for
    places (`hypotheses`). The best are hypotheses of the horizontal pose; the drop follows from the
    elevations of the common ground and the tilt from telemetry, which gravity holds to tenths of a
    degree.
 3. Under every hypothesis the sparse matches of each stop are predicted into the pairs of the other
-   one and looked for there, and a robust rigid alignment counts how many agree in space
-   (`cross_site_trials`).
+   one (`candidates`) and matched there on the ground (`image_matching`), and a robust rigid
+   alignment counts how many agree in space (`alignment`).
 4. The best hypothesis is tried again from its own alignment, with a window of a few cells, and so
-   is its strongest rival: a wrong hypothesis, or a decoy, measures what chance can do.
-5. Ties are measured again in the original images (`tie_refinement`); those that hardly share their
-   ground (`shared_ground`) are handed on.
+   is its strongest rival: a wrong hypothesis, or a decoy, measures what chance can do. Decoys are
+   places inside the gate where no peak was, tried in exactly the same way.
+5. Ties are measured again in the original images (`image_matching`); those that hardly share their
+   ground are handed on, with standard deviations that allow for what they share (`tie_weights`).
 6. The link stands if its ties are many, well spread and far more than chance found; if not, the
-   verdict says why. A wrong link is worse than none.
-7. Where it stands, the shape of the ground ties it further (`surface_ties`): it knows the bearings
-   between stops better than the looks of the ground do.
-
-Hypotheses of where the later stop stands, tried in the images.
-
-Under a hypothesis, candidates (`cross_site_candidates`) are matched on the ground
-(`ground_matching`), and a robust rigid alignment counts how many agree in space (`alignment`).
-Hypotheses that are wrong measure what chance can do, and so do decoys: places inside the gate
-where no peak was, tried in exactly the same way.
+   verdict says why (`links`). A wrong link is worse than none.
+7. Where it stands, surface-matched ties are added (`surface_matching`): they fix the bearing
+   between stops better than image-matched ones.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What came of trying to link two stops: the verdict, its reason and its figures."""
+"""The result of linking two stops: the verdict, its reason, its figures and the ties."""
 
 from __future__ import annotations
 

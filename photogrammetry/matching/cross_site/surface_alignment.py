@@ -1,28 +1,25 @@
-"""The ground of one stop laid onto that of another, pair by pair.
+"""Alignment of the ground of one stop with that of another, pair by pair, by its shape.
 
 Where two stops have dense parallax of the same ground, a point Y of the one, carried into a pair of
 the other, has there
 
     r = p(x, y) - f B / Z,       dr / dY = grad p . d(x, y)/dY + f B / Z^2 dZ/dY,
 
-the parallax that was measured at its image less its own; grad p is that of the facet there. The
-rigid motion of the later stop's ground that makes r vanish is found by least squares over the
-points of both, each held against the other's ground: least-squares matching of surfaces (Gruen and
-Akca 2005, ISPRS J. 59, 151-174), points against planes (Chen and Medioni 1992), in pixels of
-parallax, whose noise is the same near and far. Points that only one of the stops can have seen are
-left out: facets at a grazing ray or turned away, ranges that do not compare.
+the parallax that was measured at its image less its own; grad p is that of the facet there, a plane
+of parallax (`parallax_planes`). The rigid motion of the later stop's ground that makes r vanish is
+found by least squares over the points of both, each compared with the other's ground: least-squares
+matching of surfaces (Gruen and Akca 2005, ISPRS J. 59, 151-174), points against planes (Chen and
+Medioni 1992), in pixels of parallax, whose noise is the same near and far.
+
+A facet is seen under the angle whose sine is n . X / (|n| |X|). Rays that graze the ground meet
+crests, and what the window makes of the step behind a crest is no ground at all; such facets are
+left out, and so are points that only one of the stops can have seen: facets turned away, ranges
+that do not compare.
 
 What one side of a stone shows lies nearer to the camera than the stone, and windows at a grazing
 ray add to what stands up. Along the rays and up, the shapes that two stops see are therefore some
 centimetres apart, however many points agree: c and b below. Across the rays nothing prefers one
 side.
-
-A pair's ground as facets: planes of its dense parallax, and the side from which they are seen.
-
-A plane in space is a plane of parallax, n . X = 1 (`local_surface`). Here one is fitted about
-pixels all over the image at once, from running sums, and read off wherever it is asked for. A facet
-is seen under the angle whose sine is n . X / (|n| |X|). Rays that graze the ground meet crests, and
-what the window makes of the step behind a crest is no ground at all; such facets are left out.
 """
 
 from __future__ import annotations

@@ -1,14 +1,15 @@
-"""Cross-site ties by the shape of the ground, where its looks say little of bearing.
+"""Surface-matched cross-site ties, where image matching leaves the bearing weak.
 
 Stops on opposite sides of the same ground see other faces of its stones, under another sun; patches
-that look alike are then not quite the same, and what few there are leave a tenth of a degree of
-azimuth open. The shape of the ground is one and the same. Once two stops are linked by its looks,
-the ground that two of their pairs share is laid onto each other (`surface_alignment`), first as a
-whole, then block by block; the blocks become ties.
+that look alike are then not quite the same, and the few there are leave a tenth of a degree of
+azimuth open. The shape of the ground is one and the same. Once two stops are linked by
+image-matched ties, the ground that two of their pairs share is aligned (`surface_alignment`), first
+as a whole, then block by block; the blocks become ties.
 
-What the stops see of a block differs along their rays and upwards, by what no number of points
-averages out; a tie by shape states it. So all of its weight is in the bearing, where blocks are
-true to millimetres, and ranges and heights are left to the ties by looks.
+What the stops see of a block differs along their rays and upwards, by an amount that no number of
+points averages out; a surface-matched tie states it in its covariance. So all of its weight is in
+the bearing, where blocks are true to millimetres, and ranges and heights are left to the
+image-matched ties.
 """
 
 from __future__ import annotations
@@ -229,8 +230,8 @@ def _tie_columns(
     """Ties in the middle of blocks, column by column as `Ties` has them.
 
     What all `count` ties of a link share is as uncertain in their mean as it is in each
-    (`shared_ground`): how far apart the shapes are, and with it range and height, which were told
-    by ties by looks in the first place.
+    (`tie_weights`): how far apart the shapes are, and with it range and height, which the
+    image-matched ties fix.
     """
     view, target = couple.earlier.view, couple.later.view
     first = couple.earlier.points[blocks.point]

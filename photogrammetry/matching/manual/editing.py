@@ -1,4 +1,4 @@
-"""Hand ties applied to the automatic ones.
+"""Edit requests applied to automatic ties.
 
 A person clicks in the images as stored; ties are kept in the epipolar geometry of their pairs. The
 epipolar point e of an original point u is where the map of the resampling (`resampling`) meets it,

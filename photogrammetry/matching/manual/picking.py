@@ -1,7 +1,7 @@
 """A point that a person picked in two stops' images, measured to a fraction of a pixel.
 
-The facet of ground around the first point carries its patch into the second image, as it is
-believed to be oriented (`local_surface`), and the patch is moved to where the person put it. Within
+The facet of ground around the first point carries its patch into the second image, under the
+present orientation (`parallax_planes`), and the patch is moved to where the person put it. Within
 reach of there it is looked for by correlation and measured by least squares (`conjugates`).
 """
 

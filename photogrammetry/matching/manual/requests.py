@@ -1,6 +1,6 @@
-"""Ties that a person adds, vetoes or moves: the records, and the text they are read from.
+"""Edit requests: manual tie points to add, automatic ties to veto or move, and their file formats.
 
-A hand tie names two images and a point in each, in pixels of the images as stored: (0, 0) is the
+A manual tie names two images and a point in each, in pixels of the images as stored: (0, 0) is the
 centre of the first pixel, samples run right, lines down. Images are named by their product
 identifiers; of a stereo pair it is the left one that is named, and the place in the right one may
 be added. Two formats hold the same columns (`COLUMNS`): CSV with a line of names at its head, and

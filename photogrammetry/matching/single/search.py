@@ -1,11 +1,9 @@
-"""Images without a stereo partner as matching takes them, and how they are tied.
+"""Conjugates of interest points of one single image in another of the same stop.
 
-Where interest points of one single image are in another of the same stop.
-
-First some of them are looked for along their whole epipolar segments (`mast_swing`): up to 70
-pixels long where a Navcam's base is 9 cm and the ground 1.5 m away, and as wide as pointing errors
-make it. What correlates and agrees with the geometry of the two cameras gives the turn between them
-and the inverse depth of the ground; with both, all interest points are looked for once more, in a
+First some of them are looked for along their whole epipolar segments (`two_views`): up to 70 pixels
+long where a Navcam's base is 9 cm and the ground 1.5 m away, and as wide as pointing errors make
+it. What correlates and agrees with the geometry of the two cameras gives the turn between them and
+the inverse depth of the ground; with both, all interest points are looked for once more, in a
 window as wide as the relief.
 """
 

@@ -1,4 +1,4 @@
-"""Two single images of one stop, whose cameras stand centimetres apart: what ties must agree with.
+"""The geometry of two single images of one stop, whose cameras stand centimetres apart.
 
 The eye of a mast camera stands off the axis that the mast turns about, so two images of a panorama
 have a base b of 6 to 9 cm (25 cm at most): little, but the ground is near. With the direction

@@ -1,10 +1,10 @@
 """Ties between single images of one stop: frames of a panorama that have no stereo partner.
 
-Every two that overlap are searched for conjugates (`swing_search`); what agrees with the geometry
-of the two cameras (`mast_swing`) becomes a tie. It holds two left image points and no parallax
-(NaN): the depth of its tie point comes from the centimetres between the images, in the adjustment.
-A stereo pair beside a single image gives the depth itself: its matches are looked for where it puts
-them, and the tie holds the pair's parallax.
+Every two that overlap are searched for conjugates (`search`); what agrees with the geometry of the
+two cameras (`two_views`) becomes a tie. It holds two left image points and no parallax (NaN): the
+depth of its tie point comes from the centimetres between the images, in the adjustment. A stereo
+pair beside a single image gives the depth itself: its matches are looked for where it puts them,
+and the tie holds the pair's parallax.
 """
 
 from __future__ import annotations

@@ -1,1 +1,7 @@
-"""TODO: what this package holds."""
+"""Matching within one stereo pair: interest points, dense parallax, and checks of the stereo rig.
+
+Enters: `EpipolarImages`. Leave: sparse matches (`sparse`), dense parallax with its standard
+deviation (`dense`), the rotation of the right camera that vertical parallax shows (`orientation`),
+and both for two stops used as one instrument (`wide_baseline`). Nothing of the other subpackages of
+`matching` is imported.
+"""

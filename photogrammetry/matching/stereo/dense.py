@@ -1,12 +1,10 @@
 """Dense parallax of a pair: semi-global matching, checked both ways, then refined by least squares.
 
 The locally normalised images are matched semi-globally from left to right and from right to left,
-about the parallax plane of the ground (`ground_plane`). A parallax stays where both ways agree and
+about the parallax plane of the ground (`semi_global`). A parallax stays where both ways agree and
 where it is part of a larger surface; it is then refined at every pixel, and kept where texture
-exceeds noise and the windows agree (`refinement`). The sky, shadows without detail, and what only
-one eye sees end as NaN.
-
-Parallax of all pixels at once, corrected by least squares in one dimension.
+exceeds noise and the windows agree. The sky, shadows without detail, and what only one camera sees
+end as NaN.
 
 Values of semi-global matching crowd at whole pixels (pixel locking). They are smoothed without
 crossing depth edges and then corrected by Lucas-Kanade steps: with the slope g of the left image
@@ -27,7 +25,7 @@ A pixel can be matched where slopes exceed what noise alone makes of them. White
 n^2 gives the slope of a cubic spline 1.39 n^2, the mean of (3 sin w / (2 + cos w))^2 over all
 frequencies w, and a residual 2 n^2. So the noise is known twice: from the image as a whole, which
 is too much in shadows, and from the residuals around, which is too much where the surface is rough.
-The smaller of the two is held against the slopes.
+The smaller of the two is compared with the slopes.
 """
 
 from __future__ import annotations

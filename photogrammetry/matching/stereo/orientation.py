@@ -1,28 +1,28 @@
-"""What is left of the parallax across the epipolar line, and the rotation of the bar it tells of.
+"""Errors of the relative orientation of two cameras, from the parallaxes that matching leaves.
 
-Rows of an epipolar pair correspond exactly if the stereo bar is as its camera models say. A bar
-that has bent, or models of another exposure, show as a vertical parallax v = y_r - y_l. A small
-rotation w of the right camera about the (right, down, forward) axes turns the directions
-d = (x, y, 1) that it sees by -w x d, and so moves its image points down by
+**Of a stereo rig** (`vertical_parallax`, `rig_rotation`). Rows of an epipolar pair correspond
+exactly if the rig is as its camera models say. A bent rig, or models of another exposure, show as a
+vertical parallax v = y_r - y_l. A small rotation w of the right camera about the (right, down,
+forward) axes turns the directions d = (x, y, 1) that it sees by -w x d, and so moves its image
+points down by
 
     v = f [ w_x (1 + y^2) - w_y x y - w_z x ]
 
 with x, y in units of f from the common axis. Estimated by least squares with blunders weighted
-down, w is by how much the right camera really stands turned from its model.
+down, w is by how much the right camera is turned from its model.
 
-How two cameras that no bar joins stand to each other, from what matching leaves between them.
-
-Unknown are a rotation w of the right camera and a shift B t of its centre across the base, about
-the (right, down, forward) axes of the pair. With x, y the point in the right image in units of f,
-and p its parallax, they move it across and along the epipolar line, so that one finds
+**Of cameras at two stops** (`relative_orientation`). Unknown are a rotation w of the right camera
+and a shift B t of its centre across the base, about the (right, down, forward) axes of the pair.
+With x, y the point in the right image in units of f, and p its parallax, they move it across and
+along the epipolar line, so that one finds
 
     v = f [w_x (1 + y^2) - w_y x y - w_z x] + p (y t_z - t_y)
     p - q = f [w_y (1 + x^2) - w_z y - w_x x y] - p x t_z + s
 
-where v is the vertical parallax and q the parallax that the bar predicts (`wide_stereo`), up to an
-error s that all its predictions share. Adjustment has w and t approximately: its standard
-deviations enter as observations, so what the images do not tell stays as it was. Blunders are
-weighted down.
+where v is the vertical parallax and q the parallax predicted from a rig's own dense parallax
+(`wide_baseline`), up to an error s that all its predictions share. Adjustment has w and t
+approximately: its standard deviations enter as observations, so what the images do not tell stays
+as it was. Blunders are weighted down.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ from solmap.photogrammetry.matching.records import EpipolarImages
 from solmap.photogrammetry.matching.stereo.dense import SharedSigma
 from solmap.photogrammetry.matching.stereo.interest_points import strongest_by_cell
 from solmap.photogrammetry.matching.stereo.sparse import SparseParams, match_interest_points
-from solmap.photogrammetry.robust import robust_sigma
+from solmap.photogrammetry.robust import geman_mcclure_weights, robust_sigma
 
 LINE_TOLERANCE_PX = 6
 """Rows searched to either side: 0.3 degrees of a Navcam, twice what real bars were off."""
@@ -196,7 +196,7 @@ def rig_rotation(measured: VerticalParallax, steps: int = 10) -> Vector3:
         rotation = np.linalg.solve(normal, design.T @ (weight * measured.vertical_px))
         residual = measured.vertical_px - design @ rotation
         scale = max(robust_sigma(residual), 1e-3)
-        weight = 1.0 / (1.0 + (residual / (2.0 * scale)) ** 2) ** 2
+        weight = geman_mcclure_weights(residual, scale)
     return rotation
 
 
@@ -250,7 +250,7 @@ def _weights(residual: PerPoint) -> PerPoint:
     """Inverse variances by the spread of the residuals, less where one is far off."""
     middle = float(np.median(residual))
     scale = max(robust_sigma(residual - middle), FINEST_PX)
-    return 1.0 / (1.0 + ((residual - middle) / (2.0 * scale)) ** 2) ** 2 / scale**2
+    return geman_mcclure_weights(residual - middle, scale) / scale**2
 
 
 def _designs(rows: VerticalParallax) -> tuple[np.ndarray, np.ndarray]:

@@ -1,26 +1,23 @@
-"""Local normalisation of grey values, for matchers that need eight bits or equal brightness.
+"""Semi-global matching of locally normalised images about the parallax plane of the ground.
 
-Each pixel is given as its distance from the mean of its surroundings in units of their standard
-deviation, (I - m) / sqrt(s^2 + (k n)^2), with the noise n of the image in the denominator, so that
-faint texture of a 12-bit image fills the eight bits and mere noise, as in the sky, does not.
-The noise is estimated from second differences (Immerkær 1996), by their median absolute value, so
-that edges do not count.
+**Normalisation.** Each pixel is given as its distance from the mean of its surroundings in units of
+their standard deviation, (I - m) / sqrt(s^2 + (k n)^2), with the noise n of the image in the
+denominator, so that faint texture of a 12-bit image fills eight bits and mere noise, as in the sky,
+does not. The noise is estimated from second differences (Immerkær 1996), by their median absolute
+value, so that edges do not count.
 
-Semi-global matching of eight-bit epipolar images, both ways.
+**Matching, both ways.** OpenCV's StereoSGBM (after Hirschmüller 2008) minimises the
+Birchfield-Tomasi difference over small blocks plus a penalty P1 for parallax steps of one pixel and
+P2 for larger ones along five paths. Its penalties are kept at the proportion of its authors, 8 and
+32 times the area of the block.
 
-OpenCV's StereoSGBM (after Hirschmüller 2008) minimises the Birchfield-Tomasi difference over small
-blocks plus a penalty P1 for parallax steps of one pixel and P2 for larger ones along five paths.
-Its penalties are kept at the proportion of its authors, 8 and 32 times the area of the block.
-
-Search about the parallax plane of the ground, found in a reduced image.
-
-Seen from a mast, level or tilted ground has a parallax that is linear over the image: with the
-plane n.P = h and P = Z ((x - c_x)/f, (y - c_y)/f, 1) one finds p = f B / Z = a + b x + c y. What
-remains after taking that plane out is relief, whose range is a fraction of the whole. So the pair
-is first matched in a reduced image, over the whole range; a plane is fitted to what was found by
-least absolute deviations; and the full image is matched against the right image shifted by the
-plane, over the range of the relief alone. On top of the time saved, the ground lies parallel to the
-image, which is what semi-global matching favours.
+**Search about the plane of the ground.** Seen from a mast, level or tilted ground has a parallax
+that is linear over the image: with the plane n.P = h and P = Z ((x - c_x)/f, (y - c_y)/f, 1) one
+finds p = f B / Z = a + b x + c y. What remains after taking that plane out is relief, whose range
+is a fraction of the whole. So the pair is first matched in a reduced image, over the whole range; a
+plane is fitted to what was found by least absolute deviations; and the full image is matched
+against the right image shifted by the plane, over the range of the relief alone. On top of the time
+saved, the ground lies parallel to the image, which is what semi-global matching favours.
 """
 
 from __future__ import annotations

@@ -5,8 +5,6 @@ cross-correlation of their windows; a pair that is each other's best and correla
 threshold is a candidate. Candidates are verified by the parallax curve, refined by least-squares
 matching, and thinned by a grid, so that they are spread over the image.
 
-What relief within the matching window adds to the standard deviation of a match.
-
 Least squares finds the parallax of the plane that fits the window best. The ground at its middle
 leaves that plane, by far more than noise lets the plane be wrong where the texture is good. How far
 shows when the same points are matched again with windows of half the width: beyond noise,

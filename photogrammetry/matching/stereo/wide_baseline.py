@@ -1,29 +1,25 @@
-"""Two stops as one stereo instrument: a base of metres instead of the bar's, for far ground.
+"""Wide-baseline stereo: two stops as one instrument with a base of metres, for far ground.
 
-A base of 10 m resolves ground at 500 m as the bar of 0.2 m does at 70 m (Di et al. 2008, section
-5). What makes such a pair hard also shows the way. On level ground its parallax changes by B/h from
-row to row (B: base, h: height of the mast), seven pixels with 10 m, so windows shear beyond
-recognition; but the bar has seen the same ground, if coarsely: with the ray (x, y, 1) of a pixel of
-the wide pair and (X, Y, Z) of length alike in the frame of the bar,
+A base of 10 m resolves ground at 500 m as the rig's base of 0.2 m does at 70 m (Di et al. 2008,
+section 5). On level ground the parallax of such a pair changes by B/h from row to row (B: base, h:
+height of the mast), seven pixels with 10 m, so windows shear beyond recognition; but the rig has
+seen the same ground, if coarsely: with the ray (x, y, 1) of a pixel of the wide pair and (X, Y, Z)
+of equal length in the frame of the rig,
 
-    q = p_bar (f B / f_bar B_bar) Z
+    q = p_rig (f B / f_rig B_rig) Z
 
-predicts the parallax, B / B_bar times as uncertain as that of the bar. The right image is shifted
+predicts the parallax, B / B_rig times as uncertain as that of the rig. The right image is shifted
 by q, smoothed; what is left to find is small, whatever the base.
-
-Two stops are no rigid bar. What adjustment leaves of their relative orientation shows across the
-epipolar lines and, against the prediction, along them; the right camera is set right by that
-(`relative_orientation`). The rotation about the vertical, w_y, goes into all parallaxes as f w_y,
-so its standard deviation enters that of the parallax, and so does that of the base's length.
-
-The eyes of a wide instrument: which pairs of two stops look at the same far ground.
-
-Windows of the left image searched over an area of the right one.
 
 Where two views differ much, what is a point of interest in one is none in the other. So windows
 about the interest points of the left image are compared with every place within reach, by the
 normalised cross-correlation; the best place is searched back in the left image, and a point whose
-way back ends elsewhere is dropped.
+way back ends elsewhere is dropped (`search_area`).
+
+Two stops are no rigid rig. What adjustment leaves of their relative orientation shows across the
+epipolar lines and, against the prediction, along them; the right camera is corrected by that
+(`orientation`). The rotation about the vertical, w_y, goes into all parallaxes as f w_y, so its
+standard deviation enters that of the parallax, and so does that of the base's length.
 """
 
 from __future__ import annotations

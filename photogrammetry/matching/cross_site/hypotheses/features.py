@@ -1,4 +1,4 @@
-"""Wide-baseline features on ground drawn from above, and the place of a later stop that they give.
+"""Image features on bird's-eye views, and the place of a later stop that they vote for.
 
 Pictures of two stops differ by a perspective that no descriptor stands. Drawn from above they
 differ by a turn of some degrees and a shift only, and so Landform describes its features there

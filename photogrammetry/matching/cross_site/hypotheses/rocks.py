@@ -1,18 +1,5 @@
 """Rocks as landmarks: what stands above the ground is seen from all sides, under every sun.
 
-In the image a rock is a patch of pixels whose points lie above the ground around them. With Z its
-range, f the focal length and w, v its extent in columns and rows,
-
-    width = w Z / f,        height = largest of the patch's heights above the ground,
-
-and its place is the point at the patch's median range, moved away from the camera by half the
-width: only the face is seen, and from the other side it is another face (`raised_ground` tells what
-stands above). Rocks of two stops may be the same if their widths and heights agree; all pairs that
-may be the same vote for the place of the later stop (`voting`; Li et al. 2007 and 2011 match
-constellations of rocks between sites 26 m apart).
-
-Ground without what stands on it, and the patches of an image that stand above it.
-
 The ground is the mean elevation of a neighbourhood from which what stands out of it has been taken,
 step by step. With h the height of the mast and s_p that of a parallax, the elevation of a point at
 the range Z is known to
@@ -21,6 +8,17 @@ the range Z is known to
 
 and what is raised by less than some of these may be noise. Pixels beside which the parallax jumps
 are left out, so that what stands one behind the other falls into two patches.
+
+In the image a rock is a patch of pixels whose points lie above the ground around them. With Z its
+range, f the focal length and w, v its extent in columns and rows,
+
+    width = w Z / f,        height = largest of the patch's heights above the ground,
+
+and its place is the point at the patch's median range, moved away from the camera by half the
+width: only the face is seen, and from the other side it is another face. Rocks of two stops may be
+the same if their widths and heights agree; all pairs that may be the same vote for the place of the
+later stop (`voting`; Li et al. 2007 and 2011 match constellations of rocks between sites 26 m
+apart).
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Hypotheses of where the later of two stops stands, from several independent ways.
 
-    correlation   bird's-eye views, grey and relief, over all shifts and azimuths (`birds_eye`)
-    features      described in the bird's-eye views and matched one by one (`wide_baseline`)
+    correlation   bird's-eye views, grey and relief, over all shifts and azimuths (`correlation`)
+    features      described in the bird's-eye views and matched one by one (`features`)
     rocks         as landmarks, by the constellations that they form (`rocks`)
 
 Every way gives peaks with a z of its own. What chance does to a way in this gate, on this ground,
@@ -14,7 +14,7 @@ hypothesis, and their evidence adds up: where ways agree they rank first. Rocks 
 find and are asked only if the first two ways do not agree on a clear winner.
 
 The more hypotheses are tried, the better the best of the wrong ones does by chance. As all that are
-tried and fail count as chance in the verdict (`cross_site`), that raises its bar by itself.
+tried and fail count as chance in the verdict (`links`), that raises its bar by itself.
 """
 
 from __future__ import annotations
