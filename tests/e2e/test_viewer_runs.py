@@ -26,7 +26,7 @@ def test_a_run_is_followed_while_it_goes_on(page, workspace, live):
     look(page, live)
     page.locator('[data-tab="runs"]').click()
     book = RunRecords(workspace.catalogue.engine)
-    run = Run.start("downlink", "sol 156").at("match pairs", 3, 12)
+    run = Run.start("downlink", "sol 156").with_progress("match pairs", 3, 12)
     book.write(run)
     row = page.locator(f'[data-run="{run.id}"]')
     until(page, lambda: row.count() == 1)

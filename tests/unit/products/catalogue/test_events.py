@@ -35,7 +35,7 @@ def test_old_events_are_forgotten_and_who_missed_them_is_told_so(catalogue, monk
 def test_numbers_go_on_when_a_new_process_opens_the_catalogue(catalogue, tmp_path, catalogue_url):
     catalogue.append_event("run.changed", {})
     again = Catalogue.open(tmp_path, catalogue_url)
-    again.tell("run.changed", {})
+    again.append_event("run.changed", {})
     assert [event.id for event in catalogue.events_since(0)] == [1, 2]
 
 

@@ -77,7 +77,7 @@ def test_a_second_process_reads_no_image(labels, tmp_path, catalogue_url):
     again = images.image_records(entries, workspace)
     assert [text_of_label(one) for one in again] == [text_of_label(one) for one in first]
     digests = [entry.ref.digest for entry in entries]
-    assert set(LabelCache(workspace.catalogue.engine).known([*digests, "f" * 16])) == set(digests)
+    assert set(LabelCache(workspace.catalogue.engine).find([*digests, "f" * 16])) == set(digests)
 
 
 def _fields(entry):

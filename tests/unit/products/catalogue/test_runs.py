@@ -22,7 +22,11 @@ def book(catalogue):
 
 
 def test_a_run_is_read_as_it_was_written(book):
-    run = Run.start("downlink", "sol156").at("match pairs", 3, 10).with_lines(["one image is broken"])
+    run = (
+        Run.start("downlink", "sol156")
+        .with_progress("match pairs", 3, 10)
+        .with_lines(["one image is broken"])
+    )
     book.write(run)
     assert book.run(run.id) == run
     book.write(run.with_end(RunState.SUCCEEDED))

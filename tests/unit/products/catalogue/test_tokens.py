@@ -13,10 +13,10 @@ def book(tmp_path):
 
 def test_a_token_is_known_by_its_text_and_by_nothing_else(book):
     token, text = book.add("Ada", Role.ANALYST)
-    assert book.holder(text) == token
+    assert book.verify(text) == token
     assert (token.name, token.role) == ("Ada", Role.ANALYST)
     for wrong in ("", "solmap", text[:-1], text + "x", text.replace(token.id, "00000000"), "a_b_c"):
-        assert book.holder(wrong) is None
+        assert book.verify(wrong) is None
 
 
 def test_the_secret_is_nowhere_in_the_file_and_the_file_is_its_owners(book):
@@ -30,21 +30,21 @@ def test_a_revoked_token_opens_nothing_and_stays_listed(book):
     token, text = book.add("Ada", Role.OPERATOR)
     _, other = book.add("Ben", Role.VIEWER)
     assert book.revoke(token.id).revoked_at is not None
-    assert book.holder(text) is None
-    assert book.holder(other) is not None
+    assert book.verify(text) is None
+    assert book.verify(other) is not None
     assert [one.is_valid for one in book.tokens()] == [False, True]
 
 
 def test_a_token_ends_by_itself(book):
     _, text = book.add("Ada", Role.ANALYST, days=0)
-    assert book.holder(text) is None
+    assert book.verify(text) is None
     _, text = book.add("Ada", Role.ANALYST, days=1)
-    assert book.holder(text) is not None
+    assert book.verify(text) is not None
 
 
 def test_a_store_without_tokens_has_no_file_of_them(book):
     assert book.tokens() == []
-    assert book.holder("solmap_a_b") is None
+    assert book.verify("solmap_a_b") is None
     assert not book.path.exists()
 
 
