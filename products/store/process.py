@@ -123,7 +123,7 @@ class ResourceMeter:
     cpu: float = field(default_factory=time.thread_time)
     peak_mb: float = field(default_factory=_peak_mb)
 
-    def spent(self) -> dict[str, float]:
+    def used(self) -> dict[str, float]:
         """Seconds and megabytes since then, in this thread."""
         peak = _peak_mb()
         return {
