@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from solmap.flows.sol_maps import oriented_pairs
 from solmap.photogrammetry.imagery import StopId
 from solmap.photogrammetry.planes import PlaneFit
 from solmap.photogrammetry.terrain.measure.facets import FacetParams
@@ -25,7 +24,7 @@ from solmap.products.model import ProductKind, ProductRef
 from solmap.tasks.images.pairs import PairFiles, PairProducts, pairs_of
 from solmap.tasks.maps.models import map_dips
 from solmap.tasks.mission.publish import publish
-from solmap.tasks.network.orientations import OrientedPair, read_orientations
+from solmap.tasks.network.orientations import OrientedPair, orient_pairs, read_orientations
 from solmap.tasks.scopes import pair_scope
 
 
@@ -107,7 +106,7 @@ def _adjusted_pairs(stop: str, workspace: Workspace) -> tuple[StopId, tuple[Orie
     for orientations in reversed(catalogue.pointers(ProductKind.ORIENTATIONS)):
         mapped = read_orientations(orientations, store, [stop]).get(stop)
         if mapped:
-            return files[0].stop, oriented_pairs(matched, mapped)
+            return files[0].stop, orient_pairs(matched, mapped)
     raise ProductNotFoundError(f"{stop} has not been adjusted: run its sol first")
 
 

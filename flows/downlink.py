@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
@@ -22,8 +21,8 @@ from solmap.flows.runtime.progress import report as report_progress
 from solmap.flows.runtime.run_page import downlink_name, folder_name, rename_run, write_report
 from solmap.flows.runtime.run_record import record_run
 from solmap.flows.runtime.runners import on_workers
+from solmap.flows.runtime.sol_report import DownlinkReport, SolReport
 from solmap.flows.sol import process_sol
-from solmap.flows.sol_inputs import SolReport
 from solmap.photogrammetry.adjustment.modes.mission import AdjustmentMode
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.model import Scope
@@ -32,31 +31,6 @@ from solmap.tasks.images.ingest import Delivery, ingest_downlink
 from solmap.tasks.images.manual_ties import take_edits
 from solmap.tasks.network.orientations import Standing
 from solmap.tasks.scopes import network_scope
-
-
-@dataclass(slots=True)
-class DownlinkReport:
-    """How a downlink went."""
-
-    images: int = 0
-    sols: list[SolReport] = field(default_factory=list)
-    warnings: list[str] = field(default_factory=list)
-    failures: list[str] = field(default_factory=list)
-    seams: list[str] = field(default_factory=list)
-    """How far the stops of a region disagree, line by line."""
-
-    @property
-    def succeeded(self) -> bool:
-        """Whether every sol that could be processed was."""
-        return not self.failures
-
-    def __str__(self) -> str:
-        layers = sum(sol.layers for sol in self.sols)
-        lines = [f"{self.images} images, {len(self.sols)} sols, {layers} layers of stops published"]
-        for sol in self.sols:
-            lines += [f"{sol.mission} sol {sol.sol}", *(f"  {note}" for note in sol.notes)]
-        lines += self.seams
-        return "\n".join(lines)
 
 
 @flow(name="downlink", flow_run_name=folder_name)

@@ -20,7 +20,7 @@ from importlib.metadata import version
 from solmap.config.landing import landing_site
 from solmap.config.pipeline import load_pipeline
 from solmap.config.settings import Settings
-from solmap.flows.sol_inputs import SolReport
+from solmap.flows.runtime.sol_report import SolReport
 from solmap.photogrammetry.errors import PhotogrammetryError
 from solmap.products.catalogue.runs import FinishedSolRecords
 from solmap.products.catalogue.workspace import Workspace

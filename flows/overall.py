@@ -11,8 +11,9 @@ from solmap.flows.mission import draw_mission, map_regions, missions_of
 from solmap.flows.runtime.run_page import mission_name, write_adjustments
 from solmap.flows.runtime.run_record import record_run
 from solmap.flows.runtime.runners import on_workers
+from solmap.flows.runtime.sol_report import SolReport
 from solmap.flows.sol import map_what_moved
-from solmap.flows.sol_inputs import SolReport, gather_all
+from solmap.flows.sol_inputs import gather_all
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.errors import ProductNotFoundError
 from solmap.products.store.locks import exclusive_lock

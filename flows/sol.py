@@ -8,7 +8,8 @@ from pathlib import Path
 from prefect import flow
 
 from solmap.flows.runtime.failures import keep_outcome, wait_for
-from solmap.flows.sol_inputs import SolInputs, SolReport, gather
+from solmap.flows.runtime.sol_report import SolReport
+from solmap.flows.sol_inputs import SolInputs, gather
 from solmap.flows.sol_maps import draw_panoramas, map_far_ground, map_stops, model_stops
 from solmap.flows.sol_network import adjust_stops, match_pairs
 from solmap.photogrammetry.adjustment.quality.movement import ReissueParams

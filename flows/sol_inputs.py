@@ -1,11 +1,10 @@
-"""What is known when a sol or a whole mission is processed, and the report filled on the way."""
+"""What is known when a sol, or a whole mission, is processed."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from solmap.config.landing import landing_site
 from solmap.config.pipeline import PipelineConfig, load_pipeline
@@ -19,7 +18,6 @@ from solmap.products.catalogue.images import image_records
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.crs import LandingPoint
 from solmap.products.formats.documents.network import read_network
-from solmap.products.model import ProductRef
 from solmap.tasks.images.telemetry import (
     Telemetry,
     TelemetryStop,
@@ -30,45 +28,6 @@ from solmap.tasks.network.orientations import Standing
 
 WINDOW = 3
 """Earlier stops that a sol may change: as far back as `adjust_stepwise` reaches."""
-
-
-@dataclass(slots=True)
-class SolReport:
-    """How a sol went: what was made, and one line for everything that was not."""
-
-    mission: str
-    sol: int
-    standing: Standing | None = None
-    layers: int = 0
-    notes: list[str] = field(default_factory=list)
-    failures: list[str] = field(default_factory=list)
-    published: tuple[ProductRef, ...] = ()
-    """The layers."""
-    pointed: tuple[ProductRef, ...] = ()
-    """What the catalogue points at besides: networks, reports, what matching made."""
-
-    def add_failures(self, what: str, failed: Mapping[Any, str]) -> None:
-        """Take down failures that carry a cause."""
-        self.failures += [f"{what} {key}: {cause}" for key, cause in failed.items() if cause]
-
-    def add_findings(
-        self, what: str, failed: Mapping[str, str], lacking: str, *findings: type[Exception]
-    ) -> None:
-        """Take down as notes what images do not give, anything else as failures.
-
-        Args:
-            what: The stage, for failures.
-            failed: Causes, as `settled` gives them.
-            lacking: How a note begins.
-            findings: Errors that tell of the images and not of a fault: the light was not alike,
-                the ground too far.
-        """
-        named = tuple(f"{error.__name__}: " for error in findings)
-        found = {key: cause for key, cause in failed.items() if cause.startswith(named)}
-        self.notes += [
-            f"{lacking} {key}: {cause.partition(': ')[2]}" for key, cause in found.items()
-        ]
-        self.add_failures(what, {key: cause for key, cause in failed.items() if key not in found})
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -13,7 +13,8 @@ from prefect.futures import PrefectFuture
 
 from solmap.config.pipeline import PipelineConfig
 from solmap.flows.runtime.failures import as_argument, group_by_first, group_layers, wait_for
-from solmap.flows.sol_inputs import SolInputs, SolReport
+from solmap.flows.runtime.sol_report import SolReport
+from solmap.flows.sol_inputs import SolInputs
 from solmap.photogrammetry.errors import MatchingError, TerrainError
 from solmap.photogrammetry.imagery import StopId
 from solmap.photogrammetry.terrain.relief.contours import ContourParams
@@ -34,7 +35,12 @@ from solmap.tasks.maps.orthophoto import colour_frames, render_colour, render_or
 from solmap.tasks.maps.panorama import draw_panorama, oriented_frames
 from solmap.tasks.maps.suitability import highest_camera, map_hazards, map_insolation, map_viewshed
 from solmap.tasks.maps.terrain import build_dtm, map_relief, shade_relief, trace_contours
-from solmap.tasks.network.orientations import MappedStop, OrientedPair, Standing, read_orientations
+from solmap.tasks.network.orientations import (
+    OrientedPair,
+    Standing,
+    orient_pairs,
+    read_orientations,
+)
 from solmap.tasks.network.previews import preview_terrain
 
 NO_LAYER = "picture"
@@ -53,7 +59,7 @@ def map_stops(
     )
     futures: dict[tuple[StopId, str], PrefectFuture[Any]] = {}
     for stop, pairs in matched.items():
-        oriented = oriented_pairs(pairs, mapped.get(str(stop)))
+        oriented = orient_pairs(pairs, mapped.get(str(stop)))
         if oriented:
             made = _submit_stop(stop, oriented, inputs)
             futures |= {(stop, what): future for what, future in made.items()}
@@ -88,14 +94,6 @@ def _submit_stop(
     if frames:
         futures["colour"] = render_colour.submit(terrain, frames, config.orthophoto, landing, store)
     return futures
-
-
-def oriented_pairs(
-    pairs: list[PairProducts], mapped: MappedStop | None
-) -> tuple[OrientedPair, ...]:
-    """The pairs of a stop that the network has, looking from where the stop is mapped with them."""
-    known = {o.pair_id: o for o in mapped.orientations} if mapped else {}
-    return tuple(OrientedPair(p, known[p.files.id]) for p in pairs if p.files.id in known)
 
 
 Futures = dict[str, PrefectFuture[Any]]
@@ -147,7 +145,7 @@ def model_stops(
             terrain = (ground[0], ground[1])
             futures[stop, "model"] = model_terrain.submit(*terrain, wanted.terrain, landing, store)
             futures[stop, "3D tiles"] = tile_terrain.submit(*terrain, wanted.tiles, landing, store)
-        pairs = oriented_pairs(matched[stop], poses.get(str(stop)))
+        pairs = orient_pairs(matched[stop], poses.get(str(stop)))
         if wanted.of_views:
             futures[stop, "model of what pairs see"] = model_views.submit(
                 stop, pairs, wanted.views, landing, store
@@ -232,9 +230,7 @@ def _match_wide_pairs(
     """What was matched between the pairs of linked stops, by the later stop."""
     store, params = inputs.workspace.store, inputs.config.wide.matching
     mapped = read_orientations(standing.orientations, store, [str(stop) for stop in matched])
-    oriented = {
-        stop: oriented_pairs(pairs, mapped.get(str(stop))) for stop, pairs in matched.items()
-    }
+    oriented = {stop: orient_pairs(pairs, mapped.get(str(stop))) for stop, pairs in matched.items()}
     futures: dict[tuple[StopId, str], PrefectFuture[WidePair]] = {}
     for earlier, later in _linked_stops(standing, matched, inputs):
         chosen = choose_wide_pairs(oriented[later], oriented[earlier], params.limits, store)

@@ -7,7 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from solmap.flows.runtime.failures import wait_for
-from solmap.flows.sol_inputs import SolInputs, SolReport, candidates
+from solmap.flows.runtime.sol_report import SolReport
+from solmap.flows.sol_inputs import SolInputs, candidates
 from solmap.photogrammetry.imagery import StopId
 from solmap.photogrammetry.matching.manual.requests import EditRequest
 from solmap.products.formats.documents.archives import read_right_turn

@@ -1,7 +1,7 @@
 """Stages: the tasks of a flow, and when one is tried again.
 
 A stage keeps what it makes in the store, so that Prefect need not; calling it twice is harmless.
-A transient error (`products.store.faults`) is tried again after a pause that doubles; others are not.
+Transient errors (`products.store.faults`) are retried after a pause that doubles; others are not.
 """
 
 from __future__ import annotations

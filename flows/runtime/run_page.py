@@ -27,8 +27,7 @@ from solmap.products.model import SUFFIX, ProductKind, ProductRef, Scope
 from solmap.tasks.scopes import region_scope
 
 if TYPE_CHECKING:
-    from solmap.flows.downlink import DownlinkReport
-    from solmap.flows.sol_inputs import SolReport
+    from solmap.flows.runtime.sol_report import DownlinkReport, SolReport
 
 _LAST = 60
 """Sols in a table: a mission of years has more than a page can hold."""

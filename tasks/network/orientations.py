@@ -37,6 +37,7 @@ from solmap.products.formats.documents.network import (
 from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.products.store.product_store import ProductStore
 from solmap.tasks.images.pairs import PairProducts
+from solmap.tasks.network.orientations import MappedStop, OrientedPair, Standing, read_orientations
 from solmap.tasks.scopes import is_of_mission
 from solmap.tasks.stage import stage
 
@@ -254,3 +255,9 @@ def networks_of(mission: str, workspace: Workspace) -> list[ProductRef]:
     """The networks that are published for a mission."""
     published = workspace.catalogue.pointers(ProductKind.NETWORK)
     return [ref for ref in published if is_of_mission(ref.scope, mission)]
+
+
+def orient_pairs(pairs: list[PairProducts], mapped: MappedStop | None) -> tuple[OrientedPair, ...]:
+    """The pairs of a stop that the network has, looking from where the stop is mapped with them."""
+    known = {o.pair_id: o for o in mapped.orientations} if mapped else {}
+    return tuple(OrientedPair(p, known[p.files.id]) for p in pairs if p.files.id in known)

@@ -3,7 +3,7 @@
 import pytest
 
 from solmap.flows.finished import ReusableSols
-from solmap.flows.sol_inputs import SolReport
+from solmap.flows.runtime.sol_report import SolReport
 from solmap.products.catalogue.catalogue import Catalogue
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.model import ProductKind, ProductRef, Recipe, Scope, ScopeLevel

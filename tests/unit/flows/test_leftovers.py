@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from solmap.flows.finished import withdraw_leftovers
-from solmap.flows.sol_inputs import SolReport
+from solmap.flows.runtime.sol_report import SolReport
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.model import ProductKind, ProductRef, Recipe, Scope, ScopeLevel
 from solmap.tasks.scopes import pair_scope, sol_scope

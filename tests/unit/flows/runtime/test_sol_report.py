@@ -1,6 +1,6 @@
 """How a sol's report tells findings from faults."""
 
-from solmap.flows.sol_inputs import SolReport
+from solmap.flows.runtime.sol_report import SolReport
 from solmap.photogrammetry.errors import MatchingError, TerrainError
 
 

@@ -1,0 +1,74 @@
+"""How a sol and a downlink went: what was made, and a line for everything that was not."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from solmap.products.model import ProductRef
+from solmap.tasks.network.orientations import Standing
+
+
+@dataclass(slots=True)
+class SolReport:
+    """How a sol went: what was made, and one line for everything that was not."""
+
+    mission: str
+    sol: int
+    standing: Standing | None = None
+    layers: int = 0
+    notes: list[str] = field(default_factory=list)
+    failures: list[str] = field(default_factory=list)
+    published: tuple[ProductRef, ...] = ()
+    """The layers."""
+    pointed: tuple[ProductRef, ...] = ()
+    """What the catalogue points at besides: networks, reports, what matching made."""
+
+    def add_failures(self, what: str, failed: Mapping[Any, str]) -> None:
+        """Take down failures that carry a cause."""
+        self.failures += [f"{what} {key}: {cause}" for key, cause in failed.items() if cause]
+
+    def add_findings(
+        self, what: str, failed: Mapping[str, str], lacking: str, *findings: type[Exception]
+    ) -> None:
+        """Take down as notes what images do not give, anything else as failures.
+
+        Args:
+            what: The stage, for failures.
+            failed: Causes, as `settled` gives them.
+            lacking: How a note begins.
+            findings: Errors that tell of the images and not of a fault: the light was not alike,
+                the ground too far.
+        """
+        named = tuple(f"{error.__name__}: " for error in findings)
+        found = {key: cause for key, cause in failed.items() if cause.startswith(named)}
+        self.notes += [
+            f"{lacking} {key}: {cause.partition(': ')[2]}" for key, cause in found.items()
+        ]
+        self.add_failures(what, {key: cause for key, cause in failed.items() if key not in found})
+
+
+@dataclass(slots=True)
+class DownlinkReport:
+    """How a downlink went."""
+
+    images: int = 0
+    sols: list[SolReport] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+    failures: list[str] = field(default_factory=list)
+    seams: list[str] = field(default_factory=list)
+    """How far the stops of a region disagree, line by line."""
+
+    @property
+    def succeeded(self) -> bool:
+        """Whether every sol that could be processed was."""
+        return not self.failures
+
+    def __str__(self) -> str:
+        layers = sum(sol.layers for sol in self.sols)
+        lines = [f"{self.images} images, {len(self.sols)} sols, {layers} layers of stops published"]
+        for sol in self.sols:
+            lines += [f"{sol.mission} sol {sol.sol}", *(f"  {note}" for note in sol.notes)]
+        lines += self.seams
+        return "\n".join(lines)
