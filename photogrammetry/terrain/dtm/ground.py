@@ -1,4 +1,4 @@
-"""The ground as one view sees it: which parallaxes are trusted, and where they lie.
+"""The ground that one view shows: trusted parallaxes, their points, and the mesh between them.
 
 Neighbouring pixels of the left epipolar image form a mesh. With p = f B / Z, a plane that passes h
 below the camera (measured along the image's y axis) changes by B / h pixels of parallax a line,
@@ -7,15 +7,13 @@ not: the step tells them apart. The relative standard deviation along the view i
 
     sigma_Z / Z = sigma_p / p
 
-which is how far a view is believed. Coordinates are (east, north, up) in metres from the camera, in
+which limits the range of a view. Coordinates are (east, north, up) in metres from the camera, in
 single precision: a hundredth of a millimetre at a hundred metres.
 
-The mesh between neighbouring pixels of one surface.
-
-Four neighbouring pixels make a quad. The quad is ground that was really seen when none of its sides
-steps by more parallax than continuous ground does (see `ground`) nor is longer than a set gap.
-Farther away the quads grow larger than the cells of the map, and samples inside them, bilinear
-between the corners, tell which cells they cover and at what height.
+Four neighbouring pixels make a quad. A quad is measured ground when none of its sides steps by more
+parallax than continuous ground does nor is longer than a set gap. Farther away the quads grow
+larger than the cells of the map; samples inside them, bilinear between the corners, give the cells
+that they cover and their heights.
 """
 
 from __future__ import annotations
@@ -41,6 +39,10 @@ SUBPIXEL = 16
 
 MIN_REGION_PX = 100
 """Smallest connected patch of parallax: two matching windows of 7 x 7 side by side."""
+Samples3 = Float32[np.ndarray, "3 n"]
+"""East, north and up of samples of the surface, metres from the camera."""
+SAMPLES_AT_ONCE = 2_000_000
+"""Mesh samples held at one time: some tens of megabytes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,12 +127,6 @@ def ground_points(view: TerrainView, parallax: ParallaxMap, params: SightParams)
         np.multiply(ray, depth, out=planes[axis])
     planes[:, np.hypot(planes[0], planes[1]) > params.radius_m] = np.nan
     return planes
-
-
-Samples3 = Float32[np.ndarray, "3 n"]
-"""East, north and up of samples of the surface, metres from the camera."""
-SAMPLES_AT_ONCE = 2_000_000
-"""Mesh samples held at one time: some tens of megabytes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -16,16 +16,13 @@ one another, and are taken as if they were:
 where c >= 1 is what the stops' disagreement is over what they state. The disagreement itself is a
 layer of its own. Ground that no stop has mapped is OCCLUDED where some stop found it hidden.
 
-Which stops make a region together: those whose ground meets, as far as a map can be looked at.
+Stops are grouped to regions in the order of the traverse. A stop joins the region before it when
+its ground overlaps that of one of the region's stops and the region does not grow beyond the
+largest side; else a new region begins. So a longer traverse changes the last region at most.
 
-The stops are taken in the order of the traverse. A stop joins the region before it when its ground
-meets that of one of the region's stops and the region does not grow beyond the largest side; else a
-new region begins. So a longer traverse changes the last region at most.
-
-How far any two stops disagree over the ground that both have mapped: counted, not kept.
-
-Differences of all cells of a large region would fill the memory, so they are counted in classes
-whose limits grow by two percent; a median or percentile read from these counts is good to one.
+The differences of any two stops over the ground that both have mapped are counted in classes whose
+limits grow by two percent, for those of all cells of a large region would fill the memory; a median
+or percentile read from these counts is accurate to one percent.
 """
 
 from __future__ import annotations
@@ -53,6 +50,10 @@ TINY_M2 = 1e-8
 
 Stack = Float32[np.ndarray, "stops rows cols"]
 Places = Float32[np.ndarray, "stops 2"]
+Bounds = tuple[float, float, float, float]
+"""(west, south, east, north), metres."""
+LEAST, GROWTH, CLASSES = 1e-4, 1.02, 800
+"""From a tenth of a millimetre to beyond a hundred metres; the same numbers serve sigmas."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,10 +183,6 @@ def _seams(height: Stack, variance: Stack) -> tuple[Raster, Raster]:
     return metres, sigmas
 
 
-Bounds = tuple[float, float, float, float]
-"""(west, south, east, north), metres."""
-
-
 def regions_of(stops: Sequence[Bounds], largest_m: float) -> list[list[int]]:
     """The regions of a traverse, each as the numbers of its stops."""
     regions: list[list[int]] = []
@@ -206,10 +203,6 @@ def _meet(one: Bounds, other: Bounds) -> bool:
 def _side_m(stops: Sequence[Bounds]) -> float:
     west, south, east, north = zip(*stops, strict=True)
     return max(max(east) - min(west), max(north) - min(south))
-
-
-LEAST, GROWTH, CLASSES = 1e-4, 1.02, 800
-"""From a tenth of a millimetre to beyond a hundred metres; the same numbers serve sigmas."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,12 +1,12 @@
-"""Terrain models on coarser cells: for questions that a rover's size asks, not a pebble's.
+"""Terrain models on coarser or finer cells, and their elevations at single places.
 
-The elevation of a coarse cell is the mean of the cells in it that have one. The grid of the result
-is one of whole blocks again, so that its map tiles are read and never resampled.
+The elevation of a coarse cell is the mean of the cells in it that have one; it serves analyses at
+the scale of a rover. The grid of the result consists of whole blocks again, so that its map tiles
+are read and never resampled.
 
-Terrain models read at single places, and the finest of several models at each.
-
-Elevation between cell centres is bilinear over the cells that are known, where these carry more
-than half of the weight: a gap stays a gap. Standard deviations are averaged with the same weights,
+Elevation at a place is bilinear between cell centres over the cells that are known, where these
+carry more than half of the weight: a gap stays a gap. Where several models cover a place, the one
+with the finest cells is read. Standard deviations are averaged with the same weights,
 as if neighbouring cells shared their errors, which is never too good.
 """
 
@@ -27,6 +27,12 @@ CoarseRaster = Float32[np.ndarray, "coarse_rows coarse_cols"]
 """Values of larger cells."""
 LEAST_SHARE = 0.25
 """Share of a coarse cell's area that must have been seen. A quarter: of 4 x 4 cells, one row."""
+MapPoints = Float64[np.ndarray, "n 2"]
+"""(east, north) in metres of the local map."""
+LEAST_KNOWN = 0.5
+"""Weight of known cells below which a place counts as not measured."""
+NOWHERE = -1
+"""Source of a place that no model knows."""
 
 
 def coarse_grid(grid: MapGrid, cell_m: float) -> MapGrid:
@@ -103,14 +109,6 @@ def _means(values: Raster, factor: int) -> CoarseRaster:
     )
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.where(share >= LEAST_SHARE, total / share + level, np.float32(np.nan))
-
-
-MapPoints = Float64[np.ndarray, "n 2"]
-"""(east, north) in metres of the local map."""
-LEAST_KNOWN = 0.5
-"""Weight of known cells below which a place counts as not measured."""
-NOWHERE = -1
-"""Source of a place that no model knows."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -27,17 +27,11 @@ passes closer below the camera than they lie below it, so with h = -(P_up - g.P_
 
 of that uncertainty (uniform over the window) is added. It is 0 on level and on rising ground.
 
-To this comes what the poses leave open, and views are averaged (`fusion`).
+`fusion` adds the variance of the poses and averages the views.
 
-Parameters of far ground's own map: what two stops see as one instrument (`wide_stereo`).
-
-At 200 m a Navcam pixel covers 0.16 m across the line of sight and, from a mast, twenty metres along
-it, so cells are larger, gaps wider and lines smoother than in the map of a stop.
-
-TIN: gaps between measured cells filled by triangles, as in the paper (section 5).
-
-The measured cells of a terrain model, each the weighted mean of its points, are triangulated on
-the map (Delaunay). A cell without points takes the plane of its triangle if none of the triangle's
+With `Gridding.TIN` gaps between measured cells are filled by triangles, as in the paper (section
+5). The measured cells, each the weighted mean of its points, are triangulated on the map
+(Delaunay). A cell without points takes the plane of its triangle if none of the triangle's
 sides is longer than the widest gap that may be bridged and if nothing hides it (`occlusion`). With
 the barycentric coordinates l of the cell the variance is
 
@@ -45,6 +39,10 @@ the barycentric coordinates l of the cell the variance is
 
 where L is the triangle's longest side and r the roughness of ground: in the middle of a side L q is
 L/4, as in the mesh between two lines of an image.
+
+Far ground, which two stops measure as one stereo instrument, has parameters of its own: at 200 m a
+Navcam pixel covers 0.16 m across the line of sight and, from a mast, twenty metres along it, so
+cells are larger and gaps wider than in the map of a stop.
 """
 
 from __future__ import annotations
@@ -75,6 +73,9 @@ from solmap.photogrammetry.terrain.dtm.records import Dtm, GroundClass, TerrainV
 
 STEEPEST = 1.0
 """Gradient above which a cell's own slope is not believed: beyond 45 degrees, a rock's side."""
+LEAST_NODES = 4
+"""A triangulation of fewer points is none."""
+Weights3 = Float64[np.ndarray, "n 3"]
 
 
 class Gridding(StrEnum):
@@ -177,12 +178,6 @@ class FarDtmParams(DtmParams):
     camera by s a metre is 1.5 m for s = 0.1 at 200 m, and 8 m for s = 0.013."""
     slope_baseline_m: float = 8.0
     """Some cells, as in the model of a stop."""
-
-
-LEAST_NODES = 4
-"""A triangulation of fewer points is none."""
-
-Weights3 = Float64[np.ndarray, "n 3"]
 
 
 def fill_by_triangles(dtm: Dtm, gap_m: float, roughness: float) -> Dtm:

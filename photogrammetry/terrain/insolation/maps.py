@@ -1,9 +1,9 @@
-"""Insolation: the sun's energy that the ground receives in one sol of a season.
+"""Maps of insolation, the sun's energy that the ground receives in a sol, and winter havens.
 
     H = integral over the sol of  lit(t) G_b(t) max(0, n.s(t))  +  V G_d(t)
 
 n is the normal of the ground over the baseline, s the direction to the sun, and lit whether the sun
-stands above the cell's horizon (`terrain.horizon`). V is the part of the sky that the cell sees,
+stands above the cell's horizon (`horizon`). V is the part of the sky that the cell sees,
 weighted by incidence, for a sky of equal brightness: with h the horizon's elevation, S the slope
 and A the aspect (Dozier and Frew 1990, IEEE Trans. Geosci. Remote Sensing 28),
 
@@ -17,13 +17,12 @@ With the sun at local noon in the north at the elevation SA, n.s = u cos SA - w 
 what VICAR's `marsslope` calls solar energy. Noon alone would make steep ground look better than it
 is: a slope to the north loses the morning and the evening.
 
-Winter havens: ground on which a rover receives enough of the winter sun.
-
-In winter a rover with solar panels has to stand on ground that leans to the sun; maps of slopes
-that face north were made from terrain models to find it (Di et al. 2008, section 6). Here a cell
-qualifies by the light it receives in the season, shadows of the horizon included, as a multiple of
-what level ground would; a tilt may be asked for as well. Of the qualifying ground only what a disc
-as wide as the rover can lie on is kept, and of that, areas large enough to stand on.
+Winter havens are ground on which a rover receives enough of the winter sun: with solar panels it
+has to stand on ground that leans to the sun, which was found on maps of north-facing slopes (Di et
+al. 2008, section 6). Here a cell qualifies by the light it receives in the season, shadows of the
+horizon included, as a multiple of what level ground would; a tilt may be asked for as well. Of the
+qualifying ground only what a disc as wide as the rover can lie on is kept, and of that, areas large
+enough to stand on.
 """
 
 from __future__ import annotations
@@ -66,6 +65,8 @@ from solmap.photogrammetry.terrain.relief.slope import (
 
 STEP_HOURS = 0.25
 """Longest step between suns, Mars hours: the sun moves by less than four degrees."""
+Ring = Float64[np.ndarray, "_ 2"]
+"""(east, north), metres; the first and last are equal."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -202,10 +203,6 @@ def _placed(
     whole = np.full(shape, np.nan, np.float32)
     whole[window] = part
     return whole
-
-
-Ring = Float64[np.ndarray, "_ 2"]
-"""(east, north), metres; the first and last are equal."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,1 +1,6 @@
-"""TODO: what this package holds."""
+"""Measurements with their standard deviations: points, lines, areas, planes.
+
+Terrain models, images with covariances of their poses, and places that a person picked enter;
+points with covariances, lengths, volumes, strike and dip leave. Of terrain `dtm` and `visibility`
+may be imported.
+"""

@@ -1,11 +1,11 @@
-"""Volumes between the ground and a base.
+"""Areas of polygons, and volumes between the ground and a base plane.
 
 With the ground h and the base b at the cells of area a inside a polygon,
 
     V+ = a sum max(h - b, 0)        V- = a sum max(b - h, 0)        V = V+ - V-
 
 Cells that were not measured count with the mean of the others, and the share of measured ones is
-told. The variance of V comes from three parts,
+stated. The variance of V comes from three parts,
 
     (A s_p)^2                 the part of the elevations that the poses shift together,
     A a_c mean(s_o^2)         their own errors, which places within an area a_c share,
@@ -34,6 +34,10 @@ LEAST_RIM = 6
 """Places of the rim that a base is fitted to: twice its unknowns."""
 LEAST_SHARE = 0.5
 """Part of the polygon that must have been measured."""
+Elevations = Callable[[MapPoints], PerPoint]
+"""Elevation at (east, north); NaN where the ground is not known."""
+MOST_PLACES = 250_000
+"""Places inside a polygon at which the ground is read."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -124,14 +128,6 @@ def volume(places: MapPoints, ground: GroundSamples, base: BasePlane, area_m2: f
         float(h.max()),
         float(h.min()),
     )
-
-
-Elevations = Callable[[MapPoints], PerPoint]
-"""Elevation at (east, north); NaN where the ground is not known."""
-
-
-MOST_PLACES = 250_000
-"""Places inside a polygon at which the ground is read."""
 
 
 def polygon_of(corners: MapPoints) -> shapely.Polygon:

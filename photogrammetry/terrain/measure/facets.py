@@ -1,4 +1,6 @@
-"""Planar regions of a parallax map, grown from its flattest places.
+"""Planar facets of rocks and outcrops: where they are, how large, and their strike and dip.
+
+Facets are planar regions of a parallax map, grown from its flattest places.
 
 In an epipolar image every plane n.P = d is linear in parallax (x, y from the principal point),
 
@@ -11,12 +13,10 @@ parallax is on its plane and whose own plane faces the same way, as far as can b
 angle, or within what noise does to the parallax over the window. Its plane is fitted to them anew,
 and so on until it grows no more. What bends by more than averages out of noise is no plane.
 
-Planar facets of rocks and outcrops: where they are, how large, and their strike and dip.
-
-The planar regions of a pair's parallax (`planar_regions`) become points in metres, each with the
-covariance of its own match; neighbours that share their error count together as one. Through
-them goes the likeliest plane (`plane_fit`). What the pair's pointing and the stop's tilt are unsure
-of turns all facets of a pair together and is part of every facet's covariance.
+A region's samples become points in metres, each with the covariance of its own match; neighbours
+that share their error count together as one. The likeliest plane is fitted to them
+(`planes.fit_plane`). Errors of the pair's pointing and the stop's tilt turn all facets of a pair
+together and are part of every facet's covariance.
 """
 
 from __future__ import annotations

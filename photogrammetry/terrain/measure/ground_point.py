@@ -1,6 +1,6 @@
-"""The ground at a point of an image, and how sure its place is.
+"""The ground at a point of an image, with its covariance.
 
-Where the pixel was matched, the place is that of its parallax in the pair. Elsewhere the ray
+Where the pixel was matched, the place follows from its parallax in the pair. Elsewhere the ray
 
     X = C + t r
 
@@ -13,7 +13,7 @@ Either way the place is given with the covariance against the stop that it was m
 pair's own, or the one whose terrain model was met. What that stop does not know of itself is added
 where the place is wanted against the held stop (see `oriented_image`).
 
-A matched pair asked about single pixels of its images as stored, and about single places.
+Parallax maps are read at pixels of the images as stored, and at the images of single places.
 """
 
 from __future__ import annotations
@@ -56,6 +56,12 @@ HALVINGS = 20
 
 Elevations = Callable[[MapPoints], PerPoint]
 """Elevation at (east, north); NaN where the ground is not known."""
+LEAST_TOLERANCE_PX = 0.5
+"""By which a parallax may differ from the expected one before it is of other ground: twice the
+standard deviation of a dense parallax (`SightParams.sigma_parallax_px`)."""
+SIGMAS = 3.0
+WITHIN_PX = 1.0
+"""How far the right end of a match may lie from the pixel that it is looked for at."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -189,14 +195,6 @@ def ground_normal(
     _, to_east, to_north = least_squares_plane(east[known], north[known], heights[known])
     normal = np.array([-to_north, -to_east, -1.0])
     return normal / np.linalg.norm(normal)
-
-
-LEAST_TOLERANCE_PX = 0.5
-"""By which a parallax may differ from the expected one before it is of other ground: twice the
-standard deviation of a dense parallax (`SightParams.sigma_parallax_px`)."""
-SIGMAS = 3.0
-WITHIN_PX = 1.0
-"""How far the right end of a match may lie from the pixel that it is looked for at."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""Profiles: the ground along a line on the map.
+"""Profiles, lengths and directions of lines on the map.
 
 Stations lie at equal distances along every leg of the line, its corners among them. The slope at a
 station is that of the straight line that fits the elevations best within half a baseline before and
@@ -14,13 +14,9 @@ apart: neighbouring cells of a terrain model come from the same windows of match
 
 with sigma_h the standard deviation of a single elevation without its shared part.
 
-Lengths, areas and directions on the map and on the ground.
-
 Lengths on the ground are of straight steps of one baseline: with shorter steps the noise of a
 terrain model would make every line longer. Over ground that was not measured a step has its length
-on the map. The area of a polygon on the map is that of the shoelace formula about its own middle,
-
-    A = 1/2 |sum e_i n_(i+1) - e_(i+1) n_i|.
+on the map.
 """
 
 from __future__ import annotations

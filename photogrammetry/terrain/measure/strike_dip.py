@@ -1,18 +1,16 @@
-"""Strike and dip of a plane, and how sure they are.
+"""Strike and dip of a plane with their standard deviations, and the plane inside an outline.
 
 With the normal pointing up, n = (sin D sin A, sin D cos A, cos D) in (east, north, up): D is the
 dip, A the azimuth of the dip, and the strike is A - 90 degrees (right-hand rule: looking along
 it, the plane falls to the right). An error of the normal along the horizontal turns the strike
-by 1 / sin D of it, so the strike of a level plane is nobody's to say.
+by 1 / sin D of it, so a level plane has no strike.
 
-The plane of the ground inside an outline on a terrain model, for its strike and dip.
-
-Every measured cell inside is a point: known up and down by its standard deviation, and sideways to
-a cell's width evenly spread, cell^2 / 12. The part of the standard deviation that comes from the
-poses lifts and tilts all cells together and is no scatter between them, so it is taken off. A cell
-shares its matches with its neighbours: where c^2 pixels share their error and the terrain model
-has taken its k points, w^2 at most, for one match, the variance counts c^2 / k times, as if the
-cell were one of so many.
+To the ground inside an outline on a terrain model a plane is fitted. Every measured cell inside is
+a point with the variance of its elevation, and sideways that of an even spread over the cell,
+cell^2 / 12. The part of the variance that comes from the poses lifts and tilts all cells together
+and is no scatter between them, so it is subtracted. A cell shares its matches with its neighbours:
+where c^2 pixels share their error and the terrain model has taken its k points, w^2 at most, for
+one match, the variance counts c^2 / k times, as if the cell were one of so many.
 """
 
 from __future__ import annotations
@@ -29,6 +27,10 @@ from solmap.photogrammetry.terrain.dtm.records import Dtm, GroundClass
 
 LEVEL = 3.0
 """Standard deviations within which a level plane leaves the strike undefined."""
+WINDOW_PX = 9.0
+"""Pixels this close share it according to the terrain model's standard deviation."""
+Corners = Float64[np.ndarray, "n 2"]
+"""(east, north) of an outline's corners in order, metres of the local map."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,12 +75,6 @@ def attitude(plane: PlaneFit) -> Attitude:
         sigma_strike=sigma_along / float(np.sin(dip)),
         sigma_dip=sigma_dip,
     )
-
-
-WINDOW_PX = 9.0
-"""Pixels this close share it according to the terrain model's standard deviation."""
-Corners = Float64[np.ndarray, "n 2"]
-"""(east, north) of an outline's corners in order, metres of the local map."""
 
 
 @dataclass(frozen=True, slots=True)

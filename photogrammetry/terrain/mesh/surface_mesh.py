@@ -1,21 +1,19 @@
-"""Models of the ground in three dimensions: triangles between measured points, and what they wear.
+"""Textured triangle meshes of a terrain model, whole and as a quadtree of tiles.
 
 Of a terrain model the vertices are the middles of seen cells and the triangles as few as a vertical
 tolerance allows (`right_triangles`); its texture is the orthophoto. A terrain model has one height
-a cell. What one stereo pair sees has overhangs and faces too steep for that: `view_model`.
+a cell; what one stereo pair sees has overhangs and faces too steep for that (`view_mesh`).
 
-Points are (east, north, up) in metres of the local map, in double precision; who writes them into
-a file takes them relative to an origin near by, because there a coordinate has seven digits.
+Points are (east, north, up) in metres of the local map, in double precision. Files of meshes keep
+them relative to an origin near by, because there a coordinate has seven digits.
 
-A terrain model as a quadtree of tiles, every level half as fine as the one below.
-
-A tile of level L is one root square of the triangulation of every 2^L-th point, drawn with 2^L
-times the tolerance, so that all tiles have about as many triangles. At coarser levels the edge of
-what was seen moves by up to half a square, as is fair where a square is seen as a few pixels; at
-the finest, holes are exactly holes. Neighbours of one level meet exactly. Where a viewer shows two
-levels side by side, their borders part by about the coarser tolerance: a skirt as deep as that
-hangs from every tile's border, below the ground and only where ground reaches it, and closes the
-gap.
+Every level of the quadtree is half as fine as the one below. A tile of level L is one root square
+of the triangulation of every 2^L-th point, drawn with 2^L times the tolerance, so that all tiles
+have about as many triangles. At coarser levels the edge of what was seen moves by up to half a
+square, as is fair where a square is seen as a few pixels; at the finest, holes are exactly holes.
+Neighbours of one level meet exactly. Where a viewer shows two levels side by side, their borders
+part by about the coarser tolerance: a skirt as deep as that hangs from every tile's border, below
+the ground and only where ground reaches it, and closes the gap.
 """
 
 from __future__ import annotations

@@ -1,1 +1,6 @@
-"""TODO: what this package holds."""
+"""Images of the ground drawn from the views of a stop: orthophotos and panoramas.
+
+Views, images and a terrain model enter; brightness leaves block by block, with the source of every
+cell. `view_sampling` projects cells into images and `brightness` balances the views, for both.
+Only `dtm` may be imported of terrain.
+"""

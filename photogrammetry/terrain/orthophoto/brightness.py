@@ -1,4 +1,4 @@
-"""Brightness balance: one gain and offset a view, so that views agree where they overlap.
+"""Brightness of views: one gain and offset for each, so that they agree where they overlap.
 
 For every two views a, b that share enough ground, the means m and spreads s of their brightness
 there should agree after balancing, and all gains stay near one:
@@ -7,9 +7,9 @@ there should agree after balancing, and all gains stay near one:
 
 each with its own weight, solved by least squares (after Brown & Lowe 2007, section 6, who balance
 gains only). The means are medians and the spreads are from the middle half of the values, so that
-the odd shadow or rock that one view shows and the other does not has no say.
+a shadow or rock that one view shows and the other does not has no influence.
 
-Brightness of all views at a sample of seen cells: what balance and stretch are found from.
+Gains and the brightness to show as black and white are found from a sample of seen cells.
 """
 
 from __future__ import annotations
@@ -40,6 +40,11 @@ SIGMA_OFFSET = 0.1
 
 Balance = Float64[np.ndarray, "views 2"]
 """Gain and offset of every view."""
+SIDE = 200
+"""Root of the number of cells at which the brightness of views is compared."""
+SMOOTH = np.float32(2.0)
+"""Pyramid level at which views are compared: four pixels a side, so that noise and a small
+misregistration have no say."""
 
 
 def balance(brightness: Float32[np.ndarray, "views n"]) -> Balance:
@@ -71,13 +76,6 @@ def _middle(values: Float32[np.ndarray, " n"]) -> tuple[float, float]:
     """Median and half the distance between the quartiles."""
     low, middle, high = np.percentile(values, (25, 50, 75))
     return float(middle), float(high - low) / 2
-
-
-SIDE = 200
-"""Root of the number of cells at which the brightness of views is compared."""
-SMOOTH = np.float32(2.0)
-"""Pyramid level at which views are compared: four pixels a side, so that noise and a small
-misregistration have no say."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,12 +1,11 @@
-"""A patch of a terrain model as images are laid over it: its ground, its normals, what was seen.
+"""Views projected onto patches of a terrain model and blended.
 
-Patches reach one cell beyond their block, so that what is interpolated goes on from one
-block to the next. Coordinates are counted from the patch's own origin: single precision then
-resolves a hundredth of a millimetre wherever on the map it lies.
+A patch holds the ground of one block of cells, its normals, and which cells were seen. It reaches
+one cell beyond its block, so that interpolation is continuous from one block to the next.
+Coordinates are counted from the patch's own origin: single precision then resolves a hundredth of a
+millimetre wherever on the map it lies.
 
-Views laid over a patch of terrain and blended.
-
-Every view has a share w of a cell, by its worth (see `looks`) against that of the best view there,
+Every view has a share w of a cell, by its worth (`view_sampling`) against that of the best view,
 
     w ~ (worth / greatest worth)^k,     sum of all w = 1,
 
@@ -41,6 +40,14 @@ SHARPNESS = 8.0
 """Exponent k: a view worth a quarter less than the best counts for a tenth."""
 CARRIED = 2
 """Cells that elevations are carried on beyond what was seen."""
+NO_SOURCE = np.iinfo(np.uint16).max
+"""Source index of cells that no view shows."""
+LEAST_SHARE = np.float32(1 / 64)
+"""A view that counts for less is left out: with 8 bits a pixel, it moves no grey value by two."""
+FineBlock = Float32[np.ndarray, "bands fine_rows fine_cols"]
+"""Brightness of a block in cells of the orthophoto, band by band."""
+Sources = UInt16[np.ndarray, "block_rows block_cols"]
+"""Index of the view that counts most; `NO_SOURCE` where there is none."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -121,17 +128,6 @@ def _normals(elevation: Raster, cell_m: float, half: int) -> Float32[np.ndarray,
     east, north = filled_gradients(elevation, cell_m, half)
     upright = 1 / np.sqrt(1 + east * east + north * north)
     return np.stack([-east * upright, -north * upright, upright])
-
-
-NO_SOURCE = np.iinfo(np.uint16).max
-"""Source index of cells that no view shows."""
-LEAST_SHARE = np.float32(1 / 64)
-"""A view that counts for less is left out: with 8 bits a pixel, it moves no grey value by two."""
-
-FineBlock = Float32[np.ndarray, "bands fine_rows fine_cols"]
-"""Brightness of a block in cells of the orthophoto, band by band."""
-Sources = UInt16[np.ndarray, "block_rows block_cols"]
-"""Index of the view that counts most; `NO_SOURCE` where there is none."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

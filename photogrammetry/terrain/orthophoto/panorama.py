@@ -1,21 +1,18 @@
-"""An image of a panorama: looked up by the direction of what it shows.
-
-Its camera is carried into the LSL with its adjusted orientation. Image coordinates are found at
-nodes, every `NODE` pixels of the panorama, and interpolated between them.
-
-The panorama: what a stop's images show all around, levelled, in azimuth and elevation.
+"""The panorama: what a stop's images show all around, levelled, in azimuth and elevation.
 
 The images of a mast are not taken from one place: its head swings a camera around by some
 decimetres. Every direction from the panorama's centre, the mean of the projection centres, is
-therefore carried to the ground that is seen there (see `ground_ranges`) and from it into the images
-by their camera models and adjusted orientations; the sky is far away. Where several images show
-it, each counts with
+therefore projected to the ground that is seen there (`ground_ranges`) and from it into the images
+by their camera models and adjusted orientations; the sky is far away. Image coordinates are found
+at nodes, every `NODE` pixels of the panorama, and interpolated between them. Where several images
+show it, each counts with
 
     w = (fade d^2)^k,     d = finest pixel / own pixel,
 
-by its distance to the border of the image (`looks.fade_of`) and its resolution, so that all but one
-die off within some ten pixels: no seam, no ghost. Brightness is balanced as the orthophoto's
-(`balance`). Every image is looked up at the level of its pyramid that is as coarse as the panorama.
+by its distance to the border of the image (`view_sampling.border_fade`) and its resolution, so that
+all but one die off within some ten pixels: no seam, no ghost. Brightness is balanced as the
+orthophoto's (`brightness.balance`). Every image is sampled at the level of its pyramid that is as
+coarse as the panorama.
 """
 
 from __future__ import annotations
@@ -59,6 +56,11 @@ from solmap.photogrammetry.terrain.orthophoto.view_sampling import (
 BEYOND = 1.02
 """How far off its axis a camera is asked, over the corner of its image: models fold back beyond."""
 NOWHERE_PX = -1e6
+MOST_PIXELS = 1 << 26
+"""Pixels are made wider where there would be more: 64 million are twice a full circle from pole to
+pole with Navcam's pixels."""
+SAMPLES = 1 << 16
+"""Directions in which brightness is compared, at most: of a full circle, every sixteenth pixel."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -155,13 +157,6 @@ def interpolate_nodes(
     return cv2.warpAffine(sample, turn, size, flags=flags), cv2.warpAffine(
         line, turn, size, flags=flags
     )
-
-
-MOST_PIXELS = 1 << 26
-"""Pixels are made wider where there would be more: 64 million are twice a full circle from pole to
-pole with Navcam's pixels."""
-SAMPLES = 1 << 16
-"""Directions in which brightness is compared, at most: of a full circle, every sixteenth pixel."""
 
 
 @dataclass(frozen=True, slots=True)

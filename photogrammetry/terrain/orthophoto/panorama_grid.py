@@ -1,21 +1,20 @@
-"""Panoramas' pixels: azimuth clockwise from north across, elevation above the horizon down.
+"""Pixels of panoramas, and how far the ground is in the direction of each.
 
-Both are linear in pixels (the "cylindrical" projection of rover panoramas), so a pixel is as many
+Azimuth, clockwise from north, runs across and elevation above the horizon down. Both are linear in
+pixels (the "cylindrical" projection of rover panoramas), so a pixel is as many
 degrees wide as high, and levelled: the horizontal plane is that of the LSL. The direction at
 azimuth a and elevation e is
 
     (north, east, down) = (cos e cos a, cos e sin a, -sin e).
-
-How far the ground is in every direction from one place: what a panorama is drawn on.
 
 Along each azimuth the terrain is read at distances r that grow by a hundredth. The ground that is
 seen at elevation angle e is the first that reaches it,
 
     r(e) = min { r : max over r' <= r of atan((z(r') - z_0) / r') >= e }.
 
-Where the terrain model has gaps, its height over the plane that the rover stands on is carried
-across them; before its first and beyond its last known cell it goes on as it is there, level from
-`LEVEL_M` on. What nothing reaches is the sky, as far away as makes no parallax.
+Across gaps of the terrain model its height over the plane that the rover stands on is interpolated;
+before its first and beyond its last known cell that height stays constant, over a plane that is
+level from `LEVEL_M` on. What nothing reaches is the sky, too far away for any parallax.
 """
 
 from __future__ import annotations
@@ -41,6 +40,11 @@ LEAST_GAP_DEG = 5.0
 
 Span = tuple[float, float]
 """From and to, degrees."""
+NEAREST_M, FARTHEST_M = 0.3, 300.0
+GROWTH = 1.01
+LEVEL_M = 20.0
+"""Beyond that from the rover its own tilt says nothing of the ground."""
+SKY_M = 10_000.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,13 +146,6 @@ def _span_of(spans: list[Span]) -> Span:
     return (start - CIRCLE if start > CIRCLE / 2 else start), (
         start - CIRCLE if start > CIRCLE / 2 else start
     ) + CIRCLE - widest
-
-
-NEAREST_M, FARTHEST_M = 0.3, 300.0
-GROWTH = 1.01
-LEVEL_M = 20.0
-"""Beyond that from the rover its own tilt says nothing of the ground."""
-SKY_M = 10_000.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,13 +1,12 @@
 """The orthophoto: the ground from straight above, each cell from its best view.
 
-Every cell is carried onto the terrain model (bilinear) and from there into the images. The worth of
-a view (see `looks`) decides which one speaks, and views change over without a seam (see `mosaic`).
-Brightness is balanced first (see `balance`). What no view shows stays NaN.
+Every cell is projected onto the terrain model (bilinear) and from there into the images. The worth
+of a view (`view_sampling`) decides which one counts, and views change over without a seam
+(`mosaic`). Brightness is balanced first (`brightness`). What no view shows stays NaN.
 
-The map is made and handed on block by block, so that its size takes no memory. Which image the
-ground came from is known at the cells of the terrain model.
-
-Which part of a terrain model views may show.
+The map covers the part of the terrain model that a view may show. It is rendered block by block, so
+that memory does not grow with its size. Which image the ground came from is recorded at the cells
+of the terrain model.
 """
 
 from __future__ import annotations

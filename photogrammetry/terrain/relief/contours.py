@@ -1,11 +1,4 @@
-"""Lines with fewer points, none of which crosses or touches another.
-
-Every line is simplified on its own (Douglas and Peucker 1973: no point of it moves away by more
-than the tolerance). Lines that then meet each other or themselves are simplified again with half
-the tolerance, and again, and are left as they were in the end; so if the lines given do not meet,
-those returned do not either.
-
-Contours of a terrain model.
+"""Contours of a terrain model.
 
 A contour of the raw model would run around every pebble and every noisy cell. Elevations are first
 averaged with a Gaussian of the size below which relief is not to be drawn, cells without elevation
@@ -15,8 +8,12 @@ having no weight (normalised convolution),
 
 and h' counts where at least half of the Gaussian's weight fell on known cells: lines stop at unseen
 ground and run on across a missing cell or two. Lines are marching squares on h', whose nodes are
-kept off the contours' own elevations, so that no two lines touch; they are then simplified as far
-as they do not meet (`terrain.simplification`).
+kept off the contours' own elevations, so that no two lines touch.
+
+Every line is then simplified on its own (Douglas and Peucker 1973: no point of it moves away by
+more than the tolerance). Lines that then meet each other or themselves are simplified again with
+half the tolerance, and again, and in the end are left as they were; so if the lines given do not
+meet, those returned do not either.
 """
 
 from __future__ import annotations
@@ -39,6 +36,12 @@ Line = Float64[np.ndarray, "_ 2"]
 """(east, north), metres; the first and last are equal where the line is closed."""
 HALVINGS = 4
 """How often the tolerance of a line that meets another is halved before the line is left alone."""
+STEPS = (1.0, 2.0, 2.5, 5.0)
+"""Intervals are one of these times a power of ten."""
+LEAST_OFF = 1e-3
+"""Least distance of a node's elevation from a contour's, in intervals."""
+NODES_PER_SIGMA = 2.0
+"""Lattice nodes along one standard deviation of the Gaussian: finer ones show nothing new."""
 
 
 def simplify_lines(lines: Sequence[Line], tolerance_m: float) -> list[Line]:
@@ -69,14 +72,6 @@ def _meeting(lines: np.ndarray) -> np.ndarray:
     """Indices of the lines that meet another one or themselves."""
     one, other = shapely.STRtree(lines).query(lines, predicate="intersects")
     return np.union1d(one[one != other], np.flatnonzero(~shapely.is_simple(lines)))
-
-
-STEPS = (1.0, 2.0, 2.5, 5.0)
-"""Intervals are one of these times a power of ten."""
-LEAST_OFF = 1e-3
-"""Least distance of a node's elevation from a contour's, in intervals."""
-NODES_PER_SIGMA = 2.0
-"""Lattice nodes along one standard deviation of the Gaussian: finer ones show nothing new."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,21 +1,19 @@
-"""Slope, aspect, northerly tilt and hillshade of a terrain model.
+"""Slope, aspect, northerly tilt, roughness and hillshade of a terrain model.
 
-They follow from the planes fitted around every cell over a baseline (`terrain.planes`). With the
-gradient (g_e, g_n) the normal in the LSL (north u, east v, down w; pointing up, so w < 0) is
-unit(-g_n, -g_e, -1), and as in VICAR's `marsslope`
+They follow from the planes fitted around every cell over a baseline (`planes.fit_window_planes`).
+With the gradient (g_e, g_n) the normal in the LSL (north u, east v, down w; pointing up, so w < 0)
+is unit(-g_n, -g_e, -1), and as in VICAR's `marsslope`
 
     slope = 90 deg + atan(w / sqrt(u^2 + v^2)),   aspect = atan2(v, u),   northerly tilt = asin(u)
 
 The aspect is the azimuth in which the ground falls, clockwise from north. Hillshade is the cosine
 of the sun's incidence, as for a Lambert surface, with no cast shadow.
 
-Relief of a terrain model over a baseline: normals, how certain slope is, and roughness.
-
-All follow from the planes fitted around every cell (`terrain.planes`). Slope is uncertain by
+The standard deviation of slope is
 
     sigma^2 = d' (k v C^-1) d / (1 + g^2)^2        d = g / |g|, the direction of the slope
 
-which on level ground is the deviation of its gradient; v is the variance of the cells without what
+which on level ground is that of the gradient; v is the variance of the cells without what
 their poses share, and k the number of cells below one matching window. Roughness is the standard
 deviation of the elevations from the plane: a terrain model's own noise is in it. VICAR's
 `marsrough` gives the largest deviation in a ring of 4 cm instead, for an arm's tool.
@@ -50,6 +48,10 @@ HILLSHADE_BASELINE_CELLS = 3
 """Side of the window in cells: the smallest that fits a plane, so that edges stay crisp."""
 Normals = Float32[np.ndarray, "3 rows cols"]
 """Unit normals (north, east, down) in the LSL, pointing up; NaN where none could be fitted."""
+STRIP = 512
+"""Rows that are worked on together: 70 MB of a stop's width."""
+LEAST_STEEPNESS = 1e-6
+"""Gradient below which ground has no direction in which it falls: single precision."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,12 +123,6 @@ def hillshade(dtm: Dtm, params: HillshadeParams) -> Raster:
         ]
     )
     return np.clip(np.einsum("i,ijk->jk", sun, normals_of(gradient)), 0.0, 1.0).astype(np.float32)
-
-
-STRIP = 512
-"""Rows that are worked on together: 70 MB of a stop's width."""
-LEAST_STEEPNESS = 1e-6
-"""Gradient below which ground has no direction in which it falls: single precision."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

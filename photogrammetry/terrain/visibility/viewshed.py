@@ -1,4 +1,4 @@
-"""Viewsheds: which ground can be seen from an eye.
+"""Viewsheds and sight lines: which ground can be seen from an eye.
 
 Elevations are read along rays from the eye, one cell a step and close enough to each other that
 they lie a cell apart at the farthest one. Along a ray, a target at the distance d and the height z
@@ -15,15 +15,14 @@ Ground that was not seen hides nothing that is known; a target beyond a long str
 UNKNOWN, unless known ground hides it already. The unseen ground around the eye itself does not
 count: a mast stands on it and looks over it.
 
-Whether one place can be seen from another, by the ground between them.
-
-The line from the eye at height 0 share of the way to the target runs over the ground h(s). It is
+A sight line is the straight line from an eye to a single target, compared with the ground h(s)
+below it. It is
 
     blocked     where known ground reaches above it,
     doubtful    where it passes a long stretch whose ground was not seen,
 
 and free otherwise. The clearance is the smallest height of the line over known ground. Blocking
-ground outweighs doubtful ground, as in `viewshed`.
+ground outweighs doubtful ground, as in viewsheds.
 """
 
 from __future__ import annotations
@@ -46,6 +45,8 @@ Rays = Float32[np.ndarray, "rays steps"]
 
 OCCLUDED_SHARE = 0.5
 """Share of a cell that must be occluded for a cell without elevation to be hidden."""
+NEAR_M = 0.3
+"""Ground so near to either end does not block: it carries the end."""
 
 
 class Sight(IntEnum):
@@ -170,10 +171,6 @@ def _nearest(
     """The nearest ray of every target, and its last step that is nearer; -1 beside the eye."""
     ray = np.rint(np.arctan2(right, -down) * np.float32(count / (2 * np.pi))).astype(np.int64)
     return ray % count, np.floor(distance - 0.5).astype(np.int64) - 1
-
-
-NEAR_M = 0.3
-"""Ground so near to either end does not block: it carries the end."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
