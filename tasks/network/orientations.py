@@ -37,7 +37,6 @@ from solmap.products.formats.documents.network import (
 from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.products.store.product_store import ProductStore
 from solmap.tasks.images.pairs import PairProducts
-from solmap.tasks.network.orientations import MappedStop, OrientedPair, Standing, read_orientations
 from solmap.tasks.scopes import is_of_mission
 from solmap.tasks.stage import stage
 
