@@ -101,45 +101,47 @@ class SingleView:
 
 
 def select_candidates(
-    one: SingleView, other: SingleView, swing: TwoViews, params: MonoParams
+    one: SingleView, other: SingleView, two_views: TwoViews, params: MonoParams
 ) -> ImagePoints:
     """Interest points whose epipolar segment may lie in the other image, spread out, best first."""
     margin = params.conjugates.half_px
     found = interest_points(one.view.image, one.view.mask, params.interest, margin)
     points = found.points
-    middle = swing.project(points, np.full(len(points), 0.5 / params.nearest_m))
-    far = swing.project(points, np.zeros(len(points)))
+    middle = two_views.project(points, np.full(len(points), 0.5 / params.nearest_m))
+    far = two_views.project(points, np.zeros(len(points)))
     seen = other.geometry.shows(middle) | other.geometry.shows(far)
     points, weight = points[seen], found.weight[seen]
     return points[strongest_by_cell(points, weight, params.cell_px, params.candidates)]
 
 
 def search_all_depths(
-    one: SingleView, other: SingleView, swing: TwoViews, points: ImagePoints, params: MonoParams
+    one: SingleView, other: SingleView, two_views: TwoViews, points: ImagePoints, params: MonoParams
 ) -> tuple[FirstMatches, Vector3] | None:
     """((points, their inverse depth), turn of the other camera) from a search over all depths."""
     nothing = np.zeros(len(points))
     nearest = nothing + 1.0 / params.nearest_m
-    length = np.linalg.norm(swing.project(points, nearest) - swing.project(points, nothing), axis=1)
-    wide = np.ceil(length / 2 + _reach_px(swing, params))
+    length = np.linalg.norm(
+        two_views.project(points, nearest) - two_views.project(points, nothing), axis=1
+    )
+    wide = np.ceil(length / 2 + _reach_px(two_views, params))
     inside = np.isfinite(wide)
     points, wide = points[inside], wide[inside]
-    maps = _maps(swing, points, nearest[inside] / 2, np.zeros(3))
+    maps = _maps(two_views, points, nearest[inside] / 2, np.zeros(3))
     found = _find(one, other, points, maps, wide, params.conjugates)
     points, seen = points[found.found], found.points[found.found]
     if len(points) < params.least_ties:
         return None
-    verdict = check_pair(swing, points, seen, params)
+    verdict = check_pair(two_views, points, seen, params)
     if verdict.agrees.sum() < params.least_ties:
         return None
     points, seen = points[verdict.agrees], seen[verdict.agrees]
-    return (points, _inverse_depth(swing, points, seen, verdict.turn)), verdict.turn
+    return (points, _inverse_depth(two_views, points, seen, verdict.turn)), verdict.turn
 
 
 def search_near_depth(  # noqa: PLR0913, PLR0917 - two images, what is looked for, and what is known
     one: SingleView,
     other: SingleView,
-    swing: TwoViews,
+    two_views: TwoViews,
     points: ImagePoints,
     near: FirstMatches,
     turn: Vector3,
@@ -148,17 +150,17 @@ def search_near_depth(  # noqa: PLR0913, PLR0917 - two images, what is looked fo
     """Conjugates of all points near where the depth of their neighbours puts them."""
     _, nearest = KDTree(near[0]).query(points, k=min(NEIGHBOURS, len(near[0])))
     depth = np.median(near[1][nearest], axis=1)
-    maps = _maps(swing, points, depth, turn)
+    maps = _maps(two_views, points, depth, turn)
     reach = np.full(len(points), float(RELIEF_PX))
     return _find(one, other, points, maps, reach, params.conjugates)
 
 
 def matches_in_view(
-    pair: MatchedPair, view: SingleView, swing: TwoViews, params: MonoParams
+    pair: MatchedPair, view: SingleView, two_views: TwoViews, params: MonoParams
 ) -> np.ndarray:
     """Rows of a pair's matches that a single image shows by the labels; the most certain first."""
     matches = pair.matches
-    seen = swing.project(matches.left, _inverse_depth_of(swing, matches.parallax_px))
+    seen = two_views.project(matches.left, _inverse_depth_of(two_views, matches.parallax_px))
     rows = np.flatnonzero(view.geometry.shows(seen))
     order = strongest_by_cell(
         matches.left[rows], -matches.sigma_px[rows], params.cell_px, params.candidates
@@ -169,46 +171,50 @@ def matches_in_view(
 def search_predicted(
     one: SingleView,
     other: SingleView,
-    swing: TwoViews,
+    two_views: TwoViews,
     points: ImagePoints,
     parallax_px: PerPoint,
     params: MonoParams,
 ) -> Conjugates:
     """Conjugates of a pair's points, as far from the prediction as pointing may put them."""
-    maps = _maps(swing, points, _inverse_depth_of(swing, parallax_px), np.zeros(3))
-    reach = np.full(len(points), np.ceil(_reach_px(swing, params)))
+    maps = _maps(two_views, points, _inverse_depth_of(two_views, parallax_px), np.zeros(3))
+    reach = np.full(len(points), np.ceil(_reach_px(two_views, params)))
     return _find(one, other, points, maps, reach, params.conjugates)
 
 
-def _inverse_depth_of(swing: TwoViews, parallax_px: PerPoint) -> PerPoint:
+def _inverse_depth_of(two_views: TwoViews, parallax_px: PerPoint) -> PerPoint:
     """From the parallax of the first image's pair."""
-    return parallax_px / (swing.one.focal_px * swing.one.base_m)
+    return parallax_px / (two_views.one.focal_px * two_views.one.base_m)
 
 
 def check_pair(
-    swing: TwoViews, points: ImagePoints, seen: ImagePoints, params: MonoParams
+    two_views: TwoViews, points: ImagePoints, seen: ImagePoints, params: MonoParams
 ) -> TwoViewCheck:
     """Which conjugates agree with the geometry of the two images."""
     return check_conjugates(
-        swing, points, seen, params.nearest_m, params.pointing_sigma, params.verification
+        two_views, points, seen, params.nearest_m, params.pointing_sigma, params.verification
     )
 
 
-def _reach_px(swing: TwoViews, params: MonoParams) -> float:
+def _reach_px(two_views: TwoViews, params: MonoParams) -> float:
     """How far pointing errors of both images move a conjugate."""
-    focal = min(swing.one.focal_px, swing.other.focal_px)
+    focal = min(two_views.one.focal_px, two_views.other.focal_px)
     return REACH_SIGMAS * np.sqrt(2.0) * params.pointing_sigma * focal
 
 
 def _maps(
-    swing: TwoViews, points: ImagePoints, inverse_depth: PerPoint, turn: Vector3
+    two_views: TwoViews, points: ImagePoints, inverse_depth: PerPoint, turn: Vector3
 ) -> Float64[np.ndarray, "n 3 3"]:
     """Maps of one image onto the other over a plane at each point's depth, facing the camera."""
-    pose = swing.other_from_one
+    pose = two_views.other_from_one
     plane = np.zeros((len(points), 3, 3))
     plane[:, :, 2] = inverse_depth[:, None] * pose.translation_m
     between = rotation_matrix(turn).T @ (pose.rotation + plane)
-    return calibration_matrix(swing.other) @ between @ np.linalg.inv(calibration_matrix(swing.one))
+    return (
+        calibration_matrix(two_views.other)
+        @ between
+        @ np.linalg.inv(calibration_matrix(two_views.one))
+    )
 
 
 def _find(
@@ -234,16 +240,16 @@ def _find(
 
 
 def _inverse_depth(
-    swing: TwoViews, points: ImagePoints, seen: ImagePoints, turn: Vector3
+    two_views: TwoViews, points: ImagePoints, seen: ImagePoints, turn: Vector3
 ) -> PerPoint:
     """Inverse depth at which a point is nearest to where it was seen; never below infinity's 0.
 
     The segment is straight and nearly even in q: a secant, then two Newton steps.
     """
-    q, step = np.zeros(len(points)), 1e-3 / swing.base_m
+    q, step = np.zeros(len(points)), 1e-3 / two_views.base_m
     for _ in range(3):
-        here = swing.project(points, q, turn)
-        slope = (swing.project(points, q + step, turn) - here) / step
+        here = two_views.project(points, q, turn)
+        slope = (two_views.project(points, q + step, turn) - here) / step
         change = ((seen - here) * slope).sum(axis=1) / np.maximum((slope**2).sum(axis=1), 1e-12)
         q = np.maximum(q + np.nan_to_num(change), 0.0)
     return q

@@ -98,7 +98,7 @@ def rotation_matrix(turn: Vector3) -> Float64[np.ndarray, "3 3"]:
 
 
 def relative_turn(
-    swing: TwoViews, points: ImagePoints, seen: ImagePoints, pointing_sigma: float
+    two_views: TwoViews, points: ImagePoints, seen: ImagePoints, pointing_sigma: float
 ) -> Vector3:
     """By how much the second camera is turned from its label, beyond the first; radians."""
     turn = np.zeros(3)
@@ -106,7 +106,7 @@ def relative_turn(
     for scale in SCALES_PX:
 
         def weighted(w: np.ndarray, scale: float = scale) -> np.ndarray:
-            return np.concatenate([swing.epipolar_distance(points, seen, w) / scale, w / sigma])
+            return np.concatenate([two_views.epipolar_distance(points, seen, w) / scale, w / sigma])
 
         turn = least_squares(weighted, turn, loss="cauchy", x_scale=pointing_sigma).x
     return turn
@@ -130,7 +130,7 @@ class TwoViewCheck:
 
 
 def check_conjugates(
-    swing: TwoViews,
+    two_views: TwoViews,
     points: ImagePoints,
     seen: ImagePoints,
     nearest_m: float,
@@ -138,17 +138,17 @@ def check_conjugates(
     terrain: VerificationParams,
 ) -> TwoViewCheck:
     """Hold conjugates against the epipolar geometry, the range and their neighbours."""
-    turn = relative_turn(swing, points, seen, pointing_sigma)
-    left = swing.epipolar_distance(points, seen, turn)
+    turn = relative_turn(two_views, points, seen, pointing_sigma)
+    left = two_views.epipolar_distance(points, seen, turn)
     spread = max(robust_sigma(left), LEAST_SPREAD_PX)
     misfit = np.abs(left) / (LIMIT_SIGMAS * spread)
     agrees = misfit <= 1.0
-    along = swing.epipolar_parallax(points, seen, turn)
-    slack = LIMIT_SIGMAS * np.sqrt(2.0) * pointing_sigma * swing.other.focal_px
-    nearest = swing.project(points, np.full(len(points), 1.0 / nearest_m), turn)
-    furthest = swing.epipolar_parallax(points, nearest, turn)
+    along = two_views.epipolar_parallax(points, seen, turn)
+    slack = LIMIT_SIGMAS * np.sqrt(2.0) * pointing_sigma * two_views.other.focal_px
+    nearest = two_views.project(points, np.full(len(points), 1.0 / nearest_m), turn)
+    furthest = two_views.epipolar_parallax(points, nearest, turn)
     agrees &= (along >= -slack) & ~(along > furthest + slack)
     agrees[agrees] = agrees_with_terrain(points[agrees], along[agrees], terrain)
     return TwoViewCheck(
-        agrees, turn, swing.epipolar_distance(points, seen, np.zeros(3)), left, along, misfit
+        agrees, turn, two_views.epipolar_distance(points, seen, np.zeros(3)), left, along, misfit
     )

@@ -96,41 +96,43 @@ def tie_two(
     one: SingleView, other: SingleView, ids: tuple[str, ...], params: MonoParams
 ) -> LinkedImages | None:
     """Ties of two single images, and what came of it; None where they do not overlap."""
-    swing = TwoViews(one.geometry, other.geometry)
-    if swing.base_m < LEAST_BASE_M:
+    two_views = TwoViews(one.geometry, other.geometry)
+    if two_views.base_m < LEAST_BASE_M:
         return None
-    points = select_candidates(one, other, swing, params)
+    points = select_candidates(one, other, two_views, params)
     if len(points) < params.least_ties:
         return None
-    scouts = search_all_depths(one, other, swing, points[: params.scouts], params)
+    scouts = search_all_depths(one, other, two_views, points[: params.scouts], params)
     found = (
         _no_conjugates(points)
         if scouts is None
-        else search_near_depth(one, other, swing, points, *scouts, params)
+        else search_near_depth(one, other, two_views, points, *scouts, params)
     )
     nothing = np.full(len(points), np.nan)
     measured = MeasuredPoints(
         one.image_id, points, nothing, np.full(len(points), params.conjugates.sigma_floor_px)
     )
-    return _evaluate(swing, measured, other, found, ids, params)
+    return _evaluate(two_views, measured, other, found, ids, params)
 
 
 def tie_to_pair(
     pair: MatchedPair, view: SingleView, ids: tuple[str, ...], params: MonoParams
 ) -> LinkedImages | None:
     """Ties of a stereo pair with a single image beside it; None where they do not overlap."""
-    swing = TwoViews(pair.images.geometry, view.geometry)
-    if swing.base_m < LEAST_BASE_M:
+    two_views = TwoViews(pair.images.geometry, view.geometry)
+    if two_views.base_m < LEAST_BASE_M:
         return None
-    rows = matches_in_view(pair, view, swing, params)
+    rows = matches_in_view(pair, view, two_views, params)
     if len(rows) < params.least_ties:
         return None
     left, parallax = pair.matches.left[rows], pair.matches.parallax_px[rows]
-    source = SingleView(pair.pair_id, swing.one, View.of(pair.images.left, pair.images.left_mask))
-    found = search_predicted(source, view, swing, left, parallax, params)
+    source = SingleView(
+        pair.pair_id, two_views.one, View.of(pair.images.left, pair.images.left_mask)
+    )
+    found = search_predicted(source, view, two_views, left, parallax, params)
     sigma = np.maximum(pair.matches.sigma_px[rows], params.conjugates.sigma_floor_px)
     measured = MeasuredPoints(pair.pair_id, left, parallax, sigma)
-    return _evaluate(swing, measured, view, found, ids, params)
+    return _evaluate(two_views, measured, view, found, ids, params)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -144,7 +146,7 @@ class MeasuredPoints:
 
 
 def _evaluate(
-    swing: TwoViews,
+    two_views: TwoViews,
     first: MeasuredPoints,
     other: SingleView,
     found: Conjugates,
@@ -158,7 +160,7 @@ def _evaluate(
     none = LinkedImages(Ties.none(ids), link, np.zeros(0))
     if measured < params.least_ties:
         return none
-    verdict = check_pair(swing, first.left[kept], found.points[kept], params)
+    verdict = check_pair(two_views, first.left[kept], found.points[kept], params)
     good = verdict.agrees & (verdict.along_px >= params.least_parallax_px)
     if good.sum() < params.least_ties:
         return none

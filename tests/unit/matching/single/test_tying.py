@@ -34,16 +34,16 @@ def tied(views, first_stop):
 
 
 @pytest.fixture
-def swing(first_stop):
+def two_views(first_stop):
     return TwoViews(*(pair.images.geometry for pair in first_stop.pairs[:2]))
 
 
 @pytest.fixture
-def ground(swing, rng):
+def ground(two_views, rng):
     """(points in the first image, the same in the second) of points 2 to 20 m away."""
     points = rng.uniform([128, 20], [250, 250], (400, 2))
     inverse = 1 / rng.uniform(2, 20, 400)
-    return points, swing.project(points, inverse), inverse
+    return points, two_views.project(points, inverse), inverse
 
 
 def test_neighbouring_images_are_tied_and_others_are_not(tied):
@@ -67,9 +67,9 @@ def test_ties_show_the_same_ground(tied, first_stop):
         parallax = first_stop.pairs[one].parallax[row, col]
         if not np.isfinite(parallax):
             continue
-        swing = TwoViews(geometries[one], geometries[other])
+        two_views = TwoViews(geometries[one], geometries[other])
         depth = geometries[one].focal_px * geometries[one].base_m / parallax
-        seen = swing.project(left[None], np.array([1.0 / float(depth)]))[0]
+        seen = two_views.project(left[None], np.array([1.0 / float(depth)]))[0]
         offsets.append(tied.ties.second_left[k] - seen)
     offsets = np.array(offsets)
     assert len(offsets) > 100
@@ -86,9 +86,9 @@ def test_matches_of_a_pair_are_found_in_a_single_image_beside_it(first_stop, vie
     ties = found.ties
     assert np.isfinite(ties.first_parallax_px).all()  # the pair's own
     assert np.isnan(ties.second_parallax_px).all()
-    swing = TwoViews(pair.images.geometry, views[1].geometry)
+    two_views = TwoViews(pair.images.geometry, views[1].geometry)
     depth = 320.0 * 0.4 / ties.first_parallax_px
-    off = ties.second_left - swing.project(ties.first_left, 1.0 / depth)
+    off = ties.second_left - two_views.project(ties.first_left, 1.0 / depth)
     assert np.linalg.norm(off, axis=1).max() < 5 * 0.32 * np.sqrt(2)  # 1 mrad of pointing each
     spread = np.median(np.abs(off - np.median(off, axis=0)))
     assert spread < 0.2  # one turn explains them
@@ -100,51 +100,53 @@ def test_images_taken_from_one_place_are_left_alone(first_stop, views):
     assert tie_single_images(first_stop.stop, [views[0], twin], MonoParams()).links == ()
 
 
-def test_a_turn_of_the_second_camera_is_found_among_blunders(swing, ground, rng):
+def test_a_turn_of_the_second_camera_is_found_among_blunders(two_views, ground, rng):
     points, seen, inverse = ground
     turn = np.array([0.002, -0.001, 0.003])
-    seen = swing.project(points, inverse, turn) + rng.normal(0, 0.1, seen.shape)
+    seen = two_views.project(points, inverse, turn) + rng.normal(0, 0.1, seen.shape)
     wrong = rng.random(len(seen)) < 0.3
     seen[wrong] += rng.uniform(-10, 10, (wrong.sum(), 2))
-    found = relative_turn(swing, points, seen, pointing_sigma=0.0026)
-    left = swing.epipolar_distance(points[~wrong], seen[~wrong], found)
+    found = relative_turn(two_views, points, seen, pointing_sigma=0.0026)
+    left = two_views.epipolar_distance(points[~wrong], seen[~wrong], found)
     assert np.median(np.abs(left)) < 0.1  # as measured
-    nothing = swing.epipolar_distance(points[~wrong], seen[~wrong], np.zeros(3))
+    nothing = two_views.epipolar_distance(points[~wrong], seen[~wrong], np.zeros(3))
     assert np.median(np.abs(nothing)) > 0.4
 
 
-def test_points_off_the_line_or_off_the_ground_are_found_out(swing, ground, rng):
+def test_points_off_the_line_or_off_the_ground_are_found_out(two_views, ground, rng):
     points = ground[0]
     inverse = 0.05 + points[:, 1] / 256 * 0.3  # a plane
-    seen = swing.project(points, inverse) + rng.normal(0, 0.1, points.shape)
+    seen = two_views.project(points, inverse) + rng.normal(0, 0.1, points.shape)
     deep, aside = np.zeros((2, len(points)), dtype=bool)
     deep[::9], aside[4::9] = True, True
-    on_the_line = swing.project(points, inverse + 0.5)
+    on_the_line = two_views.project(points, inverse + 0.5)
     moved = np.linalg.norm(on_the_line - seen, axis=1)
     deep &= moved > 5.0  # nearer to the epipole than this, depth shows too little
     seen[deep] = on_the_line[deep]
-    seen[aside] += 5.0 * normals(swing, points[aside])
-    verdict = check_conjugates(swing, points, seen, 0.5, 0.0026, VerificationParams())
+    seen[aside] += 5.0 * normals(two_views, points[aside])
+    verdict = check_conjugates(two_views, points, seen, 0.5, 0.0026, VerificationParams())
     assert deep.sum() > 20
     assert not verdict.agrees[deep | aside].any()
     assert verdict.agrees[~(deep | aside)].mean() > 0.95
 
 
-def normals(swing, points):
+def normals(two_views, points):
     """Across the epipolar lines in the second image."""
-    far = swing.project(points, np.zeros(len(points)))
-    near = swing.project(points, np.full(len(points), 0.01))
+    far = two_views.project(points, np.zeros(len(points)))
+    near = two_views.project(points, np.full(len(points), 0.01))
     across = (near - far)[:, ::-1] * [-1.0, 1.0]
     return across / np.linalg.norm(across, axis=1, keepdims=True)
 
 
-def test_across_and_along_are_measured_from_the_epipolar_line(swing, ground):
+def test_across_and_along_are_measured_from_the_epipolar_line(two_views, ground):
     points, seen, _ = ground
-    np.testing.assert_allclose(swing.epipolar_distance(points, seen, np.zeros(3)), 0.0, atol=1e-9)
-    far = swing.project(points, np.zeros(len(points)))
-    aside = swing.epipolar_distance(points, far + 2.0 * normals(swing, points), np.zeros(3))
+    np.testing.assert_allclose(
+        two_views.epipolar_distance(points, seen, np.zeros(3)), 0.0, atol=1e-9
+    )
+    far = two_views.project(points, np.zeros(len(points)))
+    aside = two_views.epipolar_distance(points, far + 2.0 * normals(two_views, points), np.zeros(3))
     np.testing.assert_allclose(np.abs(aside), 2.0, atol=1e-6)
-    assert (swing.epipolar_parallax(points, seen, np.zeros(3)) > 0).all()
+    assert (two_views.epipolar_parallax(points, seen, np.zeros(3)) > 0).all()
 
 
 def test_images_of_other_ground_are_not_tied(first_stop, foreign_stop, views):
