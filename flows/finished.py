@@ -24,7 +24,7 @@ from solmap.flows.runtime.sol_report import SolReport
 from solmap.photogrammetry.errors import PhotogrammetryError
 from solmap.products.catalogue.runs import FinishedSolRecords
 from solmap.products.catalogue.workspace import Workspace
-from solmap.products.model import LEVEL, SCIENCE_VERSION, ProductKind, ProductRef, Scope, ScopeLevel
+from solmap.products.model import SCIENCE_VERSION, ProductKind, ProductRef, Scope, ScopeLevel
 from solmap.tasks.mission.publish import withdraw
 from solmap.tasks.network.orientations import Standing
 from solmap.tasks.scopes import is_of_mission, pair_scope
@@ -166,7 +166,7 @@ def _pointers(mission: str, given: Latest, workspace: Workspace) -> list[Product
     return [
         ref
         for kind in ProductKind
-        if LEVEL.get(kind) in levels
+        if kind.level in levels
         for ref in workspace.catalogue.pointers(kind)
         if (ref.kind, ref.scope) not in given
         and (ref.scope in pairs or ref.scope.name in stops or is_of_mission(ref.scope, mission))

@@ -18,7 +18,7 @@ from solmap.products.catalogue.catalogue import MissionEntry
 from solmap.products.catalogue.images import image_records
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.crs import LandingPoint
-from solmap.products.model import REGION, Layer, ProductKind, ProductRef, Scope
+from solmap.products.model import REGION_KINDS, Layer, ProductKind, ProductRef, Scope
 from solmap.products.store.locks import exclusive_lock
 from solmap.products.store.product_store import ProductStore
 from solmap.tasks.images.telemetry import read_telemetry, vector_files
@@ -76,7 +76,7 @@ def map_regions(mission: str, workspace: Workspace, pipeline: str) -> list[str]:
 def _withdraw_others(mission: str, scopes: Set[Scope], workspace: Workspace) -> None:
     """Show no longer what was a region before stops came late: a region bears its first's name."""
     published = workspace.catalogue.layers(mission)
-    kinds = {*REGION.values(), ProductKind.REGION_SEAMS}
+    kinds = {*REGION_KINDS.values(), ProductKind.REGION_SEAMS}
     gone = [one for one in published if one.ref.kind in kinds and one.ref.scope not in scopes]
     if gone:
         withdraw(workspace.catalogue.mission(mission), gone, (), workspace)

@@ -1,5 +1,8 @@
 """What a person wants to know of an image: when, where, whither, with which camera; its partner.
 
+Of a derived raster of the archive (XYZ, range, slope ...) it is what its bands hold, in which unit
+and frame, for how many pixels and between which values.
+
 Directions are computed from quaternions and camera models, never taken from INSTRUMENT_AZIMUTH and
 INSTRUMENT_ELEVATION, whose sign is wrong in whole product families. There are two, and they differ
 by degrees: the mast's x axis, along the camera bar (what labels call the pointing), and the ray
@@ -22,6 +25,12 @@ from solmap.config.radiometry import load_radiometry
 from solmap.config.records import ConfigError
 from solmap.config.settings import Settings
 from solmap.photogrammetry.archive.file_names import FileName, parse_file_name
+from solmap.photogrammetry.archive.images.derived_rasters import (
+    DerivedRaster,
+    raster_kind,
+    read_raster,
+)
+from solmap.photogrammetry.archive.images.pixels import radiance_scale
 from solmap.photogrammetry.archive.images.radiometry import Radiometry
 from solmap.photogrammetry.archive.images.reading import (
     DescribedImage,
@@ -29,15 +38,18 @@ from solmap.photogrammetry.archive.images.reading import (
     describe_image,
     has_attached_label,
     read_image,
+    read_label,
 )
 from solmap.photogrammetry.archive.labels.detached import decode_label
 from solmap.photogrammetry.archive.labels.label import Label
 from solmap.photogrammetry.archive.missions import mission_of_host
 from solmap.photogrammetry.archive.partners import MAX_CLOCK_DIFFERENCE, find_stereo_pairs
-from solmap.photogrammetry.arrays import Vector3
+from solmap.photogrammetry.arrays import GreyImage, Mask, Vector3
 from solmap.photogrammetry.cameras.cahv import Cahv, interior_orientation
 from solmap.photogrammetry.cameras.cahvor import Cahvor
 from solmap.photogrammetry.cameras.cahvore import Cahvore
+from solmap.photogrammetry.cameras.linearisation import Field, linearise_image, linearise_pair
+from solmap.photogrammetry.cameras.photogrammetric import photogrammetric
 from solmap.photogrammetry.errors import LabelError, PhotogrammetryError
 from solmap.photogrammetry.frames import roll_pitch_yaw_of_rotation, rotation_of_quaternion
 from solmap.photogrammetry.imagery import RoverImage
@@ -52,6 +64,8 @@ from solmap.tasks.images.files import (
 LABEL_SUFFIXES = frozenset({".lbl", ".xml", ".json"})
 NEIGHBOURS = IMAGE_SUFFIXES | PICTURE_SUFFIXES | {".lbl"}
 """Files that may hold the partner of an image."""
+FIELDS = {"PANCAM": Field.LARGEST}
+"""Field of view that JPL's linearised products of an instrument take over, if not the smallest."""
 
 
 class InspectionError(Exception):
@@ -78,6 +92,9 @@ def inspect_file(file: Path) -> dict[str, Any]:
     """
     data = _bytes(file)
     try:
+        raster = _derived_raster(file, data)
+        if raster is not None:
+            return {"file": str(file), **_raster(file, raster)}
         described = _described(file, data)
         image, label = described.image, described.label
         read = None if _is_label(file) else _read(file, data, image.stop.mission)
@@ -91,6 +108,7 @@ def inspect_file(file: Path) -> dict[str, Any]:
                 "masked_share": None if mask is None else 1.0 - float(mask.mean()),
             },
             "notes": [] if read is None else list(read.notes),
+            "radiance": _radiance(label),
             "pointing": _pointing(image, label),
             "camera": _camera(image),
             "rover": _rover(image),
@@ -107,16 +125,52 @@ def write_png(file: Path, png: Path) -> None:
     Raises:
         InspectionError: the image cannot be read or the picture not written.
     """
-    import cv2  # noqa: PLC0415 - only pictures need it
-
     data = _bytes(file)
     try:
         read = _read(file, data, _described(file, data).image.stop.mission)
     except PhotogrammetryError as error:
         raise InspectionError(_named(file, error)) from error
+    _write_stretched(read.pixels, read.mask, file, png)
+
+
+def write_linearised(file: Path, png: Path) -> None:
+    """Write an image linearised by JPL's rule for its pair, as archived FFL and RSL products are.
+
+    Raises:
+        InspectionError: there is no partner beside it, the pair is not of CAHVOR cameras and one
+            size, the image cannot be read or the picture not written.
+    """
+    data = _bytes(file)
+    try:
+        image = _described(file, data).image
+        partner = _partner_record(file, image)
+        own, other = image.camera, partner.camera
+        if not isinstance(own, Cahvor) or not isinstance(other, Cahvor):
+            raise InspectionError(
+                f"{file.name}: JPL's linearisation is for CAHVOR cameras, not for "
+                f"{type(own).__name__.upper()}{' (linearised already)' * image.is_linearised}"
+            )
+        if (partner.samples, partner.lines) != (image.samples, image.lines):
+            raise InspectionError(
+                f"{file.name}: {image.samples} x {image.lines} pixels, its partner {partner.id} "
+                f"{partner.samples} x {partner.lines}: JPL's linearisation is for one size"
+            )
+        linear, _ = linearise_pair(
+            own, other, image.samples, image.lines, FIELDS.get(image.instrument, Field.SMALLEST)
+        )
+        read = _read(file, data, image.stop.mission)
+        pixels, mask = linearise_image(read.pixels, read.mask, own, linear)
+    except PhotogrammetryError as error:
+        raise InspectionError(_named(file, error)) from error
+    _write_stretched(pixels, mask, file, png)
+
+
+def _write_stretched(pixels: GreyImage, mask: Mask, file: Path, png: Path) -> None:
+    import cv2  # noqa: PLC0415 - only pictures need it
+
     draft = png.with_name(png.name + ".part")
     try:
-        encoded, picture = cv2.imencode(".png", stretch(read.pixels, read.mask))
+        encoded, picture = cv2.imencode(".png", stretch(pixels, mask))
         if not encoded:
             raise InspectionError(f"{file.name} could not be encoded as PNG")
         draft.write_bytes(picture.tobytes())
@@ -153,6 +207,44 @@ def _read(file: Path, data: bytes, mission: str) -> ReadImage:
     except ConfigError as error:
         raise InspectionError(str(error)) from error
     return read_image(data, file.name, radiometry=known.get(mission, Radiometry()))
+
+
+def _derived_raster(file: Path, data: bytes) -> DerivedRaster | None:
+    """The raster that a file holds; None for an image, or what has no label of its own."""
+    try:
+        kind = None if _is_label(file) else raster_kind(read_label(data, file.name), file.name)
+    except LabelError:
+        return None  # says what is wrong when it is read as an image
+    return None if kind is None else read_raster(data, file.name)
+
+
+def _raster(file: Path, raster: DerivedRaster) -> dict[str, Any]:
+    lines, samples = raster.mask.shape
+    return {
+        "product": file.stem.upper(),
+        "raster": str(raster.kind),
+        "frame": None if raster.frame is None else str(raster.frame),
+        "partner_image": raster.partner,
+        "size": {
+            "samples": samples,
+            "lines": lines,
+            "masked_share": 1.0 - float(raster.mask.mean()),
+        },
+        "bands": [
+            {"name": name, "unit": raster.unit, "range": _range(values[raster.mask])}
+            for name, values in zip(raster.band_names, raster.bands, strict=True)
+        ],
+    }
+
+
+def _range(values: np.ndarray) -> list[float] | None:
+    return [float(values.min()), float(values.max())] if len(values) else None
+
+
+def _radiance(label: Label | None) -> dict[str, float] | None:
+    """How numbers become radiance, W m^-2 sr^-1 nm^-1, where the label says so."""
+    scale = None if label is None else radiance_scale(label)
+    return None if scale is None else {"factor": scale.factor, "offset": scale.offset}
 
 
 def _named(file: Path, error: Exception) -> str:
@@ -221,12 +313,15 @@ def _camera(image: RoverImage) -> dict[str, Any]:
             f"{image.id}: its camera is a {type(camera).__name__}, not of the CAHV kind"
         )
     inner = interior_orientation(camera.a, camera.h, camera.v)
+    perspective = camera.perspective if isinstance(camera, Cahvore) else camera
+    angles = photogrammetric(perspective).omega_phi_kappa
     return {
         "model": type(camera).__name__.upper(),
         "focal_px": [inner.hs, inner.vs],
         "principal_point_px": [inner.hc, inner.vc],
         "field_of_view_deg": _field_of_view(image),
         "centre_in_rover_m": camera.centre.tolist(),
+        "omega_phi_kappa_deg": [math.degrees(angle) for angle in angles],
     }
 
 
@@ -261,14 +356,32 @@ def _sun(image: RoverImage) -> dict[str, Any] | None:
 
 def _partner(file: Path, image: RoverImage) -> dict[str, Any]:
     """The stereo partner that lies beside a file, or why there is none."""
+    found, why_none = _find_partner(file, image)
+    if found is None:
+        return {"product": None, "file": None, "why_none": why_none}
+    return {"product": found[1].id, "file": str(found[0]), "why_none": None}
+
+
+def _partner_record(file: Path, image: RoverImage) -> RoverImage:
+    found, why_none = _find_partner(file, image)
+    if found is None:
+        raise InspectionError(
+            f"{file.name}: JPL's linearisation needs the stereo partner beside it: {why_none}"
+        )
+    return found[1]
+
+
+def _find_partner(
+    file: Path, image: RoverImage
+) -> tuple[tuple[Path, RoverImage] | None, str | None]:
+    """File and record of the stereo partner that lies beside a file, or why there is none."""
     beside = _beside(file, image)
     pairing = find_stereo_pairs([image, *(record for _, record in beside)])
     for pair in pairing.pairs:
         if image.id in {pair.left.id, pair.right.id}:
             other = pair.right.id if image.id == pair.left.id else pair.left.id
-            path = next(path for path, record in beside if record.id == other)
-            return {"product": other, "file": str(path), "why_none": None}
-    return {"product": None, "file": None, "why_none": pairing.unpaired.get(image.id)}
+            return next(one for one in beside if one[1].id == other), None
+    return None, pairing.unpaired.get(image.id)
 
 
 def _beside(file: Path, image: RoverImage) -> list[tuple[Path, RoverImage]]:

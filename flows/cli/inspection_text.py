@@ -7,13 +7,19 @@ from typing import Any
 
 
 def report_of(finding: Mapping[str, Any]) -> str:
-    """A few lines on one image, its name first."""
-    rows = [
+    """A few lines on one image or derived raster, its name first."""
+    rows = _raster_rows(finding) if "raster" in finding else _image_rows(finding)
+    return "\n".join([finding["product"], *(f"  {name:<9}{text}" for name, text in rows if text)])
+
+
+def _image_rows(finding: Mapping[str, Any]) -> list[tuple[str, str]]:
+    return [
         ("taken", _taken(finding)),
         ("at", _at(finding)),
         ("with", _with(finding)),
         ("size", _size(finding["size"])),
         *(("note", note) for note in finding["notes"]),
+        ("radiance", _radiance(finding["radiance"])),
         ("looks", _looks(finding["pointing"], "image_centre", "the middle of the image")),
         ("", _looks(finding["pointing"], "mast", "the mast")),
         *_camera(finding["camera"]),
@@ -21,7 +27,29 @@ def report_of(finding: Mapping[str, Any]) -> str:
         ("sun", _sun(finding["sun"])),
         ("partner", _partner(finding["partner"])),
     ]
-    return "\n".join([finding["product"], *(f"  {name:<9}{text}" for name, text in rows if text)])
+
+
+def _raster_rows(finding: Mapping[str, Any]) -> list[tuple[str, str]]:
+    frame, partner = finding["frame"], finding["partner_image"]
+    return [
+        ("holds", finding["raster"] + (f" in the frame {frame}" if frame else "")),
+        ("size", _size(finding["size"])),
+        *((band["name"], _range(band)) for band in finding["bands"]),
+        ("of", f"pixels of {partner}" if partner else ""),
+    ]
+
+
+def _range(band: Mapping[str, Any]) -> str:
+    if band["range"] is None:
+        return "no value"
+    low, high = band["range"]
+    return f"{low:.6g} to {high:.6g} {band['unit'] or ''}".rstrip()
+
+
+def _radiance(scale: Mapping[str, float] | None) -> str:
+    if scale is None:
+        return ""
+    return f"{scale['factor']:.6g} x pixel + {scale['offset']:.6g} W m^-2 sr^-1 nm^-1"
 
 
 def _taken(finding: Mapping[str, Any]) -> str:
@@ -71,7 +99,11 @@ def _camera(camera: Mapping[str, Any]) -> list[tuple[str, str]]:
             f"principal point {_numbers(camera['principal_point_px'], 1)} px, "
             f"field of view {_numbers(camera['field_of_view_deg'], 2, ' x ')} deg",
         ),
-        ("", f"centre at {_numbers(camera['centre_in_rover_m'], 4)} m in the rover frame"),
+        (
+            "",
+            f"centre at {_numbers(camera['centre_in_rover_m'], 4)} m in the rover frame; "
+            f"omega, phi, kappa {_numbers(camera['omega_phi_kappa_deg'], 3)} deg",
+        ),
     ]
 
 

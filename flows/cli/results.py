@@ -94,15 +94,30 @@ def inspect(
         list[Path], typer.Argument(help="Images (.img, .png, .jpg) or labels (.lbl, .xml)")
     ],
     png: Annotated[Path | None, typer.Option(help="Write a stretched picture of the image")] = None,
+    linearised: Annotated[
+        Path | None,
+        typer.Option(
+            help="Write it linearised by JPL's rule, with the stereo partner that lies beside it"
+        ),
+    ] = None,
     *,
     as_json: JsonOption = False,
 ) -> None:
-    """What an image is: when and where it was taken, where it looks, its camera and partner."""
-    from solmap.flows.cli.inspection import InspectionError, inspect_files, write_png  # noqa: PLC0415
+    """What an image is: when and where it was taken, where it looks, its camera and partner.
+
+    Of a derived raster (XYZ, range, slope ...): what its bands hold, in which unit and frame.
+    """
+    from solmap.flows.cli.inspection import (  # noqa: PLC0415
+        InspectionError,
+        inspect_files,
+        write_linearised,
+        write_png,
+    )
     from solmap.flows.cli.inspection_text import report_of  # noqa: PLC0415
 
-    if png is not None and len(files) != 1:
-        fail(f"--png writes the picture of one image, but {len(files)} are named")
+    for option, picture in (("--png", png), ("--linearised", linearised)):
+        if picture is not None and len(files) != 1:
+            fail(f"{option} writes the picture of one image, but {len(files)} are named")
     findings, faults = inspect_files(files)
     if as_json:
         typer.echo(json.dumps(findings, indent=2))
@@ -112,6 +127,8 @@ def inspect(
     try:
         if png is not None and not faults:
             write_png(files[0], png)
+        if linearised is not None and not faults:
+            write_linearised(files[0], linearised)
     except InspectionError as error:
         faults.append(str(error))
     for fault in faults:

@@ -20,8 +20,6 @@ _PR_SET_PDEATHSIG = 1
 _RESTED_S = 60.0
 """A child that ran so long has started well; how often it died before is forgotten."""
 _LONGEST_PAUSE_S = 30.0
-_PATIENCE_S = 15.0
-"""A child that was asked to end is killed after so long."""
 
 
 def die_with_parent() -> None:
@@ -88,14 +86,14 @@ class Child:
             self.start()
         return None
 
-    def stop(self) -> None:
+    def stop(self, patience_s: float = 15.0) -> None:
         """End it and all that it started: asked first, killed when it does not listen."""
         self._stopping = True
         if self.process is None:
             return
         self._signal(signal.SIGTERM)
         with contextlib.suppress(subprocess.TimeoutExpired):
-            self.process.wait(_PATIENCE_S)
+            self.process.wait(patience_s)
         self._signal(signal.SIGKILL)  # and whatever of its own it left behind
         self.process.wait()
 

@@ -23,7 +23,7 @@ from prefect.context import FlowRunContext
 from solmap.config.settings import Settings
 from solmap.photogrammetry.imagery import RoverImage
 from solmap.products.catalogue.workspace import Workspace
-from solmap.products.model import SUFFIX, ProductKind, ProductRef, Scope
+from solmap.products.model import ProductKind, ProductRef, Scope
 from solmap.tasks.scopes import region_scope
 
 if TYPE_CHECKING:
@@ -97,7 +97,7 @@ def _latest(scope: Scope, kind: ProductKind, workspace: Workspace) -> ProductRef
 
 
 def _address(ref: ProductRef) -> str:
-    file = f"{ref.kind}/{ref.scope.name}/{ref.digest}{SUFFIX[ref.kind]}"
+    file = f"{ref.kind}/{ref.scope.name}/{ref.digest}{ref.kind.suffix}"
     return f"{Settings().map_url}/products/{file}"
 
 
