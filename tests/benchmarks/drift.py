@@ -27,9 +27,8 @@ import matplotlib.pyplot as plt
 
 from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
 from solmap.photogrammetry.adjustment.modes.overall import adjust_overall
-from solmap.photogrammetry.adjustment.modes.sequential import begin, extend
+from solmap.photogrammetry.adjustment.modes.sequential import adjust_sequential
 from solmap.photogrammetry.adjustment.modes.stepwise import adjust_stepwise
-from solmap.photogrammetry.adjustment.smoothing import smoothed
 from solmap.photogrammetry.synthetic.networks import TelemetryErrors, simulate_network
 
 SLIPS = (0.01, 0.05, 0.1, 0.2)
@@ -59,12 +58,13 @@ def stepwise(network, params):
 
 
 def sequential(network, params):
-    """All stops as the last step has them."""
-    traverse = None
+    """All stops as the mission has them: moved no more once they are marginalised."""
+    previous = None
     for k, stop in enumerate(network.stop_ids):
         part = network.within(set(network.stop_ids[max(0, k - RECENT) : k + 1]))
-        traverse, _ = begin(part, params) if k == 0 else extend(traverse, part, [stop], params)
-    return smoothed(traverse, part, params).stops
+        part = replace(part, stops=network.stops[: k + 1])
+        previous, _ = adjust_sequential(previous, part, [stop], params)
+    return previous.stops
 
 
 def centres(stops):

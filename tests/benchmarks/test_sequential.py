@@ -15,7 +15,6 @@ import pytest
 from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
 from solmap.photogrammetry.adjustment.modes import overall as adjust
 from solmap.photogrammetry.adjustment.modes.sequential import begin, extend
-from solmap.photogrammetry.adjustment.smoothing import smoothed
 from solmap.photogrammetry.adjustment.solver import results as result
 from solmap.photogrammetry.adjustment.solver.marginalisation import Linear, leaving, retire
 from solmap.photogrammetry.synthetic.networks import simulate_network
@@ -52,7 +51,7 @@ def timed(benchmark, act):
 def test_adding_a_stop_sequentially(benchmark, steps, stops):
     traverse, report = timed(benchmark, lambda: extend(*steps[stops]))
     assert report.is_usable
-    assert len(traverse.departures) == stops - PARAMS.window_stops
+    assert len(traverse.window) == PARAMS.window_stops
 
 
 @pytest.mark.parametrize("stops", EARLY_AND_LATE)
@@ -100,10 +99,3 @@ def test_solution_and_leaving_alone(benchmark, steps, stops, monkeypatch):
 
     outcome, _ = timed(benchmark, act)
     assert outcome.solution.converged
-
-
-def test_carrying_back_along_sixty_stops(benchmark, steps):
-    _, part, _, _ = steps[60]
-    traverse, _ = extend(*steps[60])
-    back = benchmark.pedantic(smoothed, (traverse, part, PARAMS), rounds=3)
-    assert len(back.stops) == 60

@@ -30,7 +30,7 @@ from solmap.photogrammetry.adjustment.model.small_matrices import (
 from solmap.photogrammetry.adjustment.model.telemetry import Telemetry
 from solmap.photogrammetry.adjustment.modes.overall import _known
 from solmap.photogrammetry.adjustment.solver.gauss_newton import solve
-from solmap.photogrammetry.adjustment.solver.normal_equations import linearise
+from solmap.photogrammetry.adjustment.solver.normal_equations import Place, linearise
 from solmap.photogrammetry.adjustment.solver.problem import Problem
 
 PARAMS = AdjustmentParams(tolerance=1e-6)
@@ -133,7 +133,7 @@ def ours(problem):
 def covariances(problem, state):
     """Covariances (stops, 6, 6) of rotation vector and position, in the LSL; zero where held."""
     laid_out = problem.laid_out()
-    inverse = linearise(laid_out, state, None).factor.inverse()
+    inverse = linearise(laid_out, Place.of(laid_out, state), None).factor.inverse()
     stops = np.arange(len(state.centres))
     blocks = np.repeat(stops[:, None], 6, axis=1)
     return inverse[laid_out.pattern.indices(blocks, laid_out.unknowns.stop_columns)]

@@ -31,7 +31,7 @@ from solmap.photogrammetry.adjustment.modes.overall import adjust_overall
 from solmap.photogrammetry.adjustment.modes.sequential import begin, extend
 from solmap.photogrammetry.adjustment.modes.stepwise import adjust_stepwise
 from solmap.photogrammetry.adjustment.solver.marginalisation import Linear
-from solmap.photogrammetry.adjustment.solver.normal_equations import linearise
+from solmap.photogrammetry.adjustment.solver.normal_equations import Place, linearise
 from solmap.photogrammetry.adjustment.solver.problem import Problem
 from solmap.photogrammetry.adjustment.solver.residuals import cofactors
 from solmap.photogrammetry.frames import Pose
@@ -107,7 +107,7 @@ def in_each_mode(network: Network) -> tuple[list[AdjustedStop], AdjustedNetwork,
         traverse, _ = begin(part, PARAMS) if k == 0 else extend(traverse, part, [stop], PARAMS)
         step, _ = adjust_stepwise(step, part, [stop], PARAMS)
     overall, report = adjust_overall(network, PARAMS)
-    return [step.stops[-1], traverse.window.stops[-1], overall.stops[-1]], overall, report
+    return [step.stops[-1], traverse.stops[-1], overall.stops[-1]], overall, report
 
 
 def found(case: Case, seed: int) -> Found:
@@ -141,7 +141,7 @@ def shifts_of_tests(network: Network, truth: NetworkTruth, overall: AdjustedNetw
     """By how much blunders in use shift the tests of their own observations: sqrt(g' Q_vv g)."""
     now = Linear.of(overall, network, PARAMS)
     problem = Problem.of(now.observations, now.telemetry, now.held, now.used)
-    linear = linearise(problem, now.state, None)
+    linear = linearise(problem, Place.of(problem, now.state), None)
     inverse = linear.factor.inverse()
     size = (truth.blunders_px * now.observations.weight)[:, :, None]
     shifts = [np.zeros(0)]

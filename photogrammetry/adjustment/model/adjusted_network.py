@@ -114,6 +114,11 @@ class AdjustedNetwork:
     control: tuple[AdjustedControl, ...] = ()
     frames: tuple[AdjustedFrame, ...] = ()
 
+    @property
+    def window(self) -> tuple[StopId, ...]:
+        """The stops that a sequential adjustment still moves; all before any was marginalised."""
+        return self.memory.window if self.memory else tuple(stop.stop for stop in self.stops)
+
     def stop(self, stop: StopId) -> AdjustedStop:
         """The adjusted stop of that name."""
         for adjusted in self.stops:

@@ -64,10 +64,10 @@ def _overall(
     network: Network, params: AdjustmentParams, start: AdjustedNetwork | None
 ) -> tuple[AdjustedNetwork, AdjustmentReport]:
     """All together; its oldest stops then leave it, so that later steps go on from it exactly."""
-    traverse, report = begin(network, params, start)
+    adjusted, report = begin(network, params, start)
     if not report.converged:
         raise AdjustmentError(f"{report}; the network before stands")
-    return traverse.window, report
+    return adjusted, report
 
 
 def _pointed(

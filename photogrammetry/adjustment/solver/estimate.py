@@ -32,7 +32,7 @@ from solmap.photogrammetry.adjustment.solver.marginal import Marginal
 from solmap.photogrammetry.adjustment.solver.normal_equations import (
     Linearised,
     Place,
-    linearise_at,
+    linearise,
 )
 from solmap.photogrammetry.adjustment.solver.problem import Problem
 from solmap.photogrammetry.adjustment.solver.residuals import (
@@ -118,7 +118,7 @@ class _Judged:
     ) -> _Judged:
         state = solution.state
         at = solution.at or Place.of(problem, state)
-        now = solution.now or linearise_at(problem, at, threshold)
+        now = solution.now or linearise(problem, at, threshold)
         inverse = now.factor.inverse()
         found = residuals(problem, now.ties, inverse)
         placed = control_tests(problem, state, inverse, params, threshold)

@@ -56,7 +56,7 @@ from solmap.photogrammetry.adjustment.solver.normal_equations import (
     cost_of,
     huber_threshold,
     lengths,
-    linearise_at,
+    linearise,
 )
 from solmap.photogrammetry.adjustment.solver.problem import Problem
 
@@ -116,7 +116,7 @@ def solve(
         if iteration > 1 and threshold is not None:
             closer = min(threshold, huber_threshold(problem, at, params))
             threshold, cost = closer, cost_of(problem, at, closer)
-        now = linearise_at(problem, at, threshold)
+        now = linearise(problem, at, threshold)
         x = now.factor.solve(now.right[:-1], problem.unknowns.offsets)
         length2 = float(x @ now.right[:-1])
         correction = Correction.of(problem, at, now.ties, x)

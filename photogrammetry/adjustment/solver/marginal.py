@@ -42,7 +42,6 @@ from solmap.photogrammetry.adjustment.model.network import FRAME_UNKNOWNS, Netwo
 from solmap.photogrammetry.adjustment.model.small_matrices import (
     cross_matrix,
     inverse_left_jacobian,
-    rotation_of_vector,
 )
 from solmap.photogrammetry.arrays import Bool, Float64, Int32
 from solmap.photogrammetry.errors import AdjustmentError
@@ -104,20 +103,13 @@ class Chart:
         shifted = state.frames[self.frames] - self.frame_places
         return np.concatenate([z.ravel(), turned.ravel(), shifted.ravel()])
 
-    def partials(self, state: State) -> Float64[np.ndarray, "n n"]:
-        """Derivatives of z by (d, dc) of the stops, in the LSL, dm of the pairs, dp of frames."""
-        return self.partials_at(state, self.coordinates(state))
-
-    def partials_at(self, state: State, z: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, "n n"]:
-        """The same where the coordinates of the state are known."""
-        J, posed = np.eye(self.size), STOP_UNKNOWNS * len(self.stops)
-        J[:posed, :posed] = self.pose_partials(state, z)
-        return J
-
     def pose_partials(
         self, state: State, z: Float64[np.ndarray, " n"]
     ) -> Float64[np.ndarray, "p p"]:
-        """The part for stops: other unknowns are their own z."""
+        """Derivatives of z by (d, dc) of the stops, in the LSL, at a state whose coordinates are z.
+
+        Pointings and frames differ from their z by constants: their derivatives are one.
+        """
         n, rotations = len(self.stops), state.rotations[self.stops]
         bend = inverse_left_jacobian(z[: 6 * n].reshape(n, 6)[:, :3])
         centres, to_anchor = state.centres[self.stops], rotations[-1].T
@@ -141,24 +133,6 @@ class Chart:
         K[:, 0, :, -1, 0] = K[:, 1, :, -1, 1] = np.eye(3)
         K[:, 1, :, -1, 0] = -cross_matrix(self.centres - self.centres[-1])
         return K.reshape(6 * n, 6 * n)
-
-    def placed(self, z: Float64[np.ndarray, " n"], state: State) -> State:
-        """The state in which the coordinates are z; the anchor's are met first."""
-        n = len(self.stops)
-        turned, moved = np.split(z[: 6 * n].reshape(n, 6), 2, axis=1)
-        turn_then, place_then = self.then
-        turn, place = rotation_of_vector(turned) @ turn_then, place_then + moved
-        rotations, centres = state.rotations.copy(), state.centres.copy()
-        pointings = state.pointings.copy()
-        rotations[self.stops] = turn[-1] @ turn
-        rotations[self.stops[-1]] = turn[-1]
-        centres[self.stops] = place[-1] + place @ turn[-1].T
-        centres[self.stops[-1]] = place[-1]
-        posed, pointed = STOP_UNKNOWNS * n, PAIR_UNKNOWNS * len(self.pairs)
-        pointings[self.pairs] = self.pointings + z[posed : posed + pointed].reshape(-1, 3)
-        frames = state.frames.copy()
-        frames[self.frames] = self.frame_places + z[posed + pointed :].reshape(-1, FRAME_UNKNOWNS)
-        return State(rotations, centres, pointings, state.points, frames)
 
 
 def _vectors(rotations: Float64[np.ndarray, "n 3 3"]) -> Float64[np.ndarray, "n 3"]:

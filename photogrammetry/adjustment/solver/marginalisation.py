@@ -64,18 +64,8 @@ class Linear:
     """The used tie points that several pairs see, as the adjustment linearised them last."""
 
     @classmethod
-    def of(
-        cls,
-        adjusted: AdjustedNetwork,
-        network: Network,
-        params: AdjustmentParams,
-        rows: np.ndarray | None = None,
-    ) -> Linear:
-        """A network at the state to which it was adjusted, with what it has inherited.
-
-        `rows` are those of the adjusted ties that the network has, if not all.
-        """
-        status = adjusted.ties.status if rows is None else adjusted.ties.status[rows]
+    def of(cls, adjusted: AdjustedNetwork, network: Network, params: AdjustmentParams) -> Linear:
+        """A network at the state to which it was adjusted, with what it has inherited."""
         stops = {stop.stop: stop for stop in adjusted.stops}
         pairs = {pair.pair_id: pair for pair in adjusted.pairs}
         poses = [stops[stop] for stop in network.stop_ids]
@@ -91,7 +81,7 @@ class Linear:
             Telemetry.of(network, params),
             np.array([stop.held for stop in poses], dtype=bool),
             state,
-            status == USED,
+            adjusted.ties.status == USED,
             Marginal.of(adjusted.memory, network) if adjusted.memory else None,
             np.array([stop.is_tied for stop in poses], dtype=bool),
             _control(adjusted, network),
@@ -127,23 +117,6 @@ def _control(adjusted: AdjustedNetwork, network: Network) -> Control | None:
         return None
     control = Control.of(network)
     return control.using(known_used(network.control, adjusted.control))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Conditional:
-    """Where a stop and its pairs are, given those that stayed: own z_s + other z_T = right."""
-
-    chart: Chart
-    leaving: np.ndarray
-    """Columns of the chart that left."""
-    own: Float64[np.ndarray, "s s"]
-    other: Float64[np.ndarray, "s t"]
-    right: Float64[np.ndarray, " s"]
-
-    @property
-    def staying(self) -> np.ndarray:
-        """Columns of the chart that stayed."""
-        return _others(self.chart.size, self.leaving)
 
 
 def _others(count: int, some: np.ndarray) -> np.ndarray:
@@ -182,7 +155,7 @@ def leaving(network: Linear, k: int) -> Leaving:
     return Leaving(k, rows, stops[stays], pairs[observations.pair_stop[pairs] != k])
 
 
-def retire(network: Linear, leaves: Leaving) -> tuple[Conditional, Marginal]:
+def retire(network: Linear, leaves: Leaving) -> Marginal:
     """Take a stop, the first that is left, out of a network."""
     k, rows, stops, pairs = leaves.stop, leaves.rows, leaves.stops, leaves.pairs
     mine = np.flatnonzero(network.observations.pair_stop == k)
@@ -200,10 +173,10 @@ def retire(network: Linear, leaves: Leaving) -> tuple[Conditional, Marginal]:
         spent, surplus = network.inherited.spent, surplus + network.inherited.surplus
     everything = np.concatenate([tie_rows(network, rows, columns), *others])
     gone = np.append(columns.of_stop[own], columns.of_pair[mine])
-    conditional, root, right, rest = _triangulated(chart, _in_coordinates(everything, chart), gone)
+    root, right, rest = _triangulated(chart, _in_coordinates(everything, chart), gone)
     stays = Chart.at(state, stops, pairs, frames)
     grounded = network.grounded[stops]
-    return conditional, Marginal(stays, root, right, grounded, spent + rest, surplus - len(gone))
+    return Marginal(stays, root, right, grounded, spent + rest, surplus - len(gone))
 
 
 def _frames(network: Linear, k: int) -> np.ndarray:
@@ -229,13 +202,12 @@ def _in_coordinates(rows: np.ndarray, chart: Chart) -> np.ndarray:
 
 def _triangulated(
     chart: Chart, A: np.ndarray, gone: np.ndarray
-) -> tuple[Conditional, np.ndarray, np.ndarray, float]:
-    """Conditional, and root, right-hand side and spent sum of squares of the marginal."""
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Root, right-hand side and spent sum of squares of the marginal."""
     s, n = len(gone), chart.size
     R = triangulated(A[:, np.concatenate([gone, _others(n, gone), [n]])])
-    conditional = Conditional(chart, gone, R[:s, :s], R[:s, s:n], R[:s, n])
     spent = float(R[n, n] ** 2) if len(R) > n else 0.0
-    return conditional, np.ascontiguousarray(R[s:n, s:n]), R[s:n, n].copy(), spent
+    return np.ascontiguousarray(R[s:n, s:n]), R[s:n, n].copy(), spent
 
 
 _geqrf = get_lapack_funcs("geqrf", dtype=np.float64)

@@ -246,12 +246,7 @@ class Linearised:
         return replace(self, ties=tuple(ties))
 
 
-def linearise(problem: Problem, state: State, threshold: float | None) -> Linearised:
-    """The problem at a state, factored."""
-    return linearise_at(problem, Place.of(problem, state), threshold)
-
-
-def linearise_at(problem: Problem, at: Place, threshold: float | None) -> Linearised:
-    """The same where the state has been looked from already."""
+def linearise(problem: Problem, at: Place, threshold: float | None) -> Linearised:
+    """The problem at a linearisation point, factored; `threshold` is that of the robust loss."""
     flat, right, ties = _reduced(problem, at, threshold)
     return Linearised(factorise(problem.pattern, flat), right, ties)

@@ -22,9 +22,9 @@ from solmap.photogrammetry.adjustment.model.network import (
 from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
 from solmap.photogrammetry.adjustment.model.small_matrices import rotation_of_vector
 from solmap.photogrammetry.adjustment.modes.mission import AdjustmentMode, advance
-from solmap.photogrammetry.adjustment.modes.overall import adjust_overall
-from solmap.photogrammetry.adjustment.modes.sequential import adjust_sequential, begin
-from solmap.photogrammetry.adjustment.smoothing import smoothed
+from solmap.photogrammetry.adjustment.modes.overall import adjust, adjust_overall
+from solmap.photogrammetry.adjustment.modes.sequential import _part, adjust_sequential, begin
+from solmap.photogrammetry.adjustment.solver.marginal import Marginal
 from solmap.photogrammetry.arrays import Vector3
 from solmap.photogrammetry.errors import AdjustmentError
 from solmap.photogrammetry.frames import Pose
@@ -222,13 +222,15 @@ def test_stop_after_stop_is_the_simultaneous_solution_with_control_too():
     np.testing.assert_allclose(np.sqrt(np.diagonal(found.covariance)), sigma, rtol=1e-2)
 
 
-def test_linearised_at_one_place_what_control_says_of_earlier_stops_comes_back_exactly():
+def test_what_control_said_of_marginalised_stops_is_kept_exactly():
     network, _, _ = simulated(2, stops=7, shown=(0, 1, 3, 6), sigma_up_m=0.2)
     overall, _ = adjust_overall(network, PARAMS)
-    traverse, _ = begin(network, PARAMS)
-    back = smoothed(traverse, network, PARAMS)
-    assert len(traverse.departures) == 5
-    for a, b in zip(back.stops, overall.stops, strict=True):
+    window, _ = begin(network, PARAMS)
+    part = _part(network, window.window, ())
+    inherited = Marginal.of(window.memory, part)
+    again, _ = adjust(part, frozenset(), PARAMS, window, inherited=inherited)
+    assert len(again.stops) == 2
+    for a, b in zip(again.stops, overall.stops[-2:], strict=True):
         sigma = np.sqrt(np.diagonal(b.covariance))
         off = a.lsl_from_rover.translation_m - b.lsl_from_rover.translation_m
         assert (np.abs(off) / sigma[3:]).max() < 1e-5
@@ -285,7 +287,7 @@ def test_stepwise_places_new_stops_by_control_too():
 
 def test_a_network_with_control_comes_back_from_its_document_bit_for_bit():
     network, _, _ = simulated(2, stops=5, shown=(0, 1, 3), sigma_azimuth_deg=0.5)
-    adjusted = begin(network, PARAMS)[0].window
+    adjusted = begin(network, PARAMS)[0]
     document = json.dumps(network_document(adjusted))
     back = network_of_document(json.loads(document))
     assert json.dumps(network_document(back)) == document

@@ -13,6 +13,7 @@ from solmap.photogrammetry.adjustment.solver.elimination import orthonormal
 from solmap.photogrammetry.adjustment.solver.gauss_newton import solve
 from solmap.photogrammetry.adjustment.solver.layout import Unknowns, tie_groups
 from solmap.photogrammetry.adjustment.solver.normal_equations import (
+    Place,
     linearise,
     normal_equations,
 )
@@ -48,7 +49,8 @@ def test_a_common_motion_of_its_stops_is_none_to_a_tie_point(bent):
     network, observations, state = bent
     held, used = np.arange(3) == 0, np.ones(len(observations), dtype=bool)
     telemetry = Telemetry.of(network, AdjustmentParams())
-    ties = linearise(Problem.of(observations, telemetry, held, used), state, None).ties
+    problem = Problem.of(observations, telemetry, held, used)
+    ties = linearise(problem, Place.of(problem, state), None).ties
     turn, shift = np.array([0.1, -0.2, 0.3]), np.array([1.0, 2.0, -3.0])
     joining = [tie for tie in ties if tie.group.slots[-1]]
     assert joining
@@ -113,7 +115,7 @@ def test_points_that_join_those_that_are_seen_more_often_say_the_same(bent, monk
     found, expected = (
         residuals(problem, now.ties, now.factor.inverse())
         for problem in (joined, apart)
-        for now in [linearise(problem, state, None)]
+        for now in [linearise(problem, Place.of(problem, state), None)]
     )
     np.testing.assert_allclose(found.test, expected.test, rtol=1e-6)
     np.testing.assert_allclose(found.redundancy, expected.redundancy, atol=1e-9)

@@ -8,15 +8,14 @@ import pytest
 
 from solmap.photogrammetry.adjustment.model.collinearity import State
 from solmap.photogrammetry.adjustment.model.small_matrices import rotation_of_vector
-from solmap.photogrammetry.adjustment.modes.overall import adjust_overall
+from solmap.photogrammetry.adjustment.modes.overall import adjust, adjust_overall
 from solmap.photogrammetry.adjustment.modes.sequential import (
-    Traverse,
+    _part,
     adjust_sequential,
     begin,
     extend,
 )
-from solmap.photogrammetry.adjustment.smoothing import smoothed
-from solmap.photogrammetry.adjustment.solver.marginal import Chart
+from solmap.photogrammetry.adjustment.solver.marginal import Chart, Marginal
 from solmap.photogrammetry.errors import AdjustmentError
 from solmap.photogrammetry.synthetic.networks import simulate_network
 from solmap.products.formats.documents.adjusted_network import (
@@ -85,20 +84,14 @@ def test_derivatives_of_the_coordinates_agree_with_differences(state):
     chart = Chart.at(state, stops, pairs)
     rng = np.random.default_rng(5)
     here = shifted(state, rng.normal(0, 0.2, chart.size), stops, pairs)  # not where it was made
-    J, h = chart.partials(here), 1e-6
+    J, h = np.eye(chart.size), 1e-6
+    J[:18, :18] = chart.pose_partials(here, chart.coordinates(here))
     for k in range(chart.size):
         x = np.zeros(chart.size)
         x[k] = h
         there, back = shifted(here, x, stops, pairs), shifted(here, -x, stops, pairs)
         slope = (chart.coordinates(there) - chart.coordinates(back)) / (2 * h)
         np.testing.assert_allclose(J[:, k], slope, atol=1e-7)  # h^2 times third derivatives of 20 m
-
-
-def test_placing_undoes_the_coordinates(state):
-    stops, pairs = np.array([1, 2]), np.array([0])
-    chart = Chart.at(state, stops, pairs)
-    z = np.random.default_rng(6).normal(0, 0.3, chart.size)
-    np.testing.assert_allclose(chart.coordinates(chart.placed(z, state)), z, atol=1e-12)
 
 
 def test_a_common_motion_leaves_all_but_the_anchor_alone(state):
@@ -111,29 +104,31 @@ def test_a_common_motion_leaves_all_but_the_anchor_alone(state):
     np.testing.assert_allclose(chart.coordinates(moved)[:18], 0.0, atol=1e-12)
 
 
-def test_linearised_at_one_place_it_is_the_simultaneous_solution(network, params):
-    """All stops leave where the overall adjustment ended; what comes back is that adjustment.
+def test_what_marginalised_stops_said_is_kept_exactly(network, params):
+    """Linearised where the overall adjustment ended, the window alone gives what that gave.
 
     Iterated to the end: covariances are those where the last step but one led.
     """
     params = replace(params, tolerance=1e-12)
     overall, report = adjust_overall(network, params)
-    traverse, _ = begin(network, params)
-    assert len(traverse.departures) == len(network.stops) - params.window_stops
-    back = smoothed(traverse, network, params)
-    off, wider = in_sigmas(back.stops, overall.stops)
+    window, _ = begin(network, params)
+    assert window.memory.window == network.stop_ids[-params.window_stops :]
+    part = _part(network, window.window, ())
+    inherited = Marginal.of(window.memory, part)
+    again, alone = adjust(part, frozenset(), params, window, inherited=inherited)
+    assert report.is_usable
+    assert alone.redundancy == report.redundancy
+    off, wider = in_sigmas(again.stops, overall.stops[-params.window_stops :])
     assert off < 1e-4  # what is left of the last step: 1e-10 in squared standard deviations
     assert wider < 1e-7
-    for pair in overall.pairs:
-        sigma = np.sqrt(np.diagonal(pair.pointing_covariance))
-        assert (np.abs(back.pointings[pair.pair_id] - pair.pointing) < 1e-4 * sigma).all()
+    for pair in again.pairs:
+        whole = overall.pair(pair.pair_id)
+        sigma = np.sqrt(np.diagonal(whole.pointing_covariance))
+        assert (np.abs(pair.pointing - whole.pointing) < 1e-4 * sigma).all()
         np.testing.assert_allclose(
-            back.pointing_covariances[pair.pair_id], pair.pointing_covariance, rtol=1e-5,
+            pair.pointing_covariance, whole.pointing_covariance, rtol=1e-5,
             atol=1e-7 * sigma.max() ** 2,
         )  # fmt: skip
-    memory = traverse.window.memory
-    assert memory.window == network.stop_ids[-params.window_stops :]
-    assert report.is_usable
 
 
 def test_stop_by_stop_the_last_stop_is_that_of_the_simultaneous_solution(network, params):
@@ -141,18 +136,8 @@ def test_stop_by_stop_the_last_stop_is_that_of_the_simultaneous_solution(network
     overall, together = adjust_overall(network, params)
     assert report.redundancy == together.redundancy
     assert report.sigma0 == pytest.approx(together.sigma0, rel=1e-4)
-    off, wider = in_sigmas(traverse.window.stops, overall.stops[-len(traverse.window.stops) :])
+    off, wider = in_sigmas(traverse.stops, overall.stops[-len(traverse.stops) :])
     assert off < 0.01  # linearised where stops left: second order in the corrections since
-    assert wider < 0.01
-
-
-def test_all_earlier_stops_follow_by_back_substitution(network, params):
-    traverse, _ = along(network, params)
-    overall, _ = adjust_overall(network, params)
-    back = smoothed(traverse, network, params)
-    assert [stop.stop for stop in back.stops] == list(network.stop_ids)
-    off, wider = in_sigmas(back.stops, overall.stops)
-    assert off < 0.01
     assert wider < 0.01
 
 
@@ -164,7 +149,7 @@ def test_it_is_called_like_the_stepwise_adjustment_and_survives_as_a_document(ne
         previous = network_of_document(json.loads(json.dumps(network_document(previous))))
     traverse, other = along(network, params)
     assert report.sigma0 == pytest.approx(other.sigma0, rel=1e-12)
-    for stop in traverse.window.stops:
+    for stop in traverse.stops:
         np.testing.assert_array_equal(
             previous.stop(stop.stop).lsl_from_rover.translation_m,
             stop.lsl_from_rover.translation_m,
@@ -212,14 +197,13 @@ def test_nothing_leaves_an_adjustment_that_has_not_converged(network, params):
     hasty = replace(params, max_iterations=1, tolerance=1e-30, max_rounds=1)
     after, report = extend(traverse, network, network.stop_ids[10:], hasty)
     assert not report.converged
-    assert len(after.departures) == len(traverse.departures)
+    assert after.memory is traverse.memory
 
 
 def test_a_traverse_keeps_its_window_only(network, params):
     traverse, _ = along(network, params)
-    assert isinstance(traverse, Traverse)
-    assert len(traverse.staying) == params.window_stops
-    assert len(traverse.window.stops) == params.window_stops + 1  # one left after the last step
+    assert traverse.window == network.stop_ids[-params.window_stops :]
+    assert len(traverse.stops) == params.window_stops + 1  # one left after the last step
 
 
 def test_a_gap_of_several_drives_without_ties_is_passed(params):
@@ -230,7 +214,7 @@ def test_a_gap_of_several_drives_without_ties_is_passed(params):
     traverse, report = along(network, params)
     overall, _ = adjust_overall(network, params)
     assert report.converged
-    now = traverse.window.stop(network.stop_ids[-1])
+    now = traverse.stop(network.stop_ids[-1])
     off, wider = in_sigmas([now], [overall.stop(network.stop_ids[-1])])
     assert off < 0.05
     assert wider < 0.05
