@@ -13,184 +13,12 @@ import json
 from dataclasses import dataclass
 from enum import Enum, StrEnum
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 from solmap.products.recipe_names import RECIPE_NAMES, RecipeNames
 
 SCIENCE_VERSION = 3
 """Raised when equal inputs and parameters give other products; CHANGELOG.md says what changed."""
-
-
-class ProductKind(StrEnum):
-    """Every kind of product; the value is its folder and its name in the catalogue."""
-
-    IMAGE = "image"
-    BROWSE = "browse"
-    VECTORS = "vectors"
-    RADIOMETRY = "radiometry"
-    MATCHES = "matches"
-    PARALLAX = "parallax"
-    TIES = "ties"
-    LINKS = "links"
-    MANUAL_TIES = "hand-ties"
-    NETWORK = "network"
-    MARGINALISED_STOP = "settled"
-    ORIENTATIONS = "orientations"
-    QUALITY = "quality"
-    REPORT = "report"
-    DTM = "dtm"
-    ORTHOPHOTO = "orthophoto"
-    SOURCES = "sources"
-    COLOUR = "colour"
-    SLOPE = "slope"
-    ASPECT = "aspect"
-    HILLSHADE = "hillshade"
-    NORTHERLY_TILT = "northerly-tilt"
-    ROUGHNESS = "roughness"
-    INSOLATION = "insolation"
-    HAVENS = "havens"
-    VIEWSHED = "viewshed"
-    HAZARD = "hazard"
-    CONTOURS = "contours"
-    MODEL = "model"
-    VIEW_MODEL = "view-model"
-    TILESET = "tileset"
-    DIPS = "dips"
-    POINTS = "points"
-    POINT_TILES = "point-tiles"
-    PANORAMA = "panorama"
-    PANORAMA_GROUND = "panorama-ground"
-    FAR_DTM = "far-dtm"
-    FAR_HILLSHADE = "far-hillshade"
-    FAR_CONTOURS = "far-contours"
-    REGION_DTM = "region-dtm"
-    REGION_SEAMS = "region-seams"
-    REGION_HILLSHADE = "region-hillshade"
-    REGION_SLOPE = "region-slope"
-    REGION_ASPECT = "region-aspect"
-    REGION_NORTHERLY_TILT = "region-northerly-tilt"
-    REGION_ROUGHNESS = "region-roughness"
-    REGION_INSOLATION = "region-insolation"
-    REGION_HAVENS = "region-havens"
-    REGION_HAZARD = "region-hazard"
-    REGION_CONTOURS = "region-contours"
-    TRAVERSE = "traverse"
-    TRAVERSE_TABLE = "traverse-table"
-    TRAVERSE_FIGURE = "traverse-figure"
-    TRAVERSE_PICTURE = "traverse-picture"
-    TRAVERSE_PACKAGE = "traverse-package"
-    PLACES = "places"
-    SITE_VECTORS = "site-vectors"
-    ROVER_VECTORS = "rover-vectors"
-    MISSION_TRAVERSE = "mission-traverse"
-    MISSION_STOPS = "mission-stops"
-    ORBITAL_IMAGE = "orbital-image"
-    ORBITAL_REGISTRATION = "orbital-registration"
-    ORBITAL = "orbital"
-    CONTROL_FILE = "control-file"
-    CONTROL = "control"
-    STOPS = "stops"
-    FOOTPRINTS = "footprints"
-    POINTING = "pointing"
-    TIE_POINTS = "tie-points"
-    QUICKLOOK = "quicklook"
-
-
-SUFFIX = {
-    ProductKind.IMAGE: ".img",
-    ProductKind.BROWSE: ".png",
-    ProductKind.VECTORS: ".xml",
-    ProductKind.RADIOMETRY: ".npz",
-    ProductKind.MATCHES: ".npz",
-    ProductKind.PARALLAX: ".npz",
-    ProductKind.TIES: ".npz",
-    ProductKind.LINKS: ".npz",
-    ProductKind.MANUAL_TIES: ".txt",
-    ProductKind.NETWORK: ".json",
-    ProductKind.MARGINALISED_STOP: ".json",
-    ProductKind.ORIENTATIONS: ".json",
-    ProductKind.QUALITY: ".json",
-    ProductKind.REPORT: ".html",
-    ProductKind.DTM: ".tif",
-    ProductKind.ORTHOPHOTO: ".tif",
-    ProductKind.SOURCES: ".tif",
-    ProductKind.COLOUR: ".tif",
-    ProductKind.SLOPE: ".tif",
-    ProductKind.ASPECT: ".tif",
-    ProductKind.HILLSHADE: ".tif",
-    ProductKind.NORTHERLY_TILT: ".tif",
-    ProductKind.ROUGHNESS: ".tif",
-    ProductKind.INSOLATION: ".tif",
-    ProductKind.HAVENS: ".geojson",
-    ProductKind.VIEWSHED: ".tif",
-    ProductKind.HAZARD: ".tif",
-    ProductKind.CONTOURS: ".geojson",
-    ProductKind.MODEL: ".glb",
-    ProductKind.VIEW_MODEL: ".glb",
-    ProductKind.TILESET: ".3tz",
-    ProductKind.DIPS: ".geojson",
-    ProductKind.POINTS: ".ply",
-    ProductKind.POINT_TILES: ".3tz",
-    ProductKind.PANORAMA: ".tif",
-    ProductKind.PANORAMA_GROUND: ".tif",
-    ProductKind.FAR_DTM: ".tif",
-    ProductKind.FAR_HILLSHADE: ".tif",
-    ProductKind.FAR_CONTOURS: ".geojson",
-    ProductKind.REGION_DTM: ".tif",
-    ProductKind.REGION_SEAMS: ".tif",
-    ProductKind.REGION_HILLSHADE: ".tif",
-    ProductKind.REGION_SLOPE: ".tif",
-    ProductKind.REGION_ASPECT: ".tif",
-    ProductKind.REGION_NORTHERLY_TILT: ".tif",
-    ProductKind.REGION_ROUGHNESS: ".tif",
-    ProductKind.REGION_INSOLATION: ".tif",
-    ProductKind.REGION_HAVENS: ".geojson",
-    ProductKind.REGION_HAZARD: ".tif",
-    ProductKind.REGION_CONTOURS: ".geojson",
-    ProductKind.TRAVERSE: ".geojson",
-    ProductKind.TRAVERSE_TABLE: ".json",
-    ProductKind.TRAVERSE_FIGURE: ".svg",
-    ProductKind.TRAVERSE_PICTURE: ".png",
-    ProductKind.TRAVERSE_PACKAGE: ".gpkg",
-    ProductKind.PLACES: ".csv",
-    ProductKind.SITE_VECTORS: ".svf",
-    ProductKind.ROVER_VECTORS: ".rvf",
-    ProductKind.MISSION_TRAVERSE: ".geojson",
-    ProductKind.MISSION_STOPS: ".geojson",
-    ProductKind.ORBITAL_IMAGE: ".tif",
-    ProductKind.ORBITAL_REGISTRATION: ".json",
-    ProductKind.ORBITAL: ".tif",
-    ProductKind.CONTROL_FILE: ".txt",
-    ProductKind.CONTROL: ".json",
-    ProductKind.STOPS: ".geojson",
-    ProductKind.FOOTPRINTS: ".geojson",
-    ProductKind.POINTING: ".geojson",
-    ProductKind.TIE_POINTS: ".geojson",
-    ProductKind.QUICKLOOK: ".png",
-}
-
-
-FAR = {
-    ProductKind.DTM: ProductKind.FAR_DTM,
-    ProductKind.HILLSHADE: ProductKind.FAR_HILLSHADE,
-    ProductKind.CONTOURS: ProductKind.FAR_CONTOURS,
-}
-"""Kinds of a stop's map, and of its map of far ground: layers of their own beside each other."""
-REGION = {
-    ProductKind.DTM: ProductKind.REGION_DTM,
-    ProductKind.HILLSHADE: ProductKind.REGION_HILLSHADE,
-    ProductKind.SLOPE: ProductKind.REGION_SLOPE,
-    ProductKind.ASPECT: ProductKind.REGION_ASPECT,
-    ProductKind.NORTHERLY_TILT: ProductKind.REGION_NORTHERLY_TILT,
-    ProductKind.ROUGHNESS: ProductKind.REGION_ROUGHNESS,
-    ProductKind.INSOLATION: ProductKind.REGION_INSOLATION,
-    ProductKind.HAVENS: ProductKind.REGION_HAVENS,
-    ProductKind.HAZARD: ProductKind.REGION_HAZARD,
-    ProductKind.CONTOURS: ProductKind.REGION_CONTOURS,
-}
-"""The same for the map of all stops of a mission together."""
-MAPPED = {ProductKind.FAR_DTM: FAR, ProductKind.REGION_DTM: REGION}
-"""By the kind of the terrain model that a map is made from."""
 
 
 class ScopeLevel(StrEnum):
@@ -203,35 +31,109 @@ class ScopeLevel(StrEnum):
     REGION = "region"
 
 
-LEVEL = {
-    ProductKind.IMAGE: ScopeLevel.IMAGE,
-    ProductKind.BROWSE: ScopeLevel.IMAGE,
-    ProductKind.VECTORS: ScopeLevel.REGION,
-    ProductKind.RADIOMETRY: ScopeLevel.REGION,
-    ProductKind.MATCHES: ScopeLevel.PAIR,
-    ProductKind.PARALLAX: ScopeLevel.PAIR,
-    ProductKind.TIES: ScopeLevel.STOP,
-    ProductKind.LINKS: ScopeLevel.STOP,
-    ProductKind.MANUAL_TIES: ScopeLevel.REGION,
-    ProductKind.PANORAMA_GROUND: ScopeLevel.STOP,
-    ProductKind.NETWORK: ScopeLevel.SOL,
-    ProductKind.MARGINALISED_STOP: ScopeLevel.STOP,
-    ProductKind.ORIENTATIONS: ScopeLevel.SOL,
-    ProductKind.QUALITY: ScopeLevel.SOL,
-    ProductKind.REPORT: ScopeLevel.SOL,
-    ProductKind.TRAVERSE_TABLE: ScopeLevel.REGION,
-    ProductKind.TRAVERSE_FIGURE: ScopeLevel.REGION,
-    ProductKind.TRAVERSE_PICTURE: ScopeLevel.REGION,
-    ProductKind.TRAVERSE_PACKAGE: ScopeLevel.REGION,
-    ProductKind.PLACES: ScopeLevel.REGION,
-    ProductKind.SITE_VECTORS: ScopeLevel.REGION,
-    ProductKind.ROVER_VECTORS: ScopeLevel.REGION,
-    ProductKind.ORBITAL_IMAGE: ScopeLevel.REGION,
-    ProductKind.ORBITAL_REGISTRATION: ScopeLevel.REGION,
-    ProductKind.CONTROL_FILE: ScopeLevel.REGION,
-    ProductKind.CONTROL: ScopeLevel.REGION,
-}
-"""The level of the products that stages hand to each other."""
+class ProductKind(StrEnum):
+    """Every kind of product: its name, the suffix of its files and what it is about.
+
+    The name is the kind's folder in the store and its name in the catalogue.
+    """
+
+    suffix: str
+    level: ScopeLevel | None
+    """None: the scope differs from product to product."""
+
+    def __new__(cls, name: str, suffix: str = "", level: ScopeLevel | None = None) -> Self:
+        """A kind; its value is its name."""
+        kind = str.__new__(cls, name)
+        kind._value_ = name
+        kind.suffix, kind.level = suffix, level
+        return kind
+
+    IMAGE = "image", ".img", ScopeLevel.IMAGE
+    BROWSE = "browse", ".png", ScopeLevel.IMAGE
+    VECTORS = "vectors", ".xml", ScopeLevel.REGION
+    RADIOMETRY = "radiometry", ".npz", ScopeLevel.REGION
+    MATCHES = "matches", ".npz", ScopeLevel.PAIR
+    PARALLAX = "parallax", ".npz", ScopeLevel.PAIR
+    TIES = "ties", ".npz", ScopeLevel.STOP
+    LINKS = "links", ".npz", ScopeLevel.STOP
+    MANUAL_TIES = "hand-ties", ".txt", ScopeLevel.REGION
+    NETWORK = "network", ".json", ScopeLevel.SOL
+    MARGINALISED_STOP = "settled", ".json", ScopeLevel.STOP
+    ORIENTATIONS = "orientations", ".json", ScopeLevel.SOL
+    QUALITY = "quality", ".json", ScopeLevel.SOL
+    REPORT = "report", ".html", ScopeLevel.SOL
+    DTM = "dtm", ".tif"
+    ORTHOPHOTO = "orthophoto", ".tif"
+    SOURCES = "sources", ".tif"
+    COLOUR = "colour", ".tif"
+    SLOPE = "slope", ".tif"
+    ASPECT = "aspect", ".tif"
+    HILLSHADE = "hillshade", ".tif"
+    NORTHERLY_TILT = "northerly-tilt", ".tif"
+    ROUGHNESS = "roughness", ".tif"
+    INSOLATION = "insolation", ".tif"
+    HAVENS = "havens", ".geojson"
+    VIEWSHED = "viewshed", ".tif"
+    HAZARD = "hazard", ".tif"
+    CONTOURS = "contours", ".geojson"
+    MODEL = "model", ".glb"
+    VIEW_MODEL = "view-model", ".glb"
+    TILESET = "tileset", ".3tz"
+    DIPS = "dips", ".geojson"
+    POINTS = "points", ".ply"
+    POINT_TILES = "point-tiles", ".3tz"
+    PANORAMA = "panorama", ".tif"
+    PANORAMA_GROUND = "panorama-ground", ".tif", ScopeLevel.STOP
+    FAR_DTM = "far-dtm", ".tif"
+    FAR_HILLSHADE = "far-hillshade", ".tif"
+    FAR_CONTOURS = "far-contours", ".geojson"
+    REGION_DTM = "region-dtm", ".tif"
+    REGION_SEAMS = "region-seams", ".tif"
+    REGION_HILLSHADE = "region-hillshade", ".tif"
+    REGION_SLOPE = "region-slope", ".tif"
+    REGION_ASPECT = "region-aspect", ".tif"
+    REGION_NORTHERLY_TILT = "region-northerly-tilt", ".tif"
+    REGION_ROUGHNESS = "region-roughness", ".tif"
+    REGION_INSOLATION = "region-insolation", ".tif"
+    REGION_HAVENS = "region-havens", ".geojson"
+    REGION_HAZARD = "region-hazard", ".tif"
+    REGION_CONTOURS = "region-contours", ".geojson"
+    TRAVERSE = "traverse", ".geojson"
+    TRAVERSE_TABLE = "traverse-table", ".json", ScopeLevel.REGION
+    TRAVERSE_FIGURE = "traverse-figure", ".svg", ScopeLevel.REGION
+    TRAVERSE_PICTURE = "traverse-picture", ".png", ScopeLevel.REGION
+    TRAVERSE_PACKAGE = "traverse-package", ".gpkg", ScopeLevel.REGION
+    PLACES = "places", ".csv", ScopeLevel.REGION
+    SITE_VECTORS = "site-vectors", ".svf", ScopeLevel.REGION
+    ROVER_VECTORS = "rover-vectors", ".rvf", ScopeLevel.REGION
+    MISSION_TRAVERSE = "mission-traverse", ".geojson"
+    MISSION_STOPS = "mission-stops", ".geojson"
+    ORBITAL_IMAGE = "orbital-image", ".tif", ScopeLevel.REGION
+    ORBITAL_REGISTRATION = "orbital-registration", ".json", ScopeLevel.REGION
+    ORBITAL = "orbital", ".tif"
+    CONTROL_FILE = "control-file", ".txt", ScopeLevel.REGION
+    CONTROL = "control", ".json", ScopeLevel.REGION
+    STOPS = "stops", ".geojson"
+    FOOTPRINTS = "footprints", ".geojson"
+    POINTING = "pointing", ".geojson"
+    TIE_POINTS = "tie-points", ".geojson"
+    QUICKLOOK = "quicklook", ".png"
+
+
+def _variants(prefix: str) -> dict[ProductKind, ProductKind]:
+    """Kinds that exist with a prefix too, and the kinds with the prefix."""
+    names = set(ProductKind)
+    return {
+        kind: ProductKind(f"{prefix}{kind}") for kind in ProductKind if f"{prefix}{kind}" in names
+    }
+
+
+FAR_KINDS = _variants("far-")
+"""Kinds of a stop's map, and of its map of far ground: layers of their own beside each other."""
+REGION_KINDS = _variants("region-")
+"""The same for the map of all stops of a mission together."""
+_VARIANTS = {ProductKind.FAR_DTM: FAR_KINDS, ProductKind.REGION_DTM: REGION_KINDS}
+"""By the kind of the terrain model that a map is made from."""
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -260,7 +162,7 @@ class ProductRef:
 
     def map_kind(self, kind: ProductKind) -> ProductKind:
         """The kind of a map made from this terrain model: of a stop, of far ground, of a region."""
-        return MAPPED[self.kind][kind] if self.kind in MAPPED else kind
+        return _VARIANTS[self.kind][kind] if self.kind in _VARIANTS else kind
 
     @property
     def text(self) -> str:
@@ -276,7 +178,7 @@ class ProductRef:
     @property
     def file_name(self) -> str:
         """The file's place below the folder of products."""
-        return f"{self.kind}/{self.scope.name}/{self.digest}{SUFFIX[self.kind]}"
+        return f"{self.kind}/{self.scope.name}/{self.digest}{self.kind.suffix}"
 
 
 @dataclass(frozen=True)

@@ -45,7 +45,7 @@ from solmap.products.errors import (
 from solmap.products.formats.cropping import crop_features, crop_raster
 from solmap.products.formats.vector.geojson import read_features, write_features
 from solmap.products.formats.vector.geopackage import write_geopackage
-from solmap.products.model import SUFFIX, Layer, ProductRef
+from solmap.products.model import Layer, ProductRef
 from solmap.products.reports.stac import FOLDER
 from solmap.products.store.product_store import ProductStore
 
@@ -265,7 +265,7 @@ def geopackage(layer: LayerPath, services: ServicesOf) -> Response:
 @router.get("/download/{scope}/{kind}/{digest}", tags=["layers"], response_class=FileResponse)
 def download(layer: LayerPath, services: ServicesOf, request: Request) -> Response:
     """The layer's file, whole or by ranges: GeoTIFF in the local CRS, GeoJSON in Mars degrees."""
-    suffix = SUFFIX[layer.ref.kind]
+    suffix = layer.ref.kind.suffix
     media_type = MEDIA_TYPES.get(suffix, "application/octet-stream")
     name = f"{layer.ref.scope.name}_{layer.ref.kind}_{layer.ref.digest}{suffix}"
     return product_response(layer.ref, services.store, request, media_type, name)
@@ -303,7 +303,7 @@ def file(
     layer: LayerPath, digest: Digest, suffix: Suffix, services: ServicesOf, request: Request
 ) -> Response:
     """The file of a STAC item, whole or by ranges."""
-    wanted = SUFFIX[layer.ref.kind]
+    wanted = layer.ref.kind.suffix
     if suffix != wanted.removeprefix("."):
         raise ProductNotFoundError(f"{layer.id} is a {wanted}: {digest}{wanted}")
     media_type = MEDIA_TYPES.get(wanted, "application/octet-stream")

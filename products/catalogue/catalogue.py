@@ -45,8 +45,8 @@ from solmap.products.catalogue.events import (
     last_event,
 )
 from solmap.products.crs import LandingPoint
-from solmap.products.errors import ProductNotFoundError
-from solmap.products.model import LEVEL, Layer, ProductKind, ProductRef, Scope, ScopeLevel
+from solmap.products.errors import ProductError, ProductNotFoundError
+from solmap.products.model import Layer, ProductKind, ProductRef, Scope, ScopeLevel
 
 
 @dataclass(frozen=True, slots=True)
@@ -258,12 +258,17 @@ class Catalogue:
             return connection.execute(query).scalar_one_or_none()
 
     def pointers(self, kind: ProductKind) -> list[ProductRef]:
-        """What the pointers of a kind are at, by scope: inputs and stages that are no layers."""
+        """What the pointers of a kind are at, by scope: inputs and stages that are no layers.
+
+        Raises:
+            ProductError: products of this kind are layers.
+        """
         query = sa.select(LATEST).where(LATEST.c.kind == str(kind)).order_by(LATEST.c.scope)
-        level = LEVEL[kind]
+        if kind.level is None:
+            raise ProductError(f"{kind} is published as layers; ask for these")
         with self.engine.connect() as connection:
             return [
-                ProductRef(kind, Scope(level, row.scope), row.digest)
+                ProductRef(kind, Scope(kind.level, row.scope), row.digest)
                 for row in connection.execute(query)
             ]
 

@@ -19,7 +19,7 @@ import sqlalchemy as sa
 from solmap.products.catalogue.catalogue import Catalogue, layer_of, published_networks
 from solmap.products.catalogue.database import LAYERS
 from solmap.products.formats.documents.network import References, references_of_document
-from solmap.products.model import LEVEL, Layer, ProductKind, ProductRef, Scope, ScopeLevel
+from solmap.products.model import Layer, ProductKind, ProductRef, Scope, ScopeLevel
 from solmap.products.store.product_store import ProductStore
 
 PairOrientations = frozenset[tuple[str, tuple[float, ...], tuple[float, ...]]]
@@ -133,7 +133,7 @@ def _inputs(recipe: dict[str, Any]) -> list[ProductRef]:
     """The inputs of a recipe; of a map's stop the level is right, which paths do not need."""
     split = (text.split("/") for text in recipe["inputs"])
     return [
-        ProductRef(kind, Scope(LEVEL.get(kind, ScopeLevel.STOP), scope), digest)
+        ProductRef(kind, Scope(kind.level or ScopeLevel.STOP, scope), digest)
         for kind, scope, digest in ((ProductKind(k), s, d) for k, s, d in split)
     ]
 

@@ -26,7 +26,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from solmap.products.errors import ProductError, ProductNotFoundError, StoreFullError
-from solmap.products.model import LEVEL, SUFFIX, ProductKind, ProductRef, Recipe, Scope, ScopeLevel
+from solmap.products.model import ProductKind, ProductRef, Recipe, Scope, ScopeLevel
 from solmap.products.store.backends import (
     FolderBackend,
     ObjectStorage,
@@ -186,8 +186,8 @@ class ProductStore:
 
     def _level(self, kind: ProductKind, name: str) -> ScopeLevel:
         """What a product is about; where its kind does not say the level, its provenance does."""
-        if kind in LEVEL:
-            return LEVEL[kind]
+        if kind.level is not None:
+            return kind.level
         notes = self._backend.read(_provenance_name(name)) or b"{}"
         return ScopeLevel(json.loads(notes)["recipe"]["scope"]["level"])
 
@@ -233,10 +233,9 @@ def _provenance_name(name: str) -> str:
 
 def _digests(names: Iterable[str], kind: ProductKind) -> Iterator[str]:
     """The digests of the products among some names; provenance may end like a product."""
-    suffix = SUFFIX[kind]
     for name in names:
-        digest = name.rpartition("/")[2].removesuffix(suffix)
-        if name.endswith(suffix) and "." not in digest:
+        digest = name.rpartition("/")[2].removesuffix(kind.suffix)
+        if name.endswith(kind.suffix) and "." not in digest:
             yield digest
 
 

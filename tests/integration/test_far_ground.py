@@ -11,7 +11,7 @@ from solmap.photogrammetry.synthetic.traverse import TraverseParams
 from solmap.photogrammetry.terrain.dtm.records import Dtm
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.formats.raster.raster import read_dtm
-from solmap.products.model import FAR, Layer, ProductKind
+from solmap.products.model import FAR_KINDS, Layer, ProductKind
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(1800)]
 
@@ -47,13 +47,13 @@ def far_layers(workspace: Workspace) -> dict[ProductKind, Layer]:
     return {
         layer.ref.kind: layer
         for layer in workspace.catalogue.layers()
-        if layer.ref.kind in FAR.values()
+        if layer.ref.kind in FAR_KINDS.values()
     }
 
 
 def test_far_ground_is_published_beside_the_map_of_the_later_stop(mapped):
     layers = far_layers(mapped[0])
-    assert layers.keys() == set(FAR.values())
+    assert layers.keys() == set(FAR_KINDS.values())
     later = max(layer.ref.scope.name for layer in mapped[0].catalogue.layers())
     for layer in layers.values():
         assert layer.ref.scope.name == later

@@ -10,7 +10,7 @@ from solmap.photogrammetry.terrain.relief.contours import RegionContourParams
 from solmap.photogrammetry.terrain.relief.slope import HillshadeParams
 from solmap.products.crs import LandingPoint, local_crs
 from solmap.products.formats.raster.raster import open_raster, read_dtm, write_dtm
-from solmap.products.model import MAPPED, SUFFIX, ProductKind, ProductRef, Recipe, Scope, ScopeLevel
+from solmap.products.model import REGION_KINDS, ProductKind, ProductRef, Recipe, Scope, ScopeLevel
 from solmap.products.store.product_store import ProductStore
 from solmap.tasks.maps.region import fuse_region, seam_notes
 from solmap.tasks.maps.terrain import shade_relief, trace_contours
@@ -98,7 +98,7 @@ def test_a_region_is_mapped_by_the_tasks_of_stops_under_names_of_its_own(store, 
 
 
 def test_every_map_of_a_region_has_a_suffix_and_a_title():
-    for kind in (*MAPPED[ProductKind.REGION_DTM].values(), ProductKind.REGION_SEAMS):
-        assert kind in SUFFIX
+    for kind in (*REGION_KINDS.values(), ProductKind.REGION_SEAMS):
+        assert kind.suffix
         assert kind in TITLES
-        assert (kind in RASTERS) == (SUFFIX[kind] == ".tif")
+        assert (kind in RASTERS) == (kind.suffix == ".tif")
