@@ -38,9 +38,9 @@ from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
 from solmap.photogrammetry.adjustment.modes.preview import (
     Preview,
     Veto,
-    as_it_stands,
+    adjust_without_manual_ties,
     part_of,
-    preview,
+    preview_manual_ties,
 )
 from solmap.photogrammetry.arrays import Float64, ImagePoints
 from solmap.photogrammetry.cameras.epipolar import EpipolarPair
@@ -282,7 +282,7 @@ def preview_adjustment(question: TrialQuestion, mission: OrientedMission) -> Tri
     if not (len(hand) or vetoes):
         raise UnanswerableError(f"no tie could be carried out: {'; '.join(notes)}")
     network, standing = _current_solution(mission, frozenset(stops))
-    found = preview(network, standing, hand, vetoes, AdjustmentParams())
+    found = preview_manual_ties(network, standing, hand, vetoes, AdjustmentParams())
     return _answer(found, network.stop_ids, placed, notes, mission)
 
 
@@ -294,7 +294,9 @@ def _current_solution(
     with _LOCK:
         if key not in _SOLUTIONS:
             network = _part(stops, mission)
-            adjusted = as_it_stands(network, mission.network.adjusted, AdjustmentParams())
+            adjusted = adjust_without_manual_ties(
+                network, mission.network.adjusted, AdjustmentParams()
+            )
             _SOLUTIONS[key] = network, adjusted
             while len(_SOLUTIONS) > _MOST_SOLUTIONS:
                 _SOLUTIONS.popitem(last=False)

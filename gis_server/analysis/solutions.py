@@ -14,7 +14,7 @@ from pydantic import BaseModel
 
 from solmap.gis_server.analysis.bodies import UNITS, UnanswerableError, json_number
 from solmap.photogrammetry.adjustment.model.adjusted_network import AdjustedStop
-from solmap.photogrammetry.adjustment.quality.network_quality import ellipse
+from solmap.photogrammetry.adjustment.quality.network_quality import error_ellipse
 from solmap.photogrammetry.traverse.differences import Differences, common_stops, differences
 from solmap.photogrammetry.traverse.records import Traverse
 from solmap.products.catalogue.catalogue import Catalogue, latest_network, published_networks
@@ -200,7 +200,7 @@ def _rows(
     rows = []
     for k, label in enumerate(found.stops):
         stop = stops[label]
-        (major, minor), azimuth = ellipse(stop)
+        (major, minor), azimuth = error_ellipse(stop)
         rows.append(
             TraverseRow(
                 stop=str(stop.stop),

@@ -7,7 +7,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from solmap.photogrammetry.adjustment.quality.network_quality import quality
+from solmap.photogrammetry.adjustment.quality.network_quality import network_quality
 from solmap.photogrammetry.adjustment.quality.records import (
     PairCamera,
     Quality,
@@ -42,7 +42,11 @@ def report_quality(
     def assessed() -> tuple[NetworkProduct, Quality, dict[str, PairCamera]]:
         product = read_network(network, store)
         cameras = {pair.files.id: _camera(pair, store) for pair in pairs}
-        return product, quality(product.adjusted, product.telemetry, cameras, params), cameras
+        return (
+            product,
+            network_quality(product.adjusted, product.telemetry, cameras, params),
+            cameras,
+        )
 
     def write_document(path: Path) -> None:
         product, found, _ = assessed()

@@ -16,7 +16,11 @@ from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
 from solmap.photogrammetry.adjustment.modes import overall as adjust
 from solmap.photogrammetry.adjustment.modes.sequential import begin, extend
 from solmap.photogrammetry.adjustment.solver import results as result
-from solmap.photogrammetry.adjustment.solver.marginalisation import Linear, leaving, retire
+from solmap.photogrammetry.adjustment.solver.marginalisation import (
+    SolvedNetwork,
+    coupling_of,
+    marginalise,
+)
 from solmap.photogrammetry.synthetic.networks import simulate_network
 
 PARAMS = AdjustmentParams()
@@ -94,8 +98,8 @@ def test_solution_and_leaving_alone(benchmark, steps, stops, monkeypatch):
 
     def act():
         outcome = whole(start, PARAMS)
-        network = Linear.where_solved(outcome, np.ones(len(start.held), dtype=bool))
-        return outcome, retire(network, leaving(network, 0))
+        network = SolvedNetwork.where_solved(outcome, np.ones(len(start.held), dtype=bool))
+        return outcome, marginalise(network, coupling_of(network, 0))
 
     outcome, _ = timed(benchmark, act)
     assert outcome.solution.converged

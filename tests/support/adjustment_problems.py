@@ -24,13 +24,13 @@ from solmap.photogrammetry.adjustment.model.collinearity import (
 )
 from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
 from solmap.photogrammetry.adjustment.model.small_matrices import (
-    along_arcs,
+    move_along_arcs,
     rotation_of_vector,
 )
 from solmap.photogrammetry.adjustment.model.telemetry import Telemetry
 from solmap.photogrammetry.adjustment.modes.overall import _known
 from solmap.photogrammetry.adjustment.solver.gauss_newton import solve
-from solmap.photogrammetry.adjustment.solver.normal_equations import Place, linearise
+from solmap.photogrammetry.adjustment.solver.normal_equations import LinearisationPoint, linearise
 from solmap.photogrammetry.adjustment.solver.problem import Problem
 
 PARAMS = AdjustmentParams(tolerance=1e-6)
@@ -117,7 +117,7 @@ def warm(problem, rng):
     shift = np.cumsum(rng.normal(0, 0.02, (stops, 3)), axis=0)
     turn[0] = shift[0] = 0.0
     turned = rotation_of_vector(turn)
-    centres = along_arcs(best.centres, turn, shift, problem.held)
+    centres = move_along_arcs(best.centres, turn, shift, problem.held)
     nearest = np.zeros(len(best.points), dtype=np.int64)
     nearest[problem.observations.point] = problem.observations.stop
     arm = best.points - best.centres[nearest]
@@ -133,7 +133,7 @@ def ours(problem):
 def covariances(problem, state):
     """Covariances (stops, 6, 6) of rotation vector and position, in the LSL; zero where held."""
     laid_out = problem.laid_out()
-    inverse = linearise(laid_out, Place.of(laid_out, state), None).factor.inverse()
+    inverse = linearise(laid_out, LinearisationPoint.of(laid_out, state), None).factor.inverse()
     stops = np.arange(len(state.centres))
     blocks = np.repeat(stops[:, None], 6, axis=1)
     return inverse[laid_out.pattern.indices(blocks, laid_out.unknowns.stop_columns)]

@@ -21,7 +21,7 @@ from matplotlib.figure import Figure
 from solmap.photogrammetry.adjustment.model.collinearity import Observations, State
 from solmap.photogrammetry.adjustment.model.telemetry import Telemetry
 from solmap.photogrammetry.adjustment.solver.gauss_newton import solve
-from solmap.photogrammetry.adjustment.solver.normal_equations import Place, linearise
+from solmap.photogrammetry.adjustment.solver.normal_equations import LinearisationPoint, linearise
 from solmap.photogrammetry.adjustment.solver.problem import Problem
 from solmap.photogrammetry.synthetic.networks import simulate_network
 from tests.support.adjustment_problems import PARAMS
@@ -61,7 +61,7 @@ def timed(observations, telemetry, start):
     times.append(time.process_time())
     solution = solve(problem, start, PARAMS, robust=False)
     times.append(time.process_time())
-    linearise(problem, Place.of(problem, solution.state), None).factor.inverse()
+    linearise(problem, LinearisationPoint.of(problem, solution.state), None).factor.inverse()
     times.append(time.process_time())
     layout, iteration, covariance = np.diff(times).tolist()
     return {

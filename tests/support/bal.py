@@ -31,13 +31,13 @@ from solmap.photogrammetry.adjustment.model.collinearity import (
 from solmap.photogrammetry.adjustment.model.small_matrices import (
     by_component,
     rotation_of_vector,
-    turned,
+    transform,
 )
 from solmap.photogrammetry.adjustment.model.telemetry import Telemetry
 from solmap.photogrammetry.adjustment.solver.block_matrix import factorise
 from solmap.photogrammetry.adjustment.solver.elimination import eliminate
 from solmap.photogrammetry.adjustment.solver.gauss_newton import Correction
-from solmap.photogrammetry.adjustment.solver.normal_equations import Place, added
+from solmap.photogrammetry.adjustment.solver.normal_equations import LinearisationPoint, sum_normals
 from solmap.photogrammetry.adjustment.solver.problem import Problem
 from solmap.photogrammetry.errors import AdjustmentError
 from tests.support.adjustment_problems import Peer
@@ -105,7 +105,7 @@ def ours(problem, most_iterations=200, tolerance=1e-9):
     iteration, decrease = 0, np.inf
     while iteration < most_iterations and decrease > tolerance * cost:
         iteration += 1
-        flat, right, ties = added(layout, eliminated(layout, at))
+        flat, right, ties = sum_normals(layout, eliminated(layout, at))
         trial, damping = damped_step(layout, at, cost, (flat, right, ties), damping)
         lower = float(np.vdot(trial.l, trial.l))
         at, decrease, cost = trial, cost - lower, lower
@@ -153,7 +153,7 @@ def placed(layout, state):
     f, k1, k2 = inner
     l = layout.sights.measured.copy()
     l[:2] -= f * (1 + k1 * r2 + k2 * r2**2) * p
-    return Place(state, views, l)
+    return LinearisationPoint(state, views, l)
 
 
 def views_of(state, observations):
@@ -171,7 +171,7 @@ def in_cameras(views, state, sights):
     X = np.take(views.points, sights.point, axis=1)
     F = np.take(views.pairs[:9], sights.pair, axis=1).reshape(3, 3, -1)
     inner = np.take(state.pointings.T, sights.pair, axis=1)
-    return turned(F, views.arm(X, sights.pair)), X, inner
+    return transform(F, views.arm(X, sights.pair)), X, inner
 
 
 def partials(at, sights):

@@ -30,8 +30,8 @@ from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
 from solmap.photogrammetry.adjustment.modes.overall import adjust_overall
 from solmap.photogrammetry.adjustment.modes.sequential import begin, extend
 from solmap.photogrammetry.adjustment.modes.stepwise import adjust_stepwise
-from solmap.photogrammetry.adjustment.solver.marginalisation import Linear
-from solmap.photogrammetry.adjustment.solver.normal_equations import Place, linearise
+from solmap.photogrammetry.adjustment.solver.marginalisation import SolvedNetwork
+from solmap.photogrammetry.adjustment.solver.normal_equations import LinearisationPoint, linearise
 from solmap.photogrammetry.adjustment.solver.problem import Problem
 from solmap.photogrammetry.adjustment.solver.residuals import cofactors
 from solmap.photogrammetry.frames import Pose
@@ -139,9 +139,9 @@ def _harm(network: Network, truth: NetworkTruth, overall: AdjustedNetwork) -> tu
 
 def shifts_of_tests(network: Network, truth: NetworkTruth, overall: AdjustedNetwork) -> np.ndarray:
     """By how much blunders in use shift the tests of their own observations: sqrt(g' Q_vv g)."""
-    now = Linear.of(overall, network, PARAMS)
+    now = SolvedNetwork.of(overall, network, PARAMS)
     problem = Problem.of(now.observations, now.telemetry, now.held, now.used)
-    linear = linearise(problem, Place.of(problem, now.state), None)
+    linear = linearise(problem, LinearisationPoint.of(problem, now.state), None)
     inverse = linear.factor.inverse()
     size = (truth.blunders_px * now.observations.weight)[:, :, None]
     shifts = [np.zeros(0)]

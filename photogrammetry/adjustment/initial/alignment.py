@@ -100,7 +100,7 @@ def _first_sharpness(r: np.ndarray, gate: float) -> float:
     return gate**2 / max(2 * float(r.max()) ** 2 - gate**2, 1e-9)
 
 
-def closed_form(points: RigidPoints, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def closed_form_motion(points: RigidPoints, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The rigid motion of least squares with one weight a point."""
     w = weights / weights.sum()
     middle_x, middle_y = w @ points.X, w @ points.Y
@@ -115,19 +115,19 @@ def rigid_motion(
     """Rotation, translation, information, and the weight (0..1) of each point."""
     size = np.trace(points.S_X, axis1=1, axis2=2) + np.trace(points.S_Y, axis1=1, axis2=2)
     loss = TruncatedLoss(np.ones(len(size)))
-    R, t = closed_form(points, 1.0 / size)
+    R, t = closed_form_motion(points, 1.0 / size)
     misfit = points.misfit(R, t)
     for _ in range(ROUNDS):
-        R, t = _turned(misfit, R, t, loss.weights)
+        R, t = _gauss_newton_step(misfit, R, t, loss.weights)
         misfit = points.misfit(R, t)
         loss = loss.sharpened(misfit.standardised, gate)
         if loss.is_settled:
             break
-    R, t = _turned(misfit, R, t, loss.weights)
+    R, t = _gauss_newton_step(misfit, R, t, loss.weights)
     return R, t, points.misfit(R, t).normals(loss.weights)[0], loss.weights
 
 
-def _turned(
+def _gauss_newton_step(
     misfit: Misfit, R: np.ndarray, t: np.ndarray, weights: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """One Gauss-Newton step from a motion and its misfit."""

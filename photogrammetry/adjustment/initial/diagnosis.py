@@ -29,7 +29,7 @@ from solmap.photogrammetry.adjustment.model.adjusted_network import (
     Finding,
     Lack,
 )
-from solmap.photogrammetry.adjustment.model.assembly import merged_ties
+from solmap.photogrammetry.adjustment.model.assembly import merge_ties
 from solmap.photogrammetry.adjustment.model.collinearity import Observations, State
 from solmap.photogrammetry.adjustment.model.network import Network, select
 from solmap.photogrammetry.adjustment.model.sightings import Couple, Overview
@@ -212,14 +212,14 @@ def _same_places(network: Initial) -> list[Finding]:
 
 Result = tuple[AdjustedNetwork, AdjustmentReport]
 
-SAID = {Lack.NO_TIES, Lack.DETACHED}
+IN_HELD_BY = {Lack.NO_TIES, Lack.DETACHED}
 """What `AdjustedStop.held_by` says in any case."""
 
 
 def with_findings(result: Result, findings: tuple[Finding, ...]) -> Result:
     """An adjustment whose stops and report say what images did not determine."""
     adjusted, report = result
-    told = {finding.stop: finding.text for finding in findings if finding.lack not in SAID}
+    told = {finding.stop: finding.text for finding in findings if finding.lack not in IN_HELD_BY}
     stops = tuple(
         replace(stop, held_by=f"{stop.held_by}; {told[stop.stop]}")
         if told.get(stop.stop, stop.held_by) not in stop.held_by
@@ -238,8 +238,8 @@ def without_unchecked(network: Network, observations: Observations, rows: np.nda
     return replace(network, ties=select(network.ties, ~lost))
 
 
-def completed(result: Result, network: Network, findings: tuple[Finding, ...]) -> Result:
+def complete(result: Result, network: Network, findings: tuple[Finding, ...]) -> Result:
     """An adjustment of a part of the ties, with the others as unused and what was found of them."""
     adjusted, report = result
-    whole = replace(adjusted, ties=merged_ties(network.ties, (adjusted.ties,)))
+    whole = replace(adjusted, ties=merge_ties(network.ties, (adjusted.ties,)))
     return with_findings((whole, report), findings)

@@ -40,9 +40,9 @@ from solmap.photogrammetry.adjustment.model.collinearity import State
 from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
 from solmap.photogrammetry.adjustment.model.sightings import Couple, Overview
 from solmap.photogrammetry.adjustment.model.small_matrices import (
-    along_arcs,
     cross_matrix,
     inverse_left_jacobian,
+    move_along_arcs,
     rotation_of_vector,
 )
 from solmap.photogrammetry.adjustment.model.telemetry import (
@@ -58,7 +58,7 @@ LOOP_TIES = 5
 """Ties that make a loop: three place a stop, and two more agree with them by no chance."""
 
 
-def closed_loops(
+def close_loops(
     state: State,
     telemetry: Telemetry,
     held: np.ndarray,
@@ -89,7 +89,7 @@ def closed_loops(
             astray.append(ours)
     if loops:
         edges = _edges(found, np.array(list(loops)))
-        state, weights = relaxed(state, telemetry, held, edges)
+        state, weights = relax(state, telemetry, held, edges)
         astray += [rows for k, rows in loops.items() if weights[k] <= HALF]
     return state, _only_of_loops(np.concatenate(astray), couples)
 
@@ -176,7 +176,7 @@ class Edges:
         return A
 
 
-def relaxed(
+def relax(
     state: State, telemetry: Telemetry, held: np.ndarray, edges: Edges
 ) -> tuple[State, np.ndarray]:
     """The state with its stops where edges and telemetry want them; weight (0..1) of each edge."""
@@ -184,7 +184,7 @@ def relaxed(
     weights = np.ones(len(loops))
     loss = TruncatedLoss(weights[loops])
     for _ in range(ROUNDS):
-        state = _solved(state, telemetry, held, edges, root * np.sqrt(weights)[:, None, None])
+        state = _solve(state, telemetry, held, edges, root * np.sqrt(weights)[:, None, None])
         r = np.linalg.norm((root @ edges.misfit(state)[:, :, None])[:, :, 0], axis=1)[loops]
         loss = loss.sharpened(r, GATE)
         weights[loops] = loss.weights
@@ -193,7 +193,7 @@ def relaxed(
     return state, weights
 
 
-def _solved(
+def _solve(
     state: State, telemetry: Telemetry, held: np.ndarray, edges: Edges, root: np.ndarray
 ) -> State:
     """Gauss-Newton along arcs, each step halved until it does not raise the cost."""
@@ -202,7 +202,7 @@ def _solved(
         x, length2 = _step(state, telemetry, held, edges, root)
         for halvings in range(HALVINGS):
             part = x * 0.5**halvings
-            centres = along_arcs(state.centres, part[:, :3], part[:, 3:], held)
+            centres = move_along_arcs(state.centres, part[:, :3], part[:, 3:], held)
             turned = rotation_of_vector(part[:, :3]) @ state.rotations
             trial = replace(state, rotations=turned, centres=centres)
             trial_cost = _cost(trial, telemetry, edges, root)

@@ -39,7 +39,7 @@ from solmap.photogrammetry.adjustment.initial.alignment import (
     RigidPoints,
     TruncatedLoss,
 )
-from solmap.photogrammetry.adjustment.initial.loops import REACH, closed_loops
+from solmap.photogrammetry.adjustment.initial.loops import REACH, close_loops
 from solmap.photogrammetry.adjustment.model.collinearity import (
     Observations,
     State,
@@ -47,7 +47,7 @@ from solmap.photogrammetry.adjustment.model.collinearity import (
     pair_orientations,
 )
 from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
-from solmap.photogrammetry.adjustment.model.sightings import Overview, points_seen
+from solmap.photogrammetry.adjustment.model.sightings import Overview, weighted_mean_points
 from solmap.photogrammetry.adjustment.model.small_matrices import rotation_of_vector
 from solmap.photogrammetry.adjustment.model.telemetry import (
     Telemetry,
@@ -84,13 +84,13 @@ def initialise(  # noqa: PLR0913, PLR0917 - the network, where it stands, and wh
     for k, ours in enumerate(best):
         points = observations.point[ours]
         if not (held[k] or is_known[k]):
-            state = _carried(state, telemetry, k)
+            state = _propagate_stop(state, telemetry, k)
             shared = earlier[points] >= 0
             recent = shared & (observations.stop_of(earlier[points]) >= k - REACH)
             shared = recent if recent.any() else shared
             theirs = earlier[points[shared]]
             ties = RigidPoints(*overview.in_lsl(state, theirs), *overview.in_rover(ours[shared]))
-            state, weights = _aligned(state, telemetry, k, ties, params)
+            state, weights = _align(state, telemetry, k, ties, params)
             wrong = points[shared][weights < HALF]
             rows = rows_of_stop[k]
             fits[rows[np.isin(observations.point[rows], wrong)]] = False
@@ -98,21 +98,23 @@ def initialise(  # noqa: PLR0913, PLR0917 - the network, where it stands, and wh
         fresh |= observations.stop_of(earlier[points]) < k - REACH
         fresh &= fits[ours]
         earlier[points[fresh]] = ours[fresh]
-    state, astray = closed_loops(state, telemetry, held, overview, params)
+    state, astray = close_loops(state, telemetry, held, overview, params)
     fits[astray] = False
     views = Views.of(state, observations)
-    points = points_seen(views, observations, seen, fits)
+    points = weighted_mean_points(views, observations, seen, fits)
     return replace(state, points=points), views.at(points.T.copy()), fits
 
 
-def carried(state: State, telemetry: Telemetry, held: np.ndarray, is_known: np.ndarray) -> State:
+def propagate_telemetry(
+    state: State, telemetry: Telemetry, held: np.ndarray, is_known: np.ndarray
+) -> State:
     """The state with every other stop where telemetry leads from the stop before."""
     for k in np.flatnonzero(~(held | is_known)).tolist():
-        state = _carried(state, telemetry, k)
+        state = _propagate_stop(state, telemetry, k)
     return state
 
 
-def _carried(state: State, telemetry: Telemetry, k: int) -> State:
+def _propagate_stop(state: State, telemetry: Telemetry, k: int) -> State:
     """Put stop k where its telemetry increment leads from the stop before."""
     rotations, centres = state.rotations.copy(), state.centres.copy()
     rotations[k] = telemetry.rotations[k]
@@ -127,7 +129,7 @@ def _carried(state: State, telemetry: Telemetry, k: int) -> State:
     return replace(state, rotations=rotations, centres=centres)
 
 
-def _aligned(
+def _align(
     state: State, telemetry: Telemetry, k: int, ties: RigidPoints, params: AdjustmentParams
 ) -> tuple[State, np.ndarray]:
     """The state with stop k laid onto the others, and the weight (0..1) of each of its ties."""
@@ -183,7 +185,7 @@ STIFFNESS = 1e-13
 """Keeps parallel rays solvable; they end at the furthest distance."""
 
 
-def with_rays_intersected(state: State, observations: Observations, used: Flags) -> State:
+def intersect_rays(state: State, observations: Observations, used: Flags) -> State:
     """The state with every point placed that has no place but two or more used observations."""
     lost = ~np.isfinite(state.points).all(axis=1)
     rows = np.flatnonzero(used & lost[observations.point])

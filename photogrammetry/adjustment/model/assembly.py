@@ -6,7 +6,7 @@ stop was like when it was last touched. Tie points are numbered anew in every pa
 parts are one observation where the same place was measured in the same pair, and points that share
 an observation are one point. An observation counts as the last part judged it; a point stays where
 the part placed it that saw it from most places, though a later one may still see it from one of its
-stops (as in `merged_ties`).
+stops (as in `merge_ties`).
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ def part_at(network: AdjustedNetwork, stops: AbstractSet[StopId]) -> AdjustedNet
     )
 
 
-def assembled(parts: Sequence[AdjustedNetwork]) -> AdjustedNetwork:
+def assemble(parts: Sequence[AdjustedNetwork]) -> AdjustedNetwork:
     """One network of all parts, its stops in the order of their names.
 
     The last part that has a stop says where it is and which pairs it has. What a sequential
@@ -69,7 +69,7 @@ def assembled(parts: Sequence[AdjustedNetwork]) -> AdjustedNetwork:
         parts[-1],
         stops=tuple(stops[stop] for stop in order),
         pairs=tuple(pair for stop in order for pair in pairs[stop]),
-        ties=_joined([part.ties for part in parts]),
+        ties=_join_ties([part.ties for part in parts]),
     )
 
 
@@ -90,7 +90,7 @@ def _of_points(ties: AdjustedTies, seen: Flags) -> AdjustedTies:
     )
 
 
-def _joined(parts: Sequence[AdjustedTies]) -> AdjustedTies:
+def _join_ties(parts: Sequence[AdjustedTies]) -> AdjustedTies:
     """The ties of all parts, every observation and every point once."""
     names = tuple(dict.fromkeys(name for part in parts for name in part.observations.pair_ids))
     pair = _pairs(parts, names)
@@ -104,7 +104,7 @@ def _joined(parts: Sequence[AdjustedTies]) -> AdjustedTies:
     last = np.zeros(int(row.max(initial=-1)) + 1, dtype=np.int64)
     last[row] = np.arange(len(row))  # of equal ones the last is assigned last
     last = last[np.lexsort((pair[last], number[point[last]]))]
-    return _taken(parts, names, pair, number, point, last)
+    return _take_rows(parts, names, pair, number, point, last)
 
 
 def _pairs(parts: Sequence[AdjustedTies], names: tuple[str, ...]) -> np.ndarray:
@@ -135,7 +135,7 @@ def _same_points(point: np.ndarray, row: np.ndarray, points: int) -> np.ndarray:
     return connected_components(links)[1][:points]
 
 
-def _taken(
+def _take_rows(
     parts: Sequence[AdjustedTies],
     names: tuple[str, ...],
     pair: np.ndarray,
@@ -189,7 +189,7 @@ def _taken(
     )
 
 
-def merged_ties(observations: TiePoints, parts: tuple[AdjustedTies, ...]) -> AdjustedTies:
+def merge_ties(observations: TiePoints, parts: tuple[AdjustedTies, ...]) -> AdjustedTies:
     """The ties of a whole network, each as the last of the parts that has it left it.
 
     Tie points are numbered anew in every network, so parts are matched by what was measured: the
@@ -233,7 +233,7 @@ def _same_measurements(some: TiePoints, others: TiePoints) -> tuple[np.ndarray, 
     return rows, at
 
 
-def merged_network(
+def merge_networks(
     previous: AdjustedNetwork, adjusted: AdjustedNetwork, network: Network
 ) -> AdjustedNetwork:
     """The whole traverse: what was adjusted anew, and the rest as it was."""
@@ -243,14 +243,14 @@ def merged_network(
     return AdjustedNetwork(
         tuple(sorted(stops.values(), key=lambda s: order[s.stop])),
         tuple(pairs[pair.pair_id] for pair in network.pairs if pair.pair_id in pairs),
-        merged_ties(network.within(set(stops)).ties, (previous.ties, adjusted.ties)),
+        merge_ties(network.within(set(stops)).ties, (previous.ties, adjusted.ties)),
         adjusted.memory,
-        _merged_control(previous, adjusted),
+        _merge_control(previous, adjusted),
         adjusted.frames or previous.frames,
     )
 
 
-def _merged_control(
+def _merge_control(
     previous: AdjustedNetwork, adjusted: AdjustedNetwork
 ) -> tuple[AdjustedControl, ...]:
     """The control of the whole traverse, that of stops adjusted anew as it is now."""

@@ -39,11 +39,11 @@ from solmap.photogrammetry.adjustment.model.small_matrices import (
     Matrices,
     Vectors,
     by_component,
-    crossed_rows,
+    cross_rows,
     left_jacobian,
     product,
     rotation_of_vector,
-    turned,
+    transform,
 )
 from solmap.photogrammetry.arrays import Bool, Flags, Float64, Int32
 
@@ -95,12 +95,12 @@ class Observations:
         stop_number = {stop: k for k, stop in enumerate(network.stop_ids)}
         pair_number = {pair.pair_id: k for k, pair in enumerate(network.pairs)}
         ties, shapes = network.ties, [pair.geometry for pair in network.pairs]
-        numbers = np.array([pair_number[name] for name in ties.pair_ids], dtype=np.int32)
+        distinct = np.array([pair_number[name] for name in ties.pair_ids], dtype=np.int32)
         stereo = np.isfinite(ties.parallax_px)
         per_pair = len(shapes)
         return cls(
             point=ties.point,
-            pair=numbers[ties.pair] if len(ties) else np.zeros(0, dtype=np.int32),
+            pair=distinct[ties.pair] if len(ties) else np.zeros(0, dtype=np.int32),
             measured=np.column_stack([ties.left, np.where(stereo, ties.parallax_px, 0.0)]),
             weight=np.column_stack(
                 [
@@ -203,15 +203,17 @@ class PairBodies:
         to_pair, pivot = rover_from_pair.swapaxes(0, 1), observations.pivot_in_rover.T
         lever = observations.origin_in_rover.T - pivot
         inner = (observations.focal_px, observations.base_m, *observations.centre_px.T)
-        return cls(to_pair, rover_from_pair, pivot, lever, turned(to_pair, lever), np.stack(inner))
+        return cls(
+            to_pair, rover_from_pair, pivot, lever, transform(to_pair, lever), np.stack(inner)
+        )
 
 
-def numbers(found: np.ndarray) -> np.ndarray:
+def distinct(found: np.ndarray) -> np.ndarray:
     """Which numbers occur, ascending."""
     return np.flatnonzero(np.bincount(found))
 
 
-def seen_differently(point: np.ndarray, of: np.ndarray, points: int) -> Flags:
+def seen_from_several(point: np.ndarray, of: np.ndarray, points: int) -> Flags:
     """Which points have observations `of` different stops, or pairs."""
     one = np.zeros(points, dtype=of.dtype)
     one[point] = of  # of one of its observations
@@ -268,8 +270,8 @@ class Views:
         by_mast = product(of_stop, by_component(rotation_of_vector(state.pointings)))
         table = np.empty((16, len(stop)))
         table[:9] = product(by_mast, bodies.rover_from_pair).swapaxes(0, 1).reshape(9, -1)
-        table[9:12] = turned(of_stop, bodies.pivot)
-        table[9:12] += turned(by_mast, bodies.lever)
+        table[9:12] = transform(of_stop, bodies.pivot)
+        table[9:12] += transform(by_mast, bodies.lever)
         table[9:12] += np.take(state.centres.T, stop, axis=1)
         table[12:] = bodies.optics
         points = state.points.T.copy()
@@ -297,7 +299,7 @@ class Views:
         of_pair = np.take(self.pairs, sights.pair, axis=1)
         e = np.take(self.points, sights.point, axis=1)
         e -= of_pair[9:12]
-        y = turned(of_pair[:9].reshape(3, 3, -1), e)
+        y = transform(of_pair[:9].reshape(3, 3, -1), e)
         scale = of_pair[12] / np.where(y[2] > 0, y[2], np.nan)
         y[2] = of_pair[13]
         y *= scale
@@ -318,7 +320,7 @@ class Views:
         of_mast = np.take(self.masts() if masts is None else masts, sights.pair, axis=1)
         X = np.take(self.points, sights.point, axis=1)
         F, q, K = of_pair[:9].reshape(3, 3, -1), of_mast[:3], of_mast[3:].reshape(3, 3, -1)
-        y = turned(F, X - of_pair[9:12])
+        y = transform(F, X - of_pair[9:12])
         scale = of_pair[12] / y[2] * sights.weight  # of one pixel a metre, across and along
         scale[2] *= of_pair[13] / y[2]
         u, v = y[:2] / y[2]
@@ -359,7 +361,7 @@ class Partials:
 
     def by_stop(self, arm: Vectors) -> Float64[np.ndarray, "3 6 m"]:
         """By (d, dc) of a stop `arm` away: a' [arm] = (a x arm)', a a row of `by_point`."""
-        return np.concatenate([crossed_rows(self.by_point, arm), -self.by_point], axis=1)
+        return np.concatenate([cross_rows(self.by_point, arm), -self.by_point], axis=1)
 
     def by_row(
         self, views: Views, stop: np.ndarray

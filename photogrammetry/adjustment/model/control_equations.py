@@ -153,7 +153,7 @@ def frame_places(
     return np.array(places).reshape(-1, FRAME_UNKNOWNS)
 
 
-def known_used(
+def was_used(
     control: tuple[StopControl, ...], adjusted: tuple[AdjustedControl, ...]
 ) -> Bool[np.ndarray, " n"]:
     """Which control an adjustment did not set aside; what it did not have is used."""

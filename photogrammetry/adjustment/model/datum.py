@@ -56,7 +56,9 @@ def held_stops(network: Network) -> frozenset[StopId]:
     return frozenset(network.stop_ids[:1])
 
 
-def says_otherwise(network: Network, adjusted: AdjustedNetwork, stops: AbstractSet[StopId]) -> bool:
+def control_differs(
+    network: Network, adjusted: AdjustedNetwork, stops: AbstractSet[StopId]
+) -> bool:
     """Whether a network has other control of some stops, or other frames, than was adjusted."""
     now = [one for one in network.control if one.stop in stops]
     then = [one.control for one in adjusted.control if one.control.stop in stops]

@@ -32,7 +32,7 @@ from solmap.photogrammetry.adjustment.model.small_matrices import (
     Vectors,
     inverses_by_component,
     product,
-    turned,
+    transform,
 )
 from solmap.photogrammetry.arrays import Bool, Covariances3, Flags, Float64, Int32
 from solmap.photogrammetry.imagery import TieKind
@@ -159,8 +159,8 @@ class Overview:
     def places_in_rover(self, rows: np.ndarray) -> Float64[np.ndarray, "m 3"]:
         """Places of some sightings in the frames of their rovers."""
         pair, points = self.observations.pair[rows], self.seen.points[:, rows].T
-        turned = (self.rover_from_pair[pair] @ points[:, :, None])[:, :, 0]
-        return self.origins_in_rover[pair] + turned
+        transform = (self.rover_from_pair[pair] @ points[:, :, None])[:, :, 0]
+        return self.origins_in_rover[pair] + transform
 
     def in_rover(self, rows: np.ndarray) -> tuple[Float64[np.ndarray, "m 3"], Covariances3]:
         """The same with their covariances."""
@@ -177,7 +177,7 @@ class Overview:
         return state.centres[stop] + (R @ places[:, :, None])[:, :, 0], R @ S @ R.mT
 
 
-def points_seen(
+def weighted_mean_points(
     views: Views, observations: Observations, seen: Sightings, used: np.ndarray
 ) -> Float64[np.ndarray, "points 3"]:
     """Every point at the weighted mean of its used sightings; NaN if none can.
@@ -187,7 +187,7 @@ def points_seen(
     """
     rows = np.flatnonzero(used & observations.is_stereo)
     number = observations.point[rows]
-    place = in_lsl(views, observations, seen, rows)
+    place = places_in_lsl(views, observations, seen, rows)
     points = np.full((observations.points, 3), np.nan)
     points[number] = place.T
     several = np.bincount(number, minlength=observations.points)[number] > 1
@@ -197,10 +197,14 @@ def points_seen(
     return points
 
 
-def in_lsl(views: Views, observations: Observations, seen: Sightings, rows: np.ndarray) -> Vectors:
+def places_in_lsl(
+    views: Views, observations: Observations, seen: Sightings, rows: np.ndarray
+) -> Vectors:
     """Where some sightings have their points, in the LSL."""
     of_pair = np.take(views.pairs[:12], observations.pair[rows], axis=1)
-    place = turned(of_pair[:9].reshape(3, 3, -1).swapaxes(0, 1), np.take(seen.points, rows, axis=1))
+    place = transform(
+        of_pair[:9].reshape(3, 3, -1).swapaxes(0, 1), np.take(seen.points, rows, axis=1)
+    )
     place += of_pair[9:]
     return place
 
@@ -233,10 +237,10 @@ class WeightedSightings:
         """The weighted mean place of each point, from those of the sightings in the LSL."""
         F, n = np.take(views.pairs[:9], self.pair, axis=1).reshape(3, 3, -1), len(self.numbers)
         P = product(F.swapaxes(0, 1), product(self.weights, F))
-        equations = np.concatenate([P.reshape(9, -1), turned(P, place)])
+        equations = np.concatenate([P.reshape(9, -1), transform(P, place)])
         sums = np.bincount(self.places, equations.ravel(), minlength=12 * n).reshape(12, n)
         sums = sums.astype(np.float64, copy=False)  # of no sightings numpy counts in integers
-        return turned(inverses_by_component(sums[:9].reshape(3, 3, n)), sums[9:])
+        return transform(inverses_by_component(sums[:9].reshape(3, 3, n)), sums[9:])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -290,7 +294,7 @@ def consistency(
 ) -> dict[TieKind, Consistency]:
     """Agreement of the used observations at a state, by kind of tie."""
     across, of_cross, weighted = compared.across, compared.of_cross, compared.weighted
-    place = in_lsl(views, observations, seen, compared.rows)
+    place = places_in_lsl(views, observations, seen, compared.rows)
     one, other = (np.take(place, rows, axis=1) for rows in (compared.first, compared.second))
     apart_m = _lengths(one - other)
     fused = np.full((3, observations.points), np.nan)

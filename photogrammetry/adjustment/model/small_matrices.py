@@ -75,7 +75,7 @@ def _square(
     return vectors[..., :, None] * vectors[..., None, :] - t**2 * _UNIT
 
 
-def along_arcs(
+def move_along_arcs(
     centres: Float64[np.ndarray, "stops 3"],
     turn: Float64[np.ndarray, "stops 3"],
     shift: Float64[np.ndarray, "stops 3"],
@@ -106,7 +106,7 @@ def by_component(matrices: Float64[np.ndarray, "m 3 3"]) -> Matrices:
     return matrices.transpose(1, 2, 0).copy()
 
 
-def turned(A: Matrices, v: Vectors) -> Vectors:
+def transform(A: Matrices, v: Vectors) -> Vectors:
     """A v of many matrices and vectors."""
     return np.einsum("ijm,jm->im", A, v)
 
@@ -125,14 +125,14 @@ def product(A: Matrices, B: Matrices) -> Matrices:
     return np.einsum("ijm,jkm->ikm", A, B)
 
 
-def crosses(v: Vectors) -> Matrices:
+def cross_matrices(v: Vectors) -> Matrices:
     """[v] of many vectors, with [v] w = v x w."""
     x, y, z = v
     none = np.zeros_like(x)
     return np.stack([none, -z, y, z, none, -x, -y, x, none]).reshape(3, 3, -1)
 
 
-def crossed_rows(
+def cross_rows(
     rows: Float64[np.ndarray, "3 3 *k m"], v: Vectors
 ) -> Float64[np.ndarray, "3 3 *k m"]:
     """Every row of many matrices times v, as vectors; of several of each v where there are k."""

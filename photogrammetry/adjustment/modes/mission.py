@@ -12,12 +12,12 @@ from solmap.photogrammetry.adjustment.model.adjusted_network import (
     AdjustedNetwork,
     AdjustmentReport,
 )
-from solmap.photogrammetry.adjustment.model.assembly import merged_network
+from solmap.photogrammetry.adjustment.model.assembly import merge_networks
 from solmap.photogrammetry.adjustment.model.network import Network, select
 from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
 from solmap.photogrammetry.adjustment.modes.overall import adjust
 from solmap.photogrammetry.adjustment.modes.sequential import adjust_sequential, begin
-from solmap.photogrammetry.adjustment.modes.stepwise import adjust_stepwise, carrying
+from solmap.photogrammetry.adjustment.modes.stepwise import add_stop_covariance, adjust_stepwise
 from solmap.photogrammetry.errors import AdjustmentError
 from solmap.photogrammetry.imagery import StopId
 
@@ -50,7 +50,7 @@ def advance(
     if mode is AdjustmentMode.OVERALL:
         return _overall(network, params, start)
     if start is not None and not new_stops:
-        return _pointed(start, network, params)
+        return _adjust_pointing(start, network, params)
     step = adjust_sequential if mode is AdjustmentMode.SEQUENTIAL else adjust_stepwise
     adjusted, report = step(start, network, new_stops, params)
     if report.converged:
@@ -70,7 +70,7 @@ def _overall(
     return adjusted, report
 
 
-def _pointed(
+def _adjust_pointing(
     start: AdjustedNetwork, network: Network, params: AdjustmentParams
 ) -> tuple[AdjustedNetwork, AdjustmentReport]:
     """New images of known stops: only pointing is weighed, the stops stay with all that is known.
@@ -85,11 +85,11 @@ def _pointed(
         adjusted,
         stops=tuple(known[stop.stop] for stop in adjusted.stops),
         pairs=tuple(
-            carrying(pair, known[pair.stop].lsl_from_rover, known[pair.stop].covariance)
+            add_stop_covariance(pair, known[pair.stop].lsl_from_rover, known[pair.stop].covariance)
             for pair in adjusted.pairs
         ),
         memory=start.memory,
         control=start.control,
         frames=start.frames,
     )
-    return merged_network(start, kept, network), report
+    return merge_networks(start, kept, network), report

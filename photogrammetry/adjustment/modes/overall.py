@@ -19,15 +19,15 @@ import numpy as np
 
 from solmap.photogrammetry.adjustment.initial.diagnosis import (
     Initial,
-    completed,
+    complete,
     diagnose,
     with_findings,
     without_unchecked,
 )
 from solmap.photogrammetry.adjustment.initial.values import (
-    carried,
     initialise,
-    with_rays_intersected,
+    intersect_rays,
+    propagate_telemetry,
 )
 from solmap.photogrammetry.adjustment.model.adjusted_network import (
     BLUNDER,
@@ -40,7 +40,7 @@ from solmap.photogrammetry.adjustment.model.collinearity import Observations, St
 from solmap.photogrammetry.adjustment.model.control_equations import (
     Control,
     frame_places,
-    known_used,
+    was_used,
 )
 from solmap.photogrammetry.adjustment.model.datum import held_stops
 from solmap.photogrammetry.adjustment.model.network import Network, select
@@ -54,7 +54,7 @@ from solmap.photogrammetry.adjustment.model.sightings import (
 from solmap.photogrammetry.adjustment.model.telemetry import Telemetry
 from solmap.photogrammetry.adjustment.solver.estimate import Outcome, Start, estimate
 from solmap.photogrammetry.adjustment.solver.marginal import Marginal
-from solmap.photogrammetry.adjustment.solver.results import assembled
+from solmap.photogrammetry.adjustment.solver.results import adjusted_records
 from solmap.photogrammetry.arrays import Float64
 from solmap.photogrammetry.errors import AdjustmentError
 from solmap.photogrammetry.imagery import StopId, TieKind, TiePoints
@@ -77,10 +77,10 @@ def adjust(
     Raises:
         AdjustmentError: no stop is held and nothing inherited, or a held one is not in the network.
     """
-    return adjust_and_keep(network, held, params, start, name, inherited)[:2]
+    return adjust_with_outcome(network, held, params, start, name, inherited)[:2]
 
 
-def adjust_and_keep(
+def adjust_with_outcome(
     network: Network,
     held: AbstractSet[StopId],
     params: AdjustmentParams,
@@ -93,13 +93,13 @@ def adjust_and_keep(
     observations, telemetry = Observations.of(network), Telemetry.of(network, params)
     known, is_known = _known(network, telemetry, observations, start)
     root = is_held if is_held.any() or inherited else np.arange(len(is_held)) == 0
-    before = carried(known, telemetry, root, is_known)
+    before = propagate_telemetry(known, telemetry, root, is_known)
     overview = Overview.of(observations, known.pointings, len(root), params)
     state, views, fits = initialise(
         observations, telemetry, root, params, known, is_known, overview
     )
     if start:
-        fits &= ~_found_wrong(network.ties, start.ties)
+        fits &= ~_earlier_blunders(network.ties, start.ties)
     placed = root if inherited is None else is_held | is_known
     names, shown = network.stop_ids, frozenset(one.stop for one in network.control)
     controlled = frozenset(k for k, stop in enumerate(names) if stop in shown)
@@ -107,9 +107,9 @@ def adjust_and_keep(
     findings, alone = diagnose(initial)
     if len(alone):
         rest = without_unchecked(network, observations, alone)
-        adjusted, report, outcome = adjust_and_keep(rest, held, params, start, name, inherited)
-        return *completed((adjusted, report), network, findings), outcome
-    state = with_rays_intersected(state, observations, fits)
+        adjusted, report, outcome = adjust_with_outcome(rest, held, params, start, name, inherited)
+        return *complete((adjusted, report), network, findings), outcome
+    state = intersect_rays(state, observations, fits)
     views = views.at(state.points.T.copy())
     used = fits & views.are_in_front(observations.sights)
     control = _control(network, start)
@@ -119,11 +119,11 @@ def adjust_and_keep(
     outcome = estimate(beginning, params)
     outcome = outcome.with_all_points(overview.seen)
     agreement = _agreement(outcome, before, overview.seen)
-    result = assembled(network, is_held, outcome, agreement, name)
+    result = adjusted_records(network, is_held, outcome, agreement, name)
     return *with_findings(result, findings), outcome
 
 
-def _found_wrong(ties: TiePoints, before: AdjustedTies) -> np.ndarray:
+def _earlier_blunders(ties: TiePoints, before: AdjustedTies) -> np.ndarray:
     """Which observations were blunders in an adjustment before; they come back if they fit now."""
     known, rows = before.observations, np.flatnonzero(before.status == BLUNDER)
     places = known.left[rows].tolist()
@@ -163,7 +163,7 @@ def _control(network: Network, start: AdjustedNetwork | None) -> Control | None:
     if not network.frames:
         return None
     control = Control.of(network)
-    return control.using(known_used(network.control, start.control)) if start else control
+    return control.using(was_used(network.control, start.control)) if start else control
 
 
 def _frame_places(

@@ -1,7 +1,7 @@
 """What hand ties would do to two stops, before anything is saved.
 
 The network of both stops alone is adjusted twice with the first one held where it is: with the ties
-there are (`as_it_stands`), and from there with what a person wants added and dropped. The
+there are (`adjust_without_manual_ties`), and from there with what a person wants added and dropped. The
 difference is what the hand ties do. Other stops have no say, so the next adjustment of the whole
 network moves less. Points that one pair alone sees say nothing of poses and stay out.
 """
@@ -83,7 +83,7 @@ def part_of(
     return Network(order, pairs, select(seen, rows))
 
 
-def as_it_stands(
+def adjust_without_manual_ties(
     network: Network, start: AdjustedNetwork, params: AdjustmentParams
 ) -> tuple[AdjustedNetwork, AdjustmentReport]:
     """The second stop of a network of two adjusted with the ties there are, the first one held.
@@ -98,7 +98,7 @@ def as_it_stands(
     return adjust(network, {network.stop_ids[0]}, params, start, "without hand ties")
 
 
-def preview(
+def preview_manual_ties(
     network: Network,
     standing: tuple[AdjustedNetwork, AdjustmentReport],
     hand: Ties,
@@ -107,7 +107,7 @@ def preview(
 ) -> Preview:
     """Adjust the second stop with hand ties, from how it stands without them."""
     held, free = network.stop_ids
-    kept = _kept(network.ties, vetoes)
+    kept = _not_vetoed(network.ties, vetoes)
     ties = with_ties(select(network.ties, kept), hand)
     with_hand = Network(network.stops, network.pairs, ties)
     before, report_before = standing
@@ -150,7 +150,7 @@ def with_ties(points: TiePoints, hand: Ties) -> TiePoints:
     )
 
 
-def _kept(ties: TiePoints, vetoes: Sequence[Veto]) -> Flags:
+def _not_vetoed(ties: TiePoints, vetoes: Sequence[Veto]) -> Flags:
     """The observations that no veto means."""
     kept = np.ones(len(ties), dtype=bool)
     names = np.array(ties.pair_ids, dtype=object)[ties.pair] if len(ties) else np.zeros(0, object)

@@ -2,7 +2,7 @@
 
 At every step the stops of the window and the new ones are estimated anew, from their own
 observations and from the marginal that the observations of earlier stops have left (`marginal`);
-then the oldest stops leave (`retire`). As long as ties reach back no further than the window, this
+then the oldest stops leave (`marginalise`). As long as ties reach back no further than the window, this
 is the simultaneous solution of everything so far, and costs the same at every step. It differs from
 it only by what is frozen when a stop is marginalised: its linearisation, which of its observations
 are blunders, and where it stands: only an overall adjustment moves it again.
@@ -22,21 +22,21 @@ from solmap.photogrammetry.adjustment.model.adjusted_network import (
     AdjustedNetwork,
     AdjustmentReport,
 )
-from solmap.photogrammetry.adjustment.model.assembly import merged_network
+from solmap.photogrammetry.adjustment.model.assembly import merge_networks
 from solmap.photogrammetry.adjustment.model.datum import (
+    control_differs,
     held_stops,
-    says_otherwise,
     with_remembered_frames,
 )
 from solmap.photogrammetry.adjustment.model.network import Network, select
 from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
-from solmap.photogrammetry.adjustment.modes.overall import adjust_and_keep
+from solmap.photogrammetry.adjustment.modes.overall import adjust_with_outcome
 from solmap.photogrammetry.adjustment.solver.estimate import Outcome
 from solmap.photogrammetry.adjustment.solver.marginal import Marginal
 from solmap.photogrammetry.adjustment.solver.marginalisation import (
-    Linear,
-    leaving,
-    retire,
+    SolvedNetwork,
+    coupling_of,
+    marginalise,
 )
 from solmap.photogrammetry.errors import AdjustmentError
 from solmap.photogrammetry.imagery import StopId
@@ -67,7 +67,7 @@ def adjust_sequential(
         {pair.pair_id for pair in previous.pairs} <= {pair.pair_id for pair in network.pairs}
     )
     gone = (known | earlier) - {*previous.window}
-    changed = bool(previous.memory) and says_otherwise(network, previous, gone)
+    changed = bool(previous.memory) and control_differs(network, previous, gone)
     if (late or changed) and complete:
         return reopen(previous, network, params)
     adjusted, report = extend(previous, with_remembered_frames(network, previous), new, params)
@@ -76,14 +76,14 @@ def adjust_sequential(
     if notes:
         parts = filter(None, (report.message, f"{'; '.join(notes)}: adjust overall"))
         report = replace(report, message="; ".join(parts))
-    return merged_network(previous, adjusted, network), report
+    return merge_networks(previous, adjusted, network), report
 
 
 def begin(
     network: Network, params: AdjustmentParams, start: AdjustedNetwork | None = None
 ) -> tuple[AdjustedNetwork, AdjustmentReport]:
     """Adjust all stops so far together, the very first one held; then marginalise the oldest."""
-    adjusted, report, outcome = adjust_and_keep(
+    adjusted, report, outcome = adjust_with_outcome(
         network, held_stops(network), params, start, "overall adjustment"
     )
     return _marginalise_oldest(adjusted, network, outcome, params), report
@@ -112,7 +112,7 @@ def extend(
     memory = previous.memory
     inherited = Marginal.of(memory, part) if memory else None
     held = frozenset() if memory else held_stops(part)
-    adjusted, report, outcome = adjust_and_keep(
+    adjusted, report, outcome = adjust_with_outcome(
         part, held, params, previous, f"sequential step to {new[-1]}", inherited
     )
     grown = replace(adjusted, memory=memory)
@@ -152,14 +152,14 @@ def _marginalise_oldest(
     if not outcome.solution.converged:
         return adjusted  # what is marginalised is never looked at again
     grounded = np.array([stop.is_tied for stop in adjusted.stops], dtype=bool)
-    solved = Linear.where_solved(outcome, grounded)
+    solved = SolvedNetwork.where_solved(outcome, grounded)
     marginal = solved.inherited
     number = 0
     while len(network.stops) - number > params.window_stops:
-        leaves = leaving(solved, number)
+        leaves = coupling_of(solved, number)
         if len(leaves.stops) > params.window_stops:
             break  # so many stops hang on this one that marginalising it would save nothing
-        marginal = retire(solved, leaves)
+        marginal = marginalise(solved, leaves)
         solved = solved.without(number, marginal)
         number += 1
     if marginal is None:

@@ -35,12 +35,12 @@ from solmap.photogrammetry.adjustment.model.adjusted_network import (
     AdjustedStop,
     AdjustmentReport,
 )
-from solmap.photogrammetry.adjustment.model.assembly import merged_network
+from solmap.photogrammetry.adjustment.model.assembly import merge_networks
 from solmap.photogrammetry.adjustment.model.network import ControlFrame, Network
 from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
 from solmap.photogrammetry.adjustment.model.small_matrices import cross_matrix
 from solmap.photogrammetry.adjustment.modes.overall import adjust, adjust_overall
-from solmap.photogrammetry.adjustment.solver.marginalisation import Linear
+from solmap.photogrammetry.adjustment.solver.marginalisation import SolvedNetwork
 from solmap.photogrammetry.adjustment.solver.normal_equations import normal_equations
 from solmap.photogrammetry.adjustment.solver.problem import Problem
 from solmap.photogrammetry.arrays import Float64
@@ -72,8 +72,8 @@ def adjust_stepwise(
     held, window = _window(network, old, new)
     part = with_frames_as_left(network.within(window), previous, held)
     adjusted, report = adjust(part, held, params, previous, f"step to {new[-1]}")
-    adjusted = _considered(adjusted, previous, part, held, params)
-    return merged_network(previous, adjusted, network), report
+    adjusted = _consider_held(adjusted, previous, part, held, params)
+    return merge_networks(previous, adjusted, network), report
 
 
 def _window(
@@ -109,7 +109,7 @@ def _tied_stops(network: Network, stops: list[StopId]) -> set[StopId]:
     return {names[k] for k in np.unique(ties.pair[shared]).tolist()}
 
 
-def _considered(
+def _consider_held(
     adjusted: AdjustedNetwork,
     previous: AdjustedNetwork,
     part: Network,
@@ -120,13 +120,13 @@ def _considered(
     datum = {stop.stop: stop for stop in previous.stops if stop.stop in held}
     fixed = [k for k, stop in enumerate(part.stop_ids) if stop in held]
     free = [k for k, stop in enumerate(part.stop_ids) if stop not in held]
-    C = _joint([datum[part.stop_ids[k]] for k in fixed])
+    C = _joint_covariance([datum[part.stop_ids[k]] for k in fixed])
     moves = {
         part.stop_ids[k]: np.eye(6 * len(fixed))[6 * i : 6 * i + 6] for i, k in enumerate(fixed)
     }
     pose = datum[part.stop_ids[fixed[-1]]].lsl_from_rover
-    along = [carried_frame(frame, pose) for frame in part.frames]
-    now = Linear.of(adjusted, part, params)
+    along = [frame_partials(frame, pose) for frame in part.frames]
+    now = SolvedNetwork.of(adjusted, part, params)
     S = _sensitivity(now, np.array(free), np.array(fixed), along)
     moves.update({part.stop_ids[k]: S[6 * i : 6 * i + 6] for i, k in enumerate(free)})
     taken_over = {stop: move @ C @ move.T for stop, move in moves.items()}
@@ -138,19 +138,20 @@ def _considered(
             for stop in adjusted.stops
         ),
         pairs=tuple(
-            carrying(pair, poses[pair.stop], taken_over[pair.stop]) for pair in adjusted.pairs
+            add_stop_covariance(pair, poses[pair.stop], taken_over[pair.stop])
+            for pair in adjusted.pairs
         ),
     )
 
 
-def _joint(stops: list[AdjustedStop]) -> np.ndarray:
+def _joint_covariance(stops: list[AdjustedStop]) -> np.ndarray:
     """Covariance of several held stops together, each carried along by the one before."""
     C = np.zeros((6 * len(stops), 6 * len(stops)))
     for i, stop in enumerate(stops):
         here = slice(6 * i, 6 * i + 6)
         own = stop.covariance
         if i:
-            T = _rigid(stops[i - 1].lsl_from_rover, stop.lsl_from_rover)
+            T = _rigid_partials(stops[i - 1].lsl_from_rover, stop.lsl_from_rover)
             before = slice(6 * i - 6, 6 * i)
             rest = np.linalg.eigh(own - T @ C[before, before] @ T.T)
             own = T @ C[before, before] @ T.T + (rest[1] * np.maximum(rest[0], 0.0)) @ rest[1].T
@@ -161,7 +162,7 @@ def _joint(stops: list[AdjustedStop]) -> np.ndarray:
 
 
 def _sensitivity(
-    now: Linear, free: np.ndarray, fixed: np.ndarray, frames: list[np.ndarray]
+    now: SolvedNetwork, free: np.ndarray, fixed: np.ndarray, frames: list[np.ndarray]
 ) -> np.ndarray:
     """S of the poses of free stops (6 rows each) to those of held ones (6 columns each)."""
     none = np.zeros_like(now.held)
@@ -181,18 +182,18 @@ def _sensitivity(
     return S[poses[free].ravel()]
 
 
-def _rigid(datum: Pose, pose: Pose) -> np.ndarray:
+def _rigid_partials(datum: Pose, pose: Pose) -> np.ndarray:
     """How an error of one pose moves another: d(rotation) = d_, d(place) = dc_ + d_ x (c - c_)."""
     T = np.eye(6)
     T[3:, :3] = -cross_matrix(pose.translation_m - datum.translation_m)
     return T
 
 
-def carrying(
+def add_stop_covariance(
     pair: AdjustedPair, lsl_from_rover: Pose, covariance: Float64[np.ndarray, "6 6"]
 ) -> AdjustedPair:
     """A pair whose covariance includes an uncertainty of its stop, which moves it rigidly."""
-    T = _rigid(lsl_from_rover, pair.lsl_from_pair)
+    T = _rigid_partials(lsl_from_rover, pair.lsl_from_pair)
     return replace(pair, covariance=pair.covariance + T @ covariance @ T.T)
 
 
@@ -217,7 +218,7 @@ def with_frames_as_left(
         if before is None or frame.is_certain:
             frames.append(frame)
             continue
-        T = carried_frame(frame, datum.lsl_from_rover)
+        T = frame_partials(frame, datum.lsl_from_rover)
         free = np.ix_(frame.is_free, frame.is_free)
         values, vectors = np.linalg.eigh((before.covariance - T @ datum.covariance @ T.T)[free])
         own = np.zeros_like(before.covariance)
@@ -249,7 +250,7 @@ def move_frames_along(
         N[np.ix_(stop, own)] += cross.T
 
 
-def carried_frame(frame: ControlFrame, pose: Pose) -> Float64[np.ndarray, "5 6"]:
+def frame_partials(frame: ControlFrame, pose: Pose) -> Float64[np.ndarray, "5 6"]:
     """How a motion of a stop (d, dc) moves a control frame that is carried along rigidly."""
     east, north = frame.centre_m
     n, e = north - pose.translation_m[0], east - pose.translation_m[1]

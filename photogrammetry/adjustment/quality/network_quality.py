@@ -54,7 +54,7 @@ UNCHECKED = 0.1
 ARCMINUTES = 60.0 * 180.0 / np.pi
 
 
-def quality(
+def network_quality(
     network: AdjustedNetwork,
     telemetry: Mapping[StopId, Pose],
     cameras: Mapping[str, PairCamera],
@@ -117,7 +117,7 @@ def blunders(network: AdjustedNetwork) -> tuple[Blunder, ...]:
     return tuple(found)
 
 
-def ellipse(stop: AdjustedStop) -> tuple[tuple[float, float], float]:
+def error_ellipse(stop: AdjustedStop) -> tuple[tuple[float, float], float]:
     """Semi-axes of the 1-sigma error ellipse on the map, metres, and the major one's azimuth."""
     variances, axes = np.linalg.eigh(stop.covariance[3:5, 3:5])
     north, east = axes[:, 1]
@@ -134,7 +134,7 @@ def _stops(network: AdjustedNetwork, telemetry: Mapping[StopId, Pose]) -> tuple[
         by_stop.setdefault(pair.stop, []).append(pair)
     found = []
     for k, stop in enumerate(network.stops):
-        axes_m, azimuth_deg = ellipse(stop)
+        axes_m, azimuth_deg = error_ellipse(stop)
         moved: Vector3 = places[k] - telemetry[stop.stop].translation_m
         found.append(
             StopQuality(

@@ -43,7 +43,7 @@ from solmap.photogrammetry.adjustment.model.collinearity import (
     Views,
     misclosures,
     partials,
-    seen_differently,
+    seen_from_several,
 )
 from solmap.photogrammetry.adjustment.model.control_equations import Control
 from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
@@ -57,7 +57,7 @@ from solmap.photogrammetry.adjustment.solver.residuals import (
     joint_covariances,
     pair_covariances,
     point_covariances,
-    single_sightings,
+    single_sighting_covariances,
 )
 from solmap.photogrammetry.arrays import Float64, PerPoint
 
@@ -111,7 +111,7 @@ def _quantile(alpha: float, coordinates: int) -> float:
 def _joins_stops(observations: Observations) -> np.ndarray:
     """Which observations are of points that several stops see."""
     point = observations.point
-    return seen_differently(point, observations.stop, observations.points)[point]
+    return seen_from_several(point, observations.stop, observations.points)[point]
 
 
 LINEAR = 0.1
@@ -156,7 +156,7 @@ def _pairs_of_points(
     return pairs_of
 
 
-def reinstated(  # noqa: PLR0913, PLR0917 - the network, where it stands, and what is known of it
+def reinstate(  # noqa: PLR0913, PLR0917 - the network, where it stands, and what is known of it
     problem: Problem,
     state: State,
     ties: tuple[EliminatedTies, ...],
@@ -177,7 +177,7 @@ def reinstated(  # noqa: PLR0913, PLR0917 - the network, where it stands, and wh
     alone[problem.rows] = False
     single = np.flatnonzero(alone)
     views = Views.of(state, observations)
-    C[observations.point[single]] = single_sightings(
+    C[observations.point[single]] = single_sighting_covariances(
         views, observations.sights.at(single), pair_covariances(views, joint)
     )
     rows = np.flatnonzero(~used & observations.is_stereo)
@@ -234,7 +234,7 @@ class ControlTests:
         return np.flatnonzero(~control.used & (self.length <= self.gate))
 
 
-def stand_out(control: Control, state: State, params: AdjustmentParams) -> bool:
+def control_stands_out(control: Control, state: State, params: AdjustmentParams) -> bool:
     """Whether some control is so far off that others could hide behind it, or is set aside."""
     far = np.linalg.norm(control.whitened(state), axis=1) > params.critical_value
     return bool((far | ~control.used).any())

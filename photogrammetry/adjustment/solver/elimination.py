@@ -10,8 +10,8 @@ With A_t = Q R, Q of three orthonormal columns, and P = I - Q Q',
 This equals the classical reduction N_oo - N_ot N_tt^-1 N_to, but does not square the condition of
 A_t, which is bad for far points (Demmel et al. 2021; two per cent of the last sigma after 500
 stops). Q comes from Gram and Schmidt's process, each column orthogonalised twice (Kahan's "twice is
-enough"), for all points of a group at once. A direction in which the images do not feel the point
-at all is left alone. A point seen by one pair alone has as many unknowns as observations and says
+enough"), for all points of a group at once. A direction in which the images do not determine
+the point is left alone. A point seen by one pair alone has as many unknowns as observations and says
 nothing about orientations: it is left out and placed afterwards.
 
 For tests of the residuals v, with the cofactor matrix Z of x_o,
@@ -29,10 +29,10 @@ from functools import lru_cache
 import numpy as np
 
 from solmap.photogrammetry.adjustment.model.collinearity import STOP_UNKNOWNS, Partials, Views
-from solmap.photogrammetry.adjustment.model.small_matrices import cross_matrix, crossed_rows
+from solmap.photogrammetry.adjustment.model.small_matrices import cross_matrix, cross_rows
 from solmap.photogrammetry.adjustment.solver.layout import TieGroup
 
-UNFELT = 1e-13
+NEGLIGIBLE = 1e-13
 """A column of A_t shorter than this share of itself after the others were taken out is rounding."""
 
 
@@ -45,9 +45,9 @@ class EliminatedTies:
 
     group: TieGroup
     free: np.ndarray
-    """(n, 3 k, felt columns and l) P A_o and P l."""
+    """(n, 3 k, active columns and l) P A_o and P l."""
     along: np.ndarray
-    """(n, 3, felt columns and l) Q' A_o and Q' l."""
+    """(n, 3, active columns and l) Q' A_o and Q' l."""
     basis: np.ndarray
     """(n, 3, 3 k) Q'."""
     triangle: np.ndarray
@@ -61,7 +61,7 @@ class EliminatedTies:
         if self.group.is_shared:
             products = np.add.reduceat(products, self.group.first, axis=0)
         entries = products.reshape(len(products), -1)
-        return np.take(entries, _triangle_beside(self.group.felt), axis=1), products[:, :, -1]
+        return np.take(entries, _triangle_beside(self.group.active), axis=1), products[:, :, -1]
 
     @property
     def residuals(self) -> np.ndarray:
@@ -80,16 +80,16 @@ class EliminatedTies:
         return replace(self, free=free, along=along)
 
     def relative_cofactors(self, triangle: np.ndarray) -> np.ndarray:
-        """(signatures, relative, relative) T Z T' from the lower triangle of the felt Z."""
-        Z = squared(triangle, self.group.felt)
+        """(signatures, relative, relative) T Z T' from the lower triangle of the active Z."""
+        Z = symmetric(triangle, self.group.active)
         if not self.group.slots[-1]:
-            return Z  # of one stop, no pose is felt
+            return Z  # seen from one stop, no pose is active
         centres = self.centres[self.group.stops]
         arms = cross_matrix(centres - centres[:, :1])
         return self._relative(self._relative(Z, arms).mT, arms)
 
     def _relative(self, rows: np.ndarray, arms: np.ndarray) -> np.ndarray:
-        """T rows (signatures, felt, ...): see `layout`; `arms` (signatures, stops, 3, 3)."""
+        """T rows (signatures, active, ...): see `layout`; `arms` (signatures, stops, 3, 3)."""
         group, end = self.group, self.group.relative
         relative = rows[:, :end].copy()
         turn, shift = rows[:, end : end + 3], rows[:, end + 3 :]
@@ -100,18 +100,18 @@ class EliminatedTies:
         return relative
 
     @property
-    def is_felt(self) -> np.ndarray:
-        """(n) whether the images feel a point in every direction."""
+    def is_determined(self) -> np.ndarray:
+        """(n) whether the images determine a point in every direction."""
         return np.all(self.triangle[range(3), range(3)] > 0, axis=0)
 
     @property
     def back(self) -> np.ndarray:
-        """(3, 3, n) R^-1; nothing along what the images do not feel."""
+        """(3, 3, n) R^-1; zero along what the images do not determine."""
         unit = np.broadcast_to(np.eye(3)[:, :, None], self.triangle.shape)
         return _back_substitute(self.triangle, unit)
 
 
-def squared(triangle: np.ndarray, count: int) -> np.ndarray:
+def symmetric(triangle: np.ndarray, count: int) -> np.ndarray:
     """(n, count, count) symmetric matrices of which the lower triangles are given row by row."""
     return np.take(triangle, _places_in_triangle(count), axis=1)
 
@@ -134,7 +134,7 @@ def eliminate(group: TieGroup, l: np.ndarray, A: Partials, views: Views) -> Elim
     """Free a group of its points; misclosures (3, k n) and partials are whitened."""
     k, n = group.rows.shape
     by_point = A.by_point.reshape(3, 3, k, n).transpose(1, 2, 0, 3)
-    columns, triangle = orthonormal(by_point.reshape(3, 3 * k, n))
+    columns, triangle = orthonormalise(by_point.reshape(3, 3 * k, n))
     basis = columns.transpose(2, 0, 1).copy()
     free = _by_orientations(group, l.reshape(3, k, n), A, views)
     along = basis @ free
@@ -143,9 +143,9 @@ def eliminate(group: TieGroup, l: np.ndarray, A: Partials, views: Views) -> Elim
 
 
 def _by_orientations(group: TieGroup, l: np.ndarray, A: Partials, views: Views) -> np.ndarray:
-    """(n, 3 k, felt columns and l) A_o and l."""
+    """(n, 3 k, active columns and l) A_o and l."""
     k, n = group.rows.shape
-    rows = np.zeros((n, k, 3, group.felt + 1))
+    rows = np.zeros((n, k, 3, group.active + 1))
     by_component = rows.transpose(2, 3, 1, 0)
     by_component[:, -1] = l
     if group.per_pair:
@@ -160,12 +160,12 @@ def _by_orientations(group: TieGroup, l: np.ndarray, A: Partials, views: Views) 
         own_by_point = own.by_point.reshape(3, 3, -1, n)
         for turn, of, sign in ((at, slot, 1.0), (group.relative, 0, -1.0)):
             arm, shift = views.arm(own.X[:, :n], stops[:, of]), turn + 3
-            by_component[:, turn:shift, seen] = sign * crossed_rows(own_by_point, arm)
+            by_component[:, turn:shift, seen] = sign * cross_rows(own_by_point, arm)
             by_component[:, shift : shift + 3, seen] = -sign * own_by_point
     return rows.reshape(n, 3 * k, -1)
 
 
-def orthonormal(A_t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def orthonormalise(A_t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Q (3, rows, n), column by column, and R (3, 3, n) of many A_t (column, row, n)."""
     Q = A_t.copy()
     R = np.zeros((3, 3, A_t.shape[-1]))
@@ -178,9 +178,9 @@ def orthonormal(A_t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
                 column -= np.einsum("drn,dn->rn", Q[:c], r)
                 R[:c, c] += r
             left = np.sqrt(_dot(column, column))
-        felt = left > UNFELT * length
-        R[c, c] = felt * left
-        column *= felt / np.where(felt, left, 1.0)
+        determined = left > NEGLIGIBLE * length
+        R[c, c] = determined * left
+        column *= determined / np.where(determined, left, 1.0)
     return Q, R
 
 
@@ -192,7 +192,7 @@ def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 def place_points(ties: EliminatedTies, x: np.ndarray) -> np.ndarray:
     """Corrections (3, n) of the group's points, relative to what their base stop does to them.
 
-    `x` (signatures, felt columns) are corrections of the orientations.
+    `x` (signatures, active columns) are corrections of the orientations.
     """
     if ties.group.is_shared:
         x = x[ties.group.signature]
@@ -203,7 +203,7 @@ def place_points(ties: EliminatedTies, x: np.ndarray) -> np.ndarray:
 def _back_substitute(R: np.ndarray, right: np.ndarray) -> np.ndarray:
     """Solve R x = right (3, ..., n) for many upper triangles (3, 3, n).
 
-    Nothing along what the images do not feel.
+    Zero along what the images do not determine.
     """
     pivots = R[range(3), range(3)]
     scale = (pivots > 0) / np.where(pivots > 0, pivots, 1.0)

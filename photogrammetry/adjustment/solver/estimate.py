@@ -17,21 +17,21 @@ from solmap.photogrammetry.adjustment.model.collinearity import (
 )
 from solmap.photogrammetry.adjustment.model.control_equations import Control
 from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
-from solmap.photogrammetry.adjustment.model.sightings import Sightings, points_seen
+from solmap.photogrammetry.adjustment.model.sightings import Sightings, weighted_mean_points
 from solmap.photogrammetry.adjustment.model.telemetry import Telemetry
 from solmap.photogrammetry.adjustment.solver.blunders import (
     ControlTests,
+    control_stands_out,
     control_tests,
-    reinstated,
-    stand_out,
+    reinstate,
     suspects,
 )
 from solmap.photogrammetry.adjustment.solver.elimination import EliminatedTies
 from solmap.photogrammetry.adjustment.solver.gauss_newton import Solution, solve
 from solmap.photogrammetry.adjustment.solver.marginal import Marginal
 from solmap.photogrammetry.adjustment.solver.normal_equations import (
-    Linearised,
-    Place,
+    Linearisation,
+    LinearisationPoint,
     linearise,
 )
 from solmap.photogrammetry.adjustment.solver.problem import Problem
@@ -82,18 +82,18 @@ class Start:
         if self.control is None or not len(numbers):
             return self
         return replace(
-            self, control=self.control.using(_changed(self.control.used, numbers, to=used))
+            self, control=self.control.using(_with_rows(self.control.used, numbers, to=used))
         )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Judged:
+class _Evaluation:
     """A solution with what its residuals say."""
 
     problem: Problem
     state: State
     views: Views
-    now: Linearised
+    now: Linearisation
     inverse: np.ndarray
     found: Residuals
     placed: ControlTests
@@ -115,9 +115,9 @@ class _Judged:
         solution: Solution,
         params: AdjustmentParams,
         threshold: float | None,
-    ) -> _Judged:
+    ) -> _Evaluation:
         state = solution.state
-        at = solution.at or Place.of(problem, state)
+        at = solution.at or LinearisationPoint.of(problem, state)
         now = solution.now or linearise(problem, at, threshold)
         inverse = now.factor.inverse()
         found = residuals(problem, now.ties, inverse)
@@ -128,7 +128,7 @@ class _Judged:
 def estimate(start: Start, params: AdjustmentParams) -> Outcome:
     """Estimate all unknowns, and which observations are blunders."""
     problem, used, iterations = start.problem(start.used), start.used, 0
-    at: State | Place = Place.of(problem, start.state, start.views)
+    at: State | LinearisationPoint = LinearisationPoint.of(problem, start.state, start.views)
     for step in STEPS:
         for further in reversed(range(params.max_rounds)):
             aside = bool((~used & start.observations.is_stereo).any())
@@ -138,7 +138,7 @@ def estimate(start: Start, params: AdjustmentParams) -> Outcome:
             if step.robust and not (aside or _stand_out(problem, solution, params)):
                 break
             threshold = params.huber if step.robust else None
-            judged = _Judged.of(problem, solution, params, threshold)
+            judged = _Evaluation.of(problem, solution, params, threshold)
             wrong, refuted = suspects(problem, judged.found, used, params), judged.refuted
             if not ((len(wrong) or len(refuted)) and further):
                 start = start.with_control(judged.fitting if step.robust else refuted[:0])
@@ -146,7 +146,7 @@ def estimate(start: Start, params: AdjustmentParams) -> Outcome:
                 at = at if problem is judged.problem else state
                 break
             start = start.with_control(refuted, used=False)
-            used = _changed(used, wrong, to=False)
+            used = _with_rows(used, wrong, to=False)
             problem, at = start.problem(used), solution.state
     return Outcome(
         start.observations,
@@ -163,13 +163,13 @@ def estimate(start: Start, params: AdjustmentParams) -> Outcome:
 
 def _stand_out(problem: Problem, solution: Solution, params: AdjustmentParams) -> bool:
     """Whether anything is so far off that others could hide behind it."""
-    if problem.control and stand_out(problem.control, solution.state, params):
+    if problem.control and control_stands_out(problem.control, solution.state, params):
         return True
     return solution.stands_out(problem, params)
 
 
 def _with_fitting(
-    start: Start, judged: _Judged, used: np.ndarray, params: AdjustmentParams, step: Step
+    start: Start, judged: _Evaluation, used: np.ndarray, params: AdjustmentParams, step: Step
 ) -> tuple[np.ndarray, Problem, State]:
     """With what was set aside and fits after all, as long as blunders are looked for robustly.
 
@@ -181,16 +181,16 @@ def _with_fitting(
     seen = Sightings.of(start.observations, params)
     points = all_points(judged.problem, judged.views, used, seen)
     state = replace(judged.state, points=points)
-    back = reinstated(
+    back = reinstate(
         judged.problem, state, judged.now.ties, judged.found, used, judged.inverse, params
     )
     if not len(back):
         return used, before, judged.state
-    used = _changed(used, back, to=True)
+    used = _with_rows(used, back, to=True)
     return used, start.problem(used), state
 
 
-def _changed(used: np.ndarray, rows: np.ndarray, *, to: bool) -> np.ndarray:
+def _with_rows(used: np.ndarray, rows: np.ndarray, *, to: bool) -> np.ndarray:
     used = used.copy()
     used[rows] = to
     return used
@@ -229,6 +229,6 @@ def all_points(
     observations = problem.observations
     inside = np.zeros(observations.points, dtype=bool)
     inside[problem.points] = True
-    points = points_seen(views, observations, seen, used & ~inside[observations.point])
+    points = weighted_mean_points(views, observations, seen, used & ~inside[observations.point])
     points[problem.points] = views.points.T[problem.points]
     return points

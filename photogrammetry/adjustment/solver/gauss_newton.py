@@ -43,16 +43,16 @@ import numpy as np
 from solmap.photogrammetry.adjustment.model.collinearity import State, Views
 from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
 from solmap.photogrammetry.adjustment.model.small_matrices import (
-    along_arcs,
     by_component,
     cross,
+    move_along_arcs,
     rotation_of_vector,
-    turned,
+    transform,
 )
 from solmap.photogrammetry.adjustment.solver.elimination import EliminatedTies, place_points
 from solmap.photogrammetry.adjustment.solver.normal_equations import (
-    Linearised,
-    Place,
+    Linearisation,
+    LinearisationPoint,
     cost_of,
     huber_threshold,
     lengths,
@@ -84,20 +84,20 @@ class Solution:
     converged: bool
     iterations: int
     message: str = ""
-    at: Place | None = None
+    at: LinearisationPoint | None = None
     """The state, looked from."""
-    now: Linearised | None = None
+    now: Linearisation | None = None
     """The normal equations there; None where weights are robust or the last step changed them."""
 
     def stands_out(self, problem: Problem, params: AdjustmentParams) -> bool:
         """Whether any observation is so far off that others could hide behind it."""
-        at = self.at or Place.of(problem, self.state)
+        at = self.at or LinearisationPoint.of(problem, self.state)
         return _stands_out(at, params)
 
 
 def solve(
     problem: Problem,
-    start: State | Place,
+    start: State | LinearisationPoint,
     params: AdjustmentParams,
     *,
     robust: bool,
@@ -105,7 +105,7 @@ def solve(
 ) -> Solution:
     """Iterate to the minimum, or where robust not `to_the_end` until nothing stands out."""
     tolerance = params.robust_tolerance if robust else params.tolerance
-    at = start if isinstance(start, Place) else Place.of(problem, start)
+    at = start if isinstance(start, LinearisationPoint) else LinearisationPoint.of(problem, start)
     threshold = huber_threshold(problem, at, params) if robust else None
     cost = cost_of(problem, at, threshold)
     if not np.isfinite(cost):
@@ -144,23 +144,23 @@ def _is_foretold(length2: float, before: float, tolerance: float, *, robust: boo
     return length2 * max(length2, SHRINKING * before) < FORETOLD * tolerance * before
 
 
-def _stands_out(at: Place, params: AdjustmentParams) -> bool:
+def _stands_out(at: LinearisationPoint, params: AdjustmentParams) -> bool:
     return bool((lengths(at.l) > params.critical_value).any())
 
 
 def _step(
     problem: Problem,
-    at: Place,
+    at: LinearisationPoint,
     cost: float,
     whole: Correction,
     params: AdjustmentParams,
     threshold: float | None,
-) -> tuple[Place, float, int]:
+) -> tuple[LinearisationPoint, float, int]:
     """The place after the longest of the halved steps that does not raise the cost."""
     slack = 1e-12 * (1.0 + abs(cost))
     for halvings in range(params.max_halvings + 1):
         part = whole.shortened(0.5**halvings) if halvings else whole
-        trial = Place.of(problem, moved(problem, at, part))
+        trial = LinearisationPoint.of(problem, move(problem, at, part))
         trial_cost = cost_of(problem, trial, threshold)
         if trial_cost <= cost + slack:
             return trial, trial_cost, halvings
@@ -185,7 +185,7 @@ class Correction:
 
     @classmethod
     def of(
-        cls, problem: Problem, at: Place, ties: Iterable[EliminatedTies], x: np.ndarray
+        cls, problem: Problem, at: LinearisationPoint, ties: Iterable[EliminatedTies], x: np.ndarray
     ) -> Correction:
         """All corrections, those of points too, from those of the orientations `x`."""
         turn_shift, pointing, frames = problem.unknowns.unpack(x)
@@ -216,11 +216,11 @@ class Correction:
         return self.turn_shift[:, 3:]
 
 
-def moved(problem: Problem, at: Place, correction: Correction) -> State:
+def move(problem: Problem, at: LinearisationPoint, correction: Correction) -> State:
     """The state after a correction, along arcs."""
     turns = rotation_of_vector(correction.turn)
     state = at.state
-    centres = along_arcs(state.centres, correction.turn, correction.shift, problem.held)
+    centres = move_along_arcs(state.centres, correction.turn, correction.shift, problem.held)
     points = at.views.points.copy()
     of_stops = [correction.turn_shift.T, centres.T, by_component(turns).reshape(9, -1)]
     motion = _Motion(at.views, np.concatenate(of_stops))
@@ -255,14 +255,14 @@ class _Motion:
         turn, shift, centre = of_stop[:9].reshape(3, 3, -1)
         rest = dX - shift - cross(turn, arm)
         arm = self.views.arm(_in_inverse_depth(self.views, X, rest, pair), stop)
-        return centre + turned(of_stop[9:].reshape(3, 3, -1), arm)
+        return centre + transform(of_stop[9:].reshape(3, 3, -1), arm)
 
 
 def _in_inverse_depth(views: Views, X: np.ndarray, dX: np.ndarray, pair: np.ndarray) -> np.ndarray:
     """Points (3, n) after linear corrections, taken in inverse depth from their nearest pair."""
     of_pair = np.take(views.pairs[:12], pair, axis=1)
     F, origin = of_pair[:9].reshape(3, 3, -1), of_pair[9:]
-    y, dy = turned(F, X - origin), turned(F, dX)
+    y, dy = transform(F, X - origin), transform(F, dX)
     c = y[2]
     with np.errstate(divide="ignore", invalid="ignore"):
         depth = c / (1.0 - dy[2] / c)
@@ -270,4 +270,4 @@ def _in_inverse_depth(views: Views, X: np.ndarray, dX: np.ndarray, pair: np.ndar
         direction = (y + dy - y / c * dy[2]) / c
     # A step past infinity has no inverse depth: such a point goes to a thousand times its distance.
     new = direction * np.where(ahead, depth, c * 1e3)
-    return origin + turned(F.swapaxes(0, 1), new)
+    return origin + transform(F.swapaxes(0, 1), new)

@@ -226,8 +226,10 @@ class TieGroup:
         return self.posed + self.per_pair * self.seen
 
     @property
-    def felt(self) -> int:
-        """How many leading absolute columns its normal equations feel: of one stop, no pose."""
+    def active(self) -> int:
+        """How many leading absolute columns are active: its normal equations depend on them.
+
+        Points seen from one stop depend on no pose."""
         return self.relative + (STOP_UNKNOWNS if self.slots[-1] else 0)
 
     @property
@@ -242,7 +244,7 @@ class TieGroup:
 
     @property
     def triangle(self) -> tuple[np.ndarray, np.ndarray]:
-        """Rows and columns of the lower triangle of the felt columns, row by row.
+        """Rows and columns of the lower triangle of the active columns, row by row.
 
         Of two columns the row is that of the later stop, or of the later unknown of one stop.
         """
@@ -271,11 +273,11 @@ def _column_slots(slots: tuple[int, ...], per_pair: int) -> np.ndarray:
 def _triangle(slots: tuple[int, ...], per_pair: int) -> tuple[np.ndarray, np.ndarray]:
     posed = STOP_UNKNOWNS * slots[-1]
     relative = posed + per_pair * len(slots)
-    felt = relative + (STOP_UNKNOWNS if slots[-1] else 0)
-    is_pair = np.zeros(felt, dtype=bool)
+    active = relative + (STOP_UNKNOWNS if slots[-1] else 0)
+    is_pair = np.zeros(active, dtype=bool)
     is_pair[posed:relative] = True
-    place = np.arange(felt) + felt * (is_pair + 2 * _column_slots(slots, per_pair)[:felt])
-    i, j = np.tril_indices(felt)
+    place = np.arange(active) + active * (is_pair + 2 * _column_slots(slots, per_pair)[:active])
+    i, j = np.tril_indices(active)
     swapped = place[i] < place[j]
     return np.where(swapped, j, i), np.where(swapped, i, j)
 
@@ -308,16 +310,18 @@ def tie_groups(
         for k in np.flatnonzero(np.bincount(counts))[::-1].tolist()
         for kind in _kinds(observations, rows[begin[counts == k][:, None] + np.arange(k)], unknowns)
     ]
-    return tuple(group for kind in _joined(kinds, unknowns) for group in _groups(*kind, unknowns))
+    return tuple(
+        group for kind in _join_small(kinds, unknowns) for group in _groups(*kind, unknowns)
+    )
 
 
-def _joined(kinds: list[Kind], unknowns: Unknowns) -> list[Kind]:
+def _join_small(kinds: list[Kind], unknowns: Unknowns) -> list[Kind]:
     """Kinds, most often seen first, with few points joining others that are seen more often."""
     joined: list[Kind] = []
     for kind in kinds:
-        seen = _seen_by_stop(kind, unknowns)
+        seen = _counts_by_stop(kind, unknowns)
         for i, (rows, pairs, first) in enumerate(joined):
-            more = _seen_by_stop(joined[i], unknowns)
+            more = _counts_by_stop(joined[i], unknowns)
             if len(more) != len(seen) or (more < seen).any():
                 continue
             if len(kind[0]) * (_products(more) - _products(seen)) > OWN_GROUP:
@@ -336,7 +340,7 @@ def _joined(kinds: list[Kind], unknowns: Unknowns) -> list[Kind]:
     return joined
 
 
-def _seen_by_stop(kind: Kind, unknowns: Unknowns) -> np.ndarray:
+def _counts_by_stop(kind: Kind, unknowns: Unknowns) -> np.ndarray:
     """From how many pairs of each of its stops a point of a kind is seen."""
     stops = unknowns.pair_stop[kind[1][0]].tolist()
     return np.array([len(list(own)) for _, own in groupby(stops)])

@@ -26,13 +26,13 @@ from solmap.photogrammetry.adjustment.model.collinearity import (
     STOP_UNKNOWNS,
     Observations,
     State,
-    numbers,
+    distinct,
 )
 from solmap.photogrammetry.adjustment.model.control_equations import (
     ROWS,
     Control,
     frame_places,
-    known_used,
+    was_used,
 )
 from solmap.photogrammetry.adjustment.model.network import FRAME_UNKNOWNS, Network
 from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
@@ -48,7 +48,7 @@ from solmap.photogrammetry.arrays import Bool, Float64
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Linear:
+class SolvedNetwork:
     """A network at the state where it is linearised."""
 
     observations: Observations
@@ -64,7 +64,9 @@ class Linear:
     """The used tie points that several pairs see, as the adjustment linearised them last."""
 
     @classmethod
-    def of(cls, adjusted: AdjustedNetwork, network: Network, params: AdjustmentParams) -> Linear:
+    def of(
+        cls, adjusted: AdjustedNetwork, network: Network, params: AdjustmentParams
+    ) -> SolvedNetwork:
         """A network at the state to which it was adjusted, with what it has inherited."""
         stops = {stop.stop: stop for stop in adjusted.stops}
         pairs = {pair.pair_id: pair for pair in adjusted.pairs}
@@ -88,7 +90,7 @@ class Linear:
         )
 
     @classmethod
-    def where_solved(cls, outcome: Outcome, grounded: Bool[np.ndarray, " stops"]) -> Linear:
+    def where_solved(cls, outcome: Outcome, grounded: Bool[np.ndarray, " stops"]) -> SolvedNetwork:
         """The network where an adjustment ended."""
         problem = outcome.problem
         return cls(
@@ -103,7 +105,7 @@ class Linear:
             outcome.ties,
         )
 
-    def without(self, k: int, inherited: Marginal) -> Linear:
+    def without(self, k: int, inherited: Marginal) -> SolvedNetwork:
         """The network after stop k has left, and every tie point that it saw."""
         seen = np.zeros(self.observations.points, dtype=bool)
         seen[self.observations.point[self.observations.stop == k]] = True
@@ -116,7 +118,7 @@ def _control(adjusted: AdjustedNetwork, network: Network) -> Control | None:
     if not network.frames:
         return None
     control = Control.of(network)
-    return control.using(known_used(network.control, adjusted.control))
+    return control.using(was_used(network.control, adjusted.control))
 
 
 def _others(count: int, some: np.ndarray) -> np.ndarray:
@@ -127,7 +129,7 @@ def _others(count: int, some: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Leaving:
+class Coupling:
     """A stop that is to leave a network, what goes with it, and what stays that it is tied to."""
 
     stop: int
@@ -137,7 +139,7 @@ class Leaving:
     pairs: np.ndarray
 
 
-def leaving(network: Linear, k: int) -> Leaving:
+def coupling_of(network: SolvedNetwork, k: int) -> Coupling:
     """Stop k, and what it leaves behind."""
     observations, inherited = network.observations, network.inherited
     seen = np.zeros(observations.points, dtype=bool)
@@ -150,12 +152,12 @@ def leaving(network: Linear, k: int) -> Leaving:
     if inherited:
         stops = np.concatenate([stops, inherited.stops])
         pairs = np.concatenate([pairs, inherited.pairs])
-    stops, pairs = numbers(np.concatenate([stops, following])), numbers(pairs)
+    stops, pairs = distinct(np.concatenate([stops, following])), distinct(pairs)
     stays = (stops != k) & ~network.held[stops]
-    return Leaving(k, rows, stops[stays], pairs[observations.pair_stop[pairs] != k])
+    return Coupling(k, rows, stops[stays], pairs[observations.pair_stop[pairs] != k])
 
 
-def retire(network: Linear, leaves: Leaving) -> Marginal:
+def marginalise(network: SolvedNetwork, leaves: Coupling) -> Marginal:
     """Take a stop, the first that is left, out of a network."""
     k, rows, stops, pairs = leaves.stop, leaves.rows, leaves.stops, leaves.pairs
     mine = np.flatnonzero(network.observations.pair_stop == k)
@@ -173,13 +175,13 @@ def retire(network: Linear, leaves: Leaving) -> Marginal:
         spent, surplus = network.inherited.spent, surplus + network.inherited.surplus
     everything = np.concatenate([tie_rows(network, rows, columns), *others])
     gone = np.append(columns.of_stop[own], columns.of_pair[mine])
-    root, right, rest = _triangulated(chart, _in_coordinates(everything, chart), gone)
+    root, right, rest = _marginal_root(chart, _in_coordinates(everything, chart), gone)
     stays = Chart.at(state, stops, pairs, frames)
     grounded = network.grounded[stops]
     return Marginal(stays, root, right, grounded, spent + rest, surplus - len(gone))
 
 
-def _frames(network: Linear, k: int) -> np.ndarray:
+def _frames(network: SolvedNetwork, k: int) -> np.ndarray:
     """Control frames that stop k, or what it inherited, speaks of, and whose place is unknown."""
     frames, control = np.zeros(0, dtype=np.int64), network.control
     if control:
@@ -190,7 +192,7 @@ def _frames(network: Linear, k: int) -> np.ndarray:
 
 def _coordinates(observations: Observations, rows: np.ndarray) -> int:
     """Coordinates measured in some rows, beyond those that their points take up."""
-    return int((observations.weight[rows] > 0).sum()) - 3 * len(numbers(observations.point[rows]))
+    return int((observations.weight[rows] > 0).sum()) - 3 * len(distinct(observations.point[rows]))
 
 
 def _in_coordinates(rows: np.ndarray, chart: Chart) -> np.ndarray:
@@ -200,12 +202,12 @@ def _in_coordinates(rows: np.ndarray, chart: Chart) -> np.ndarray:
     return rows
 
 
-def _triangulated(
+def _marginal_root(
     chart: Chart, A: np.ndarray, gone: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """Root, right-hand side and spent sum of squares of the marginal."""
     s, n = len(gone), chart.size
-    R = triangulated(A[:, np.concatenate([gone, _others(n, gone), [n]])])
+    R = triangulate(A[:, np.concatenate([gone, _others(n, gone), [n]])])
     spent = float(R[n, n] ** 2) if len(R) > n else 0.0
     return np.ascontiguousarray(R[s:n, s:n]), R[s:n, n].copy(), spent
 
@@ -237,18 +239,18 @@ class Columns:
         return cls(of_stop, of_pair, of_frame, count)
 
 
-def tie_rows(network: Linear, rows: np.ndarray, columns: Columns) -> np.ndarray:
+def tie_rows(network: SolvedNetwork, rows: np.ndarray, columns: Columns) -> np.ndarray:
     """Whitened observation equations of the tie points that some rows see, freed of the points."""
     observations = network.observations
-    touched = np.zeros(observations.points, dtype=bool)
-    touched[observations.point[rows]] = True
+    wanted = np.zeros(observations.points, dtype=bool)
+    wanted[observations.point[rows]] = True
     parts = [np.zeros((0, columns.count + 1))]
     for tie in network.ties:
-        mine = np.flatnonzero(touched[observations.point[tie.group.rows[0]]])
+        mine = np.flatnonzero(wanted[observations.point[tie.group.rows[0]]])
         if not len(mine):
             continue
         group = tie.group.of_points(mine)
-        at = group.columns(columns.of_stop, columns.of_pair, observations.pair)[:, : group.felt]
+        at = group.columns(columns.of_stop, columns.of_pair, observations.pair)[:, : group.active]
         own = at[:, group.posed : group.relative]
         own[np.repeat(~group.counts.T, 3, axis=1)] = columns.count  # what repeats has none
         parts.append(_in_columns(tie.free[mine], at, columns.count))
@@ -256,33 +258,33 @@ def tie_rows(network: Linear, rows: np.ndarray, columns: Columns) -> np.ndarray:
 
 
 def _in_columns(free: np.ndarray, at: np.ndarray, count: int) -> np.ndarray:
-    """Rows (n, 3 k, felt columns and l) of points whose columns belong `at` others of so many.
+    """Rows (n, 3 k, active columns and l) of points whose columns belong `at` others of so many.
 
-    Triangulated where they touch so few columns that this saves products: fewer rows say the same.
+    Triangulated where they have so few active columns that this saves products: fewer rows say the same.
     """
     n, rows, _ = free.shape
-    touched = np.append(numbers(at[at < count]), count)
-    narrow = np.zeros((n, rows, len(touched)))
+    active = np.append(distinct(at[at < count]), count)
+    narrow = np.zeros((n, rows, len(active)))
     each = np.arange(n)[:, None, None], np.arange(rows)[:, None]
-    narrow[*each, np.searchsorted(touched, at)[:, None]] = free[:, :, :-1]
+    narrow[*each, np.searchsorted(active, at)[:, None]] = free[:, :, :-1]
     narrow[:, :, -1] = free[:, :, -1]  # over the bin of what is held
     equations = narrow.reshape(n * rows, -1)
-    m, own, all_ = len(equations), len(touched), count + 1
+    m, own, all_ = len(equations), len(active), count + 1
     if m * own**2 + own * all_**2 < m * all_**2:
-        equations = triangulated(equations)
+        equations = triangulate(equations)
     wide = np.zeros((len(equations), count + 1))
-    wide[:, touched] = equations
+    wide[:, active] = equations
     return wide
 
 
-def triangulated(rows: Float64[np.ndarray, "m n"]) -> Float64[np.ndarray, "r n"]:
+def triangulate(rows: Float64[np.ndarray, "m n"]) -> Float64[np.ndarray, "r n"]:
     """R of rows = Q R, with min(m, n) rows."""
     n = rows.shape[1]
     R = _geqrf(rows, lwork=BLOCK * n)[0]
     return np.triu(R[:n])
 
 
-def telemetry_rows(network: Linear, k: int, columns: Columns) -> np.ndarray:
+def telemetry_rows(network: SolvedNetwork, k: int, columns: Columns) -> np.ndarray:
     """Tilt and measured azimuth of the stop, and the step from it to the next."""
     stops = np.arange(k, min(k + 2, len(network.held)))
     ends, link = network.state.of_stops(stops), network.telemetry.of_stops(stops)
@@ -303,7 +305,7 @@ def telemetry_rows(network: Linear, k: int, columns: Columns) -> np.ndarray:
     return dense[counts]
 
 
-def pointing_rows(network: Linear, pairs: np.ndarray, columns: Columns) -> np.ndarray:
+def pointing_rows(network: SolvedNetwork, pairs: np.ndarray, columns: Columns) -> np.ndarray:
     """The mast pointing of some pairs, observed to be zero."""
     dense = np.zeros((3 * len(pairs), columns.count + 1))
     dense[np.arange(3 * len(pairs)), columns.of_pair[pairs].ravel()] = 1.0
@@ -311,7 +313,7 @@ def pointing_rows(network: Linear, pairs: np.ndarray, columns: Columns) -> np.nd
     return dense * network.telemetry.pointing_weight
 
 
-def control_rows(network: Linear, k: int, columns: Columns) -> np.ndarray:
+def control_rows(network: SolvedNetwork, k: int, columns: Columns) -> np.ndarray:
     """Where control has the stop, in frames whose place stays unknown."""
     control = network.control
     if control is None:

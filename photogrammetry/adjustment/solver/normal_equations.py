@@ -29,7 +29,7 @@ FEW = 8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Place:
+class LinearisationPoint:
     """A state, and what is seen from there."""
 
     state: State
@@ -42,7 +42,7 @@ class Place:
     """Coordinates of what is inherited, see `marginal`."""
 
     @classmethod
-    def of(cls, problem: Problem, state: State, views: Views | None = None) -> Place:
+    def of(cls, problem: Problem, state: State, views: Views | None = None) -> LinearisationPoint:
         """Look from a state; `views` where it has been looked from already."""
         views = views or Views.of(state, problem.observations)
         l = np.empty_like(problem.sights.measured)
@@ -57,7 +57,7 @@ class Place:
 
 def whitened(problem: Problem, state: State) -> np.ndarray:
     """Misclosures of the rows in the adjustment times their weights, (3, m)."""
-    return Place.of(problem, state).l
+    return LinearisationPoint.of(problem, state).l
 
 
 def lengths(l: np.ndarray) -> np.ndarray:
@@ -70,7 +70,7 @@ def huber_weights(t: np.ndarray, threshold: float) -> np.ndarray:
     return threshold / np.maximum(t, threshold)
 
 
-def huber_threshold(problem: Problem, at: Place, params: AdjustmentParams) -> float:
+def huber_threshold(problem: Problem, at: LinearisationPoint, params: AdjustmentParams) -> float:
     """Where the loss turns linear at a state: in units of the spread that residuals have there.
 
     Far from the minimum every residual is large; were all taken for blunders, telemetry would win
@@ -101,7 +101,7 @@ def control_weights(
     return np.where(control.is_datum, weight, weight * less)
 
 
-def cost_of(problem: Problem, at: Place, threshold: float | None) -> float:
+def cost_of(problem: Problem, at: LinearisationPoint, threshold: float | None) -> float:
     """The sum that is minimised; infinite where a point lies behind a camera."""
     state = at.state
     images = float(np.vdot(at.l, at.l)) if threshold is None else _loss(lengths(at.l), threshold)
@@ -129,15 +129,15 @@ def normal_equations(
     problem: Problem, state: State, threshold: float | None
 ) -> tuple[np.ndarray, np.ndarray, tuple[EliminatedTies, ...]]:
     """Reduced normal matrix (flat), right-hand side (with a bin at the end), eliminated ties."""
-    flat, right, ties = _reduced(problem, Place.of(problem, state), threshold)
+    flat, right, ties = _reduced_normals(problem, LinearisationPoint.of(problem, state), threshold)
     return problem.pattern.symmetric(flat), right, ties
 
 
-def _reduced(
-    problem: Problem, at: Place, threshold: float | None
+def _reduced_normals(
+    problem: Problem, at: LinearisationPoint, threshold: float | None
 ) -> tuple[np.ndarray, np.ndarray, tuple[EliminatedTies, ...]]:
     """The same, the lower triangle of the matrix alone."""
-    flat, right, ties = added(problem, _eliminated(problem, at, threshold))
+    flat, right, ties = sum_normals(problem, _eliminate_groups(problem, at, threshold))
     _add_telemetry(problem, at, flat, right)
     _add_inherited(problem, at, flat, right)
     _add_control(problem, at.state, flat, right, threshold)
@@ -145,7 +145,9 @@ def _reduced(
     return flat, right, ties
 
 
-def _eliminated(problem: Problem, at: Place, threshold: float | None) -> Iterator[EliminatedTies]:
+def _eliminate_groups(
+    problem: Problem, at: LinearisationPoint, threshold: float | None
+) -> Iterator[EliminatedTies]:
     """The groups of a problem, freed of their points."""
     end, small = 0, len(problem.sights) <= CACHED
     masts = at.views.masts()
@@ -160,7 +162,7 @@ def _eliminated(problem: Problem, at: Place, threshold: float | None) -> Iterato
         yield eliminate(group, l, A, at.views)
 
 
-def added(
+def sum_normals(
     problem: Problem, groups: Iterable[EliminatedTies]
 ) -> tuple[np.ndarray, np.ndarray, tuple[EliminatedTies, ...]]:
     """Normal equations of ties alone: lower triangle, right-hand side (both with bins), ties."""
@@ -174,7 +176,9 @@ def added(
     return flat, right, tuple(ties)
 
 
-def _add_telemetry(problem: Problem, at: Place, flat: np.ndarray, right: np.ndarray) -> None:
+def _add_telemetry(
+    problem: Problem, at: LinearisationPoint, flat: np.ndarray, right: np.ndarray
+) -> None:
     """Add tilt, azimuth, increments and mast pointing."""
     A = telemetry_partials(at.state, problem.telemetry) * problem.link_weight[:, :, None]
     _add(flat, problem.link_places, (A.swapaxes(1, 2) @ A)[:, *LINK_TRIANGLE])
@@ -186,7 +190,9 @@ def _add_telemetry(problem: Problem, at: Place, flat: np.ndarray, right: np.ndar
     right[pointings] -= w2 * at.state.pointings
 
 
-def _add_inherited(problem: Problem, at: Place, flat: np.ndarray, right: np.ndarray) -> None:
+def _add_inherited(
+    problem: Problem, at: LinearisationPoint, flat: np.ndarray, right: np.ndarray
+) -> None:
     """Add what observations that have left said."""
     if problem.inherited is None:
         return
@@ -230,14 +236,14 @@ def _add(total: np.ndarray, places: np.ndarray, values: np.ndarray) -> None:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Linearised:
+class Linearisation:
     """The problem at a state: factor of the normal equations, and the ties without their points."""
 
     factor: Factor
     right: np.ndarray
     ties: tuple[EliminatedTies, ...]
 
-    def seen_from(self, at: Place) -> Linearised:
+    def seen_from(self, at: LinearisationPoint) -> Linearisation:
         """The same with the misclosures of a place near by."""
         ties, end = [], 0
         for tie in self.ties:
@@ -246,7 +252,7 @@ class Linearised:
         return replace(self, ties=tuple(ties))
 
 
-def linearise(problem: Problem, at: Place, threshold: float | None) -> Linearised:
+def linearise(problem: Problem, at: LinearisationPoint, threshold: float | None) -> Linearisation:
     """The problem at a linearisation point, factored; `threshold` is that of the robust loss."""
-    flat, right, ties = _reduced(problem, at, threshold)
-    return Linearised(factorise(problem.pattern, flat), right, ties)
+    flat, right, ties = _reduced_normals(problem, at, threshold)
+    return Linearisation(factorise(problem.pattern, flat), right, ties)

@@ -18,13 +18,13 @@ from solmap.photogrammetry.adjustment.model.collinearity import Sights, State, V
 from solmap.photogrammetry.adjustment.model.small_matrices import (
     Matrices,
     Vectors,
+    cross_matrices,
     cross_matrix,
-    crosses,
     inverses_by_component,
     product,
-    turned,
+    transform,
 )
-from solmap.photogrammetry.adjustment.solver.elimination import EliminatedTies, squared
+from solmap.photogrammetry.adjustment.solver.elimination import EliminatedTies, symmetric
 from solmap.photogrammetry.adjustment.solver.problem import Problem
 from solmap.photogrammetry.robust import MAD_TO_SIGMA
 
@@ -79,7 +79,7 @@ def residuals(problem: Problem, ties: tuple[EliminatedTies, ...], inverse: np.nd
 def cofactors(tie: EliminatedTies, triangle: np.ndarray) -> np.ndarray:
     """Q_vv of the three coordinates of each observation of a group, (3, 3, k, n).
 
-    `triangle` are the cofactors of its felt columns, row by row of the lower triangle, by
+    `triangle` are the cofactors of its active columns, row by row of the lower triangle, by
     signature.
     """
     group, shape = tie.group, (tie.group.points, tie.group.seen, 3, -1)
@@ -100,7 +100,7 @@ def cofactors(tie: EliminatedTies, triangle: np.ndarray) -> np.ndarray:
 def _tests(v: Vectors, C: Matrices) -> np.ndarray:
     """T of residuals; what nothing checks has no residual and does not count."""
     sure = C + UNCHECKED * np.eye(3)[:, :, None]
-    weighted = turned(inverses_by_component(sure), v)
+    weighted = transform(inverses_by_component(sure), v)
     return np.sqrt(np.maximum(np.einsum("cn,cn->n", v, weighted), 0.0))
 
 
@@ -114,29 +114,29 @@ def point_covariances(
     """
     C = np.full((problem.observations.points, 3, 3), np.nan)
     for tie, places in zip(ties, problem.places, strict=True):
-        group, felt = tie.group, tie.group.felt
+        group, active = tie.group, tie.group.active
         numbers = problem.observations.point[group.rows[0]]
         base = group.stops[group.signature, 0] if group.is_shared else group.stops[:, 0]
         arm, back = state.points[numbers] - state.centres[base], tie.back
         noise = np.einsum("ijn,kjn->nik", back, back)
-        noise[~tie.is_felt] = np.nan
+        noise[~tie.is_determined] = np.nan
         G = np.zeros((group.points, 3, group.local.shape[1]))
-        np.matmul(-back.transpose(2, 0, 1).copy(), tie.along[:, :, :felt], out=G[:, :, :felt])
+        np.matmul(-back.transpose(2, 0, 1).copy(), tie.along[:, :, :active], out=G[:, :, :active])
         G[:, :, -6:-3] -= cross_matrix(arm)
         G[:, :, -3:] += np.eye(3)
-        Z = _base_and_felt(problem, tie, inverse, places)
+        Z = _base_and_active(problem, tie, inverse, places)
         C[numbers] = G @ (Z[group.signature] if group.is_shared else Z) @ G.mT + noise
     return C
 
 
-def _base_and_felt(
+def _base_and_active(
     problem: Problem, tie: EliminatedTies, inverse: np.ndarray, places: np.ndarray
 ) -> np.ndarray:
     """Cofactors of all absolute columns of a group, signature by signature."""
     group = tie.group
-    if not group.slots[-1]:  # of one stop, no pose is felt
+    if not group.slots[-1]:  # seen from one stop, no pose is active
         return inverse[problem.pattern.own(group.stops[:, 0], group.local)]
-    return squared(inverse[places], group.felt)
+    return symmetric(inverse[places], group.active)
 
 
 def joint_covariances(problem: Problem, inverse: np.ndarray) -> np.ndarray:
@@ -152,17 +152,17 @@ def pair_covariances(views: Views, joint: np.ndarray) -> np.ndarray:
     The mast turns a pair by what it turns the pair's frame, and its origin about the mast head.
     """
     masts, to_lsl = views.masts(), views.pairs[:9].reshape(3, 3, -1).swapaxes(0, 1)
-    arm, lever = views.arm(views.pairs[9:12], views.stop), turned(to_lsl, masts[:3])
+    arm, lever = views.arm(views.pairs[9:12], views.stop), transform(to_lsl, masts[:3])
     by_pointing = product(to_lsl, masts[3:].reshape(3, 3, -1))
     J = np.zeros((len(joint), 6, 9))
     J[:, :3, :3] = J[:, 3:, 3:6] = np.eye(3)
     J[:, 3:, :3] = -cross_matrix(arm.T)
     J[:, :3, 6:] = by_pointing.transpose(2, 0, 1)
-    J[:, 3:, 6:] = -product(crosses(lever), by_pointing).transpose(2, 0, 1)
+    J[:, 3:, 6:] = -product(cross_matrices(lever), by_pointing).transpose(2, 0, 1)
     return J @ joint @ J.mT
 
 
-def single_sightings(views: Views, sights: Sights, of_pair: np.ndarray) -> np.ndarray:
+def single_sighting_covariances(views: Views, sights: Sights, of_pair: np.ndarray) -> np.ndarray:
     """Covariances of points placed by one stereo observation each; `of_pair` those of the pairs.
 
     Such a point moves like one body with its pair, and by the noise of the image: along the axes

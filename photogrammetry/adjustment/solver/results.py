@@ -30,7 +30,7 @@ from solmap.photogrammetry.adjustment.model.adjusted_network import (
 from solmap.photogrammetry.adjustment.model.collinearity import (
     Observations,
     State,
-    seen_differently,
+    seen_from_several,
 )
 from solmap.photogrammetry.adjustment.model.control_equations import Control
 from solmap.photogrammetry.adjustment.model.network import MAP, Network
@@ -42,7 +42,7 @@ from solmap.photogrammetry.adjustment.solver.residuals import (
     joint_covariances,
     pair_covariances,
     point_covariances,
-    single_sightings,
+    single_sighting_covariances,
 )
 from solmap.photogrammetry.arrays import Bool, Float64
 from solmap.photogrammetry.frames import LSL, Pose
@@ -52,7 +52,7 @@ SIGNIFICANT = 0.999
 """Level of the global test: only a sigma0 that chance does not explain widens the sigmas."""
 
 
-def assembled(
+def adjusted_records(
     network: Network,
     held: np.ndarray,
     outcome: Outcome,
@@ -182,7 +182,7 @@ def _ties(
     alone = used & observations.is_stereo
     alone[outcome.problem.rows] = False
     rows = np.flatnonzero(alone)
-    covariances[observations.point[rows]] = single_sightings(
+    covariances[observations.point[rows]] = single_sighting_covariances(
         outcome.views, observations.sights.at(rows), of_pairs
     )
     return AdjustedTies(
@@ -200,8 +200,8 @@ def _ties(
 def _kinds(observations: Observations, used: np.ndarray) -> np.ndarray:
     """What each point joins, by its used observations, as a number of `KINDS`."""
     point, count = observations.point[used], observations.points
-    stops = seen_differently(point, observations.stop[used], count)
-    pairs = seen_differently(point, observations.pair[used], count)
+    stops = seen_from_several(point, observations.stop[used], count)
+    pairs = seen_from_several(point, observations.pair[used], count)
     return np.where(stops, 2, pairs.astype(np.int64))
 
 
@@ -275,11 +275,11 @@ class Holding:
         """Of the used observations of a network; `held` is the datum, `known` is joined to it."""
         shared: tuple[dict[int, int], ...] = tuple({} for _ in held)
         stop, point = observations.stop[used], observations.point[used]
-        joins = seen_differently(point, stop, observations.points)[point]
+        joins = seen_from_several(point, stop, observations.points)[point]
         for (a, b), count in _couples(point[joins], stop[joins], len(held)).items():
             shared[a][b] = shared[b][a] = count
-        placed = _placed(control)
-        near = [{*others, *(other for f in placed.get(k, ()) for other in _shown(placed, f))}
+        placed = _frames_by_stop(control)
+        near = [{*others, *(other for f in placed.get(k, ()) for other in _stops_of_frame(placed, f))}
                 for k, others in enumerate(shared)]  # fmt: skip
         reached = np.array(held | known)
         if control:
@@ -310,7 +310,7 @@ class Holding:
         return f"{carried}; ties do not reach the datum ({listed})" if listed else carried
 
 
-def _placed(control: Control | None) -> dict[int, list[int]]:
+def _frames_by_stop(control: Control | None) -> dict[int, list[int]]:
     placed: dict[int, list[int]] = {}
     if control:
         both = np.column_stack([control.stop, control.frame])[control.used]
@@ -319,7 +319,7 @@ def _placed(control: Control | None) -> dict[int, list[int]]:
     return placed
 
 
-def _shown(placed: dict[int, list[int]], frame: int) -> list[int]:
+def _stops_of_frame(placed: dict[int, list[int]], frame: int) -> list[int]:
     """Stops that a control frame shows."""
     return [stop for stop, frames in placed.items() if frame in frames]
 

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from solmap.photogrammetry.adjustment.model.adjusted_network import AdjustedNetwork
-from solmap.photogrammetry.adjustment.model.assembly import assembled, part_at
+from solmap.photogrammetry.adjustment.model.assembly import assemble, part_at
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.imagery import StopId
 from solmap.photogrammetry.mars import map_from_lsl
@@ -111,7 +111,7 @@ class NetworkProduct:
             self,
             telemetry={stop: pose for part in parts for stop, pose in part.telemetry.items()},
             sols={stop: sols for part in parts for stop, sols in part.sols.items()},
-            adjusted=assembled([part.adjusted for part in parts]),
+            adjusted=assemble([part.adjusted for part in parts]),
             references={name: at for name, at in self.references.items() if name not in wanted},
         )
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.adjustment.model.assembly import assembled, part_at
+from solmap.photogrammetry.adjustment.model.assembly import assemble, part_at
 from solmap.photogrammetry.adjustment.modes.mission import AdjustmentMode, advance
 from solmap.photogrammetry.adjustment.modes.overall import adjust_overall
 from solmap.photogrammetry.adjustment.quality.weaknesses import shared_ties
@@ -37,7 +37,7 @@ def by_measurement(ties):
 
 def test_stop_by_stop_and_together_again_is_the_same_network(adjusted):
     parts = [part_at(adjusted, {stop.stop}) for stop in adjusted.stops]
-    again = assembled(parts)
+    again = assemble(parts)
     assert again.stops == adjusted.stops
     assert again.pairs == adjusted.pairs
     for old, new in zip(by_measurement(adjusted.ties), by_measurement(again.ties), strict=True):
@@ -61,7 +61,7 @@ def test_a_stop_is_as_the_last_part_that_has_it_says(adjusted):
     with_fewer_pairs = part_at(adjusted, {adjusted.stops[1].stop})
     kept = with_fewer_pairs.pairs[:1]
     late = type(moved)(with_fewer_pairs.stops, kept, with_fewer_pairs.ties)
-    again = assembled([moved, late])
+    again = assemble([moved, late])
     assert [stop.stop for stop in again.stops] == [stop.stop for stop in adjusted.stops[:2]]
     assert [pair for pair in again.pairs if pair.stop == adjusted.stops[1].stop] == list(kept)
 

@@ -10,7 +10,7 @@ from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
 from solmap.photogrammetry.adjustment.model.telemetry import Telemetry
 from solmap.photogrammetry.adjustment.solver.block_matrix import BlockPattern, factorise
 from solmap.photogrammetry.adjustment.solver.normal_equations import (
-    Place,
+    LinearisationPoint,
     linearise,
     normal_equations,
 )
@@ -99,7 +99,7 @@ def test_covariances_far_along_a_traverse_are_those_of_the_dense_inverse():
         np.ones(len(observations), dtype=bool),
     )
     now, flat = (
-        linearise(problem, Place.of(problem, state), None),
+        linearise(problem, LinearisationPoint.of(problem, state), None),
         normal_equations(problem, state, None)[0],
     )
     offsets, sizes = problem.unknowns.offsets, problem.unknowns.sizes

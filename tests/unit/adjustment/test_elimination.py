@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 
 from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
 from solmap.photogrammetry.adjustment.model.telemetry import Telemetry
-from solmap.photogrammetry.adjustment.solver.elimination import orthonormal
+from solmap.photogrammetry.adjustment.solver.elimination import orthonormalise
 from solmap.photogrammetry.adjustment.solver.gauss_newton import solve
 from solmap.photogrammetry.adjustment.solver.layout import Unknowns, tie_groups
 from solmap.photogrammetry.adjustment.solver.normal_equations import (
-    Place,
+    LinearisationPoint,
     linearise,
     normal_equations,
 )
@@ -32,7 +32,7 @@ def test_columns_are_orthonormal_however_far_the_point(k, feeble, seed):
     """The column of the range may be as small as that, and nearly along the others."""
     A_t = np.random.default_rng(seed).normal(size=(3, 3 * k, 4))
     A_t[2] = A_t[0] + feeble * A_t[2]
-    Q, R = (columns.transpose(2, 1, 0) for columns in orthonormal(A_t))
+    Q, R = (columns.transpose(2, 1, 0) for columns in orthonormalise(A_t))
     np.testing.assert_allclose(Q @ R.mT, A_t.transpose(2, 1, 0), atol=1e-14 * k)
     np.testing.assert_allclose(Q.mT @ Q, np.tile(np.eye(3), (4, 1, 1)), atol=1e-14)
 
@@ -40,7 +40,7 @@ def test_columns_are_orthonormal_however_far_the_point(k, feeble, seed):
 def test_a_direction_that_the_images_do_not_feel_is_left_alone():
     A_t = np.random.default_rng(1).normal(size=(3, 6, 1))
     A_t[2] = 0.0
-    Q, R = orthonormal(A_t)
+    Q, R = orthonormalise(A_t)
     assert not Q[2].any()
     assert R[2, 2, 0] == 0
 
@@ -50,7 +50,7 @@ def test_a_common_motion_of_its_stops_is_none_to_a_tie_point(bent):
     held, used = np.arange(3) == 0, np.ones(len(observations), dtype=bool)
     telemetry = Telemetry.of(network, AdjustmentParams())
     problem = Problem.of(observations, telemetry, held, used)
-    ties = linearise(problem, Place.of(problem, state), None).ties
+    ties = linearise(problem, LinearisationPoint.of(problem, state), None).ties
     turn, shift = np.array([0.1, -0.2, 0.3]), np.array([1.0, 2.0, -3.0])
     joining = [tie for tie in ties if tie.group.slots[-1]]
     assert joining
@@ -115,7 +115,7 @@ def test_points_that_join_those_that_are_seen_more_often_say_the_same(bent, monk
     found, expected = (
         residuals(problem, now.ties, now.factor.inverse())
         for problem in (joined, apart)
-        for now in [linearise(problem, Place.of(problem, state), None)]
+        for now in [linearise(problem, LinearisationPoint.of(problem, state), None)]
     )
     np.testing.assert_allclose(found.test, expected.test, rtol=1e-6)
     np.testing.assert_allclose(found.redundancy, expected.redundancy, atol=1e-9)

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from solmap.photogrammetry.adjustment.initial.values import (
     FURTHEST_BASES,
-    with_rays_intersected,
+    intersect_rays,
 )
 from solmap.photogrammetry.adjustment.model.collinearity import Observations, State
 from solmap.photogrammetry.adjustment.model.network import Network, PairGeometry, StopPrior
@@ -81,9 +81,7 @@ def test_rays_without_errors_meet_at_the_point(ground, rng):
     geometries = [single(k, a) for k, a in enumerate(AZIMUTHS)]
     ties, truth = seen_by(geometries, ground, rng, sigma=1e-9)
     observations = Observations.of(network(geometries, ties))
-    placed = with_rays_intersected(
-        nowhere(observations), observations, np.ones(len(observations), bool)
-    )
+    placed = intersect_rays(nowhere(observations), observations, np.ones(len(observations), bool))
     np.testing.assert_allclose(placed.points, truth, atol=1e-5)
 
 
@@ -91,9 +89,7 @@ def test_rays_that_diverge_end_far_away_in_front(ground, rng):
     geometries = [single(k, a) for k, a in enumerate(AZIMUTHS)]
     ties, _ = seen_by(geometries, ground * 300, rng, sigma=1.0)
     observations = Observations.of(network(geometries, ties))
-    placed = with_rays_intersected(
-        nowhere(observations), observations, np.ones(len(observations), bool)
-    )
+    placed = intersect_rays(nowhere(observations), observations, np.ones(len(observations), bool))
     distance = np.linalg.norm(placed.points, axis=1)
     assert distance.min() > 1.0
     assert distance.max() < 1.1 * FURTHEST_BASES * 0.2
@@ -111,7 +107,7 @@ def test_points_that_have_a_place_or_one_sighting_only_are_left_alone(ground, rn
     state.points[3] = (1.0, 2.0, 3.0)
     used = np.ones(len(observations), bool)
     used[np.flatnonzero(observations.point == 5)[0]] = False
-    placed = with_rays_intersected(state, observations, used)
+    placed = intersect_rays(state, observations, used)
     np.testing.assert_array_equal(placed.points[3], (1.0, 2.0, 3.0))
     assert np.isfinite(placed.points[5]).all() == ((observations.point == 5).sum() > 2)
 

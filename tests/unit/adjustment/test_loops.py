@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from solmap.photogrammetry.adjustment.initial.alignment import RigidPoints, rigid_motion
-from solmap.photogrammetry.adjustment.initial.loops import Edges, relaxed
+from solmap.photogrammetry.adjustment.initial.loops import Edges, relax
 from solmap.photogrammetry.adjustment.model.collinearity import State
 from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
 from solmap.photogrammetry.adjustment.model.small_matrices import (
-    along_arcs,
+    move_along_arcs,
     rotation_of_vector,
 )
 from solmap.photogrammetry.adjustment.model.telemetry import Telemetry
@@ -70,7 +70,7 @@ def test_a_circle_that_telemetry_bends_open_closes(turn_deg):
     along = replace(along, information=0.01 * along.information)
     names = ("a", "b", "rotation", "translation", "information", "is_loop")
     both = Edges(*(np.concatenate([getattr(along, n), getattr(closing, n)]) for n in names))
-    state, weights = relaxed(start, loose(count), held, both)
+    state, weights = relax(start, loose(count), held, both)
     assert (weights == 1.0).all()
     apart = state.rotations[0].T @ (state.centres[-1] - state.centres[0])
     np.testing.assert_allclose(apart, closing.translation[0], atol=0.05)
@@ -86,7 +86,7 @@ def test_a_loop_that_contradicts_the_others_is_weighed_down():
     loops = np.array([b - a > 1 for a, b in couples])
     edges = edges_of(true, couples, loops=loops)
     edges.translation[-1] += [5.0, -3.0, 0.0]
-    state, weights = relaxed(true, loose(count), held, edges)
+    state, weights = relax(true, loose(count), held, edges)
     assert weights[-1] == 0.0
     assert (weights[:-1] == 1.0).all()
     np.testing.assert_allclose(state.centres, true.centres, atol=1e-3)  # an initial value
@@ -111,7 +111,7 @@ def test_drives_turn_along_arcs_and_held_stops_stay():
     centres = np.column_stack([np.arange(4) * 10.0, np.zeros((4, 2))])
     quarter = np.tile([0.0, 0.0, np.pi / 2], (4, 1))
     shift = np.cross(quarter, centres)  # the tangent of a turn about the first stop
-    moved = along_arcs(centres, quarter, shift, np.array([True, False, False, False]))
+    moved = move_along_arcs(centres, quarter, shift, np.array([True, False, False, False]))
     np.testing.assert_allclose(moved, centres[:, [1, 0, 2]], atol=1e-12)
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from solmap.photogrammetry.adjustment.model.adjusted_network import USED
 from solmap.photogrammetry.adjustment.modes.overall import adjust_overall
-from solmap.photogrammetry.adjustment.quality.network_quality import ellipse, quality
+from solmap.photogrammetry.adjustment.quality.network_quality import error_ellipse, network_quality
 from solmap.photogrammetry.adjustment.quality.records import PairCamera, QualityParams
 from solmap.photogrammetry.imagery import TieKind
 from solmap.photogrammetry.synthetic.networks import LINES, simulate_network
@@ -23,7 +23,7 @@ SIZES = {
 def stated(network, adjusted, params=None, instrument=lambda _: "NAVCAM"):
     cameras = {p.pair_id: PairCamera(instrument(p), LINES, LINES) for p in network.pairs}
     telemetry = {s.stop: s.lsl_from_rover for s in network.stops}
-    return quality(adjusted, telemetry, cameras, params or QualityParams())
+    return network_quality(adjusted, telemetry, cameras, params or QualityParams())
 
 
 @pytest.fixture(scope="module")
@@ -114,7 +114,7 @@ def test_the_ellipse_has_the_axes_of_the_covariance(clean):
     axes = np.array([[np.cos(azimuth), -np.sin(azimuth)], [np.sin(azimuth), np.cos(azimuth)]])
     covariance = np.zeros((6, 6))
     covariance[3:5, 3:5] = axes @ np.diag([0.4**2, 0.1**2]) @ axes.T
-    (major, minor), degrees = ellipse(replace(adjusted.stops[0], covariance=covariance))
+    (major, minor), degrees = error_ellipse(replace(adjusted.stops[0], covariance=covariance))
     assert (major, minor, degrees) == pytest.approx((0.4, 0.1, 30.0))
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
 from solmap.photogrammetry.adjustment.modes.overall import adjust_overall, telemetry_network
-from solmap.photogrammetry.adjustment.quality.network_quality import quality
+from solmap.photogrammetry.adjustment.quality.network_quality import network_quality
 from solmap.photogrammetry.adjustment.quality.records import PairCamera, QualityParams
 from solmap.photogrammetry.synthetic.networks import LINES, simulate_network
 from solmap.products.reports.adjustment_figures import (
@@ -31,7 +31,12 @@ def stated(request):
     )
     cameras = {p.pair_id: PairCamera("NAVCAM", LINES, LINES) for p in network.pairs}
     telemetry = {s.stop: s.lsl_from_rover for s in network.stops}
-    return adjusted, telemetry, cameras, quality(adjusted, telemetry, cameras, QualityParams())
+    return (
+        adjusted,
+        telemetry,
+        cameras,
+        network_quality(adjusted, telemetry, cameras, QualityParams()),
+    )
 
 
 def pictures(stated):

@@ -10,7 +10,7 @@ from solmap.photogrammetry.adjustment.model.datum import with_control
 from solmap.photogrammetry.adjustment.model.network import select
 from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
 from solmap.photogrammetry.adjustment.modes.overall import adjust_overall
-from solmap.photogrammetry.adjustment.quality.network_quality import quality
+from solmap.photogrammetry.adjustment.quality.network_quality import network_quality
 from solmap.photogrammetry.adjustment.quality.records import PairCamera, QualityParams
 from solmap.photogrammetry.synthetic.mission import simulate_control
 from solmap.photogrammetry.synthetic.networks import LINES, simulate_network
@@ -36,7 +36,7 @@ def page_of(network):
     adjusted, report = adjust_overall(network, AdjustmentParams())
     cameras = {pair.pair_id: PairCamera("NAVCAM", LINES, LINES) for pair in network.pairs}
     telemetry = {prior.stop: prior.lsl_from_rover for prior in network.stops}
-    found = quality(adjusted, telemetry, cameras, QualityParams())
+    found = network_quality(adjusted, telemetry, cameras, QualityParams())
     document = {"adjustment": report_document(report), "quality": quality_document(found)}
     return report_page("a network", document, Blank()), report
 
