@@ -10,9 +10,10 @@ from solmap.products.reports.terrain_figures import (
     class_picture,
     relief_picture,
 )
+from tests.unit.terrain import conftest as scenes
 
 
-def test_unseen_ground_is_clear_in_every_picture(scenes):
+def test_unseen_ground_is_clear_in_every_picture():
     dtm = scenes.dtm_of(scenes.tilted)
     dtm.elevation[:20], dtm.ground[:20] = np.nan, GroundClass.UNSEEN
     for picture in (relief_picture(dtm, HillshadeParams()), class_picture(dtm)):
@@ -21,23 +22,23 @@ def test_unseen_ground_is_clear_in_every_picture(scenes):
         assert (picture[20:, :, 3] == 255).all()
 
 
-def test_high_ground_has_another_colour_than_low_ground(scenes):
+def test_high_ground_has_another_colour_than_low_ground():
     picture = relief_picture(scenes.dtm_of(lambda e, n: e + 0.0 * n), HillshadeParams())
     assert np.abs(picture[64, 5].astype(int) - picture[64, 120]).max() > 80
 
 
-def test_classes_are_told_apart(scenes):
+def test_classes_are_told_apart():
     dtm = scenes.dtm_of(scenes.level)
     dtm.ground[:, 64:] = GroundClass.INTERPOLATED
     picture = class_picture(dtm)
     assert (picture[10, 10] != picture[10, 100]).any()
 
 
-def test_a_large_picture_is_made_small_enough(scenes):
+def test_a_large_picture_is_made_small_enough():
     assert max(class_picture(scenes.dtm_of(scenes.level), max_side=50).shape) <= 50
 
 
-def test_an_empty_model_makes_a_clear_picture(scenes):
+def test_an_empty_model_makes_a_clear_picture():
     dtm = scenes.dtm_of(scenes.level)
     empty = replace(dtm, elevation=np.full(dtm.grid.shape, np.nan, dtype=np.float32))
     assert (relief_picture(empty, HillshadeParams())[..., 3] == 0).all()

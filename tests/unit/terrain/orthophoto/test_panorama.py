@@ -18,7 +18,7 @@ from solmap.photogrammetry.terrain.orthophoto.panorama_grid import (
     ground_ranges,
 )
 from solmap.photogrammetry.terrain.orthophoto.panorama_seams import registration
-from tests.unit.terrain.panorama_world import (
+from tests.unit.terrain.orthophoto.panorama_world import (
     LANDMARKS,
     PLANE,
     camera,
