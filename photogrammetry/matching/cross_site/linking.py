@@ -215,7 +215,7 @@ def _evaluate(trials: Trials, trial: Trial, by_chance: int, params: CrossSitePar
 def _match_surfaces(
     one: StopViews, other: StopViews, alignment: Alignment, params: SurfaceTieParams
 ) -> Ties:
-    """Ties by the shape of the ground, from where ties by looks have placed the stops."""
+    """Surface-matched ties, from where image-matched ties have placed the stops."""
     if not params.enabled:
         return Ties.none((*one.pair_ids, *other.pair_ids))
     level = Pose(LSL, one.id.frame, one.stop.lsl_from_rover.rotation, np.zeros(3))

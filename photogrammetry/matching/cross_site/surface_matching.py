@@ -53,13 +53,15 @@ class SurfaceTieParams:
     largest_sigma_m: float = 0.06
     """Across the rays: blocks without relief know no better and are left out."""
     least: int = 8
-    """Blocks without which there are no ties by shape."""
+    """With fewer blocks there are no surface-matched ties."""
     most: int = 80
     """Blocks that become ties, the most certain."""
 
     def __post_init__(self) -> None:
         if not (self.block_m > 0 and self.least_points > 0 and self.most >= self.least > 0):
-            raise MatchingError("ties by shape need blocks above zero in size, points and number")
+            raise MatchingError(
+                "surface-matched ties need blocks above zero in size, points and number"
+            )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -96,10 +98,10 @@ class Blocks:
 def tie_by_surface(
     earlier: Mapping[str, SurfaceView], later: Mapping[str, SurfaceView], params: SurfaceTieParams
 ) -> Ties:
-    """Ties between the pairs of two stops by the shape of their ground.
+    """Surface-matched ties between the pairs of two stops.
 
-    All views stand in one frame, level, north first; ties by looks have placed the stops to each
-    other within some centimetres and tenths of a degree. None where there is little relief.
+    All views stand in one frame, level, north first; image-matched ties have placed the stops to
+    some centimetres and tenths of a degree. None where there is little relief.
     """
     pair_ids = (*earlier, *later)
     seen = list(_shared_ground(earlier, later, params))

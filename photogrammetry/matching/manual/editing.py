@@ -32,7 +32,7 @@ LARGEST_Y_PX = 5.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ManualImage:
-    """What it takes to place hand-clicked points of a pair, or of a single image."""
+    """What it takes to place picked points of a pair, or of a single image."""
 
     name: str
     geometry: EpipolarPair
@@ -60,30 +60,30 @@ class EditedTies:
 
 def apply_edits(
     ties: Sequence[Ties],
-    hand: Sequence[EditRequest],
-    bodies: Mapping[str, ManualImage],
+    requests: Sequence[EditRequest],
+    images: Mapping[str, ManualImage],
     stop_of: Mapping[str, str],
 ) -> EditedTies:
-    """Automatic ties with the wishes of a person carried out, row after row.
+    """Automatic ties with edit requests carried out, row after row.
 
-    `bodies` holds what is named in a wish, `stop_of` the stop of everything that ties join.
+    `images` holds what is named in a request, `stop_of` the stop of everything that ties join.
     """
     kept, new, notes = list(ties), [], []
     counts = dict.fromkeys(EditAction, 0)
-    for wish in hand:
+    for request in requests:
         try:
-            made = None if wish.action is EditAction.VETO else _make_tie(wish, bodies)
-            if wish.action is not EditAction.ADD:
-                rows = _affected_ties(wish, kept, bodies, stop_of)
+            made = None if request.action is EditAction.VETO else _make_tie(request, images)
+            if request.action is not EditAction.ADD:
+                rows = _affected_ties(request, kept, images, stop_of)
                 kept = [t.select(~some) for t, some in zip(kept, rows, strict=True)]
                 dropped = sum(int(some.sum()) for some in rows)
-                counts[wish.action] += dropped if wish.action is EditAction.VETO else 1
+                counts[request.action] += dropped if request.action is EditAction.VETO else 1
             if made is not None:
                 new.append(made)
-                counts[EditAction.ADD] += wish.action is EditAction.ADD
+                counts[EditAction.ADD] += request.action is EditAction.ADD
         except _UnplacedError as error:
-            notes.append(f"{wish.row}: {error}")
-    every = (*kept, join_ties(new, tuple(bodies))) if new else tuple(kept)
+            notes.append(f"{request.row}: {error}")
+    every = (*kept, join_ties(new, tuple(images))) if new else tuple(kept)
     added, moved, vetoed = (counts[a] for a in (EditAction.ADD, EditAction.MOVE, EditAction.VETO))
     return EditedTies(every, added, moved, vetoed, tuple(notes))
 
@@ -108,17 +108,19 @@ def epipolar_point(
 
 
 def _affected_ties(
-    wish: EditRequest,
+    request: EditRequest,
     ties: Sequence[Ties],
-    bodies: Mapping[str, ManualImage],
+    images: Mapping[str, ManualImage],
     stop_of: Mapping[str, str],
 ) -> list[Flags]:
     """Which of the automatic ties a veto or a move means, set by set."""
-    second = wish.second if wish.action is EditAction.VETO else EditPoint(wish.second.image)
-    marks = _Mark.of(wish.first, bodies), _Mark.of(second, bodies)
-    rows = [_selected(marks, wish.tolerance_px, some, stop_of) for some in ties]
+    second = (
+        request.second if request.action is EditAction.VETO else EditPoint(request.second.image)
+    )
+    marks = _Mark.of(request.first, images), _Mark.of(second, images)
+    rows = [_selected(marks, request.tolerance_px, some, stop_of) for some in ties]
     if not any(some.any() for some in rows):
-        raise _UnplacedError(f"there is no automatic tie here to {wish.action}")
+        raise _UnplacedError(f"there is no automatic tie here to {request.action}")
     return rows
 
 
@@ -130,11 +132,11 @@ class _Mark:
     place: Float64[np.ndarray, " 2"] | None
 
     @classmethod
-    def of(cls, wanted: EditPoint, bodies: Mapping[str, ManualImage]) -> _Mark:
+    def of(cls, wanted: EditPoint, images: Mapping[str, ManualImage]) -> _Mark:
         if wanted.point is None:
             return cls(wanted.image, None)
-        body = _body(wanted, bodies)
-        return cls(wanted.image, epipolar_point(body.left, body.geometry, wanted.point))
+        image = _image(wanted, images)
+        return cls(wanted.image, epipolar_point(image.left, image.geometry, wanted.point))
 
     def covers(
         self,
@@ -166,15 +168,15 @@ def _selected(
     return rows
 
 
-def _make_tie(wish: EditRequest, bodies: Mapping[str, ManualImage]) -> Ties:
+def _make_tie(request: EditRequest, images: Mapping[str, ManualImage]) -> Ties:
     """A tie that a person measured."""
-    names = tuple(bodies)
+    names = tuple(images)
     columns = []
-    for wanted in (wish.first, wish.second):
-        body = _body(wanted, bodies)
-        left, parallax = _measure(wanted, body)
-        sigma = wish.sigma_px * np.sqrt(2.0) if np.isfinite(parallax) else np.nan
-        columns.append((names.index(body.name), left, parallax, wish.sigma_px, sigma))
+    for wanted in (request.first, request.second):
+        image = _image(wanted, images)
+        left, parallax = _measure(wanted, image)
+        sigma = request.sigma_px * np.sqrt(2.0) if np.isfinite(parallax) else np.nan
+        columns.append((names.index(image.name), left, parallax, request.sigma_px, sigma))
     index, left, parallax, sigma, of_parallax = zip(*columns, strict=True)
     return Ties(
         names,
@@ -184,24 +186,24 @@ def _make_tie(wish: EditRequest, bodies: Mapping[str, ManualImage]) -> Ties:
     )
 
 
-def _body(wanted: EditPoint, bodies: Mapping[str, ManualImage]) -> ManualImage:
-    if wanted.image not in bodies:
+def _image(wanted: EditPoint, images: Mapping[str, ManualImage]) -> ManualImage:
+    if wanted.image not in images:
         raise _UnplacedError(f"{wanted.image} is no left or tied single image of this network")
-    return bodies[wanted.image]
+    return images[wanted.image]
 
 
-def _measure(wanted: EditPoint, body: ManualImage) -> tuple[Float64[np.ndarray, " 2"], float]:
+def _measure(wanted: EditPoint, image: ManualImage) -> tuple[Float64[np.ndarray, " 2"], float]:
     """(left epipolar point, parallax) of a point that a person clicked."""
     if wanted.point is None:
         raise _UnplacedError(f"no point is given in {wanted.image}")
-    left = epipolar_point(body.left, body.geometry, wanted.point)
-    if not body.geometry.shows(left[None]).all():
+    left = epipolar_point(image.left, image.geometry, wanted.point)
+    if not image.geometry.shows(left[None]).all():
         raise _UnplacedError(f"{wanted.point} lies outside the usable part of {wanted.image}")
     if wanted.right is None:
-        return left, _dense_parallax(body, left)
-    if body.right is None:
+        return left, _dense_parallax(image, left)
+    if image.right is None:
         raise _UnplacedError(f"{wanted.image} has no right image to give a point in")
-    right = epipolar_point(body.right, body.geometry, wanted.right)
+    right = epipolar_point(image.right, image.geometry, wanted.right)
     parallax, across = float(left[0] - right[0]), float(left[1] - right[1])
     if not (parallax > 0 and abs(across) <= LARGEST_Y_PX):
         raise _UnplacedError(
@@ -211,9 +213,9 @@ def _measure(wanted: EditPoint, body: ManualImage) -> tuple[Float64[np.ndarray, 
     return left, parallax
 
 
-def _dense_parallax(body: ManualImage, left: Float64[np.ndarray, " 2"]) -> float:
+def _dense_parallax(image: ManualImage, left: Float64[np.ndarray, " 2"]) -> float:
     """Dense parallax at a left point; NaN where it is not known."""
-    if body.parallax is None:
+    if image.parallax is None:
         return float("nan")
     col, row = np.round(left).astype(np.int64)
-    return float(body.parallax[row, col])
+    return float(image.parallax[row, col])

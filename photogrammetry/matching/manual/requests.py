@@ -67,7 +67,7 @@ class EditPoint:
 
 @dataclass(frozen=True, slots=True)
 class EditRequest:
-    """One row of a file of hand ties."""
+    """One row of a file of edit requests."""
 
     action: EditAction
     first: EditPoint
@@ -105,7 +105,7 @@ class EditRequest:
 
 
 def parse_edit_requests(text: str, source: str) -> tuple[EditRequest, ...]:
-    """Read a file of hand ties; GeoJSON where it starts with a brace, CSV otherwise.
+    """Read a file of edit requests; GeoJSON where it starts with a brace, CSV otherwise.
 
     Raises:
         MatchingError: names the file, the row (the first below the names is 1), and what is wrong.

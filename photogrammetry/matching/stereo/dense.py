@@ -113,7 +113,7 @@ class DenseParams:
     nearest_range_m: float = 1.2
     """Nearest ground, as in sparse matching: sets the search."""
     least_parallax_px: int = -2
-    """Parallax of infinity less what an error of the stereo bar of 0.1 degrees may take off."""
+    """Parallax of infinity less what an error of the stereo rig of 0.1 degrees may take off."""
     semi_global: SemiGlobalParams = field(default_factory=SemiGlobalParams)
     refinement: RefinementParams = field(default_factory=RefinementParams)
 

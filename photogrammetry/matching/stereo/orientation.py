@@ -157,9 +157,9 @@ class MeasuredOffsets:
 
     rows: VerticalParallax
     predicted_px: PerPoint | None = None
-    """Parallax by the bar; None where there is none to compare with."""
+    """Parallax predicted from the rig; None where there is none to compare with."""
     bar_ratio: float = 1.0
-    """Parallax of the pair over that of the bar."""
+    """Parallax of the pair over that of the rig."""
 
 
 def vertical_parallax(

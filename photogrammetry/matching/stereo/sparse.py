@@ -87,7 +87,7 @@ class SparseParams:
     nearest_range_m: float = 1.2
     """Nearest ground: below a 1.5 m mast, just clear of the deck and wheels. Sets the search."""
     least_parallax_px: float = -2.0
-    """Parallax of infinity less what an error of the stereo bar of 0.1 degrees may take off."""
+    """Parallax of infinity less what an error of the stereo rig of 0.1 degrees may take off."""
     verification: VerificationParams = field(default_factory=VerificationParams)
     refinement: LeastSquaresParams = field(default_factory=LeastSquaresParams)
     largest_sigma_px: float = 0.3

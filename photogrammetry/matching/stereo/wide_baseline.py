@@ -83,7 +83,7 @@ class InstrumentLimits:
     """Which two pairs make an instrument."""
 
     least_base_m: float = 2.0
-    """Shorter bases are no gain over the bar in ground it maps itself."""
+    """Shorter bases are no gain over the rig in ground it maps itself."""
     largest_base_m: float = 40.0
     """Longer bases see the ground from too different sides until beyond what is asked for."""
     least_angle: float = float(np.deg2rad(30.0))
@@ -93,7 +93,7 @@ class InstrumentLimits:
 
 
 SMOOTHING_PX = 6.0
-"""Standard deviation of the smoothing of the bar's parallax, so that its noise, many times
+"""Standard deviation of the smoothing of the rig's parallax, so that its noise, many times
 enlarged, does not wrinkle the right image."""
 
 
@@ -106,7 +106,7 @@ class WideParams:
     """Nearest ground in units of the base: rays meet at 27 degrees there. The prediction takes out
     what that does to the look of the ground, though not of rocks."""
     bar_error_px: float = 0.5
-    """What the bar's parallax may be wrong by, three standard deviations: sets the search."""
+    """What the rig's parallax may be wrong by, three standard deviations: sets the search."""
     orientation: OrientationParams = field(default_factory=OrientationParams)
     dense: DenseParams = field(default_factory=DenseParams)
 
@@ -244,12 +244,12 @@ def match_wide_baseline(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _PredictedPair:
-    """Epipolar images of a wide pair with the parallax that the bar predicts."""
+    """Epipolar images of a wide pair with the parallax predicted from the rig."""
 
     images: EpipolarImages
     predicted: ParallaxMap
     bar_ratio: float
-    """Parallax of the pair over that of the bar."""
+    """Parallax of the pair over that of the rig."""
     search: int
     """Pixels to either side of the prediction that are searched."""
 
@@ -288,7 +288,7 @@ class _PredictedPair:
 def predict_parallax(
     eye: WideBaselineImage, geometry: EpipolarPair, smoothing_px: float
 ) -> tuple[ParallaxMap, Mask]:
-    """Parallax in the wide pair as the bar of its left eye has seen it, and where that is known."""
+    """Parallax of the wide pair predicted from that of the left rig, and where that is known."""
     smooth, known = _smooth(eye.parallax, smoothing_px)
     rotation = eye.lsl_from_rig.rotation.T @ geometry.rover_from_pair.rotation
     r = rotation.astype(np.float32)
