@@ -166,7 +166,7 @@ def fit_plane(
     off = P @ n - d
     sigma0 = _sigma0(off, covariances, n)
     N = _normal_equations(P, covariances, n, d)[0]
-    noise = _made_by_noise(covariances, n)
+    noise = _noise_part(covariances, n)
     N[:2, :2] -= noise
     N /= max(1.0, sigma0**2)
     surely = N[:2, :2] - CHANCE * np.sqrt(2 / len(points)) * noise
@@ -226,7 +226,7 @@ def _step(N: Covariance3, right: Vector3) -> tuple[Float64[np.ndarray, " 2"], fl
     return step[:2], float(step[2])
 
 
-def _made_by_noise(covariances: Covariances3, n: Vector3) -> Float64[np.ndarray, "2 2"]:
+def _noise_part(covariances: Covariances3, n: Vector3) -> Float64[np.ndarray, "2 2"]:
     """The part of the normal matrix of both angles that points in one spot would have, too."""
     t = _across(n)
     towards = np.einsum("nij,j->ni", covariances, n)
@@ -395,7 +395,7 @@ class _Sums:
     @classmethod
     def of(cls, elevation: Raster, half: int, min_share: float) -> _Sums:
         known = np.isfinite(elevation)
-        trend, rest = _detrended(elevation, known)
+        trend, rest = _detrend(elevation, known)
         m, h = known.astype(np.float32), np.where(known, rest, np.float32(0))
         S_1, S_e, S_n = (_moment(m, half, powers) for powers in ((0, 0), (1, 0), (0, 1)))
         S_ee, S_en, S_nn = (_moment(m, half, powers) for powers in ((2, 0), (1, 1), (0, 2)))
@@ -452,7 +452,7 @@ def _solve(first: _Sums3, second: _Sums3, values: _Sums3) -> _Solution:
     return _Solution(gradient, (C_ee, C_en, C_nn), (C_eh, C_nh), thinnest)
 
 
-def _detrended(
+def _detrend(
     elevation: Raster, known: Bool[np.ndarray, "rows cols"]
 ) -> tuple[Float32[np.ndarray, "2 1 1"], Raster]:
     """Gradient of the mean plane, rise a cell to east and north, and what lies over that plane."""
@@ -493,7 +493,7 @@ def nine_cell_gradients(elevation: Raster, cell_m: float) -> Gradients:
         np.divide(sums, np.float32(6 * cell_m), out=axis, where=all_nine)
     row, col = np.nonzero((known & ~all_nine)[1:-1, 1:-1])
     if len(row):
-        found[:, row + 1, col + 1] = _fitted(_nine(heights, row, col)) / np.float32(cell_m)
+        found[:, row + 1, col + 1] = _fit_nine(_nine(heights, row, col)) / np.float32(cell_m)
     found[:, [0, -1], :] = found[:, :, [0, -1]] = np.nan
     return found
 
@@ -505,7 +505,7 @@ def _nine(heights: Raster, row: np.ndarray, col: np.ndarray) -> Float32[np.ndarr
     return nine - nine[4]
 
 
-def _fitted(nine: Float32[np.ndarray, "9 n"]) -> Float32[np.ndarray, "2 n"]:
+def _fit_nine(nine: Float32[np.ndarray, "9 n"]) -> Float32[np.ndarray, "2 n"]:
     """Rise a cell of the planes through what is known; NaN where that holds none."""
     known: Bool[np.ndarray, "9 n"] = np.isfinite(nine)
     m, h = known.astype(np.float32), np.where(known, nine, np.float32(0))

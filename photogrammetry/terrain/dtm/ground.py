@@ -194,7 +194,7 @@ def mesh_samples(planes: PixelPoints, quads: Quads, spacing_m: float) -> Iterato
     """
     held: list[MeshSamples] = []
     count = 0
-    for piece in _divided_quads(planes, quads, spacing_m):
+    for piece in _divide_quads(planes, quads, spacing_m):
         held.append(piece)
         count += len(piece.sag_m)
         if count > SAMPLES_AT_ONCE:
@@ -211,7 +211,7 @@ def _concatenate(pieces: list[MeshSamples]) -> MeshSamples:
     )
 
 
-def _divided_quads(planes: PixelPoints, quads: Quads, spacing_m: float) -> Iterator[MeshSamples]:
+def _divide_quads(planes: PixelPoints, quads: Quads, spacing_m: float) -> Iterator[MeshSamples]:
     """Samples of the quads, those of equal division together."""
     down = np.ceil(np.maximum(1, quads.lines_m / spacing_m)).astype(np.int64)
     across = np.ceil(np.maximum(1, quads.samples_m / spacing_m)).astype(np.int64)
@@ -226,10 +226,10 @@ def _divided_quads(planes: PixelPoints, quads: Quads, spacing_m: float) -> Itera
         for first in range(0, len(group), piece):
             chosen = group[first : first + piece]
             corner, lines_m = quads.corner[chosen], quads.lines_m[chosen]
-            yield _divide(flat, corner, lines_m, planes.shape[2], parts)
+            yield _divide_group(flat, corner, lines_m, planes.shape[2], parts)
 
 
-def _divide(
+def _divide_group(
     flat: np.ndarray, corner: np.ndarray, lines_m: np.ndarray, width: int, parts: tuple[int, int]
 ) -> MeshSamples:
     """Bilinear samples at the middles of `parts` (down, across) of quads."""

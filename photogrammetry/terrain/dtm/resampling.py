@@ -12,7 +12,7 @@ as if neighbouring cells shared their errors, which is never too good.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -22,6 +22,7 @@ from solmap.photogrammetry.arrays import Float32, Float64, Int32, PerPoint, Rast
 from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.photogrammetry.terrain.dtm.records import Dtm, GroundClass
+from solmap.photogrammetry.terrain.dtm.resampling import GroundSamples, MapPoints
 
 CoarseRaster = Float32[np.ndarray, "coarse_rows coarse_cols"]
 """Values of larger cells."""
@@ -252,3 +253,7 @@ def finer_dtm(dtm: Dtm, factor: int) -> Dtm:
 def _parts(layer: np.ndarray, factor: int) -> np.ndarray:
     rows, cols = layer.shape
     return layer.reshape(rows // factor, factor, cols // factor, factor)
+
+
+Elevations = Callable[[MapPoints], PerPoint]
+"""Elevation at (east, north); NaN where the ground is not known."""

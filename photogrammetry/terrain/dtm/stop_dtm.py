@@ -187,7 +187,7 @@ def fill_by_triangles(dtm: Dtm, gap_m: float, roughness: float) -> Dtm:
     # no place in a triangle is farther from a corner than its longest side over the root of three
     open_ = (dtm.ground == GroundClass.UNSEEN) & (near <= gap_m / np.sqrt(3))
     border = cv2.dilate(open_.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
-    nodes = np.argwhere(measured & (border | ~_surrounded(measured)))
+    nodes = np.argwhere(measured & (border | ~_has_measured_neighbours(measured)))
     cells = np.argwhere(open_)
     if len(nodes) < LEAST_NODES or not len(cells):
         return dtm
@@ -195,7 +195,7 @@ def fill_by_triangles(dtm: Dtm, gap_m: float, roughness: float) -> Dtm:
     return found.filled(dtm, roughness)
 
 
-def _surrounded(measured: np.ndarray) -> np.ndarray:
+def _has_measured_neighbours(measured: np.ndarray) -> np.ndarray:
     """Measured cells whose eight neighbours are measured: no triangle of theirs holds a gap."""
     return cv2.erode(measured.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
 

@@ -125,10 +125,10 @@ def insolation(
     return Insolation(
         coarse_grid,
         seasons,
-        tuple(_placed(one, window, coarse.shape) for one in received),
+        tuple(_place_window(one, window, coarse.shape) for one in received),
         tuple(day.level for day in days),
-        _placed(sky, window, coarse.shape),
-        np.stack([_placed(part, window, coarse.shape) for part in normal]),
+        _place_window(sky, window, coarse.shape),
+        np.stack([_place_window(part, window, coarse.shape) for part in normal]),
     )
 
 
@@ -194,7 +194,7 @@ def _azimuths(count: int) -> Sequence[float]:
     return (2 * math.pi * np.arange(count) / count).tolist()
 
 
-def _placed(
+def _place_window(
     part: Float32[np.ndarray, "part_rows part_cols"],
     window: tuple[slice, slice],
     shape: tuple[int, ...],
@@ -254,7 +254,7 @@ def winter_havens(light: Insolation, latitude: float, params: HavenParams) -> tu
     slope = slope_of(light.normal)
     good = (gain >= params.least_gain) & (slope <= params.steepest_deg)
     good &= tilt >= params.least_tilt_to_sun_deg
-    good = _as_wide_as(good, params.width_m / light.grid.cell_m)
+    good = _open_with_disc(good, params.width_m / light.grid.cell_m)
     found = []
     for cells, outline, holes in _areas(good, light.grid):
         area_m2 = float(cells.sum()) * light.grid.cell_m**2
@@ -264,7 +264,9 @@ def winter_havens(light: Insolation, latitude: float, params: HavenParams) -> tu
     return tuple(sorted(found, key=lambda haven: -haven.area_m2))
 
 
-def _as_wide_as(good: Bool[np.ndarray, "rows cols"], width: float) -> Bool[np.ndarray, "rows cols"]:
+def _open_with_disc(
+    good: Bool[np.ndarray, "rows cols"], width: float
+) -> Bool[np.ndarray, "rows cols"]:
     """Cells that a disc of this width in cells can cover without leaving the good ones."""
     side = 2 * math.floor(width / 2) + 1
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
@@ -281,11 +283,11 @@ def _areas(
     count, labels = cv2.connectedComponents(good.astype(np.uint8), connectivity=4)
     for number in range(1, count):
         cells = labels == number
-        for outline, holes in _outlined(cells, grid):
+        for outline, holes in _outlines(cells, grid):
             yield cells, outline, holes
 
 
-def _outlined(
+def _outlines(
     cells: Bool[np.ndarray, "rows cols"], grid: MapGrid
 ) -> Iterator[tuple[Ring, tuple[Ring, ...]]]:
     """The outline of one area, half a cell around the centres of its outer cells."""

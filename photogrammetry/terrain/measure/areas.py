@@ -17,7 +17,6 @@ first part falls away.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,7 +25,7 @@ import shapely
 from solmap.photogrammetry.arrays import Flags, Float64, PerPoint, Vector3
 from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.planes import least_squares_plane_with_cofactors
-from solmap.photogrammetry.terrain.dtm.resampling import GroundSamples, MapPoints
+from solmap.photogrammetry.terrain.dtm.resampling import Elevations, GroundSamples, MapPoints
 
 CORRELATION_M = 0.15
 """Side of the square within which places share their error: see `SurfaceParams`."""
@@ -34,8 +33,6 @@ LEAST_RIM = 6
 """Places of the rim that a base is fitted to: twice its unknowns."""
 LEAST_SHARE = 0.5
 """Part of the polygon that must have been measured."""
-Elevations = Callable[[MapPoints], PerPoint]
-"""Elevation at (east, north); NaN where the ground is not known."""
 MOST_PLACES = 250_000
 """Places inside a polygon at which the ground is read."""
 

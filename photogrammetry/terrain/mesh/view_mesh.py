@@ -107,7 +107,7 @@ def view_meshes(views: Sequence[TerrainView], params: ViewModelParams) -> list[T
 
 
 def _prepare(view: TerrainView, params: ViewModelParams) -> _PreparedView:
-    parallax = _without_specks(trusted_parallax(view, params), params)
+    parallax = _fill_specks(trusted_parallax(view, params), params)
     planes = ground_points(view, parallax, params)
     step_px = largest_step_px(view.geometry.base_m, params)
     quads = continuous_quads(planes, parallax, step_px, params.max_gap_m)
@@ -116,7 +116,7 @@ def _prepare(view: TerrainView, params: ViewModelParams) -> _PreparedView:
     return _PreparedView(view, parallax, planes, whole.reshape(parallax.shape)[:-1, :-1])
 
 
-def _without_specks(parallax: ParallaxMap, params: ViewModelParams) -> ParallaxMap:
+def _fill_specks(parallax: ParallaxMap, params: ViewModelParams) -> ParallaxMap:
     """The parallax with narrow gaps filled by the mean around, where that is one smooth surface."""
     side = GAP_PX // 2 * 2 + 1
     around = np.ones((side, side), np.uint8)

@@ -109,7 +109,7 @@ def sample_brightness(
 
     The ground is taken to be level, which is enough to choose good views by.
     """
-    ground = _chosen(dtm)
+    ground = _chosen_ground(dtm)
     shape = ground.shape[1:]
     level_ground = np.zeros(ground.shape, np.float32)
     level_ground[2] = 1.0
@@ -132,7 +132,7 @@ def sample_brightness(
     )
 
 
-def _chosen(dtm: Dtm) -> Float64[np.ndarray, "3 rows cols"]:
+def _chosen_ground(dtm: Dtm) -> Float64[np.ndarray, "3 rows cols"]:
     """Ground (east, north, up) of evenly chosen seen cells, about `SIDE` x `SIDE`."""
     seen = np.flatnonzero(np.isfinite(dtm.elevation))
     chosen = seen[np.unique(np.linspace(0, len(seen) - 1, SIDE**2).astype(np.int64))]

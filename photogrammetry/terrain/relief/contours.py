@@ -52,23 +52,23 @@ def simplify_lines(lines: Sequence[Line], tolerance_m: float) -> list[Line]:
     kept = shapely.simplify(given, tolerance_m, preserve_topology=False)
     halved = np.zeros(len(given), dtype=int)
     while True:
-        meeting = _meeting(kept)
+        meeting = _intersecting(kept)
         meeting = meeting[halved[meeting] <= HALVINGS]
         if not len(meeting):
             return [shapely.get_coordinates(line) for line in kept]
         halved[meeting] += 1
         for index in meeting:
-            kept[index] = _less_simplified(given[index], tolerance_m, int(halved[index]))
+            kept[index] = _simplify_less(given[index], tolerance_m, int(halved[index]))
 
 
-def _less_simplified(line: shapely.LineString, tolerance_m: float, halved: int) -> shapely.Geometry:
+def _simplify_less(line: shapely.LineString, tolerance_m: float, halved: int) -> shapely.Geometry:
     """A line simplified with a tolerance halved so often, or as it is after the last time."""
     if halved > HALVINGS:
         return line
     return shapely.simplify(line, tolerance_m / 2.0**halved, preserve_topology=False)
 
 
-def _meeting(lines: np.ndarray) -> np.ndarray:
+def _intersecting(lines: np.ndarray) -> np.ndarray:
     """Indices of the lines that meet another one or themselves."""
     one, other = shapely.STRtree(lines).query(lines, predicate="intersects")
     return np.union1d(one[one != other], np.flatnonzero(~shapely.is_simple(lines)))
@@ -189,13 +189,13 @@ def smooth_elevation(elevation: Raster, cell_m: float, sigma_m: float, min_share
     level = np.float32(np.mean(elevation[known], dtype=np.float64))
     heights = np.where(known, elevation - level, np.float32(0))
     sigma = sigma_m / cell_m
-    weight = _blurred(known.astype(np.float32), sigma)
+    weight = _blur(known.astype(np.float32), sigma)
     with np.errstate(invalid="ignore", divide="ignore"):
-        mean = _blurred(heights, sigma) / weight + level
+        mean = _blur(heights, sigma) / weight + level
     return np.where(weight >= min_share, mean, np.float32(np.nan))
 
 
-def _blurred(raster: Raster, sigma: float) -> Raster:
+def _blur(raster: Raster, sigma: float) -> Raster:
     return cv2.GaussianBlur(raster, (0, 0), sigma, borderType=cv2.BORDER_CONSTANT)
 
 

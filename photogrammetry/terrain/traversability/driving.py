@@ -154,7 +154,7 @@ def drive_graph(way: Open, elevation: Raster, cell_m: float) -> coo_array:
     starts, ends, lengths = [], [], []
     for move in _MOVES:
         here, there = (_cells(way.shape, move, at) for at in ((0, 0), move))
-        passed = (way[_cells(way.shape, move, at)] for at in _passed(*move))
+        passed = (way[_cells(way.shape, move, at)] for at in _touched_cells(*move))
         both = np.logical_and.reduce([way[here], way[there], *passed])
         rise = elevation[there][both] - elevation[here][both]
         starts.append(number[here][both])
@@ -173,7 +173,7 @@ def _cells(
     return slice(at[0], rows - down + at[0]), slice(left + at[1], cols - over + at[1])
 
 
-def _passed(down: int, right: int) -> tuple[tuple[int, int], ...]:
+def _touched_cells(down: int, right: int) -> tuple[tuple[int, int], ...]:
     """The cells whose corners or sides a move touches between its ends."""
     side = 1 if right > 0 else -1
     if (down, abs(right)) == (1, 1):

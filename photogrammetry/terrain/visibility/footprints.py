@@ -100,12 +100,12 @@ def _outline(rays: tuple[Vector3, Directions], ground: Ground, max_range_m: floa
     if not met.any():
         return np.empty((0, 2))
     first = int(np.argmax(met))
-    ring = _swept(np.roll(reached, -first, axis=0), np.roll(met, -first), rays[0][:2])
+    ring = _sweep(np.roll(reached, -first, axis=0), np.roll(met, -first), rays[0][:2])
     apart = np.hypot(*(ring - np.roll(ring, 1, axis=0)).T) > LEAST_SIDE_M
     return np.vstack([ring[apart], ring[apart][:1]])
 
 
-def _swept(ring: Outline, met: Flags, centre: Float64[np.ndarray, " 2"]) -> Outline:
+def _sweep(ring: Outline, met: Flags, centre: Float64[np.ndarray, " 2"]) -> Outline:
     """The outline with each stretch along the largest range swept in one direction.
 
     The sides of an image go on above the horizon with other azimuths than where they cross it, so
@@ -157,11 +157,11 @@ def _on_ground(
             distance = (centre[2] - ground.elevation_m) / dip
         met = (dip > 0) & (distance >= 0) & (distance <= max_range_m)
     else:
-        distance, met = _walked(centre, azimuth, dip, ground, max_range_m)
+        distance, met = _walk_rays(centre, azimuth, dip, ground, max_range_m)
     return centre[:2] + azimuth * np.where(met, distance, max_range_m)[:, None], met
 
 
-def _walked(
+def _walk_rays(
     centre: Vector3,
     azimuth: Float64[np.ndarray, "n 2"],
     dip: PerPoint,
