@@ -18,6 +18,7 @@ from sqlalchemy.exc import SQLAlchemyError
 from solmap.flows.runtime.progress import Step, listen
 from solmap.products.catalogue.runs import Run, RunRecords, RunState
 from solmap.products.catalogue.workspace import Workspace
+from solmap.products.store.locks import shared_run_lock
 from solmap.products.store.process import log_context, log_to_store
 
 log = logging.getLogger(__name__)
@@ -80,7 +81,11 @@ def record_run(kind: str, subject: str, workspace: Workspace) -> Iterator[RunRec
     log_to_store(workspace.store.root, "flows")
     record = RunRecord(Run.start(kind, subject), RunRecords(workspace.catalogue.engine))
     try:
-        with listen(record.step), log_context(run=record.name, flow=kind, of=subject):
+        with (
+            shared_run_lock(workspace.store.root),
+            listen(record.step),
+            log_context(run=record.name, flow=kind, of=subject),
+        ):
             log.info("%s of %s begins", kind, subject)
             yield record
             log.info("%s of %s ends", kind, subject)

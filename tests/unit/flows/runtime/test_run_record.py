@@ -5,8 +5,10 @@ from sqlalchemy.exc import OperationalError
 
 from solmap.flows.runtime.progress import report
 from solmap.flows.runtime.run_record import record_run
+from solmap.products.catalogue.pruning import PruningParams, prune
 from solmap.products.catalogue.runs import RunRecords, RunState
 from solmap.products.catalogue.workspace import Workspace
+from solmap.products.errors import ProductError
 
 
 @pytest.fixture
@@ -65,3 +67,13 @@ def test_a_record_that_cannot_be_written_does_not_stop_the_run(workspace, monkey
     with record_run("downlink", "sol156", workspace):
         report("match pairs", 1, 1)
     assert "database is locked" in caplog.text
+
+
+def test_nothing_is_pruned_while_runs_go_on(workspace):
+    with (
+        record_run("downlink", "sol156", workspace),
+        record_run("region", "MER2", workspace),
+        pytest.raises(ProductError, match="prune when it has ended"),
+    ):
+        prune(workspace, PruningParams())
+    assert prune(workspace, PruningParams()) == []
