@@ -190,7 +190,7 @@ def route_answer(drives: Drives, to: tuple[float, float], speed_m_h: float) -> R
     Raises:
         TerrainError: none leads there.
     """
-    places = drives.found.way_to(to)
+    places = drives.found.path_to(to)
     grid = drives.found.grid
     rows = ((grid.north - places[:, 1]) / grid.cell_m).astype(int)
     cols = ((places[:, 0] - grid.west) / grid.cell_m).astype(int)

@@ -75,7 +75,7 @@ class Ground:
 
     def at(self, places: MapPoints) -> GroundSamples:
         """The ground at places; `source` numbers the models."""
-        found = [GroundSamples.none(len(places))]
+        found = [GroundSamples.unknown(len(places))]
         cells = [math.inf]
         for number, layer in enumerate(self.models):
             west, south, east, north = layer.bounds

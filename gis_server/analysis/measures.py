@@ -233,7 +233,7 @@ def volume_answer(question: VolumeQuestion, ground: Ground) -> VolumeAnswer:
         highest_m=round(found.highest_m, 4),
         lowest_m=round(found.lowest_m, 4),
         base=question.base,
-        base_elevation_m=round(float(base.at(centre)[0]), 4),
+        base_elevation_m=round(float(base.elevations(centre)[0]), 4),
         base_slope_deg=round(math.degrees(math.atan(np.hypot(*base.parameters[1:]))), 3),
         cell_m=round(cell, 6),
         layers=layers_used(read, ground),
@@ -251,7 +251,7 @@ def _base(question: VolumeQuestion, ground: Ground) -> BasePlane:
     along = stations(ring, step)
     read = ground.at(along.places)
     if question.base == "rim":
-        return BasePlane.fitted(along.places, read, step)
+        return BasePlane.fit(along.places, read, step)
     if not np.isfinite(read.elevation).any():
         raise UnanswerableError("no ground of the outline was measured: draw it on mapped ground")
     return BasePlane.level(float(np.nanmin(read.elevation)))

@@ -91,7 +91,7 @@ def plane_answer(question: PlaneQuestion, ground: Ground) -> PlaneAnswer:
     points = np.column_stack([places, heights])[known]
     covariances = _covariances(question, read, on_ground, ground)[known]
     plane = fit_plane(points, covariances)
-    used = read if on_ground.any() else GroundSamples.none(0)
+    used = read if on_ground.any() else GroundSamples.unknown(0)
     return _answer(plane, layers_used(used, ground))
 
 

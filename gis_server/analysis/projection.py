@@ -136,7 +136,7 @@ def _by_pair(
     shift = parallax[0] if seen.entry.eye == Eye.RIGHT else 0.0
     sight = sight_by_parallax(
         target.point,
-        target.covariance + seen.image.pointing_at(target.point),
+        target.covariance + seen.image.pointing_covariance_at(target.point),
         pair.lsl_from_pair,
         Eye(seen.entry.eye),
         eyes.geometry,

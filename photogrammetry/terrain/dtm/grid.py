@@ -53,7 +53,7 @@ class MapGrid:
             raise TerrainError(f"a map grid of {self.rows} x {self.cols} cells of {self.cell_m} m")
 
     @classmethod
-    def covering(cls, bounds: tuple[float, float, float, float], cell_m: float) -> MapGrid:
+    def covering(cls, bounds: Bounds, cell_m: float) -> MapGrid:
         """The smallest grid of whole blocks around (west, south, east, north).
 
         Raises:
@@ -82,7 +82,7 @@ class MapGrid:
         return self.rows, self.cols
 
     @property
-    def bounds(self) -> tuple[float, float, float, float]:
+    def bounds(self) -> Bounds:
         """(west, south, east, north), metres."""
         return (
             self.west,

@@ -36,7 +36,7 @@ import numpy as np
 
 from solmap.photogrammetry.arrays import Float32, Raster
 from solmap.photogrammetry.errors import TerrainError
-from solmap.photogrammetry.terrain.dtm.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.grid import Bounds, MapGrid, union
 from solmap.photogrammetry.terrain.dtm.records import Dtm
 from solmap.photogrammetry.terrain.dtm.resampling import merge_classes
 
@@ -50,8 +50,6 @@ TINY_M2 = 1e-8
 
 Stack = Float32[np.ndarray, "stops rows cols"]
 Places = Float32[np.ndarray, "stops 2"]
-Bounds = tuple[float, float, float, float]
-"""(west, south, east, north), metres."""
 LEAST, GROWTH, CLASSES = 1e-4, 1.02, 800
 """From a tenth of a millimetre to beyond a hundred metres; the same numbers serve sigmas."""
 
@@ -201,8 +199,8 @@ def _meet(one: Bounds, other: Bounds) -> bool:
 
 
 def _side_m(stops: Sequence[Bounds]) -> float:
-    west, south, east, north = zip(*stops, strict=True)
-    return max(max(east) - min(west), max(north) - min(south))
+    west, south, east, north = union(stops)
+    return max(east - west, north - south)
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,7 +22,6 @@ from solmap.photogrammetry.arrays import Float32, Float64, Int32, PerPoint, Rast
 from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.photogrammetry.terrain.dtm.records import Dtm, GroundClass
-from solmap.photogrammetry.terrain.dtm.resampling import GroundSamples, MapPoints
 
 CoarseRaster = Float32[np.ndarray, "coarse_rows coarse_cols"]
 """Values of larger cells."""
@@ -34,6 +33,8 @@ LEAST_KNOWN = 0.5
 """Weight of known cells below which a place counts as not measured."""
 NOWHERE = -1
 """Source of a place that no model knows."""
+Elevations = Callable[[MapPoints], PerPoint]
+"""Elevation at (east, north); NaN where the ground is not known."""
 
 
 def coarse_grid(grid: MapGrid, cell_m: float) -> MapGrid:
@@ -134,7 +135,7 @@ class GroundSamples:
         return np.sqrt(np.maximum(self.sigma_m**2 - self.pose_sigma_m**2, 0.0))
 
     @classmethod
-    def none(cls, n: int) -> GroundSamples:
+    def unknown(cls, n: int) -> GroundSamples:
         """Places of which nothing is known."""
         unknown = np.full(n, np.nan)
         return cls(unknown, unknown.copy(), unknown.copy(), np.full(n, NOWHERE, np.int32))
@@ -253,7 +254,3 @@ def finer_dtm(dtm: Dtm, factor: int) -> Dtm:
 def _parts(layer: np.ndarray, factor: int) -> np.ndarray:
     rows, cols = layer.shape
     return layer.reshape(rows // factor, factor, cols // factor, factor)
-
-
-Elevations = Callable[[MapPoints], PerPoint]
-"""Elevation at (east, north); NaN where the ground is not known."""

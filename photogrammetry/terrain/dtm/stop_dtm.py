@@ -101,6 +101,25 @@ class DtmParams(FusionParams):
     """Baseline of the slope that enters the standard deviation: some cells, less than a rover."""
 
 
+@dataclass(frozen=True, slots=True)
+class FarDtmParams(DtmParams):
+    """How to build a terrain model of far ground."""
+
+    cell_m: float = 0.64
+    """Four Navcam pixels at 200 m; sixteen cells of a stop's model, so that both maps nest."""
+    max_relative_sigma: float = 0.1
+    """A base of 10 m reaches ten percent beyond a kilometre: the radius ends the map before."""
+    radius_m: float = 400.0
+    """Where errors in range have grown to a twentieth with a base of 10 m (docs/benchmarks.md)."""
+    max_spike_px: float = 5.0
+    """Parallax changes by B / h a line, seven pixels with 10 m: by far more than with a bar."""
+    max_gap_m: float = 8.0
+    """Widest gap bridged. The line spacing Z^2 / f (h + Z s) of ground that rises away from the
+    camera by s a metre is 1.5 m for s = 0.1 at 200 m, and 8 m for s = 0.013."""
+    slope_baseline_m: float = 8.0
+    """Some cells, as in the model of a stop."""
+
+
 def build_dtm(views: Sequence[TerrainView], params: DtmParams, grid: MapGrid | None = None) -> Dtm:
     """The terrain model of all views, on `grid` or on the smallest grid of whole blocks.
 
@@ -161,25 +180,6 @@ def _dtm(entries: Entries, fused: Levels) -> Dtm:
     return Dtm(grid, elevation, sigma_m, observations, ground.reshape(grid.shape), pose_sigma_m)
 
 
-@dataclass(frozen=True, slots=True)
-class FarDtmParams(DtmParams):
-    """How to build a terrain model of far ground."""
-
-    cell_m: float = 0.64
-    """Four Navcam pixels at 200 m; sixteen cells of a stop's model, so that both maps nest."""
-    max_relative_sigma: float = 0.1
-    """A base of 10 m reaches ten percent beyond a kilometre: the radius ends the map before."""
-    radius_m: float = 400.0
-    """Where errors in range have grown to a twentieth with a base of 10 m (docs/benchmarks.md)."""
-    max_spike_px: float = 5.0
-    """Parallax changes by B / h a line, seven pixels with 10 m: by far more than with a bar."""
-    max_gap_m: float = 8.0
-    """Widest gap bridged. The line spacing Z^2 / f (h + Z s) of ground that rises away from the
-    camera by s a metre is 1.5 m for s = 0.1 at 200 m, and 8 m for s = 0.013."""
-    slope_baseline_m: float = 8.0
-    """Some cells, as in the model of a stop."""
-
-
 def fill_by_triangles(dtm: Dtm, gap_m: float, roughness: float) -> Dtm:
     """A model of measured and occluded cells with its gaps of up to `gap_m` filled."""
     measured = dtm.ground == GroundClass.MEASURED
@@ -192,7 +192,7 @@ def fill_by_triangles(dtm: Dtm, gap_m: float, roughness: float) -> Dtm:
     if len(nodes) < LEAST_NODES or not len(cells):
         return dtm
     found = _Triangles.around(nodes, cells, gap_m / dtm.grid.cell_m)
-    return found.filled(dtm, roughness)
+    return found.fill(dtm, roughness)
 
 
 def _has_measured_neighbours(measured: np.ndarray) -> np.ndarray:
@@ -231,7 +231,7 @@ class _Triangles:
         at_corners = layer[self.corners[..., 0], self.corners[..., 1]]
         return np.einsum("ni,ni->n", self.weights, at_corners)
 
-    def filled(self, dtm: Dtm, roughness: float) -> Dtm:
+    def fill(self, dtm: Dtm, roughness: float) -> Dtm:
         """The model with these cells interpolated."""
         row, col = self.cells.T
         spread = (1 - np.square(self.weights).sum(axis=1)) / 2

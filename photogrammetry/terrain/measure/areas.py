@@ -26,9 +26,8 @@ from solmap.photogrammetry.arrays import Flags, Float64, PerPoint, Vector3
 from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.planes import least_squares_plane_with_cofactors
 from solmap.photogrammetry.terrain.dtm.resampling import Elevations, GroundSamples, MapPoints
+from solmap.photogrammetry.terrain.relief.slope import CORRELATION_M
 
-CORRELATION_M = 0.15
-"""Side of the square within which places share their error: see `SurfaceParams`."""
 LEAST_RIM = 6
 """Places of the rim that a base is fitted to: twice its unknowns."""
 LEAST_SHARE = 0.5
@@ -44,16 +43,18 @@ class BasePlane:
     origin: Float64[np.ndarray, " 2"]
     parameters: Vector3
     covariance: Float64[np.ndarray, "3 3"]
-    floats: bool
+    follows_poses: bool
     """Whether it rises and falls with the model's poses, as one that was fitted to it does."""
 
     @classmethod
     def level(cls, elevation_m: float) -> BasePlane:
         """A level base at an elevation."""
-        return cls(np.zeros(2), np.array([elevation_m, 0.0, 0.0]), np.zeros((3, 3)), floats=False)
+        return cls(
+            np.zeros(2), np.array([elevation_m, 0.0, 0.0]), np.zeros((3, 3)), follows_poses=False
+        )
 
     @classmethod
-    def fitted(cls, places: MapPoints, ground: GroundSamples, spacing_m: float) -> BasePlane:
+    def fit(cls, places: MapPoints, ground: GroundSamples, spacing_m: float) -> BasePlane:
         """The plane of least squares through the ground at places of a rim, `spacing_m` apart.
 
         Raises:
@@ -71,9 +72,9 @@ class BasePlane:
             east, north, ground.elevation[known]
         )
         shared = max(1.0, CORRELATION_M / spacing_m)
-        return cls(origin, parameters, shared * variance * cofactors, floats=True)
+        return cls(origin, parameters, shared * variance * cofactors, follows_poses=True)
 
-    def at(self, places: MapPoints) -> PerPoint:
+    def elevations(self, places: MapPoints) -> PerPoint:
         """Elevation of the base."""
         return self.parameters[0] + (places - self.origin) @ self.parameters[1:]
 
@@ -101,7 +102,7 @@ def volume(places: MapPoints, ground: GroundSamples, base: BasePlane, area_m2: f
     Raises:
         TerrainError: too little of the area was measured.
     """
-    height = ground.elevation - base.at(places)
+    height = ground.elevation - base.elevations(places)
     known = np.isfinite(height)
     share = float(known.mean())
     if share < LEAST_SHARE:
@@ -109,7 +110,7 @@ def volume(places: MapPoints, ground: GroundSamples, base: BasePlane, area_m2: f
             f"{share:.0%} of the polygon was measured and {LEAST_SHARE:.0%} is needed for a volume"
         )
     h = height[known]
-    shift = 0.0 if base.floats else float(np.nan_to_num(ground.pose_sigma_m[known]).mean())
+    shift = 0.0 if base.follows_poses else float(np.nan_to_num(ground.pose_sigma_m[known]).mean())
     own = float(np.mean(np.nan_to_num(ground.own_sigma_m[known]) ** 2))
     j = area_m2 * np.array([1.0, *(places[known] - base.origin).mean(axis=0)])
     variance = (area_m2 * shift) ** 2 + area_m2 * CORRELATION_M**2 * own

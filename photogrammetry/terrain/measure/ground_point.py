@@ -18,7 +18,6 @@ Parallax maps are read at pixels of the images as stored, and at the images of s
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,7 +37,7 @@ from solmap.photogrammetry.imagery import Eye
 from solmap.photogrammetry.matching.manual.editing import epipolar_point
 from solmap.photogrammetry.planes import least_squares_plane
 from solmap.photogrammetry.terrain.dtm.ground import MAP_FROM_LSL
-from solmap.photogrammetry.terrain.dtm.resampling import MapPoints
+from solmap.photogrammetry.terrain.dtm.resampling import Elevations
 from solmap.photogrammetry.terrain.measure.oriented_image import (
     OrientedImage,
     StopPose,
@@ -54,8 +53,6 @@ WIDEST_GAP_M = 0.5
 """Longest stretch of unseen ground that a ray may go under within: see `SightParams.max_gap_m`."""
 HALVINGS = 20
 
-Elevations = Callable[[MapPoints], PerPoint]
-"""Elevation at (east, north); NaN where the ground is not known."""
 LEAST_TOLERANCE_PX = 0.5
 """By which a parallax may differ from the expected one before it is of other ground: twice the
 standard deviation of a dense parallax (`SightParams.sigma_parallax_px`)."""
@@ -84,7 +81,7 @@ class GroundPoint:
     @property
     def total_covariance(self) -> Covariance3:
         """Against the held stop, in (east, north, up)."""
-        total = self.covariance + self.frame.at(self.point)
+        total = self.covariance + self.frame.covariance_at(self.point)
         return MAP_FROM_LSL @ total @ MAP_FROM_LSL.T
 
 
@@ -110,7 +107,7 @@ def triangulate_pixel(
     point = lsl_from_pair.apply(geometry.triangulate(one, parallax))[0]
     turn = lsl_from_pair.rotation
     own = turn @ geometry.covariances(one, parallax, *sigmas_px)[0] @ turn.T
-    return GroundPoint(point, own + image.pointing_at(point), image.pose)
+    return GroundPoint(point, own + image.pointing_covariance_at(point), image.pose)
 
 
 def range_to_ground(
@@ -172,7 +169,9 @@ def intersect_terrain(
     cosine = np.copysign(max(abs(cosine), GRAZING), cosine)
     distance = float(np.linalg.norm(point - image.camera.centre))
     across = (sigma_px * pixel * distance) ** 2 * (np.eye(3) - np.outer(ray, ray))
-    error = across + image.pointing_at(point) + relative_covariance(frame, image.pose, point)
+    error = (
+        across + image.pointing_covariance_at(point) + relative_covariance(frame, image.pose, point)
+    )
     T = np.eye(3) - np.outer(ray, normal) / cosine
     lift = float(normal @ UP) / cosine * sigma_m
     covariance = T @ error @ T.T + lift**2 * np.outer(ray, ray)

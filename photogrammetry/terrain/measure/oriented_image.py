@@ -47,7 +47,7 @@ class StopPose:
     lsl_from_rover: Pose
     covariance: PoseCovariance
 
-    def at(self, point_in_lsl: Vector3) -> Covariance3:
+    def covariance_at(self, point_in_lsl: Vector3) -> Covariance3:
         """Covariance of what the stop carries along, at a point."""
         J = np.hstack([-cross_matrix(point_in_lsl - self.lsl_from_rover.translation_m), np.eye(3)])
         return J @ self.covariance @ J.T
@@ -98,7 +98,7 @@ class OrientedImage:
             turn @ pointing.covariance @ turn.T,
         )
 
-    def pointing_at(self, point_in_lsl: Vector3) -> Covariance3:
+    def pointing_covariance_at(self, point_in_lsl: Vector3) -> Covariance3:
         """Covariance of what turns with the camera, by its pointing alone, at a point."""
         lever = cross_matrix(point_in_lsl - self.pivot_in_lsl)
         return lever @ self.pointing_covariance @ lever.T
@@ -148,7 +148,7 @@ def relative_covariance(one: StopPose, other: StopPose, point_in_lsl: Vector3) -
     """Covariance, at a point, of what two stops do not share."""
     if one.stop == other.stop:
         return np.zeros((3, 3))
-    first, second = one.at(point_in_lsl), other.at(point_in_lsl)
+    first, second = one.covariance_at(point_in_lsl), other.covariance_at(point_in_lsl)
     difference = second - first if np.trace(second) > np.trace(first) else first - second
     variances, axes = np.linalg.eigh((difference + difference.T) / 2)
     return (axes * np.maximum(variances, 0.0)) @ axes.T
@@ -164,7 +164,7 @@ def partials(camera: CameraModel, point: Vector3) -> Float64[np.ndarray, "2 3"]:
 def image_covariance(image: OrientedImage, point: Vector3, covariance: Covariance3) -> Covariance2:
     """Covariance, pixels squared, of the image of a point known so against the image's stop."""
     P = partials(image.camera, point)
-    return P @ (covariance + image.pointing_at(point)) @ P.T
+    return P @ (covariance + image.pointing_covariance_at(point)) @ P.T
 
 
 def image_covariance_from(

@@ -36,11 +36,10 @@ from solmap.photogrammetry.arrays import (
 )
 from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.planes import Gradients, window_gradients
+from solmap.photogrammetry.terrain.dtm.grid import Bounds
 from solmap.photogrammetry.terrain.dtm.records import Dtm
 from solmap.photogrammetry.terrain.mesh.right_triangles import GridMesh, RightTriangles
 
-Bounds = tuple[float, float, float, float]
-"""(west, south, east, north), metres."""
 NORMAL_M = 0.2
 """Side of the window that gives a cell its normal: rocks count, noise does not."""
 CORNER = 0.25

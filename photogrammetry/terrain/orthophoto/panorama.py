@@ -111,7 +111,7 @@ class PanoramaImage:
         levels = (level * np.float32(gain) + np.float32(offset) for level in self.pyramid)
         return replace(self, pyramid=tuple(levels))
 
-    def points(self, ground: ObjectPoints) -> Float64[np.ndarray, "n 2"]:
+    def project(self, ground: ObjectPoints) -> Float64[np.ndarray, "n 2"]:
         """Image points of places in the LSL; far off the image where it does not show them."""
         away = ground - self.camera.centre
         ahead = away @ self.axis > self.cos_reach * np.linalg.norm(away, axis=1)
@@ -120,13 +120,15 @@ class PanoramaImage:
             found[ahead] = np.nan_to_num(self.camera.project(ground[ahead]), nan=NOWHERE_PX)
         return found
 
-    def lattice(self, places: Float64[np.ndarray, "down across 3"]) -> tuple[Raster, Raster]:
+    def project_lattice(
+        self, places: Float64[np.ndarray, "down across 3"]
+    ) -> tuple[Raster, Raster]:
         """Sample and line of a lattice of places in the LSL."""
-        points = self.points(places.reshape(-1, 3)).astype(np.float32)
+        points = self.project(places.reshape(-1, 3)).astype(np.float32)
         sample, line = points.T.reshape(2, *places.shape[:2])
         return sample, line
 
-    def drawn(self, sample: Raster, line: Raster, pixel_deg: float) -> tuple[Raster, Raster]:
+    def sample(self, sample: Raster, line: Raster, pixel_deg: float) -> tuple[Raster, Raster]:
         """Brightness and fade at image points, for a picture with pixels that wide."""
         level = round(math.log2(max(1.0, pixel_deg / self.pixel_deg)))
         level = min(level, LEVELS - 1)
@@ -145,7 +147,7 @@ def interpolate_nodes(
         places: (down, across, 3) of the ground at the nodes and one beyond each way, LSL.
         shape: Rows and columns of the block.
     """
-    sample, line = image.lattice(places)
+    sample, line = image.project_lattice(places)
     samples, lines = image.size
     near = NODE * NODE
     within = (sample > -near) & (sample < samples + near) & (line > -near) & (line < lines + near)
@@ -239,7 +241,7 @@ class Panorama:
             seen = interpolate_nodes(image, places, shape)
             if seen is None:
                 continue
-            grey, fade = image.drawn(*seen, self.grid.cell_deg)
+            grey, fade = image.sample(*seen, self.grid.cell_deg)
             worth = fade * np.float32((finest / image.pixel_deg) ** 2)
             source[worth > best] = number
             np.maximum(best, worth, out=best)
@@ -295,7 +297,7 @@ def _samples(draft: Panorama) -> np.ndarray:
     places = ground.reshape(*ranges.range_m.shape, 3)[::every, ::every]
     found = []
     for image in draft.images:
-        sample, line = image.lattice(places)
-        grey, fade = image.drawn(sample, line, every * NODE / 2 * draft.grid.cell_deg)
+        sample, line = image.project_lattice(places)
+        grey, fade = image.sample(sample, line, every * NODE / 2 * draft.grid.cell_deg)
         found.append(np.where(fade > 0, grey, np.float32(np.nan)).ravel())
     return np.stack(found).astype(np.float32)

@@ -85,7 +85,7 @@ def registration(made: Panorama) -> Registration:
 
 
 def _fades(image: PanoramaImage, places: np.ndarray) -> np.ndarray:
-    fade: np.ndarray = image.drawn(*image.lattice(places), image.pixel_deg)[1].ravel()
+    fade: np.ndarray = image.sample(*image.project_lattice(places), image.pixel_deg)[1].ravel()
     return fade
 
 
@@ -96,7 +96,7 @@ def _shift(made: Panorama, numbers: tuple[int, int], places: np.ndarray, side: i
         seen = interpolate_nodes(image, places, (side, side))
         if seen is None:
             return None
-        grey, fade = image.drawn(*seen, made.grid.cell_deg)
+        grey, fade = image.sample(*seen, made.grid.cell_deg)
         if not (fade > 0).all():
             return None
         drawn.append(grey)

@@ -18,7 +18,7 @@ import numpy as np
 
 from solmap.photogrammetry.arrays import Flags, Float32, Float64, GreyImage, Raster, Vector3
 from solmap.photogrammetry.errors import TerrainError
-from solmap.photogrammetry.terrain.dtm.grid import BLOCK, MapGrid
+from solmap.photogrammetry.terrain.dtm.grid import BLOCK, Bounds, MapGrid
 from solmap.photogrammetry.terrain.dtm.records import Dtm, TerrainView
 from solmap.photogrammetry.terrain.orthophoto.brightness import sample_brightness
 from solmap.photogrammetry.terrain.orthophoto.mosaic import (
@@ -150,7 +150,7 @@ def _ratio(dtm: Dtm, params: OrthophotoParams) -> int:
     return round(ratio)
 
 
-def bounds_to_show(dtm: Dtm, samplers: Sequence[ViewSampler]) -> tuple[float, float, float, float]:
+def bounds_to_show(dtm: Dtm, samplers: Sequence[ViewSampler]) -> Bounds:
     """Bounds of the seen cells near which any view may show ground.
 
     Raises:

@@ -112,6 +112,18 @@ class RegionContourParams(ContourParams):
     """Less than can be seen on a map of a hundred metres."""
 
 
+@dataclass(frozen=True, slots=True)
+class FarContourParams(ContourParams):
+    """How to trace contours of far ground."""
+
+    smoothing_m: float = 3.2
+    """Five cells, as in the map of a stop."""
+    min_length_m: float = 16.0
+    """Twenty-five cells, as in the map of a stop."""
+    simplify_m: float = 0.32
+    """Half a cell."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Contour:
     """A line of equal elevation."""
@@ -201,15 +213,3 @@ def _blur(raster: Raster, sigma: float) -> Raster:
 
 def _length_m(points: Float64[np.ndarray, "n 2"]) -> float:
     return float(np.hypot(*np.diff(points, axis=0).T).sum())
-
-
-@dataclass(frozen=True, slots=True)
-class FarContourParams(ContourParams):
-    """How to trace contours of far ground."""
-
-    smoothing_m: float = 3.2
-    """Five cells, as in the map of a stop."""
-    min_length_m: float = 16.0
-    """Twenty-five cells, as in the map of a stop."""
-    simplify_m: float = 0.32
-    """Half a cell."""

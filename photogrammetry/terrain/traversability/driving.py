@@ -67,7 +67,7 @@ class Reachability:
     before: Int32[np.ndarray, "rows cols"]
     """Number of the cell before it on that way, counted along rows; below zero where none is."""
 
-    def way_to(self, place: tuple[float, float]) -> Places:
+    def path_to(self, place: tuple[float, float]) -> Places:
         """Centres of the cells on the way to the cell of a place, the start first.
 
         Raises:

@@ -205,7 +205,7 @@ def test_the_volume_of_a_pyramid_over_its_rim():
     rim = np.concatenate(
         [np.linspace(a, b, 40) for a, b in zip(SQUARE, np.roll(SQUARE, -1, 0), strict=True)]
     )
-    base = BasePlane.fitted(rim, ground(3.0 + 0.1 * rim[:, 0]), 0.25)
+    base = BasePlane.fit(rim, ground(3.0 + 0.1 * rim[:, 0]), 0.25)
     found = volume(places, ground(pyramid), base, 100.0)
     assert found.net_m3 == pytest.approx(64 * 4 / 3, rel=1e-3)
     assert found.below_m3 == pytest.approx(0.0, abs=1e-6)
@@ -241,7 +241,7 @@ def test_the_sigma_of_a_fitted_base_is_that_of_its_rim(rng):
     flat = ground(np.zeros(len(places)), own=0.0)
     nets, told = [], []
     for _ in range(300):
-        base = BasePlane.fitted(rim, ground(rng.normal(0, 0.05, len(rim))), 0.5)
+        base = BasePlane.fit(rim, ground(rng.normal(0, 0.05, len(rim))), 0.5)
         found = volume(places, flat, base, 100.0)
         nets.append(found.net_m3)
         told.append(found.sigma_m3)
@@ -254,7 +254,7 @@ def test_too_little_ground_is_refused():
     with pytest.raises(TerrainError, match="30% of the polygon was measured"):
         volume(places, ground(heights), BasePlane.level(0.0), 100.0)
     with pytest.raises(TerrainError, match="rim"):
-        BasePlane.fitted(SQUARE, ground(np.zeros(4)), 0.5)
+        BasePlane.fit(SQUARE, ground(np.zeros(4)), 0.5)
 
 
 def test_the_ground_of_a_slope_is_larger_than_its_map():

@@ -75,7 +75,7 @@ def test_stops_share_their_errors_within_and_differ_by_the_worse_one(loose):
     worse = pose(2, (5.0, 0.0, 0.0), 4 * loose)
     better = pose(1, (5.0, 0.0, 0.0), loose)
     assert not relative_covariance(better, pose(1, covariance=9 * loose), point).any()
-    assert relative_covariance(better, worse, point) == pytest.approx(3 * better.at(point))
+    assert relative_covariance(better, worse, point) == pytest.approx(3 * better.covariance_at(point))
     assert relative_covariance(worse, better, point) == pytest.approx(
         relative_covariance(better, worse, point)
     )
@@ -88,7 +88,7 @@ def test_stops_share_their_errors_within_and_differ_by_the_worse_one(loose):
 def test_a_turn_of_the_stop_moves_what_it_carries_by_its_lever():
     sigma = 1e-3
     stop = pose(1, (4.0, 0.0, 0.0), np.diag([0.0, 0.0, sigma**2, 0.0, 0.0, 0.0]))
-    at = stop.at(np.array([14.0, 0.0, 0.0]))
+    at = stop.covariance_at(np.array([14.0, 0.0, 0.0]))
     assert np.sqrt(np.diagonal(at)) == pytest.approx([0.0, 10 * sigma, 0.0])
 
 

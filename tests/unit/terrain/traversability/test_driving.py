@@ -37,7 +37,7 @@ def test_on_open_level_ground_ways_are_nearly_straight():
     assert longer.max() < 1.028
     for turn in range(0, 360, 45):  # along its own directions a way is exact
         place = (START[0] + 8 * math.sin(math.radians(turn)), 8 * math.cos(math.radians(turn)))
-        way = found.way_to(place)
+        way = found.path_to(place)
         assert np.hypot(*np.diff(way, axis=0).T).sum() == pytest.approx(
             math.dist(way[0], way[-1]), rel=0.03
         )
@@ -55,7 +55,7 @@ def test_a_way_goes_round_a_wall_by_its_end():
     wall = (np.abs(EAST - 5) < 0.4) & (NORTH < 6) & (NORTH > -15)
     found = ways(wall)
     to = (HALF + 63 * GRID.cell_m, HALF)
-    way = found.way_to(to)
+    way = found.path_to(to)
     corner = (5.0, 6.0)
     round_it = math.dist(START, corner) + math.dist(corner, to)
     row, col = GRID.cell_at(*to)
@@ -72,7 +72,7 @@ def test_no_way_leads_through_a_wall_of_one_cell_laid_aslant():
     beyond = EAST + NORTH > 9
     assert np.isnan(found.drive_m[beyond]).all()
     with pytest.raises(TerrainError, match="no way free of hazards"):
-        found.way_to((10.0, 10.0))
+        found.path_to((10.0, 10.0))
 
 
 def test_small_gaps_are_driven_over_and_wide_ones_are_not():
