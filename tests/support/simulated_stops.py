@@ -29,14 +29,14 @@ from solmap.tasks.network.match import pair_geometry
 ROOT = Path(__file__).resolve().parents[2]
 CACHE = ROOT / ".cache" / "cross_site"
 MADE_BY = (
-    "synthetic/*.py",
-    "synthetic/edr.lbl",
-    "cameras/*.py",
-    "archive/*.py",
-    "matching/[dginrsv]*.py",
+    "synthetic/**/*.py",
+    "synthetic/**/edr.lbl",
+    "cameras/**/*.py",
+    "archive/**/*.py",
+    "matching/[lpr]*.py",
+    "matching/stereo/*.py",
 )
 """Code that renders, reads and matches pairs, below `photogrammetry`; tying comes after."""
-TYING = ("ground_patches.py", "inter_stereo.py", "neighbours.py", "rocks.py")
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,7 +151,7 @@ def code_digest() -> str:
         return "kept"
     folder = ROOT / "photogrammetry"
     files = sorted(path for pattern in MADE_BY for path in folder.glob(pattern))
-    return _short(b"".join(path.read_bytes() for path in files if path.name not in TYING))
+    return _short(b"".join(path.read_bytes() for path in files))
 
 
 def _short(data: bytes) -> str:

@@ -134,10 +134,12 @@ def main() -> None:
     """Read the names of worlds, adjust, print."""
     parser = argparse.ArgumentParser(prog="python -m tests.support.stop_networks")
     parser.add_argument("worlds", nargs="+", help="husband, or a terrain and a seed: plains61")
-    parser.add_argument("--by-looks-alone", action="store_true", help="no ties by shape")
+    parser.add_argument(
+        "--image-matched-alone", action="store_true", help="without surface matching"
+    )
     arguments = parser.parse_args()
     for name in arguments.worlds:
-        report, errors = judged(stops_of_world(name), by_shape=not arguments.by_looks_alone)
+        report, errors = judged(stops_of_world(name), by_shape=not arguments.image_matched_alone)
         print(f"{name}: {report}", *errors, sep="\n", flush=True)  # noqa: T201
 
 
