@@ -15,7 +15,6 @@ import textwrap
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import Enum
-from functools import cache
 from typing import Any, get_args, get_type_hints
 
 from solmap.config.pipeline import PipelineConfig
@@ -90,9 +89,9 @@ def tables_of(record: Any, key: str = "") -> Iterator[Table]:  # noqa: ANN401 - 
     kind = type(record)
     values = {field.name: getattr(record, field.name) for field in dataclasses.fields(record)}
     own = {name: value for name, value in values.items() if not dataclasses.is_dataclass(value)}
-    hints = get_type_hints(kind)
+    hints, told = get_type_hints(kind), reasons(kind)
     parameters = (
-        Parameter(name, value, reasons(kind).get(name, ""), _choices(hints[name]))
+        Parameter(name, value, told.get(name, ""), _choices(hints[name]))
         for name, value in own.items()
     )
     yield Table(key, _purpose(kind), tuple(parameters))
@@ -101,10 +100,10 @@ def tables_of(record: Any, key: str = "") -> Iterator[Table]:  # noqa: ANN401 - 
             yield from tables_of(value, f"{key}.{name}".lstrip("."))
 
 
-@cache
 def reasons(kind: type) -> dict[str, str]:
     """The docstring below each field of a record, those of its base classes too."""
-    found = reasons(kind.__base__) if kind.__base__ not in (None, object) else {}
+    base = kind.__base__
+    found = {} if base is None or base is object else reasons(base)
     if not dataclasses.is_dataclass(kind) and not issubclass(kind, Settings):
         return found
     (body,) = ast.parse(textwrap.dedent(inspect.getsource(kind))).body
@@ -179,8 +178,9 @@ def configuration_page() -> str:
         if table.parameters:
             title = f"### `[{table.key}]`" if table.key else "### Before the first table"
             parts.append(f"{title}\n\n{_prose(table.purpose)}\n\n{_rows(table.parameters)}\n")
+    told = reasons(Settings)
     variables = (
-        Parameter(f"SOLMAP_{name.upper()}", _shown(field.default), reasons(Settings).get(name, ""))
+        Parameter(f"SOLMAP_{name.upper()}", _shown(field.default), told.get(name, ""))
         for name, field in Settings.model_fields.items()
     )
     parts.append(f"## Environment\n\n{_prose(Settings.__doc__ or '')}\n\n{_rows(tuple(variables))}")
