@@ -13,19 +13,26 @@ or largest (Pancam) |A x ray| of both cameras over the left and right edges,
 for n samples, and likewise for V with the lines and the upper and lower edges. A is not quite
 perpendicular to the base, so rows of such a pair correspond only approximately, and the pixels are
 not square. Source: `cmod_cahvor_warp_models` of the MER era, checked against two archived labels.
-For maps use `photogrammetry.cameras.epipolar` instead; this rule is for comparing and reading.
+Grey values between pixels are bilinear; what the original does not show is masked, as JPL writes 0.
+
+For maps `photogrammetry.cameras.epipolar` is used instead; this rule is for comparing with archived
+products and for viewers that expect them.
 """
 
 from __future__ import annotations
 
 from enum import StrEnum
 
+import cv2
 import numpy as np
 
-from solmap.photogrammetry.arrays import Vector3
+from solmap.photogrammetry.arrays import GreyImage, Mask, Vector3
 from solmap.photogrammetry.cameras.cahv import Cahv
 from solmap.photogrammetry.cameras.cahvor import Cahvor
 from solmap.photogrammetry.errors import CameraError
+
+WHOLE = 0.999
+"""Weight of four usable neighbours, less rounding."""
 
 
 class Field(StrEnum):
@@ -37,10 +44,14 @@ class Field(StrEnum):
     """No pixel lost, empty edges; Pancam products."""
 
 
-def linearise_pair_2002(
+def linearise_pair(
     first: Cahvor, second: Cahvor, samples: int, lines: int, field: Field = Field.SMALLEST
 ) -> tuple[Cahv, Cahv]:
-    """The CAHV models of both eyes, each with its own centre and one common image plane."""
+    """The CAHV models of both eyes, each with its own centre and one common image plane.
+
+    Raises:
+        CameraError: the cameras have no base, or see nothing in common.
+    """
     axis, down, right = _common_axes(first, second, samples, lines)
     cameras = (first, second)
     middle_sample, middle_line = (samples - 1) / 2, (lines - 1) / 2
@@ -49,6 +60,31 @@ def linearise_pair_2002(
     h = _scale(cameras, axis, sides, samples, field) * right + middle_sample * axis
     v = _scale(cameras, axis, ends, lines, field) * down + middle_line * axis
     return Cahv(first.c, axis, h, v), Cahv(second.c, axis, h, v)
+
+
+def linearise_image(
+    image: GreyImage, mask: Mask, camera: Cahvor, linear: Cahv
+) -> tuple[GreyImage, Mask]:
+    """An image as a linear camera at the same place would have taken it.
+
+    Args:
+        image: grey values of the original.
+        mask: its usable pixels.
+        camera: its camera model.
+        linear: the model of the result, which has as many lines and samples.
+
+    Returns:
+        Grey values, 0 where masked, and the mask of what only usable pixels contribute to.
+    """
+    lines, samples = image.shape
+    x, y = np.meshgrid(np.arange(float(samples)), np.arange(float(lines)))
+    rays = linear.rays(np.column_stack([x.ravel(), y.ravel()]))
+    source = camera.project(camera.c + rays).reshape(lines, samples, 2).astype(np.float32)
+    usable = mask.astype(np.float32)
+    weight = cv2.remap(usable, source[..., 0], source[..., 1], cv2.INTER_LINEAR)
+    grey = cv2.remap(image, source[..., 0], source[..., 1], cv2.INTER_LINEAR)
+    whole = np.asarray(weight) > WHOLE
+    return np.where(whole, grey, np.float32(0)), whole
 
 
 def _common_axes(

@@ -1,4 +1,4 @@
-"""Derived rasters of JPL's stereo pipeline: disparity, XYZ and range, with their masks.
+"""Derived rasters of JPL's stereo pipeline: disparity, XYZ, range, normals, slopes, with masks.
 
     DIS, DIL   2 bands, line and sample: where the partner image shows the same point, as absolute
                1-based coordinates (not as a difference); (0, 0) where it was not found
@@ -6,13 +6,21 @@
     XYZ, XYL   3 bands: x north, y east, z down in metres, in the frame that the label names;
                XXX, YYY, ZZZ one of them; (0, 0, 0) where nothing was found
     RNG, RNL   metres from the centre C of the camera; 0 where nothing was found
+    UVW, UVL   3 bands: unit normal of the ground, in the frame that the label names
+    SLP, SLL   slope in degrees; SHP its heading, SMP its magnitude sqrt(u^2 + v^2), SNL its tilt to
+               the north, SRD its part in the direction of the rover
+    SEP, RUF   share of the sun's energy from 0 to 1; roughness in metres
 
 as IEEE floats in the byte order that SAMPLE_TYPE names. Disparities are returned 0-based, as
-(sample, line) like every image point here. In a raster of one band of XYZ a true 0 cannot be told
-from nothing found and counts as nothing; in one of three bands only all three together do.
+(sample, line) like every image point here. In a raster of one band a true 0 cannot be told from
+nothing found and counts as nothing; in one of three bands only all three together do.
 
-Source: VICAR's help of marscor3 and marsxyz, and the data set descriptions; no file of this kind
-was at hand, so the reader was tried on bytes written in this layout, not on an archived product.
+`solmap inspect` says what such a file holds. XYZ with their mask and frame are what an import of
+archived products as dense points starts from.
+
+Source: VICAR's help of marscor3, marsxyz, marsuvw and marsslope, and the data set descriptions; no
+file of this kind was at hand, so the reader was tried on bytes written in this layout, not on an
+archived product.
 """
 
 from __future__ import annotations
@@ -31,7 +39,8 @@ from solmap.photogrammetry.archive.images.pixels import (
     truncation_message,
 )
 from solmap.photogrammetry.archive.images.reading import read_label
-from solmap.photogrammetry.archive.labels.label import Label, parse_label
+from solmap.photogrammetry.archive.labels.detached import split_label
+from solmap.photogrammetry.archive.labels.label import Label
 from solmap.photogrammetry.arrays import Float32, Mask
 from solmap.photogrammetry.errors import LabelError, PixelError
 from solmap.photogrammetry.frames import Frame, FrameKind, rover_frame, site_frame
@@ -50,6 +59,14 @@ class RasterKind(StrEnum):
     Y = "y"
     Z = "z"
     RANGE = "range"
+    NORMAL = "surface normal"
+    SLOPE = "slope"
+    SLOPE_HEADING = "slope heading"
+    SLOPE_MAGNITUDE = "slope magnitude"
+    NORTHERLY_TILT = "northerly tilt"
+    ROVER_SLOPE = "slope in the rover's direction"
+    SOLAR_ENERGY = "solar energy"
+    ROUGHNESS = "roughness"
 
 
 _ALIKE: Mapping[RasterKind, tuple[str, ...]] = {
@@ -61,12 +78,45 @@ _ALIKE: Mapping[RasterKind, tuple[str, ...]] = {
     RasterKind.Y: ("YYY", "YYL", "Y_MAP"),
     RasterKind.Z: ("ZZZ", "ZZL", "Z_MAP"),
     RasterKind.RANGE: ("RNG", "RNL", "RANGE_MAP"),
+    RasterKind.NORMAL: ("UVW", "UVL", "UVW_MAP"),
+    RasterKind.SLOPE: ("SLP", "SLL", "SLOPE_MAP"),
+    RasterKind.SLOPE_HEADING: ("SHP", "SHL"),
+    RasterKind.SLOPE_MAGNITUDE: ("SMP", "SML"),
+    RasterKind.NORTHERLY_TILT: ("SNL",),
+    RasterKind.ROVER_SLOPE: ("SRD", "SRL"),
+    RasterKind.SOLAR_ENERGY: ("SEP", "SEL"),
+    RasterKind.ROUGHNESS: ("RUF", "RUL", "ROUGHNESS_MAP"),
 }
 KINDS = {name: kind for kind, names in _ALIKE.items() for name in names}
 """Product type of the file name, or DERIVED_IMAGE_TYPE of the label -> kind."""
 
-BANDS = {RasterKind.DISPARITY: 2, RasterKind.XYZ: 3}
-IN_PLACE = frozenset({RasterKind.XYZ, RasterKind.X, RasterKind.Y, RasterKind.Z})
+BANDS = {
+    RasterKind.DISPARITY: ("sample", "line"),
+    RasterKind.XYZ: ("x", "y", "z"),
+    RasterKind.NORMAL: ("u", "v", "w"),
+}
+"""Names of the bands; those of any other kind have the kind's own."""
+UNITS = {
+    **dict.fromkeys(
+        (RasterKind.DISPARITY, RasterKind.DISPARITY_SAMPLE, RasterKind.DISPARITY_LINE), "px"
+    ),
+    **dict.fromkeys(
+        (RasterKind.XYZ, RasterKind.X, RasterKind.Y, RasterKind.Z, RasterKind.RANGE), "m"
+    ),
+    **dict.fromkeys(
+        (
+            RasterKind.SLOPE,
+            RasterKind.SLOPE_HEADING,
+            RasterKind.NORTHERLY_TILT,
+            RasterKind.ROVER_SLOPE,
+        ),
+        "degree",
+    ),
+    RasterKind.ROUGHNESS: "m",
+}
+"""Units of kinds that have one."""
+IN_FRAME = frozenset({RasterKind.XYZ, RasterKind.X, RasterKind.Y, RasterKind.Z, RasterKind.NORMAL})
+"""Kinds whose values are meant in the frame that the label names."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,26 +125,41 @@ class DerivedRaster:
 
     kind: RasterKind
     bands: Float32[np.ndarray, "bands lines samples"]
-    """XYZ: x, y, z; disparity: sample, line of the partner image, 0-based. 0 outside the mask."""
+    """In the order of `band_names`; disparities 0-based. 0 outside the mask."""
     mask: Mask
     """True where there is a value."""
     frame: Frame | None
-    """The frame of XYZ; None for disparity and range."""
+    """The frame of XYZ and normals; None for other kinds."""
     partner: str | None
     """The image that a disparity points into, where the label names its sources."""
 
+    @property
+    def band_names(self) -> tuple[str, ...]:
+        """What each band holds."""
+        return BANDS.get(self.kind, (str(self.kind),))
 
-def read_raster(data: bytes, name: str, *, detached_label: str | None = None) -> DerivedRaster:
-    """A disparity, XYZ or range raster.
+    @property
+    def unit(self) -> str | None:
+        """Of the values of all bands; None where they have none."""
+        return UNITS.get(self.kind)
+
+
+def read_raster(data: bytes, name: str) -> DerivedRaster:
+    """A derived raster, its label attached or joined to it (`detached`).
 
     Raises:
         LabelError: the file holds none, or its label lacks what is needed.
         PixelError: the values are not what the label says.
     """
-    label = read_label(data, name) if detached_label is None else parse_label(detached_label, name)
+    label = read_label(data, name)
+    _, data = split_label(data, name)
     kind = raster_kind(label, name)
+    if kind is None:
+        raise LabelError(
+            f"{name}: no derived raster that is read here, of kind {', '.join(RasterKind)}"
+        )
     layout = pixel_layout(label, most_bands=3)
-    expected = BANDS.get(kind, 1)
+    expected = len(BANDS.get(kind, (kind,)))
     if layout.bands != expected or layout.dtype.kind != "f":
         raise PixelError(
             f"{name}: {kind} should be {expected} bands of IEEE reals, but is {layout.bands} of "
@@ -105,7 +170,7 @@ def read_raster(data: bytes, name: str, *, detached_label: str | None = None) ->
     with np.errstate(over="ignore", invalid="ignore"):
         bands = stored_values(data, layout).astype(np.float32)
     mask = _found(bands, missing_constants(label))
-    frame = _frame(label) if kind in IN_PLACE else None
+    frame = _frame(label) if kind in IN_FRAME else None
     if kind is RasterKind.DISPARITY:
         bands = bands[::-1]  # line, sample -> sample, line
     if "disparity" in kind:
@@ -113,25 +178,17 @@ def read_raster(data: bytes, name: str, *, detached_label: str | None = None) ->
     return DerivedRaster(kind, np.where(mask, bands, 0), mask, frame, _partner(label, kind))
 
 
-def raster_kind(label: Label, name: str) -> RasterKind:
+def raster_kind(label: Label, name: str) -> RasterKind | None:
     """What a raster holds, of its DERIVED_IMAGE_TYPE or, failing that, its file name.
 
-    Raises:
-        LabelError: it is none of these rasters.
+    None where it is none of these kinds.
     """
     stated = label.optional(DERIVED, "DERIVED_IMAGE_TYPE", str) or ""
-    kind = KINDS.get(stated.upper())
     try:
         product = parse_file_name(name).product_type
     except LabelError:
         product = ""
-    kind = kind or KINDS.get(product)
-    if kind is None:
-        raise LabelError(
-            f"{name}: no disparity, XYZ or range raster: DERIVED_IMAGE_TYPE is {stated[:40]!a}, "
-            f"product type {product or 'unknown'}"
-        )
-    return kind
+    return KINDS.get(stated.upper()) or KINDS.get(product)
 
 
 def _found(bands: np.ndarray, missing: tuple[float, ...]) -> Mask:

@@ -19,7 +19,7 @@ from solmap.photogrammetry.archive.partners import find_stereo_pairs
 from solmap.photogrammetry.cameras.cahv import Cahv
 from solmap.photogrammetry.cameras.cahvor import Cahvor
 from solmap.photogrammetry.cameras.cahvore import Cahvore
-from solmap.photogrammetry.cameras.linearisation import linearise_pair_2002
+from solmap.photogrammetry.cameras.linearisation import linearise_pair
 from solmap.photogrammetry.errors import PixelError
 from solmap.photogrammetry.frames import Frame, FrameKind, Pose, rover_frame
 from solmap.photogrammetry.imagery import Eye
@@ -169,7 +169,7 @@ def own_linear_model(shared_data, real_images):
     right = camera_model(parse_label(path.read_text(), path.name)).moved(after @ before.inverse)
     left = real_images["2n292280938effb100p0703l0m1.img"].image.camera
     assert isinstance(right, Cahvor)
-    return linearise_pair_2002(left, right, 1024, 1024)[0]
+    return linearise_pair(left, right, 1024, 1024)[0]
 
 
 def grid_of_pixels():

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from solmap.photogrammetry.archive.images.derived_rasters import RasterKind, read_raster
+from solmap.photogrammetry.archive.labels.detached import join_label
 from solmap.photogrammetry.errors import LabelError, PhotogrammetryError, PixelError
 from solmap.photogrammetry.frames import rover_frame, site_frame
 
@@ -114,10 +115,30 @@ def test_points_in_the_rover_frame_say_at_which_stop(xyz):
     assert found.frame == rover_frame(137, 4)
 
 
+def test_a_normal_has_a_frame_and_a_slope_degrees(xyz):
+    normal = read_raster(raster(xyz, derived="DERIVED_IMAGE_TYPE = UVW_MAP"), "x.img")
+    assert (normal.kind, normal.frame) == (RasterKind.NORMAL, site_frame(137))
+    assert (normal.band_names, normal.unit) == (("u", "v", "w"), None)
+    slope = read_raster(raster(xyz[:1], derived=""), "2n292280938sllb100p0703l0m1.img")
+    assert (slope.kind, slope.frame) == (RasterKind.SLOPE, None)
+    assert (slope.band_names, slope.unit) == (("slope",), "degree")
+
+
+def test_a_raster_may_have_its_label_in_a_file_of_its_own(xyz):
+    label, values = raster(xyz)[: 4 * 512], raster(xyz)[4 * 512 :]
+    label = label.replace(b"^IMAGE = 5", b'^IMAGE = "X.IMG"')
+    found = read_raster(join_label(label, values, "x.img"), "x.img")
+    np.testing.assert_array_equal(found.bands, xyz)
+
+
 @pytest.mark.parametrize(
     ("change", "error", "complaint"),
     [
-        ({"derived": "DERIVED_IMAGE_TYPE = IMAGE"}, LabelError, "no disparity, XYZ or range"),
+        (
+            {"derived": "DERIVED_IMAGE_TYPE = IMAGE"},
+            LabelError,
+            "no derived raster that is read here",
+        ),
         ({"derived": "DERIVED_IMAGE_TYPE = RANGE_MAP"}, PixelError, "range should be 1 bands of"),
         ({"sample_type": "MSB_INTEGER"}, PixelError, "xyz should be 3 bands of IEEE reals"),
         ({"frame": "MOON_FRAME"}, LabelError, "should name a site or rover frame"),

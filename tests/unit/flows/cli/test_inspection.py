@@ -15,10 +15,13 @@ from solmap.flows.cli.inspection import (
     InspectionError,
     inspect_file,
     inspect_files,
+    write_linearised,
     write_png,
 )
 from solmap.flows.cli.inspection_text import report_of
 from solmap.photogrammetry.archive.images.reading import read_image
+from solmap.photogrammetry.cameras.linearisation import linearise_image, linearise_pair
+from solmap.photogrammetry.stretching import stretch
 from solmap.photogrammetry.synthetic.downlink import render_jobs
 from solmap.photogrammetry.synthetic.scene import WorldParams, make_world
 from solmap.photogrammetry.synthetic.traverse import TraverseParams
@@ -161,6 +164,124 @@ def test_the_picture_is_the_stretched_image(pair, tmp_path):
     assert (np.diff(picture.ravel()[order].astype(int)) >= 0).all()
 
 
+def test_the_angles_of_a_real_camera_turn_its_axis(shared_data):
+    """The third row of M(omega, phi, kappa) is -A (Di & Li 2004)."""
+    found = inspect_file(shared_data / SPIRIT)
+    omega, phi, _ = np.radians(found["camera"]["omega_phi_kappa_deg"])
+    axis = [-np.sin(phi), np.sin(omega) * np.cos(phi), -np.cos(omega) * np.cos(phi)]
+    camera = read_image((shared_data / SPIRIT).read_bytes(), SPIRIT).image.camera
+    np.testing.assert_allclose(axis, camera.a / np.linalg.norm(camera.a), atol=1e-6)
+
+
+def test_radiance_is_that_of_the_label(shared_data):
+    radiometric = SPIRIT.replace("effb100p0703l0m1", "radb100p0703l0c1")
+    found = inspect_file(shared_data / radiometric)
+    assert found["radiance"]["factor"] == pytest.approx(4.342e-6, rel=1e-3)
+    assert "4.34237e-06 x pixel" in report_of(found)
+    assert inspect_file(shared_data / SPIRIT)["radiance"] is None
+
+
+XYZ_LABEL = """PDS_VERSION_ID = PDS3
+RECORD_BYTES = 512
+^IMAGE = 3
+GROUP = DERIVED_IMAGE_PARMS
+  DERIVED_IMAGE_TYPE = {kind}
+  REFERENCE_COORD_SYSTEM_NAME = SITE_FRAME
+  REFERENCE_COORD_SYSTEM_INDEX = 137
+END_GROUP = DERIVED_IMAGE_PARMS
+OBJECT = IMAGE
+  LINES = 4
+  LINE_SAMPLES = 5
+  BANDS = {bands}
+  BAND_STORAGE_TYPE = BAND_SEQUENTIAL
+  SAMPLE_TYPE = IEEE_REAL
+  SAMPLE_BITS = 32
+END_OBJECT = IMAGE
+END
+"""
+
+
+def derived_raster(file: Path, kind: str, values: np.ndarray) -> Path:
+    label = XYZ_LABEL.format(kind=kind, bands=len(values)).encode()
+    file.write_bytes(label.ljust(1024) + values.astype(">f4").tobytes())
+    return file
+
+
+def test_a_derived_raster_says_what_it_holds(tmp_path, rng):
+    points = rng.uniform(1.0, 2.0, (3, 4, 5)) + np.array([10.0, -20.0, 0.0])[:, None, None]
+    points[:, 1, :] = 0.0
+    found = inspect_file(derived_raster(tmp_path / "x.img", "XYZ_MAP", points))
+    assert (found["raster"], found["frame"]) == ("xyz", "site[137]")
+    assert found["size"] == {"samples": 5, "lines": 4, "masked_share": 0.25}
+    assert [band["name"] for band in found["bands"]] == ["x", "y", "z"]
+    measured = np.delete(points, 1, axis=1)
+    for band, values in zip(found["bands"], measured, strict=True):
+        assert band["unit"] == "m"
+        assert band["range"] == pytest.approx([values.min(), values.max()], rel=1e-6)
+    lines = report_of(found).splitlines()
+    assert lines[1].split() == ["holds", "xyz", "in", "the", "frame", "site[137]"]
+    assert lines[3].split()[0] == "x"
+    assert lines[3].endswith(" m")
+
+
+def test_a_slope_has_no_frame_and_one_without_values_says_so(tmp_path):
+    found = inspect_file(derived_raster(tmp_path / "s.img", "SLOPE_MAP", np.full((1, 4, 5), 7.5)))
+    assert (found["raster"], found["frame"]) == ("slope", None)
+    assert found["bands"] == [{"name": "slope", "unit": "degree", "range": [7.5, 7.5]}]
+    empty = inspect_file(derived_raster(tmp_path / "e.img", "RANGE_MAP", np.zeros((1, 4, 5))))
+    assert empty["bands"][0]["range"] is None
+    assert "no value" in report_of(empty)
+
+
+def test_a_cut_off_raster_is_one_line(tmp_path):
+    file = derived_raster(tmp_path / "x.img", "RANGE_MAP", np.ones((1, 4, 5)))
+    file.write_bytes(file.read_bytes()[:-4])
+    _, (fault,) = inspect_files([file])
+    assert fault.startswith("x.img: truncated")
+
+
+def test_both_eyes_are_linearised_onto_one_plane(pair, tmp_path):
+    """Distant ground lies in the same line of both, but for the axis that JPL leaves askew."""
+    for file in pair:
+        write_linearised(file, tmp_path / file.with_suffix(".png").name)
+    left, right = (
+        cv2.imread(str(tmp_path / file.with_suffix(".png").name), cv2.IMREAD_UNCHANGED)
+        for file in pair
+    )
+    assert left.shape == right.shape == (256, 256)
+    images = [read_image(file.read_bytes(), file.name).image for file in pair]
+    models = linearise_pair(images[0].camera, images[1].camera, 256, 256)
+    far = models[0].c + 1e5 * models[0].rays(np.array([[60.0, 90.0], [200.0, 180.0]]))
+    for image, model, shown in zip(images, models, (left, right), strict=True):
+        original = read_image(
+            (pair[0] if image is images[0] else pair[1]).read_bytes(), pair[0].name
+        )
+        grey, mask = linearise_image(original.pixels, original.mask, image.camera, model)
+        np.testing.assert_array_equal(shown, stretch(grey, mask))
+    seen = [model.project(far)[:, 1] for model in models]
+    np.testing.assert_allclose(seen[0], seen[1], atol=0.01)
+
+
+def test_without_a_partner_nothing_is_linearised(pair, shared_data, tmp_path):
+    linear = shared_data / "mer_spirit_sol1900" / "2n295043924fflb1dnp1979l0m1.img"
+    target = tmp_path / "x.png"
+    with pytest.raises(InspectionError, match="needs the stereo partner beside it: no right-eye"):
+        write_linearised(linear, target)
+    pair[1].unlink()
+    with pytest.raises(InspectionError, match="needs the stereo partner beside it: no right-eye"):
+        write_linearised(pair[0], target)
+    assert not target.exists()
+
+
+def test_only_cahvor_cameras_are_linearised(pair, tmp_path):
+    for file in pair:
+        data = file.read_bytes()
+        assert b"= CAHVOR" in data
+        file.write_bytes(data.replace(b"= CAHVOR", b"= CAHV  "))
+    with pytest.raises(InspectionError, match="is for CAHVOR cameras, not for CAHV"):
+        write_linearised(pair[0], tmp_path / "x.png")
+
+
 def test_a_picture_that_cannot_be_written_says_so(pair, tmp_path):
     with pytest.raises(InspectionError, match=r"x.png cannot be written: No such file"):
         write_png(pair[0], tmp_path / "nowhere" / "x.png")
@@ -210,6 +331,9 @@ def test_the_command_writes_json_and_a_picture(pair, tmp_path):
     assert result.exit_code == 0
     (found,) = json.loads(result.output)
     assert found["product"] == pair[0].stem.upper()
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    result = CliRunner().invoke(app, ["inspect", str(pair[0]), "--linearised", str(picture)])
+    assert result.exit_code == 0
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
