@@ -251,3 +251,31 @@ def image_pyramid(image: np.ndarray, levels: int = 5) -> list[np.ndarray]:
             ).astype(np.float32)
         )
     return pyramid
+
+
+def whole_window_planes(
+    parallax: ParallaxMap, window_px: int
+) -> tuple[Float32[np.ndarray, "3 lines samples"], ParallaxMap]:
+    """Plane of parallax around every pixel, and the root mean square distance from it.
+
+    The plane is (a, b, c) of a + b x + c y, x and y counted from the pixel itself. NaN where less
+    than the whole window was matched: a plane over part of it leans on an edge.
+    """
+    half = window_px // 2
+    steps = np.arange(-half, half + 1, dtype=np.float32)
+    ones = np.ones_like(steps)
+    known = np.isfinite(parallax)
+    level = float(np.median(parallax[known])) if known.any() else 0.0
+    p = np.where(known, parallax - np.float32(level), np.float32(0))
+    full = cv2.erode(known.astype(np.uint8), np.ones((window_px, window_px), np.uint8)) > 0
+    full[:half], full[-half:], full[:, :half], full[:, -half:] = (False,) * 4
+    count, square = window_px**2, window_px * float(np.sum(steps**2))
+    a = cv2.sepFilter2D(p, cv2.CV_32F, ones, ones) / count
+    b = cv2.sepFilter2D(p, cv2.CV_32F, steps, ones) / square
+    c = cv2.sepFilter2D(p, cv2.CV_32F, ones, steps) / square
+    squares = cv2.sepFilter2D(p.astype(np.float64) ** 2, cv2.CV_64F, ones, ones) / count
+    spread = squares - a.astype(np.float64) ** 2 - (b**2 + c**2) * (square / count)
+    planes = np.stack([a + np.float32(level), b, c])
+    planes[:, ~full] = np.nan
+    rms = np.sqrt(np.maximum(spread, 0)).astype(np.float32)
+    return planes, np.where(full, rms, np.float32(np.nan))

@@ -38,13 +38,8 @@ from solmap.photogrammetry.arrays import (
     PerPoint,
 )
 from solmap.photogrammetry.errors import TerrainError
-from solmap.photogrammetry.planes import (
-    SHARED_PX,
-    PlaneFit,
-    fit_plane,
-    least_squares_plane,
-    whole_window_planes,
-)
+from solmap.photogrammetry.matching.parallax_planes import whole_window_planes
+from solmap.photogrammetry.planes import SHARED_PX, PlaneFit, fit_plane, least_squares_plane
 from solmap.photogrammetry.terrain.dtm.ground import (
     MAP_FROM_LSL,
     SightParams,

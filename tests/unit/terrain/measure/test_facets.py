@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from solmap.photogrammetry.errors import TerrainError
-from solmap.photogrammetry.planes import whole_window_planes
+from solmap.photogrammetry.matching.parallax_planes import whole_window_planes
 from solmap.photogrammetry.terrain.measure.facets import (
     FacetParams,
     PlanarRegionParams,
