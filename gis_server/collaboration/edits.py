@@ -11,9 +11,9 @@ from pydantic import BaseModel, ConfigDict, Field
 from solmap.gis_server.collaboration.accounts import Analyst
 from solmap.gis_server.parameters import AGAIN, LARGEST_ID, MissionName
 from solmap.gis_server.services import Services, ServicesOf
-from solmap.photogrammetry.matching.manual.requests import parse_edit_requests
 from solmap.products.catalogue.edits import Edit, EditConflictError, EditKind
 from solmap.products.catalogue.events import EDITS_CHANGED
+from solmap.products.formats.documents.edit_requests import parse_edit_requests
 from solmap.products.formats.raster.tiling import HALF_SIDE_M
 
 router = APIRouter(prefix="/api/missions/{mission}", tags=["edits"])

@@ -14,7 +14,7 @@ from dataclasses import replace
 from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.matching.manual.editing import EditedTies, ManualImage, apply_edits
-from solmap.photogrammetry.matching.manual.requests import EditRequest, parse_edit_requests
+from solmap.photogrammetry.matching.manual.requests import EditRequest
 from solmap.photogrammetry.matching.records import Ties
 from solmap.products.catalogue.edits import EditKind, EditLog
 from solmap.products.catalogue.workspace import Workspace
@@ -23,6 +23,7 @@ from solmap.products.formats.documents.archives import (
     read_parallax,
     read_right_turn,
 )
+from solmap.products.formats.documents.edit_requests import parse_edit_requests
 from solmap.products.model import ProductKind, ProductRef
 from solmap.products.store.product_store import ProductStore
 from solmap.tasks.images.files import keep_file

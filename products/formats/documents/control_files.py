@@ -23,7 +23,7 @@ from dataclasses import dataclass
 
 from solmap.photogrammetry.errors import AdjustmentError
 from solmap.photogrammetry.imagery import StopId
-from solmap.photogrammetry.row_files import Row, RowFormat
+from solmap.products.formats.documents.row_files import Row, RowFormat
 
 COLUMNS = (
     "stop",

@@ -5,10 +5,10 @@ from fastapi.testclient import TestClient
 
 from solmap.gis_server.app import create_app
 from solmap.gis_server.middleware import MOST_BYTES
-from solmap.photogrammetry.matching.manual.requests import COLUMNS
 from solmap.products.catalogue.edits import EditLog, RunRequests
 from solmap.products.catalogue.runs import Run, RunRecords, RunState
 from solmap.products.catalogue.tokens import Role, Tokens
+from solmap.products.formats.documents.edit_requests import COLUMNS
 from tests.unit.gis_server.conftest import STOP
 
 IMAGE = "2N140000000EFFA000P1600L0M1"
@@ -163,7 +163,11 @@ def test_an_operator_asks_for_a_run_and_an_analyst_may_not(client, token_of):
 
 def test_runs_are_listed_with_progress_and_one_tells_what_it_said(client, own_world):
     book = RunRecords(own_world.catalogue.engine)
-    run = Run.start("downlink", "sol156").with_progress("match pairs", 3, 10).with_lines(["one image is broken"])
+    run = (
+        Run.start("downlink", "sol156")
+        .with_progress("match pairs", 3, 10)
+        .with_lines(["one image is broken"])
+    )
     book.write(run)
     (listed,) = client.get("/api/runs").json()["runs"]
     assert (listed["stage"], listed["done"], listed["total"]) == ("match pairs", 3, 10)
