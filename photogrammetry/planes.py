@@ -1,4 +1,4 @@
-"""Planes fitted to points, to rasters and to parallax: one function for each kind of error.
+"""Planes fitted to points and to rasters: one function for each kind of error.
 
 | function | fitted to | minimises | errors |
 | --- | --- | --- | --- |
@@ -9,7 +9,6 @@
 | `window_gradients`, `fit_window_planes` | a raster with gaps, around each cell | squares | equal |
 | `nine_cell_gradients` | the same, 3 x 3 cells | squares | equal |
 | `filled_gradients` | a raster without gaps, around every cell | squares | equal |
-| `whole_window_planes` | whole windows of a parallax map | squares | equal |
 
 **Points in space.** A point known with the covariance C lies off the plane n.P = d by n.P - d with
 the variance n'C n. The plane that makes the points likeliest, whatever the true points are,
@@ -52,8 +51,7 @@ the covariance k v C^-1. The raster is processed block by block with the window'
 relative to its own mean plane: memory does not grow with the map, and single precision resolves a
 tenth of a millimetre anywhere.
 
-Planes of parallax around single image points, in windows with edges, are fitted in
-`matching.parallax_planes`.
+Planes of parallax maps are fitted in `matching.parallax_planes`.
 """
 
 from __future__ import annotations

@@ -15,8 +15,8 @@ A second camera at X' = R X + t sees that plane through the homography
 For a pure turn (t = 0, another pair of the same panorama) the plane drops out, as it should.
 
 `parallax_planes` fits windows around image points, without outliers; `parallax_facets` fits windows
-all over the image at once, from running sums; `fit_robust_plane` fits one plane of least absolute
-deviations to the ground of a whole image.
+with gaps all over the image at once, from running sums, and `whole_window_planes` those without
+gaps; `fit_robust_plane` fits one plane of least absolute deviations to the ground of a whole image.
 """
 
 from __future__ import annotations

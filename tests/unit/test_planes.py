@@ -1,3 +1,5 @@
+"""Planes through nine cells, beside those fitted over windows."""
+
 import numpy as np
 import pytest
 
