@@ -1,1 +1,9 @@
-"""Bundle adjustment of the image network of a traverse."""
+"""Bundle adjustment of the image network of a traverse.
+
+A network of stops, stereo pairs, tie points, telemetry and control enters; adjusted poses, points
+and their covariances leave, with a report. Begin at `modes.overall.adjust`: it finds initial values
+(`initial.values`), estimates (`solver.estimate`, `gauss_newton`, `normal_equations`) and makes the
+records (`solver.results`). Packages, each of which may import those after it:
+
+    modes  ->  quality | initial | solver  ->  model
+"""

@@ -98,7 +98,7 @@ def test_solution_and_leaving_alone(benchmark, steps, stops, monkeypatch):
 
     def act():
         outcome = whole(start, PARAMS)
-        network = SolvedNetwork.where_solved(outcome, np.ones(len(start.held), dtype=bool))
+        network = SolvedNetwork.of_outcome(outcome, np.ones(len(start.held), dtype=bool))
         return outcome, marginalise(network, coupling_of(network, 0))
 
     outcome, _ = timed(benchmark, act)

@@ -86,7 +86,7 @@ class TruncatedLoss:
     is_settled: bool = False
     """Whether further sharpening would change nothing."""
 
-    def sharpened(self, r: Float64[np.ndarray, " n"], gate: float) -> TruncatedLoss:
+    def sharpen(self, r: Float64[np.ndarray, " n"], gate: float) -> TruncatedLoss:
         """The loss a round sharper, for standardised misfits `r` that the weights led to."""
         mu = self.mu * GROWTH if self.mu else _first_sharpness(r, gate)
         with np.errstate(divide="ignore"):
@@ -120,7 +120,7 @@ def rigid_motion(
     for _ in range(ROUNDS):
         R, t = _gauss_newton_step(misfit, R, t, loss.weights)
         misfit = points.misfit(R, t)
-        loss = loss.sharpened(misfit.standardised, gate)
+        loss = loss.sharpen(misfit.standardised, gate)
         if loss.is_settled:
             break
     R, t = _gauss_newton_step(misfit, R, t, loss.weights)

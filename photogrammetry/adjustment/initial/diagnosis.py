@@ -1,7 +1,7 @@
-"""What images do not determine, found and named before anything is solved.
+"""What images do not determine, found before anything is solved and stated at each stop.
 
 Telemetry is weighted in, so the normal equations of a network are never singular; but where ties
-are too few or badly placed a pose rests on telemetry, and that must not go unsaid. Stops are taken
+are too few or badly placed a pose rests on telemetry, and the report must say so. Stops are taken
 in the order of the traverse, those first that ties join to stops already placed. With the normal
 matrix N of the rigid alignment of the stop on those, and D the standard deviations that telemetry
 gives its rotation and position,
@@ -11,8 +11,6 @@ gives its rotation and position,
 is the number of unknowns, of six, that images know better than telemetry does: 0 without ties, 3
 with one, 5 with ties on a line. A stop with a single tie is placed by nothing that could tell a
 wrong tie from a right one; that tie is set aside, and telemetry holds the stop.
-
-What a diagnosis found, written where it will be read: at each stop, and in the report.
 """
 
 from __future__ import annotations

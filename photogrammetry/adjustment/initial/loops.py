@@ -1,22 +1,18 @@
-"""Where a traverse meets ground that it saw long ago: the loops of the graph of stops.
-
-The edges of `pose_graph` are found from tie points: stops that follow each other keep the motion
-that the alignment gave them, with the information of the ties that fit it; two stops further apart
-get the rigid motion of their ties, found without any initial value. So few ties that nothing checks
-them make no loop; they are set aside and come back when they fit the adjusted network.
-
-Loops are closed in a graph of stops before images are looked at.
+"""Loop closure: where a traverse meets ground that it saw long ago, before images are looked at.
 
 Stop by stop along a traverse errors add up; where it meets earlier ground again it may be off by
-tens of metres and degrees, and image rays there do not meet at all. The graph has a node for every
-stop and an edge for every two that see the same ground: a rigid motion (R, t), stop b as stop a has
-it, with its information N from the tie points,
+tens of metres and degrees, and image rays there do not meet at all. The pose graph has a node for
+every stop and an edge for every two that see the same ground: a rigid motion (R, t), stop b as stop
+a has it, with its information N from the tie points,
 
     r = (Log(R_a'R_b R'), R_a'(c_b - c_a) - t)             minimise sum_edges r'N r + telemetry
 
-Stops that follow each other are laid onto each other already (`initialise`); their edge is what
-they have, so that only the loops pull. A loop that contradicts the others is weighed down by the
-truncated least-squares loss of `alignment`, r'N r in place of the squared misfit of a tie.
+Stops that follow each other keep the motion that the alignment gave them (`values`), with the
+information of the ties that fit it, so that only the loops pull. Two stops further apart get the
+rigid motion of their ties, found without any initial value; ties so few that nothing checks them
+make no loop, are set aside, and come back when they fit the adjusted network. A loop that
+contradicts the others is weighted down by the truncated least-squares loss of `alignment`, with
+r'N r in place of the squared misfit of a tie.
 """
 
 from __future__ import annotations
@@ -186,7 +182,7 @@ def relax(
     for _ in range(ROUNDS):
         state = _solve(state, telemetry, held, edges, root * np.sqrt(weights)[:, None, None])
         r = np.linalg.norm((root @ edges.misfit(state)[:, :, None])[:, :, 0], axis=1)[loops]
-        loss = loss.sharpened(r, GATE)
+        loss = loss.sharpen(r, GATE)
         weights[loops] = loss.weights
         if loss.is_settled:
             break

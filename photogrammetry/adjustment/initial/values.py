@@ -1,29 +1,29 @@
-"""Initial values: stop by stop, a rigid alignment on what earlier stops have seen.
+"""Initial values of stops and points.
 
-Telemetry may be metres and degrees off; image rays from there do not meet. But the points that
-two stops triangulated from the same features differ by one rigid motion (paper, section 3.2), so
-each stop in turn is laid onto the earlier ones: minimise over its pose (R, c)
+**Stops.** Telemetry may be metres and degrees off; image rays from there do not meet. But the
+points that two stops triangulated from the same features differ by one rigid motion (Di et al.
+2008, section 3.2), so each stop in turn is aligned with the earlier ones: minimise over its pose
+(R, c)
 
     sum_i w_i e_i' S_i^-1 e_i + telemetry (tilt, azimuth, increment)     e_i = X_i - (R Y_i + c)
 
 with X_i the place that an earlier stop gives the point (LSL), Y_i the place in the rover frame of
 the new stop, and S_i the sum of their covariances: image coordinates, range (which dominates),
-and the mast pointing of both, wrong ties weighed down as in `alignment`. A stop without cross-site
-ties is carried along by its telemetry increment. Only stops up to `REACH` back count as long as
-there are ties with them: what the traverse comes back to later is off by all the drift since, and
-closes a loop in the graph of stops (`loops`).
+and the mast pointing of both, wrong ties weighted down as in `alignment`. A stop without cross-site
+ties follows its telemetry increment. Only stops up to `REACH` back count as long as there are ties
+with them: what the traverse comes back to later is off by all the drift since, and closes a loop
+(`loops`).
 
-First places of points that only single images see: where their rays pass nearest each other.
-
-An observation without parallax is a ray, origin o and unit direction u in the LSL. The point X of
-two or more rays minimises the sum of its squared distances from them,
+**Points that only single images see.** An observation without parallax is a ray, origin o and unit
+direction u in the LSL. The point X of two or more rays minimises the sum of its squared distances
+from them,
 
     sum_i (I - u_i u_i') (X - o_i) = 0
 
 The images of a panorama stand centimetres apart, so pointing errors of 0.1 degrees make the rays of
-far points diverge. What would lie behind the cameras or further than `FURTHEST_BASES` times the
-distance between them is put there along the mean direction; points are adjusted by their inverse
-depth, so the adjustment finds the way from there.
+far points diverge. A point that would lie behind the cameras or further than `FURTHEST_BASES` times
+the distance between them is put there along the mean direction; points are adjusted by their
+inverse depth, so the adjustment finds the way from there.
 """
 
 from __future__ import annotations
@@ -142,7 +142,7 @@ def _align(
     for _ in range(ROUNDS):
         state = _align_step(state, link, k, misfit, loss.weights)
         misfit = ties.misfit(state.rotations[k], state.centres[k])
-        loss = loss.sharpened(misfit.standardised, gate)
+        loss = loss.sharpen(misfit.standardised, gate)
         if loss.is_settled:
             break
     aligned = _align_step(state, link, k, misfit, loss.weights)

@@ -1,4 +1,4 @@
-"""What enters an adjustment, and what comes out of it."""
+"""What leaves an adjustment: poses, points, control, the report, the memory of earlier stops."""
 
 from __future__ import annotations
 

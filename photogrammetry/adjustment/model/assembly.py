@@ -1,12 +1,12 @@
-"""A network cut by its stops, and put together again.
+"""A network is cut by its stops, and put together again.
 
-A step along the traverse touches the last stops and leaves the others as they are, so what is
-carried on from step to step is a part of the network, and the whole is put together from what each
-stop was like when it was last touched. Tie points are numbered anew in every part, so rows of two
+A step along the traverse estimates the last stops and leaves the others as they are. What is handed
+from step to step is therefore a part of the network, and the whole is put together from every stop
+as the last step that estimated it left it. Tie points are numbered anew in every part: rows of two
 parts are one observation where the same place was measured in the same pair, and points that share
-an observation are one point. An observation counts as the last part judged it; a point stays where
-the part placed it that saw it from most places, though a later one may still see it from one of its
-stops (as in `merge_ties`).
+an observation are one point. An observation has the status that the last part gave it. A point
+stays where the part placed it that saw it from most places, though a later part may still see it
+from one of its stops.
 """
 
 from __future__ import annotations

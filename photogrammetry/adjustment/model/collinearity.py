@@ -1,11 +1,9 @@
-"""What is observed in a network and where its unknowns stand, as arrays.
-
-Collinearity of stereo observations, and its partial derivatives.
+"""The observations and unknowns of a network as arrays, and collinearity with its derivatives.
 
 A stop has rotation R and centre c in the LSL (of the rover frame). Pair j of that stop is a rigid
 body: the label gives rover_from_pair = (R_j, t_j), the mast turns it by a small unknown rotation
 m_j about the mast head v_j. (The lever is short, 0.1 degrees move a camera by 0.3 mm; but hundreds
-of near ties feel that, and with another pivot they would tilt a whole panorama by 0.06 degrees.)
+of near ties show it, and with another pivot they would tilt a whole panorama by 0.06 degrees.)
 A point X of the LSL is
 
     g = R' (X - c)                            in the rover frame
@@ -16,16 +14,16 @@ and is seen at (x, y) in the left image with parallax p,
 
     x = c_x + f y_1/y_3       y = c_y + f y_2/y_3       p = f B / y_3
 
-so that both cameras hang on one fixed bar by construction. Corrections are d (rotation of the stop,
-R <- Exp(d) R, a vector in the LSL), dc, dm and dX. With B_j = R_j' Exp(m_j)', F_j = B_j R' and the
-lever q_j = R_j' (t_j - v_j) from the mast head to the pair, in the pair's frame,
+so that both cameras are one rigid stereo rig by construction. Corrections are d (rotation of the
+stop, R <- Exp(d) R, a vector in the LSL), dc, dm and dX. With B_j = R_j' Exp(m_j)', F_j = B_j R'
+and the lever q_j = R_j' (t_j - v_j) from the mast head to the pair, in the pair's frame,
 
     dy = F_j [X - c] d - F_j dc + [y + q_j] B_j J(m_j) dm + F_j dX
 
 Rotation and *centre* are corrected, not rotation and translation of the inverse motion: a turn of a
 stop then leaves its place alone, and Gauss-Newton needs few steps on long open traverses.
 
-Arrays are kept component by component, observations along their last axis (see `componentwise`).
+Arrays are kept component by component, observations along their last axis (see `small_matrices`).
 """
 
 from __future__ import annotations
@@ -172,7 +170,7 @@ class Sights:
             np.take(self.weight, rows, axis=1),
         )
 
-    def counting(self, counts: Bool[np.ndarray, " m"]) -> Sights:
+    def mask(self, counts: Bool[np.ndarray, " m"]) -> Sights:
         """The same with no weight where they do not count."""
         return replace(self, weight=self.weight * counts)
 

@@ -87,7 +87,7 @@ class Control:
         """Observations that count, those of frames too, without the unknowns of frames."""
         return int(self.is_given[self.used].sum())
 
-    def using(self, used: np.ndarray) -> Control:
+    def with_used(self, used: np.ndarray) -> Control:
         """With other control set aside."""
         return replace(self, used=used)
 
@@ -104,7 +104,7 @@ class Control:
         l[:, 3] = np.arctan2(np.sin(off), np.cos(off))
         return np.where(self.is_given, l, 0.0)
 
-    def whitened(self, state: State) -> Float64[np.ndarray, "n 4"]:
+    def whitened_misclosures(self, state: State) -> Float64[np.ndarray, "n 4"]:
         """The same in standard deviations."""
         return (self.whiten @ self.misclosures(state)[:, :, None])[:, :, 0]
 
@@ -130,10 +130,10 @@ class Control:
         """What is known of the frames beforehand, minus their places, in standard deviations."""
         return (self.prior @ (self.likely - state.frames)[:, :, None])[:, :, 0]
 
-    def fitted(self, state: State) -> Float64[np.ndarray, "frames 5"]:
+    def fit_frames(self, state: State) -> Float64[np.ndarray, "frames 5"]:
         """Places of the frames that suit the stops where they are best."""
         start = replace(state, frames=self.likely)
-        l = self.whitened(start) * self.used[:, None]
+        l = self.whitened_misclosures(start) * self.used[:, None]
         _, A = self.partials(start)
         N, n = self.prior.mT @ self.prior, np.zeros_like(self.likely)
         np.add.at(N, self.frame, A.mT @ A * self.used[:, None, None])

@@ -1,9 +1,12 @@
-"""Control: where stops lie in maps that the rover did not make, orbital images as a rule.
+"""What enters an adjustment: stops, stereo pairs, tie points, and control.
 
-An orbital image is rigid and sharp, but as a whole it may lie metres off and be turned by some
-tenths of a degree. What it tells is therefore where stops lie *in it*; its own place on the map, a
-shift, a turn and a change of scale, is an unknown of the network with a standard deviation of its
-own (`ControlFrame`). A frame whose place is certain is the map itself: see `datum`.
+Telemetry says where stops stood (`StopPrior`), the cameras' calibration what a pair is
+(`PairGeometry`). Control says where stops lie in maps that the rover did not make, orbital images
+as a rule. Such an image is rigid and sharp, but as a whole it may be shifted by metres and turned
+by tenths of a degree. Its observations are therefore places of stops *in the image*; its own place
+on the map, a shift, a turn and a change of scale, is an unknown of the network with a standard
+deviation of its own (`ControlFrame`). A frame whose place is certain is the map itself: see
+`datum`.
 """
 
 from __future__ import annotations
@@ -141,7 +144,7 @@ class StopPrior:
     """Where telemetry says the rover stood.
 
     What telemetry knows is the step from the stop before, the tilt, and, where the label says that
-    the attitude was measured (FINE), the azimuth; see `priors`.
+    the attitude was measured (FINE), the azimuth; see `telemetry`.
     """
 
     stop: StopId

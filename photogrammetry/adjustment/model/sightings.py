@@ -1,4 +1,4 @@
-"""What single observations see: a point by its own parallax, with its covariance.
+"""Points as single stereo observations place them, and how well these places agree.
 
 In the frame of its pair a sighting stays the same however stops and masts move. With the place r by
 the coordinates of the image and the range by the parallax, e along the axis of the pair, and the
@@ -7,14 +7,13 @@ pointing (radians), its covariance is
 
     S = s_a^2 r r' + s_c^2 (I - e e') + t^2 (|r|^2 I - r r')
 
-How well the same feature agrees when seen from different places (Di et al. 2008, section 3.3).
-
-Without ground control the quality of an adjustment shows in two numbers. In the ground: the
-distance between the places that two pairs give the same point, each by its own parallax. In the
-image: the distance between where a pair measured a point and where its place, the weighted mean
-of what all pairs say, projects to. Both are means of absolute values: 3-D over every two
-observations of a point in different pairs, 2-D over all observations of such points; cross-site
-where the point is seen from more than one stop (3-D: from these two), inter-stereo otherwise.
+Without ground control the quality of an adjustment shows in two numbers (Di et al. 2008, section
+3.3; `consistency`). In the ground: the distance between the places that two pairs give the same
+point, each by its own parallax. In the image: the distance between where a pair measured a point
+and where its place, the weighted mean of what all pairs give, projects to. Both are means of
+absolute values: 3-D over every two observations of a point in different pairs, 2-D over all
+observations of such points; cross-site where the point is seen from more than one stop (3-D: from
+these two), inter-stereo otherwise.
 """
 
 from __future__ import annotations
@@ -159,8 +158,8 @@ class Overview:
     def places_in_rover(self, rows: np.ndarray) -> Float64[np.ndarray, "m 3"]:
         """Places of some sightings in the frames of their rovers."""
         pair, points = self.observations.pair[rows], self.seen.points[:, rows].T
-        transform = (self.rover_from_pair[pair] @ points[:, :, None])[:, :, 0]
-        return self.origins_in_rover[pair] + transform
+        from_pair = (self.rover_from_pair[pair] @ points[:, :, None])[:, :, 0]
+        return self.origins_in_rover[pair] + from_pair
 
     def in_rover(self, rows: np.ndarray) -> tuple[Float64[np.ndarray, "m 3"], Covariances3]:
         """The same with their covariances."""

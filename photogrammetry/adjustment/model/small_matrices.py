@@ -1,13 +1,13 @@
-"""Small rotations, many at a time.
+"""Rotations and products of many small matrices at once.
 
 For a rotation vector m of length t, with [m] the matrix of the cross product,
 
     Exp(m)  = I + sin t / t [m] + (1 - cos t) / t^2 [m]^2                        (Rodrigues)
     Exp(m + dm) = Exp(J dm) Exp(m),   J = I + (1 - cos t)/t^2 [m] + (t - sin t)/t^3 [m]^2
 
-Many small matrices and vectors, component by component: (3, 3, m) and (3, m).
-
-With the many along the last axis numpy multiplies them several times faster than one by one.
+Functions of rotation vectors take arrays (..., 3). `Matrices` (3, 3, m) and `Vectors` (3, m) are
+kept component by component: with the many along the last axis numpy multiplies them several times
+faster than one by one.
 """
 
 from __future__ import annotations

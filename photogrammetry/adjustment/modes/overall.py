@@ -1,8 +1,8 @@
 """The adjustment of an image network.
 
-Stop by stop the network is first brought together (`initialise`), then adjusted as a whole in the
+Stop by stop the network is first aligned (`initialise`), then adjusted as a whole in the
 two steps of `estimate`, each repeated until data snooping finds no further blunder. What telemetry
-knows is weighted in (`priors`), so nothing is ever undetermined but the datum: at least one stop
+knows is weighted in (`telemetry`), so nothing is ever undetermined but the datum: at least one stop
 is held.
 
 The datum are the stops that are held, what a sequential adjustment has inherited, or, with control,
@@ -163,7 +163,7 @@ def _control(network: Network, start: AdjustedNetwork | None) -> Control | None:
     if not network.frames:
         return None
     control = Control.of(network)
-    return control.using(was_used(network.control, start.control)) if start else control
+    return control.with_used(was_used(network.control, start.control)) if start else control
 
 
 def _frame_places(
@@ -173,7 +173,7 @@ def _frame_places(
     known = {frame.frame.name for frame in start.frames} if start else set()
     is_known = np.array([frame.name in known for frame in network.frames], dtype=bool)
     before = frame_places(start.frames if start else (), network)
-    return np.where(is_known[:, None], before, control.fitted(state))
+    return np.where(is_known[:, None], before, control.fit_frames(state))
 
 
 def telemetry_network(network: Network, params: AdjustmentParams) -> AdjustedNetwork:

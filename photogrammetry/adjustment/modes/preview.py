@@ -1,9 +1,9 @@
-"""What hand ties would do to two stops, before anything is saved.
+"""What manual tie points would do to two stops, before anything is saved.
 
 The network of both stops alone is adjusted twice with the first one held where it is: with the ties
-there are (`adjust_without_manual_ties`), and from there with what a person wants added and dropped. The
-difference is what the hand ties do. Other stops have no say, so the next adjustment of the whole
-network moves less. Points that one pair alone sees say nothing of poses and stay out.
+there are (`adjust_without_manual_ties`), and from there with what a person wants added and dropped.
+The difference is the effect of the manual ties. Other stops are left out, so the next adjustment of
+the whole network moves less. Points that one pair alone sees say nothing of poses and stay out.
 """
 
 from __future__ import annotations

@@ -1,14 +1,14 @@
 """The sequential adjustment: a window along the traverse, and all that came before it exactly.
 
 At every step the stops of the window and the new ones are estimated anew, from their own
-observations and from the marginal that the observations of earlier stops have left (`marginal`);
-then the oldest stops leave (`marginalise`). As long as ties reach back no further than the window, this
-is the simultaneous solution of everything so far, and costs the same at every step. It differs from
-it only by what is frozen when a stop is marginalised: its linearisation, which of its observations
-are blunders, and where it stands: only an overall adjustment moves it again.
+observations and from the marginal of the observations of earlier stops (`marginal`); then the
+oldest stops are marginalised. As long as ties reach back no further than the window, this is the
+simultaneous solution of everything so far, and costs the same at every step. It differs from it
+only by what is frozen when a stop is marginalised: its linearisation, which of its observations are
+blunders, and its pose, which only an overall adjustment moves again.
 
-New ties to stops that have left (loop closures, revisits) re-open the whole traverse: it is
-adjusted overall, from where it stands, and leaves again as far as its loops allow.
+New ties to stops that have left the window (loop closures, revisits) re-open the whole traverse: it
+is adjusted overall, from where it stands, and marginalised again as far as its loops allow.
 """
 
 from __future__ import annotations
@@ -152,7 +152,7 @@ def _marginalise_oldest(
     if not outcome.solution.converged:
         return adjusted  # what is marginalised is never looked at again
     grounded = np.array([stop.is_tied for stop in adjusted.stops], dtype=bool)
-    solved = SolvedNetwork.where_solved(outcome, grounded)
+    solved = SolvedNetwork.of_outcome(outcome, grounded)
     marginal = solved.inherited
     number = 0
     while len(network.stops) - number > params.window_stops:
@@ -160,7 +160,7 @@ def _marginalise_oldest(
         if len(leaves.stops) > params.window_stops:
             break  # so many stops hang on this one that marginalising it would save nothing
         marginal = marginalise(solved, leaves)
-        solved = solved.without(number, marginal)
+        solved = solved.without_stop(number, marginal)
         number += 1
     if marginal is None:
         return adjusted

@@ -11,13 +11,10 @@ the step over free (f) and held (h) unknowns, an error e_h moves the estimate by
     S = -N_ff^-1 N_fh              C_f = N_ff^-1 + S C_hh S'
 
 (consider covariance, Schmidt 1966). Of the held stops only the covariance of each by itself is
-known; between two of them, the later one is taken to carry the error of the earlier one rigidly.
-
-Control frames in the stepwise adjustment, where earlier stops are held.
-
-A frame was placed by control of stops that are held now, so it shares their errors: of what it is
-off, the part that moves rigidly with the stop held last is taken over with that stop's error, and
-the rest is what the step may correct.
+known; between two of them, the later one is taken to have the error of the earlier one rigidly. A
+control frame was placed by control of stops that are held now, so it shares their errors: of its
+error the part that moves rigidly with the stop held last is taken over with that stop's, and the
+rest is what the step may correct.
 """
 
 from __future__ import annotations

@@ -1,17 +1,13 @@
 """How good an adjusted network is, in figures (Di et al. 2008, sections 3.3 and 5).
 
-Consistency in image and object space is measured by `consistency` while the network is adjusted.
-What is added here: internal precision (standard deviations of cameras and tie points from the
-covariance matrix), residuals by camera and by place in the image, redundancy, the observations
-that were set aside, the error ellipse of every stop, and the places where the network is weak.
-
-Residuals by camera and by place in its image.
+Consistency in image and object space is measured while the network is adjusted (`consistency`).
+Added here: internal precision (standard deviations of cameras and tie points from the covariance
+matrix), residuals by camera and by place in the image, redundancy, the observations that were set
+aside, the error ellipse of every stop, how well control agrees, and where the network is weak.
 
 A residual is measured minus computed. Were a camera's model wrong, the mean residual in a cell of
 its image would stay, while that of n residuals that chance makes, each of standard deviation s, has
 the standard deviation s / sqrt(n); so the grid of means shows what the sum of squares hides.
-
-How well control agrees with the adjusted network, for the quality report.
 """
 
 from __future__ import annotations

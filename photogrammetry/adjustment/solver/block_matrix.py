@@ -1,14 +1,9 @@
-"""Which blocks a sparse symmetric matrix and its factor have, one block a stop.
-
-The order of elimination is that of least degree on the graph of stops; eliminating one makes its
-neighbours neighbours of one another.
-
-Sparse symmetric systems of blocks, one block a stop: factor, solve, invert where needed.
+"""Sparse symmetric systems of blocks, one block a stop: factorise, solve, invert where needed.
 
 The reduced normal matrix N of a traverse couples a stop only to those it shares ties (or a
-telemetry increment) with, so N is a sparse matrix of dense blocks N_st of some 40 x 40.
-Eliminating the stops in an order of least fill (minimum degree on the graph of stops) gives N = L
-L' block by block,
+telemetry increment) with, so N is a sparse matrix of dense blocks N_st of some 40 x 40
+(`BlockPattern`). Stops are eliminated in the order of least degree on the graph of stops;
+eliminating one makes its neighbours neighbours of one another. This gives N = L L' block by block,
 
     L_ss L_ss' = N_ss,    L_Ts = N_Ts L_ss'^-1,    N_TU <- N_TU - L_Ts L_Us'     T, U: later ones
 

@@ -1,32 +1,27 @@
-"""How large the test of an observation may be before it counts as a blunder.
+"""Data snooping: which observations cannot be what they claim (Baarda 1968).
 
-T (see `residuals`) is held against s times a gate, s = max(1, robust spread 1.48 median |w| of its
-kind, cross-site or not): where matching or a bent bar promised more than it held, every residual is
-large, and that is a finding for sigma0 rather than a thousand blunders.
+**Tie points.** An observation is suspected where its test T (see `residuals`) exceeds its gate, and
+comes back where what the others give of its point predicts it after all. The gate is multiplied by
+s = max(1, robust spread 1.48 median |w| of its kind, cross-site or not): where matching or a bent
+stereo rig promised more than it held, every residual is large, and that is a finding for sigma0
+rather than a thousand blunders.
 
-The gate depends on how many blunders there are (Benjamini and Hochberg 1995): it lets good
-observations go with probability alpha (`critical_value`), or, among ties of a kind of which a share
+The gate depends on how many blunders there are (Benjamini and Hochberg 1995): it rejects good
+observations with probability alpha (`critical_value`), or, among ties of a kind of which a share
 of k/n is wrong, with q k/n, so that at most a share q of what is set aside is good. A few blunders
 thus cost a mission no ties, and among many the small ones do not hide. That presumes that the
 others are as good as stated: where s is above one the gate stays with alpha.
 
-Data snooping: which observations cannot be what they claim (Baarda 1968).
-
-An observation is suspected where its test exceeds its gate (see `residuals` and `gates`), and comes
-back where what the others give of its point predicts it after all.
-
-Which control cannot be true: data snooping of places in control frames.
-
-With the whitened misclosure l of a stop's control at the solution, its derivatives A, the cofactors
-Z of all unknowns and the weight w that it had (1; 0 if set aside; less than 1 under a robust loss),
-what all other observations predict of it is tested as a whole,
+**Control.** With the whitened misclosure l of a stop's control at the solution, its derivatives A,
+the cofactors Z of all unknowns and the weight w that it had (1; 0 if set aside; less than 1 under a
+robust loss), the control is tested as a whole against what all other observations predict of it,
 
     T^2 = l' [(I + (1 - w) A Z A') (I - w A Z A')]^-1 l             chi distributed
 
-which is v' Q_vv^-1 v for w = 1. Of a frame only the worst is taken out a round, for a wrong place
-bends what is near it; those that fit after all come back. Where one of two places that contradict
-each other was taken out and nothing else checks the other, nothing tells which of them is wrong: it
-goes too.
+which is v' Q_vv^-1 v for w = 1. Of a frame only the worst is set aside in a round, for a wrong
+place bends what is near it; those that fit after all come back. Where one of two places that
+contradict each other was set aside and nothing else checks the other, nothing tells which of them
+is wrong: both are set aside.
 """
 
 from __future__ import annotations
@@ -236,7 +231,7 @@ class ControlTests:
 
 def control_stands_out(control: Control, state: State, params: AdjustmentParams) -> bool:
     """Whether some control is so far off that others could hide behind it, or is set aside."""
-    far = np.linalg.norm(control.whitened(state), axis=1) > params.critical_value
+    far = np.linalg.norm(control.whitened_misclosures(state), axis=1) > params.critical_value
     return bool((far | ~control.used).any())
 
 
@@ -252,7 +247,7 @@ def control_tests(
     if control is None or places is None or not len(control.stop):
         none = np.zeros(0)
         return ControlTests(none, none, none)
-    l, (of_stop, of_frame) = control.whitened(state), control.partials(state)
+    l, (of_stop, of_frame) = control.whitened_misclosures(state), control.partials(state)
     A = np.concatenate([of_frame, of_stop], axis=2)
     predicted = A @ inverse[places] @ A.mT
     weight = control_weights(control, l, threshold)

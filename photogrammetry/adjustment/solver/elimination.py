@@ -10,8 +10,8 @@ With A_t = Q R, Q of three orthonormal columns, and P = I - Q Q',
 This equals the classical reduction N_oo - N_ot N_tt^-1 N_to, but does not square the condition of
 A_t, which is bad for far points (Demmel et al. 2021; two per cent of the last sigma after 500
 stops). Q comes from Gram and Schmidt's process, each column orthogonalised twice (Kahan's "twice is
-enough"), for all points of a group at once. A direction in which the images do not determine
-the point is left alone. A point seen by one pair alone has as many unknowns as observations and says
+enough"), for all points of a group at once. A direction in which the images do not determine the
+point is left alone. A point seen by one pair alone has as many unknowns as observations and says
 nothing about orientations: it is left out and placed afterwards.
 
 For tests of the residuals v, with the cofactor matrix Z of x_o,
@@ -105,7 +105,7 @@ class EliminatedTies:
         return np.all(self.triangle[range(3), range(3)] > 0, axis=0)
 
     @property
-    def back(self) -> np.ndarray:
+    def inverse_triangle(self) -> np.ndarray:
         """(3, 3, n) R^-1; zero along what the images do not determine."""
         unit = np.broadcast_to(np.eye(3)[:, :, None], self.triangle.shape)
         return _back_substitute(self.triangle, unit)

@@ -82,7 +82,7 @@ class Start:
         if self.control is None or not len(numbers):
             return self
         return replace(
-            self, control=self.control.using(_with_rows(self.control.used, numbers, to=used))
+            self, control=self.control.with_used(_with_rows(self.control.used, numbers, to=used))
         )
 
 

@@ -7,15 +7,11 @@ Minimised is the sum of the squared weighted residuals of image coordinates and 
 where rho(t) = t^2, or in the robust phase Huber's: t^2 up to k, 2 k t - k^2 beyond, solved by
 iterative reweighting. Steps are not damped: Marquardt's damping holds back the long bending modes
 of an open traverse, which are soft but well determined; a step that raises the cost is halved
-instead. The step is converged when x' N x, its squared length in its own standard deviations, is
-negligible, or when the next is foretold to be negligible, as much shorter than the last as that was
-than the one before. The robust phase is over as soon as nothing stands out that
-others could hide behind. What residuals and covariances need is kept from the last linearisation if
-the step from there was short; residuals are those where it led.
-
-Corrections are applied along arcs, and to the inverse depth of points: see `moves`.
-
-How a state moves by a linear correction: along arcs.
+instead. The iteration has converged when x' N x, the squared length of the step in its own standard
+deviations, is negligible, or when the next step is predicted to be negligible, as much shorter than
+the last as that was than the one before. The robust phase ends as soon as no residual is so large
+that others could hide behind it. What residuals and covariances need is kept from the last
+linearisation if the step from there was short; residuals are those at its end.
 
 A correction turns whole stretches of an open traverse by degrees, and a point 20 m from a stop that
 turns by t travels an arc that leaves its tangent by 20 t^2 / 2: many pixels. Corrections are
@@ -124,7 +120,7 @@ def solve(
         foretold = not shortened and _is_foretold(length2, before, tolerance, robust=robust)
         if length2 < tolerance or foretold:
             same = length2 < max(SAME * tolerance, SAME_SHARE * before)
-            kept = now.seen_from(at) if same and not robust else None
+            kept = now.with_misclosures_at(at) if same and not robust else None
             return Solution(at.state, cost, converged=True, iterations=iteration, at=at, now=kept)
         if robust and not (to_the_end or shortened or _stands_out(at, params)):
             return Solution(at.state, cost, converged=True, iterations=iteration, at=at)
@@ -159,7 +155,7 @@ def _step(
     """The place after the longest of the halved steps that does not raise the cost."""
     slack = 1e-12 * (1.0 + abs(cost))
     for halvings in range(params.max_halvings + 1):
-        part = whole.shortened(0.5**halvings) if halvings else whole
+        part = whole.scale(0.5**halvings) if halvings else whole
         trial = LinearisationPoint.of(problem, move(problem, at, part))
         trial_cost = cost_of(problem, trial, threshold)
         if trial_cost <= cost + slack:
@@ -199,7 +195,7 @@ class Correction:
         points += cross(of_base[:3], arm)
         return cls(turn_shift, pointing, points, frames)
 
-    def shortened(self, part: float) -> Correction:
+    def scale(self, part: float) -> Correction:
         """A part of it."""
         return Correction(
             part * self.turn_shift, part * self.pointing, part * self.points, part * self.frames

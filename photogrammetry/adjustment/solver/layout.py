@@ -1,6 +1,4 @@
-"""Where every unknown of the normal equations lies.
-
-Which tie points are seen alike, and where their normal equations go.
+"""Where every unknown lies in the normal equations, and which tie points share their columns.
 
 Images tell how stops lie to each other and nothing of where all of them lie: a common motion of the
 stops that see a tie point, the point moving along, changes no image coordinate. The observations of
@@ -8,19 +6,21 @@ a point are therefore written in the motions of its stops relative to the first 
 
     x_s = (d_s, dc_s)         rotation vector and shift of stop s, in the LSL
     r_s = x_s - M_sb x_b      M_sb = | I               0 |      what a turn of b does to s,
-                                     | -[c_s - c_b]    I |      carried rigidly
+                                     | -[c_s - c_b]    I |      moved rigidly
 
-so that a point seen from one stop alone feels mast pointings and no pose: of its normal equations
-those of all points that the same pairs see (a signature) are added up before they go to their
-places. A point that several stops see feels the poses of all of them, that of the base by
+so that a point seen from one stop alone depends on mast pointings and on no pose: of its normal
+equations those of all points that the same pairs see (a signature) are added up before they go to
+their places. A point that several stops see depends on the poses of all of them, on that of the
+base by
 
     A_b = -sum_s A_s M_sb,        in every row - a' [X - c_b], a', with a' the derivative by X
 
-Only the lower triangle of the normal matrix is computed.
+The columns on which the observations of a group of points depend are its active columns. Only the
+lower triangle of the normal matrix is computed.
 
 A group costs some time however few its points are, so a handful of points joins a group of points
 that are seen more often: their observations are repeated until they are as many, and repetitions
-carry no weight.
+have no weight.
 """
 
 from __future__ import annotations
@@ -229,7 +229,8 @@ class TieGroup:
     def active(self) -> int:
         """How many leading absolute columns are active: its normal equations depend on them.
 
-        Points seen from one stop depend on no pose."""
+        Points seen from one stop depend on no pose.
+        """
         return self.relative + (STOP_UNKNOWNS if self.slots[-1] else 0)
 
     @property

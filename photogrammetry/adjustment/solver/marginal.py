@@ -64,11 +64,11 @@ class Chart:
     pointings: Float64[np.ndarray, "pairs 3"]
     frames: Int32[np.ndarray, " frames"] = field(default_factory=lambda: np.zeros(0, np.int32))
     frame_places: Float64[np.ndarray, "frames 5"] = field(default_factory=lambda: np.zeros((0, 5)))
-    then: tuple[np.ndarray, np.ndarray] = field(init=False)
+    reference: tuple[np.ndarray, np.ndarray] = field(init=False)
     """Rotations and places as the anchor saw them at that time: see `_from_anchor`."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "then", _from_anchor(self.rotations, self.centres))
+        object.__setattr__(self, "reference", _from_anchor(self.rotations, self.centres))
 
     @classmethod
     def at(
@@ -95,10 +95,10 @@ class Chart:
     def coordinates(self, state: State) -> Float64[np.ndarray, " n"]:
         """Z of a state."""
         turn, place = _from_anchor(state.rotations[self.stops], state.centres[self.stops])
-        turn_then, place_then = self.then
+        reference_turn, reference_place = self.reference
         z = np.empty((len(self.stops), STOP_UNKNOWNS))
-        z[:, :3] = _vectors(turn @ turn_then.mT)
-        np.subtract(place, place_then, out=z[:, 3:])
+        z[:, :3] = _vectors(turn @ reference_turn.mT)
+        np.subtract(place, reference_place, out=z[:, 3:])
         turned = state.pointings[self.pairs] - self.pointings
         shifted = state.frames[self.frames] - self.frame_places
         return np.concatenate([z.ravel(), turned.ravel(), shifted.ravel()])

@@ -1,17 +1,14 @@
-"""A network at the state to which it was adjusted, ready to be linearised there.
+"""A stop is marginalised: what its observations say of the stops that stay is kept exactly.
 
-A stop leaves the adjustment: its conditional, and the marginal of those that stay.
+All observations that depend on the stop are linearised where the adjustment ended and triangulated
+(see `marginal`): all tie points that it saw, with all their observations and freed of the points as
+the adjustment did last (`elimination`); its tilt and azimuth, the step to the next stop, its mast
+pointing; and the marginal that it had inherited itself. Of a tie point that it saw, no later
+observation can be used any more.
 
-Everything that touches the stop is linearised where the adjustment ended and triangulated (see
-`marginal`): all tie points that it saw, with all their observations and freed of the points as the
-adjustment did last (`elimination`); its tilt and azimuth, the step to the next stop, its mast
-pointing; and what it had inherited itself. Of a tie point that it saw, no later observation can be
-used any more.
-
-The whitened observation equations that touch a stop, in the columns of a chart.
-
-A x = l for corrections in the LSL, one row an observation, l in the last column. Where a stop is
-held its columns fall onto the last one too and are overwritten there.
+The Jacobian rows are whitened, A x = l for corrections in the LSL in the columns of a chart, one
+row an observation, with l in the last column. The columns of a stop that is held are the last one
+too, and are overwritten there.
 """
 
 from __future__ import annotations
@@ -90,7 +87,7 @@ class SolvedNetwork:
         )
 
     @classmethod
-    def where_solved(cls, outcome: Outcome, grounded: Bool[np.ndarray, " stops"]) -> SolvedNetwork:
+    def of_outcome(cls, outcome: Outcome, grounded: Bool[np.ndarray, " stops"]) -> SolvedNetwork:
         """The network where an adjustment ended."""
         problem = outcome.problem
         return cls(
@@ -105,7 +102,7 @@ class SolvedNetwork:
             outcome.ties,
         )
 
-    def without(self, k: int, inherited: Marginal) -> SolvedNetwork:
+    def without_stop(self, k: int, inherited: Marginal) -> SolvedNetwork:
         """The network after stop k has left, and every tie point that it saw."""
         seen = np.zeros(self.observations.points, dtype=bool)
         seen[self.observations.point[self.observations.stop == k]] = True
@@ -118,7 +115,7 @@ def _control(adjusted: AdjustedNetwork, network: Network) -> Control | None:
     if not network.frames:
         return None
     control = Control.of(network)
-    return control.using(was_used(network.control, adjusted.control))
+    return control.with_used(was_used(network.control, adjusted.control))
 
 
 def _others(count: int, some: np.ndarray) -> np.ndarray:
@@ -260,7 +257,8 @@ def tie_rows(network: SolvedNetwork, rows: np.ndarray, columns: Columns) -> np.n
 def _in_columns(free: np.ndarray, at: np.ndarray, count: int) -> np.ndarray:
     """Rows (n, 3 k, active columns and l) of points whose columns belong `at` others of so many.
 
-    Triangulated where they have so few active columns that this saves products: fewer rows say the same.
+    Triangulated where so few columns are active that this saves products: fewer rows say the
+    same.
     """
     n, rows, _ = free.shape
     active = np.append(distinct(at[at < count]), count)
@@ -318,7 +316,10 @@ def control_rows(network: SolvedNetwork, k: int, columns: Columns) -> np.ndarray
     control = network.control
     if control is None:
         return np.zeros((0, columns.count + 1))
-    l, (of_stop, of_frame) = control.whitened(network.state), control.partials(network.state)
+    l, (of_stop, of_frame) = (
+        control.whitened_misclosures(network.state),
+        control.partials(network.state),
+    )
     mine = np.flatnonzero(control.used & (control.stop == k))
     dense = np.zeros((len(mine), ROWS, columns.count + 1))
     for row, n in enumerate(mine.tolist()):

@@ -87,7 +87,7 @@ def huber_threshold(problem: Problem, at: LinearisationPoint, params: Adjustment
 
 def control_lengths(control: Control, state: State) -> np.ndarray:
     """How far every stop is from where control has it, in standard deviations."""
-    return np.linalg.norm(control.whitened(state), axis=1)
+    return np.linalg.norm(control.whitened_misclosures(state), axis=1)
 
 
 def control_weights(
@@ -209,7 +209,7 @@ def _add_control(
     control, unknowns = problem.control, problem.unknowns
     if control is None or problem.control_places is None or problem.frame_places is None:
         return
-    l, (of_stop, of_frame) = control.whitened(state), control.partials(state)
+    l, (of_stop, of_frame) = control.whitened_misclosures(state), control.partials(state)
     weight = control_weights(control, l, threshold)
     A = np.concatenate([of_frame, of_stop], axis=2) * np.sqrt(weight)[:, None, None]
     l = l * np.sqrt(weight)[:, None]
@@ -243,7 +243,7 @@ class Linearisation:
     right: np.ndarray
     ties: tuple[EliminatedTies, ...]
 
-    def seen_from(self, at: LinearisationPoint) -> Linearisation:
+    def with_misclosures_at(self, at: LinearisationPoint) -> Linearisation:
         """The same with the misclosures of a place near by."""
         ties, end = [], 0
         for tie in self.ties:

@@ -97,7 +97,7 @@ class Problem:
         pattern = BlockPattern.of(unknowns.sizes, cliques)
         places = tuple(pattern.lower(g.stops, g.column_slots, g.local, g.triangle) for g in groups)
         right_places = tuple(
-            unknowns.places(g.blocks[:, : g.felt], g.local[:, : g.felt]) for g in groups
+            unknowns.places(g.blocks[:, : g.active], g.local[:, : g.active]) for g in groups
         )
         ends = np.column_stack([before, np.arange(len(before))])
         local = unknowns.stop_columns[ends].reshape(len(ends), -1)
@@ -111,7 +111,7 @@ class Problem:
         none = np.zeros(0, dtype=np.int64)
         rows = np.concatenate([none, *(g.rows.ravel() for g in groups)])
         counts = np.concatenate([none == 0, *(g.counts.ravel() for g in groups)])
-        sights = observations.sights.at(rows).counting(counts)
+        sights = observations.sights.at(rows).mask(counts)
         first = np.concatenate([none, *(g.rows[0] for g in groups)])
         nearest = np.concatenate([none, *(_nearest(observations, g.rows) for g in groups)])
         return cls(

@@ -117,7 +117,7 @@ def point_covariances(
         group, active = tie.group, tie.group.active
         numbers = problem.observations.point[group.rows[0]]
         base = group.stops[group.signature, 0] if group.is_shared else group.stops[:, 0]
-        arm, back = state.points[numbers] - state.centres[base], tie.back
+        arm, back = state.points[numbers] - state.centres[base], tie.inverse_triangle
         noise = np.einsum("ijn,kjn->nik", back, back)
         noise[~tie.is_determined] = np.nan
         G = np.zeros((group.points, 3, group.local.shape[1]))

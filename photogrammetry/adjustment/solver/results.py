@@ -1,8 +1,7 @@
-"""From the solution's arrays to the records that leave the adjustment.
+"""The records that leave the adjustment, made from the arrays of the solution.
 
-Control and its frames as the adjustment left them.
-
-What holds each stop: ties that lead to the datum, or telemetry from the stop before.
+Poses, points and control with their covariances, the report, and for every stop what holds it: ties
+or control that lead to the datum, or the telemetry increment from the stop before.
 """
 
 from __future__ import annotations
@@ -149,7 +148,8 @@ def _stops(
                 (C + C.T) / 2,
                 bool(held[k]),
                 bool(holding.reached[k]),
-                holding.told(network, k) + ("; what earlier stops said of it" if k in past else ""),
+                holding.describe(network, k)
+                + ("; what earlier stops said of it" if k in past else ""),
             )
         )
     return tuple(stops)
@@ -279,8 +279,10 @@ class Holding:
         for (a, b), count in _couples(point[joins], stop[joins], len(held)).items():
             shared[a][b] = shared[b][a] = count
         placed = _frames_by_stop(control)
-        near = [{*others, *(other for f in placed.get(k, ()) for other in _stops_of_frame(placed, f))}
-                for k, others in enumerate(shared)]  # fmt: skip
+        near = [
+            {*others, *(o for f in placed.get(k, ()) for o in _stops_of_frame(placed, f))}
+            for k, others in enumerate(shared)
+        ]
         reached = np.array(held | known)
         if control:
             free = control.is_free[control.frame]
@@ -293,7 +295,7 @@ class Holding:
                     front.append(other)
         return cls(shared, held, reached, placed)
 
-    def told(self, network: Network, k: int) -> str:
+    def describe(self, network: Network, k: int) -> str:
         """What holds stop k, in words."""
         if self.held[k]:
             return "held as the datum"

@@ -126,7 +126,7 @@ def log_of(R):
 
 
 def telemetry(network, params, state, k):
-    """Tilt, propagated azimuth and increment of a stop (module `priors`), written out again."""
+    """Tilt, propagated azimuth and increment of a stop (module `telemetry`), written out again."""
     R, R_ = (state.stops[i][:3, :3] for i in (k, k - 1))
     T, T_ = (network.stops[i].lsl_from_rover for i in (k, k - 1))
     tilt = (T.rotation @ R[2])[:2] / np.radians(params.tilt_deg)
