@@ -64,9 +64,9 @@ class Machine:
         engine = engine_child(self.store, self.settings.engine_port, has_pages=True)
         self._keep(engine)
         await_engine(engine, self.settings.engine_port)
-        from solmap.flows.service import submission as submitted  # noqa: PLC0415 - after the engine's settings
+        from solmap.flows.service import submission  # noqa: PLC0415 - after the engine's settings
 
-        if dead := submitted.bury_the_dead():
+        if dead := submission.mark_crashed_runs():
             self.say(f"{dead} runs had died with the last `solmap up`; what they made is kept")
         self._child("scheduler", sys.executable, "-m", "solmap.flows.service.deployments")
         self._child("map", sys.executable, "-m", "solmap.flows.cli", "serve", *self._address())
@@ -116,10 +116,10 @@ class Machine:
     def _tend_inbox(self) -> None:
         if self._inbox is None:
             return
-        from solmap.flows.service import submission as submitted  # noqa: PLC0415 - after the engine's settings
+        from solmap.flows.service import submission  # noqa: PLC0415 - after the engine's settings
 
         if self._running is not None:
-            ended = submitted.state_of(self._running)
+            ended = submission.final_state(self._running)
             if ended is None:
                 return
             self.say(f"the inbox was processed: {ended.lower()}")
@@ -128,7 +128,7 @@ class Machine:
             self._running = None
         delivery = self._inbox.poll()
         if delivery is not None:
-            self._running = submitted.submit_inbox(delivery, self.params.settle_s)
+            self._running = submission.submit_inbox(delivery, self.params.settle_s)
             self.say(f"files came: run {self._running.name}, see {self.engine_url}/runs")
 
     def _tend_requests(self) -> None:
@@ -143,10 +143,10 @@ class Machine:
         if now - self._looked_for_stuck_at < _STUCK_S / 5:
             return
         self._looked_for_stuck_at = now
-        from solmap.flows.service import submission as submitted  # noqa: PLC0415 - after the engine's settings
+        from solmap.flows.service import submission  # noqa: PLC0415 - after the engine's settings
 
         scheduler = self._children["scheduler"]
-        if scheduler.is_alive and submitted.is_stuck(_STUCK_S):
+        if scheduler.is_alive and submission.is_stuck(_STUCK_S):
             self.say("runs are late and none is taken: the scheduler is started again")
             scheduler.stop()
             self._children.pop("scheduler")
