@@ -14,7 +14,7 @@ from solmap.photogrammetry.matching.manual.requests import EditAction
 from solmap.photogrammetry.orbital.registration import RegistrationParams
 from solmap.photogrammetry.orbital.search import SearchParams
 from solmap.photogrammetry.terrain.dtm.grid import union
-from solmap.products.catalogue.catalogue import MissionEntry, Outcome
+from solmap.products.catalogue.catalogue import MissionEntry, Outcome, published_networks
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.errors import ProductNotFoundError
 from solmap.products.formats.documents.control import read_control, refused_stops
@@ -37,7 +37,7 @@ from solmap.tasks.mission.orbital import (
     take_orbital,
 )
 from solmap.tasks.mission.publish import publish
-from solmap.tasks.network.orientations import Standing, networks_of, standing_of
+from solmap.tasks.network.orientations import Standing, standing_of
 from solmap.tasks.scopes import stop_of
 
 
@@ -99,9 +99,8 @@ def add_orbital(
 
 def latest_standing(mission: str, workspace: Workspace) -> Standing | None:
     """The latest network of a mission with what its stops are mapped with, if there is one."""
-    networks = networks_of(mission, workspace)
-    last = max(networks, key=lambda ref: ref.scope.name, default=None)
-    return standing_of(last, workspace) if last else None
+    networks = published_networks(mission, workspace.catalogue)
+    return standing_of(networks[-1], workspace) if networks else None
 
 
 def _control_lines(

@@ -14,11 +14,12 @@ from solmap.flows.runtime.runners import on_workers
 from solmap.flows.runtime.sol_report import SolReport
 from solmap.flows.sol import map_what_moved
 from solmap.flows.sol_inputs import gather_all
+from solmap.products.catalogue.catalogue import published_networks
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.errors import ProductNotFoundError
 from solmap.products.store.locks import exclusive_lock
 from solmap.tasks.images.manual_ties import take_edits
-from solmap.tasks.network.orientations import Standing, networks_of, standing_of
+from solmap.tasks.network.orientations import Standing, standing_of
 from solmap.tasks.scopes import is_overall, sol_of
 
 
@@ -60,12 +61,14 @@ def readjust(mission: str, store: Path, pipeline: str = "default") -> SolReport:
 
 
 def _readjust(mission: str, workspace: Workspace, pipeline: str) -> SolReport:
-    networks = [ref for ref in networks_of(mission, workspace) if not is_overall(ref.scope)]
+    networks = [
+        ref for ref in published_networks(mission, workspace.catalogue) if not is_overall(ref.scope)
+    ]
     if not networks:
         raise ProductNotFoundError(
             f"no network of {mission} is in the store; `solmap run` its downlink first"
         )
-    last = max(networks, key=lambda ref: ref.scope.name)
+    last = networks[-1]
     sol, standing = sol_of(last.scope), standing_of(last, workspace)
     report = on_workers(process_overall)(mission, sol, workspace.store.root, pipeline, standing)
     if report.standing is not None:
@@ -76,7 +79,11 @@ def _readjust(mission: str, workspace: Workspace, pipeline: str) -> SolReport:
 
 def overall_sols(mission: str, workspace: Workspace) -> set[int]:
     """Sols up to which the mission was adjusted overall; later ones have stepped on from there."""
-    return {sol_of(ref.scope) for ref in networks_of(mission, workspace) if is_overall(ref.scope)}
+    return {
+        sol_of(ref.scope)
+        for ref in published_networks(mission, workspace.catalogue)
+        if is_overall(ref.scope)
+    }
 
 
 @flow(name="overall-adjustment", flow_run_name=mission_name)

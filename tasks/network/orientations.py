@@ -37,7 +37,6 @@ from solmap.products.formats.documents.network import (
 from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.products.store.product_store import ProductStore
 from solmap.tasks.images.pairs import PairProducts
-from solmap.tasks.scopes import is_of_mission
 from solmap.tasks.stage import stage
 
 
@@ -248,12 +247,6 @@ def standing_of(network: ProductRef, workspace: Workspace) -> Standing | None:
     kind = ProductKind.ORIENTATIONS
     digest = workspace.catalogue.latest(network.scope.name, kind)
     return Standing(network, ProductRef(kind, network.scope, digest)) if digest else None
-
-
-def networks_of(mission: str, workspace: Workspace) -> list[ProductRef]:
-    """The networks that are published for a mission."""
-    published = workspace.catalogue.pointers(ProductKind.NETWORK)
-    return [ref for ref in published if is_of_mission(ref.scope, mission)]
 
 
 def orient_pairs(pairs: list[PairProducts], mapped: MappedStop | None) -> tuple[OrientedPair, ...]:

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from solmap.products.model import SUFFIX, ProductKind
+from solmap.products.model import ProductKind
 
 PROVENANCE = ".provenance.json"
 DATES = {"at", "made_at", "created", "updated", "datetime_made"}
@@ -88,7 +88,7 @@ def _faulty_products(folder: Path) -> Iterator[str]:
             yield f"half of {name}: no provenance, {error}"
             continue
         kind = ProductKind(name.split("/", maxsplit=1)[0])
-        if file != provenance and file.name != digest + SUFFIX[kind]:
+        if file != provenance and file.name != digest + ProductKind(kind).suffix:
             yield f"{name} is no product"
         elif file != provenance and _sha256(file) != told["sha256"]:
             yield f"half of {name}: its checksum is not that of its provenance"
@@ -109,7 +109,7 @@ def _missing(root: Path) -> Iterator[str]:
             refs = (document["ref"], document["browse"], document.get("radiometry"))
             named += [(r["kind"], r["scope"]["name"], r["digest"]) for r in refs if r]
     for kind, scope, digest in named:
-        path = f"{kind}/{scope}/{digest}{SUFFIX[ProductKind(kind)]}"
+        path = f"{kind}/{scope}/{digest}{ProductKind(kind).suffix}"
         if not (root / "products" / path).is_file():
             yield path
 
