@@ -141,16 +141,18 @@ def polygon_of(corners: MapPoints) -> shapely.Polygon:
     return polygon
 
 
-def places_inside(polygon: shapely.Polygon, cell_m: float) -> tuple[MapPoints, float]:
+def places_inside(
+    polygon: shapely.Polygon, cell_m: float, most: int = MOST_PLACES
+) -> tuple[MapPoints, float]:
     """Centres of the cells of a lattice that lie in a polygon, and the cell: `cell_m` or more.
 
-    The cell is widened where the polygon's box would hold more than `MOST_PLACES` of them.
+    The cell is widened where the polygon's box would hold more than `most` of them.
 
     Raises:
         TerrainError: no centre lies in it.
     """
     west, south, east, north = polygon.bounds
-    cell = max(cell_m, float(np.sqrt((east - west) * (north - south) / MOST_PLACES)))
+    cell = max(cell_m, float(np.sqrt((east - west) * (north - south) / most)))
     across = west + (np.arange(int(np.ceil((east - west) / cell))) + 0.5) * cell
     down = south + (np.arange(int(np.ceil((north - south) / cell))) + 0.5) * cell
     places = np.stack([axis.ravel() for axis in np.meshgrid(across, down)], axis=1)
