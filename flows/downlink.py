@@ -63,10 +63,10 @@ def process_downlink(
             rename_run(downlink_name(delivery.images))
         take_edits(workspace)
         for mission in delivery.missions:
-            told = f"{mission}: {{}}"
+            line = f"{mission}: {{}}"
             with (
                 exclusive_lock(workspace.store.root, mission, partial(_log_waiting, mission)),
-                isolate(mission.lower(), workspace, report.failures, told),
+                isolate(mission.lower(), workspace, report.failures, line),
             ):
                 _process_mission(mission, workspace, pipeline, report)
                 clear_failure(mission.lower(), workspace)
@@ -114,8 +114,8 @@ def _process_mission(
     for sol in sols:
         for flow_of_sol in (process_sol, process_overall) if sol in overall else (process_sol,):
             scope, key = _scope_of(flow_of_sol, mission, sol), finished.key(sol, standing)
-            told = f"{mission} sol {sol}: {{}}"
-            with isolate(scope.name, workspace, report.failures, told):
+            line = f"{mission} sol {sol}: {{}}"
+            with isolate(scope.name, workspace, report.failures, line):
                 done = None if walks else finished.report(scope, sol, key)
                 if done is None:
                     if not walks:
@@ -145,18 +145,18 @@ def _scope_of(flow_of_sol: object, mission: str, sol: int) -> Scope:
 def _draw(
     mission: str, standing: Standing, workspace: Workspace, pipeline: str, report: DownlinkReport
 ) -> None:
-    subject, told = f"{mission.lower()}-layers", f"{mission}: its layers could not be drawn: {{}}"
-    with isolate(subject, workspace, report.failures, told):
+    subject, line = f"{mission.lower()}-layers", f"{mission}: its layers could not be drawn: {{}}"
+    with isolate(subject, workspace, report.failures, line):
         note = draw_mission(mission, standing.network, workspace, pipeline)
         report.warnings += [f"{mission}: {note}"] if note else []
         clear_failure(subject, workspace)
 
 
 def _map_regions(mission: str, workspace: Workspace, pipeline: str, report: DownlinkReport) -> None:
-    subject, told = (
+    subject, line = (
         f"{mission.lower()}-regions",
         f"{mission}: its regions could not be mapped: {{}}",
     )
-    with isolate(subject, workspace, report.failures, told):
+    with isolate(subject, workspace, report.failures, line):
         report.seams += map_regions(mission, workspace, pipeline)
         clear_failure(subject, workspace)

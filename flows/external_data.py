@@ -52,18 +52,18 @@ class OrbitalOptions:
     control: FrameParams | None = field(default_factory=FrameParams)
     """Find every stop in it on its own, as control for the adjustment; None: do not."""
     heights: bool = False
-    """It is a terrain model: it gives control, and no picture."""
+    """It is a terrain model: it gives control, and no image to draw."""
 
 
 def add_orbital(
-    file: Path, mission: str, root: Path, wish: OrbitalOptions | None = None
+    file: Path, mission: str, root: Path, options: OrbitalOptions | None = None
 ) -> tuple[str, ...]:
     """Register an orbital image to a mission's stops and publish it as base layer; what came of it.
 
     Raises:
         ProductError: the file cannot be read or lies elsewhere; or no stop is mapped.
     """
-    workspace, wish = open_workspace(root), wish or OrbitalOptions()
+    workspace, options = open_workspace(root), options or OrbitalOptions()
     store = workspace.store
     site = landing_site(mission, Settings().landing_sites)
     layers = [layer for layer in workspace.catalogue.layers() if layer.mission == mission]
@@ -73,21 +73,21 @@ def add_orbital(
     image = take_orbital(file, store)
     pointers, registration = [image], None
     said = [f"{file.name} lies where it claims to"]
-    if wish.registered:
-        search = SearchParams(reach_m=wish.reach_m)
-        params = RegistrationMethod(RegistrationParams(search), heights=wish.heights)
+    if options.registered:
+        search = SearchParams(reach_m=options.reach_m)
+        params = RegistrationMethod(RegistrationParams(search), heights=options.heights)
         maps = list(stops.values())
         registration = register_orbital.fn(image, maps, params, site.landing, store)
         pointers.append(registration)
         said = [f"{file.name}: {_registration_line(read_registration(registration, store))}"]
         standing = latest_standing(mission, workspace)
-        if standing is not None and wish.control is not None:
-            how = (params, wish.control)
+        if standing is not None and options.control is not None:
+            how = (params, options.control)
             control = control_by_image.fn(image, stops, standing, how, site.landing, store)
             pointers.append(control)
             said += _control_lines(control, stops, store)
     entry = MissionEntry(mission, site.title, site.landing, None)
-    if wish.heights:
+    if options.heights:
         publish.fn(entry, [], pointers, (), workspace)
         return tuple(said)
     around = union(layer.bounds for layer in layers if layer.ref.kind is ProductKind.DTM)
@@ -195,7 +195,7 @@ def control_rows(mission: str, root: Path) -> list[dict[str, Any]]:
 
 @dataclass(frozen=True, slots=True)
 class TakenTies:
-    """What a file of hand ties holds."""
+    """What a file of manual ties holds."""
 
     name: str
     counts: dict[EditAction, int]
@@ -208,20 +208,20 @@ class TakenTies:
 
 
 def take_ties_file(file: Path, root: Path) -> TakenTies:
-    """Take a file of hand ties into the store at `root`; an earlier one of its name is replaced.
+    """Take a file of manual ties into the store at `root`; an earlier one of its name is replaced.
 
     Raises:
         PhotogrammetryError: the file cannot be read; one line says where and why.
         OSError: there is no such file.
     """
     data = file_bytes(file)
-    wishes = read_edit_requests(data, file.name)
+    requests = read_edit_requests(data, file.name)
     workspace = open_workspace(root)
     ref = take_manual_ties(file.name, data, workspace.store)
     entries = workspace.catalogue.images()
     known = {entry.id for entry in entries} | {entry.stop for entry in entries}
-    counts = {action: sum(wish.action is action for wish in wishes) for action in EditAction}
-    taken = TakenTies(file.name, counts, tuple(sorted(named_in(wishes) - known)))
+    counts = {action: sum(one.action is action for one in requests) for action in EditAction}
+    taken = TakenTies(file.name, counts, tuple(sorted(named_in(requests) - known)))
     workspace.catalogue.publish(
         pointers=[ref],
         outcomes=[Outcome.now(file.name, (str(taken),))],

@@ -41,8 +41,8 @@ def draw_mission(
     layers = draw_vectors(mission, network, entries, params, site.landing, workspace)
     sols = tuple(sorted({entry.sol for entry in entries}))
     entry = MissionEntry(mission, site.title, site.landing, telemetry.note)
-    told = localise(network, telemetry, site.landing, workspace.store)
-    publish(entry, [(ref, sols) for ref in layers], told, (), workspace)
+    traverse = localise(network, telemetry, site.landing, workspace.store)
+    publish(entry, [(ref, sols) for ref in layers], traverse, (), workspace)
     return telemetry.note
 
 

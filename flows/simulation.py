@@ -136,10 +136,10 @@ def simulate_into(store: Path, plan: MissionPlan, seed: int) -> str:
 
 def _publish(network: ProductRef, workspace: Workspace) -> None:
     site = landing_site(MISSION, Settings().landing_sites)
-    told = report_quality(network, (), load_pipeline(PIPELINE).quality, workspace.store)
+    quality = report_quality(network, (), load_pipeline(PIPELINE).quality, workspace.store)
     entry = MissionEntry(MISSION, f"{site.title} (simulated)", site.landing, None)
     done = Outcome.now(network.scope.name, ("simulated: there are no images",))
-    publish(entry, [], [network, *told], [done], workspace)
+    publish(entry, [], [network, *quality], [done], workspace)
     draw_mission(MISSION, network, workspace, PIPELINE)
 
 

@@ -39,11 +39,11 @@ def match_pairs(inputs: SolInputs, report: SolReport) -> dict[StopId, list[PairP
     futures = {pair.id: match_stereo_pair.submit(pair, params, workspace.store) for pair in pairs}
     done, failed = wait_for(f"sol {sol}: match stereo pairs", futures)
     report.add_failures("match", failed)
-    pictures = {
+    previews = {
         pair: preview_pair.submit(matched, config.sparse, workspace.store)
         for pair, matched in done.items()
     }
-    report.add_failures("picture", wait_for(f"sol {sol}: picture the matches", pictures)[1])
+    report.add_failures("preview", wait_for(f"sol {sol}: preview the matches", previews)[1])
     matched: dict[StopId, list[PairProducts]] = {stop: [] for stop in sorted(window)}
     for products in done.values():
         matched[products.files.stop].append(products)
@@ -134,10 +134,10 @@ def _tie_singles(
 def _edit_requests(
     inputs: SolInputs, matched: Mapping[StopId, Sequence[PairProducts]]
 ) -> tuple[EditRequest, ...]:
-    """The hand ties that concern pairs and stops of the window and nothing beyond them."""
-    wishes = all_edit_requests(inputs.workspace)
+    """The edit requests that concern pairs and stops of the window and nothing beyond them."""
+    requests = all_edit_requests(inputs.workspace)
     known = {pair.files.id for pairs in matched.values() for pair in pairs}
-    return requests_within(wishes, known | {str(stop) for stop in matched})
+    return requests_within(requests, known | {str(stop) for stop in matched})
 
 
 def _link_candidates(inputs: SolInputs) -> list[tuple[StopId, StopId]]:

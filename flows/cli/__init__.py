@@ -38,6 +38,7 @@ for _command in (
     maintenance.prune,
 ):
     app.command()(_command)
+app.command("judge", hidden=True)(simulation.evaluate)  # its name until 0.1
 
 
 def _print_version(wanted: bool) -> None:  # noqa: FBT001 - as Typer calls it

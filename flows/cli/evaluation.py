@@ -58,7 +58,7 @@ def evaluate_positions(rows: list[dict[str, Any]], stops: list[TrueStop]) -> lis
         rows: as `position_rows` lists them.
         stops: the truth.
     """
-    judged, driven_m, before = [], 0.0, None
+    errors, driven_m, before = [], 0.0, None
     by_name = {(row["site"], row["drive"]): row for row in rows}
     for stop in stops:
         if before is not None:
@@ -70,7 +70,7 @@ def evaluate_positions(rows: list[dict[str, Any]], stops: list[TrueStop]) -> lis
         adjusted = rotation_of_quaternion(np.array(row["adjusted_quaternion"]))
         azimuth_deg, tilt_deg = _attitude_error_deg(adjusted, stop.rotation)
         error = np.subtract(row["adjusted_ned_m"], stop.position)
-        judged.append(
+        errors.append(
             {
                 "stop": row["stop"],
                 "driven_m": round(driven_m, 2),
@@ -84,20 +84,20 @@ def evaluate_positions(rows: list[dict[str, Any]], stops: list[TrueStop]) -> lis
                 "held_by": row["held_by"],
             }
         )
-    return judged
+    return errors
 
 
 def evaluate_terrain(workspace: Workspace, truth_dir: Path) -> list[dict[str, Any]]:
     """Vertical errors of every stop's terrain model by range from the rover, a row a band."""
-    judged = []
+    errors = []
     for row in position_rows(workspace):
         try:
             layer = workspace.catalogue.layer(row["stop"], ProductKind.DTM)
         except ProductNotFoundError:
             continue
         dtm = read_dtm(workspace.store.path(layer.ref))
-        judged += _bands(row["stop"], row["adjusted_ned_m"], dtm, truth_dir / "dtm.tif")
-    return judged
+        errors += _bands(row["stop"], row["adjusted_ned_m"], dtm, truth_dir / "dtm.tif")
+    return errors
 
 
 def _bands(stop: str, ned_m: list[float], dtm: Dtm, truth: Path) -> list[dict[str, Any]]:

@@ -40,7 +40,7 @@ def prune(
         int, typer.Option(help="Kept of each product, the published one counted", min=1)
     ] = PruningParams().versions,
     *,
-    yes: Annotated[bool, typer.Option("--yes", help="Remove it; else it is only told.")] = False,
+    yes: Annotated[bool, typer.Option("--yes", help="Delete them; else they are listed.")] = False,
     as_json: JsonOption = False,
 ) -> None:
     """List unreferenced products, and with --yes delete them; published maps stay."""

@@ -48,10 +48,10 @@ def add_image(  # noqa: PLR0913 - options
 
     try:
         frame = None if no_control else FrameParams(shift_sigma, rotation_sigma)
-        wish = OrbitalOptions(
+        options = OrbitalOptions(
             registered=not as_claimed, reach_m=reach, control=frame, heights=heights
         )
-        said = add_orbital(file, mission.upper(), store_of(store), wish)
+        said = add_orbital(file, mission.upper(), store_of(store), options)
     except (ProductError, OSError) as error:
         fail(str(error))
     for line in said:

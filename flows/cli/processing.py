@@ -121,10 +121,10 @@ def fetch(
 
 
 def ties(
-    file: Annotated[Path, typer.Argument(help="Hand ties, CSV or GeoJSON")],
+    file: Annotated[Path, typer.Argument(help="Manual ties, CSV or GeoJSON")],
     store: StoreOption = None,
 ) -> None:
-    """Take a file of hand ties into the store; the next run adds, vetoes and moves them."""
+    """Take a file of manual ties into the store; the next run adds, vetoes and moves them."""
     from solmap.flows.external_data import take_ties_file  # noqa: PLC0415
     from solmap.photogrammetry.errors import PhotogrammetryError  # noqa: PLC0415
 

@@ -31,7 +31,7 @@ def simulate(
 
     with progress_shown():
         files = write_downlink(out_dir, stops=stops, seed=seed, terrain=terrain)
-    out.print(f"{files} files in {out_dir}; {out_dir / 'truth'} is for judging only")
+    out.print(f"{files} files in {out_dir}; {out_dir / 'truth'} is for evaluation only")
 
 
 def simulate_mission(
@@ -53,10 +53,10 @@ def simulate_mission(
         with progress_shown():
             from solmap.flows.simulation import simulate_into  # noqa: PLC0415 - Prefect is ready now
 
-            told = simulate_into(root, plan, seed)
+            summary = simulate_into(root, plan, seed)
     except PhotogrammetryError as error:
         fail(str(error))
-    out.print(told, highlight=False)
+    out.print(summary, highlight=False)
 
 
 def evaluate(
@@ -70,13 +70,13 @@ def evaluate(
     from solmap.flows.cli.tables import position_rows  # noqa: PLC0415
 
     workspace = workspace_of(store_of(store))
-    positions_judged = evaluate_positions(position_rows(workspace), true_stops(truth))
-    terrain_judged = evaluate_terrain(workspace, truth)
+    positions = evaluate_positions(position_rows(workspace), true_stops(truth))
+    terrain = evaluate_terrain(workspace, truth)
     if as_json:
-        show_rows([{"positions": positions_judged, "terrain": terrain_judged}], [], as_json)
+        show_rows([{"positions": positions, "terrain": terrain}], [], as_json)
         return
-    show_rows(positions_judged, list(positions_judged[0]) if positions_judged else [], as_json)
-    show_rows(terrain_judged, list(terrain_judged[0]) if terrain_judged else [], as_json)
+    show_rows(positions, list(positions[0]) if positions else [], as_json)
+    show_rows(terrain, list(terrain[0]) if terrain else [], as_json)
 
 
 COMMANDS = (simulate, simulate_mission, evaluate)

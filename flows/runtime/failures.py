@@ -25,7 +25,7 @@ log = logging.getLogger(__name__)
 
 @contextmanager
 def isolate(
-    subject: str, workspace: Workspace, failures: list[str], told: str = "{}"
+    subject: str, workspace: Workspace, failures: list[str], line: str = "{}"
 ) -> Iterator[None]:
     """Go on after the block whatever fails in it, and keep the cause; but a full disk stops all.
 
@@ -33,7 +33,7 @@ def isolate(
         subject: What is worked on, by its name in the catalogue's outcomes.
         workspace: Where outcomes are kept.
         failures: Gains a line.
-        told: The line, with `{}` for the cause.
+        line: What is added, with `{}` for the cause.
 
     Raises:
         StoreFullError: the disk is full; whatever else is tried would find it full too.
@@ -48,8 +48,8 @@ def isolate(
                 f"the disk is full while working on {subject}; free some space and run again: "
                 "what was made before is kept"
             ) from error
-        log.warning("%s", told.format(cause_of(error)), exc_info=error)
-        failures.append(told.format(cause_of(error)))
+        log.warning("%s", line.format(cause_of(error)), exc_info=error)
+        failures.append(line.format(cause_of(error)))
         keep_outcome(Outcome.now(subject, (cause_of(error),), is_failure=True), workspace)
 
 

@@ -1,6 +1,6 @@
 """How far a run has come, for whoever watches: a progress bar, a log, or nobody.
 
-Flows report steps; a listener hung in by the command line shows them. Prefect's run page shows
+Flows report steps; the command line listens and shows them. Prefect's run page shows
 the same tasks by itself.
 """
 
@@ -32,7 +32,7 @@ def report(stage: str, done: int, total: int) -> None:
 
 @contextmanager
 def listen(listener: Listener) -> Iterator[None]:
-    """Have `listener` told of every step inside the block."""
+    """Call `listener` with every step inside the block."""
     _listeners.append(listener)
     try:
         yield

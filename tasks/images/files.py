@@ -29,7 +29,7 @@ MAX_FILE_BYTES = 256 << 20
 
 
 def files_of(downlink: Path) -> list[Path]:
-    """Every image, picture, vector file and file of hand ties below a folder, by name.
+    """Every image, picture, vector file and file of manual ties below a folder, by name.
 
     Suffixes may be written in any case.
 
@@ -106,7 +106,7 @@ def _labels_beside(path: Path) -> Iterator[Path]:
 
 
 def is_manual_tie_file(name: str) -> bool:
-    """Whether a file of a downlink holds hand ties, by its name."""
+    """Whether a file of a downlink holds manual ties, by its name."""
     return name.lower().endswith(MANUAL_TIE_SUFFIXES)
 
 

@@ -195,7 +195,7 @@ def _entry(
 
 
 Taken = Outcome | ProductRef | TakenImage
-"""What became of a file: a fault, a vector file or hand ties, or an image in the store."""
+"""What became of a file: a fault, a vector file or manual ties, or an image in the store."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

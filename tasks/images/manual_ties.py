@@ -31,11 +31,11 @@ from solmap.tasks.images.pairs import PairProducts, read_pair, turn_right_camera
 from solmap.tasks.scopes import file_scope
 
 EDITS_FILE = "map-edits.ties.geojson"
-"""The file of hand ties that the edits on the map become."""
+"""The file of manual ties that the edits on the map become."""
 
 
 def take_manual_ties(name: str, data: bytes, store: ProductStore) -> ProductRef:
-    """Take a file of hand ties into the store.
+    """Take a file of manual ties into the store.
 
     Raises:
         MatchingError: it cannot be read; one line says where and why.
@@ -45,18 +45,18 @@ def take_manual_ties(name: str, data: bytes, store: ProductStore) -> ProductRef:
 
 
 def read_edit_requests(data: bytes, name: str) -> tuple[EditRequest, ...]:
-    """The rows of a file of hand ties."""
+    """The rows of a file of manual ties."""
     try:
         text = data.decode("utf-8")
     except UnicodeDecodeError as error:
-        raise MatchingError(f"{name}: hand ties are text in UTF-8, but {error}") from error
+        raise MatchingError(f"{name}: manual ties are text in UTF-8, but {error}") from error
     return parse_edit_requests(text, name)
 
 
 def take_edits(workspace: Workspace) -> None:
-    """Take the edits of ties that people made on the map into the store, as a file of hand ties.
+    """Take the edits of ties that people made on the map into the store, as a file of manual ties.
 
-    Edits that were taken back are not in it; where all were, it is empty and wishes for nothing.
+    Edits that were taken back are not in it; where all were, it is empty and asks for nothing.
     """
     edits = EditLog.of(workspace.store.root).effective(EditKind.TIE)
     digest = workspace.catalogue.latest(file_scope(EDITS_FILE).name, ProductKind.MANUAL_TIES)
@@ -69,43 +69,43 @@ def take_edits(workspace: Workspace) -> None:
 
 
 def all_edit_requests(workspace: Workspace) -> tuple[EditRequest, ...]:
-    """The rows of all files of hand ties, file by file."""
+    """The rows of all files of manual ties, file by file."""
     refs = workspace.catalogue.pointers(ProductKind.MANUAL_TIES)
     return tuple(
-        wish
+        request
         for ref in refs
-        for wish in read_edit_requests(workspace.store.path(ref).read_bytes(), ref.scope.name)
+        for request in read_edit_requests(workspace.store.path(ref).read_bytes(), ref.scope.name)
     )
 
 
-def named_in(wishes: Iterable[EditRequest]) -> set[str]:
-    """The images and stops that wishes name."""
-    points = (point for wish in wishes for point in (wish.first, wish.second))
+def named_in(requests: Iterable[EditRequest]) -> set[str]:
+    """The images and stops that requests name."""
+    points = (point for request in requests for point in (request.first, request.second))
     return {point.image for point in points if point.image}
 
 
 def requests_within(
-    wishes: Iterable[EditRequest], known: Collection[str]
+    requests: Iterable[EditRequest], known: Collection[str]
 ) -> tuple[EditRequest, ...]:
-    """The wishes whose images and stops are all `known`."""
-    return tuple(wish for wish in wishes if named_in([wish]) <= set(known))
+    """The requests whose images and stops are all `known`."""
+    return tuple(request for request in requests if named_in([request]) <= set(known))
 
 
-def without_rows(wishes: Iterable[EditRequest]) -> tuple[EditRequest, ...]:
-    """Wishes without where they stand, for recipes: the row of a file changes nothing."""
-    return tuple(replace(wish, row="") for wish in wishes)
+def without_rows(requests: Iterable[EditRequest]) -> tuple[EditRequest, ...]:
+    """Requests without where they stand, for recipes: the row of a file changes nothing."""
+    return tuple(replace(request, row="") for request in requests)
 
 
 def edit_ties(
-    wishes: Sequence[EditRequest],
+    requests: Sequence[EditRequest],
     ties: Sequence[Ties],
     pairs: Sequence[PairProducts],
     store: ProductStore,
 ) -> EditedTies:
-    """Automatic ties between pairs with the wishes of a person carried out."""
-    named = named_in(wishes)
+    """Automatic ties between pairs with the requests of a person carried out."""
+    named = named_in(requests)
     bodies = {pair.files.id: _body(pair, store) for pair in pairs if pair.files.id in named}
-    return apply_edits(ties, wishes, bodies, {p.files.id: str(p.files.stop) for p in pairs})
+    return apply_edits(ties, requests, bodies, {p.files.id: str(p.files.stop) for p in pairs})
 
 
 def _body(pair: PairProducts, store: ProductStore) -> ManualImage:

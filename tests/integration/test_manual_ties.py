@@ -1,4 +1,4 @@
-"""Hand ties on their way from a file to the network."""
+"""Manual ties on their way from a file to the network."""
 
 import numpy as np
 import pytest

@@ -360,5 +360,5 @@ def test_a_picture_with_metadata_and_labels_alone_are_inspected(shared_data, tmp
     picture.with_name("alone.png").write_bytes(picture.read_bytes())
     with pytest.raises(InspectionError, match=r"alone.png: a picture without a label; it takes"):
         inspect_file(picture.with_name("alone.png"))
-    xml = Path(__file__).parents[2] / "archive" / "navcam_of_perseverance.xml"
+    xml = Path(__file__).parents[2] / "archive" / "labels" / "navcam_of_perseverance.xml"
     assert inspect_file(xml)["camera"]["model"] == "CAHVORE"

@@ -1,4 +1,4 @@
-"""Edits of ties made on the map become a file of hand ties, which the next run carries out."""
+"""Edits of ties made on the map become a file of manual ties, which the next run carries out."""
 
 import pytest
 

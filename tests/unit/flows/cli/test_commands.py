@@ -52,3 +52,10 @@ def test_a_file_that_cannot_be_read_is_named(command, text, tmp_path):
     ended = CLI.invoke(app, ["config", *command, str(file)])
     assert ended.exit_code == 1
     assert "own.toml" in ended.stderr
+
+
+def test_judge_is_another_name_of_evaluate():
+    commands = CLI.invoke(app, ["--help"]).stdout
+    assert "evaluate" in commands
+    assert "judge" not in commands
+    assert CLI.invoke(app, ["judge", "--help"]).exit_code == 0
