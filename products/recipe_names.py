@@ -24,6 +24,17 @@ class RecipeNames:
 
 
 RECIPE_NAMES: dict[str, RecipeNames] = {
+    "AdjustmentParams": RecipeNames(
+        constants={
+            "false_share": 0.1,
+            "far_parallax_px": 3.0,
+            "gross": 4.0,
+            "huber": 2.8,
+            "max_halvings": 8,
+            "robust_tolerance": 1.0,
+        }
+    ),
+    "QualityParams": RecipeNames(constants={"fewest_in_cell": 5, "grid_cells": 8}),
     "AlignmentParams": RecipeNames(constants={"first_scale": 64.0, "rounds": 14}),
     "BirdsEyeParams": RecipeNames(
         constants={"azimuth_step": 0.0087, "relief_waves_m": [0.2, 1.0], "separation_m": 1.5}

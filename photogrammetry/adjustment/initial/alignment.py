@@ -26,6 +26,9 @@ from solmap.photogrammetry.adjustment.model.small_matrices import (
 )
 from solmap.photogrammetry.arrays import Float64
 
+GROSS = 4.0
+"""The gate of ties in the alignment of two stops, in standard deviations (99.9 % of the chi
+distribution, three degrees of freedom): ties beyond it do not enter the first adjustment."""
 GROWTH = 2.0
 """Factor by which the loss is sharpened a round; 1.4 in the publication, for far more blunders."""
 ROUNDS = 60

@@ -44,6 +44,11 @@ SAME_M, SAME_RAD = 1e-3, 1e-4
 Rows = tuple[np.ndarray, np.ndarray]
 
 
+Result = tuple[AdjustedNetwork, AdjustmentReport]
+IN_HELD_BY = {Lack.NO_TIES, Lack.DETACHED}
+"""What `AdjustedStop.held_by` says in any case."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Initial:
     """A network as the alignment left it."""
@@ -206,12 +211,6 @@ def _same_places(network: Initial) -> list[Finding]:
                 f"reported exactly where {network.names[k]} stood: one stop under two names?")
         for k in np.flatnonzero((moved < SAME_M) & (turned < SAME_RAD)).tolist()
     ]  # fmt: skip
-
-
-Result = tuple[AdjustedNetwork, AdjustmentReport]
-
-IN_HELD_BY = {Lack.NO_TIES, Lack.DETACHED}
-"""What `AdjustedStop.held_by` says in any case."""
 
 
 def with_findings(result: Result, findings: tuple[Finding, ...]) -> Result:

@@ -26,6 +26,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from solmap.photogrammetry.adjustment.initial.alignment import (
+    GROSS,
     HALF,
     ROUNDS,
     RigidPoints,
@@ -33,7 +34,6 @@ from solmap.photogrammetry.adjustment.initial.alignment import (
     rigid_motion,
 )
 from solmap.photogrammetry.adjustment.model.collinearity import State
-from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
 from solmap.photogrammetry.adjustment.model.sightings import Couple, Overview
 from solmap.photogrammetry.adjustment.model.small_matrices import (
     cross_matrix,
@@ -54,12 +54,20 @@ LOOP_TIES = 5
 """Ties that make a loop: three place a stop, and two more agree with them by no chance."""
 
 
+GATE = float(np.sqrt(chi2.ppf(0.999, 6)))
+"""A loop is wrong beyond this misfit: 99.9 % of the chi distribution, six degrees of freedom."""
+STEPS = 20
+"""Gauss-Newton steps of the graph for each sharpness of the loss."""
+HALVINGS = 8
+TOLERANCE = 1e-6
+"""Squared length of a step, as a part of the cost, at which an initial value is good enough."""
+
+
 def close_loops(
     state: State,
     telemetry: Telemetry,
     held: np.ndarray,
     overview: Overview,
-    params: AdjustmentParams,
 ) -> tuple[State, np.ndarray]:
     """The state with its loops closed, and the observations that contradict it."""
     couples = overview.couples
@@ -71,9 +79,9 @@ def close_loops(
     for (a, b), (theirs, ours) in couples.items():
         points = RigidPoints(*overview.in_rover(theirs), *overview.in_rover(ours))
         if b - a <= REACH:
-            found.append((a, b, *_as_aligned(state, a, b, points, params)))
+            found.append((a, b, *_as_aligned(state, a, b, points)))
         elif len(ours) >= LOOP_TIES:
-            rotation, place, information, weights = rigid_motion(points, params.gross)
+            rotation, place, information, weights = rigid_motion(points, GROSS)
             right = weights > HALF
             astray.append(ours[~right])
             if right.sum() >= LOOP_TIES:
@@ -91,13 +99,13 @@ def close_loops(
 
 
 def _as_aligned(
-    state: State, a: int, b: int, points: RigidPoints, params: AdjustmentParams
+    state: State, a: int, b: int, points: RigidPoints
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The motion that two stops have, and what the ties that fit it know of it."""
     R = state.rotations[a].T @ state.rotations[b]
     t = state.rotations[a].T @ (state.centres[b] - state.centres[a])
     misfit = points.misfit(R, t)
-    fits = misfit.standardised <= params.gross
+    fits = misfit.standardised <= GROSS
     return R, t, misfit.normals(fits.astype(float))[0]
 
 
@@ -125,15 +133,6 @@ def _only_of_loops(
     near = [np.concatenate(both) for (a, b), both in couples.items() if b - a <= REACH]
     tied = np.unique(np.concatenate([*near, np.zeros(0, dtype=np.int64)]))
     return np.setdiff1d(rows, tied)
-
-
-GATE = float(np.sqrt(chi2.ppf(0.999, 6)))
-"""A loop is wrong beyond this misfit: 99.9 % of the chi distribution, six degrees of freedom."""
-STEPS = 20
-"""Gauss-Newton steps of the graph for each sharpness of the loss."""
-HALVINGS = 8
-TOLERANCE = 1e-6
-"""Squared length of a step, as a part of the cost, at which an initial value is good enough."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

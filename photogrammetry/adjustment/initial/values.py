@@ -33,6 +33,7 @@ from dataclasses import replace
 import numpy as np
 
 from solmap.photogrammetry.adjustment.initial.alignment import (
+    GROSS,
     HALF,
     ROUNDS,
     Misfit,
@@ -58,6 +59,13 @@ from solmap.photogrammetry.arrays import Flags, Float64
 
 UNCHECKED_TIES = 3
 """So many ties place a stop without checking one another; telemetry must not contradict them."""
+
+
+FURTHEST_BASES = 1000.0
+"""The parallax there is a pixel of a Navcam."""
+LEAST_BASE_M = 1e-3
+STIFFNESS = 1e-13
+"""Keeps parallel rays solvable; they end at the furthest distance."""
 
 
 def initialise(  # noqa: PLR0913, PLR0917 - the network, where it stands, and what is seen of it
@@ -90,7 +98,7 @@ def initialise(  # noqa: PLR0913, PLR0917 - the network, where it stands, and wh
             shared = recent if recent.any() else shared
             theirs = earlier[points[shared]]
             ties = RigidPoints(*overview.in_lsl(state, theirs), *overview.in_rover(ours[shared]))
-            state, weights = _align(state, telemetry, k, ties, params)
+            state, weights = _align(state, telemetry, k, ties)
             wrong = points[shared][weights < HALF]
             rows = rows_of_stop[k]
             fits[rows[np.isin(observations.point[rows], wrong)]] = False
@@ -98,7 +106,7 @@ def initialise(  # noqa: PLR0913, PLR0917 - the network, where it stands, and wh
         fresh |= observations.stop_of(earlier[points]) < k - REACH
         fresh &= fits[ours]
         earlier[points[fresh]] = ours[fresh]
-    state, astray = close_loops(state, telemetry, held, overview, params)
+    state, astray = close_loops(state, telemetry, held, overview)
     fits[astray] = False
     views = Views.of(state, observations)
     points = weighted_mean_points(views, observations, seen, fits)
@@ -130,24 +138,24 @@ def _propagate_stop(state: State, telemetry: Telemetry, k: int) -> State:
 
 
 def _align(
-    state: State, telemetry: Telemetry, k: int, ties: RigidPoints, params: AdjustmentParams
+    state: State, telemetry: Telemetry, k: int, ties: RigidPoints
 ) -> tuple[State, np.ndarray]:
     """The state with stop k laid onto the others, and the weight (0..1) of each of its ties."""
     loss = TruncatedLoss(np.ones(len(ties.X)))
     if not len(loss.weights):
         return state, loss.weights
-    gate, state_before = params.gross, state
+    state_before = state
     link = telemetry.of_stops(_with_the_stop_before(k))
     misfit = ties.misfit(state.rotations[k], state.centres[k])
     for _ in range(ROUNDS):
         state = _align_step(state, link, k, misfit, loss.weights)
         misfit = ties.misfit(state.rotations[k], state.centres[k])
-        loss = loss.sharpen(misfit.standardised, gate)
+        loss = loss.sharpen(misfit.standardised, GROSS)
         if loss.is_settled:
             break
     aligned = _align_step(state, link, k, misfit, loss.weights)
     unchecked = (loss.weights > HALF).sum() <= UNCHECKED_TIES
-    if unchecked and _telemetry_misfit(aligned, link, k) > gate:
+    if unchecked and _telemetry_misfit(aligned, link, k) > GROSS:
         return state_before, np.zeros(len(ties.X))
     return aligned, loss.weights
 
@@ -176,13 +184,6 @@ def _align_step(
     rotations[k] = rotation_of_vector(x[:3]) @ rotations[k]
     centres[k] = centres[k] + x[3:]
     return replace(state, rotations=rotations, centres=centres)
-
-
-FURTHEST_BASES = 1000.0
-"""The parallax there is a pixel of a Navcam."""
-LEAST_BASE_M = 1e-3
-STIFFNESS = 1e-13
-"""Keeps parallel rays solvable; they end at the furthest distance."""
 
 
 def intersect_rays(state: State, observations: Observations, used: Flags) -> State:

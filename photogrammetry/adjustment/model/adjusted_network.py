@@ -17,6 +17,10 @@ USED, BLUNDER, UNUSED = 0, 1, 2
 """Status of an observation: in the adjustment; found wrong; without use for it (not placed)."""
 
 
+KINDS = tuple(TieKind)
+"""From ties within a pair to those between stops."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class AdjustedStop:
     """Where a stop is, how sure that is, and what holds it there."""
@@ -258,7 +262,3 @@ class AdjustedFrame:
     place: Float64[np.ndarray, " 5"]
     """(t_east, t_north, t_up, b, a)."""
     covariance: Float64[np.ndarray, "5 5"]
-
-
-KINDS = tuple(TieKind)
-"""From ties within a pair to those between stops."""

@@ -24,8 +24,6 @@ from solmap.photogrammetry.imagery import StopId, TiePoints
 
 FRAME_UNKNOWNS = 5
 """Of a control frame: shift east, north and up (metres), turn (radians) and change of scale."""
-COMPONENTS = ("east_m", "north_m", "up_m", "azimuth_rad")
-"""What control may tell of a stop, in the order of its covariance."""
 SYMMETRIC = 1e-9
 
 
@@ -116,7 +114,7 @@ class StopControl:
 
     @property
     def components(self) -> tuple[int, ...]:
-        """Which of `COMPONENTS` are given."""
+        """Which of east, north, up and azimuth are given, by number."""
         return (
             0,
             1,

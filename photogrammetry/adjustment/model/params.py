@@ -31,29 +31,13 @@ class AdjustmentParams:
     largest correction usually found on firm slopes."""
     position_floor_m: float = 0.1
     """What odometry may be wrong by however short the drive: about half a wheel."""
-    far_parallax_px: float = 3.0
-    """Below this parallax a point's error is no ellipsoid: no use for aligning stops rigidly."""
-    huber: float = 2.8
-    """Where the robust loss turns linear, in standard deviations of an observation of three
-    coordinates: the 95 % point of the chi distribution with three degrees of freedom."""
-    gross: float = 4.0
-    """A tie further than this from the rigid alignment of its stops, in standard deviations (99.9 %
-    of the chi distribution, three degrees of freedom), does not enter the first adjustment."""
     critical_value: float = 4.0
     """Standardised residual that makes an observation a blunder: one good coordinate in 16,000 is
     lost, so a mission keeps its ties. Baarda's 3.29 loses one in 1,000."""
-    false_share: float = 0.1
-    """Where many observations are wrong the test is sharpened until so many of those that it sets
-    aside may be good: small blunders are many then."""
     max_iterations: int = 50
     """Gauss-Newton steps per solution; a network from the alignment needs about six."""
-    max_halvings: int = 8
-    """Shortest step tried, as a power of 1/2."""
     tolerance: float = 1e-6
     """Converged when the squared length of a step, in its own standard deviations, is below."""
-    robust_tolerance: float = 1.0
-    """The same while blunders are still looked for: all unknowns together move by less than one
-    standard deviation."""
     max_rounds: int = 12
     """Rounds of data snooping per step."""
     window_stops: int = 4
@@ -68,10 +52,7 @@ class AdjustmentParams:
             "azimuth_fine_deg",
             "azimuth_step_deg",
             "position_floor_m",
-            "huber",
-            "gross",
             "critical_value",
-            "false_share",
             "tolerance",
         ):
             if not getattr(self, name) > 0:

@@ -36,6 +36,13 @@ from solmap.photogrammetry.adjustment.model.small_matrices import (
 from solmap.photogrammetry.arrays import Bool, Covariances3, Flags, Float64, Int32
 from solmap.photogrammetry.imagery import TieKind
 
+FAR_PARALLAX_PX = 3.0
+"""Below this parallax a point's error is no ellipsoid: no use for aligning stops rigidly."""
+
+
+Couple = tuple[int, int]
+"""Two stops, the earlier one first."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sightings:
@@ -62,7 +69,7 @@ class Sightings:
         points[:2] *= points[2] / focal_px
         turn = float(np.radians(params.pointing_deg))
         S, size = _covariances(points, range_, across, turn)
-        usable = observations.is_stereo & (parallax >= params.far_parallax_px)
+        usable = observations.is_stereo & (parallax >= FAR_PARALLAX_PX)
         return cls(points, S, usable, size)
 
 
@@ -96,10 +103,6 @@ def best_sightings(observations: Observations, seen: Sightings, stops: int) -> l
     ends = np.searchsorted(stop[first], np.arange(stops + 1))
     best = rows[first]
     return [best[a:b] for a, b in pairwise(ends.tolist())]
-
-
-Couple = tuple[int, int]
-"""Two stops, the earlier one first."""
 
 
 def shared_sightings(

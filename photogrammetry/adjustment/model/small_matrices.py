@@ -27,6 +27,10 @@ _AXES = np.array([[0, 0, 0, 0, 0, -1, 0, 1, 0],
 """Cross product matrices of the axes, row by row."""
 
 
+Matrices = Float64[np.ndarray, "3 3 m"]
+Vectors = Float64[np.ndarray, "3 m"]
+
+
 def cross_matrix(vectors: Float64[np.ndarray, "*n 3"]) -> Float64[np.ndarray, "*n 3 3"]:
     """[v] with [v] w = v x w."""
     return (vectors @ _AXES).reshape(*vectors.shape, 3)
@@ -95,10 +99,6 @@ def move_along_arcs(
     behind = np.maximum(np.searchsorted(stays, np.arange(len(off)), side="right") - 1, 0)
     datum = stays[behind] if len(stays) else np.zeros(len(off), dtype=np.int64)
     return centres + shift + off - off[datum]
-
-
-Matrices = Float64[np.ndarray, "3 3 m"]
-Vectors = Float64[np.ndarray, "3 m"]
 
 
 def by_component(matrices: Float64[np.ndarray, "m 3 3"]) -> Matrices:

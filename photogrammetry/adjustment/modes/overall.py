@@ -43,7 +43,7 @@ from solmap.photogrammetry.adjustment.model.control_equations import (
     was_used,
 )
 from solmap.photogrammetry.adjustment.model.datum import held_stops
-from solmap.photogrammetry.adjustment.model.network import Network, select
+from solmap.photogrammetry.adjustment.model.network import Network
 from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
 from solmap.photogrammetry.adjustment.model.sightings import (
     Comparisons,
@@ -174,15 +174,6 @@ def _frame_places(
     is_known = np.array([frame.name in known for frame in network.frames], dtype=bool)
     before = frame_places(start.frames if start else (), network)
     return np.where(is_known[:, None], before, control.fit_frames(state))
-
-
-def telemetry_network(network: Network, params: AdjustmentParams) -> AdjustedNetwork:
-    """The network where telemetry alone has it, with the covariance that telemetry deserves.
-
-    The answer to fall back on when an adjustment is not usable; its ties are left out.
-    """
-    bare = replace(network, ties=select(network.ties, np.zeros(len(network.ties), dtype=bool)))
-    return adjust_overall(bare, params)[0]
 
 
 def _held(network: Network, held: AbstractSet[StopId], *, has_datum: bool) -> np.ndarray:

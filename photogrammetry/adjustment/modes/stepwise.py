@@ -45,6 +45,9 @@ from solmap.photogrammetry.errors import AdjustmentError
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.imagery import StopId
 
+LEAST_SHARE = 1e-6
+"""Of the variances of a frame's place, at least so much is its own."""
+
 
 def adjust_stepwise(
     previous: AdjustedNetwork | None,
@@ -192,10 +195,6 @@ def add_stop_covariance(
     """A pair whose covariance includes an uncertainty of its stop, which moves it rigidly."""
     T = _rigid_partials(lsl_from_rover, pair.lsl_from_pair)
     return replace(pair, covariance=pair.covariance + T @ covariance @ T.T)
-
-
-LEAST_SHARE = 1e-6
-"""Of the variances of a frame's place, at least so much is its own."""
 
 
 def with_frames_as_left(

@@ -45,6 +45,11 @@ from solmap.photogrammetry.arrays import Vector3
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.imagery import StopId, TieKind
 
+GRID_CELLS = 8
+"""Cells along the side of the grid in which residuals are averaged: patches of 128 pixels, as few
+as show radial and bent patterns."""
+FEWEST_IN_CELL = 5
+"""Observations without which a cell's mean is not shown."""
 UNCHECKED = 0.1
 """Redundancy number below which nothing of note checks a coordinate."""
 ARCMINUTES = 60.0 * 180.0 / np.pi
@@ -60,7 +65,7 @@ def network_quality(
     held = {stop.stop for stop in network.stops if stop.held}
     estimated = [pair for pair in network.pairs if pair.stop not in held]
     links = shared_ties(network)
-    residuals = camera_residuals(network.ties, cameras, params)
+    residuals = camera_residuals(network.ties, cameras)
     return Quality(
         stops=_stops(network, telemetry),
         precision=precision(estimated or list(network.pairs)),
@@ -195,13 +200,13 @@ def image_size_px(cameras: Mapping[str, PairCamera], instrument: str) -> int:
 
 
 def camera_residuals(
-    ties: AdjustedTies, cameras: Mapping[str, PairCamera], params: QualityParams
+    ties: AdjustedTies, cameras: Mapping[str, PairCamera]
 ) -> tuple[CameraResiduals, ...]:
     """Residuals of the tied observations, camera by camera."""
     instruments = sorted({camera.instrument for camera in cameras.values()})
     rows = {name: tied_rows(ties, cameras, name) for name in instruments}
     return tuple(
-        _of_camera(ties, rows[name], name, image_size_px(cameras, name), params)
+        _of_camera(ties, rows[name], name, image_size_px(cameras, name))
         for name in instruments
         if len(rows[name])
     )
@@ -212,16 +217,15 @@ def _of_camera(
     rows: np.ndarray,
     instrument: str,
     size_px: int,
-    params: QualityParams,
 ) -> CameraResiduals:
-    seen, n = ties.observations, params.grid_cells
+    seen, n = ties.observations, GRID_CELLS
     cell_px = size_px / n
     place = np.clip(np.floor(seen.left[rows] / cell_px).astype(np.int64), 0, n - 1)
     code = place[:, 1] * n + place[:, 0]
     sigma = np.column_stack([seen.sigma_px, seen.sigma_line_px, seen.sigma_parallax_px])[rows]
     v, weight = ties.residuals_px[rows], 1.0 / sigma**2
     grid = [
-        _mean(v[code == k], weight[code == k]) if (code == k).sum() >= params.fewest_in_cell
+        _mean(v[code == k], weight[code == k]) if (code == k).sum() >= FEWEST_IN_CELL
         else None
         for k in range(n * n)
     ]  # fmt: skip

@@ -32,11 +32,6 @@ class QualityParams:
     """Share of a pair's observations set aside as blunders: more is no accident of matching."""
     large_misfit: float = 1.5
     """Root mean square of a camera's standardised residuals: what chance does not explain."""
-    grid_cells: int = 8
-    """Cells along the side of the grid in which residuals are averaged: patches of 128 pixels, as
-    few as show radial and bent patterns."""
-    fewest_in_cell: int = 5
-    """Observations without which a cell's mean is not shown."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -35,6 +35,9 @@ from solmap.photogrammetry.errors import AdjustmentError
 Blocks = dict[tuple[int, int], np.ndarray]
 
 
+_potrf, _trtri = get_lapack_funcs(("potrf", "trtri"), dtype=np.float64)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class BlockPattern:
     """Which blocks a matrix and its factor have, and where each lies in one flat array.
@@ -180,9 +183,6 @@ def _minimum_degree(
     return tuple(order), {s: tuple(sorted(o, key=rank.__getitem__)) for s, o in later.items()}
 
 
-_potrf, _trtri = get_lapack_funcs(("potrf", "trtri"), dtype=np.float64)
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Factor:
     """L of N = L L', by stop: the inverse of the diagonal block, and the panel below it."""
@@ -190,8 +190,6 @@ class Factor:
     pattern: BlockPattern
     inverse_diagonal: dict[int, np.ndarray]
     panel: dict[int, np.ndarray]
-    log_condition: float
-    """Largest over smallest pivot, as a power of ten."""
 
     def solve(self, right: Float64[np.ndarray, " n"], offsets: np.ndarray) -> np.ndarray:
         """Solve N x = right; `offsets` say where each block begins."""
@@ -245,7 +243,6 @@ def factorise(pattern: BlockPattern, flat: np.ndarray) -> Factor:
     N |= {(t, s): block.T for (s, t), block in N.items() if s > t}
     inverse_diagonal: dict[int, np.ndarray] = {}
     panels: dict[int, np.ndarray] = {}
-    pivots = [np.zeros(0)]
     for s in pattern.order:
         L, info = _potrf(N[s, s], lower=1, clean=1)
         if info:
@@ -254,7 +251,6 @@ def factorise(pattern: BlockPattern, flat: np.ndarray) -> Factor:
                 "datum is undefined; hold one stop fixed or weight the priors"
             )
         inverse_diagonal[s], _ = _trtri(L, lower=1)
-        pivots.append(L.diagonal())
         later = pattern.later[s]
         if not later:
             panels[s] = np.zeros((0, len(L)))
@@ -274,6 +270,4 @@ def factorise(pattern: BlockPattern, flat: np.ndarray) -> Factor:
                     block -= update[i : i + sizes[t], j : j + sizes[u]]
                 j += sizes[u]
             i += sizes[t]
-    all_pivots = np.concatenate(pivots)
-    spread = all_pivots.max() / all_pivots.min() if len(all_pivots) else 1.0
-    return Factor(pattern, inverse_diagonal, panels, 2.0 * float(np.log10(spread)))
+    return Factor(pattern, inverse_diagonal, panels)

@@ -56,6 +56,19 @@ from solmap.photogrammetry.adjustment.solver.residuals import (
 )
 from solmap.photogrammetry.arrays import Float64, PerPoint
 
+FALSE_SHARE = 0.1
+"""Where many observations are wrong the test is sharpened until so many of those that it sets aside
+may be good: small blunders are many then."""
+
+
+LINEAR = 0.1
+"""A prediction tells something only while its depth is known to a tenth: within, errors propagate
+linearly."""
+CHI_MEDIAN = {2: 1.177, 3: 1.538, 4: 1.832}
+"""Median length of a standard normal vector of so many coordinates."""
+ALONE = 0.05
+"""Where so little of an error shows that what is left of a frame is not checked by the rest."""
+
 
 def gates(
     observations: Observations, found: Residuals, used: np.ndarray, params: AdjustmentParams
@@ -63,7 +76,7 @@ def gates(
     """Gate of the test of every observation, by spread and blunders of its kind."""
     T, measured = found.test.copy(), (observations.sights.weight > 0).sum(axis=0)
     aside, joining = ~used & observations.is_stereo, _joins_stops(observations)
-    loose = _quantile(params.false_share, 3)  # no sign of a blunder whatever their share
+    loose = _quantile(FALSE_SHARE, 3)  # no sign of a blunder whatever their share
     gate = np.full(len(T), np.inf)
     for of_kind in (joining, ~joining):
         tested = of_kind & (found.test > 0)
@@ -71,24 +84,24 @@ def gates(
         T[of_kind] /= spread
         p = np.sort(_chance(T[tested & (loose < T)], 3))
         set_aside = int((aside & of_kind).sum())
-        share = _share_of_blunders(p, int(tested.sum()), set_aside, params.false_share)
+        share = _share_of_blunders(p, int(tested.sum()), set_aside)
         if spread > 1.0:  # sigmas or model are not what was stated, and tails tell nothing
             share = 0.0
         for coordinates in (2, 3):
             least = coordinates * float(gammaincc(0.5, params.critical_value**2 / 2))
-            alpha = max(least, params.false_share * share)
+            alpha = max(least, FALSE_SHARE * share)
             gate[of_kind & (measured == coordinates)] = spread * _quantile(alpha, coordinates)
     return gate
 
 
-def _share_of_blunders(p: np.ndarray, tested: int, aside: int, false_share: float) -> float:
+def _share_of_blunders(p: np.ndarray, tested: int, aside: int) -> float:
     """How many observations of a kind are wrong for certain, as a share of all.
 
     `p` are the smallest probabilities of their tests, ascending; others are set `aside` already.
     """
     found = aside + np.arange(len(p) + 1)
     surely = np.maximum(found - CERTAIN * np.sqrt(found), 0.0) / max(tested + aside, 1)
-    passed = np.flatnonzero(p <= false_share * surely[1:])
+    passed = np.flatnonzero(p <= FALSE_SHARE * surely[1:])
     return float(surely[passed[-1] + 1 if len(passed) else 0])
 
 
@@ -107,11 +120,6 @@ def _joins_stops(observations: Observations) -> np.ndarray:
     """Which observations are of points that several stops see."""
     point = observations.point
     return seen_from_several(point, observations.stop, observations.points)[point]
-
-
-LINEAR = 0.1
-"""A prediction tells something only while its depth is known to a tenth: within, errors propagate
-linearly."""
 
 
 def suspects(
@@ -194,12 +202,6 @@ def reinstate(  # noqa: PLR0913, PLR0917 - the network, where it stands, and wha
     sharp = np.sqrt(np.maximum(S[:, 2, 2], 0.0)) < LINEAR * parallax
     small = np.sqrt(misfit) < gates(observations, found, used, params)[rows]
     return rows[np.isfinite(l).all(axis=1) & sharp & small]
-
-
-CHI_MEDIAN = {2: 1.177, 3: 1.538, 4: 1.832}
-"""Median length of a standard normal vector of so many coordinates."""
-ALONE = 0.05
-"""Where so little of an error shows that what is left of a frame is not checked by the rest."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

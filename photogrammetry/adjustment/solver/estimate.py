@@ -30,6 +30,7 @@ from solmap.photogrammetry.adjustment.solver.elimination import EliminatedTies
 from solmap.photogrammetry.adjustment.solver.gauss_newton import Solution, solve
 from solmap.photogrammetry.adjustment.solver.marginal import Marginal
 from solmap.photogrammetry.adjustment.solver.normal_equations import (
+    HUBER,
     Linearisation,
     LinearisationPoint,
     linearise,
@@ -137,7 +138,7 @@ def estimate(start: Start, params: AdjustmentParams) -> Outcome:
             at, iterations = solution.at or solution.state, iterations + solution.iterations
             if step.robust and not (aside or _stand_out(problem, solution, params)):
                 break
-            threshold = params.huber if step.robust else None
+            threshold = HUBER if step.robust else None
             judged = _Evaluation.of(problem, solution, params, threshold)
             wrong, refuted = suspects(problem, judged.found, used, params), judged.refuted
             if not ((len(wrong) or len(refuted)) and further):

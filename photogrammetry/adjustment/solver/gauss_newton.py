@@ -56,6 +56,11 @@ from solmap.photogrammetry.adjustment.solver.normal_equations import (
 )
 from solmap.photogrammetry.adjustment.solver.problem import Problem
 
+ROBUST_TOLERANCE = 1.0
+"""Takes the place of `tolerance` while blunders are still looked for: all unknowns together move by
+less than one standard deviation."""
+MAX_HALVINGS = 8
+"""Shortest step tried, as a power of 1/2."""
 SAME = 10.0
 """A step of so many times the tolerance leaves the normal equations as they are: with a squared
 length of 1e-5, covariances differ by less than 1e-5 of themselves, in networks of 5 stops by 3e-7
@@ -69,6 +74,10 @@ FORETOLD = 1e-2
 """What a foretold step must be below, in tolerances: foretelling is no measurement."""
 SHRINKING = 1e-4
 """By what the last steps shrink in the square whatever those before did."""
+
+
+CACHED = 4096
+"""Points that are moved together, so that they stay in a processor's own cache."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -100,9 +109,9 @@ def solve(
     to_the_end: bool = True,
 ) -> Solution:
     """Iterate to the minimum, or where robust not `to_the_end` until nothing stands out."""
-    tolerance = params.robust_tolerance if robust else params.tolerance
+    tolerance = ROBUST_TOLERANCE if robust else params.tolerance
     at = start if isinstance(start, LinearisationPoint) else LinearisationPoint.of(problem, start)
-    threshold = huber_threshold(problem, at, params) if robust else None
+    threshold = huber_threshold(problem, at) if robust else None
     cost = cost_of(problem, at, threshold)
     if not np.isfinite(cost):
         return Solution(at.state, cost, converged=False, iterations=0,
@@ -110,13 +119,13 @@ def solve(
     before = 0.0
     for iteration in range(1, params.max_iterations + 1):
         if iteration > 1 and threshold is not None:
-            closer = min(threshold, huber_threshold(problem, at, params))
+            closer = min(threshold, huber_threshold(problem, at))
             threshold, cost = closer, cost_of(problem, at, closer)
         now = linearise(problem, at, threshold)
         x = now.factor.solve(now.right[:-1], problem.unknowns.offsets)
         length2 = float(x @ now.right[:-1])
         correction = Correction.of(problem, at, now.ties, x)
-        at, cost, shortened = _step(problem, at, cost, correction, params, threshold)
+        at, cost, shortened = _step(problem, at, cost, correction, threshold)
         foretold = not shortened and _is_foretold(length2, before, tolerance, robust=robust)
         if length2 < tolerance or foretold:
             same = length2 < max(SAME * tolerance, SAME_SHARE * before)
@@ -125,7 +134,7 @@ def solve(
         if robust and not (to_the_end or shortened or _stands_out(at, params)):
             return Solution(at.state, cost, converged=True, iterations=iteration, at=at)
         before = 0.0 if shortened else length2
-        if shortened > params.max_halvings:
+        if shortened > MAX_HALVINGS:
             flat = length2 < max(tolerance, 1e-9 * cost)  # rounding of the cost hides the rest
             return Solution(at.state, cost, converged=flat, iterations=iteration,
                             message="" if flat else "no step lowers the cost")  # fmt: skip
@@ -149,22 +158,17 @@ def _step(
     at: LinearisationPoint,
     cost: float,
     whole: Correction,
-    params: AdjustmentParams,
     threshold: float | None,
 ) -> tuple[LinearisationPoint, float, int]:
     """The place after the longest of the halved steps that does not raise the cost."""
     slack = 1e-12 * (1.0 + abs(cost))
-    for halvings in range(params.max_halvings + 1):
+    for halvings in range(MAX_HALVINGS + 1):
         part = whole.scale(0.5**halvings) if halvings else whole
         trial = LinearisationPoint.of(problem, move(problem, at, part))
         trial_cost = cost_of(problem, trial, threshold)
         if trial_cost <= cost + slack:
             return trial, trial_cost, halvings
-    return at, cost, params.max_halvings + 1
-
-
-CACHED = 4096
-"""Points that are moved together, so that they stay in a processor's own cache."""
+    return at, cost, MAX_HALVINGS + 1
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -41,6 +41,19 @@ from solmap.photogrammetry.adjustment.model.network import FRAME_UNKNOWNS
 from solmap.photogrammetry.arrays import Float64
 from solmap.photogrammetry.errors import AdjustmentError
 
+CACHED = 100_000
+"""Numbers in the observation equations of a group, that they stay in a processor's own cache."""
+LEAST_POINTS = 64
+"""Points of a group where each is seen so often that its equations alone are long."""
+SHARED = 2
+"""Points a signature, on average, from which on it saves time to add them up first."""
+KEPT = 256
+"""Ways of being seen whose columns are remembered from one layout to the next."""
+OWN_GROUP = 1_000_000
+"""Products that a group must save by being one of its own: the calls for it take as long."""
+Kind = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""Points seen alike: rows (n, k), their pairs, and with which point every signature begins."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Unknowns:
@@ -121,21 +134,6 @@ class Unknowns:
         """Corrections (stops, 6), zero where held, (pairs, 3) and (frames, 5)."""
         padded, (stops, pairs, frames) = np.append(x, 0.0), self.unpacked
         return padded[stops], padded[pairs], padded[frames]
-
-
-CACHED = 100_000
-"""Numbers in the observation equations of a group, that they stay in a processor's own cache."""
-LEAST_POINTS = 64
-"""Points of a group where each is seen so often that its equations alone are long."""
-SHARED = 2
-"""Points a signature, on average, from which on it saves time to add them up first."""
-KEPT = 256
-"""Ways of being seen whose columns are remembered from one layout to the next."""
-OWN_GROUP = 1_000_000
-"""Products that a group must save by being one of its own: the calls for it take as long."""
-
-Kind = tuple[np.ndarray, np.ndarray, np.ndarray]
-"""Points seen alike: rows (n, k), their pairs, and with which point every signature begins."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

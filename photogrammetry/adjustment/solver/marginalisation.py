@@ -43,6 +43,10 @@ from solmap.photogrammetry.adjustment.solver.estimate import Outcome
 from solmap.photogrammetry.adjustment.solver.marginal import Chart, Marginal
 from solmap.photogrammetry.arrays import Bool, Float64
 
+_geqrf = get_lapack_funcs("geqrf", dtype=np.float64)
+BLOCK = 32
+"""Columns that are triangulated together."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SolvedNetwork:
@@ -207,11 +211,6 @@ def _marginal_root(
     R = triangulate(A[:, np.concatenate([gone, _others(n, gone), [n]])])
     spent = float(R[n, n] ** 2) if len(R) > n else 0.0
     return np.ascontiguousarray(R[s:n, s:n]), R[s:n, n].copy(), spent
-
-
-_geqrf = get_lapack_funcs("geqrf", dtype=np.float64)
-BLOCK = 32
-"""Columns that are triangulated together."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -9,7 +9,6 @@ import numpy as np
 
 from solmap.photogrammetry.adjustment.model.collinearity import State, Views
 from solmap.photogrammetry.adjustment.model.control_equations import Control
-from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
 from solmap.photogrammetry.adjustment.model.telemetry import (
     telemetry_misclosures,
     telemetry_partials,
@@ -19,6 +18,9 @@ from solmap.photogrammetry.adjustment.solver.elimination import EliminatedTies, 
 from solmap.photogrammetry.adjustment.solver.problem import LINK_TRIANGLE, Problem
 from solmap.photogrammetry.arrays import Float64
 
+HUBER = 2.8
+"""Where the robust loss turns linear, in standard deviations of an observation of three
+coordinates: the 95 % point of the chi distribution with three degrees of freedom."""
 CHI3_MEDIAN = 1.538
 """Median length of a standard normal vector of three coordinates."""
 CACHED = 4096
@@ -55,11 +57,6 @@ class LinearisationPoint:
         return cls(state, views, l, links, known.chart.coordinates(state) if known else np.zeros(0))
 
 
-def whitened(problem: Problem, state: State) -> np.ndarray:
-    """Misclosures of the rows in the adjustment times their weights, (3, m)."""
-    return LinearisationPoint.of(problem, state).l
-
-
 def lengths(l: np.ndarray) -> np.ndarray:
     """Length of every column of (3, m)."""
     return np.sqrt(l[0] ** 2 + l[1] ** 2 + l[2] ** 2)
@@ -70,7 +67,7 @@ def huber_weights(t: np.ndarray, threshold: float) -> np.ndarray:
     return threshold / np.maximum(t, threshold)
 
 
-def huber_threshold(problem: Problem, at: LinearisationPoint, params: AdjustmentParams) -> float:
+def huber_threshold(problem: Problem, at: LinearisationPoint) -> float:
     """Where the loss turns linear at a state: in units of the spread that residuals have there.
 
     Far from the minimum every residual is large; were all taken for blunders, telemetry would win
@@ -82,7 +79,7 @@ def huber_threshold(problem: Problem, at: LinearisationPoint, params: Adjustment
     if problem.control and problem.control.used.any():
         off = np.sort(control_lengths(problem.control, at.state)[problem.control.used])
         spread = max(spread, float(off[(len(off) - 1) // 2]) / CHI3_MEDIAN)
-    return params.huber * max(1.0, spread)
+    return HUBER * max(1.0, spread)
 
 
 def control_lengths(control: Control, state: State) -> np.ndarray:
