@@ -87,7 +87,9 @@ def small_raster() -> bytes:
 
 def small_joined() -> list[bytes]:
     """Data joined to a label of each kind."""
-    xml = (ROOT / "tests" / "unit" / "archive" / "navcam_of_perseverance.xml").read_bytes()
+    xml = (
+        ROOT / "tests" / "unit" / "archive" / "labels" / "navcam_of_perseverance.xml"
+    ).read_bytes()
     vectors = "(1,0,0);(0,1,0);(9,0,5);(0,9,5);(0,1,0);(0,0,0)"
     metadata = {
         "sol": 1,

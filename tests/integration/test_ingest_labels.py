@@ -28,7 +28,7 @@ from solmap.tasks.images.telemetry import read_telemetry
 MSL = "NLB_517261274EDR_F0541610CCAM15900M1"
 M2020 = "NLF_0670_0726421423_362ECM_N0320604NCAM08111_01_095J01"
 TILE = "NLF_0629_0722782785_631ECM_N0301344NCAM00427_06_095J01"
-PDS4 = Path(__file__).parents[1] / "unit" / "archive" / "navcam_of_perseverance.xml"
+PDS4 = Path(__file__).parents[1] / "unit" / "archive" / "labels" / "navcam_of_perseverance.xml"
 
 
 def ingested(downlink: Path, workspace: Workspace) -> Delivery:

@@ -1,11 +1,9 @@
-"""Edit requests: manual tie points to add, automatic ties to veto or move, and their file formats.
+"""Edit requests: manual tie points to add, automatic ties to veto or move.
 
 A manual tie names two images and a point in each, in pixels of the images as stored: (0, 0) is the
 centre of the first pixel, samples run right, lines down. Images are named by their product
 identifiers; of a stereo pair it is the left one that is named, and the place in the right one may
-be added. Two formats hold the same columns (`COLUMNS`): CSV with a line of names at its head, and
-GeoJSON, a FeatureCollection whose features have the columns as properties; geometries, which a map
-may add, are not read.
+be added. Files of them are read by `products.formats.documents.edit_requests`.
 
     action    what is done
     add       a new tie between the two points

@@ -1,4 +1,9 @@
-"""TODO: what this module holds."""
+"""Files of edit requests: manual tie points to add, automatic ties to veto or move.
+
+Two formats hold the same columns (`COLUMNS`): CSV with a line of names at its head, and GeoJSON, a
+FeatureCollection whose features have the columns as properties; geometries, which a map may add,
+are not read. What the columns mean is said of `EditRequest`.
+"""
 
 from __future__ import annotations
 
@@ -15,8 +20,6 @@ from solmap.photogrammetry.matching.manual.requests import (
 from solmap.products.formats.documents.row_files import Row, RowFormat
 
 POINTS = ("sample", "line", "right_sample", "right_line")
-
-
 COLUMNS = (
     "action",
     *(f"{side}_{what}" for side in ("first", "second") for what in ("image", *POINTS)),
@@ -24,11 +27,7 @@ COLUMNS = (
     "tolerance_px",
     "note",
 )
-
-
 FORMAT = RowFormat(COLUMNS, "action", MatchingError, may_end_short=True)
-
-
 LARGEST_PX = 1e5
 """No image is wider."""
 

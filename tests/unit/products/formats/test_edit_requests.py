@@ -1,4 +1,4 @@
-"""Files of hand ties: what is read, and which line says what is wrong."""
+"""Files of edit requests: what is read, and which line says what is wrong."""
 
 import json
 

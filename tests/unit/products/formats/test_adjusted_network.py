@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 
+from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
 from solmap.photogrammetry.adjustment.modes.overall import adjust_overall
 from solmap.photogrammetry.errors import AdjustmentError
 from solmap.photogrammetry.synthetic.networks import simulate_network
@@ -15,11 +16,11 @@ from solmap.products.formats.documents.adjusted_network import (
 
 
 @pytest.fixture
-def adjusted(params):
+def adjusted():
     network, _ = simulate_network(
         np.random.default_rng(1), stops=3, cross_ties=8, inter_ties=8, blunders=0.1
     )
-    return adjust_overall(network, params)
+    return adjust_overall(network, AdjustmentParams())
 
 
 def test_poses_covariances_and_ties_come_back_exactly(adjusted):
