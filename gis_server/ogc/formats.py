@@ -17,14 +17,12 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-import pyogrio.raw
 import shapely
-from pyproj import CRS
 
 from solmap.gis_server.ogc.crs import Crs, transform_shapes
-from solmap.products.crs import MARS, MARS_URN, LandingPoint, local_crs
+from solmap.products.crs import MARS, MARS_URN, LandingPoint, MarsCrs, local_crs
 from solmap.products.features.index import IndexedFeature
-from solmap.products.formats.vector.geopackage import column_of
+from solmap.products.formats.vector.geopackage import feature_frame
 
 
 class Format(StrEnum):
@@ -132,28 +130,16 @@ def _cell(value: Any) -> Any:  # noqa: ANN401 - a property
 
 def as_file(page: FeaturePage, form: Format, layer: str) -> bytes:
     """A GeoPackage or FlatGeobuf. These carry their CRS, and have longitude or east first."""
-    rows = page.rows()
-    names = list(dict.fromkeys(name for row in rows for name in row))
     shapes = page.shapes(Crs.LOCAL if page.crs is Crs.LOCAL else Crs.LON_LAT)
-    known = [shape for shape in shapes if shape is not None]
-    kinds = {shape.geom_type for shape in known}
-    kind = kinds.pop() if len(kinds) == 1 else "Unknown"
-    crs = local_crs(page.landing) if page.crs is Crs.LOCAL else CRS.from_user_input(MARS)
-    options = {} if len(known) == len(shapes) or form is Format.GPKG else {"SPATIAL_INDEX": "NO"}
+    crs = local_crs(page.landing) if page.crs is Crs.LOCAL else MarsCrs.from_user_input(MARS)
+    rows = [
+        {"feature_id": one.name, **row} for one, row in zip(page.features, page.rows(), strict=True)
+    ]
+    can_index = form is Format.GPKG or all(shape is not None for shape in shapes)
+    options = {} if can_index else {"SPATIAL_INDEX": "NO"}
     with TemporaryDirectory() as folder:
         path = Path(folder) / f"{layer}.{form}"
-        pyogrio.raw.write(
-            path,
-            geometry=np.array([shapely.to_wkb(shape) for shape in shapes], dtype=object),
-            field_data=[
-                np.array([one.name for one in page.features], dtype=object),
-                *(column_of([row.get(name) for row in rows]) for name in names),
-            ],
-            fields=np.array(["feature_id", *names], dtype=object),
-            geometry_type=f"{kind} Z" if any(shape.has_z for shape in known) else kind,
-            crs=crs.to_wkt(),
-            driver=_DRIVERS[form],
-            layer=layer,
-            layer_options=options,
+        feature_frame(rows, shapes, crs).to_file(
+            path, driver=_DRIVERS[form], layer=layer, index=False, layer_options=options
         )
         return path.read_bytes()

@@ -234,17 +234,9 @@ def _row(name: str, feature: Feature, layer: Layer, times: FeatureTimes) -> Inde
     if layer.ref.scope.level is ScopeLevel.STOP:
         known.setdefault("stop", layer.ref.scope.name)
     text = json.dumps(known, ensure_ascii=False)
-    return IndexedFeature(name, shapely.to_wkb(shape_of(feature)), text, *times.of(known))
+    return IndexedFeature(name, shapely.to_wkb(feature.shape), text, *times.of(known))
 
 
 def _unplaced(entry: ImageEntry) -> IndexedFeature:
     properties = json.dumps(image_properties(entry), ensure_ascii=False)
     return IndexedFeature(entry.id, None, properties, (entry.sol, entry.sol), times_of([entry]))
-
-
-def shape_of(feature: Feature) -> shapely.Geometry:
-    """The geometry, metres of the local map."""
-    outline, *holes = feature.rings
-    if feature.geometry == "Polygon":
-        return shapely.Polygon(outline, holes)
-    return shapely.Point(outline[0]) if feature.geometry == "Point" else shapely.LineString(outline)

@@ -122,13 +122,7 @@ def crop_features(collection: FeatureCollection, bounds: Bounds) -> FeatureColle
 
 
 def _cut(feature: Feature, box: shapely.Geometry) -> Iterator[Feature]:
-    outline, *holes = feature.rings
-    if feature.geometry == "Point":
-        shape = shapely.Point(outline[0])
-    elif feature.geometry == "LineString":
-        shape = shapely.LineString(outline)
-    else:
-        shape = shapely.Polygon(outline, holes)
+    shape = feature.shape
     if box.contains(shape):
         yield feature
         return

@@ -29,6 +29,7 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 import orjson
+import shapely
 
 from solmap.photogrammetry.terrain.relief.contours import Contour
 from solmap.products.crs import MARS_URN, LandingPoint, east_north, local_proj4, lon_lat
@@ -88,6 +89,15 @@ class Feature:
     def rings(self) -> tuple[np.ndarray, ...]:
         """The points, and the holes after them."""
         return (self.points, *self.holes)
+
+    @property
+    def shape(self) -> shapely.Geometry:
+        """The geometry, metres of the local map."""
+        if self.geometry == "Polygon":
+            return shapely.Polygon(self.points, self.holes)
+        if self.geometry == "Point":
+            return shapely.Point(self.points[0])
+        return shapely.LineString(self.points)
 
     @property
     def bounds(self) -> tuple[float, float, float, float]:
