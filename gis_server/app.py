@@ -33,7 +33,6 @@ from solmap.gis_server.routes import (
     server,
     tiles,
 )
-from solmap.gis_server.routes.shortcut import TileShortcut
 from solmap.gis_server.services import open_services
 from solmap.products.store.backends import ObjectStorage
 from solmap.products.store.process import collect_garbage_seldom, log_to_store
@@ -78,13 +77,13 @@ def create_app(
     app.state.metrics = Metrics(services)
     install_error_table(app)
     for module in (
+        tiles,  # the most frequent requests first: routes are tried in this order
         missions,
         layers,
         models,
         analysis,
         projection,
         network,
-        tiles,
         images,
         landing,
         downloads,
@@ -103,7 +102,6 @@ def create_app(
     server.install_pages(app, viewer_dist or server.SHIPPED_VIEWER)
     app.add_middleware(LimitBodies)
     app.add_middleware(CompressText)
-    app.add_middleware(TileShortcut, services=services, metrics=app.state.metrics)
     if origins:
         app.add_middleware(
             CORSMiddleware,  # without cookies: there are none

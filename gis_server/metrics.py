@@ -27,8 +27,6 @@ from solmap.gis_server.services import Services
 from solmap.products.catalogue.runs import Run, RunState
 
 FAST_S = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
-_SHORTCUT = {"png": "/tiles/{scope}/{kind}/{digest}/{z}/{x}/{y}.png"}
-_SHORTCUT["values"] = _SHORTCUT["png"].replace(".png", ".values")
 SLOW_S, FAILED = 1.0, 500
 """Requests that took longer, that failed or that wrote are logged one by one; tiles are not."""
 log = logging.getLogger(__name__)
@@ -115,8 +113,6 @@ class MeasureRequests:
 def route_of(scope: Scope) -> str:
     """The template that a request was answered by."""
     path: str | None = getattr(scope.get("route"), "path", None)
-    if path is None and scope.get("path", "").startswith("/tiles/"):  # the shortcut has no route
-        path = _SHORTCUT.get(scope["path"].rpartition(".")[2])
     return path or NO_ROUTE
 
 

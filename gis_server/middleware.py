@@ -11,6 +11,8 @@ from starlette.responses import JSONResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 MOST_BYTES = 1 << 20
+_WITHOUT_BODY = {"GET", "HEAD", "OPTIONS"}
+"""Methods whose bodies no endpoint reads."""
 _HEADERS = {
     "Content-Security-Policy": (
         "default-src 'self'; script-src 'self' 'wasm-unsafe-eval'; connect-src 'self' blob:; "
@@ -50,6 +52,9 @@ class LimitBodies:
             return
         if _announced_bytes(scope) > MOST_BYTES:
             await _too_large()(scope, receive, send)
+            return
+        if scope["method"] in _WITHOUT_BODY:
+            await self.app(scope, receive, send)
             return
         came, has_started = 0, False
 

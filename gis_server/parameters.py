@@ -7,7 +7,7 @@ from typing import Annotated
 from fastapi import Depends, HTTPException, Path, Query, Request
 
 from solmap.gis_server.services import ServicesOf
-from solmap.products.formats.raster.tiling import HALF_SIDE_M, MAX_ZOOM, TileAddress
+from solmap.products.formats.raster.tiling import HALF_SIDE_M, MAX_ZOOM
 from solmap.products.model import Layer, ProductKind
 
 MissionName = Annotated[str, Path(pattern=r"^[A-Za-z0-9_-]{1,64}$", examples=["MER2"])]
@@ -24,6 +24,9 @@ LAST_SOL = 1_000_000
 """Larger numbers are no sols; a catalogue counts in 64 bits."""
 LARGEST_ID = 2**63 - 1
 """Of rows of a database."""
+Zoom = Annotated[int, Path(ge=0, le=MAX_ZOOM)]
+TileNumber = Annotated[int, Path(ge=0, le=LARGEST_ID)]
+"""Column or row of the landing site's tile matrix set."""
 FOREVER = {"Cache-Control": "public, max-age=31536000, immutable"}
 """The digest in the address changes with the content."""
 AGAIN = {"Cache-Control": "no-cache"}
@@ -38,19 +41,7 @@ LayerPath = Annotated[Layer, Depends(_layer)]
 """The published layer that scope, kind and digest name."""
 
 
-def _address(
-    z: Annotated[int, Path(ge=0, le=MAX_ZOOM)],
-    x: Annotated[int, Path(ge=0, le=LARGEST_ID)],
-    y: Annotated[int, Path(ge=0, le=LARGEST_ID)],
-) -> TileAddress:
-    return TileAddress(z, x, y)
-
-
-Address = Annotated[TileAddress, Depends(_address)]
-"""Zoom, column and row of the landing site's tile matrix set."""
-
-
-def _bounds(
+async def _bounds(
     bbox: Annotated[
         str | None,
         Query(pattern=r"^[^,]+(,[^,]+){3}$", description="west,south,east,north in local metres"),
@@ -76,7 +67,7 @@ def base_of(request: Request, mission: str) -> str:
     return f"{str(request.base_url).rstrip('/')}/ogc/{mission}"
 
 
-def _base(request: Request, mission: MissionName) -> str:
+async def _base(request: Request, mission: MissionName) -> str:
     return base_of(request, mission)
 
 

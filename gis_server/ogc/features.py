@@ -215,7 +215,7 @@ def _sols(text: str) -> tuple[int | None, int | None]:
     return ends[0], ends[1]
 
 
-def _collection(collection: CollectionId) -> CollectionDefinition:
+async def _collection(collection: CollectionId) -> CollectionDefinition:
     if collection not in BY_ID:
         raise ProductNotFoundError(
             f"no collection {collection!r} of features; there are {', '.join(BY_ID)}"

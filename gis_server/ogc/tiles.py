@@ -83,7 +83,7 @@ def _raster(
 Raster = Annotated[Layer, Depends(_raster)]
 
 
-def _style(layer: Raster, request: Request) -> str:
+async def _style(layer: Raster, request: Request) -> str:
     style: str = request.path_params.get("style", DEFAULT)
     known = styles_of(layer.ref.kind)
     if style not in known:
@@ -95,7 +95,7 @@ StyleName = Annotated[str, Depends(_style)]
 """The style that the path names, if it names one."""
 
 
-def _address(
+async def _address(
     zoom: Annotated[int, Path(ge=0, le=MAX_ZOOM)], row: Number, column: Number
 ) -> TileAddress:
     return TileAddress(zoom, column, row)

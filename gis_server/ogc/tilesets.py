@@ -1,9 +1,9 @@
 """What OGC API Tiles says of layers and of the tile matrix set: documents, no HTTP.
 
 Of every raster layer there is one tileset for each of its styles, in the only tile matrix set of
-the mission (`products.formats.raster.tiling`). It is reached by the layer's name without a digest, so that an
-address that somebody keeps shows the latest version. A tileset's limits begin at zoom 0, because
-OpenLayers takes no others, and end at the zoom of the raster's own cells.
+the mission (`products.formats.raster.tiling`). It is reached by the layer's name without a digest,
+so that an address that somebody keeps shows the latest version. A tileset's limits begin at zoom 0,
+because OpenLayers takes no others, and end at the zoom of the raster's own cells.
 """
 
 from __future__ import annotations

@@ -62,7 +62,7 @@ class PointHere(BaseModel):
     linearised_line: float | None
 
 
-def _stretch(
+async def _stretch(
     low: Percent = 1.0,
     high: Percent = 99.0,
     black: Value = None,

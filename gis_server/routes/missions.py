@@ -164,7 +164,7 @@ class CacheState:
         return Response(body, media_type="application/json", headers=headers)
 
 
-def _cache_state(
+async def _cache_state(
     known: Annotated[str, Header(alias="If-None-Match", max_length=1000)] = "",
     encodings: Annotated[str, Header(alias="Accept-Encoding", max_length=1000)] = "",
 ) -> CacheState:

@@ -5,28 +5,41 @@ and three below it, over one kept connection and over eight: ours; TiTiler, whic
 every tile (and is spared the search for the name of a CRS that has none); and Starlette sending
 files that were drawn before, which no server that draws can beat. TiTiler's hillshade takes no heed
 of the size of a cell, but is as much work. Beside that, our drawing alone is held against
-rio-tiler's, which TiTiler draws with.
+rio-tiler's, which TiTiler draws with, and the routes of the app against none.
 """
 
 from __future__ import annotations
 
+import asyncio
 import importlib.util
 import itertools
+import math
+import re
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from urllib.parse import urlencode
+from urllib.parse import parse_qsl, urlencode
 
 import cv2
 import morecantile
 import numpy as np
 import pytest
+from anyio import to_thread
 from rio_tiler.colormap import cmap
 from rio_tiler.io import Reader
+from starlette.responses import Response
+from starlette.types import ASGIApp, Message, Receive, Send
+from starlette.types import Scope as HttpScope
 
+from solmap.gis_server.app import create_app
+from solmap.gis_server.metrics import MeasureRequests
+from solmap.gis_server.middleware import SecurityHeaders
+from solmap.gis_server.parameters import FOREVER
 from solmap.gis_server.rendering.reading import RasterPool
 from solmap.gis_server.rendering.styles import StyleQuery
 from solmap.gis_server.rendering.tiles import render_tile
+from solmap.gis_server.services import Services
 from solmap.photogrammetry.terrain.dtm.grid import BLOCK, MapGrid
 from solmap.products.catalogue.catalogue import Catalogue, MissionEntry
 from solmap.products.crs import LandingPoint, local_crs
@@ -256,3 +269,83 @@ def _cost(
     rounds = 1 if server == "titiler" else 5  # time is counted in hundredths of a second
     load(at.port, at.pid, paths)
     return min(load(at.port, at.pid, paths * rounds).cpu_s for _ in range(3)) / rounds
+
+
+class Unrouted:
+    """Tiles by a regular expression before all routes: no routing, no validation, no errors."""
+
+    def __init__(self, app: ASGIApp, services: Services) -> None:
+        self.app, self.services = app, services
+
+    async def __call__(self, scope: HttpScope, receive: Receive, send: Send) -> None:
+        found = UNROUTED.fullmatch(scope["path"]) if scope["type"] == "http" else None
+        if found is None:
+            await self.app(scope, receive, send)
+            return
+        limiter = self.services.drawing
+        answer = await to_thread.run_sync(self._draw, found, scope, limiter=limiter)
+        await answer(scope, receive, send)
+
+    def _draw(self, found: re.Match[str], scope: HttpScope) -> Response:
+        name, kind, digest, *numbers = found.groups()
+        layer = self.services.layer(name, ProductKind(kind), digest)
+        query = StyleQuery.model_validate(dict(parse_qsl(scope["query_string"].decode())))
+        address = TileAddress(*map(int, numbers))
+        body = render_tile(layer, address, self.services.store, self.services.pool, query)
+        return Response(body, media_type="image/png", headers=FOREVER)
+
+
+UNROUTED = re.compile(r"/tiles/([^/]+)/([^/]+)/([0-9a-f]{16})/(\d+)/(\d+)/(\d+)\.png", re.ASCII)
+
+
+@pytest.mark.slow
+def test_routing_takes_less_than_a_third_of_drawing(served, addresses):
+    """The routes of tiles next to the shortest way through the same app, by turns."""
+    routed, unrouted = create_app(served.root), create_app(served.root)
+    unrouted.add_middleware(Unrouted, services=unrouted.state.services)
+    unrouted.add_middleware(SecurityHeaders)
+    unrouted.add_middleware(MeasureRequests, metrics=unrouted.state.metrics)
+    paths = [
+        _path("ours", picture, served, address)
+        for picture in PICTURES
+        for address in addresses[::4]
+    ]
+    seconds = asyncio.run(_by_turns({"routed": routed, "unrouted": unrouted}, paths))
+    assert seconds["routed"] <= 1.3 * seconds["unrouted"], f"{seconds} s for {len(paths)} tiles"
+
+
+async def _by_turns(apps: dict[str, ASGIApp], paths: list[str]) -> dict[str, float]:
+    """For every app the sum over the paths of the least time of thirty."""
+    least = {name: dict.fromkeys(paths, math.inf) for name in apps}
+    for _ in range(30):
+        for path, (name, app) in itertools.product(paths, apps.items()):
+            started = time.perf_counter()
+            assert await _status(app, path) == 200
+            least[name][path] = min(least[name][path], time.perf_counter() - started)
+    return {name: sum(times.values()) for name, times in least.items()}
+
+
+async def _status(app: ASGIApp, path: str) -> int:
+    place, _, query = path.partition("?")
+    scope = {
+        "type": "http",
+        "http_version": "1.1",
+        "method": "GET",
+        "path": place,
+        "raw_path": place.encode(),
+        "query_string": query.encode(),
+        "headers": [(b"host", b"localhost"), (b"accept-encoding", b"gzip, deflate, br")],
+        "server": ("localhost", 80),
+        "scheme": "http",
+    }
+    status = 0
+
+    async def receive() -> Message:
+        return {"type": "http.request", "body": b"", "more_body": False}
+
+    async def send(message: Message) -> None:
+        nonlocal status
+        status = message.get("status", status)
+
+    await app(scope, receive, send)
+    return status
