@@ -20,7 +20,7 @@ DARKEST = 0.35
 """Share of its colour that ground in shade keeps."""
 
 
-def relief_picture(dtm: Dtm, shading: HillshadeParams, max_side: int = 1024) -> Picture:
+def relief_figure(dtm: Dtm, shading: HillshadeParams, max_side: int = 1024) -> Picture:
     """Elevation in colour, lit by a sun; clear where nothing was seen."""
     small = slice(None, None, step_for(dtm.elevation.shape, max_side))
     elevation, light = dtm.elevation[small, small], hillshade(dtm, shading)[small, small]
@@ -33,7 +33,7 @@ def relief_picture(dtm: Dtm, shading: HillshadeParams, max_side: int = 1024) -> 
     return np.dstack([rgb, _opacity(known)])
 
 
-def class_picture(dtm: Dtm, max_side: int = 1024) -> Picture:
+def class_figure(dtm: Dtm, max_side: int = 1024) -> Picture:
     """How cells came by their elevation, in colours."""
     small = slice(None, None, step_for(dtm.ground.shape, max_side))
     table = np.zeros((256, 4), dtype=np.uint8)

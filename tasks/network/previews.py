@@ -30,7 +30,7 @@ from solmap.products.formats.raster.raster import read_dtm
 from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.products.reports.link_figures import draw_features, draw_overlay
 from solmap.products.reports.match_figures import draw_pair
-from solmap.products.reports.terrain_figures import class_picture, relief_picture
+from solmap.products.reports.terrain_figures import class_figure, relief_figure
 from solmap.products.reports.tie_figures import FigureImage, caption, draw_sheet, misfits
 from solmap.products.store.product_store import ProductStore
 from solmap.tasks.images.pairs import PairProducts, read_matched_pair
@@ -69,7 +69,7 @@ def preview_terrain(dtm: ProductRef, store: ProductStore) -> ProductRef:
 
     def write(path: Path) -> None:
         terrain = read_dtm(store.path(dtm))
-        pictures = (relief_picture(terrain, HillshadeParams()), class_picture(terrain))
+        pictures = (relief_figure(terrain, HillshadeParams()), class_figure(terrain))
         write_preview(path, cv2.cvtColor(np.hstack(pictures), cv2.COLOR_RGBA2BGRA))
 
     return store.make(Recipe(ProductKind.QUICKLOOK, dtm.scope, (dtm,)), write)

@@ -7,8 +7,8 @@ import numpy as np
 from solmap.photogrammetry.terrain.dtm.records import GroundClass
 from solmap.photogrammetry.terrain.relief.slope import HillshadeParams
 from solmap.products.reports.terrain_figures import (
-    class_picture,
-    relief_picture,
+    class_figure,
+    relief_figure,
 )
 from tests.unit.terrain import conftest as scenes
 
@@ -16,29 +16,29 @@ from tests.unit.terrain import conftest as scenes
 def test_unseen_ground_is_clear_in_every_picture():
     dtm = scenes.dtm_of(scenes.tilted)
     dtm.elevation[:20], dtm.ground[:20] = np.nan, GroundClass.UNSEEN
-    for picture in (relief_picture(dtm, HillshadeParams()), class_picture(dtm)):
+    for picture in (relief_figure(dtm, HillshadeParams()), class_figure(dtm)):
         assert picture.shape == (128, 128, 4)
         assert (picture[:20, :, 3] == 0).all()
         assert (picture[20:, :, 3] == 255).all()
 
 
 def test_high_ground_has_another_colour_than_low_ground():
-    picture = relief_picture(scenes.dtm_of(lambda e, n: e + 0.0 * n), HillshadeParams())
+    picture = relief_figure(scenes.dtm_of(lambda e, n: e + 0.0 * n), HillshadeParams())
     assert np.abs(picture[64, 5].astype(int) - picture[64, 120]).max() > 80
 
 
 def test_classes_are_told_apart():
     dtm = scenes.dtm_of(scenes.level)
     dtm.ground[:, 64:] = GroundClass.INTERPOLATED
-    picture = class_picture(dtm)
+    picture = class_figure(dtm)
     assert (picture[10, 10] != picture[10, 100]).any()
 
 
 def test_a_large_picture_is_made_small_enough():
-    assert max(class_picture(scenes.dtm_of(scenes.level), max_side=50).shape) <= 50
+    assert max(class_figure(scenes.dtm_of(scenes.level), max_side=50).shape) <= 50
 
 
 def test_an_empty_model_makes_a_clear_picture():
     dtm = scenes.dtm_of(scenes.level)
     empty = replace(dtm, elevation=np.full(dtm.grid.shape, np.nan, dtype=np.float32))
-    assert (relief_picture(empty, HillshadeParams())[..., 3] == 0).all()
+    assert (relief_figure(empty, HillshadeParams())[..., 3] == 0).all()
