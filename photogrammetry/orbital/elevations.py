@@ -94,10 +94,10 @@ def register_elevations(
             "resample the rover's map to the model's cells"
         )
     wide_m = OTHER_PLACE_CELLS * cell_m
-    predicted, contrast = _predicted(ground), _shown(model)
+    predicted, contrast = _predict_heights(ground), _orbital_relief(model)
     method = Method(
         _beyond_plane,
-        _refined,
+        _refine_place,
         _leads,
         other_place_m=max(OTHER_PLACE_M, wide_m),
         half_square_m=max(HALF_SQUARE_M, wide_m),
@@ -105,14 +105,14 @@ def register_elevations(
     found = best_place(predicted, contrast, params, method)
     if found.correction is None:
         return found
-    both = _compared(ground, model, predicted, found.correction)
+    both = _compare_heights(ground, model, predicted, found.correction)
     if not LEAST_RELIEF < both.relief < MOST_RELIEF:
         reason = f"cannot tell: heights fit best with {both.relief:.2f} times the rover's relief"
         return replace(found, correction=None, reason=reason)
     return replace(found, correction=_with_height(found.correction, both))
 
 
-def _predicted(ground: GroundMap) -> Predicted:
+def _predict_heights(ground: GroundMap) -> Predicted:
     """Heights as smooth as an orbital model has them, and a plane."""
     sigma_cells = float(np.hypot(MATCHED_CELLS, SMOOTH_CELLS))
     own = smooth(ground.elevation.astype(np.float64), sigma_cells, MOSTLY_SEEN)
@@ -122,7 +122,7 @@ def _predicted(ground: GroundMap) -> Predicted:
     return Predicted(ground.grid, stack, known)
 
 
-def _shown(model: OrbitalDtm) -> Contrast:
+def _orbital_relief(model: OrbitalDtm) -> Contrast:
     """Orbital heights above their mean."""
     above = smooth(
         model.elevation.astype(np.float64) - np.nanmean(model.elevation), SMOOTH_CELLS, MOSTLY_SEEN
@@ -145,7 +145,7 @@ def _leads(best: float, other: float) -> bool:
     return 1.0 - other >= LEAST_CONTRAST * (1.0 - best)
 
 
-def _refined(
+def _refine_place(
     predicted: Predicted, contrast: Contrast, start: Place
 ) -> tuple[Float64[np.ndarray, " 3"], Float64[np.ndarray, "3 3"]]:
     """The place to a fraction of a cell, by least squares on the slopes of the rover's heights.
@@ -188,7 +188,7 @@ def _mesh(grid: MapGrid) -> tuple[np.ndarray, np.ndarray]:
     return east[None, :], north[:, None]
 
 
-def _compared(
+def _compare_heights(
     ground: GroundMap, model: OrbitalDtm, predicted: Predicted, correction: Correction
 ) -> _Heights:
     """Both models at the cells that the rover saw, the orbital one moved by the correction."""

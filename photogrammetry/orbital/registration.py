@@ -193,14 +193,14 @@ def draw_corrected(image: OrbitalImage, grid: MapGrid, correction: Correction | 
         for left in range(0, grid.cols, STRIP):
             part = np.s_[top : top + STRIP, left : left + STRIP]
             true_east, true_north = np.meshgrid(east[part[1]], north[part[0]])
-            samples = samples_of(image.grid, *_claimed(true_east, true_north, correction))
+            samples = samples_of(image.grid, *_claimed_place(true_east, true_north, correction))
             value, weight = (cv2.remap(layer, *samples, cv2.INTER_LINEAR) for layer in layers)
             with np.errstate(invalid="ignore", divide="ignore"):
                 out[part] = np.where(np.asarray(weight) > 0.5, value / weight, np.nan)  # noqa: PLR2004
     return out
 
 
-def _claimed(
+def _claimed_place(
     east: np.ndarray, north: np.ndarray, correction: Correction | None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Where the georeference puts what truly lies at places: `Correction.apply` undone."""

@@ -103,7 +103,9 @@ def search(predicted: Predicted, contrast: Contrast, params: SearchParams) -> La
     shape = tuple(fft.next_fast_len(n + 2 * reach, real=True) for n in grid.shape)
     layers = (*whiten(predicted), known.astype(np.float64))
     spectra = [np.conj(fft.rfft2(layer, shape)) for layer in layers]
-    found = [_explained(spectra, _turned(contrast, grid, reach, turn), known) for turn in turns]
+    found = [
+        _explained_share(spectra, _turn_image(contrast, grid, reach, turn), known) for turn in turns
+    ]
     reached = [fit[: 2 * reach + 1, : 2 * reach + 1] for fit in found]
     return Landscape(np.array(reached), turns, grid.cell_m)
 
@@ -134,7 +136,7 @@ def whiten(predicted: Predicted) -> Stack:
     return out
 
 
-def _turned(
+def _turn_image(
     contrast: Contrast, grid: MapGrid, reach: int, rotation_deg: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """The image on the map's grid with a margin of `reach` cells, looked up at turned places.
@@ -172,7 +174,7 @@ def map_to_image(
     return centre[0] + c * de + s * dn, centre[1] - s * de + c * dn
 
 
-def _explained(
+def _explained_share(
     spectra: Sequence[np.ndarray], image: tuple[np.ndarray, np.ndarray], known: Mask
 ) -> np.ndarray:
     """R squared for every shift of the map over a turned image; useful up to twice the margin."""
@@ -236,7 +238,7 @@ def refine(
             break
         design = np.column_stack([*slopes, -layers.T])[use]
         solved, *_ = np.linalg.lstsq(design, -value[use], rcond=None)
-        unexplained = _unexplained(layers[:, use], value[use])
+        unexplained = _residuals(layers[:, use], value[use])
         if unexplained > least:  # went too far: half the way back
             step /= 2
             found = found - step
@@ -250,7 +252,7 @@ def refine(
     raise OrbitalError("the map does not come to rest in the orbital image: no place for it")
 
 
-def _unexplained(layers: np.ndarray, value: np.ndarray) -> float:
+def _residuals(layers: np.ndarray, value: np.ndarray) -> float:
     """Share of what the image shows that no combination of the predictors explains."""
     fitted, *_ = np.linalg.lstsq(layers.T, value, rcond=None)
     return float(np.var(value - layers.T @ fitted) / np.var(value))

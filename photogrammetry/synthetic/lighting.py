@@ -113,14 +113,14 @@ def ground_radiance(elevation: Nodes, cell_m: float, sun: Sun) -> Nodes:
     north += np.float32(up)
     north *= upright
     np.maximum(north, 0, out=north)
-    north *= _sunlit(elevation, cell_m, sun)
+    north *= _sunlit_share(elevation, cell_m, sun)
     upright += 1
     upright *= np.float32(SKY_LIGHT / 2)
     north += upright
     return north
 
 
-def _sunlit(elevation: Nodes, cell_m: float, sun: Sun) -> Nodes:
+def _sunlit_share(elevation: Nodes, cell_m: float, sun: Sun) -> Nodes:
     """Share of the sun's disc that every node sees."""
     rows, cols = elevation.shape
     side = int(np.ceil(np.hypot(rows, cols)))

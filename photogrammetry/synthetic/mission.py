@@ -50,7 +50,6 @@ from solmap.photogrammetry.synthetic.networks import (
 from solmap.photogrammetry.synthetic.rig import CAMERAS, Instrument, Pointing
 from solmap.photogrammetry.synthetic.traverse import solar_longitude, sun_at
 
-
 CROSS_TIES, FAR_CROSS_TIES = 20, 6
 """Between each stop and the next, and between each stop and the one after the next."""
 LEAST_SLIP, MOST_SLIP = 0.01, 0.2
@@ -117,7 +116,7 @@ def simulate_control(  # noqa: PLR0913 - one keyword for each thing that a test 
     sigma += [float(np.radians(sigma_azimuth_deg))] if sigma_azimuth_deg else []
     control = []
     for k in stops:
-        seen = _seen(truth.lsl_from_rover[k], frame, place)
+        seen = _place_in_image(truth.lsl_from_rover[k], frame, place)
         given = [0, 1, *([2] if sigma_up_m else []), *([3] if sigma_azimuth_deg else [])]
         seen[given] += rng.normal(0, np.array(sigma) * noise)
         control.append(
@@ -134,7 +133,9 @@ def simulate_control(  # noqa: PLR0913 - one keyword for each thing that a test 
     return SimulatedControl(frame, tuple(control), place)
 
 
-def _seen(pose: Pose, frame: ControlFrame, place: np.ndarray) -> Float64[np.ndarray, " 4"]:
+def _place_in_image(
+    pose: Pose, frame: ControlFrame, place: np.ndarray
+) -> Float64[np.ndarray, " 4"]:
     """East, north, up and azimuth of a rover as the image has them."""
     shift, (b, a) = place[:3], place[3:FRAME_UNKNOWNS]
     centre = np.array(frame.centre_m)

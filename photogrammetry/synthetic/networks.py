@@ -139,15 +139,15 @@ def simulate_network(  # noqa: PLR0913 - one keyword for each thing that a test 
     )
     pointings = rng.normal(0, np.radians(errors.pointing_deg) * noise, (len(pairs), 3))
     views = [_true_view(truth, pairs, pointings, k, pairs_per_stop) for k in range(len(pairs))]
-    wanted = _wanted(
+    wanted = _tie_plan(
         rng,
         truth,
         (cross_ties, far_cross_ties, inter_ties, intra_ties),
         laps if loop else 0,
         untied,
     )
-    points, seen = _observed(views, wanted, pairs_per_stop)
-    left, parallax = _measured(pairs, views, points, seen)
+    points, seen = _observe(views, wanted, pairs_per_stop)
+    left, parallax = _measure(pairs, views, points, seen)
     size = rng.normal(0, sigma_px * noise, (len(seen), 3))
     wrong = _blunders(rng, seen, pairs_per_stop, blunders)
     wrong_px = np.column_stack([wrong, 0.5 * wrong, 0.2 * wrong * np.minimum(1.0, parallax / 10.0)])
@@ -278,7 +278,7 @@ class _Wanted:
     pairs: int
 
 
-def _wanted(
+def _tie_plan(
     rng: np.random.Generator,
     truth: tuple[Pose, ...],
     counts: tuple[int, int, int, int],
@@ -322,7 +322,7 @@ def _lift(rng: np.random.Generator, xy: np.ndarray) -> PerPoint:
     return _height(xy) - _height(np.zeros((1, 2))) - rng.exponential(0.1, len(xy))
 
 
-def _observed(
+def _observe(
     views: list[Pose], wanted: list[_Wanted], per_stop: int
 ) -> tuple[ObjectPoints, np.ndarray]:
     """The chosen points, and rows (point, pair) of who sees them."""
@@ -353,7 +353,7 @@ def _visible(pair_from_lsl: Pose, points: ObjectPoints) -> np.ndarray:
     return inside & (z > 1.0) & (z < RANGE_M)
 
 
-def _measured(
+def _measure(
     pairs: tuple[PairGeometry, ...], views: list[Pose], points: np.ndarray, seen: np.ndarray
 ) -> tuple[ImagePoints, PerPoint]:
     """Exact image coordinates and parallaxes of every observation."""

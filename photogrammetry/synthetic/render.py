@@ -123,7 +123,7 @@ def render_radiance(ground: LitGround, view: View) -> GreyImage:
     steps = _steps(ground, view)
     for start in range(0, len(azimuths), CHUNK):
         profiles = _sweep(ground, view, azimuths[start : start + CHUNK], steps)
-        panorama[start : start + CHUNK] = _collected(ground, profiles, tangents)
+        panorama[start : start + CHUNK] = _collect_light(ground, profiles, tangents)
     smooth = cv2.sepFilter2D(panorama, -1, *(np.array([0.25, 0.5, 0.25]),) * 2)
     scale = np.float32(1 / view.step)
     column = (view.azimuth - np.float32(azimuths[0])) * scale
@@ -197,18 +197,18 @@ def _lay_grains(
                 part.astype(np.float32)[:, None] * along + np.float32(offset / grain_m % period)
                 for part, offset in zip(direction, view.centre[:2], strict=True)
             ]
-            row, col = (_wrapped(node - np.float32(shift), period) for node in at)
+            row, col = (_wrap_azimuth(node - np.float32(shift), period) for node in at)
             radiance[:, first:last] *= cv2.remap(grains, col, row, cv2.INTER_LINEAR)
         first = max(first, last)
 
 
-def _wrapped(node: np.ndarray, period: int) -> np.ndarray:
+def _wrap_azimuth(node: np.ndarray, period: int) -> np.ndarray:
     """Where a node lies in a picture that repeats itself."""
     node -= np.floor(node * np.float32(1 / period)) * np.float32(period)
     return node
 
 
-def _collected(ground: LitGround, profiles: Profiles, tangents: np.ndarray) -> np.ndarray:
+def _collect_light(ground: LitGround, profiles: Profiles, tangents: np.ndarray) -> np.ndarray:
     """Mean radiance between neighbouring tangents."""
     horizon = profiles.horizon.astype(np.float64)
     light = np.diff(horizon, axis=1)
@@ -246,10 +246,10 @@ def first_hits(ground: LitGround, view: View) -> ObjectPoints:
             seen = (index > 1) & (index < len(horizon) - 1)
             for row, offset in enumerate((-2, 0, 1)):
                 bracket[row, here[seen]] = profiles.distance_m[index[seen] + offset]
-    return _refined(ground, view, tangent, bracket)
+    return _refine_hits(ground, view, tangent, bracket)
 
 
-def _refined(
+def _refine_hits(
     ground: LitGround, view: View, tangent: np.ndarray, bracket: np.ndarray
 ) -> ObjectPoints:
     """The zero of z(r) - z_c - m r along every ray, in the bracket of samples where it was met."""

@@ -59,7 +59,7 @@ def _model(*rows: tuple[float, float, float]) -> Cahvor:
     return Cahvor(c=c, a=a / np.linalg.norm(a), h=h, v=v, o=o / np.linalg.norm(o), r=r)
 
 
-def _mirrored(left: Cahvor) -> Cahvor:
+def _mirror(left: Cahvor) -> Cahvor:
     mirror = np.array([1.0, -1.0, 1.0])
     return Cahvor(
         c=mirror * left.c + np.array([0.0, 0.025, 0.0]),
@@ -107,7 +107,7 @@ CAMERAS = {
         115, "199", _PANCAM_LEFT, "PANCAM_L2_753NM", 2, 0.0, 0.27e-3
     ),
     (Instrument.PANCAM, Eye.RIGHT): CameraUnit(
-        114, "SYNTHETIC", _mirrored(_PANCAM_LEFT), "PANCAM_R2_754NM", 2, 180.0, 0.27e-3
+        114, "SYNTHETIC", _mirror(_PANCAM_LEFT), "PANCAM_R2_754NM", 2, 180.0, 0.27e-3
     ),
 }
 

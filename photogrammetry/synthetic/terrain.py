@@ -225,7 +225,7 @@ class Terrain:
     def __post_init__(self) -> None:
         if self.kind not in TERRAINS:
             raise TerrainError(f"there is no terrain {self.kind!r}: choose from {list(TERRAINS)}")
-        object.__setattr__(self, "craters", _dig(self.seed, TERRAINS[self.kind]))
+        object.__setattr__(self, "craters", _draw_craters(self.seed, TERRAINS[self.kind]))
 
     @property
     def type(self) -> TerrainType:
@@ -292,7 +292,7 @@ class Terrain:
         return found
 
 
-def _dig(seed: int, kind: TerrainType, half_m: float = 200.0) -> tuple[Crater, ...]:
+def _draw_craters(seed: int, kind: TerrainType, half_m: float = 200.0) -> tuple[Crater, ...]:
     rng = stream_of(seed, 5)
     number = rng.poisson(kind.craters_per_ha * (2 * half_m / 100) ** 2)
     places = rng.uniform(-half_m, half_m, (number, 2))

@@ -32,7 +32,7 @@ def true_parallax(world: World, stop: int, pair: int, geometry: EpipolarPair) ->
     view = View.of_rays(lsl_from_pair.translation_m, rays, 1 / geometry.focal_px)
     points = lsl_from_pair.inverse.apply(first_hits(ground, view))
     parallax_px = geometry.focal_px * geometry.base_m / points[:, 2]
-    visible = _seen_from_the_right(geometry, lsl_from_pair, ground, points)
+    visible = _visible_to_right(geometry, lsl_from_pair, ground, points)
     parallax_px[~visible] = np.nan
     return parallax_px.reshape(geometry.lines, geometry.samples).astype(np.float32)
 
@@ -44,7 +44,7 @@ def _pair_rays(geometry: EpipolarPair) -> Float32[np.ndarray, "3 lines samples"]
     return np.stack([x, y, np.ones_like(x)]) / np.sqrt(x * x + y * y + 1)
 
 
-def _seen_from_the_right(
+def _visible_to_right(
     geometry: EpipolarPair, lsl_from_pair: Pose, ground: LitGround, points: np.ndarray
 ) -> np.ndarray:
     """Whether the right camera's first hit along the way to every point is the point itself."""

@@ -169,7 +169,7 @@ def read_raster(data: bytes, name: str) -> DerivedRaster:
         raise PixelError(truncation_message(data, layout, name))
     with np.errstate(over="ignore", invalid="ignore"):
         bands = stored_values(data, layout).astype(np.float32)
-    mask = _found(bands, missing_constants(label))
+    mask = _value_mask(bands, missing_constants(label))
     frame = _frame(label) if kind in IN_FRAME else None
     if kind is RasterKind.DISPARITY:
         bands = bands[::-1]  # line, sample -> sample, line
@@ -191,7 +191,7 @@ def raster_kind(label: Label, name: str) -> RasterKind | None:
     return KINDS.get(stated.upper()) or KINDS.get(product)
 
 
-def _found(bands: np.ndarray, missing: tuple[float, ...]) -> Mask:
+def _value_mask(bands: np.ndarray, missing: tuple[float, ...]) -> Mask:
     """True where a value was found: finite, and not a constant in every band."""
     found = np.isfinite(bands).all(axis=0)
     for constant in missing:

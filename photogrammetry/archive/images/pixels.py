@@ -115,9 +115,9 @@ def read_pixels(data: bytes, label: Label, source: str) -> tuple[GreyImage, Mask
         raise PixelError(truncation_message(data, layout, source))
     values = stored_values(data, layout)
     missing = missing_constants(label)
-    measured = _measured(values[0], missing)
+    measured = _measured_mask(values[0], missing)
     for band in values[1:]:
-        measured &= _measured(band, missing)
+        measured &= _measured_mask(band, missing)
     grey = values[0] if len(values) == 1 else values.mean(axis=0, dtype=np.float64)
     with np.errstate(over="ignore", invalid="ignore"):
         pixels = np.where(measured, grey, 0).astype(np.float32)
@@ -257,7 +257,7 @@ def missing_constants(label: Label) -> tuple[float, ...]:
     return tuple(sorted(found))
 
 
-def _measured(values: np.ndarray, missing: tuple[float, ...]) -> np.ndarray:
+def _measured_mask(values: np.ndarray, missing: tuple[float, ...]) -> np.ndarray:
     """True where a pixel holds a measurement."""
     measured = np.isfinite(values) if values.dtype.kind == "f" else np.ones(values.shape, bool)
     for constant in missing:
@@ -346,7 +346,7 @@ def _rectangle(label: Label, number: int) -> tuple[int, int, int, int]:
     edges = []
     for keyword in EDGES:
         entries = _entries(label, keyword)
-        edge = _bare(entries[number]) if number < len(entries) else None
+        edge = _bare_value(entries[number]) if number < len(entries) else None
         if not isinstance(edge, int) or edge < 1:
             raise LabelError(
                 f"{label.source}: {COMPRESSION}/{keyword} should have a whole number above zero "
@@ -365,16 +365,16 @@ def _entries(label: Label, keyword: str) -> tuple[Value, ...]:
 
 def _is_lost(status: Value) -> bool:
     """Whether a status is given and is not that of a whole segment."""
-    bare = _bare(status)
+    bare = _bare_value(status)
     return bare is not None and str(bare).strip().upper() not in WHOLE
 
 
 def _counts(gone: Value) -> int:
-    bare = _bare(gone)
+    bare = _bare_value(gone)
     return bare if isinstance(bare, int) and bare > 0 else 0
 
 
-def _bare(value: Value) -> Value:
+def _bare_value(value: Value) -> Value:
     bare = value.value if isinstance(value, Quantity) else value
     if isinstance(bare, str):
         number = number_of(bare)

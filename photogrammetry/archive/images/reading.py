@@ -120,7 +120,7 @@ def describe_image(data: bytes, name: str, *, detached_label: str | None = None)
         LabelError: the file has no label, or one that describes no mapping image.
     """
     if detached_label is None:
-        detached_label, data = _detached(data, name)
+        detached_label, data = _split_detached(data, name)
     if detached_label is not None and kind_of_label(detached_label) is LabelKind.METADATA:
         return DescribedImage(rover_image_of_metadata(detached_label, name), None, data)
     label = _label(data, name, detached_label)
@@ -137,7 +137,7 @@ def read_label(data: bytes, name: str) -> Label:
     Raises:
         LabelError: there is none, or it is broken.
     """
-    text, data = _detached(data, name)
+    text, data = _split_detached(data, name)
     return _label(data, name, text)
 
 
@@ -146,7 +146,7 @@ def has_attached_label(data: bytes) -> bool:
     return data.startswith(START) or data[:256].lstrip().upper().startswith(BEGINNINGS)
 
 
-def _detached(data: bytes, name: str) -> tuple[str | None, bytes]:
+def _split_detached(data: bytes, name: str) -> tuple[str | None, bytes]:
     label, data = split_label(data, name)
     return None if label is None else decode_label(label), data
 

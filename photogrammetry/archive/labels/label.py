@@ -141,7 +141,7 @@ class Label:
         raise self._complaint(group, keyword, _KIND_NAMES[kind], value)
 
     def _complaint(self, group: str, keyword: str, expected: str, value: Value) -> LabelError:
-        found = "an unknown value" if value is None else _shortened(str(_plain(value)))
+        found = "an unknown value" if value is None else _shorten(str(_plain(value)))
         return LabelError(
             f"{self.source}: {_path(group, keyword)} should be {expected}, but is {found}"
         )
@@ -210,7 +210,7 @@ class _Parser:
         """Read one statement; the token of END if it was that."""
         token = self._take("KEYWORD = value, or END")
         if token.kind != "word":
-            raise self._error(f"expected KEYWORD = value, found {_shown(token)}", token)
+            raise self._error(f"expected KEYWORD = value, found {_shorten_token(token)}", token)
         keyword = token.text.upper()
         if keyword == "END" and not _EQUALS.match(self._text, token.start + len(token.text)):
             return token  # and look at nothing behind it: pixels may follow
@@ -218,7 +218,7 @@ class _Parser:
         following = self._peek()
         if following is None or following.text != "=" or following.kind != "mark":
             if not closing:
-                raise self._error(f"expected = after {_shown(token)}", token)
+                raise self._error(f"expected = after {_shorten_token(token)}", token)
             self._close(stack, keyword, None, token)
             return None
         self._take("=")
@@ -263,7 +263,7 @@ class _Parser:
             return self._number_or_word(token)
         if token.kind == "mark" and token.text in "({":
             return self._list(")" if token.text == "(" else "}", depth, token)
-        raise self._error(f"expected a value, found {_shown(token)}", token)
+        raise self._error(f"expected a value, found {_shorten_token(token)}", token)
 
     def _number_or_word(self, token: _Token) -> Value:
         number = number_of(token.text)
@@ -369,9 +369,9 @@ def _path(group: str, keyword: str) -> str:
     return f"{group}/{keyword}" if group else keyword
 
 
-def _shown(token: _Token) -> str:
-    return _shortened(token.text)
+def _shorten_token(token: _Token) -> str:
+    return _shorten(token.text)
 
 
-def _shortened(text: str) -> str:
+def _shorten(text: str) -> str:
     return ascii(text if len(text) <= SHOWN else text[:SHOWN] + "...")

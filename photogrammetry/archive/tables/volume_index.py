@@ -169,7 +169,7 @@ def parse_index_label(text: str, source: str) -> IndexLayout:
     Raises:
         LabelError: it is no such label; says what is missing.
     """
-    head, blocks = _apart(text[:MAX_LABEL_BYTES], source)
+    head, blocks = _split_columns(text[:MAX_LABEL_BYTES], source)
     label = parse_label(head, source)
     table = next((name for name in label.groups if "ROW_BYTES" in label.groups[name]), None)
     if table is None or not blocks:
@@ -211,7 +211,7 @@ def _lines(layout: IndexLayout, chunks: Iterable[bytes]) -> Iterator[bytes]:
     yield rest.rstrip(b"\r")
 
 
-def _apart(text: str, source: str) -> tuple[str, list[str]]:
+def _split_columns(text: str, source: str) -> tuple[str, list[str]]:
     """The label without its columns, and the statements of each column.
 
     The label parser keeps the first of several objects of one name, so each is parsed alone.
