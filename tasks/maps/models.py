@@ -57,11 +57,9 @@ def model_terrain(
     recipe = Recipe(ProductKind.MODEL, dtm.scope, (dtm, orthophoto), (params, landing))
 
     def write(path: Path) -> None:
-        drawing = TerrainMesher.of(read_dtm(store.path(dtm)))
-        texture, bounds = read_texture(
-            store.path(orthophoto), drawing.bounds, params.max_texture_px
-        )
-        surface = drawing.surface(drawing.triangles.mesh(params.tolerance_m), bounds)
+        mesher = TerrainMesher.of(read_dtm(store.path(dtm)))
+        texture, bounds = read_texture(store.path(orthophoto), mesher.bounds, params.max_texture_px)
+        surface = mesher.surface(mesher.triangles.mesh(params.tolerance_m), bounds)
         mesh = TexturedMesh(str(dtm.scope), surface, texture)
         notes = {"tolerance_m": params.tolerance_m, **notes_of(recipe, landing)}
         origin = origin_near(surface, bounds)
@@ -82,9 +80,9 @@ def tile_terrain(
     recipe = Recipe(ProductKind.TILESET, dtm.scope, (dtm, orthophoto), (params, landing))
 
     def write(path: Path) -> None:
-        drawing = TerrainMesher.of(read_dtm(store.path(dtm)))
+        mesher = TerrainMesher.of(read_dtm(store.path(dtm)))
         with TilesetWriter(path, notes_of(recipe, landing)) as writer:
-            for tile in mesh_tiles(drawing, params):
+            for tile in mesh_tiles(mesher, params):
                 _add(writer, tile, store.path(orthophoto), params)
 
     return store.make(recipe, write)

@@ -59,12 +59,12 @@ def main(store: Path, downlink: Path) -> None:
     row, col = np.nonzero(np.isfinite(dtm.elevation))
     east, north = dtm.grid.centres()
     cells = np.column_stack([east[col], north[row], dtm.elevation[row, col]])
-    drawing = TerrainMesher.of(dtm)
+    mesher = TerrainMesher.of(dtm)
     bands = " | ".join(f"{near}-{far} m" for near, far in BANDS_M)
     sys.stdout.write(f"{stop.stop}, cm, 50 and 90 %: {bands}\n")
     sys.stdout.write(f"cells: {figures(cells, truth, stop.place)}\n")
     for tolerance_m in (0.005, ModelParams().tolerance_m, 0.05):
-        surface = drawing.surface(drawing.triangles.mesh(tolerance_m), drawing.bounds)
+        surface = mesher.surface(mesher.triangles.mesh(tolerance_m), mesher.bounds)
         said = figures(places_on([surface], rng), truth, stop.place)
         sys.stdout.write(f"model, {tolerance_m} m, {len(surface)} triangles: {said}\n")
     seen = [one.mesh for one in view_meshes(stop.views, ViewModelParams())]

@@ -75,8 +75,8 @@ def build_solid(dtm: Dtm, params: SolidParams) -> Solid:
     Raises:
         TerrainError: the model has no surface.
     """
-    drawing = TerrainMesher.of(dtm)
-    mesh = drawing.surface(drawing.triangles.mesh(params.tolerance_m), drawing.bounds)
+    mesher = TerrainMesher.of(dtm)
+    mesh = mesher.surface(mesher.triangles.mesh(params.tolerance_m), mesher.bounds)
     if not len(mesh):
         raise TerrainError("this terrain model has no continuous ground to make a solid of")
     top, triangles = mesh.points, mesh.triangles.astype(np.int32)

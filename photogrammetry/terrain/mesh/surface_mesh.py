@@ -162,17 +162,17 @@ class TerrainMesher:
         east = self.east[known.any(axis=0)]
         return float(east[0]), float(north[-1]), float(east[-1]), float(north[0])
 
-    def surface(self, drawn: GridMesh, texture_bounds: Bounds) -> SurfaceMesh:
+    def surface(self, grid_mesh: GridMesh, texture_bounds: Bounds) -> SurfaceMesh:
         """Triangles drawn on the grid, in space, and where they lie in an orthophoto."""
-        east, north = self.east[drawn.col], self.north[drawn.row]
-        up = self.elevation[drawn.row, drawn.col].astype(np.float64)
-        rise = np.nan_to_num(self.gradient[:, drawn.row, drawn.col].astype(np.float64))
+        east, north = self.east[grid_mesh.col], self.north[grid_mesh.row]
+        up = self.elevation[grid_mesh.row, grid_mesh.col].astype(np.float64)
+        rise = np.nan_to_num(self.gradient[:, grid_mesh.row, grid_mesh.col].astype(np.float64))
         normals = np.column_stack([-rise[0], -rise[1], np.ones(len(up))])
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
         west, south, right, top = texture_bounds
         places = np.column_stack([(east - west) / (right - west), (top - north) / (top - south)])
         points = np.column_stack([east, north, up])
-        return SurfaceMesh(points, normals, drawn.triangles, places.astype(np.float32))
+        return SurfaceMesh(points, normals, grid_mesh.triangles, places.astype(np.float32))
 
 
 @dataclass(frozen=True, slots=True)
@@ -216,15 +216,15 @@ class MeshTile:
 
     place: TilePlace
     tolerance_m: float
-    drawing: TerrainMesher
+    mesher: TerrainMesher
     """The points of its level."""
-    drawn: GridMesh
+    grid_mesh: GridMesh
 
     @property
     def bounds(self) -> Bounds:
         """(west, south, east, north) of its square, metres of the local map."""
-        points = 1 << self.drawing.triangles.levels
-        east, north = self.drawing.east, self.drawing.north
+        points = 1 << self.mesher.triangles.levels
+        east, north = self.mesher.east, self.mesher.north
         step_m = float(east[1] - east[0])
         west = float(east[0]) + self.place.col * points * step_m
         top = float(north[0]) - self.place.row * points * step_m
@@ -232,31 +232,31 @@ class MeshTile:
 
     def surface(self, texture_bounds: Bounds) -> SurfaceMesh:
         """The tile's surface in space, with skirts."""
-        surface = self.drawing.surface(self.drawn, texture_bounds)
+        surface = self.mesher.surface(self.grid_mesh, texture_bounds)
         return add_skirts(surface, self._on_sides, self.tolerance_m)
 
     @property
     def _on_sides(self) -> Bool[np.ndarray, "4 n"]:
-        points = 1 << self.drawing.triangles.levels
-        row = self.drawn.row - self.place.row * points
-        col = self.drawn.col - self.place.col * points
+        points = 1 << self.mesher.triangles.levels
+        row = self.grid_mesh.row - self.place.row * points
+        col = self.grid_mesh.col - self.place.col * points
         return np.stack([row == 0, row == points, col == 0, col == points])
 
 
-def mesh_tiles(drawing: TerrainMesher, params: TilesetParams) -> Iterator[MeshTile]:
+def mesh_tiles(mesher: TerrainMesher, params: TilesetParams) -> Iterator[MeshTile]:
     """All tiles that show ground, finest level first; the last one is the root."""
-    down, across = drawing.triangles.roots
+    down, across = mesher.triangles.roots
     coarsest = math.ceil(math.log2(max(down, across)))
     for level in range(coarsest + 1):
-        for row, col in np.ndindex(drawing.triangles.roots):
+        for row, col in np.ndindex(mesher.triangles.roots):
             place = TilePlace(level, row, col)
-            drawn = drawing.triangles.mesh(
+            grid_mesh = mesher.triangles.mesh(
                 params.tolerance_m * (1 << level), (slice(row, row + 1), slice(col, col + 1))
             )
-            if len(drawn):
-                yield MeshTile(place, params.tolerance_m * (1 << level), drawing, drawn)
+            if len(grid_mesh):
+                yield MeshTile(place, params.tolerance_m * (1 << level), mesher, grid_mesh)
         if level < coarsest:
-            drawing = drawing.coarser()
+            mesher = mesher.coarser()
 
 
 def add_skirts(

@@ -88,18 +88,18 @@ def view_meshes(views: Sequence[TerrainView], params: ViewModelParams) -> list[T
     Raises:
         TerrainError: no view has continuous ground that is near enough.
     """
-    drawn = [_prepare(view, params) for view in views]
-    drawn = [one for one in drawn if one.whole.any()]
-    if not drawn:
+    prepared = [_prepare(view, params) for view in views]
+    prepared = [one for one in prepared if one.whole.any()]
+    if not prepared:
         raise TerrainError(
             f"none of the {len(views)} views has continuous ground known to "
             f"{params.max_relative_sigma:.1%} of its distance: look at the matching, or allow a "
             "larger max_relative_sigma"
         )
-    samplers = [ViewSampler.of(one.view) for one in drawn]
-    black, white = _stretch(drawn)
+    samplers = [ViewSampler.of(one.view) for one in prepared]
+    black, white = _stretch(prepared)
     meshes = []
-    for number, one in enumerate(drawn):
+    for number, one in enumerate(prepared):
         whole = one.whole & ~_shown_better(number, one, samplers, params)
         if whole.any():
             meshes.append(_mesh(one, whole, (black, white), params.tolerance_px))
@@ -151,9 +151,9 @@ def _shown_better(
     return np.kron(blocks, np.ones((step, step), np.bool_))[:rows, :cols]
 
 
-def _stretch(drawn: Sequence[_PreparedView]) -> tuple[float, float]:
+def _stretch(prepared: Sequence[_PreparedView]) -> tuple[float, float]:
     """Brightness to show as black and as white in all textures."""
-    sample = np.concatenate([one.view.image[one.view.mask][::SAMPLED] for one in drawn])
+    sample = np.concatenate([one.view.image[one.view.mask][::SAMPLED] for one in prepared])
     return black_and_white(sample)
 
 
@@ -164,15 +164,15 @@ def _mesh(
     tolerance_px: float,
 ) -> TexturedMesh:
     """The view's squares as triangles, wearing the part of the image that shows them."""
-    drawn = RightTriangles.of(one.parallax, whole).mesh(tolerance_px)
-    rows, cols = (slice(int(at.min()), int(at.max()) + 1) for at in (drawn.row, drawn.col))
+    prepared = RightTriangles.of(one.parallax, whole).mesh(tolerance_px)
+    rows, cols = (slice(int(at.min()), int(at.max()) + 1) for at in (prepared.row, prepared.col))
     size = np.array([cols.stop - cols.start, rows.stop - rows.start])
-    pixels = np.column_stack([drawn.col - cols.start, drawn.row - rows.start])
-    points = one.planes[:, drawn.row, drawn.col].T + camera_on_map(one.view.lsl_from_pair)
+    pixels = np.column_stack([prepared.col - cols.start, prepared.row - rows.start])
+    points = one.planes[:, prepared.row, prepared.col].T + camera_on_map(one.view.lsl_from_pair)
     mesh = SurfaceMesh(
         points=points,
-        normals=mean_normals(points, drawn.triangles),
-        triangles=drawn.triangles,
+        normals=mean_normals(points, prepared.triangles),
+        triangles=prepared.triangles,
         texture_at=((pixels + 0.5) / size).astype(np.float32),
     )
     view = one.view

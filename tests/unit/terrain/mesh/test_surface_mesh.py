@@ -42,7 +42,7 @@ def test_every_tile_has_a_parent_up_to_one_root(tiles):
 
 def test_a_tile_lies_inside_its_bounds_and_on_the_terrain(tiles):
     for tile in tiles:
-        surface = tile.drawing.surface(tile.drawn, tile.bounds)
+        surface = tile.mesher.surface(tile.grid_mesh, tile.bounds)
         west, south, east, north = tile.bounds
         x, y, up = surface.points.T
         outside = np.maximum.reduce([west - x, x - east, south - y, y - north])
@@ -52,7 +52,7 @@ def test_a_tile_lies_inside_its_bounds_and_on_the_terrain(tiles):
 
 
 def test_normals_are_those_of_the_ground(tiles):
-    surface = tiles[0].drawing.surface(tiles[0].drawn, tiles[0].bounds)
+    surface = tiles[0].mesher.surface(tiles[0].grid_mesh, tiles[0].bounds)
     x, y, _ = surface.points.T
     rise_east = 0.15 * np.cos(x / 2) * np.cos(y / 3) + 0.02
     rise_north = -0.1 * np.sin(x / 2) * np.sin(y / 3)
@@ -64,15 +64,15 @@ def test_only_at_the_finest_level_do_holes_keep_their_exact_edge(terrain, tiles)
     whole = np.isfinite(terrain.elevation)
     whole = whole[:-1, :-1] & whole[1:, :-1] & whole[:-1, 1:] & whole[1:, 1:]
     for level in range(3):
-        drawing = next(tile.drawing for tile in tiles if tile.place.level == level)
-        area = drawing.triangles.whole.sum() * 4**level
+        mesher = next(tile.mesher for tile in tiles if tile.place.level == level)
+        area = mesher.triangles.whole.sum() * 4**level
         tolerance = 0 if level == 0 else 0.02  # half a square along every edge
         assert area == pytest.approx(whole.sum(), rel=tolerance)
 
 
 def test_skirts_hang_from_borders_where_the_ground_goes_on(tiles):
     tile = next(tile for tile in tiles if tile.place == TilePlace(0, 0, 1))
-    plain = tile.drawing.surface(tile.drawn, tile.bounds)
+    plain = tile.mesher.surface(tile.grid_mesh, tile.bounds)
     hung = tile.surface(tile.bounds)
     added = hung.points[len(plain.points) :]
     west, south, east, north = tile.bounds
