@@ -238,7 +238,7 @@ def refine(
             break
         design = np.column_stack([*slopes, -layers.T])[use]
         solved, *_ = np.linalg.lstsq(design, -value[use], rcond=None)
-        unexplained = _residuals(layers[:, use], value[use])
+        unexplained = _unexplained_share(layers[:, use], value[use])
         if unexplained > least:  # went too far: half the way back
             step /= 2
             found = found - step
@@ -252,7 +252,7 @@ def refine(
     raise OrbitalError("the map does not come to rest in the orbital image: no place for it")
 
 
-def _residuals(layers: np.ndarray, value: np.ndarray) -> float:
+def _unexplained_share(layers: np.ndarray, value: np.ndarray) -> float:
     """Share of what the image shows that no combination of the predictors explains."""
     fitted, *_ = np.linalg.lstsq(layers.T, value, rcond=None)
     return float(np.var(value - layers.T @ fitted) / np.var(value))

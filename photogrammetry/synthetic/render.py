@@ -197,12 +197,12 @@ def _lay_grains(
                 part.astype(np.float32)[:, None] * along + np.float32(offset / grain_m % period)
                 for part, offset in zip(direction, view.centre[:2], strict=True)
             ]
-            row, col = (_wrap_azimuth(node - np.float32(shift), period) for node in at)
+            row, col = (_wrap_node(node - np.float32(shift), period) for node in at)
             radiance[:, first:last] *= cv2.remap(grains, col, row, cv2.INTER_LINEAR)
         first = max(first, last)
 
 
-def _wrap_azimuth(node: np.ndarray, period: int) -> np.ndarray:
+def _wrap_node(node: np.ndarray, period: int) -> np.ndarray:
     """Where a node lies in a picture that repeats itself."""
     node -= np.floor(node * np.float32(1 / period)) * np.float32(period)
     return node
