@@ -10,7 +10,7 @@ from solmap.config.landing import landing_site
 from solmap.config.settings import Settings
 from solmap.config.workspace import open_workspace
 from solmap.photogrammetry.imagery import StopId
-from solmap.photogrammetry.matching.manual.requests import EditAction
+from solmap.photogrammetry.matching.manual.editing import EditAction
 from solmap.photogrammetry.orbital.registration import RegistrationParams
 from solmap.photogrammetry.orbital.search import SearchParams
 from solmap.photogrammetry.terrain.dtm.grid import union

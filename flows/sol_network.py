@@ -10,7 +10,7 @@ from solmap.flows.runtime.failures import wait_for
 from solmap.flows.runtime.sol_report import SolReport
 from solmap.flows.sol_inputs import SolInputs, candidates
 from solmap.photogrammetry.imagery import StopId
-from solmap.photogrammetry.matching.manual.requests import EditRequest
+from solmap.photogrammetry.matching.manual.editing import EditRequest
 from solmap.products.formats.documents.archives import read_right_turn
 from solmap.products.model import ProductRef
 from solmap.tasks.images.manual_ties import all_edit_requests, requests_within

@@ -48,19 +48,21 @@ from solmap.photogrammetry.cameras.model import CameraModel
 from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.imagery import Eye, StopId
 from solmap.photogrammetry.matching.conjugates import View
-from solmap.photogrammetry.matching.manual.editing import ManualImage, apply_edits, epipolar_point
-from solmap.photogrammetry.matching.manual.picking import (
-    LARGEST_REACH_PX,
-    REACH_PX,
-    PickedView,
-    measure_pick,
-)
-from solmap.photogrammetry.matching.manual.requests import (
+from solmap.photogrammetry.matching.manual.editing import (
     SIGMA_PX,
     TOLERANCE_PX,
     EditAction,
     EditPoint,
     EditRequest,
+    ManualImage,
+    apply_edits,
+    epipolar_point,
+)
+from solmap.photogrammetry.matching.manual.picking import (
+    LARGEST_REACH_PX,
+    REACH_PX,
+    PickedView,
+    measure_pick,
 )
 from solmap.photogrammetry.matching.records import Ties, join_ties
 from solmap.photogrammetry.matching.resampling import GROUND_M

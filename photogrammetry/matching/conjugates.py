@@ -42,7 +42,6 @@ from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.matching.least_squares import fit_patches
 from solmap.photogrammetry.matching.parallax_planes import (
     ParallaxPlanes,
-    image_pyramid,
     map_points,
     parallax_planes,
     stereo_homographies,
@@ -369,3 +368,17 @@ def _least_squares(
         & (np.abs(fits.affine - np.eye(2)).max(axis=(1, 2)) <= LARGEST_STRETCH)
     )
     return offset, sigma, correlation, settled
+
+
+def image_pyramid(image: np.ndarray, levels: int = 5) -> list[np.ndarray]:
+    """An image and its halves, each the mean of 2 x 2 pixels of the one before."""
+    pyramid = [np.ascontiguousarray(image, dtype=np.float32)]
+    for _ in range(levels - 1):
+        last = pyramid[-1]
+        size = (last.shape[1] // 2, last.shape[0] // 2)
+        pyramid.append(
+            cv2.resize(
+                last[: 2 * size[1], : 2 * size[0]], size, interpolation=cv2.INTER_AREA
+            ).astype(np.float32)
+        )
+    return pyramid

@@ -239,20 +239,6 @@ def map_points(
     return image, derivative
 
 
-def image_pyramid(image: np.ndarray, levels: int = 5) -> list[np.ndarray]:
-    """An image and its halves, each the mean of 2 x 2 pixels of the one before."""
-    pyramid = [np.ascontiguousarray(image, dtype=np.float32)]
-    for _ in range(levels - 1):
-        last = pyramid[-1]
-        size = (last.shape[1] // 2, last.shape[0] // 2)
-        pyramid.append(
-            cv2.resize(
-                last[: 2 * size[1], : 2 * size[0]], size, interpolation=cv2.INTER_AREA
-            ).astype(np.float32)
-        )
-    return pyramid
-
-
 def whole_window_planes(
     parallax: ParallaxMap, window_px: int
 ) -> tuple[Float32[np.ndarray, "3 lines samples"], ParallaxMap]:

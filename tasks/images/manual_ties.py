@@ -13,8 +13,12 @@ from dataclasses import replace
 
 from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.errors import MatchingError
-from solmap.photogrammetry.matching.manual.editing import EditedTies, ManualImage, apply_edits
-from solmap.photogrammetry.matching.manual.requests import EditRequest
+from solmap.photogrammetry.matching.manual.editing import (
+    EditedTies,
+    EditRequest,
+    ManualImage,
+    apply_edits,
+)
 from solmap.photogrammetry.matching.records import Ties
 from solmap.products.catalogue.edits import EditKind, EditLog
 from solmap.products.catalogue.workspace import Workspace

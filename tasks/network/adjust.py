@@ -22,7 +22,7 @@ from solmap.photogrammetry.adjustment.model.network import Network, PairGeometry
 from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
 from solmap.photogrammetry.adjustment.modes.mission import AdjustmentMode, advance
 from solmap.photogrammetry.imagery import StereoMatches, StopId
-from solmap.photogrammetry.matching.manual.requests import EditRequest
+from solmap.photogrammetry.matching.manual.editing import EditRequest
 from solmap.photogrammetry.matching.records import Ties
 from solmap.photogrammetry.matching.tracks import TrackParams, build_tie_points
 from solmap.products.formats.documents.adjusted_network import report_document
@@ -40,7 +40,6 @@ from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.products.store.product_store import ProductStore
 from solmap.tasks.images.manual_ties import edit_ties, named_in, without_rows
 from solmap.tasks.images.pairs import PairProducts
-from solmap.tasks.images.telemetry import TelemetryStop
 from solmap.tasks.network.singles import read_singles
 from solmap.tasks.network.tie import TelemetryPose
 from solmap.tasks.scopes import is_overall, network_scope, stop_scope
@@ -67,7 +66,7 @@ class NetworkStep:
     mode: AdjustmentMode
     previous: ProductRef | None
     """The network before: that of an earlier sol, or the sol's own for an overall adjustment."""
-    stops: tuple[TelemetryStop, ...]
+    stops: tuple[StopPrior, ...]
     """All stops up to this sol, in the order of the traverse."""
     new_stops: tuple[StopId, ...]
     window: tuple[StopId, ...]
@@ -89,7 +88,7 @@ class NetworkStep:
         return frozenset(map(str, self.window))
 
     @property
-    def touched(self) -> tuple[TelemetryStop, ...]:
+    def touched(self) -> tuple[StopPrior, ...]:
         """The telemetry of the window's stops."""
         window = set(self.window)
         return tuple(stop for stop in self.stops if stop.stop in window)
@@ -192,10 +191,7 @@ def _network(
     matches += [StereoMatches.none(body.pair_id) for body in alone]
     ties = [*joining.ties, *(some.ties for some in singles)]
     network = Network(
-        stops=tuple(
-            StopPrior(stop.stop, stop.lsl_from_rover, stop.attitude_measured_by, stop.sols)
-            for stop in step.stops
-        ),
+        stops=step.stops,
         pairs=tuple(
             PairGeometry(pair.files.id, pair.files.stop, geometry, read_mast(path))
             for (pair, geometry, _), path in zip(read, paths, strict=True)

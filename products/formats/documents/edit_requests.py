@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 
 from solmap.photogrammetry.errors import MatchingError
-from solmap.photogrammetry.matching.manual.requests import (
+from solmap.photogrammetry.matching.manual.editing import (
     SIGMA_PX,
     TOLERANCE_PX,
     EditAction,

@@ -8,9 +8,14 @@ import pytest
 from solmap.photogrammetry.cameras.epipolar import epipolar_pair
 from solmap.photogrammetry.frames import Frame, FrameKind
 from solmap.photogrammetry.imagery import Eye, StopId
-from solmap.photogrammetry.matching.manual.editing import ManualImage, epipolar_point
+from solmap.photogrammetry.matching.manual.editing import (
+    EditAction,
+    EditPoint,
+    EditRequest,
+    ManualImage,
+    epipolar_point,
+)
 from solmap.photogrammetry.matching.manual.editing import apply_edits as carried_out
-from solmap.photogrammetry.matching.manual.requests import EditAction, EditPoint, EditRequest
 from solmap.photogrammetry.matching.records import Ties
 from solmap.photogrammetry.synthetic.rig import CAMERAS, Instrument, Pointing
 

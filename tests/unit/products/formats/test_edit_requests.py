@@ -5,7 +5,7 @@ import json
 import pytest
 
 from solmap.photogrammetry.errors import MatchingError
-from solmap.photogrammetry.matching.manual.requests import EditAction, EditPoint, EditRequest
+from solmap.photogrammetry.matching.manual.editing import EditAction, EditPoint, EditRequest
 from solmap.products.formats.documents.edit_requests import parse_edit_requests
 
 ONE, OTHER = "2N151760178EFF1000P1500L0M1", "2N151760814EFF1064P1501L0M1"

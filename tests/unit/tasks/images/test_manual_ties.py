@@ -2,7 +2,7 @@
 
 import pytest
 
-from solmap.photogrammetry.matching.manual.requests import EditAction
+from solmap.photogrammetry.matching.manual.editing import EditAction
 from solmap.products.catalogue.edits import EditKind, EditLog
 from solmap.products.catalogue.workspace import Workspace
 from solmap.tasks.images.manual_ties import all_edit_requests, take_edits
