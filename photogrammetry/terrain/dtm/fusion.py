@@ -1,8 +1,8 @@
 """What all views of a stop say of all cells, weighed and brought to one level a cell.
 
-The variances are those of `dtm`. Views are averaged with weights 1/sigma_h^2, those that disagree
-by more than two sigma counting for less (Huber), and what disagreement remains enlarges the
-standard deviation.
+The variances are those of `stop_dtm`. Views are averaged with weights 1/sigma_h^2, those that
+disagree by more than two sigma counting for less (Huber), and what disagreement remains enlarges
+the standard deviation.
 
 An error of a view's pose, a turn w and a shift t with the covariance C, moves a point at P from the
 camera by w x P + t. On ground with the normal n = (-g, 1) the elevation at a fixed place changes by
@@ -171,7 +171,7 @@ def _grounds(
 def _own_variance(
     entries: Entries, rows: slice, ground: _Ground, view: TerrainView, params: FusionParams
 ) -> PerEntry:
-    """The variance that a view's entries have of their own (see `dtm`)."""
+    """The variance that a view's entries have of their own (see `stop_dtm`)."""
     focal, base = np.float32(view.geometry.focal_px), np.float32(view.geometry.base_m)
     cell_m, P = np.float32(entries.grid.cell_m), ground.P
     forward = map_from_pair_rotation(view.lsl_from_pair)[:, 2].astype(np.float32)

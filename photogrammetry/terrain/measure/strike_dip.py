@@ -28,7 +28,7 @@ from solmap.photogrammetry.terrain.dtm.records import Dtm, GroundClass
 LEVEL = 3.0
 """Standard deviations within which a level plane leaves the strike undefined."""
 WINDOW_PX = 9.0
-"""Pixels this close share it according to the terrain model's standard deviation."""
+"""Pixels this close share their error in the terrain model's standard deviation."""
 Corners = Float64[np.ndarray, "n 2"]
 """(east, north) of an outline's corners in order, metres of the local map."""
 

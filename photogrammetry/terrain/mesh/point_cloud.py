@@ -4,7 +4,7 @@ Every trusted parallax p of a pair is a point P on its ray, known along the ray 
 
     sigma = |P| sigma_p / p
 
-(see `ground`; what all points of a pair share by its pose is not in it). Pairs overlap and near
+(see `dtm.ground`; what all points of a pair share by its pose is not in it). Pairs overlap and near
 ground is seen by far more pixels than it is worth, so one point stays a cube of `spacing_m`: the
 one that is known best. Levels of detail are made the same way: level l keeps a point a cube of
 2^l spacings, and a point is at the coarsest level that keeps it, so that all levels together are

@@ -1,6 +1,6 @@
 """A terrain model as a solid that can be printed: its surface, walls around it and a flat base.
 
-The surface is that of `model3d` (right triangles, no farther than a tolerance from the model).
+The surface is that of `surface_mesh` (right triangles, no farther than a tolerance from the model).
 Every edge that only one of its triangles has is a border; below it stands a wall down to the base,
 and the base is the surface seen from below, laid flat. Each edge of the solid then belongs to
 exactly two triangles that run along it in opposite directions: it is watertight, whatever holes the

@@ -1,9 +1,9 @@
 """What stereo pairs see, in three dimensions: their dense points, wearing their own images.
 
 A terrain model has one height a cell; the points of a pair also show overhangs, the faces of rocks
-and outcrops edge-on to the map. Neighbouring pixels are joined where they are one surface (`mesh`),
-so what was not seen stays open, and triangles are as few as a tolerance allows. The tolerance is in
-pixels of parallax, because there every plane is linear,
+and outcrops edge-on to the map. Neighbouring pixels are joined where they are one surface
+(`dtm.ground`), so what was not seen stays open, and triangles are as few as a tolerance allows. The
+tolerance is in pixels of parallax, because there every plane is linear,
 
     n.P = d,   P = f B / p (x, y, 1)      =>      p = f B n.(x, y, 1) / d
 
@@ -164,15 +164,15 @@ def _mesh(
     tolerance_px: float,
 ) -> TexturedMesh:
     """The view's squares as triangles, wearing the part of the image that shows them."""
-    prepared = RightTriangles.of(one.parallax, whole).mesh(tolerance_px)
-    rows, cols = (slice(int(at.min()), int(at.max()) + 1) for at in (prepared.row, prepared.col))
+    grid_mesh = RightTriangles.of(one.parallax, whole).mesh(tolerance_px)
+    rows, cols = (slice(int(at.min()), int(at.max()) + 1) for at in (grid_mesh.row, grid_mesh.col))
     size = np.array([cols.stop - cols.start, rows.stop - rows.start])
-    pixels = np.column_stack([prepared.col - cols.start, prepared.row - rows.start])
-    points = one.planes[:, prepared.row, prepared.col].T + camera_on_map(one.view.lsl_from_pair)
+    pixels = np.column_stack([grid_mesh.col - cols.start, grid_mesh.row - rows.start])
+    points = one.planes[:, grid_mesh.row, grid_mesh.col].T + camera_on_map(one.view.lsl_from_pair)
     mesh = SurfaceMesh(
         points=points,
-        normals=mean_normals(points, prepared.triangles),
-        triangles=prepared.triangles,
+        normals=mean_normals(points, grid_mesh.triangles),
+        triangles=grid_mesh.triangles,
         texture_at=((pixels + 0.5) / size).astype(np.float32),
     )
     view = one.view
