@@ -48,6 +48,8 @@ from solmap.photogrammetry.matching.parallax_planes import (
 )
 from solmap.photogrammetry.matching.records import MatchedPair
 
+PYRAMID_LEVELS = 5
+"""Of an image, each half as wide as the one before."""
 MOST_SAMPLES = 8
 """A cell of the grid is the mean of at most 8 x 8 samples of a finer image."""
 
@@ -69,17 +71,28 @@ DEFINED_PX = 0.02
 DENSE_AGREES_PX = 1.5
 """The measured parallax may differ this much, and three times the surface's roughness, from it."""
 
-
 ITERATIONS = 6
 """Of least-squares matching."""
-
 
 LARGEST_SHIFT_PX = 2.5
 """Refinement may not walk further from the correlation peak."""
 
-
 LARGEST_STRETCH = 0.35
 """Refinement may not change the patch's shape more than this."""
+
+
+def image_pyramid(image: np.ndarray) -> list[np.ndarray]:
+    """An image and its halves, each the mean of 2 x 2 pixels of the one before."""
+    pyramid = [np.ascontiguousarray(image, dtype=np.float32)]
+    for _ in range(PYRAMID_LEVELS - 1):
+        last = pyramid[-1]
+        size = (last.shape[1] // 2, last.shape[0] // 2)
+        pyramid.append(
+            cv2.resize(
+                last[: 2 * size[1], : 2 * size[0]], size, interpolation=cv2.INTER_AREA
+            ).astype(np.float32)
+        )
+    return pyramid
 
 
 @dataclass(frozen=True, slots=True)
@@ -368,17 +381,3 @@ def _least_squares(
         & (np.abs(fits.affine - np.eye(2)).max(axis=(1, 2)) <= LARGEST_STRETCH)
     )
     return offset, sigma, correlation, settled
-
-
-def image_pyramid(image: np.ndarray, levels: int = 5) -> list[np.ndarray]:
-    """An image and its halves, each the mean of 2 x 2 pixels of the one before."""
-    pyramid = [np.ascontiguousarray(image, dtype=np.float32)]
-    for _ in range(levels - 1):
-        last = pyramid[-1]
-        size = (last.shape[1] // 2, last.shape[0] // 2)
-        pyramid.append(
-            cv2.resize(
-                last[: 2 * size[1], : 2 * size[0]], size, interpolation=cv2.INTER_AREA
-            ).astype(np.float32)
-        )
-    return pyramid

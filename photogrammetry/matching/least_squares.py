@@ -64,6 +64,9 @@ from solmap.photogrammetry.matching.resampling import (
 
 PARAMETERS = 5
 
+OFFSET_STEPS = 6
+"""Gauss-Newton steps of a shift; three to five are usual."""
+
 CHUNK = 2048
 """Windows at a time: bounds memory, and OpenCV samples no more than 32767 rows at once."""
 
@@ -218,7 +221,7 @@ def _regularisation(design: np.ndarray) -> np.ndarray:
 
 
 def match_offsets(
-    images: EpipolarImages, pixels: np.ndarray, start: np.ndarray, window_px: int, steps: int = 6
+    images: EpipolarImages, pixels: np.ndarray, start: np.ndarray, window_px: int
 ) -> np.ndarray:
     """Shift of each left window in the right image, along samples and lines; NaN if not found."""
     if not len(pixels):
@@ -233,7 +236,7 @@ def match_offsets(
     coefficients = spline_coefficients(images.right)
     offset = start.copy()
     step = np.full_like(start, np.inf)
-    for _ in range(steps):
+    for _ in range(OFFSET_STEPS):
         place = (x + offset[:, 0, None], y + offset[:, 1, None])
         right = _centre(sample_points(coefficients, *(p.astype(np.float32) for p in place)))
         gain = (left * right).sum(axis=1) / np.maximum((right * right).sum(axis=1), 1e-12)

@@ -1,20 +1,9 @@
-"""Edit requests applied to automatic ties.
-
-A person clicks in the images as stored; ties are kept in the epipolar geometry of their pairs. The
-epipolar point e of an original point u is where the map of the resampling (`resampling`) meets it,
-
-    project(C + d r(e)) = u,
-
-solved by fixed-point steps from the ray through u, for the map is nearly a shift. With the same
-point in the right image the tie has a parallax, x_l - x_r; without, the pair's dense parallax
-serves where it has one, and otherwise the tie is two rays.
-
-Edit requests: manual tie points to add, automatic ties to veto or move.
+"""Edit requests: manual tie points to add, automatic ties to veto or move, and their application.
 
 A manual tie names two images and a point in each, in pixels of the images as stored: (0, 0) is the
 centre of the first pixel, samples run right, lines down. Images are named by their product
 identifiers; of a stereo pair it is the left one that is named, and the place in the right one may
-be added. Files of them are read by `products.formats.documents.edit_requests`.
+be added. Files of requests are read by `products.formats.documents.edit_requests`.
 
     action    what is done
     add       a new tie between the two points
@@ -22,6 +11,15 @@ be added. Files of them are read by `products.formats.documents.edit_requests`.
               images, or between two stops where stops are named; without second image, all that
               start at the point, whichever image they go to
     move      the automatic tie at the first point goes to the second point instead
+
+Ties are kept in the epipolar geometry of their pairs. The epipolar point e of an original point u
+is where the map of the resampling (`resampling`) meets it,
+
+    project(C + d r(e)) = u,
+
+solved by fixed-point steps from the ray through u, for the map is nearly a shift. With the same
+point in the right image the tie has a parallax, x_l - x_r; without, the pair's dense parallax
+serves where it has one, and otherwise the tie is two rays.
 """
 
 from __future__ import annotations

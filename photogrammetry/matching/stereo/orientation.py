@@ -181,7 +181,7 @@ def vertical_parallax(
     )
 
 
-def rig_rotation(measured: VerticalParallax, steps: int = 10) -> Vector3:
+def rig_rotation(measured: VerticalParallax) -> Vector3:
     """Rotation vector (right, down, forward axes; radians) of the right camera from its model."""
     if len(measured.left) < FEWEST_POINTS:
         raise MatchingError(
@@ -191,7 +191,7 @@ def rig_rotation(measured: VerticalParallax, steps: int = 10) -> Vector3:
     design = _design(measured)
     weight = np.ones(len(design))
     rotation = np.zeros(3)
-    for _ in range(steps):
+    for _ in range(STEPS):
         normal = (design * weight[:, None]).T @ design
         rotation = np.linalg.solve(normal, design.T @ (weight * measured.vertical_px))
         residual = measured.vertical_px - design @ rotation

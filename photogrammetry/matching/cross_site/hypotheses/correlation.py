@@ -86,7 +86,7 @@ class _Frame:
         )
         return cls(start, reach, (first[0], first[1]), (rows, cols))
 
-    def fixed(self, channel: Channel) -> Channel:
+    def place_earlier(self, channel: Channel) -> Channel:
         """The earlier view's channel in the frame, nothing in the margin."""
         size, margin = channel.value.shape[0], self.reach
         lows = [max(0, f + margin) for f in self.first]
@@ -102,7 +102,7 @@ class _Frame:
             parts.append(drawn)
         return Channel(*parts)
 
-    def moved(self, channel: Channel, azimuth: float) -> Channel:
+    def place_later(self, channel: Channel, azimuth: float) -> Channel:
         """The later view's channel turned clockwise about its rover and put at the start."""
         size = channel.value.shape[0]
         turn = cv2.getRotationMatrix2D(((size - 1) / 2,) * 2, -float(np.degrees(azimuth)), 1.0)
@@ -119,12 +119,14 @@ def correlate_views(
     """The best places of the later view on the earlier one inside the gate, best first."""
     cell_m = params.cell_m
     frame = _Frame.of(earlier.grey.shape[0], cell_m, gate)
-    fixed = _spectra([frame.fixed(c) for c in channels(earlier, params)], frame)
+    fixed = _spectra([frame.place_earlier(c) for c in channels(earlier, params)], frame)
     moving = channels(later, params)
     steps = int(np.ceil(gate.azimuth_reach / AZIMUTH_STEP))
     azimuths = np.arange(-steps, steps + 1) * AZIMUTH_STEP
     surfaces = [
-        _surfaces(fixed, _spectra([frame.moved(c, float(a)) for c in moving], frame), frame, params)
+        _surfaces(
+            fixed, _spectra([frame.place_later(c, float(a)) for c in moving], frame), frame, params
+        )
         for a in azimuths
     ]
     z = _significance(np.stack([s[0] for s in surfaces], axis=1))
