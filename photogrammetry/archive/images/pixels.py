@@ -61,6 +61,24 @@ SAMPLE_TYPES: Mapping[str, tuple[str, str]] = {
 """SAMPLE_TYPE -> byte order and kind of number."""
 
 _SIZES = {"i": (8, 16, 32), "u": (8, 16, 32), "f": (32, 64)}
+COMPRESSION = "COMPRESSION_PARMS"
+WHOLE = frozenset({"0", "0X0", "OK"})
+"""Codes of a segment that came down complete; VICAR's hexadecimal, too."""
+MAX_SEGMENTS = 4096
+CONVERTER = 0xFFF
+"""Largest count of the 12-bit converters of these cameras."""
+EDGES = (
+    "INST_CMPRS_SEG_FIRST_LINE",
+    "INST_CMPRS_SEG_FIRST_LINE_SAMP",
+    "INST_CMPRS_SEG_LINES",
+    "INST_CMPRS_SEG_SAMPLES",
+)
+PNG = b"\x89PNG\r\n\x1a\n"
+JPEG = b"\xff\xd8\xff"
+MAX_PICTURE_PIXELS = 1 << 25
+"""Twice the 5120 x 3840 pixels of the largest rover camera."""
+SIZE_MARKERS = frozenset({*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC})
+"""JPEG markers of the segments that hold lines and samples."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -283,20 +301,6 @@ def zeros_in_runs(zero: np.ndarray) -> np.ndarray:
     return is_lost[patches]
 
 
-COMPRESSION = "COMPRESSION_PARMS"
-WHOLE = frozenset({"0", "0X0", "OK"})
-"""Codes of a segment that came down complete; VICAR's hexadecimal, too."""
-MAX_SEGMENTS = 4096
-CONVERTER = 0xFFF
-"""Largest count of the 12-bit converters of these cameras."""
-EDGES = (
-    "INST_CMPRS_SEG_FIRST_LINE",
-    "INST_CMPRS_SEG_FIRST_LINE_SAMP",
-    "INST_CMPRS_SEG_LINES",
-    "INST_CMPRS_SEG_SAMPLES",
-)
-
-
 def received_mask(label: Label, lines: int, samples: int) -> Mask:
     """True where the segment of a pixel came down whole, or nothing is said of segments.
 
@@ -382,14 +386,6 @@ def _bare_value(value: Value) -> Value:
     return bare
 
 
-PNG = b"\x89PNG\r\n\x1a\n"
-JPEG = b"\xff\xd8\xff"
-MAX_PICTURE_PIXELS = 1 << 25
-"""Twice the 5120 x 3840 pixels of the largest rover camera."""
-SIZES = frozenset({*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC})
-"""JPEG markers of the segments that hold lines and samples."""
-
-
 def is_picture(data: bytes) -> bool:
     """Whether a file starts like a PNG or JPEG."""
     return data.startswith((PNG, JPEG))
@@ -425,7 +421,7 @@ def picture_size(data: bytes, name: str) -> tuple[int, int]:
         return int.from_bytes(data[16:20], "big"), int.from_bytes(data[20:24], "big")
     position = 2 if data.startswith(JPEG) else len(data)
     while position + 9 <= len(data) and data[position] == 0xFF:  # noqa: PLR2004 - every marker
-        if data[position + 1] in SIZES:
+        if data[position + 1] in SIZE_MARKERS:
             return (
                 int.from_bytes(data[position + 7 : position + 9], "big"),
                 int.from_bytes(data[position + 5 : position + 7], "big"),
