@@ -10,6 +10,7 @@ from solmap.config.landing import landing_site
 from solmap.config.pipeline import PipelineConfig, load_pipeline
 from solmap.config.settings import Settings
 from solmap.config.workspace import open_workspace
+from solmap.photogrammetry.adjustment.model.network import StopPrior
 from solmap.photogrammetry.adjustment.modes.mission import AdjustmentMode
 from solmap.photogrammetry.imagery import StopId
 from solmap.photogrammetry.matching.cross_site.gate import link_candidates
@@ -20,7 +21,6 @@ from solmap.products.crs import LandingPoint
 from solmap.products.formats.documents.network import read_network
 from solmap.tasks.images.telemetry import (
     Telemetry,
-    TelemetryStop,
     read_telemetry,
     vector_files,
 )
@@ -48,7 +48,7 @@ class SolInputs:
     """Stops of this sol that no chain of sites joins to the LSL."""
     unpaired: tuple[ImageEntry, ...]
     """Images of this sol that have no stereo partner."""
-    window: tuple[TelemetryStop, ...]
+    window: tuple[StopPrior, ...]
     """Stops whose orientation this sol may change, and those linked to them."""
     images: tuple[ImageEntry, ...]
     """Those taken at the stops of the window, up to this sol."""
@@ -124,7 +124,7 @@ class _Known:
         entry = MissionEntry(mission, site.title, site.landing, telemetry.note)
         return cls(workspace, load_pipeline(pipeline), entry, entries, telemetry)
 
-    def images_at(self, stops: Iterable[TelemetryStop]) -> tuple[ImageEntry, ...]:
+    def images_at(self, stops: Iterable[StopPrior]) -> tuple[ImageEntry, ...]:
         """The images taken at some stops."""
         names = {str(stop.stop) for stop in stops}
         return tuple(entry for entry in self.entries if entry.stop in names)
@@ -149,11 +149,11 @@ def _mode(config: PipelineConfig) -> AdjustmentMode:
 
 
 def _window(
-    touched: Sequence[TelemetryStop],
-    stops: Sequence[TelemetryStop],
+    touched: Sequence[StopPrior],
+    stops: Sequence[StopPrior],
     known: _Known,
     previous: Standing | None,
-) -> tuple[TelemetryStop, ...]:
+) -> tuple[StopPrior, ...]:
     """The stops whose orientation new images at `touched` ones may change, and those linked."""
     first = min((stops.index(stop) for stop in touched), default=len(stops))
     recent = list(stops[max(0, first - WINDOW) :])
@@ -173,8 +173,8 @@ def _moving(previous: Standing | None, workspace: Workspace) -> tuple[StopId, ..
 
 
 def candidates(
-    stop: TelemetryStop, stops: Sequence[TelemetryStop], config: PipelineConfig
-) -> list[TelemetryStop]:
+    stop: StopPrior, stops: Sequence[StopPrior], config: PipelineConfig
+) -> list[StopPrior]:
     """The earlier stops that one is tried to be linked with."""
     earlier = {old.stop: old for old in stops[: stops.index(stop)]}
     poses = {name: old.lsl_from_rover for name, old in earlier.items()}

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from solmap.photogrammetry.adjustment.model.network import StopPrior
 from solmap.photogrammetry.archive.images.reading import ReadImage
 from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.frames import Frame, FrameKind
@@ -23,7 +24,6 @@ from solmap.products.formats.documents.archives import (
 )
 from solmap.products.model import ProductRef
 from solmap.products.store.product_store import ProductStore
-from solmap.tasks.images.telemetry import TelemetryStop
 
 CAMERAS = ("NAVCAM", "PANCAM", "MASTCAM", "FRONT_HAZCAM", "REAR_HAZCAM")
 """Instruments in the order that numbers a pair's frame."""
@@ -119,7 +119,7 @@ def read_matched_pair(pair: PairProducts, store: ProductStore) -> MatchedPair:
 
 
 def read_matched_stop(
-    telemetry: TelemetryStop,
+    telemetry: StopPrior,
     covariance: np.ndarray,
     pairs: Sequence[PairProducts],
     store: ProductStore,

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from solmap.photogrammetry.adjustment.model.network import StopPrior
 from solmap.photogrammetry.archive.tables.vector_files import (
     VectorFile,
     best_poses,
@@ -20,28 +21,19 @@ from solmap.products.model import ProductKind
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class TelemetryStop:
-    """A stop as telemetry knows it."""
-
-    stop: StopId
-    sols: tuple[int, ...]
-    first_clock: float
-    lsl_from_rover: Pose
-    attitude_measured_by: str
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class Telemetry:
     """All stops of a mission in the order of the traverse, and the frames they hang in."""
 
-    stops: tuple[TelemetryStop, ...]
+    stops: tuple[StopPrior, ...]
+    first_clocks: Mapping[StopId, float]
+    """Spacecraft clock of the first image of each of them, seconds."""
     tree: FrameTree
     note: str | None
     """Says so when the LSL is not the lander's."""
     unplaced: tuple[StopId, ...]
     """Stops at sites that no chain joins to the LSL."""
 
-    def stop(self, stop: StopId) -> TelemetryStop:
+    def stop(self, stop: StopId) -> StopPrior:
         """The telemetry of one stop.
 
         Raises:
@@ -84,16 +76,16 @@ def read_telemetry(images: Sequence[RoverImage], vector_files: Sequence[VectorFi
             unplaced.append(stop)
             continue
         placed.append(
-            TelemetryStop(
+            StopPrior(
                 stop,
-                tuple(sorted({image.sol for image in taken})),
-                taken[0].clock,
                 lsl_from_rover,
                 taken[0].attitude_measured_by,
+                tuple(sorted({image.sol for image in taken})),
             )
         )
     placed.sort(key=lambda known: (known.stop.site, known.stop.drive))
-    return Telemetry(tuple(placed), lsl.tree, lsl.note, tuple(sorted(unplaced)))
+    clocks = {known.stop: by_stop[known.stop][0].clock for known in placed}
+    return Telemetry(tuple(placed), clocks, lsl.tree, lsl.note, tuple(sorted(unplaced)))
 
 
 def _declared_sites(

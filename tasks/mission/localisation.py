@@ -56,7 +56,7 @@ def localise(
     """State the adjusted traverse of a mission and how far telemetry strays from it."""
     product = network_of(network, store)
     frames = SiteFrames.of(telemetry, {stop.stop.site for stop in product.adjusted.stops})
-    clocks = {known.stop: known.first_clock for known in telemetry.stops}
+    clocks = telemetry.first_clocks
     params = (
         FORMAT,
         landing,

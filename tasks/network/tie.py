@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from solmap.photogrammetry.adjustment.model.network import StopPrior
 from solmap.photogrammetry.imagery import StopId
 from solmap.photogrammetry.matching.cross_site.linking import (
     CrossSiteParams,
@@ -27,7 +28,6 @@ from solmap.products.formats.documents.archives import finite, pose_document, wr
 from solmap.products.model import ProductKind, ProductRef, Recipe, Scope, ScopeLevel
 from solmap.products.store.product_store import ProductStore
 from solmap.tasks.images.pairs import PairProducts, read_matched_stop
-from solmap.tasks.images.telemetry import TelemetryStop
 from solmap.tasks.network.previews import write_link_preview, write_ties_preview
 from solmap.tasks.scopes import stop_scope
 from solmap.tasks.stage import stage
@@ -54,7 +54,7 @@ class TelemetryPose:
     translation_m: tuple[float, ...]
 
     @classmethod
-    def of(cls, telemetry: TelemetryStop) -> TelemetryPose:
+    def of(cls, telemetry: StopPrior) -> TelemetryPose:
         """The pose of a stop in the LSL."""
         pose = telemetry.lsl_from_rover
         return cls(tuple(pose.rotation.ravel().tolist()), tuple(pose.translation_m.tolist()))
@@ -62,7 +62,7 @@ class TelemetryPose:
 
 @stage(task_run_name="tie-{stop.stop}")
 def tie_stop(
-    stop: StopProducts, telemetry: TelemetryStop, params: InterStereoParams, store: ProductStore
+    stop: StopProducts, telemetry: StopPrior, params: InterStereoParams, store: ProductStore
 ) -> ProductRef:
     """Tie every two overlapping pairs of a stop."""
 
@@ -89,8 +89,8 @@ def tie_stop(
 def link_stops(
     earlier: StopProducts,
     later: StopProducts,
-    earlier_telemetry: TelemetryStop,
-    later_telemetry: TelemetryStop,
+    earlier_telemetry: StopPrior,
+    later_telemetry: StopPrior,
     params: CrossSiteParams,
     store: ProductStore,
 ) -> ProductRef:
@@ -122,7 +122,7 @@ def link_scope(earlier: StopId, later: StopId) -> Scope:
     return Scope(ScopeLevel.STOP, f"{later}-to-site{earlier.site:04d}-drive{earlier.drive:04d}")
 
 
-def _read_stop(stop: StopProducts, telemetry: TelemetryStop, store: ProductStore) -> MatchedStop:
+def _read_stop(stop: StopProducts, telemetry: StopPrior, store: ProductStore) -> MatchedStop:
     return read_matched_stop(telemetry, np.zeros((6, 6)), stop.pairs, store)
 
 
