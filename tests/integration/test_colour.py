@@ -18,7 +18,6 @@ from solmap.photogrammetry.terrain.orthophoto.rendering import OrthophotoParams
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.crs import LandingPoint
 from solmap.products.formats.documents.archives import read_matches
-from solmap.products.formats.raster.orthophoto import read_sources
 from solmap.tasks.images.ingest import ingest_downlink
 from solmap.tasks.images.pairs import pairs_of
 from solmap.tasks.maps import orthophoto as colour
@@ -27,6 +26,7 @@ from solmap.tasks.maps.terrain import build_dtm
 from solmap.tasks.network.match import MatchParams, match_stereo_pair
 from solmap.tasks.network.orientations import Orientation, OrientedPair
 from solmap.tasks.network.singles import drop_repeats
+from tests.support.product_readers import read_sources
 
 LANDING = LandingPoint("a simulated plain", 175.47, -14.57, 3_393_000.0, "a test")
 ORTHOPHOTO = OrthophotoParams(cell_m=0.02)

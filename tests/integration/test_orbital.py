@@ -16,11 +16,12 @@ from solmap.photogrammetry.terrain.dtm.records import Dtm
 from solmap.products.catalogue.catalogue import MissionEntry
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.crs import local_crs
-from solmap.products.formats.raster.orthophoto import read_orthophoto, write_orthophoto
+from solmap.products.formats.raster.orthophoto import write_orthophoto
 from solmap.products.formats.raster.raster import write_dtm
 from solmap.products.model import ProductKind, Recipe, Scope, ScopeLevel
 from solmap.tasks.mission.publish import publish
 from tests.support.orbital_scenes import scene
+from tests.support.product_readers import read_orthophoto
 
 SITE = landing_site("MER2", Settings().landing_sites)
 # as GDAL's users keep Mars: an equirectangular map of the sphere, not the local one

@@ -36,10 +36,10 @@ from solmap.photogrammetry.terrain.orthophoto.rendering import (
     OrthophotoParams,
 )
 from solmap.products.catalogue.workspace import Workspace
-from solmap.products.formats.raster.orthophoto import read_orthophoto
 from solmap.products.model import ProductKind
 from tests.support.husband_truth import JudgedPair, judged_pairs
 from tests.support.orthophotos import render_orthophoto
+from tests.support.product_readers import read_orthophoto
 from tests.support.simulated_stops import SimulatedStop, WorldOfStops, simulated_stop
 
 BANDS_M = ((0, 5), (5, 10), (10, 20), (20, 40))

@@ -1,20 +1,16 @@
 """Draco compression of a mesh, as KHR_draco_mesh_compression has it: a tenth of the size.
 
-Needs the package DracoPy, which is no dependency of solmap's: it is asked for where a pipeline sets
-`draco`. Positions keep 16 bits over the longest side, as quantised files do, places in textures 14
-and normals 8. Draco orders triangles anew and splits vertices, so what comes out is looked at for
-its counts, its bounds and its attributes' numbers.
+Positions keep 16 bits over the longest side, as quantised files do, texture coordinates 14 and
+normals 8. Draco reorders triangles and splits vertices, so the compressed mesh is decoded for its
+counts, its bounds and the numbers of its attributes.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from importlib import import_module
-from typing import Any
 
+import DracoPy
 import numpy as np
-
-from solmap.products.errors import ProductError
 
 POSITION_BITS, NORMAL_BITS, PLACE_BITS = 16, 8, 14
 LEVEL = 7
@@ -40,13 +36,8 @@ class Compressed:
 def compress(
     positions: np.ndarray, normals: np.ndarray, places: np.ndarray, triangles: np.ndarray
 ) -> Compressed:
-    """A mesh compressed by Draco.
-
-    Raises:
-        ProductError: DracoPy is not installed.
-    """
-    draco = _draco()
-    data: bytes = draco.encode(
+    """A mesh compressed by Draco."""
+    data: bytes = DracoPy.encode(
         positions.astype(np.float64),
         triangles.astype(np.uint32),
         quantization_bits=POSITION_BITS,
@@ -56,7 +47,7 @@ def compress(
         tex_coord=places.astype(np.float64),
         tex_coord_quantization_bits=PLACE_BITS,
     )
-    made = draco.decode(data)
+    made = DracoPy.decode(data)
     numbers = {_NAMES[one["attribute_type"]]: int(one["unique_id"]) for one in made.attributes}
     points = np.asarray(made.points, dtype=np.float32)
     return Compressed(
@@ -67,13 +58,3 @@ def compress(
         low=points.min(axis=0).tolist(),
         high=points.max(axis=0).tolist(),
     )
-
-
-def _draco() -> Any:  # noqa: ANN401 - a module without types
-    try:
-        return import_module("DracoPy")
-    except ImportError as error:
-        raise ProductError(
-            "the pipeline asks for Draco compression, but DracoPy is not installed: "
-            "`pip install DracoPy`, or leave `draco` out"
-        ) from error

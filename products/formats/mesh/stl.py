@@ -12,7 +12,6 @@ import struct
 import numpy as np
 
 from solmap.photogrammetry.terrain.mesh.solid import Solid
-from solmap.products.errors import ProductError
 
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("unused", "<u2")])
 _HEADER = 80
@@ -29,18 +28,3 @@ def stl_bytes(solid: Solid) -> bytes:
     facets["corners"] = corners
     text = f"solmap: metres east, north, up from {east:.0f} {north:.0f} {up:.0f}"
     return text.encode().ljust(_HEADER, b" ") + struct.pack("<I", len(facets)) + facets.tobytes()
-
-
-def read_stl(data: bytes) -> np.ndarray:
-    """The corners of the triangles of a binary STL: n by 3 by 3.
-
-    Raises:
-        ProductError: it is none.
-    """
-    if len(data) < _HEADER + 4:
-        raise ProductError("a binary STL has a header of 84 bytes")
-    (count,) = struct.unpack_from("<I", data, _HEADER)
-    if len(data) != _HEADER + 4 + count * _FACET.itemsize:
-        raise ProductError(f"this binary STL does not hold its {count} triangles")
-    corners: np.ndarray = np.frombuffer(data, _FACET, count, _HEADER + 4)["corners"]
-    return corners

@@ -24,7 +24,6 @@ from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.products.errors import ProductError
 from solmap.products.formats.raster.cog import Band, RasterClass, RasterDescription, create_cog
 from solmap.products.formats.raster.raster import (
-    class_names,
     grid_of,
     open_raster,
     write_classes,
@@ -93,14 +92,6 @@ def write_orthophoto(
     )
 
 
-def read_orthophoto(path: Path) -> tuple[MapGrid, Raster]:
-    """Brightness as `write_orthophoto` was given it, to half a grey step; NaN where unseen."""
-    with open_raster(path) as dataset:
-        grey = dataset.read(1)
-        brightness = grey.astype(np.float32) * dataset.scales[0] + dataset.offsets[0]
-        return grid_of(dataset), np.where(grey > 0, brightness, np.nan).astype(np.float32)
-
-
 def write_sources(
     path: Path,
     grid: MapGrid,
@@ -119,12 +110,6 @@ def write_sources(
         raise ProductError(f"{path.name}: {len(names)} images, but {_MOST_SOURCES} can be told")
     classes = tuple(RasterClass(i, name, source_colour(i)) for i, name in enumerate(names, start=1))
     write_classes(path, grid, source, crs, name="source", classes=classes, tags=tags)
-
-
-def read_sources(path: Path) -> tuple[MapGrid, Classes, tuple[str, ...]]:
-    """What `write_sources` was given."""
-    with open_raster(path) as dataset:
-        return grid_of(dataset), dataset.read(1), tuple(class_names(dataset).values())
 
 
 def source_colour(number: int) -> str:

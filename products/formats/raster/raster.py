@@ -214,12 +214,6 @@ def class_names(dataset: rasterio.DatasetReader) -> dict[int, str]:
     return {int(value): str(name) for value, name in named.items()}
 
 
-def crs_of(path: Path) -> CRS:
-    """The CRS that a raster carries."""
-    with open_raster(path) as dataset:
-        return CRS.from_wkt(dataset.crs.to_wkt(version="WKT2_2019"))
-
-
 def summarise(path: Path) -> tuple[MapGrid, tuple[BandSummary, ...]]:
     """Grid, and name, unit and range of true values of every band, from an overview."""
     with open_raster(path) as dataset:
@@ -277,12 +271,6 @@ def read_dtm(path: Path) -> Dtm:
         ground=np.nan_to_num(bands["class"]).astype(np.uint8),
         pose_sigma_m=bands.get(_POSE_DEVIATION),
     )
-
-
-def values_at(path: Path, east: float, north: float) -> dict[str, float] | None:
-    """True values of every band at a place; see `values_in`."""
-    with open_raster(path) as dataset:
-        return values_in(dataset, east, north)
 
 
 def values_in(

@@ -9,9 +9,9 @@ import pytest
 import rasterio
 
 from solmap.products.crs import local_crs
-from solmap.products.formats.mesh.stl import read_stl
 from solmap.products.model import ProductKind
 from solmap.products.reports.stac import AcquisitionTimes, write_catalogue, write_items
+from tests.support.product_readers import read_stl
 from tests.unit.gis_server.conftest import (
     CELL_M,
     LANDING,

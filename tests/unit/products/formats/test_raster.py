@@ -12,22 +12,19 @@ from solmap.photogrammetry.terrain.dtm.records import Dtm, GroundClass
 from solmap.products.crs import IAU_RADIUS_M, LandingPoint, local_crs
 from solmap.products.errors import ProductError, ProductNotFoundError
 from solmap.products.formats.raster.orthophoto import (
-    read_orthophoto,
-    read_sources,
     source_colour,
     write_brightness_blocks,
     write_orthophoto,
     write_sources,
 )
 from solmap.products.formats.raster.raster import (
-    crs_of,
     read_dtm,
     read_raster,
     summarise,
-    values_at,
     write_dtm,
     write_raster,
 )
+from tests.support.product_readers import crs_of, read_orthophoto, read_sources, values_at
 
 GUSEV = LandingPoint("floor of Gusev", 175.4729, -14.5692, 3_393_000.0, "a test")
 ON_IAU = LandingPoint("Columbia Memorial Station", 175.4729, -14.5692, IAU_RADIUS_M, "a test")
