@@ -26,11 +26,11 @@ from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.planes import PlaneFit, fit_plane
 from solmap.photogrammetry.terrain.dtm.resampling import NOWHERE, GroundSamples, MapPoints
 from solmap.photogrammetry.terrain.measure.areas import (
-    CORRELATION_M,
     places_inside,
     polygon_of,
 )
 from solmap.photogrammetry.terrain.measure.strike_dip import attitude
+from solmap.photogrammetry.terrain.relief.slope import CORRELATION_M
 
 _MOST_POINTS = 2500
 _LEAST_SIGMA_M = 0.002

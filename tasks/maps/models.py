@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from solmap.photogrammetry.imagery import StopId
+from solmap.photogrammetry.terrain.dtm.grid import Bounds
 from solmap.photogrammetry.terrain.measure.facets import Facet, FacetParams, find_facets
 from solmap.photogrammetry.terrain.mesh.point_cloud import (
     PointCloud,
@@ -20,7 +21,6 @@ from solmap.photogrammetry.terrain.mesh.point_cloud import (
     point_cloud,
 )
 from solmap.photogrammetry.terrain.mesh.surface_mesh import (
-    Bounds,
     MeshTile,
     ModelParams,
     SurfaceMesh,

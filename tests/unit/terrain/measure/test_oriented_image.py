@@ -75,7 +75,9 @@ def test_stops_share_their_errors_within_and_differ_by_the_worse_one(loose):
     worse = pose(2, (5.0, 0.0, 0.0), 4 * loose)
     better = pose(1, (5.0, 0.0, 0.0), loose)
     assert not relative_covariance(better, pose(1, covariance=9 * loose), point).any()
-    assert relative_covariance(better, worse, point) == pytest.approx(3 * better.covariance_at(point))
+    assert relative_covariance(better, worse, point) == pytest.approx(
+        3 * better.covariance_at(point)
+    )
     assert relative_covariance(worse, better, point) == pytest.approx(
         relative_covariance(better, worse, point)
     )
