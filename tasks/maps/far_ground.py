@@ -140,7 +140,7 @@ def read_eye(pair: OrientedPair, store: ProductStore) -> WideBaselineImage:
         image=left.pixels,
         mask=left.mask,
         camera=left.image.camera.moved(lsl_from_pair @ geometry.rover_from_pair.inverse),
-        bar=geometry,
+        rig=geometry,
         lsl_from_rig=lsl_from_pair,
         parallax=read_parallax(store.path(pair.products.parallax)),
     )

@@ -12,8 +12,7 @@ import numpy as np
 
 from solmap.photogrammetry.archive.tables.places import (
     LOCALISED,
-    parse_locations,
-    parse_places,
+    parse_localisations,
 )
 from solmap.photogrammetry.archive.tables.vector_files import VectorFile, parse_vector_file
 from solmap.photogrammetry.errors import TraverseError
@@ -76,10 +75,8 @@ def read_traverses(files: Sequence[Path], mission: str, landing: LandingPoint) -
         text = file.read_text(encoding="utf-8-sig", errors="replace")
         if re.match(r"\s*(<\?xml[^>]*>\s*)?<rmc_file", text):
             vectors.append(parse_vector_file(text, file.name))
-        elif text.lstrip().startswith("<"):
-            places.append(parse_locations(text, file.name, mission=mission, keep_unturned=True))
-        elif "landing_x" in text.partition("\n")[0].lower():
-            places.append(parse_places(text, file.name, mission=mission))
+        elif re.match(r"\s*<|[^\n]*landing_x", text, re.IGNORECASE):
+            places.append(parse_localisations(text, file.name, mission=mission, keep_unturned=True))
         else:
             tables.append(parse_mission_table(text, file.name))
     found = [traverse for table in tables for traverse in _of_table(table, landing)]

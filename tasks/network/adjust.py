@@ -96,7 +96,7 @@ class NetworkStep:
     @property
     def inputs(self) -> tuple[ProductRef, ...]:
         """The products that the step reads."""
-        named = named_in(self.hand)
+        named = named_in(self.edit_requests)
         return (
             *((self.previous,) if self.previous else ()),
             *(pair.matches for pair in self.pairs),

@@ -16,11 +16,9 @@ from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.matching.alignment import AlignmentParams
 from solmap.photogrammetry.matching.cross_site.birds_eye import PlaneFit
-from solmap.photogrammetry.matching.cross_site.linking import (
-    CrossSiteParams,
-    SiteLink,
-    StopViews,
-)
+from solmap.photogrammetry.matching.cross_site.ground_views import StopViews
+from solmap.photogrammetry.matching.cross_site.linking import CrossSiteParams
+from solmap.photogrammetry.matching.cross_site.links import SiteLink
 from solmap.photogrammetry.matching.records import MatchedPair, MatchedStop, Ties
 from solmap.photogrammetry.matching.stereo.sparse import SparseParams, match_interest_points
 from solmap.photogrammetry.terrain.relief.slope import HillshadeParams

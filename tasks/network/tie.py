@@ -12,12 +12,9 @@ import numpy as np
 
 from solmap.photogrammetry.adjustment.model.network import StopPrior
 from solmap.photogrammetry.imagery import StopId
-from solmap.photogrammetry.matching.cross_site.linking import (
-    CrossSiteParams,
-    SiteLink,
-    StopViews,
-    tie_cross_site,
-)
+from solmap.photogrammetry.matching.cross_site.ground_views import StopViews
+from solmap.photogrammetry.matching.cross_site.linking import CrossSiteParams, tie_cross_site
+from solmap.photogrammetry.matching.cross_site.links import SiteLink
 from solmap.photogrammetry.matching.inter_stereo import (
     InterStereoParams,
     PairTies,
