@@ -156,10 +156,10 @@ def _marginalise_oldest(
     marginal = solved.inherited
     number = 0
     while len(network.stops) - number > params.window_stops:
-        leaves = coupling_of(solved, number)
-        if len(leaves.stops) > params.window_stops:
+        coupling = coupling_of(solved, number)
+        if len(coupling.stops) > params.window_stops:
             break  # so many stops hang on this one that marginalising it would save nothing
-        marginal = marginalise(solved, leaves)
+        marginal = marginalise(solved, coupling)
         solved = solved.without_stop(number, marginal)
         number += 1
     if marginal is None:

@@ -139,26 +139,26 @@ def estimate(start: Start, params: AdjustmentParams) -> Outcome:
             if step.robust and not (aside or _stand_out(problem, solution, params)):
                 break
             threshold = HUBER if step.robust else None
-            judged = _Evaluation.of(problem, solution, params, threshold)
-            wrong, refuted = suspects(problem, judged.found, used, params), judged.refuted
+            evaluation = _Evaluation.of(problem, solution, params, threshold)
+            wrong, refuted = suspects(problem, evaluation.found, used, params), evaluation.refuted
             if not ((len(wrong) or len(refuted)) and further):
-                start = start.with_control(judged.fitting if step.robust else refuted[:0])
-                used, problem, state = _with_fitting(start, judged, used, params, step)
-                at = at if problem is judged.problem else state
+                start = start.with_control(evaluation.fitting if step.robust else refuted[:0])
+                used, problem, state = _with_fitting(start, evaluation, used, params, step)
+                at = at if problem is evaluation.problem else state
                 break
             start = start.with_control(refuted, used=False)
             used = _with_rows(used, wrong, to=False)
             problem, at = start.problem(used), solution.state
     return Outcome(
         start.observations,
-        judged.problem,
+        evaluation.problem,
         replace(solution, iterations=iterations, at=None, now=None),
-        judged.views,
+        evaluation.views,
         used,
-        judged.found,
-        judged.now.ties,
-        judged.inverse,
-        judged.placed,
+        evaluation.found,
+        evaluation.now.ties,
+        evaluation.inverse,
+        evaluation.placed,
     )
 
 
@@ -170,23 +170,23 @@ def _stand_out(problem: Problem, solution: Solution, params: AdjustmentParams) -
 
 
 def _with_fitting(
-    start: Start, judged: _Evaluation, used: np.ndarray, params: AdjustmentParams, step: Step
+    start: Start, evaluation: _Evaluation, used: np.ndarray, params: AdjustmentParams, step: Step
 ) -> tuple[np.ndarray, Problem, State]:
     """With what was set aside and fits after all, as long as blunders are looked for robustly.
 
     Its points were in no adjustment while stops moved, and are placed anew.
     """
-    before = start.problem(used) if len(judged.fitting) and step.robust else judged.problem
+    before = start.problem(used) if len(evaluation.fitting) and step.robust else evaluation.problem
     if not step.robust or used.all():
-        return used, before, judged.state
+        return used, before, evaluation.state
     seen = Sightings.of(start.observations, params)
-    points = all_points(judged.problem, judged.views, used, seen)
-    state = replace(judged.state, points=points)
+    points = all_points(evaluation.problem, evaluation.views, used, seen)
+    state = replace(evaluation.state, points=points)
     back = reinstate(
-        judged.problem, state, judged.now.ties, judged.found, used, judged.inverse, params
+        evaluation.problem, state, evaluation.now.ties, evaluation.found, used, evaluation.inverse, params
     )
     if not len(back):
-        return used, before, judged.state
+        return used, before, evaluation.state
     used = _with_rows(used, back, to=True)
     return used, start.problem(used), state
 

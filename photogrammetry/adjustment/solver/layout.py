@@ -121,7 +121,7 @@ class Unknowns:
         return len(self.stop_columns) + np.arange(len(self.frame_columns))
 
     def columns(self, pair: np.ndarray) -> np.ndarray:
-        """(…, 9) places inside the stop's block of the unknowns an observation by `pair` feels."""
+        """(…, 9) places inside the stop's block of what an observation by `pair` depends on."""
         return np.concatenate(
             [self.stop_columns[self.pair_stop[pair]], self.pair_columns[pair]], axis=-1
         )

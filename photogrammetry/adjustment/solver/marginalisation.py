@@ -50,7 +50,7 @@ BLOCK = 32
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SolvedNetwork:
-    """A network at the state where it is linearised."""
+    """A network at the state to which it was adjusted, where it is linearised."""
 
     observations: Observations
     telemetry: Telemetry
@@ -107,7 +107,7 @@ class SolvedNetwork:
         )
 
     def without_stop(self, k: int, inherited: Marginal) -> SolvedNetwork:
-        """The network after stop k has left, and every tie point that it saw."""
+        """The network after stop k was marginalised, and every tie point that it saw."""
         seen = np.zeros(self.observations.points, dtype=bool)
         seen[self.observations.point[self.observations.stop == k]] = True
         used = self.used & ~seen[self.observations.point]
@@ -131,17 +131,19 @@ def _others(count: int, some: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Coupling:
-    """A stop that is to leave a network, what goes with it, and what stays that it is tied to."""
+    """A stop to marginalise: its observations, and what stays that these couple it with."""
 
     stop: int
     rows: np.ndarray
-    """Observations that go with it."""
+    """Observations of the tie points that it sees; they go with it."""
     stops: np.ndarray
+    """Stops that stay and are not held."""
     pairs: np.ndarray
+    """Pairs of other stops."""
 
 
 def coupling_of(network: SolvedNetwork, k: int) -> Coupling:
-    """Stop k, and what it leaves behind."""
+    """The coupling of stop k with the rest of a network."""
     observations, inherited = network.observations, network.inherited
     seen = np.zeros(observations.points, dtype=bool)
     seen[observations.point[observations.stop == k]] = True
@@ -158,19 +160,21 @@ def coupling_of(network: SolvedNetwork, k: int) -> Coupling:
     return Coupling(k, rows, stops[stays], pairs[observations.pair_stop[pairs] != k])
 
 
-def marginalise(network: SolvedNetwork, leaves: Coupling) -> Marginal:
-    """Take a stop, the first that is left, out of a network."""
-    k, rows, stops, pairs = leaves.stop, leaves.rows, leaves.stops, leaves.pairs
+def marginalise(network: SolvedNetwork, coupling: Coupling) -> Marginal:
+    """Marginalise a stop, the first that is still in a network: what it says of those that stay."""
+    k, rows, stops, pairs = coupling.stop, coupling.rows, coupling.stops, coupling.pairs
     mine = np.flatnonzero(network.observations.pair_stop == k)
     own = np.zeros(0, dtype=np.int64) if network.held[k] else np.array([k])
     frames = _frames(network, k)
     state, of_chart = network.state, (np.append(own, stops), np.append(mine, pairs), frames)
     chart = Chart.at(state, *of_chart)
     columns = Columns.of(chart, len(network.held), len(state.pointings), len(state.frames))
-    told, placed = telemetry_rows(network, k, columns), control_rows(network, k, columns)
-    others = [told, placed, pointing_rows(network, mine, columns)]
-    told_of = len(told) + len(placed) + 3 * len(mine)
-    spent, surplus = 0.0, _coordinates(network.observations, rows) + told_of
+    others = [
+        telemetry_rows(network, k, columns),
+        control_rows(network, k, columns),
+        pointing_rows(network, mine, columns),
+    ]
+    spent, surplus = 0.0, _coordinates(network.observations, rows) + sum(map(len, others))
     if network.inherited:
         others.append(inherited_rows(network.inherited, state, columns))
         spent, surplus = network.inherited.spent, surplus + network.inherited.surplus
@@ -183,7 +187,7 @@ def marginalise(network: SolvedNetwork, leaves: Coupling) -> Marginal:
 
 
 def _frames(network: SolvedNetwork, k: int) -> np.ndarray:
-    """Control frames that stop k, or what it inherited, speaks of, and whose place is unknown."""
+    """Control frames of unknown place in the control of stop k, or in what it inherited."""
     frames, control = np.zeros(0, dtype=np.int64), network.control
     if control:
         used = control.frame[control.used & (control.stop == k)]

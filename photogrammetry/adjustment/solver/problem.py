@@ -19,9 +19,9 @@ from solmap.photogrammetry.adjustment.solver.layout import TieGroup, Unknowns, t
 from solmap.photogrammetry.adjustment.solver.marginal import Marginal
 
 LINK_TRIANGLE = np.tril_indices(2 * STOP_UNKNOWNS)
-"""Lower triangle of what a telemetry increment feels: the stop before, and the stop."""
+"""Lower triangle of the active columns of a telemetry increment: the stop before, and the stop."""
 CONTROL_SLOTS = np.repeat([0, 1], [FRAME_UNKNOWNS, STOP_UNKNOWNS])
-"""Columns of what control feels: the frame that it is in, and the stop."""
+"""Active columns of control: the frame that it is in, and the stop."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
