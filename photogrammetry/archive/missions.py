@@ -10,6 +10,17 @@ from dataclasses import dataclass
 
 from solmap.photogrammetry.imagery import Eye
 
+_EYES = {"LEFT": Eye.LEFT, "RIGHT": Eye.RIGHT}
+_PRODUCTS = frozenset(
+    # edr and inverse look-up table, full frame, sub-frame, down-sampled
+    {"EFF", "ESF", "EDN", "ILF", "FFL", "ISF", "SFL", "INN", "DNL"}
+    # radiometric, operations
+    | {"RAD", "RAL", "MRD", "MRL", "RSD", "RSL"}
+    # radiometric and I/F, science
+    | {"RFD", "RFL", "IOF", "IOL", "IFF", "IFL", "CCD", "CCL", "CFD", "CFL"}
+)
+"""Product types of MER whose pixels are grey values, of the camera SIS (facts 1.3)."""
+
 
 @dataclass(frozen=True, slots=True)
 class Mission:
@@ -26,20 +37,8 @@ class Mission:
     mapping_products: frozenset[str] | None
     """Product types whose pixels are grey values of the scene; None: DERIVED_IMAGE_TYPE tells."""
     leaves_out_half_pixel: bool = False
-    """Whether labels of averaged images scale H and V about a pixel's corner (see `image`)."""
+    """Whether labels of averaged images scale H and V about a pixel's corner (`images.rover_image`)."""
 
-
-_EYES = {"LEFT": Eye.LEFT, "RIGHT": Eye.RIGHT}
-
-_PRODUCTS = frozenset(
-    # edr and inverse look-up table, full frame, sub-frame, down-sampled
-    {"EFF", "ESF", "EDN", "ILF", "FFL", "ISF", "SFL", "INN", "DNL"}
-    # radiometric, operations
-    | {"RAD", "RAL", "MRD", "MRL", "RSD", "RSL"}
-    # radiometric and I/F, science
-    | {"RFD", "RFL", "IOF", "IOL", "IFF", "IFL", "CCD", "CCL", "CFD", "CFL"}
-)
-"""Product types of MER whose pixels are grey values, of the camera SIS (facts 1.3)."""
 
 MER = Mission(
     hosts=("MER1", "MER2"),

@@ -52,6 +52,8 @@ from solmap.photogrammetry.frames import Pose
 NEWTON_STEPS = 50
 NEWTON_STOP = 1e-14
 """Relative; JPL stops at 1e-8, which costs a round trip 7e-8 px."""
+CHUNK = 16_384
+"""Points projected at a time, so that the intermediate arrays stay in the processor's cache."""
 
 
 def check_radial(r: Vector3) -> None:
@@ -95,10 +97,6 @@ def undistort(distorted: PerPoint, r: Vector3) -> PerPoint:
                 break
     settled = np.abs(step) <= 1e-10 * np.maximum(chi, NEWTON_STOP)
     return np.where(settled, chi, np.nan)
-
-
-CHUNK = 16_384
-"""Points projected at a time, so that the intermediate arrays stay in the processor's cache."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

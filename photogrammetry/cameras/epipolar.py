@@ -58,6 +58,11 @@ STEEPEST_VIEW = np.sin(np.radians(10.0))
 
 WIDEST_RAY = np.radians(80.0)
 """Angle from the common axis beyond which a ray is not drawn onto the image plane."""
+Eye = tuple[CameraModel, tuple[int, int]]
+NO_BASE_M = 1.0
+"""Any length would do."""
+STEP_PX = 4.0
+"""Over which directions are differenced in the middle of the image."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -198,9 +203,6 @@ def projection_partials(
     return partials
 
 
-Eye = tuple[CameraModel, tuple[int, int]]
-
-
 def _middle(size: tuple[int, int]) -> ImagePoints:
     return np.array([[(size[0] - 1) / 2, (size[1] - 1) / 2]])
 
@@ -265,12 +267,6 @@ def _interval(low: float, high: float, longest: float) -> tuple[float, int]:
     surplus = max(0.0, (high - low) - longest) / 2
     low, high = low + surplus, high - surplus
     return float(low) + 0.5, round(float(high - low))
-
-
-NO_BASE_M = 1.0
-"""Any length would do."""
-STEP_PX = 4.0
-"""Over which directions are differenced in the middle of the image."""
 
 
 def single_image(

@@ -67,6 +67,10 @@ HALVES_APART_CELLS = 3.0
 """How far the halves may disagree."""
 LARGEST_SIGMA_CELLS = 1.0
 """Standard deviation of either coordinate beyond which a place is not believed."""
+Place = tuple[float, float, float]
+"""(east m, north m, rotation deg) by which the map lies off in the image."""
+STRIP = 2048
+"""Rows and columns looked up at a time; OpenCV takes fewer than 32768."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,10 +96,6 @@ def register(
         )
     method = Method(search, refine, lambda best, other: best >= LEAST_LEAD * other)
     return best_place(predictors(ground), local_contrast(image), params, method)
-
-
-Place = tuple[float, float, float]
-"""(east m, north m, rotation deg) by which the map lies off in the image."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,10 +177,6 @@ def _doubt(fit: _Fit, cell_m: float, params: RegistrationParams, method: Method)
     if sigma_m > LARGEST_SIGMA_CELLS * cell_m:
         return f"cannot tell: the place is only known to {sigma_m:.2f} m"
     return ""
-
-
-STRIP = 2048
-"""Rows and columns looked up at a time; OpenCV takes fewer than 32768."""
 
 
 def draw_corrected(image: OrbitalImage, grid: MapGrid, correction: Correction | None) -> Raster:

@@ -45,6 +45,17 @@ REACH_DEG = 2.5
 """How far a georeference may be turned, in each direction."""
 STEP_DEG = 0.25
 """Between rotations tried: at 40 m, the radius of a stop's map, it moves the edge by 0.17 m."""
+CLUSTER_M = 5.0
+"""Side of the squares whose residuals may depend on each other: wider than any rock's shadow."""
+MODEL_CELLS = 0.15
+"""Standard deviation, in cells, of the pull of shadows on either coordinate, and on the map's edge
+by a rotation: RMS over simulated scenes, three kinds of ground and suns of 25 to 65 degrees."""
+ITERATIONS = 20
+ROW = 1024
+CONVERGED = 3e-3
+"""Cells: no step moves the map's edge by more."""
+LEAST_SHOWN = 0.5
+"""Share of the map that the image must show."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,19 +203,6 @@ def _explained_share(
     shares = fft.irfft2(mask * of_shown, size) / cells
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.where((shares > LEAST_SHOWN_OF_MAP) & (variance > 0), together / variance, np.nan)
-
-
-CLUSTER_M = 5.0
-"""Side of the squares whose residuals may depend on each other: wider than any rock's shadow."""
-MODEL_CELLS = 0.15
-"""Standard deviation, in cells, of the pull of shadows on either coordinate, and on the map's edge
-by a rotation: RMS over simulated scenes, three kinds of ground and suns of 25 to 65 degrees."""
-ITERATIONS = 20
-ROW = 1024
-CONVERGED = 3e-3
-"""Cells: no step moves the map's edge by more."""
-LEAST_SHOWN = 0.5
-"""Share of the map that the image must show."""
 
 
 def refine(

@@ -31,6 +31,9 @@ GRAINS = 2048
 """Nodes along the side of the square of grains: 8.19 m."""
 PENUMBRA_M = 0.01
 """Height over which the sun rises above an edge: its disc is 0.35 degrees wide."""
+LAYERS = ((0, 24.0, 27.0), (1, 42.0, 45.0), (3, 120.0, 130.0), (6, 1000.0, 1024.0))
+"""Level, reach and half width in metres, from the camera outwards."""
+_baking = threading.Lock()
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,12 +79,6 @@ class LitGround:
         """Radiance of the sky over the tangent of the elevation: brightest at the horizon."""
         level_ground = np.sin(self.sun.elevation) + SKY_LIGHT
         return level_ground * (0.25 + 0.65 * np.exp(-np.maximum(tangent, 0) / 0.8))
-
-
-LAYERS = ((0, 24.0, 27.0), (1, 42.0, 45.0), (3, 120.0, 130.0), (6, 1000.0, 1024.0))
-"""Level, reach and half width in metres, from the camera outwards."""
-
-_baking = threading.Lock()
 
 
 def light_ground(terrain: Terrain, north: float, east: float, sun: Sun) -> LitGround:

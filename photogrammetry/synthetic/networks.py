@@ -1,6 +1,6 @@
 """Image networks whose truth is known: no images, only what would have been measured in them.
 
-A rover with Navcam-like stereo pairs (45 degrees, 1024 pixels, bar of 0.2 m, 1.5 m above the
+A rover with Navcam-like stereo pairs (45 degrees, 1024 pixels, baseline of 0.2 m, 1.5 m above the
 ground) drives over gently rolling ground and takes a panorama at each stop. Telemetry reports
 every drive with an error of wheel odometry, an azimuth that drifts and a noisy tilt; the mast
 points wrongly by a small rotation per pair. All errors are normal with the standard deviations

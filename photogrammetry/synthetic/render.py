@@ -50,6 +50,9 @@ GRAIN_REACH_M = (6.0, 12.0, 24.0)
 
 Rays = Float32[np.ndarray, "3 lines samples"]
 """(north, east, down) of the unit direction of every pixel."""
+LEVEL_DN = 1800.0
+ELECTRONS_PER_DN = 41.5
+READ_DN = 0.6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -286,11 +289,6 @@ def _elevation(
         z[here] = bilinear(layer.elevation, *at)
         inner = layer.reach_m
     return z
-
-
-LEVEL_DN = 1800.0
-ELECTRONS_PER_DN = 41.5
-READ_DN = 0.6
 
 
 def photograph(world: World, shot: Shot, eye: Eye) -> Int32[np.ndarray, "lines samples"]:

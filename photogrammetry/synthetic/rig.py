@@ -31,6 +31,7 @@ D_AZ, D_EL = np.deg2rad(0.2133), np.deg2rad(3.080)
 """Mast axis minus motor angle, Spirit."""
 GROUND_M = 0.294
 """Level ground below the rover origin."""
+_NAVCAM_FILTER = "PANCAM_L8_440NM_SOL_ND5"
 
 
 class Instrument(StrEnum):
@@ -95,7 +96,6 @@ _PANCAM_LEFT = _model(
     (0.999497, 0.031403, 0.004335),
     (0.000998, 0.003762, -0.057232),
 )
-_NAVCAM_FILTER = "PANCAM_L8_440NM_SOL_ND5"
 CAMERAS = {
     (Instrument.NAVCAM, Eye.LEFT): CameraUnit(
         112, "174", _NAVCAM_LEFT, _NAVCAM_FILTER, 8, 180.0, 0.77e-3

@@ -50,6 +50,14 @@ SIDES = 6
 
 Rocks = Float64[np.ndarray, "n 10"]
 """north, east, semi-axes a and b, height (m), azimuth, three phases of its sides, albedo."""
+CRATER_LEVEL = 3
+"""Level (16 cm) at which craters are added."""
+MOTTLE = (0.045, -0.12)
+"""Standard deviation of the albedo's logarithm added at nodes 1 m apart, and its Hurst exponent:
+nearly the same at all scales, a little more at small ones."""
+HILL_M, HILL_HURST = 164.0, 1.2
+BLOCK_M = 25.6
+"""Side of the blocks in which elevations are looked up."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,16 +154,6 @@ def _bump(rock: np.ndarray, north: np.ndarray, east: np.ndarray) -> np.ndarray:
         beyond = (p * np.cos(angle) + q * np.sin(angle)) / distance
         lowest = np.minimum(lowest, steepness * (1 - beyond))
     return np.maximum(height * lowest, 0).astype(np.float32)
-
-
-CRATER_LEVEL = 3
-"""Level (16 cm) at which craters are added."""
-MOTTLE = (0.045, -0.12)
-"""Standard deviation of the albedo's logarithm added at nodes 1 m apart, and its Hurst exponent:
-nearly the same at all scales, a little more at small ones."""
-HILL_M, HILL_HURST = 164.0, 1.2
-BLOCK_M = 25.6
-"""Side of the blocks in which elevations are looked up."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -29,6 +29,8 @@ from solmap.photogrammetry.arrays import Float64, PerPoint
 from solmap.photogrammetry.errors import TraverseError
 from solmap.photogrammetry.traverse.records import leg_lengths
 
+COLUMNS = ("name", "mosaic_x_m", "mosaic_y_m", "east_m", "north_m")
+
 
 class MapTransform(StrEnum):
     """What may differ between two maps."""
@@ -152,9 +154,6 @@ def _matrix(found: np.ndarray, transform: MapTransform) -> Float64[np.ndarray, "
         return found.reshape(2, 2)
     a, b = found
     return np.array([[a, -b], [b, a]])
-
-
-COLUMNS = ("name", "mosaic_x_m", "mosaic_y_m", "east_m", "north_m")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

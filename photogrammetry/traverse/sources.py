@@ -48,6 +48,8 @@ NAMES = {
 MAX_TABLE = 1 << 26
 SAME_PLACE_M = 0.01
 """Rows of one stop that lie farther apart than this contradict each other."""
+Row = tuple[str, Mapping[str, str]]
+"""Where it stands, and its fields by the name of their column."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,10 +115,6 @@ def parse_mission_table(
         raise TraverseError(f"{source}: no row with a stop; a traverse table has one a motion")
     notes = ["its degrees are of Mars, whatever CRS it claims"] if is_json else []
     return _table(rows, source, corrected_map or Equirectangular(), notes)
-
-
-Row = tuple[str, Mapping[str, str]]
-"""Where it stands, and its fields by the name of their column."""
 
 
 def _table_rows(text: str, source: str) -> Iterator[Row]:

@@ -10,10 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from solmap.photogrammetry.archive.tables.places import (
-    LOCALISED,
-    parse_localisations,
-)
+from solmap.photogrammetry.archive.tables.places import LOCALISED, parse_localisations
 from solmap.photogrammetry.archive.tables.vector_files import VectorFile, parse_vector_file
 from solmap.photogrammetry.errors import TraverseError
 from solmap.photogrammetry.traverse.differences import common_stops, differences
@@ -87,7 +84,7 @@ def read_traverses(files: Sequence[Path], mission: str, landing: LandingPoint) -
 
 
 def _of_table(table: MissionTable, landing: LandingPoint) -> Iterable[Traverse]:
-    """Its localised places on the map, and telemetry hung where those begin."""
+    """Its localised places on the map, and telemetry moved to where those begin."""
     start = None
     if table.localised_deg is not None:
         east, north = east_north(landing, table.localised_deg[:, 0], table.localised_deg[:, 1])

@@ -183,7 +183,7 @@ TARGETS: dict[str, tuple[Callable[[bytes], object], tuple[str, ...]]] = {
 
 def seeds(patterns: tuple[str, ...], whole: list[bytes]) -> list[bytes]:
     """Beginnings of real files, whole small ones, and nothing at all."""
-    folders = (SHARED, ROOT / "tests" / "unit" / "archive")
+    folders = (SHARED, ROOT / "tests" / "unit" / "archive" / "labels")
     paths = [path for pattern in patterns for folder in folders for path in folder.glob(pattern)]
     found = [path.read_bytes()[:MAX_SEED] for path in paths]
     return [b"", NAME.encode(), *found, *whole]

@@ -52,6 +52,14 @@ CODES = 1 << BITS
 FULL_SCALE = 4095.0
 SQUARE_ROOT = "square root"
 """Name of the approximation, in what is reported."""
+FlatField: TypeAlias = Float32[np.ndarray, "detector_lines detector_samples"]
+"""Share of the light that reaches each pixel of a full frame, 1 in the middle."""
+DETECTOR = 1024
+"""Lines and samples of the full frame that a model of the fall of light is meant for."""
+LEAST = 0.05
+"""A lens that lets less than this through at the edge is no lens, but a fault of the model."""
+NO_TABLE = "no inverse table was given"
+NOT_PROPORTIONAL = "the flat field was not taken out: codes are not proportional to light"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -115,15 +123,6 @@ def expand_codes(codes: GreyImage, table: InverseTable) -> GreyImage:
             f"pixels up to {highest:.0f} are no 8-bit codes of {table.name}; expected at most 255"
         )
     return table.counts[codes.astype(np.uint8)]
-
-
-FlatField: TypeAlias = Float32[np.ndarray, "detector_lines detector_samples"]
-"""Share of the light that reaches each pixel of a full frame, 1 in the middle."""
-
-DETECTOR = 1024
-"""Lines and samples of the full frame that a model of the fall of light is meant for."""
-LEAST = 0.05
-"""A lens that lets less than this through at the edge is no lens, but a fault of the model."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -201,10 +200,6 @@ def _part(full: FlatField, label: Label, lines: int, samples: int) -> GreyImage:
     part = full[first_line:end_line, first_sample:end_sample]
     blocks = part.reshape(lines, height, samples, width)
     return blocks.mean(axis=(1, 3), dtype=np.float32)
-
-
-NO_TABLE = "no inverse table was given"
-NOT_PROPORTIONAL = "the flat field was not taken out: codes are not proportional to light"
 
 
 @dataclass(frozen=True, slots=True)

@@ -54,6 +54,7 @@ _BASED = re.compile(r"(\d+)#([+-]?[0-9A-Fa-f]+)#\Z")
 _UNKNOWN = frozenset({"NULL", "N/A", "UNK"})
 
 Scalar = TypeVar("Scalar", int, float, str)
+_KIND_NAMES: dict[type, str] = {int: "a whole number", float: "a number", str: "a text"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,9 +146,6 @@ class Label:
         return LabelError(
             f"{self.source}: {_path(group, keyword)} should be {expected}, but is {found}"
         )
-
-
-_KIND_NAMES: dict[type, str] = {int: "a whole number", float: "a number", str: "a text"}
 
 
 def parse_label(text: str, source: str) -> Label:

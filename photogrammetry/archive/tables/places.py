@@ -54,19 +54,34 @@ IDENTITY = np.array([1.0, 0.0, 0.0, 0.0])
 PLACES_COLUMNS = ("frame", "site", "drive", "landing_x", "landing_y", "landing_z")
 QUATERNION = ("quat_s", "quat_v1", "quat_v2", "quat_v3")
 _WHOLE = re.compile(r"[+-]?\d{1,9}")
+PLACES_HEAD = (
+    *PLACES_COLUMNS[:3],
+    "pose",
+    *PLACES_COLUMNS[3:],
+    "planetocentric_latitude",
+    "longitude",
+    "roll",
+    "pitch",
+    "yaw",
+    *QUATERNION,
+    "sclk",
+    "sol",
+)
 
 
 def parse_localisations(
-    text: str, source: str, *, mission: str = "MSL", solution_id: str = LOCALISED
+    text: str, source: str, *, mission: str = "MSL", keep_unturned: bool = False
 ) -> VectorFile:
-    """A PLACES table or an MSL location file, told apart by their first character.
+    """A PLACES table or an MSL location file, distinguished by their first character.
+
+    `keep_unturned` takes stops of a location file without attitude, as `parse_locations` does.
 
     Raises:
         VectorFileError: the text is neither, or one of its rows is broken.
     """
     if text.lstrip("\ufeff \t\r\n").startswith("<"):
-        return parse_locations(text, source, mission=mission, solution_id=solution_id)
-    return parse_places(text, source, mission=mission, solution_id=solution_id)
+        return parse_locations(text, source, mission=mission, keep_unturned=keep_unturned)
+    return parse_places(text, source, mission=mission)
 
 
 def parse_places(
@@ -128,12 +143,7 @@ def _pose_counter(row: Mapping[str, Any], where: str) -> tuple[int, ...]:
 
 
 def parse_locations(
-    text: str,
-    source: str,
-    *,
-    mission: str,
-    solution_id: str = LOCALISED,
-    keep_unturned: bool = False,
+    text: str, source: str, *, mission: str, keep_unturned: bool = False
 ) -> VectorFile:
     """The locations.xml of MSL.
 
@@ -141,7 +151,6 @@ def parse_locations(
         text: the file.
         source: its name.
         mission: whose it is; the file does not say.
-        solution_id: under which solution its places go.
         keep_unturned: also take stops whose quaternion is the identity, as if it were measured.
 
     Raises:
@@ -159,14 +168,14 @@ def parse_locations(
         where = f"{source}: site {site}, drive {drive}"
         if drive == 0:
             solutions.append(
-                _solution(solution_id, FrameKind.SITE, (site,), offset_m, IDENTITY, where)
+                _solution(LOCALISED, FrameKind.SITE, (site,), offset_m, IDENTITY, where)
             )
         if keep_unturned or not np.array_equal(np.abs(quaternion), IDENTITY):
             counter = (site, drive)
             solutions.append(
-                _solution(solution_id, FrameKind.ROVER, counter, offset_m, quaternion, where)
+                _solution(LOCALISED, FrameKind.ROVER, counter, offset_m, quaternion, where)
             )
-    return _file(source, mission, solution_id, [s for s in solutions if s is not None])
+    return _file(source, mission, LOCALISED, [s for s in solutions if s is not None])
 
 
 def _lander_latitude(root: Element) -> str:
@@ -252,21 +261,6 @@ def _numbers(
         shown = ", ".join(given)
         raise VectorFileError(f"{where}: {names} should be numbers, but are {shown[:60]!a}")
     return values
-
-
-PLACES_HEAD = (
-    *PLACES_COLUMNS[:3],
-    "pose",
-    *PLACES_COLUMNS[3:],
-    "planetocentric_latitude",
-    "longitude",
-    "roll",
-    "pitch",
-    "yaw",
-    *QUATERNION,
-    "sclk",
-    "sol",
-)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -53,6 +53,8 @@ _FRAMES = {
     "ROVER_FRAME": FrameKind.ROVER,
     "ROVER_NAV_FRAME": FrameKind.ROVER,
 }
+FRAME_NAMES = {FrameKind.SITE: "SITE_FRAME", FrameKind.ROVER: "ROVER_FRAME"}
+Digits = Callable[[float], str]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -259,14 +261,14 @@ def _counter(element: ET.Element, source: str) -> tuple[int, ...]:
 def _child(element: ET.Element, tag: str, source: str) -> ET.Element:
     child = element.find(tag)
     if child is None:
-        raise VectorFileError(f"{source}: {_element_name(element)} lacks <{tag}>")
+        raise VectorFileError(f"{source}: {_tag(element)} lacks <{tag}>")
     return child
 
 
 def _attribute(element: ET.Element, name: str, source: str) -> str:
     value = element.get(name)
     if value is None:
-        raise VectorFileError(f"{source}: {_element_name(element)} lacks the attribute {name}")
+        raise VectorFileError(f"{source}: {_tag(element)} lacks the attribute {name}")
     return value
 
 
@@ -274,7 +276,7 @@ def _whole(element: ET.Element, name: str, source: str) -> int:
     text = _attribute(element, name, source)
     if not re.fullmatch(r"\d{1,9}", text, re.ASCII):
         raise VectorFileError(
-            f"{source}: {name} of {_element_name(element)} should be a whole number, but is {text[:40]!a}"
+            f"{source}: {name} of {_tag(element)} should be a whole number, but is {text[:40]!a}"
         )
     return int(text)
 
@@ -289,22 +291,16 @@ def _numbers(element: ET.Element, names: Iterable[str], source: str) -> np.ndarr
             value = np.nan
         if not np.isfinite(value):
             raise VectorFileError(
-                f"{source}: {name} of {_element_name(element)} should be a number, but is {text[:40]!a}"
+                f"{source}: {name} of {_tag(element)} should be a number, but is {text[:40]!a}"
             )
         values.append(value)
     return np.array(values)
 
 
-def _element_name(element: ET.Element) -> str:
+def _tag(element: ET.Element) -> str:
     index = "".join(f" {name}={element.get(name)}" for name in ("name", "index1", "index2")
                     if element.get(name) is not None)  # fmt: skip
     return f"<{element.tag[:40]}{index[:80]}>"
-
-
-FRAME_NAMES = {FrameKind.SITE: "SITE_FRAME", FrameKind.ROVER: "ROVER_FRAME"}
-
-
-Digits = Callable[[float], str]
 
 
 def _plain(value: float) -> str:

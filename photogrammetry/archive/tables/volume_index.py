@@ -47,6 +47,8 @@ LINE_END_BYTES = 2
 _BEGIN = re.compile(r"\s*OBJECT\s*=\s*COLUMN\s*\Z", re.IGNORECASE)
 _END = re.compile(r"\s*END_OBJECT\b[^\"]*\Z", re.IGNORECASE)
 _SEPARATORS = b'\t" ,\r\n'
+EDR_PREFERENCE = ("EFF", "ESF", "EDN")
+"""Experiment data records that are mapped: full frame, sub-frame, down-sampled."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -256,10 +258,6 @@ def _column(label: Label, first_field: int) -> IndexColumn:
         )
     except ValueError as error:
         raise LabelError(f"{label.source}: {error}") from None
-
-
-EDR_PREFERENCE = ("EFF", "ESF", "EDN")
-"""Experiment data records that are mapped: full frame, sub-frame, down-sampled."""
 
 
 @dataclass(frozen=True, slots=True)
