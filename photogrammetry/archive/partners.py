@@ -33,7 +33,7 @@ FULL_FRAME = {"ESF": "EFF", "EDN": "EFF", "ISF": "ILF", "INN": "ILF", "SFL": "FF
 """Sub-framed and down-sampled products, and the full-frame product of the same kind."""
 
 
-Frame = TypeVar("Frame")
+Shot = TypeVar("Shot")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,10 +86,10 @@ def _exposures(images: Sequence[RoverImage]) -> list[list[RoverImage]]:
 
 
 def group_by_clock(
-    frames: Iterable[Frame], when: Callable[[Frame], tuple[float, str]]
-) -> list[list[Frame]]:
+    frames: Iterable[Shot], when: Callable[[Shot], tuple[float, str]]
+) -> list[list[Shot]]:
     """Groups of frames within `MAX_CLOCK_DIFFERENCE` of the first; `when` is clock and name."""
-    groups: list[list[Frame]] = []
+    groups: list[list[Shot]] = []
     first = 0.0
     for frame in sorted(frames, key=when):
         clock, _ = when(frame)

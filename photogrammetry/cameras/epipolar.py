@@ -58,7 +58,7 @@ STEEPEST_VIEW = np.sin(np.radians(10.0))
 
 WIDEST_RAY = np.radians(80.0)
 """Angle from the common axis beyond which a ray is not drawn onto the image plane."""
-Eye = tuple[CameraModel, tuple[int, int]]
+CameraOfSize = tuple[CameraModel, tuple[int, int]]
 NO_BASE_M = 1.0
 """Any length would do."""
 STEP_PX = 4.0
@@ -207,7 +207,7 @@ def _middle(size: tuple[int, int]) -> ImagePoints:
     return np.array([[(size[0] - 1) / 2, (size[1] - 1) / 2]])
 
 
-def _rover_from_pair(e: Vector3, eyes: tuple[Eye, Eye]) -> Rotation:
+def _rover_from_pair(e: Vector3, eyes: tuple[CameraOfSize, CameraOfSize]) -> Rotation:
     """Columns right, down, forward of the pair in the rover frame."""
     a = np.sum([camera.rays(_middle(size))[0] for camera, size in eyes], axis=0)
     a /= np.linalg.norm(a)
