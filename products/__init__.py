@@ -1,1 +1,9 @@
-"""What has been made: recipes, the store that keeps products, and the catalogue of layers."""
+"""Products: what has been made, by which recipe, where it lies, and which versions are published.
+
+Enters: arrays and records of `photogrammetry`, and recipes of `tasks`. Leaves: files in the store,
+layers in the catalogue, documents and pages. Each subpackage imports only those to its right:
+
+    features | reports  ->  catalogue  ->  formats  ->  store  ->  model | crs  ->  errors
+
+May import `photogrammetry`, and nothing of `tasks`, `flows`, `config` or `gis_server`.
+"""

@@ -2,9 +2,7 @@
 
 One transaction publishes everything that belongs together; readers see all of it or nothing. The
 catalogue is a database (SQLite in the store's folder unless another URL is given), the products are
-files: the catalogue holds references and what the map needs to know without opening them.
-
-The records of the catalogue, and the documents that they are kept as.
+files. Records are kept as JSON documents: references, and what the map needs without opening files.
 """
 
 from __future__ import annotations

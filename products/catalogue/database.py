@@ -1,12 +1,10 @@
-"""Databases: SQLite in the store's folder, or PostgreSQL at a URL; one way to write to either.
+"""Databases of the catalogue, SQLite in the store's folder or PostgreSQL at a URL, and its tables.
 
-SQLite lets one writer in at a time. PostgreSQL would let many, but then numbers of events are drawn
-in another order than their transactions end, and who asks for events "after number 7" misses a 6
-that is committed later. So writers take turns there too (an advisory lock that ends with the
-transaction, whatever becomes of its process): numbers are in the order of commits, and what a
-writer reads stays true until it has written. Readers wait for nobody.
-
-The tables of the catalogue, and how they are written to.
+SQLite lets one writer in at a time. PostgreSQL would let many, but then events would get their
+numbers in another order than their transactions commit, and who asks for events "after number 7"
+would miss a 6 that is committed later. So writers take turns there too (an advisory lock that ends
+with the transaction, even if its process is killed): numbers are in the order of commits, and what
+a writer reads stays true until it has written. Readers wait for nobody.
 """
 
 from __future__ import annotations

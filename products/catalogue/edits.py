@@ -1,13 +1,10 @@
-"""What people write on the map: edits of ties, annotations, and requests for runs.
+"""What people write on the map: edits of tie points, annotations, and requests for runs.
 
-Nothing here is a product and no product is changed by it: edits of ties are wishes that the next
-run carries out, as it does those of files (`photogrammetry.matching.hand_ties`). They lie in a
-database of their own, `edits.sqlite`. The log of edits is only ever appended to, and the database
-itself refuses anything else: taking one back is an edit too, and so is taking that back.
-
-The database of what people write on the map: edits, and requests for runs.
-
-Requests for runs: asked for on the map, taken by whoever runs flows (`solmap up`).
+No product is changed by it: edits of tie points are requests that the next run carries out, as it
+does those in files (`products.formats.documents.edit_requests`). All lie in a database of their
+own, `edits.sqlite`. The log of edits is only ever appended to, and the database refuses anything
+else: undoing an edit is an edit too, and can itself be undone. Requests for runs are taken by
+`solmap up`.
 """
 
 from __future__ import annotations

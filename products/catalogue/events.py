@@ -1,11 +1,11 @@
-"""What has happened in a store, in order: browsers are told of it while they look.
+"""Events: what has changed in a store, in order, for browsers that listen.
 
-Their numbers are in the order in which the transactions ended, for these take turns
-(`products.catalogue.database.write_transaction`): who has seen number 7 will never be told of a 6 later.
+Event numbers are in the order in which transactions committed (`write_transaction` lets one writer
+in at a time): after number 7 no 6 can follow.
 
-Events are rows that are only appended, in the transaction that made them true, and forgotten when
-there are many newer ones. Who was away asks for those after the last it has seen; where these are
-gone already, `is_gone` says so and everything is to be asked anew.
+Events are rows that are only appended, in the transaction that makes the change, and deleted when
+there are many newer ones. A browser that was away asks for those after the last it has seen; where
+these are deleted already, `is_gone` says so and the browser asks for everything again.
 """
 
 from __future__ import annotations

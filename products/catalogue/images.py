@@ -1,10 +1,8 @@
-"""Images as products: how their labels and pixels are read back.
+"""Images as products: their labels and pixels, read back by way of the catalogue.
 
-Labels as the catalogue remembers them: reading one from its image takes milliseconds.
-
-A run needs the labels of a whole mission, to chain its stops; of ten thousand images that is a
-minute of parsing. So what a label says is kept as JSON under the digest of its image and the
-version of what reads it. It holds nothing that the images do not say again.
+A run needs the labels of a whole mission to chain its stops; parsing those of ten thousand images
+takes a minute. So what a label says is cached as JSON in the catalogue's database, under the digest
+of its image and the version of the reader. The cache can be made again from the images.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""The versions of a layer: which there are, and which solution of the network each is drawn by.
+"""The versions of a layer, and the solution of the network that each is made from.
 
-Nothing that was published goes away, so earlier versions can be looked at and compared. The recipe
-of a map holds the orientations of its pairs and no network (`tasks.orientations`): the map holds
-for the solutions whose orientations say the same of its pairs. What is made from maps holds for the
-solutions that all of them hold for; what is drawn from a network names it.
+Published versions stay, so earlier ones can be looked at and compared. The recipe of a map holds
+the orientations of its pairs and no network: the map belongs to the solutions whose orientations of
+those pairs are equal. What is made from maps belongs to the solutions that all of these belong to;
+what is drawn from a network names it.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Images as the latest adjusted network has them: placed, pointed, and matched with a partner."""
+"""Images with the orientations of the latest adjusted network, and their stereo partners."""
 
 from __future__ import annotations
 

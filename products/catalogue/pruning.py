@@ -1,19 +1,20 @@
-"""Pruning: what nothing refers to any more goes, what is needed or young stays.
+"""Pruning: unreferenced products are removed; what is needed or recent stays.
 
 Needed are
 
-- what a pointer of the catalogue is at, and every image with its browse picture and tables;
-- what finished sols left, be it mapped again by later ones: so long as it is there, a rerun passes
+- what a pointer of the catalogue names, and every image with its browse picture and tables;
+- what finished sols left, even if later ones mapped it again: while it is there, a rerun passes
   them over;
-- of each kind and scope some versions before the one that is published, for comparison;
-- what is younger than an age: a run that was killed made it, and the next one will ask for it;
+- of each kind and scope some versions before the published one, for comparison;
+- what is younger than a given age: a run that was killed made it, and the next one will ask for it;
 - what the recipes of all these name, and the recipes of those: a published map can be made again
   from what lies in the store;
-- of what no pointer is ever at (pictures of stages, ties, matches between stops) the newest that
-  was made from needed products only: a rerun looks it up.
+- of kinds that no pointer ever names (quick-looks, ties, matches between stops) the newest that was
+  made from needed products only: a rerun looks it up.
 
-All else is what earlier parameters or earlier adjustments made. It goes from the catalogue first,
-in one transaction, and then from the disk; killed in between, the next pruning ends the work.
+All else was made with earlier parameters or from earlier adjustments. It is removed from the
+catalogue first, in one transaction, and then from the disk; killed in between, the next pruning
+completes the work.
 """
 
 from __future__ import annotations

@@ -1,13 +1,12 @@
-"""Runs: what is being processed or has been, how far it is, and how it ended.
+"""Records of runs, and of the sols that they have finished.
 
-A flow writes its own record, so that who looks at the map need not ask the orchestrator. Every
-change is an event too (`products.catalogue.events`). A run whose process is gone without having said how it
-ended is `lost`: it was killed.
+A flow writes the record of its own run: how far it is and how it ended, so that the map need not
+ask the orchestrator. Every change is an event too. A run whose process is gone without having
+recorded its end is `lost`: it was killed.
 
-Sols that are finished: what each was made from, so that a run need not walk over them again.
-
-A mission of years has thousands of sols, of which a downlink changes the last. The key of a sol
-names all that its processing reads; while it is the same, so is the outcome.
+Of a finished sol, the key names all that its processing reads; while the key is the same, so is the
+outcome, and a run passes the sol over. A mission of years has thousands of sols, and a downlink
+changes the last.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Who may write: tokens and the roles they give.
 
-A token is 256 random bits, shown once when it is made; what is kept is its SHA-256, which is enough
-for what cannot be guessed (passwords would need a slow hash). They lie in a database of their own,
+A token is 256 random bits, shown once when it is made. Only its SHA-256 is kept, which is enough
+for what cannot be guessed (passwords would need a slow hash), in a database of its own,
 `access.sqlite`, that only its owner may read.
 """
 

@@ -1,11 +1,9 @@
-"""What a mission knows as collections of features, whichever layers they come from.
+"""The collections of features of a mission, and how each is drawn from layers.
 
 A collection joins the latest layers of its kinds: contours lie in one layer for each stop, tie
 points in one for the mission. Some are drawn from others: differences join the two places of a
-stop. Every collection is kept in an index (`products.features.index`) under the digests of what it
-comes from, so that it is read anew only when that has changed.
-
-How the features of a collection are drawn from those of its layers.
+stop. Every collection is kept in an index (`products.features.index`) under the digests of its
+layers, so that it is read again only when they have changed.
 """
 
 from __future__ import annotations

@@ -1,15 +1,13 @@
-"""An index of features on disk, so that a page of 150,000 costs milliseconds.
+"""An index of features on disk, so that a page of 150,000 costs milliseconds, and queries to it.
 
 Layers are GeoJSON files, one for each scope: reading them for every request would take seconds. The
 index is a table of all their features beside an R*Tree of their boxes (SQLite's own), filled once
-for each version of a layer under a key of its own. It holds nothing that could not be made again
-from the products: it may be deleted while nothing runs.
+for each version of a layer under a key of its own. It can be made again from the products: it may be
+deleted while nothing runs.
 
 Shapes are well-known binary in metres of the local map, (east, north) or (east, north, up). The
-R*Tree keeps boxes in single precision, rounded outwards; whether a shape meets the area asked for
+R*Tree keeps boxes in single precision, rounded outwards; whether a shape meets the area of a query
 is then decided on the shape itself.
-
-Which features of an index are asked for, and what that is in SQL.
 """
 
 from __future__ import annotations

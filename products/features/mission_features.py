@@ -1,11 +1,11 @@
-"""The features of a mission, collection by collection, out of an index that fills itself.
+"""The features of a mission, collection by collection, in an index that fills itself.
 
     features = MissionFeatures.open(store, catalogue)
-    features.page(BY_ID["tie-points"], "MER2", Selection(...), limit=100)
+    keys = features.keys(BY_ID["tie-points"], "MER2")
+    features.index.page(Selection(keys), limit=100)
 
-Publishing fills the index ahead of time (`fill`); where nobody did, the first request does.
-
-When what a feature shows was seen: sols, and moments of UTC, from the images behind it.
+Publishing fills the index ahead of time (`fill`); otherwise the first request does. Each feature has
+the sols and moments (UTC) of the images behind it.
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
-"""Features of a layer as text, each written once: a moving map asks for them again and again.
+"""Features of a layer as GeoJSON text in local metres, each encoded once.
 
-A mission has layers of ten thousand footprints and a hundred thousand tie points. Their file is
-read once, its coordinates are carried into the local map all together, and of each feature only the
-box is kept beside what the file says; a feature becomes text when it is first asked for.
+A moving map asks for the same features again and again, of layers with ten thousand footprints or a
+hundred thousand tie points. Their file is read once, its coordinates are transformed to the local
+map all together, and of each feature only the box is kept beside the file's own values; a feature is
+encoded when it is first asked for.
 """
 
 from __future__ import annotations

@@ -1,1 +1,6 @@
-"""TODO: what this package holds."""
+"""File formats of products: each has one writer, and a reader where products are read again.
+
+Enters: arrays, records and features. Leaves: rasters, vectors, meshes, and the documents that
+stages hand to each other (networks, matches, control). Equal input gives equal bytes.
+May import `products.store` (references are resolved by it), never `products.catalogue`.
+"""

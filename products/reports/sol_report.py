@@ -1,9 +1,7 @@
-"""What is known of a sol, gathered for its report: images, pairs, links, adjustment, layers, times.
+"""The report of a sol as one HTML page: images, pairs, links, adjustment, layers, times.
 
-Everything is read from the catalogue and from provenance; nothing is computed anew, so a report can
-be asked for at any time.
-
-The report of a sol as one page of HTML: everything it shows lies in the file itself.
+Everything is read from the catalogue and from provenance, and nothing is computed anew, so a report
+can be made at any time. All that the page shows lies in the file itself.
 """
 
 from __future__ import annotations

@@ -7,8 +7,6 @@
 Links are relative, so the folder of the store may be moved or served as it is. The catalogue lies
 where the products lie; every file is replaced by a whole one.
 
-One layer as a STAC item: where, when, what bands, how it was made.
-
 Items follow STAC 1.1 with the extensions projection 2.0, raster 1.1, processing 1.1, classification
 2.0 and ssys 1.1 (what body the degrees are on). GeoJSON means the Earth; `ssys:targets` says Mars,
 and `proj:wkt2` and `proj:transform` say where the cells lie on its map.

@@ -1,7 +1,7 @@
-"""Where the bytes of a store lie: a folder here, or an object store (`products.store.object_backend`).
+"""Storage backends: where the bytes of a store lie, in a folder or an object store.
 
-Names are paths below the store, `products/dtm/<scope>/<digest>.tif`, the same in both. Whatever
-can be seen under a name is whole.
+Names are paths below the store, `products/dtm/<scope>/<digest>.tif`, the same in both. A file that
+has a name is whole. The backend of object stores is `products.store.object_backend`.
 """
 
 from __future__ import annotations

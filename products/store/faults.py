@@ -1,10 +1,8 @@
-"""What can pass: faults of disks, networks and databases that trying again may get past.
+"""Faults of disks, networks and databases: which are transient, and whether a disk is full.
 
-A network file system that hangs for a moment or a database that another process holds is gone at
-the next attempt. Images that cannot be matched, settings that are wrong and a disk that is full are
-not: the same call would fail in the same way.
-
-Whether a write failed because the disk is full.
+A transient error may be gone at the next attempt: a network file system hangs for a moment, or
+another process holds the database. Images that cannot be matched, wrong settings and a full disk
+fail in the same way again.
 """
 
 from __future__ import annotations

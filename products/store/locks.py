@@ -1,6 +1,7 @@
-"""Turns: who may change the latest products of a mission while others wait.
+"""Locks between the processes of a store: who changes a mission, who makes products, who prunes.
 
-The kernel gives a lock back when its holder ends, however it ends.
+They are locks of the kernel (flock), which it releases when the holding process ends, however it
+ends. Runs share one lock and pruning takes it alone.
 """
 
 from __future__ import annotations

@@ -1,17 +1,12 @@
-"""An S3-compatible object store as the place of products.
+"""The storage backend of S3-compatible object stores: objects, their client, and copies of them here.
 
 An object appears at once and whole, whether it was sent in one piece or in parts. Two makers of the
-same product do not collide: small ones are created only where there is none, large ones replace
-equal bytes. Tasks read copies on this machine, GDAL reads the objects in place.
+same product do not collide: small objects are created only where there is none, large ones replace
+equal bytes. GDAL reads objects in place; tasks read copies on this machine, of which the least
+recently used are removed first. A copy appears by renaming, so it is whole, and all processes of a
+machine share the folder.
 
-How an object store is reached: its endpoint, its client, and what its errors mean.
-
-Keys, region and endpoint come from the usual AWS_* variables; GDAL is told the same endpoint.
-
-Copies of remote files on this machine, the least recently used removed first.
-
-A copy appears by renaming, so it is whole; all processes of a machine share the folder. What was
-asked for a moment ago stays, even over the limit: somebody is about to open it.
+Keys, region and endpoint come from the usual AWS_* variables; GDAL is given the same endpoint.
 """
 
 from __future__ import annotations

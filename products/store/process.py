@@ -1,18 +1,14 @@
-"""Logs for programs: one JSON object a line, below `logs/` in the store.
+"""What a process that works on a store keeps of itself: its log, and the resources that it used.
 
-Every process of a store may append to the same file: a line is one write. A file that has grown is
-renamed to `.1` (the one before to `.2`, and so on) by whoever notices under a lock; the others see
-that the name leads elsewhere and follow. What people read on the terminal stays as it was.
+Logs are for programs: one JSON object a line, below `logs/` in the store. Every process of a store
+may append to the same file, because a line is one write. A file that has grown is renamed to `.1`
+(the one before to `.2`, and so on) under a lock; other processes see that the name leads to a new
+file and follow.
 
-What making something took: time by the clock, time of the processor, and memory.
-
-Stages run beside each other as threads of one process. Time of the processor is therefore that of
-the thread itself, without threads that a library starts of its own (OpenCV does). Memory can only
-be asked of the process: `peak_rss_mb` is the most it has held since it began, and `rss_rise_mb` by
-how much that mark rose meanwhile, whichever thread raised it. With one worker both are the stage's
-own.
-
-How often Python looks for cycles among the objects that it holds.
+Resources are measured for each stage. Stages run beside each other as threads of one process, so
+processor time is that of the thread itself, without threads that a library starts (OpenCV does).
+Memory is known of the process only: `peak_rss_mb` is the most it has held since it began, and
+`rss_rise_mb` by how much that mark rose meanwhile, whichever thread raised it.
 """
 
 from __future__ import annotations

@@ -1,12 +1,12 @@
 """The store: products are made once, then read by reference.
 
-A product is drafted in a folder of its own and put into place when it is whole, so that one that
-is there is complete, whatever was killed. Beside each product lies its provenance: the recipe,
-when and how long it was made, its size and checksum. The product's own bytes hold no dates, so the
-same recipe gives the same bytes.
+A product is drafted in a folder of its own and put into place when it is whole, so that a product
+that is there is complete, whichever process was killed. Beside each product lies its provenance:
+the recipe, when it was made and with what resources, its size and checksum. The product's own bytes
+hold no dates, so the same recipe gives the same bytes.
 
-Bytes lie in the store's folder, or in an object store; drafts, databases and what can be made anew
-(indexes, copies of objects) lie in the folder always.
+Bytes lie in the store's folder or in an object store; drafts, databases and what can be made again
+(indexes, copies of objects) always lie in the folder.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What a product says of how it was made: tags inside rasters, and the adjustment behind it."""
+"""How a product was made: tags inside rasters, and the adjustment that it depends on."""
 
 from __future__ import annotations
 

@@ -1,10 +1,8 @@
-"""Matches, parallax and ties as compressed NumPy archives, written and read back.
+"""Matches, parallax, ties and radiometric tables as compressed NumPy archives, read back.
 
 The archives hold no dates, so the same arrays give the same bytes. Parallax is kept in whole steps
 of 1/128 pixel (coarser only beyond 511 pixels), far below what matching resolves; 0 means "not
 matched". Its standard deviation is kept in one byte, in steps of three percent from 0.005 pixel.
-
-Inverse tables and flat fields as a product: what pixels are read with, written and read back.
 """
 
 from __future__ import annotations

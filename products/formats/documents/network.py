@@ -1,13 +1,8 @@
 """The adjusted network of a mission as a product, read back.
 
-The network of a sol holds the stops that its step touched. All others are as earlier steps left
-them, each in a product of its own (`ProductKind.MARGINALISED_STOP`) or in an overall adjustment, and the
-network of the sol names these: so it does not grow with the traverse.
-
-Who holds what a document does not hold itself: other products, by stop.
-
-A sol changes a few stops of a mission. What it says of the others would be said again by every sol,
-so a document of a sol names the earlier product that says it.
+The network of a sol holds the stops that its step changed. All others are as earlier steps left
+them, in a product for each marginalised stop or in an overall adjustment. The network of the sol
+refers to these products, stop by stop, so it does not grow with the traverse.
 """
 
 from __future__ import annotations

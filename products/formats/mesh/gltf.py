@@ -1,27 +1,21 @@
-"""glTF 2.0 binary (.glb): textured meshes that every viewer of three-dimensional models opens.
+"""glTF 2.0 binary (.glb): textured meshes, and points as the content of 3D Tiles 1.1.
 
 A file holds meshes of the local map. glTF's axes are right-handed with y up, so a point is written
 
     x = east - east_0,     y = up - up_0,     z = -(north - north_0)
 
-in single precision relative to an origin near by, and the scene's one node is translated by the
-origin: its children are in metres of the local map. What cannot be said in glTF (frame, CRS, units,
+in single precision relative to an origin near by, and the scene's root node is translated by the
+origin: its children are in metres of the local map. What glTF has no field for (frame, CRS, units,
 which products it was made from) stands in the `extras` of that node.
 
 `PLAIN` files use nothing beyond the core of glTF. `QUANTISED` ones store positions in 16 bits
-(65535 steps over the longest side of a mesh, 0.2 mm over 10 m), normals in 8 and places in textures
-in 16, as KHR_mesh_quantization allows: half the size, read by all current viewers of tiles. `DRACO`
-ones are as exact and a tenth of the size, but have to be decompressed (`products.formats.mesh.draco`).
-Textures are JPEG, grey or RGB. Equal input gives equal bytes.
+(65535 steps over the longest side of a mesh, 0.2 mm over 10 m), normals in 8 and texture
+coordinates in 16, as KHR_mesh_quantization allows: half the size, read by all current viewers of
+tiles. `DRACO` ones are as exact and a tenth of the size, but have to be decompressed. Textures are
+JPEG, grey or RGB. Equal input gives equal bytes.
 
-A glTF binary being put together: lists of accessors, views and nodes, and the binary part.
-
-Points as glTF 2.0: the content of tiles of a point cloud, as 3D Tiles 1.1 has it.
-
-Axes and origin are those of our other models (see `gltf`): x east, y up, z south. A point has a
-position in 16 bits of its tile (KHR_mesh_quantization), a colour, which glTF wants linear in light
-and not as the eye sees it, and, as `_SIGMA`, its standard deviation in metres. Equal input gives
-equal bytes.
+Points have quantised positions, a colour, which glTF wants linear in light and not as the eye sees
+it, and, as `_SIGMA`, their standard deviation in metres.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What models in three dimensions say of themselves, whatever their format."""
+"""What models in three dimensions say of themselves, whatever their format: notes and extent."""
 
 from __future__ import annotations
 

@@ -1,10 +1,8 @@
-"""Orthophotos on disk: 8-bit pictures, grey or in colour, and what they came from.
+"""Orthophotos on disk: 8-bit images, grey or in colour, their sources, and textures cut from them.
 
 Brightness is stretched to 1 .. 255, band by band, and 0 is where nothing was seen; a band's scale
 and offset lead back to brightness. The sources are a class layer of their own at the cells of the
 terrain model: which image each patch of ground was taken from, by name.
-
-Pieces of an orthophoto as textures of meshes, read at the size that is wanted and no larger.
 """
 
 from __future__ import annotations

@@ -1,14 +1,11 @@
 """Rasters on disk: bands of one grid, in the local CRS of the landing site, and read back.
 
-How the bytes are laid out is decided in `products.formats.raster.cog`. An averaged `class` of a DTM's overview
-lies between its classes.
-
-What the values of class layers mean, and the colours they are drawn in.
-
-Colours keep apart without colour vision (Paul Tol's bright and muted sets): good ground is blue or
+The layout of the bytes is decided in `products.formats.raster.cog`. In overviews of a DTM, cells of
+the band `class` are averages and may lie between classes. Class layers carry names and colours,
+which keep apart without colour vision (Paul Tol's bright and muted sets): good ground is blue or
 green, bad ground yellow to red, and lightness falls from one to the other.
 
-Rasters of others, read onto the local map: orbital images and terrain models in any Mars CRS.
+Rasters of other producers, such as orbital images in any Mars CRS, are read onto a grid of the map.
 """
 
 from __future__ import annotations

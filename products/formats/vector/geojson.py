@@ -1,7 +1,7 @@
-"""Features on disk: GeoJSON in Mars degrees that does not pass for Earth.
+"""Features on disk: GeoJSON in degrees of Mars.
 
-GeoJSON has no CRS of its own (RFC 7946 means WGS 84), and a reader that is told nothing draws a
-rover's traverse in the Pacific. The files therefore
+GeoJSON has no CRS of its own (RFC 7946 means WGS 84), and a reader without other information draws
+a rover's traverse in the Pacific. The files therefore
 
 - hold planetocentric longitude (east) and latitude of Mars in degrees, nine decimals (0.06 mm), and
   elevation in metres above the tangent plane at the landing point where it is known;
@@ -12,8 +12,6 @@ rover's traverse in the Pacific. The files therefore
 
 Longitude and latitude are those of the local CRS (see `products.crs`), so that vectors and rasters
 of a site fall on each other in any program.
-
-Contours as features.
 """
 
 from __future__ import annotations
