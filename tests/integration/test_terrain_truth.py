@@ -1,7 +1,7 @@
 """Terrain models of three simulated worlds against what is true of them, from matched pictures.
 
 Poses are the true ones, so that matching and gridding are judged; whole runs, with adjusted poses,
-are judged by `python -m tests.support.terrain_truth` and stated in docs/benchmarks.md.
+are judged by `python -m tests.support.terrain.terrain_truth` and stated in docs/benchmarks.md.
 """
 
 import numpy as np
@@ -18,7 +18,7 @@ from solmap.photogrammetry.terrain.dtm.records import TerrainView
 from solmap.photogrammetry.terrain.dtm.stop_dtm import DtmParams
 from solmap.tasks.images.pairs import resample_pair
 from solmap.tasks.network.match import pair_geometry
-from tests.support.terrain_truth import Judgement, StopInTruth, Truth, judge
+from tests.support.terrain.terrain_truth import Judgement, StopInTruth, Truth, judge
 
 WORLDS = (("plains", 301), ("hills", 302), ("crater", 303))
 PAIRS = 3

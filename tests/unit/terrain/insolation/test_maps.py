@@ -18,7 +18,7 @@ from solmap.photogrammetry.terrain.insolation.maps import (
 )
 from solmap.photogrammetry.terrain.insolation.sun import Season
 from solmap.photogrammetry.terrain.relief.slope import normals_of
-from tests.support.insolation import daily_insolation_above
+from tests.support.terrain.insolation import daily_insolation_above
 
 GUSEV = math.radians(-14.735)
 CLEAR = InsolationParams(ls_deg=(90.0,), optical_depth=0.0)

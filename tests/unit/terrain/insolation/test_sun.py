@@ -18,7 +18,7 @@ from solmap.photogrammetry.terrain.insolation.sun import (
     net_flux,
     sun_directions,
 )
-from tests.support.insolation import daily_insolation_above
+from tests.support.terrain.insolation import daily_insolation_above
 
 VIKING_1 = math.radians(22.3)
 MARS_HOURS = 24 / SOL_HOURS

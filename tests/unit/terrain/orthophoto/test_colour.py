@@ -11,7 +11,7 @@ from solmap.photogrammetry.terrain.orthophoto.rendering import (
     OrthophotoParams,
     prepare_orthophoto,
 )
-from tests.support.orthophotos import render_orthophoto
+from tests.support.terrain.orthophotos import render_orthophoto
 
 
 @pytest.mark.parametrize(

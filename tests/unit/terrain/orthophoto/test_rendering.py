@@ -11,7 +11,7 @@ from solmap.photogrammetry.terrain.dtm.stop_dtm import DtmParams, build_dtm
 from solmap.photogrammetry.terrain.orthophoto.brightness import balance
 from solmap.photogrammetry.terrain.orthophoto.mosaic import NO_SOURCE
 from solmap.photogrammetry.terrain.orthophoto.rendering import OrthophotoParams
-from tests.support.orthophotos import render_orthophoto
+from tests.support.terrain.orthophotos import render_orthophoto
 
 PARAMS = OrthophotoParams()
 TERRAIN = DtmParams(max_relative_sigma=0.05)

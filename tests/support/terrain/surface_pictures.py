@@ -1,6 +1,6 @@
 """Pictures of what the ground of a simulated world means, for the documentation.
 
-python -m tests.support.surface_pictures crater 3 docs/figures
+python -m tests.support.terrain.surface_pictures crater 3 docs/figures
 """
 
 from __future__ import annotations

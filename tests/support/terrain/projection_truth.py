@@ -1,6 +1,6 @@
 """Projection between map and images of a run of `rendered_husband`, judged by its truth.
 
-    python -m tests.support.projection_truth STORE TRUTH_FOLDER [points]
+    python -m tests.support.terrain.projection_truth STORE TRUTH_FOLDER [points]
 
 Pixels are drawn at random in left Navcam images. With the true poses and the true surface each has
 a true place on the ground and true places in the images of other stops; what the server's functions

@@ -1,6 +1,6 @@
 """The terrain models of a store held against the truth of its world.
 
-    python -m tests.support.terrain_truth STORE DOWNLINK [--true-poses] [--method tin]
+    python -m tests.support.terrain.terrain_truth STORE DOWNLINK [--true-poses] [--method tin]
 
 Every stop is mapped again from the store's matches, with the poses of its newest network or with
 the true ones, and judged at every cell by what is true of it: elevation, and whether some pair saw

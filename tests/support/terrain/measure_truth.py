@@ -1,6 +1,6 @@
 """Profiles and measured picks of a run of `rendered_husband`, judged by its truth.
 
-    python -m tests.support.measure_truth STORE TRUTH_FOLDER [picks]
+    python -m tests.support.terrain.measure_truth STORE TRUTH_FOLDER [picks]
 
 Lines of 15 m lie at random over the mapped ground. Picks are true conjugates of random pixels in
 left Navcam images, the second moved by up to three pixels along each axis.
@@ -22,7 +22,7 @@ from solmap.photogrammetry.terrain.measure.lines import _tangent
 from solmap.products.catalogue.oriented_images import OrientedMission
 from solmap.products.catalogue.workspace import Workspace
 from tests.support.husband_truth import true_pose
-from tests.support.projection_truth import _true_point, elevations
+from tests.support.terrain.projection_truth import _true_point, elevations
 
 BASELINE_M, LENGTH_M, LINES = 1.0, 15.0, 30
 MOVED_PX, EDGE_PX, LAST_PX = 3.0, 30.0, 990.0

@@ -1,4 +1,6 @@
-"""Pictures for the documentation: `python -m tests.support.orthophoto_pictures STORE SCOPE FOLDER`.
+"""Pictures of orthophotos for the documentation.
+
+Run as `python -m tests.support.terrain.orthophoto_pictures STORE SCOPE FOLDER`.
 
 The orthophoto of a stop, the same with the images it came from in colours, and a detail at full
 resolution, beside each other.

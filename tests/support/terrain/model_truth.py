@@ -1,6 +1,6 @@
 """Models of a store's first stop, whose pose is exact, held against the truth of its world.
 
-    python -m tests.support.model_truth STORE DOWNLINK
+    python -m tests.support.terrain.model_truth STORE DOWNLINK
 
 Places on the triangles, drawn by their area on the map, and the cells of the terrain model are
 compared with the true elevation, in bands of distance from the rover.
@@ -22,7 +22,7 @@ from solmap.photogrammetry.terrain.mesh.view_mesh import ViewModelParams, view_m
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.formats.raster.raster import read_dtm
 from solmap.products.model import ProductKind
-from tests.support.terrain_truth import BANDS_M, Truth, stops_of
+from tests.support.terrain.terrain_truth import BANDS_M, Truth, stops_of
 
 PLACES = 200_000
 

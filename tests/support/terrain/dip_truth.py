@@ -1,6 +1,6 @@
 """Planar regions held against the truth of their world.
 
-    python -m tests.support.dip_truth STORE DOWNLINK
+    python -m tests.support.terrain.dip_truth STORE DOWNLINK
 
 takes every planar region that the pairs of every stop see, as they truly looked, reads the true
 elevation under each of its samples and fits a plane to those. Regions narrower than `LEAST_M` are
@@ -24,7 +24,7 @@ from solmap.photogrammetry.terrain.measure.facets import (
     _points,
     planar_regions,
 )
-from tests.support.terrain_truth import Truth, stops_of
+from tests.support.terrain.terrain_truth import Truth, stops_of
 
 LEAST_M = 0.5
 

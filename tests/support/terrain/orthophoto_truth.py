@@ -1,7 +1,7 @@
 """How far orthophotos lie from where the ground truly is, and their views from each other.
 
-    python -m tests.support.orthophoto_truth [--worlds plains:31 hills:32 crater:33]
-    python -m tests.support.orthophoto_truth --rendered FOLDER --store STORE
+    python -m tests.support.terrain.orthophoto_truth [--worlds plains:31 hills:32 crater:33]
+    python -m tests.support.terrain.orthophoto_truth --rendered FOLDER --store STORE
 
 Simulated worlds know the radiance of their ground, which is laid out at the orthophoto's own cells
 and matched against it, block by block; the pairs stand where they truly stood. Views of one stop
@@ -38,9 +38,9 @@ from solmap.photogrammetry.terrain.orthophoto.rendering import (
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.model import ProductKind
 from tests.support.husband_truth import JudgedPair, judged_pairs
-from tests.support.orthophotos import render_orthophoto
 from tests.support.product_readers import read_orthophoto
 from tests.support.simulated_stops import SimulatedStop, WorldOfStops, simulated_stop
+from tests.support.terrain.orthophotos import render_orthophoto
 
 BANDS_M = ((0, 5), (5, 10), (10, 20), (20, 40))
 BLOCK, SEARCH = 128, 12
