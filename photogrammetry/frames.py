@@ -243,7 +243,7 @@ class FrameTree:
             if pose.source != frame:
                 raise FrameError(f"the pose filed under {frame} starts in {pose.source}")
 
-    def adding(self, poses: Iterable[Pose]) -> FrameTree:
+    def with_poses(self, poses: Iterable[Pose]) -> FrameTree:
         """A tree that also holds `poses`, each of a frame in its parent; later ones win."""
         return FrameTree({**self.parent_from, **{pose.source: pose for pose in poses}})
 

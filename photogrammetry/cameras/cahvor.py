@@ -198,7 +198,7 @@ class Cahvor:
         """Where the rays start, metres: at C for every image point."""
         return np.broadcast_to(self.c, (len(image_points), 3))
 
-    def moved(self, target_from_model: Pose) -> Cahvor:
+    def transform(self, target_from_model: Pose) -> Cahvor:
         """The same camera, expressed in the target frame of a pose."""
         turn = target_from_model.rotation
         c = target_from_model.apply(self.c[None])[0]
@@ -206,11 +206,11 @@ class Cahvor:
             self, c=c, a=turn @ self.a, h=turn @ self.h, v=turn @ self.v, o=turn @ self.o
         )
 
-    def subframed(self, first_sample: int | float, first_line: int | float) -> Cahvor:
+    def subframe(self, first_sample: int | float, first_line: int | float) -> Cahvor:
         """The model of a sub-frame whose first pixel was (first_sample, first_line), 0-based."""
         return replace(self, h=self.h - first_sample * self.a, v=self.v - first_line * self.a)
 
-    def averaged(self, width: int, height: int, *, correct_half_pixel: bool = True) -> Cahvor:
+    def average(self, width: int, height: int, *, correct_half_pixel: bool = True) -> Cahvor:
         """The model of an image averaged over blocks of width x height pixels."""
         half = 0.5 * self.a if correct_half_pixel else 0.0 * self.a
         return replace(

@@ -130,7 +130,7 @@ class Cahvore:
         ratio = np.where(theta < ON_AXIS, 0.0, theta / np.where(theta == 0, 1, np.sin(theta)) - 1)
         return self.c + (ratio * pupil)[:, None] * self.o
 
-    def moved(self, target_from_model: Pose) -> Cahvore:
+    def transform(self, target_from_model: Pose) -> Cahvore:
         """The same camera, expressed in the target frame of a pose."""
         turn = target_from_model.rotation
         c = target_from_model.apply(self.c[None])[0]
@@ -138,11 +138,11 @@ class Cahvore:
             self, c=c, a=turn @ self.a, h=turn @ self.h, v=turn @ self.v, o=turn @ self.o
         )
 
-    def subframed(self, first_sample: int | float, first_line: int | float) -> Cahvore:
+    def subframe(self, first_sample: int | float, first_line: int | float) -> Cahvore:
         """The model of a sub-frame whose first pixel was (first_sample, first_line), 0-based."""
         return replace(self, h=self.h - first_sample * self.a, v=self.v - first_line * self.a)
 
-    def averaged(self, width: int, height: int, *, correct_half_pixel: bool = True) -> Cahvore:
+    def average(self, width: int, height: int, *, correct_half_pixel: bool = True) -> Cahvore:
         """The model of an image averaged over blocks of width x height pixels."""
         half = 0.5 * self.a if correct_half_pixel else 0.0 * self.a
         return replace(

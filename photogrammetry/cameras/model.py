@@ -28,5 +28,5 @@ class CameraModel(Protocol):
     def ray_origins(self, image_points: ImagePoints) -> ObjectPoints:
         """Where these rays start, metres: at the centre, unless the entrance pupil moves."""
 
-    def moved(self, target_from_model: Pose) -> CameraModel:
+    def transform(self, target_from_model: Pose) -> CameraModel:
         """The same camera, expressed in the target frame of a pose."""

@@ -297,7 +297,7 @@ def _exposure(
         instrument=Instrument.NAVCAM,
         eye=eye,
         pointing=pointing,
-        camera=CAMERAS[Instrument.NAVCAM, eye].in_mast.moved(pointing.rover_from_mast(name)),
+        camera=CAMERAS[Instrument.NAVCAM, eye].in_mast.transform(pointing.rover_from_mast(name)),
         clock=FIRST_CLOCK + SOL_S * sol + PAIR_S * pair,
         pma=pair + 1,
         sequence=SEQUENCE,

@@ -330,7 +330,7 @@ def _pixel_rad(instrument: Instrument, averaging: int) -> float:
 
 @lru_cache(maxsize=4)
 def _rays_in_mast(instrument: Instrument, eye: Eye, averaging: int) -> Rays:
-    camera = CAMERAS[instrument, eye].in_mast.averaged(averaging, averaging)
+    camera = CAMERAS[instrument, eye].in_mast.average(averaging, averaging)
     side = FULL_FRAME // averaging
     line, sample = np.mgrid[:side, :side].reshape(2, -1)
     rays = camera.rays(np.column_stack([sample, line]).astype(np.float64))

@@ -110,7 +110,7 @@ class World:
         """What the label of an image says."""
         stop, averaging = self.stops[shot.stop], self.params.averaging
         in_mast = CAMERAS[shot.instrument, eye].in_mast
-        in_mast = in_mast.averaged(averaging, averaging, correct_half_pixel=False)  # as MER labels
+        in_mast = in_mast.average(averaging, averaging, correct_half_pixel=False)  # as MER labels
         return Exposure(
             stop=stop.id,
             sol=stop.sol,
@@ -121,7 +121,7 @@ class World:
             instrument=shot.instrument,
             eye=eye,
             pointing=shot.pointing,
-            camera=in_mast.moved(shot.pointing.rover_from_mast(stop.id)),
+            camera=in_mast.transform(shot.pointing.rover_from_mast(stop.id)),
             clock=shot.clock,
             pma=shot.pair + 1,
             sequence=shot.sequence,
@@ -142,8 +142,8 @@ class World:
     def true_camera(self, shot: Shot, eye: Eye) -> Cahvor:
         """The camera that took the picture, in the LSL."""
         averaging = self.params.averaging
-        in_mast = CAMERAS[shot.instrument, eye].in_mast.averaged(averaging, averaging)
-        return in_mast.moved(self.true_lsl_from_mast(shot))
+        in_mast = CAMERAS[shot.instrument, eye].in_mast.average(averaging, averaging)
+        return in_mast.transform(self.true_lsl_from_mast(shot))
 
     def true_elevation(self, grid: MapGrid) -> Raster:
         """Elevation of the ground, rocks included, at the cell centres of a map grid."""
@@ -168,7 +168,7 @@ def make_world(params: WorldParams, rng_seed: int) -> World:
     headings = _headings(places) + turns
     terrain = Terrain(rng_seed, params.terrain, places)
     first = standing_pose(terrain, *places[0], float(headings[0]), ids[0].frame)
-    terrain = terrain.lowered(-float(first.translation_m[2]))
+    terrain = terrain.lower(-float(first.translation_m[2]))
     truths = tuple(
         standing_pose(terrain, *place, float(heading), stop_id.frame)
         for place, heading, stop_id in zip(places, headings, ids, strict=True)

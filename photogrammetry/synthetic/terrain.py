@@ -236,7 +236,7 @@ class Terrain:
         per_m2, largest_m = self.type.rocks_per_m2, self.type.largest_rock_m
         return RockField(self.seed, per_m2, largest_m=largest_m, clearings=self.clearings)
 
-    def lowered(self, by_m: float) -> Terrain:
+    def lower(self, by_m: float) -> Terrain:
         """The same landscape with its datum `by_m` higher."""
         return replace(self, datum_m=self.datum_m + by_m)
 

@@ -139,7 +139,7 @@ def read_eye(pair: OrientedPair, store: ProductStore) -> WideBaselineImage:
         pair_id=pair.products.files.id,
         image=left.pixels,
         mask=left.mask,
-        camera=left.image.camera.moved(lsl_from_pair @ geometry.rover_from_pair.inverse),
+        camera=left.image.camera.transform(lsl_from_pair @ geometry.rover_from_pair.inverse),
         rig=geometry,
         lsl_from_rig=lsl_from_pair,
         parallax=read_parallax(store.path(pair.products.parallax)),

@@ -143,7 +143,7 @@ def _panorama(
     read = [_read(frame, store) for frame in frames]
     images = []
     for one, lsl_from_rover in read:
-        camera = one.image.camera.moved(lsl_from_rover)
+        camera = one.image.camera.transform(lsl_from_rover)
         images.append(PanoramaImage.of(one.image.id, camera, one.pixels, one.mask))
     terrain = read_dtm(store.path(dtm)) if dtm else None
     return prepare_panorama(images, _standing_plane(read[0][1], stop), params, terrain)

@@ -109,7 +109,7 @@ def exposure(eye: Eye) -> Exposure:
         rotation_of_roll_pitch_yaw(0.0, 0.0, heading(index)),
         np.zeros(3),
     )
-    in_mast = CAMERAS[Instrument.NAVCAM, eye].in_mast.averaged(4, 4, correct_half_pixel=False)
+    in_mast = CAMERAS[Instrument.NAVCAM, eye].in_mast.average(4, 4, correct_half_pixel=False)
     return Exposure(
         stop=stop,
         sol=SOL,
@@ -120,7 +120,7 @@ def exposure(eye: Eye) -> Exposure:
         instrument=Instrument.NAVCAM,
         eye=eye,
         pointing=POINTING,
-        camera=in_mast.moved(POINTING.rover_from_mast(stop)),
+        camera=in_mast.transform(POINTING.rover_from_mast(stop)),
         clock=140_200_000,
         pma=1,
         sequence="P1600",

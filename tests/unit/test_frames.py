@@ -55,7 +55,7 @@ def test_a_quaternion_far_from_unit_length_is_refused():
 
 def test_the_tree_finds_the_way_through_a_common_ancestor():
     east, north = np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0])
-    tree = FrameTree().adding(
+    tree = FrameTree().with_poses(
         [
             Pose(LSL, site_frame(1), np.eye(3), east),
             Pose(LSL, site_frame(2), np.eye(3), north),
@@ -67,13 +67,13 @@ def test_the_tree_finds_the_way_through_a_common_ancestor():
 
 
 def test_frames_without_a_common_ancestor_are_named():
-    tree = FrameTree().adding([Pose.identity(site_frame(1), rover_frame(1, 0))])
+    tree = FrameTree().with_poses([Pose.identity(site_frame(1), rover_frame(1, 0))])
     with pytest.raises(FrameError, match=r"lsl and rover\[1, 0\] are not connected"):
         tree.pose(LSL, rover_frame(1, 0))
 
 
 def test_a_circle_of_frames_is_an_error_and_not_a_hang():
-    tree = FrameTree().adding(
+    tree = FrameTree().with_poses(
         [
             Pose.identity(site_frame(1), site_frame(2)),
             Pose.identity(site_frame(2), site_frame(1)),

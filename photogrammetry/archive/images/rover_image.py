@@ -151,7 +151,7 @@ def _camera_in_rover(label: Label, site_from_rover: Pose, *, correct_half_pixel:
     camera = camera_model(label)
     frame = label.optional(CAMERA, "REFERENCE_COORD_SYSTEM_NAME", str) or "ROVER_FRAME"
     if frame == "SITE_FRAME":
-        camera = camera.moved(site_from_rover.inverse)
+        camera = camera.transform(site_from_rover.inverse)
     elif frame not in ROVER_FRAMES:
         raise LabelError(
             f"{label.source}: {CAMERA}/REFERENCE_COORD_SYSTEM_NAME should be ROVER_FRAME or "
@@ -160,7 +160,7 @@ def _camera_in_rover(label: Label, site_from_rover: Pose, *, correct_half_pixel:
     width, height = pixel_averaging(label)
     if not correct_half_pixel or (width, height) == (1, 1):
         return camera
-    return camera.subframed(0.5 * (1 - 1 / width), 0.5 * (1 - 1 / height))
+    return camera.subframe(0.5 * (1 - 1 / width), 0.5 * (1 - 1 / height))
 
 
 def pixel_averaging(label: Label) -> tuple[int, int]:

@@ -169,7 +169,7 @@ def lsl_tree(given: Iterable[Pose], sites: Iterable[int] = ()) -> LslTree:
         sites: sites that are wanted besides those the poses name; with them named, only they
             decide where the LSL starts.
     """
-    tree = FrameTree().adding(given)
+    tree = FrameTree().with_poses(given)
     wanted = sorted(set(sites)) or sorted(
         {
             pose.target.index[0]
@@ -182,7 +182,7 @@ def lsl_tree(given: Iterable[Pose], sites: Iterable[int] = ()) -> LslTree:
     if not reached:
         return LslTree(tree, None, "no site is known, so there is no LSL")
     origin = reached[0]
-    tree = tree.adding([Pose.identity(LSL, site_frame(origin))])
+    tree = tree.with_poses([Pose.identity(LSL, site_frame(origin))])
     loose = [str(site) for site, root in roots.items() if root != origin]
     notes = []
     if origin != 0:

@@ -143,7 +143,7 @@ class RelativeOrientation:
         pose = geometry.rover_from_pair
         turned = turn_in_place(right, pose.target, pose.rotation @ self.rotation)
         moved = pose.rotation @ self.shift * geometry.base_m
-        return turned.moved(Pose(pose.target, pose.target, np.eye(3), moved))
+        return turned.transform(Pose(pose.target, pose.target, np.eye(3), moved))
 
     def shared_sigma(self, geometry: EpipolarPair, params: OrientationParams) -> SharedSigma:
         """Standard deviation that all parallaxes share: of w_y, and of the length of the base."""
@@ -203,7 +203,7 @@ def rig_rotation(measured: VerticalParallax) -> Vector3:
 def turn_in_place(camera: CameraModel, frame: Frame, rotation: Vector3) -> CameraModel:
     """A camera turned about its own centre by a rotation vector, both in the same frame."""
     turn = ScipyRotation.from_rotvec(rotation).as_matrix()
-    return camera.moved(Pose(frame, frame, turn, camera.centre - turn @ camera.centre))
+    return camera.transform(Pose(frame, frame, turn, camera.centre - turn @ camera.centre))
 
 
 def _design(measured: VerticalParallax) -> np.ndarray:

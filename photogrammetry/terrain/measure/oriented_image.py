@@ -87,7 +87,7 @@ class OrientedImage:
         if pose.stop != image.stop or pose.lsl_from_rover.target != LSL:
             raise TerrainError(f"{image.id} was taken at {image.stop}, not at {pose.stop}")
         pivot = pointing_pivot(image)
-        camera = apply_pointing(image, pointing.turn).camera.moved(pose.lsl_from_rover)
+        camera = apply_pointing(image, pointing.turn).camera.transform(pose.lsl_from_rover)
         turn = pose.lsl_from_rover.rotation
         return cls(
             image.id,
@@ -135,7 +135,9 @@ def apply_pointing(image: RoverImage, pointing: Vector3) -> RoverImage:
     """
     rover, pivot = image.stop.frame, pointing_pivot(image)
     turn = ScipyRotation.from_rotvec(pointing).as_matrix()
-    return replace(image, camera=image.camera.moved(Pose(rover, rover, turn, pivot - turn @ pivot)))
+    return replace(
+        image, camera=image.camera.transform(Pose(rover, rover, turn, pivot - turn @ pivot))
+    )
 
 
 def cross_matrix(vector: Vector3) -> Covariance3:

@@ -91,7 +91,7 @@ def _seeing(entry, point, same_stop, world):
         if other.id == entry.id or (other.stop == entry.stop) != same_stop:
             continue
         record = mission.record(other)
-        camera = record.camera.moved(true_pose(folder, record))
+        camera = record.camera.transform(true_pose(folder, record))
         at = camera.project(point[None])[0]
         if not ((at > EDGE_PX) & (at < LAST_PX)).all():
             continue

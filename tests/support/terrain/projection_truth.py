@@ -84,7 +84,7 @@ def _judge_in(other, found, truth, world, rows) -> None:
     if seen is None:
         return
     record = mission.record(other)
-    camera = record.camera.moved(true_pose(folder, record))
+    camera = record.camera.transform(true_pose(folder, record))
     at = camera.project(truth[None])[0]
     off = seen.point - at
     turn = np.array([np.cos(seen.ellipse.angle), np.sin(seen.ellipse.angle)])
@@ -101,7 +101,7 @@ def _judge_in(other, found, truth, world, rows) -> None:
 
 def _true_point(entry, pixel, mission, folder, surface):
     record = mission.record(entry)
-    camera = record.camera.moved(true_pose(folder, record))
+    camera = record.camera.transform(true_pose(folder, record))
     ray = camera.rays(pixel[None])[0]
     met = range_to_ground(camera.centre, ray, surface, FARTHEST_M, 0.02)
     return None if met is None else camera.centre + met * ray

@@ -166,7 +166,7 @@ def own_linear_model(shared_data, real_images):
     before = Pose.of_quaternion(rover, mast, MAST_767, MAST_ORIGIN)
     after = Pose.of_quaternion(rover, mast, MAST_1869, MAST_ORIGIN)
     path = next(shared_data.rglob("2n194463440effapa0p0685r0m1.excerpt.lbl"))
-    right = camera_model(parse_label(path.read_text(), path.name)).moved(after @ before.inverse)
+    right = camera_model(parse_label(path.read_text(), path.name)).transform(after @ before.inverse)
     left = real_images["2n292280938effb100p0703l0m1.img"].image.camera
     assert isinstance(right, Cahvor)
     return linearise_pair(left, right, 1024, 1024)[0]

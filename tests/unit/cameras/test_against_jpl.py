@@ -114,7 +114,7 @@ def test_a_camera_carried_along_by_the_mast_is_that_of_the_next_label(test_vecto
     origin = before["mast_origin_in_rover"]
     rover_from_mast_before = mast_pose(before["mast_quaternion_in_rover"], origin)
     rover_from_mast_after = mast_pose(after["mast_quaternion_in_rover"], origin)
-    camera = cameras["navcam_left_spirit_sol767"].moved(
+    camera = cameras["navcam_left_spirit_sol767"].transform(
         rover_from_mast_after @ rover_from_mast_before.inverse
     )
     for key, expected in carried["predicted"].items():
@@ -130,13 +130,13 @@ def test_sub_frame_and_averaging_give_the_model_of_the_label(test_vectors, camer
     origin = row["mast_origin_in_rover"]
     full = mast_pose(row["full_frame_mast_quaternion"], origin)
     sub = mast_pose(row["sub_frame_mast_quaternion"], origin)
-    there = cameras[row["full_frame_camera"]].moved(sub @ full.inverse)
-    cut = there.subframed(row["first_line_sample_1_based"] - 1, row["first_line_1_based"] - 1)
+    there = cameras[row["full_frame_camera"]].transform(sub @ full.inverse)
+    cut = there.subframe(row["first_line_sample_1_based"] - 1, row["first_line_1_based"] - 1)
     size = row["pixel_averaging_width"], row["pixel_averaging_height"]
-    as_in_label = cut.averaged(*size, correct_half_pixel=False)
+    as_in_label = cut.average(*size, correct_half_pixel=False)
     for key, expected in row["predicted"].items():
         np.testing.assert_allclose(getattr(as_in_label, key.lower()), expected, atol=1e-6)
-    corrected = cut.averaged(*size)
+    corrected = cut.average(*size)
     inner = interior_orientation(corrected.a, corrected.h, corrected.v)
     # The facts subtract (1 - s)/2 |A|^2 of the label's model, which has six digits.
     np.testing.assert_allclose(
@@ -162,7 +162,7 @@ def test_the_papers_equations_place_a_camera_in_the_lsl(test_vectors, cameras):
     """Equations (1) and (2) of Di et al. 2008: M = M_R M_S M_0, C by the three origins."""
     row = test_vectors["site_chain"]["camera_to_lsl"]
     site, rover = site_frame(row["site"]), rover_frame(row["site"], 100)
-    tree = FrameTree().adding(
+    tree = FrameTree().with_poses(
         [
             Pose(LSL, site, np.eye(3), np.array(row["site_origin_in_lsl"])),
             Pose.of_quaternion(
@@ -176,7 +176,7 @@ def test_the_papers_equations_place_a_camera_in_the_lsl(test_vectors, cameras):
     camera = cameras[row["camera"]]
     lsl_from_rover = tree.pose(LSL, rover)
     np.testing.assert_allclose(
-        camera.moved(lsl_from_rover).centre, row["C_lsl_north_east_down"], atol=1e-6
+        camera.transform(lsl_from_rover).centre, row["C_lsl_north_east_down"], atol=1e-6
     )
     m_r, m_s = np.array(row["MR_camera_from_rover_rows"]), np.array(row["MS_rover_from_site"])
     np.testing.assert_allclose(m_s, lsl_from_rover.rotation.T, atol=1e-9)

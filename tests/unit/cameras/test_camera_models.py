@@ -85,27 +85,27 @@ def test_moving_camera_and_points_together_leaves_the_image(model, in_view):
     points, image_points = in_view
     rotation = rotation_of_roll_pitch_yaw(0.1, -0.2, 2.5)
     pose = Pose(site_frame(1), rover_frame(1, 0), rotation, np.array([3.0, -4.0, 0.5]))
-    moved = model.moved(pose)
+    moved = model.transform(pose)
     assert isinstance(moved, CameraModel)
     np.testing.assert_allclose(moved.project(pose.apply(points)), image_points, atol=1e-8)
 
 
 def test_a_sub_frame_sees_the_same_ground_at_shifted_pixels(model, in_view):
     points, image_points = in_view
-    cut = model.subframed(384, 100)
+    cut = model.subframe(384, 100)
     np.testing.assert_allclose(cut.project(points), image_points - [384, 100], atol=1e-8)
 
 
 def test_an_averaged_pixel_lies_at_the_mean_of_its_pixels(model):
     block = np.array([[x, y] for x in (400.0, 401.0) for y in (520.0, 521.0, 522.0, 523.0)])
-    averaged = model.averaged(2, 4)
+    averaged = model.average(2, 4)
     ray = model.rays(block.mean(axis=0)[None])
     point = model.ray_origins(block.mean(axis=0)[None]) + 4.0 * ray
     np.testing.assert_allclose(averaged.project(point), [[200.0, 130.0]], atol=1e-9)
 
 
 def test_without_the_half_pixel_an_averaged_model_is_that_of_a_label(model):
-    plain = model.averaged(2, 4, correct_half_pixel=False)
+    plain = model.average(2, 4, correct_half_pixel=False)
     np.testing.assert_allclose(plain.h, model.h / 2)
     np.testing.assert_allclose(plain.v, model.v / 4)
 
@@ -170,4 +170,4 @@ def test_a_scale_that_mirrors_the_axis_is_refused(navcam):
 
 def test_averaging_over_nothing_is_refused(navcam):
     with pytest.raises(CameraError, match="at least one, not 0"):
-        navcam.averaged(0, 1)
+        navcam.average(0, 1)

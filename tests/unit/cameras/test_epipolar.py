@@ -89,7 +89,7 @@ def test_cameras_that_toe_in_lose_no_common_field():
 
 def test_sub_frames_keep_their_common_rows():
     left, right = navcam()
-    pair = pair_of(left.subframed(300, 200), right.subframed(300, 260), (400, 300), (400, 300))
+    pair = pair_of(left.subframe(300, 200), right.subframe(300, 260), (400, 300), (400, 300))
     assert pair.lines == pytest.approx(240, abs=12)
     assert pair.samples == pytest.approx(400 + 2 * 0.35 / 57.3 * 1200, abs=12)  # toed in
     # the middle of the common sub-frame lies in the middle of the epipolar image

@@ -57,8 +57,8 @@ def test_an_image_linearised_by_the_rule_is_jpls_own_product(test_vectors, share
 def test_what_the_original_does_not_show_is_masked(navcam):
     image, mask = np.full((64, 64), 7.0, np.float32), np.ones((64, 64), bool)
     mask[30, 20] = False
-    camera = navcam.averaged(16, 16)
-    grey, found = linearise_image(image, mask, camera, camera.perspective.subframed(-8, 0))
+    camera = navcam.average(16, 16)
+    grey, found = linearise_image(image, mask, camera, camera.perspective.subframe(-8, 0))
     assert not found[:, :6].any()
     assert (grey[found] == 7.0).all()
     assert (grey[~found] == 0.0).all()

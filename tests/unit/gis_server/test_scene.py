@@ -82,9 +82,9 @@ def test_cameras_look_where_their_labels_and_the_network_say(client, eye):
     (told,) = (camera for camera in cameras if camera["eye"] == str(eye))
     made = exposure(eye)
     # Labels of averaged images are half a pixel off, and their reader puts that right.
-    averaged = CAMERAS[Instrument.NAVCAM, eye].in_mast.averaged(4, 4)
-    in_rover = averaged.moved(POINTING.rover_from_mast(made.stop))
-    camera = in_rover.moved(lsl_from_rover(len(STOPS) - 1))
+    averaged = CAMERAS[Instrument.NAVCAM, eye].in_mast.average(4, 4)
+    in_rover = averaged.transform(POINTING.rover_from_mast(made.stop))
+    camera = in_rover.transform(lsl_from_rover(len(STOPS) - 1))
     np.testing.assert_allclose(told["centre"], MAP_FROM_LSL @ camera.centre, atol=2e-4)
     corners = np.array([[-0.5, -0.5], [255.5, -0.5], [255.5, 255.5], [-0.5, 255.5]])
     expected = camera.rays(corners) @ MAP_FROM_LSL.T

@@ -110,7 +110,7 @@ def test_pixels_outside_the_original_are_not_usable(rig):
 
 def test_eyes_of_different_size_meet_in_one_geometry(rig):
     left, right, _ = rig
-    part = right.subframed(20, 40)
+    part = right.subframe(20, 40)
     geometry = epipolar_pair(left, part, (SIZE, SIZE), (150, 120), ROVER, PAIR)
     images = epipolar_images(
         geometry,

@@ -11,7 +11,7 @@ STOP = StopId("MER2", 137, 0)
 
 def test_the_mast_reproduces_the_flight_label_of_sol_1869():
     pointing = Pointing(np.deg2rad(141.99451), np.deg2rad(-25.742348))
-    camera = CAMERAS[Instrument.NAVCAM, Eye.LEFT].in_mast.moved(pointing.rover_from_mast(STOP))
+    camera = CAMERAS[Instrument.NAVCAM, Eye.LEFT].in_mast.transform(pointing.rover_from_mast(STOP))
     # Label digits: C to 1e-6 m, unit vectors to 1e-6, H and V to 0.01 px.
     np.testing.assert_allclose(camera.c, [0.454993, 0.141198, -1.23312], atol=5e-6)
     np.testing.assert_allclose(camera.a, [-0.69585, 0.571462, 0.435], atol=3e-6)

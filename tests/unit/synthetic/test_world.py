@@ -98,7 +98,9 @@ def test_the_label_camera_differs_from_the_true_one_by_the_miss_of_the_mast(smal
     lsl_from_label_rover = small_world.true_lsl_from_label_rover(shot)
     for eye, read in zip((Eye.LEFT, Eye.RIGHT), pair, strict=True):
         true = small_world.true_camera(shot, eye)
-        moved = read.image.camera.moved(replace(lsl_from_label_rover, source=read.image.stop.frame))
+        moved = read.image.camera.transform(
+            replace(lsl_from_label_rover, source=read.image.stop.frame)
+        )
         points = true.centre + 7.0 * true.rays(
             np.array([[20.0, 200.0], [128.0, 90.0], [250.0, 240.0]])
         )

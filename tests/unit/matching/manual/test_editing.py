@@ -27,7 +27,7 @@ def body(name, number, azimuth):
     """A Navcam pair of Spirit with its original cameras."""
     rover_from_head = Pointing(azimuth, -0.3).rover_from_mast(STOP)
     left, right = (
-        CAMERAS[Instrument.NAVCAM, eye].in_mast.moved(rover_from_head)
+        CAMERAS[Instrument.NAVCAM, eye].in_mast.transform(rover_from_head)
         for eye in (Eye.LEFT, Eye.RIGHT)
     )
     frame = Frame(FrameKind.PAIR, (10, 0, number))

@@ -45,7 +45,7 @@ def test_the_rotation_of_a_bent_bar_is_found_and_put_right(scene, ground, rng):
     rotation = np.array([0.002, -0.004, 0.001])
     turn = Rotation.from_rotvec(rotation).as_matrix()
     rover = geometry.rover_from_pair.target
-    bent = right.moved(Pose(rover, rover, turn, right.centre - turn @ right.centre))
+    bent = right.transform(Pose(rover, rover, turn, right.centre - turn @ right.centre))
     points = rng.uniform([-3, -2, 4], [3, 2, 20], (500, 3))
     seen, partner = left.project(points), bent.project(points)
     measured = VerticalParallax(

@@ -127,7 +127,7 @@ def eye_of(world, stop: int, pair: int, turn: np.ndarray, shift_m: np.ndarray) -
         f"{stop}-{pair}",
         pictures[0],
         whole,
-        cameras[0].moved(lsl_from_rover),
+        cameras[0].transform(lsl_from_rover),
         bar,
         lsl_from_rover @ bar.rover_from_pair,
         match_densely(images).parallax_px,
@@ -175,7 +175,7 @@ def test_pairs_that_look_along_the_base_or_away_are_no_instrument(scene, ground)
             str(k),
             images.left,
             whole,
-            camera.moved(Pose(LSL, LSL, np.eye(3), np.array(place))),
+            camera.transform(Pose(LSL, LSL, np.eye(3), np.array(place))),
             images.geometry,
             Pose(LSL, PAIR, np.eye(3), np.zeros(3)),
             np.ones_like(images.left),
@@ -190,6 +190,6 @@ def test_pairs_that_look_along_the_base_or_away_are_no_instrument(scene, ground)
     with pytest.raises(MatchingError, match=r"a base of 0\.5 m"):
         match_wide_baseline(eyes[0], eyes[2])
     aside = replace(
-        eyes[2], camera=cameras[0].moved(Pose(LSL, LSL, np.eye(3), np.array([8.0, 0, 0])))
+        eyes[2], camera=cameras[0].transform(Pose(LSL, LSL, np.eye(3), np.array([8.0, 0, 0])))
     )
     assert len(select_wide_pairs(eyes[:1], [aside], InstrumentLimits())) == 1

@@ -77,8 +77,8 @@ def lsl_from_rover() -> Pose:
 
 def camera(azimuth_deg: float, elevation_deg: float, eye: Eye = Eye.LEFT):
     pointing = Pointing(math.radians(azimuth_deg), math.radians(elevation_deg))
-    in_mast = CAMERAS[Instrument.NAVCAM, eye].in_mast.averaged(4, 4, correct_half_pixel=False)
-    return in_mast.moved(pointing.rover_from_mast(STOP)).moved(lsl_from_rover())
+    in_mast = CAMERAS[Instrument.NAVCAM, eye].in_mast.average(4, 4, correct_half_pixel=False)
+    return in_mast.transform(pointing.rover_from_mast(STOP)).transform(lsl_from_rover())
 
 
 def image(azimuth_deg: float, elevation_deg: float = -25.0, *, gain: float = 1.0, seen_as=None):
