@@ -31,6 +31,9 @@ from solmap.tasks.scopes import is_of_mission, pair_scope
 
 PARTS = "standing", "layers", "pointers"
 """What the document of a finished sol lists: what it leaves to the next, and what it published."""
+BY_COMMAND = {ProductKind.DIPS}
+"""Layers of stops that people have made too, by commands of their own."""
+Latest = Set[tuple[ProductKind, Scope]]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -128,12 +131,6 @@ def _names_of(error: type[Exception]) -> Iterator[str]:
 
 def _digest(*parts: str) -> str:
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()
-
-
-BY_COMMAND = {ProductKind.DIPS}
-"""Layers of stops that people have made too, by commands of their own."""
-
-Latest = Set[tuple[ProductKind, Scope]]
 
 
 def withdraw_leftovers(mission: str, sols: Sequence[SolReport], workspace: Workspace) -> None:

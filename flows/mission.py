@@ -29,6 +29,9 @@ from solmap.tasks.mission.localisation import localise
 from solmap.tasks.mission.publish import publish, withdraw
 from solmap.tasks.mission.vectors import draw_vectors
 
+LEAST_STOPS = 2
+"""A region is more than the map of one stop."""
+
 
 def draw_mission(
     mission: str, network: ProductRef, workspace: Workspace, pipeline: str
@@ -44,10 +47,6 @@ def draw_mission(
     traverse = localise(network, telemetry, site.landing, workspace.store)
     publish(entry, [(ref, sols) for ref in layers], traverse, (), workspace)
     return telemetry.note
-
-
-LEAST_STOPS = 2
-"""A region is more than the map of one stop."""
 
 
 def map_regions(mission: str, workspace: Workspace, pipeline: str) -> list[str]:

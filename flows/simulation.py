@@ -49,6 +49,9 @@ from solmap.tasks.network.report import report_quality
 
 TRUTH_CELL_M = 0.08
 WORKERS = 2
+TRUTH = "truth.json"
+PIPELINE = "default"
+"""What a simulated mission is adjusted and drawn with."""
 
 
 def write_downlink(out_dir: Path, stops: int, seed: int, terrain: str, *, pairs: int = 10) -> int:
@@ -103,11 +106,6 @@ def _write_true_terrain(world: World, path: Path) -> None:
     elevation = world.true_elevation(grid)
     write_raster(draft, grid, {"elevation": elevation}, local_crs(landing), unit="m")
     draft.replace(path)
-
-
-TRUTH = "truth.json"
-PIPELINE = "default"
-"""What a simulated mission is adjusted and drawn with."""
 
 
 @flow(name="simulate-mission", flow_run_name="{seed}")

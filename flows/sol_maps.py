@@ -43,8 +43,12 @@ from solmap.tasks.network.orientations import (
 )
 from solmap.tasks.network.previews import preview_terrain
 
-NO_LAYER = "picture"
+NO_LAYER = "preview"
 """What is made of a stop only to be looked at beside the products."""
+Futures = dict[str, PrefectFuture[Any]]
+"""By what is made: one product, or several at once."""
+LACKING, FINDINGS = "no far ground,", (MatchingError, TerrainError)
+"""How it is told that the images do not give it, and by which errors that is known."""
 
 
 def map_stops(
@@ -94,10 +98,6 @@ def _submit_stop(
     if frames:
         futures["colour"] = render_colour.submit(terrain, frames, config.orthophoto, landing, store)
     return futures
-
-
-Futures = dict[str, PrefectFuture[Any]]
-"""By what is made: one product, or several at once."""
 
 
 def submit_relief(
@@ -191,10 +191,6 @@ def draw_panoramas(
     causes = {f"panorama of {stop}": cause for stop, cause in failed.items()}
     report.add_findings("draw", causes, "no", TerrainError)
     return done
-
-
-LACKING, FINDINGS = "no far ground,", (MatchingError, TerrainError)
-"""How it is told that the images do not give it, and by which errors that is known."""
 
 
 def map_far_ground(

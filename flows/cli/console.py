@@ -26,6 +26,10 @@ WIDE = 200
 
 out = Console(soft_wrap=True, width=None if sys.stdout.isatty() else WIDE)
 errors = Console(stderr=True, soft_wrap=True)
+StoreOption = Annotated[
+    Path | None, typer.Option("--store", help="Folder of products. [env: SOLMAP_STORE]")
+]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
 
 
 @contextmanager
@@ -105,12 +109,6 @@ def _cell(value: Any) -> str:  # noqa: ANN401 - anything JSON holds
     if isinstance(value, list):
         return ", ".join(_cell(item) for item in value)
     return "" if value is None else str(value)
-
-
-StoreOption = Annotated[
-    Path | None, typer.Option("--store", help="Folder of products. [env: SOLMAP_STORE]")
-]
-JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
 
 
 def store_of(given: Path | None) -> Path:

@@ -29,6 +29,9 @@ from solmap.products.catalogue.tokens import Role, Tokens
 from solmap.products.errors import ProductError, ProductNotFoundError
 
 _MB = 1e6
+tokens = typer.Typer(
+    help="Tokens: who may edit ties, annotate and start runs.", no_args_is_help=True
+)
 
 
 def prune(
@@ -69,11 +72,6 @@ def _rows(found: Sequence[UnreferencedProduct]) -> list[dict[str, Any]]:
         {"kind": str(kind), "products": len(sizes), "megabytes": round(sum(sizes) / _MB, 3)}
         for kind, sizes in of.items()
     ]
-
-
-tokens = typer.Typer(
-    help="Tokens: who may edit ties, annotate and start runs.", no_args_is_help=True
-)
 
 
 def _book(store: Path | None) -> Tokens:

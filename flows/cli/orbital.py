@@ -16,6 +16,8 @@ ShiftSigma = Annotated[
     float, typer.Option(help="Standard deviation of its georeference east and north, metres")
 ]
 RotationSigma = Annotated[float, typer.Option(help="The same of its rotation, degrees")]
+control = typer.Typer(help="Places of stops in orbital images, as control.", no_args_is_help=True)
+Mission = Annotated[str, typer.Option(help="MER2 (Spirit), MER1 (Opportunity) ...")]
 
 
 @orbital.command("add")
@@ -61,11 +63,6 @@ def add_image(  # noqa: PLR0913 - options
 @orbital.callback()
 def group() -> None:
     """Orbital images under the rover's map."""
-
-
-control = typer.Typer(help="Places of stops in orbital images, as control.", no_args_is_help=True)
-
-Mission = Annotated[str, typer.Option(help="MER2 (Spirit), MER1 (Opportunity) ...")]
 
 
 @control.command("add")

@@ -20,6 +20,14 @@ from pathlib import Path
 
 from solmap.flows.runtime.children import Child
 
+log = logging.getLogger(__name__)
+_START_S = 300.0
+"""Its database is made at the first start, and a loaded machine takes its time."""
+_LOOK_S = 0.5
+"""Between looks at whether it lives."""
+_RUN_ONLY = {"PREFECT_UI_ENABLED": "false"}
+"""A run that nobody can look at longer than it lasts needs no pages."""
+
 
 def prepare_engine(store: Path) -> None:
     """Set what Prefect reads at import; call before the first import of a flow."""
@@ -38,16 +46,6 @@ def prepare_engine(store: Path) -> None:
         os.environ.setdefault(name, value)
     # Prefect makes the folder itself but not its parents, and then waits for its server in vain.
     Path(os.environ["PREFECT_HOME"]).expanduser().mkdir(parents=True, exist_ok=True)
-
-
-log = logging.getLogger(__name__)
-
-_START_S = 300.0
-"""Its database is made at the first start, and a loaded machine takes its time."""
-_LOOK_S = 0.5
-"""Between looks at whether it lives."""
-_RUN_ONLY = {"PREFECT_UI_ENABLED": "false"}
-"""A run that nobody can look at longer than it lasts needs no pages."""
 
 
 def address(port: int) -> str:

@@ -21,6 +21,8 @@ from solmap.products.model import ProductRef
 from solmap.products.store.faults import is_disk_full
 
 log = logging.getLogger(__name__)
+K = TypeVar("K")
+T = TypeVar("T")
 
 
 @contextmanager
@@ -73,10 +75,6 @@ def cause_of(error: Exception) -> str:
     if isinstance(error, PhotogrammetryError | ProductError | ConfigError):
         return str(error)
     return f"{type(error).__name__}: {error}"
-
-
-K = TypeVar("K")
-T = TypeVar("T")
 
 
 def as_argument(future: PrefectFuture[T]) -> T:

@@ -31,6 +31,9 @@ if TYPE_CHECKING:
 
 _LAST = 60
 """Sols in a table: a mission of years has more than a page can hold."""
+log = logging.getLogger(__name__)
+_SPANS = 3
+"""Spans of sols that are named one by one."""
 
 
 def write_report(report: DownlinkReport, workspace: Workspace) -> None:
@@ -121,11 +124,6 @@ def _text(report: DownlinkReport) -> str:
         if lines:
             parts.append(f"## {title}\n" + "\n".join(f"- {line}" for line in lines))
     return "\n\n".join(parts)
-
-
-log = logging.getLogger(__name__)
-_SPANS = 3
-"""Spans of sols that are named one by one."""
 
 
 def folder_name() -> str:

@@ -34,6 +34,7 @@ _DEPLOYMENT = {
     RequestKind.OVERALL: OVERALL,
     RequestKind.REGION: REGION,
 }
+_TAKEN = [StateType.RUNNING, StateType.PENDING, StateType.CANCELLING]
 
 
 def submit_requests(store: Path, *, has_inbox: bool) -> list[str]:
@@ -62,9 +63,6 @@ def _submit(asked: RunRequest, *, has_inbox: bool) -> tuple[RequestState, str]:
         return RequestState.TAKEN, submit(DOWNLINK, {})
     parameters = {"mission": asked.mission} if asked.mission else {}
     return RequestState.TAKEN, submit(_DEPLOYMENT[asked.kind], parameters)
-
-
-_TAKEN = [StateType.RUNNING, StateType.PENDING, StateType.CANCELLING]
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,6 +16,19 @@ from urllib.parse import urlsplit
 
 import httpx
 
+USER_AGENT = "solmap"
+MAX_REDIRECTS = 5
+TRANSIENT = frozenset(
+    {HTTPStatus.REQUEST_TIMEOUT, HTTPStatus.TOO_EARLY, HTTPStatus.TOO_MANY_REQUESTS}
+    | {HTTPStatus(code) for code in (500, 502, 503, 504)}
+)
+"""Faults that may pass."""
+ANSWERS = frozenset(
+    {HTTPStatus.OK, HTTPStatus.PARTIAL_CONTENT, HTTPStatus.NOT_MODIFIED}
+    | {HTTPStatus.REQUESTED_RANGE_NOT_SATISFIABLE}
+)
+"""What tells of the file; who asked for a range knows what to make of each."""
+
 
 class FetchError(Exception):
     """Something could not be fetched; names the file and what every mirror answered."""
@@ -40,20 +53,6 @@ class TryAgainError(Exception):
 
 class NextMirrorError(Exception):
     """A fault that asking the same server again does not mend."""
-
-
-USER_AGENT = "solmap"
-MAX_REDIRECTS = 5
-TRANSIENT = frozenset(
-    {HTTPStatus.REQUEST_TIMEOUT, HTTPStatus.TOO_EARLY, HTTPStatus.TOO_MANY_REQUESTS}
-    | {HTTPStatus(code) for code in (500, 502, 503, 504)}
-)
-"""Faults that may pass."""
-ANSWERS = frozenset(
-    {HTTPStatus.OK, HTTPStatus.PARTIAL_CONTENT, HTTPStatus.NOT_MODIFIED}
-    | {HTTPStatus.REQUESTED_RANGE_NOT_SATISFIABLE}
-)
-"""What tells of the file; who asked for a range knows what to make of each."""
 
 
 def open_client(timeout_s: float, connections: int) -> httpx.Client:

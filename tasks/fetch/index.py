@@ -34,6 +34,9 @@ from solmap.tasks.fetch.transfer import Transfer
 from solmap.tasks.stage import stage
 
 _PLAIN = re.compile(r"[A-Za-z0-9_#-][A-Za-z0-9_.#-]*\Z")
+INDEX = "edrindex"
+CHUNK_BYTES = 1 << 16
+MIB = 1 << 20
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,11 +93,6 @@ def _part(text: str, entry: IndexEntry) -> str:
             f"{entry.path_name[:60]!a} and {entry.file_name[:60]!a}"
         )
     return text
-
-
-INDEX = "edrindex"
-CHUNK_BYTES = 1 << 16
-MIB = 1 << 20
 
 
 @dataclass(frozen=True, slots=True)

@@ -44,6 +44,10 @@ from solmap.tasks.network.orientations import OrientedPair, inputs_of, read_view
 from solmap.tasks.scopes import stop_scope
 from solmap.tasks.stage import stage
 
+SPACINGS = 5.0
+"""Spacings that a tile's geometric error is worth: a viewer that allows 16 pixels of error shows
+points three pixels apart."""
+
 
 @stage(task_run_name="model-{dtm.scope}")
 def model_terrain(
@@ -186,11 +190,6 @@ def facet_feature(facet: Facet) -> Feature:
 
 def _degrees(radians: float) -> float:
     return round(float(np.degrees(radians)), 2)
-
-
-SPACINGS = 5.0
-"""Spacings that a tile's geometric error is worth: a viewer that allows 16 pixels of error shows
-points three pixels apart."""
 
 
 @stage(task_run_name="points-{stop}")

@@ -44,6 +44,8 @@ from solmap.products.store.provenance import provenance_tags
 from solmap.tasks.network.orientations import OrientedPair, inputs_of, read_views
 from solmap.tasks.stage import stage
 
+CAMERA = "PANCAM"
+
 
 @stage(task_run_name="orthophoto-{dtm.scope}")
 def render_orthophoto(
@@ -97,9 +99,6 @@ def _pieces(made: OrthophotoRendering, codes: Classes) -> Iterator[BrightnessBlo
         row, col = block.row // made.ratio, block.col // made.ratio
         codes[row : row + numbers.shape[0], col : col + numbers.shape[1]] = numbers
         yield block.row, block.col, block.brightness
-
-
-CAMERA = "PANCAM"
 
 
 @dataclass(frozen=True, slots=True)

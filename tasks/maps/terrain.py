@@ -33,6 +33,21 @@ from solmap.tasks.network.orientations import OrientedPair, inputs_of, read_view
 from solmap.tasks.scopes import stop_scope
 from solmap.tasks.stage import stage
 
+Bands = Mapping[str, Raster]
+RELIEF: Mapping[ProductKind, tuple[str, Callable[[Relief], Bands]]] = {
+    ProductKind.SLOPE: (
+        "degree",
+        lambda r: {"slope": slope_of(r.normal), "standard_deviation": r.slope_sigma_deg},
+    ),
+    ProductKind.ASPECT: ("degree", lambda r: {"aspect": aspect_of(r.normal)}),
+    ProductKind.NORTHERLY_TILT: (
+        "degree",
+        lambda r: {"northerly_tilt": northerly_tilt_of(r.normal)},
+    ),
+    ProductKind.ROUGHNESS: ("m", lambda r: {"roughness": r.roughness_m}),
+}
+"""What is mapped of the planes over one baseline: kind, unit and bands."""
+
 
 @stage(task_run_name="dtm-{stop}")
 def build_dtm(
@@ -69,22 +84,6 @@ def trace_contours(
     kind = dtm.map_kind(ProductKind.CONTOURS)
     recipe = Recipe(kind, dtm.scope, (dtm,), (params, landing))
     return store.make(recipe, write)
-
-
-Bands = Mapping[str, Raster]
-RELIEF: Mapping[ProductKind, tuple[str, Callable[[Relief], Bands]]] = {
-    ProductKind.SLOPE: (
-        "degree",
-        lambda r: {"slope": slope_of(r.normal), "standard_deviation": r.slope_sigma_deg},
-    ),
-    ProductKind.ASPECT: ("degree", lambda r: {"aspect": aspect_of(r.normal)}),
-    ProductKind.NORTHERLY_TILT: (
-        "degree",
-        lambda r: {"northerly_tilt": northerly_tilt_of(r.normal)},
-    ),
-    ProductKind.ROUGHNESS: ("m", lambda r: {"roughness": r.roughness_m}),
-}
-"""What is mapped of the planes over one baseline: kind, unit and bands."""
 
 
 @stage(task_run_name="relief-{dtm.kind}-{dtm.scope}")

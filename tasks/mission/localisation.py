@@ -44,6 +44,10 @@ FEWEST = 2
 """Stops of a traverse that can be compared: a leg has two ends."""
 FORMAT = 2
 """Of the table: raised when its fields change."""
+ELLIPSE_POINTS = 64
+"""Corners of an error ellipse."""
+PLAN = np.array([4, 3])
+"""East and north in a stop's covariance, which holds turns before (north, east, down)."""
 
 
 @stage(task_run_name="localise-{network.scope}")
@@ -227,12 +231,6 @@ def _solution(
 ) -> Solution:
     place, turn = pose.translation_m, pose.quaternion
     return Solution(solution_id, kind, counter, reference, place, turn, added="")
-
-
-ELLIPSE_POINTS = 64
-"""Corners of an error ellipse."""
-PLAN = np.array([4, 3])
-"""East and north in a stop's covariance, which holds turns before (north, east, down)."""
 
 
 def write_package(product: NetworkProduct, landing: LandingPoint, path: Path) -> None:
