@@ -6,9 +6,9 @@ import pytest
 
 from solmap.photogrammetry.archive.images.reading import read_image_record
 from solmap.photogrammetry.imagery import StopId
+from solmap.photogrammetry.matching.cross_site.ground_views import StopViews
 from solmap.photogrammetry.matching.cross_site.linking import (
     CrossSiteParams,
-    StopViews,
     tie_cross_site,
 )
 from solmap.photogrammetry.matching.inter_stereo import InterStereoParams, tie_inter_stereo

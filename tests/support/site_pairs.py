@@ -17,11 +17,11 @@ from scipy.spatial.transform import Rotation
 
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.imagery import StopId
+from solmap.photogrammetry.matching.cross_site.ground_views import StopViews
 from solmap.photogrammetry.matching.cross_site.linking import (
     CrossSiteParams,
-    SiteLink,
-    StopViews,
 )
+from solmap.photogrammetry.matching.cross_site.links import SiteLink
 from solmap.photogrammetry.matching.records import MatchedStop
 from tests.support.simulated_stops import SimulatedStop, WorldOfStops, simulated_stop
 

@@ -22,9 +22,9 @@ from solmap.photogrammetry.adjustment.model.adjusted_network import (
 from solmap.photogrammetry.adjustment.model.network import Network, PairGeometry, StopPrior
 from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
 from solmap.photogrammetry.adjustment.modes.overall import adjust_overall
+from solmap.photogrammetry.matching.cross_site.ground_views import StopViews
 from solmap.photogrammetry.matching.cross_site.linking import (
     CrossSiteParams,
-    StopViews,
     tie_cross_site,
 )
 from solmap.photogrammetry.matching.cross_site.surface_matching import SurfaceTieParams

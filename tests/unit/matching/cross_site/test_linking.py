@@ -8,9 +8,9 @@ from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.matching.cross_site.birds_eye import BirdsEyeParams
 from solmap.photogrammetry.matching.cross_site.candidates import CandidateParams
+from solmap.photogrammetry.matching.cross_site.ground_views import StopViews
 from solmap.photogrammetry.matching.cross_site.linking import (
     CrossSiteParams,
-    StopViews,
     TrialParams,
     tie_cross_site,
 )
