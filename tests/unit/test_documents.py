@@ -29,3 +29,32 @@ def test_a_feature_that_is_claimed_is_shown_by_a_test_that_exists(row):
     assert file.is_file(), f"{file} is not there"
     if test["name"]:
         assert f"def {test['name']}(" in file.read_text()
+
+
+DOCUMENTS = [
+    ROOT / "README.md",
+    ROOT / "ARCHITECTURE.md",
+    *(path for path in (ROOT / "docs").rglob("*.md") if path.parent.name != "decisions"),
+]
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
+def test_source_files_and_commands_that_documents_name_exist(document):
+    files = {str(path.relative_to(ROOT)) for path in _sources()}
+    endings = {"/".join(file.split("/")[n:]) for file in files for n in range(file.count("/") + 1)}
+    text = document.read_text()
+    named = set(re.findall(r"`((?:[\w-]+/)*[\w-]+\.py)(?:`|::)", text))
+    assert named - endings == set()
+    modules = {file.removesuffix(".py").replace("/", ".") for file in files}
+    commands = re.findall(r"python -m (tests\.[\w.]*\w)", text)
+    assert {name for name in commands if name not in modules | {"tests.support"}} == set()
+
+
+def _sources() -> list[Path]:
+    folders = ("config", "flows", "gis_server", "photogrammetry", "products", "tasks", "tests")
+    return [
+        path
+        for folder in folders
+        for path in (ROOT / folder).rglob("*.py")
+        if "node_modules" not in path.parts
+    ]
