@@ -9,7 +9,6 @@ what is drawn from a network names it.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -21,6 +20,7 @@ from solmap.products.catalogue.database import LAYERS
 from solmap.products.formats.documents.network import References, references_of_document
 from solmap.products.model import Layer, ProductKind, ProductRef, Scope, ScopeLevel
 from solmap.products.store.product_store import ProductStore
+from solmap.products.store.provenance import orientation_records
 
 PairOrientations = frozenset[tuple[str, tuple[float, ...], tuple[float, ...]]]
 """Pairs, and from where they look: rotation and translation."""
@@ -124,7 +124,7 @@ def _origin(ref: ProductRef, store: ProductStore) -> _Origin:
     maps = (ProductKind.DTM, ProductKind.FAR_DTM, ProductKind.REGION_DTM)
     return _Origin(
         tuple(one for one in inputs if one.kind is ProductKind.NETWORK),
-        frozenset(_pose(one) for one in _orientations(recipe["params"])),
+        frozenset(_pose(one) for one in orientation_records(recipe["params"])),
         tuple(one for one in inputs if one.kind in maps),
     )
 
@@ -136,19 +136,6 @@ def _inputs(recipe: dict[str, Any]) -> list[ProductRef]:
         ProductRef(kind, Scope(kind.level or ScopeLevel.STOP, scope), digest)
         for kind, scope, digest in ((ProductKind(k), s, d) for k, s, d in split)
     ]
-
-
-def _orientations(params: Any) -> Iterator[dict[str, Any]]:  # noqa: ANN401 - any parameters
-    """The records of orientations in the parameters of a recipe."""
-    if isinstance(params, dict):
-        if params.get("") == "Orientation":
-            yield params
-        else:
-            for value in params.values():
-                yield from _orientations(value)
-    elif isinstance(params, list):
-        for value in params:
-            yield from _orientations(value)
 
 
 def _pose(record: dict[str, Any]) -> tuple[str, tuple[float, ...], tuple[float, ...]]:

@@ -2,8 +2,8 @@
 
 Layers are GeoJSON files, one for each scope: reading them for every request would take seconds. The
 index is a table of all their features beside an R*Tree of their boxes (SQLite's own), filled once
-for each version of a layer under a key of its own. It can be made again from the products: it may be
-deleted while nothing runs.
+for each version of a layer under a key of its own. It can be made again from products, so it may
+be deleted while nothing runs.
 
 Shapes are well-known binary in metres of the local map, (east, north) or (east, north, up). The
 R*Tree keeps boxes in single precision, rounded outwards; whether a shape meets the area of a query
@@ -177,6 +177,8 @@ _FORGET_ALL = f"""
 DROP TABLE IF EXISTS layers; DROP TABLE IF EXISTS features; DROP TABLE IF EXISTS boxes;
 PRAGMA user_version={_VERSION};
 """
+_FIELDS_OF = 100
+"""Features whose properties are looked at for the fields of a collection."""
 _WAIT_S = 60.0
 """For another process that fills the index."""
 
@@ -278,10 +280,10 @@ class FeatureIndex:
             (count,) = connection.execute(f"SELECT count(*) {where}", values).fetchone()
         return int(count)
 
-    def fields(self, keys: Sequence[str], of_first: int = 100) -> dict[str, str]:
+    def fields(self, keys: Sequence[str]) -> dict[str, str]:
         """Properties of some features, and their types in the terms of JSON Schema."""
         found: dict[str, str] = {}
-        for feature in self.page(Selection(keys), of_first):
+        for feature in self.page(Selection(keys), _FIELDS_OF):
             for name, value in json.loads(feature.properties).items():
                 if value is not None:
                     found[name] = _TYPES[type(value)]

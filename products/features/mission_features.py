@@ -4,8 +4,8 @@
     keys = features.keys(BY_ID["tie-points"], "MER2")
     features.index.page(Selection(keys), limit=100)
 
-Publishing fills the index ahead of time (`fill`); otherwise the first request does. Each feature has
-the sols and moments (UTC) of the images behind it.
+Publishing fills the index ahead of time (`fill`); otherwise the first request does. Each feature
+has the sols and moments (UTC) of the images behind it.
 """
 
 from __future__ import annotations

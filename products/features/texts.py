@@ -2,8 +2,8 @@
 
 A moving map asks for the same features again and again, of layers with ten thousand footprints or a
 hundred thousand tie points. Their file is read once, its coordinates are transformed to the local
-map all together, and of each feature only the box is kept beside the file's own values; a feature is
-encoded when it is first asked for.
+map all together, and of each feature only the box is kept beside the file's own values; a feature
+is encoded when it is first asked for.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The storage backend of S3-compatible object stores: objects, their client, and copies of them here.
+"""The storage backend of S3-compatible object stores: objects, their client, and a read cache.
 
 An object appears at once and whole, whether it was sent in one piece or in parts. Two makers of the
 same product do not collide: small objects are created only where there is none, large ones replace

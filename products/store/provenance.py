@@ -60,6 +60,7 @@ def adjustment_id(ref: ProductRef, store: ProductStore) -> str | None:
 
 
 def orientations_id(params: Any) -> str | None:  # noqa: ANN401 - plain JSON
+    """A name for the orientations in some parameters; None where there are none."""
     rows = list(orientation_records(params))
     if not rows:
         return None

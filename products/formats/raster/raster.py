@@ -77,7 +77,6 @@ def write_raster(  # noqa: PLR0913 - the properties of one file
     unit: str | Mapping[str, str] = "",
     tags: Mapping[str, str] | None = None,
     overviews: OverviewResampling | None = None,
-    scale: tuple[float, float] = (1.0, 0.0),
 ) -> None:
     """Write the bands of one grid, float32 with NaN or uint8 with 0 where nothing was measured.
 
@@ -89,7 +88,6 @@ def write_raster(  # noqa: PLR0913 - the properties of one file
         unit: Unit of all bands, or of each by name: `m`, `degree`.
         tags: What else to keep with the file, as text.
         overviews: How four cells become one; by default the mean, but of directions the nearest.
-        scale: (scale, offset) from stored to true values.
 
     Raises:
         ProductError: a band does not fit the grid, or types are mixed or unknown.
@@ -99,7 +97,7 @@ def write_raster(  # noqa: PLR0913 - the properties of one file
     overview_resampling = overviews or ("NEAREST" if _DIRECTIONS & set(bands) else "AVERAGE")
     kind: Kind = "float32" if stack[0].dtype == np.float32 else "uint8"
     colours = [ColorInterp.gray, *[ColorInterp.undefined] * (len(stack) - 1)]
-    named = tuple(Band(n, units[n], *scale, c) for n, c in zip(bands, colours, strict=True))
+    named = tuple(Band(n, units[n], colour=c) for n, c in zip(bands, colours, strict=True))
     with create_cog(
         path, grid, crs, RasterDescription(kind, named, overview_resampling, tags)
     ) as dataset:
@@ -323,8 +321,8 @@ def bounds_on_map(path: Path, crs: CRS) -> tuple[Bounds, float]:
     return bounds, float(np.sqrt(width_m * height_m))
 
 
-def read_onto_grid(path: Path, grid: MapGrid, crs: CRS, band: int = 1) -> Raster:
-    """A band of a raster on a grid of the local map; NaN where it has nothing.
+def read_onto_grid(path: Path, grid: MapGrid, crs: CRS) -> Raster:
+    """The first band of a raster on a grid of the local map; NaN where it has nothing.
 
     Larger cells are interpolated, smaller ones averaged.
 
@@ -338,7 +336,7 @@ def read_onto_grid(path: Path, grid: MapGrid, crs: CRS, band: int = 1) -> Raster
     with open_raster(path) as dataset:
         finer = abs(dataset.transform.a) < grid.cell_m / 1.5
         try:
-            values = dataset.read(band, masked=True).astype(np.float32).filled(np.nan)
+            values = dataset.read(1, masked=True).astype(np.float32).filled(np.nan)
             reproject(
                 values,
                 out,
@@ -352,5 +350,5 @@ def read_onto_grid(path: Path, grid: MapGrid, crs: CRS, band: int = 1) -> Raster
             )
         except (CRSError, RasterioError) as error:
             raise ProductError(f"{path.name} cannot be read: {error}") from error
-        scale, offset = dataset.scales[band - 1], dataset.offsets[band - 1]
+        scale, offset = dataset.scales[0], dataset.offsets[0]
     return out * np.float32(scale) + np.float32(offset)

@@ -15,7 +15,6 @@ from typing import Any
 
 import geopandas
 import numpy as np
-import pandas as pd
 import pyogrio
 import shapely
 from pyproj import CRS
@@ -62,14 +61,14 @@ def feature_frame(
     return geopandas.GeoDataFrame(columns, geometry=np.array([*shapes], dtype=object), crs=crs)
 
 
-def _column(values: list[Any]) -> pd.Series[Any]:
+def _column(values: list[Any]) -> np.ndarray:
     if all(isinstance(value, bool) for value in values):
-        return pd.Series(values, dtype=bool)
+        return np.array(values, dtype=bool)
     if all(isinstance(value, int) and not isinstance(value, bool) for value in values):
-        return pd.Series(values, dtype=np.int64)
+        return np.array(values, dtype=np.int64)
     if all(isinstance(value, int | float) or value is None for value in values):
-        return pd.Series([np.nan if value is None else value for value in values], dtype=float)
-    return pd.Series([_text(value) for value in values], dtype=object)
+        return np.array([np.nan if value is None else value for value in values], dtype=float)
+    return np.array([_text(value) for value in values], dtype=object)
 
 
 def _text(value: Any) -> str | None:  # noqa: ANN401 - a property
