@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import DracoPy
+import DracoPy  # type: ignore[import-not-found]  # a module without types
 import numpy as np
 
 POSITION_BITS, NORMAL_BITS, PLACE_BITS = 16, 8, 14
