@@ -27,8 +27,7 @@ from solmap.photogrammetry.adjustment.modes.stepwise import adjust_stepwise
 from solmap.photogrammetry.adjustment.solver.gauss_newton import solve
 from solmap.photogrammetry.adjustment.solver.problem import Problem
 from solmap.photogrammetry.synthetic.networks import TelemetryErrors, simulate_network
-from tests.support import adjustment_problems as problems
-from tests.support import bal
+from tests.support.adjustment import bal, problems
 
 PARAMS = AdjustmentParams()
 
@@ -150,7 +149,7 @@ def peer_or_skip(module, *packages):
     """A module that needs packages beyond the lock; `make peers` installs them."""
     for package in packages:
         pytest.importorskip(package, reason=f"{package} is not installed: make peers")
-    return importlib.import_module(f"tests.support.{module}")
+    return importlib.import_module(f"tests.support.adjustment.{module}")
 
 
 def general_solver(problem, start):

@@ -47,7 +47,7 @@ class Veto:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Preview:
-    """Two stops with and without hand ties."""
+    """Two stops with and without manual tie points."""
 
     before: AdjustedStop
     """The second stop, with the ties there are."""
@@ -55,7 +55,7 @@ class Preview:
     report_before: AdjustmentReport
     report: AdjustmentReport
     residuals_px: Float64[np.ndarray, "n 2 3"]
-    """Of each hand tie, in both pairs: sample, line, parallax; NaN where not measured."""
+    """Of each manual tie point, in both pairs: sample, line, parallax; NaN where not measured."""
     standardised: Float64[np.ndarray, "n 2 3"]
     status: Int32[np.ndarray, "n 2"]
     vetoed: int
@@ -101,18 +101,18 @@ def adjust_without_manual_ties(
 def preview_manual_ties(
     network: Network,
     standing: tuple[AdjustedNetwork, AdjustmentReport],
-    hand: Ties,
+    manual: Ties,
     vetoes: Sequence[Veto],
     params: AdjustmentParams,
 ) -> Preview:
-    """Adjust the second stop with hand ties, from how it stands without them."""
+    """Adjust the second stop with manual tie points, from how it stands without them."""
     held, free = network.stop_ids
     kept = _not_vetoed(network.ties, vetoes)
-    ties = with_ties(select(network.ties, kept), hand)
-    with_hand = Network(network.stops, network.pairs, ties)
+    ties = with_ties(select(network.ties, kept), manual)
+    with_manual = Network(network.stops, network.pairs, ties)
     before, report_before = standing
-    after, report = adjust(with_hand, {held}, params, before, "with hand ties")
-    n = 2 * len(hand)
+    after, report = adjust(with_manual, {held}, params, before, "with hand ties")
+    n = 2 * len(manual)
     rows = slice(len(after.ties.status) - n, None)
     return Preview(
         before.stop(free),
@@ -126,21 +126,23 @@ def preview_manual_ties(
     )
 
 
-def with_ties(points: TiePoints, hand: Ties) -> TiePoints:
-    """Tie points and, at their end, one for each hand tie: two observations each."""
-    names = tuple(dict.fromkeys((*points.pair_ids, *hand.pair_ids)))
-    number = np.array([names.index(name) for name in hand.pair_ids] or [0], dtype=np.int32)
+def with_ties(points: TiePoints, manual: Ties) -> TiePoints:
+    """Tie points and, at their end, one for each manual one: two observations each."""
+    names = tuple(dict.fromkeys((*points.pair_ids, *manual.pair_ids)))
+    number = np.array([names.index(name) for name in manual.pair_ids] or [0], dtype=np.int32)
     first = int(points.point.max(initial=-1)) + 1
-    pair = np.column_stack([number[hand.first], number[hand.second]]).ravel()
+    pair = np.column_stack([number[manual.first], number[manual.second]]).ravel()
 
     def both(name: str) -> PerPoint:
-        sides = [getattr(hand, f"{side}_{name}") for side in ("first", "second")]
+        sides = [getattr(manual, f"{side}_{name}") for side in ("first", "second")]
         return np.column_stack(sides).ravel()
 
-    left = np.stack([hand.first_left, hand.second_left], axis=1).reshape(-1, 2)
+    left = np.stack([manual.first_left, manual.second_left], axis=1).reshape(-1, 2)
     return TiePoints(
         names,
-        np.concatenate([points.point, first + np.repeat(np.arange(len(hand)), 2)]).astype(np.int32),
+        np.concatenate([points.point, first + np.repeat(np.arange(len(manual)), 2)]).astype(
+            np.int32
+        ),
         np.concatenate([points.pair, pair]).astype(np.int32),
         np.concatenate([points.left, left]),
         *(

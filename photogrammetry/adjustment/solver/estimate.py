@@ -88,6 +88,32 @@ class Start:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Outcome:
+    """All that the iteration found."""
+
+    observations: Observations
+    problem: Problem
+    solution: Solution
+    views: Views
+    """What is seen from the solution."""
+    used: np.ndarray
+    residuals: Residuals
+    ties: tuple[EliminatedTies, ...]
+    """As they were linearised last."""
+    inverse: np.ndarray
+    """Of the normal equations, on their pattern."""
+    placed: ControlTests
+    """Tests of control."""
+
+    def with_all_points(self, seen: Sightings) -> Outcome:
+        """The same with the places of points that one pair alone sees."""
+        points = all_points(self.problem, self.views, self.used, seen)
+        state = replace(self.solution.state, points=points)
+        views = self.views.at(points.T.copy())
+        return replace(self, solution=replace(self.solution, state=state), views=views)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class _Evaluation:
     """A solution with what its residuals say."""
 
@@ -183,7 +209,13 @@ def _with_fitting(
     points = all_points(evaluation.problem, evaluation.views, used, seen)
     state = replace(evaluation.state, points=points)
     back = reinstate(
-        evaluation.problem, state, evaluation.now.ties, evaluation.found, used, evaluation.inverse, params
+        evaluation.problem,
+        state,
+        evaluation.now.ties,
+        evaluation.found,
+        used,
+        evaluation.inverse,
+        params,
     )
     if not len(back):
         return used, before, evaluation.state
@@ -195,32 +227,6 @@ def _with_rows(used: np.ndarray, rows: np.ndarray, *, to: bool) -> np.ndarray:
     used = used.copy()
     used[rows] = to
     return used
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Outcome:
-    """All that the iteration found."""
-
-    observations: Observations
-    problem: Problem
-    solution: Solution
-    views: Views
-    """What is seen from the solution."""
-    used: np.ndarray
-    residuals: Residuals
-    ties: tuple[EliminatedTies, ...]
-    """As they were linearised last."""
-    inverse: np.ndarray
-    """Of the normal equations, on their pattern."""
-    placed: ControlTests
-    """Tests of control."""
-
-    def with_all_points(self, seen: Sightings) -> Outcome:
-        """The same with the places of points that one pair alone sees."""
-        points = all_points(self.problem, self.views, self.used, seen)
-        state = replace(self.solution.state, points=points)
-        views = self.views.at(points.T.copy())
-        return replace(self, solution=replace(self.solution, state=state), views=views)
 
 
 def all_points(

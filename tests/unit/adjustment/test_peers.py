@@ -15,15 +15,20 @@ gtsam = pytest.importorskip("gtsam", reason="GTSAM is not installed: make peers"
 pytest.importorskip("pycolmap", reason="COLMAP is not installed: make peers")
 pytest.importorskip("pyceres", reason="Ceres' options are not installed: make peers")
 
-from tests.support import bal, ceres_peer, gtsam_full, gtsam_peer  # noqa: E402 - only with the peers
-from tests.support.adjustment_problems import (  # noqa: E402
+from tests.support.adjustment import (  # noqa: E402 - only with the peers
+    bal,
+    ceres_peer,
+    gtsam_full,
+    gtsam_peer,
+)
+from tests.support.adjustment.problems import (  # noqa: E402
     aligned,
     covariances,
     ours,
     simulated,
     warm,
 )
-from tests.support.published_stereo import read_problem  # noqa: E402
+from tests.support.adjustment.published_stereo import read_problem  # noqa: E402
 
 DATA = Path(gtsam.__file__).parent / "Data"
 

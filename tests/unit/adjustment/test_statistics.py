@@ -7,7 +7,7 @@ Harmful is a blunder that shifts the test of its own observation beyond what noi
 import numpy as np
 import pytest
 
-from tests.support.network_statistics import CASES, band, found
+from tests.support.adjustment.network_statistics import CASES, band, found
 
 NETWORKS = 100
 LEVEL = 0.995

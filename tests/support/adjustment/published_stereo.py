@@ -11,7 +11,7 @@ import numpy as np
 
 from solmap.photogrammetry.adjustment.model.collinearity import Observations, State
 from solmap.photogrammetry.adjustment.model.telemetry import Telemetry
-from tests.support.adjustment_problems import FIXED, RigProblem
+from tests.support.adjustment.problems import FIXED, RigProblem
 
 
 def read_problem(folder, name):

@@ -1,4 +1,4 @@
-"""Are sigmas true with control? `python -m tests.support.control_statistics --networks 60`.
+"""Are sigmas true with control? `python -m tests.support.adjustment.control_statistics`.
 
 Traverses of six stops, 5 pairs and 8 inter-stereo ties a stop, no tie across the third link; an
 orbital image (10 m, 0.5 degrees, 0.1 % off) shows five stops to 0.1 m; the first attitude is as
@@ -19,7 +19,7 @@ from scipy.stats import chi2
 from solmap.photogrammetry.adjustment.model.network import MAP
 from solmap.photogrammetry.adjustment.modes.overall import adjust_overall
 from solmap.photogrammetry.adjustment.modes.sequential import adjust_sequential
-from tests.unit.adjustment.test_control import GAP, PARAMS, errors, simulated
+from tests.unit.adjustment.modes.test_control import GAP, PARAMS, errors, simulated
 
 
 def main() -> None:

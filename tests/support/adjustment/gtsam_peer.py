@@ -7,7 +7,7 @@ import time
 import gtsam
 import numpy as np
 
-from tests.support.adjustment_problems import Peer, shared_rows
+from tests.support.adjustment.problems import Peer, shared_rows
 
 SIGMAS = np.array([1.0, 1.0, np.sqrt(0.5)])
 """Of left sample, right sample and line, which counts once where left and right lines are two."""

@@ -8,7 +8,7 @@ import numpy as np
 import pyceres
 import pycolmap
 
-from tests.support.adjustment_problems import Peer, shared_rows
+from tests.support.adjustment.problems import Peer, shared_rows
 
 
 def rigid(R, t):

@@ -40,7 +40,7 @@ from solmap.photogrammetry.adjustment.solver.gauss_newton import Correction
 from solmap.photogrammetry.adjustment.solver.normal_equations import LinearisationPoint, sum_normals
 from solmap.photogrammetry.adjustment.solver.problem import Problem
 from solmap.photogrammetry.errors import AdjustmentError
-from tests.support.adjustment_problems import Peer
+from tests.support.adjustment.problems import Peer
 
 EASED, STIFFENED = 0.2, 5.0
 """Factors of the damping after a step that lowers the cost, and after one that does not."""

@@ -1,4 +1,4 @@
-"""Are the stated sigmas true? `python -m tests.support.network_statistics --networks 200`.
+"""Are stated sigmas true? `python -m tests.support.adjustment.network_statistics --networks 200`.
 
 Simulated traverses (see `photogrammetry.synthetic.networks`; 5 pairs a stop, all errors normal with
 the stated standard deviations), adjusted in each mode as if the stops came in one by one. Of the

@@ -1,4 +1,4 @@
-"""How the overall adjustment grows with the traverse: `python -m tests.support.adjustment_scaling`.
+"""How the overall adjustment grows with the traverse: `python -m tests.support.adjustment.scaling`.
 
 Networks of 10 to 2,000 stops, ten stereo pairs and about 306 ties each, with mast pointings and
 telemetry. The start is the truth, as far from the minimum as the noise is large; the time is
@@ -24,11 +24,11 @@ from solmap.photogrammetry.adjustment.solver.gauss_newton import solve
 from solmap.photogrammetry.adjustment.solver.normal_equations import LinearisationPoint, linearise
 from solmap.photogrammetry.adjustment.solver.problem import Problem
 from solmap.photogrammetry.synthetic.networks import simulate_network
-from tests.support.adjustment_problems import PARAMS
+from tests.support.adjustment.problems import PARAMS
 
 STOPS = (10, 50, 200, 500, 1000, 2000)
 REPEATS = 3
-FIGURE = Path(__file__).parents[2] / "docs" / "figures" / "adjustment_scaling.png"
+FIGURE = Path(__file__).parents[3] / "docs" / "figures" / "adjustment_scaling.png"
 
 
 def measured(stops):

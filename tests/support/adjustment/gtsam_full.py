@@ -12,8 +12,8 @@ import gtsam
 import numpy as np
 
 from solmap.photogrammetry.adjustment.model.small_matrices import rotation_of_vector
-from tests.support.adjustment_problems import shared_rows
-from tests.support.gtsam_peer import optimised, point_key, stop_key
+from tests.support.adjustment.gtsam_peer import optimised, point_key, stop_key
+from tests.support.adjustment.problems import shared_rows
 
 FIXED_M = 1e-6
 """A mast head does not shift; a micrometre is a thousandth of what the nearest point shows."""
