@@ -19,7 +19,11 @@ from solmap.photogrammetry.traverse.differences import Differences, common_stops
 from solmap.photogrammetry.traverse.records import Traverse
 from solmap.products.catalogue.catalogue import Catalogue, latest_network, published_networks
 from solmap.products.errors import ProductNotFoundError
-from solmap.products.formats.documents.network import NetworkProduct, network_of, traverses
+from solmap.products.formats.documents.network import (
+    NetworkProduct,
+    cached_whole_network,
+    traverses,
+)
 from solmap.products.model import ProductKind, ProductRef
 from solmap.products.store.product_store import ProductStore
 
@@ -133,12 +137,12 @@ def network_named(
     """
     if asked == LATEST:
         ref = latest_network(mission, catalogue)
-        return ref, network_of(ref, store)
+        return ref, cached_whole_network(ref, store)
     scope, _, digest = asked.partition("/")
     for ref in published_networks(mission, catalogue):
         same = ProductRef(ref.kind, ref.scope, digest)
         if ref.scope.name == scope and same in store.versions(ref.kind, ref.scope):
-            return same, network_of(same, store)
+            return same, cached_whole_network(same, store)
     raise ProductNotFoundError(
         f"no adjustment {asked!r} of {mission} is in the store; /solutions lists them, "
         f"{LATEST!r} is the one on the map"
@@ -154,8 +158,8 @@ def compare_traverses(
     Raises:
         RefusedError: they have fewer than two stops in common.
     """
-    told, adjusted = traverses(named[1])
-    other = told if reference is None else traverses(reference[1])[1]
+    telemetry, adjusted = traverses(named[1])
+    other = telemetry if reference is None else traverses(reference[1])[1]
     common, adjusted = common_stops(other, adjusted)
     if len(common) < 2:  # noqa: PLR2004 - a leg has two ends
         raise UnanswerableError(

@@ -1,7 +1,4 @@
-"""Models in three dimensions: which there are, their tiles, and a mission's as one tileset.
-
-What a view in three dimensions draws besides the ground: stops, the rover and its cameras.
-"""
+"""Models in three dimensions and their tiles; stops and cameras that are drawn with them."""
 
 from __future__ import annotations
 
@@ -24,7 +21,7 @@ from solmap.products.catalogue.catalogue import published_networks
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.crs import local_crs
 from solmap.products.errors import ProductNotFoundError
-from solmap.products.formats.documents.network import network_of
+from solmap.products.formats.documents.network import cached_whole_network
 from solmap.products.formats.mesh.stl import stl_bytes
 from solmap.products.formats.mesh.tiles3d import (
     TILESET,
@@ -156,7 +153,7 @@ def stops(mission: MissionName, services: ServicesOf, response: Response) -> Sce
     published = published_networks(mission, services.catalogue)
     if not published:
         return SceneStops(network=None, body=None, stops=[])
-    return scene_stops(published[-1], network_of(published[-1], services.store))
+    return scene_stops(published[-1], cached_whole_network(published[-1], services.store))
 
 
 @router.get("/api/missions/{mission}/scene/cameras")
@@ -174,5 +171,5 @@ def cameras(
         return SceneCameras(network=None, cameras=[])
     workspace = Workspace(services.store, services.catalogue)
     entries = services.catalogue.images(mission, stop)
-    network = network_of(published[-1], services.store)
+    network = cached_whole_network(published[-1], services.store)
     return scene_cameras(published[-1], network, entries, workspace)

@@ -30,7 +30,7 @@ from solmap.products.formats.documents.archives import (
     read_matches,
     read_right_turn,
 )
-from solmap.products.formats.documents.network import NetworkProduct, network_of
+from solmap.products.formats.documents.network import NetworkProduct, cached_whole_network
 from solmap.products.model import ProductKind, ProductRef, Scope, ScopeLevel
 
 _NETWORKS = 2
@@ -79,7 +79,7 @@ class OrientedMission:
             ProductNotFoundError: it has not been adjusted yet.
         """
         ref = latest_network(mission, workspace.catalogue)
-        network = network_of(ref, workspace.store)
+        network = cached_whole_network(ref, workspace.store)
         return cls(ref, network, *_stops_and_pairs(network), workspace)
 
     def pair_of(self, entry: ImageEntry) -> AdjustedPair | None:
@@ -90,7 +90,7 @@ class OrientedMission:
         """The image's label; the right camera of a pair as matching found it to stand."""
         return matched_record(entry, self.workspace)
 
-    def oriented(self, entry: ImageEntry) -> OrientedImage:
+    def oriented_image(self, entry: ImageEntry) -> OrientedImage:
         """The image on the map.
 
         Raises:
@@ -99,12 +99,12 @@ class OrientedMission:
         key = (self.workspace.store.root, self.ref, entry)
         known = _ORIENTED.get(key)
         if known is None:
-            known = _ORIENTED[key] = self._oriented(entry)
+            known = _ORIENTED[key] = self._orient(entry)
             while len(_ORIENTED) > _IMAGES:
                 _ORIENTED.pop(next(iter(_ORIENTED)), None)
         return known
 
-    def _oriented(self, entry: ImageEntry) -> OrientedImage:
+    def _orient(self, entry: ImageEntry) -> OrientedImage:
         pose = self.stops.get(entry.stop_id)
         if pose is None:
             raise ProductNotFoundError(

@@ -28,7 +28,11 @@ from solmap.photogrammetry.imagery import StopId
 from solmap.photogrammetry.traverse.differences import Difference, differences
 from solmap.products.crs import LandingPoint, lon_lat
 from solmap.products.formats.documents.archives import finite, pose_document
-from solmap.products.formats.documents.network import NetworkProduct, network_of, traverses
+from solmap.products.formats.documents.network import (
+    NetworkProduct,
+    cached_whole_network,
+    traverses,
+)
 from solmap.products.formats.vector.geojson import Feature, FeatureCollection
 from solmap.products.formats.vector.geopackage import write_geopackage
 from solmap.products.model import ProductKind, ProductRef, Recipe, Scope, ScopeLevel
@@ -58,7 +62,7 @@ def localise(
     store: ProductStore,
 ) -> list[ProductRef]:
     """State the adjusted traverse of a mission and how far telemetry strays from it."""
-    product = network_of(network, store)
+    product = cached_whole_network(network, store)
     frames = SiteFrames.of(telemetry, {stop.stop.site for stop in product.adjusted.stops})
     clocks = telemetry.first_clocks
     params = (

@@ -24,7 +24,7 @@ from solmap.products.catalogue.catalogue import ImageEntry
 from solmap.products.catalogue.images import image_record
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.crs import LandingPoint
-from solmap.products.formats.documents.network import NetworkProduct, network_of
+from solmap.products.formats.documents.network import NetworkProduct, cached_whole_network
 from solmap.products.formats.vector.geojson import Feature, write_features
 from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.tasks.scopes import region_scope
@@ -76,7 +76,7 @@ class _Reading:
     @property
     def network(self) -> NetworkProduct:
         if self._network is None:
-            self._network = network_of(self._ref, self._workspace.store)
+            self._network = cached_whole_network(self._ref, self._workspace.store)
         return self._network
 
     def outlines(self, draw: Any, params: FootprintParams) -> Iterator[Feature]:  # noqa: ANN401

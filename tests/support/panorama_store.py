@@ -7,7 +7,7 @@ from solmap.photogrammetry.terrain.orthophoto.panorama import PanoramaParams
 from solmap.products.catalogue.catalogue import latest_network
 from solmap.products.catalogue.oriented_images import matches_of
 from solmap.products.catalogue.workspace import Workspace
-from solmap.products.formats.documents.network import network_of
+from solmap.products.formats.documents.network import cached_whole_network
 from solmap.products.model import ProductKind
 from solmap.tasks.maps.panorama import draw_panorama, oriented_frames
 from solmap.tasks.mission.publish import layer_of
@@ -18,7 +18,7 @@ SOL = 156
 
 def publish_panoramas(workspace: Workspace, eye: Eye = Eye.LEFT) -> None:
     """Draw the panorama of every stop and publish it."""
-    network = network_of(latest_network("MER2", workspace.catalogue), workspace.store)
+    network = cached_whole_network(latest_network("MER2", workspace.catalogue), workspace.store)
     layers, grounds = [], []
     for stop in (one.stop for one in network.adjusted.stops):
         entries = workspace.catalogue.images("MER2", str(stop))

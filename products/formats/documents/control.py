@@ -28,7 +28,7 @@ def read_control(ref: ProductRef, store: ProductStore) -> tuple[ControlFrame, li
     """A control frame, and where it shows stops."""
     document = _read(ref, store)
     found = [control_of_document(row) for row in document["control"]]
-    return frame_of_document(document["frame"]), found
+    return control_frame_of_document(document["frame"]), found
 
 
 def refused_stops(ref: ProductRef, store: ProductStore) -> dict[str, str]:
@@ -53,7 +53,7 @@ def control_product(
     """A product of control for JSON; `refused` are stops that were looked for in vain, and why."""
     return {
         "format": FORMAT,
-        "frame": frame_document(frame),
+        "frame": control_frame_document(frame),
         "control": [control_document(one) for one in control],
         "refused": refused,
     }
@@ -62,7 +62,7 @@ def control_product(
 Document = dict[str, Any]
 
 
-def frame_document(frame: ControlFrame) -> Document:
+def control_frame_document(frame: ControlFrame) -> Document:
     """A control frame for JSON."""
     return {
         "name": frame.name,
@@ -72,8 +72,8 @@ def frame_document(frame: ControlFrame) -> Document:
     }
 
 
-def frame_of_document(document: Document) -> ControlFrame:
-    """The frame that `frame_document` wrote."""
+def control_frame_of_document(document: Document) -> ControlFrame:
+    """The frame that `control_frame_document` wrote."""
     east, north = document["centre_m"]
     return ControlFrame(
         document["name"],
@@ -138,7 +138,7 @@ def adjusted_control_of_document(document: Document) -> AdjustedControl:
 def adjusted_frame_document(adjusted: AdjustedFrame) -> Document:
     """Where a frame lies, for JSON."""
     return {
-        "frame": frame_document(adjusted.frame),
+        "frame": control_frame_document(adjusted.frame),
         "place": adjusted.place.tolist(),
         "covariance": adjusted.covariance.tolist(),
     }
@@ -147,7 +147,7 @@ def adjusted_frame_document(adjusted: AdjustedFrame) -> Document:
 def adjusted_frame_of_document(document: Document) -> AdjustedFrame:
     """What `adjusted_frame_document` wrote."""
     return AdjustedFrame(
-        frame_of_document(document["frame"]),
+        control_frame_of_document(document["frame"]),
         np.array(document["place"], dtype=np.float64),
         np.array(document["covariance"], dtype=np.float64),
     )

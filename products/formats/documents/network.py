@@ -136,7 +136,7 @@ def whole_network(ref: ProductRef, store: ProductStore) -> NetworkProduct:
 
 
 @lru_cache(maxsize=_NETWORKS)
-def network_of(ref: ProductRef, store: ProductStore) -> NetworkProduct:
+def cached_whole_network(ref: ProductRef, store: ProductStore) -> NetworkProduct:
     """A whole network, remembered: a product never changes."""
     return whole_network(ref, store)
 

@@ -15,7 +15,7 @@ from solmap.photogrammetry.terrain.dtm.ground import MAP_FROM_LSL
 from solmap.products.catalogue.catalogue import MissionEntry, latest_network
 from solmap.products.catalogue.oriented_images import OrientedMission
 from solmap.products.catalogue.workspace import Workspace
-from solmap.products.formats.documents.network import network_of
+from solmap.products.formats.documents.network import cached_whole_network
 from tests.support.bowl_store import LANDING, STOPS
 from tests.support.scene_store import (
     LAST,
@@ -109,4 +109,4 @@ def test_a_network_is_read_once_for_scene_and_images(tmp_path):
     fill_network(workspace)
     ref = latest_network("MER2", workspace.catalogue)
     oriented = OrientedMission.latest("MER2", workspace)
-    assert oriented.network is network_of(ref, workspace.store)
+    assert oriented.network is cached_whole_network(ref, workspace.store)
