@@ -1,6 +1,7 @@
-"""The ground at a place of the map, the stop that it stands on, and the images near it.
+"""From an image onto the ground: what a pixel shows, and which stops and images are near a place.
 
-From an image onto the ground, and along the ray of a pixel into other images.
+The ground at a pixel is found by the parallax it was matched with, else where its ray meets a
+terrain model.
 """
 
 from __future__ import annotations
@@ -127,7 +128,7 @@ def ground_at(
     ground: Ground,
 ) -> PixelGround | None:
     """The ground at a pixel: by its parallax where it was matched, else where its ray meets."""
-    image = mission.oriented(entry)
+    image = mission.oriented_image(entry)
     if not image.shows(np.array(point)):
         raise UnanswerableError(
             f"{entry.id} has {image.size[0]} samples and {image.size[1]} lines; "

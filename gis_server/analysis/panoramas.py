@@ -104,7 +104,7 @@ class PanoramaView:
             azimuth_deg=azimuth_deg,
             elevation_deg=elevation_deg,
             ground=ground if known else None,
-            shown=self._shown(number, there, mission) if math.isfinite(number) else None,
+            shown=self._image_pixel(number, there, mission) if math.isfinite(number) else None,
         )
 
     def place(self, place: Vector3) -> PlaceSeen:
@@ -147,10 +147,10 @@ class PanoramaView:
         distance_m, number = values[:, 0, 0].tolist()
         return distance_m, number
 
-    def _shown(self, number: float, there: Vector3, mission: OrientedMission) -> ImagePixel:
+    def _image_pixel(self, number: float, there: Vector3, mission: OrientedMission) -> ImagePixel:
         name = self.facts.images[int(number) - 1]
         entry = mission.workspace.catalogue.image(name)
-        sample, line = mission.oriented(entry).camera.project(there[None])[0].tolist()
+        sample, line = mission.oriented_image(entry).camera.project(there[None])[0].tolist()
         on_it = math.isfinite(sample) and math.isfinite(line)
         return ImagePixel(
             image=name,

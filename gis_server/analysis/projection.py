@@ -1,6 +1,4 @@
-"""From the ground into images: where a place falls on them, how surely, and whether they see it.
-
-What the projection endpoints answer.
+"""From the ground into images: where a place falls in them, how surely, and whether they see it.
 
 Image points are (sample, line) of the image as stored: (0, 0) is the centre of its first pixel.
 """
@@ -72,7 +70,7 @@ def project_into(
     entry: ImageEntry, target: GroundPoint, mission: OrientedMission
 ) -> ProjectedPoint | None:
     """A place of the ground in an image; None where it does not fall on it. Not yet if in sight."""
-    image = mission.oriented(entry)
+    image = mission.oriented_image(entry)
     point = image.camera.project(target.point[None])[0]
     if not image.shows(point):
         return None

@@ -2,8 +2,7 @@
 
 Part 1 (core, GeoJSON, HTML) and Part 2 (CRS by reference), with two departures that Mars makes
 necessary: the default CRS, also of extents, is longitude and latitude of Mars, not of the Earth.
-
-The query of a request for features, read and checked; what is unknown or wrong answers 400.
+Parameters that are unknown or wrong are answered with 400.
 """
 
 from __future__ import annotations
@@ -137,11 +136,11 @@ class FeaturesQuery:
     ) -> None:
         """Other parameters are taken for names of properties, which features must have."""
         self.request = request
-        self._told = (f, bbox, bbox_crs, crs, datetime, sol, limit, offset)
+        self._given = (f, bbox, bbox_crs, crs, datetime, sol, limit, offset)
 
     def read(self, base: str, fields: Callable[[], Mapping[str, str]]) -> FeatureRequest:
         """Check them all against what is spoken and what properties there are."""
-        f, bbox, bbox_crs, crs, datetime, sol, limit, offset = self._told
+        f, bbox, bbox_crs, crs, datetime, sol, limit, offset = self._given
         form = form_of(self.request, f)
         box_crs = crs_named(bbox_crs, "bbox-crs", base)
         usual = MOST_IN_FILE if form in FILES else DEFAULT_LIMIT
@@ -296,20 +295,20 @@ def items(
 ) -> Response:
     """The features of a collection: a page of them, or as a file all that meet the conditions."""
     entry = services.catalogue.mission(mission)
-    asked = query.read(base, lambda: _fields(known, mission, services))
-    found, matched = _select(known, entry, services, asked)
-    page = _page(found, known, entry, asked.crs, query.request)
-    headers = {**AGAIN, "Content-Crs": f"<{uri_of(asked.crs, base)}>"}
-    media_type = MEDIA_TYPES[asked.form]
-    if asked.form in FILES:
-        name = f"{mission}_{known.id}.{asked.form}"
+    wanted = query.read(base, lambda: _fields(known, mission, services))
+    found, matched = _select(known, entry, services, wanted)
+    page = _page(found, known, entry, wanted.crs, query.request)
+    headers = {**AGAIN, "Content-Crs": f"<{uri_of(wanted.crs, base)}>"}
+    media_type = MEDIA_TYPES[wanted.form]
+    if wanted.form in FILES:
+        name = f"{mission}_{known.id}.{wanted.form}"
         headers["content-disposition"] = f'attachment; filename="{name}"'
-        is_csv = asked.form is Format.CSV
-        body = as_csv(page) if is_csv else as_file(page, asked.form, known.id)
+        is_csv = wanted.form is Format.CSV
+        body = as_csv(page) if is_csv else as_file(page, wanted.form, known.id)
         return Response(body, headers=headers, media_type=media_type)
-    links = _page_links(query.request, base, known, asked, (len(found), matched))
+    links = _page_links(query.request, base, known, wanted, (len(found), matched))
     counts = {"numberMatched": matched, "numberReturned": len(found)}
-    if asked.form is Format.HTML:
+    if wanted.form is Format.HTML:
         return Response(items_page(known, page, links, counts), headers=headers, media_type=HTML)
     now = datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
     text = geojson(page, {"timeStamp": now, **counts, "links": links})
@@ -327,19 +326,19 @@ def item(
 ) -> Response:
     """One feature."""
     entry = services.catalogue.mission(mission)
-    asked = query.read(base, dict)
+    wanted = query.read(base, dict)
     keys = services.features.keys(known, mission)
-    one = services.features.index.named(keys, feature)
+    one = services.features.index.find(keys, feature)
     if one is None:
         raise ProductNotFoundError(f"no feature {feature!r} is in {known.id}")
-    page = _page([one], known, entry, asked.crs, query.request)
+    page = _page([one], known, entry, wanted.crs, query.request)
     here = f"{base}/collections/{known.id}"
     links = [
         link("self", f"{here}/items/{feature}", GEOJSON),
         link("alternate", f"{here}/items/{feature}?f=html", HTML, "As a page"),
         link("collection", here, JSON, known.title),
     ]
-    headers = {**AGAIN, "Content-Crs": f"<{uri_of(asked.crs, base)}>"}
+    headers = {**AGAIN, "Content-Crs": f"<{uri_of(wanted.crs, base)}>"}
     if form_of(query.request, query.request.query_params.get("f")) is Format.HTML:
         return Response(feature_page(known, page, links), headers=headers, media_type=HTML)
     linked = json.dumps({"links": links})
@@ -352,15 +351,15 @@ def _fields(known: CollectionDefinition, mission: str, services: Services) -> Ma
 
 
 def _select(
-    known: CollectionDefinition, entry: MissionEntry, services: Services, asked: FeatureRequest
+    known: CollectionDefinition, entry: MissionEntry, services: Services, wanted: FeatureRequest
 ) -> tuple[list[IndexedFeature], int]:
     """The features of the page, and how many there are on all pages."""
     index, keys = services.features.index, services.features.keys(known, entry.mission)
     extent = index.extent(keys)
-    selection = asked.selection(keys, entry.landing, extent, all_placed=not known.all_images)
+    selection = wanted.selection(keys, entry.landing, extent, all_placed=not known.all_images)
     if selection is None:
         return [], 0
-    return index.page(selection, asked.limit, asked.offset), index.count(selection)
+    return index.page(selection, wanted.limit, wanted.offset), index.count(selection)
 
 
 def _page(
@@ -378,7 +377,7 @@ def _page_links(
     request: Request,
     base: str,
     known: CollectionDefinition,
-    asked: FeatureRequest,
+    wanted: FeatureRequest,
     counts: tuple[int, int],
 ) -> list[Link]:
     """This page, the next and the one before, and the same features in other formats."""
@@ -386,18 +385,18 @@ def _page_links(
     here = request.url_for("items", mission=base.rsplit("/", 1)[1], collection=known.id)
     url = here.replace_query_params(**dict(request.query_params))
     links = [
-        link("self", str(url), MEDIA_TYPES[asked.form]),
+        link("self", str(url), MEDIA_TYPES[wanted.form]),
         link("collection", f"{base}/collections/{known.id}", JSON, known.title),
     ]
-    if asked.offset + returned < matched:
-        after = url.include_query_params(offset=asked.offset + returned, limit=asked.limit)
-        links.append(link("next", str(after), MEDIA_TYPES[asked.form], "Next page"))
-    if asked.offset:
+    if wanted.offset + returned < matched:
+        after = url.include_query_params(offset=wanted.offset + returned, limit=wanted.limit)
+        links.append(link("next", str(after), MEDIA_TYPES[wanted.form], "Next page"))
+    if wanted.offset:
         before = url.include_query_params(
-            offset=max(0, asked.offset - asked.limit), limit=asked.limit
+            offset=max(0, wanted.offset - wanted.limit), limit=wanted.limit
         )
-        links.append(link("prev", str(before), MEDIA_TYPES[asked.form], "Page before"))
-    others = [form for form in Format if MEDIA_TYPES[form] != MEDIA_TYPES[asked.form]]
+        links.append(link("prev", str(before), MEDIA_TYPES[wanted.form], "Page before"))
+    others = [form for form in Format if MEDIA_TYPES[form] != MEDIA_TYPES[wanted.form]]
     whole = url.remove_query_params(["offset", "limit"])
     for form in others:
         target = (whole if form in FILES else url).include_query_params(f=str(form))

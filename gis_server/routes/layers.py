@@ -1,9 +1,4 @@
-"""One layer: its features, its provenance, its file.
-
-The versions of a layer: what was published before what is on the map now.
-
-How a layer may be drawn: its styles, their legends, and contours at any interval.
-"""
+"""One layer: its features, provenance, earlier versions, styles, legends and contours."""
 
 from __future__ import annotations
 
@@ -72,7 +67,7 @@ def features(
         raise ProductNotFoundError(f"{layer.id} is a raster: it has tiles and no features")
     texts = feature_texts(services.store.path(layer.ref))
     if ids:
-        numbers = texts.named(ids)
+        numbers = texts.find(ids)
     elif bounds is not None:
         numbers = texts.within(bounds)
     else:

@@ -120,9 +120,9 @@ def image_to_image(  # noqa: PLR0913 - the parameters of the question
     entry = _entry(mission, image, services)
     found = ground_at(entry, (sample, line), sigma_px, known, ground)
     others = _others(mission, entry, found, stop, within_m, known)
-    one = known.oriented(entry)
+    one = known.oriented_image(entry)
     curves = {
-        other.id: epipolar_curve_in(one, (sample, line), known.oriented(other)) for other in others
+        other.id: epipolar_curve_in(one, (sample, line), known.oriented_image(other)) for other in others
     }
     seen = [s for other in others if found and (s := project_into(other, found.ground, known))]
     told = add_visibility(seen, found.ground, known, ground) if found else []
@@ -170,7 +170,7 @@ def _others(
     if stop is not None:
         asked = known.workspace.catalogue.images(mission, str(stop_named(known, stop)))
     else:
-        centre = MAP_FROM_LSL @ known.oriented(entry).camera.centre
+        centre = MAP_FROM_LSL @ known.oriented_image(entry).camera.centre
         place = found.ground.on_map if found else centre
         asked = images_within(known, mission, (float(place[0]), float(place[1])), within_m)
     return [other for other in asked if other.id != entry.id]

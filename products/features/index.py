@@ -300,7 +300,7 @@ class FeatureIndex:
             ).fetchall()
         return [feature_of(row) for row in rows]
 
-    def named(self, keys: Sequence[str], name: str) -> IndexedFeature | None:
+    def find(self, keys: Sequence[str], name: str) -> IndexedFeature | None:
         """The feature of a name."""
         with self._connection(keys) as connection:
             row = connection.execute(

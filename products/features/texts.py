@@ -46,7 +46,7 @@ class FeatureTexts:
         numbers: list[int] = np.flatnonzero(meets).tolist()
         return numbers
 
-    def named(self, names: Iterable[str]) -> Sequence[int]:
+    def find(self, names: Iterable[str]) -> Sequence[int]:
         """The features of some identifiers; those that are not there are left out."""
         return [self.numbers[name] for name in names if name in self.numbers]
 

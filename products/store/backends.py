@@ -56,7 +56,7 @@ class StorageBackend(Protocol):
         """The bytes from `start` up to `end` in order, a few at a time."""
         ...
 
-    def take(self, file: Path, name: str, *, once: bool) -> None:
+    def put(self, file: Path, name: str, *, once: bool) -> None:
         """Move a whole file here under a name; with `once` one that is there already may stay."""
         ...
 
@@ -106,7 +106,7 @@ class FolderBackend:
                 start += len(chunk)
                 yield chunk
 
-    def take(self, file: Path, name: str, *, once: bool) -> None:  # noqa: ARG002 - same bytes
+    def put(self, file: Path, name: str, *, once: bool) -> None:  # noqa: ARG002 - same bytes
         """Have the file's bytes on the disk, then its name."""
         with file.open("rb") as opened:
             os.fsync(opened.fileno())

@@ -91,12 +91,12 @@ class ObjectBackend:
             for chunk in found.stream(min_chunk_size=1 << 20):
                 yield bytes(chunk)
 
-    def take(self, file: Path, name: str, *, once: bool) -> None:
+    def put(self, file: Path, name: str, *, once: bool) -> None:
         """Send a file; what was sent is the copy on this machine too, if it is to stay as it is."""
         with explain_errors(self.url, sending=True):
             is_ours = self._send(file, name, once=once)
         if once and is_ours:
-            self.cache.adopt(file, name)
+            self.cache.put(file, name)
 
     def names(self, folder: str) -> Iterator[str]:
         """All names below a folder."""
@@ -112,7 +112,7 @@ class ObjectBackend:
 
         with explain_errors(self.url), contextlib.suppress(FileNotFoundError):
             obstore.delete(self.store, name)
-        self.cache.forget(name)
+        self.cache.remove(name)
 
     def probe(self) -> None:
         """Ask the bucket for anything at all.
@@ -339,12 +339,12 @@ class ReadCache:
             os.close(descriptor)
             try:
                 fetch(Path(half))
-                self.adopt(Path(half), name)
+                self.put(Path(half), name)
             finally:
                 Path(half).unlink(missing_ok=True)
         return path
 
-    def adopt(self, file: Path, name: str) -> None:
+    def put(self, file: Path, name: str) -> None:
         """Take a whole file of the same disk as the copy."""
         path = self.folder / name
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -353,13 +353,13 @@ class ReadCache:
         file.replace(path)
         if self._added >= self.limit // _SLACK:
             self._added = 0
-            self.make_room()
+            self.evict()
 
-    def forget(self, name: str) -> None:
+    def remove(self, name: str) -> None:
         """Have no copy of a file."""
         (self.folder / name).unlink(missing_ok=True)
 
-    def make_room(self) -> None:
+    def evict(self) -> None:
         """Remove what was not used for longest, until there is some room below the limit."""
         now, copies = time.time(), []
         for path in self.folder.rglob("*"):

@@ -157,8 +157,8 @@ class ProductStore:
             notes = folder / PurePosixPath(_provenance_name(name)).name
             notes.write_text(json.dumps(_provenance(recipe, draft, effort)))
             # the product last: where it is, its provenance is too
-            self._backend.take(notes, _provenance_name(name), once=False)
-            self._backend.take(draft, name, once=True)
+            self._backend.put(notes, _provenance_name(name), once=False)
+            self._backend.put(draft, name, once=True)
         return ref
 
     def provenance(self, ref: ProductRef) -> dict[str, Any]:
@@ -177,7 +177,7 @@ class ProductStore:
         with self._draft() as folder:
             draft = folder / "document"
             draft.write_text(text, encoding="utf-8")
-            self._backend.take(draft, name, once=False)
+            self._backend.put(draft, name, once=False)
 
     def document(self, name: str) -> str | None:
         """A document beside the products; None where there is none."""

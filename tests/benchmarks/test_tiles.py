@@ -49,6 +49,7 @@ from solmap.products.formats.raster.tiling import TileAddress, tile_matrix_set, 
 from solmap.products.model import Layer, ProductKind, Recipe, Scope, ScopeLevel
 from solmap.products.store.product_store import ProductStore
 from tests.support.live_server import Server
+from tests.support.tile_at import tile_at
 from tests.support.tile_load import Load, load
 from tests.support.tile_servers import running
 
@@ -93,7 +94,7 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Served:
     layers = {kind: _layer(store, kind, field) for kind, field in fields.items()}
     own = zoom_of(CELL_M)
     addresses = [
-        TileAddress.holding(*rng.uniform(-24.0, 24.0, 2), zoom)
+        tile_at(*rng.uniform(-24.0, 24.0, 2), zoom)
         for zoom in itertools.islice(itertools.cycle(range(own - 3, own + 1)), TILES)
     ]
     mission = MissionEntry("MER2", "Spirit", LANDING, None)
@@ -184,7 +185,7 @@ def addresses() -> list[TileAddress]:
     rng = np.random.default_rng(8)
     own = zoom_of(CELL_M)
     zooms = itertools.islice(itertools.cycle(range(own - 3, own + 1)), ASKED)
-    return [TileAddress.holding(*rng.uniform(-24.0, 24.0, 2), zoom) for zoom in zooms]
+    return [tile_at(*rng.uniform(-24.0, 24.0, 2), zoom) for zoom in zooms]
 
 
 @pytest.fixture(scope="module")

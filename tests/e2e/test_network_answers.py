@@ -108,7 +108,7 @@ def test_a_tie_less_its_residual_is_where_the_image_shows_its_place(client, orie
     ties = ask(client, f"/images/{entry.id}/ties")["ties"]
     used = [tie for tie in ties if tie["status"] == "used" and tie["place"]]
     assert len(used) > 10
-    camera = oriented.oriented(entry).camera
+    camera = oriented.oriented_image(entry).camera
     shown = camera.project(np.array([tie["place"] for tie in used]) @ MAP_FROM_LSL)
     computed = [
         (tie["sample"] - tie["residual_sample_px"], tie["line"] - tie["residual_line_px"])

@@ -28,7 +28,7 @@ def entry(oriented):
 @pytest.fixture(scope="module")
 def ground(entry, oriented, true_images):
     """A pixel of the image's lower half and the place that it shows, (east, north, up)."""
-    image = oriented.oriented(entry)
+    image = oriented.oriented_image(entry)
     size = np.array(image.size)
     for share in (0.6, 0.7, 0.8):
         pixel = size * (0.5, share)
@@ -73,7 +73,7 @@ def cross_of(page):
 
 def test_a_pointing_line_opens_its_image_beside_the_map(page, images_url, oriented, entry):
     look(page, f"{images_url}/#m=MER2&at=0,0,{RESOLUTION}&on=mer2/pointing")
-    image = oriented.oriented(entry)
+    image = oriented.oriented_image(entry)
     centre = MAP_FROM_LSL @ image.camera.centre
     axis = MAP_FROM_LSL @ image.camera.rays(np.array([image.size]) / 2)[0]
     there = centre + 2.5 * axis / np.hypot(*axis[:2])
@@ -94,7 +94,7 @@ def test_the_place_under_the_pointer_is_marked_where_the_image_shows_it(
     east, north = (float(field(viewer, name).split()[0]) for name in ("east", "north"))
     up = place[2]
     point = MAP_FROM_LSL.T @ np.array([east, north, up])
-    expected = oriented.oriented(entry).camera.project(point[None])[0]
+    expected = oriented.oriented_image(entry).camera.project(point[None])[0]
     # The pointer is read to a pixel of the map; the ground tilts a little within it.
     np.testing.assert_allclose(cross_of(viewer)[:2], expected, atol=3.0)
     seen = viewer.locator('.strip li[data-sight="visible"]')
@@ -105,7 +105,7 @@ def test_the_place_under_the_pointer_is_marked_where_the_image_shows_it(
 def test_the_pixel_under_the_pointer_is_marked_on_the_map(viewer, oriented, entry, ground):
     pixel, place = ground
     before = screenshot(viewer, "image_before")
-    viewer.mouse.move(*on_screen(viewer, pixel, oriented.oriented(entry).size))
+    viewer.mouse.move(*on_screen(viewer, pixel, oriented.oriented_image(entry).size))
     status = viewer.locator(".image-status")
     until(viewer, lambda: "matched" in status.inner_text() or "terrain" in status.inner_text())
     viewer.wait_for_timeout(300)
@@ -120,7 +120,7 @@ def test_the_pixel_under_the_pointer_is_marked_on_the_map(viewer, oriented, entr
 
 
 def test_ties_are_drawn_with_their_residuals(viewer, images_url, oriented, entry):
-    size = oriented.oriented(entry).size
+    size = oriented.oriented_image(entry).size
     ties = viewer.request.get(f"{images_url}/api/missions/MER2/images/{entry.id}/ties").json()
     assert int(view_of(viewer).get_attribute("data-ties")) == len(ties["ties"]) > 5
     lengths = [np.hypot(t["residual_sample_px"], t["residual_line_px"]) for t in ties["ties"]]
@@ -146,7 +146,7 @@ def test_ties_are_drawn_with_their_residuals(viewer, images_url, oriented, entry
 def test_a_tie_under_the_pointer_tells_what_it_joins(viewer, images_url, oriented, entry):
     ties = viewer.request.get(f"{images_url}/api/missions/MER2/images/{entry.id}/ties").json()
     tie = ties["ties"][0]
-    size = oriented.oriented(entry).size
+    size = oriented.oriented_image(entry).size
     viewer.mouse.move(*on_screen(viewer, (tie["sample"], tie["line"]), size))
     status = viewer.locator(".image-status")
     until(viewer, lambda: "tie point" in status.inner_text())

@@ -23,7 +23,6 @@ from solmap.gis_server.app import create_app
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.errors import ProductError, ProductNotFoundError, StoreAwayError
 from solmap.products.formats.mesh.tiles3d import TilesetWriter
-from solmap.products.formats.raster.tiling import TileAddress
 from solmap.products.model import Layer, ProductKind, Recipe, Scope, ScopeLevel
 from solmap.products.store.backends import ObjectStorage
 from solmap.products.store.product_store import ProductStore
@@ -41,6 +40,7 @@ from tests.support.object_store import (
 )
 from tests.support.pictures import unpacked
 from tests.support.small_downlink import write_coarse_pipeline, write_small_downlink
+from tests.support.tile_at import tile_at
 
 LARGE = 40 << 20
 """Bytes of a product that is sent in parts."""
@@ -168,7 +168,7 @@ def questions(layers: list[Layer]) -> Iterator[str]:
         if layer.type == "raster":
             yield f"/download/{place}/clip?bbox=-5,-5,5,5"
             for zoom in (14, 16, 18):
-                at = TileAddress.holding(3.0, -4.0, zoom)
+                at = tile_at(3.0, -4.0, zoom)
                 yield f"/tiles/{place}/{zoom}/{at.column}/{at.row}.png"
         elif layer.type == "vector":
             yield f"/api/layers/{place}/features.geojson"
@@ -195,7 +195,7 @@ def test_tiles_are_read_in_place_by_a_few_requests(worlds, objects):
     _, there = worlds.clients()
     forget_copies(worlds.there.store.root)
     dtm = next(x for x in worlds.there.catalogue.layers("MER2") if x.ref.kind is ProductKind.DTM)
-    at = TileAddress.holding(3.0, -4.0, 18)
+    at = tile_at(3.0, -4.0, 18)
     place = f"{dtm.ref.scope.name}/{dtm.ref.kind}/{dtm.ref.digest}"
     before = len(objects.requests)
     for _ in range(5):

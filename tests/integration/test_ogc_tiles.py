@@ -24,6 +24,7 @@ from solmap.products.crs import local_crs
 from solmap.products.formats.raster.tiling import CELL_SIZES, TileAddress, zoom_of
 from solmap.products.model import ProductKind
 from tests.support.live_server import serving
+from tests.support.tile_at import tile_at
 from tests.unit.gis_server.conftest import (
     CELL_M,
     GRID,
@@ -38,7 +39,7 @@ from tests.unit.gis_server.conftest import (
 ROOT = Path(__file__).parents[2]
 OPENLAYERS = ROOT / "gis_server" / "viewer" / "node_modules" / "ol"
 OWN_ZOOM = zoom_of(CELL_M)
-INSIDE = TileAddress.holding(5.0, 5.0, OWN_ZOOM)
+INSIDE = tile_at(5.0, 5.0, OWN_ZOOM)
 TMS = "Columbia-Memorial-Station"
 ORTHOPHOTO = f"{STOP.name}.orthophoto"
 
@@ -275,7 +276,7 @@ def test_the_latest_tile_is_asked_again_and_not_sent_again(ogc):
 
 
 def test_unseen_ground_is_transparent_for_every_client(ogc):
-    address = TileAddress.holding(UNSEEN_WEST_OF_M - 0.01, 0.1, OWN_ZOOM)
+    address = tile_at(UNSEEN_WEST_OF_M - 0.01, 0.1, OWN_ZOOM)
     path = f"{OWN_ZOOM}/{address.row}/{address.column}"
     shown = pixels(read(f"{ogc}/collections/{ORTHOPHOTO}/map/tiles/{TMS}/{path}"))
     east = address.west_north[0] + (np.arange(256) + 0.5) * CELL_M

@@ -22,7 +22,7 @@ import uvicorn
 
 import solmap.flows.downlink  # noqa: F401 - before processes are forked
 from solmap.gis_server.app import create_app
-from solmap.products.formats.raster.tiling import TileAddress
+from tests.support.tile_at import tile_at
 
 
 def process(downlink: Path, store: Path, pipeline: Path, log: Path) -> None:
@@ -92,7 +92,7 @@ class Onlooker(threading.Thread):
             self.answers["whole product"] += 1
         if layer["tiles"]:
             west, south, east, north = layer["bounds"]
-            at = TileAddress.holding((west + east) / 2, (south + north) / 2, layer["maxzoom"])
+            at = tile_at((west + east) / 2, (south + north) / 2, layer["maxzoom"])
             url = layer["tiles"].format(z=at.zoom, x=at.column, y=at.row)
             tile = self._asked(client, url)
             if tile is not None and tile.status_code == 200:

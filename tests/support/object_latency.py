@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from solmap.products.catalogue.catalogue import Catalogue
-from solmap.products.formats.raster.tiling import TileAddress, zoom_of
+from solmap.products.formats.raster.tiling import zoom_of
 from solmap.products.model import Layer, ProductKind, Recipe, Scope, ScopeLevel
 from solmap.products.store.backends import ObjectStorage
 from solmap.products.store.product_store import ProductStore
@@ -33,6 +33,7 @@ from tests.support.object_store import (
     forget_copies,
     running_object_store,
 )
+from tests.support.tile_at import tile_at
 from tests.support.tile_load import cpu_seconds, load
 
 KINDS = (ProductKind.DTM, ProductKind.ORTHOPHOTO, ProductKind.HILLSHADE)
@@ -46,7 +47,7 @@ def tile_paths(layers: Sequence[Layer], count: int, rng: np.random.Generator) ->
         west, south, east, north = layer.bounds
         assert layer.cell_m is not None
         zoom = zoom_of(layer.cell_m) - int(rng.integers(4))
-        at = TileAddress.holding(rng.uniform(west, east), rng.uniform(south, north), zoom)
+        at = tile_at(rng.uniform(west, east), rng.uniform(south, north), zoom)
         place = f"{layer.ref.scope.name}/{layer.ref.kind}/{layer.ref.digest}"
         paths.append(f"/tiles/{place}/{zoom}/{at.column}/{at.row}.png")
     return paths
@@ -65,7 +66,7 @@ def copied(root: Path, folder: Path, layers: Sequence[Layer], url: str) -> Path:
         draft = store.root / "drafts" / "copy"
         name = f"products/{layer.ref.file_name}"
         shutil.copyfile(root / name, draft)
-        store._shelf.take(draft, name, once=True)
+        store._backend.put(draft, name, once=True)
     forget_copies(there)
     return there
 

@@ -68,14 +68,6 @@ class TileAddress:
         side_m = BLOCK * self.cell_m
         return west, north - side_m, west + side_m, north
 
-    @classmethod
-    def holding(cls, east: float, north: float, zoom: int) -> TileAddress:
-        """The tile of a zoom that a place lies in."""
-        side_m = BLOCK * CELL_SIZES[zoom]
-        middle = 2**zoom / 2
-        column, row = math.floor(east / side_m + middle), math.ceil(middle - north / side_m) - 1
-        return cls(zoom, column, row)
-
 
 def zoom_of(cell_m: float) -> int:
     """The zoom whose cells a raster has.

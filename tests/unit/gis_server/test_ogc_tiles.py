@@ -7,8 +7,9 @@ from hypothesis import strategies as st
 
 from solmap.gis_server.app import create_app
 from solmap.gis_server.ogc.tilesets import limits_at
-from solmap.products.formats.raster.tiling import MAX_ZOOM, TileAddress
+from solmap.products.formats.raster.tiling import MAX_ZOOM
 from solmap.products.model import ProductKind
+from tests.support.tile_at import tile_at
 from tests.unit.gis_server.conftest import STOP, constant
 
 PLACES = st.integers(-400_000, 400_000).map(lambda halves: halves / 200.0)
@@ -24,8 +25,8 @@ def test_limits_are_those_of_the_tiles_of_the_corners(zoom, one, other):
     (west, south), (east, north) = one, (other[0] + 4_001.0, other[1] + 4_001.0)
     limit = limits_at(zoom, (west, south, east, north))
     inside = 1e-6
-    north_west = TileAddress.holding(west + inside, north - inside, zoom)
-    south_east = TileAddress.holding(east - inside, south + inside, zoom)
+    north_west = tile_at(west + inside, north - inside, zoom)
+    south_east = tile_at(east - inside, south + inside, zoom)
     assert (limit["minTileCol"], limit["minTileRow"]) == (north_west.column, north_west.row)
     assert (limit["maxTileCol"], limit["maxTileRow"]) == (south_east.column, south_east.row)
 

@@ -32,10 +32,11 @@ from solmap.products.formats.raster.raster import write_dtm
 from solmap.products.formats.raster.tiling import TileAddress, zoom_of
 from solmap.products.model import ProductKind
 from tests.support.pictures import unpacked
+from tests.support.tile_at import tile_at
 from tests.unit.gis_server.conftest import CELL_M, CRS, GRID, STOP, build
 
 OWN_ZOOM = zoom_of(CELL_M)
-INSIDE = TileAddress.holding(5.0, 5.0, OWN_ZOOM)
+INSIDE = tile_at(5.0, 5.0, OWN_ZOOM)
 PLANE = (0.1, 0.05)
 """Gradient of the small world's ground."""
 
@@ -127,7 +128,7 @@ def test_a_baseline_is_felt_as_by_the_layers_that_are_made_once(hilly, terrain):
 def test_tiles_meet_without_a_seam(hilly, terrain, style, zoom):
     """Two tiles side by side show what one drawn across their edge would show."""
     look = StyleQuery(style=style)
-    west = TileAddress.holding(-0.1, -0.1, zoom)
+    west = tile_at(-0.1, -0.1, zoom)
     east = TileAddress(zoom, west.column + 1, west.row)
     both = np.hstack([drawn(hilly, terrain, at, look) for at in (west, east)])
     shifted = _drawn_at(hilly, terrain, west, look)
@@ -152,7 +153,7 @@ def _drawn_at(world, layer, west, look):
 def test_a_plane_has_the_same_shade_at_every_zoom(world, zoom):
     """A hillshade that took the cell of the raster for that of the tile would darken or fade."""
     layer = world.catalogue.layer(STOP.name, ProductKind.DTM)
-    shown = drawn(world, layer, TileAddress.holding(5.0, 5.0, zoom), StyleQuery(style="hillshade"))
+    shown = drawn(world, layer, tile_at(5.0, 5.0, zoom), StyleQuery(style="hillshade"))
     seen = shown[shown[..., 3] > 0][:, 0]
     g_e, g_n = PLANE
     sine = np.sin(np.radians(45.0))
@@ -227,7 +228,7 @@ def test_shaded_level_ground_keeps_its_colour(own_world):
 def test_contours_lie_where_the_ground_has_their_elevation(world):
     """On a plane of 1 in 10 to the east contours of 1 m are lines 8.9 m apart."""
     layer = world.catalogue.layer(STOP.name, ProductKind.DTM)
-    address = TileAddress.holding(5.0, 5.0, OWN_ZOOM)
+    address = tile_at(5.0, 5.0, OWN_ZOOM)
     shown = drawn(world, layer, address, StyleQuery(style="contours", interval=1.0))
     west, north = address.west_north
     at = (np.arange(256) + 0.5) * CELL_M

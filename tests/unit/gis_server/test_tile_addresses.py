@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 from fastapi.testclient import TestClient
 
-from solmap.gis_server.rendering.tiles import decode_values
-from solmap.products.formats.raster.tiling import TileAddress, zoom_of
+from solmap.products.formats.raster.tiling import zoom_of
 from solmap.products.model import ProductKind
+from tests.support.tile_at import tile_at
+from tests.support.value_tiles import decode_values
 from tests.unit.gis_server.conftest import CELL_M, STOP, constant, ref_of
 
 OWN_ZOOM = zoom_of(CELL_M)
-INSIDE = TileAddress.holding(5.0, 5.0, OWN_ZOOM)
+INSIDE = tile_at(5.0, 5.0, OWN_ZOOM)
 
 
 def path_of(world, kind, address, form="png"):

@@ -18,6 +18,7 @@ from solmap.products.formats.raster.orthophoto import (
 from solmap.products.formats.raster.tiling import CELL_SIZES, MAX_ZOOM, TileAddress, zoom_of
 from solmap.products.model import ProductKind
 from tests.support.pictures import unpacked
+from tests.support.tile_at import tile_at
 from tests.unit.gis_server.conftest import (
     CELL_M,
     CRS,
@@ -48,7 +49,7 @@ def tile_of(client, world, kind, address):
 
 @pytest.mark.parametrize("zoom", range(OWN_ZOOM - 4, MAX_ZOOM + 1))
 def test_a_pixel_shows_the_elevation_of_the_ground_under_it_at_every_zoom(world, zoom):
-    address = TileAddress.holding(3.0, 4.0, zoom)
+    address = tile_at(3.0, 4.0, zoom)
     with RasterPool().reading(world.store.path(ref_of(world, ProductKind.DTM))) as dataset:
         values = read_tile(dataset, address)
     east, north = centres_of(address)
@@ -68,7 +69,7 @@ def test_a_pixel_shows_the_elevation_of_the_ground_under_it_at_every_zoom(world,
 
 
 def test_a_tile_at_the_zoom_of_its_raster_is_a_block_as_it_was_written(world):
-    address = TileAddress.holding(0.1, 0.1, OWN_ZOOM)
+    address = tile_at(0.1, 0.1, OWN_ZOOM)
     with RasterPool().reading(world.store.path(ref_of(world, ProductKind.ORTHOPHOTO))) as dataset:
         tile, whole = read_tile(dataset, address), dataset.read(1)
     west, north = address.west_north
@@ -77,7 +78,7 @@ def test_a_tile_at_the_zoom_of_its_raster_is_a_block_as_it_was_written(world):
 
 
 def test_the_tile_is_coloured_by_the_legend(client, world):
-    address = TileAddress.holding(10.0, 10.0, OWN_ZOOM)
+    address = tile_at(10.0, 10.0, OWN_ZOOM)
     layer = next(
         layer
         for layer in client.get("/api/missions/MER2/layers").json()
@@ -96,7 +97,7 @@ def test_the_tile_is_coloured_by_the_legend(client, world):
 
 
 def test_hillshade_of_one_half_is_middle_grey_and_unseen_ground_is_transparent(client, world):
-    address = TileAddress.holding(UNSEEN_WEST_OF_M, 0.1, OWN_ZOOM)
+    address = tile_at(UNSEEN_WEST_OF_M, 0.1, OWN_ZOOM)
     shown = picture(tile_of(client, world, ProductKind.HILLSHADE, address).content)
     east, _ = centres_of(address)
     seen = np.broadcast_to(east >= UNSEEN_WEST_OF_M, (256, 256))
@@ -105,7 +106,7 @@ def test_hillshade_of_one_half_is_middle_grey_and_unseen_ground_is_transparent(c
 
 
 def test_the_orthophoto_gets_brighter_to_the_east_by_what_was_measured(client, world):
-    address = TileAddress.holding(10.0, 10.0, OWN_ZOOM)
+    address = tile_at(10.0, 10.0, OWN_ZOOM)
     shown = picture(tile_of(client, world, ProductKind.ORTHOPHOTO, address).content)
     east, _ = centres_of(address)
     column = (east[0] - GRID.west) / CELL_M - 0.5
@@ -120,7 +121,7 @@ def test_directions_just_west_and_just_east_of_north_look_alike():
 
 
 def test_far_from_the_layer_there_is_one_transparent_tile(client, world):
-    answer = tile_of(client, world, ProductKind.DTM, TileAddress.holding(5_000.0, 0.1, OWN_ZOOM))
+    answer = tile_of(client, world, ProductKind.DTM, tile_at(5_000.0, 0.1, OWN_ZOOM))
     assert answer.status_code == 200
     assert answer.content == empty_tile()
     assert not picture(answer.content)[..., 3].any()
@@ -133,7 +134,7 @@ def test_a_whole_map_of_four_kilometres_a_pixel_is_still_drawn(client, world):
 
 
 def test_a_tile_may_be_kept_forever(client, world):
-    answer = tile_of(client, world, ProductKind.SLOPE, TileAddress.holding(1.0, 1.0, OWN_ZOOM))
+    answer = tile_of(client, world, ProductKind.SLOPE, tile_at(1.0, 1.0, OWN_ZOOM))
     assert answer.headers["content-type"] == "image/png"
     assert answer.headers["cache-control"] == "public, max-age=31536000, immutable"
     assert "content-encoding" not in answer.headers
@@ -189,7 +190,7 @@ def test_cells_halve_from_zoom_to_zoom():
 def test_many_threads_at_once_get_the_tiles_that_one_gets(world):
     layer = world.catalogue.layer(STOP.name, ProductKind.DTM)
     addresses = [
-        TileAddress.holding(east, north, zoom)
+        tile_at(east, north, zoom)
         for zoom in range(OWN_ZOOM - 2, OWN_ZOOM + 2)
         for east in (-20.0, 0.1, 20.0)
         for north in (-20.0, 0.1, 20.0)
@@ -241,7 +242,7 @@ def test_classes_have_the_colours_of_their_file_at_every_zoom(pictured):
     world, client = pictured
     allowed = {tuple(bytes.fromhex(source_colour(n)[1:])) for n in (1, 2, 3)}
     for zoom in (OWN_ZOOM - 2, OWN_ZOOM, OWN_ZOOM + 1):
-        address = TileAddress.holding(10.0, 10.0, zoom)
+        address = tile_at(10.0, 10.0, zoom)
         shown = picture(tile_of(client, world, ProductKind.SOURCES, address).content)
         seen = shown[shown[..., 3] > 0]
         assert len(seen)
@@ -259,7 +260,7 @@ def test_identify_tells_the_image_that_a_place_was_taken_from(pictured):
 
 def test_a_colour_picture_is_shown_as_it_is_and_transparent_where_unseen(pictured):
     world, client = pictured
-    address = TileAddress.holding(UNSEEN_WEST_OF_M, 0.1, OWN_ZOOM)
+    address = tile_at(UNSEEN_WEST_OF_M, 0.1, OWN_ZOOM)
     shown = picture(tile_of(client, world, ProductKind.COLOUR, address).content)
     with RasterPool().reading(world.store.path(ref_of(world, ProductKind.COLOUR))) as dataset:
         bands = np.stack([read_tile(dataset, address, band) for band in (1, 2, 3)], axis=-1)

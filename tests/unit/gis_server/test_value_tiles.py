@@ -12,9 +12,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from solmap.gis_server.rendering.tiles import decode_values, encode_values
+from solmap.gis_server.rendering.tiles import encode_values
 from solmap.products.formats.raster.tiling import TileAddress, zoom_of
 from solmap.products.model import ProductKind
+from tests.support.tile_at import tile_at
+from tests.support.value_tiles import decode_values
 from tests.unit.gis_server.conftest import (
     CELL_M,
     GRID,
@@ -56,7 +58,7 @@ def test_values_come_back_to_half_a_step(values, finest):
 def test_what_neighbouring_tiles_share_is_equal(client, world):
     """So that a browser's shading runs across the edge of tiles."""
     zoom = OWN_ZOOM
-    west = TileAddress.holding(-0.1, -0.1, zoom)
+    west = tile_at(-0.1, -0.1, zoom)
     east = TileAddress(zoom, west.column + 1, west.row)
     south = TileAddress(zoom, west.column, west.row + 1)
     tiles = [
@@ -70,7 +72,7 @@ def test_what_neighbouring_tiles_share_is_equal(client, world):
 
 @pytest.mark.parametrize("zoom", [OWN_ZOOM - 2, OWN_ZOOM, OWN_ZOOM + 1])
 def test_values_are_the_elevations_of_the_ground_at_every_zoom(client, world, zoom):
-    address = TileAddress.holding(5.0, 5.0, zoom)
+    address = tile_at(5.0, 5.0, zoom)
     values = decode_values(asked(client, world, ProductKind.DTM, address).content)
     west, north = address.west_north
     at = (np.arange(-1, 257) + 0.5) * address.cell_m
@@ -88,7 +90,7 @@ def test_values_are_the_elevations_of_the_ground_at_every_zoom(client, world, zo
 
 
 def test_another_band_is_asked_for_by_its_name(client, world):
-    address = TileAddress.holding(5.0, 5.0, OWN_ZOOM)
+    address = tile_at(5.0, 5.0, OWN_ZOOM)
     answer = asked(client, world, ProductKind.DTM, address, band="standard_deviation")
     np.testing.assert_allclose(decode_values(answer.content), 0.02, rtol=1e-6)
     unknown = asked(client, world, ProductKind.DTM, address, band="colour")
@@ -98,7 +100,7 @@ def test_another_band_is_asked_for_by_its_name(client, world):
 
 def test_ground_that_was_never_seen_has_no_content(client, world):
     for east in (-39.0, 5_000.0):
-        address = TileAddress.holding(east, 0.1, MAX if east < 0 else OWN_ZOOM)
+        address = tile_at(east, 0.1, MAX if east < 0 else OWN_ZOOM)
         answer = asked(client, world, ProductKind.DTM, address)
         assert answer.status_code == 204
         assert answer.content == b""
@@ -110,7 +112,7 @@ MAX = 19
 
 def test_a_client_that_knows_no_gzip_gets_the_plain_body(client, world):
     ref = ref_of(world, ProductKind.SLOPE)
-    address = TileAddress.holding(5.0, 5.0, OWN_ZOOM)
+    address = tile_at(5.0, 5.0, OWN_ZOOM)
     path = f"/tiles/{ref.scope.name}/slope/{ref.digest}/{OWN_ZOOM}/{address.column}/{address.row}"
     bodies = {}
     for encoding in ("gzip", "identity"):
@@ -127,7 +129,7 @@ def test_a_client_that_knows_no_gzip_gets_the_plain_body(client, world):
 
 
 def test_a_picture_has_no_values(client, world):
-    address = TileAddress.holding(5.0, 5.0, OWN_ZOOM)
+    address = tile_at(5.0, 5.0, OWN_ZOOM)
     answer = asked(client, world, ProductKind.ORTHOPHOTO, address)
     assert answer.status_code == 404
     assert "is a picture" in answer.json()["detail"]["what"]

@@ -42,8 +42,8 @@ def test_a_page_holds_the_features_of_the_layers_in_their_order(index):
 
 def test_a_feature_comes_back_as_it_was_put(index):
     wanted = point("a3", 3, -3, sol=4, even=False)
-    assert index.named(["a/1"], "a3") == wanted
-    assert index.named(["b/1"], "a3") is None
+    assert index.find(["a/1"], "a3") == wanted
+    assert index.find(["b/1"], "a3") is None
 
 
 def test_extent_says_where_and_when(index):

@@ -107,7 +107,7 @@ def test_texts_are_those_of_a_box_or_of_names(tmp_path):
     write_features(tmp_path / "f.geojson", [far, *near], GUSEV)
     texts = feature_texts(tmp_path / "f.geojson")
     assert texts.within((-1.0, -1.0, 1.5, 1.0)) == [1, 2]
-    assert texts.named(["far", "nothing", "near-2"]) == [0, 3]
+    assert texts.find(["far", "nothing", "near-2"]) == [0, 3]
     some = json.loads(texts.collection([3, 0]))["features"]
     assert [(one["id"], one["properties"]) for one in some] == [
         ("near-2", {"n": 2}),

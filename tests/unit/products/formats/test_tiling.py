@@ -16,6 +16,7 @@ from solmap.products.formats.raster.tiling import (
     whole_zoom_of,
     zoom_of,
 )
+from tests.support.tile_at import tile_at
 
 GUSEV = LandingPoint("floor of Gusev", 175.4729, -14.5692, 3_393_000.0, "a test")
 places = st.floats(-20_000.0, 20_000.0)
@@ -31,7 +32,7 @@ def test_zoom_0_is_one_tile_and_zoom_20_has_cells_of_a_centimetre():
 
 @given(east=places, north=places, zoom=zooms)
 def test_a_place_lies_in_its_tile(east, north, zoom):
-    west, south, to_east, to_north = TileAddress.holding(east, north, zoom).bounds
+    west, south, to_east, to_north = tile_at(east, north, zoom).bounds
     slack = 1e-9 * abs(west - to_east)
     assert west - slack <= east <= to_east + slack
     assert south - slack <= north <= to_north + slack
@@ -39,7 +40,7 @@ def test_a_place_lies_in_its_tile(east, north, zoom):
 
 @given(east=places, north=places, zoom=zooms)
 def test_the_ogc_tile_matrix_set_puts_tiles_where_we_do(east, north, zoom):
-    address = TileAddress.holding(east, north, zoom)
+    address = tile_at(east, north, zoom)
     tile = morecantile.Tile(x=address.column, y=address.row, z=zoom)
     theirs = tile_matrix_set(GUSEV).xy_bounds(tile)
     np.testing.assert_allclose(theirs, address.bounds, atol=1e-6)
@@ -56,7 +57,7 @@ def test_map_grids_begin_and_end_on_tiles_of_their_zoom(west, south, zoom):
     cell_m = CELL_SIZES[zoom]
     grid = MapGrid.covering((west, south, west + 30.0, south + 20.0), cell_m)
     assert zoom_of(grid.cell_m) == zoom
-    first = TileAddress.holding(grid.west + cell_m / 2, grid.north - cell_m / 2, zoom)
+    first = tile_at(grid.west + cell_m / 2, grid.north - cell_m / 2, zoom)
     np.testing.assert_allclose(first.west_north, (grid.west, grid.north), atol=1e-8)
     assert grid.rows % BLOCK == 0
     assert grid.cols % BLOCK == 0

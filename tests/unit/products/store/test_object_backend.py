@@ -155,5 +155,5 @@ def test_what_a_killed_process_left_half_done_is_cleared(tmp_path):
     for name, seconds in ((".half-old", 7200.0), (".half-young", 60.0)):
         (tmp_path / name).write_bytes(b"half")
         age(cache, name, seconds)
-    cache.make_room()
+    cache.evict()
     assert held(cache) == {".half-young"}
