@@ -164,7 +164,7 @@ def _take_rows(
     def column(name: str) -> np.ndarray:
         return np.concatenate([getattr(part.observations, name) for part in parts])[last]
 
-    def judged(name: str) -> np.ndarray:
+    def of_ties(name: str) -> np.ndarray:
         return np.concatenate([getattr(part, name) for part in parts])[last]
 
     seen = TiePoints(
@@ -182,10 +182,10 @@ def _take_rows(
         where,
         spread,
         tuple(map(KINDS.__getitem__, ranks.tolist())),
-        judged("status"),
-        judged("residuals_px"),
-        judged("standardised"),
-        judged("redundancy"),
+        of_ties("status"),
+        of_ties("residuals_px"),
+        of_ties("standardised"),
+        of_ties("redundancy"),
     )
 
 

@@ -227,7 +227,7 @@ class Columns:
     count: int
 
     @classmethod
-    def of(cls, chart: Chart, stops: int, pairs: int, frames: int = 0) -> Columns:
+    def of(cls, chart: Chart, stops: int, pairs: int, frames: int) -> Columns:
         """Of a chart in a network with so many stops, pairs and control frames."""
         count, n, m = chart.size, len(chart.stops), len(chart.frames)
         of_stop, of_pair = np.full((stops, 6), count), np.full((pairs, 3), count)
