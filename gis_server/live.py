@@ -102,14 +102,14 @@ class EventTail:
         """Hand on what is new, until nobody listens."""
         seen = -1
         while self._listeners:
-            seen, fresh = await run_sync(self._look, connection, seen)
+            seen, fresh = await run_sync(self._poll, connection, seen)
             if fresh and self.before is not None:
                 await run_sync(self.before, fresh)
             for event in fresh:
-                self._hand_on(event)
+                self._distribute(event)
             await asyncio.sleep(POLL_INTERVAL_S)
 
-    def _hand_on(self, event: Event) -> None:
+    def _distribute(self, event: Event) -> None:
         self._last = event.id
         for queue in self._listeners:
             if queue.full():
@@ -119,7 +119,7 @@ class EventTail:
             else:
                 queue.put_nowait(event)
 
-    def _look(self, connection: sa.Connection, seen: int) -> tuple[int, list[Event]]:
+    def _poll(self, connection: sa.Connection, seen: int) -> tuple[int, list[Event]]:
         """The version of the database, and events where it is not the one `seen`."""
         version = seen + 1
         if self.engine.dialect.name == "sqlite":

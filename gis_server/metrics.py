@@ -90,14 +90,14 @@ class MeasureRequests:
             return
         status, started = 500, time.perf_counter()
 
-        async def noted(message: Message) -> None:
+        async def send_noted(message: Message) -> None:
             nonlocal status
             if message["type"] == "http.response.start":
                 status = message["status"]
             await send(message)
 
         try:
-            await self.app(scope, receive, noted)
+            await self.app(scope, receive, send_noted)
         finally:
             route = route_of(scope)
             method = scope["method"] if scope["method"] in _METHODS else NO_ROUTE
@@ -150,15 +150,15 @@ class StoreCollector:
         pool, tail = self._services.pool, self._services.tail
         yield _one("solmap_open_rasters", "Rasters that wait to be read again", pool.waiting)
         yield _one("solmap_event_listeners", "Browsers that listen", tail.listeners)
-        looks = CounterMetricFamily(
+        lookups = CounterMetricFamily(
             "solmap_cache_lookups", "What was found ready, or not", labels=("cache", "found")
         )
         info = getattr(self._services.layer, "cache_info", None)
         layers = (info().hits, info().misses) if info else (0, 0)
         for cache, (hits, misses) in {"layers": layers, "rasters": pool.lookups}.items():
-            looks.add_metric((cache, "yes"), hits)
-            looks.add_metric((cache, "no"), misses)
-        yield looks
+            lookups.add_metric((cache, "yes"), hits)
+            lookups.add_metric((cache, "no"), misses)
+        yield lookups
 
 
 def run_metrics(runs: list[Run]) -> Iterator[Metric]:

@@ -1,4 +1,4 @@
-"""Bodies of requests are small; whoever sends more is stopped before it fills the memory."""
+"""What is done with every request and answer: security headers, compression, a limit of bodies."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class LimitBodies:
             return
         came, has_started = 0, False
 
-        async def counted() -> Message:
+        async def receive_counted() -> Message:
             nonlocal came
             message = await receive()
             came += len(message.get("body", b""))
@@ -66,27 +66,27 @@ class LimitBodies:
                 raise _TooLargeError
             return message
 
-        async def noted(message: Message) -> None:
+        async def send_unless_too_large(message: Message) -> None:
             nonlocal has_started
             if came <= MOST_BYTES or has_started:  # else the app has its own word for the error
                 has_started = True
                 await send(message)
 
         with contextlib.suppress(_TooLargeError):
-            await self.app(scope, counted, noted)
+            await self.app(scope, receive_counted, send_unless_too_large)
         if came > MOST_BYTES and not has_started:
             await _too_large()(scope, receive, send)
 
 
 def _announced_bytes(scope: Scope) -> int:
-    told = dict(scope["headers"]).get(b"content-length", b"0")
-    return int(told) if told.isdigit() else 0
+    announced = dict(scope["headers"]).get(b"content-length", b"0")
+    return int(announced) if announced.isdigit() else 0
 
 
 def _too_large() -> JSONResponse:
-    said = f"a request has at most {MOST_BYTES} bytes; send less at once"
+    text = f"a request has at most {MOST_BYTES} bytes; send less at once"
     status = HTTPStatus.REQUEST_ENTITY_TOO_LARGE
-    return JSONResponse({"code": status.phrase, "description": said}, status_code=status)
+    return JSONResponse({"code": status.phrase, "description": text}, status_code=status)
 
 
 class SecurityHeaders:

@@ -64,14 +64,14 @@ _PROBLEM_SCHEMA = {
 
 def complete(app: FastAPI) -> None:
     """Have the app describe itself in full, in the way that FastAPI leaves open for that."""
-    drawn = app.openapi
+    write = app.openapi
 
-    def described() -> dict[str, Any]:
+    def describe() -> dict[str, Any]:
         if app.openapi_schema is None:
-            app.openapi_schema = _complete_document(drawn())
+            app.openapi_schema = _complete_document(write())
         return app.openapi_schema
 
-    app.openapi = described  # type: ignore[method-assign]
+    app.openapi = describe  # type: ignore[method-assign]
 
 
 def _complete_document(document: dict[str, Any]) -> dict[str, Any]:

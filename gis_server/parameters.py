@@ -1,4 +1,4 @@
-"""Parameters of paths and queries, checked before anything is looked up."""
+"""Parameters of paths and queries that several endpoints have, and the headers of caching."""
 
 from __future__ import annotations
 

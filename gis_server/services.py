@@ -1,9 +1,8 @@
-"""What the endpoints work with: the store's catalogue and products, and open rasters.
+"""What the endpoints work with: catalogue, products, open rasters, and the features read ahead.
 
-Layers that grow with the mission are read before a page asks for them.
-
-To read ten thousand footprints takes a third of a second. The server reads them when it starts, and
-when a new version is published, before the pages hear of it.
+Layers that grow with the mission are read before a page asks for them: reading ten thousand
+footprints takes a third of a second. The server reads them when it starts, and when a new version
+is published, before it sends that event.
 """
 
 from __future__ import annotations
@@ -37,8 +36,6 @@ _LAYERS = 1024
 _DRAWING = 1
 """Threads that draw tiles at a time: of two, one waits for the other most of the time, and answers
 at the 95th percentile take twice as long. Many users are served by several processes."""
-_OPEN = 64
-"""Rasters kept open: to identify a place asks some fifty layers, and opening one takes 10 ms."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +45,7 @@ class ReadAhead:
     store: ProductStore
     catalogue: Catalogue
 
-    def published(self, events: Collection[Event]) -> None:
+    def on_events(self, events: Collection[Event]) -> None:
         """Read what some events tell of."""
         if any(event.kind == LAYERS_PUBLISHED for event in events):
             self.read()
@@ -95,10 +92,10 @@ def open_services(
     return Services(
         store=store,
         catalogue=catalogue,
-        pool=RasterPool(idle=_OPEN),
+        pool=RasterPool(),
         layer=remembered,
         features=features,
-        tail=EventTail(catalogue.engine, before=ahead.published),
+        tail=EventTail(catalogue.engine, before=ahead.on_events),
         ahead=ahead,
         tokens=Tokens.of(store.root),
         edits=EditLog.of(store.root),

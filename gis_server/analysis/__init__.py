@@ -1,1 +1,6 @@
-"""What can be measured on the maps and in the images, asked by the endpoints of `routes`."""
+"""Measuring on the maps and in the images.
+
+Checked questions (`bodies`) and published layers or networks enter; answers leave, as the records
+that are sent. Every module has the questions, the answers and the computation of its subject; the
+science itself is in `photogrammetry`. It knows nothing of HTTP and does not import `routes`.
+"""

@@ -1,10 +1,8 @@
-"""Parts that questions and answers of several analysis endpoints have in common.
+"""What questions and answers of several analyses have in common.
 
 Names end in their unit: `_m` metres, `_deg` degrees, `_px` pixels. East, north and elevation are
 metres of the mission's local map, elevation above the tangent plane at the landing point. Azimuths
 are clockwise from north. Standard deviations are one sigma. `null` is "not measured".
-
-What is asked for and cannot be computed, said in one sentence.
 """
 
 from __future__ import annotations
@@ -15,6 +13,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
+from solmap.photogrammetry.adjustment.model.adjusted_network import BLUNDER, UNUSED, USED
 from solmap.photogrammetry.terrain.visibility.viewshed import Sight
 from solmap.products.formats.raster.tiling import HALF_SIDE_M
 from solmap.products.model import Layer, ProductRef
@@ -28,6 +27,9 @@ MOST_CORNERS = 1000
 
 SIGHT_NAMES = {Sight.VISIBLE: "visible", Sight.HIDDEN: "hidden", Sight.UNKNOWN: "unknown"}
 """What answers say of lines of sight."""
+
+TIE_STATUS = {USED: "used", BLUNDER: "blunder", UNUSED: "unused"}
+"""What answers say of observations of tie points."""
 
 MetresHere = Annotated[float, Field(ge=-HALF_SIDE_M, le=HALF_SIDE_M, allow_inf_nan=False)]
 """A coordinate of the local map."""

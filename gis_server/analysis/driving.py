@@ -11,12 +11,16 @@ from typing import Any
 
 import cv2
 import numpy as np
-import rasterio.features
-from affine import Affine
 from pydantic import BaseModel
 
 from solmap.gis_server.analysis.bodies import UNITS, LayerUsed, UnanswerableError, json_numbers
-from solmap.gis_server.analysis.ground import Ground, mosaic, worst_classes
+from solmap.gis_server.analysis.ground import (
+    Ground,
+    grid_around,
+    mosaic,
+    polygons_of,
+    worst_classes,
+)
 from solmap.gis_server.rendering.png import indexed_png
 from solmap.photogrammetry.arrays import Classes, Float64, Raster
 from solmap.photogrammetry.terrain.dtm.grid import Bounds, MapGrid
@@ -111,19 +115,13 @@ def find_drives(
             "this mission has no hazard maps yet, without which no way is safe: process its sols "
             "with a pipeline that makes them"
         )
-    grid = _grid_around(place, params.farthest_m, min(layer.cell_m or 0.0 for layer in maps))
+    grid = grid_around(place, params.farthest_m, min(layer.cell_m or 0.0 for layer in maps))
     codes, used = worst_classes(maps, grid, ground.store, ground.pool)
     while grid.rows * grid.cols > MOST_CELLS:
         codes, grid = _halve(codes, grid)
     heights, models = mosaic(ground, grid)
     found = reachability(codes, heights, grid, place, params)
     return Drives(place, found, heights, params, [*used, *models])
-
-
-def _grid_around(place: tuple[float, float], reach_m: float, cell_m: float) -> MapGrid:
-    east, north = place
-    box = (east - reach_m, north - reach_m, east + reach_m, north + reach_m)
-    return MapGrid.covering(box, cell_m)
 
 
 def _halve(codes: Classes, grid: MapGrid) -> tuple[Classes, MapGrid]:
@@ -160,13 +158,10 @@ def reach_answer(
 
 def _isochrones(drives: Drives, interval_m: float, speed_m_h: float) -> dict[str, Any]:
     """A polygon for every patch of ground in the same interval of driving."""
-    grid, bands = drives.found.grid, drives.bands(interval_m)
-    place = Affine(grid.cell_m, 0.0, grid.west, 0.0, -grid.cell_m, grid.north)
     features: list[dict[str, Any]] = []
-    for geometry, band in rasterio.features.shapes(bands, mask=bands > 0, transform=place):
-        until = int(band) * interval_m
+    for rings, band in polygons_of(drives.bands(interval_m), drives.found.grid):
+        until = band * interval_m
         known = {"drive_m": until, "drive_h": round(until / speed_m_h, 4)}
-        rings = [[[round(x, 3), round(y, 3)] for x, y in r] for r in geometry["coordinates"]]
         shape = {"type": "Polygon", "coordinates": rings}
         features.append({"type": "Feature", "properties": known, "geometry": shape})
     features.sort(key=lambda feature: feature["properties"]["drive_m"])

@@ -1,19 +1,20 @@
-"""The terrain models of a mission as one ground that can be asked at any place.
+"""The terrain models of a mission as one ground: sampled at places, or read onto a grid.
 
 Models are read in windows around the places asked for. Where places lie far apart the windows are
-cut, so that a long line never reads the whole of a large model.
-
-Terrain models read together onto one grid: for questions about an area.
+cut, so that a long line never reads the whole of a large model. At every place and cell the finest
+model that has measured it is taken, of equally fine ones the surest.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import rasterio
+import rasterio.features
+from affine import Affine
 from rasterio.enums import Resampling
 from rasterio.windows import Window
 
@@ -82,7 +83,7 @@ class Ground:
             inside = (places[:, 0] >= west) & (places[:, 0] <= east)
             inside &= (places[:, 1] >= south) & (places[:, 1] <= north)
             if inside.any():
-                found.append(self._asked(layer, number, places, inside))
+                found.append(self._sample(layer, number, places, inside))
                 cells.append(cell_of(layer))
         return finest_samples(list(zip(cells, found, strict=True)))
 
@@ -90,7 +91,7 @@ class Ground:
         """Elevations alone, metres."""
         return self.at(places).elevation
 
-    def _asked(self, layer: Layer, number: int, places: MapPoints, inside: Flags) -> GroundSamples:
+    def _sample(self, layer: Layer, number: int, places: MapPoints, inside: Flags) -> GroundSamples:
         values = np.full((len(_BANDS), len(places)), np.nan)
         with self.pool.reading(self.store.address(layer.ref)) as dataset:
             values[:, inside] = sample_bands(dataset, _BANDS, places[inside])
@@ -238,3 +239,20 @@ def _window(
     left = (grid.west - own.west) / own.cell_m + cols.start * ratio
     shape = (rows.stop - rows.start, cols.stop - cols.start)
     return Window(left, top, shape[1] * ratio, shape[0] * ratio), shape
+
+
+def grid_around(place: tuple[float, float], reach_m: float, cell_m: float) -> MapGrid:
+    """A square grid that reaches so far from a place to every side."""
+    east, north = place
+    box = (east - reach_m, north - reach_m, east + reach_m, north + reach_m)
+    return MapGrid.covering(box, cell_m)
+
+
+def polygons_of(
+    codes: Classes, grid: MapGrid
+) -> Iterator[tuple[list[list[tuple[float, float]]], int]]:
+    """Rings on the map, to a millimetre, and code of every patch of cells with one code above 0."""
+    place = Affine(grid.cell_m, 0.0, grid.west, 0.0, -grid.cell_m, grid.north)
+    for geometry, code in rasterio.features.shapes(codes, mask=codes > 0, transform=place):
+        rings = [[(round(x, 3), round(y, 3)) for x, y in ring] for ring in geometry["coordinates"]]
+        yield rings, int(code)

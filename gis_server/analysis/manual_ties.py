@@ -1,8 +1,7 @@
-"""Points that a person picks in images: measured to a fraction of a pixel, and tried as ties.
+"""Manual tie points before they are saved: refining a picked point, and previewing the adjustment.
 
-What is asked of a trial of hand ties, and what it answers.
-
-Hand ties tried on two stops: what they change, and how well they fit. Nothing is kept.
+`refine_pick` measures the second of two picked points by least-squares matching;
+`preview_adjustment` adjusts two stops with manual tie points and without. Nothing is stored.
 """
 
 from __future__ import annotations
@@ -18,6 +17,7 @@ from pydantic import BaseModel, Field
 from scipy.spatial.transform import Rotation
 
 from solmap.gis_server.analysis.bodies import (
+    TIE_STATUS,
     UNITS,
     NetworkUsed,
     Question,
@@ -27,8 +27,6 @@ from solmap.gis_server.analysis.bodies import (
 )
 from solmap.gis_server.rendering.images import linearised_image
 from solmap.photogrammetry.adjustment.model.adjusted_network import (
-    BLUNDER,
-    USED,
     AdjustedNetwork,
     AdjustedStop,
     AdjustmentReport,
@@ -86,7 +84,6 @@ _SOLUTIONS: OrderedDict[
     tuple[Network, tuple[AdjustedNetwork, AdjustmentReport]],
 ] = OrderedDict()
 _LOCK = threading.Lock()
-_STATUS = {USED: "used", BLUNDER: "blunder"}
 
 
 class Picked(Question):
@@ -275,27 +272,27 @@ class TrialAnswer(BaseModel):
 
 
 def preview_adjustment(question: TrialQuestion, mission: OrientedMission) -> TrialAnswer:
-    """Adjust the two stops of hand ties, with these and without."""
+    """Adjust two stops with manual tie points between them, and without."""
     stops = _stops(question, mission)
-    bodies = {name: _body(name, mission) for name in _names(question)}
-    wishes = [_tie_request(k, tie) for k, tie in enumerate(question.ties)]
-    hand, placed, notes = _make_ties(wishes, bodies)
-    vetoes = [veto for wish in wishes if (veto := _veto(wish, bodies))]
-    if not (len(hand) or vetoes):
+    images = {name: _manual_image(name, mission) for name in _names(question)}
+    requests = [_tie_request(k, tie) for k, tie in enumerate(question.ties)]
+    manual, placed, notes = _make_ties(requests, images)
+    vetoes = [veto for request in requests if (veto := _veto(request, images))]
+    if not (len(manual) or vetoes):
         raise UnanswerableError(f"no tie could be carried out: {'; '.join(notes)}")
-    network, standing = _current_solution(mission, frozenset(stops))
-    found = preview_manual_ties(network, standing, hand, vetoes, AdjustmentParams())
+    network, solution = _current_solution(mission, frozenset(stops))
+    found = preview_manual_ties(network, solution, manual, vetoes, AdjustmentParams())
     return _answer(found, network.stop_ids, placed, notes, mission)
 
 
 def _current_solution(
     mission: OrientedMission, stops: frozenset[StopId]
 ) -> tuple[Network, tuple[AdjustedNetwork, AdjustmentReport]]:
-    """Two stops and how they stand without hand ties, remembered while a person edits."""
+    """Two stops adjusted without manual tie points, remembered while a person edits."""
     key = (mission.workspace.store.root, mission.ref, stops)
     with _LOCK:
         if key not in _SOLUTIONS:
-            network = _part(stops, mission)
+            network = _network_of(stops, mission)
             adjusted = adjust_without_manual_ties(
                 network, mission.network.adjusted, AdjustmentParams()
             )
@@ -324,7 +321,7 @@ def _stops(question: TrialQuestion, mission: OrientedMission) -> set[StopId]:
     return stops
 
 
-def _body(name: str, mission: OrientedMission) -> ManualImage:
+def _manual_image(name: str, mission: OrientedMission) -> ManualImage:
     _, eyes = left_entry(name, mission)
     parallax = eyes.dense.parallax_px
     return ManualImage(eyes.pair_id, eyes.geometry, eyes.left, eyes.right, parallax)
@@ -347,32 +344,34 @@ def _point(point: TiePoint) -> EditPoint:
 
 
 def _make_ties(
-    wishes: list[EditRequest], bodies: dict[str, ManualImage]
+    requests: list[EditRequest], images: dict[str, ManualImage]
 ) -> tuple[Ties, list[int], list[str]]:
-    """The ties that are added, the numbers of their wishes, and what could not be carried out."""
+    """The ties that are added, the numbers of their requests, and what could not be carried out."""
     made: list[Ties] = []
-    numbers_made: list[int] = []
+    numbers: list[int] = []
     notes: list[str] = []
-    for k, wish in enumerate(wishes):
-        if wish.action is EditAction.VETO:
+    for k, request in enumerate(requests):
+        if request.action is EditAction.VETO:
             continue
-        added = EditRequest(EditAction.ADD, wish.first, wish.second, wish.sigma_px, row=wish.row)
-        outcome = apply_edits([], [added], bodies, {})
+        added = EditRequest(
+            EditAction.ADD, request.first, request.second, request.sigma_px, row=request.row
+        )
+        outcome = apply_edits([], [added], images, {})
         notes += outcome.notes
         made += outcome.ties
-        numbers_made += [k] * len(outcome.ties)
-    return join_ties(made, tuple(bodies)), numbers_made, notes
+        numbers += [k] * len(outcome.ties)
+    return join_ties(made, tuple(images)), numbers, notes
 
 
-def _veto(wish: EditRequest, bodies: dict[str, ManualImage]) -> Veto | None:
-    if wish.action is EditAction.ADD:
+def _veto(request: EditRequest, images: dict[str, ManualImage]) -> Veto | None:
+    if request.action is EditAction.ADD:
         return None
-    body, point = bodies[wish.first.image], wish.first.point
-    left = None if point is None else epipolar_point(body.left, body.geometry, point)
-    return Veto(body.name, left, bodies[wish.second.image].name, wish.tolerance_px)
+    image, point = images[request.first.image], request.first.point
+    left = None if point is None else epipolar_point(image.left, image.geometry, point)
+    return Veto(image.name, left, images[request.second.image].name, request.tolerance_px)
 
 
-def _part(stops: Collection[StopId], mission: OrientedMission) -> Network:
+def _network_of(stops: Collection[StopId], mission: OrientedMission) -> Network:
     """The network of two stops, as far as its pairs were matched."""
     geometries, pivots, attitudes = {}, {}, {}
     for pair in mission.pairs.values():
@@ -448,7 +447,7 @@ def _residual(tie: int, row: int, found: Preview) -> TieResidual:
     known = residuals[np.isfinite(residuals)]
     standardised = np.abs(found.standardised[row])
     worst = float(np.nanmax(standardised)) if np.isfinite(standardised).any() else None
-    status = {_STATUS.get(int(k), "unused") for k in found.status[row]}
+    status = {TIE_STATUS.get(int(k), "unused") for k in found.status[row]}
     return TieResidual(
         tie=tie,
         status="blunder" if "blunder" in status else "used" if status == {"used"} else "unused",

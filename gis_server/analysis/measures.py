@@ -1,7 +1,4 @@
-"""Lines, areas and volumes: questions, answers and what lies between.
-
-Profiles: question, answer, and the table that spreadsheets read.
-"""
+"""Profiles, lines, areas and volumes on the ground."""
 
 from __future__ import annotations
 

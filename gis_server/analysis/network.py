@@ -1,13 +1,12 @@
-"""The image network as a graph: stops and pairs as nodes, the ties between them as edges.
+"""The image network: its graph of stops and pairs, and the tie points of an image with residuals.
 
-What is weak is said in the words of `photogrammetry.adjustment.weaknesses`: stops that only
-telemetry holds, links that rest on few ties, pairs that no tie joins to another.
+Nodes are stops or pairs, edges the tie points they share. Weaknesses are those of
+`photogrammetry.adjustment`: stops that only telemetry holds, links that rest on few ties, pairs
+that no tie joins to another.
 
-The tie points of an image, in pixels of the image as stored, with their residuals.
-
-Ties are measured in the epipolar images of a pair. Observed and computed places go from there into
-space along the label's own rays and back through the camera of the image as stored; what differs
-between both is the residual in that image.
+Ties are measured in the epipolar images of a pair. Observed and computed places are triangulated
+along the label's own rays and projected with the camera of the image as stored; the difference of
+both is the residual in that image.
 """
 
 from __future__ import annotations
@@ -20,11 +19,10 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel
 
-from solmap.gis_server.analysis.bodies import UNITS, NetworkUsed, json_number
+from solmap.gis_server.analysis.bodies import TIE_STATUS, UNITS, NetworkUsed, json_number
 from solmap.gis_server.analysis.scene import Place, on_map
 from solmap.photogrammetry.adjustment.model.adjusted_network import (
     BLUNDER,
-    UNUSED,
     USED,
     AdjustedNetwork,
     AdjustedPair,
@@ -46,7 +44,6 @@ MOST_PAIRS = 2000
 """Pairs and single images that one answer draws."""
 _FAR_M = 1e4
 """How far away a point that has no place is taken to lie."""
-_STATUS = {USED: "used", BLUNDER: "blunder", UNUSED: "unused"}
 
 
 class StopNode(BaseModel):
@@ -394,7 +391,7 @@ def _tie(
         standardised=json_number(float(np.nanmax(standardised)), 3)
         if np.isfinite(standardised).any()
         else None,
-        status=_STATUS[int(ties.status[row])],
+        status=TIE_STATUS[int(ties.status[row])],
         pairs=[pair for other, pair in others.get(index, []) if other != row],
         place=(east, north, up) if is_placed else None,
         sigma_m=json_number(np.sqrt(max(variance, 0.0)) if np.isfinite(variance) else None),

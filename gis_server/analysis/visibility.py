@@ -1,7 +1,4 @@
-"""Lines of sight: whether one place can be seen from another.
-
-Viewsheds: the ground that can be seen from a place.
-"""
+"""Lines of sight between two places, and viewsheds: all ground that can be seen from a place."""
 
 from __future__ import annotations
 
@@ -10,8 +7,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import rasterio.features
-from affine import Affine
 from pydantic import BaseModel
 
 from solmap.gis_server.analysis.bodies import (
@@ -22,7 +17,7 @@ from solmap.gis_server.analysis.bodies import (
     json_number,
     json_numbers,
 )
-from solmap.gis_server.analysis.ground import Ground, mosaic
+from solmap.gis_server.analysis.ground import Ground, grid_around, mosaic, polygons_of
 from solmap.gis_server.analysis.measures import layers_used
 from solmap.gis_server.rendering.png import indexed_png
 from solmap.photogrammetry.arrays import Classes, Vector3
@@ -186,8 +181,7 @@ def compute_viewshed(
     reach, cell = params.radius_m, max(params.cell_m, ground.finest_cell_m)
     while (2 * reach / cell) ** 2 > MOST_CELLS:
         cell *= 2
-    box = (place[0] - reach, place[1] - reach, place[0] + reach, place[1] + reach)
-    grid = MapGrid.covering(box, cell)
+    grid = grid_around(place, reach, cell)
     heights, layers = mosaic(ground, grid)
     return Viewshed(
         eye, replace(params, cell_m=cell), viewshed(heights, grid, eye, params), grid, layers
@@ -226,10 +220,7 @@ def viewshed_answer(seen: Viewshed, query: str, address: str) -> ViewshedAnswer:
 def _polygons(seen: Viewshed) -> Iterator[dict[str, Any]]:
     """What is visible, patch by patch."""
     visible = (seen.sight == Sight.VISIBLE).astype(np.uint8)
-    grid = seen.grid
-    place = Affine(grid.cell_m, 0.0, grid.west, 0.0, -grid.cell_m, grid.north)
-    for geometry, _ in rasterio.features.shapes(visible, mask=visible > 0, transform=place):
-        rings = [[[round(x, 3), round(y, 3)] for x, y in r] for r in geometry["coordinates"]]
+    for rings, _ in polygons_of(visible, seen.grid):
         area = _area(rings[0]) - sum(_area(hole) for hole in rings[1:])
         yield {
             "type": "Feature",
@@ -238,7 +229,7 @@ def _polygons(seen: Viewshed) -> Iterator[dict[str, Any]]:
         }
 
 
-def _area(ring: list[list[float]]) -> float:
+def _area(ring: list[tuple[float, float]]) -> float:
     x, y = np.array(ring).T
     return abs(float(np.sum(x[:-1] * y[1:] - x[1:] * y[:-1]))) / 2
 

@@ -1,10 +1,8 @@
-"""Tokens on requests: who asks, and whether they may.
+"""Tokens on requests: whose they are, and what their role permits.
 
-Reading is open to all. Writing takes a token with a role, in the header
-`Authorization: Bearer solmap_...`; no cookie is ever set, so no other site makes a browser write.
-Where nobody has a token nothing can be written at all.
-
-Who a token belongs to, and what it lets them do.
+Reading is open to all. Writing takes a token with a role, in the header `Authorization: Bearer
+solmap_...`; no cookie is ever set, so no other site makes a browser write. Where nobody has a
+token nothing can be written at all.
 """
 
 from __future__ import annotations

@@ -174,12 +174,12 @@ def list_annotations(
 
 def _feature(edit: Edit) -> dict[str, Any]:
     known = {name: value for name, value in edit.document.items() if name != "geometry"}
-    said = {"author": edit.author, "at": edit.at, "note": edit.note}
+    written = {"author": edit.author, "at": edit.at, "note": edit.note}
     return {
         "type": "Feature",
         "id": str(edit.id),
         "geometry": edit.document["geometry"],
-        "properties": {**known, **said},
+        "properties": {**known, **written},
     }
 
 

@@ -112,7 +112,9 @@ def request_run(wish: Wish, services: ServicesOf, who: Operator) -> RequestBody:
     if wish.mission is not None:
         services.catalogue.mission(wish.mission)
     asked = services.requests.add(RequestKind(wish.kind), wish.mission, who.name)
-    services.catalogue.append_event(REQUESTS_CHANGED, {"request": asked.id, "state": str(asked.state)})
+    services.catalogue.append_event(
+        REQUESTS_CHANGED, {"request": asked.id, "state": str(asked.state)}
+    )
     return _request_body(asked)
 
 

@@ -1,1 +1,5 @@
-"""The standards of OGC on the web: landing page, features, tiles. A page of each mission."""
+"""OGC API Features and Tiles, and WMTS 1.0.0: a mission's features and rasters by open standards.
+
+Requests enter, documents, features and tiles of the latest layers leave. `landing` joins the
+parts; tiles are drawn by `rendering`. It does not import `routes`, `analysis` or `collaboration`.
+"""

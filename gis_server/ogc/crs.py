@@ -59,7 +59,7 @@ def crs_named(text: str | None, parameter: str, base: str) -> Crs:
 def transform_shapes(shapes: np.ndarray, crs: Crs, landing: LandingPoint) -> np.ndarray:
     """Shapes of the local map in another coordinate system, its first axis first."""
 
-    def carried(points: np.ndarray) -> np.ndarray:
+    def to_crs(points: np.ndarray) -> np.ndarray:
         heights = np.round(points[:, 2:], _METRES_DECIMALS)
         if crs is Crs.LOCAL:
             return np.hstack([np.round(points[:, :2], _METRES_DECIMALS), heights]) + 0.0
@@ -67,7 +67,7 @@ def transform_shapes(shapes: np.ndarray, crs: Crs, landing: LandingPoint) -> np.
         plane = np.column_stack(axes if crs is Crs.LON_LAT else axes[::-1])
         return np.hstack([np.round(plane, _DEGREES_DECIMALS), heights]) + 0.0  # no -0.0
 
-    return shapely.transform(shapes, carried, include_z=None)
+    return shapely.transform(shapes, to_crs, include_z=None)
 
 
 def bbox_of(text: str | None, crs: Crs) -> Bounds | None:

@@ -1,6 +1,6 @@
-"""Links between the documents of OGC API, and the address that they start from.
+"""Links between the documents of OGC API, and its pages for people.
 
-The pages of OGC API for people: plain tables that need nothing from elsewhere.
+Pages are plain tables that need nothing from elsewhere.
 """
 
 from __future__ import annotations
@@ -87,9 +87,9 @@ def items_page(
             features.features, features.rows(), features.shapes(), strict=True
         )
     )
-    said = f"{counts['numberReturned']} of {counts['numberMatched']} features"
+    count = f"{counts['numberReturned']} of {counts['numberMatched']} features"
     return page(
-        known.title, paragraph(known.description), paragraph(said), link_list(links), table(rows)
+        known.title, paragraph(known.description), paragraph(count), link_list(links), table(rows)
     )
 
 

@@ -44,7 +44,7 @@ MEDIA_TYPES = {
     Format.GPKG: "application/geopackage+sqlite3",
     Format.FGB: "application/flatgeobuf",
 }
-FILES = {Format.CSV, Format.GPKG, Format.FGB}
+FILES = (Format.CSV, Format.GPKG, Format.FGB)
 """What is downloaded as a whole rather than page by page."""
 _DRIVERS = {Format.GPKG: "GPKG", Format.FGB: "FlatGeobuf"}
 

@@ -44,13 +44,13 @@ def landing(
         link("conformance", f"{base}/conformance", JSON, "Conformance classes"),
         *(one for part in _PARTS for one in part.landing_links(base)),
     ]
-    said = (
+    description = (
         f"Maps made from the stereo images of {entry.title}. Places are on Mars, relative to "
         f"{entry.landing.name}: {entry.landing.source}."
     )
     if form_of(request, f) is Format.HTML:
-        return _page(page(entry.title, paragraph(said), link_list(links)))
-    return _json({"title": entry.title, "description": said, "links": links})
+        return _page(page(entry.title, paragraph(description), link_list(links)))
+    return _json({"title": entry.title, "description": description, "links": links})
 
 
 @router.get("/conformance", response_class=JSONResponse)
@@ -108,8 +108,8 @@ def collection(
     else:
         raise ProductNotFoundError(f"no collection {collection!r}; there are {', '.join(BY_ID)}")
     if form_of(request, f) is Format.HTML:
-        said = paragraph(body.get("description", ""))
-        return _page(page(body["title"], said, link_list(body["links"])))
+        text = paragraph(body.get("description", ""))
+        return _page(page(body["title"], text, link_list(body["links"])))
     return _json(body)
 
 

@@ -1,9 +1,8 @@
 """OGC API Tiles: the rasters of a mission as tiles of maps.
 
-Maps as OGC API Tiles and WMTS name them: layers without a digest, of which the latest is meant.
-
-The addresses of `/tiles/...` carry a digest and are kept forever; these are asked again each time,
-and answered with 304 where the layer is still the same.
+Here and in WMTS layers are named without a digest, and the latest version is meant. The addresses
+of `/tiles/...` carry a digest and are cached forever; these are asked again each time, and
+answered with 304 where the layer is still the same.
 """
 
 from __future__ import annotations

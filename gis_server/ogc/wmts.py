@@ -1,15 +1,13 @@
-"""WMTS 1.0.0: the same tiles for QGIS, GDAL and others that do not speak OGC API yet.
+"""WMTS 1.0.0 (OGC 07-057r7): the same tiles for QGIS, GDAL and others without OGC API.
 
     /ogc/{mission}/wmts/1.0.0/WMTSCapabilities.xml
     /ogc/{mission}/wmts?service=WMTS&request=GetCapabilities    and GetTile
 
 Names of parameters may be written in any case. What is wrong is answered with an exception report.
 
-What a WMTS can do, as the XML of OGC 07-057r7 (WMTS 1.0.0).
-
 The CRS is given as a PROJ string: GDAL takes that, WKT or a URN of an authority, but no address on
-the web, and the map of a landing site is in no authority's list. Scale denominators count pixels of
-0.28 mm, as the standard has them.
+the web, and the map of a landing site is in no authority's list. Scale denominators count pixels
+of 0.28 mm, as the standard has them.
 """
 
 from __future__ import annotations
@@ -91,8 +89,8 @@ def capabilities(mission: MissionEntry, layers: Iterable[Layer], base: str) -> b
 def exception_report(code: str, text: str, locator: str = "") -> bytes:
     """What was wrong with a request."""
     root = ET.Element(f"{{{_OWS}}}ExceptionReport", version="1.1.0")
-    told = {"exceptionCode": code, **({"locator": locator} if locator else {})}
-    found = ET.SubElement(root, f"{{{_OWS}}}Exception", told)
+    attributes = {"exceptionCode": code, **({"locator": locator} if locator else {})}
+    found = ET.SubElement(root, f"{{{_OWS}}}Exception", attributes)
     _ows(found, "ExceptionText", text)
     return _bytes(root)
 
@@ -225,11 +223,11 @@ def by_parameters(
     known: Known = "",
 ) -> Response:
     """GetCapabilities and GetTile, by parameters in the query."""
-    asked = {name.lower(): value for name, value in request.query_params.items()}
-    if asked.get("request", "").lower() == "getcapabilities":
+    parameters = {name.lower(): value for name, value in request.query_params.items()}
+    if parameters.get("request", "").lower() == "getcapabilities":
         return document(mission, services, base)
     try:
-        return _tile(mission, asked, services, known)
+        return _tile(mission, parameters, services, known)
     except _RequestError as error:
         body = exception_report(error.code, error.text, error.locator)
         return Response(body, HTTPStatus.BAD_REQUEST, {"Cache-Control": "no-store"}, _XML)
@@ -242,8 +240,8 @@ def _capabilities(mission: str, services: Services, base: str, _version: int) ->
     return capabilities(entry, rasters(mission, services), base)
 
 
-def _tile(mission: str, asked: Mapping[str, str], services: Services, known: str) -> Response:
-    operation = asked.get("request", "")
+def _tile(mission: str, parameters: Mapping[str, str], services: Services, known: str) -> Response:
+    operation = parameters.get("request", "")
     if operation.lower() != "gettile":
         raise _RequestError(
             "OperationNotSupported",
@@ -251,11 +249,13 @@ def _tile(mission: str, asked: Mapping[str, str], services: Services, known: str
             "request",
         )
     try:
-        check_tms(_required(asked, "tilematrixset"), services.catalogue.mission(mission))
-        layer = raster_named(_required(asked, "layer"), mission, services)
-        address = TileAddress(*(_number(asked, n) for n in ("tilematrix", "tilecol", "tilerow")))
-        _check_format(asked)
-        query = StyleQuery.model_construct(style=asked.get("style") or DEFAULT)
+        check_tms(_required(parameters, "tilematrixset"), services.catalogue.mission(mission))
+        layer = raster_named(_required(parameters, "layer"), mission, services)
+        address = TileAddress(
+            *(_number(parameters, n) for n in ("tilematrix", "tilecol", "tilerow"))
+        )
+        _check_format(parameters)
+        query = StyleQuery.model_construct(style=parameters.get("style") or DEFAULT)
         return latest_tile(layer, address, query, services, known)
     except OutsideCoverageError as error:
         raise _RequestError("TileOutOfRange", str(error), "tilematrix") from error
@@ -263,20 +263,20 @@ def _tile(mission: str, asked: Mapping[str, str], services: Services, known: str
         raise _RequestError("InvalidParameterValue", str(error), "layer") from error
 
 
-def _check_format(asked: Mapping[str, str]) -> None:
-    found = asked.get("format", "image/png")
+def _check_format(parameters: Mapping[str, str]) -> None:
+    found = parameters.get("format", "image/png")
     if found != "image/png":
         raise _RequestError("InvalidParameterValue", f"format={found} is not image/png", "format")
 
 
-def _required(asked: Mapping[str, str], name: str) -> str:
-    if not asked.get(name):
+def _required(parameters: Mapping[str, str], name: str) -> str:
+    if not parameters.get(name):
         raise _RequestError("MissingParameterValue", f"GetTile asks for {name}", name)
-    return asked[name]
+    return parameters[name]
 
 
-def _number(asked: Mapping[str, str], name: str) -> int:
-    text = _required(asked, name)
+def _number(parameters: Mapping[str, str], name: str) -> int:
+    text = _required(parameters, name)
     if not (text.isascii() and text.isdigit() and len(text) < 10):  # noqa: PLR2004 - digits
         raise _RequestError("InvalidParameterValue", f"{name}={text} is no number", name)
     return int(text)

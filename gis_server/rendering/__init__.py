@@ -1,1 +1,5 @@
-"""Tile address and layer in, bytes out; knows nothing of HTTP."""
+"""Drawing: a layer or image, an address and a style enter, the bytes of a tile or picture leave.
+
+It reads rasters through a pool of open files (`reading`), colours them (`styles`, `painting`) and
+encodes them (`png`, `tiles`). It knows nothing of HTTP and does not import `analysis` or `routes`.
+"""

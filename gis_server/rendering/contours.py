@@ -1,15 +1,13 @@
-"""Contours drawn into a tile, at any interval.
+"""Contours of a terrain model at any interval: as lines in a tile and as features.
 
-Elevations are smoothed as for the contours that are made once (`terrain.contours`). With the
-elevation h of a pixel and the gradient |h'| a pixel, its distance from the nearest contour is
+Elevations are smoothed as for the contours that are made once (`terrain`). With the elevation h of
+a pixel and the gradient |h'| a pixel, its distance from the nearest contour is
 
     d = |h - i rint(h / i)| / |h'|        i the interval
 
 pixels, to first order, and a line w pixels wide covers max(0, min(1, w / 2 + 1/2 - d)) of it.
 Every fifth contour is drawn wider, as on printed maps. Lines are left out where they would touch:
 with less than three pixels between contours.
-
-Contours of a terrain model at any interval, as features.
 """
 
 from __future__ import annotations

@@ -1,13 +1,11 @@
-"""The rover's images as pictures of eight bits: raw, stretched, as matching sees them, in stereo.
+"""The rover's images as pictures of eight bits: raw, stretched, linearised, and as anaglyphs.
 
 Pictures are cut into tiles of 256 pixels: at the highest zoom a pixel of the tile is one of the
-picture, each zoom below halves it, and zoom 0 is one tile. Grey values are kept in memory, so that
-tiles and stretches of one image cost little; nothing is written.
+picture, each zoom below halves it, and zoom 0 is one tile. Grey values are kept in memory up to a
+number of bytes, so that tiles and stretches of one image cost little; nothing is written.
 
 An anaglyph holds the left image in red and the right one in green and blue. Ground whose parallax
 equals the shift falls together in both, and lies in the plane of the screen.
-
-Arrays that cost time to make, kept in memory up to a number of bytes.
 """
 
 from __future__ import annotations
@@ -33,10 +31,10 @@ from solmap.products.errors import OutsideCoverageError, ProductNotFoundError
 
 
 class ArrayCache:
-    """The arrays asked for last; the least recently used go first."""
+    """The arrays used last, up to a number of bytes."""
 
     def __init__(self, limit: int) -> None:
-        """Keep at most `limit` bytes."""
+        """Hold at most `limit` bytes."""
         self._limit = limit
         self._arrays: OrderedDict[Hashable, np.ndarray] = OrderedDict()
         self._bytes = 0
@@ -58,16 +56,11 @@ class ArrayCache:
                 self._bytes -= self._arrays.popitem(last=False)[1].nbytes
         return array
 
-    @property
-    def bytes(self) -> int:
-        """What is kept now."""
-        return self._bytes
-
 
 TILE = 256
 _DEPTHS = (255.0, 4095.0, 65535.0)
 """Largest values of 8, 12 and 16 bits."""
-_KEPT = ArrayCache(256 << 20)
+_CACHE = ArrayCache(256 << 20)
 """Some thirty Navcam pairs with their smaller copies."""
 
 
@@ -141,7 +134,7 @@ class ImageView:
     def picture(self, stretch: Stretch) -> Picture:
         """The whole picture."""
         samples, lines = self.size
-        return self._drawn((0, 0, samples, lines), 0, stretch)
+        return self._draw((0, 0, samples, lines), 0, stretch)
 
     def tile(self, zoom: int, column: int, row: int, stretch: Stretch) -> Picture:
         """A tile of the picture; smaller at its right and lower edge.
@@ -158,9 +151,9 @@ class ImageView:
                 f"{column}, {row}"
             )
         box = (left, top, min(left + TILE, samples), min(top + TILE, lines))
-        return self._drawn(box, halvings, stretch)
+        return self._draw(box, halvings, stretch)
 
-    def _drawn(self, box: tuple[int, int, int, int], halvings: int, stretch: Stretch) -> Picture:
+    def _draw(self, box: tuple[int, int, int, int], halvings: int, stretch: Stretch) -> Picture:
         left, top, right, bottom = box
         pictures = []
         for number in range(len(self.planes)):
@@ -189,7 +182,7 @@ class ImageView:
                 return _raw(entry, self.workspace)
             return _grey(entry, self.style, self.workspace)
 
-        return _KEPT.get(self._key(number), made)
+        return _CACHE.get(self._key(number), made)
 
     def _level(self, number: int, halvings: int) -> GreyImage:
         if halvings == 0:
@@ -200,7 +193,7 @@ class ImageView:
             size = (math.ceil(larger.shape[1] / 2), math.ceil(larger.shape[0] / 2))
             return cv2.resize(larger, size, interpolation=cv2.INTER_AREA)
 
-        return _KEPT.get((*self._key(number), halvings), halved)
+        return _CACHE.get((*self._key(number), halvings), halved)
 
     def _ends(self, number: int, stretch: Stretch) -> tuple[float, float]:
         """The values shown as black and as white."""
@@ -215,7 +208,7 @@ class ImageView:
             return np.percentile(known, percent) if len(known) else np.array([0.0, 1.0])
 
         key = (*self._key(number), stretch.low_percent, stretch.high_percent)
-        low, high = _KEPT.get(key, found).tolist()
+        low, high = _CACHE.get(key, found).tolist()
         low = low if stretch.black is None else stretch.black
         return low, high if stretch.white is None else stretch.white
 

@@ -1,10 +1,9 @@
-"""How a tile is painted: one function for every way in which a raster becomes a picture.
+"""How a raster becomes the picture of a tile: one function for every way of drawing it.
 
-What is drawn of a terrain model's cells: shades, slopes and directions.
-
-All follow from the gradient of the plane fitted to the elevations around a cell, as those of the
-layers that are made once (`terrain.surface`). A cell is a pixel of the tile: seen from afar the
-ground is felt over a longer way, so that a hillshade is as crisp, and as right, at every zoom.
+Shades, slopes and directions of a terrain model follow from the gradient of the plane fitted to
+the elevations around a cell, as in the layers that are made once (`photogrammetry.terrain`). A
+cell is a pixel of the tile: at a low zoom the gradient is taken over a longer baseline, so that a
+hillshade is as crisp, and as right, at every zoom.
 """
 
 from __future__ import annotations
@@ -145,7 +144,7 @@ class Canvas:
         how = averaging(self.layer.ref.kind)
         return read_patch(self.dataset, self.address, band, how, margin=margin, border=border)
 
-    def coloured(self, values: np.ndarray) -> bytes | None:
+    def encode(self, values: np.ndarray) -> bytes | None:
         """The picture of the values of every pixel; None where none is known."""
         indices = indices_of(values, *range_of(self.style, self.layer))
         return indexed_png(indices, palette_of(self.style.colours)) if indices.any() else None
@@ -223,7 +222,7 @@ def _paint_values(canvas: Canvas) -> bytes | None:
     values = patch.tile(patch.values)
     if canvas.query.style == "north-facing":
         values = north_facing(values, canvas.query)
-    return canvas.coloured(values)
+    return canvas.encode(values)
 
 
 def _paint_terrain(canvas: Canvas) -> bytes | None:
@@ -234,7 +233,7 @@ def _paint_terrain(canvas: Canvas) -> bytes | None:
         return None
     gradient = gradient_of(patch.values, patch.cell_m, half)
     inner = np.ascontiguousarray(patch.tile(gradient))
-    return canvas.coloured(OF_TERRAIN[canvas.query.style](inner, canvas.query))
+    return canvas.encode(OF_TERRAIN[canvas.query.style](inner, canvas.query))
 
 
 def _paint_shaded(canvas: Canvas) -> bytes | None:

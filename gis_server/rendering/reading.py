@@ -1,14 +1,12 @@
-"""A bounded pool of open rasters.
+"""Rasters for tiles: a pool of open files, and the cells that a tile is drawn from.
 
 Opening a raster costs more than reading a tile of it, and its decoded blocks are forgotten when it
 is closed. Datasets are not safe to share between threads, so a thread borrows one for itself.
 Products never change, so an open one never goes stale.
 
-The cells of a raster that a tile is drawn from, with a margin for what looks at neighbours.
-
 Rasters are snapped to the tile matrix set, so a tile at the raster's own zoom is one block, a tile
 below it one block of an overview, and a tile above it a part of a block whose cells are repeated:
-cells stay what was measured, whatever the zoom. Slope, shading and contours look at neighbouring
+cells stay what was measured, whatever the zoom. Slope, shading and contours depend on neighbouring
 cells; a patch with a margin has those of the tiles around it, so that tiles meet without a seam.
 Above the raster's own zoom they are computed on its own cells, and repeated afterwards.
 
@@ -42,11 +40,14 @@ from solmap.products.formats.raster.tiling import TileAddress
 # read once; set as an option from Python the same number would count bytes.
 os.environ.setdefault("GDAL_CACHEMAX", "256")
 
+OPEN_RASTERS = 64
+"""Rasters kept open: identifying a place reads some fifty layers, and opening one takes 10 ms."""
+
 
 class RasterPool:
     """Idle datasets, the least recently used closed first."""
 
-    def __init__(self, idle: int = 16) -> None:
+    def __init__(self, idle: int = OPEN_RASTERS) -> None:
         """Keep at most `idle` datasets open while nobody reads them."""
         self._limit = idle
         self._idle: OrderedDict[int, tuple[Path | str, rasterio.DatasetReader]] = OrderedDict()

@@ -1,8 +1,8 @@
-"""From a tile's address and a look to its picture, or to its values.
+"""From a tile's address and a style to its picture, or to its values.
 
-Tiles of values, for shading in the browser: sun, slope, thresholds and colours without a server.
-
-A body has 16 bits a value, steps of a power of two from an offset; all numbers are little-endian:
+Tiles of values are for shading in the browser: sun, slope, thresholds and colours without a
+server. A body has 16 bits a value, steps of a power of two from an offset; all numbers are
+little-endian:
 
     bytes  0-3     SMV1
     bytes  4-5     columns, unsigned: 258
@@ -16,12 +16,12 @@ the first column is 0. With k the running sum of a row,
 
     value = offset + step k        for k = 1 .. 65535, not measured for k = 0
 
-so that a browser needs no decoder: HTTP's own gzip undoes the compression. The first and last
-row and column are those of the neighbouring tiles: shading that looks at neighbours is right up to
+so that a browser needs no decoder: HTTP's own gzip undoes the compression. The first and last row
+and column are those of the neighbouring tiles: shading that depends on neighbours is right up to
 the edge. Steps are as fine as the tile's range allows, and no finer than asked for; offset and
 values are whole steps, so that what neighbours share is equal where their steps are.
 
-Float32 with 24 bits would take twice the room and, rounded to 1/256 of a cell, look the same.
+Float32 with 24 bits would take twice the room and, rounded to 1/256 of a cell, show the same.
 """
 
 from __future__ import annotations
@@ -93,23 +93,6 @@ def _step(extent: float, finest: float) -> float:
     needed = math.ceil(math.log2(extent / (_STEPS - 2))) if extent > 0 else _FINEST_EXPONENT
     exponent = max(asked, needed, _FINEST_EXPONENT)
     return math.ldexp(1.0, min(exponent, _COARSEST_EXPONENT))
-
-
-def decode_values(body: bytes) -> np.ndarray:
-    """Values of a tile, float32 with NaN where nothing was measured: the twin of `encode_values`.
-
-    Raises:
-        ValueError: the body is none of a tile of values.
-    """
-    if len(body) < _HEADER.size or body[:4] != _MAGIC:
-        raise ValueError(f"a tile of values starts with {_MAGIC!r}, not with {body[:4]!r}")
-    _, columns, rows, offset, step = _HEADER.unpack_from(body)
-    if len(body) != _HEADER.size + 2 * rows * columns:
-        raise ValueError(f"{len(body)} bytes are no tile of {rows} x {columns} values")
-    low, high = np.frombuffer(body, np.uint8, offset=_HEADER.size).reshape(2, rows, columns)
-    change = low.astype(np.uint16) | (high.astype(np.uint16) << 8)
-    steps = np.cumsum(change, axis=1, dtype=np.uint16)
-    return np.where(steps > 0, offset + step * steps, np.nan).astype(np.float32)
 
 
 def render_tile(

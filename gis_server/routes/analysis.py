@@ -1,10 +1,6 @@
-"""Measuring on the map: what is asked comes as a body, nothing is written.
+"""Measuring on the map: profiles, areas, volumes, planes, statistics, lines of sight, drives.
 
-Answers that are GeoTIFFs made for the question.
-
-What can be seen from where: viewsheds as areas, picture and GeoTIFF, and lines of sight.
-
-Where a rover can drive: isochrones as areas, picture and GeoTIFF, and ways free of hazards.
+Questions come as a body or a query; nothing is written.
 """
 
 from __future__ import annotations

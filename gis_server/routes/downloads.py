@@ -1,14 +1,8 @@
-"""Downloads of parts, and the addresses of everything for other programs.
+"""Files of products: downloads whole, by ranges or cut out, the STAC catalogue, addresses to copy.
 
-A product's file over HTTP, whole or by ranges, from a folder or out of an object store.
-
-Objects are streamed through: who may read the map needs no key of the object store, and need not
-even reach it.
-
-The STAC catalogue of the store over HTTP, and the files that its assets point to.
-
-Its links are relative. Served from here they lead from the catalogue to its items, and from an item
-to its file, as they do on disk.
+Products in an object store are streamed through: who may read the map needs no key of the object
+store, and need not even reach it. The links of the STAC catalogue are relative; served from here
+they lead from the catalogue to its items, and from an item to its file, as they do on disk.
 """
 
 from __future__ import annotations

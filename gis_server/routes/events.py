@@ -1,4 +1,4 @@
-"""Live updates: server-sent events of what is published, and of runs."""
+"""Server-sent events of what is published, and of runs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The rover's images: pictures to look at, in several styles and cut into tiles, and the file."""
+"""The rover's images: pictures in several styles, whole or cut into tiles, and the file."""
 
 from __future__ import annotations
 

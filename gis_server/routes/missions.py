@@ -1,10 +1,7 @@
-"""Missions, their layers and images, and what lies at a place.
+"""Missions, their layers and images, what lies at a place, and all that the first view asks for.
 
-The bodies of answers, and how catalogue records become them.
-
-Answers that are long and the same for everybody until something is published.
-
-All that the first view of the map asks for, in one answer.
+Answers that are long and the same for everybody until something is published are cached, plain and
+compressed.
 """
 
 from __future__ import annotations
@@ -141,7 +138,7 @@ class CachedResponse:
 
     @classmethod
     def of(cls, body: bytes) -> CachedResponse:
-        """An answer to keep."""
+        """The response of a body."""
         tag = f'W/"{blake2b(body, digest_size=8).hexdigest()}"'
         return cls(body, gzip.compress(body, _FAST, mtime=0), tag)
 
@@ -153,14 +150,14 @@ class CacheState:
     known: str
     has_gzip: bool
 
-    def answer(self, kept: CachedResponse) -> Response:
+    def respond(self, cached: CachedResponse) -> Response:
         """The answer, or that it is the one the browser has."""
-        headers = {**AGAIN, "ETag": kept.tag, "Vary": "Accept-Encoding"}
-        if kept.tag in self.known:
+        headers = {**AGAIN, "ETag": cached.tag, "Vary": "Accept-Encoding"}
+        if cached.tag in self.known:
             return Response(status_code=HTTPStatus.NOT_MODIFIED, headers=headers)
         if self.has_gzip:
             headers["Content-Encoding"] = "gzip"
-        body = kept.compressed if self.has_gzip else kept.plain
+        body = cached.compressed if self.has_gzip else cached.plain
         return Response(body, media_type="application/json", headers=headers)
 
 
@@ -172,7 +169,7 @@ async def _cache_state(
 
 
 CacheStateOf = Annotated[CacheState, Depends(_cache_state)]
-"""Who asks."""
+"""What the client has in its cache, and reads."""
 router = APIRouter(prefix="/api", tags=["missions"])
 _IMAGES = TypeAdapter(list[Image])
 
@@ -196,14 +193,14 @@ def layers(mission: MissionName, services: ServicesOf, response: Response) -> li
 def images(
     mission: MissionName,
     services: ServicesOf,
-    asker: CacheStateOf,
+    cache: CacheStateOf,
     sol: Annotated[int | None, Query(ge=0, le=LAST_SOL)] = None,
     stop: Annotated[str | None, Query(max_length=128)] = None,
 ) -> Response:
     """The images of a mission, sol or stop, with partner or why there is none."""
     services.catalogue.mission(mission)
     version = services.catalogue.images_version(mission)
-    return asker.answer(_images(services, mission, stop, sol, version))
+    return cache.respond(_images(services, mission, stop, sol, version))
 
 
 @lru_cache(maxsize=_CACHED_LISTS)
@@ -261,14 +258,14 @@ class Start(BaseModel):
 
 
 @router.get("/start", response_model=Start)
-def start(services: ServicesOf, asker: CacheStateOf) -> Response:
+def start(services: ServicesOf, cache: CacheStateOf) -> Response:
     """All missions, and the layers of the first; written anew only when something was published.
 
     The header `Last-Event-ID` names the last event that is in it: who asks `/api/events` for those
     `since` misses none.
     """
     seen = services.catalogue.version()  # before all else: what happens meanwhile is told again
-    answer = asker.answer(_start_body(services, services.catalogue.published_version()))
+    answer = cache.respond(_start_body(services, services.catalogue.published_version()))
     answer.headers[LAST_EVENT] = str(seen)
     return answer
 

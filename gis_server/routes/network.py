@@ -1,7 +1,4 @@
-"""The adjusted network: its solutions, how far they differ, its graph, and the ties of an image.
-
-Hand ties before they are saved: a picked point measured, and ties tried on two stops.
-"""
+"""The adjusted network: solutions, traverses, graph, ties of an image, and manual tie points."""
 
 from __future__ import annotations
 

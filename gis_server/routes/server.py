@@ -1,8 +1,7 @@
-"""The viewer's files: compressed by its build; kept forever where the name tells the content.
+"""The server itself: the viewer's files, pages for people, health and metrics.
 
-Figures of the server, its store and its runs, for Prometheus.
-
-Pages for people: the viewer, the description of the API, and whether the server is ready.
+The viewer's files were compressed by its build; those whose names carry a digest of their content
+are cached forever.
 """
 
 from __future__ import annotations

@@ -45,10 +45,10 @@ def test_a_new_version_is_read_when_it_is_published(own_world, reads):
     one = own_world.publish_features(
         ProductKind.FOOTPRINTS, [Feature("Polygon", SQUARE, {}, "A")], version=1
     )
-    ahead.published([Event(1, RUN_CHANGED, {}, "2026-01-01")])
+    ahead.on_events([Event(1, RUN_CHANGED, {}, "2026-01-01")])
     assert reads == []
     for _ in range(2):
-        ahead.published([Event(2, LAYERS_PUBLISHED, {}, "2026-01-01")])
+        ahead.on_events([Event(2, LAYERS_PUBLISHED, {}, "2026-01-01")])
     assert reads == [own_world.store.path(one.ref)]
 
 

@@ -151,4 +151,4 @@ def test_what_is_kept_stays_within_its_bytes():
     for key in (1, 2, 1, 3, 1, 2):
         kept.get(key, lambda key=key: make(key))
     assert made == [1, 2, 3, 2]
-    assert kept.bytes <= 1000
+    assert kept._bytes <= 1000
