@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from solmap.photogrammetry.adjustment.model.adjusted_network import USED, AdjustedStop
+from solmap.photogrammetry.adjustment.quality.network_quality import error_ellipse
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.imagery import RoverImage
 from solmap.photogrammetry.mars import map_from_lsl
@@ -145,9 +146,7 @@ def stop_features(network: NetworkProduct) -> Iterator[Feature]:
 
 def _certainty(stop: AdjustedStop) -> dict[str, Any]:
     """Standard deviations and the 1-sigma error ellipse on the map."""
-    plan = stop.covariance[3:5, 3:5]
-    variances, axes = np.linalg.eigh(plan)
-    north, east = axes[:, 1]
+    (major, minor), azimuth_deg = error_ellipse(stop)
     sigma_ned = stop.sigma_ned_m
     return {
         "held": stop.held,
@@ -155,9 +154,9 @@ def _certainty(stop: AdjustedStop) -> dict[str, Any]:
         "sigma_north_m": round(float(sigma_ned[0]), 4),
         "sigma_east_m": round(float(sigma_ned[1]), 4),
         "sigma_down_m": round(float(sigma_ned[2]), 4),
-        "ellipse_semi_major_m": round(math.sqrt(max(variances[1], 0.0)), 4),
-        "ellipse_semi_minor_m": round(math.sqrt(max(variances[0], 0.0)), 4),
-        "ellipse_azimuth_deg": round(math.degrees(math.atan2(east, north)) % 180.0, 1),
+        "ellipse_semi_major_m": round(major, 4),
+        "ellipse_semi_minor_m": round(minor, 4),
+        "ellipse_azimuth_deg": round(azimuth_deg, 1),
     }
 
 
