@@ -208,10 +208,10 @@ def _linearise(
     spread[behind] = np.eye(3)
     weight = np.linalg.inv(spread)
     weight[behind] = np.nan
-    return _measured(system) - _project(seen, system), design, weight
+    return _observations(system) - _project(seen, system), design, weight
 
 
-def _measured(system: _System) -> ObjectPoints:
+def _observations(system: _System) -> ObjectPoints:
     """(sample, line, parallax) measured in the second pair."""
     return np.column_stack([system.ties.second_left, system.ties.second_parallax_px])
 

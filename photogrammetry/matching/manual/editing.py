@@ -200,7 +200,7 @@ def _affected_ties(
         request.second if request.action is EditAction.VETO else EditPoint(request.second.image)
     )
     marks = _Mark.of(request.first, images), _Mark.of(second, images)
-    rows = [_selected(marks, request.tolerance_px, some, stop_of) for some in ties]
+    rows = [_select_ties(marks, request.tolerance_px, some, stop_of) for some in ties]
     if not any(some.any() for some in rows):
         raise _UnplacedError(f"there is no automatic tie here to {request.action}")
     return rows
@@ -236,7 +236,7 @@ class _Mark:
         return meant & (np.linalg.norm(left - self.place, axis=1) <= tolerance_px)
 
 
-def _selected(
+def _select_ties(
     marks: tuple[_Mark, _Mark], tolerance_px: float, ties: Ties, stop_of: Mapping[str, str]
 ) -> Flags:
     """The ties of a set that run between both marks, whichever way."""
