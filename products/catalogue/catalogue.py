@@ -55,12 +55,12 @@ class MissionEntry:
     title: str
     landing: LandingPoint
     lsl_note: str | None
-    """Says so when the chain of sites does not reach the lander and the LSL starts elsewhere."""
+    """Set when the chain of sites does not reach the lander and the LSL starts elsewhere."""
 
 
 @dataclass(frozen=True, slots=True)
 class ImageEntry:
-    """An ingested image: what it is, whom it pairs with, and its files."""
+    """An ingested image: what it is, its stereo partner, and its files."""
 
     id: str
     mission: str
@@ -286,7 +286,7 @@ class Catalogue:
             return last_event(connection)
 
     def published_version(self) -> int:
-        """Like `version`, but runs that get on and edits of people leave it as it is."""
+        """Like `version`, but unchanged by the progress of runs and by edits."""
         kinds = (LAYERS_PUBLISHED, IMAGES_INGESTED, MISSION_CHANGED)
         with self.engine.connect() as connection:  # those of them may be forgotten, newer ones not
             return last_event(connection, kinds) or last_event(connection)
@@ -322,7 +322,7 @@ class Catalogue:
                 )
 
     def withdraw(self, layers: Sequence[Layer], pointers: Sequence[ProductRef] = ()) -> None:
-        """Have the map show layers no longer, all at once; their versions are known further on.
+        """Remove layers from the map, all at once; their versions stay known.
 
         `pointers` are products that are no layers, and the latest of their kind no longer.
         """

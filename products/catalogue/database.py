@@ -48,7 +48,7 @@ def engine_of(path: Path, url: str | None = None) -> sa.Engine:
 
 
 def close_pools() -> None:
-    """Close the connections to databases at URLs; who asks an engine again gets new ones.
+    """Close the connections to databases at URLs; an engine that is used again opens new ones.
 
     An engine is never dropped before that: its connections would stay open until the garbage is
     collected, and then be lost with a warning.
@@ -86,7 +86,7 @@ _URLS = "say SOLMAP_CATALOGUE_URL=postgresql+psycopg://user:password@host/databa
 
 
 def create_tables(engine: sa.Engine, tables: sa.MetaData) -> None:
-    """Make the tables that are not there yet; processes that start together take turns.
+    """Create missing tables; processes that start together do so one after the other.
 
     Raises:
         StoreAwayError: the database does not answer.
@@ -210,7 +210,7 @@ LABELS = sa.Table(
 
 
 def pointer_keys(ref: ProductRef) -> dict[str, str]:
-    """The columns of what is the latest of a scope and kind."""
+    """The columns that identify the pointer of a scope and kind."""
     return {"scope": ref.scope.name, "kind": str(ref.kind)}
 
 
@@ -221,7 +221,7 @@ def put_document(
     document: dict[str, Any],
     **columns: Any,  # noqa: ANN401 - column values
 ) -> bool:
-    """Insert or replace a row; whether it says anything new."""
+    """Insert or replace a row; whether its document has changed."""
     where = sa.and_(*(table.c[name] == value for name, value in keys.items()))
     before = connection.execute(sa.select(table.c.document).where(where)).scalar_one_or_none()
     if before is not None and before == json.loads(json.dumps(document)):

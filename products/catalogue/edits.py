@@ -56,11 +56,11 @@ class EditKind(StrEnum):
     """What is edited."""
 
     TIE = "tie"
-    """A wish: a tie to add, veto or move."""
+    """An edit request: a tie point to add, veto or move."""
     ANNOTATION = "annotation"
     """A place, line or area with a text."""
     UNDO = "undo"
-    """Another edit, which counts no more."""
+    """Another edit, which has no effect any more."""
 
 
 class EditConflictError(ProductError):
@@ -82,7 +82,7 @@ class Edit:
     """Why, in the author's words."""
     undoes: int | None
     counts: bool
-    """Whether nobody has taken it back."""
+    """Whether it has effect: nobody has undone it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +103,7 @@ class EditLog:
         return self._append(mission, kind, document, author, note, None)
 
     def undo(self, mission: str, number: int, author: str, note: str = "") -> Edit:
-        """Take an edit back; taking that back again makes it count once more.
+        """Undo an edit; undoing that makes it effective again.
 
         Raises:
             ProductNotFoundError: the mission has no such edit.
@@ -119,7 +119,7 @@ class EditLog:
         return self._append(mission, EditKind.UNDO, {}, author, note, number)
 
     def edits(self, mission: str | None = None) -> list[Edit]:
-        """All edits, or those of a mission, in their order; also those that count no more."""
+        """All edits, or those of a mission, in their order; also those without effect."""
         if not self.path.is_file():
             return []
         with transaction(self.path, _EDITS_SCHEMA) as connection:
@@ -135,7 +135,7 @@ class EditLog:
         return [_edit(row, row[0] not in undone) for row in rows]
 
     def effective(self, kind: EditKind, mission: str | None = None) -> list[Edit]:
-        """The edits of a kind that count."""
+        """The edits of a kind that have effect."""
         return [edit for edit in self.edits(mission) if edit.counts and edit.kind is kind]
 
     def _append(
@@ -192,7 +192,7 @@ class RequestState(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class RunRequest:
-    """Somebody wants a run."""
+    """A request for a run."""
 
     id: int
     kind: RequestKind
@@ -252,7 +252,7 @@ class RunRequests:
         return [one for one in reversed(asked) if one.state is RequestState.WAITING]
 
     def answer(self, number: int, state: RequestState, answer: str) -> None:
-        """Say what became of a request."""
+        """Record the answer to a request."""
         with transaction(self.path, _REQUESTS_SCHEMA) as connection:
             connection.execute(
                 "UPDATE requests SET state = ?, answer = ? WHERE id = ?", (state, answer, number)

@@ -39,7 +39,7 @@ EVENTS = sa.Table(
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """Something the browser wants to hear about."""
+    """A change that browsers are told of."""
 
     id: int
     kind: str
@@ -49,7 +49,7 @@ class Event:
 
 
 def append(connection: sa.Connection, kind: str, document: dict[str, Any]) -> None:
-    """Add an event to what else its transaction does."""
+    """Add an event within the transaction that makes the change."""
     at = datetime.now(UTC).isoformat(timespec="milliseconds")
     added = connection.execute(EVENTS.insert().values(kind=kind, document=document, at=at))
     (number,) = added.inserted_primary_key or (0,)
@@ -71,6 +71,6 @@ def last_event(connection: sa.Connection, kinds: Collection[str] = ()) -> int:
 
 
 def is_gone(connection: sa.Connection, event_id: int) -> bool:
-    """Whether events after `event_id` have been forgotten already."""
+    """Whether events after `event_id` have been deleted already."""
     oldest = connection.execute(sa.select(sa.func.min(EVENTS.c.id))).scalar_one()
     return oldest is not None and event_id + 1 < oldest

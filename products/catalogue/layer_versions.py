@@ -23,12 +23,12 @@ from solmap.products.store.product_store import ProductStore
 from solmap.products.store.provenance import orientation_records
 
 PairOrientations = frozenset[tuple[str, tuple[float, ...], tuple[float, ...]]]
-"""Pairs, and from where they look: rotation and translation."""
+"""Pairs with rotation and translation."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Origin:
-    """What a recipe says of where a product comes from."""
+    """Networks, orientations and maps that the recipe of a product names."""
 
     networks: tuple[ProductRef, ...]
     oriented: PairOrientations
@@ -44,9 +44,9 @@ class Solution:
     oriented: tuple[PairOrientations, ...]
     """By stops, those that the network touched first."""
 
-    def has(self, looked: PairOrientations) -> bool:
-        """Whether stops were mapped with all of these."""
-        missing = set(looked)
+    def has(self, orientations: PairOrientations) -> bool:
+        """Whether stops were mapped with all of these orientations."""
+        missing = set(orientations)
         for of_stop in self.oriented:
             if not of_stop.isdisjoint(missing):
                 missing -= of_stop

@@ -44,7 +44,7 @@ _POINTED = float(np.radians(AdjustmentParams().pointing_deg))
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MatchedPair:
-    """The pair that an image belongs to, and what was matched in it."""
+    """The stereo pair of an image: geometry, cameras and dense matches."""
 
     pair_id: str
     geometry: EpipolarPair

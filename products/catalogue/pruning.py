@@ -39,7 +39,7 @@ UNPUBLISHED = {
     ProductKind.MATCHES,
     ProductKind.PARALLAX,
 }
-"""Kinds of which some products are looked up by reruns although nothing refers to them."""
+"""Kinds of which reruns look up some products although they are unreferenced."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +61,7 @@ class PruningParams:
 
 @dataclass(frozen=True, slots=True)
 class UnreferencedProduct:
-    """A product that may go."""
+    """A product that may be removed."""
 
     ref: ProductRef
     size: int
@@ -98,7 +98,7 @@ class _Needs:
 
 
 def unreferenced_products(workspace: Workspace, params: PruningParams) -> list[UnreferencedProduct]:
-    """What may go from a store, by kind, scope and digest; nothing is removed."""
+    """What may be removed from a store, by kind, scope and digest; nothing is removed."""
     known = dict(_known(workspace))
     needs = _Needs(known)
     published = set(_published(workspace))
@@ -116,10 +116,10 @@ def unreferenced_products(workspace: Workspace, params: PruningParams) -> list[U
 
 
 def prune(workspace: Workspace, params: PruningParams) -> list[UnreferencedProduct]:
-    """Remove what may go; what went.
+    """Remove the unreferenced products, and return them.
 
     Raises:
-        ProductError: a run is going on, which may need what nothing refers to yet.
+        ProductError: a run is going on, which may need what is unreferenced yet.
     """
     with try_lock(run_lock_path(workspace.store.root)) as is_alone:
         if not is_alone:
@@ -198,7 +198,7 @@ def _unpublished(known: Mapping[str, _Known], needed: set[str]) -> Iterator[str]
 
 
 def _forget(workspace: Workspace, refs: Iterable[ProductRef]) -> None:
-    """Have the catalogue know layers no longer, all at once."""
+    """Remove layers from the catalogue, all at once."""
     with write_transaction(workspace.catalogue.engine) as connection:
         for ref in refs:
             connection.execute(

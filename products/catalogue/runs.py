@@ -37,11 +37,11 @@ from solmap.products.errors import ProductNotFoundError
 KEPT = 500
 """Records; older ones are forgotten."""
 _LINES = 500
-"""Kept of what a run said."""
+"""Messages kept of a run."""
 
 
 class RunState(StrEnum):
-    """How a run stands."""
+    """The state of a run."""
 
     RUNNING = "running"
     SUCCEEDED = "succeeded"
@@ -68,7 +68,7 @@ class Run:
     total: int = 0
     """Parts of the stage that are finished, and all."""
     lines: tuple[str, ...] = ()
-    """What it said, oldest first."""
+    """Messages, oldest first."""
     process: str = ""
     """Host and number of the process."""
 
@@ -101,15 +101,15 @@ class RunRecords:
     engine: sa.Engine
 
     def write(self, run: Run) -> None:
-        """Insert or replace a record, and tell of it."""
-        told = {
+        """Insert or replace a record, with an event."""
+        event = {
             name: getattr(run, name)
             for name in ("id", "kind", "subject", "state", "stage", "done", "total")
         }
         with write_transaction(self.engine) as connection:
             columns = {"started_at": run.started_at}
             put_document(connection, RUNS, {"id": run.id}, dataclasses.asdict(run), **columns)
-            append(connection, RUN_CHANGED, {**told, "state": str(run.state)})
+            append(connection, RUN_CHANGED, {**event, "state": str(run.state)})
             oldest = sa.select(RUNS.c.id).order_by(RUNS.c.started_at.desc()).offset(KEPT)
             connection.execute(RUNS.delete().where(RUNS.c.id.in_(oldest.limit(KEPT))))
 
@@ -161,7 +161,7 @@ class FinishedSolRecords:
     engine: sa.Engine
 
     def find(self, scope: str, key: str) -> dict[str, Any] | None:
-        """What was noted of a sol when it was processed from what `key` names."""
+        """The document of a sol that was processed from what `key` names; None if it was not."""
         query = sa.select(FINISHED.c.document).where(
             FINISHED.c.scope == scope, FINISHED.c.key == key
         )
@@ -169,7 +169,7 @@ class FinishedSolRecords:
             return connection.execute(query).scalar_one_or_none()
 
     def note(self, scope: str, key: str, document: dict[str, Any]) -> None:
-        """Note that a sol is finished, instead of what was noted before."""
+        """Record that a sol is finished, in place of an earlier record."""
         with write_transaction(self.engine) as connection:
             upsert(connection, FINISHED, {"scope": scope}, {"key": key, "document": document})
 

@@ -28,7 +28,7 @@ _SCHEMA = """CREATE TABLE IF NOT EXISTS tokens(
 
 
 class Role(IntEnum):
-    """What a holder may do; each role may do what those before it may."""
+    """What the owner of a token may do; each role includes those before it."""
 
     VIEWER = 1
     """Look."""
@@ -61,7 +61,7 @@ class Token:
 
     @property
     def is_valid(self) -> bool:
-        """Whether it opens anything now."""
+        """Whether it is accepted now."""
         return self.revoked_at is None and (self.ends_at is None or _now() < self.ends_at)
 
 
@@ -77,7 +77,7 @@ class Tokens:
         return cls(root / FILE)
 
     def add(self, name: str, role: Role, days: int | None = None) -> tuple[Token, str]:
-        """Make a token; it, and the text that its holder shows, which is not kept."""
+        """Make a token; returns it and its text with the secret, which is not kept."""
         number, secret = secrets.token_hex(4), secrets.token_urlsafe(32)
         ends = _now(timedelta(days=days)) if days is not None else None
         token = Token(number, name, role, _now(), ends)
@@ -99,7 +99,7 @@ class Tokens:
             return [Token(a, b, Role.named(c), *times) for a, b, c, *times in rows]
 
     def revoke(self, number: str) -> Token:
-        """Have a token open nothing any more.
+        """Revoke a token.
 
         Raises:
             ProductNotFoundError: there is none with that number.
@@ -115,7 +115,7 @@ class Tokens:
         raise ProductNotFoundError(f"no token {number!r}; `solmap token list` shows all")
 
     def verify(self, text: str) -> Token | None:
-        """The valid token that a text is, if any."""
+        """The token of a text, if it is valid."""
         parts = text.split("_", 2)
         if len(parts) != 3 or parts[0] != _PREFIX or not self.path.is_file():  # noqa: PLR2004
             return None

@@ -130,7 +130,7 @@ def image_properties(entry: ImageEntry) -> dict[str, Any]:
 
 @dataclass(frozen=True, slots=True)
 class CollectionDefinition:
-    """A collection: what it is called, what layers it comes from, and how."""
+    """A collection: its name, the layers it comes from, and how it is drawn from them."""
 
     id: str
     title: str
@@ -139,7 +139,7 @@ class CollectionDefinition:
     kinds: tuple[ProductKind, ...]
     draw: Draw = unchanged
     shows_images: bool = False
-    """Whether a feature stands for an image, whose identifier it bears."""
+    """Whether a feature stands for an image and has its identifier."""
     all_images: bool = False
     """Whether images without a feature are in it too, without a place."""
     is_written: bool = False

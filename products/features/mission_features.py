@@ -84,8 +84,8 @@ def moment(text: str) -> str:
     Raises:
         ValueError: it is no moment.
     """
-    told = datetime.fromisoformat(text)
-    utc = told.astimezone(UTC) if told.tzinfo else told.replace(tzinfo=UTC)
+    moment = datetime.fromisoformat(text)
+    utc = moment.astimezone(UTC) if moment.tzinfo else moment.replace(tzinfo=UTC)
     return utc.isoformat(timespec="milliseconds").replace("+00:00", "Z")
 
 
@@ -206,10 +206,10 @@ class MissionFeatures:
 
 def _annotation(edit: Edit) -> IndexedFeature:
     shape = _annotation_shape(edit.document["geometry"])
-    said = {"text": edit.document["text"], "colour": edit.document.get("colour")}
-    told = {**said, "author": edit.author, "at": edit.at, "note": edit.note}
+    annotation = {"text": edit.document["text"], "colour": edit.document.get("colour")}
+    properties = {**annotation, "author": edit.author, "at": edit.at, "note": edit.note}
     at = moment(edit.at)
-    text = json.dumps(told, ensure_ascii=False)
+    text = json.dumps(properties, ensure_ascii=False)
     return IndexedFeature(str(edit.id), shapely.to_wkb(shape), text, None, (at, at))
 
 

@@ -56,7 +56,7 @@ def crop_raster(source: Path | str, target: Path, bounds: Bounds) -> MapGrid:
                 f"the {MOST_CELLS} handed out at once; take a smaller box, or the whole file"
             )
         crs = CRS.from_wkt(dataset.crs.to_wkt(version="WKT2_2019"))
-        with create_cog(target, part, crs, _notes_of(dataset)) as out:
+        with create_cog(target, part, crs, _description_of(dataset)) as out:
             for row in range(0, part.rows, _AT_ONCE):
                 rows = min(_AT_ONCE, part.rows - row)
                 here = Window(window.col_off, window.row_off + row, part.cols, rows)
@@ -87,11 +87,11 @@ def _window(dataset: rasterio.DatasetReader, bounds: Bounds) -> tuple[Window, Ma
     return window, grid.part(top, left, bottom - top, right - left)
 
 
-def _notes_of(dataset: rasterio.DatasetReader) -> RasterDescription:
+def _description_of(dataset: rasterio.DatasetReader) -> RasterDescription:
     """What the whole file says beside its values, and that this is a part of it."""
     classes = class_names(dataset)
     colours = dataset.colormap(1) if classes else {}
-    told = zip(
+    properties = zip(
         band_names(dataset),
         dataset.units,
         dataset.scales,
@@ -99,7 +99,7 @@ def _notes_of(dataset: rasterio.DatasetReader) -> RasterDescription:
         dataset.colorinterp,
         strict=True,
     )
-    bands = tuple(Band(name, unit or "", *rest) for name, unit, *rest in told)
+    bands = tuple(Band(name, unit or "", *rest) for name, unit, *rest in properties)
     averaged = not classes and "aspect" not in {band.name for band in bands}
     tags = {name: text for name, text in dataset.tags().items() if name not in _OWN}
     return RasterDescription(

@@ -30,7 +30,7 @@ class ObjectStorage:
 
 
 class StorageBackend(Protocol):
-    """What the store asks of the place where its bytes lie."""
+    """A place for the files of a store. `FolderBackend` and `ObjectBackend` are two."""
 
     def has(self, name: str) -> bool:
         """Whether there is a file of this name."""
@@ -41,7 +41,7 @@ class StorageBackend(Protocol):
         ...
 
     def address(self, name: str) -> Path | str:
-        """What GDAL opens to read parts of the file where it lies; nothing is asked or fetched."""
+        """What GDAL opens to read parts of the file in place; nothing is requested or fetched."""
         ...
 
     def read(self, name: str) -> bytes | None:
@@ -65,7 +65,7 @@ class StorageBackend(Protocol):
         ...
 
     def remove(self, name: str) -> None:
-        """Have the file no longer; it may be gone already."""
+        """Remove the file; it may be gone already."""
         ...
 
 
@@ -107,7 +107,7 @@ class FolderBackend:
                 yield chunk
 
     def put(self, file: Path, name: str, *, once: bool) -> None:  # noqa: ARG002 - same bytes
-        """Have the file's bytes on the disk, then its name."""
+        """Flush the file's bytes to the disk, then rename it."""
         with file.open("rb") as opened:
             os.fsync(opened.fileno())
         target = self.root / name
@@ -121,38 +121,38 @@ class FolderBackend:
                 yield path.relative_to(self.root).as_posix()
 
     def remove(self, name: str) -> None:
-        """Have the file no longer."""
+        """Remove the file."""
         (self.root / name).unlink(missing_ok=True)
 
 
-def object_storage_of(root: Path, asked: ObjectStorage | None) -> ObjectStorage | None:
-    """Where the products of a store lie: at the URL that is asked for, or where they lay before.
+def object_storage_of(root: Path, wanted: ObjectStorage | None) -> ObjectStorage | None:
+    """The object store of a store's products: at the given URL, or where they lay before.
 
     Raises:
         ProductError: the store has its products in another place.
     """
     file = root / _URL
     before = file.read_text().strip() if file.is_file() else None
-    if asked is None:
+    if wanted is None:
         return None if before is None else ObjectStorage(before)
-    if asked.url == before:
-        return asked
+    if wanted.url == before:
+        return wanted
     if before is not None:
         raise ProductError(
-            f"the products of {root} lie at {before}, not at {asked.url}; set "
+            f"the products of {root} lie at {before}, not at {wanted.url}; set "
             f"SOLMAP_STORE_URL={before}, or copy them there and remove {file}"
         )
     if any(FolderBackend(root).names("products")):
         raise ProductError(
             f"{root} holds products of its own; copy its folders products/ and stac/ to "
-            f"{asked.url} with a tool of the object store and remove them here, or name another "
+            f"{wanted.url} with a tool of the object store and remove them here, or name another "
             "folder"
         )
-    return asked
+    return wanted
 
 
 def remember_object_storage(object_storage: ObjectStorage, root: Path) -> None:
-    """Note where the products of a store lie."""
+    """Write down where the products of a store lie."""
     if object_storage_of(root, None) != object_storage:
         draft = root / f".{_URL}.{os.getpid()}"
         draft.write_text(f"{object_storage.url}\n")

@@ -41,19 +41,19 @@ TRANSIENT_ERRNOS = {
     errno.EHOSTDOWN,
     errno.EHOSTUNREACH,
 }
-"""Numbers of errors of the system that a later attempt may not meet."""
+"""Error numbers of the system that are transient."""
 _TRANSIENT_SQLITE = {sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED, sqlite3.SQLITE_IOERR}
 _PRIMARY_CODE = 0xFF
 """The rest of an error code of SQLite is detail."""
 _FULL_DISK = "53100"
-"""PostgreSQL's code of it."""
+"""PostgreSQL's code for it; it is not transient."""
 
 
 def retry_transient(call: Callable[[], T], pauses_s: tuple[float, ...] = (0.5, 2.0, 8.0)) -> T:
-    """What a call gives; where something that can pass is in its way, it is tried again.
+    """The result of a call, which is tried again after a transient error.
 
-    For parts of a stage that have a fate of their own, like the files of a downlink; a stage as a
-    whole is tried again by the engine.
+    For parts of a stage that may fail on their own, like the files of a downlink; a whole stage is
+    tried again by the engine.
     """
     for pause_s in pauses_s:
         try:
@@ -66,7 +66,7 @@ def retry_transient(call: Callable[[], T], pauses_s: tuple[float, ...] = (0.5, 2
 
 
 def is_transient(error: BaseException) -> bool:
-    """Whether trying again may help against an error."""
+    """Whether an error may be gone at the next attempt."""
     if isinstance(error, StoreAwayError):
         return True
     if isinstance(error, sqlite3.Error):
@@ -90,13 +90,13 @@ def _database_is_away(error: DBAPIError) -> bool:
 
 
 _FULL_BYTES = 1 << 20
-"""Bytes free on a disk that a failed write is blamed on."""
+"""Free bytes below which a failed write is put down to a full disk."""
 
 
 def is_disk_full(folder: Path, error: Exception) -> bool:
     """Whether `error`, met while writing below `folder`, means that its disk is full.
 
-    Libraries often say only that writing failed; then the space that is left tells.
+    Libraries often say only that writing failed; then the free space decides.
     """
     number = error.errno if isinstance(error, OSError) else None
     full = number in (errno.ENOSPC, errno.EDQUOT)

@@ -16,12 +16,12 @@ from pathlib import Path
 def exclusive_lock(
     root: Path, name: str, on_wait: Callable[[], None] = lambda: None
 ) -> Iterator[None]:
-    """Hold the turn called `name` in the store at `root`; wait for it where another holds it.
+    """Hold the lock called `name` in the store at `root`; wait while another process holds it.
 
     Args:
         root: Folder of the store.
         name: What is changed, like a mission.
-        on_wait: Called once where there is something to wait for.
+        on_wait: Called once before waiting.
     """
     folder = root / "locks"
     folder.mkdir(parents=True, exist_ok=True)
@@ -36,7 +36,7 @@ def exclusive_lock(
 
 @contextmanager
 def shared_run_lock(root: Path) -> Iterator[None]:
-    """Make products in the store at `root`: nothing is pruned meanwhile; waits for a pruning."""
+    """Hold the lock of runs, with other runs: nothing is pruned meanwhile. Waits for a pruning."""
     file = run_lock_path(root)
     file.parent.mkdir(parents=True, exist_ok=True)
     with file.open("a") as opened:
@@ -45,13 +45,13 @@ def shared_run_lock(root: Path) -> Iterator[None]:
 
 
 def run_lock_path(root: Path) -> Path:
-    """The lock file that runs share, and that whoever prunes holds alone."""
+    """The lock file that runs share and that pruning takes alone."""
     return root / "locks" / "runs.lock"
 
 
 @contextmanager
 def try_lock(path: Path) -> Iterator[bool]:
-    """Whether this process is the only one to hold the lock file at `path`; never waits."""
+    """Take the lock file at `path` alone if it is free; whether it was. Never waits."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("a") as file:
         try:

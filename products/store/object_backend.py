@@ -107,7 +107,7 @@ class ObjectBackend:
                 yield from (found["path"] for found in batch)
 
     def remove(self, name: str) -> None:
-        """Have the object no longer, nor a copy of it here."""
+        """Remove the object, and its copy here."""
         import obstore  # noqa: PLC0415
 
         with explain_errors(self.url), contextlib.suppress(FileNotFoundError):
@@ -115,7 +115,7 @@ class ObjectBackend:
         self.cache.remove(name)
 
     def probe(self) -> None:
-        """Ask the bucket for anything at all.
+        """See whether the bucket answers.
 
         Raises:
             StoreAwayError: nobody answers.
@@ -243,7 +243,7 @@ def endpoint() -> str:
 
 
 def _configure_gdal(bucket: str) -> None:
-    """Give GDAL the same endpoint in its own words; it reads the variables of keys by itself.
+    """Give GDAL the same endpoint by its own variables; it reads those of keys by itself.
 
     What it could not open it would remember as absent, long after the store answers again.
     """
@@ -262,7 +262,7 @@ def _configure_gdal(bucket: str) -> None:
 
 @contextlib.contextmanager
 def explain_errors(url: str, *, sending: bool = False) -> Iterator[None]:
-    """Say what the object store's errors mean, and what to do about them.
+    """Turn the object store's errors into ours, which say what to do.
 
     Raises:
         FileNotFoundError: there is no such object.
@@ -356,7 +356,7 @@ class ReadCache:
             self.evict()
 
     def remove(self, name: str) -> None:
-        """Have no copy of a file."""
+        """Remove the copy of a file."""
         (self.folder / name).unlink(missing_ok=True)
 
     def evict(self) -> None:

@@ -37,7 +37,7 @@ _context: ContextVar[Mapping[str, object]] = ContextVar("solmap_log", default=_N
 
 @contextmanager
 def log_context(**facts: object) -> Iterator[None]:
-    """Have every line inside the block say what it belongs to: `run`, `sol`, `subject`."""
+    """Add facts (`run`, `sol`, `subject`) to every line that is logged inside the block."""
     before = _context.set({**_context.get(), **facts})
     try:
         yield
@@ -74,15 +74,15 @@ class SharedLogHandler(WatchedFileHandler):
         self._path, self._most, self._kept = path, most_bytes, kept
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Write a line; that it cannot be written stops nothing."""
+        """Write a line; a failure to write is reported and goes no further."""
         super().emit(record)
         try:
             if self._path.stat().st_size > self._most:
-                self._turn()
+                self._rotate()
         except OSError:
             self.handleError(record)
 
-    def _turn(self) -> None:
+    def _rotate(self) -> None:
         with self._path.with_suffix(".lock").open("w") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)
             if self._path.stat().st_size <= self._most:
@@ -94,7 +94,7 @@ class SharedLogHandler(WatchedFileHandler):
 
 
 def log_to_store(root: Path, program: str) -> None:
-    """Have this process write what its packages say to `logs/PROGRAM.jsonl` of a store."""
+    """Write the log of this process to `logs/PROGRAM.jsonl` of a store."""
     path = root.resolve() / "logs" / f"{program}.jsonl"
     handler = SharedLogHandler(path)
     handler.setFormatter(JsonLineFormatter())
@@ -113,14 +113,14 @@ def _peak_mb() -> float:
 
 @dataclass(frozen=True, slots=True)
 class ResourceMeter:
-    """Where clocks and memory stood when something began."""
+    """Clocks and memory of this thread and process at the beginning of a measurement."""
 
     wall: float = field(default_factory=time.monotonic)
     cpu: float = field(default_factory=time.thread_time)
     peak_mb: float = field(default_factory=_peak_mb)
 
     def used(self) -> dict[str, float]:
-        """Seconds and megabytes since then, in this thread."""
+        """Seconds and megabytes since the beginning."""
         peak = _peak_mb()
         return {
             "seconds": round(time.monotonic() - self.wall, 3),
@@ -131,10 +131,10 @@ class ResourceMeter:
 
 
 _OBJECTS = 50_000
-"""So many new ones before it looks; by itself it looks after 700. What is read of a long mission is
-a million lists and no cycle: looking takes twice as long as reading."""
+"""New objects before a collection; Python's default is 700. Documents of a long mission are a
+million lists without a cycle, and collecting would take twice as long as reading them."""
 
 
 def collect_garbage_seldom() -> None:
-    """Have this process look seldom; to say it again changes nothing."""
+    """Let this process look for cycles of objects less often than by default."""
     gc.set_threshold(_OBJECTS)

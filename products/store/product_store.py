@@ -49,7 +49,7 @@ class ProductStore:
     root: Path
     """The folder of this machine."""
     object_storage: ObjectStorage | None = None
-    """Where products lie if not in the folder."""
+    """The object store that products lie in; None: in the folder."""
 
     @classmethod
     def open(cls, root: Path, object_storage: ObjectStorage | None = None) -> ProductStore:
@@ -135,7 +135,7 @@ class ProductStore:
                     yield ProductRef(kind, Scope(self._level(kind, name), scope), digest)
 
     def remove(self, ref: ProductRef) -> None:
-        """Have a product no longer; it may be gone already. Its provenance goes after it."""
+        """Remove a product, then its provenance; it may be gone already."""
         self._backend.remove(_name(ref))
         self._backend.remove(_provenance_name(_name(ref)))
 

@@ -14,7 +14,7 @@ from solmap.products.store.product_store import ProductStore
 
 SOFTWARE = f"solmap {version('solmap')}"
 _ADJUSTED = {"Orientation"}
-"""Records of a recipe that an adjustment gave."""
+"""Records of a recipe that are results of an adjustment."""
 
 
 def provenance_tags(recipe: Recipe) -> dict[str, str]:
@@ -36,7 +36,7 @@ def provenance_tags(recipe: Recipe) -> dict[str, str]:
 
 
 def adjustment_id(ref: ProductRef, store: ProductStore) -> str | None:
-    """What names the adjustment behind a product: its orientations' digest, or its network.
+    """The adjustment that a product depends on: the digest of its orientations, or its network.
 
     Products of one stop with equal names were made from the very same orientations. None where no
     adjustment stands behind it, or its inputs are gone.
@@ -69,7 +69,7 @@ def orientations_id(params: Any) -> str | None:  # noqa: ANN401 - plain JSON
 
 
 def orientation_records(value: Any) -> Iterator[dict[str, Any]]:  # noqa: ANN401 - plain JSON
-    """The records in some parameters that an adjustment gave."""
+    """The records of adjusted orientations in the parameters of a recipe."""
     if isinstance(value, dict):
         if value.get("") in _ADJUSTED:
             yield value

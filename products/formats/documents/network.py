@@ -33,9 +33,9 @@ References = dict[str, ProductRef]
 """The product that holds a stop, by the name of the stop."""
 
 
-def references_document(holders: Mapping[str, ProductRef]) -> dict[str, str]:
+def references_document(references: Mapping[str, ProductRef]) -> dict[str, str]:
     """As plain JSON, in the order of the stops."""
-    return {name: ref.text for name, ref in sorted(holders.items())}
+    return {name: ref.text for name, ref in sorted(references.items())}
 
 
 def references_of_document(document: Mapping[str, str]) -> References:
@@ -87,9 +87,9 @@ class NetworkProduct:
     report: dict[str, Any]
     """The report of this network's own adjustment."""
     by_hand: tuple[str, ...] = ()
-    """What became of the hand ties, line by line."""
+    """What became of the manual ties, line by line."""
     references: References = field(default_factory=dict)
-    """The products that hold the stops which are not in this one."""
+    """The products that hold the other stops."""
 
     @property
     def part(self) -> NetworkPart:
@@ -199,11 +199,11 @@ def traverses(product: NetworkProduct) -> tuple[Traverse, Traverse]:
     stops = product.adjusted.stops
     names = tuple(f"{stop.stop.site}/{stop.stop.drive}" for stop in stops)
     sols = np.array([min(product.sols[stop.stop]) for stop in stops], dtype=np.int32)
-    told = np.array([product.telemetry[stop.stop].translation_m for stop in stops])
-    true = np.array([stop.lsl_from_rover.translation_m for stop in stops])
+    telemetry = np.array([product.telemetry[stop.stop].translation_m for stop in stops])
+    adjusted = np.array([stop.lsl_from_rover.translation_m for stop in stops])
     return (
-        Traverse("telemetry", names, sols, map_from_lsl(told)),
-        Traverse("adjusted", names, sols, map_from_lsl(true)),
+        Traverse("telemetry", names, sols, map_from_lsl(telemetry)),
+        Traverse("adjusted", names, sols, map_from_lsl(adjusted)),
     )
 
 

@@ -220,7 +220,7 @@ _SAMPLER = {
 
 
 def _material(number: int) -> dict[str, Any]:
-    """Matt, seen from both sides, and without light of its own: the sun is in the picture."""
+    """Matt, seen from both sides, and unlit: the sun is in the texture."""
     return {
         "pbrMetallicRoughness": {
             "baseColorTexture": {"index": number},

@@ -44,7 +44,7 @@ _NODATA = {"float32": math.nan, "uint8": 0}
 
 @dataclass(frozen=True, slots=True)
 class Band:
-    """What travels with the values of a band."""
+    """Name, unit, scale and colour of a band."""
 
     name: str
     unit: str = ""
@@ -73,7 +73,7 @@ class RasterClass:
 
 @dataclass(frozen=True, slots=True)
 class RasterDescription:
-    """What a file says beside the values and places of its cells."""
+    """The properties of a file beside the values and places of its cells."""
 
     kind: Kind
     bands: tuple[Band, ...]

@@ -30,7 +30,7 @@ from solmap.products.formats.raster.raster import (
 Stretch = tuple[float, float]
 """Brightness shown as black and as white."""
 BrightnessBlock = tuple[int, int, Float32[np.ndarray, "bands rows cols"]]
-"""First row and column of a part of a picture, and its brightness; NaN where nothing was seen."""
+"""First row and column of a block of an image, and its brightness; NaN where nothing was seen."""
 _GREY = (("brightness", ColorInterp.gray),)
 _COLOUR = (("red", ColorInterp.red), ("green", ColorInterp.green), ("blue", ColorInterp.blue))
 _STRETCH_PERCENTILES = (0.5, 99.5)
@@ -41,18 +41,18 @@ _MOST_SOURCES = 255
 def write_brightness_blocks(
     path: Path,
     grid: MapGrid,
-    pieces: Iterable[BrightnessBlock],
+    blocks: Iterable[BrightnessBlock],
     crs: CRS,
     *,
     stretches: Sequence[Stretch],
     tags: Mapping[str, str] | None = None,
 ) -> None:
-    """Write a picture piece by piece, grey with one stretch and colour with three.
+    """Write an image block by block, grey with one stretch and colour with three.
 
     Args:
         path: The file to write.
         grid: Where the cells lie.
-        pieces: The parts of the picture; what none of them covers was not seen.
+        blocks: The blocks of the image; what none of them covers was not seen.
         crs: The local CRS of the landing site.
         stretches: Brightness shown black and white, by band.
         tags: What else to keep with the file.
@@ -65,7 +65,7 @@ def write_brightness_blocks(
     with create_cog(
         path, grid, crs, RasterDescription("uint8", tuple(bands), tags=tags)
     ) as dataset:
-        for row, col, brightness in pieces:
+        for row, col, brightness in blocks:
             shape = brightness.shape
             stack = [_grey(band, s) for band, s in zip(brightness, stretches, strict=True)]
             dataset.write(np.stack(stack), window=Window(col, row, shape[2], shape[1]))
@@ -80,7 +80,7 @@ def write_orthophoto(
     stretch: Stretch | None = None,
     tags: Mapping[str, str] | None = None,
 ) -> None:
-    """Write brightness (NaN where nothing was seen) as a grey picture.
+    """Write brightness (NaN where nothing was seen) as a grey image.
 
     By default, two percentiles of what was seen are shown black and white.
     """
@@ -144,8 +144,8 @@ def _stretch_of(brightness: Raster) -> Stretch:
     return (low, high) if high > low else (low - 1.0, low + 1.0)
 
 
-_BLED_PX = 4
-"""How far the edge of what was seen is carried on: the reach of filtering and of two mipmaps."""
+_EXTENDED_PX = 4
+"""How far the edge of what was seen is extended: the reach of filtering and of two mipmaps."""
 _BLANK = 128
 """Grey of ground that no image shows."""
 _TINY = 1e-6
@@ -179,7 +179,7 @@ def read_texture(path: Path, bounds: Bounds, max_px: int) -> tuple[Picture, Boun
 
 
 def _extend_edges(grey: Picture) -> Picture:
-    """The picture with seen pixels carried on into unseen ones (0), and grey beyond."""
-    reach = np.ones((2 * _BLED_PX + 1,) * 2, np.uint8)
-    carried = np.where(grey > 0, grey, cv2.dilate(grey, reach))
-    return np.where(carried > 0, carried, np.uint8(_BLANK)).astype(np.uint8)
+    """The image with seen pixels extended into unseen ones (0), and grey beyond."""
+    reach = np.ones((2 * _EXTENDED_PX + 1,) * 2, np.uint8)
+    extended = np.where(grey > 0, grey, cv2.dilate(grey, reach))
+    return np.where(extended > 0, extended, np.uint8(_BLANK)).astype(np.uint8)

@@ -44,7 +44,7 @@ Ground = Float32[np.ndarray, "two down across"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PanoramaFacts:
-    """What a panorama says of itself."""
+    """The facts kept inside a panorama."""
 
     grid: AngleGrid
     centre: Vector3
@@ -60,7 +60,7 @@ class PanoramaFacts:
 def write_panorama(
     path: Path,
     made: Panorama,
-    pieces: Iterable[BrightnessBlock],
+    blocks: Iterable[BrightnessBlock],
     found: Registration,
     ground: str,
     tags: Mapping[str, str],
@@ -75,7 +75,7 @@ def write_panorama(
     }
     place = _map_of(made.grid, 1)
     named = {_TAG: json.dumps(facts, separators=(",", ":")), **tags}
-    write_brightness_blocks(path, place, pieces, ANGLES, stretches=[made.stretch], tags=named)
+    write_brightness_blocks(path, place, blocks, ANGLES, stretches=[made.stretch], tags=named)
 
 
 def write_panorama_ground(path: Path, made: Panorama, ground: Ground, tags: dict[str, str]) -> None:
@@ -87,7 +87,7 @@ def write_panorama_ground(path: Path, made: Panorama, ground: Ground, tags: dict
 
 
 def brightness_blocks(blocks: Iterable[PanoramaBlock], ground: Ground) -> Iterator[BrightnessBlock]:
-    """The blocks of a panorama as pieces of a picture; `ground` is filled on the way."""
+    """The blocks of a panorama as blocks of an image; `ground` is filled on the way."""
     for block in blocks:
         row, col = block.row // NODE, block.col // NODE
         rows, cols = block.sources.shape
@@ -104,7 +104,7 @@ def blank_ground(grid: AngleGrid) -> Ground:
 
 
 def read_panorama_facts(dataset: rasterio.DatasetReader) -> PanoramaFacts:
-    """What an open panorama says of itself.
+    """The facts kept inside an open panorama.
 
     Raises:
         ProductError: the file is none.
@@ -112,16 +112,16 @@ def read_panorama_facts(dataset: rasterio.DatasetReader) -> PanoramaFacts:
     text = dataset.tags().get(_TAG)
     if text is None:
         raise ProductError(f"{dataset.name} is no panorama: it has no tag {_TAG}; make it again")
-    said = json.loads(text)
+    facts = json.loads(text)
     at = dataset.transform
     grid = AngleGrid(at.c, at.f, at.a, dataset.height, dataset.width)
     return PanoramaFacts(
         grid,
-        np.array(said["centre_enu_m"]),
-        said["eye"],
-        tuple(said["images"]),
-        said["ground"],
-        said["registration"],
+        np.array(facts["centre_enu_m"]),
+        facts["eye"],
+        tuple(facts["images"]),
+        facts["ground"],
+        facts["registration"],
     )
 
 

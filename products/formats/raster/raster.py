@@ -60,7 +60,7 @@ _LOOK = 1 << 20
 
 @dataclass(frozen=True, slots=True)
 class BandSummary:
-    """What a catalogue or legend wants to know of a band."""
+    """Name, unit and range of a band, for catalogue and legend."""
 
     name: str
     unit: str
@@ -170,7 +170,7 @@ def open_raster(address: Path | str) -> rasterio.DatasetReader:
 
 
 def read_error(address: Path | str, error: RasterioError) -> ProductError:
-    """What to say of an open raster that a part could not be read of."""
+    """The error to raise where a part of an open raster cannot be read."""
     name = PurePosixPath(address).name
     if isinstance(address, str):  # which of the two GDAL does not say
         return StoreAwayError(f"the store of {name} does not answer, or it is broken: {error}")
@@ -199,12 +199,12 @@ def read_raster(path: Path) -> tuple[MapGrid, dict[str, np.ndarray]]:
 
 
 def band_names(dataset: rasterio.DatasetReader) -> list[str]:
-    """What the bands of an open raster are called."""
+    """The names of the bands of an open raster."""
     return [name or f"band {i}" for i, name in enumerate(dataset.descriptions, start=1)]
 
 
 def class_names(dataset: rasterio.DatasetReader) -> dict[int, str]:
-    """What the values of a layer of classes stand for; nothing for other rasters."""
+    """The names of the values of a class layer; empty for other rasters."""
     named = json.loads(dataset.tags().get("CLASSES", "{}"))
     return {int(value): str(name) for value, name in named.items()}
 
