@@ -112,12 +112,10 @@ def network_of_sol(*, on_engine: bool) -> Callable[..., Any]:
 
     from solmap.flows import sol as sols  # noqa: PLC0415
     from solmap.flows.runtime.runners import on_workers  # noqa: PLC0415
-    from solmap.flows.sol_inputs import SolReport, gather
+    from solmap.flows.runtime.sol_report import SolReport  # noqa: PLC0415
+    from solmap.flows.sol_inputs import gather  # noqa: PLC0415
     from solmap.flows.sol_network import adjust_stops, match_pairs  # noqa: PLC0415
-    from solmap.tasks.network.orientations import (
-        Standing,  # noqa: PLC0415
-        choose_orientations,  # noqa: PLC0415
-    )
+    from solmap.tasks.network.orientations import Standing, choose_orientations  # noqa: PLC0415
     from solmap.tasks.network.report import report_quality  # noqa: PLC0415
 
     chosen = choose_orientations if on_engine else choose_orientations.fn
