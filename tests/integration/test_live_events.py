@@ -22,7 +22,7 @@ from tests.support.live_server import serving
 _TELL = """
 import sys, time
 from pathlib import Path
-from solmap.products.catalogue import Catalogue
+from solmap.products.catalogue.catalogue import Catalogue
 catalogue = Catalogue.open(Path(sys.argv[1]))
 for number in range(int(sys.argv[2])):
     catalogue.append_event("run.changed", {"number": number, "sent": time.time()})

@@ -19,7 +19,7 @@ pytestmark = pytest.mark.timeout(120)
 WRITER = """
 import sys
 from pathlib import Path
-from solmap.products.catalogue import Catalogue
+from solmap.products.catalogue.catalogue import Catalogue
 from tests.unit.products.catalogue.test_catalogue import a_layer, an_image
 root, url, name = Path(sys.argv[1]), sys.argv[2] or None, sys.argv[3]
 catalogue = Catalogue.open(root, url)
