@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 _SERVE = (
-    "import sys, pathlib, uvicorn; from gis_server.app import create_app; "
+    "import sys, pathlib, uvicorn; from solmap.gis_server.app import create_app; "
     "uvicorn.run(create_app(pathlib.Path(sys.argv[1])), port=int(sys.argv[2]), "
     "log_level='error', timeout_graceful_shutdown=1)"
 )

@@ -8,7 +8,7 @@ from http import HTTPStatus
 from fastapi.testclient import TestClient
 
 from solmap.gis_server.app import create_app
-from solmap.gis_server.routes import missions as start
+from solmap.gis_server.routes import missions
 
 
 def test_the_map_begins_with_all_missions_and_the_layers_of_the_first(client):
@@ -32,7 +32,7 @@ def test_who_has_the_answer_already_is_told_so_until_something_is_published(own_
 def test_the_progress_of_runs_does_not_have_it_written_again(own_world, monkeypatch):
     with TestClient(create_app(own_world.root)) as client:
         begin = client.get("/api/start").content
-        monkeypatch.setattr(start, "missions_of", _never)
+        monkeypatch.setattr(missions, "missions_of", _never)
         own_world.catalogue.append_event("run.changed", {"id": "a"})
         own_world.catalogue.append_event("edits.changed", {"mission": "MER2"})
         assert client.get("/api/start").content == begin
