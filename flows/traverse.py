@@ -44,7 +44,7 @@ FILE_NAMES = {
     ProductKind.ROVER_VECTORS: "{mission}_Site_{site}_Master.rvf",
     ProductKind.TRAVERSE_TABLE: "{mission}_differences.json",
     ProductKind.TRAVERSE_FIGURE: "{mission}_traverse.svg",
-    ProductKind.TRAVERSE_PICTURE: "{mission}_traverse.png",
+    ProductKind.TRAVERSE_FIGURE_PNG: "{mission}_traverse.png",
     ProductKind.TRAVERSE_PACKAGE: "{mission}_traverse.gpkg",
 }
 """As mission operations name them (facts 4.3)."""

@@ -101,7 +101,7 @@ class ProductKind(StrEnum):
     TRAVERSE = "traverse", ".geojson"
     TRAVERSE_TABLE = "traverse-table", ".json", ScopeLevel.REGION
     TRAVERSE_FIGURE = "traverse-figure", ".svg", ScopeLevel.REGION
-    TRAVERSE_PICTURE = "traverse-picture", ".png", ScopeLevel.REGION
+    TRAVERSE_FIGURE_PNG = "traverse-picture", ".png", ScopeLevel.REGION
     TRAVERSE_PACKAGE = "traverse-package", ".gpkg", ScopeLevel.REGION
     PLACES = "places", ".csv", ScopeLevel.REGION
     SITE_VECTORS = "site-vectors", ".svf", ScopeLevel.REGION

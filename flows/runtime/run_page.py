@@ -65,7 +65,7 @@ def write_adjustments(sols: Sequence[SolReport], workspace: Workspace) -> None:
 
 def _write_traverse_figure(mission: str, workspace: Workspace) -> None:
     """The traverse as telemetry and as the adjustment have it."""
-    scope, kind = region_scope(mission), ProductKind.TRAVERSE_PICTURE
+    scope, kind = region_scope(mission), ProductKind.TRAVERSE_FIGURE_PNG
     digest = workspace.catalogue.latest(scope.name, kind)
     if digest is not None:
         text = "The traverse: telemetry and adjusted"

@@ -128,7 +128,7 @@ def _contents(
     if len(product.adjusted.stops) >= FEWEST:
         yield ProductKind.TRAVERSE_TABLE, region, lambda: json.dumps(traverse_table(product))
         yield ProductKind.TRAVERSE_FIGURE, region, partial(_figure, product, svg)
-        yield ProductKind.TRAVERSE_PICTURE, region, partial(_figure, product, png)
+        yield ProductKind.TRAVERSE_FIGURE_PNG, region, partial(_figure, product, png)
 
 
 def traverse_table(product: NetworkProduct) -> dict[str, Any]:
